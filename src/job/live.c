@@ -7,9 +7,13 @@
  */
 #include "job/live.h"
 #include <cblas.h>
+#include <complex.h>
+#include <math.h>
 #include <stdlib.h>
 #include <time.h>
 #include "job/identify_job.h"
+#include "job/tracks_text.h"
+#include "modal/identify/exponents.h"
 #include "modal/identify/moving.h"
 
 struct live {
@@ -18,7 +22,9 @@ struct live {
     struct identify_settings settings;
     cJSON *options;
     bool climbs;                  /* a target was set */
+    bool shapes;                  /* were asked for; tracks look at them where they are not */
     uint64_t jobs;                /* windows that climbed */
+    struct tracks tracks;
 };
 
 static double cpu_s(void)
@@ -43,6 +49,8 @@ enum modal_status live_new(const cJSON *options, const struct batch *shape, int 
     l->shape.signals = NULL, l->shape.names = NULL, l->shape.units = NULL;
     l->options = options != NULL ? cJSON_Duplicate(options, true) : cJSON_CreateObject();
     rc = identify_options_read(options, shape, &l->settings, err);
+    l->shapes = l->settings.opt.shapes;
+    l->settings.opt.shapes |= shape->channels > 1;
     opt.identify = l->settings.opt;
     l->climbs = opt.identify.target_error > 0 || opt.identify.target_seconds > 0;
     if (rc == MODAL_OK)
@@ -114,15 +122,102 @@ static enum modal_status update(struct live *l, struct moving_cost *cost, cJSON 
     return rc;
 }
 
-enum modal_status live_next(struct live *l, const double *samples, size_t count, cJSON **document,
-                            struct modal_error *err)
+/* ---- tracks ---- */
+
+enum modal_status live_resume(struct live *l, const char *tracks, struct modal_error *err)
+{
+    return tracks_text_read(tracks, &l->tracks, err);
+}
+
+static double complex complex_of(const cJSON *pair)
+{
+    const cJSON *re = cJSON_GetArrayItem(pair, 0), *im = cJSON_GetArrayItem(pair, 1);
+
+    return CMPLX(cJSON_IsNumber(re) ? re->valuedouble : NAN,
+                 cJSON_IsNumber(im) ? im->valuedouble : NAN);
+}
+
+/* A mode of a document as tracks see it; its shape goes where it was not asked for. */
+static struct track_mode track_mode_of(const struct live *l, cJSON *mode)
+{
+    double complex std = complex_of(cJSON_GetObjectItemCaseSensitive(
+                       cJSON_GetObjectItemCaseSensitive(mode, "std"), "exponent"));
+    cJSON *list = cJSON_GetObjectItemCaseSensitive(mode, "shape"), *part;
+    struct track_mode m = { .exponent = complex_of(cJSON_GetObjectItemCaseSensitive(mode,
+                                                                                    "exponent")),
+                            .std_re = creal(std), .std_im = cimag(std) };
+    int count = cJSON_GetArraySize(list), c = 0;
+    double complex *shape = count > 1 ? calloc((size_t)count, sizeof *shape) : NULL;
+
+    cJSON_ArrayForEach(part, list)
+        if (shape != NULL)
+            shape[c++] = complex_of(part);
+    track_shape(shape, c, m.shape);
+    free(shape);
+    if (!l->shapes) {
+        cJSON_DeleteItemFromObjectCaseSensitive(mode, "shape");
+        cJSON_DeleteItemFromObjectCaseSensitive(mode, "mpc");
+    }
+    return m;
+}
+
+static void add_edges(cJSON *document, const struct track_edge *edges, int count)
+{
+    cJSON *list = cJSON_AddArrayToObject(document, "track_edges");
+
+    for (int i = 0; i < count; i++) {
+        cJSON *edge = cJSON_CreateObject();
+        cJSON_AddNumberToObject(edge, "track", (double)edges[i].number);
+        cJSON_AddStringToObject(edge, "state", track_states[edges[i].state]);
+        json_set_number(edge, "frequency_hz", cabs(edges[i].exponent) / (2 * M_PI));
+        json_set_number(edge, "damping_ratio", damping_ratio_of(edges[i].exponent));
+        cJSON_AddItemToArray(list, edge);
+    }
+}
+
+/* Each mode of DOCUMENT gets its track; past TRACKS_MOST no event has room for modes. */
+static enum modal_status number_modes(struct live *l, const struct track_window *w,
+                                      cJSON *document, struct modal_error *err)
+{
+    cJSON *modes = cJSON_GetObjectItemCaseSensitive(document, "modes"), *mode;
+    struct track_mode seen[TRACKS_MOST];
+    struct track_edge edges[2 * TRACKS_MOST];
+    int64_t number[TRACKS_MOST];
+    int count = 0, edge_count = 0;
+    enum modal_status rc;
+    char *text;
+
+    cJSON_ArrayForEach(mode, modes)
+        if (count < TRACKS_MOST)
+            seen[count++] = track_mode_of(l, mode);
+    rc = tracks_follow(&l->tracks, w, seen, count, number, edges, &edge_count, err);
+    if (rc != MODAL_OK)
+        return rc;
+    count = 0;
+    cJSON_ArrayForEach(mode, modes)
+        if (count < TRACKS_MOST)
+            cJSON_AddNumberToObject(mode, "track", (double)number[count++]);
+    add_edges(document, edges, edge_count);
+    text = tracks_text_write(&l->tracks);
+    if (text == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "live: no memory for %d tracks", l->tracks.count);
+    cJSON_AddStringToObject(document, "tracks", text);
+    free(text);
+    return MODAL_OK;
+}
+
+enum modal_status live_next(struct live *l, uint64_t epoch, uint64_t to, const double *samples,
+                            size_t count, cJSON **document, struct modal_error *err)
 {
     double start = cpu_s();
+    struct track_window w = { epoch, to + 1 - l->shape.samples, to, l->shape.dt };
     struct moving_cost cost;
     enum modal_status rc = moving_push(l->window, samples, count, err);
 
     if (rc == MODAL_OK)
         rc = l->climbs ? climb(l, &cost, document, err) : update(l, &cost, document, err);
+    if (rc == MODAL_OK)
+        rc = number_modes(l, &w, *document, err);
     if (rc == MODAL_OK)
         cJSON_AddItemToObject(*document, "update", write_update(&cost, cpu_s() - start));
     return rc;

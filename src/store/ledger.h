@@ -126,7 +126,7 @@ struct tombstone_record {
     int64_t expired_ns;
 };
 
-/* A numbered event, replayable: an edge of a job, a live mode, an alarm. */
+/* A numbered event, replayable: an edge of a job or a track, a live mode, an alarm. */
 struct event_record {
     int64_t number;               /* > 0, ascending over the ledger */
     int64_t ns, job;              /* job 0: none */
@@ -184,9 +184,9 @@ struct ledger_change {
     };
 };
 
-/* Called for each row by ledger_load, in the order of the members, each by ascending id; what it
- * gets is borrowed until it returns.  NULL: not wanted.  A status other than MODAL_OK ends the
- * loading and is returned. */
+/* Called for each row by ledger_load, in the order of the members, each by ascending id (notes by
+ * topic and name); what it gets is borrowed until it returns.  NULL: not wanted.  A status other
+ * than MODAL_OK ends the loading and is returned. */
 struct ledger_visitor {
     void *context;
     enum modal_status (*input)(void *context, const struct input_record *);

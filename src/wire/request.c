@@ -561,7 +561,7 @@ static enum modal_status read_list(const struct wire_message *m, struct wire_req
     return rc;
 }
 
-const char *const wire_events[] = { "state", "progress", "modes", "alarm", NULL };
+const char *const wire_events[] = { "state", "progress", "modes", "track", "alarm", NULL };
 
 /* The events that are wanted, as bits; none named: all. */
 static enum modal_status read_kinds(const cJSON *list, unsigned *out, struct modal_error *err)
@@ -578,13 +578,15 @@ static enum modal_status read_kinds(const cJSON *list, unsigned *out, struct mod
             n++;
         if (wire_events[n] == NULL)
             return modal_fail_field(err, MODAL_BAD_INPUT, "kinds",
-                                    "kinds has \"%.40s\"; accepted: state, progress, modes, alarm",
+                                    "kinds has \"%.40s\"; accepted: state, progress, modes, track, "
+                                    "alarm",
                                     cJSON_IsString(item) ? item->valuestring : "what is no text");
         *out |= 1u << n;
     }
     if (!cJSON_IsArray(list) || *out == 0)
         return modal_fail_field(err, MODAL_BAD_INPUT, "kinds",
-                            "kinds must be a list of one or more of state, progress, modes, alarm");
+                                "kinds must be a list of one or more of state, progress, modes, "
+                                "track, alarm");
     return MODAL_OK;
 }
 

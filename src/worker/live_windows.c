@@ -18,7 +18,7 @@ struct window {
 
 struct live_windows { struct window all[WINDOWS_MOST]; uint64_t runs; };
 
-struct asked { const char *stream; double epoch, to; int window, hop; };
+struct asked { const char *stream, *tracks; double epoch, to; int window, hop; };
 
 struct live_windows *live_windows_new(void)
 {
@@ -51,6 +51,8 @@ static enum modal_status read_asked(const cJSON *live, struct asked *a, struct m
         rc = json_get_int(live, "live", "window", 1, SAMPLES_MOST, &a->window, err);
     if (rc == MODAL_OK)
         rc = json_get_int(live, "live", "hop", 0, SAMPLES_MOST, &a->hop, err);
+    if (rc == MODAL_OK)
+        rc = json_get_string(live, "live", "tracks", &a->tracks, err);
     return rc;
 }
 
@@ -84,6 +86,8 @@ static enum modal_status begin(struct window *w, const struct asked *a, const cJ
     rc = live_new(options, &shape, a->hop, &w->live, err);
     if (rc == MODAL_OK && (w->stream = strdup(a->stream)) == NULL)
         rc = modal_fail(err, MODAL_NO_MEMORY, "windows: no memory");
+    if (rc == MODAL_OK && a->tracks != NULL)
+        rc = live_resume(w->live, a->tracks, err);
     w->epoch = a->epoch;
     return rc;
 }
@@ -106,7 +110,8 @@ enum modal_status live_windows_run(struct live_windows *windows, const cJSON *li
     if (w->stream == NULL)
         rc = begin(w, &a, options, batch, err);
     if (rc == MODAL_OK)
-        rc = live_next(w->live, batch->signals, batch->samples, document, err);
+        rc = live_next(w->live, (uint64_t)a.epoch, (uint64_t)a.to, batch->signals, batch->samples,
+                       document, err);
     w->next = a.to + 1;
     w->used = ++windows->runs;
     if (rc != MODAL_OK)

@@ -16,11 +16,12 @@ struct live_windows *live_windows_new(void);
 void live_windows_free(struct live_windows *windows);
 
 /*
- * One RUN with the member "live": {"stream":text,"epoch":e,"to":i,"window":n,"hop":n}.  BATCH holds
- * the samples up to number `to`: the whole window, or those that came since the last RUN of the
- * stream.  The caller deletes *document (job/live.h).  Fails with MODAL_NOT_FOUND, field "live",
- * where samples before BATCH are not here any more: the whole window is wanted; and as live_next
- * does.  After a failure the stream's window is forgotten.
+ * One RUN with the member "live": {"stream":text,"epoch":e,"to":i,"window":n,"hop":n,
+ * "tracks"?:text}.  BATCH holds the samples up to number `to`: the whole window, with what is known
+ * of tracks, or those that came since the last RUN of the stream.  The caller deletes *document
+ * (job/live.h).  Fails with MODAL_NOT_FOUND, field "live", where samples before BATCH are not here
+ * any more: the whole window is wanted; and as live_next does.  After a failure the stream's window
+ * is forgotten.
  */
 enum modal_status live_windows_run(struct live_windows *windows, const cJSON *live,
                                    const cJSON *options, const struct batch *batch,

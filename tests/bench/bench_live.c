@@ -125,7 +125,8 @@ static int run(const struct row *r)
     char why[64] = "";
 
     bad = live_new(options, &batch, r->hop, &live, &err) != MODAL_OK ||
-          live_next(live, y, (size_t)r->window, &document, &err) != MODAL_OK;
+          live_next(live, 0, (uint64_t)r->window - 1, y, (size_t)r->window, &document,
+                    &err) != MODAL_OK;
     cJSON_Delete(document);
     for (int i = 0; i < HOPS && !bad; i++) {
         struct job_request request = { .kind = "identify", .options = options, .batch = &batch };
@@ -133,7 +134,8 @@ static int run(const struct row *r)
         double start = cpu_s();
         const cJSON *update;
         document = NULL;
-        bad = live_next(live, y + (size_t)(r->window + i * r->hop) * (size_t)r->channels,
+        bad = live_next(live, 0, (uint64_t)(r->window + (i + 1) * r->hop - 1),
+                        y + (size_t)(r->window + i * r->hop) * (size_t)r->channels,
                         (size_t)r->hop, &document, &err) != MODAL_OK;
         ours[i] = cpu_s() - start;
         batch.signals = y + (size_t)((i + 1) * r->hop) * (size_t)r->channels;

@@ -428,6 +428,69 @@ def test_alarms_are_numbered_events_behind_their_window_and_are_replayed_after_a
         assert [{**e, "subscription": 0} for e in again] == [{**e, "subscription": 0} for e in events]       # to the time
 
 
+def track_of(event, hz):
+    """The track of the mode nearest to hz, which must be near."""
+    mode = min(event["modes"], key=lambda m: abs(m["frequency_hz"] - hz))
+    assert abs(mode["frequency_hz"] - hz) < 0.05, event["modes"]
+    return mode["track"]
+
+
+def test_a_mode_keeps_its_track_when_its_index_changes_and_the_daemon_is_killed_and_a_new_one_is_born():
+    """0.3 Hz decays past 1.1 Hz, so that their order changes; 2.3 Hz begins at sample 800.  Noise a thousandth, windows of 200 every 100, dt 0.1."""
+    import numpy as np
+    rng, t, window, hop = np.random.default_rng(8), np.arange(1600) * 0.1, 200, 100
+    late = np.where(t >= 80, t - 80, 0)
+    y = np.exp(-0.02 * 2 * np.pi * 0.3 * t) * np.cos(2 * np.pi * 0.3 * t) + 0.3 * np.exp(-0.003 * t) * np.cos(2 * np.pi * 1.1 * t)
+    y = (y + (t >= 80) * np.exp(-0.003 * late) * np.sin(2 * np.pi * 2.3 * late) + 0.001 * rng.standard_normal(len(t))).reshape(-1, 1)
+    with Daemon(workers=1) as d:
+        c, events = d.client(), []
+        assert c.ask("EVENTS", stream="tracked").ok
+        s = c.ask("STREAM", op="open", name="tracked", channels=1, dt=0.1, window={"samples": window, "hop": hop})["stream"]
+        for at in range(0, len(y), hop):
+            if at in (500, 1200):
+                c.close()
+                d.kill()
+                d.start()
+                c = d.client()
+                assert c.ask("EVENTS", stream="tracked").ok
+            push(c, s, 0, at, y[at:at + hop].tobytes(), channels=1)
+            # windows go on once as many samples are there again as one has
+            due = at + hop >= window and not any(at + hop < began + window for began in (500, 1200) if at >= began)
+            while due and not any(e["event"] == "modes" and e["to"] == at + hop - 1 for e in events):
+                reply = c.early.pop(0) if c.early else c.receive()
+                if reply.verb == "EVENT":
+                    events.append(reply.header)
+        while not any(e["event"] == "track" for e in events):
+            events.append((c.early.pop(0) if c.early else c.receive()).header)
+        told = [e for e in events if e["event"] == "modes"]
+        assert all(len({m["track"] for m in e["modes"]}) == len(e["modes"]) for e in told)
+        steady = [e for e in told if e["to"] < 800 or e["from"] >= 800]         # in between a window shows what none is
+        assert {track_of(e, 1.1) for e in steady} == {track_of(told[0], 1.1)}
+        early = [e for e in told if e["to"] < 600]
+        assert {track_of(e, 0.3) for e in early} == {track_of(told[0], 0.3)}
+        first = [min(range(len(e["modes"])), key=lambda i: abs(e["modes"][i]["frequency_hz"] - 1.1)) for e in steady]
+        assert len(set(first)) > 1                                             # the index does change
+        new = {track_of(e, 2.3) for e in told if e["from"] >= 800}
+        assert len(new) == 1 and not new & {m["track"] for e in early for m in e["modes"]}
+        born = [e for e in events if e["event"] == "track" and e["track"] in new]
+        assert [e["state"] for e in born][:1] == ["born"] and abs(born[0]["frequency_hz"] - 2.3) < 0.05 and born[0]["stream_id"] == s
+        only = d.client()
+        assert only.ask("EVENTS", stream="tracked", kinds=["track"], **{"from": 1}).ok
+        assert (only.early.pop(0) if only.early else only.receive()).header["event"] == "track"
+        only.close()
+        c.close()
+
+
+def test_exact_growth_in_three_modes_is_unstable_in_every_window():
+    """Each grows by 0.15 per second in windows of 6 s, without noise: what fits to rounding needs no other proof."""
+    import numpy as np
+    t = np.arange(600) * 0.025
+    y = sum(np.exp(0.15 * t) * np.cos(2 * np.pi * f * t + f) for f in (1.0, 1.61, 2.22)).reshape(-1, 1)
+    with Daemon(workers=1) as d:
+        events = live_events(d, "grows", y, 0.025, 240, 60)
+        assert len(events) == 7 and [e["verdict"] for e in events] == ["unstable"] * 7
+
+
 def test_alarm_rules_that_are_none_are_refused_by_name(client):
     bad = client.ask("STREAM", op="open", name="rig-alarm", channels=1, dt=0.1, window={"samples": 200, "alarms": {"damping": 0.1}})
     assert bad.code == "bad_input" and bad["error"]["field"] == "window.alarms.damping"

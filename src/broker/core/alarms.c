@@ -4,8 +4,7 @@
  * Windows overlap, so that what noise put into one is in its neighbours too.  A vibration counts
  * once every window has shown it for as long as a window is: the last of them shares no sample
  * with the first.  Those of the first window count as there from the start; any other is a new
- * mode the moment it counts.  Modes are the same where their frequencies agree within 5 of their
- * standard errors, or the window's resolution 1 / (window dt).
+ * mode the moment it counts.  Modes are the same that are on one track (modal/identify/track.h).
  *
  *   damping_below  a mode that counts has zeta + SIGMAS std < limit; cleared where
  *                  zeta - SIGMAS std > limit, or no window has shown it for a window's length
@@ -22,16 +21,13 @@
 #include <stdlib.h>
 
 enum { KNOWN_MOST = 256 };    /* modes followed: more than any window of 1 MiB tells */
-/* Standard errors: one window in 30,000 is as far off by chance, one in two million. */
-static const double SIGMAS = 4;
-static const double ALIKE = 5;
+static const double SIGMAS = 4;       /* standard errors: one window in 30,000 is as far off */
 
-struct known { double hz, std; uint64_t since, last; bool counts, native, low, seen; };
+struct known { double track; uint64_t since, last; bool counts, native, low, seen; };
 
 struct alarms {
     double limit;                 /* of the damping ratio; NAN: not asked for */
     bool growth, new_mode;
-    double resolution_hz;
     uint64_t window;
     bool begun, grows;
     uint64_t first_to, last_to;   /* ends of the first and the last window */
@@ -52,7 +48,7 @@ static enum modal_status read_rules(const cJSON *rules, struct alarms *a, struct
                           : rc;
 }
 
-enum modal_status alarms_new(const cJSON *rules, double dt, uint64_t window, struct alarms **out,
+enum modal_status alarms_new(const cJSON *rules, uint64_t window, struct alarms **out,
                              struct modal_error *err)
 {
     struct alarms *a;
@@ -70,7 +66,6 @@ enum modal_status alarms_new(const cJSON *rules, double dt, uint64_t window, str
             err, MODAL_BAD_INPUT, "window.alarms",
             "window.alarms without windows; accepted: beside `samples` or `periods`");
     a->window = window;
-    a->resolution_hz = 1 / (dt * (double)(window > 0 ? window : 1));
     if (rc == MODAL_OK && (!isnan(a->limit) || a->growth || a->new_mode))
         *out = a;
     else
@@ -103,24 +98,20 @@ static double std_of(const cJSON *mode, const char *name)
     return number_of(cJSON_GetObjectItemCaseSensitive(mode, "std"), name);
 }
 
-/* The nearest not yet seen in this window, if it is the same; NULL. */
-static struct known *find(struct alarms *a, double hz, double std)
+static struct known *find(struct alarms *a, double track)
 {
-    struct known *best = NULL;
-
-    for (struct known *k = a->known; k < a->known + a->count; k++) {
-        double apart = fabs(k->hz - hz), alike = fmax(ALIKE * hypot(std, k->std), a->resolution_hz);
-        if (!k->seen && apart <= alike && (best == NULL || apart < fabs(best->hz - hz)))
-            best = k;
-    }
-    return best;
+    for (struct known *k = a->known; k < a->known + a->count; k++)
+        if (k->track == track)
+            return k;
+    return NULL;
 }
 
-static struct known *add_known(struct alarms *a, uint64_t to)
+static struct known *add_known(struct alarms *a, double track, uint64_t to)
 {
     if (a->count == KNOWN_MOST)
         return NULL;
-    a->known[a->count] = (struct known) { .since = to, .native = to == a->first_to };
+    a->known[a->count] = (struct known) { .track = track, .since = to,
+                                           .native = to == a->first_to };
     return &a->known[a->count++];
 }
 
@@ -139,7 +130,7 @@ static void forget_unseen(struct alarms *a)
 
 static void tell(cJSON **edges, const char *rule, bool raised, double limit, const cJSON *mode)
 {
-    static const char *const parts[] = { "frequency_hz", "damping_ratio", "std" };
+    static const char *const parts[] = { "track", "frequency_hz", "damping_ratio", "std" };
     cJSON *edge = cJSON_CreateObject(), *of;
 
     cJSON_AddStringToObject(edge, "rule", rule);
@@ -222,16 +213,16 @@ cJSON *alarms_judge(struct alarms *a, uint64_t from, uint64_t to, const cJSON *d
         forget_unseen(a);
     a->begun = true, a->last_to = to;
     cJSON_ArrayForEach(mode, modes) {
-        double hz = number_of(mode, "frequency_hz"), std = fmax(std_of(mode, "frequency_hz"), 0);
+        double track = number_of(mode, "track");
         struct known *k;
         if (!(number_of(mode, "damped_frequency_rad_s") > 0))
             continue;                              /* a real exponent is no vibration */
-        k = find(a, hz, std);
+        k = find(a, track);
         if (k == NULL)
-            k = add_known(a, to);
+            k = add_known(a, track, to);
         if (k == NULL)
             continue;
-        k->hz = hz, k->std = std, k->last = to, k->seen = true;
+        k->last = to, k->seen = true;
         judge_mode(a, k, to, mode, &edges);
     }
     forget_unseen(a);

@@ -165,6 +165,8 @@ static enum modal_status load_note(void *context, const struct note_record *r)
         upload_load_note(c, r);
     if (strcmp(r->topic, "stream") == 0)
         stream_load_note(c, r);
+    if (strcmp(r->topic, "tracks") == 0)
+        window_load_tracks(c, r);
     if (strcmp(r->topic, "cpu") == 0)
         user_load_note(c, r);
     if (strcmp(r->topic, "daemon") == 0 && strcmp(r->name, "draining") == 0)

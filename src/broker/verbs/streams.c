@@ -521,6 +521,8 @@ static void end_segments(struct stream *s, struct transaction *t)
     snprintf(name, sizeof name, "%lld", (long long)s->id);
     transaction_add(t, LEDGER_NOTE_PUT)->note =
         (struct note_record) { .topic = "stream", .name = transaction_text(t, name) };
+    transaction_add(t, LEDGER_NOTE_PUT)->note =
+        (struct note_record) { .topic = "tracks", .name = transaction_text(t, name) };
 }
 
 void stream_sealed(struct core *c, struct task *task)

@@ -24,6 +24,7 @@ struct window {
     char *options;
     char *recent;                         /* the last `samples` of the stream, by index % samples */
     struct alarms *alarms;                /* NULL: none */
+    char *tracks;                         /* as the latest worker told them; NULL: nothing yet */
     bool running;                         /* a worker has it, or had it before it is told dead */
     uint64_t epoch, from, to;             /* of the one that runs, or ran last */
     int slot; uint64_t process;           /* the worker that has its samples up to `to`; -1: none */

@@ -175,6 +175,8 @@ enum modal_status window_check(const cJSON *text, const struct wire_input *w,
 void window_init(struct stream *s, const cJSON *text, const struct wire_input *w);
 /* What it holds of memory. */
 void window_done(struct window *w);
+/* What was known of a stream's tracks when the daemon ended; once the stream is there. */
+void window_load_tracks(struct core *c, const struct note_record *r);
 /* Samples [first, first + count) are its latest. */
 void window_keep(struct stream *s, uint64_t first, uint64_t count, const char *data);
 /* An epoch begins, or samples were taken back: windows begin anew. */

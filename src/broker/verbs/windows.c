@@ -27,6 +27,8 @@ enum {
     LIVE_DEATHS_MOST = 3,     /* as often as a job is tried where it does not say */
     /* of an event's text: its number, time and subscription come to it */
     EVENT_MOST = WIRE_HEADER_MOST / 4 * 3,
+    /* bytes of what is known of tracks: all that are followed at once take less */
+    TRACKS_MOST = 256 * 1024,
 };
 
 /* A window as open describes it, in samples. */
@@ -109,8 +111,7 @@ enum modal_status window_check(const cJSON *text, const struct wire_input *w,
     enum modal_status rc = text == NULL ? MODAL_OK : read_window(text, w, &d, err);
 
     if (rc == MODAL_OK && text != NULL)
-        rc = alarms_new(cJSON_GetObjectItemCaseSensitive(text, "alarms"), w->dt, d.samples,
-                        &alarms, err);
+        rc = alarms_new(cJSON_GetObjectItemCaseSensitive(text, "alarms"), d.samples, &alarms, err);
     alarms_free(alarms);
     return rc;
 }
@@ -127,14 +128,14 @@ void window_init(struct stream *s, const cJSON *text, const struct wire_input *w
     window->samples = d.samples;
     window->hop = d.hop;
     window->options = d.options != NULL ? grab_canonical(d.options) : grab_text("{}");
-    alarms_new(cJSON_GetObjectItemCaseSensitive(text, "alarms"), s->dt, d.samples,
-               &window->alarms, NULL);
+    alarms_new(cJSON_GetObjectItemCaseSensitive(text, "alarms"), d.samples, &window->alarms, NULL);
 }
 
 void window_done(struct window *w)
 {
     free(w->options);
     free(w->recent);
+    free(w->tracks);
     alarms_free(w->alarms);
 }
 
@@ -242,6 +243,8 @@ static cJSON *run_header(const struct stream *s, int attempt, uint64_t first)
     cJSON_AddNumberToObject(live, "to", (double)w->to);
     cJSON_AddNumberToObject(live, "window", (double)w->samples);
     cJSON_AddNumberToObject(live, "hop", (double)w->hop);
+    if (first == w->from && w->tracks != NULL)     /* who had the window before has them */
+        cJSON_AddStringToObject(live, "tracks", w->tracks);
     cJSON_DeleteItemFromObject(input, "window");
     cJSON_AddStringToObject(input, "content", "batch");
     cJSON_AddNumberToObject(input, "samples", (double)(w->to + 1 - first));
@@ -320,13 +323,14 @@ static void put_event(struct core *c, struct stream *s, struct transaction *t, c
     cJSON_Delete(text);
 }
 
-/* The alarms that a window raised or cleared, each an event behind its modes. */
-static void put_alarms(struct core *c, struct stream *s, struct transaction *t, cJSON *edges)
+/* What a window raised, cleared or made of tracks: EDGES, each an event EVENT behind its modes. */
+static void put_edges(struct core *c, struct stream *s, struct transaction *t, const char *event,
+                      cJSON *edges)
 {
     cJSON *edge;
 
     while ((edge = cJSON_DetachItemFromArray(edges, 0)) != NULL) {
-        cJSON *text = event_of(c, s, "alarm"), *part;
+        cJSON *text = event_of(c, s, event), *part;
         while ((part = edge->child) != NULL) {
             cJSON_DetachItemViaPointer(edge, part);
             cJSON_AddItemToObject(text, part->string, part);
@@ -335,6 +339,29 @@ static void put_alarms(struct core *c, struct stream *s, struct transaction *t, 
         put_event(c, s, t, text);
     }
     cJSON_Delete(edges);
+}
+
+/* What is known of tracks is kept with the event that rests on it. */
+static void keep_tracks(struct stream *s, struct transaction *t, const char *tracks)
+{
+    char name[32];
+
+    if (tracks == NULL || strlen(tracks) > TRACKS_MOST || s->closing)
+        return;
+    free(s->window.tracks);
+    s->window.tracks = grab_text(tracks);
+    snprintf(name, sizeof name, "%lld", (long long)s->id);
+    transaction_add(t, LEDGER_NOTE_PUT)->note =
+        (struct note_record) { "tracks", transaction_text(t, name), transaction_text(t, tracks) };
+}
+
+void window_load_tracks(struct core *c, const struct note_record *r)
+{
+    int64_t id = strtoll(r->name, NULL, 10);
+
+    for (struct stream *s = c->streams; s != NULL; s = s->next_stream)
+        if (s->id == id && s->window.tracks == NULL)
+            s->window.tracks = grab_text(r->text);
 }
 
 /* How far the samples are ahead of a window of the present epoch, and what is missing of them. */
@@ -416,7 +443,10 @@ static void tell_result(struct core *c, struct stream *s, const struct wire_fram
         cJSON_AddItemToObject(text, "error", cJSON_Duplicate(error, true));
     add_lag(text, s);
     put_event(c, s, t, text);
-    put_alarms(c, s, t, edges);
+    put_edges(c, s, t, "track", cJSON_DetachItemFromObjectCaseSensitive(document, "track_edges"));
+    put_edges(c, s, t, "alarm", edges);
+    keep_tracks(s, t, cJSON_GetStringValue(
+                          cJSON_GetObjectItemCaseSensitive(document, "tracks")));
     cJSON_Delete(document);
     core_commit(c, t);
 }

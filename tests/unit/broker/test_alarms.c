@@ -14,7 +14,7 @@ static struct alarms *rules(const char *text)
     cJSON *o = cJSON_Parse(text);
     struct alarms *a = NULL;
 
-    CHECK(alarms_new(o, DT, WINDOW, &a, NULL) == MODAL_OK && a != NULL);
+    CHECK(alarms_new(o, WINDOW, &a, NULL) == MODAL_OK && a != NULL);
     cJSON_Delete(o);
     return a;
 }
@@ -31,9 +31,9 @@ static const char *edges_of(struct alarms *a, int i, int count, const double *hz
 
     for (int k = 0; k < count; k++)
         at += snprintf(text + at, sizeof text - (size_t)at,
-                       "%s{\"frequency_hz\":%g,\"damped_frequency_rad_s\":6,\"damping_ratio\":%g,"
+                       "%s{\"track\":%d,\"frequency_hz\":%g,\"damped_frequency_rad_s\":6,\"damping_ratio\":%g,"
                        "\"exponent\":[%g,6],\"std\":{\"frequency_hz\":0.001,\"damping_ratio\":%g}}",
-                       k > 0 ? "," : "", hz[k], zeta[k], -6 * zeta[k], std);
+                       k > 0 ? "," : "", (int)hz[k], hz[k], zeta[k], -6 * zeta[k], std);
     snprintf(text + at, sizeof text - (size_t)at, "]}");
     document = cJSON_Parse(text);
     edges = alarms_judge(a, (uint64_t)(i * HOP), (uint64_t)(i * HOP + WINDOW - 1), document);
@@ -157,18 +157,18 @@ TEST(rules_that_are_none_name_their_field_and_no_rules_are_no_alarms)
 
     for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
         o = cJSON_Parse(bad[i].text);
-        CHECK(alarms_new(o, DT, WINDOW, &a, &err) == MODAL_BAD_INPUT && a == NULL &&
+        CHECK(alarms_new(o, WINDOW, &a, &err) == MODAL_BAD_INPUT && a == NULL &&
               strcmp(err.field, bad[i].field) == 0);
         cJSON_Delete(o);
     }
     o = cJSON_Parse("{\"growth\":true}");
-    CHECK(alarms_new(o, DT, 0, &a, &err) == MODAL_BAD_INPUT && a == NULL);
+    CHECK(alarms_new(o, 0, &a, &err) == MODAL_BAD_INPUT && a == NULL);
     cJSON_Delete(o);
     o = cJSON_Parse("{\"growth\":false}");
-    CHECK(alarms_new(o, DT, WINDOW, &a, &err) == MODAL_OK && a == NULL &&
+    CHECK(alarms_new(o, WINDOW, &a, &err) == MODAL_OK && a == NULL &&
           alarms_judge(a, 0, 199, o) == NULL);
     cJSON_Delete(o);
-    CHECK(alarms_new(NULL, DT, WINDOW, &a, &err) == MODAL_OK && a == NULL);
+    CHECK(alarms_new(NULL, WINDOW, &a, &err) == MODAL_OK && a == NULL);
 }
 
 /* ---- on live windows ---- */
@@ -186,7 +186,8 @@ static struct told judge(const double *y, int samples, const char *text)
     CHECK(live_new(NULL, &shape, HOP, &live, NULL) == MODAL_OK);
     for (int i = 0; i * HOP + WINDOW <= samples; i++) {
         cJSON *document = NULL, *edges, *e;
-        if (live_next(live, y + (i == 0 ? 0 : WINDOW + (i - 1) * HOP), i == 0 ? WINDOW : HOP,
+        if (live_next(live, 0, (uint64_t)(i * HOP + WINDOW - 1),
+                      y + (i == 0 ? 0 : WINDOW + (i - 1) * HOP), i == 0 ? WINDOW : HOP,
                       &document, NULL) != MODAL_OK)
             continue;
         edges = alarms_judge(a, (uint64_t)(i * HOP), (uint64_t)(i * HOP + WINDOW - 1), document);

@@ -1,0 +1,14 @@
+/* tracks_text.h - the tracks of a stream as a line of numbers, from window to window and over a
+ * restart of the daemon */
+#ifndef JOB_TRACKS_TEXT_H
+#define JOB_TRACKS_TEXT_H
+#include "base/error.h"
+#include "modal/identify/track.h"
+
+/* The caller frees; NULL: no memory. */
+char *tracks_text_write(const struct tracks *t);
+
+/* What tracks_text_write wrote, to 12 digits.  Fails with MODAL_BAD_INPUT, field "tracks", and
+ * leaves *T as it was. */
+enum modal_status tracks_text_read(const char *text, struct tracks *t, struct modal_error *err);
+#endif

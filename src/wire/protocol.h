@@ -8,34 +8,43 @@
 
 enum {
     WIRE_FRAMES_LEAST    = 3,                 /* version, verb, header */
-    WIRE_FRAMES_MOST     = 8,   /* those and five of the body */
-    WIRE_VERB_MOST       = 16,   /* bytes: twice what the longest has */
-    WIRE_HEADER_MOST     = 65536,   /* bytes: WIRE_NAME_MOST for 256 channels */
+    WIRE_FRAMES_MOST     = 8,                 /* those and five of the body */
+    WIRE_VERB_MOST       = 16,                /* bytes: twice what the longest has */
+    WIRE_HEADER_MOST     = 65536,             /* bytes: WIRE_NAME_MOST for 256 channels */
     WIRE_WORKER_HEADER_MOST = 1048576,        /* between daemon and worker: RUN joins the headers
                                                  of UPLOAD and SUBMIT */
-    WIRE_BODY_MOST       = 1048576,           /* one body frame */
-    WIRE_ID_MOST         = 64,   /* bytes: a UUID's 36, or a name and a count */
+    WIRE_BODY_MOST       = 1048576,           /* one body frame; chosen: four chunks */
+    WIRE_ID_MOST         = 64,                /* bytes: a UUID's 36, or a name and a count */
     WIRE_PARTS_MOST      = 4,                 /* of a worker, without their GO */
-    WIRE_KEY_MOST        = 128,   /* bytes: two SHA-256 in hexadecimal */
-    WIRE_INLINE_MOST     = 65536,             /* an input in SUBMIT's own body */
-    WIRE_JOBS_MOST       = 256,               /* in SUBMITS */
-    WIRE_CHUNK_MOST      = 262144,   /* bytes: 2 ms at 1 Gbit/s for who waits behind */
-    WIRE_CHANNELS_MOST   = 65536,   /* a row of 512 KiB fits one body frame */
-    WIRE_NAME_MOST       = 256,               /* a channel's name, units */
-    WIRE_ATTRIBUTES_MOST = 16384,             /* as JSON */
-    WIRE_SCENE_MOST      = 16777216,   /* bytes: cJSON takes some ten times as many */
-    WIRE_DOCUMENT_MOST   = 67108864,   /* bytes: ten times as many are below a GB */
-    WIRE_STDERR_MOST     = 65536,   /* bytes kept: as much as a pipe holds */
-    WIRE_PAGE_MOST       = 1000,              /* jobs in an answer to LIST */
-    WIRE_PAGE_DEFAULT    = 100,   /* a screen or two */
-    WIRE_TIMEOUT_MOST    = 3600,              /* s, of WAIT */
-    WIRE_TIMEOUT_DEFAULT = 30,   /* s: half of what routers remember the silent for */
-    WIRE_UPLOADS_MOST    = 64,                /* open, a user */
-    WIRE_WAITS_MOST      = 4096,              /* a user */
+    WIRE_KEY_MOST        = 128,               /* bytes: two SHA-256 in hexadecimal */
+    WIRE_INLINE_MOST     = 65536,             /* an input in SUBMIT's own body; chosen: 8192
+                                                 doubles, sent again whole if need be */
+    WIRE_JOBS_MOST       = 256,               /* in SUBMITS: 256 bytes of its header to each */
+    WIRE_CHUNK_MOST      = 262144,            /* bytes, chosen: 2 ms at 1 Gbit/s for who waits
+                                                 behind */
+    WIRE_CHANNELS_MOST   = 65536,             /* a row of 512 KiB fits one body frame */
+    WIRE_NAME_MOST       = 256,               /* bytes of a channel's name, of its units; chosen:
+                                                 three lines of a terminal */
+    WIRE_ATTRIBUTES_MOST = 16384,             /* bytes, as JSON: a quarter of the header */
+    WIRE_SCENE_MOST      = 16777216,          /* bytes: three dense matrices of 480 dofs, 24 a
+                                                 number of 17 digits */
+    WIRE_DOCUMENT_MOST   = 67108864,          /* bytes, chosen: four of the largest scenes; who
+                                                 parses it takes some ten times as many */
+    WIRE_STDERR_MOST     = 65536,             /* bytes kept: as much as a pipe holds */
+    WIRE_PAGE_MOST       = 1000,              /* jobs in an answer to LIST: of 1 KiB each they
+                                                 fill a body frame */
+    WIRE_PAGE_DEFAULT    = 100,               /* chosen: a screen or two */
+    WIRE_TIMEOUT_MOST    = 3600,              /* s, of WAIT; chosen: nobody who is gone waits
+                                                 for longer than an hour */
+    WIRE_TIMEOUT_DEFAULT = 30,                /* s, chosen: who waits hears twice a minute that
+                                                 the daemon lives */
+    WIRE_UPLOADS_MOST    = 64,                /* open, a user; chosen: one for each file of a
+                                                 test on as many machines */
+    WIRE_WAITS_MOST      = 4096,              /* a user; chosen: as many as streams of his */
     WIRE_SUBSCRIPTIONS_MOST = 4160,           /* a user: one a stream of his, and 64 beside */
-    WIRE_PRIORITY_DEFAULT = 100,   /* room on both sides */
-    WIRE_ATTEMPTS_MOST   = 10,                /* of a job: a worker may die in each */
-    WIRE_ATTEMPTS_DEFAULT = 3,                /* a job that kills three workers is to blame */
+    WIRE_PRIORITY_DEFAULT = 100,              /* chosen: room on both sides */
+    WIRE_ATTEMPTS_MOST   = 10,                /* of a job, chosen: a worker may die in each */
+    WIRE_ATTEMPTS_DEFAULT = 3,                /* chosen: who kills three workers is to blame */
 };
 
 #define WIRE_INTEGER_MOST 9007199254740992.0  /* 2^53 */

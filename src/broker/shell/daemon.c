@@ -21,7 +21,7 @@
 #include <unistd.h>
 #include <zmq.h>
 
-enum { DESCRIPTORS_MOST = 65536 };    /* no daemon here serves as many clients */
+enum { DESCRIPTORS_MOST = 65536 };    /* chosen: 64 times the usual limit, one a client */
 
 /* Bytes of a frame's box beside its own: name, nonce, flags, authenticator. */
 enum { CURVE_COST = 33 };

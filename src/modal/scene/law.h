@@ -13,10 +13,10 @@
 
 enum {
     LAW_INPUTS_MOST = 2,               /* a contact in the plane */
-    LAW_TERMS_MOST = 64,               /* sliders or coefficients: each is evaluated each time */
-    LAW_SOURCE_MOST = 65536,           /* bytes: a thousand lines of a user's law */
-    LAW_LUA_MOST = 8 << 20,            /* bytes: hundreds of empty states    */
-    LAW_LUA_TOGETHER_MOST = 128 << 20, /* bytes: sixteen laws at their most */
+    LAW_TERMS_MOST = 64,               /* sliders, coefficients; chosen: each is summed each time */
+    LAW_SOURCE_MOST = 65536,           /* bytes, chosen: a thousand lines of a user's law */
+    LAW_LUA_MOST = 8 << 20,            /* bytes, chosen: hundreds of empty states */
+    LAW_LUA_TOGETHER_MOST = 128 << 20, /* bytes, chosen: sixteen laws at their most */
 };
 
 struct law;

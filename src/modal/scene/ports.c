@@ -158,7 +158,7 @@ enum modal_status ports_law(struct ports *p, int law, double t, const double *d,
                             int *regime, struct modal_error *err)
 {
     struct port_law *l = &p->law[law];
-    struct law_point at = { t, d, v, d_before, memory };  /* as the law asks */
+    struct law_point at = { t, d, v, d_before, memory };
     struct law_force f = { .memory = after };  /* room for what it remembers */
     enum modal_status rc = l->law->kind->force(l->law, &at, &f, err);
 

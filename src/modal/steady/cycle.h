@@ -14,11 +14,11 @@ struct budget;
 struct program;
 
 enum {
-    CYCLE_STATES_MOST = 120,        /* each step has a dense exponential */
+    CYCLE_STATES_MOST = 120,        /* chosen: each step has a dense exponential */
     CYCLE_SAMPLES = 8192,           /* eight times the most harmonics of by_cycle.c */
-    CYCLE_NEWTON_MOST = 150,        /* periods: followed disturbances converge in tens or never */
+    CYCLE_NEWTON_MOST = 150,        /* periods, chosen: Newton's method takes tens or never ends */
     CYCLE_PERIODS_MOST = 600,       /* marched alone: a decay of 1 % a period falls by 400 */
-    CYCLE_DIFFERENCES_MOST = 32     /* states: a period of its own for each, twice */
+    CYCLE_DIFFERENCES_MOST = 32     /* states, chosen: a period of its own for each, twice */
 };
 
 struct cycle {

@@ -9,7 +9,7 @@
 
 struct balance;
 
-enum { SOLUTIONS_MOST = 64 };   /* three oscillators that jump have 27, and as many unstable */
+enum { SOLUTIONS_MOST = 64 };   /* chosen: three oscillators that jump have 3^3 */
 
 struct solutions {
     int count;

@@ -1,0 +1,66 @@
+#!/usr/bin/python3
+"""Streams of one host against their number: 50, 100, 200 and 400 of 8 channels at 100 Hz, windows of 5 s every second, two workers.
+
+    daemon     of a core, without its workers, in a second of real time
+    host       of a core, what simulates included; threads and resident memory that the streams cost it
+    age        s from the sample that a live result rests on to the last one pushed, over the streams: median, and the eldest over the youngest
+    live       streams that have a result at the end of SECONDS
+    spilled    samples that were not taken in time, or dropped; all of them acknowledged is what counts
+
+`ratio` is the figure a stream over that with the least number of streams; of ages the figure's own.  $MODALD_STREAMS: the numbers, as `50 100`;
+$MODALD_SECONDS: how long each runs (20).
+"""
+import json
+import os
+import pathlib
+import subprocess
+import sys
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "system"))
+from wire import Daemon                      # noqa: E402
+
+HOST = pathlib.Path(os.environ.get("MODALD_BUILD", "build")) / "fault" / "many_streams"
+NUMBERS = [int(n) for n in os.environ.get("MODALD_STREAMS", "50 100 200 400").split()]
+SECONDS, CHANNELS, RATE = float(os.environ.get("MODALD_SECONDS", "20")), 8, 100
+FIRST = {}
+
+
+def say(case, n, value, unit, each=True):
+    share = value / n if each else value
+    ratio = share / FIRST.setdefault(case, share) if FIRST.get(case, share) else 1.0
+    print(json.dumps({"bench": "many_streams", "case": f"{case} of {n} streams", "value": round(value, 4), "unit": unit, "peer": f"{NUMBERS[0]} streams",
+                      "ratio": round(ratio, 3), "n": n}), flush=True)
+
+
+def cpu_s(pid):
+    used = pathlib.Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+    return sum(map(int, used[11:13])) / os.sysconf("SC_CLK_TCK")
+
+
+def run(n):
+    with Daemon(workers=2) as daemon:
+        env = {**os.environ, "MODALD_URL": daemon.endpoint, "MODALD_SPILL": str(daemon.folder), "MODALD_CLOSE_WAIT": "60",
+               "MODALD_WINDOW": str(5 * RATE), "MODALD_HOP": str(RATE), "MODALD_OPTIONS": '{"rank.fixed":4}'}
+        host = subprocess.Popen([str(HOST), str(n), str(CHANNELS), str(RATE), str(SECONDS)], stdout=subprocess.PIPE, text=True, env=env)
+        before, lines = None, []
+        for line in host.stdout:
+            lines.append((json.loads(line), cpu_s(daemon.process.pid), cpu_s(host.pid)))
+            before = before or lines[-1]
+        if host.wait() != 0 or len(lines) < 3:
+            sys.exit(f"many_streams: the host ended with {host.returncode}")
+    last, daemon_s, host_s = lines[-2]
+    span = last["s"] - before[0]["s"]
+    say("daemon", n, (daemon_s - before[1]) / span, "cores")
+    say("host", n, (host_s - before[2]) / span, "cores")
+    say("threads", n, last["threads"], "threads", each=False)
+    say("memory", n, last["rss_kb"] / 1024, "MB")
+    say("age", n, last["age_s"][1], "s", each=False)
+    say("eldest over youngest", n, last["age_s"][2] / last["age_s"][0] if last["age_s"][0] > 0 else -1, "ratio", each=False)
+    say("live", n, last["live"], "streams")
+    say("spilled", n, last["spilled"] + last["dropped"], "samples")
+    if last["refused"] or last["dropped"]:
+        sys.exit(f"many_streams: {last['refused']} of {n} streams were refused, {last['dropped']} samples dropped")
+
+
+for number in NUMBERS:
+    run(number)

@@ -37,8 +37,10 @@ static bool send_message(modald_stream *s, const char *verb, const char *header,
 {
     void *to = s->link->socket;
 
-    if (!s->link->ready || zmq_send(to, version, strlen(version), ZMQ_SNDMORE | ZMQ_DONTWAIT) < 0)
+    if (!s->link->ready || s->link->asked >= ASKED_MOST || zmq_send(to, version, strlen(version), ZMQ_SNDMORE | ZMQ_DONTWAIT) < 0)
         return false;
+    s->asked++;
+    s->link->asked++;
     return zmq_send(to, verb, strlen(verb), ZMQ_SNDMORE | ZMQ_DONTWAIT) >= 0
         && zmq_send(to, header, strlen(header), ZMQ_DONTWAIT | (body ? ZMQ_SNDMORE : 0)) >= 0
         && (body == NULL || send_body(s, body, length));
@@ -46,7 +48,7 @@ static bool send_message(modald_stream *s, const char *verb, const char *header,
 
 static void send_open(modald_stream *s)
 {
-    char *text = calloc(1, HEADER_MOST);
+    char *text = s->link->asked + 2 <= ASKED_MOST ? calloc(1, HEADER_MOST) : NULL;
 
     if (text == NULL)
         return;
@@ -115,6 +117,8 @@ static bool send_frames(modald_stream *s)
 
 static void begin_anew(modald_stream *s)
 {
+    s->link->asked -= s->asked;
+    s->asked = 0;
     s->opened = s->opening = s->closing = false;
     s->first_id = (s->link->questions + 1) * LINK_STREAMS;
     s->flying = 0;
@@ -289,6 +293,15 @@ static void on_event(modald_stream *s, const char *const *members)
     atomic_store(&s->verdict, verdict);
 }
 
+/* A question of S has its answer. */
+static void note_answer(modald_stream *s, uint64_t id)
+{
+    if (s->asked > 0 && (int64_t)id >= s->first_id) {
+        s->asked--;
+        s->link->asked--;
+    }
+}
+
 /* A message of KIND, its header as text that is ours to read; one that is no whole object, or says
  * what we read twice, is passed over.  It is for the stream that asked; an event is for those whose
  * samples it tells of, and what answers no question for all. */
@@ -305,6 +318,8 @@ static void on_message(struct link *l, const char *kind, const char *header)
     uint64_t id = count_at(members[ID], 0);
     int first = id > 0 ? (int)(id % LINK_STREAMS) : 0, last = id > 0 ? first + 1 : l->slots;
 
+    if (id > 0 && l->streams[first] != NULL)
+        note_answer(l->streams[first], id);
     for (size_t i = 0; i < sizeof kinds / sizeof kinds[0]; i++)
         if (end != NULL && *skip_space(end) == 0 && strcmp(kind, kinds[i].kind) == 0)
             for (int slot = first; slot < last; slot++)

@@ -172,6 +172,7 @@ static void end_sending(modald_stream *s)
     end_spill(s);
     if (s->ring_fd >= 0)
         close(s->ring_fd);
+    begin_anew(s);
     s->link->streams[s->slot] = NULL;
     atomic_store(&s->finished, true);
 }
@@ -193,18 +194,24 @@ static bool look_at(modald_stream *s)
     return sent;
 }
 
-/* One turn: what came in, then a look at every stream.  The pause until the next. */
+/* One turn: what came in, then a look at every stream, first at those that had no turn when all
+ * was asked that may be.  The pause until the next. */
 static double turn(struct link *l, double idle)
 {
     bool moved = receive_all(l), closing = false;
-    int streams = 0;
+    int streams = 0, first = l->start;
 
-    for (int i = 0; i < l->slots; i++)
-        if (l->streams[i] != NULL) {
-            streams++;
-            moved |= look_at(l->streams[i]);
-            closing |= l->streams[i] != NULL && l->streams[i]->until > 0;
-        }
+    l->start = 0;
+    for (int i = 0; i < l->slots; i++) {
+        int slot = (first + i) % l->slots;
+        if (l->streams[slot] == NULL)
+            continue;
+        streams++;
+        moved |= look_at(l->streams[slot]);
+        closing |= l->streams[slot] != NULL && l->streams[slot]->until > 0;
+        if (l->start == 0 && l->asked >= ASKED_MOST)
+            l->start = slot + 1;
+    }
     while (l->slots > 0 && l->streams[l->slots - 1] == NULL)
         l->slots--;
     return closing ? moment

@@ -106,6 +106,8 @@ enum {
                                  * processor for its cache */
     DESCRIPTORS = 32,           /* that libzmq may need: it ends the process where it gets none */
     CLOSED_KEPT = 256,          /* handles of closed streams, for hosts that push once more */
+    ASKED_MOST = 512,           /* questions of a connection without an answer: a daemon keeps 1024
+                                 * answers of one that is slow to read */
     SEND_MOST = 1024,           /* messages on their way to libzmq's thread, a turn of streams;
                                  * their samples lie in windows anyway */
     BACKLOG_MOST = 4194304,     /* bytes in a turn; kernel and daemon keep less: 64 messages */
@@ -191,6 +193,8 @@ struct link {
     double begin_at, pause;     /* when the next connection begins; after which pause */
     double heard_at;            /* when the last message came */
     int64_t questions;          /* asked so far */
+    int asked;                  /* of them without an answer */
+    int start;                  /* the slot that is looked at first: others had their turn */
 };
 
 struct modald_stream {
@@ -231,6 +235,7 @@ struct modald_stream {
 
     /* the sender's: what it asked */
     int slot;                   /* in its link */
+    int asked;                  /* questions without an answer */
     bool opened, opening, closing, closed;
     double until;               /* of a stream that is closed: when it is given up; 0: it is not */
     double quiet_until;         /* nothing is asked before: the daemon said so */

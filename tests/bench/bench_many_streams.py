@@ -1,14 +1,17 @@
 #!/usr/bin/python3
-"""Streams of one host against their number: 50, 100, 200 and 400 of 8 channels at 100 Hz, windows of 5 s every second, two workers.
+"""Streams of one host against their number: 50, 100, 200 and 400 of 8 channels at 100 Hz, windows
+of 5 s every second, two workers.
 
     daemon     of a core, without its workers, in a second of real time
-    host       of a core, what simulates included; threads and resident memory that the streams cost it
-    age        s from the sample that a live result rests on to the last one pushed, over the streams: median, and the eldest over the youngest
-    live       streams that have a result at the end of SECONDS
-    spilled    samples that were not taken in time, or dropped; all of them acknowledged is what counts
+    host       of a core, what simulates included; threads and resident memory that the streams
+               cost it
+    age        s from the sample that a live result rests on to the last one pushed, over the
+               streams: median, and the eldest over the youngest
+    live       streams that have a result in the end
+    spilled    samples that were not taken in time, or dropped
 
-`ratio` is the figure a stream over that with the least number of streams; of ages the figure's own.  $MODALD_STREAMS: the numbers, as `50 100`;
-$MODALD_SECONDS: how long each runs (20).
+`ratio` is the figure a stream over that of the first number of streams; of ages and threads of the
+figure itself.  $MODALD_STREAMS: the numbers, as `50 100`; $MODALD_SECONDS: how long each runs (20).
 """
 import json
 import os
@@ -28,7 +31,8 @@ FIRST = {}
 def say(case, n, value, unit, each=True):
     share = value / n if each else value
     ratio = share / FIRST.setdefault(case, share) if FIRST.get(case, share) else 1.0
-    print(json.dumps({"bench": "many_streams", "case": f"{case} of {n} streams", "value": round(value, 4), "unit": unit, "peer": f"{NUMBERS[0]} streams",
+    print(json.dumps({"bench": "many_streams", "case": f"{case} of {n} streams",
+                      "value": round(value, 4), "unit": unit, "peer": f"{NUMBERS[0]} streams",
                       "ratio": round(ratio, 3), "n": n}), flush=True)
 
 
@@ -39,9 +43,11 @@ def cpu_s(pid):
 
 def run(n):
     with Daemon(workers=2) as daemon:
-        env = {**os.environ, "MODALD_URL": daemon.endpoint, "MODALD_SPILL": str(daemon.folder), "MODALD_CLOSE_WAIT": "60",
-               "MODALD_WINDOW": str(5 * RATE), "MODALD_HOP": str(RATE), "MODALD_OPTIONS": '{"rank.fixed":4}'}
-        host = subprocess.Popen([str(HOST), str(n), str(CHANNELS), str(RATE), str(SECONDS)], stdout=subprocess.PIPE, text=True, env=env)
+        env = {**os.environ, "MODALD_URL": daemon.endpoint, "MODALD_SPILL": str(daemon.folder),
+               "MODALD_CLOSE_WAIT": "60", "MODALD_WINDOW": str(5 * RATE),
+               "MODALD_HOP": str(RATE), "MODALD_OPTIONS": '{"rank.fixed":4}'}
+        host = subprocess.Popen([str(HOST), str(n), str(CHANNELS), str(RATE), str(SECONDS)],
+                                stdout=subprocess.PIPE, text=True, env=env)
         before, lines = None, []
         for line in host.stdout:
             lines.append((json.loads(line), cpu_s(daemon.process.pid), cpu_s(host.pid)))
@@ -55,11 +61,14 @@ def run(n):
     say("threads", n, last["threads"], "threads", each=False)
     say("memory", n, last["rss_kb"] / 1024, "MB")
     say("age", n, last["age_s"][1], "s", each=False)
-    say("eldest over youngest", n, last["age_s"][2] / last["age_s"][0] if last["age_s"][0] > 0 else -1, "ratio", each=False)
+    youngest, _, eldest = last["age_s"]
+    if youngest > 0:
+        say("eldest over youngest", n, eldest / youngest, "ratio", each=False)
     say("live", n, last["live"], "streams")
     say("spilled", n, last["spilled"] + last["dropped"], "samples")
     if last["refused"] or last["dropped"]:
-        sys.exit(f"many_streams: {last['refused']} of {n} streams were refused, {last['dropped']} samples dropped")
+        sys.exit(f"many_streams: {last['refused']} of {n} streams were refused, "
+                 f"{last['dropped']} samples dropped")
 
 
 for number in NUMBERS:

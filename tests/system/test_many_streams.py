@@ -1,4 +1,6 @@
-"""Many streams of one host: one connection and one sending thread serve them all, none waits for another, and a slow one takes little (tests/fault/many_streams.c)."""
+"""Many streams of one host (tests/fault/many_streams.c): one connection and one sending thread
+serve them all, none waits for another, and a slow one takes little.
+"""
 import json
 import pathlib
 import subprocess
@@ -17,11 +19,13 @@ HOST = BUILD / "fault" / "many_streams"
 STREAMS, CHANNELS, RATE = 40, 8, 100
 
 # Python cannot load a library that needs the sanitizers' runtime first.
-in_python = pytest.mark.skipif(sanitized.SANITIZED, reason="a sanitized library does not load into Python")
+in_python = pytest.mark.skipif(sanitized.SANITIZED,
+                                reason="a sanitized library does not load into Python")
 
 
 def begin(*words, **env):
-    return subprocess.Popen([str(HOST), *map(str, words)], stdout=subprocess.PIPE, text=True, env=environment(**env))
+    return subprocess.Popen([str(HOST), *map(str, words)], stdout=subprocess.PIPE, text=True,
+                            env=environment(**env))
 
 
 def end(host):
@@ -41,7 +45,8 @@ def is_sealed(daemon, data, channels, dt):
     """Is there a batch of exactly these samples?  By its SHA-256, which a job may name."""
     c = daemon.client()
     try:
-        return c.ask("SUBMIT", kind="identify", input={"sha256": identity(len(data) // (8 * channels), channels, dt, data)}).ok
+        sha256 = identity(len(data) // (8 * channels), channels, dt, data)
+        return c.ask("SUBMIT", kind="identify", input={"sha256": sha256}).ok
     finally:
         c.close()
 
@@ -49,7 +54,8 @@ def is_sealed(daemon, data, channels, dt):
 def test_forty_streams_cost_their_host_three_threads_and_less_than_2_mb_each(tmp_path):
     """Two of the threads are libzmq's.  Once 40 had 120 and 9 MB each."""
     with Daemon(workers=1) as daemon:
-        *_, last, closed = end(begin(STREAMS, CHANNELS, RATE, 3, MODALD_URL=daemon.endpoint, MODALD_SPILL=tmp_path, MODALD_CLOSE_WAIT="60"))
+        *_, last, closed = end(begin(STREAMS, CHANNELS, RATE, 3, MODALD_URL=daemon.endpoint,
+                                     MODALD_SPILL=tmp_path, MODALD_CLOSE_WAIT="60"))
     assert last["streams"] == STREAMS and last["acknowledged"] > 0 and last["dropped"] == 0
     assert 0 < last["threads"] <= 3 and closed["threads"] == 0
     if not sanitized.SANITIZED:
@@ -57,11 +63,13 @@ def test_forty_streams_cost_their_host_three_threads_and_less_than_2_mb_each(tmp
 
 
 def test_a_slow_ring_gives_back_what_was_read(tmp_path):
-    """10 streams of 64 channels at 160 Hz, 85 kB/s each: in 20 s 1.7 MB go through each ring, which would all be there still."""
+    """10 streams of 64 channels at 160 Hz, 85 kB/s each: in 20 s 1.7 MB go through each ring, which
+    would all be there still."""
     if sanitized.SANITIZED:
         pytest.skip("sanitizers keep memory of their own")
     with Daemon(workers=1) as daemon:
-        lines = end(begin(10, 64, 160, 20, MODALD_URL=daemon.endpoint, MODALD_SPILL=tmp_path, MODALD_CLOSE_WAIT="60"))
+        lines = end(begin(10, 64, 160, 20, MODALD_URL=daemon.endpoint, MODALD_SPILL=tmp_path,
+                          MODALD_CLOSE_WAIT="60"))
     assert lines[-2]["dropped"] == 0 and lines[-2]["rss_kb"] < 1600 * 10
 
 
@@ -76,9 +84,32 @@ def test_samples_of_a_slow_stream_travel_more_than_one_to_a_frame(tmp_path):
     peer = Counting(f"ipc://{tmp_path}/s").start()
     try:
         (tmp_path / "logs").mkdir()
-        end(begin(1, 2, 30, 200 / 30, tmp_path / "logs", MODALD_URL=peer.endpoint, MODALD_CLOSE_WAIT="60"))
-        assert np.array_equal(peer.record("many-0"), np.fromfile(tmp_path / "logs" / "many-0").reshape(-1, 2))
+        end(begin(1, 2, 30, 200 / 30, tmp_path / "logs", MODALD_URL=peer.endpoint,
+                  MODALD_CLOSE_WAIT="60"))
+        log = np.fromfile(tmp_path / "logs" / "many-0").reshape(-1, 2)
+        assert np.array_equal(peer.record("many-0"), log)
         assert len(peer.record("many-0")) == 200 and 0 < peer.pushes < 200 / 1.5
+    finally:
+        peer.stop()
+
+
+def test_a_host_asks_no_more_at_once_than_a_daemon_keeps_answers_for(tmp_path):
+    """PROTOCOL section 8: 1024 for a connection, beyond which requests are dropped.  700 streams
+    have 1,400 questions to a daemon that does not answer, and 512 are asked."""
+    class Mute(Peer):
+        asked = 0
+
+        def answer(self, *_):
+            self.asked += 1
+    peer = Mute(f"ipc://{tmp_path}/s").start()
+    try:
+        host = begin(700, 2, 10, 4, MODALD_URL=peer.endpoint, MODALD_SPILL=tmp_path,
+                     MODALD_CLOSE_WAIT="0")
+        assert json.loads(host.stdout.readline())["threads"] == 3
+        until(lambda: peer.asked >= 500)
+        told = json.loads(host.stdout.readline())        # and a second later no more were asked
+        assert peer.asked <= 512 and told["acknowledged"] == 0
+        end(host)
     finally:
         peer.stop()
 
@@ -87,22 +118,25 @@ def test_forty_records_are_their_logs_though_the_daemon_is_killed_twice(tmp_path
     logs = tmp_path / "logs"
     logs.mkdir()
     with Daemon(workers=1) as daemon:
-        host = begin(STREAMS, CHANNELS, RATE, 6, logs, MODALD_URL=daemon.endpoint, MODALD_SPILL=tmp_path, MODALD_CLOSE_WAIT="60")
+        host = begin(STREAMS, CHANNELS, RATE, 6, logs, MODALD_URL=daemon.endpoint,
+                     MODALD_SPILL=tmp_path, MODALD_CLOSE_WAIT="60")
         for _ in range(2):
             time.sleep(1.5)
             assert host.poll() is None
             daemon.kill()
             daemon.start()
         last = end(host)[-2]
-        assert last["dropped"] == last["spilled"] == last["refused"] == 0 and last["pushed"] > STREAMS * 5 * RATE
-        sealed = [is_sealed(daemon, (logs / f"many-{k}").read_bytes(), CHANNELS, 1 / RATE) for k in range(STREAMS)]
+        assert last["dropped"] == last["spilled"] == last["refused"] == 0
+        assert last["pushed"] > STREAMS * 5 * RATE
+        sealed = [is_sealed(daemon, (logs / f"many-{k}").read_bytes(), CHANNELS, 1 / RATE)
+                  for k in range(STREAMS)]
         assert sealed == [True] * STREAMS
     assert not list(tmp_path.glob("*.spill"))
 
 
 @in_python
-def test_a_stream_that_the_daemon_refuses_or_another_that_is_silent_holds_up_none(tmp_path, monkeypatch):
-    """Three streams of one process: one of a daemon that never answers, one that is refused, and one that goes on."""
+def test_a_stream_that_is_refused_or_never_answered_holds_up_no_other(tmp_path, monkeypatch):
+    """Three of one process: of a daemon that never answers, refused, and one that goes on."""
     monkeypatch.setenv("MODALD_SPILL", str(tmp_path))
     monkeypatch.setenv("MODALD_CLOSE_WAIT", "0.2")
     peer = Peer(f"ipc://{tmp_path}/silent").start()
@@ -131,14 +165,14 @@ def test_a_stream_that_the_daemon_refuses_or_another_that_is_silent_holds_up_non
         monkeypatch.setenv("MODALD_CLOSE_WAIT", "60")
         goes.close()
         c.close()
-        until(lambda: threads() <= before)               # one that has ended is counted for a moment
+        until(lambda: threads() <= before)          # one that ended is counted for a moment
         assert len(list(tmp_path.glob("modald-waits-*.spill"))) == 1
     peer.stop()
 
 
 @in_python
-def test_a_stream_opened_after_others_were_closed_hears_its_own_answers_alone(tmp_path, monkeypatch):
-    """The slot of a closed stream is another's then, on the same connection: no answer of the one is taken for the other's."""
+def test_a_stream_hears_no_answers_to_one_that_was_closed_before(tmp_path, monkeypatch):
+    """The slot of a closed stream is another's then, on the same connection."""
     monkeypatch.setenv("MODALD_CLOSE_WAIT", "60")
     peer = Peer(f"ipc://{tmp_path}/s").start()
     monkeypatch.setenv("MODALD_URL", peer.endpoint)
@@ -152,4 +186,5 @@ def test_a_stream_opened_after_others_were_closed_hears_its_own_answers_alone(tm
     peer.stop()
     assert np.array_equal(peer.record("kept"), rows[:200])
     assert all(np.array_equal(peer.record(f"short-{k}"), rows[k:]) for k in range(20))
-    assert sorted(peer.closes) == sorted([("kept", False), *((f"short-{k}", False) for k in range(20))])
+    assert sorted(peer.closes) == sorted((name, False)
+                                         for name in ("kept", *(f"short-{k}" for k in range(20))))

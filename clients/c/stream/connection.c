@@ -202,6 +202,11 @@ static void drop_link(struct link *l)
     l->pause = fmin(2 * l->pause, pause_most);
 }
 
+static void make_context(struct link *l)
+{
+    l->context = may_begin() ? zmq_ctx_new() : NULL;
+}
+
 static bool connect_socket(struct link *l)
 {
     if (!read_keys(l)) {
@@ -210,7 +215,6 @@ static bool connect_socket(struct link *l)
         return false;
     }
     l->pause = pause_least;
-    l->context = may_begin() ? zmq_ctx_new() : NULL;
     return l->context != NULL && open_link(l);
 }
 

@@ -6,6 +6,10 @@
 /* WHAT is wrong for all streams of L, once. */
 static void warn_all(struct link *l, const char *what);
 
+/* Libzmq's context, or none.  The process's first reads the environment (libpgm's pgm_init), which
+ * the host must not change meanwhile. */
+static void make_context(struct link *l);
+
 /* Read the keys, once: a host may give up the right to them; begin to connect.  False: neither a
  * context nor a socket, or no keys where a file of them is named. */
 static bool connect_socket(struct link *l);

@@ -37,7 +37,8 @@ static bool send_message(modald_stream *s, const char *verb, const char *header,
 {
     void *to = s->link->socket;
 
-    if (!s->link->ready || s->link->asked >= ASKED_MOST || zmq_send(to, version, strlen(version), ZMQ_SNDMORE | ZMQ_DONTWAIT) < 0)
+    if (!s->link->ready || s->link->asked >= ASKED_MOST
+        || zmq_send(to, version, strlen(version), ZMQ_SNDMORE | ZMQ_DONTWAIT) < 0)
         return false;
     s->asked++;
     s->link->asked++;

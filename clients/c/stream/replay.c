@@ -107,6 +107,7 @@ static bool send_all(struct link *l, modald_stream *s, double timeout, char *mes
 {
     bool good = false;
 
+    make_context(l);
     if (!connect_socket(l)) {
         snprintf(message, size, "no socket to %s", s->url);
         return false;

@@ -226,6 +226,7 @@ static void *sender(void *argument)
 
     uselocale(c);
     unshare_descriptors();
+    make_context(l);
     sem_post(&l->begun);
     if (!connect_socket(l)) {
         l->refused = true;

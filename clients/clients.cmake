@@ -37,6 +37,12 @@ target_include_directories(ctl PUBLIC ${CMAKE_SOURCE_DIR}/clients)
 target_link_libraries(ctl PUBLIC house modald_client modald_stream_static job store wire PkgConfig::SNDFILE PkgConfig::ZLIB)
 program(modalctl clients/ctl/main.c ctl)
 
+# The manual of scenes is what modalctl says of them.
+set(scene_page ${CMAKE_BINARY_DIR}/modald-scene.5)
+add_custom_command(OUTPUT ${scene_page} COMMAND ${CMAKE_SOURCE_DIR}/clients/ctl/scene_page $<TARGET_FILE:modalctl> > ${scene_page}
+  DEPENDS modalctl ${CMAKE_SOURCE_DIR}/clients/ctl/scene_page VERBATIM)
+add_custom_target(manual ALL DEPENDS ${scene_page})
+
 # Examples: time-stepping loops with the three calls.  Those whose other half is not installed are left out.
 add_executable(example_loop ${CMAKE_SOURCE_DIR}/clients/c/examples/loop.c)
 target_link_libraries(example_loop PRIVATE house modald_stream_static m)

@@ -6,6 +6,7 @@
 #include "outcome.h"
 #include "job/blas_core.h"
 #include "option_help.h"
+#include "scene_help.h"
 #include "sweep_shares.h"
 #include "verbs.h"
 
@@ -18,6 +19,22 @@ static int run_sweep(const struct verb *verb, const struct args *args)
     if (!sweep_is_whole(args) && !args->local && !args->wait && !args->cancel)
         return submit_one("sweep", NULL, args->word[1], args);
     return (args->local || args->wait) && !args->cancel ? run_job(verb, args) : sweep_submit(args);
+}
+
+static int run_help(const struct verb *verb, const struct args *args)
+{
+    struct modal_error err = { 0 };
+    enum modal_status rc;
+
+    (void)verb;
+    if (strcmp(args->word[1], "scene") != 0)
+        rc = modal_fail_field(&err, MODAL_BAD_INPUT, "arguments", "no help on \"%.40s\"; accepted: "
+                              "help scene [TYPE], or VERB --help", args->word[1]);
+    else if (args->json)
+        rc = modal_fail_field(&err, MODAL_BAD_INPUT, "json", "help is text; accepted: no --json");
+    else
+        rc = scene_help(stdout, args->words > 2 ? args->word[2] : NULL, &err);
+    return rc == MODAL_OK ? 0 : outcome_failure(args->json, &err, NULL);
 }
 
 static const struct verb verbs[] = {
@@ -59,6 +76,7 @@ static const struct verb verbs[] = {
       TAKES_SIGNALS | TAKES_OPTIONS | TAKES_STREAM | TAKES_PUSH | TAKES_TIMEOUT, run_stream },
     { "replay", "FILE", "send a spill or ring file a simulation left", 1, 1, TAKES_TIMEOUT,
       run_replay },
+    { "help", "scene [TYPE]", "what a scene may hold: keys, units, laws", 1, 2, 0, run_help },
     { "keygen", "FILE [SERVER-KEY]", "a new pair of CURVE keys", 1, 2, 0, run_keygen },
     { "fsck", "DIR", "read a data folder whole, name what is damaged", 0, 1, TAKES_DATA, run_fsck },
     { "dump", "DIR", "every row of its ledger, a JSON object a line", 0, 1, TAKES_DATA, run_dump },

@@ -167,6 +167,88 @@ def test_live_windows_come_as_numbered_events_with_modes_and_verdict():
             assert abs(e["modes"][0]["frequency_rad_s"] - w) < 1e-6 * w and abs(e["modes"][0]["damping_ratio"] - z) < 1e-6
 
 
+def windows_told(client, until):
+    """Events of windows as they come, until UNTIL(all of them) is true."""
+    told = []
+    while not until(told):
+        reply = client.early.pop(0) if client.early else client.receive()
+        if reply.verb == "EVENT" and reply["event"] == "modes":
+            told.append(reply.header)
+    return told
+
+
+def test_streams_that_ask_for_more_windows_than_there_can_be_get_them_in_turn_and_what_is_left_out_is_counted():
+    """Ten streams push 960 samples each as fast as they can; a window of 256 is due every 8, which makes 89 a stream: far more than one worker does
+    meanwhile.  Between two windows of a stream no other has more than two, and told and skipped are the 89.  On the code of before whoever was opened
+    last had all of them, and nothing was counted."""
+    streams, samples, window, hop, channels = 10, 960, 256, 8, 4
+    due = (samples - window) // hop + 1
+    with Daemon(workers=1) as d:
+        c, sender = d.client(), d.client()
+        assert c.ask("EVENTS", kinds=["modes"]).ok
+        open_ = {f"turn{k}": c.ask("STREAM", op="open", name=f"turn{k}", channels=channels, dt=0.01, window={"samples": window, "hop": hop})["stream"]
+                 for k in range(streams)}
+        asked = []
+        for at in range(0, samples, hop):
+            for k, s in enumerate(open_.values()):
+                data = rows(at + 100 * k, hop, channels=channels)
+                asked.append(sender.send("STREAM", [data], op="push", stream=s, epoch=0, first=at, count=hop, crc32c=crc32c(data)))
+            while len(asked) > (0 if at + hop == samples else 400):      # fewer than may wait for one connection
+                assert sender.answer(asked.pop(0)).ok
+        told = windows_told(c, lambda told: len({e["stream"] for e in told if e["to"] >= samples - 1}) == streams)
+        for name in open_:
+            mine = [e for e in told if e["stream"] == name]
+            assert sum(1 + e["skipped"] for e in mine) == due
+            for one, next_ in zip(mine, mine[1:]):
+                between = [e["stream"] for e in told if one["number"] < e["number"] < next_["number"]]
+                assert all(between.count(other) <= 2 for other in open_)
+        stats = c.ask("STATS")["streams"]
+        assert stats["windows"] == len(told) and stats["skipped"] == sum(e["skipped"] for e in told) == streams * due - len(told)
+
+
+def test_jobs_are_done_while_streams_ask_for_more_windows_than_there_can_be():
+    """One worker, and a stream whose windows never end: on the code of before no job began until they did."""
+    window, hop = 256, 1
+    with Daemon(workers=1) as d:
+        c, sender = d.client(), d.client()
+        assert c.ask("EVENTS", kinds=["modes"]).ok
+        s = [c.ask("STREAM", op="open", name=f"greedy{k}", channels=8, dt=0.01, window={"samples": window, "hop": hop})["stream"] for k in range(3)]
+        job = None
+        for at in range(0, 4096, 8):
+            for one in s:
+                data = rows(at, 8, channels=8)
+                assert sender.ask("STREAM", [data], op="push", stream=one, epoch=0, first=at, count=8, crc32c=crc32c(data)).ok
+            if at == 512:
+                job = submit(sender)["job"]
+            if job is not None and sender.ask("STATUS", job=job)["state"] == "done":
+                break
+        else:
+            pytest.fail("the job did not begin while windows were due")
+
+
+def test_windows_go_on_after_a_restart_from_the_samples_that_are_durable():
+    """A window of 64 every 16 of 1,000 samples, killed at 500 with samples in between: the first window after it begins in those from before, and no window
+    that was due is untold but those counted.  On the code of before 64 new samples had to come."""
+    window, hop, kill, end = 64, 16, 500, 520
+    with Daemon(workers=1) as d:
+        c = d.client()
+        assert c.ask("EVENTS", kinds=["modes"]).ok
+        s = c.ask("STREAM", op="open", name="again", channels=2, dt=0.01, window={"samples": window, "hop": hop})["stream"]
+        for at in range(0, kill, 20):
+            assert push(c, s, 0, at, rows(at, 20)).ok
+        before = windows_told(c, lambda told: told and told[-1]["to"] >= kill - 1 - hop)
+        d.kill()
+        d.start()
+        c = d.client()
+        assert c.ask("EVENTS", kinds=["modes"], **{"from": 1}).ok
+        assert c.ask("STREAM", op="open", name="again", channels=2, dt=0.01, window={"samples": window, "hop": hop})["next"] == kill
+        assert push(c, s, 0, kill, rows(kill, end - kill)).ok
+        told = windows_told(c, lambda told: told and told[-1]["to"] >= end - 1)
+        first = told[len(before)]
+        assert kill - window <= first["from"] < kill and first["to"] < end
+        assert sum(1 + e["skipped"] for e in told) == (end - window) // hop + 1
+
+
 def decays(samples, dt, seed):
     """Three modes in three channels, amplitudes and phases without a pattern, white noise 40 dB below."""
     import numpy as np

@@ -96,6 +96,7 @@ enum task_type {
     /* the samples of an epoch into one batch: begin, write, sync, seal */
     TASK_STREAM_SEAL,
     TASK_SAMPLES_COMPARE,                 /* samples of an epoch with those of a chunk */
+    TASK_SAMPLES_READ,                    /* samples of an epoch, that lie without a gap */
     TASK_REMOVE_SAMPLES,
     TASK_ROOM,                            /* how much of the disk is free */
     TASK_RESULT_PUT, TASK_REMOVE_RESULT, TASK_READ_RESULT, TASK_READ_STDERR, TASK_READ_INPUT,
@@ -114,7 +115,7 @@ struct task {
     /* READ_SPOOL, READ_*: the part wanted; READ_EVENTS: after, most; BEGIN, SEAL: out */
     uint64_t offset, length;
     char user[NAME_MOST];                 /* READ_EVENTS: whose */
-    struct blob *text;                    /* RESULT_PUT: in; READ_*: out */
+    struct blob *text;                    /* RESULT_PUT: in; READ_*, SAMPLES_READ: out */
     /* out: the whole size; of ROOM, and of all that MODAL_STORAGE_FULL ended: bytes free */
     uint64_t total;
     uint32_t crcs[64];                    /* WRITE: of each chunk */
@@ -127,7 +128,7 @@ struct task {
         char *user, *topic, *text;
     } *events;
     int event_count;
-    int64_t stream; uint64_t epoch;       /* STREAM_SEAL, SAMPLES_COMPARE: in */
+    int64_t stream; uint64_t epoch;       /* STREAM_SEAL, SAMPLES_COMPARE, _READ: in */
     uint64_t missing;                     /* STREAM_SEAL: bytes of its gaps, in */
     /* STREAM_SEAL, between two slices: bytes of the batch, offset of what comes next */
     uint64_t written, next_segment;

@@ -337,30 +337,67 @@ static enum modal_status seal_slice(const char *dir, struct ledger_reader *reade
     return rc;
 }
 
-/* What SEGMENT has of the samples to be compared. */
-static enum modal_status compare_segment(void *context, const struct segment_record *segment)
+/* What SEGMENT has of the samples that are wanted is in r->block from *DATA on: [*FROM, *TO), which
+ * may be none. */
+static enum modal_status get_wanted(struct reading *r, const struct segment_record *segment,
+                                    uint64_t *from, uint64_t *to, const char **data)
 {
-    struct reading *r = context;
     struct task *task = r->task;
-    uint64_t size = 8 * task->shape.channels, end = task->begin + task->length, from, to;
-    enum modal_status rc;
+    uint64_t size = 8 * task->shape.channels, end = task->begin + task->length;
 
-    from = segment->first > task->begin ? segment->first : task->begin;
-    to = segment->first + segment->count < end ? segment->first + segment->count : end;
-    if (segment->epoch != task->epoch || from >= to || task->differs)
+    *from = segment->first > task->begin ? segment->first : task->begin;
+    *to = segment->first + segment->count < end ? segment->first + segment->count : end;
+    *data = r->block;
+    if (segment->epoch != task->epoch || *from >= *to) {
+        *to = *from;
         return MODAL_OK;
+    }
+    *data += (*from - segment->first) * size;
     if (segment->length != segment->count * size || segment->length > WIRE_CHUNK_MOST)
         return modal_fail(&task->err, MODAL_CORRUPT,
                           "a segment of stream %lld has %llu bytes for %llu samples",
                           (long long)task->stream, (unsigned long long)segment->length,
                           (unsigned long long)segment->count);
-    rc = samples_get(r->fd, segment, r->block, &task->err);
-    task->differs = rc == MODAL_OK
-                    && memcmp(r->block + (from - segment->first) * size,
-                              (const char *)task->chunks[0]->data + (from - task->begin) * size,
-                              (to - from) * size)
-                           != 0;
+    return samples_get(r->fd, segment, r->block, &task->err);
+}
+
+static enum modal_status compare_segment(void *context, const struct segment_record *segment)
+{
+    struct reading *r = context;
+    struct task *task = r->task;
+    uint64_t size = 8 * task->shape.channels, from, to;
+    const char *data;
+    enum modal_status rc = get_wanted(r, segment, &from, &to, &data);
+
+    if (rc == MODAL_OK && !task->differs)
+        task->differs = memcmp(data, (const char *)task->chunks[0]->data
+                                         + (from - task->begin) * size, (to - from) * size) != 0;
     return rc;
+}
+
+static enum modal_status copy_segment(void *context, const struct segment_record *segment)
+{
+    struct reading *r = context;
+    struct task *task = r->task;
+    uint64_t size = 8 * task->shape.channels, from, to;
+    const char *data;
+    enum modal_status rc = get_wanted(r, segment, &from, &to, &data);
+
+    if (rc == MODAL_OK)
+        memcpy((char *)task->text->data + (from - task->begin) * size, data, (to - from) * size);
+    return rc;
+}
+
+static enum modal_status read_samples(const char *dir, struct ledger_reader *reader,
+                                      struct task *task)
+{
+    struct reading r = { .task = task };
+    const size_t bytes = task->length * 8 * task->shape.channels;
+
+    task->text = blob_take(calloc(1, bytes), bytes);
+    if (task->text == NULL)
+        return modal_fail(&task->err, MODAL_NO_MEMORY, "out of memory");
+    return read_segments(dir, reader, &r, 0, copy_segment);
 }
 
 static enum modal_status compare_samples(const char *dir, struct ledger_reader *reader,
@@ -465,6 +502,7 @@ static enum modal_status do_task(struct spool_threads *s, struct ledger_reader *
     case TASK_CLOSE:         upload_close(task->upload); task->upload = NULL; return MODAL_OK;
     case TASK_REMOVE_INPUT:  return spool_remove(dir, task->id, &task->err);
     case TASK_SAMPLES_COMPARE: return compare_samples(dir, reader, task);
+    case TASK_SAMPLES_READ:  return read_samples(dir, reader, task);
     case TASK_REMOVE_SAMPLES: return samples_remove(dir, task->id, &task->err);
     case TASK_RESULT_PUT:    return put_result(dir, task);
     case TASK_REMOVE_RESULT: return ledger_result_remove(dir, task->id, &task->err);

@@ -167,6 +167,8 @@ static enum modal_status load_note(void *context, const struct note_record *r)
         stream_load_note(c, r);
     if (strcmp(r->topic, "tracks") == 0)
         window_load_tracks(c, r);
+    if (strcmp(r->topic, "window") == 0)
+        window_load_next(c, r);
     if (strcmp(r->topic, "cpu") == 0)
         user_load_note(c, r);
     if (strcmp(r->topic, "daemon") == 0 && strcmp(r->name, "draining") == 0)
@@ -230,6 +232,7 @@ struct actions *core_loaded(struct core *c, struct moment now)
     }
     tombstones_sort(c);
     uploads_go_on(c);
+    windows_recall(c);
     core_log(c, "level=notice event=replay jobs=%zu inputs=%zu queued=%lld", c->jobs->all.count,
              c->inputs->all.count, (long long)c->jobs->state_counts[JOB_QUEUED]);
     workers_fill(c);

@@ -69,6 +69,10 @@ void stats_write(const struct core *c, const struct user *user, bool all, cJSON 
     part = cJSON_AddObjectToObject(object, "spool");
     cJSON_AddNumberToObject(part, "bytes", (double)bytes);
     cJSON_AddNumberToObject(part, "uploads", (double)uploads);
+    part = cJSON_AddObjectToObject(object, "streams");
+    cJSON_AddNumberToObject(part, "windows", (double)c->slots->windows);
+    cJSON_AddNumberToObject(part, "skipped", (double)c->slots->windows_skipped);
+    cJSON_AddNumberToObject(part, "waiting", (double)c->slots->due_count);
     part = cJSON_AddObjectToObject(object, "ledger");
     cJSON_AddNumberToObject(part, "transactions", (double)c->counts.commits);
     cJSON_AddNumberToObject(part, "changes", (double)c->counts.committed_changes);
@@ -247,6 +251,13 @@ static void values(struct page *p, const struct core *c)
         { "stored_bytes", GAUGE, "Bytes of inputs and results.", (double)stored_in_all(c) },
         { "upload_bytes_waiting", GAUGE,
           "Bytes of chunks not yet on stable storage.", (double)inputs_in_flight(c) },
+        { "windows_total", COUNTER, "Live windows that a worker was given.",
+          (double)c->slots->windows },
+        { "windows_skipped_total", COUNTER,
+          "Live windows left out, for their turn had not come before the next was due.",
+          (double)c->slots->windows_skipped },
+        { "windows_waiting", GAUGE, "Streams whose window is due and waits for a worker.",
+          (double)c->slots->due_count },
         { "credit_stalls_total", COUNTER,
           "Chunks and pushes refused as beyond the credit.", (double)n->credit_stalls },
         { "ledger_bytes", GAUGE,

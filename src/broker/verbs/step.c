@@ -241,6 +241,9 @@ static void task_done(struct core *c, struct task *task)
     case TASK_SAMPLES_COMPARE:
         stream_compared(c, task);
         break;
+    case TASK_SAMPLES_READ:
+        window_recalled(c, task);
+        break;
     case TASK_RESULT_PUT:
         job_result_put(c, task);
         break;

@@ -83,7 +83,6 @@ static void note(struct transaction *t, const struct stream *s)
     free(printed);
 }
 
-
 static struct stream *make(struct core *c, struct user *user, const char *name,
                            const struct wire_input *w, const cJSON *window, int64_t id)
 {
@@ -226,7 +225,6 @@ static void append(struct stream *s, uint64_t first, uint64_t count, const char 
         s->run_from = first;
     }
     samples_note(s, first, count, data);
-    window_keep(s, first, count, data);
     put_segment(s, t, first, count, data, crc);
     s->next = first + count;
 }
@@ -523,6 +521,8 @@ static void end_segments(struct stream *s, struct transaction *t)
         (struct note_record) { .topic = "stream", .name = transaction_text(t, name) };
     transaction_add(t, LEDGER_NOTE_PUT)->note =
         (struct note_record) { .topic = "tracks", .name = transaction_text(t, name) };
+    transaction_add(t, LEDGER_NOTE_PUT)->note =
+        (struct note_record) { .topic = "window", .name = transaction_text(t, name) };
 }
 
 void stream_sealed(struct core *c, struct task *task)
@@ -666,6 +666,10 @@ void stream_after(struct core *c, struct after *after, struct transaction *t)
         s->in_flight -= after->length;
         s->durable_epoch = (uint64_t)after->attempts;
         s->durable = (uint64_t)after->value;
+        for (size_t i = 0; i < t->count; i++)
+            if (t->changes[i].verb == LEDGER_SEGMENT_PUT)
+                window_keep(s, &t->changes[i].segment);
+        window_offer(c, s);
     }
     answer_state(c, &after->reply, s);
     go_on(c, s);
@@ -721,10 +725,12 @@ void stream_load_segment(struct core *c, const struct segment_record *r)
     if (r->epoch == s->epoch) {
         bool any = s->segment_count > 0 && s->segments[s->segment_count - 1].epoch == s->epoch;
         if (!any)
-            s->begin = s->next = r->first;
-        if (r->first > s->next)
+            s->begin = s->next = s->run_from = r->first;
+        if (r->first > s->next) {
             gaps_add(s, s->next, r->first);
-        s->next = s->durable = s->run_from = r->first + r->count;
+            s->run_from = r->first;
+        }
+        s->next = s->durable = r->first + r->count;
     }
     segments_add(s, r->epoch, r->first, r->count);
 }
@@ -751,7 +757,7 @@ void streams_retain(struct core *c)
     while (*link != NULL) {
         struct stream *s = *link;
         bool over =
-            s->closed && !s->window.running
+            s->closed && !s->window.running && !s->window.queued
             && s->closed_ns + FORGOTTEN_S * SECOND <= c->now.mono_ns;
         if (over && s->commits_awaited == 0)
             s->commits_awaited = c->counts.commits + c->uncommitted;

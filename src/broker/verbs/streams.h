@@ -22,10 +22,13 @@ struct window {
     uint64_t samples, hop;                /* 0: the stream has none */
     uint64_t next;                        /* the index at which one is due */
     char *options;
-    char *recent;                         /* the last `samples` of the stream, by index % samples */
+    char *recent;                         /* the last durable ones, by index % samples */
     struct alarms *alarms;                /* NULL: none */
     char *tracks;                         /* as the latest worker told them; NULL: nothing yet */
     bool running;                         /* a worker has it, or had it before it is told dead */
+    bool queued; struct stream *behind;   /* among those that wait for a worker */
+    uint64_t skipped;                     /* left out since the one told last */
+    uint64_t here;                        /* no sample before this one is in `recent` */
     uint64_t epoch, from, to;             /* of the one that runs, or ran last */
     int slot; uint64_t process;           /* the worker that has its samples up to `to`; -1: none */
     int died;                             /* workers under the present one */

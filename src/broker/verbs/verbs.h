@@ -177,12 +177,21 @@ void window_init(struct stream *s, const cJSON *text, const struct wire_input *w
 void window_done(struct window *w);
 /* What was known of a stream's tracks when the daemon ended; once the stream is there. */
 void window_load_tracks(struct core *c, const struct note_record *r);
-/* Samples [first, first + count) are its latest. */
-void window_keep(struct stream *s, uint64_t first, uint64_t count, const char *data);
+/* SEGMENT is committed: its samples are the latest. */
+void window_keep(struct stream *s, const struct segment_record *segment);
 /* An epoch begins, or samples were taken back: windows begin anew. */
 void window_reset(struct stream *s);
-/* A window that is due, if any, to the idle worker of SLOT. */
-void window_start(struct core *c, int slot);
+/* Which window of a stream is due next; once the stream is there. */
+void window_load_next(struct core *c, const struct note_record *r);
+/* All is loaded: windows go on from the samples that are there. */
+void windows_recall(struct core *c);
+/* TASK_SAMPLES_READ has come back. */
+void window_recalled(struct core *c, struct task *task);
+/* S has more durable samples, or its worker is free again: where a window is due, it waits for
+ * a worker. */
+void window_offer(struct core *c, struct stream *s);
+/* A window that is due to the idle worker of SLOT; false: none is. */
+bool window_start(struct core *c, int slot);
 /* M, DONE or FAILED, is the end of SLOT's window. */
 void window_end(struct core *c, int slot, const struct wire_message *m);
 /* The worker of SLOT died under its window: once more on another, unless the window is to blame. */

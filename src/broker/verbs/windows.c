@@ -3,8 +3,12 @@
  * who watches
  *
  * A window is due when its last sample is on stable storage, every `hop` samples, and never over a
- * gap or an epoch.  It goes before all jobs, being small, and rather to the worker that had the
- * one before: that gets only what is new.  One that kills its worker goes to another,
+ * gap or an epoch.  Streams whose windows are due wait in one queue, and each gets its newest
+ * window in its turn; what came due before is left out, and counted.  A window goes rather to the
+ * worker that had the one before: that gets only what is new.  For this a worker looks through the
+ * first quarter of the queue for its own, so that who waits there is passed by a third of a turn at
+ * most.  Another worker takes it once the next one is due.  Windows go before jobs, being small,
+ * unless these have had less than half of the workers.  One that kills its worker goes to another,
  * LIVE_DEATHS_MOST times.
  */
 #include "broker/core/slots.h"
@@ -139,23 +143,88 @@ void window_done(struct window *w)
     alarms_free(w->alarms);
 }
 
-void window_keep(struct stream *s, uint64_t first, uint64_t count, const char *data)
+void window_keep(struct stream *s, const struct segment_record *segment)
 {
     struct window *w = &s->window;
+    const char *data = segment->data;
     uint64_t size = sample_bytes(s);
 
-    for (uint64_t i = 0; w->samples > 0 && i < count; i++) {
+    for (uint64_t i = 0; w->samples > 0 && i < segment->count; i++) {
         if (w->recent == NULL)
             w->recent = grab(w->samples * size);
-        memcpy(w->recent + (first + i) % w->samples * size, data + i * size, size);
+        memcpy(w->recent + (segment->first + i) % w->samples * size, data + i * size, size);
     }
 }
 
 void window_reset(struct stream *s)
 {
-    s->window.next = 0;
+    s->window.next = s->window.here = 0;
     s->window.slot = -1;
     alarms_reset(s->window.alarms);
+}
+
+/* ---- after a restart ------------------------------------------------------------------------- */
+
+void window_load_next(struct core *c, const struct note_record *r)
+{
+    const int64_t id = strtoll(r->name, NULL, 10);
+    cJSON *text = NULL;
+    double epoch = -1, next = 0;
+
+    if (json_read(r->text, strlen(r->text), &text, NULL) != MODAL_OK)
+        return;
+    json_get_number(text, "", "epoch", 0, WIRE_INTEGER_MOST, &epoch, NULL);
+    json_get_number(text, "", "next", 0, WIRE_INTEGER_MOST, &next, NULL);
+    cJSON_Delete(text);
+    for (struct stream *s = c->streams; s != NULL; s = s->next_stream)
+        if (s->id == id && (double)s->epoch == epoch)
+            s->window.next = (uint64_t)next;
+}
+
+/* S has samples from before the start: its windows go on from them. */
+static void recall(struct core *c, struct stream *s)
+{
+    struct window *w = &s->window;
+    uint64_t count = s->next - s->run_from < w->samples ? s->next - s->run_from : w->samples;
+    struct task *task;
+
+    w->here = s->next;
+    if (count == 0)
+        return;
+    task = task_new(TASK_SAMPLES_READ, 0);
+    task->owner = s;
+    task->stream = s->id;
+    task->epoch = s->epoch;
+    task->shape.channels = s->channels;
+    task->begin = s->next - count;
+    task->length = count;
+    core_task(c, task);
+}
+
+void windows_recall(struct core *c)
+{
+    for (struct stream *s = c->streams; s != NULL; s = s->next_stream)
+        if (s->window.samples > 0)
+            recall(c, s);
+}
+
+/* Samples that came meanwhile are newer, and may have the places of these. */
+void window_recalled(struct core *c, struct task *task)
+{
+    struct stream *s = task->owner;
+    struct window *w = &s->window;
+    const uint64_t size = sample_bytes(s), end = task->begin + task->length;
+
+    if (task->status != MODAL_OK || s->closed || task->epoch != s->epoch || w->here != end)
+        return;
+    if (w->recent == NULL)
+        w->recent = grab(w->samples * size);
+    for (uint64_t i = task->begin; i < end; i++)
+        if (i + w->samples >= s->durable)
+            memcpy(w->recent + i % w->samples * size,
+                   (const char *)task->text->data + (i - task->begin) * size, size);
+    w->here = task->begin;
+    window_offer(c, s);
 }
 
 /* ---- to a worker ----------------------------------------------------------------------------- */
@@ -163,9 +232,10 @@ void window_reset(struct stream *s)
 static bool is_due(struct stream *s)
 {
     struct window *w = &s->window;
-    uint64_t least = s->run_from + w->samples;
+    uint64_t least = (s->run_from > w->here ? s->run_from : w->here) + w->samples;
 
-    if (w->samples == 0 || s->closed || w->recent == NULL || !is_durable(s) || s->durable < least)
+    if (w->samples == 0 || s->closed || w->recent == NULL || s->durable_epoch != s->epoch
+        || s->durable < least)
         return false;
     if (w->next < least)
         w->next = least;
@@ -187,29 +257,68 @@ static bool is_awaited(const struct core *c, const struct stream *s)
         && (own->state == SLOT_IDLE || own->state == SLOT_TAKEN || own->live != NULL);
 }
 
-/* A stream whose window is due: one that this worker has, else one that no other worker is to go
- * on with. */
-static struct stream *due_for(struct core *c, int slot)
+void window_offer(struct core *c, struct stream *s)
 {
-    struct stream *found = NULL;
+    struct window *w = &s->window;
 
-    for (struct stream *s = c->streams; s != NULL; s = s->next_stream) {
-        if (s->window.running || !is_due(s))
+    if (w->queued || w->running || !is_due(s))
+        return;
+    w->queued = true;
+    w->behind = NULL;
+    *c->slots->due_end = s;
+    c->slots->due_end = &w->behind;
+    c->slots->due_count++;
+}
+
+/* The stream at *LINK of the queue, out of it. */
+static struct stream *unqueue(struct core *c, struct stream **link)
+{
+    struct stream *s = *link;
+
+    *link = s->window.behind;
+    if (c->slots->due_end == &s->window.behind)
+        c->slots->due_end = link;
+    s->window.queued = false;
+    c->slots->due_count--;
+    return s;
+}
+
+/* The next one is due as well. */
+static bool is_late(const struct stream *s)
+{
+    return s->durable - s->window.next >= s->window.hop;
+}
+
+/* The stream whose turn it is, out of the queue: one that the worker of SLOT has, if it is among
+ * the first quarter, else the first that this worker or none is to go on with. */
+static struct stream *take_due(struct core *c, int slot)
+{
+    struct stream **link = &c->slots->due, **found = NULL;
+
+    for (int n = 0; *link != NULL && (found == NULL || 4 * n < c->slots->due_count);) {
+        struct stream *s = *link;
+        if (!is_due(s)) {                          /* closed, or begun anew */
+            unqueue(c, link);
             continue;
-        if (has_window(c, s, slot))
-            return s;
-        if (found == NULL && !is_awaited(c, s))
-            found = s;
+        }
+        if (has_window(c, s, slot)) {
+            found = link;
+            break;
+        }
+        if (found == NULL && (!is_awaited(c, s) || is_late(s)))
+            found = link;
+        link = &s->window.behind;
+        n++;
     }
-    return found;
+    return found != NULL ? unqueue(c, found) : NULL;
 }
 
 /* The window that is due, as raw samples from *FIRST on: those before KNOWN are where they are
  * needed, unless that leaves a hole. */
-static struct blob *cut_window(struct stream *s, uint64_t known, uint64_t *first)
+static struct blob *cut_window(struct core *c, struct stream *s, uint64_t known, uint64_t *first)
 {
     struct window *w = &s->window;
-    uint64_t size = sample_bytes(s), count;
+    uint64_t size = sample_bytes(s), count, skipped;
     char *data;
 
     w->epoch = s->epoch;
@@ -220,8 +329,10 @@ static struct blob *cut_window(struct stream *s, uint64_t known, uint64_t *first
     data = grab(count * size);
     for (uint64_t i = 0; i < count; i++)
         memcpy(data + i * size, w->recent + (*first + i) % w->samples * size, size);
-    while (w->next <= s->durable)
-        w->next += w->hop;
+    skipped = (s->durable - w->next) / w->hop;
+    w->next += (skipped + 1) * w->hop;
+    w->skipped += skipped;
+    c->slots->windows_skipped += (int64_t)skipped;
     return blob_take(data, count * size);
 }
 
@@ -252,18 +363,18 @@ static cJSON *run_header(const struct stream *s, int attempt, uint64_t first)
     return header;
 }
 
-void window_start(struct core *c, int slot)
+bool window_start(struct core *c, int slot)
 {
     struct slot *worker = &c->slots->at[slot];
-    struct stream *s = due_for(c, slot);
+    struct stream *s = take_due(c, slot);
     struct window *w;
     struct blob *data;
     uint64_t first = 0;
 
     if (s == NULL)
-        return;
+        return false;
     w = &s->window;
-    data = cut_window(s, has_window(c, s, slot) ? w->to + 1 : 0, &first);
+    data = cut_window(c, s, has_window(c, s, slot) ? w->to + 1 : 0, &first);
     w->running = true;
     w->slot = slot;
     w->process = worker->process;
@@ -273,6 +384,7 @@ void window_start(struct core *c, int slot)
     worker->jobs++;
     worker->started_ns = worker->heard_ns = c->now.mono_ns;
     worker_send(c, slot, "RUN", run_header(s, worker->attempt, first), data);
+    return true;
 }
 
 bool window_late(const struct core *c, const struct slot *worker)
@@ -422,6 +534,20 @@ static void add_verdict(cJSON *text, const cJSON *document)
     }
 }
 
+/* Which one is due next, for a daemon that starts again. */
+static void note_told(const struct stream *s, struct transaction *t)
+{
+    char name[24], text[64];
+
+    if (s->window.epoch != s->epoch)
+        return;
+    snprintf(name, sizeof name, "%lld", (long long)s->id);
+    snprintf(text, sizeof text, "{\"epoch\":%llu,\"next\":%llu}", (unsigned long long)s->epoch,
+             (unsigned long long)s->window.next);
+    transaction_add(t, LEDGER_NOTE_PUT)->note =
+        (struct note_record) { "window", transaction_text(t, name), transaction_text(t, text) };
+}
+
 /* What a window gave, as a numbered event: the modes and the verdict of FOUND, the ERROR, or
  * both; either may be NULL. */
 static void tell_result(struct core *c, struct stream *s, const struct wire_frame *found,
@@ -442,7 +568,10 @@ static void tell_result(struct core *c, struct stream *s, const struct wire_fram
     if (error != NULL)
         cJSON_AddItemToObject(text, "error", cJSON_Duplicate(error, true));
     add_lag(text, s);
+    cJSON_AddNumberToObject(text, "skipped", (double)w->skipped);
+    s->window.skipped = 0;
     put_event(c, s, t, text);
+    note_told(s, t);
     put_edges(c, s, t, "track", cJSON_DetachItemFromObjectCaseSensitive(document, "track_edges"));
     put_edges(c, s, t, "alarm", edges);
     keep_tracks(s, t, cJSON_GetStringValue(
@@ -454,10 +583,11 @@ static void tell_result(struct core *c, struct stream *s, const struct wire_fram
 /* ---- its end --------------------------------------------------------------------------------- */
 
 /* The window is due again, unless an epoch has begun since, whose samples are others. */
-static void try_again(struct stream *s)
+static void try_again(struct core *c, struct stream *s)
 {
     if (s->epoch == s->window.epoch)
         s->window.next = s->window.to + 1;
+    window_offer(c, s);
 }
 
 /* A window that killed each worker that had it: who watches is told so. */
@@ -482,9 +612,10 @@ void window_died(struct core *c, int slot)
     s->window.running = false;
     s->window.slot = -1;
     if (++s->window.died < LIVE_DEATHS_MOST)
-        try_again(s);
+        try_again(c, s);
     else
         give_up(c, s);
+    window_offer(c, s);
 }
 
 void window_end(struct core *c, int slot, const struct wire_message *m)
@@ -496,6 +627,7 @@ void window_end(struct core *c, int slot, const struct wire_message *m)
 
     c->slots->at[slot].live = NULL;
     c->slots->at[slot].state = SLOT_TAKEN;
+    c->slots->windows_ns += c->now.mono_ns - c->slots->at[slot].started_ns;
     s->window.running = false;
     s->window.died = 0;
     if (told != NULL) {
@@ -504,8 +636,9 @@ void window_end(struct core *c, int slot, const struct wire_message *m)
         error = wire_error_object(&err, NULL);
     }
     if (told != NULL && strcmp(err.field, "live") == 0)
-        try_again(s);                              /* it dropped the window: once more, all of it */
+        try_again(c, s);               /* it dropped the window: once more, all of it */
     else
         tell_result(c, s, m->body_count > 0 ? &m->body[0] : NULL, error);
+    window_offer(c, s);
     cJSON_Delete(error);
 }

@@ -116,24 +116,46 @@ void job_input_read(struct core *c, struct task *task)
     run_on(c, job, job->slot, task->text);
 }
 
+/* A job to the worker of SLOT; false: none may start. */
+static bool job_start(struct core *c, int slot)
+{
+    struct user *user = user_next(c);
+
+    if (user != NULL)
+        start(c, job_by_id(c, heap_pop(&user->ready).order), slot);
+    return user != NULL;
+}
+
+/* Windows go first, unless they have had more than half: of the workers that are busy, or, where
+ * these are as many, of the time since both waited. */
+static bool windows_first(const struct core *c)
+{
+    int windows = 0, jobs = 0;
+
+    for (int slot = 0; slot < c->slots->count; slot++) {
+        windows += c->slots->at[slot].live != NULL;
+        jobs += c->slots->at[slot].job != NULL;
+    }
+    return windows < jobs || (windows == jobs && c->slots->windows_ns <= c->slots->jobs_ns);
+}
+
 void workers_schedule(struct core *c)
 {
     if (c->draining || c->terminating || c->now.mono_ns < c->disk.hold_until)
         return;
-    for (int slot = 0; slot < c->slots->count; slot++)
-        if (c->slots->at[slot].state == SLOT_IDLE)
-            window_start(c, slot);
     for (int slot = 0; slot < c->slots->count; slot++) {
-        struct user *user;
-        struct job *job;
+        bool first;
 
         if (c->slots->at[slot].state != SLOT_IDLE)
             continue;
-        user = user_next(c);
-        if (user == NULL)
-            return;
-        job = job_by_id(c, heap_pop(&user->ready).order);
-        start(c, job, slot);
+        first = windows_first(c);
+        if (first ? window_start(c, slot) : job_start(c, slot))
+            continue;
+        c->slots->windows_ns = c->slots->jobs_ns = 0;      /* the others do not wait */
+        if (first)
+            job_start(c, slot);
+        else
+            window_start(c, slot);
     }
 }
 
@@ -202,8 +224,10 @@ static void part(struct core *c, struct slot *s)
 {
     if (s->output != NULL)
         output_drop(c, s->output);
-    if (s->job != NULL)
+    if (s->job != NULL) {
         s->job->slot = -1;
+        c->slots->jobs_ns += c->now.mono_ns - s->started_ns;
+    }
     free(s->document);
     s->document = NULL;
     s->document_size = s->document_total = 0;

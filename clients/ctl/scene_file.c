@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "matrix_market.h"
 #include "signals.h"
 
 static const char *const matrices[] = { "M", "K", "C", "G", NULL };
@@ -54,18 +55,6 @@ out:
     return rc;
 }
 
-static cJSON *sparse_form(hsize_t m, hsize_t n, const double *pointers, const double *columns,
-                          const double *values, hsize_t count)
-{
-    cJSON *form = cJSON_CreateObject();
-
-    cJSON_AddItemToObject(form, "shape", json_numbers((double[]) { (double)m, (double)n }, 2));
-    cJSON_AddItemToObject(form, "row_pointers", json_numbers(pointers, m + 1));
-    cJSON_AddItemToObject(form, "columns", json_numbers(columns, count));
-    cJSON_AddItemToObject(form, "values", json_numbers(values, count));
-    return form;
-}
-
 /* The entries of a dense matrix that are not exactly 0. */
 static enum modal_status read_dense(hid_t file, const char *name, cJSON **out,
                                     struct modal_error *err)
@@ -92,7 +81,7 @@ static enum modal_status read_dense(hid_t file, const char *name, cJSON **out,
             }
     }
     pointers[dims[0]] = (double)count;
-    *out = sparse_form(dims[0], dims[1], pointers, columns, values, count);
+    *out = matrix_market_rows(dims[0], dims[1], pointers, columns, values, count);
 out:
     free(x); free(pointers); free(columns); free(values);
     return rc;
@@ -119,7 +108,7 @@ static enum modal_status read_csr(hid_t file, const char *name, cJSON **out,
             "group \"%s\": %llu pointers, %llu indices, %llu values do not belong together", name,
             (unsigned long long)n, (unsigned long long)indices, (unsigned long long)count);
     if (rc == MODAL_OK)
-        *out = sparse_form(n - 1, n - 1, pointers, columns, values, count);
+        *out = matrix_market_rows(n - 1, n - 1, pointers, columns, values, count);
     free(pointers); free(columns); free(values);
     if (group >= 0) H5Gclose(group);
     return rc;
@@ -181,6 +170,28 @@ static enum modal_status inline_file(cJSON *structure, const char *scene_path,
     return rc;
 }
 
+/* M, K, C, G that name Matrix Market files, in their place. */
+static enum modal_status inline_matrices(cJSON *structure, const char *scene_path,
+                                         struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+    char path[4096], field[24];
+
+    for (int i = 0; rc == MODAL_OK && matrices[i] != NULL; i++) {
+        const cJSON *name = cJSON_GetObjectItemCaseSensitive(structure, matrices[i]);
+        cJSON *matrix = NULL;
+
+        if (!cJSON_IsString(name))
+            continue;
+        snprintf(field, sizeof field, "structure.%s", matrices[i]);
+        beside(path, sizeof path, scene_path, name->valuestring);
+        rc = matrix_market_read(path, field, &matrix, err);
+        if (rc == MODAL_OK)
+            cJSON_ReplaceItemInObjectCaseSensitive(structure, matrices[i], matrix);
+    }
+    return rc;
+}
+
 enum modal_status scene_file_read(const char *path, cJSON **out, struct modal_error *err)
 {
     char *text = NULL;
@@ -199,8 +210,10 @@ enum modal_status scene_file_read(const char *path, cJSON **out, struct modal_er
         rc = modal_fail_field(err, MODAL_BAD_INPUT, "scene", "%s: accepted: a JSON object", path);
     if (rc == MODAL_OK) {
         inner = cJSON_GetObjectItemCaseSensitive(scene, "scene");
-        rc = inline_file(cJSON_GetObjectItemCaseSensitive(inner ? inner : scene, "structure"), path,
-                         err);
+        inner = cJSON_GetObjectItemCaseSensitive(inner ? inner : scene, "structure");
+        rc = inline_file(inner, path, err);
+        if (rc == MODAL_OK)
+            rc = inline_matrices(inner, path, err);
     }
     free(text);
     if (rc == MODAL_OK)

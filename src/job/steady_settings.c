@@ -13,6 +13,7 @@ static const char *const solutions[] = { "one", "all", NULL };
 
 enum {
     ITERATIONS_MOST = 1000000,       /* days of iteration: who wants more has mistyped */
+    REPORTED_ALL = 1000,             /* dofs up to which all are reported unasked */
     SUBHARMONICS_MOST = 64,          /* motions of higher order are not met in practice */
     THREADS_MOST = 256,              /* as identify */
     START_HARMONICS = 512            /* of a given start: more than a converged answer has */
@@ -56,7 +57,8 @@ const struct key_row steady_option_rows[] = {
     { "time", KEY_OWN, .low = 1, .high = ORBIT_SAMPLES_MOST, .form = "true|N",
       .meaning = "the waveform too, in N samples", .example = "64" },
     { "dofs", KEY_OWN, .form = "A,B",
-      .meaning = "those reported (default all)", .example = "x1,x2" },
+      .meaning = "those reported (default all; of more than 1000 those of laws, loads, sensors)",
+      .example = "x1,x2" },
     { "start", KEY_OWN, .form = "{\"A\":{\"k\":[1],\"re\":[1],\"im\":[0]}}",
       .meaning = "where to begin", .example = "{\"x1\":{\"k\":[1],\"re\":[1],\"im\":[0]}}" },
     { "threads", KEY_WHOLE, KEY_SILENT, AT(threads), .low = 1, .high = THREADS_MOST, .initial = "1",
@@ -226,16 +228,42 @@ static enum modal_status check_curve(const struct steady_settings *s, struct mod
     return MODAL_OK;
 }
 
-/* Without `dofs`, all. */
+/* Whether dof I is an end of a law, loaded or, where the scene names fewer sensors than dofs, one
+ * of theirs, into OF. */
+static void mark_ends(const struct program *p, bool *of)
+{
+    for (int l = 0; l < p->laws; l++)
+        for (int j = 0; j < p->law[l].kind->inputs; j++) {
+            if (p->law[l].dof[j] >= 0)
+                of[p->law[l].dof[j]] = true;
+            if (p->law[l].to[j] >= 0)
+                of[p->law[l].to[j]] = true;
+        }
+    for (int l = 0; l < p->loads; l++)
+        of[p->load[l].dof] = true;
+    for (int o = 0; p->outputs < p->n && o < p->outputs; o++)
+        for (int t = 0; t < p->output[o].count; t++)
+            if (p->output[o].terms[t].i % 4 != 3)       /* of dofs, not of linear states */
+                of[p->output[o].terms[t].j] = true;
+}
+
+/* Without `dofs`, all; of more than REPORTED_ALL those of laws, loads and sensors. */
 static enum modal_status report_all(const struct program *p, struct steady_settings *s,
                                     struct modal_error *err)
 {
+    bool *ends = calloc((size_t)p->n + 1, sizeof *ends);
+
     s->dofs = calloc((size_t)p->n + 1, sizeof *s->dofs);
-    if (s->dofs == NULL)
+    if (s->dofs == NULL || ends == NULL) {
+        free(ends);
         return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory for dofs");
+    }
+    if (p->n > REPORTED_ALL)
+        mark_ends(p, ends);
     for (int i = 0; i < p->n; i++)
-        s->dofs[i] = i;
-    s->dofs_count = p->n;
+        if (p->n <= REPORTED_ALL || ends[i])
+            s->dofs[s->dofs_count++] = i;
+    free(ends);
     return MODAL_OK;
 }
 

@@ -38,7 +38,7 @@ static void append(struct lowering *l, struct lowering_entries *e, int i, int j,
 int lowering_add_dof(struct lowering *l, const char *name)
 {
     struct program *p = l->p;
-    /* one a dof: 10000 at most */
+    /* one a dof: realloc grows in place or by pages */
     char **dofs = realloc(p->dofs, ((size_t)p->n + 1) * sizeof *dofs);
 
     if (dofs != NULL)

@@ -43,7 +43,7 @@
 #include "modal/scene/scene_key.h"
 
 enum {
-    LOWERING_DOFS_MOST = 10000,  /* what sparse steady states are made for */
+    LOWERING_DOFS_MOST = 100000, /* what sparse factors of a steady state are made for */
     LOWERING_ENTRIES_MOST = 20000000,  /* of a matrix: 320 MB as triplets */
     LOWERING_STATES_MOST = 2000,  /* dense, as stepping needs them */
     LOWERING_HARMONIC_MOST = 1000,  /* past any gear; k omega t keeps 12 digits */

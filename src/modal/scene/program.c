@@ -169,6 +169,11 @@ int program_states(const struct program *p)
 
 int program_dof(const struct program *p, const char *name)
 {
+    /* of default names x12 is the twelfth: looked at before all are searched */
+    long number = name[0] == 'x' ? strtol(name + 1, NULL, 10) : 0;
+
+    if (number >= 1 && number <= p->n && strcmp(p->dofs[number - 1], name) == 0)
+        return (int)number - 1;
     for (int i = 0; i < p->n; i++)
         if (strcmp(p->dofs[i], name) == 0)
             return i;

@@ -8,6 +8,10 @@
  *
  * The motion of linear dofs is recovered by factoring, only when asked for.
  *
+ * From SPARSE_LEAST linear dofs on L_rr has sparse factors in place of a band.  Of the solutions
+ * only the rows that condense_want names are kept, with S_k and p_k, until another omega: each
+ * harmonic is factored once, whatever orders are tried.
+ *
  * A load fixed in space, Re P e^{i k omega t}, on axes that turn at m omega, is on them Re P e^{i k
  * omega t} cos(m omega t) on its dof and `turn` times the like with sin on the other transverse
  * one, so
@@ -22,12 +26,14 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/linalg/sparse_lu.h"
+#include "modal/steady/budget.h"
 #include "modal/steady/condense_state.h"
 #include "modal/steady/pattern.h"
 
 enum {
-    DOFS_MOST = 20000,           /* a band of half of them is 9.6 GB: what fits is sparse or
-                                  * narrow */
+    SPARSE_LEAST = 2000,         /* a full band of as many is factored in seconds */
+    SOLVE_WORK = 40,             /* operations an entry of L_rr in a solution: its factors' fill */
     HARMONIC_LOADS_MOST = 8192   /* past any number of harmonics that is solved for */
 };
 /* Complex numbers kept for recovery: 2 GB. */
@@ -36,6 +42,8 @@ static const size_t KEEP_MOST = (size_t)1 << 27;
 static const double MULTIPLE = 1e-12;
 /* A pivot below so many roundings of its column's size may be 0. */
 static const double PIVOT = 4;
+/* The least pivot over the largest, of sparse factors, below which one may be 0. */
+static const double PIVOT_RATIO = 64 * DBL_EPSILON;
 
 /* Rows and columns of every entry of a matrix. */
 static void mark(const struct sparse *a, int *place)
@@ -190,20 +198,62 @@ static enum modal_status read_loads(struct condense *c, struct modal_error *err)
     return rc;
 }
 
+/* Sparse factors of L_rr, and every dof wanted. */
+static enum modal_status sparse_new(struct condense *c, struct modal_error *err)
+{
+    enum modal_status rc = pattern_new(c->p, c->spot, c->r, false, &c->linear, err);
+
+    if (rc == MODAL_OK)
+        rc = sparse_lu_new(c->r, c->linear->start, c->linear->index, true, &c->factors, err);
+    if (rc != MODAL_OK)
+        return rc;
+    c->value = workspace_zeros(&c->space, (size_t)pattern_entries(c->linear), sizeof *c->value);
+    c->column = workspace_zeros(&c->space, (size_t)c->order, sizeof *c->column);
+    c->seat = workspace_zeros(&c->space, (size_t)c->n, sizeof *c->seat);
+    if (c->space.failed)
+        return modal_fail(err, MODAL_NO_MEMORY, "condense: no memory for %d dofs", c->n);
+    condense_want(c, NULL, c->n);
+    return MODAL_OK;
+}
+
+/* What is kept of the last omega goes. */
+static void forget(struct condense *c)
+{
+    for (int k = 0; k < c->known; k++) {
+        free(c->harmonic[k].S);
+        free(c->harmonic[k].p);
+        free(c->harmonic[k].row);
+    }
+    c->known = 0;
+}
+
+void condense_want(struct condense *c, const int *dofs, int count)
+{
+    if (c->seat == NULL)
+        return;
+    forget(c);
+    c->seats = 0;
+    for (int i = 0; i < c->n; i++)
+        c->seat[i] = -1;
+    for (int i = 0; i < count; i++) {
+        int dof = dofs != NULL ? dofs[i] : i;
+
+        if (c->spot[dof] >= 0 && c->seat[dof] < 0)
+            c->seat[dof] = c->seats++;
+    }
+}
+
 enum modal_status condense_new(const struct program *p, enum condense_keep keep,
                                struct condense **out, struct modal_error *err)
 {
     struct condense *c;
-    enum modal_status rc;
+    enum modal_status rc = MODAL_OK;
 
     if (p->seen_fixed)
         return modal_fail_field(
             err, MODAL_BAD_INPUT, "structure.frame",
             "the damped ends of a massless shaft are states on turning axes: a steady state "
             "of it is found with structure.frame \"rotating\"");
-    if (p->n > DOFS_MOST)
-        return modal_fail_field(err, MODAL_TOO_LARGE, "structure",
-                                "%d dofs; a steady state takes at most %d", p->n, DOFS_MOST);
     c = calloc(1, sizeof *c);
     if (c == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "condense: no memory");
@@ -217,7 +267,14 @@ enum modal_status condense_new(const struct program *p, enum condense_keep keep,
         return modal_fail(err, MODAL_NO_MEMORY, "condense: no memory for %d dofs", p->n);
     }
     choose_kept(c, keep);
-    band_of(c);
+    if (c->r >= SPARSE_LEAST && p->n_linear == 0)
+        rc = sparse_new(c, err);
+    else
+        band_of(c);
+    if (rc != MODAL_OK) {
+        condense_free(c);
+        return rc;
+    }
     c->band = workspace_zeros(&c->space, (size_t)c->ld * (size_t)c->order, sizeof *c->band);
     c->right = workspace_zeros(&c->space, (size_t)c->order * ((size_t)c->q + 1), sizeof *c->right);
     c->pivot = workspace_zeros(&c->space, (size_t)c->order, sizeof *c->pivot);
@@ -240,6 +297,10 @@ void condense_free(struct condense *c)
 {
     if (c == NULL)
         return;
+    forget(c);
+    free(c->harmonic);
+    pattern_free(c->linear);
+    sparse_lu_free(c->factors);
     pattern_free(c->pattern);
     free(c->kept_right);
     workspace_free(&c->space);
@@ -251,12 +312,16 @@ int condense_kept(const struct condense *c) { return c->q; }
 const int *condense_dofs(const struct condense *c) { return c->kept; }
 const int *condense_place(const struct condense *c) { return c->place; }
 const struct pattern *condense_pattern(const struct condense *c) { return c->pattern; }
+double condense_work(const struct condense *c) { return c->work; }
 int condense_highest_load(const struct condense *c) { return c->highest; }
 
-/* L_rr(i, j) += value, in LAPACK's band storage with room for fill above. */
+/* L_rr(i, j) += value: in LAPACK's band storage, with room for fill above, or sparse. */
 static void set_band(struct condense *c, int i, int j, double complex value)
 {
-    c->band[(size_t)j * (size_t)c->ld + (size_t)(c->lower + c->upper + i - j)] += value;
+    if (c->linear != NULL)
+        c->value[pattern_find(c->linear, i, j)] += value;
+    else
+        c->band[(size_t)j * (size_t)c->ld + (size_t)(c->lower + c->upper + i - j)] += value;
 }
 
 /* One entry of Lambda: to the band, to the right-hand sides (sign kept), or to S. */
@@ -359,13 +424,35 @@ static bool all_zero(const double complex *x, int n)
     return true;
 }
 
+/* The same by sparse factors; false where they are singular to rounding. */
+static bool solve_sparse(struct condense *c)
+{
+    if (!sparse_lu_factor(c->factors, c->value) || sparse_lu_rcond(c->factors) < PIVOT_RATIO)
+        return false;
+    c->work += sparse_lu_work(c->factors) / BUDGET_DENSE;
+    for (int j = 0; j <= c->q; j++) {
+        double complex *b = c->right + (size_t)j * (size_t)c->order;
+
+        if (all_zero(b, c->order))
+            continue;
+        sparse_lu_solve(c->factors, b, c->column);
+        memcpy(b, c->column, (size_t)c->order * sizeof *b);
+        c->work += (double)SOLVE_WORK * pattern_entries(c->linear);
+    }
+    return true;
+}
+
 /* L_rr^-1 [L_rq, P_r] into c->right; a pivot that is rounding is told by its harmonic. */
 static enum modal_status solve_band(struct condense *c, int k, struct modal_error *err)
 {
-    int info, columns = c->q + 1;
+    int info = 0, columns = c->q + 1;
 
     if (c->order == 0 || all_zero(c->right, c->order * columns))
         return MODAL_OK;
+    if (c->linear != NULL) {
+        info = !solve_sparse(c);
+        goto out;
+    }
     for (int j = 0; j < c->order; j++) {
         c->size[j] = 0;                                /* the scale that a pivot is compared with */
         for (int i = c->lower; i < c->ld; i++)
@@ -377,14 +464,15 @@ static enum modal_status solve_band(struct condense *c, int k, struct modal_erro
         if (!(cabs(c->band[(size_t)j * (size_t)c->ld + (size_t)(c->lower + c->upper)])
               > PIVOT * DBL_EPSILON * c->size[j]))
             info = j + 1;
-    if (info != 0)
-        return modal_fail(err, MODAL_NO_CONVERGENCE,
-                          "the linear dofs are singular at harmonic %d: an undamped resonance, or "
-                          "a body that nothing holds",
-                          k);
-    LAPACKE_zgbtrs_work(LAPACK_COL_MAJOR, 'N', c->order, c->lower, c->upper, columns, c->band,
-                        c->ld, c->pivot, c->right, c->order);
-    return MODAL_OK;
+    if (info == 0)
+        LAPACKE_zgbtrs_work(LAPACK_COL_MAJOR, 'N', c->order, c->lower, c->upper, columns, c->band,
+                            c->ld, c->pivot, c->right, c->order);
+out:
+    return info == 0 ? MODAL_OK
+        : modal_fail(err, MODAL_NO_CONVERGENCE,
+                     "the linear dofs are singular at harmonic %d: an undamped resonance, or "
+                     "a body that nothing holds",
+                     k);
 }
 
 /* S_k and p_k of (2) by factoring, s = k omega; what recovery needs is kept. */
@@ -396,6 +484,8 @@ static enum modal_status factor_at(struct condense *c, int k, double s, double c
 
     /* dgbtrf destroyed the last one */
     memset(c->band, 0, (size_t)c->ld * (size_t)c->order * sizeof *c->band);
+    if (c->linear != NULL)
+        memset(c->value, 0, (size_t)pattern_entries(c->linear) * sizeof *c->value);
     memset(c->right, 0, size * sizeof *c->right);
     for (int t = 0; t < 3; t++)
         for (int i = 0; i < c->p->constant[t].m; i++)
@@ -417,6 +507,61 @@ static enum modal_status factor_at(struct condense *c, int k, double s, double c
     if (c->kept_right != NULL)
         memcpy(c->kept_right + (size_t)k * size, c->right, size * sizeof *c->right);
     return MODAL_OK;
+}
+
+/* Harmonic k of c->omega is known: S_k, p_k at level 1, and the rows wanted. */
+static enum modal_status learn(struct condense *c, int k, struct modal_error *err)
+{
+    size_t q = (size_t)c->q, entries = (size_t)pattern_entries(c->pattern);
+    double level = c->level;
+    struct condense_harmonic *h;
+    enum modal_status rc;
+
+    if (c->known == c->harmonics) {
+        size_t more = 2 * (size_t)c->harmonics + 16;
+
+        h = realloc(c->harmonic, more * sizeof *h);
+        if (h == NULL)
+            return modal_fail(err, MODAL_NO_MEMORY, "condense: no memory for a harmonic");
+        c->harmonic = h;
+        c->harmonics = (int)more;
+    }
+    h = &c->harmonic[c->known++];
+    *h = (struct condense_harmonic) { calloc(entries + 1, sizeof *h->S),
+                                      calloc(q + 1, sizeof *h->p),
+                                      calloc((size_t)c->seats * (q + 1) + 1, sizeof *h->row) };
+    if (h->S == NULL || h->p == NULL || h->row == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "condense: no memory for a harmonic");
+    c->level = 1;
+    rc = factor_at(c, k, k * c->omega, h->S, h->p, err);
+    c->level = level;
+    for (int i = 0; rc == MODAL_OK && i < c->n; i++)
+        for (size_t j = 0; c->seat[i] >= 0 && j <= q; j++)
+            h->row[j * (size_t)c->seats + (size_t)c->seat[i]] =
+                c->right[j * (size_t)c->order + (size_t)c->spot[i]];
+    return rc;
+}
+
+/* S and p of harmonics 0 .. H from those known, the others learnt. */
+static enum modal_status recall(struct condense *c, int H, double complex *S, double complex *p,
+                                struct modal_error *err)
+{
+    size_t q = (size_t)c->q, entries = (size_t)pattern_entries(c->pattern);
+    enum modal_status rc = MODAL_OK;
+
+    if (c->known_at != c->omega)
+        forget(c);
+    c->known_at = c->omega;
+    while (rc == MODAL_OK && c->known <= H)
+        rc = learn(c, c->known, err);
+    if (rc != MODAL_OK)
+        forget(c);
+    for (int k = 0; rc == MODAL_OK && k <= H; k++) {
+        memcpy(S + (size_t)k * entries, c->harmonic[k].S, entries * sizeof *S);
+        for (size_t i = 0; i < q; i++)
+            p[(size_t)k * q + i] = c->level * c->harmonic[k].p[i];
+    }
+    return rc;
 }
 
 /* Room for the solved right-hand sides of harmonics 0 .. H. */
@@ -448,7 +593,7 @@ enum modal_status condense_at(struct condense *c, double omega, double level, in
     int m;
     enum modal_status rc = turns_a_period(c, omega, &m, err);
 
-    if (rc == MODAL_OK && !c->reduced)
+    if (rc == MODAL_OK && !c->reduced && c->linear == NULL)
         rc = need_room(c, H, err);
     c->omega = omega;
     c->level = level;
@@ -458,6 +603,8 @@ enum modal_status condense_at(struct condense *c, double omega, double level, in
     memset(p, 0, q * ((size_t)H + 1) * sizeof *p);
     if (c->reduced)
         condense_reduced_at(c, H, S, p);
+    else if (rc == MODAL_OK && c->linear != NULL)
+        return recall(c, H, S, p, err);
     for (int k = 0; rc == MODAL_OK && !c->reduced && k <= H; k++)
         rc = factor_at(c, k, k * c->omega, S + (size_t)k * entries, p + (size_t)k * q, err);
     return rc;
@@ -481,36 +628,40 @@ static enum modal_status solve_for_recovery(struct condense *c, struct modal_err
 enum modal_status condense_recover(struct condense *c, int dof, int Hq, const double complex *Xq,
                                    int H, double complex *X, struct modal_error *err)
 {
-    size_t order = (size_t)c->order;
+    bool sparse = c->linear != NULL;
+    size_t order = (size_t)(sparse ? c->seats : c->order);
+    int row = sparse ? c->seat[dof] : c->spot[dof];
     enum modal_status rc;
 
     if (!c->solved && c->place[dof] < 0 && (rc = solve_for_recovery(c, err)) != MODAL_OK)
         return rc;
     /* Past Hq the kept dofs rest and only loads move the others. */
     for (int k = 0; k <= H; k++) {
-        const double complex *Y =
-            c->kept_right != NULL ? c->kept_right + (size_t)k * order * ((size_t)c->q + 1) : NULL;
+        const double complex *Y = sparse && k < c->known ? c->harmonic[k].row
+            : c->kept_right != NULL ? c->kept_right + (size_t)k * order * ((size_t)c->q + 1) : NULL;
 
         X[k] = 0;                                       /* no linear dofs: nothing was kept */
         if (c->place[dof] >= 0)
             X[k] = k <= Hq ? Xq[c->place[dof] * (Hq + 1) + k] : 0;
-        else if (Y != NULL) {
-            X[k] = Y[(size_t)c->q * order + (size_t)c->spot[dof]];  /* L_rr^-1 P_r */
+        else if (Y != NULL && row >= 0) {
+            /* L_rr^-1 P_r */
+            X[k] = (sparse ? c->level : 1) * Y[(size_t)c->q * order + (size_t)row];
             for (int j = 0; j < c->q && k <= Hq; j++)
                 /* - L_rr^-1 L_rq X_q */
-                X[k] -= Y[(size_t)j * order + (size_t)c->spot[dof]] * Xq[j * (Hq + 1) + k];
+                X[k] -= Y[(size_t)j * order + (size_t)row] * Xq[j * (Hq + 1) + k];
         }
     }
     return MODAL_OK;
 }
 
-/* The unknowns of harmonic k: dofs, then linear states. */
+/* The unknowns of harmonic k: dofs, then linear states; with sparse factors c->right has what they
+ * are made of. */
 static void unknowns_at(const struct condense *c, int k, const double complex *Xq,
                         double complex *x)
 {
     size_t order = (size_t)c->order;
-    const double complex *Y =
-        c->order > 0 ? c->kept_right + (size_t)k * order * ((size_t)c->q + 1) : NULL;
+    const double complex *Y = c->linear != NULL ? c->right
+        : c->order > 0 ? c->kept_right + (size_t)k * order * ((size_t)c->q + 1) : NULL;
 
     for (int i = 0; i < c->n + c->p->n_linear; i++) {
         int row = i < c->n ? c->spot[i] : c->r + i - c->n;
@@ -597,9 +748,11 @@ enum modal_status condense_residual(struct condense *c, const double complex *Xq
 {
     size_t all = (size_t)c->n + (size_t)c->p->n_linear;
     double complex *x = calloc(3 * all + 1, sizeof *x);
+    size_t q = (size_t)c->q, entries = (size_t)pattern_entries(c->pattern);
+    double complex *S = calloc(entries + q + 1, sizeof *S);    /* not asked for */
     double *peak = calloc(2 * (size_t)c->n + 1, sizeof *peak), states = 0;
     enum modal_status rc =
-        x == NULL || peak == NULL
+        x == NULL || peak == NULL || S == NULL
             ? modal_fail(err, MODAL_NO_MEMORY, "condense: no memory for a residual")
             : MODAL_OK;
 
@@ -607,6 +760,9 @@ enum modal_status condense_residual(struct condense *c, const double complex *Xq
     if (rc == MODAL_OK && !c->solved && c->order > 0)
         rc = solve_for_recovery(c, err);
     for (int k = 0; rc == MODAL_OK && k <= c->H; k++) {
+        if (c->linear != NULL
+            && (rc = factor_at(c, k, k * c->omega, S, S + entries, err)) != MODAL_OK)
+            break;
         unknowns_at(c, k, Xq, x);
         memset(x + all, 0, 2 * all * sizeof *x);
         add_residual(c, k, x, x + all, x + 2 * all, peak, out);
@@ -620,6 +776,7 @@ enum modal_status condense_residual(struct condense *c, const double complex *Xq
     /* Linear states have units of their own: they are compared by themselves. */
     out->rms = sqrt(out->rms);
     out->relative = fmax(out->scale > 0 ? out->relative / out->scale : 0, states);
+    free(S);
     free(x);
     free(peak);
     return rc;

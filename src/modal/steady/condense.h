@@ -49,6 +49,12 @@ void condense_free(struct condense *c);
  */
 enum modal_status condense_reduce(struct condense *c, bool *done, struct modal_error *err);
 
+/* The dofs that condense_recover is asked for, COUNT of them (NULL: all): of many linear dofs only
+ * theirs are held. */
+void condense_want(struct condense *c, const int *dofs, int count);
+/* Operations (budget.h) of sparse factors and their solutions so far. */
+double condense_work(const struct condense *c);
+
 /* q, how many dofs are kept. */
 int condense_kept(const struct condense *c);
 /* The q kept dofs, ascending; C owns them, as what the next two give. */
@@ -73,7 +79,8 @@ void condense_set_level(struct condense *c, double level);
 
 /*
  * The motion of one dof, X[0..H], of the kept ones' Xq[i (Hq+1) + k], at the omega and H of the
- * last condense_at; kept dofs are copied.  Harmonics past Hq of Xq count as 0.
+ * last condense_at; kept dofs are copied.  Harmonics past Hq of Xq count as 0; a dof that is not
+ * wanted, too.
  */
 enum modal_status condense_recover(struct condense *c, int dof, int Hq, const double complex *Xq,
                                    int H, double complex *X, struct modal_error *err);

@@ -26,6 +26,14 @@ struct condense {
                                       * kept */
     size_t kept_size;
     struct workspace space;          /* of the other arrays */
+    /* sparse: no band; harmonics 0 .. known - 1 of `known_at` are kept, for loads of level 1 */
+    struct pattern *linear;          /* of L_rr; NULL: a band */
+    struct sparse_lu *factors;
+    double complex *value, *column;  /* of `linear`; order, of a solution */
+    int *seat, seats;                /* of each dof among those recovered, or -1 */
+    struct condense_harmonic { double complex *S, *p, *row; } *harmonic;  /* row: seats x (q+1) */
+    int known, harmonics;            /* harmonics: places */
+    double known_at, work;           /* rad/s; operations of budget.h so far */
     /* modes */
     bool reduced, massless;          /* massless: M_rq = 0, one sum a pair */
     bool solved;                     /* kept_right is that of the last condense_at */

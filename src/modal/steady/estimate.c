@@ -45,8 +45,8 @@ enum {
     EXTENSIONS_OF_JUMPS = 40,   /* where they jump, each gains a factor alone */
     SHARP = 2048,               /* harmonics of the finest of three motions of rigid friction */
     LEVELS = 3,                 /* these */
-    WIDE_FEW = 16,              /* harmonics below which H2 is WIDE_LEAST, past it four times as
-                                 * many: */
+    WIDE_FEW = 16,              /* harmonics below which H2 is WIDE_LEAST, past it, and where each
+                                 * has sparse factors, four times as many: */
     WIDE_LEAST = 64,            /* harmonics that fall as k^-3 are 64 times smaller there */
     WIDEN = 4,   /* k^-3 falls to a 64th */
     WIDE_MORE = 64              /* where four times as many are too many */
@@ -202,7 +202,7 @@ static void estimate_done(struct estimate *e)
 static enum modal_status estimate_init(struct steady *s, const struct balance *b,
                                        struct estimate *e, struct modal_error *err)
 {
-    int H = b->H, H2 = H < WIDE_FEW                           ? WIDE_LEAST
+    int H = b->H, H2 = H < WIDE_FEW && condense_work(s->c) == 0 ? WIDE_LEAST
                        : WIDEN * H < ORBIT_HARMONICS_MOST / 2 ? WIDEN * H
                                                               : H + WIDE_MORE;
     long sampled = b->aft != NULL ? 2L * aft_samples(b->aft) : 0;

@@ -121,7 +121,7 @@ static int most_ends(const struct program *p, const int *place, int *count)
         for (int j = 0; j < 2 * law->kind->inputs; j++) {
             int dof = j % 2 == 0 ? law->dof[j / 2] : law->to[j / 2];
 
-            if (dof >= 0)
+            if (dof >= 0 && place[dof] >= 0)
                 at[ends++] = place[dof];
         }
         for (int j = 0; j < ends; j++)

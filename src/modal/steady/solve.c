@@ -35,6 +35,8 @@
  * that is meant for steps, not the balance's. */
 static const double PERIODIC = 10;
 static const double TOLERANCE_OF_STEPS = 1e-11;
+/* Operations that sparse factors may take a linear dof: half a minute for a hundred thousand. */
+static const double WORK_LINEAR = 3e5;
 enum {
     H_LEAST = 8,             /* the first H where the loads are low */
     H_AUTO_MOST = 256,       /* the last one that is tried unasked */
@@ -122,6 +124,8 @@ enum modal_status steady_new(const struct program *p, const struct steady_option
     s->opt = *opt;
     classify(s);
     rc = condense_new(p, structure(p, opt), &s->c, err);
+    if (rc == MODAL_OK && opt->dofs != NULL)
+        condense_want(s->c, opt->dofs, opt->dofs_count);
     if (rc == MODAL_OK)
         rc = check_options(s, err);
     if (rc != MODAL_OK) {
@@ -419,7 +423,10 @@ static bool last_order(const struct steady *s, int H, int most, double spent, bo
     /* Some steps, or what it cost and more. */
     double next = full ? STEPS_NEXT * steady_factor_work(s, 2 * H) : COST_NEXT * spent;
 
+    double linear = condense_work(s->c), allowed = WORK_LINEAR * (s->p->n - condense_kept(s->c));
+
     *wanting = s->budget.spent + next > s->budget.most  /* what the target still asks for */
+        || (linear > 0 && 2 * linear > allowed)         /* twice the harmonics */
         || (full && order > ORDER_AUTO_MOST);
     return H >= most || *wanting || (s->opt.samples > 0 && 4 * H >= s->opt.samples);
 }

@@ -18,7 +18,8 @@ struct matrices { const cJSON *M, *C, *K, *G, *dofs, *file; double speed; };
 
 static const struct scene_key keys[] = {
     { "M", SCENE_OWN, offsetof(struct matrices, M), "kg", .needed = true, .unless = "file",
-      .means = "mass: symmetric, positive definite; a list of rows, or sparse",
+      .means = "mass: symmetric, positive definite; a list of rows, sparse, or, as the others, a "
+      "Matrix Market file, which clients put in its place",
       .example = "[[2, 0], [0, 3]]" },
     { "C", SCENE_OWN, offsetof(struct matrices, C), "N s/m", .otherwise = "none",
       .means = "damping, of any form", .example = "[[0.1, 0], [0, 0.1]]" },

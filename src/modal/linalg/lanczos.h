@@ -35,7 +35,7 @@ struct lanczos_result {
  *   U    m x wanted, VT wanted x n: the vectors; x NULL: not wanted, each on its own
  *
  * The start vector is fixed, so the answer is the same every time.  Every new vector is
- * orthogonalised twice against all before it: no ghosts, and the vectors are orthonormal to
+ * orthogonalised against all before it: no ghosts, and the vectors are orthonormal to
  * rounding.  A breakdown (an invariant subspace) is continued with a fresh orthogonal vector; where
  * that one too is mapped to nothing above rounding, the rank is exhausted and the iteration ends.
  * Fails with what the operator fails with, MODAL_NO_MEMORY, MODAL_NO_CONVERGENCE (the small SVD).

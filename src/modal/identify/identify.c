@@ -378,12 +378,13 @@ static bool leaves_much(const struct pencil *p)
     return rest > ORDER_POOR * ORDER_POOR * p->energy;
 }
 
-/* Do signals fill the triplets, so that there may be more of them? Of many triplets, which Lanczos
- * ends as soon as it has their number, the last have not converged: they are less than the
- * signals, by a tenth of the number as seen. */
+/* Do signals fill the triplets, so that there may be more of them? Lanczos ends as soon as it has
+ * their number, and the last have not converged: they are less than the signals, by a tenth of the
+ * number as seen. Where what they leave is mostly more of the same, its edge is high as well, and
+ * half of the number above it are as many as few modes in noise do not have. */
 static bool signals_fill(const struct work *w, const struct pencil *p)
 {
-    int lag = w->many ? p->count / LAG : 0;
+    int lag = leaves_much(p) ? p->count / 2 : w->many ? p->count / LAG : 0;
 
     return pencil_signals(p) + lag + ORDER_AHEAD > p->count;
 }
@@ -398,12 +399,15 @@ static bool can_double(const struct work *w, const struct pencil *p)
         && side * k * k <= (w->many ? MANY_WORK : SIGNALS_WORK);
 }
 
-/* A response that noise drives has no end of signals: of those not even many are searched. */
+/* A response that noise drives has no end of signals: of those not even many are searched. Where
+ * they end, more than TRIPLETS_MOST are many, however little the first of them leave. */
 static void drop_endless(struct work *w, struct pencil *all)
 {
-    if (!w->many || !signals_fill(w, all))
+    bool endless = signals_fill(w, all), many = w->many;
+
+    w->many = !endless && (many || pencil_signals(all) > TRIPLETS_MOST);
+    if (!endless || !many)
         return;
-    w->many = false;
     if (all->s != w->pencil.s)
         pencil_done(all);
     *all = w->pencil;

@@ -8,9 +8,6 @@
 
 /* Standard errors, of two windows together: beyond them what differs has moved. */
 static const double ERRORS = 3;
-/* Part of its frequency that a mode may move from window to window and be the same, whatever its
- * errors. */
-static const double DRIFT = 0.05;
 
 static const cJSON *get(const cJSON *object, const char *key)
 {
@@ -28,22 +25,16 @@ static const char *verdict(const cJSON *event)
 }
 
 /* Errors that a window did not give are NaN: then nothing is said of the damping. */
-static const char *trend(const struct live_modes *before, double hertz, double hertz_std,
-                         double zeta, double zeta_std)
+static const char *trend(const struct live_modes *before, double track, double zeta, double std)
 {
-    int near = -1;
+    const struct live_mode *was = NULL;
 
     for (int i = 0; i < before->count; i++)
-        if (near < 0
-            || fabs(before->mode[i].hertz - hertz) < fabs(before->mode[near].hertz - hertz))
-            near = i;
-    if (near < 0)
+        if (before->mode[i].track == track)
+            was = &before->mode[i];
+    if (was == NULL)
         return "new";
-    double errors = fmax(hertz_std, 0) + fmax(before->mode[near].hertz_std, 0);    /* NaN: 0 */
-    if (!(fabs(before->mode[near].hertz - hertz) <= ERRORS * errors + DRIFT * hertz))
-        return "new";
-    double moved = zeta - before->mode[near].zeta,
-           bar = ERRORS * (zeta_std + before->mode[near].zeta_std);
+    double moved = zeta - was->zeta, bar = ERRORS * (std + was->std);
     if (isnan(bar))
         return "unknown";
     return moved > bar ? "rising" : moved < -bar ? "falling" : "steady";
@@ -59,15 +50,12 @@ void live_modes_trend(struct live_modes *modes, cJSON *event)
     if (now.epoch != modes->epoch)
         modes->count = 0;
     cJSON_ArrayForEach(mode, get(event, "modes")) {
-        double hertz = field_number(mode, "frequency_hz", NAN),
-               zeta = field_number(mode, "damping_ratio", NAN);
-        double hertz_std = field_number(get(mode, "std"), "frequency_hz", NAN);
-        double zeta_std = field_number(get(mode, "std"), "damping_ratio", NAN);
-        cJSON_AddStringToObject(mode, "trend", trend(modes, hertz, hertz_std, zeta, zeta_std));
-        if (now.count < LIVE_MODES && isfinite(hertz) && isfinite(zeta)) {
-            now.mode[now.count].hertz = hertz, now.mode[now.count].hertz_std = hertz_std;
-            now.mode[now.count].zeta = zeta, now.mode[now.count++].zeta_std = zeta_std;
-        }
+        struct live_mode own = { field_number(mode, "track", NAN),
+                                 field_number(mode, "damping_ratio", NAN),
+                                 field_number(get(mode, "std"), "damping_ratio", NAN) };
+        cJSON_AddStringToObject(mode, "trend", trend(modes, own.track, own.zeta, own.std));
+        if (now.count < LIVE_MODES && isfinite(own.zeta))
+            now.mode[now.count++] = own;
     }
     *modes = now;
 }
@@ -92,7 +80,10 @@ void live_modes_show(const cJSON *event)
         printf(" %-9s", verdict(event));
     cJSON_ArrayForEach(mode, get(event, "modes")) {
         const cJSON *std = get(mode, "std");
-        printf("  %.6g Hz", field_number(mode, "frequency_hz", NAN));
+        printf(" ");
+        if (cJSON_HasObjectItem(mode, "track"))
+            printf(" [%.0f]", field_number(mode, "track", NAN));
+        printf(" %.6g Hz", field_number(mode, "frequency_hz", NAN));
         show_error(field_number(std, "frequency_hz", NAN));
         printf("  zeta %.5g", field_number(mode, "damping_ratio", NAN));
         show_error(field_number(std, "damping_ratio", NAN));
@@ -126,7 +117,8 @@ static void head(FILE *to, const char *name, const char *help)
     fprintf(to, "# HELP modald_stream_%s %s\n# TYPE modald_stream_%s gauge\n", name, help, name);
 }
 
-/* A gauge of each mode: KEY of it, or of its `std`. */
+/* A gauge of each mode: KEY of it, or of its `std`.  `mode` is the number of its track too, as what
+ * stays with it; of a daemon that tells none, its place. */
 static void of_modes(FILE *to, const cJSON *event, const char *stream, const char *name,
                      const char *help, bool std, const char *key)
 {
@@ -136,10 +128,10 @@ static void of_modes(FILE *to, const cJSON *event, const char *stream, const cha
     head(to, name, help);
     cJSON_ArrayForEach(mode, get(event, "modes")) {
         double value = field_number(std ? get(mode, "std") : mode, key, NAN);
+        double track = field_number(mode, "track", i++);
         if (isfinite(value))
-            fprintf(to, "modald_stream_%s{stream=\"%s\",mode=\"%d\"} %.17g\n", name, stream, i,
-                    value);
-        i++;
+            fprintf(to, "modald_stream_%s{stream=\"%s\",mode=\"%.0f\",track=\"%.0f\"} %.17g\n",
+                    name, stream, track, track, value);
     }
 }
 
@@ -172,7 +164,7 @@ enum modal_status live_modes_prometheus(const char *path, const cJSON *event,
         return MODAL_BAD_INPUT;
     label(stream, sizeof stream, field_word(event, "stream", "-"));
     of_modes(out.file, event, stream, "frequency_hertz",
-             "Frequency of a mode of the last live window, modes in the order of the result.",
+             "Frequency of a mode of the last live window, by its track.",
              false, "frequency_hz");
     of_modes(out.file, event, stream, "frequency_std_hertz", "Its standard error.", true,
              "frequency_hz");

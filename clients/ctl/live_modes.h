@@ -1,12 +1,11 @@
 /* live_modes.h - what a watcher reads of a stream's windows: each mode with its trend, as a line,
  * and as Prometheus text
  *
- * The trend of a mode is that of its damping ratio zeta since the window before, in which its
- * frequency f is the nearest one:
+ * The trend of a mode is that of its damping ratio zeta since the window before:
  *
  *     falling, rising   |zeta - zeta'| > 3 (s + s')                  steady   within that
  *     unknown           one of the two windows gives no s: no fit that converged, or no free decay
- *     new               no mode there within 3 (s_f + s_f') + 5 % of f, or an epoch's first window
+ *     new               its track was not there, or an epoch's first window
  *
  * with s the standard errors.  Their sum, not the root of their squares: samples that two windows
  * share are at the end of one and at the start of the other and have opposite weights in the two
@@ -19,10 +18,10 @@
 
 enum { LIVE_MODES = 256 };                /* of a window remembered */
 
+struct live_mode { double track, zeta, std; };
+
 struct live_modes {
-    struct {
-        double hertz, hertz_std, zeta, zeta_std;
-    } mode[LIVE_MODES];
+    struct live_mode mode[LIVE_MODES];
     int count;
     double epoch;
 };

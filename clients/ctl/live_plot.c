@@ -32,6 +32,7 @@ static bool add_window(struct live_plot *plot, const cJSON *event)
                                 field_number(std, "frequency_hz", 0),
                                 field_number(mode, "damping_ratio", NAN),
                                 field_number(std, "damping_ratio", 0),
+                                field_number(mode, "track", NAN),
                                 unstable };
         if (isnan(dot.hertz) || isnan(dot.zeta))
             continue;
@@ -42,13 +43,34 @@ static bool add_window(struct live_plot *plot, const cJSON *event)
     return true;
 }
 
+static double height(const struct live_dot *d, bool damping)
+{
+    return damping ? d->zeta : d->hertz;
+}
+
+/* From each dot to the next one of its track. */
+static void draw_tracks(struct svg *svg, const struct svg_panel *p, const struct live_plot *plot,
+                        bool damping)
+{
+    const struct live_dot *end = plot->dots + plot->count;
+
+    for (const struct live_dot *d = plot->dots; d < end; d++) {
+        const struct live_dot *next = d + 1;
+        while (next < end && next->track != d->track)
+            next++;
+        if (next < end)
+            svg_line(svg, p, (double[]) { d->at, next->at },
+                     (double[]) { height(d, damping), height(next, damping) }, 2, SVG_THIN);
+    }
+}
+
 static void draw(struct svg *svg, const struct live_plot *plot, const char *label, bool damping)
 {
     struct svg_panel p = { empty, empty };
 
     p.x.label = plot->seconds ? "end of the window, s" : "last sample", p.y.label = label;
     for (const struct live_dot *d = plot->dots; d < plot->dots + plot->count; d++) {
-        double y = damping ? d->zeta : d->hertz, bar = damping ? d->zeta_std : d->hertz_std;
+        double y = height(d, damping), bar = damping ? d->zeta_std : d->hertz_std;
         svg_hold(&p.x, d->at);
         svg_hold(&p.y, y - bar), svg_hold(&p.y, y + bar);
     }
@@ -58,8 +80,9 @@ static void draw(struct svg *svg, const struct live_plot *plot, const char *labe
     svg_panel(svg, &p);
     if (damping)
         svg_line(svg, &p, (double[]) { p.x.low, p.x.high }, (double[]) { 0, 0 }, 2, SVG_THIN);
+    draw_tracks(svg, &p, plot, damping);
     for (const struct live_dot *d = plot->dots; d < plot->dots + plot->count; d++) {
-        double y = damping ? d->zeta : d->hertz;
+        double y = height(d, damping);
         svg_bar(svg, &p, d->at, y, 0, damping ? d->zeta_std : d->hertz_std);
         svg_dot(svg, &p, d->at, y, !d->unstable);
     }

@@ -19,9 +19,19 @@ static void show_alarm(const cJSON *event)
 
     if (cJSON_HasObjectItem(event, "rule"))
         printf(" %s", field_word(event, "rule", "-"));
+    if (mode != NULL && cJSON_HasObjectItem(mode, "track"))
+        printf("  [%.0f]", field_number(mode, "track", NAN));
     if (mode != NULL)
         printf("  %.6g Hz  zeta %.5g +- %.1e", field_number(mode, "frequency_hz", NAN),
                field_number(mode, "damping_ratio", NAN), field_number(std, "damping_ratio", NAN));
+}
+
+static void show_track(const cJSON *event)
+{
+    if (cJSON_HasObjectItem(event, "track"))
+        printf("  [%.0f]  %.6g Hz  zeta %.5g", field_number(event, "track", NAN),
+               field_number(event, "frequency_hz", NAN),
+               field_number(event, "damping_ratio", NAN));
 }
 
 static void show_event(const cJSON *event)
@@ -34,6 +44,7 @@ static void show_event(const cJSON *event)
         printf(" %s", field_word(event, "state", "-"));
     live_modes_show(event);
     show_alarm(event);
+    show_track(event);
     if (error != NULL)
         printf("  %s: %s", field_word(error, "code", "-"), field_word(error, "message", "-"));
     putchar('\n');

@@ -58,6 +58,30 @@ def test_a_watcher_sees_damping_fall_and_the_gaps_and_the_lag_of_each_window(cha
     assert all(line["lag"] == {"samples": 0, "bytes": 0} for line in lines)
 
 
+def test_trend_and_gauges_follow_the_track_when_modes_change_places(tmp_path):
+    """0.3 Hz decays past 1.1 Hz within six windows: the first mode of a window is another one then, and neither is ever new again."""
+    rng, t, file = np.random.default_rng(4), DT * np.arange(6 * WINDOW), tmp_path / "a.prom"
+    y = np.exp(-0.02 * 2 * np.pi * 0.3 * t) * np.cos(2 * np.pi * 0.3 * t) + 0.3 * np.exp(-0.003 * t) * np.cos(2 * np.pi * 1.1 * t)
+    y += 1e-4 * rng.standard_normal(len(t))
+    with Daemon(workers=1) as d:
+        c = d.client()
+        c.ask("EVENTS", stream="changing", kinds=["modes"])
+        s = c.ask("STREAM", op="open", name="changing", channels=1, dt=DT, window={"samples": WINDOW, "hop": WINDOW, "options": {"rank.fixed": 4}})["stream"]
+        for k in range(6):
+            piece = y[k * WINDOW:(k + 1) * WINDOW].tobytes()
+            assert c.ask("STREAM", [piece], op="push", stream=s, epoch=0, first=k * WINDOW, count=WINDOW, crc32c=crc32c(piece)).ok
+            assert (c.early.pop(0) if c.early else c.receive()).header["event"] == "modes"
+        c.close()
+        last = 6 * WINDOW - 1
+        told = watched(d, "changing", "--prometheus", file, until=lambda lines: file.exists() and gauges(file)["last_sample", None] == last)
+        told = [e for e in told if e["event"] == "modes"]
+        assert told[0]["modes"][0]["frequency_hz"] < 1 < told[5]["modes"][0]["frequency_hz"]
+        assert [m["trend"] for e in told[1:] for m in e["modes"]].count("new") == 0
+        of = {m["track"]: m["frequency_hz"] for m in told[0]["modes"]}
+        assert all(abs(of[m["track"]] - m["frequency_hz"]) < 0.05 for e in told for m in e["modes"])
+        assert all(abs(gauges(file)["frequency_hertz", str(n)] - hz) < 0.05 for n, hz in of.items())
+
+
 def test_a_window_says_when_it_ended_in_seconds(changing):
     """On its line too: the last sample of the first window, DT apart from one to the next."""
     assert all(line["dt"] == DT for line in five_windows(changing))
@@ -85,6 +109,7 @@ def test_the_last_window_is_a_file_of_gauges_that_is_replaced_whole(changing, tm
     last = gauges(file)
     assert last["damping_ratio", "0"] == told["modes"][0]["damping_ratio"] and abs(last["damping_ratio", "0"] - 0.005) < 1e-5
     assert last["frequency_std_hertz", "0"] == told["modes"][0]["std"]["frequency_hz"]
+    assert f'mode="{told["modes"][0]["track"]}",track="{told["modes"][0]["track"]}"' in file.read_text()
     assert (last["verdict", None], last["last_sample", None], last["gaps", None], last["gap_samples", None], last["lag_samples", None]) == (1, 1049, 1, 50, 0)
     assert not list(tmp_path.glob("*.new"))
 

@@ -155,6 +155,7 @@ static enum modal_status direct_init(struct direct_work *w, const struct balance
 {
     size_t q = (size_t)b->q, K = (size_t)b->H + 1;
 
+    *w = (struct direct_work) { 0 };
     w->rhs = workspace_zeros(&w->space, q + 1, sizeof *w->rhs);
     w->best = workspace_zeros(&w->space, q * K + 1, sizeof *w->best);
     w->step = workspace_zeros(&w->space, (size_t)b->order, sizeof *w->step);

@@ -106,7 +106,7 @@ static enum modal_status dense_map(struct linear_stepper *s, double h, struct ma
         for (size_t i = 0; i < N; i++)
             s->augmented[i + (N + j) * size] = h * s->BP[i + j * N];  /* B P */
         for (size_t i = 0; i < nw; i++)
-            s->augmented[N + i + (N + j) * size] = h * s->src->S[i + j * nw];  /* (1), lower right */
+            s->augmented[N + i + (N + j) * size] = h * s->src->S[i + j * nw]; /* (1), lower right */
     }
     rc = expm_driven(s->exponential, (int)N, s->augmented, s->result, err);
     for (size_t j = 0; rc == MODAL_OK && j < size; j++)

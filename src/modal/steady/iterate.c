@@ -204,7 +204,7 @@ enum modal_status iterate_direct(struct balance *b, const struct iterate_options
                                  double complex *X, struct iterate_report *report,
                                  struct modal_error *err)
 {
-    struct direct_work w = { 0 };
+    struct direct_work w;
     enum modal_status rc = direct_init(&w, b, err);
 
     *report = (struct iterate_report) { .reason = "direct iteration did not settle",

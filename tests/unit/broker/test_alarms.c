@@ -31,7 +31,8 @@ static const char *edges_of(struct alarms *a, int i, int count, const double *hz
 
     for (int k = 0; k < count; k++)
         at += snprintf(text + at, sizeof text - (size_t)at,
-                       "%s{\"track\":%d,\"frequency_hz\":%g,\"damped_frequency_rad_s\":6,\"damping_ratio\":%g,"
+                       "%s{\"track\":%d,\"frequency_hz\":%g,"
+                       "\"damped_frequency_rad_s\":6,\"damping_ratio\":%g,"
                        "\"exponent\":[%g,6],\"std\":{\"frequency_hz\":0.001,\"damping_ratio\":%g}}",
                        k > 0 ? "," : "", (int)hz[k], hz[k], zeta[k], -6 * zeta[k], std);
     snprintf(text + at, sizeof text - (size_t)at, "]}");

@@ -1,4 +1,4 @@
-/* What is known of tracks, as text: nothing that decides is lost in it, and no other text is one. */
+/* What is known of tracks, as text: nothing that decides is lost, and no other text is one. */
 #include "job/tracks_text.h"
 #include "check.h"
 #include "signals.h"

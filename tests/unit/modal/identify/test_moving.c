@@ -543,8 +543,8 @@ TEST(a_nan_is_refused_as_a_batch_refuses_it_and_what_follows_is_updated)
     }
 }
 
-/* Three to five modes that all grow by 0.15 per s, in windows of 6 s, and nothing else: what fits to
- * rounding is no motion set off anew, however many modes it takes. */
+/* Three to five modes that all grow by 0.15 per s, in windows of 6 s, and nothing else: what fits
+ * to rounding is no motion set off anew, however many modes it takes. */
 TEST(exact_growth_of_many_modes_is_unstable_in_every_window)
 {
     enum { L = 240, HOP = 60, WINDOWS = 9 };

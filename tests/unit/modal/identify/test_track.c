@@ -105,7 +105,7 @@ static struct stream make_stream(enum story story, uint64_t seed, int modes)
         s.mode[i] = mode_at(&s, i == 0 ? 0.4 : s.mode[i - 1].hertz + apart * line);
         s.mode[i].turn = i % 3 == 2 ? line * random_uniform(&s.r) : 0;
     }
-    if (story == CROSSING) {             /* they meet in the middle, up to a line's width a window */
+    if (story == CROSSING) {             /* they meet in the middle, by a line's width a window */
         double hops = (double)s.windows * s.hop / LENGTH;
         double speed = line * (0.1 + 0.5 * random_uniform(&s.r));
         s.mode[1].hertz = s.mode[0].hertz + speed * hops;
@@ -116,7 +116,7 @@ static struct stream make_stream(enum story story, uint64_t seed, int modes)
         s.mode[0].hidden = 5, s.mode[0].shown = 5 + 8 * random_uniform(&s.r), s.mode[0].turn = 0;
     if (story == NEW)                    /* one ends, and another begins beside it */
         s.mode[1].begin = 4, s.mode[0].end = 3 + 3 * random_uniform(&s.r);
-    if (story == MERGING) {              /* from then on the two are one line, and it is the first's */
+    if (story == MERGING) {              /* then the two are one line, and it is the first's */
         s.mode[1].hertz = s.mode[0].hertz + 3 * line;
         s.mode[1].drift = -line / 4, s.mode[1].end = 10;
         s.mode[1].turn = s.mode[0].turn = 0;

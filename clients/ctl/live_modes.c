@@ -24,7 +24,7 @@ static const char *verdict(const cJSON *event)
                                    : "-";
 }
 
-/* Errors that a window did not give are NaN: then nothing is said of the damping. */
+/* A track or errors that a window did not give are NaN: then nothing is said of the damping. */
 static const char *trend(const struct live_modes *before, double track, double zeta, double std)
 {
     const struct live_mode *was = NULL;
@@ -33,7 +33,7 @@ static const char *trend(const struct live_modes *before, double track, double z
         if (before->mode[i].track == track)
             was = &before->mode[i];
     if (was == NULL)
-        return "new";
+        return isnan(track) ? "unknown" : "new";
     double moved = zeta - was->zeta, bar = ERRORS * (std + was->std);
     if (isnan(bar))
         return "unknown";

@@ -4,7 +4,8 @@
  * The trend of a mode is that of its damping ratio zeta since the window before:
  *
  *     falling, rising   |zeta - zeta'| > 3 (s + s')                  steady   within that
- *     unknown           one of the two windows gives no s: no fit that converged, or no free decay
+ *     unknown           one of the two windows gives no s: no fit that converged, or no free decay;
+ *                       or its daemon is older than tracks
  *     new               its track was not there, or an epoch's first window
  *
  * with s the standard errors.  Their sum, not the root of their squares: samples that two windows

@@ -21,7 +21,7 @@ static struct ledger *ledger;
 static void start(void)
 {
     static const double x[2] = { 2.5, -3.75 };
-    static char names[STREAMS + 1][8];
+    static char names[STREAMS + 1][12];
     struct ledger_change changes[3 * (STREAMS + 1)],
                          settle = { .verb = LEDGER_SAMPLES_SETTLE };
     int n = 0;

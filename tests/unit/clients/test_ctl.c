@@ -275,28 +275,30 @@ TEST(text_without_numbers_is_no_batch)
 }
 
 /* Two windows 30 % apart in damping; the second's errors are known,
- * or null as of a fit that did not converge. */
-TEST(without_errors_a_window_has_no_trend)
+ * or null as of a fit that did not converge; or an older daemon tells no track. */
+TEST(without_errors_or_a_track_a_window_has_no_trend)
 {
-    static const char *const of[] = { "\"frequency_hz\":1e-3,\"damping_ratio\":1e-4",
-                                      "\"frequency_hz\":null,\"damping_ratio\":null" };
-    static const char *const expected[] = { "rising", "unknown" };
+    static const struct { const char *track, *std, *first, *second; } of[] = {
+        { "\"track\":7,", "\"damping_ratio\":1e-4", "new", "rising" },
+        { "\"track\":7,", "\"damping_ratio\":null", "new", "unknown" },
+        { "", "\"damping_ratio\":1e-4", "unknown", "unknown" },
+    };
 
-    for (int i = 0; i < 2; i++) {
+    for (int i = 0; i < 3; i++) {
         static struct live_modes modes;
         char text[2][256];
 
         modes = (struct live_modes) { .count = 0 };
         for (int k = 0; k < 2; k++) {
             snprintf(text[k], sizeof text[k],
-                     "{\"modes\":[{\"frequency_hz\":2,\"damping_ratio\":%g,\"std\":{%s}}]}",
-                     0.01 + 0.003 * k, of[i * k]);
+                     "{\"modes\":[{%s\"frequency_hz\":2,\"damping_ratio\":%g,\"std\":{%s}}]}",
+                     of[i].track, 0.01 + 0.003 * k, k == 0 ? of[0].std : of[i].std);
             cJSON *event = cJSON_Parse(text[k]);
             live_modes_trend(&modes, event);
             const cJSON *mode = cJSON_GetArrayItem(cJSON_GetObjectItemCaseSensitive(event, "modes"),
                                                    0);
             const char *trend = cJSON_GetObjectItemCaseSensitive(mode, "trend")->valuestring;
-            CHECK_STRING(trend, k == 0 ? "new" : expected[i]);
+            CHECK_STRING(trend, k == 0 ? of[i].first : of[i].second);
             cJSON_Delete(event);
         }
     }

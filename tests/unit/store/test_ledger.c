@@ -430,12 +430,12 @@ static long writes_of_this_process(void)
 }
 
 /* 40 notes of streams, and a group of 25 pushes of each. */
-static void make_pushes(struct ledger_change *changes, char names[40][8])
+static void make_pushes(struct ledger_change *changes, char names[40][12])
 {
     static const double x[3] = { 2.385, -1, 7 };
 
     for (int s = 0; s < 40; s++) {
-        snprintf(names[s], 8, "%d", s + 1);
+        snprintf(names[s], 12, "%d", s + 1);
         changes[s] = stream_note(names[s]);
     }
     for (int i = 0; i < 1000; i++)
@@ -448,7 +448,7 @@ TEST(a_thousand_pushes_of_forty_streams_in_one_group_are_one_write_and_later_a_r
     struct ledger *ledger = start();
     static struct ledger_change changes[1040];
     struct ledger_change settle = { .verb = LEDGER_SAMPLES_SETTLE };
-    char names[40][8];
+    char names[40][12];
     struct seen seen;
     long writes;
     bool faults;

@@ -73,7 +73,13 @@ def test_trend_and_gauges_follow_the_track_when_modes_change_places(tmp_path):
             assert (c.early.pop(0) if c.early else c.receive()).header["event"] == "modes"
         c.close()
         last = 6 * WINDOW - 1
-        told = watched(d, "changing", "--prometheus", file, until=lambda lines: file.exists() and gauges(file)["last_sample", None] == last)
+
+        def written(lines):                      # the file comes after the line
+            if not any(e.get("to") == last for e in lines):
+                return False
+            wire.until(lambda: file.exists() and gauges(file)["last_sample", None] == last)
+            return True
+        told = watched(d, "changing", "--prometheus", file, until=written)
         told = [e for e in told if e["event"] == "modes"]
         assert told[0]["modes"][0]["frequency_hz"] < 1 < told[5]["modes"][0]["frequency_hz"]
         assert [m["trend"] for e in told[1:] for m in e["modes"]].count("new") == 0

@@ -47,6 +47,7 @@ static const char *const schema[LEDGER_SCHEMA] = {
     "CREATE TABLE notes(topic TEXT, name TEXT, text TEXT, PRIMARY KEY(topic, name)) WITHOUT ROWID;",
     "CREATE TABLE segments(stream INT, offset INT, epoch INT, first INT, count INT, length INT,"
     " crc INT, PRIMARY KEY(stream, offset)) WITHOUT ROWID;",
+    "",              /* samples may lie on the tape, where a program of schema 2 does not look */
 };
 
 enum modal_status ledger_db_fail(sqlite3 *db, int code, const char *what, struct modal_error *err)

@@ -102,7 +102,8 @@ int modald_get_estimate(const modald_stream *s, struct modald_estimate *out);
 void modald_get_report(const modald_stream *s, struct modald_report *out);
 
 /* Send what is left, seal, free; at most $MODALD_CLOSE_WAIT seconds.  What could not be sent stays
- * in the spill file. */
+ * in the spill file.  Where that time passed for a stream and the daemon took nothing meanwhile,
+ * the next that are closed do not wait for it, as long again. */
 void modald_close(modald_stream *s);
 
 /* The same for a run that was broken off: the record says so. */

@@ -2,11 +2,11 @@
  * many_streams.c - a host with many running simulations: what their streams cost it, how old their
  * live results are
  *
- *     many_streams STREAMS CHANNELS RATE SECONDS [FOLDER]
+ *     many_streams STREAMS CHANNELS RATE SECONDS [FOLDER [FIRST]]
  *
- * Each stream many-K is an oscillator of two modes that noise drives, sampled RATE times a second
- * of real time, each at its own phase of the clock.  Every second, and once all is closed, a line
- * on stdout:
+ * Each stream many-K, K from FIRST (0) on, is an oscillator of two modes that noise drives, sampled
+ * RATE times a second of real time, each at its own phase of the clock.  Every second, and once all
+ * is closed, a line on stdout:
  *
  *     {"s","streams","pushed","acknowledged","dropped","spilled","refused",   of all of them
  *      "live",                             streams that have a live result
@@ -14,7 +14,7 @@
  *      "threads","rss_kb",                 more than before the first was opened
  *      "closed":bool}
  *
- * With FOLDER each stream's samples go to FOLDER/many-K too.
+ * With FOLDER, unless it is empty, each stream's samples go to FOLDER/many-K too.
  */
 #include <math.h>
 #include <stdio.h>
@@ -122,14 +122,14 @@ static void tell(double s, long threads, long rss)
     fflush(stdout);
 }
 
-static int open_all(const char *folder)
+static int open_all(const char *folder, int first)
 {
     char path[1024];
 
     for (int k = 0; k < streams; k++) {
         char name[32];
-        snprintf(name, sizeof name, "many-%d", k);
-        all[k].dice = 88172645463325252ULL + (unsigned long long)k * 7919;
+        snprintf(name, sizeof name, "many-%d", first + k);
+        all[k].dice = 88172645463325252ULL + (unsigned long long)(first + k) * 7919;
         all[k].s = modald_open(name, channels, 1 / rate);
         if (folder != NULL) {
             snprintf(path, sizeof path, "%s/%s", folder, name);
@@ -165,8 +165,10 @@ int main(int argc, char **argv)
     channels = argc > 4 ? atoi(argv[2]) : 0;
     rate = argc > 4 ? atof(argv[3]) : 0;
     if (streams < 1 || streams > STREAMS_MOST || channels < 1 || channels > CHANNELS_MOST
-        || !(rate > 0) || !open_all(argc > 5 ? argv[5] : NULL)) {
-        fprintf(stderr, "many_streams STREAMS CHANNELS RATE SECONDS [FOLDER]; $MODALD_URL\n");
+        || !(rate > 0) || !open_all(argc > 5 && *argv[5] != 0 ? argv[5] : NULL,
+                                    argc > 6 ? atoi(argv[6]) : 0)) {
+        fprintf(stderr, "many_streams STREAMS CHANNELS RATE SECONDS [FOLDER [FIRST]]; "
+                        "$MODALD_URL\n");
         return 2;
     }
     begin = now();

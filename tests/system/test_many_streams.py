@@ -170,6 +170,43 @@ def test_a_stream_that_is_refused_or_never_answered_holds_up_no_other(tmp_path, 
     peer.stop()
 
 
+def seconds_of(close):
+    begin = time.monotonic()
+    close()
+    return time.monotonic() - begin
+
+
+@in_python
+@pytest.mark.parametrize("there", [False, True])
+def test_closing_many_streams_of_a_dead_daemon_takes_one_patience(tmp_path, monkeypatch, there):
+    """Not one each, 40 here: its socket is gone, or takes all and nobody answers.  Each stream has
+    its samples in a spill file then; one that is closed once it answers again is sealed.
+    """
+    monkeypatch.setenv("MODALD_SPILL", str(tmp_path))
+    monkeypatch.setenv("MODALD_CLOSE_WAIT", "1.5")
+    peer = Peer(f"ipc://{tmp_path}/s")
+    monkeypatch.setenv("MODALD_URL", peer.endpoint)
+    peer.silent = True
+    if there:
+        peer.start()
+    rows = np.random.default_rng(5).standard_normal((50, 2))
+    streams = [modald.stream(f"many-{k}", 2, 0.01) for k in range(41)]
+    for s in streams:
+        s.push(rows)
+    kept = streams.pop()
+    first, *others = [seconds_of(s.close) for s in streams]
+    assert sum(others) < 4 * first
+    assert len(list(tmp_path.glob("modald-many-*.spill"))) == 40
+    peer.silent = False
+    monkeypatch.setenv("MODALD_CLOSE_WAIT", "60")
+    if not there:
+        peer.start()
+    peer.wait(lambda: "many-40" in peer.streams and len(peer.streams["many-40"][-1].rows) == 50)
+    kept.close()
+    peer.stop()
+    assert peer.closes == [("many-40", False)]
+
+
 @in_python
 def test_a_stream_hears_no_answers_to_one_that_was_closed_before(tmp_path, monkeypatch):
     """The slot of a closed stream is another's then, on the same connection."""

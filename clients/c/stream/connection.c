@@ -43,6 +43,7 @@ static void on_monitor_event(struct link *l, uint16_t event, uint32_t value)
         begin_all_anew(l);
         l->ready = true;
         l->heard_at = now();
+        l->vain_until = 0;
     } else if (event == ZMQ_EVENT_DISCONNECTED) {
         l->lost = true;
         if (!l->ready && ++l->failures == FAILURES && !l->warned)

@@ -172,6 +172,8 @@ static void on_reply(modald_stream *s, const char *const *members)
         if (f->id != id || id == 0)
             continue;
         f->acknowledged = true;
+        s->link->moved_at = now();
+        s->link->vain_until = 0;
         s->flying -= s->flying >= length ? length : s->flying;
         uint64_t epoch = count_at(members[EPOCH], s->epoch);
         /* and we did not go back */

@@ -177,20 +177,36 @@ static void end_sending(modald_stream *s)
     atomic_store(&s->finished, true);
 }
 
+/* S is closed: until when it is sent and sealed. */
+static void begin_end(modald_stream *s)
+{
+    s->seal = atomic_load(&s->page->head) > 0;
+    s->until = now() + (now() < s->link->vain_until ? 0 : s->close_wait);
+}
+
+/* S is given up: in vain, where it waited and nothing moved meanwhile. */
+static void note_vain(const modald_stream *s)
+{
+    struct link *l = s->link;
+
+    if (now() >= s->until && s->until > l->vain_until && l->moved_at < s->until - s->close_wait)
+        l->vain_until = s->until + s->close_wait;
+}
+
 /* A look at S.  True: something moved. */
 static bool look_at(modald_stream *s)
 {
     bool sent;
 
-    if (s->until == 0 && atomic_load(&s->stop) != 0) {
-        s->seal = atomic_load(&s->page->head) > 0;
-        s->until = now() + s->close_wait;
-    }
+    if (s->until == 0 && atomic_load(&s->stop) != 0)
+        begin_end(s);
     if (s->until == 0)
         return serve(s);
     sent = !is_over(s) && serve(s);
-    if (is_over(s))
+    if (is_over(s)) {
+        note_vain(s);
         end_sending(s);
+    }
     return sent;
 }
 

@@ -27,6 +27,11 @@
  * order, within the daemon's credit; a lost connection makes all of them unsent.  Repeats are
  * harmless: a sample is known by its index.
  *
+ * Closing: a stream that is closed has close_wait to be sent and sealed.  Where that passes and no
+ * sample of the link was taken meanwhile, the next of its streams that are closed wait for nothing,
+ * as long again, or until one is taken or a new connection stands: so who closes hundreds of
+ * streams of a daemon that is gone waits once.
+ *
  * Spilling begins when the ring is half full: the window's frames go to the file first, then
  * everything that is built, and the window is filled from the file until it is empty again.  So the
  * order is kept.
@@ -192,6 +197,8 @@ struct link {
     bool ready, lost, warned;
     double begin_at, pause;     /* when the next connection begins; after which pause */
     double heard_at;            /* when the last message came */
+    double moved_at;            /* when samples of a stream were taken last */
+    double vain_until;          /* no close waits before: one did, and nothing moved */
     int64_t questions;          /* asked so far */
     int asked;                  /* of them without an answer */
     int start;                  /* the slot that is looked at first: others had their turn */

@@ -354,14 +354,25 @@ static enum modal_status project(struct work *w, struct identify_result *out, st
     return rc;
 }
 
-/* Rows for many triplets: as high as it is wide the Hankel matrix has its noise lowest beside its
- * signals, and more rows cost more; it has room for FOLD times the triplets. */
+/* Can so many triplets of a Hankel matrix of so many rows be had for the work? */
+static bool affords(const struct work *w, int rows, int triplets)
+{
+    double k = triplets, side = (double)rows * w->X->n + w->X->m - rows;
+
+    return k <= (w->many ? MANY_MOST : SIGNALS_MOST)
+        && side * k * k <= (w->many ? MANY_WORK : SIGNALS_WORK);
+}
+
+/* Rows for many triplets, and for those that cannot be had of as many rows as few need: as high
+ * as it is wide the Hankel matrix has its noise lowest beside its signals, and more rows cost
+ * more; it has room for FOLD times the triplets. */
 static int rows_of_many(const struct work *w, int triplets)
 {
     enum { FOLD = 4 };
     int L = w->X->m, S = w->X->n, rows = L / (S + 1), least = FOLD * triplets / S + 1;
 
-    if (w->opt.rows > 0 || !w->many || triplets <= TRIPLETS_MOST)
+    if (w->opt.rows > 0 || triplets <= TRIPLETS_MOST
+        || (!w->many && affords(w, w->pencil.rows, triplets)))
         return w->opt.rows;
     rows = rows > least ? rows : least;
     return rows < (L + 2) / 3 ? rows : (L + 2) / 3;
@@ -389,14 +400,12 @@ static bool signals_fill(const struct work *w, const struct pencil *p)
     return pencil_signals(p) + lag + ORDER_AHEAD > p->count;
 }
 
-/* Can twice the triplets be had for the work? */
+/* Can twice the triplets be had? */
 static bool can_double(const struct work *w, const struct pencil *p)
 {
     int more = 2 * p->count, rows = rows_of_many(w, more);
-    double k = more, m = rows > 0 ? rows : p->rows, side = m * w->X->n + w->X->m - m;
 
-    return p->count < w->X->m / 4 && k <= (w->many ? MANY_MOST : SIGNALS_MOST)
-        && side * k * k <= (w->many ? MANY_WORK : SIGNALS_WORK);
+    return p->count < w->X->m / 4 && affords(w, rows > 0 ? rows : p->rows, more);
 }
 
 /* A response that noise drives has no end of signals: of those not even many are searched. Where

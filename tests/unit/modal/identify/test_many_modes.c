@@ -229,3 +229,35 @@ TEST(a_hundred_modes_are_all_found)
     }
     identify_result_done(&r);
 }
+
+/* Seventy modes whose strengths fall by two thirds of a decade, in a record of which 256 triplets
+ * of a matrix as high as few modes have it cost too much: the first 64 leave little, and more are
+ * looked for. */
+TEST(seventy_modes_are_found_though_the_strongest_leave_little)
+{
+    enum { ROWS = 16000, MANY = 10, MODES = 70 };
+    double *y = calloc((size_t)ROWS * MANY, sizeof *y);
+    struct random rng = { 77 };
+    struct batch b = { .samples = ROWS, .channels = MANY, .signals = y, .dt = 1 };
+    double complex lambda[MODES];
+    struct identify_result r;
+
+    for (int j = 0; j < MODES; j++) {
+        double complex z = 1, turn, B[MANY];
+        lambda[j] = decay_pole(0.01 + 0.0065 * (j + 0.5 * random_uniform(&rng)), 0.0005);
+        turn = cexp(lambda[j]);
+        for (int c = 0; c < MANY; c++)
+            B[c] = pow(10, -1.5 * j / MODES) * CMPLX(random_normal(&rng), random_normal(&rng));
+        for (int k = 0; k < ROWS; k++, z *= turn)
+            for (int c = 0; c < MANY; c++)
+                y[k * MANY + c] += creal(B[c] * z);
+    }
+    for (int k = 0; k < ROWS * MANY; k++)
+        y[k] += 1e-4 * random_normal(&rng);
+    CHECK(modal_identify(&b, NULL, &r, NULL) == MODAL_OK);
+    CHECK(r.mode_count == MODES && r.verdict == VERDICT_STABLE);
+    for (int j = 0; j < MODES; j++)
+        CHECK(has(&r, lambda[j]));
+    identify_result_done(&r);
+    free(y);
+}

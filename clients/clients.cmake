@@ -37,11 +37,14 @@ target_include_directories(ctl PUBLIC ${CMAKE_SOURCE_DIR}/clients)
 target_link_libraries(ctl PUBLIC house modald_client modald_stream_static job store wire PkgConfig::SNDFILE PkgConfig::ZLIB)
 program(modalctl clients/ctl/main.c ctl)
 
-# The manual of scenes is what modalctl says of them.
-set(scene_page ${CMAKE_BINARY_DIR}/modald-scene.5)
-add_custom_command(OUTPUT ${scene_page} COMMAND ${CMAKE_SOURCE_DIR}/clients/ctl/scene_page $<TARGET_FILE:modalctl> > ${scene_page}
-  DEPENDS modalctl ${CMAKE_SOURCE_DIR}/clients/ctl/scene_page VERBATIM)
-add_custom_target(manual ALL DEPENDS ${scene_page})
+# The manuals of scenes and results are what modalctl says of them.
+foreach(about scene result)
+  set(page ${CMAKE_BINARY_DIR}/modald-${about}.5)
+  add_custom_command(OUTPUT ${page} COMMAND ${CMAKE_SOURCE_DIR}/clients/ctl/manual_page $<TARGET_FILE:modalctl> ${about} > ${page}
+    DEPENDS modalctl ${CMAKE_SOURCE_DIR}/clients/ctl/manual_page VERBATIM)
+  list(APPEND manual_pages ${page})
+endforeach()
+add_custom_target(manual ALL DEPENDS ${manual_pages})
 
 # Examples: time-stepping loops with the three calls.  Those whose other half is not installed are left out.
 add_executable(example_loop ${CMAKE_SOURCE_DIR}/clients/c/examples/loop.c)

@@ -62,7 +62,7 @@ install(FILES ${S}/modald.conf DESTINATION ${etc}/modald)
 install(FILES ${S}/modald.8 ${S}/modald-worker.8 DESTINATION ${CMAKE_INSTALL_MANDIR}/man8)
 install(FILES ${CMAKE_SOURCE_DIR}/clients/ctl/modalctl.1 ${C}/examples/modald-rosco-bridge.1 ${C}/examples/modald-mbdyn-listener.1
   DESTINATION ${CMAKE_INSTALL_MANDIR}/man1)
-install(FILES ${scene_page} DESTINATION ${CMAKE_INSTALL_MANDIR}/man5)
+install(FILES ${manual_pages} DESTINATION ${CMAKE_INSTALL_MANDIR}/man5)
 install(FILES ${C}/modald_stream.3 DESTINATION ${CMAKE_INSTALL_MANDIR}/man3)
 install(FILES ${CMAKE_SOURCE_DIR}/clients/ctl/modalctl.bash DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions RENAME modalctl)
 install(DIRECTORY ${CMAKE_SOURCE_DIR}/clients/python/modald DESTINATION ${python}

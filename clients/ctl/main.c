@@ -5,8 +5,11 @@
 #include <string.h>
 #include "outcome.h"
 #include "job/blas_core.h"
+#include "base/near.h"
 #include "option_help.h"
+#include "result_help.h"
 #include "scene_help.h"
+#include "schema.h"
 #include "sweep_shares.h"
 #include "verbs.h"
 
@@ -21,19 +24,49 @@ static int run_sweep(const struct verb *verb, const struct args *args)
     return (args->local || args->wait) && !args->cancel ? run_job(verb, args) : sweep_submit(args);
 }
 
+/* With --json the schema of it. */
+static enum modal_status print_schema(const struct args *args, cJSON *(*schema)(void),
+                                      struct modal_error *err)
+{
+    cJSON *document;
+    enum modal_status rc;
+
+    if (args->words > 2)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "json", "the schema is of the whole; "
+                                "accepted: --json help %s", args->word[1]);
+    document = schema();
+    rc = outcome_json(document, err);
+    cJSON_Delete(document);
+    return rc;
+}
+
 static int run_help(const struct verb *verb, const struct args *args)
 {
+    static const struct topic {
+        const char *name;
+        enum modal_status (*tell)(FILE *to, const char *what, struct modal_error *err);
+        cJSON *(*schema)(void);
+    } topics[] = { { "scene", scene_help, schema_scene },
+                   { "result", result_help, schema_result } };
+    static const char *const names[] = { "scene", "result", NULL };
     struct modal_error err = { 0 };
+    const struct topic *topic = NULL;
+    char meant[NEAR_TEXT];
     enum modal_status rc;
 
     (void)verb;
-    if (strcmp(args->word[1], "scene") != 0)
-        rc = modal_fail_field(&err, MODAL_BAD_INPUT, "arguments", "no help on \"%.40s\"; accepted: "
-                              "help scene [TYPE], or VERB --help", args->word[1]);
+    for (size_t i = 0; i < sizeof topics / sizeof *topics; i++)
+        if (strcmp(args->word[1], topics[i].name) == 0)
+            topic = &topics[i];
+    near_text(args->word[1], names, meant);
+    if (topic == NULL)
+        rc = modal_fail_field(&err, MODAL_BAD_INPUT, "arguments", "no help on \"%.40s\"%s; "
+                              "accepted: help scene [TYPE], help result [MEMBER], or VERB --help",
+                              args->word[1], meant);
     else if (args->json)
-        rc = modal_fail_field(&err, MODAL_BAD_INPUT, "json", "help is text; accepted: no --json");
+        rc = print_schema(args, topic->schema, &err);
     else
-        rc = scene_help(stdout, args->words > 2 ? args->word[2] : NULL, &err);
+        rc = topic->tell(stdout, args->words > 2 ? args->word[2] : NULL, &err);
     return rc == MODAL_OK ? 0 : outcome_failure(args->json, &err, NULL);
 }
 
@@ -76,7 +109,8 @@ static const struct verb verbs[] = {
       TAKES_SIGNALS | TAKES_OPTIONS | TAKES_STREAM | TAKES_PUSH | TAKES_TIMEOUT, run_stream },
     { "replay", "FILE", "send a spill or ring file a simulation left", 1, 1, TAKES_TIMEOUT,
       run_replay },
-    { "help", "scene [TYPE]", "what a scene may hold: keys, units, laws", 1, 2, 0, run_help },
+    { "help", "scene [TYPE] | result [MEMBER]", "what a scene may hold, and a result", 1, 2, 0,
+      run_help },
     { "keygen", "FILE [SERVER-KEY]", "a new pair of CURVE keys", 1, 2, 0, run_keygen },
     { "fsck", "DIR", "read a data folder whole, name what is damaged", 0, 1, TAKES_DATA, run_fsck },
     { "dump", "DIR", "every row of its ledger, a JSON object a line", 0, 1, TAKES_DATA, run_dump },

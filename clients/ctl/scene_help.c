@@ -1,8 +1,11 @@
 /* scene_help.c - see scene_help.h */
 #include "scene_help.h"
 #include <string.h>
+#include "base/near.h"
 #include "modal/scene/scene.h"
 #include "modal/scene/scene_key.h"
+
+enum { TYPES_MOST = 128 };           /* three times what there is */
 
 static const char *type_of(const struct scene_key *key)
 {
@@ -94,16 +97,22 @@ static bool is_called(const struct scene_table *t, const char *type)
 
 static enum modal_status no_type(const char *type, struct modal_error *err)
 {
-    char list[1000] = "";
+    const char *names[TYPES_MOST + 1];
+    char list[1000] = "", meant[NEAR_TEXT];
     struct scene_table t;
     size_t used = 0;
+    int count = 0;
 
-    for (int i = 0; scene_tables(i, &t) && used < sizeof list; i++)
-        if (t.name != NULL)
+    for (int i = 0; scene_tables(i, &t) && used < sizeof list && count < TYPES_MOST; i++)
+        if (t.name != NULL) {
+            names[count++] = t.name;
             used += (size_t)snprintf(list + used, sizeof list - used, "%s%s", used > 0 ? ", " : "",
                                      t.name);
+        }
+    names[count] = NULL;
+    near_text(type, names, meant);
     return modal_fail_field(err, MODAL_BAD_INPUT, "type", "no part of a scene is of type "
-                            "\"%.40s\"; accepted: %s", type, list);
+                            "\"%.40s\"%s; accepted: %s", type, meant, list);
 }
 
 enum modal_status scene_help(FILE *to, const char *type, struct modal_error *err)

@@ -5,6 +5,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/near.h"
 
 void json_path(char out[128], const char *base, const char *key)
 {
@@ -25,10 +26,7 @@ const cJSON *json_member(const cJSON *object, const char *key)
     return child;
 }
 
-enum {
-    KEYS_MOST = 64,      /* of a table that is listed: twice the longest there is */
-    KEY_MOST  = 64,      /* letters of a key that is compared: no name of ours has more */
-};
+enum { KEYS_MOST = 64 };   /* of a table that is listed: twice the longest there is */
 
 /* Limits beyond these keep computations within the doubles; a user need not be told of them. */
 static const double TINY = 1e-290;
@@ -54,38 +52,6 @@ static bool is_word(const char *s, const char *const *words, int *index)
     return false;
 }
 
-/* Operations (a letter changed, put in or left out) that make A of B, up to MOST + 1. */
-static int distance(const char *a, const char *b, int most)
-{
-    int row[KEY_MOST + 1], n = (int)strlen(b);
-
-    if ((int)strlen(a) > KEY_MOST || n > KEY_MOST)
-        return most + 1;
-    for (int j = 0; j <= n; j++)
-        row[j] = j;
-    for (int i = 1; a[i - 1] != 0; i++) {
-        int diagonal = row[0];
-        row[0] = i;
-        for (int j = 1; j <= n; j++) {
-            int above = row[j], changed = diagonal + (a[i - 1] != b[j - 1]);
-            int one = above < row[j - 1] ? above + 1 : row[j - 1] + 1;
-            row[j] = changed < one ? changed : one;
-            diagonal = above;
-        }
-    }
-    return row[n] > most ? most + 1 : row[n];
-}
-
-/* Is NAME what may have been meant by KEY: it begins so,
- * or is a third of its letters away at most? */
-static bool may_mean(const char *key, const char *name)
-{
-    size_t length = strlen(key);
-    int most = (int)(length / 3);
-
-    return length > 1 && (strncmp(key, name, length) == 0 || distance(key, name, most) <= most);
-}
-
 static int by_name(const void *a, const void *b)
 {
     return strcmp(*(const char *const *)a, *(const char *const *)b);
@@ -95,21 +61,17 @@ static int by_name(const void *a, const void *b)
 static enum modal_status unknown_key(const char *path, const char *key, const char *const *names,
                                      struct modal_error *err)
 {
-    const char *sorted[KEYS_MOST + 1] = { NULL }, *near[KEYS_MOST + 1] = { NULL };
-    char meant[160] = "", accepted[300];
-    int count = 0, found = 0;
+    const char *sorted[KEYS_MOST + 1] = { NULL };
+    char meant[NEAR_TEXT], accepted[300];
+    int count = 0;
 
     while (count < KEYS_MOST && names[count] != NULL)
         sorted[count] = names[count], count++;
     qsort(sorted, (size_t)count, sizeof *sorted, by_name);
-    for (int i = 0; i < count; i++)
-        if (may_mean(key, sorted[i]))
-            near[found++] = sorted[i];
-    list_words(meant, sizeof meant, near);
+    near_text(key, sorted, meant);
     list_words(accepted, sizeof accepted, sorted);
-    return modal_fail_field(err, MODAL_BAD_INPUT, path, "unknown key \"%.60s\"%s%s%s; accepted: %s",
-                            key, found > 0 ? "; did you mean " : "", meant, found > 0 ? "?" : "",
-                            accepted);
+    return modal_fail_field(err, MODAL_BAD_INPUT, path, "unknown key \"%.60s\"%s; accepted: %s",
+                            key, meant, accepted);
 }
 
 enum modal_status json_keys(const cJSON *object, const char *base, const char *const *names,

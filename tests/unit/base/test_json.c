@@ -1,4 +1,4 @@
-/* Tests as well: json_read.c json_text.c json_tree.c */
+/* Tests as well: json_read.c json_text.c json_tree.c near.c */
 #include "check.h"
 #include <stdlib.h>
 #include "base/json.h"
@@ -303,6 +303,7 @@ TEST(what_may_have_been_meant_by_an_unknown_key_is_asked)
     static const struct { const char *key, *asked; } cases[] = {
         { "rank", "; did you mean rank.fixed, rank.rule?" }, { "shape", "; did you mean shapes?" },
         { "windwo", "; did you mean window?" }, { "rank.fxed", "; did you mean rank.fixed?" },
+        { "badn", "; did you mean band?" },
         { "xyz", "unknown key \"xyz\"; accepted: band, rank.fixed, rank.rule, shapes, window" },
         { "b", "unknown key \"b\"; accepted: " },
     };

@@ -1,0 +1,13 @@
+/* near.h - which of the words that there are may have been meant by one that there is not */
+#ifndef BASE_NEAR_H
+#define BASE_NEAR_H
+#include <stddef.h>
+
+enum { NEAR_TEXT = 160 };            /* room for the words that a message suggests */
+
+/*
+ * "; did you mean a, b?" of those of NAMES (NULL-terminated) that begin with WORD or are a third of
+ * its letters away at most, in their order; "" where there is none.
+ */
+void near_text(const char *word, const char *const *names, char out[NEAR_TEXT]);
+#endif

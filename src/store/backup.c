@@ -92,15 +92,21 @@ static enum modal_status copy_files(struct backup *backup)
     return rc == MODAL_OK ? backup->rc : rc;
 }
 
-/* Before the ledger: what leaves it meanwhile has its rows there. */
+/* Before the ledger: what leaves it meanwhile has its rows there.  A copy that is damaged may have
+ * met a tape that began anew: not another time so soon. */
 static enum modal_status copy_tape(struct backup *backup)
 {
     char from[PATH], to[PATH];
-    enum modal_status rc;
+    enum modal_status rc = MODAL_CORRUPT;
+    uint64_t bytes;
 
     tape_path(from, backup->dir);
     tape_path(to, backup->to);
-    rc = copy_file(from, to, backup->err);
+    for (int i = 0; i < 2 && rc == MODAL_CORRUPT; i++) {
+        rc = copy_file(from, to, backup->err);
+        if (rc == MODAL_OK)
+            rc = tape_check(backup->to, &bytes, backup->err);
+    }
     return rc == MODAL_NOT_FOUND ? MODAL_OK : rc;
 }
 

@@ -390,7 +390,7 @@ static enum modal_status prepare(struct ledger *ledger, struct modal_error *err)
     return MODAL_OK;
 }
 
-static enum modal_status settle_found(struct ledger *ledger, struct modal_error *err);
+static enum modal_status open_tape(struct ledger *ledger, struct modal_error *err);
 
 enum modal_status ledger_open(const char *dir, struct ledger **out, struct modal_error *err)
 {
@@ -414,8 +414,7 @@ enum modal_status ledger_open(const char *dir, struct ledger **out, struct modal
         || (rc = ledger_db_store(ledger->db, ledger->store, err)) != MODAL_OK
         || (rc = folder_bind(dir, ledger->store, &ledger->socket, err)) != MODAL_OK
         || (rc = prepare(ledger, err)) != MODAL_OK
-        || (rc = tape_open(&ledger->tape, dir, err)) != MODAL_OK
-        || (rc = settle_found(ledger, err)) != MODAL_OK)
+        || (rc = open_tape(ledger, err)) != MODAL_OK)
         goto out;
     ledger->mark = ledger_mark_open(dir);
     *out = ledger;
@@ -625,7 +624,7 @@ static enum modal_status settle_tape(struct ledger *ledger, struct modal_error *
     struct tape_pieces pieces = { NULL, 0, NULL };
     enum modal_status rc;
 
-    if (ledger->tape.end == 0)
+    if (ledger->tape.end == ledger->tape.start)
         return MODAL_OK;
     rc = tape_read(&ledger->tape, &pieces, err);
     for (size_t i = 0; rc == MODAL_OK && i < pieces.count; i++)
@@ -643,14 +642,23 @@ static enum modal_status settle_tape(struct ledger *ledger, struct modal_error *
     return rc;
 }
 
-/* What the last process left on the tape; on a full disk in the room of the reserve. */
 static enum modal_status settle_found(struct ledger *ledger, struct modal_error *err)
 {
-    enum modal_status rc = settle_tape(ledger, err);
+    enum modal_status rc = tape_open(&ledger->tape, ledger->dir, err);
 
-    if (rc == MODAL_STORAGE_FULL && (rc = reserve_release(ledger->dir, err)) == MODAL_OK)
-        rc = settle_tape(ledger, err);
-    return rc;
+    return rc == MODAL_OK ? settle_tape(ledger, err) : rc;
+}
+
+/* What the last process left on the tape; on a full disk in the room of the reserve. */
+static enum modal_status open_tape(struct ledger *ledger, struct modal_error *err)
+{
+    enum modal_status rc = settle_found(ledger, err);
+
+    if (rc != MODAL_STORAGE_FULL || (rc = reserve_release(ledger->dir, err)) != MODAL_OK)
+        return rc;
+    tape_close(&ledger->tape);
+    ledger->broken = false;
+    return settle_found(ledger, err);
 }
 
 static bool wants_settled(const struct ledger_change *changes, size_t count)

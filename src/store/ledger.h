@@ -29,7 +29,7 @@
 #include "store/identity.h"
 
 enum {
-    LEDGER_SCHEMA = 3,                        /* the schema this code writes */
+    LEDGER_SCHEMA = 4,                        /* the schema this code writes */
     LEDGER_INLINE_MOST = 64 * 1024,           /* an input's data up to this lives in its row */
     LEDGER_CHUNK_MOST = 1024 * 1024,          /* bytes of a chunk_record */
     LEDGER_RESULT_INLINE_MOST = 256 * 1024,   /* a result's text up to this lives in its row */

@@ -48,6 +48,7 @@ static const char *const schema[LEDGER_SCHEMA] = {
     "CREATE TABLE segments(stream INT, offset INT, epoch INT, first INT, count INT, length INT,"
     " crc INT, PRIMARY KEY(stream, offset)) WITHOUT ROWID;",
     "",              /* samples may lie on the tape, where a program of schema 2 does not look */
+    "",              /* the tape has a label, behind which a program of schema 3 sees no group */
 };
 
 enum modal_status ledger_db_fail(sqlite3 *db, int code, const char *what, struct modal_error *err)

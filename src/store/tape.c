@@ -1,13 +1,16 @@
 /*
  * tape.c - see tape.h
  *
- *     tape:   group group ...          numbers ascending by one, from any
+ *     tape:   label group group ...    numbers ascending by one, from any
  *     group:  head segment ...         head.length bytes of segments, head.crc that of them
  *     segment: mark, then its data
  *
  * Numbers in the machine's order: a folder stays on its machine, or goes by a backup to one alike,
  * as the ledger's marks do.  A crash leaves a part of the last group at most, which nobody was told
  * of: reading ends there.  What does not end there, but has a later group behind it, is damage.
+ *
+ * Heads begin with a secret that the label tells: no sample, which anybody may choose, can pretend
+ * to be a group.  Schema 3 had no label; its heads begin with UNLABELLED.
  */
 #include "store/tape.h"
 #include <fcntl.h>
@@ -15,16 +18,23 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/random.h>
 #include <sys/stat.h>
 #include <unistd.h>
 #include "base/crc32c.h"
 #include "store/file.h"
 #include "store/samples.h"
 
-#define MAGIC "MODALTP1"
+#define LABEL "MODALTP2"
+#define UNLABELLED "MODALTP1"
+
+struct label {
+    char magic[8], secret[TAPE_SECRET];
+    uint32_t crc, unused;        /* of all before it */
+};
 
 struct head {
-    char magic[8];
+    char secret[TAPE_SECRET];
     uint64_t number, length;
     uint32_t crc, head_crc;      /* of the segments; of all before it */
 };
@@ -74,11 +84,12 @@ enum modal_status tape_add(struct tape *tape, const struct segment_record *segme
 
 enum modal_status tape_write(struct tape *tape, struct modal_error *err)
 {
-    struct head head = { .magic = MAGIC, .number = tape->number };
+    struct head head = { .number = tape->number };
     enum modal_status rc;
 
     if (tape->length == 0)
         return MODAL_OK;
+    memcpy(head.secret, tape->secret, TAPE_SECRET);
     head.length = tape->length - sizeof head;
     head.crc = crc32c(0, tape->group + sizeof head, head.length);
     head.head_crc = crc32c(0, &head, offsetof(struct head, head_crc));
@@ -96,72 +107,123 @@ enum modal_status tape_write(struct tape *tape, struct modal_error *err)
 
 enum modal_status tape_revert(struct tape *tape, uint64_t end, struct modal_error *err)
 {
+    if (tape->end > end)                          /* the group was written: its number is free */
+        tape->number--;
     tape->length = 0;
     tape->end = end;
     return file_truncate(tape->fd, end, err);
 }
 
+static enum modal_status write_label(struct tape *tape, struct modal_error *err)
+{
+    struct label label = { .magic = LABEL };
+
+    if (getrandom(tape->secret, TAPE_SECRET, 0) != TAPE_SECRET)
+        return modal_fail(err, MODAL_IO, "no random bytes for the tape of samples");
+    memcpy(label.secret, tape->secret, TAPE_SECRET);
+    label.crc = crc32c(0, &label, offsetof(struct label, crc));
+    tape->start = tape->end = sizeof label;
+    return file_write(tape->fd, &label, sizeof label, 0, err);
+}
+
 enum modal_status tape_clear(struct tape *tape, struct modal_error *err)
 {
-    enum modal_status rc = tape_revert(tape, 0, err);
+    enum modal_status rc = file_truncate(tape->fd, tape->start, err);
 
+    tape->length = 0;
+    tape->end = tape->start;
+    if (rc == MODAL_OK && tape->start == 0)
+        rc = write_label(tape, err);
     return rc == MODAL_OK ? file_sync(tape->fd, err) : rc;
 }
 
 /* ---- reading --------------------------------------------------------------------------------- */
 
-/* The head at AT of the LENGTH bytes of TAPE into *HEAD, where one is. */
-static bool find_head(const char *bytes, size_t length, size_t at, struct head *head)
+/* The LENGTH bytes of a tape, whose heads begin with `secret` from `start` on. */
+struct text {
+    const char *bytes, *secret;
+    size_t length, start;
+};
+
+/* The head at AT into *HEAD, where one is. */
+static bool find_head(const struct text *text, size_t at, struct head *head)
 {
-    if (length - at < sizeof *head)
+    if (text->length - at < sizeof *head)
         return false;
-    memcpy(head, bytes + at, sizeof *head);
-    return memcmp(head->magic, MAGIC, sizeof head->magic) == 0
+    memcpy(head, text->bytes + at, sizeof *head);
+    return memcmp(head->secret, text->secret, TAPE_SECRET) == 0
            && head->head_crc == crc32c(0, head, offsetof(struct head, head_crc));
 }
 
 /* Whether a whole group lies at AT; *HEAD is its head. */
-static bool is_whole(const char *bytes, size_t length, size_t at, struct head *head)
+static bool is_whole(const struct text *text, size_t at, struct head *head)
 {
-    return find_head(bytes, length, at, head) && head->length <= length - at - sizeof *head
-           && head->crc == crc32c(0, bytes + at + sizeof *head, head->length);
+    return find_head(text, at, head) && head->length <= text->length - at - sizeof *head
+           && head->crc == crc32c(0, text->bytes + at + sizeof *head, head->length);
 }
 
 /* Whether a group of a number above NUMBER begins somewhere from AT on. */
-static bool goes_on(const char *bytes, size_t length, size_t at, uint64_t number)
+static bool goes_on(const struct text *text, size_t at, uint64_t number)
 {
     const char *found;
     struct head head;
 
-    while (at < length && (found = memmem(bytes + at, length - at, MAGIC, 8)) != NULL) {
-        at = (size_t)(found - bytes);
-        if (is_whole(bytes, length, at, &head) && head.number > number)
+    while (at < text->length
+           && (found = memmem(text->bytes + at, text->length - at, text->secret, TAPE_SECRET))
+                  != NULL) {
+        at = (size_t)(found - text->bytes);
+        if (is_whole(text, at, &head) && head.number > number)
             return true;
         at++;
     }
     return false;
 }
 
-/* *END: bytes of the whole groups that BYTES begin with; *NUMBER: of the group after them. */
-static enum modal_status find_end(const char *path, const char *bytes, size_t length, uint64_t *end,
-                                  uint64_t *number, struct modal_error *err)
+static enum modal_status damaged(const char *path, size_t at, struct modal_error *err)
 {
-    size_t at = 0;
+    return modal_fail(err, MODAL_CORRUPT,
+                      "%s: the samples at offset %zu are damaged, and others follow; restore the "
+                      "folder from a backup, or move this file away: the samples of open streams "
+                      "that are in it are then missing", path, at);
+}
+
+/* TAPE's `start` and `secret` by its LENGTH bytes; no start: it is to begin anew, as a crash
+ * left no more than a part of the label. */
+static enum modal_status read_label(struct tape *tape, const char *path, const char *bytes,
+                                    size_t length, struct modal_error *err)
+{
+    struct label label;
+
+    tape->start = tape->end = 0;
+    memcpy(tape->secret, UNLABELLED, TAPE_SECRET);
+    if (length < sizeof label || memcmp(bytes, UNLABELLED, TAPE_SECRET) == 0)
+        return MODAL_OK;
+    memcpy(&label, bytes, sizeof label);
+    if (memcmp(label.magic, LABEL, sizeof label.magic) == 0 && label.unused == 0
+        && label.crc == crc32c(0, &label, offsetof(struct label, crc))) {
+        memcpy(tape->secret, label.secret, TAPE_SECRET);
+        tape->start = sizeof label;
+        return MODAL_OK;
+    }
+    return length > sizeof label ? damaged(path, 0, err) : MODAL_OK;
+}
+
+/* TAPE's whole groups: bytes to their end, and the number of the group after them. */
+static enum modal_status find_end(struct tape *tape, const char *path, const char *bytes,
+                                  size_t length, struct modal_error *err)
+{
+    const struct text text = { bytes, tape->secret, length, tape->start };
+    size_t at = tape->start;
     struct head head = { .number = 0 };
     uint64_t next = 0;
 
-    while (is_whole(bytes, length, at, &head) && (at == 0 || head.number == next)) {
+    while (is_whole(&text, at, &head) && (at == text.start || head.number == next)) {
         next = head.number + 1;
         at += sizeof head + head.length;
     }
-    if (goes_on(bytes, length, at, next))
-        return modal_fail(err, MODAL_CORRUPT,
-                          "%s: the samples at offset %zu are damaged, and others follow; restore "
-                          "the folder from a backup, or move this file away: the samples of open "
-                          "streams that are in it are then missing", path, at);
-    *end = at;
-    *number = next;
-    return MODAL_OK;
+    tape->end = at;
+    tape->number = next;
+    return goes_on(&text, at, next) ? damaged(path, at, err) : MODAL_OK;
 }
 
 static enum modal_status read_bytes(int fd, uint64_t length, char **bytes, struct modal_error *err)
@@ -178,19 +240,20 @@ static enum modal_status read_bytes(int fd, uint64_t length, char **bytes, struc
                ? rc : modal_fail(err, MODAL_CORRUPT, "the tape of samples has become shorter");
 }
 
-/* The whole groups of the open file FD: END bytes, and the NUMBER of the next. */
-static enum modal_status measure(int fd, const char *path, uint64_t *end, uint64_t *number,
-                                 struct modal_error *err)
+/* What lies on TAPE, which is open. */
+static enum modal_status measure(struct tape *tape, const char *path, struct modal_error *err)
 {
     struct stat known;
     char *bytes = NULL;
     enum modal_status rc;
 
-    if (fstat(fd, &known) != 0)
+    if (fstat(tape->fd, &known) != 0)
         return modal_fail(err, MODAL_IO, "%s: its size cannot be found", path);
-    rc = read_bytes(fd, (uint64_t)known.st_size, &bytes, err);
+    rc = read_bytes(tape->fd, (uint64_t)known.st_size, &bytes, err);
     if (rc == MODAL_OK)
-        rc = find_end(path, bytes, (size_t)known.st_size, end, number, err);
+        rc = read_label(tape, path, bytes, (size_t)known.st_size, err);
+    if (rc == MODAL_OK)
+        rc = find_end(tape, path, bytes, (size_t)known.st_size, err);
     free(bytes);
     return rc;
 }
@@ -205,26 +268,24 @@ enum modal_status tape_open(struct tape *tape, const char *dir, struct modal_err
     rc = file_open(path, O_RDWR | O_CREAT, 0640, &tape->fd, err);
     if (rc == MODAL_OK)
         rc = file_sync_dir(dir, err);
-    return rc == MODAL_OK ? measure(tape->fd, path, &tape->end, &tape->number, err) : rc;
+    if (rc == MODAL_OK)
+        rc = measure(tape, path, err);
+    return rc == MODAL_OK && tape->end == 0 ? tape_clear(tape, err) : rc;
 }
 
 enum modal_status tape_check(const char *dir, uint64_t *bytes, struct modal_error *err)
 {
+    struct tape tape = { .fd = -1 };
     char path[4200];
-    uint64_t number;
-    int fd = -1;
     enum modal_status rc;
 
-    *bytes = 0;
     tape_path(path, dir);
-    rc = file_open(path, O_RDONLY, 0, &fd, err);
-    if (rc == MODAL_NOT_FOUND)
-        return MODAL_OK;
+    rc = file_open(path, O_RDONLY, 0, &tape.fd, err);
     if (rc == MODAL_OK)
-        rc = measure(fd, path, bytes, &number, err);
-    if (fd >= 0)
-        close(fd);
-    return rc;
+        rc = measure(&tape, path, err);
+    *bytes = tape.end;
+    tape_close(&tape);
+    return rc == MODAL_NOT_FOUND ? MODAL_OK : rc;
 }
 
 void tape_close(struct tape *tape)
@@ -255,29 +316,31 @@ static bool follows(const struct segment_record *last, const struct segment_reco
            && last->length + next->length <= SAMPLES_SEGMENT_MOST;
 }
 
-/* The segments of the END bytes of BYTES, as they lie; NULL: no memory. */
-static struct segment_record *list_segments(const char *bytes, uint64_t end, size_t *count)
+/* The segments of BYTES, all of TAPE, as they lie. */
+static enum modal_status list_segments(const struct tape *tape, const char *bytes,
+                                       struct segment_record **list, size_t *count,
+                                       struct modal_error *err)
 {
-    struct segment_record *list = malloc(end / sizeof(struct mark) * sizeof *list + 1);
+    const struct text text = { bytes, tape->secret, tape->end, tape->start };
+    struct head head;
+    struct mark mark;
 
-    *count = 0;
-    for (uint64_t at = 0, until = 0; list != NULL && at < end;) {
-        struct mark mark;
-        if (at == until) {
-            struct head head;
-            memcpy(&head, bytes + at, sizeof head);
-            at += sizeof head;
-            until = at + head.length;
-            continue;
+    *list = malloc(tape->end / sizeof mark * sizeof **list + 1);
+    if (*list == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "no memory for the samples of the tape");
+    for (uint64_t at = tape->start; at < tape->end;) {
+        if (!is_whole(&text, at, &head))
+            return damaged("tape", at, err);
+        at += sizeof head;
+        for (const uint64_t until = at + head.length; at < until; at += mark.length) {
+            memcpy(&mark, bytes + at, sizeof mark);
+            at += sizeof mark;
+            (*list)[(*count)++] = (struct segment_record) {
+                mark.stream, mark.epoch, mark.first, mark.count, mark.offset, mark.length,
+                mark.crc, bytes + at };
         }
-        memcpy(&mark, bytes + at, sizeof mark);
-        at += sizeof mark;
-        list[(*count)++] = (struct segment_record) {
-            mark.stream, mark.epoch, mark.first, mark.count, mark.offset, mark.length, mark.crc,
-            bytes + at };
-        at += mark.length;
     }
-    return list;
+    return MODAL_OK;
 }
 
 /* COUNT sorted segments of LIST, joined, into OUT, whose `bytes` have room for all. */
@@ -310,11 +373,12 @@ enum modal_status tape_read(const struct tape *tape, struct tape_pieces *out,
     enum modal_status rc = read_bytes(tape->fd, tape->end, &bytes, err);
 
     *out = (struct tape_pieces) { NULL, 0, NULL };
+    if (rc == MODAL_OK)
+        rc = list_segments(tape, bytes, &list, &count, err);
     if (rc == MODAL_OK) {
-        list = list_segments(bytes, tape->end, &count);
         out->bytes = malloc(tape->end + 1);
         out->changes = calloc(count + 1, sizeof *out->changes);
-        if (list == NULL || out->bytes == NULL || out->changes == NULL)
+        if (out->bytes == NULL || out->changes == NULL)
             rc = modal_fail(err, MODAL_NO_MEMORY, "no memory for %llu bytes of samples",
                             (unsigned long long)tape->end);
     }

@@ -16,11 +16,14 @@ enum {
     /* bytes; a longer segment goes to its file at once: writing it twice costs more than a sync */
     TAPE_SEGMENT_MOST = 32 << 10,
     TAPE_MOST = 16 << 20,       /* when it is settled: as large as the log may become */
+    TAPE_SECRET = 8,            /* bytes; nobody guesses one of 2^64 */
 };
 
 struct tape {
     int fd;                      /* -1: not open */
-    uint64_t end, number;        /* bytes of whole groups; of the next group */
+    uint64_t start, end;         /* where its groups begin and end; equal: it has none */
+    uint64_t number;             /* of the next group */
+    char secret[TAPE_SECRET];    /* what a group of this tape begins with */
     char *group; size_t length, room;     /* the group that is being made */
 };
 
@@ -42,11 +45,12 @@ enum modal_status tape_add(struct tape *tape, const struct segment_record *segme
 enum modal_status tape_write(struct tape *tape, struct modal_error *err);
 /* The group that was added or written last, at END, is not there any more. */
 enum modal_status tape_revert(struct tape *tape, uint64_t end, struct modal_error *err);
-/* All that is on it; the caller calls tape_pieces_done in any case. */
+/* All that is on it; the caller calls tape_pieces_done in any case.  MODAL_CORRUPT: it has been
+ * damaged since it was written. */
 enum modal_status tape_read(const struct tape *tape, struct tape_pieces *out,
                             struct modal_error *err);
 void tape_pieces_done(struct tape_pieces *pieces);
-/* It begins anew. */
+/* Nothing is on it any more; it has a label. */
 enum modal_status tape_clear(struct tape *tape, struct modal_error *err);
 
 /* Is the tape of DIR whole?  One that is absent, or ends within a group, is; *BYTES: of it. */

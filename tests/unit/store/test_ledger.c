@@ -449,6 +449,7 @@ TEST(a_thousand_pushes_of_forty_streams_in_one_group_are_one_write_and_later_a_r
     static struct ledger_change changes[1040];
     struct ledger_change settle = { .verb = LEDGER_SAMPLES_SETTLE };
     char names[40][12];
+    const size_t empty = tape_size();
     struct seen seen;
     long writes;
     bool faults;
@@ -461,7 +462,7 @@ TEST(a_thousand_pushes_of_forty_streams_in_one_group_are_one_write_and_later_a_r
     CHECK(writes_of_this_process() == writes + 1);
     CHECK(!faults || file_fault_count(FILE_FSYNC) + file_fault_count(FILE_FDATASYNC) == 1);
     file_fault(NULL);
-    CHECK(ledger_commit(ledger, &settle, 1, NULL) == MODAL_OK && tape_size() == 0);
+    CHECK(ledger_commit(ledger, &settle, 1, NULL) == MODAL_OK && tape_size() == empty);
     seen = load(ledger);
     CHECK(seen.segments == 40);
     CHECK(seen.segment[2].stream == 3 && seen.segment[2].count == 75);
@@ -534,6 +535,102 @@ TEST(each_flipped_bit_of_the_tape_before_its_last_group_is_reported)
     CHECK(tape_check(dir, &bytes, NULL) == MODAL_OK && bytes == tape_size());
     close(fd);
     stop(ledger);
+}
+
+/* As of a group whose rows find the disk full.  On the code of before its number was given to none,
+ * and the next start after a crash found a group missing. */
+TEST(a_tape_is_whole_after_a_group_that_was_taken_back)
+{
+    static const double x[4] = { 2.385, -1, 7, 11 };
+    const struct ledger_change put[2] = { segment_put(5, 0, x, 16), segment_put(5, 16, x + 2, 16) };
+    struct ledger *ledger = start();
+    struct tape_pieces pieces;
+    struct tape tape;
+    uint64_t first;
+
+    ledger_close(ledger);
+    CHECK(tape_open(&tape, dir, NULL) == MODAL_OK);
+    CHECK(tape_add(&tape, &put[0].segment, NULL) == MODAL_OK);
+    CHECK(tape_write(&tape, NULL) == MODAL_OK);
+    first = tape.end;
+    for (int i = 0; i < 2; i++) {
+        CHECK(tape_revert(&tape, first, NULL) == MODAL_OK);
+        CHECK(tape_add(&tape, &put[1].segment, NULL) == MODAL_OK);
+        CHECK(tape_write(&tape, NULL) == MODAL_OK);
+    }
+    tape_close(&tape);
+    CHECK(tape_open(&tape, dir, NULL) == MODAL_OK);
+    CHECK(tape_read(&tape, &pieces, NULL) == MODAL_OK && pieces.count == 1);
+    CHECK(pieces.changes[0].segment.length == 32 && memcmp(pieces.bytes, x, 32) == 0);
+    tape_pieces_done(&pieces);
+    tape_close(&tape);
+    shell("rm -r %s");
+}
+
+/* What commit 5cae650, of schema 3, wrote of 2.385, -1 and 7, 11: two groups and no label. */
+static const unsigned char unlabelled[] = {
+    0x4d, 0x4f, 0x44, 0x41, 0x4c, 0x54, 0x50, 0x31, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00,
+    0x48, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0xcb, 0x7c, 0xd3, 0x3a, 0xad, 0x45, 0x68, 0x65,
+    0x05, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x01, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00,
+    0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x02, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00,
+    0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x10, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00,
+    0x0b, 0xfa, 0xe1, 0x58, 0x00, 0x00, 0x00, 0x00, 0x14, 0xae, 0x47, 0xe1, 0x7a, 0x14, 0x03, 0x40,
+    0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0xf0, 0xbf, 0x4d, 0x4f, 0x44, 0x41, 0x4c, 0x54, 0x50, 0x31,
+    0x01, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x48, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00,
+    0x34, 0x69, 0xef, 0xe9, 0x04, 0xb3, 0x46, 0x62, 0x05, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00,
+    0x01, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x02, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00,
+    0x02, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x10, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00,
+    0x10, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x7e, 0x44, 0x8f, 0x2c, 0x00, 0x00, 0x00, 0x00,
+    0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x1c, 0x40, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x26, 0x40,
+};
+
+TEST(a_tape_of_before_there_were_labels_is_read_and_a_damaged_one_reported)
+{
+    const double x[4] = { 2.385, -1, 7, 11 };
+    struct ledger *ledger = start();
+    struct ledger_change note = stream_note("5");
+    struct seen seen;
+    double read[4];
+    char path[4200];
+    uint64_t bytes;
+    int fd;
+
+    tape_path(path, dir);
+    CHECK(ledger_commit(ledger, &note, 1, NULL) == MODAL_OK);
+    ledger_close(ledger);
+    CHECK(file_put(path, unlabelled, sizeof unlabelled, 0640, NULL) == MODAL_OK);
+    CHECK(file_open(path, O_RDWR, 0, &fd, NULL) == MODAL_OK);
+    CHECK(file_write(fd, "", 1, 103, NULL) == MODAL_OK);
+    CHECK(tape_check(dir, &bytes, NULL) == MODAL_CORRUPT);
+    CHECK(file_write(fd, unlabelled + 103, 1, 103, NULL) == MODAL_OK);
+    close(fd);
+    CHECK(ledger_open(dir, &ledger, NULL) == MODAL_OK);
+    seen = load(ledger);
+    CHECK(seen.segments == 1 && seen.segment[0].length == 32);
+    CHECK(samples_of(&seen.segment[0], read) == MODAL_OK && memcmp(read, x, 32) == 0);
+    stop(ledger);
+}
+
+/* Anybody chooses samples: these have two whole groups in them, and a crash took the head of the
+ * group in which they came. */
+TEST(samples_that_look_like_a_later_group_are_no_damage_before_it)
+{
+    struct ledger *ledger = start();
+    const size_t before = tape_size();
+    struct ledger_change note = stream_note("5"),
+                         push = segment_put(5, 0, unlabelled, sizeof unlabelled);
+    char path[4200];
+    uint64_t bytes;
+    int fd;
+
+    tape_path(path, dir);
+    CHECK(ledger_commit(ledger, &note, 1, NULL) == MODAL_OK);
+    CHECK(ledger_commit(ledger, &push, 1, NULL) == MODAL_OK);
+    CHECK(file_open(path, O_RDWR, 0, &fd, NULL) == MODAL_OK);
+    CHECK(file_write(fd, "\0\0\0\0\0\0\0", 8, before + 16, NULL) == MODAL_OK);
+    close(fd);
+    CHECK(tape_check(dir, &bytes, NULL) == MODAL_OK && bytes == before);
+    stop(again(ledger));
 }
 
 TEST(samples_no_row_speaks_of_are_written_over_and_damaged_ones_are_told)

@@ -84,6 +84,8 @@ static const struct verb verbs[] = {
     { "ablate", "SCENE.json", "each effect's cost and influence", 1, 1, JOB_TAKES, run_job },
     { "sweep", "FILE.json", "a scene over a grid of its values", 1, 1,
       JOB_TAKES | TAKES_WAIT | TAKES_PLOT | TAKES_SWEEP, run_sweep },
+    { "export", "FILE -O OUT", "signals of a file to one of HDF5 or CSV", 1, 1,
+      TAKES_SIGNALS | TAKES_OUTPUT, run_export },
     { "submit", "KIND FILE", "put a job on the queue; or many: --from LIST.jsonl", 0, 3,
       JOB_TAKES | TAKES_SIGNALS | TAKES_CURVE | TAKES_WAIT | TAKES_BULK, run_submit },
     { "status", "JOB", "a job's state now (JOB is an id, or key:K)", 1, 1, TAKES_TIMEOUT,

@@ -35,6 +35,7 @@ int run_undrain(const struct verb *verb, const struct args *args);
 /* Submit PATH as a job of KIND (OF: of a tradeoff, or NULL), say its document; the exit status. */
 int submit_one(const char *kind, const char *of, const char *path, const struct args *args);
 
+int run_export(const struct verb *verb, const struct args *args);        /* export.c */
 int run_bulk(const struct args *args);                      /* bulk.c: submit --from */
 int run_watch(const struct verb *verb, const struct args *args);          /* watch.c */
 int run_keygen(const struct verb *verb, const struct args *args);         /* keygen.c */

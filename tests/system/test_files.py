@@ -369,3 +369,20 @@ def test_a_flipped_bit_in_a_compressed_file_is_an_error(ctl, tmp_path):
         data[len(data) // 3] ^= 0x10
         (tmp_path / name).write_bytes(data)
         assert refused(ctl, tmp_path / name)[0] == "file"
+
+
+def test_export_writes_what_identify_reads_and_keeps_what_the_file_says(ctl, tmp_path):
+    npz(tmp_path / "x.npz", period=5.0)
+    said = ctl("export", tmp_path / "x.npz", "-O", tmp_path / "y.h5", "--scale", 2)
+    assert said.document == {"output": str(tmp_path / "y.h5"), "samples": SAMPLES, "channels": 3,
+                             "dt": DT}
+    with h5py.File(tmp_path / "y.h5") as file:
+        assert np.array_equal(file["signals"][...], 2 * Y) and file["signals"].attrs["dt"] == DT
+    assert ctl("export", tmp_path / "y.h5", "-O", tmp_path / "y.csv").status == 0
+    assert np.array_equal(np.loadtxt(tmp_path / "y.csv", delimiter=",", skiprows=1)[:, 1:], 2 * Y)
+    for words in (["-O", tmp_path / "y.mat"], []):
+        said = ctl("export", tmp_path / "x.npz", *words)
+        assert said.status == 2 and said.document["error"]["field"] == "output"
+    np.save(tmp_path / "x.npy", Y)
+    said = ctl("export", tmp_path / "x.npy", "-O", tmp_path / "z.h5")
+    assert said.document["error"]["field"] == "dt" and not (tmp_path / "z.h5").exists()

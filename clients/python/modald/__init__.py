@@ -1,16 +1,25 @@
 """modald: frequencies, damping, stability and steady vibration, as a service.
 
     import modald
-    with modald.connect() as c:
+    with modald.connect() as c:                 # or modald.local(): a daemon of one's own
         result = c.identify(signals, dt, options={"rank.fixed": 6})
-        for mode in result["modes"]:
-            print(mode["frequency_hz"], mode["damping_ratio"])
+        print(result.frequency_hz, result.damping_ratio, result.std_damping_ratio)
 
-One client serves any number of threads.  Documents are those of proto/PROTOCOL.md, as dictionaries;
-every failure is a `modald.Error` with the protocol's stable code.
+One client serves any number of threads; its jobs are futures (`submit`, `map`, `as_completed`).
+Documents are those of proto/PROTOCOL.md and modald-result(5), as dictionaries; numpy arrays and
+scipy.sparse matrices are taken wherever numbers are.  Every failure is a `modald.Error` with the
+protocol's stable code.
 """
-from .client import Batch, Client, Error, Event, Job, connect
+from . import scene
+from .client import Batch, Client, Event, connect
+from .daemon import local
+from .estimator import Identify
+from .files import read
+from .jobs import Job, as_completed
+from .link import Error
+from .results import Result
 from .streaming import Stream, stream
 
-__all__ = ["Batch", "Client", "Error", "Event", "Job", "Stream", "connect", "stream"]
+__all__ = ["Batch", "Client", "Error", "Event", "Identify", "Job", "Result", "Stream",
+           "as_completed", "connect", "local", "read", "scene", "stream"]
 __version__ = "0.1.0"

@@ -10,19 +10,21 @@ import secrets
 import time
 import weakref
 from dataclasses import dataclass, field
-from typing import Any, Callable, Iterator, Mapping, Sequence, Union
+from typing import Any, Callable, Iterable, Iterator, Mapping, Sequence, Union
 
 import numpy as np
 import numpy.typing as npt
 
 from . import wire
+from .jobs import ENDED, Job, Watch
 from .link import Error, Link, LOST_PATIENCE, Talk
+from .progress import shown
+from .results import Result
 
 Document = dict[str, Any]
 Progress = Callable[[str, float], None]
 SHARES_MOST = 64            # of a sweep: as many workers may have one each
 TOGETHER_MOST = 64          # submissions in one message
-ENDED = ("done", "failed", "cancelled", "dead")
 ASK_AGAIN = 5.0             # s without an answer to a wait beyond what it asked for
 CHUNK_PATIENCE = 10.0       # s without an answer while chunks are under way: begin again
 
@@ -33,6 +35,21 @@ def _seconds(value: Any, field: str) -> float:
     except (TypeError, ValueError) as why:
         raise Error("bad_input", f"{field} is {value!r}; accepted: a positive number of seconds",
                     field) from why
+
+
+def _array(value: Any) -> npt.NDArray[Any]:
+    try:
+        return np.asarray(value)
+    except (TypeError, ValueError) as why:
+        raise Error("bad_input", f"signals are not numbers of one shape: {why}",
+                    "signals") from why
+
+
+def _text(scene: Any) -> bytes:
+    try:
+        return wire.dumps(scene)
+    except (TypeError, ValueError) as why:
+        raise Error("bad_input", f"the scene is no JSON: {why}", "scene") from why
 
 
 def _plain(value: Any) -> Any:
@@ -57,7 +74,10 @@ def _same_step(given: float | None, own: float, whose: str) -> float:
 
 @dataclass
 class Batch:
-    """Signals at equal steps, n_samples x n_channels."""
+    """Signals at equal steps: `signals` float64, shape (samples, channels), `dt` [s] between
+    samples, `period` [s] of a periodic system, `names` of the channels, their `units`, and whatever
+    else a file says in `attributes`.
+    """
 
     signals: npt.NDArray[np.float64]
     dt: float
@@ -83,11 +103,15 @@ class Batch:
 
     @classmethod
     def read(cls, path: str | os.PathLike[str], dt: float | None = None) -> "Batch":
-        """A batch of the usual layout from an HDF5 file (needs h5py).
+        """A batch of the usual layout from an HDF5 file (needs h5py); `modald.read` reads others.
 
-        `dt` where the file does not say, never against it.
+        `dt` [s] where the file does not say, never against it.
         """
-        import h5py
+        try:
+            import h5py
+        except ImportError as why:
+            raise Error("bad_input", "reading files needs h5py (Debian package python3-h5py)",
+                        "file") from why
         try:
             file = h5py.File(path)
         except OSError as why:
@@ -100,8 +124,8 @@ class Batch:
             if "dt" not in found and dt is None:
                 raise Error("bad_input", f"{path}: no attribute dt on signals or the root; give dt",
                             "dt")
-            step = _same_step(dt, _seconds(_one(found["dt"]), "dt"),
-                              f"{path}: its attribute dt") if "dt" in found else dt
+            step = _same_step(dt, _seconds(_one(found["dt"]), "dt"), f"{path}: its attribute dt"
+                              ) if "dt" in found else _seconds(dt, "dt")
             names = found.pop("channels", None)
             units = found.pop("units", None)
             rest = {key: value for key, value in found.items() if key not in ("dt", "period")}
@@ -110,6 +134,7 @@ class Batch:
                        str(units) if units is not None else None, rest or None)
 
     def description(self) -> Document:
+        """As UPLOAD and SUBMIT describe it."""
         samples, channels = self.signals.shape
         out: Document = {"content": "batch", "samples": samples, "channels": channels,
                          "dt": self.dt}
@@ -124,10 +149,12 @@ class Batch:
         return out
 
     def bytes(self) -> memoryview:
-        flat = memoryview(self.signals.reshape(-1))
+        """The samples as they are sent: float64, little-endian, sample by sample."""
+        flat = memoryview(self.signals.reshape(-1).data)
         return flat.cast("B") if self.signals.size else memoryview(b"")
 
     def sha256(self) -> str:
+        """Its identity, 64 hexadecimal digits."""
         samples, channels = self.signals.shape
         return wire.batch_identity(self.bytes(), samples, channels, self.dt, self.period or 0.0,
                                    self.units or "", self.names)
@@ -135,42 +162,6 @@ class Batch:
 
 Scene = Mapping[str, Any]
 Input = Union[Batch, Scene]
-
-
-@dataclass
-class Job:
-    """A queue document, and its client to ask again."""
-
-    client: "Client"
-    document: Document
-
-    @property
-    def id(self) -> str:
-        return str(self.document["job"])
-
-    @property
-    def state(self) -> str:
-        return str(self.document["state"])
-
-    def status(self) -> "Job":
-        self.document = self.client.status(self.id)
-        return self
-
-    def wait(self, timeout: float | None = None) -> "Job":
-        self.document = self.client.wait(self.id, timeout)
-        return self
-
-    def result(self, timeout: float | None = None) -> Document:
-        """Wait for the job's end and give its result; its own error is raised."""
-        self.wait(timeout)
-        if self.state != "done":
-            raise Error.of(self.document.get("error") or {"code": self.state,
-                                                          "message": f"the job is {self.state}"})
-        return self.client.result(self.id)
-
-    def cancel(self) -> "Job":
-        self.document = self.client.cancel(self.id)
-        return self
 
 
 @dataclass
@@ -184,10 +175,18 @@ class Event:
         self.number = self.header.get("number")
 
     def __getitem__(self, key: str) -> Any:
+        """A member of its header."""
         return self.header[key]
 
 
+def options_of(given: Mapping[str, Any]) -> Document | None:
+    """Keyword arguments as options of identify, none of which has an underscore: `rank_fixed` is
+    `rank.fixed`."""
+    return {name.replace("_", "."): value for name, value in given.items()} or None
+
+
 def default_endpoint() -> str:
+    """$MODALD_URL, else that of /run/modald, else of $XDG_RUNTIME_DIR."""
     url, runtime = os.environ.get("MODALD_URL"), os.environ.get("XDG_RUNTIME_DIR")
     if url:
         return url
@@ -205,17 +204,28 @@ class Client:
 
     def __init__(self, endpoint: str | None = None, keyfile: str | None = None,
                  timeout: float | None = 60.0):
+        """As `connect`; the first question finds out whether somebody is there."""
         self.endpoint = endpoint or default_endpoint()
         self.keyfile = keyfile or os.environ.get("MODALD_KEYFILE") or None
         self.timeout = timeout
         self._link = Link(self.endpoint, self.keyfile)
+        self._jobs = Watch(self._link)
         self._end = weakref.finalize(self, self._link.close)
 
     def __enter__(self) -> "Client":
+        """Itself; `with` closes it."""
         return self
 
     def __exit__(self, *_: object) -> None:
+        """Close it."""
         self.close()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """A pickled client is one of the same endpoint and key file, where it is unpickled."""
+        return Client, (self.endpoint, self.keyfile, self.timeout)
+
+    def _watch(self, job: Job) -> None:
+        self._jobs.add(job)
 
     def close(self) -> None:
         """End the connection; calls that still wait in other threads are told so."""
@@ -265,7 +275,10 @@ class Client:
         """Description, bytes and identity."""
         if isinstance(value, Batch):
             return value.description(), value.bytes(), value.sha256()
-        text = wire.dumps(value)
+        if not isinstance(value, Mapping):
+            raise Error("bad_input", f"a {type(value).__name__} is no input; accepted: a Batch, or "
+                        "a scene as a dictionary", "input")
+        text = _text(value)
         return {"content": "scene"}, memoryview(text), wire.scene_identity(text)
 
     def upload(self, value: Input, timeout: float | None = None,
@@ -385,14 +398,14 @@ class Client:
                     waiting.extend(i for parts in flying.values() for i in parts)
                     flying.clear()
                     continue
-                kind, answer, body = message
-                parts = flying.pop(answer.get("id"), [])
+                kind, answer, bodies = message
+                parts = flying.pop(answer.get("id", 0), [])
                 if kind == "ERROR" and answer["error"]["code"] == "unknown_verb" and together > 1:
                     together = 1                        # a daemon of before SUBMITS
                     waiting.extend(parts)
                     continue
                 several = kind == "REPLY" and len(parts) > 1
-                answers = wire.loads(body[0])["jobs"] if several else [answer] * len(parts)
+                answers = wire.loads(bodies[0])["jobs"] if several else [answer] * len(parts)
                 waiting.extend(self._take(parts, answers, out))
         return [job for job in out if job is not None]
 
@@ -440,15 +453,19 @@ class Client:
         return again
 
     def status(self, job: str) -> Document:
+        """The queue document of a job, an id or "key:K"."""
         return self.ask("STATUS", {"job": job})[0]
 
     def cancel(self, job: str) -> Document:
+        """End a job, queued or running; its document."""
         return self.ask("CANCEL", {"job": job})[0]
 
     def retry(self, job: str) -> Document:
+        """A dead job once more; its document."""
         return self.ask("RETRY", {"job": job})[0]
 
     def delete(self, job: str) -> Document:
+        """Forget an ended job and its result."""
         return self.ask("DELETE", {"job": job})[0]
 
     def wait(self, job: str, timeout: float | None = None,
@@ -469,7 +486,8 @@ class Client:
                             detail=document)
 
     def _fetch(self, job: str, part: str) -> tuple[bytes, Document]:
-        data, description = bytearray(), {}
+        data = bytearray()
+        description: Document = {}
         while True:
             answer, body = self.ask("RESULT", {"job": job, "part": part, "offset": len(data)})
             data += body[0] if body else b""
@@ -479,14 +497,16 @@ class Client:
             if not body:
                 raise Error("bad_frame", "the daemon sent no bytes of a result")
 
-    def result(self, job: str) -> Document:
-        return dict(wire.loads(self._fetch(job, "document")[0]))
+    def result(self, job: str) -> Result:
+        """The result of a done job, an id or "key:K"."""
+        return Result(wire.loads(self._fetch(job, "document")[0]))
 
     def result_bytes(self, job: str) -> bytes:
         """The result to the byte."""
         return self._fetch(job, "document")[0]
 
     def stderr(self, job: str) -> str:
+        """The last words of a worker that died of the job."""
         return self._fetch(job, "stderr")[0].decode(errors="replace")
 
     def signals(self, job: str) -> Batch:
@@ -497,7 +517,7 @@ class Client:
 
     def list(self, state: str | None = None, kind: str | None = None,
              limit: int = 100) -> Iterator[Document]:
-        """All jobs, page by page."""
+        """Documents of all jobs, `limit` a page, of one `state` and `kind` where they are given."""
         header: Document = {"limit": limit, **({"state": state} if state else {}),
                             **({"kind": kind} if kind else {})}
         while True:
@@ -509,9 +529,10 @@ class Client:
 
     def events(self, start: int | None = None, job: str | None = None, stream: str | None = None,
                timeout: float | None = None) -> Iterator[Event]:
-        """Events as they happen, over a connection of their own.
+        """Events as they happen, over a connection of their own, of one `job` or `stream`.
 
-        From number `start` on, without a hole over reconnections.
+        From number `start` on, without a hole over reconnections.  After `timeout` s there are no
+        more: the iteration ends.
         """
         deadline = float("inf") if timeout is None else time.monotonic() + timeout
         with Client(self.endpoint, self.keyfile, self.timeout) as other:
@@ -522,7 +543,15 @@ class Client:
                                          **({"job": job} if job else {}),
                                          **({"stream": stream} if stream else {})})
                     subscription = None
-                    while (message := talk.receive(deadline)) is not None:
+                    while True:
+                        try:
+                            message = talk.receive(deadline)
+                        except Error as why:
+                            if why.code == "timeout":
+                                return
+                            raise
+                        if message is None:
+                            break
                         kind, event, _ = message
                         if kind != "EVENT":
                             subscription = self._answer(message)[0]["subscription"]
@@ -533,67 +562,111 @@ class Client:
                 other._link.check()
 
     def hello(self) -> Document:
+        """Versions and limits of the daemon."""
         return self.ask("HELLO", {"versions": ["MODALD1"], "client": "python 0.1.0"})[0]
 
     def stats(self) -> Document:
+        """Counts and sizes of the service."""
         return self.ask("STATS")[0]
 
     def whoami(self) -> Document:
+        """User, role, limits and use."""
         return self.ask("WHOAMI")[0]
 
     def metrics(self) -> str:
+        """Prometheus text."""
         return self.ask("METRICS")[1][0].decode()
 
     def drain(self) -> Document:
+        """Take and start no more jobs (role admin)."""
         return self.ask("DRAIN")[0]
 
     def undrain(self) -> Document:
+        """Take and start jobs again (role admin)."""
         return self.ask("UNDRAIN")[0]
 
     # -- jobs, from input to result ---------------------------------------------------------------
 
     def run(self, kind: str, value: Input, options: Document | None = None,
-            timeout: float | None = None, **limits: Any) -> Document:
-        """Submit, wait, fetch; a job's own error is raised."""
+            timeout: float | None = None, **limits: Any) -> Result:
+        """Submit, wait (`timeout` s at most), fetch; a job's own error is raised.
+
+        `limits` as of `submit`.
+        """
         limits.setdefault("key", "python-" + secrets.token_hex(16))
         return self.submit(kind, value, options, **limits).result(timeout)
+
+    def map(self, batches: Iterable[Batch], *, timeout: float | None = None,
+            progress: bool = False, **options: Any) -> Iterator[Result]:
+        """Identify all of `batches`, beside each other; the results in their order.
+
+        `options` are identify's, a dot written as an underscore (`rank_fixed=6`).  All are
+        submitted before this returns; `timeout` [s] bounds all of it, `progress` shows a bar.  The
+        first that fails raises its error; jobs that nobody will fetch then are cancelled.
+        """
+        deadline = float("inf") if timeout is None else time.monotonic() + timeout
+        jobs = self.submit_many([("identify", batch, options_of(options),
+                                  "python-" + secrets.token_hex(16)) for batch in batches],
+                                timeout=timeout)
+        return self._results(jobs, deadline, progress)
+
+    def _results(self, jobs: Sequence[Job], deadline: float, progress: bool) -> Iterator[Result]:
+        try:
+            for job in shown(jobs, len(jobs), progress):
+                left = deadline - time.monotonic()
+                yield job.result(None if left == float("inf") else max(0.0, left))
+        finally:
+            for job in jobs:
+                if job.state not in ENDED:
+                    job.cancel()
 
     def identify(self, signals: npt.ArrayLike | Batch, dt: float | None = None,
                  options: Document | None = None, *,
                  period: float | None = None, names: Sequence[str] | None = None,
-                 timeout: float | None = None, **limits: Any) -> Document:
-        """Modes of signals (n_samples x n_channels at steps of `dt` seconds), or of a Batch."""
+                 timeout: float | None = None, **limits: Any) -> Result:
+        """Modes of `signals`, shape (samples,) or (samples, channels) at steps of `dt` s, or of a
+        Batch; `period` [s] of a periodic system, `names` of the channels.
+        """
         if isinstance(signals, Batch):
             _same_step(dt, signals.dt, "the batch")
         else:
             if dt is None:
                 raise Error("bad_input", "dt is needed: seconds between samples", "dt")
-            signals = Batch(np.asarray(signals), dt, period, names)
+            signals = Batch(_array(signals), dt, period, names)
         return self.run("identify", signals, options, timeout, **limits)
 
     def steady(self, scene: Scene, options: Document | None = None, timeout: float | None = None,
-               **limits: Any) -> Document:
+               **limits: Any) -> Result:
+        """The steady state of `scene`, a dictionary as modald-scene(5) says, or with `options` its
+        response curve.
+        """
         return self.run("steady", scene, options, timeout, **limits)
 
     def floquet(self, scene: Scene, options: Document | None = None, timeout: float | None = None,
-                **limits: Any) -> Document:
+                **limits: Any) -> Result:
+        """Multipliers and exponents of a linear `scene`."""
         return self.run("floquet", scene, options, timeout, **limits)
 
     def simulate(self, scene: Scene, options: Document | None = None, timeout: float | None = None,
-                 **limits: Any) -> tuple[Document, Batch]:
+                 **limits: Any) -> tuple[Result, Batch]:
+        """The motion of `scene`: the result, and the samples as a Batch."""
         limits.setdefault("key", "python-" + secrets.token_hex(16))
         job = self.submit("simulate", scene, options, **limits)
         return job.result(timeout), self.signals(job.id)
 
     def sweep(self, document: Scene, options: Document | None = None, timeout: float | None = None,
-              **limits: Any) -> Document:
+              **limits: Any) -> Result:
         """A scene over a grid of its values: shares of the points as jobs over all workers, as one
         table.  The same sweep finds its jobs again, also after a restart of either side."""
         deadline = float("inf") if timeout is None else time.monotonic() + timeout
-        points = math.prod(len(axis["values"]) for axis in document["grid"])
+        try:
+            points = math.prod(len(axis["values"]) for axis in document["grid"])
+        except (KeyError, TypeError) as why:
+            raise Error("bad_input", "a sweep has a grid: a list of objects with path and values",
+                        "grid") from why
         shares = max(1, min(SHARES_MOST, points))
         cuts = [points * i // shares for i in range(shares + 1)]
-        same = wire.scene_identity(wire.dumps([document, options]))
+        same = wire.scene_identity(_text([document, options]))
         stem = limits.pop("key", None) or "python-sweep-" + same
         jobs = [self._share(document, {**(options or {}), "first": a, "count": b - a},
                             f"{stem}:{a}", limits) for a, b in zip(cuts, cuts[1:])]
@@ -610,8 +683,8 @@ class Client:
             whole["points"] += part["points"]
             for cost, more in ((whole["cost"], part["cost"]),
                                (whole["cost"]["stages"], part["cost"]["stages"])):
-                cost.update({key: (max if key == "peak_bytes" else sum)((cost[key], more[key]))
-                             for key in cost if key != "stages"})
+                cost.update({key: max(cost[key], more[key]) if key == "peak_bytes"
+                             else cost[key] + more[key] for key in cost if key != "stages"})
         whole["provenance"]["options"]["count"] = points
         return whole
 
@@ -637,6 +710,7 @@ def connect(endpoint: str | None = None, keyfile: str | None = None,
             timeout: float | None = 60.0) -> Client:
     """A client of the daemon at `endpoint`.
 
-    Default $MODALD_URL, else /run/modald, else $XDG_RUNTIME_DIR/modald.
+    Default $MODALD_URL, else /run/modald, else $XDG_RUNTIME_DIR/modald.  `keyfile` (default
+    $MODALD_KEYFILE) where the daemon wants keys; `timeout` [s] bounds each call.
     """
     return Client(endpoint, keyfile, timeout)

@@ -52,11 +52,17 @@ class Error(Exception):
 
     def __init__(self, code: str, message: str, field: str | None = None,
                  detail: Document | None = None):
+        """Of a `code` of proto/PROTOCOL.md, or "timeout", "no_server"."""
         super().__init__(f"{code}: {field + ': ' if field else ''}{message}")
         self.code, self.message, self.field, self.detail = code, message, field, detail or {}
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """All of it travels, also to another process."""
+        return Error, (self.code, self.message, self.field, self.detail)
+
     @classmethod
     def of(cls, error: Any) -> "Error":
+        """From an answer's `error`."""
         return cls(error.get("code", "internal"), error.get("message", ""), error.get("field"),
                    error.get("detail"))
 
@@ -84,6 +90,7 @@ class Talk:
     Of one thread; `with` ends it, however it is left: what was asked in it is then nobody's."""
 
     def __init__(self, link: "Link"):
+        """Nothing is asked yet."""
         self.link = link
         self.inbox: queue.SimpleQueue[tuple[Message | None, int]] = queue.SimpleQueue()
         self.unread = 0                                 # bytes
@@ -91,15 +98,19 @@ class Talk:
         self.listens = False                            # to events
 
     def __enter__(self) -> "Talk":
+        """Itself."""
         return self
 
     def __exit__(self, *_: object) -> None:
+        """Nobody waits for what was asked in it any more."""
         self.link.forget(self)
 
     def send(self, verb: str, header: Document, body: Frames = ()) -> int:
+        """Ask; the number that the answer will have as its id."""
         return self.link.post(self, verb, header, body)
 
     def receive(self, deadline: float, what: str = "nothing came in time") -> Message | None:
+        """The next answer, until `deadline` of time.monotonic(): then Error "timeout", WHAT."""
         while True:
             left = deadline - time.monotonic()
             try:
@@ -118,10 +129,11 @@ class Link:
     """See the module.  Everything below the line belongs to the thread."""
 
     def __init__(self, endpoint: str, keyfile: str | None):
+        """Begin to connect; does not wait."""
         self.endpoint = endpoint
         try:
             self.keys = read_keyfile(keyfile) if keyfile else {}
-        except OSError as why:
+        except (OSError, UnicodeDecodeError) as why:
             raise Error("bad_input", f"{endpoint}: {why}", "keyfile") from why
         self.ready = self.was_ready = False
         self.failure = ""               # of the last try: "key", "mechanism", "handshake"
@@ -150,9 +162,10 @@ class Link:
 
     @staticmethod
     def frames(verb: str, header: Document, body: Frames) -> list[bytes | memoryview]:
+        """A request as it is sent, or Error "bad_input"."""
         try:
             return wire.encode(verb, header, *body)
-        except ValueError as why:                       # too long, NaN, or no text
+        except (TypeError, ValueError) as why:          # too long, NaN, or no text
             raise Error("bad_input", str(why), "header") from why
 
     def post(self, talk: Talk, verb: str, header: Document, body: Frames) -> int:
@@ -170,6 +183,7 @@ class Link:
         return number
 
     def forget(self, talk: Talk) -> None:
+        """Its answers, when they come, are nobody's."""
         with self._lock:
             for number in talk.numbers:
                 self._asking.pop(number, None)
@@ -324,7 +338,7 @@ class Link:
                 talks = [talk] if talk is not None else []
         size = sum(map(len, frames))
         for talk in talks:
-            talk.numbers.discard(number)
+            talk.numbers.discard(number or 0)           # numbers begin at 1
             talk.unread += size
             talk.inbox.put((message, size))
         return all(talk.unread <= UNREAD_MOST for talk in talks)
@@ -359,10 +373,10 @@ class Link:
     def _turn(self) -> None:
         full = not self._send()
         if full:
-            self._poller.modify(self._socket, zmq.POLLIN | zmq.POLLOUT)
+            self._poller.register(self._socket, zmq.POLLIN | zmq.POLLOUT)
         what = dict(self._poller.poll())
         if full:
-            self._poller.modify(self._socket, zmq.POLLIN)
+            self._poller.register(self._socket, zmq.POLLIN)
         if self._bell.fileno() in what:
             self._bell.recv(4096)
         if self._monitor in what:

@@ -1,12 +1,14 @@
 """Results as pictures, by matplotlib: each function draws one kind of document, and gives it."""
 from __future__ import annotations
 
-from typing import Any, Mapping
+from typing import Any, Callable, Mapping
 
 import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
+
+from .link import Error
 
 Document = Mapping[str, Any]
 
@@ -88,6 +90,35 @@ def multipliers(result: Document) -> Figure:
     axes.plot(pairs[:, 0], pairs[:, 1], "o")
     axes.set(xlabel="Re multiplier", ylabel="Im", aspect="equal")
     return figure
+
+
+def exponents(result: Document) -> Figure:
+    """Exponents in their plane, and the imaginary axis."""
+    figure, axes = plt.subplots()
+    pairs = np.array([p for p in result["exponents"] if p is not None], dtype=float).reshape(-1, 2)
+    axes.plot(pairs[:, 0], pairs[:, 1], "o")
+    axes.axvline(0, color="grey", lw=0.8)
+    axes.set(xlabel="Re exponent, 1/s", ylabel="Im, 1/s")
+    return figure
+
+
+_KINDS: dict[str, Callable[[Document], Figure]] = {
+    "identify": modes, "tradeoff": tradeoff, "floquet": multipliers}
+
+
+def of(result: Document, dof: int = 0) -> Figure:
+    """The picture of a result of any kind that has one; `dof` counts those of a steady one."""
+    kind = result.get("kind")
+    if kind == "steady":
+        return orbit(result, dof)
+    if kind == "curve":
+        return curve(result, dof)
+    if kind == "floquet" and "multipliers" not in result:
+        return exponents(result)
+    if kind not in _KINDS:
+        raise Error("bad_input", f"a result of {kind} has no picture; accepted: identify, steady, "
+                    "curve, floquet, tradeoff", "kind")
+    return _KINDS[kind](result)
 
 
 def use(backend: str) -> None:

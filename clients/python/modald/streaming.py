@@ -67,6 +67,10 @@ class Report:
     refused: float
 
 
+def _numbers(found: _Estimate | _Report) -> list[float]:
+    return [getattr(found, name) for name, _ in found._fields_]
+
+
 def _load() -> ctypes.CDLL:
     """$MODALD_LIBRARY, a build folder's, the one beside this file's prefix, or the system's."""
     named, build = os.environ.get("MODALD_LIBRARY"), os.environ.get("MODALD_BUILD")
@@ -101,10 +105,12 @@ class Stream:
     def __init__(self, name: str, channels: int | Sequence[str], dt: float, *,
                  units: str | None = None, period: float = 0.0,
                  window: int | None = None, hop: int | None = None, options: str | None = None):
+        """As `stream`."""
         names = None if isinstance(channels, int) else list(channels)
         self.channels = channels if isinstance(channels, int) else len(channels)
         self._handle: int | None = None
         self._name, self._told = name, False
+        self._last: tuple[str, Estimate | None, Report] = ("unknown", None, Report(*[0.0] * 7))
         if not os.environ.get("MODALD_URL"):
             return
         try:
@@ -160,50 +166,71 @@ class Stream:
         if self._handle:
             self._lib.modald_seek(self._handle, float(index))
 
+    def _state(self) -> tuple[str, Estimate | None, Report]:
+        """Verdict, estimate and counts now; after the end those of then."""
+        if self._handle:
+            estimate, report = _Estimate(), _Report()
+            known = self._lib.modald_get_estimate(self._handle, ctypes.byref(estimate))
+            self._lib.modald_get_report(self._handle, ctypes.byref(report))
+            self._last = (VERDICTS[self._lib.modald_verdict(self._handle)],
+                          Estimate(*_numbers(estimate)) if known else None,
+                          Report(*_numbers(report)))
+        return self._last
+
     @property
     def verdict(self) -> str:
-        return VERDICTS[self._lib.modald_verdict(self._handle)] if self._handle else "unknown"
+        """Of the last window: stable, unstable, undecided, or unknown before there is one."""
+        return self._state()[0]
 
     @property
     def unstable(self) -> bool:
+        """Whether the last window was found to grow."""
         return self.verdict == "unstable"
 
     @property
     def estimate(self) -> Estimate | None:
-        out = _Estimate()
-        if not self._handle or not self._lib.modald_get_estimate(self._handle, ctypes.byref(out)):
-            return None
-        return Estimate(*(getattr(out, name) for name, _ in out._fields_))
+        """The least damped mode of the last window, or None."""
+        return self._state()[1]
 
     @property
     def report(self) -> Report:
-        out = _Report()
-        if self._handle:
-            self._lib.modald_get_report(self._handle, ctypes.byref(out))
-        return Report(*(getattr(out, name) for name, _ in out._fields_))
+        """Counts of samples; after the end those of just before it."""
+        return self._state()[2]
 
     def close(self) -> None:
+        """End the stream; verdict, estimate and report stay as they are."""
+        self._state()
         if self._handle:
             self._lib.modald_close(self._handle)
         self._handle = None
 
     def abandon(self) -> None:
         """Close a run that was broken off; the record says so."""
+        self._state()
         if self._handle:
             self._lib.modald_abandon(self._handle)
         self._handle = None
 
     def __enter__(self) -> "Stream":
+        """Itself; `with` closes it, and an exception marks it as broken off."""
         return self
 
     def __exit__(self, kind: type[BaseException] | None, value: BaseException | None,
                  trace: TracebackType | None) -> None:
+        """Close, or abandon after an exception."""
         if kind is None:
             self.close()
         else:
             self.abandon()
 
 
-def stream(name: str, channels: int | Sequence[str], dt: float, **more: object) -> Stream:
-    """Open a stream: `with modald.stream(name, channels, dt) as s`."""
-    return Stream(name, channels, dt, **more)  # type: ignore[arg-type]
+def stream(name: str, channels: int | Sequence[str], dt: float, *, units: str | None = None,
+           period: float = 0.0, window: int | None = None, hop: int | None = None,
+           options: str | None = None) -> Stream:
+    """Open a stream: `with modald.stream(name, channels, dt) as s`.
+
+    `channels`: how many, or their names; `dt` [s] between samples, `period` [s] of a periodic
+    system; windows of `window` samples each `hop` samples, identified with `options` (JSON text).
+    """
+    return Stream(name, channels, dt, units=units, period=period, window=window, hop=hop,
+                  options=options)

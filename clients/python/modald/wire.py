@@ -9,6 +9,8 @@ from typing import Any, NoReturn, Sequence
 
 import numpy as np
 
+from .values import plain
+
 VERSION = b"MODALD1"
 FRAMES_MOST, HEADER_MOST, BODY_MOST = 8, 65536, 1048576
 INLINE_MOST, CHUNK_MOST = 65536, 262144
@@ -109,6 +111,7 @@ def batch_identity(data: bytes | memoryview, samples: int, channels: int, dt: fl
 
 
 def scene_identity(text: bytes) -> str:
+    """SHA-256 of a scene: its kind and length, then its text."""
     return hashlib.sha256(b"modald/scene/1\0" + struct.pack("<Q", len(text)) + text).hexdigest()
 
 
@@ -134,7 +137,9 @@ def loads(text: bytes | str) -> Any:
 
 
 def dumps(value: Any) -> bytes:
-    return json.dumps(value, separators=(",", ":"), allow_nan=False, ensure_ascii=False).encode()
+    """Strict JSON, without blanks; arrays and sparse matrices as `values.plain` has them."""
+    return json.dumps(value, separators=(",", ":"), allow_nan=False, ensure_ascii=False,
+                      default=plain).encode()
 
 
 def encode(verb: str, header: dict[str, Any],

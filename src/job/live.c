@@ -129,6 +129,11 @@ enum modal_status live_resume(struct live *l, const char *tracks, struct modal_e
     return tracks_text_read(tracks, &l->tracks, err);
 }
 
+void live_skip(struct live *l)
+{
+    moving_clear(l->window);
+}
+
 static double complex complex_of(const cJSON *pair)
 {
     const cJSON *re = cJSON_GetArrayItem(pair, 0), *im = cJSON_GetArrayItem(pair, 1);

@@ -23,6 +23,9 @@ void live_free(struct live *live);
  * MODAL_BAD_INPUT, field "tracks". */
 enum modal_status live_resume(struct live *live, const char *tracks, struct modal_error *err);
 
+/* What comes next does not follow on the samples of before: the next window has none of them. */
+void live_skip(struct live *live);
+
 /*
  * COUNT samples more, the last of them number TO of EPOCH, then the modes of the last window as
  * identify's document has them: {"kind","modes","stability","diagnostics"}, each mode with the

@@ -1,5 +1,12 @@
-/* live_windows.c - a small table, the oldest out; see live_windows.h */
+/*
+ * live_windows.c - see live_windows.h
+ *
+ * Streams take turns, so that where they are more than are kept the one that was used longest ago
+ * is the very one that comes next: a table that drops it finds none.  So whichever is dropped; of
+ * N in turn some are there again, and one of a stream that has ended goes, too.
+ */
 #include "worker/live_windows.h"
+#include <stdbool.h>
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
@@ -13,29 +20,40 @@ struct window {
     char *stream;                 /* NULL: free */
     double epoch, next;           /* next: the index of the first sample that is not here */
     struct live *live;
-    uint64_t used;
+    size_t bytes;
 };
 
-struct live_windows { struct window all[WINDOWS_MOST]; uint64_t runs; };
+struct live_windows {
+    struct window all[WINDOWS_MOST];      /* the first `count` of them are in use */
+    int count;
+    size_t bytes;                         /* of all */
+    uint64_t dice;
+};
 
 struct asked { const char *stream, *tracks; double epoch, to; int window, hop; };
 
 struct live_windows *live_windows_new(void)
 {
-    return calloc(1, sizeof(struct live_windows));
+    struct live_windows *windows = calloc(1, sizeof *windows);
+
+    if (windows != NULL)
+        windows->dice = 1;
+    return windows;
 }
 
-static void forget(struct window *w)
+/* The last one has its place then. */
+static void forget(struct live_windows *windows, struct window *w)
 {
+    windows->bytes -= w->bytes;
     free(w->stream);
     live_free(w->live);
-    *w = (struct window) { 0 };
+    *w = windows->all[--windows->count];
 }
 
 void live_windows_free(struct live_windows *windows)
 {
-    for (int i = 0; windows != NULL && i < WINDOWS_MOST; i++)
-        forget(&windows->all[i]);
+    while (windows != NULL && windows->count > 0)
+        forget(windows, &windows->all[0]);
     free(windows);
 }
 
@@ -56,26 +74,35 @@ static enum modal_status read_asked(const cJSON *live, struct asked *a, struct m
     return rc;
 }
 
-/* The stream's place, or the one to be used for it. */
-static struct window *place_of(struct live_windows *windows, const char *stream)
+/* NULL: it is not here. */
+static struct window *find(struct live_windows *windows, const char *stream)
 {
-    struct window *oldest = &windows->all[0];
-
-    for (int i = 0; i < WINDOWS_MOST; i++) {
-        struct window *w = &windows->all[i];
-        if (w->stream != NULL && strcmp(w->stream, stream) == 0)
-            return w;
-        if (w->used < oldest->used)
-            oldest = w;
-    }
-    forget(oldest);
-    return oldest;
+    for (int i = 0; i < windows->count; i++)
+        if (strcmp(windows->all[i].stream, stream) == 0)
+            return &windows->all[i];
+    return NULL;
 }
 
-static enum modal_status begin(struct window *w, const struct asked *a, const cJSON *options,
-                               const struct batch *batch, struct modal_error *err)
+/* Room for one more of BYTES (xorshift64*). */
+static void make_room(struct live_windows *windows, size_t bytes)
 {
-    struct batch shape = *batch;
+    while (windows->count == WINDOWS_MOST
+           || (windows->count > 0 && windows->bytes + bytes > WINDOWS_BYTES)) {
+        windows->dice ^= windows->dice >> 12;
+        windows->dice ^= windows->dice << 25;
+        windows->dice ^= windows->dice >> 27;
+        forget(windows, &windows->all[windows->dice * 0x2545f4914f6cdd1dULL
+                                      % (uint64_t)windows->count]);
+    }
+}
+
+/* *OUT is new; its samples are kept twice over (moving.h). */
+static enum modal_status begin(struct live_windows *windows, const struct asked *a,
+                               const cJSON *options, const struct batch *batch,
+                               struct window **out, struct modal_error *err)
+{
+    const size_t sample = batch->channels * sizeof *batch->signals;
+    struct window w = { .bytes = 2 * batch->samples * sample + WINDOW_BESIDES, .epoch = a->epoch };
     enum modal_status rc;
 
     if (batch->samples != (size_t)a->window)
@@ -83,13 +110,38 @@ static enum modal_status begin(struct window *w, const struct asked *a, const cJ
             err, MODAL_NOT_FOUND, "live",
             "the samples before these %zu are not here; the whole window of %d is wanted",
             batch->samples, a->window);
-    rc = live_new(options, &shape, a->hop, &w->live, err);
-    if (rc == MODAL_OK && (w->stream = strdup(a->stream)) == NULL)
+    make_room(windows, w.bytes);
+    rc = live_new(options, batch, a->hop, &w.live, err);
+    if (rc == MODAL_OK && (w.stream = strdup(a->stream)) == NULL)
         rc = modal_fail(err, MODAL_NO_MEMORY, "windows: no memory");
     if (rc == MODAL_OK && a->tracks != NULL)
-        rc = live_resume(w->live, a->tracks, err);
-    w->epoch = a->epoch;
+        rc = live_resume(w.live, a->tracks, err);
+    *out = &windows->all[windows->count++];      /* in any case, so that it is freed as all are */
+    **out = w;
+    windows->bytes += w.bytes;
     return rc;
+}
+
+/* W goes on with A: all of its window, or what follows on its samples. */
+static enum modal_status go_on(struct window *w, const struct asked *a, const struct batch *batch,
+                               struct modal_error *err)
+{
+    if (w->next != a->to + 1 - (double)batch->samples)
+        live_skip(w->live);
+    return a->tracks != NULL ? live_resume(w->live, a->tracks, err) : MODAL_OK;
+}
+
+/* The stream's, unless A is of another epoch, or BATCH too little to go on with; NULL: none. */
+static struct window *find_for(struct live_windows *windows, const struct asked *a,
+                               const struct batch *batch)
+{
+    struct window *w = find(windows, a->stream);
+    bool follows = w != NULL && w->next == a->to + 1 - (double)batch->samples;
+
+    if (w == NULL || (w->epoch == a->epoch && (follows || batch->samples == (size_t)a->window)))
+        return w;
+    forget(windows, w);
+    return NULL;
 }
 
 enum modal_status live_windows_run(struct live_windows *windows, const cJSON *live,
@@ -102,19 +154,14 @@ enum modal_status live_windows_run(struct live_windows *windows, const cJSON *li
 
     if (rc != MODAL_OK)
         return rc;
-    w = place_of(windows, a.stream);
-    if (w->stream != NULL
-        && (w->epoch != a.epoch || w->next != a.to + 1 - (double)batch->samples
-            || batch->samples >= (size_t)a.window))
-        forget(w);
-    if (w->stream == NULL)
-        rc = begin(w, &a, options, batch, err);
+    w = find_for(windows, &a, batch);
+    rc = w != NULL ? go_on(w, &a, batch, err) : begin(windows, &a, options, batch, &w, err);
     if (rc == MODAL_OK)
         rc = live_next(w->live, (uint64_t)a.epoch, (uint64_t)a.to, batch->signals, batch->samples,
                        document, err);
-    w->next = a.to + 1;
-    w->used = ++windows->runs;
-    if (rc != MODAL_OK)
-        forget(w);
+    if (w != NULL && rc == MODAL_OK)
+        w->next = a.to + 1;
+    else if (w != NULL)
+        forget(windows, w);
     return rc;
 }

@@ -5,9 +5,15 @@
 #include "base/error.h"
 #include "base/json.h"
 
-/* streams; past that the one that was used longest ago is dropped, and found from nothing when it
- * comes again */
-enum { WINDOWS_MOST = 16 };
+/* What is kept at most; past that windows are dropped, and found from nothing when they come again.
+ * One that is larger alone is kept until another comes. */
+enum {
+    WINDOWS_MOST = 4096,              /* streams: as many as a user may have open */
+    WINDOWS_BYTES = 256 << 20,        /* a quarter of the least memory that a worker of
+                                       * a daemon with keys is given */
+    WINDOW_BESIDES = 64 << 10,        /* what one takes beside them: 50 to 80 kB of plans and bases
+                                       * at two channels, 90 at eight */
+};
 
 struct live_windows;
 
@@ -18,7 +24,8 @@ void live_windows_free(struct live_windows *windows);
 /*
  * One RUN with the member "live": {"stream":text,"epoch":e,"to":i,"window":n,"hop":n,
  * "tracks"?:text}.  BATCH holds the samples up to number `to`: the whole window, with what is known
- * of tracks, or those that came since the last RUN of the stream.  The caller deletes *document
+ * of tracks, or those that came since the last RUN of the stream.  The fit begins at the poles of
+ * the stream's last window that was here, whatever lies between.  The caller deletes *document
  * (job/live.h).  Fails with MODAL_NOT_FOUND, field "live", where samples before BATCH are not here
  * any more: the whole window is wanted; and as live_next does.  After a failure the stream's window
  * is forgotten.

@@ -104,12 +104,6 @@ enum modal_status moving_new(const struct moving_options *options, struct moving
     return rc;
 }
 
-void moving_clear(struct moving *m)
-{
-    anchor_forget(m);
-    m->held = 0;
-}
-
 int moving_samples(const struct moving *m)
 {
     return m->held < (size_t)m->L ? (int)m->held : m->L;

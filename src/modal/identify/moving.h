@@ -36,7 +36,8 @@ void moving_free(struct moving *m);
 /* COUNT samples, each `channels` numbers, behind those before. Fails with MODAL_NO_MEMORY. */
 enum modal_status moving_push(struct moving *m, const double *samples, size_t count, struct modal_error *err);
 
-/* All samples are forgotten; what comes next is not joined to them (a gap). */
+/* All samples are forgotten; what comes next is not joined to them (a gap). The poles stay, for the
+ * next window to begin at. */
 void moving_clear(struct moving *m);
 
 /* How many samples the window has, at most `window`. */

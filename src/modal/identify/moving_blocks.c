@@ -52,6 +52,12 @@ void anchor_forget(struct moving *m)
     m->anchored = false;
 }
 
+void moving_clear(struct moving *m)
+{
+    drop_blocks(m);
+    m->held = 0;
+}
+
 /* Sample number I (of all), which must be held. */
 const double *moving_sample(const struct moving *m, uint64_t i)
 {

@@ -206,6 +206,34 @@ TEST(every_window_has_the_modes_that_a_batch_of_it_has)
     }
 }
 
+/* Windows of 600 samples, 300 left out between one and the next. */
+TEST(a_window_behind_a_gap_is_updated_from_the_poles_before_it_and_is_what_a_batch_says)
+{
+    struct decay d = three(6000, 3, 21);
+    double *x = record(&d, 40, 22);
+    struct moving_options opt = { .channels = 3, .window = 600, .hop = 900, .dt = d.dt };
+    struct moving *m;
+    int updates = 0;
+
+    CHECK(moving_new(&opt, &m, NULL) == MODAL_OK);
+    for (int at = 0; at + 600 <= d.samples; at += 900) {
+        struct batch b = { .channels = 3, .samples = 600, .dt = d.dt, .signals = x + at * 3 };
+        struct identify_result ours, batch;
+        struct moving_cost cost;
+        moving_clear(m);
+        CHECK(moving_push(m, b.signals, 600, NULL) == MODAL_OK);
+        CHECK(moving_identify(m, &ours, &cost, NULL) == MODAL_OK);
+        CHECK(modal_identify(&b, &opt.identify, &batch, NULL) == MODAL_OK);
+        CHECK_NEAR(apart(&ours, &batch, 0), 0, 1e-9);
+        updates += cost.updated;
+        identify_result_done(&ours);
+        identify_result_done(&batch);
+    }
+    CHECK(updates == 6);
+    moving_free(m);
+    free(x);
+}
+
 /* Channels whose noise differs are weighed, and identified twice, by a batch. */
 TEST(channels_of_different_noise_are_weighed_as_a_batch_weighs_them)
 {

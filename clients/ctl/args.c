@@ -48,6 +48,8 @@ static const struct row {
       "where signals, spectra and waveforms go: .h5 or .csv" },
     { "plot",      0,   TEXT,   offsetof(struct args, plot),      0, 0,      TAKES_PLOT,
       "FILE.svg", "draw the result; - for stdout" },
+    { "csv", 0, FLAG, offsetof(struct args, csv), 0, 0, TAKES_CSV, "",
+      "the table of modes, or of a sweep's points, as CSV on stdout" },
     { "prometheus", 0, TEXT, offsetof(struct args, prometheus), 0, 0, TAKES_LIVE, "FILE.prom",
       "the last window's modes as gauges, for the node exporter" },
     { "key", 'k', TEXT, offsetof(struct args, key), 0, 0, TAKES_SUBMIT, "KEY",

@@ -1,8 +1,11 @@
 /* output.c - see output.h */
 #include "output.h"
+#include <errno.h>
 #include <stdbool.h>
+#include <stdio.h>
 #include <string.h>
 #include <strings.h>
+#include <unistd.h>
 #include "result_file.h"
 #include "store/batch_file.h"
 #include "table_file.h"
@@ -32,6 +35,22 @@ enum modal_status output_check(const char *path, struct modal_error *err)
         return MODAL_OK;
     return modal_fail_field(err, MODAL_BAD_INPUT, "output", "%.300s: accepted: FILE.h5 or "
                             "FILE.hdf5 (HDF5), or FILE.csv", path);
+}
+
+enum modal_status output_check_place(const char *path, const char *field, struct modal_error *err)
+{
+    const char *slash = path != NULL ? strrchr(path, '/') : NULL;
+    char folder[4096] = ".";
+
+    if (path == NULL)
+        return MODAL_OK;
+    if (slash != NULL)
+        snprintf(folder, sizeof folder, "%.*s", slash == path ? 1 : (int)(slash - path), path);
+    if (path[0] != 0 && access(folder, W_OK | X_OK) == 0)
+        return MODAL_OK;
+    return modal_fail_field(err, MODAL_BAD_INPUT, field,
+                            "%s: %s; accepted: a file in a folder that can be written", path,
+                            strerror(path[0] != 0 ? errno : ENOENT));
 }
 
 enum modal_status output_write(const char *path, const cJSON *doc, const struct batch *batch,

@@ -538,7 +538,8 @@ static const struct {
     const char *kind;
     bool (*plot)(struct svg *, FILE *, const cJSON *, const struct input *);
 } plots[] = {
-    { "identify", plot_identify }, { "steady", plot_steady }, { "floquet", plot_floquet },
+    { "identify", plot_identify }, { "steady", plot_steady }, { "curve", plot_steady },
+    { "backbone", plot_steady }, { "floquet", plot_floquet },
     { "tradeoff", plot_tradeoff }, { "sweep", plot_sweep },
 };
 

@@ -9,7 +9,9 @@
 #include "remote.h"
 #include "output.h"
 #include "result_file.h"
+#include "result_show.h"
 #include "show.h"
+#include "sweep_point.h"
 #include "store/batch_file.h"
 #include "verbs.h"
 
@@ -140,7 +142,8 @@ static enum modal_status wait_for(struct session *s, const char *job, int *statu
         cJSON_Delete(first);
     if (rc == MODAL_OK && (rc = remote_job_error(s->doc, NULL, &s->err)) == MODAL_OK)
         rc = remote_add_result(s->link, s->doc, remote_answer_by(s->deadline), &s->detail, &s->err);
-    *status = modal_status_exit(rc);
+    *status = rc == MODAL_OK ? sweep_exit(cJSON_GetObjectItemCaseSensitive(s->doc, "result"))
+                             : modal_status_exit(rc);
     if (rc == MODAL_OK || s->doc == NULL || rc == MODAL_NO_SERVER)
         return rc;
     add_error(s->doc, &s->err, s->detail);
@@ -251,6 +254,8 @@ int run_result(const struct verb *verb, const struct args *args)
     if (rc == MODAL_OK)
         rc = output_check(args->output, &s.err);
     if (rc == MODAL_OK)
+        rc = result_show_check(args, &s.err);
+    if (rc == MODAL_OK)
         rc = client_result(s.link, args->word[1], "document", remote_answer_by(s.deadline), &text,
                            &length, NULL, &s.detail, &s.err);
     if (rc == MODAL_OK)
@@ -258,12 +263,10 @@ int run_result(const struct verb *verb, const struct args *args)
     if (rc == MODAL_OK && args->output != NULL)
         rc = !result_file_fits(s.doc) ? save_signals(&s, args->word[1])
            : output_write(args->output, s.doc, &(struct batch) { 0 }, &s.err);
-    if (rc == MODAL_OK && args->json)
-        rc = outcome_json(s.doc, &s.err);
-    else if (rc == MODAL_OK)
-        show_result(field_word(s.doc, "kind", "-"), s.doc);
+    if (rc == MODAL_OK)
+        rc = result_show(args, s.doc, NULL, &s.err);
     free(text);
-    return end(&s, rc, 0);
+    return end(&s, rc, rc == MODAL_OK ? sweep_exit(s.doc) : 0);
 }
 
 /* stderr of a worker that died of JOB */

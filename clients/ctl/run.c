@@ -10,9 +10,9 @@
 #include "outcome.h"
 #include "input.h"
 #include "output.h"
-#include "plot.h"
 #include "remote.h"
-#include "show.h"
+#include "result_show.h"
+#include "sweep_point.h"
 #include "sweep_shares.h"
 #include "verbs.h"
 
@@ -122,36 +122,6 @@ static enum modal_status run_here(const struct input *input, const struct args *
     return rc;
 }
 
-/* Can PATH (NULL: none) be written?  Asked before the work is done. */
-static enum modal_status check_place(const char *path, const char *field, struct modal_error *err)
-{
-    const char *slash = path != NULL ? strrchr(path, '/') : NULL;
-    char folder[4096] = ".";
-
-    if (path == NULL)
-        return MODAL_OK;
-    if (slash != NULL)
-        snprintf(folder, sizeof folder, "%.*s", slash == path ? 1 : (int)(slash - path), path);
-    if (path[0] != 0 && access(folder, W_OK | X_OK) == 0)
-        return MODAL_OK;
-    return modal_fail_field(err, MODAL_BAD_INPUT, field,
-                            "%s: %s; accepted: a file in a folder that can be written", path,
-                            strerror(path[0] != 0 ? errno : ENOENT));
-}
-
-/* A picture is SVG, in a file that says so, or on stdout, where nothing else may go then. */
-static enum modal_status check_plot(const struct args *args, struct modal_error *err)
-{
-    if (args->plot == NULL)
-        return MODAL_OK;
-    if (strcmp(args->plot, "-") != 0)
-        return plot_path_check(args->plot, err);
-    if (!args->json)
-        return MODAL_OK;
-    return modal_fail_field(err, MODAL_BAD_INPUT, "plot", "--plot - and --json both write to "
-                            "stdout; accepted: FILE.svg");
-}
-
 /* What stands behind the verb: FILE, or for `tradeoff` OF FILE. */
 static enum modal_status read_input(const struct verb *verb, const struct args *args,
                                     struct input *input, struct modal_error *err)
@@ -162,41 +132,29 @@ static enum modal_status read_input(const struct verb *verb, const struct args *
     if (strcmp(verb->name, "simulate") == 0 && args->output == NULL)
         return modal_fail_field(err, MODAL_BAD_INPUT, "output", "simulate needs -O FILE.h5 or "
                                 "FILE.csv for its signals");
-    bool to_stdout = args->plot != NULL && strcmp(args->plot, "-") == 0;
     enum modal_status rc = output_check(args->output, err);
     if (rc == MODAL_OK)
-        rc = check_place(args->output, "output", err);
+        rc = output_check_place(args->output, "output", err);
     if (rc == MODAL_OK)
-        rc = check_plot(args, err);
-    if (rc == MODAL_OK && !to_stdout)
-        rc = check_place(args->plot, "plot", err);
+        rc = result_show_check(args, err);
     return rc != MODAL_OK
                ? rc
                : input_read(verb->name, of, args->word[args->words - 1], args, input, err);
 }
 
-static enum modal_status show(const struct verb *verb, const struct args *args,
-                              const struct job_result *result, const struct input *input,
-                              struct modal_error *err)
+static enum modal_status show(const struct args *args, const struct job_result *result,
+                              const struct input *input, struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
 
     if (args->output != NULL)
         rc = output_write(args->output, result->result, &result->batch, err);
-
-    if (rc == MODAL_OK && args->plot != NULL)
-        rc = plot_result(args->plot, verb->name, result->result, input, err);
-    if (rc != MODAL_OK)
-        return rc;
-    if (args->json)
-        return outcome_json(result->result, err);
-    if (args->plot != NULL && strcmp(args->plot, "-") == 0)
-        return MODAL_OK;
-    show_result(verb->name, result->result);
-    if (args->output != NULL && result->batch.samples > 0)
+    if (rc == MODAL_OK)
+        rc = result_show(args, result->result, input, err);
+    if (rc == MODAL_OK && !args->json && args->output != NULL && result->batch.samples > 0)
         printf("\n%zu samples x %zu channels in %s\n", result->batch.samples,
                result->batch.channels, args->output);
-    return MODAL_OK;
+    return rc;
 }
 
 static enum modal_status run_there(const struct input *input, const struct args *args,
@@ -220,8 +178,9 @@ int run_job(const struct verb *verb, const struct args *args)
         rc = args->local ? run_here(&input, args, &result, &err)
                          : run_there(&input, args, &result, &detail, &err);
     if (rc == MODAL_OK)
-        rc = show(verb, args, &result, &input, &err);
-    int status = rc == MODAL_OK ? 0 : outcome_failure(args->json, &err, detail);
+        rc = show(args, &result, &input, &err);
+    int status = rc == MODAL_OK ? sweep_exit(result.result)
+                                : outcome_failure(args->json, &err, detail);
     cJSON_Delete(detail);
     job_result_done(&result);
     input_done(&input);

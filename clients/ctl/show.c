@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <string.h>
 #include "field.h"
+#include "sweep_point.h"
 
 enum { HARMONICS_SHOWN = 12 };       /* of a dof: a screen of two dofs */
 
@@ -152,6 +153,27 @@ static void show_mode(int i, const cJSON *mode)
     putchar('\n');
 }
 
+/* Where they were asked for: channel by channel, what 1 is the largest of. */
+static void show_shapes(const cJSON *result)
+{
+    const cJSON *mode, *signals = get(get(result, "reconstruction"), "signals");
+    int i = 0;
+
+    cJSON_ArrayForEach(mode, get(result, "modes")) {
+        const cJSON *shape = get(mode, "shape"), *one;
+        int c = 0;
+        if (shape != NULL)
+            printf("shape %d, mpc %.4g: magnitude, phase in degrees\n", i, number(mode, "mpc"));
+        cJSON_ArrayForEach(one, shape) {
+            printf("  %-20s", text(cJSON_GetArrayItem(signals, c++), "name"));
+            cell(10, "%.4g", hypot(part(one, 0), part(one, 1)));
+            cell(9, "%.1f", atan2(part(one, 1), part(one, 0)) * 180 / M_PI);
+            putchar('\n');
+        }
+        i++;
+    }
+}
+
 static void show_identify(const cJSON *result)
 {
     const cJSON *mode, *signal, *rebuilt = get(result, "reconstruction");
@@ -161,6 +183,7 @@ static void show_identify(const cJSON *result)
            "damping ratio", "+-", "Re 1/s", "Im rad/s", "amplitude", "residual", "k");
     cJSON_ArrayForEach(mode, get(result, "modes"))
         show_mode(i++, mode);
+    show_shapes(result);
     show_stability(get(result, "stability"), get(result, "modes"));
     printf("reconstruction: relative error");
     cell(0, "%.3g", number(rebuilt, "relative_error"));
@@ -232,17 +255,13 @@ static void show_points(const cJSON *result)
 
 static void show_steady(const cJSON *result)
 {
-    if (get(result, "points") != NULL) {
-        if (strcmp(text(result, "kind"), "backbone") == 0)
-            show_backbone(result);
-        else
-            show_points(result);
-        return;
-    }
-    printf("%s, omega %.9g rad/s, %s, %g iterations, residual %.2e, truncation error %.2e\n",
+    printf("%s, omega %.9g rad/s, %s, %g iterations, residual",
            cJSON_IsTrue(get(result, "converged")) ? "converged" : "NOT converged",
-           number(result, "omega"), text(result, "method"), number(result, "iterations"),
-           number(result, "residual"), number(result, "truncation_error"));
+           number(result, "omega"), text(result, "method"), number(result, "iterations"));
+    cell(0, "%.2e", number(result, "residual"));
+    printf(", truncation error");
+    cell(0, "%.2e", number(result, "truncation_error"));
+    putchar('\n');
     printf("  %-12s %4s %16s %12s\n", "dof", "k", "|X_k|", "phase");
     show_harmonics(result);
     show_stability(get(result, "stability"), get(result, "modes"));
@@ -327,9 +346,12 @@ static void show_sweep(const cJSON *result)
 {
     const cJSON *grid = get(result, "grid"), *point, *axis;
 
+    const bool moves = strcmp(text(result, "verb"), "steady") == 0;
+
     cJSON_ArrayForEach(axis, grid)
         printf(" %22s", text(axis, "path"));
-    printf(" %12s %16s %14s\n", "stability", "multiplier", "margin 1/s");
+    printf(" %12s %16s %14s%s\n", "stability", "multiplier", moves ? "amplitude" : "margin 1/s",
+           moves ? "  of" : "");
     cJSON_ArrayForEach(point, get(result, "points")) {
         const cJSON *stability = get(point, "stability");
         int i = 0;
@@ -337,10 +359,15 @@ static void show_sweep(const cJSON *result)
             cell(22, "%.9g", part(get(axis, "values"), (int)part(get(point, "index"), i++)));
         printf(" %12s", verdict(stability));
         cell(16, "%.9g", number(stability, "max_multiplier"));
-        cell(14, "%.6g", number(stability, "margin"));
-        if (get(point, "error") != NULL)
-            printf("  %s: %s", text(get(point, "error"), "code"),
-                   text(get(point, "error"), "message"));
+        if (moves) {
+            struct sweep_amplitude a = sweep_amplitude(point);
+            cell(14, "%.6g", a.size);
+            printf("  %s", a.dof);
+        } else
+            cell(14, "%.6g", number(stability, "margin"));
+        if (sweep_failure(point)[0] != '\0')
+            printf("  %s: %s", field_word(get(point, "error"), "code", "not converged"),
+                   sweep_failure(point));
         putchar('\n');
     }
 }
@@ -351,8 +378,8 @@ static void show_nothing(const cJSON *result)
 }
 
 static const struct { const char *kind; void (*show)(const cJSON *); } shows[] = {
-    { "identify", show_identify }, { "steady", show_steady }, { "simulate", show_nothing },
-    { "floquet", show_floquet },
+    { "identify", show_identify }, { "steady", show_steady }, { "curve", show_points },
+    { "backbone", show_backbone }, { "simulate", show_nothing }, { "floquet", show_floquet },
     { "tradeoff", show_tradeoff }, { "ablate", show_ablate }, { "sweep", show_sweep },
 };
 

@@ -3,43 +3,12 @@
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
+#include "csv_cell.h"
 #include "whole_file.h"
 
 static const cJSON *item(const cJSON *o, const char *key)
 {
     return cJSON_GetObjectItemCaseSensitive(o, key);
-}
-
-/* ---- cells; what stands in the first column of a row has no comma before it ---- */
-
-/* NAME and what follows it, in quotes where they hold a comma, a quote or an end of line. */
-static void put_name(FILE *to, bool first, const char *name, const char *after)
-{
-    bool quoted = strpbrk(name, ",\"\r\n") != NULL;
-
-    fputs(first ? "" : ",", to);
-    fputs(quoted ? "\"" : "", to);
-    for (; *name != 0; name++) {
-        if (*name == '"')
-            fputc('"', to);
-        fputc(*name, to);
-    }
-    fprintf(to, "%s%s", after, quoted ? "\"" : "");
-}
-
-static void put_number(FILE *to, bool first, double value)
-{
-    fputs(first ? "" : ",", to);
-    if (isfinite(value))
-        fprintf(to, "%.17g", value);
-}
-
-static void put_item(FILE *to, bool first, const cJSON *value)
-{
-    if (cJSON_IsBool(value))
-        put_number(to, first, cJSON_IsTrue(value));
-    else
-        put_number(to, first, cJSON_IsNumber(value) ? value->valuedouble : NAN);
 }
 
 /* ---- tables ---- */
@@ -50,13 +19,13 @@ static void write_signals(FILE *to, const struct batch *b)
     for (size_t c = 0; c < b->channels; c++) {
         char own[24];
         snprintf(own, sizeof own, "ch%zu", c);
-        put_name(to, false, b->names != NULL && b->names[c] != NULL ? b->names[c] : own, "");
+        csv_name(to, false, b->names != NULL && b->names[c] != NULL ? b->names[c] : own, "");
     }
     fputc('\n', to);
     for (size_t k = 0; k < b->samples; k++) {
-        put_number(to, true, (double)k * b->dt);
+        csv_number(to, true, (double)k * b->dt);
         for (size_t c = 0; c < b->channels; c++)
-            put_number(to, false, b->signals[k * b->channels + c]);
+            csv_number(to, false, b->signals[k * b->channels + c]);
         fputc('\n', to);
     }
 }
@@ -68,12 +37,12 @@ static void write_waveform(FILE *to, const cJSON *time)
 
     fputs("t", to);
     cJSON_ArrayForEach(row, rows)
-        put_name(to, false, row->string, "");
+        csv_name(to, false, row->string, "");
     fputc('\n', to);
     cJSON_ArrayForEach(t, item(time, "t")) {
-        put_item(to, true, t);
+        csv_item(to, true, t);
         cJSON_ArrayForEach(row, rows)
-            put_item(to, false, cJSON_GetArrayItem(row, k));
+            csv_item(to, false, cJSON_GetArrayItem(row, k));
         fputc('\n', to);
         k++;
     }
@@ -86,15 +55,15 @@ static void write_spectrum(FILE *to, const cJSON *dofs)
 
     fputs("k", to);
     cJSON_ArrayForEach(dof, dofs) {
-        put_name(to, false, item(dof, "dof")->valuestring, "_re");
-        put_name(to, false, item(dof, "dof")->valuestring, "_im");
+        csv_name(to, false, item(dof, "dof")->valuestring, "_re");
+        csv_name(to, false, item(dof, "dof")->valuestring, "_im");
     }
     fputc('\n', to);
     cJSON_ArrayForEach(k, item(cJSON_GetArrayItem(dofs, 0), "k")) {
-        put_item(to, true, k);
+        csv_item(to, true, k);
         cJSON_ArrayForEach(dof, dofs) {
-            put_item(to, false, cJSON_GetArrayItem(item(dof, "re"), i));
-            put_item(to, false, cJSON_GetArrayItem(item(dof, "im"), i));
+            csv_item(to, false, cJSON_GetArrayItem(item(dof, "re"), i));
+            csv_item(to, false, cJSON_GetArrayItem(item(dof, "im"), i));
         }
         fputc('\n', to);
         i++;
@@ -118,14 +87,14 @@ static void put_point(FILE *to, const cJSON *point, const char *parameter, int h
 {
     const cJSON *value = item(point, parameter), *dof;
 
-    put_item(to, true, value != NULL ? value : item(point, "value"));
-    put_item(to, false, item(point, "converged"));
-    put_item(to, false, item(item(point, "stability"), "stable"));
-    put_item(to, false, item(point, "total_error"));
+    csv_item(to, true, value != NULL ? value : item(point, "value"));
+    csv_item(to, false, item(point, "converged"));
+    csv_item(to, false, item(item(point, "stability"), "stable"));
+    csv_item(to, false, item(point, "total_error"));
     cJSON_ArrayForEach(dof, item(point, "harmonics"))
         for (int i = 0; i < harmonics; i++) {
-            put_item(to, false, cJSON_GetArrayItem(item(dof, "re"), i));
-            put_item(to, false, cJSON_GetArrayItem(item(dof, "im"), i));
+            csv_item(to, false, cJSON_GetArrayItem(item(dof, "re"), i));
+            csv_item(to, false, cJSON_GetArrayItem(item(dof, "im"), i));
         }
     fputc('\n', to);
 }
@@ -138,13 +107,13 @@ static void write_points(FILE *to, const cJSON *doc, const cJSON *points)
     int harmonics = most_harmonics(points);
     const cJSON *point, *dof;
 
-    put_name(to, true, parameter, "");
+    csv_name(to, true, parameter, "");
     fputs(",converged,stable,total_error", to);
     cJSON_ArrayForEach(dof, item(cJSON_GetArrayItem(points, 0), "harmonics"))
         for (int i = 0; i < 2 * harmonics; i++) {
             char after[24];
             snprintf(after, sizeof after, "_%s_%d", i % 2 == 0 ? "re" : "im", i / 2);
-            put_name(to, false, item(dof, "dof")->valuestring, after);
+            csv_name(to, false, item(dof, "dof")->valuestring, after);
         }
     fputc('\n', to);
     cJSON_ArrayForEach(point, points)

@@ -20,6 +20,7 @@ int run_submit(const struct verb *verb, const struct args *args);
 int run_status(const struct verb *verb, const struct args *args);
 int run_wait(const struct verb *verb, const struct args *args);
 int run_result(const struct verb *verb, const struct args *args);
+int run_mac(const struct verb *verb, const struct args *args);            /* mac.c */
 int run_stderr(const struct verb *verb, const struct args *args);
 int run_cancel(const struct verb *verb, const struct args *args);
 int run_retry(const struct verb *verb, const struct args *args);

@@ -6,6 +6,7 @@ answer from memory is printed beside the same with compute-bound processes in th
 """
 import contextlib
 import json
+import math
 import os
 import pathlib
 import sqlite3
@@ -122,9 +123,11 @@ def rows_held(folder):
 
 
 def live(lab, seconds):
-    """The daemon's lives: when it was down, how often it ended by itself, and at each kill its memory in MB and what it held, by seconds since the start."""
+    """The daemon's lives: when it was down, how often it ended by itself, and at each kill what it
+    held and its least memory in MB since half its life, when no flood was on its way, by seconds
+    since the start."""
     begin = time.monotonic()
-    down, ends, memory, next_kill = [], [], [], begin + KILL_EVERY_S
+    down, ends, memory, next_kill, least = [], [], [], begin + KILL_EVERY_S, math.inf
     while (now := time.monotonic()) < begin + seconds:
         time.sleep(0.2)
         ended = lab.daemon.process.poll() is not None
@@ -132,12 +135,14 @@ def live(lab, seconds):
             ends.append(lab.daemon.text()[-300:])
             lab.daemon.log.close()
         elif now >= next_kill:
-            memory.append((now - begin, resident_mb(lab.daemon.pid), rows_held(lab.daemon.folder / "data")))
+            memory.append((now - begin, least, rows_held(lab.daemon.folder / "data")))
             lab.daemon.kill()
+        elif now >= next_kill - KILL_EVERY_S / 2:
+            least = min(least, resident_mb(lab.daemon.pid))
         if ended or now >= next_kill:
             lab.daemon.start()
             down.append((now - 0.2, time.monotonic() + 2))            # with what was lost and said again
-            next_kill = time.monotonic() + KILL_EVERY_S
+            next_kill, least = time.monotonic() + KILL_EVERY_S, math.inf
     return down, ends, memory
 
 

@@ -33,6 +33,7 @@ enum {
     EVENT_MOST = WIRE_HEADER_MOST / 4 * 3,
     /* bytes of what is known of tracks: all that are followed at once take less */
     TRACKS_MOST = 256 * 1024,
+    EDGES_MOST = 512,         /* of one window: each track that is followed may begin and end */
 };
 
 /* A window as open describes it, in samples. */
@@ -435,20 +436,25 @@ static void put_event(struct core *c, struct stream *s, struct transaction *t, c
     cJSON_Delete(text);
 }
 
-/* What a window raised, cleared or made of tracks: EDGES, each an event EVENT behind its modes. */
+/* What a window raised, cleared or made of tracks: EDGES, each an event EVENT behind its modes.  A
+ * worker that was taken over may say anything: it has no more events, and says no member twice. */
 static void put_edges(struct core *c, struct stream *s, struct transaction *t, const char *event,
                       cJSON *edges)
 {
     cJSON *edge;
 
-    while ((edge = cJSON_DetachItemFromArray(edges, 0)) != NULL) {
-        cJSON *text = event_of(c, s, event), *part;
-        while ((part = edge->child) != NULL) {
+    for (int i = 0; i < EDGES_MOST && (edge = cJSON_DetachItemFromArray(edges, 0)) != NULL; i++) {
+        cJSON *text = cJSON_IsObject(edge) ? event_of(c, s, event) : NULL, *part;
+        while (text != NULL && (part = edge->child) != NULL) {
             cJSON_DetachItemViaPointer(edge, part);
-            cJSON_AddItemToObject(text, part->string, part);
+            if (cJSON_HasObjectItem(text, part->string))
+                cJSON_Delete(part);
+            else
+                cJSON_AddItemToObject(text, part->string, part);
         }
         cJSON_Delete(edge);
-        put_event(c, s, t, text);
+        if (text != NULL)
+            put_event(c, s, t, text);
     }
     cJSON_Delete(edges);
 }

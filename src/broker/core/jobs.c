@@ -387,6 +387,23 @@ void job_remove(struct core *c, struct job *job, const struct reply *reply)
     core_commit(c, t);
 }
 
+static void free_job(struct job *job)
+{
+    while (job->waits != NULL) {
+        struct wait *next = job->waits->next;
+        free(job->waits);
+        job->waits = next;
+    }
+    blob_drop(job->document);
+    failure_free(job->failure);
+    after_free(job->asks);
+    region_drop(job->key);
+    region_drop(job->options);
+    free(job->progress);
+    free(job->stderr_text);
+    region_drop(job);
+}
+
 void job_forget(struct core *c, struct job *job)
 {
     struct input *input = job->input, *output = job->cached ? NULL : job->output;
@@ -406,14 +423,7 @@ void job_forget(struct core *c, struct job *job)
     if (job->key != NULL)
         map_remove(&job->user->keys, map_hash_text(job->key), job);
     user_drop_job(job->user, job);
-    blob_drop(job->document);
-    failure_free(job->failure);
-    after_free(job->asks);
-    region_drop(job->key);
-    region_drop(job->options);
-    free(job->progress);
-    free(job->stderr_text);
-    region_drop(job);
+    free_job(job);
     input_use(c, input, -1);
     input_use(c, output, -1);
     if (input != NULL && input->jobs == 0 && input->inline_data && input->committed)
@@ -490,23 +500,6 @@ void documents_drop(struct core *c)
             c->jobs->document_ring[i]->document = NULL;
             c->jobs->document_ring[i] = NULL;
         }
-}
-
-static void free_job(struct job *job)
-{
-    while (job->waits != NULL) {
-        struct wait *next = job->waits->next;
-        free(job->waits);
-        job->waits = next;
-    }
-    blob_drop(job->document);
-    failure_free(job->failure);
-    after_free(job->asks);
-    region_drop(job->key);
-    region_drop(job->options);
-    free(job->progress);
-    free(job->stderr_text);
-    region_drop(job);
 }
 
 void jobs_init(struct core *c)

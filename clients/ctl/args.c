@@ -6,6 +6,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/near.h"
 #include "base/utf8.h"
 #include "option.h"
 
@@ -89,7 +90,10 @@ static const struct row {
     { "rate", 0, NUMBER, offsetof(struct args, rate), 0, 1e9, TAKES_PUSH, "N",
       "push N samples a second (default: as fast as they go)" },
 };
-enum { ROWS = sizeof rows / sizeof rows[0] };
+enum {
+    ROWS = sizeof rows / sizeof rows[0],
+    NAME_ROOM = 64                   /* of a name with its dashes; longer ones are none of ours */
+};
 
 static const struct row *find(const char *name, size_t length)
 {
@@ -146,6 +150,22 @@ static enum modal_status set(const struct row *row, const char *text, struct arg
     return MODAL_INTERNAL;
 }
 
+static enum modal_status no_option(const char *word, struct modal_error *err)
+{
+    char dashed[ROWS][NAME_ROOM], only[NAME_ROOM], meant[NEAR_TEXT];
+    const char *names[ROWS + 1];
+
+    for (int i = 0; i < ROWS; i++) {
+        snprintf(dashed[i], NAME_ROOM, "--%s", rows[i].name);
+        names[i] = dashed[i];
+    }
+    names[ROWS] = NULL;
+    snprintf(only, sizeof only, "%.*s", (int)strcspn(word, "="), word);
+    near_text(only, names, meant);
+    return modal_fail_field(err, MODAL_BAD_INPUT, only, "no option %s%s; `modalctl --help` and "
+                            "`modalctl VERB --help` list them", only, meant);
+}
+
 /* `--name=value`, `--name value`, `-x value`, `-xvalue`; *I moves past what was used. */
 static enum modal_status read_option(int argc, const char *const *argv, int *i, struct args *args,
                                      struct modal_error *err)
@@ -156,8 +176,7 @@ static enum modal_status read_option(int argc, const char *const *argv, int *i, 
     const struct row *row = is_long ? find(word + 2, length) : find_letter(word[1]);
 
     if (row == NULL)
-        return modal_fail_field(err, MODAL_BAD_INPUT, word,
-                                "no option %.60s; `modalctl --help` lists them", word);
+        return no_option(word, err);
     if (is_long && word[2 + length] == '=')
         value = word + 3 + length;
     else if (!is_long && word[2] != 0)

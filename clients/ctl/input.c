@@ -3,6 +3,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/near.h"
 #include "base/sha256.h"
 #include "option.h"
 #include "scene_file.h"
@@ -105,10 +106,14 @@ static enum modal_status find_kind(const char *name, struct input *out, struct m
 /* What a tradeoff is of, before a file is read as the wrong thing. */
 static enum modal_status check_of(const char *of, struct modal_error *err)
 {
-    if (strcmp(of, "identify") == 0 || strcmp(of, "steady") == 0 || strcmp(of, "simulate") == 0)
-        return MODAL_OK;
-    return modal_fail_field(err, MODAL_BAD_INPUT, "of",
-                            "no tradeoff of \"%.40s\"; accepted: identify, steady, simulate", of);
+    static const char *const names[] = { "identify", "steady", "simulate", NULL };
+    char list[NEAR_ACCEPTED];
+
+    for (int i = 0; names[i] != NULL; i++)
+        if (strcmp(of, names[i]) == 0)
+            return MODAL_OK;
+    near_accepted(of, names, list);
+    return modal_fail_field(err, MODAL_BAD_INPUT, "of", "no tradeoff of \"%.40s\"%s", of, list);
 }
 
 enum modal_status input_read(const char *kind, const char *of, const char *path,

@@ -142,17 +142,18 @@ static int help(FILE *to, const struct verb *only)
 
 static const struct verb *find(const struct args *args, struct modal_error *err)
 {
-    char list[1024] = "";
+    const char *names[VERBS + 1], *word = args->words > 0 ? args->word[0] : "";
+    char list[NEAR_ACCEPTED];
 
-    for (int i = 0; args->words > 0 && i < VERBS; i++)
-        if (strcmp(verbs[i].name, args->word[0]) == 0)
+    for (int i = 0; i < VERBS; i++) {
+        if (strcmp(verbs[i].name, word) == 0)
             return &verbs[i];
-    for (int i = 0; i < VERBS; i++)
-        snprintf(list + strlen(list), sizeof list - strlen(list), "%s%s", i ? ", " : "",
-                 verbs[i].name);
+        names[i] = verbs[i].name;
+    }
+    names[VERBS] = NULL;
+    near_accepted(word, names, list);
     modal_fail_field(err, MODAL_BAD_INPUT, "verb",
-                     args->words ? "no verb \"%.40s\"; accepted: %s" : "%sa verb is needed: %s",
-                     args->words ? args->word[0] : "", list);
+                     args->words ? "no verb \"%.40s\"%s" : "%sa verb is needed%s", word, list);
     return NULL;
 }
 

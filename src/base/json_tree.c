@@ -62,16 +62,14 @@ static enum modal_status unknown_key(const char *path, const char *key, const ch
                                      struct modal_error *err)
 {
     const char *sorted[KEYS_MOST + 1] = { NULL };
-    char meant[NEAR_TEXT], accepted[300];
+    char accepted[NEAR_ACCEPTED];
     int count = 0;
 
     while (count < KEYS_MOST && names[count] != NULL)
         sorted[count] = names[count], count++;
     qsort(sorted, (size_t)count, sizeof *sorted, by_name);
-    near_text(key, sorted, meant);
-    list_words(accepted, sizeof accepted, sorted);
-    return modal_fail_field(err, MODAL_BAD_INPUT, path, "unknown key \"%.60s\"%s; accepted: %s",
-                            key, meant, accepted);
+    near_accepted(key, sorted, accepted);
+    return modal_fail_field(err, MODAL_BAD_INPUT, path, "unknown key \"%.60s\"%s", key, accepted);
 }
 
 enum modal_status json_keys(const cJSON *object, const char *base, const char *const *names,
@@ -203,12 +201,18 @@ enum modal_status json_get_choice(const cJSON *object, const char *base, const c
                                   const char *const *words, int *out, struct modal_error *err)
 {
     const cJSON *item = json_member(object, key);
-    char list[400];
+    char path[128], list[NEAR_ACCEPTED];
 
     if (item == NULL || (cJSON_IsString(item) && is_word(item->valuestring, words, out)))
         return MODAL_OK;
-    list_words(list, sizeof list, words);
-    return wrong_type(item, base, key, list, err);
+    if (!cJSON_IsString(item)) {
+        list_words(list, sizeof list, words);
+        return wrong_type(item, base, key, list, err);
+    }
+    json_path(path, base, key);
+    near_accepted(item->valuestring, words, list);
+    return modal_fail_field(err, MODAL_BAD_INPUT, path, "%s is \"%.60s\"%s", path,
+                            item->valuestring, list);
 }
 
 enum modal_status json_get_numbers(const cJSON *object, const char *base, const char *key,

@@ -53,3 +53,14 @@ void near_text(const char *word, const char *const *names, char out[NEAR_TEXT])
     if (used > 0 && used < NEAR_TEXT - 1)
         memcpy(out + used, "?", sizeof "?");
 }
+
+void near_accepted(const char *word, const char *const *names, char out[NEAR_ACCEPTED])
+{
+    size_t used;
+
+    near_text(word, names, out);
+    used = strlen(out);
+    for (int i = 0; names[i] != NULL && used < NEAR_ACCEPTED; i++)
+        used += (size_t)snprintf(out + used, NEAR_ACCEPTED - used, "%s%s",
+                                 i > 0 ? ", " : "; accepted: ", names[i]);
+}

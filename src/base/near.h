@@ -10,4 +10,9 @@ enum { NEAR_TEXT = 160 };            /* room for the words that a message sugges
  * its letters away at most, in their order; "" where there is none.
  */
 void near_text(const char *word, const char *const *names, char out[NEAR_TEXT]);
+
+enum { NEAR_ACCEPTED = 800 };        /* room for these and all that is accepted */
+
+/* The same, then "; accepted: " and all NAMES: how a message ends that refuses a word. */
+void near_accepted(const char *word, const char *const *names, char out[NEAR_ACCEPTED]);
 #endif

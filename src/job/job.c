@@ -43,12 +43,9 @@ enum modal_status job_run(const struct job_request *request, struct job_result *
 
     memset(out, 0, sizeof *out);
     if (kind == NULL) {
-        char list[256] = "";
-        for (const struct job_kind *k = job_kinds; k->name != NULL; k++)
-            snprintf(list + strlen(list), sizeof list - strlen(list), "%s%s",
-                     k == job_kinds ? "" : ", ", k->name);
-        return modal_fail_field(err, MODAL_BAD_INPUT, "kind",
-                                "unknown kind \"%.40s\"; accepted: %s",
+        char list[NEAR_ACCEPTED];
+        job_kinds_accepted(request->kind ? request->kind : "", list);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "kind", "unknown kind \"%.40s\"%s",
                                 request->kind ? request->kind : "", list);
     }
     rc = check_input(kind, request, err);

@@ -10,6 +10,7 @@
 #include "modal/batch.h"
 #include "base/error.h"
 #include "base/json.h"
+#include "base/near.h"
 
 /* More than any machine's processors that a job is counted for. */
 enum { JOB_THREADS_MOST = 1024 };
@@ -64,5 +65,7 @@ enum {
 };
 extern const struct job_kind job_kinds[];
 const struct job_kind *job_kind_find(const char *name);   /* NULL: no such kind */
+/* How a message ends that refuses NAME: near_accepted of all kinds. */
+void job_kinds_accepted(const char *name, char out[NEAR_ACCEPTED]);
 
 #endif

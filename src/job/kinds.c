@@ -17,3 +17,12 @@ const struct job_kind *job_kind_find(const char *name)
             return kind;
     return NULL;
 }
+
+void job_kinds_accepted(const char *name, char out[NEAR_ACCEPTED])
+{
+    const char *names[JOB_KIND_COUNT + 1];
+
+    for (int i = 0; i <= JOB_KIND_COUNT; i++)
+        names[i] = job_kinds[i].name;                   /* the last row's is NULL */
+    near_accepted(name, names, out);
+}

@@ -3,10 +3,12 @@
 #include <ctype.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/near.h"
 
 enum {
     KEY_MOST = 64,               /* bytes of a key: the longest of a scene has 22 */
-    INDEX_MOST = 1000000         /* of a list: no scene has as many entries */
+    INDEX_MOST = 1000000,        /* of a list: no scene has as many entries */
+    NAMES_MOST = 64              /* of an object's keys that are compared: none of ours has more */
 };
 
 /* One step of the path: a key or an index; *PATH moves past it.  False where the path is
@@ -54,11 +56,32 @@ static cJSON *walk(cJSON *at, const char *path, cJSON **parent, char key[KEY_MOS
     return at;
 }
 
+/* Of the first object on the PATH that lacks its key: those of its keys that may be meant. */
+static void suggest(const cJSON *at, const char *path, char meant[NEAR_TEXT])
+{
+    const char *names[NAMES_MOST + 1];
+    char key[KEY_MOST];
+    int index, count = 0;
+
+    meant[0] = '\0';
+    while (*path != '\0' && next_step(&path, key, &index)) {
+        const cJSON *next = index >= 0 ? cJSON_GetArrayItem(at, index) : json_member(at, key);
+        if (next == NULL && index < 0 && cJSON_IsObject(at)) {
+            for (next = at->child; next != NULL && count < NAMES_MOST; next = next->next)
+                names[count++] = next->string;
+            names[count] = NULL;
+            near_text(key, names, meant);
+            return;
+        }
+        at = next;
+    }
+}
+
 enum modal_status scene_path_set(cJSON *scene, const char *path, double value, const char *field,
                                  struct modal_error *err)
 {
     cJSON *parent, *at;
-    char key[KEY_MOST];
+    char key[KEY_MOST], meant[NEAR_TEXT];
     int index = -1;
 
     at = walk(scene, path, &parent, key, &index);
@@ -70,8 +93,7 @@ enum modal_status scene_path_set(cJSON *scene, const char *path, double value, c
         cJSON_AddNumberToObject(parent, key, value);
         return MODAL_OK;
     }
-    return modal_fail_field(err, MODAL_BAD_INPUT, field,
-                            "\"%.80s\" is no number of this scene; accepted: a path such as omega "
-                            "or effects[0].stiffness",
-                            path);
+    suggest(scene, path, meant);
+    return modal_fail_field(err, MODAL_BAD_INPUT, field, "\"%.80s\" is no number of this scene%s; "
+                            "accepted: a path such as omega or effects[0].stiffness", path, meant);
 }

@@ -1,5 +1,6 @@
 /* tradeoff.c - see tradeoff.h; tested by tests/unit/job/test_tradeoff_identify.c */
 #include "job/tradeoff.h"
+#include "base/near.h"
 #include "job/tradeoff_identify.h"
 #include "job/tradeoff_simulate.h"
 #include "job/tradeoff_steady.h"
@@ -20,14 +21,17 @@ static const struct tradeoff {
 
 static enum modal_status refuse(const char *of, bool on_scene, struct modal_error *err)
 {
-    char list[128] = "";
+    const char *names[sizeof tradeoffs / sizeof *tradeoffs];
+    char list[NEAR_ACCEPTED];
+    int count = 0;
 
     for (const struct tradeoff *t = tradeoffs; t->of != NULL; t++)
         if (t->on_scene == on_scene)
-            snprintf(list + strlen(list), sizeof list - strlen(list), "%s%s", list[0] ? ", " : "",
-                     t->of);
+            names[count++] = t->of;
+    names[count] = NULL;
+    near_accepted(of, names, list);
     return modal_fail_field(err, MODAL_BAD_INPUT, "of",
-                            "cannot trade off \"%.40s\" on a %s; accepted: %s", of,
+                            "cannot trade off \"%.40s\" on a %s%s", of,
                             on_scene ? "scene" : "batch", list);
 }
 

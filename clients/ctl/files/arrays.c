@@ -5,8 +5,11 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/near.h"
 #include "base/utf8.h"
 #include "steps.h"
+
+enum { NAMES_MOST = 64 };            /* of arrays that are compared with a name that is none */
 
 /* ---- the list ---- */
 
@@ -96,12 +99,25 @@ static void print_list(const struct arrays *arrays, bool (*wanted)(const struct 
         snprintf(to + room - sizeof "...", sizeof "...", "...");
 }
 
+/* Names of arrays that may be meant by DATASET. */
+static void suggest(const struct arrays *arrays, const char *dataset, char meant[NEAR_TEXT])
+{
+    const char *names[NAMES_MOST + 1];
+    int count = 0;
+
+    for (size_t i = 0; i < arrays->count && count < NAMES_MOST; i++)
+        if (may_be_signals(&arrays->list[i]))
+            names[count++] = arrays->list[i].name;
+    names[count] = NULL;
+    near_text(dataset, names, meant);
+}
+
 /* The array called DATASET, for which FIELD asked. */
 static enum modal_status find_named(const struct arrays *arrays, const char *dataset,
                                     const char *field, const struct array **out,
                                     struct modal_error *err)
 {
-    char list[300];
+    char list[300], meant[NEAR_TEXT];
 
     dataset += dataset[0] == '/';
     for (size_t i = 0; i < arrays->count; i++)
@@ -110,12 +126,13 @@ static enum modal_status find_named(const struct arrays *arrays, const char *dat
     if (*out != NULL && (*out)->numbers)
         return MODAL_OK;
     print_list(arrays, may_be_signals, list, sizeof list);
+    suggest(arrays, dataset, meant);
     if (*out != NULL)
         return modal_fail_field(err, MODAL_BAD_INPUT, field, "%s: `%s` is %s; accepted: a "
                                 "matrix of real numbers, samples x channels%s%s", arrays->path,
                                 dataset, (*out)->type, list[0] ? ": " : "", list);
-    return modal_fail_field(err, MODAL_BAD_INPUT, field, "%s has no `%s`; accepted: %s",
-                            arrays->path, dataset, list[0] ? list : "nothing that is in it");
+    return modal_fail_field(err, MODAL_BAD_INPUT, field, "%s has no `%s`%s; accepted: %s",
+                            arrays->path, dataset, meant, list[0] ? list : "nothing that is in it");
 }
 
 enum modal_status arrays_pick(const struct arrays *arrays, const char *dataset,

@@ -10,6 +10,7 @@
  * those of the last line.
  */
 #include "broker/shell/config.h"
+#include "base/near.h"
 #include "broker/shell/machine.h"
 #include "store/file.h"
 #include <ctype.h>
@@ -151,13 +152,14 @@ static enum modal_status set_number(char *place, const struct row *row, const ch
 enum modal_status config_set(struct config *c, const char *key, const char *value,
                              struct modal_error *err)
 {
-    char list[600] = "";
+    const char *names[sizeof rows / sizeof *rows + 1] = { NULL };
+    char list[NEAR_ACCEPTED];
 
     for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
         const struct row *row = &rows[i];
         char *place = (char *)c + row->at;
 
-        snprintf(list + strlen(list), sizeof list - strlen(list), "%s%s", i ? ", " : "", row->key);
+        names[i] = row->key;
         if (strcmp(row->key, key) != 0)
             continue;
         if (row->kind == BIND) {
@@ -178,8 +180,8 @@ enum modal_status config_set(struct config *c, const char *key, const char *valu
         }
         return set_number(place, row, value, err);
     }
-    return modal_fail_field(err, MODAL_BAD_INPUT, key, "unknown key \"%.60s\"; accepted: %s", key,
-                            list);
+    near_accepted(key, names, list);
+    return modal_fail_field(err, MODAL_BAD_INPUT, key, "unknown key \"%.60s\"%s", key, list);
 }
 
 /* ---- files ----------------------------------------------------------------------------------- */

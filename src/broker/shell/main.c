@@ -3,6 +3,7 @@
 #include <stdio.h>
 #include <string.h>
 #include <sys/stat.h>
+#include "base/near.h"
 #include "broker/shell/daemon.h"
 #include "broker/shell/config.h"
 
@@ -24,6 +25,26 @@ static const char usage[] =
 
 struct arguments { int argc; char **argv; bool check; };
 
+enum { OPTIONS_MOST = 16 };          /* twice what there are */
+
+/* WORD is no option, or, where it is not UNKNOWN, lacks its value. */
+static enum modal_status refuse(const char *word, bool unknown, const struct option *options,
+                                struct modal_error *err)
+{
+    const char *names[OPTIONS_MOST + 1];
+    char list[NEAR_ACCEPTED];
+    int count = 0;
+
+    if (!unknown)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "arguments", "%.60s needs a value", word);
+    for (; options[count].name != NULL && count < OPTIONS_MOST; count++)
+        names[count] = options[count].name;
+    names[count] = NULL;
+    near_accepted(word + strspn(word, "-"), names, list);
+    return modal_fail_field(err, MODAL_BAD_INPUT, "arguments", "unknown argument \"%.60s\"%s", word,
+                            list);
+}
+
 /* The configuration from file and arguments, as at the start, so at each reload. */
 static enum modal_status read_all(struct config *out, void *context, struct modal_error *err)
 {
@@ -40,11 +61,11 @@ static enum modal_status read_all(struct config *out, void *context, struct moda
 
     config_init(out);
     for (optind = 0;
-         rc == MODAL_OK && (option = getopt_long(a->argc, a->argv, "", options, NULL)) != -1;) {
+         rc == MODAL_OK && (option = getopt_long(a->argc, a->argv, ":", options, NULL)) != -1;) {
         if (option == 'c')
             rc = config_read(out, optarg, err);
-        if (option == '?')
-            return modal_fail_field(err, MODAL_BAD_INPUT, "arguments", "unknown argument");
+        if (option == '?' || option == ':')
+            return refuse(a->argv[optind - 1], option == '?', options, err);
     }
     for (optind = 0;
          rc == MODAL_OK && (option = getopt_long(a->argc, a->argv, "", options, NULL)) != -1;) {

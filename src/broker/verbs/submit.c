@@ -56,15 +56,13 @@ struct submission {
 
 static bool find_kind(struct core *c, struct submission *s)
 {
-    char list[256] = "";
+    char list[NEAR_ACCEPTED];
 
     s->kind = job_kind_find(s->r->submit.kind);
     if (s->kind != NULL)
         return true;
-    for (const struct job_kind *k = job_kinds; k->name != NULL; k++)
-        snprintf(list + strlen(list), sizeof list - strlen(list), "%s%s",
-                 k == job_kinds ? "" : ", ", k->name);
-    answer_fail(c, &s->reply, MODAL_BAD_INPUT, "kind", NULL, "unknown kind \"%.40s\"; accepted: %s",
+    job_kinds_accepted(s->r->submit.kind, list);
+    answer_fail(c, &s->reply, MODAL_BAD_INPUT, "kind", NULL, "unknown kind \"%.40s\"%s",
                 s->r->submit.kind, list);
     return false;
 }

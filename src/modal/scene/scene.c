@@ -14,8 +14,11 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/near.h"
 #include "modal/scene/loads.h"
 #include "modal/scene/lowering.h"
+
+enum { TYPES_MOST = 64 };            /* of structures, of effects: twice what there is */
 
 /* Of duration / dt: both decimals are off their doubles by DBL_EPSILON / 2, their quotient by as
  * many; a thousandfold of it is still far below half a step of the longest record. */
@@ -51,8 +54,8 @@ static const struct scene_structure_kind *find_structure(const char *name)
 static enum modal_status lower_structure(struct lowering *l, const cJSON *json,
                                          struct modal_error *err)
 {
-    const char *type = NULL;  /* borrowed from the scene */
-    char list[256] = "";
+    const char *type = NULL, *names[TYPES_MOST + 1];  /* borrowed from the scene, from tables */
+    char list[NEAR_ACCEPTED];
     void *values;
     enum modal_status rc;
 
@@ -63,11 +66,13 @@ static enum modal_status lower_structure(struct lowering *l, const cJSON *json,
         return rc;
     /* all that there are are named: they are few */
     if ((l->structure = find_structure(type)) == NULL) {
-        for (int i = 0; scene_structures[i] != NULL; i++)
-            snprintf(list + strlen(list), sizeof list - strlen(list), "%s%s", i ? ", " : "",
-                     scene_structures[i]->name);
+        int count = 0;
+        for (; scene_structures[count] != NULL && count < TYPES_MOST; count++)
+            names[count] = scene_structures[count]->name;
+        names[count] = NULL;
+        near_accepted(type, names, list);
         return modal_fail_field(err, MODAL_BAD_INPUT, "structure.type",
-                                "unknown structure \"%.40s\"; accepted: %s", type, list);
+                                "unknown structure \"%.40s\"%s", type, list);
     }
     if ((values = values_new(l->structure->size)) == NULL)
         return no_memory(err);
@@ -97,10 +102,12 @@ static enum modal_status find_effect(const struct lowering *l,
                                      const char *path, const struct scene_effect_kind **kind,
                                      struct modal_error *err)
 {
-    char where[128], list[448] = "";
+    const char *names[TYPES_MOST + 1];
+    char where[128], list[NEAR_ACCEPTED];
     bool known = false;
+    int count = 0;
 
-    for (int i = 0; table[i] != NULL; i++) {
+    for (int i = 0; table[i] != NULL && count < TYPES_MOST; i++) {
         bool same = strcmp(table[i]->name, type) == 0;
         known = known || same;  /* of another structure: the message says so */
         if (!takes(table[i], l->structure->name))
@@ -109,13 +116,14 @@ static enum modal_status find_effect(const struct lowering *l,
             *kind = table[i];
             return MODAL_OK;
         }
-        snprintf(list + strlen(list), sizeof list - strlen(list), "%s%s", list[0] ? ", " : "",
-                 table[i]->name);
+        names[count++] = table[i]->name;
     }
+    names[count] = NULL;
+    near_accepted(type, names, list);
     json_path(where, path, "type");
     return modal_fail_field(err, MODAL_BAD_INPUT, where,
-                            known ? "a %2$s takes no \"%1$.40s\"; accepted: %3$s"
-                                  : "unknown effect \"%1$.40s\" for a %2$s; accepted: %3$s",
+                            known ? "a %2$s takes no \"%1$.40s\"%3$s"
+                                  : "unknown effect \"%1$.40s\" for a %2$s%3$s",
                             type, l->structure->name, list);
 }
 

@@ -10,6 +10,7 @@
 #include <stdlib.h>
 #include "modal/scene/readout.h"
 #include "modal/scene/sources.h"
+#include "modal/scene/sparse_motion.h"
 #include "modal/scene/statespace.h"
 #include "modal/scene/stepper.h"
 #include "modal/scene/turning.h"
@@ -246,6 +247,8 @@ enum modal_status simulate(struct program *p, const struct scene_time *time,
         return modal_fail_field(err, MODAL_TOO_LARGE, "time",
                                 "%ld samples of %d channels are more than %d numbers",
                                 time->samples, p->outputs, SIMULATE_VALUES_MOST);
+    if (!opt->rk4 && sparse_motion_wins(p, time))
+        return sparse_motion(p, time, opt, signals, out, err);
     rc = p->harmonics > 0 ? program_turned(p, &turned, err) : MODAL_OK;
     if (rc == MODAL_OK)
         rc = turned != NULL ? simulate_turned(p, turned, time, opt, signals, out, err)

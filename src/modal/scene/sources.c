@@ -214,6 +214,16 @@ static void load_at(const struct program *p, const struct program_load *load, do
     }
 }
 
+double sources_force(const struct sources *s, int load, double t)
+{
+    double w[3] = { 0 }, weight[3];
+    int at;
+
+    shape_of(s->p, &s->p->load[load], &at, weight);
+    load_at(s->p, &s->p->load[load], t, w);
+    return weight[0] * w[0] + weight[1] * w[1] + weight[2] * w[2];
+}
+
 void sources_at(const struct sources *s, double t, double *w)
 {
     double c = cos(s->p->frame_speed * t), d = sin(s->p->frame_speed * t);

@@ -50,4 +50,7 @@ void sources_free(struct sources *s);
 /* w just after t (at a corner: what holds from there on). */
 void sources_at(const struct sources *s, double t, double *w);
 
+/* The force of one of the program's loads just after t, on fixed axes; 0 of an impulse. */
+double sources_force(const struct sources *s, int load, double t);
+
 #endif

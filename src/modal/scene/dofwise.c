@@ -1,0 +1,442 @@
+/*
+ * dofwise.c - see dofwise.h
+ *
+ * The laws' forces come after the rows' own: a law adds to both its ends, whether these are in the
+ * set or not; what lands outside is read by nobody.
+ */
+#include "modal/scene/dofwise.h"
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { MEMORY_MOST = 1024 };         /* doubles that a law may remember: on the stack, 8 kB */
+enum {
+    GROUND = -1,                     /* in place of a dof */
+    NONE = -2,                       /* past the last of a thing's dofs */
+    PARTS = 3,                       /* M, C, K, of cosines as of sines */
+    /* each of a law's ends with each other one */
+    PAIRS = 4 * LAW_INPUTS_MOST * LAW_INPUTS_MOST,
+};
+
+/* The one text of it here. */
+static enum modal_status no_memory(struct modal_error *err)
+{
+    return modal_fail(err, MODAL_NO_MEMORY, "stepping: out of memory");
+}
+
+bool dofwise_serves(const struct program *p)
+{
+    if (p->n == 0 || p->n_linear > 0 || p->seen_fixed || p->frame_speed != 0)
+        return false;
+    for (int h = 0; h < p->harmonics; h++)
+        if (p->harmonic[h].cosine[PROGRAM_M].m > 0 || p->harmonic[h].sine[PROGRAM_M].m > 0)
+            return false;
+    for (int l = 0; l < p->loads; l++)
+        if (p->load[l].dof_sine >= 0)
+            return false;
+    for (int l = 0; l < p->laws; l++)
+        if (p->law[l].kind->set_valued || p->law[l].kind->restart != NULL
+            || p->law[l].memory > MEMORY_MOST)
+            return false;
+    return true;
+}
+
+/* Every matrix of the program that couples dofs, by number; NULL past the last. */
+static const struct sparse *coupling(const struct program *p, int i)
+{
+    int h = (i - PARTS) / (2 * PARTS), part = (i - PARTS) % (2 * PARTS);
+
+    if (i < PARTS)
+        return &p->constant[i];
+    return h >= p->harmonics ? NULL
+           : part < PARTS    ? &p->harmonic[h].cosine[part]
+                             : &p->harmonic[h].sine[part - PARTS];
+}
+
+/* Pairs of dofs that law L couples, into AT; how many. */
+static int law_pairs(const struct law *l, struct triplet *at)
+{
+    int ends[2 * LAW_INPUTS_MOST], count = 0, pairs = 0;
+
+    for (int k = 0; k < l->kind->inputs; k++) {
+        if (l->dof[k] >= 0)
+            ends[count++] = l->dof[k];
+        if (l->to[k] >= 0)
+            ends[count++] = l->to[k];
+    }
+    for (int i = 0; i < count; i++)
+        for (int j = 0; j < count; j++)
+            if (ends[i] != ends[j])
+                at[pairs++] = (struct triplet){ ends[i], ends[j], 1 };
+    return pairs;
+}
+
+/* Who is coupled with whom, both ways. */
+static enum modal_status make_graph(struct dofwise *f, struct modal_error *err)
+{
+    const struct program *p = f->p;
+    size_t room = (size_t)p->laws * PAIRS + 1;
+    struct triplet *pair;
+    int count = 0;
+    enum modal_status rc;
+
+    for (int i = 0; coupling(p, i) != NULL; i++)
+        room += coupling(p, i)->m > 0 ? 2 * (size_t)coupling(p, i)->start[coupling(p, i)->m] : 0;
+    if (room > INT32_MAX || (pair = malloc(room * sizeof *pair)) == NULL)
+        return no_memory(err);
+    for (int i = 0; coupling(p, i) != NULL; i++) {
+        const struct sparse *a = coupling(p, i);
+        for (int r = 0; r < a->m; r++)
+            for (int k = a->start[r]; k < a->start[r + 1]; k++)
+                if (a->index[k] != r) {
+                    pair[count++] = (struct triplet){ r, a->index[k], 1 };
+                    pair[count++] = (struct triplet){ a->index[k], r, 1 };
+                }
+    }
+    for (int l = 0; l < p->laws; l++)
+        count += law_pairs(&p->law[l], pair + count);
+    rc = sparse_from_triplets(f->n, f->n, pair, count, &f->graph, err);
+    free(pair);
+    return rc;
+}
+
+/* Lists of things by dof: OWNER(i, k) is the k-th dof of thing i, GROUND or NONE past the last. */
+static void list_by_dof(int n, int things, int (*owner)(const struct program *, int, int),
+                        const struct program *p, int *start, int *list)
+{
+    for (int i = 0; i < things; i++)
+        for (int k = 0, dof; (dof = owner(p, i, k)) != NONE; k++)
+            if (dof != GROUND)
+                start[dof]++;
+    for (int i = 0; i < n; i++)
+        start[i + 1] += start[i];                /* ends; [n] stays */
+    for (int i = things - 1; i >= 0; i--)
+        for (int k = 0, dof; (dof = owner(p, i, k)) != NONE; k++)
+            if (dof != GROUND)
+                list[--start[dof]] = i;          /* from behind, down to its start */
+}
+
+static int owner_of_law(const struct program *p, int law, int k)
+{
+    const struct law *l = &p->law[law];
+    int dof;
+
+    if (k >= 2 * l->kind->inputs)
+        return NONE;
+    dof = k % 2 == 0 ? l->dof[k / 2] : l->to[k / 2];
+    return dof >= 0 ? dof : GROUND;
+}
+
+static int owner_of_load(const struct program *p, int load, int k)
+{
+    /* an impulse is a corner and no force */
+    return k > 0 ? NONE : p->load[load].type == LOAD_IMPULSE ? GROUND : p->load[load].dof;
+}
+
+/* M by its diagonal, or its factors. */
+static enum modal_status take_mass(struct dofwise *f, struct modal_error *err)
+{
+    const struct sparse *m = &f->p->constant[PROGRAM_M];
+    enum modal_status rc;
+
+    for (int i = 0; i < f->n; i++)
+        if (m->start[i + 1] - m->start[i] != 1 || m->index[m->start[i]] != i) {
+            /* symmetric: its rows are its columns */
+            rc = sparse_lu_new(f->n, m->start, m->index, false, &f->factor, err);
+            if (rc == MODAL_OK && !sparse_lu_factor(f->factor, m->value))
+                rc = modal_fail_field(err, MODAL_BAD_INPUT, "structure.M",
+                                      "the mass matrix is singular to rounding");
+            return rc;
+        }
+    f->mass = workspace_zeros(&f->space, (size_t)f->n, sizeof *f->mass);
+    for (int i = 0; f->mass != NULL && i < f->n; i++)
+        f->mass[i] = m->value[m->start[i]];
+    return workspace_check(&f->space, "stepping: out of memory", err);
+}
+
+/* Arrays by dof and by law. */
+static enum modal_status allocate(struct dofwise *f, struct modal_error *err)
+{
+    const struct program *p = f->p;
+    size_t n = (size_t)f->n, laws = (size_t)p->laws;
+
+    f->force = workspace_zeros(&f->space, n, sizeof *f->force);
+    f->solved = workspace_zeros(&f->space, n, sizeof *f->solved);
+    f->law_start = workspace_zeros(&f->space, n + 1, sizeof *f->law_start);
+    f->law_of = workspace_zeros(&f->space, 2 * LAW_INPUTS_MOST * laws, sizeof *f->law_of);
+    f->load_start = workspace_zeros(&f->space, n + 1, sizeof *f->load_start);
+    f->load_of = workspace_zeros(&f->space, (size_t)p->loads, sizeof *f->load_of);
+    f->memory = workspace_zeros(&f->space, laws, sizeof *f->memory);
+    f->watch = workspace_zeros(&f->space, laws, sizeof *f->watch);
+    f->evaluations = workspace_zeros(&f->space, laws, sizeof *f->evaluations);
+    f->acted = workspace_zeros(&f->space, laws, sizeof *f->acted);
+    return workspace_check(&f->space, "stepping: out of memory", err);
+}
+
+enum modal_status dofwise_new(const struct program *p, struct dofwise **out,
+                              struct modal_error *err)
+{
+    struct dofwise *f = calloc(1, sizeof *f);
+    enum modal_status rc;
+
+    if (f == NULL)
+        return no_memory(err);
+    f->p = p;
+    f->n = p->n;
+    rc = allocate(f, err);
+    if (rc == MODAL_OK)
+        rc = sources_new(p, &f->src, err);
+    if (rc == MODAL_OK)
+        rc = make_graph(f, err);
+    if (rc == MODAL_OK)
+        rc = take_mass(f, err);
+    if (rc == MODAL_OK) {
+        list_by_dof(f->n, p->laws, owner_of_law, p, f->law_start, f->law_of);
+        list_by_dof(f->n, p->loads, owner_of_load, p, f->load_start, f->load_of);
+        for (int l = 0; l < p->laws; l++) {
+            f->memory[l] = f->memories;
+            f->memories += p->law[l].memory;
+        }
+        rc = dofwise_set_new(f, &f->all, err);
+    }
+    if (rc != MODAL_OK) {
+        dofwise_free(f);
+        return rc;
+    }
+    f->all.runs = f->all.whole = 1;
+    f->all.run[0] = (struct dof_run){ 0, f->n };
+    f->all.laws = p->laws;
+    for (int l = 0; l < p->laws; l++)
+        f->all.law[l] = l;
+    *out = f;
+    return MODAL_OK;
+}
+
+void dofwise_free(struct dofwise *f)
+{
+    if (f == NULL)
+        return;
+    sources_free(f->src);
+    sparse_done(&f->graph);
+    sparse_lu_free(f->factor);
+    workspace_free(&f->space);
+    free(f);
+}
+
+enum modal_status dofwise_set_new(struct dofwise *f, struct dof_set *out, struct modal_error *err)
+{
+    *out = (struct dof_set){
+        .run = workspace_zeros(&f->space, (size_t)f->n, sizeof *out->run),
+        .law = workspace_zeros(&f->space, (size_t)f->p->laws + 1, sizeof *out->law),
+        .rim = workspace_zeros(&f->space, (size_t)f->n, sizeof *out->rim),
+    };
+    return workspace_check(&f->space, "stepping: out of memory", err);
+}
+
+/* For qsort. */
+static int ascending(const void *a, const void *b)
+{
+    int x = *(const int *)a, y = *(const int *)b;
+
+    return (x > y) - (x < y);
+}
+
+/* In place, ascending and each once; how many are left. */
+static int sorted_once(int *x, int count)
+{
+    int kept = 0;
+
+    qsort(x, (size_t)count, sizeof *x, ascending);
+    for (int i = 0; i < count; i++)
+        if (kept == 0 || x[kept - 1] != x[i])
+            x[kept++] = x[i];
+    return kept;
+}
+
+/* Whether DOF is in SET. */
+static bool holds(const struct dof_set *set, int dof)
+{
+    int low = 0, high = set->runs;
+
+    while (low < high) {
+        int middle = (low + high) / 2;
+        if (set->run[middle].to <= dof)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return low < set->runs && set->run[low].from <= dof;
+}
+
+void dofwise_set(struct dofwise *f, const int *dof, int count, struct dof_set *out)
+{
+    out->runs = out->laws = out->rims = 0;
+    out->whole = count == f->n;
+    for (int i = 0; i < count; i++)
+        if (out->runs > 0 && out->run[out->runs - 1].to == dof[i])
+            out->run[out->runs - 1].to++;
+        else
+            out->run[out->runs++] = (struct dof_run){ dof[i], dof[i] + 1 };
+    /* a law is listed by each of its dofs: where room ends, doubles are dropped */
+    for (int i = 0; i < count; i++)
+        for (int k = f->law_start[dof[i]]; k < f->law_start[dof[i] + 1]; k++) {
+            if (out->laws > f->p->laws)
+                out->laws = sorted_once(out->law, out->laws);
+            out->law[out->laws++] = f->law_of[k];
+        }
+    out->laws = sorted_once(out->law, out->laws);
+    for (int i = 0; i < count; i++)
+        for (int k = f->graph.start[dof[i]]; k < f->graph.start[dof[i] + 1]; k++) {
+            if (holds(out, f->graph.index[k]))
+                continue;
+            if (out->rims == f->n)
+                out->rims = sorted_once(out->rim, out->rims);
+            out->rim[out->rims++] = f->graph.index[k];
+        }
+    out->rims = sorted_once(out->rim, out->rims);
+}
+
+/* -scale A x over rows FROM .. TO - 1 */
+static void take_rows(const struct sparse *a, struct dof_run run, double scale, const double *x,
+                      double *out)
+{
+    for (int i = run.from; i < run.to && i < a->m; i++) {
+        double sum = 0;
+        for (int k = a->start[i]; k < a->start[i + 1]; k++)
+            sum += a->value[k] * x[a->index[k]];
+        out[i] -= scale * sum;
+    }
+}
+
+/* Loads, stiffness and damping of (1) over one run. */
+static void linear_part(struct dofwise *f, struct dof_run run, double t, const double *x,
+                        const double *v)
+{
+    const struct program *p = f->p;
+    double *force = f->force;
+
+    memset(force + run.from, 0, (size_t)(run.to - run.from) * sizeof *force);
+    for (int k = f->load_start[run.from]; k < f->load_start[run.to]; k++)
+        force[p->load[f->load_of[k]].dof] += sources_force(f->src, f->load_of[k], t);
+    take_rows(&p->constant[PROGRAM_K], run, 1, x, force);
+    take_rows(&p->constant[PROGRAM_C], run, 1, v, force);
+    for (int h = 0; h < p->harmonics; h++) {
+        const struct program_harmonic *at = &p->harmonic[h];
+        double c = cos(at->k * p->omega * t), s = sin(at->k * p->omega * t);
+        take_rows(&at->cosine[PROGRAM_K], run, c, x, force);
+        take_rows(&at->sine[PROGRAM_K], run, s, x, force);
+        take_rows(&at->cosine[PROGRAM_C], run, c, v, force);
+        take_rows(&at->sine[PROGRAM_C], run, s, v, force);
+    }
+}
+
+/* Relative displacements and rates of a law's inputs. */
+static void inputs_of(const struct law *l, const double *x, const double *v, double *d,
+                      double *rate)
+{
+    for (int k = 0; k < l->kind->inputs; k++) {
+        d[k] = x[l->dof[k]] - (l->to[k] >= 0 ? x[l->to[k]] : 0);
+        rate[k] = v[l->dof[k]] - (l->to[k] >= 0 ? v[l->to[k]] : 0);
+    }
+}
+
+/* One law asked and watched. */
+static enum modal_status law_part(struct dofwise *f, int law, double t, const double *x,
+                                  const double *v, const double *memory, struct modal_error *err)
+{
+    const struct law *l = &f->p->law[law];
+    double d[LAW_INPUTS_MOST], rate[LAW_INPUTS_MOST], after[MEMORY_MOST];
+    struct law_point at = { t, d, rate, d, memory + f->memory[law] };
+    struct law_force out = { .memory = after };
+    struct law_watch *watch = &f->watch[law];
+    enum modal_status rc;
+
+    inputs_of(l, x, v, d, rate);
+    rc = l->kind->force(l, &at, &out, err);
+    f->evaluations[law]++;
+    if (!watch->seen)
+        watch->regime = out.regime;
+    watch->seen = true;
+    watch->mixed |= out.regime != watch->regime;
+    for (int k = 0; k < l->kind->inputs; k++) {
+        watch->mixed |= rate[k] * watch->rate[k] < 0;
+        f->force[l->dof[k]] -= out.f[k];         /* it resists */
+        if (l->to[k] >= 0)
+            f->force[l->to[k]] += out.f[k];
+    }
+    return rc;
+}
+
+void dofwise_watch(struct dofwise *f, const struct dof_set *set, const double *x, const double *v)
+{
+    for (int k = 0; k < set->laws; k++) {
+        double d[LAW_INPUTS_MOST];
+        const struct law *l = &f->p->law[set->law[k]];
+        /* with two inputs a piece may end while neither turns: a slider whose bound changes */
+        f->watch[set->law[k]] = (struct law_watch){ .mixed = l->kind->inputs > 1 };
+        inputs_of(l, x, v, d, f->watch[set->law[k]].rate);
+    }
+}
+
+enum modal_status dofwise_accelerate(struct dofwise *f, const struct dof_set *set, double t,
+                                     const double *x, const double *v, const double *memory,
+                                     double *a, struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+
+    for (int r = 0; r < set->runs; r++)
+        linear_part(f, set->run[r], t, x, v);
+    for (int k = 0; k < set->laws && rc == MODAL_OK; k++)
+        rc = law_part(f, set->law[k], t, x, v, memory, err);
+    if (f->mass == NULL) {
+        sparse_lu_solve(f->factor, f->force, a);
+        return rc;
+    }
+    for (int r = 0; r < set->runs; r++)
+        for (int i = set->run[r].from; i < set->run[r].to; i++)
+            a[i] = f->force[i] / f->mass[i];     /* (1) */
+    return rc;
+}
+
+enum modal_status dofwise_remember(struct dofwise *f, const struct dof_set *set, double t,
+                                   const double *x, const double *v, const double *memory,
+                                   double *after, struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+
+    for (int k = 0; k < set->laws && rc == MODAL_OK; k++) {
+        const struct law *l = &f->p->law[set->law[k]];
+        double d[LAW_INPUTS_MOST], rate[LAW_INPUTS_MOST], left[MEMORY_MOST];
+        int place = f->memory[set->law[k]];
+        struct law_point at = { t, d, rate, d, memory + place };
+        struct law_force out = { .memory = left };
+        inputs_of(l, x, v, d, rate);
+        rc = l->kind->force(l, &at, &out, err);
+        memcpy(after + place, left, (size_t)l->memory * sizeof *left);
+        f->acted[set->law[k]] |= out.acts;
+    }
+    return rc;
+}
+
+/* The largest sum of a row's sizes over its mass. */
+static double largest_row(const struct sparse *a, const struct sparse *mass)
+{
+    double largest = 0;
+
+    for (int i = 0; i < a->m; i++) {
+        double sum = 0, m = 0;
+        for (int k = a->start[i]; k < a->start[i + 1]; k++)
+            sum += fabs(a->value[k]);
+        for (int k = mass->start[i]; k < mass->start[i + 1]; k++)
+            m = mass->index[k] == i ? mass->value[k] : m;
+        largest = m > 0 ? fmax(largest, sum / m) : largest;
+    }
+    return largest;
+}
+
+void dofwise_fastest(const struct program *p, double *frequency, double *decay)
+{
+    /* Gershgorin's circles of M^-1 K and M^-1 C */
+    *frequency = sqrt(largest_row(&p->constant[PROGRAM_K], &p->constant[PROGRAM_M]));
+    *decay = largest_row(&p->constant[PROGRAM_C], &p->constant[PROGRAM_M]);
+}

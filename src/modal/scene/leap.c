@@ -1,0 +1,182 @@
+/*
+ * leap.c - see leap.h
+ *
+ * With K_i the slopes and theta = (t - t0) / h the interpolant of order 7 is [HNW93, II.6]
+ *
+ *     y0 + theta (F1 + (1 - theta)(F2 + theta (F3 + (1 - theta)(F4 + ...)))),                   (1)
+ *     F1 = y1 - y0,  F2 = h K_0 - F1,  F3 = 2 F1 - h (K_0 + K_12),  F4.. = h sum_j d_j K_j
+ *
+ * and the error, from those of orders 5 and 3, E5^2 / sqrt(E5^2 + E3^2 / 100)             (2)
+ *
+ * [HNW93]: see dormand_prince.c.
+ */
+#include "modal/scene/leap.h"
+#include <math.h>
+#include <string.h>
+#include "modal/scene/dofwise.h"
+
+enum { CHUNK = 256 };                /* numbers that stay in the first cache while rows are added */
+static const double THIRD_ORDER_SHARE = 0.01;    /* in (2), of [HNW93] */
+
+void leap_init(struct leap *l, struct dofwise *of, double *stage, struct workspace *space)
+{
+    size_t states = 2 * (size_t)of->n;
+
+    *l = (struct leap){ .of = of, .stage = stage };
+    l->from = workspace_zeros(space, states, sizeof *l->from);
+    l->to = workspace_zeros(space, states, sizeof *l->to);
+    for (int i = 0; i < DORMAND_PRINCE_ALL; i++)
+        l->slope[i] = workspace_zeros(space, states, sizeof **l->slope);
+    for (int i = 0; i < DORMAND_PRINCE_DENSE; i++)
+        l->part[i] = workspace_zeros(space, states, sizeof **l->part);
+}
+
+bool leap_holds(const struct leap *l, int dof)
+{
+    int low = 0, high = l->set->runs;
+
+    while (low < high) {             /* the first run that ends past it */
+        int middle = (low + high) / 2;
+        if (l->set->run[middle].to <= dof)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return low < l->set->runs && l->set->run[low].from <= dof;
+}
+
+double leap_at(const struct leap *l, int i, double theta)
+{
+    double value = 0;
+
+    for (int k = DORMAND_PRINCE_DENSE - 1; k >= 0; k--)      /* (1) from within */
+        value = (value + l->part[k][i]) * (k % 2 == 0 ? theta : 1 - theta);
+    return l->from[i] + value;
+}
+
+double leap_value(const struct leap *l, int i, double t)
+{
+    while (l->around != NULL && !leap_holds(l, i % l->of->n))
+        l = l->around;
+    return leap_at(l, i, l->h > 0 ? (t - l->t) / l->h : 0);
+}
+
+/* OUT = BASE + sum_j by[j] slope[j] over COUNT slopes, FROM .. TO - 1; BASE may be NULL. */
+static void combine(double *const *slope, const double *by, int count, const double *base,
+                    int from, int to, double *out)
+{
+    for (int at = from; at < to; at += CHUNK) {
+        int end = at + CHUNK < to ? at + CHUNK : to;
+        if (base != NULL)
+            memcpy(out + at, base + at, (size_t)(end - at) * sizeof *out);
+        else
+            memset(out + at, 0, (size_t)(end - at) * sizeof *out);
+        for (int j = 0; j < count; j++) {
+            const double *k = slope[j];
+            double b = by[j];
+            if (b == 0)              /* many are */
+                continue;
+            for (int i = at; i < end; i++)
+                out[i] += b * k[i];
+        }
+    }
+}
+
+/* The same over the set's displacements and rates, times h. */
+static void combine_set(const struct leap *l, const double *weight, int count, const double *base,
+                        double *out)
+{
+    double by[DORMAND_PRINCE_ALL];
+    int n = l->of->n;
+
+    for (int j = 0; j < count; j++)
+        by[j] = l->h * weight[j];
+    for (int r = 0; r < l->set->runs; r++) {
+        struct dof_run run = l->set->run[r];
+        combine(l->slope, by, count, base, run.from, run.to, out);
+        combine(l->slope, by, count, base, n + run.from, n + run.to, out);
+    }
+}
+
+/* What the set looks at around it. */
+static void fill_rim(const struct leap *l, double t, double *y)
+{
+    int n = l->of->n;
+
+    for (int k = 0; k < l->set->rims; k++) {
+        int dof = l->set->rim[k];
+        y[dof] = leap_value(l, dof, t);
+        y[n + dof] = leap_value(l, n + dof, t);
+    }
+}
+
+enum modal_status leap_slope(const struct leap *l, double t, double *y, const double *memory,
+                             double *slope, struct modal_error *err)
+{
+    int n = l->of->n;
+
+    fill_rim(l, t, y);
+    for (int r = 0; r < l->set->runs; r++)       /* x' = v */
+        memcpy(slope + l->set->run[r].from, y + n + l->set->run[r].from,
+               (size_t)(l->set->run[r].to - l->set->run[r].from) * sizeof *slope);
+    return dofwise_accelerate(l->of, l->set, t, y, y + n, memory, slope + n, err);
+}
+
+/* (1)'s coefficients. */
+static void interpolate(struct leap *l)
+{
+    int n = l->of->n;
+
+    for (int k = 3; k < DORMAND_PRINCE_DENSE; k++)
+        combine_set(l, dormand_prince_dense[k - 3], DORMAND_PRINCE_ALL, NULL, l->part[k]);
+    for (int r = 0; r < 2 * l->set->runs; r++) {
+        struct dof_run run = l->set->run[r / 2];
+        int shift = r % 2 == 0 ? 0 : n;          /* displacements, then rates */
+        for (int i = shift + run.from; i < shift + run.to; i++) {
+            double whole = l->to[i] - l->from[i], first = l->h * l->slope[0][i],
+                   last = l->h * l->slope[DORMAND_PRINCE_END][i];
+            l->part[0][i] = whole;
+            l->part[1][i] = first - whole;
+            l->part[2][i] = 2 * whole - (first + last);
+        }
+    }
+}
+
+enum modal_status leap_make(struct leap *l, const double *memory, struct modal_error *err)
+{
+    int n = l->of->n;
+    enum modal_status rc = MODAL_OK;
+
+    fill_rim(l, l->t, l->from);
+    dofwise_watch(l->of, l->set, l->from, l->from + n);
+    for (int s = 1; s < DORMAND_PRINCE_ALL && rc == MODAL_OK; s++) {
+        double node = dormand_prince_node[s], end = l->t + l->h, t = l->t + node * l->h;
+        double *y = s == DORMAND_PRINCE_END ? l->to : l->stage;
+        combine_set(l, dormand_prince_weight[s], s, l->from, y);
+        /* a load that changes at the end is the next leap's */
+        rc = leap_slope(l, node == 1 ? nextafter(end, l->t) : t, y, memory, l->slope[s], err);
+    }
+    if (rc == MODAL_OK)
+        interpolate(l);
+    return rc;
+}
+
+double leap_error(const struct leap *l, const double *weight, const int *apart)
+{
+    int n = l->of->n;
+    double third = 0, fifth = 0;
+
+    combine_set(l, dormand_prince_error3, DORMAND_PRINCE_END + 1, NULL, l->stage);
+    for (int r = 0; r < l->set->runs; r++)
+        for (int i = l->set->run[r].from; i < l->set->run[r].to; i++)
+            if (apart == NULL || apart[i] < 0)
+                third = fmax(third, fmax(fabs(l->stage[i]) * weight[i],
+                                         fabs(l->stage[n + i]) * weight[n + i]));
+    combine_set(l, dormand_prince_error5, DORMAND_PRINCE_END + 1, NULL, l->stage);
+    for (int r = 0; r < l->set->runs; r++)
+        for (int i = l->set->run[r].from; i < l->set->run[r].to; i++)
+            if (apart == NULL || apart[i] < 0)
+                fifth = fmax(fifth, fmax(fabs(l->stage[i]) * weight[i],
+                                         fabs(l->stage[n + i]) * weight[n + i]));
+    return fifth == 0 ? 0 : fifth * fifth / hypot(fifth, sqrt(THIRD_ORDER_SHARE) * third);
+}

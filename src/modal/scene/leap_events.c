@@ -1,0 +1,94 @@
+/*
+ * leap_events.c - see leap_events.h
+ *
+ * As in regime_events.c the piece of a law at theta is the regime that it reports, and that of one
+ * with memory is asked from its place a moment before, taken back along the rate, so that a slider
+ * that has turned round shows.  The leap is looked at in GRID points; the first change is bisected.
+ */
+#include "modal/scene/leap_events.h"
+#include <math.h>
+#include "modal/scene/dofwise.h"
+
+static const double GRID[] = { 1e-4, 0.05, 0.12, 0.2, 0.3, 0.4, 0.5, 0.6,
+                               0.7,  0.8,  0.9,  1.0, 1.1, 1.2 };
+enum { POINTS = sizeof GRID / sizeof *GRID };
+enum { BISECTIONS = 60 };                      /* of a leap: down to one unit in the last place */
+static const double APART = 1e-14;             /* of a leap: closer, theta is rounding */
+static const double MOMENT = 2e-5;             /* of a leap: a fifth of the first grid point */
+enum { MEMORY_MOST = 1024 };                   /* doubles of a law, as in dofwise.c */
+
+/* Displacements and rates that LAW sees at theta. */
+static void motion(const struct leap *l, const struct law *law, double theta, double *d, double *v)
+{
+    double t = l->t + theta * l->h;
+    int n = l->of->n;
+
+    for (int k = 0; k < law->kind->inputs; k++) {
+        d[k] = leap_value(l, law->dof[k], t);
+        v[k] = leap_value(l, n + law->dof[k], t);
+        if (law->to[k] < 0)          /* the ground */
+            continue;
+        d[k] -= leap_value(l, law->to[k], t);
+        v[k] -= leap_value(l, n + law->to[k], t);
+    }
+}
+
+/* The regime at theta, with memory reached from a moment before. */
+static enum modal_status piece_at(const struct leap *l, const double *memory, int law, double theta,
+                                  int *piece, struct modal_error *err)
+{
+    const struct law *at = &l->of->p->law[law];
+    double d[LAW_INPUTS_MOST], v[LAW_INPUTS_MOST], before[LAW_INPUTS_MOST];
+    double turned[MEMORY_MOST], unused[MEMORY_MOST];
+    struct law_point earlier = { l->t + theta * l->h, before, v, before,
+                                 memory + l->of->memory[law] },
+                     now = { l->t + theta * l->h, d, v, before, turned };
+    struct law_force force = { .memory = turned };
+    enum modal_status rc = MODAL_OK;
+
+    motion(l, at, theta, d, v);
+    for (int k = 0; k < at->kind->inputs; k++)
+        before[k] = d[k] - MOMENT * l->h * v[k];
+    if (at->memory > 0)
+        rc = at->kind->force(at, &earlier, &force, err);
+    force.memory = unused;
+    if (rc == MODAL_OK)
+        rc = at->kind->force(at, &now, &force, err);
+    l->of->evaluations[law] += at->memory > 0 ? 2 : 1;
+    *piece = force.regime;
+    return rc;
+}
+
+/* The instant between LOW, in PIECE, and HIGH, out of it: the end that is out. */
+static enum modal_status bisect(const struct leap *l, const double *memory, int law, int piece,
+                                double low, double high, double *theta, struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+
+    for (int i = 0; i < BISECTIONS && high - low > APART && rc == MODAL_OK; i++) {
+        double middle = (low + high) / 2;
+        int now;
+        rc = piece_at(l, memory, law, middle, &now, err);
+        if (now == piece)
+            low = middle;
+        else
+            high = middle;
+    }
+    *theta = high;                   /* out of the piece: the leap ends past it, by rounding */
+    return rc;
+}
+
+enum modal_status leap_find_event(const struct leap *l, const double *memory, int law, double limit,
+                                  double *theta, struct modal_error *err)
+{
+    int first, now;
+    enum modal_status rc = piece_at(l, memory, law, GRID[0], &first, err);
+
+    *theta = HUGE_VAL;
+    for (int i = 1; i < POINTS && GRID[i] <= limit && rc == MODAL_OK; i++) {
+        rc = piece_at(l, memory, law, GRID[i], &now, err);
+        if (rc == MODAL_OK && now != first)
+            return bisect(l, memory, law, first, GRID[i - 1], GRID[i], theta, err);
+    }
+    return rc;
+}

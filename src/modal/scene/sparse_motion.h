@@ -1,0 +1,19 @@
+/* sparse_motion.h - the motion of many dofs at a cost that grows with them and with what happens
+ *
+ * Instead of stepper.h, where its dense maps and its dense matrix of all laws would cost more: long
+ * explicit steps of the whole, and where laws change within one their neighbourhoods alone are
+ * stepped again.
+ */
+#ifndef MODAL_SPARSE_MOTION_H
+#define MODAL_SPARSE_MOTION_H
+#include "modal/scene/simulate.h"
+
+/* Is it the way for P, asked every dt?  Yes where only it serves, or where it is large for the
+ * dense way and explicit steps, bounded by the fastest motion, are cheaper. */
+bool sparse_motion_wins(const struct program *p, const struct scene_time *time);
+
+/* simulate(), the same way. */
+enum modal_status sparse_motion(struct program *p, const struct scene_time *time,
+                                const struct simulate_options *opt, double *signals,
+                                struct simulate_result *out, struct modal_error *err);
+#endif

@@ -1,0 +1,328 @@
+/* Tests as well: dofwise.c leap.c leap_events.c leap_record.c */
+#include "check.h"
+#include <float.h>
+#include "modal/scene/dofwise.h"
+#include "modal/scene/leap_events.h"
+#include "modal/scene/sparse_motion.h"
+#include "scene_text.h"
+
+struct outcome {                 /* of one simulation */
+    struct program *p;
+    struct scene_time t;
+    struct simulate_result s;
+    double *x;
+};
+
+typedef enum modal_status way(struct program *, const struct scene_time *,
+                              const struct simulate_options *, double *, struct simulate_result *,
+                              struct modal_error *);
+
+/* TEXT simulated by WAY to TOLERANCE (0: its own). */
+static struct outcome run(const char *text, way *by, double tolerance)
+{
+    struct outcome o = { .p = program_text(text) };
+    cJSON *scene = scene_text(text);
+    struct modal_error err;
+    struct simulate_options opt = { .tolerance = tolerance };
+
+    if (scene_time(scene, o.p, &o.t, &err) != MODAL_OK)
+        fail_msg("%s", err.message);
+    o.x = malloc((size_t)o.t.samples * (size_t)o.p->outputs * sizeof *o.x);
+    if (by(o.p, &o.t, &opt, o.x, &o.s, &err) != MODAL_OK)
+        fail_msg("%s", err.message);
+    cJSON_Delete(scene);
+    return o;
+}
+
+static void done(struct outcome *o)
+{
+    program_free(o->p);
+    free(o->x);
+}
+
+/* The largest difference, over the largest value of B. */
+static double apart(const struct outcome *a, const struct outcome *b)
+{
+    double worst = 0, most = 0;
+
+    CHECK(a->t.samples == b->t.samples && a->p->outputs == b->p->outputs);
+    for (long k = 0; k < a->t.samples * a->p->outputs; k++) {
+        worst = fmax(worst, fabs(a->x[k] - b->x[k]));
+        most = fmax(most, fabs(b->x[k]));
+    }
+    return worst / most;
+}
+
+/* A chain of N unit masses and springs, EACH (%d: the dof) at every dof, then REST. */
+static char *chain(int n, const char *each, const char *rest)
+{
+    size_t room = 64 * (size_t)n + strlen(rest) + 400 + (strlen(each) + 16) * (size_t)n;
+    char *text = malloc(room), *at = text;
+
+    at += sprintf(at, "{'structure':{'type':'chain','masses':[1");
+    for (int i = 1; i < n; i++)
+        at += sprintf(at, ",1");
+    at += sprintf(at, "],'springs':[1");
+    for (int i = 0; i < n; i++)
+        at += sprintf(at, ",1");
+    at += sprintf(at, "],'dampers':[0.03");
+    for (int i = 0; i < n; i++)
+        at += sprintf(at, ",0.03");
+    at += sprintf(at, "]},'effects':[");
+    for (int i = 0; i < n && each[0] != '\0'; i++) {
+        at += sprintf(at, "%s", i > 0 ? "," : "");
+        at += sprintf(at, each, i + 1);
+    }
+    sprintf(at, "],%s}", rest);
+    return text;
+}
+
+/* w = 2 sin(k pi / (2 n + 2)) is mode k's frequency; damping 0.03 K, decay 0.015 w^2. */
+TEST(two_thousand_dofs_without_laws_are_the_closed_form_in_place_rate_and_acceleration)
+{
+    enum { N = 2000, K = 900 };
+    double w = 2 * sin(K * M_PI / (2 * N + 2)), decay = 0.015 * w * w,
+           wd = sqrt(w * w - decay * decay);
+    char *rest = malloc(60 * N + 400), *at = rest;
+
+    at += sprintf(at,
+                  "'time':{'dt':0.37,'duration':18.5,'start':1.11},'sensors':[{'dof':'x77'},"
+                  "{'dof':'x77','derivative':1},{'dof':'x77','derivative':2}],'initial':{'x':{");
+    for (int i = 1; i <= N; i++)
+        at += sprintf(at, "%s'x%d':%.17g", i > 1 ? "," : "", i, sin(M_PI * K * i / (N + 1)));
+    sprintf(at, "}}");
+    char *text = chain(N, "", rest);
+    struct outcome o = run(text, simulate, 0);
+    double shape = sin(M_PI * K * 77 / (N + 1));
+
+    CHECK_STRING(o.s.integrator, "dormand-prince-8");
+    for (long k = 0; k < o.t.samples; k++) {
+        double t = 1.11 + 0.37 * (double)k, e = shape * exp(-decay * t),
+               q = e * (cos(wd * t) + decay / wd * sin(wd * t)), v = -e * w * w / wd * sin(wd * t);
+        CHECK_NEAR(o.x[3 * k], q, 1e-8);
+        CHECK_NEAR(o.x[3 * k + 1], v, 1e-8);
+        CHECK_NEAR(o.x[3 * k + 2], -w * w * q - 2 * decay * v, 4e-8);
+    }
+    done(&o);
+    free(text);
+    free(rest);
+}
+
+/* Two ways that share no step: 1e-10 of each, some hundred of them. */
+TEST(laws_of_every_kind_move_as_by_exponential_collocation)
+{
+    static const char text[] =
+        "{'structure':{'type':'chain','masses':[1,2,0.7,1,1.3,1],'springs':[1,2,1,0.5,1,1,0],"
+        "'dampers':[0.03,0.02,0.03,0.01,0.03,0.03,0]},'effects':["
+        "{'type':'friction','dof':'x1','stiffness':0.6,'limit':0.05},"
+        "{'type':'gap','dof':'x3','to':'x2','stiffness':3,'clearance':0.02,'dissipation':0.4},"
+        "{'type':'gap','dof':'x6','stiffness':2,'clearance':0.1,'both_sides':true},"
+        "{'type':'iwan','dof':'x4','stiffnesses':[0.2,0.3],'limits':[0.02,0.05]},"
+        "{'type':'contact_friction','normal':'x5','tangential':'x6','normal_stiffness':2,"
+        "'preload':0.1,'tangential_stiffness':1,'mu':0.4},"
+        "{'type':'cubic_spring','dof':'x2','to':'x5','coefficient':0.4},"
+        "{'type':'parametric_stiffness','dof':'x4','stiffness':0.2,'k':2}],'omega':0.7,"
+        "'excitation':[{'dof':'x1','k':1,'cos':0.5},{'dof':'x4','k':0,'cos':0.05},"
+        "{'dof':'x6','type':'impulse','amplitude':0.3,'start':4.2},"
+        "{'dof':'x3','type':'half_sine','amplitude':0.4,'duration':1.3,'start':2.05}],"
+        "'time':{'dt':0.1,'duration':40},'sensors':[{'dof':'x1'},{'dof':'x3'},{'dof':'x4'},"
+        "{'dof':'x6','derivative':1},{'dof':'x3','derivative':2}]}";
+    struct outcome a = run(text, sparse_motion, 0), b = run(text, simulate, 1e-12);
+
+    CHECK_STRING(b.s.integrator, "exponential-collocation");
+    CHECK_NEAR(apart(&a, &b), 0, 1e-7);
+    for (int e = 0; e < a.p->effects; e++)
+        CHECK(a.p->effect[e].active && (e == 6 || a.p->effect[e].evaluations > 0));
+    done(&a);
+    done(&b);
+}
+
+TEST(a_mass_matrix_that_is_not_diagonal_moves_as_by_exponential_collocation)
+{
+    static const char text[] =
+        "{'structure':{'type':'matrices','M':[[2,0.5,0],[0.5,2,0.4],[0,0.4,1]],"
+        "'K':[[3,-1,0],[-1,2,-1],[0,-1,1.5]],'C':[[0.1,0,0],[0,0.1,0],[0,0,0.1]]},'effects':["
+        "{'type':'gap','dof':'x1','stiffness':3,'clearance':0.1},"
+        "{'type':'friction','dof':'x3','stiffness':1,'limit':0.06}],'omega':0.9,"
+        "'excitation':[{'dof':'x2','k':1,'cos':0.3},"
+        "{'dof':'x1','type':'impulse','amplitude':0.3,'start':3}],"
+        "'time':{'dt':0.2,'duration':60},'sensors':[{'dof':'x1'},{'dof':'x3','derivative':2}]}";
+    struct outcome a = run(text, sparse_motion, 0), b = run(text, simulate, 1e-12);
+
+    CHECK_NEAR(apart(&a, &b), 0, 1e-7);
+    done(&a);
+    done(&b);
+}
+
+/* Friction at every dof of one chain, near the load the same as of a longer one: what is far does
+ * not matter to these samples, nor to the number of steps. */
+static void far_dofs_cost_no_steps(const char *each)
+{
+    static const char rest[] = "'omega':0.3,'excitation':[{'dof':'x1','k':1,'cos':0.5}],"
+                               "'time':{'dt':0.1,'duration':60},'sensors':[{'dof':'x1'},"
+                               "{'dof':'x4'}]";
+    char *small = chain(120, each, rest), *large = chain(480, each, rest);
+    struct outcome a = run(small, simulate, 0), b = run(large, simulate, 0),
+                   c = run(small, simulate, 1e-12);
+
+    CHECK_STRING(a.s.integrator, "dormand-prince-8");
+    CHECK_NEAR(apart(&a, &b), 0, 1e-7);
+    CHECK_NEAR(apart(&a, &c), 0, 1e-7);
+    CHECK(b.s.steps < 2 * a.s.steps && b.p->effect[2].evaluations < 2 * a.p->effect[2].evaluations);
+    /* far from the load it is asked in leaps of the whole alone */
+    CHECK(b.p->effect[400].evaluations < b.p->effect[2].evaluations);
+    done(&a);
+    done(&b);
+    done(&c);
+    free(small);
+    free(large);
+}
+
+TEST(sliders_far_from_the_motion_cost_no_steps)
+{
+    far_dofs_cost_no_steps("{'type':'friction','dof':'x%d','stiffness':0.3,'limit':0.05}");
+}
+
+TEST(contacts_far_from_the_motion_cost_no_steps)
+{
+    far_dofs_cost_no_steps("{'type':'gap','dof':'x%d','stiffness':1,'clearance':0.3}");
+}
+
+/* Every mass by itself, against its own stop: 40 of them touch at times of their own.  Free flight
+ * x = sin t from x = 0, v = 1 until c; in contact w^2 = 1 + k about x0 = k c / w^2. */
+TEST(forty_contacts_touch_at_their_own_times)
+{
+    enum { N = 40 };
+    static const double stiffness = 7;
+    char text[12000], *at = text;
+    double c[N];
+
+    at += sprintf(at, "{'structure':{'type':'matrices','M':[");
+    for (int matrix = 0; matrix < 2; matrix++) {
+        for (int i = 0; i < N; i++)
+            for (int j = 0; j < N; j++)
+                at += sprintf(at, "%s%d%s", j > 0 ? "," : i > 0 ? ",[" : "[", i == j,
+                              j == N - 1 ? "]" : "");
+        at += sprintf(at, "%s", matrix == 0 ? "],'K':[" : "]},'effects':[");
+    }
+    for (int i = 0; i < N; i++) {
+        c[i] = 0.1 + 0.8 * i / N;
+        at += sprintf(at, "%s{'type':'gap','dof':'x%d','stiffness':%g,'clearance':%.17g}",
+                      i > 0 ? "," : "", i + 1, stiffness, c[i]);
+    }
+    at += sprintf(at, "],'time':{'dt':0.05,'duration':1.5},'initial':{'v':{");
+    for (int i = 0; i < N; i++)
+        at += sprintf(at, "%s'x%d':1", i > 0 ? "," : "", i + 1);
+    sprintf(at, "}}}");
+    struct outcome o = run(text, simulate, 0);
+
+    CHECK_STRING(o.s.integrator, "dormand-prince-8");
+    for (int i = 0; i < N; i++)
+        for (long k = 0; k < o.t.samples; k++) {
+            double t = 0.05 * (double)k, hit = asin(c[i]), w = sqrt(1 + stiffness),
+                   x0 = stiffness * c[i] / (w * w), rate = cos(hit), tau = t - hit,
+                   in = x0 + (c[i] - x0) * cos(w * tau) + rate / w * sin(w * tau);
+            if (tau < 0)
+                CHECK_NEAR(o.x[k * N + i], sin(t), 1e-8);
+            else if (tau < 0.3)                    /* not out again */
+                CHECK_NEAR(o.x[k * N + i], in, 1e-8);
+        }
+    done(&o);
+}
+
+TEST(rigid_sliders_linear_states_and_laws_with_a_history_are_not_asked_dof_by_dof)
+{
+    static const char *const no[] = {
+        "{'structure':{'type':'chain','masses':[1],'springs':[1,0]},'effects':["
+        "{'type':'coulomb','dof':'x1','limit':1}]}",
+        "{'structure':{'type':'chain','masses':[1],'springs':[1,0]},'effects':[{'type':'lua',"
+        "'dof':'x1','source':'function force(t, x, v, memory) return x end'}]}"
+    };
+
+    for (int i = 0; i < 2; i++) {
+        struct program *p = program_text(no[i]);
+        CHECK(!dofwise_serves(p));
+        program_free(p);
+    }
+}
+
+/* A step's events against closed form: x = sin t meets c at asin c. */
+TEST(an_event_within_a_leap_is_found_to_the_leaps_own_error)
+{
+    struct program *p = program_text(
+        "{'structure':{'type':'chain','masses':[1],'springs':[1,0]},'effects':["
+        "{'type':'gap','dof':'x1','stiffness':1e-30,'clearance':0.2}]}");
+    struct dofwise *f;
+    struct leap l;
+    struct workspace space = { 0 };
+    double stage[2], theta, none[1] = { 0 };
+
+    CHECK(dofwise_new(p, &f, NULL) == MODAL_OK);
+    leap_init(&l, f, stage, &space);
+    l.set = &f->all;
+    l.h = 0.4;
+    l.from[1] = 1;
+    CHECK(leap_slope(&l, 0, l.from, none, l.slope[0], NULL) == MODAL_OK);
+    CHECK(leap_make(&l, none, NULL) == MODAL_OK);
+    CHECK_NEAR(l.to[0], sin(0.4), pow(0.4, 9) / 362880);   /* h^9 / 9! */
+    CHECK_NEAR(l.to[1], cos(0.4), pow(0.4, 9) / 362880);
+    for (int k = 0; k <= 10; k++)
+        CHECK_NEAR(leap_at(&l, 0, 0.1 * k), sin(0.04 * k), 1e-9);
+    CHECK(leap_find_event(&l, none, 0, 1, &theta, NULL) == MODAL_OK);
+    CHECK_NEAR(0.4 * theta, asin(0.2), 1e-9);
+    workspace_free(&space);
+    dofwise_free(f);
+    program_free(p);
+}
+
+/* Dofs 3, 4 and 7 of ten: the rim are their neighbours, the laws those that touch them. */
+TEST(a_set_of_dofs_has_its_runs_its_rim_and_its_laws)
+{
+    char *text = chain(10, "{'type':'cubic_spring','dof':'x%d','coefficient':1}",
+                       "'time':{'dt':1,'duration':1}");
+    struct program *p = program_text(text);
+    struct dofwise *f;
+    struct dof_set set;
+    static const int dof[] = { 3, 4, 7 }, rim[] = { 2, 5, 6, 8 };
+
+    CHECK(dofwise_new(p, &f, NULL) == MODAL_OK);
+    CHECK(dofwise_set_new(f, &set, NULL) == MODAL_OK);
+    dofwise_set(f, dof, 3, &set);
+    CHECK(set.runs == 2 && set.run[0].from == 3 && set.run[0].to == 5 && set.run[1].from == 7);
+    CHECK(set.rims == 4 && memcmp(set.rim, rim, sizeof rim) == 0);
+    CHECK(set.laws == 3 && set.law[0] == 3 && set.law[1] == 4 && set.law[2] == 7);
+    CHECK(!set.whole);
+    dofwise_free(f);
+    program_free(p);
+    free(text);
+}
+
+static bool always(void *context)
+{
+    (void)context;
+    return true;
+}
+
+TEST(a_motion_that_grows_past_all_numbers_or_is_cancelled_says_so)
+{
+    char *text = chain(120, "{'type':'polynomial_damper','dof':'x%d','coefficients':[-9]}",
+                       "'time':{'dt':0.1,'duration':2000},'initial':{'x':{'x3':1}},"
+                       "'sensors':[{'dof':'x3'}]");
+    struct program *p = program_text(text);
+    cJSON *scene = scene_text(text);
+    struct scene_time t;
+    struct simulate_options stop = { .cancelled = always }, plain = { 0 };
+    struct simulate_result s = { "untouched", 0, 0, 0, 0 };
+    struct modal_error err;
+
+    CHECK(scene_time(scene, p, &t, &err) == MODAL_OK);
+    double *x = malloc((size_t)t.samples * sizeof *x);
+    CHECK(simulate(p, &t, &stop, x, &s, &err) == MODAL_CANCELLED);
+    CHECK(simulate(p, &t, &plain, x, &s, &err) == MODAL_OVERFLOW);
+    CHECK(strstr(err.message, "range of doubles") != NULL);
+    CHECK_STRING(s.integrator, "untouched");
+    cJSON_Delete(scene);
+    program_free(p);
+    free(text);
+    free(x);
+}

@@ -83,12 +83,4 @@ if(CMAKE_CXX_COMPILER AND Simbody_FOUND)
 endif()
 set_target_properties(${examples} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/examples)
 
-# libmodal, the numerics alone: static as the room is, and shared.
-get_target_property(modal_type modal TYPE)
-if(modal_type STREQUAL STATIC_LIBRARY)
-  add_library(modal_shared SHARED $<TARGET_OBJECTS:base> $<TARGET_OBJECTS:modal>)
-  target_link_libraries(modal_shared PRIVATE house PkgConfig::CJSON PkgConfig::CRYPTO PkgConfig::LAPACKE PkgConfig::FFTW PkgConfig::LUA ${UMFPACK} m)
-  set_target_properties(modal_shared PROPERTIES OUTPUT_NAME modal VERSION ${PROJECT_VERSION} SOVERSION 0)
-endif()
-
 include(${CMAKE_CURRENT_LIST_DIR}/install.cmake)

@@ -6,7 +6,8 @@ else()
   set(etc ${CMAKE_INSTALL_SYSCONFDIR})
   set(python lib/python3.11/dist-packages)
 endif()
-install(TARGETS modal modal_shared modald_stream_static modald_stream_shared modald_client_shared
+# libmodal, the numerics alone, is static: its functions are those of the house, and change with it.
+install(TARGETS modal modald_stream_static modald_stream_shared modald_client_shared
   LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR} ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
 install(DIRECTORY ${CMAKE_SOURCE_DIR}/src/modal/ DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/modal FILES_MATCHING PATTERN "*.h")
 install(DIRECTORY ${CMAKE_SOURCE_DIR}/src/base DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/modal FILES_MATCHING PATTERN "*.h")
@@ -22,9 +23,10 @@ if(TARGET modald_fortran)
   install(FILES ${C}/modald.f90 DESTINATION ${CMAKE_INSTALL_DATADIR}/modald)
 endif()
 
-# pkg-config: NAME, what it is, its libraries, what it needs; what a static link needs too, by .pc and, where there is none, by name.  The prefix follows the file, wherever it is installed.
+# pkg-config: NAME, what it is, its libraries, what of ours it needs; what a static link needs too, by name: pkg-config asks for the
+# .pc of others even where their libraries are not linked.  The prefix follows the file, wherever it is installed.
 file(RELATIVE_PATH up /${CMAKE_INSTALL_LIBDIR}/pkgconfig /)
-function(pkg_config NAME DESCRIPTION LIBS REQUIRES PRIVATE LIBS_PRIVATE)
+function(pkg_config NAME DESCRIPTION LIBS REQUIRES LIBS_PRIVATE)
   file(WRITE ${CMAKE_BINARY_DIR}/pkgconfig/${NAME}.pc
 "prefix=\${pcfiledir}/${up}
 libdir=\${prefix}/${CMAKE_INSTALL_LIBDIR}
@@ -34,20 +36,20 @@ Name: ${NAME}
 Description: ${DESCRIPTION}
 Version: ${PROJECT_VERSION}
 Requires: ${REQUIRES}
-Requires.private: ${PRIVATE}
 Cflags: -I\${includedir} ${ARGN}
 Libs: -L\${libdir} ${LIBS}
 Libs.private: ${LIBS_PRIVATE}
 ")
   install(FILES ${CMAKE_BINARY_DIR}/pkgconfig/${NAME}.pc DESTINATION ${CMAKE_INSTALL_LIBDIR}/pkgconfig)
 endfunction()
-pkg_config(modal "frequencies, damping, stability and steady vibration: the numerics" "-lmodal" "libcjson" "libcrypto, lapacke, openblas, fftw3, lua5.4"
-           "-lumfpack -lm -lpthread" "-I\${includedir}/modal")
-pkg_config(modald-stream "samples of a running simulation to modald" "-lmodald-stream" "" "libzmq" "-lm -lpthread")
+# A static library alone, so each of its libraries is named: the .pc of others need not be there.
+pkg_config(modal "frequencies, damping, stability and steady vibration: the numerics"
+           "-lmodal -lcjson -lcrypto -llapacke -lopenblas -lfftw3 -llua5.4 -lumfpack -lm -lpthread" "" "" "-I\${includedir}/modal")
+pkg_config(modald-stream "samples of a running simulation to modald" "-lmodald-stream" "" "-lzmq -lm -lpthread")
 if(TARGET modald_fortran)
-  pkg_config(modald-fortran "samples of a running simulation in Fortran to modald" "-lmodald-fortran" "modald-stream" "" "-lm -lpthread" "-I\${libdir}/fortran/modald")
+  pkg_config(modald-fortran "samples of a running simulation in Fortran to modald" "-lmodald-fortran" "modald-stream" "-lm -lpthread" "-I\${libdir}/fortran/modald")
 endif()
-pkg_config(modald-client "jobs on modald from C" "-lmodald-client" "" "libzmq, libcjson" "-lm -lpthread")
+pkg_config(modald-client "jobs on modald from C" "-lmodald-client" "" "-lzmq -lcjson -lm -lpthread")
 
 # Service files, man pages, completion, Python.
 set(S ${CMAKE_SOURCE_DIR}/systemd)

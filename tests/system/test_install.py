@@ -35,7 +35,7 @@ def library_folder(prefix):
 def test_everything_is_where_debian_expects_it(installed):
     lib = library_folder(installed).relative_to(installed)
     for name in ("bin/modalctl", "sbin/modald", "sbin/modald-worker", f"{lib}/libmodal.a",
-                 f"{lib}/libmodal.so", f"{lib}/libmodald-stream.a",
+                 f"{lib}/libmodald-stream.a",
                  f"{lib}/libmodald-stream.so", f"{lib}/libmodald-client.so",
                  f"{lib}/pkgconfig/modal.pc", f"{lib}/pkgconfig/modald-stream.pc",
                  f"{lib}/pkgconfig/modald-client.pc", "include/modal/base/error.h",

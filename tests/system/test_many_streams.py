@@ -2,8 +2,10 @@
 serve them all, none waits for another, and a slow one takes little.
 """
 import json
+import os
 import pathlib
 import subprocess
+import threading
 import time
 
 import numpy as np
@@ -114,24 +116,46 @@ def test_a_host_asks_no_more_at_once_than_a_daemon_keeps_answers_for(tmp_path):
         peer.stop()
 
 
-def test_forty_records_are_their_logs_though_the_daemon_is_killed_twice(tmp_path):
-    logs = tmp_path / "logs"
+def check_records(folder, streams, seconds, kills, workers, **env):
+    """The records of STREAMS are their logs though the daemon is killed KILLS times.  The last line
+    before they are closed."""
+    logs = folder / "logs"
     logs.mkdir()
-    with Daemon(workers=1) as daemon:
-        host = begin(STREAMS, CHANNELS, RATE, 6, logs, MODALD_URL=daemon.endpoint,
-                     MODALD_SPILL=tmp_path, MODALD_CLOSE_WAIT="60")
-        for _ in range(2):
-            time.sleep(1.5)
+    with Daemon(workers=workers) as daemon:
+        host = begin(streams, CHANNELS, RATE, seconds, logs, MODALD_URL=daemon.endpoint,
+                     MODALD_SPILL=folder, MODALD_CLOSE_WAIT="600", **env)
+        lines = []
+        reader = threading.Thread(target=lambda: lines.extend(map(json.loads, host.stdout)))
+        reader.start()
+        for _ in range(kills):
+            time.sleep(seconds / (kills + 2))
             assert host.poll() is None
             daemon.kill()
             daemon.start()
-        last = end(host)[-2]
+        reader.join(seconds + PATIENCE)
+        assert host.wait(PATIENCE) == 0
+        last = lines[-2]
         assert last["dropped"] == last["spilled"] == last["refused"] == 0
-        assert last["pushed"] > STREAMS * 5 * RATE
+        assert last["pushed"] > streams * 0.8 * seconds * RATE
         sealed = [is_sealed(daemon, (logs / f"many-{k}").read_bytes(), CHANNELS, 1 / RATE)
-                  for k in range(STREAMS)]
-        assert sealed == [True] * STREAMS
-    assert not list(tmp_path.glob("*.spill"))
+                  for k in range(streams)]
+        assert sealed == [True] * streams
+    assert not list(folder.glob("*.spill"))
+    return last
+
+
+def test_forty_records_are_their_logs_though_the_daemon_is_killed_twice(tmp_path):
+    check_records(tmp_path, STREAMS, 6, 2, 1)
+
+
+@pytest.mark.skipif(os.environ.get("MODALD_LONG") != "1", reason="ten minutes: --long")
+def test_four_hundred_records_are_their_logs_though_the_daemon_is_killed_five_times(tmp_path):
+    """Ten minutes, with windows of 5 s every 20 s: some 7 ms of a worker each."""
+    last = check_records(tmp_path, 400, 600, 5, 2, MODALD_WINDOW=5 * RATE, MODALD_HOP=20 * RATE,
+                         MODALD_OPTIONS='{"rank.fixed":4}')
+    assert last["live"] == 400 and 0 < last["threads"] <= 3
+    if not sanitized.SANITIZED:
+        assert last["rss_kb"] < 2048 * 400
 
 
 @in_python

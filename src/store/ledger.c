@@ -18,340 +18,36 @@
 #include "store/file.h"
 #include "store/folder.h"
 #include "store/ledger_db.h"
+#include "store/ledger_verbs.h"
 #include "store/samples.h"
 #include "store/spool.h"
 #include "store/tape.h"
 
 enum { BEHIND_DIR = 64 };    /* bytes of the longest name below the data folder, and more */
 
-const char *const job_states[JOB_STATE_COUNT] = { "queued", "running",   "done",
-                                                  "failed", "cancelled", "dead" };
-
-/* A lost worker, or a drain, puts a running job back; `retry` puts a failed or dead one back; a job
- * found cached, expired in the queue or cancelled there is final without having run.  A move to the
- * same state updates the rest of the row. */
-const bool ledger_moves[JOB_STATE_COUNT][JOB_STATE_COUNT] = {
-    [JOB_QUEUED]  = { [JOB_QUEUED] = true, [JOB_RUNNING] = true, [JOB_DONE] = true,
-                      [JOB_FAILED] = true, [JOB_CANCELLED] = true, [JOB_DEAD] = true },
-    [JOB_RUNNING] = { [JOB_QUEUED] = true, [JOB_RUNNING] = true, [JOB_DONE] = true,
-                      [JOB_FAILED] = true, [JOB_CANCELLED] = true, [JOB_DEAD] = true },
-    [JOB_FAILED]  = { [JOB_QUEUED] = true },
-    [JOB_DEAD]    = { [JOB_QUEUED] = true },
-};
-
-bool job_state_final(enum job_state state)
-{
-    return state != JOB_QUEUED && state != JOB_RUNNING;
-}
-
-/* --- statements --- */
-
-struct binder { sqlite3_stmt *statement; int next; };
-
-static void bind_int(struct binder *to, int64_t value)
-{
-    sqlite3_bind_int64(to->statement, to->next++, value);
-}
-
-static void bind_real(struct binder *to, double value)
-{
-    sqlite3_bind_double(to->statement, to->next++, value);
-}
-
-static void bind_text(struct binder *to, const char *text)
-{
-    if (text != NULL)
-        sqlite3_bind_text(to->statement, to->next, text, -1, SQLITE_STATIC);
-    to->next++;
-}
-
-static void bind_blob(struct binder *to, const void *data, size_t length)
-{
-    if (data != NULL)
-        sqlite3_bind_blob64(to->statement, to->next, length > 0 ? data : "", length, SQLITE_STATIC);
-    to->next++;
-}
-
-static enum modal_status bind_input(struct binder *to, const struct ledger_change *change,
-                                    struct modal_error *err)
-{
-    const struct input_record *input = &change->input;
-    const struct input_shape *shape = &input->shape;
-    char *names = NULL;
-    enum modal_status rc = ledger_names_text(shape, &names, err);
-
-    if (rc != MODAL_OK)
-        return rc;
-    bind_int(to, input->id);
-    bind_text(to, input->user);
-    bind_int(to, input->state);
-    bind_int(to, shape->type);
-    bind_int(to, (int64_t)shape->samples);
-    bind_int(to, (int64_t)shape->channels);
-    bind_int(to, (int64_t)shape->length);
-    bind_real(to, shape->dt);
-    bind_real(to, shape->period);
-    bind_text(to, shape->units);
-    sqlite3_bind_text(to->statement, to->next++, names, -1, SQLITE_TRANSIENT);
-    bind_text(to, shape->attributes);
-    bind_blob(to, input->sha256, 32);
-    bind_int(to, input->crc);
-    bind_int(to, input->inline_data);
-    bind_int(to, (int64_t)input->offset);
-    bind_int(to, input->created_ns);
-    bind_int(to, input->used_ns);
-    bind_blob(to, input->inline_data ? input->data : NULL, input_bytes(shape));
-    free(names);
-    return MODAL_OK;
-}
-
-static enum modal_status bind_used(struct binder *to, const struct ledger_change *change,
-                                   struct modal_error *err)
-{
-    (void)err;
-    bind_int(to, change->input.id);
-    bind_int(to, change->input.used_ns);
-    return MODAL_OK;
-}
-
-static enum modal_status bind_id(struct binder *to, const struct ledger_change *change,
-                                 struct modal_error *err)
-{
-    (void)err;
-    bind_int(to, change->id);
-    return MODAL_OK;
-}
-
-static enum modal_status bind_chunk(struct binder *to, const struct ledger_change *change,
-                                    struct modal_error *err)
-{
-    (void)err;
-    bind_int(to, change->input_id);
-    bind_int(to, (int64_t)change->chunk.offset);
-    bind_int(to, (int64_t)change->chunk.length);
-    bind_int(to, change->chunk.crc);
-    return MODAL_OK;
-}
-
-static enum modal_status bind_segment(struct binder *to, const struct ledger_change *change,
-                                      struct modal_error *err)
-{
-    const struct segment_record *segment = &change->segment;
-
-    (void)err;
-    bind_int(to, segment->stream);
-    bind_int(to, (int64_t)segment->offset);
-    bind_int(to, (int64_t)segment->epoch);
-    bind_int(to, (int64_t)segment->first);
-    bind_int(to, (int64_t)segment->count);
-    bind_int(to, (int64_t)segment->length);
-    bind_int(to, segment->crc);
-    return MODAL_OK;
-}
-
-/* What a move changes, in the order of the columns from `state` on. */
-static void bind_progress(struct binder *to, const struct job_record *job)
-{
-    bind_int(to, job->state);
-    bind_int(to, job->attempts);
-    bind_int(to, job->crashes);
-    bind_int(to, job->submitted_ns);
-    bind_int(to, job->started_ns);
-    bind_int(to, job->finished_ns);
-    bind_int(to, job->cpu_ns);
-    bind_text(to, job->error_code);
-    bind_text(to, job->error_message);
-    bind_text(to, job->error_field);
-    bind_text(to, job->error_detail);
-    bind_int(to, (int64_t)job->result_bytes);
-    bind_int(to, job->output);
-    bind_int(to, job->cached);
-    bind_text(to, job->stderr_text);
-}
-
-static enum modal_status bind_job(struct binder *to, const struct ledger_change *change,
-                                  struct modal_error *err)
-{
-    const struct job_record *job = &change->job;
-
-    (void)err;
-    bind_int(to, job->id);
-    bind_text(to, job->user);
-    bind_text(to, job->key);
-    bind_text(to, job->kind);
-    bind_text(to, job->options);
-    bind_int(to, job->input);
-    bind_blob(to, job->fingerprint, 32);
-    bind_int(to, job->priority);
-    bind_int(to, job->run_limit_ns);
-    bind_int(to, job->deadline_ns);
-    bind_int(to, job->not_before_ns);
-    bind_text(to, job->tag);
-    bind_progress(to, job);
-    return MODAL_OK;
-}
-
-/* The states JOB may come from, as bits. */
-static int64_t sources(enum job_state to)
-{
-    int64_t bits = 0;
-
-    for (int from = 0; from < JOB_STATE_COUNT; from++)
-        if (ledger_moves[from][to])
-            bits |= (int64_t)1 << from;
-    return bits;
-}
-
-static enum modal_status bind_move(struct binder *to, const struct ledger_change *change,
-                                   struct modal_error *err)
-{
-    const struct job_record *job = &change->job;
-
-    if (job->state < 0 || job->state >= JOB_STATE_COUNT)
-        return modal_fail(err, MODAL_INTERNAL, "ledger: job %lld has no state %d",
-                          (long long)job->id, (int)job->state);
-    bind_int(to, job->id);
-    bind_int(to, sources(job->state));
-    bind_progress(to, job);
-    return MODAL_OK;
-}
-
-static enum modal_status bind_limits(struct binder *to, const struct ledger_change *change,
-                                     struct modal_error *err)
-{
-    const struct job_record *job = &change->job;
-
-    (void)err;
-    bind_int(to, job->id);
-    bind_int(to, job->priority);
-    bind_int(to, job->run_limit_ns);
-    bind_int(to, job->deadline_ns);
-    bind_int(to, job->not_before_ns);
-    bind_text(to, job->tag);
-    return MODAL_OK;
-}
-
-static enum modal_status bind_result(struct binder *to, const struct ledger_change *change,
-                                     struct modal_error *err)
-{
-    const struct result_record *result = &change->result;
-
-    (void)err;
-    bind_int(to, result->job);
-    bind_int(to, (int64_t)result->length);
-    bind_int(to, result->crc);
-    bind_blob(to, result->input, 32);
-    bind_blob(to, result->settings, 32);
-    bind_blob(to, result->text, result->length);
-    return MODAL_OK;
-}
-
-static enum modal_status bind_tombstone(struct binder *to, const struct ledger_change *change,
-                                        struct modal_error *err)
-{
-    const struct tombstone_record *tombstone = &change->tombstone;
-
-    (void)err;
-    bind_text(to, tombstone->user);
-    bind_text(to, tombstone->key);
-    bind_int(to, tombstone->job);
-    bind_blob(to, tombstone->fingerprint, 32);
-    bind_int(to, tombstone->expired_ns);
-    return MODAL_OK;
-}
-
-static enum modal_status bind_event(struct binder *to, const struct ledger_change *change,
-                                    struct modal_error *err)
-{
-    const struct event_record *event = &change->event;
-
-    (void)err;
-    bind_int(to, event->number);
-    bind_int(to, event->ns);
-    bind_int(to, event->job);
-    bind_text(to, event->user);
-    bind_text(to, event->topic);
-    bind_text(to, event->text);
-    return MODAL_OK;
-}
-
-static enum modal_status bind_note(struct binder *to, const struct ledger_change *change,
-                                   struct modal_error *err)
-{
-    (void)err;
-    bind_text(to, change->note.topic);
-    bind_text(to, change->note.name);
-    bind_text(to, change->note.text);
-    return MODAL_OK;
-}
-
 enum {
-    SQL_MOST     = 2,        /* statements of a verb */
     LOG_PAGES_MOST = 4 * LEDGER_CHECKPOINT_PAGES,   /* 16 MB, which ledger_settle had not come to */
     VACUUM_PAGES = 512,      /* 2 MB moved at once, which is what a commit may have to wait for */
     UNUSED_LEAST = 64,       /* pages: fewer are not worth a commit, and are soon used again */
     UNUSED_PART  = 10,       /* nor is less than one in so many of the database */
-};
-
-/* Each verb's statements; each is bound alike.  `must`: the last one must change a row; `frees`: it
- * makes free pages. */
-static const struct {
-    const char *sql[SQL_MOST];
-    enum modal_status (*bind)(struct binder *, const struct ledger_change *, struct modal_error *);
-    bool must, frees;
-} verbs[LEDGER_VERB_COUNT] = {
-    [LEDGER_INPUT_PUT] = {
-        { "INSERT OR REPLACE INTO inputs VALUES(?1,?2,?3,?4,?5,?6,?7,?8,?9,?10,?11,?12,?13,?14,?15,"
-          "?16,?17,?18,?19)" }, bind_input, true },
-    [LEDGER_INPUT_USED] = { { "UPDATE inputs SET used=?2 WHERE id=?1" }, bind_used, true },
-    [LEDGER_INPUT_DELETE] = {
-        { "DELETE FROM chunks WHERE input=?1",
-          "DELETE FROM inputs WHERE id=?1" }, bind_id, true, true },
-    [LEDGER_CHUNK_PUT] = {
-        { "INSERT OR REPLACE INTO chunks VALUES(?1,?2,?3,?4)" }, bind_chunk, true },
-    [LEDGER_SEGMENT_PUT] = {
-        { "INSERT INTO segments VALUES(?1,?2,?3,?4,?5,?6,?7)" }, bind_segment, true },
-    [LEDGER_SEGMENT_ROW] = {
-        { "INSERT OR IGNORE INTO segments SELECT ?1,?2,?3,?4,?5,?6,?7 WHERE EXISTS"
-          " (SELECT 1 FROM notes WHERE topic='stream' AND name=CAST(?1 AS TEXT))" },
-        bind_segment, false },
-    [LEDGER_SAMPLES_SETTLE] = { { NULL }, NULL, false },
-    [LEDGER_SEGMENTS_DELETE] = { { "DELETE FROM segments WHERE stream=?1" }, bind_id, false, true },
-    [LEDGER_JOB_PUT] = {
-        { "INSERT INTO jobs VALUES(?1,?2,?3,?4,?5,?6,?7,?8,?9,?10,?11,?12,?13,?14,?15,?16,?17,?18,"
-          "?19,?20,?21,?22,?23,?24,?25,?26,?27)" }, bind_job, true },
-    [LEDGER_JOB_MOVE] = {
-        { "UPDATE jobs SET state=?3, attempts=?4, crashes=?5, submitted=?6, started=?7,"
-          " finished=?8, cpu=?9, error_code=?10, error_message=?11, error_field=?12,"
-          " error_detail=?13, result_bytes=?14, output=?15, cached=?16, stderr=?17"
-          " WHERE id=?1 AND (1 << state) & ?2" }, bind_move, true },
-    [LEDGER_JOB_LIMITS] = {
-        { "UPDATE jobs SET priority=?2, run_limit=?3, deadline=?4, not_before=?5, tag=?6"
-          " WHERE id=?1" }, bind_limits, true },
-    [LEDGER_JOB_DELETE] = {
-        { "DELETE FROM results WHERE job=?1",
-          "DELETE FROM jobs WHERE id=?1" }, bind_id, true, true },
-    [LEDGER_RESULT_PUT] = {
-        { "INSERT OR REPLACE INTO results VALUES(?1,?2,?3,?4,?5,?6)" }, bind_result, true },
-    [LEDGER_TOMBSTONE_PUT] = {
-        { "INSERT OR REPLACE INTO tombstones VALUES(?1,?2,?3,?4,?5)" }, bind_tombstone, true },
-    [LEDGER_TOMBSTONES_PRUNE] = {
-        { "DELETE FROM tombstones WHERE expired<?1" }, bind_id, false, true },
-    [LEDGER_EVENT_PUT] = { { "INSERT INTO events VALUES(?1,?2,?3,?4,?5,?6)" }, bind_event, true },
-    [LEDGER_EVENTS_PRUNE] = { { "DELETE FROM events WHERE number<?1" }, bind_id, false, true },
-    [LEDGER_NOTE_PUT] = {
-        { "DELETE FROM notes WHERE topic=?1 AND name=?2",
-          "INSERT INTO notes SELECT ?1,?2,?3 WHERE ?3 IS NOT NULL" }, bind_note, false },
+#if MODALD_FAULTS
+    SLICE_STREAMS = 1,       /* so that a few streams make several slices */
+#else
+    SLICE_STREAMS = SAMPLES_FILES,       /* synced at once, which a commit may have to wait for */
+#endif
 };
 
 struct ledger {
     char dir[4096], store[33];
     int lock, socket;          /* flock on LOCK; the abstract socket named by the store id */
     sqlite3 *db;
-    sqlite3_stmt *statements[LEDGER_VERB_COUNT][SQL_MOST];
-    sqlite3_stmt *begin, *commit, *known;
+    sqlite3_stmt *statements[LEDGER_VERB_COUNT][LEDGER_SQL_MOST];
+    sqlite3_stmt *begin, *commit, *known, *row_before;
     struct ledger_mark *mark;
     struct tape tape;
+    struct tape_pieces pieces;           /* that go to their files; none: `changes` is NULL */
+    size_t next_piece;                   /* those before it are there, and have rows */
+    uint64_t pieces_end;                 /* they are all that the tape has before it */
     int group_pages;           /* as log_pages, 0 before a group and where it wrote nothing */
     int log_pages;             /* of the write-ahead log after the last commit */
     bool deleted;              /* rows, since free pages were counted */
@@ -374,13 +70,17 @@ static enum modal_status prepare(struct ledger *ledger, struct modal_error *err)
         { &ledger->begin, "BEGIN IMMEDIATE" },
         { &ledger->commit, "COMMIT" },
         { &ledger->known, "SELECT 1 FROM jobs WHERE id=?1" },
+        { &ledger->row_before, "SELECT offset + length FROM segments WHERE stream=?1 AND offset<=?2"
+                               " ORDER BY offset DESC LIMIT 1" },
     };
     int code = SQLITE_OK;
 
-    for (int v = 0; v < LEDGER_VERB_COUNT; v++)
-        for (int i = 0; code == SQLITE_OK && i < SQL_MOST && verbs[v].sql[i] != NULL; i++)
-            code = sqlite3_prepare_v3(ledger->db, verbs[v].sql[i], -1, SQLITE_PREPARE_PERSISTENT,
+    for (int v = 0; v < LEDGER_VERB_COUNT; v++) {
+        const char *const *sql = ledger_verbs[v].sql;
+        for (int i = 0; code == SQLITE_OK && i < LEDGER_SQL_MOST && sql[i] != NULL; i++)
+            code = sqlite3_prepare_v3(ledger->db, sql[i], -1, SQLITE_PREPARE_PERSISTENT,
                                       &ledger->statements[v][i], NULL);
+    }
     for (size_t i = 0; code == SQLITE_OK && i < sizeof own / sizeof *own; i++)
         code = sqlite3_prepare_v3(ledger->db, own[i].sql, -1, SQLITE_PREPARE_PERSISTENT,
                                   own[i].statement, NULL);
@@ -429,11 +129,13 @@ void ledger_close(struct ledger *ledger)
     if (ledger == NULL)
         return;
     for (int v = 0; v < LEDGER_VERB_COUNT; v++)
-        for (int i = 0; i < SQL_MOST; i++)
+        for (int i = 0; i < LEDGER_SQL_MOST; i++)
             sqlite3_finalize(ledger->statements[v][i]);
     sqlite3_finalize(ledger->begin);
     sqlite3_finalize(ledger->commit);
     sqlite3_finalize(ledger->known);
+    sqlite3_finalize(ledger->row_before);
+    tape_pieces_done(&ledger->pieces);
     sqlite3_close(ledger->db);
     ledger_mark_close(ledger->mark);
     tape_close(&ledger->tape);
@@ -486,9 +188,9 @@ static enum modal_status apply(struct ledger *ledger, struct ledger_change *chan
     enum modal_status rc;
     int code = SQLITE_OK;
 
-    for (int i = 0; i < SQL_MOST && verbs[change->verb].sql[i] != NULL; i++) {
-        struct binder binder = { ledger->statements[change->verb][i], 1 };
-        change->status = verbs[change->verb].bind(&binder, change, err);
+    for (int i = 0; i < LEDGER_SQL_MOST && ledger_verbs[change->verb].sql[i] != NULL; i++) {
+        struct ledger_binder binder = { ledger->statements[change->verb][i], 1 };
+        change->status = ledger_verbs[change->verb].bind(&binder, change, err);
         if (change->status == MODAL_OK)
             code = step(binder.statement);
         sqlite3_clear_bindings(binder.statement);
@@ -497,7 +199,7 @@ static enum modal_status apply(struct ledger *ledger, struct ledger_change *chan
         if (code != SQLITE_OK)
             break;
     }
-    if (code == SQLITE_OK && verbs[change->verb].must && sqlite3_changes(ledger->db) == 0)
+    if (code == SQLITE_OK && ledger_verbs[change->verb].must && sqlite3_changes(ledger->db) == 0)
         change->status = refused(ledger, change);
     if (code == SQLITE_OK)
         return MODAL_OK;
@@ -510,7 +212,7 @@ static enum modal_status apply(struct ledger *ledger, struct ledger_change *chan
 
 static bool has_rows(const struct ledger_change *change)
 {
-    return verbs[change->verb].bind != NULL && !is_taped(change);
+    return ledger_verbs[change->verb].bind != NULL && !is_taped(change);
 }
 
 static enum modal_status apply_all(struct ledger *ledger, struct ledger_change *changes,
@@ -617,29 +319,142 @@ static enum modal_status put_group(struct ledger *ledger, struct ledger_change *
     return rc == MODAL_OK ? rc : take_back(ledger, rc, tape_end);
 }
 
+/* ---- from the tape ---- */
+
+static void forget_pieces(struct ledger *ledger)
+{
+    tape_pieces_done(&ledger->pieces);
+    ledger->pieces = (struct tape_pieces) { NULL, 0, NULL };
+}
+
+/* *END: of the row that has the first samples of PIECE; their own offset: there is none. */
+static enum modal_status find_row(struct ledger *ledger, const struct segment_record *piece,
+                                  uint64_t *end, struct modal_error *err)
+{
+    sqlite3_stmt *row = ledger->row_before;
+    int code;
+
+    sqlite3_bind_int64(row, 1, piece->stream);
+    sqlite3_bind_int64(row, 2, (int64_t)piece->offset);
+    code = sqlite3_step(row);
+    *end = code == SQLITE_ROW ? (uint64_t)sqlite3_column_int64(row, 0) : 0;
+    *end = *end > piece->offset ? *end : piece->offset;
+    sqlite3_reset(row);
+    return code == SQLITE_ROW || code == SQLITE_DONE
+               ? MODAL_OK : ledger_db_fail(ledger->db, code, "looking for samples", err);
+}
+
+/* PIECE without the samples that have rows, as slices left them that ended half way. */
+static enum modal_status cut_piece(struct ledger *ledger, struct segment_record *piece,
+                                   struct modal_error *err)
+{
+    uint64_t end = 0, cut, sample;
+    enum modal_status rc = MODAL_OK;
+
+    while (piece->length > 0 && (rc = find_row(ledger, piece, &end, err)) == MODAL_OK
+           && end > piece->offset) {
+        cut = end - piece->offset < piece->length ? end - piece->offset : piece->length;
+        sample = piece->length / piece->count;
+        piece->offset += cut;
+        piece->first += cut / sample;
+        piece->length -= cut;
+        piece->count -= cut / sample;
+        piece->data = (const char *)piece->data + cut;
+        piece->crc = crc32c(0, piece->data, piece->length);
+    }
+    return rc;
+}
+
+/* What is on the tape and has no row: to be settled by slices. */
+static enum modal_status read_pieces(struct ledger *ledger, struct modal_error *err)
+{
+    struct tape_pieces *pieces = &ledger->pieces;
+    enum modal_status rc;
+    size_t kept = 0;
+
+    forget_pieces(ledger);
+    ledger->next_piece = 0;
+    ledger->pieces_end = ledger->tape.end;
+    rc = tape_read(&ledger->tape, pieces, err);
+    for (size_t i = 0; rc == MODAL_OK && i < pieces->count; i++) {
+        pieces->changes[kept] = pieces->changes[i];
+        rc = cut_piece(ledger, &pieces->changes[kept].segment, err);
+        kept += pieces->changes[kept].segment.length > 0;
+    }
+    pieces->count = kept;
+    return rc;
+}
+
+/* COUNT pieces to their files, and rows. */
+static enum modal_status put_pieces(struct ledger *ledger, struct ledger_change *changes,
+                                    size_t count, struct modal_error *err)
+{
+    struct samples_files files = { .dir = ledger->dir };
+    enum modal_status rc = MODAL_OK;
+
+    for (size_t i = 0; rc == MODAL_OK && i < count; i++)
+        rc = samples_put(&files, &changes[i].segment, err);
+    if (rc == MODAL_OK)
+        rc = samples_sync(&files, err);
+    samples_close(&files);
+    return rc == MODAL_OK ? apply_all(ledger, changes, count, err) : rc;
+}
+
+/* The pieces of the next STREAMS streams; after the last the tape has only what came behind. */
+static enum modal_status settle_slice(struct ledger *ledger, size_t streams,
+                                      struct modal_error *err)
+{
+    const struct tape_pieces *pieces = &ledger->pieces;
+    struct ledger_change *changes = pieces->changes + ledger->next_piece;
+    const size_t left = pieces->count - ledger->next_piece;
+    size_t count = 0;
+    enum modal_status rc;
+
+    for (; count < left && streams > 0; count++)
+        streams -= count + 1 == left || changes[count + 1].segment.stream
+                                            != changes[count].segment.stream;
+    rc = put_pieces(ledger, changes, count, err);
+    ledger->next_piece += count;
+    if (rc == MODAL_OK && count < left)
+        return MODAL_OK;
+    forget_pieces(ledger);
+    if (rc != MODAL_OK)
+        return take_back(ledger, rc, ledger->tape.end);
+    rc = tape_drop(&ledger->tape, ledger->dir, ledger->pieces_end, err);
+    ledger->broken = !survivable(rc);
+    return rc;
+}
+
 /* All that is on the tape to files and rows. */
 static enum modal_status settle_tape(struct ledger *ledger, struct modal_error *err)
 {
-    struct samples_files files = { .dir = ledger->dir };
-    struct tape_pieces pieces = { NULL, 0, NULL };
     enum modal_status rc;
 
     if (ledger->tape.end == ledger->tape.start)
         return MODAL_OK;
-    rc = tape_read(&ledger->tape, &pieces, err);
-    for (size_t i = 0; rc == MODAL_OK && i < pieces.count; i++)
-        rc = samples_put(&files, &pieces.changes[i].segment, err);
+    rc = read_pieces(ledger, err);
     if (rc == MODAL_OK)
-        rc = samples_sync(&files, err);
-    samples_close(&files);
+        return settle_slice(ledger, SIZE_MAX, err);
+    forget_pieces(ledger);
+    return take_back(ledger, rc, ledger->tape.end);
+}
+
+/* A long tape to files and rows, a slice a call; all at once where more comes than slices take
+ * away. */
+static enum modal_status settle_some(struct ledger *ledger, struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+
+    if (ledger->tape.end > 2 * (uint64_t)TAPE_MOST)
+        return settle_tape(ledger, err);
+    if (ledger->pieces.changes == NULL && ledger->tape.end > TAPE_MOST)
+        rc = read_pieces(ledger, err);
+    if (rc == MODAL_OK && ledger->pieces.changes != NULL)
+        return settle_slice(ledger, SLICE_STREAMS, err);
     if (rc == MODAL_OK)
-        rc = apply_all(ledger, pieces.changes, pieces.count, err);
-    tape_pieces_done(&pieces);
-    if (rc != MODAL_OK)
-        return take_back(ledger, rc, ledger->tape.end);
-    rc = tape_clear(&ledger->tape, err);
-    ledger->broken = rc != MODAL_OK;
-    return rc;
+        return rc;
+    forget_pieces(ledger);
+    return take_back(ledger, rc, ledger->tape.end);
 }
 
 static enum modal_status settle_found(struct ledger *ledger, struct modal_error *err)
@@ -685,7 +500,7 @@ enum modal_status ledger_commit(struct ledger *ledger, struct ledger_change *cha
     ledger->group_pages = 0;
     rc = put_group(ledger, changes, count, err);
     for (size_t i = 0; i < count; i++)
-        ledger->deleted |= verbs[changes[i].verb].frees;
+        ledger->deleted |= ledger_verbs[changes[i].verb].frees;
     if (rc == MODAL_OK && ledger->group_pages > 0)
         ledger_mark_put(ledger->mark, ledger->group_pages);
     return rc;
@@ -744,8 +559,9 @@ enum modal_status ledger_settle(struct ledger *ledger, bool *more, struct modal_
         *more = false;
     if (ledger->broken)
         return refuse_broken(err);
-    if (ledger->tape.end > TAPE_MOST)
-        rc = settle_tape(ledger, err);
+    rc = settle_some(ledger, err);
+    if (more != NULL)
+        *more = ledger->pieces.changes != NULL;
     if (rc == MODAL_STORAGE_FULL)
         rc = MODAL_OK;                         /* they stay on the tape; tried again later */
     if (rc == MODAL_OK && ledger->log_pages > LEDGER_CHECKPOINT_PAGES)
@@ -761,7 +577,7 @@ enum modal_status ledger_settle(struct ledger *ledger, bool *more, struct modal_
     if (rc != MODAL_OK)
         ledger->deleted = false;               /* not now */
     if (more != NULL)
-        *more = ledger->deleted;
+        *more |= ledger->deleted;
     return rc == MODAL_STORAGE_FULL ? MODAL_OK : rc;
 }
 

@@ -226,9 +226,9 @@ enum modal_status ledger_commit(struct ledger *ledger, struct ledger_change *cha
 
 /* To be called after the acknowledgements of a commit are on their way: moves a long log to the
  * database (ledger_commit does so itself once it is four times as long), and the samples of a long
- * tape to their files, gives back some of the pages of deleted rows where these are more than a
- * tenth.  *MORE (may be NULL): there is more of that to do in a next call, at leisure.  Fails as
- * ledger_commit does. */
+ * tape to their files, some streams' a call, gives back some of the pages of deleted rows where
+ * these are more than a tenth.  *MORE (may be NULL): there is more of that to do in a next call, at
+ * leisure.  Fails as ledger_commit does. */
 enum modal_status ledger_settle(struct ledger *ledger, bool *more, struct modal_error *err);
 
 /* For the time when nothing is asked of it: empties the tape, gives back pages of deleted rows,

@@ -396,3 +396,29 @@ void tape_pieces_done(struct tape_pieces *pieces)
     free(pieces->changes);
     free(pieces->bytes);
 }
+
+/* ---- dropping -------------------------------------------------------------------------------- */
+
+enum modal_status tape_drop(struct tape *tape, const char *dir, uint64_t end,
+                            struct modal_error *err)
+{
+    const uint64_t rest = tape->end - end;
+    char path[4200], *bytes = NULL;
+    enum modal_status rc;
+
+    if (rest == 0)
+        return tape_clear(tape, err);
+    tape_path(path, dir);
+    rc = read_bytes(tape->fd, tape->end, &bytes, err);
+    if (rc == MODAL_OK) {                        /* behind the label, or nothing */
+        memmove(bytes + tape->start, bytes + end, rest);
+        rc = file_put(path, bytes, tape->start + rest, 0640, err);
+    }
+    free(bytes);
+    if (rc != MODAL_OK)
+        return rc;
+    close(tape->fd);
+    tape->fd = -1;
+    tape->end = tape->start + rest;
+    return file_open(path, O_RDWR, 0, &tape->fd, err);
+}

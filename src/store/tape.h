@@ -15,7 +15,11 @@
 enum {
     /* bytes; a longer segment goes to its file at once: writing it twice costs more than a sync */
     TAPE_SEGMENT_MOST = 32 << 10,
+#if MODALD_FAULTS
+    TAPE_MOST = 16 << 10,       /* small, so that what is done with a long one meets each fault */
+#else
     TAPE_MOST = 16 << 20,       /* when it is settled: as large as the log may become */
+#endif
     TAPE_SECRET = 8,            /* bytes; nobody guesses one of 2^64 */
 };
 
@@ -52,6 +56,10 @@ enum modal_status tape_read(const struct tape *tape, struct tape_pieces *out,
 void tape_pieces_done(struct tape_pieces *pieces);
 /* Nothing is on it any more; it has a label. */
 enum modal_status tape_clear(struct tape *tape, struct modal_error *err);
+/* Its groups before END, of those that it had, are not on TAPE any more, which is DIR's; where
+ * there are others behind it is another file then.  MODAL_STORAGE_FULL: it is as it was. */
+enum modal_status tape_drop(struct tape *tape, const char *dir, uint64_t end,
+                            struct modal_error *err);
 
 /* Is the tape of DIR whole?  One that is absent, or ends within a group, is; *BYTES: of it. */
 enum modal_status tape_check(const char *dir, uint64_t *bytes, struct modal_error *err);

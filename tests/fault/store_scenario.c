@@ -281,6 +281,14 @@ static void push(int64_t id)
     free(data);
 }
 
+/* As the daemon behind a group: a part of what its streams have on the tape goes to their files. */
+static void settle(void)
+{
+    struct modal_error err;
+
+    went(ledger_settle(ledger, NULL, &err), "settle", &err);
+}
+
 /* Its samples are in a batch: rows and file go. */
 static void end_stream(int64_t id)
 {
@@ -356,6 +364,13 @@ static int live(void)
         put_job(id, true);
     delete_job(2);
     push(20);
+    push(22);
+    push(23);
+    settle();   /* 20's samples, and beside what comes meanwhile 22's */
+    push(22);
+    settle();
+    push(20);
+    settle();
     end_stream(21);
     move_job(4, JOB_CANCELLED);
     rest();

@@ -1,5 +1,6 @@
 /* test_ledger.c - the ledger: groups, moves, conflicts, reading back, locks, damage */
-/* Tests as well: file_vfs.c folder.c ledger_reader.c ledger_wal.c samples.c tape.c */
+/* Tests as well: file_vfs.c folder.c ledger_reader.c ledger_verbs.c ledger_wal.c samples.c
+ * tape.c */
 #include "check.h"
 #include <fcntl.h>
 #include <stdlib.h>
@@ -467,6 +468,119 @@ TEST(a_thousand_pushes_of_forty_streams_in_one_group_are_one_write_and_later_a_r
     CHECK(seen.segments == 40);
     CHECK(seen.segment[2].stream == 3 && seen.segment[2].count == 75);
     stop(ledger);
+}
+
+/* A tape is long after two groups at least (TAPE_MOST), and not more than twice as long after one
+ * more. */
+#if MODALD_FAULTS
+enum { LONG_STREAMS = 40, LONG_SEGMENT = 192 };
+#else
+enum { LONG_STREAMS = 40, LONG_SEGMENT = 24576 };
+#endif
+
+/* A group of a segment of each of LONG_STREAMS: number I of it. */
+static void put_long_group(struct ledger *ledger, int i)
+{
+    static struct ledger_change changes[LONG_STREAMS];
+    static double x[LONG_SEGMENT / 8];
+
+    for (int k = 0; k < LONG_SEGMENT / 8; k++)
+        x[k] = 1000 * i + k;
+    for (int s = 0; s < LONG_STREAMS; s++)
+        changes[s] = segment_put(1 + s, (uint64_t)i * LONG_SEGMENT, x, LONG_SEGMENT);
+    CHECK(ledger_commit(ledger, changes, LONG_STREAMS, NULL) == MODAL_OK);
+}
+
+/* How far each stream's rows reach, without a hole and with the samples that were put. */
+struct reach { uint64_t end[LONG_STREAMS + 1]; int streams; };
+
+static enum modal_status see_reach(void *context, const struct segment_record *segment)
+{
+    struct reach *reach = context;
+    char *data = malloc(segment->length);
+    double first;
+
+    CHECK(segment->offset == reach->end[segment->stream]);
+    CHECK(samples_of(segment, data) == MODAL_OK);
+    memcpy(&first, data, sizeof first);
+    CHECK(first == 1000.0 * (double)(segment->offset / LONG_SEGMENT));
+    reach->streams += segment->offset == 0;
+    reach->end[segment->stream] += segment->length;
+    free(data);
+    return MODAL_OK;
+}
+
+static struct reach reach_of(struct ledger *ledger)
+{
+    struct reach reach = { .streams = 0 };
+    struct ledger_visitor visitor = { .context = &reach, .segment = see_reach };
+
+    CHECK(ledger_load(ledger, &visitor, NULL) == MODAL_OK);
+    return reach;
+}
+
+/* Groups until the tape is long, then one more between two slices; the number of groups. */
+static int make_long_tape(struct ledger *ledger)
+{
+    static struct ledger_change notes[LONG_STREAMS];
+    static char names[LONG_STREAMS][12];
+    int groups = 0;
+
+    for (int s = 0; s < LONG_STREAMS; s++) {
+        snprintf(names[s], sizeof names[s], "%d", s + 1);
+        notes[s] = stream_note(names[s]);
+    }
+    CHECK(ledger_commit(ledger, notes, LONG_STREAMS, NULL) == MODAL_OK);
+    while (tape_size() <= TAPE_MOST)
+        put_long_group(ledger, groups++);
+    return groups;
+}
+
+/* What settles 400 streams at once keeps all that is committed meanwhile waiting. */
+TEST(a_long_tape_goes_to_its_files_some_streams_a_call_and_keeps_what_comes_meanwhile)
+{
+    struct ledger *ledger = start();
+    const size_t empty = tape_size();
+    int groups = make_long_tape(ledger);
+    struct reach reach;
+    bool more = false;
+
+    CHECK(ledger_settle(ledger, &more, NULL) == MODAL_OK && more);
+    reach = reach_of(ledger);
+    CHECK(reach.streams > 0 && reach.streams < LONG_STREAMS);
+    put_long_group(ledger, groups++);
+    while (more)
+        CHECK(ledger_settle(ledger, &more, NULL) == MODAL_OK);
+    CHECK(reach_of(ledger).streams == LONG_STREAMS);
+    CHECK(tape_size() > empty && tape_size() < empty + 2 * LONG_STREAMS * LONG_SEGMENT);
+    put_long_group(ledger, groups++);
+    ledger = again(ledger);
+    reach = reach_of(ledger);
+    for (int s = 1; s <= LONG_STREAMS; s++)
+        CHECK(reach.end[s] == (uint64_t)groups * LONG_SEGMENT);
+    stop(ledger);
+}
+
+/* As a crash leaves it: some streams have rows of what is on the tape, which goes on behind. */
+TEST(a_tape_that_is_half_settled_and_longer_since_is_settled_without_a_hole)
+{
+    struct ledger_change settle = { .verb = LEDGER_SAMPLES_SETTLE };
+
+    for (int asked = 0; asked < 2; asked++) {          /* at the start, or asked for */
+        struct ledger *ledger = start();
+        int groups = make_long_tape(ledger);
+        struct reach reach;
+        CHECK(ledger_settle(ledger, NULL, NULL) == MODAL_OK);
+        put_long_group(ledger, groups++);
+        if (asked)
+            CHECK(ledger_commit(ledger, &settle, 1, NULL) == MODAL_OK);
+        else
+            ledger = again(ledger);
+        reach = reach_of(ledger);
+        for (int s = 1; s <= LONG_STREAMS; s++)
+            CHECK(reach.end[s] == (uint64_t)groups * LONG_SEGMENT);
+        stop(ledger);
+    }
 }
 
 /* A crash cuts the tape anywhere in its last group; what was before is there. */

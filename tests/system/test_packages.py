@@ -199,7 +199,7 @@ chown -R modald:modald /var/lib/modald
     assert not (root.path / "usr/sbin/modald").exists()
     assert (root.path / "var/lib/modald/ledger.db").exists()
     assert (root.path / "etc/modald/modald.conf").exists()
-    root.run(f"apt-get purge -y -qq {names} >/dev/null")
+    root.run(f"dpkg --purge {names}")
     left = root.run("rm -rf /old /new /tmp/* /var/cache/apt; find / -xdev -name '*modald*' "
                     "-not -path '/proc/*' -not -path '/run/modald*'")
     assert left == ""

@@ -8,6 +8,7 @@ import os
 import pathlib
 import pickle
 import pkgutil
+import re
 import shutil
 import signal
 import subprocess
@@ -451,3 +452,41 @@ def test_the_types_are_those_that_mypy_finds():
                            "modald"], cwd=TOP / "clients" / "python", capture_output=True,
                           text=True, check=False)
     assert done.returncode == 0, done.stdout
+
+
+# -- notebooks ------------------------------------------------------------------------------------
+
+def notebook(name):
+    """What NAME prints, its cells one after the other as a notebook runs them."""
+    text = (TOP / "clients" / "python" / "examples" / f"{name}.py").read_text()
+    assert len(text.split("# %%")) > 6
+    done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True,
+                          timeout=PATIENCE, env=environment(
+                              PYTHONPATH=TOP / "clients" / "python"))
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def numbers(text):
+    return [float(word) for word in re.findall(r"-?\d+\.\d+(?:e-\d+)?", text)]
+
+
+def test_the_notebook_of_a_recording_finds_what_it_made():
+    lines = notebook("identify").splitlines()
+    found = sorted(numbers(line) for line in lines if "damping ratio" in line)
+    for (f, std, z, std_z), (exact, zeta) in zip(found, ((2.3, 0.005), (4.1, 0.002))):
+        assert abs(f - exact) < 5 * std < 1e-2 and abs(z - zeta) < 5 * std_z < 1e-3
+    assert len(found) == 2 and "stable" in lines
+    assert numbers(lines[-1]) == pytest.approx([2.3, 4.1], rel=1e-2)
+
+
+def test_the_notebook_of_a_contact_finds_that_it_stiffens():
+    free, held = numbers(notebook("steady").splitlines()[-1])
+    assert free == pytest.approx(1, abs=0.01) and held > free + 0.01
+
+
+def test_the_notebook_of_a_running_simulation_has_its_damping():
+    verdict, window = notebook("live").splitlines()
+    assert verdict.startswith("stable") and numbers(verdict) == pytest.approx([2.3, 0.005],
+                                                                              rel=1e-3)
+    assert numbers(window) == pytest.approx([2.3], rel=1e-3)

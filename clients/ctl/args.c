@@ -53,8 +53,8 @@ static const struct row {
       "the table of modes, or of a sweep's points, as CSV on stdout" },
     { "prometheus", 0, TEXT, offsetof(struct args, prometheus), 0, 0, TAKES_LIVE, "FILE.prom",
       "the last window's modes as gauges, for the node exporter" },
-    { "key", 'k', TEXT, offsetof(struct args, key), 0, 0, TAKES_SUBMIT, "KEY",
-      "your name for the submission: the same key is the same job" },
+    { "key", 'k', TEXT, offsetof(struct args, key), 0, 0, TAKES_SUBMIT | TAKES_QUEUE, "KEY",
+      "your name for the submission: the same key is the same job; list: keys that begin so" },
     { "priority", 'p', WHOLE, offsetof(struct args, priority), 0, 255, TAKES_SUBMIT, "0-255",
       "higher is more urgent (default 100)" },
     { "run-limit", 0, NUMBER, offsetof(struct args, run_limit), 1e-3, 1e9, TAKES_SUBMIT, "SECONDS",
@@ -75,6 +75,12 @@ static const struct row {
       "at most N jobs" },
     { "after", 0, TEXT, offsetof(struct args, after), 0, 0, TAKES_LIST, "CURSOR",
       "go on from `next` of the page before" },
+    { "newest", 0, FLAG, offsetof(struct args, newest), 0, 0, TAKES_QUEUE, "",
+      "the newest first" },
+    { "user", 0, TEXT, offsetof(struct args, user), 0, 0, TAKES_QUEUE, "USER",
+      "the jobs of another (admin)" },
+    { "since", 0, TEXT, offsetof(struct args, since), 0, 0, TAKES_QUEUE, "AGE|UTC",
+      "submitted in the last AGE (90s, 30m, 12h, 7d), or from a date on: 2026-11-22[T09:30]" },
     { "from", 0, TEXT, offsetof(struct args, from), 0, 0, TAKES_BULK, "LIST.jsonl",
       "one submission a line" },
     { "resume", 0, FLAG, offsetof(struct args, resume), 0, 0, TAKES_BULK, "",
@@ -137,7 +143,8 @@ static enum modal_status set(const struct row *row, const char *text, struct arg
     case FLAG:   *(bool *)at = true; return MODAL_OK;
     case TEXT:
         /* files may have any name */
-        if ((row->group & (TAKES_SUBMIT | TAKES_LIST | TAKES_STREAM | TAKES_CURVE)) != 0
+        if ((row->group & (TAKES_SUBMIT | TAKES_LIST | TAKES_QUEUE | TAKES_STREAM
+                           | TAKES_CURVE)) != 0
             && !utf8_valid(text))
             return modal_fail_field(err, MODAL_BAD_INPUT, row->name, "--%s is not UTF-8",
                                     row->name);

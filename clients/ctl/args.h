@@ -30,6 +30,7 @@ enum {
     TAKES_PUSH    = 1 << 14,   /* --rate --window --hop */
     TAKES_LIVE    = 1 << 15,   /* --prometheus */
     TAKES_CSV     = 1 << 16,   /* --csv */
+    TAKES_QUEUE   = 1 << 17,   /* --newest --user --since, and --key of what is listed */
 };
 
 /* Four times what a verb takes. */
@@ -37,8 +38,8 @@ enum { ARGS_WORDS_MOST = 16 };
 
 struct args {
     const char *server, *keyfile, *output, *plot, *prometheus, *key, *state, *after, *kind, *sweep,
-        *follow, *from, *data, *name, *dataset;
-    bool local, json, help, version, wait, resume, cancel, ignore_time, csv;
+        *follow, *from, *data, *name, *dataset, *user, *since;
+    bool local, json, help, version, wait, resume, cancel, ignore_time, csv, newest;
     double dt, scale, run_limit, deadline, timeout, rate;   /* 0: not given; timeout < 0: not
                                                                given */
     double priority, limit, window, hop;                    /* whole numbers; priority < 0, limit 0:

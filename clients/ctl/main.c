@@ -100,7 +100,7 @@ static const struct verb verbs[] = {
     { "cancel", "JOB", "end it, queued or running", 1, 1, TAKES_TIMEOUT, run_cancel },
     { "retry", "JOB", "a dead job, once more", 1, 1, TAKES_TIMEOUT | TAKES_WAIT, run_retry },
     { "delete", "JOB", "forget an ended job and its result", 1, 1, TAKES_TIMEOUT, run_delete },
-    { "list", "", "your jobs, a page", 0, 0, TAKES_LIST | TAKES_TIMEOUT, run_list },
+    { "list", "", "your jobs, a page", 0, 0, TAKES_LIST | TAKES_TIMEOUT | TAKES_QUEUE, run_list },
     { "watch", "[JOB|STREAM]", "events as they happen; of a stream: live modes", 0, 1,
       TAKES_LIST | TAKES_TIMEOUT | TAKES_STREAM | TAKES_PLOT | TAKES_LIVE, run_watch },
     { "stats", "", "counts and sizes of the service", 0, 0, TAKES_TIMEOUT, run_stats },

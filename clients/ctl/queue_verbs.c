@@ -1,4 +1,5 @@
 /* queue_verbs.c - the verbs of the queue: one question, one document */
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -293,9 +294,47 @@ int run_stderr(const struct verb *verb, const struct args *args)
     return end(&s, rc, 0);
 }
 
-static cJSON *list_header(const struct args *args)
+/* "12h" before now, or a date of UTC with or without a time, into seconds of UTC. */
+static enum modal_status read_since(const char *text, double *out, struct modal_error *err)
+{
+    static const struct { const char *unit; double seconds; } units[] = {
+        { "s", 1 }, { "m", 60 }, { "h", 3600 }, { "d", 86400 },
+    };
+    static const char *const dates[] = { "%Y-%m-%dT%H:%M:%SZ", "%Y-%m-%dT%H:%M:%S",
+                                         "%Y-%m-%dT%H:%M", "%Y-%m-%d" };
+    char *end;
+    double age = strtod(text, &end);
+
+    for (size_t i = 0; end != text && age >= 0 && i < sizeof units / sizeof *units; i++)
+        if (strcmp(end, units[i].unit) == 0) {
+            *out = fmax(0, (double)time(NULL) - age * units[i].seconds);
+            return MODAL_OK;
+        }
+    for (size_t i = 0; i < sizeof dates / sizeof *dates; i++) {
+        struct tm parts = { 0 };
+        const char *rest = strptime(text, dates[i], &parts);
+        if (rest != NULL && *rest == '\0') {
+            *out = fmax(0, (double)timegm(&parts));
+            return MODAL_OK;
+        }
+    }
+    return modal_fail_field(err, MODAL_BAD_INPUT, "since", "--since is \"%.60s\"; accepted: 90s, "
+                            "30m, 12h, 7d, or a date of UTC such as 2026-11-22 or 2026-11-22T09:30",
+                            text);
+}
+
+static cJSON *list_header(const struct args *args, double since)
 {
     cJSON *header = cJSON_CreateObject();
+
+    if (args->newest)
+        cJSON_AddTrueToObject(header, "newest");
+    if (args->user != NULL)
+        cJSON_AddStringToObject(header, "user", args->user);
+    if (args->key != NULL)
+        cJSON_AddStringToObject(header, "key", args->key);
+    if (since > 0)
+        cJSON_AddNumberToObject(header, "since", since);
 
     if (args->state != NULL)
         cJSON_AddStringToObject(header, "state", args->state);
@@ -314,12 +353,15 @@ int run_list(const struct verb *verb, const struct args *args)
     cJSON *answer = NULL;
     const cJSON *job;
     char *body = NULL;
+    double since = 0;
     enum modal_status rc = begin(&s, args);
 
     (void)verb;
+    if (rc == MODAL_OK && args->since != NULL)
+        rc = read_since(args->since, &since, &s.err);
     if (rc == MODAL_OK)
-        rc = client_ask(s.link, "LIST", list_header(args), remote_answer_by(s.deadline), &answer,
-                        &body, &s.detail, &s.err);
+        rc = client_ask(s.link, "LIST", list_header(args, since), remote_answer_by(s.deadline),
+                        &answer, &body, &s.detail, &s.err);
     if (rc == MODAL_OK)
         rc = json_read(body ? body : "", body ? strlen(body) : 0, &s.doc, &s.err);
     if (rc == MODAL_OK && args->json)

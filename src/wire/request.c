@@ -544,6 +544,9 @@ static enum modal_status read_result(const struct wire_message *m, struct wire_r
     return rc;
 }
 
+/* s of UTC: three thousand years; of what has so many digits a double still holds microseconds */
+static const double TIME_MOST = 1e11;
+
 static enum modal_status read_list(const struct wire_message *m, struct wire_request *out,
                                    struct modal_error *err)
 {
@@ -558,7 +561,13 @@ static enum modal_status read_list(const struct wire_message *m, struct wire_req
         rc = json_get_int(m->header, "", "limit", 1, WIRE_PAGE_MOST, &out->list.limit, err);
     if (rc == MODAL_OK)
         rc = get_text(m->header, "", "after", 1, WIRE_ID_MOST, &out->list.after, err);
-    return rc;
+    if (rc == MODAL_OK)
+        rc = get_text(m->header, "", "key", 1, WIRE_KEY_MOST, &out->list.key, err);
+    if (rc == MODAL_OK)
+        rc = get_text(m->header, "", "user", 1, WIRE_NAME_MOST, &out->list.user, err);
+    if (rc == MODAL_OK)
+        rc = json_get_number(m->header, "", "since", 0, TIME_MOST, &out->list.since, err);
+    return rc == MODAL_OK ? json_get_bool(m->header, "", "newest", &out->list.newest, err) : rc;
 }
 
 const char *const wire_events[] = { "state", "progress", "modes", "track", "alarm", NULL };
@@ -701,7 +710,7 @@ static const struct row {
     [WIRE_RETRY]   = { "RETRY",   WIRE_ROLE_SUBMIT, read_only_job, false, { "id", "job" } },
     [WIRE_DELETE]  = { "DELETE",  WIRE_ROLE_SUBMIT, read_only_job, false, { "id", "job" } },
     [WIRE_LIST]    = { "LIST",    WIRE_ROLE_READ,   read_list,     false,
-        { "id", "state", "kind", "limit", "after" } },
+        { "id", "state", "kind", "limit", "after", "key", "user", "since", "newest" } },
     [WIRE_EVENTS]  = { "EVENTS",  WIRE_ROLE_READ,   read_events,   false,
         { "id", "op", "from", "job", "stream", "kinds", "subscription" } },
     [WIRE_STATS]   = { "STATS",   WIRE_ROLE_READ,   read_nothing,  false, { "id" } },

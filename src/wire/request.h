@@ -78,8 +78,15 @@ struct wire_request {
         struct { const cJSON *jobs; } submits;    /* array; see wire_part */
         struct { double timeout_s; bool result; } wait;
         struct { enum wire_part part; uint64_t offset, length; } result;
-        /* state -1: all */
-        struct { int state; const char *kind; int limit; const char *after; } list;
+        struct wire_list {
+            int state;                /* -1: all */
+            const char *kind, *after;
+            const char *key;          /* of keys that begin so; NULL: all */
+            const char *user;         /* an admin's: whose; NULL: the caller's */
+            double since;             /* UTC, s: submitted no earlier */
+            bool newest;              /* first */
+            int limit;
+        } list;
         struct {
             enum { WIRE_SUBSCRIBE, WIRE_UNSUBSCRIBE } op;
             bool replay;

@@ -87,6 +87,18 @@ def test_no_user_can_tell_whether_anothers_job_exists(lab):
     assert all(e["job"] == same["job"] for e in ben.early if e.verb == "EVENT")
 
 
+def test_the_jobs_of_another_are_an_admins_to_list(lab):
+    it = lab({"ann": "ann submit", "ben": "ben submit", "eva": "eva admin"})
+    ann, ben, eva = it.client("ann"), it.client("ben"), it.client("eva")
+    job = submit(ann, key="mine")["job"]
+    assert ann.ask("WAIT", job=job, timeout_s=250)["state"] == "done"
+    assert [j["job"] for j in json.loads(eva.ask("LIST", user="ann").body[0])["jobs"]] == [job]
+    assert json.loads(eva.ask("LIST").body[0])["jobs"] == []
+    assert [j["job"] for j in json.loads(ann.ask("LIST", user="ann").body[0])["jobs"]] == [job]
+    assert ben.ask("LIST", user="ann").header["error"] == {**ben.ask("LIST", user="nobody").header["error"]}
+    assert ben.ask("LIST", user="ann").code == "denied" and eva.ask("LIST", user="nobody").code == "not_found"
+
+
 def test_a_revoked_key_is_denied_from_the_reload_on(lab):
     it = lab({"ann": "ann submit", "ben": "ben submit"})
     ann, ben = it.client("ann"), it.client("ben")

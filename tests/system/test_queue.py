@@ -1,4 +1,5 @@
 """The queue as its users meet it: cancel, limits, workers that die, many submissions, events."""
+import contextlib
 import json
 import os
 import pathlib
@@ -476,3 +477,41 @@ def test_with_keys_each_user_has_their_own_jobs_and_nobody_else_gets_in(own_daem
     (tmp_path / "ann.key").chmod(0o644)
     said = as_user("ann", "whoami")
     assert said.status == 2 and said.document["error"]["field"] == "keyfile"
+
+
+def keys_of(said):
+    return [job["key"] for job in said.document["jobs"]]
+
+
+def test_a_list_is_of_the_newest_first_page_by_page_and_of_keys_that_begin_so(own_daemon, ctl, batch):
+    daemon = own_daemon(workers=1)
+    for i in range(7):
+        assert ctl("submit", "identify", batch, "--key", f"{'even' if i % 2 == 0 else 'odd'}-{i}", "--wait", server=daemon).status == 0
+    everything = [f"{'even' if i % 2 == 0 else 'odd'}-{i}" for i in range(7)]
+    assert keys_of(ctl("list", server=daemon)) == everything
+    assert keys_of(ctl("list", "--newest", server=daemon)) == everything[::-1]
+    walked, after = [], []
+    while True:
+        page = ctl("list", "--newest", "--limit", 3, *after, server=daemon)
+        walked += keys_of(page)
+        if page.document["next"] is None:
+            break
+        after = ["--after", page.document["next"]]
+    assert walked == everything[::-1]
+    assert keys_of(ctl("list", "--newest", "--key", "odd-", server=daemon)) == ["odd-5", "odd-3", "odd-1"]
+    assert keys_of(ctl("list", "--key", "odd-", "--state", "failed", server=daemon)) == []
+    assert keys_of(ctl("list", "--newest", "--key", "even-", "--limit", 2, server=daemon)) == ["even-6", "even-4"]
+
+
+def test_a_list_is_of_what_was_submitted_since(own_daemon, ctl, client, batch):
+    daemon = own_daemon(workers=1)
+    submitted = [ctl("submit", "identify", batch, "--key", f"k{i}", "--wait", server=daemon).document["submitted"] for i in range(3)]
+    with contextlib.closing(wire.Client(daemon.endpoint)) as asked:
+        for i, since in enumerate(submitted):
+            reply = asked.ask("LIST", since=since - 1e-4)
+            assert [job["key"] for job in json.loads(reply.body[0])["jobs"]] == [f"k{n}" for n in range(i, 3)]
+    assert keys_of(ctl("list", "--since", "1d", server=daemon)) == ["k0", "k1", "k2"] == keys_of(ctl("list", "--since", "2020-02-29T12:00", server=daemon))
+    assert keys_of(ctl("list", "--since", "2999-01-01", server=daemon)) == []
+    for wrong in ("yesterday", "12", "-3h", "2026-13-01", "1w"):
+        said = ctl("list", "--since", wrong, server=daemon)
+        assert said.status == 2 and said.document["error"]["field"] == "since", wrong

@@ -225,18 +225,66 @@ static void on_result(struct core *c, const struct request *q)
     task->length = q->wire.result.length;
 }
 
+/* ---- LIST ---- */
+
+static bool begins(const char *text, const char *with)
+{
+    return text != NULL && strncmp(text, with, strlen(with)) == 0;
+}
+
+static bool is_listed(const struct job *job, const struct wire_list *l)
+{
+    return job->committed && !job->deleting && !job->hidden
+           && (l->state < 0 || (int)job->shown == l->state)
+           && (l->kind == NULL || strcmp(job->kind, l->kind) == 0)
+           && (l->key == NULL || begins(job->key, l->key))
+           && (double)job->submitted_ns >= l->since * (double)SECOND;
+}
+
+/* The next of USER's jobs from *AT on, towards the newest or from there. */
+static struct job *next_listed(const struct user *user, bool newest, size_t *at)
+{
+    struct job *job = NULL;
+
+    while (job == NULL && (newest ? *at > 0 : *at < user->job_count))
+        job = user->jobs[newest ? --*at : (*at)++];
+    return job;
+}
+
+/* Whose jobs are asked for; NULL, and told: the caller may not, or there is no such user. */
+static const struct user *user_listed(struct core *c, const struct request *q)
+{
+    const char *name = q->wire.list.user;
+
+    if (name == NULL || strcmp(name, q->user->name) == 0)
+        return q->user;
+    if (q->user->account->role != WIRE_ROLE_ADMIN) {
+        answer_fail(c, &q->reply, MODAL_DENIED, "user", NULL,
+                    "jobs of others are an admin's to list");
+        return NULL;
+    }
+    for (size_t i = 0; i < c->user_count; i++)
+        if (strcmp(c->user_list[i]->name, name) == 0)
+            return c->user_list[i];
+    answer_fail(c, &q->reply, MODAL_NOT_FOUND, "user", NULL, "no user \"%.60s\" has had jobs here",
+                name);
+    return NULL;
+}
+
 static void on_list(struct core *c, const struct request *q)
 {
-    const struct user *user = q->user;
-    const char *cursor = q->wire.list.after;
-    int64_t after = cursor == NULL ? 0 : ident_number(c->settings.secret, cursor);
-    int most = q->wire.list.limit;
+    const struct wire_list *l = &q->wire.list;
+    const struct user *user = user_listed(c, q);
+    int64_t after = l->after == NULL ? 0 : ident_number(c->settings.secret, l->after);
     struct json_text page = { 0 };
+    struct job *job;
     cJSON *header;
     char ident[9] = "", *text;
     size_t at;
     int count = 0;
 
+    if (user == NULL)
+        return;
     if (after < 0) {
         answer_fail(c, &q->reply, MODAL_BAD_INPUT, "after", NULL,
                     "after is no cursor of LIST; accepted: `next` of an earlier page");
@@ -245,11 +293,10 @@ static void on_list(struct core *c, const struct request *q)
     json_text_open(&page, NULL);
     json_text_key(&page, "jobs");
     json_text_raw(&page, "[");
-    for (at = user_seek(user, after); at < user->job_count && count < most; at++) {
-        struct job *job = user->jobs[at];
-        if (job == NULL || !job->committed || job->deleting || job->hidden
-            || (q->wire.list.state >= 0 && (int)job->shown != q->wire.list.state)
-            || (q->wire.list.kind != NULL && strcmp(job->kind, q->wire.list.kind) != 0))
+    at = !l->newest ? user_seek(user, after)
+         : after > 0 ? user_seek(user, after - 1) : user->job_count;
+    while (count < l->limit && (job = next_listed(user, l->newest, &at)) != NULL) {
+        if (!is_listed(job, l))
             continue;
         json_text_open(&page, NULL);
         doc_write(c, &page, job, false);
@@ -257,10 +304,9 @@ static void on_list(struct core *c, const struct request *q)
         job_ident(c, job, ident);
         count++;
     }
-    while (at < user->job_count && user->jobs[at] == NULL)
-        at++;
     json_text_raw(&page, "]");
-    json_text_string(&page, "next", count == most && at < user->job_count ? ident : NULL);
+    json_text_string(&page, "next", count == l->limit && next_listed(user, l->newest, &at) != NULL
+                                        ? ident : NULL);
     text = text_end(&page);
     header = answer_new(&q->reply);
     cJSON_AddNumberToObject(header, "count", count);

@@ -1,0 +1,252 @@
+"""The manual page of scenes alone is enough: each effect is built from its keys and examples there, and moves as its printed law says.
+
+Nothing is read here but modald-scene(5): structures, effects, their keys, what is needed, examples, laws.  A law of two dofs is translated
+into arithmetic and evaluated along the motion that `simulate` gives: the masses' accelerations are the force, with its sign, on one, and
+its opposite on the other.  Laws of whole structures are held against closed forms of the same words.
+"""
+import json
+import math
+import re
+import subprocess
+
+import h5py
+import numpy as np
+import pytest
+from conftest import BUILD, PATIENCE, environment
+
+
+class Key:
+    def __init__(self, name, says):
+        self.name, self.needed = name, "; needed" in says
+        self.unless = (re.search(r"; needed without (\w+)", says) or [None, None])[1]
+        example = re.search(rf'; such as "{name}": (.*)$', says)
+        self.example = json.loads(example[1]) if example else None
+
+
+class Part:
+    def __init__(self, text):
+        head, self.law, *lines = text.splitlines()
+        self.law = self.law.strip()
+        self.list, self.type, on = re.fullmatch(r'(\w+)(?: of type "(\w+)")?(?: on (.*))?', head).groups()
+        self.structures = on.split(", ") if on else None
+        self.keys = [Key(re.match(r"    (\w+)", name)[1], says) for name, says in zip(lines, lines[1:]) if re.match(r"    \w", name)]
+
+    def build(self, **given):
+        """Keys that are needed and those that the law names, with their examples."""
+        made = {"type": self.type}
+        for key in self.keys:
+            wanted = (key.needed and (key.unless is None or key.unless not in made)) or re.search(rf"\b{key.name}\b", self.law)
+            if key.name in given or (wanted and key.name != "type" and key.example is not None):
+                made[key.name] = given.get(key.name, key.example)
+        return made
+
+
+def read_page():
+    text = (BUILD / "modald-scene.5").read_text().split(".SH KEYS\n.nf\n")[1].split(".fi\n")[0]
+    text = text.replace("\\-", "-").replace("\\e", "\\").replace("\\&", "")
+    return [Part(part) for part in text.split("\n\n") if part.strip()]
+
+
+PAGE = read_page()
+EFFECTS = {p.type: p for p in PAGE if p.list == "effects"}
+STRUCTURES = {p.type: p for p in PAGE if p.list == "structure"}
+
+
+def run(tmp_path, verb, scene, *words):
+    (tmp_path / "scene.json").write_text(json.dumps(scene))
+    done = subprocess.run([BUILD / "bin" / "modalctl", "--local", "--json", verb, tmp_path / "scene.json", *words], capture_output=True, text=True, timeout=PATIENCE,
+                          env=environment())
+    answer = json.loads(done.stdout)
+    assert done.returncode == 0, answer
+    return answer
+
+
+def pairs():
+    for effect in EFFECTS.values():
+        for structure in effect.structures or [s for s in STRUCTURES if s in ("chain", "beam")]:
+            yield pytest.param(effect, STRUCTURES[structure], id=f"{effect.type} on {structure}")
+
+
+@pytest.mark.parametrize("effect, structure", pairs())
+def test_a_scene_made_of_the_examples_of_the_page_runs(effect, structure, tmp_path):
+    body = structure.build()
+    plain = {"structure": body, "omega": 3.0, "time": {"dt": 1e-4, "duration": 1e-3}}
+    dofs = run(tmp_path, "simulate", plain, "-O", tmp_path / "x.h5")["channels"]
+    names = dict(zip(("dof", "normal", "tangential"), (dofs[0], dofs[0], dofs[1])))
+    made = effect.build(**{key.name: names[key.name] for key in effect.keys if key.name in names})
+    answer = run(tmp_path, "simulate", {**plain, "effects": [made]}, "-O", tmp_path / "x.h5")
+    assert [e["type"] for e in answer["plan"]["effects"]] == [effect.type]
+
+
+# ---- laws between two dofs ----
+
+MASSES, SPRING, STEP = (2.0, 3.0), 400.0, 4e-5
+OMEGA = 7.0
+
+
+def motion(effect, tmp_path, **given):
+    """t, displacements, velocities and the effect's forces on both masses, which a spring between them makes turn back."""
+    scene = {"structure": {"type": "chain", "masses": list(MASSES), "springs": [0, SPRING, 0]}, "omega": OMEGA, "effects": [effect.build(**given)],
+             "initial": {"x": {"x1": 0.03, "x2": -0.012}, "v": {"x1": 0.8, "x2": -0.5}}, "time": {"dt": STEP, "duration": 0.4},
+             "sensors": [{"dof": dof, "derivative": n} for n in range(3) for dof in ("x1", "x2")]}
+    run(tmp_path, "simulate", scene, "-O", tmp_path / "x.h5")
+    with h5py.File(tmp_path / "x.h5") as file:
+        y = file["signals"][:]
+    held = SPRING * (y[:, 0] - y[:, 1])
+    return np.arange(len(y)) * STEP, y[:, 0:2], y[:, 2:4], y[:, 4:6] * MASSES + np.column_stack([held, -held])
+
+
+def arithmetic(text):
+    """The printed expression as Python: a quantity beside another is a product, ^ a power, d' the velocity."""
+    words = re.findall(r"\w+(?:\[\w+\])?'?|[-+*/^(),|]", text.replace("d'", "v"))
+    made = ""
+    for i, word in enumerate(words):
+        before = words[i - 1] if i else ""
+        operand = re.match(r"[\w]|\(", word)
+        if operand and re.match(r"[\w)]", before) and not (word == "(" and before in ("cos", "tanh", "sign", "force", "max")):
+            made += "*"
+        made += "**" if word == "^" else word
+    return made
+
+
+def value(text, keys, **at):
+    """TEXT of a law, its keys and quantities given; "the sum of X[i] ..." runs over the list X."""
+    total = re.match(r"the sum of (\w+)\[i\] (.*)", text)
+    names = {"cos": np.cos, "tanh": np.tanh, "sign": np.sign, "max": np.maximum, "force": lambda t, x, v, memory: lua(keys["source"], x, v), "memory": None,
+             "omega": OMEGA, **keys, **at}
+    if total:
+        return sum(c * eval(arithmetic(total[2]), {}, {**names, "i": i}) for i, c in enumerate(keys[total[1]]))
+    return eval(arithmetic(text), {}, names)
+
+
+def lua(source, x, v):
+    return eval(re.search(r"return (.*?) end", source)[1], {}, {"x": x, "v": v})
+
+
+def slider(d, stiffness, limit):
+    """stiffness (d - z), z moved so that its modulus is at most limit, sample by sample."""
+    force, z = np.empty_like(d), 0.0
+    for i, (at, most) in enumerate(zip(d, np.broadcast_to(limit, d.shape))):
+        reach = most / stiffness
+        z = min(max(z, at - reach), at + reach)
+        force[i] = stiffness * (at - z)
+    return force
+
+
+def printed(effect, keys, t, d, v):
+    """The force that the law takes from dof, and how near samples can be to it."""
+    law = re.sub(r"^minus ", "", effect.law.split(" on dof")[0])
+    where = re.search(r"where d > (\w+), else 0", effect.law)
+    if "z the slider's place, moved so that |force| <= limit" in effect.law:
+        assert law == "stiffness (d - z)"
+        return slider(d, keys["stiffness"], keys["limit"])
+    if law.startswith("the sum over i of a friction element"):
+        a, b = re.match(r"the sum over i of a friction element of (\w+)\[i\], (\w+)\[i\]", law).groups()
+        return sum(slider(d, stiffness, limit) for stiffness, limit in zip(keys[a], keys[b]))
+    f = value(law, keys, t=t, d=d, v=v)
+    return np.where(d > keys[where[1]], f, 0) if where else f
+
+
+BETWEEN = [name for name, e in EFFECTS.items() if any(k.name == "dof" for k in e.keys)]
+
+
+@pytest.mark.parametrize("name", BETWEEN)
+def test_the_motion_obeys_the_printed_law_and_its_sign(name, tmp_path):
+    effect = EFFECTS[name]
+    stiff = {"stiffness": 400.0} if name == "gap" else {}               # its example is a wall
+    keys = effect.build(dof="x1", to="x2", **stiff)
+    t, x, v, force = motion(effect, tmp_path, dof="x1", to="x2", **stiff)
+    d, rate = x[:, 0] - x[:, 1], v[:, 0] - v[:, 1]
+    f = printed(effect, keys, t, d, rate)
+    assert np.ptp(f) > 0                                                # it acts
+    size, look = np.abs(f).max(), slice(None)
+    if "at d' = 0" in effect.law:
+        look = (np.abs(rate) > 1e-3) & (t > 0)                          # what holds at the very start is not in the record
+        assert look.sum() > 10 and np.ptp(f[look]) > 0
+    # sliders are followed by samples, whose turning points lie between them: acceleration times the step's square
+    near = 1e-3 if "slider" in effect.law or "friction element" in effect.law else 1e-9
+    assert force[look, 0] == pytest.approx(-f[look], abs=near * size)
+    assert force[look, 1] == pytest.approx(f[look], abs=near * size)
+
+
+def test_contact_and_its_friction_obey_the_printed_law(tmp_path):
+    effect = EFFECTS["contact_friction"]
+    keys = effect.build(normal="x1", tangential="x2")
+    normal, tangential = effect.law.split("; on tangential ")
+    n = re.fullmatch(r"minus N = (.*) on normal", normal)[1].replace("d_n", "d")
+    stiffness, bound = re.fullmatch(r"minus a friction element of (\w+) whose limit is (\w+) N", tangential).groups()
+    t, x, _, force = motion(effect, tmp_path, normal="x1", tangential="x2")
+    N = value(n, keys, d=x[:, 0])
+    assert N.min() == 0 < N.max()                                       # it opens and closes
+    assert force[:, 0] == pytest.approx(-N, abs=1e-9 * N.max())
+    f = slider(x[:, 1], keys[stiffness], keys[bound] * N)
+    assert force[:, 1] == pytest.approx(-f, abs=1e-3 * np.abs(f).max())
+
+
+# ---- laws of whole structures ----
+
+M, K = np.diag([1.0, 2.0]), np.array([[150.0, -50.0], [-50.0, 150.0]])
+CHAIN = {"type": "chain", "masses": [1, 2], "springs": [100, 50, 100]}
+
+
+def exponents(tmp_path, structure, *effects):
+    answer = run(tmp_path, "floquet", {"structure": structure, "effects": list(effects)}, "-o", "hill=false")
+    return sorted((complex(*e) for e in answer["exponents"]), key=lambda z: (z.imag, z.real))
+
+
+def of_matrices(C):
+    A = np.block([[np.zeros((2, 2)), np.eye(2)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
+    return sorted(np.linalg.eigvals(A), key=lambda z: (z.imag, z.real))
+
+
+def modal(keys):
+    w2, phi = np.linalg.eigh(np.linalg.inv(np.sqrt(M)) @ K @ np.linalg.inv(np.sqrt(M)))
+    phi = np.linalg.inv(np.sqrt(M)) @ phi
+    return sum(2 * keys["ratio"] * math.sqrt(w) * np.outer(M @ phi[:, i], M @ phi[:, i]) for i, w in enumerate(w2))
+
+
+WHOLE = {"rayleigh_damping": ("C gains alpha M + beta K of the structure", lambda k: k["alpha"] * M + k["beta"] * K),
+         "modal_damping": ("C gains sum_i 2 zeta_i w_i (M phi_i)(M phi_i)^T over the structure's modes", modal),
+         "strain_rate_damping": ("C gains mu K of the elastic members", lambda k: k["mu"] * K)}
+
+
+@pytest.mark.parametrize("name", WHOLE)
+def test_damping_of_a_structure_is_the_printed_matrix(name, tmp_path):
+    law, matrix = WHOLE[name]
+    effect = EFFECTS[name]
+    keys = effect.build()
+    assert effect.law == law and len(keys) > 1
+    assert exponents(tmp_path, CHAIN, keys) == pytest.approx(of_matrices(matrix(keys)), rel=1e-9)
+
+
+def beam(tmp_path, *effects):
+    body = STRUCTURES["beam"].build()
+    return body, [z for z in exponents(tmp_path, body, *effects) if z.imag > 0]
+
+
+def test_viscous_damping_is_a_part_of_the_mass(tmp_path):
+    effect = EFFECTS["viscous_damping"]
+    assert effect.law == "C gains per_length / mass_per_length M of the structure"
+    keys = effect.build()
+    body, found = beam(tmp_path, keys)
+    assert [z.real for z in found] == pytest.approx([-keys["per_length"] / body["mass_per_length"] / 2] * len(found), rel=1e-6)
+
+
+def test_an_axial_load_softens_where_it_compresses(tmp_path):
+    """Of a pinned beam w_1^2 falls by mean / (pi^2 EI / L^2), Euler's load."""
+    effect = EFFECTS["axial_load"]
+    assert effect.law.startswith("K gains -(mean + amplitude cos(omega t)) G") and "compression softens" in effect.law
+    body, free = beam(tmp_path)
+    keys = {**effect.build(), "amplitude": 0}
+    loaded = beam(tmp_path, keys)[1]
+    euler = math.pi ** 2 * body["EI"] / body["length"] ** 2
+    assert keys["mean"] > 0
+    assert (loaded[0].imag / free[0].imag) ** 2 == pytest.approx(1 - keys["mean"] / euler, abs=1e-5)
+
+
+# of shaft and wing: held against published figures and other programs by tests/hard/test_scenes.py and test_machines.py
+ELSEWHERE = {"bearing", "coupling", "gyroscopic", "rotary_inertia", "clearance", "airloads"}
+
+
+def test_every_law_of_the_page_is_held_against_something():
+    assert set(EFFECTS) == set(BETWEEN) | set(WHOLE) | {"contact_friction", "viscous_damping", "axial_load"} | ELSEWHERE

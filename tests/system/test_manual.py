@@ -8,6 +8,7 @@ import jsonschema
 import numpy as np
 import pytest
 from conftest import BUILD, PATIENCE, TOP, environment
+from wire import Client
 
 CTL = BUILD / "bin" / "modalctl"
 SOURCES = sorted((TOP / "src" / "modal" / "scene").rglob("*.c"))
@@ -51,6 +52,21 @@ def test_signs_units_ranges_and_defaults_are_told():
 def test_a_type_that_is_none_is_refused_with_those_that_are():
     status, _, said = told("gaps")
     assert status == 2 and '"gaps"' in said and "gap, " in said and "friction" in said, said
+
+
+# ---- metrics ----
+
+def test_the_manual_of_the_daemon_has_each_metric_as_the_daemon_tells_it(daemon):
+    """Its name, its kind and what it counts; and no other."""
+    c = Client(daemon.endpoint)
+    text = c.ask("METRICS").body[0].decode()
+    c.close()
+    given = {(name, kind, what.lower()) for name, what, kind in
+             re.findall(r"# HELP (modald_\w+) (.*)\n# TYPE \S+ (\w+)", text)}
+    page = (TOP / "systemd" / "modald.8").read_text().split(".SH METRICS")[1].split(".SH ")[0]
+    told = {(name, kind, what.lower()) for name, kind, what in
+            re.findall(r"\.TP\n\.I (modald_\w+)\n\((\w+)\) (.*)\n", page)}
+    assert len(given) > 30 and told == given
 
 
 # ---- results ----

@@ -17,6 +17,8 @@ install(FILES ${stream_source} DESTINATION ${CMAKE_INSTALL_DATADIR}/modald)     
 install(PROGRAMS $<TARGET_FILE:rosco_bridge> DESTINATION ${CMAKE_INSTALL_BINDIR} RENAME modald-rosco-bridge)
 install(PROGRAMS $<TARGET_FILE:mbdyn_listener> DESTINATION ${CMAKE_INSTALL_BINDIR} RENAME modald-mbdyn-listener)
 install(DIRECTORY ${C}/examples DESTINATION ${CMAKE_INSTALL_DOCDIR} PATTERN "*.1" EXCLUDE)
+install(DIRECTORY ${CMAKE_SOURCE_DIR}/clients/python/examples/ DESTINATION ${CMAKE_INSTALL_DOCDIR}/examples/python
+  FILES_MATCHING PATTERN "*.py")
 if(TARGET modald_fortran)
   install(TARGETS modald_fortran ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
   install(FILES ${CMAKE_BINARY_DIR}/fortran/modald.mod DESTINATION ${CMAKE_INSTALL_LIBDIR}/fortran/modald)

@@ -12,8 +12,11 @@ import subprocess
 
 import pytest
 
+import sanitized
 from conftest import BUILD, TOP
 
+pytestmark = pytest.mark.skipif(sanitized.SANITIZED,
+                                reason="a build with sanitizers is not installed")
 DEBIAN = TOP / "systemd" / "debian"
 EARLIER = TOP / "tests" / "data" / "earlier"
 TOLD = json.loads((EARLIER / "told.json").read_text())

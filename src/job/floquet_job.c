@@ -14,11 +14,13 @@ struct options {
     double tolerance;
     bool hill;
     int harmonics;          /* of Hill's determinant; 0: chosen */
+    int multipliers;        /* see floquet.h */
     int threads;
 };
 
 enum {
-    HARMONICS_MOST = 200   /* of Hill's determinant: its matrix has (2 h + 1) n rows */
+    HARMONICS_MOST = 200,  /* of Hill's determinant: its matrix has (2 h + 1) n rows */
+    LEADING_MOST = 500     /* multipliers: chosen, as many as the whole spectrum serves */
 };
 
 #define AT(member) .at = offsetof(struct options, member)
@@ -31,6 +33,9 @@ const struct key_row floquet_option_rows[] = {
       .meaning = "Hill's determinant as a second, independent way", .example = "false" },
     { "hill.harmonics", KEY_WHOLE, AT(harmonics), .low = 0, .high = HARMONICS_MOST, .initial = "0",
       .meaning = "of it; 0: until its truncation is small", .example = "20" },
+    { "multipliers", KEY_WHOLE, KEY_SHOWN_IF_SET, AT(multipliers), .low = 0, .high = LEADING_MOST,
+      .initial = "0", .meaning = "of a periodic scene: so many of largest modulus, each by its "
+                                 "residual; 0: all, of more than 500 states 10", .example = "20" },
     { "threads", KEY_WHOLE, KEY_SILENT, AT(threads), .low = 1, .high = JOB_THREADS_MOST,
       .initial = "1", .meaning = "that the job is counted for", .example = "2" },
     { 0 },
@@ -130,7 +135,9 @@ static cJSON *print_result(const struct program *p, const struct floquet *f)
         cJSON_AddNumberToObject(m, "substeps", f->substeps);
         json_set_number(m, "error", f->error);
     }
-    cJSON_AddItemToObject(r, "plan", plan_print(p, f->periodic ? "magnus" : "eigenvalues"));
+    cJSON_AddItemToObject(r, "plan", plan_print(p, f->leading    ? "arnoldi"
+                                                     : f->periodic ? "magnus"
+                                                                   : "eigenvalues"));
     return r;
 }
 
@@ -142,7 +149,7 @@ static enum modal_status add_hill(cJSON *result, const struct program *p, const 
     struct modal_error why;
     enum modal_status rc;
 
-    if (!o->hill || !f->periodic || p->seen_fixed)
+    if (!o->hill || !f->periodic || f->leading || p->seen_fixed)
         return MODAL_OK;
     rc = hill(p, o->harmonics, &h, &why);
     if (rc == MODAL_TOO_LARGE && o->harmonics == 0) {
@@ -176,7 +183,7 @@ enum modal_status floquet_run(const struct job_request *request, struct job_resu
         rc = scene_lower(request->scene, NULL, &p, err);
     cost_stage(&cost, "lower");
     if (rc == MODAL_OK)
-        rc = floquet(p, &(struct floquet_options) { o.tolerance }, &f, err);
+        rc = floquet(p, &(struct floquet_options) { o.tolerance, o.multipliers }, &f, err);
     cost_stage(&cost, "floquet");
     if (rc == MODAL_OK) {
         out->result = print_result(p, &f);

@@ -8,6 +8,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/scene/statespace.h"
 
 enum { MEMORY_MOST = 1024 };         /* doubles that a law may remember: on the stack, 8 kB */
 enum {
@@ -316,7 +317,7 @@ static void linear_part(struct dofwise *f, struct dof_run run, double t, const d
     double *force = f->force;
 
     memset(force + run.from, 0, (size_t)(run.to - run.from) * sizeof *force);
-    for (int k = f->load_start[run.from]; k < f->load_start[run.to]; k++)
+    for (int k = f->load_start[run.from]; !f->unloaded && k < f->load_start[run.to]; k++)
         force[p->load[f->load_of[k]].dof] += sources_force(f->src, f->load_of[k], t);
     take_rows(&p->constant[PROGRAM_K], run, 1, x, force);
     take_rows(&p->constant[PROGRAM_C], run, 1, v, force);
@@ -418,17 +419,24 @@ enum modal_status dofwise_remember(struct dofwise *f, const struct dof_set *set,
     return rc;
 }
 
+/* The diagonal's entry of row I, 0 where there is none. */
+static double diagonal(const struct sparse *a, int i)
+{
+    for (int k = i < a->m ? a->start[i] : 0; i < a->m && k < a->start[i + 1]; k++)
+        if (a->index[k] == i)
+            return a->value[k];
+    return 0;
+}
+
 /* The largest sum of a row's sizes over its mass. */
 static double largest_row(const struct sparse *a, const struct sparse *mass)
 {
     double largest = 0;
 
     for (int i = 0; i < a->m; i++) {
-        double sum = 0, m = 0;
+        double sum = 0, m = diagonal(mass, i);
         for (int k = a->start[i]; k < a->start[i + 1]; k++)
             sum += fabs(a->value[k]);
-        for (int k = mass->start[i]; k < mass->start[i + 1]; k++)
-            m = mass->index[k] == i ? mass->value[k] : m;
         largest = m > 0 ? fmax(largest, sum / m) : largest;
     }
     return largest;
@@ -439,4 +447,17 @@ void dofwise_fastest(const struct program *p, double *frequency, double *decay)
     /* Gershgorin's circles of M^-1 K and M^-1 C */
     *frequency = sqrt(largest_row(&p->constant[PROGRAM_K], &p->constant[PROGRAM_M]));
     *decay = largest_row(&p->constant[PROGRAM_C], &p->constant[PROGRAM_M]);
+}
+
+void dofwise_weights(const struct program *p, double duration, double *weight)
+{
+    double frequency, decay, softest;
+
+    dofwise_fastest(p, &frequency, &decay);
+    softest = frequency > 0 ? STATESPACE_RIGID * frequency : 1 / duration;
+    for (int i = 0; i < p->n; i++) {
+        weight[p->n + i] = sqrt(fabs(diagonal(&p->constant[PROGRAM_M], i)));
+        weight[i] = fmax(sqrt(fabs(diagonal(&p->constant[PROGRAM_K], i))),
+                         softest * weight[p->n + i]);
+    }
 }

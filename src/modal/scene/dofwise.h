@@ -38,6 +38,7 @@ struct dofwise {
     const struct program *p;         /* borrowed */
     int n;
     struct sources *src;             /* its own */
+    bool unloaded;                   /* loads are left out of (1) */
     double *mass;                    /* n, of a diagonal M; else NULL: */
     struct sparse_lu *factor;        /* of M */
     double *force, *solved;          /* n: right side of (1); M's solution */
@@ -85,6 +86,11 @@ enum modal_status dofwise_accelerate(struct dofwise *f, const struct dof_set *se
 enum modal_status dofwise_remember(struct dofwise *f, const struct dof_set *set, double t,
                                    const double *x, const double *v, const double *memory,
                                    double *after, struct modal_error *err);
+
+/* Into WEIGHT, 2 n: what makes x and v the roots of energies, sqrt(K_ii) and sqrt(M_ii).  A dof
+ * without stiffness has the softest that can be told from one; where none has any, 1 / DURATION is
+ * the frequency. */
+void dofwise_weights(const struct program *p, double duration, double *weight);
 
 /* Upper bounds of the fastest frequency and rate of decay of the linear part, rad/s and 1/s: by
  * rows, each over its mass. */

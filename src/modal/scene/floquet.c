@@ -8,6 +8,9 @@
  * smaller of both is its bar.  A multiplier that does not exceed its bar is below rounding and has
  * no exponent.
  *
+ * Of a large periodic program the leading multipliers alone are asked for (leading.h), each bar its
+ * residual times kappa.
+ *
  * A shaft on fixed axes that is constant on turning ones (turning.h) has the exponents lambda of
  * those, and over a period T that holds m half turns rho = (-1)^m exp(lambda T), R(W T) being +-I:
  * exact however stiff the shaft.
@@ -22,12 +25,15 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/linalg/eigen.h"
+#include "modal/scene/dofwise.h"
+#include "modal/scene/leading.h"
 #include "modal/scene/magnus.h"
 #include "modal/scene/statespace.h"
 #include "modal/scene/turning.h"
 
 /* STATESPACE_RIGID and its rounding: a mode that was put there, and not one that is there */
 static const double RIGID_SEEN = 1.0001e-7;
+static const double RESIDUAL = 1e-9;    /* of leading multipliers, over the largest of them */
 
 /* The one text of it here. */
 static enum modal_status no_memory(struct modal_error *err)
@@ -207,6 +213,29 @@ static enum modal_status periodic(const struct statespace *ss, double period,
     return rc;
 }
 
+/* A residual's bar: by the eigenvalue's condition, as of Phi. */
+static enum modal_status leading(const struct program *p, double period, int wanted,
+                                 struct floquet *f, struct modal_error *err)
+{
+    struct leading l = { 0 };
+    enum modal_status rc = leading_multipliers(p, period, wanted, RESIDUAL, &l, err);
+
+    if (rc == MODAL_OK)
+        rc = make(l.found.count, f, err);
+    for (int i = 0; rc == MODAL_OK && i < f->count; i++) {
+        f->multiplier[i] = l.found.w[i];
+        f->bar[i] = l.found.condition[i] * fmax(l.found.residual[i], DBL_EPSILON);
+        f->error = fmax(f->error, l.found.residual[i]);
+        f->resolved[i] = cabs(f->multiplier[i]) > f->bar[i];
+        f->exponent[i] = f->resolved[i] ? exponent_of(f->multiplier[i], period) : 0;
+    }
+    f->periodic = f->leading = true;
+    f->period = period;
+    f->substeps = l.leaps;
+    arnoldi_done(&l.found);
+    return rc;
+}
+
 /* The multipliers over PERIOD on fixed axes, from the exponents on axes turning at SPEED. */
 static enum modal_status turning(const struct statespace *ss, double speed, double period,
                                  struct floquet *f, struct modal_error *err)
@@ -300,12 +329,42 @@ static void judge(struct floquet *f)
     f->stable = unstable ? FLOQUET_UNSTABLE : stable ? FLOQUET_STABLE : FLOQUET_UNDECIDED;
 }
 
+/* How many multipliers of P are asked of its period map; 0: its whole spectrum. */
+static int leading_of(const struct program *p, const struct floquet_options *opt)
+{
+    int wanted = opt != NULL ? opt->multipliers : 0;
+
+    if (p->harmonics == 0 || !dofwise_serves(p))
+        return 0;
+    if (wanted == 0 && 2 * p->n > FLOQUET_STATES_DENSE)
+        wanted = FLOQUET_LEADING;
+    return wanted < 2 * p->n ? wanted : 0;
+}
+
+/* All exponents of P, by those of TURNED where that is not NULL. */
+static enum modal_status whole(const struct program *p, const struct program *turned, double period,
+                               const struct floquet_options *opt, struct floquet *f,
+                               struct modal_error *err)
+{
+    struct statespace *ss = NULL;
+    enum modal_status rc = statespace_new(turned != NULL ? turned : p, &ss, err);
+
+    if (rc == MODAL_OK)
+        rc = make(ss->N, f, err);
+    if (rc == MODAL_OK)
+        rc = turned != NULL || p->seen_fixed ? turning(ss, p->turn_speed, period, f, err)
+             : ss->harmonics > 0             ? periodic(ss, period, opt, f, err)
+                                             : constant(ss, p->period, f, err);
+    statespace_free(ss);
+    return rc;
+}
+
 enum modal_status floquet(const struct program *p, const struct floquet_options *opt,
                           struct floquet *out, struct modal_error *err)
 {
     struct floquet f = { 0 };
-    struct statespace *ss = NULL;
     struct program *turned = NULL;
+    int wanted;
     double period = p->period > 0 ? p->period : p->omega > 0 ? 2 * M_PI / p->omega : 0;
     enum modal_status rc;
 
@@ -319,15 +378,10 @@ enum modal_status floquet(const struct program *p, const struct floquet_options 
     }
     /* constant on turning axes: then exactly */
     rc = p->harmonics > 0 ? program_turned(p, &turned, err) : MODAL_OK;
+    wanted = turned == NULL ? leading_of(p, opt) : 0;
     if (rc == MODAL_OK)
-        rc = statespace_new(turned != NULL ? turned : p, &ss, err);
-    if (rc == MODAL_OK)
-        rc = make(ss->N, &f, err);
-    if (rc == MODAL_OK)
-        rc = turned != NULL || p->seen_fixed ? turning(ss, p->turn_speed, period, &f, err)
-             : ss->harmonics > 0             ? periodic(ss, period, opt, &f, err)
-                                             : constant(ss, p->period, &f, err);
-    statespace_free(ss);
+        rc = wanted > 0 ? leading(p, period, wanted, &f, err)
+                        : whole(p, turned, period, opt, &f, err);
     program_turned_free(turned);
     if (rc != MODAL_OK) {
         floquet_done(&f);

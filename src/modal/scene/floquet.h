@@ -15,10 +15,14 @@ enum floquet_verdict { FLOQUET_UNSTABLE, FLOQUET_STABLE, FLOQUET_UNDECIDED };
 
 struct floquet_options {
     double tolerance;            /* of the monodromy matrix, relative; 0: 1e-12 */
+    int multipliers;             /* of a periodic program: so many of largest modulus; 0: all */
 };
 
 struct floquet {
-    int count;                   /* 2 n + linear states: both of each pair */
+    /* 2 n + linear states: both of each pair; or the leading ones, as `multipliers` and
+     * FLOQUET_STATES_DENSE have it */
+    int count;
+    bool leading;                /* by the period map: each bar is of a residual */
     bool periodic;
     double period;               /* s; 0: constant without a period */
     /* descending in magnitude; of constant programs only where period > 0 */
@@ -35,6 +39,13 @@ struct floquet {
     double margin;               /* -max Re exponent, 1/s */
     double error;                /* estimated, relative, of the monodromy matrix */
     int substeps;                /* of a period, in Magnus steps */
+};
+
+/* A periodic program of more states than FLOQUET_STATES_DENSE has its FLOQUET_LEADING multipliers
+ * of largest modulus where `multipliers` is 0: all of them would take their cube. */
+enum {
+    FLOQUET_STATES_DENSE = 500,  /* chosen: their spectrum takes seconds */
+    FLOQUET_LEADING = 10,        /* chosen: who asks for more says so */
 };
 
 /*

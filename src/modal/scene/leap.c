@@ -142,20 +142,35 @@ static void interpolate(struct leap *l)
     }
 }
 
-enum modal_status leap_make(struct leap *l, const double *memory, struct modal_error *err)
+/* Stages FROM .. TO - 1. */
+static enum modal_status make_stages(struct leap *l, int from, int to, const double *memory,
+                                     struct modal_error *err)
 {
-    int n = l->of->n;
     enum modal_status rc = MODAL_OK;
 
-    fill_rim(l, l->t, l->from);
-    dofwise_watch(l->of, l->set, l->from, l->from + n);
-    for (int s = 1; s < DORMAND_PRINCE_ALL && rc == MODAL_OK; s++) {
+    for (int s = from; s < to && rc == MODAL_OK; s++) {
         double node = dormand_prince_node[s], end = l->t + l->h, t = l->t + node * l->h;
         double *y = s == DORMAND_PRINCE_END ? l->to : l->stage;
         combine_set(l, dormand_prince_weight[s], s, l->from, y);
         /* a load that changes at the end is the next leap's */
         rc = leap_slope(l, node == 1 ? nextafter(end, l->t) : t, y, memory, l->slope[s], err);
     }
+    return rc;
+}
+
+enum modal_status leap_end(struct leap *l, const double *memory, struct modal_error *err)
+{
+    fill_rim(l, l->t, l->from);
+    dofwise_watch(l->of, l->set, l->from, l->from + l->of->n);
+    return make_stages(l, 1, DORMAND_PRINCE_END + 1, memory, err);
+}
+
+enum modal_status leap_make(struct leap *l, const double *memory, struct modal_error *err)
+{
+    enum modal_status rc = leap_end(l, memory, err);
+
+    if (rc == MODAL_OK)
+        rc = make_stages(l, DORMAND_PRINCE_END + 1, DORMAND_PRINCE_ALL, memory, err);
     if (rc == MODAL_OK)
         interpolate(l);
     return rc;

@@ -32,7 +32,9 @@ void leap_init(struct leap *l, struct dofwise *of, double *stage, struct workspa
 enum modal_status leap_slope(const struct leap *l, double t, double *y, const double *memory,
                              double *slope, struct modal_error *err);
 
-/* From `from` and slope[0] at t over h: all other arrays.  MEMORY is that of t. */
+/* From `from` and slope[0] at t over h: `to`, and the slopes as far as there. */
+enum modal_status leap_end(struct leap *l, const double *memory, struct modal_error *err);
+/* The same and the interpolant: all other arrays.  MEMORY is that of t. */
 enum modal_status leap_make(struct leap *l, const double *memory, struct modal_error *err);
 
 /* Component I (dof, or n + dof) of the state at t + theta h; I is in the set or the leap is the

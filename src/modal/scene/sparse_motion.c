@@ -98,23 +98,6 @@ static double size_of(const struct sparse_motion *m, const double *y)
     return largest;
 }
 
-/* Weights by the opening; a dof without stiffness as the softest that can be told from one. */
-static void weigh(struct sparse_motion *m, double duration)
-{
-    const struct program *p = m->f->p;
-    double frequency, decay, floor;
-
-    dofwise_fastest(p, &frequency, &decay);
-    floor = frequency > 0 ? STATESPACE_RIGID * frequency : 1 / duration;
-    for (int c = PROGRAM_M; c <= PROGRAM_K; c++)
-        for (int i = 0; i < p->n && p->constant[c].m > 0; i++)
-            for (int k = p->constant[c].start[i]; k < p->constant[c].start[i + 1]; k++)
-                if (p->constant[c].index[k] == i && c != PROGRAM_C)
-                    m->weight[c == PROGRAM_M ? p->n + i : i] = sqrt(fabs(p->constant[c].value[k]));
-    for (int i = 0; i < p->n; i++)
-        m->weight[i] = fmax(m->weight[i], floor * m->weight[p->n + i]);
-}
-
 /* Where laws change in the leap just made. */
 static enum modal_status find_events(struct sparse_motion *m, struct modal_error *err)
 {
@@ -552,7 +535,7 @@ static enum modal_status start(struct sparse_motion *m, struct program *p,
         return rc;
     memcpy(m->whole.from, p->x0, n * sizeof *p->x0);
     memcpy(m->whole.from + n, p->v0, n * sizeof *p->v0);
-    weigh(m, fmax(time->start + time->duration, time->dt));
+    dofwise_weights(p, fmax(time->start + time->duration, time->dt), m->weight);
     m->scale = size_of(m, m->whole.from);
     dofwise_fastest(p, &frequency, &decay);
     m->h = FIRST / fmax(fmax(frequency, decay), 1 / time->dt);

@@ -1,4 +1,4 @@
-/* Tests as well: hill.c magnus.c parametric_stiffness.c statespace.c */
+/* Tests as well: hill.c leading.c magnus.c parametric_stiffness.c statespace.c */
 #include "check.h"
 #include <float.h>
 #include "modal/scene/floquet.h"
@@ -279,4 +279,78 @@ TEST(hill_takes_harmonics_until_its_truncation_is_small)
     hill_done(&h);
     floquet_done(&f);
     program_free(p);
+}
+
+/* COUNT unit masses and springs with dampers 0.01, a spring in three pulsating; loads, which a map
+ * must not see. */
+static char *pulsating_chain(int count)
+{
+    char *text = malloc(40 * (size_t)count + 600), *at = text;
+    static const char *const values[] = { ",'masses':[1", "],'springs':[1,1",
+                                          "],'dampers':[0.01,0.01" };
+
+    at += sprintf(at, "{'structure':{'type':'chain'");
+    for (int list = 0; list < 3; list++) {
+        at += sprintf(at, "%s", values[list]);
+        for (int i = 1; i < count; i++)
+            at += sprintf(at, list == 2 ? ",0.01" : ",1");
+    }
+    sprintf(at, "]},'omega':1.3,'excitation':[{'dof':'x2','k':1,'cos':3}],'effects':["
+                "{'type':'parametric_stiffness','dof':'x1','stiffness':0.2,'k':1},"
+                "{'type':'parametric_stiffness','dof':'x9','stiffness':0.3,'k':2,'phase':0.4}]}");
+    return text;
+}
+
+/* Both ways know Phi to 1e-9 at least; multipliers of modulus near 1 are some 0.1 apart. */
+TEST(the_leading_multipliers_are_those_of_the_whole_spectrum)
+{
+    char *text = pulsating_chain(40);
+    struct program *p = program_text(text);
+    struct floquet all, few;
+
+    CHECK(floquet(p, NULL, &all, NULL) == MODAL_OK && !all.leading && all.count == 80);
+    CHECK(floquet(p, &(struct floquet_options){ .multipliers = 9 }, &few, NULL) == MODAL_OK);
+    CHECK(few.leading && few.count == 10 && few.stable == FLOQUET_STABLE);
+    for (int i = 0; i < few.count; i++) {
+        double nearest = HUGE_VAL;
+        for (int j = 0; j < few.count; j++)
+            nearest = fmin(nearest, cabs(few.multiplier[i] - all.multiplier[j]));
+        CHECK_NEAR(nearest, 0, 1e-9);
+        CHECK(few.bar[i] < 1e-7 && nearest <= few.bar[i] + all.bar[i]);
+    }
+    CHECK_NEAR(few.margin, all.margin, 1e-9);
+    floquet_done(&all);
+    floquet_done(&few);
+    program_free(p);
+    free(text);
+}
+
+/* x1 alone pulsates at twice its frequency: Mathieu's tongue, beside 260 masses that are damped. */
+TEST(an_unstable_multiplier_of_many_states_is_found)
+{
+    enum { N = 260 };
+    char *text = malloc(30 * N + 800), *at = text;
+    struct floquet small = floquet_text(
+        "{'structure':{'type':'chain','masses':[1],'springs':[1,0]},'omega':2,'effects':["
+        "{'type':'parametric_stiffness','dof':'x1','stiffness':0.3,'k':1}]}");
+
+    at += sprintf(at, "{'structure':{'type':'chain','masses':[1");
+    for (int i = 1; i < N; i++)
+        at += sprintf(at, ",1");
+    at += sprintf(at, "],'springs':[1,0");
+    for (int i = 1; i < N; i++)
+        at += sprintf(at, ",1");
+    at += sprintf(at, "],'dampers':[0,0");
+    for (int i = 1; i < N; i++)
+        at += sprintf(at, ",0.5");
+    sprintf(at, "]},'omega':2,'effects':[{'type':'parametric_stiffness','dof':'x1','stiffness':0.3,"
+                "'k':1}]}");
+    struct floquet f = floquet_text(text);
+
+    CHECK(f.leading && f.count >= FLOQUET_LEADING && f.stable == FLOQUET_UNSTABLE);
+    CHECK(small.stable == FLOQUET_UNSTABLE);
+    CHECK_NEAR(f.max_multiplier, small.max_multiplier, 1e-8);
+    floquet_done(&f);
+    floquet_done(&small);
+    free(text);
 }

@@ -1,0 +1,291 @@
+/*
+ * arnoldi.c - see arnoldi.h
+ *
+ * With orthonormal v_0 .. v_m and Hessenberg's H, [S11, 6.2]
+ *
+ *     A V_m = V_m H_m + h v_m e_m^T,   h = H(m, m-1),                                           (1)
+ *
+ * a pair (w, y) of H_m has the residual |h| |e_m^T y| / |y| as one of A, without a product.  H's
+ * eigenvalues come by QR, the vectors of the wanted ones alone by inverse iteration.  Looking costs
+ * 10 m^3: it is done where m has grown by a quarter, so that all looks cost about two of the last.
+ *
+ * [S11] Saad, Numerical Methods for Large Eigenvalue Problems, 2nd ed., SIAM 2011.
+ */
+#include "modal/linalg/arnoldi.h"
+#include <cblas.h>
+#include <float.h>
+#include <lapacke.h>
+#include <math.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+#include "modal/linalg/workspace.h"
+
+enum {
+    LOOK_FIRST = 4,              /* products for each wanted value before the first look */
+    GROWTH = 4,                  /* a look each time m has grown by a quarter */
+};
+static const double AGAIN = 0.7; /* of its norm: less is left, then orthogonal once more [S11] */
+
+struct subspace {
+    const struct linear_operator *A;
+    int n, m, most;              /* vectors so far; room */
+    double *V, *H, *h;           /* n x (most + 1), (most + 1) x most, most + 1 */
+    bool whole;                  /* invariant: nothing is left outside */
+};
+
+/* The one text of it here. */
+static enum modal_status no_memory(struct modal_error *err)
+{
+    return modal_fail(err, MODAL_NO_MEMORY, "eigenvalues: out of memory");
+}
+
+/* U less its parts along the first M vectors, which are added to h. */
+static void orthogonalise(struct subspace *s, double *u, double *h)
+{
+    cblas_dgemv(CblasColMajor, CblasTrans, s->n, s->m + 1, 1, s->V, s->n, u, 1, 0, s->h, 1);
+    cblas_dgemv(CblasColMajor, CblasNoTrans, s->n, s->m + 1, -1, s->V, s->n, s->h, 1, 1, u, 1);
+    cblas_daxpy(s->m + 1, 1, s->h, 1, h, 1);
+}
+
+/* One more column of (1). */
+static enum modal_status grow(struct subspace *s, struct modal_error *err)
+{
+    double *u = s->V + (size_t)(s->m + 1) * (size_t)s->n,
+           *h = s->H + (size_t)s->m * (size_t)(s->most + 1), before, left;
+    enum modal_status rc =
+        s->A->apply(s->A->context, s->V + (size_t)s->m * (size_t)s->n, u, err);
+
+    if (rc != MODAL_OK)
+        return rc;
+    before = cblas_dnrm2(s->n, u, 1);
+    orthogonalise(s, u, h);
+    left = cblas_dnrm2(s->n, u, 1);
+    if (left < AGAIN * before) {
+        orthogonalise(s, u, h);
+        left = cblas_dnrm2(s->n, u, 1);
+    }
+    s->m++;
+    s->whole = s->m == s->n || left <= s->n * DBL_EPSILON * before;
+    h[s->m] = s->whole ? 0 : left;
+    if (!s->whole)
+        cblas_dscal(s->n, 1 / left, u, 1);
+    return MODAL_OK;
+}
+
+struct small {                   /* the eigenvalue problem of H_m */
+    double *H, *wr, *wi, *left, *right;
+    lapack_logical *chosen;
+    int *order;
+    lapack_int *fail;
+    struct workspace space;
+};
+
+static enum modal_status small_new(int m, int columns, struct small *e, struct modal_error *err)
+{
+    size_t rows = (size_t)m;
+
+    *e = (struct small){ 0 };
+    e->H = workspace_zeros(&e->space, rows * rows, sizeof *e->H);
+    e->wr = workspace_zeros(&e->space, rows, sizeof *e->wr);
+    e->wi = workspace_zeros(&e->space, rows, sizeof *e->wi);
+    e->left = workspace_zeros(&e->space, rows * (size_t)columns, sizeof *e->left);
+    e->right = workspace_zeros(&e->space, rows * (size_t)columns, sizeof *e->right);
+    e->chosen = workspace_zeros(&e->space, rows, sizeof *e->chosen);
+    e->order = workspace_zeros(&e->space, rows, sizeof *e->order);
+    e->fail = workspace_zeros(&e->space, 2 * (size_t)columns, sizeof *e->fail);
+    return workspace_check(&e->space, "eigenvalues: out of memory", err);
+}
+
+static void copy_hessenberg(const struct subspace *s, double *H)
+{
+    for (int j = 0; j < s->m; j++)
+        memcpy(H + (size_t)j * (size_t)s->m, s->H + (size_t)j * (size_t)(s->most + 1),
+               (size_t)s->m * sizeof *H);
+}
+
+/* Marks the WANTED of largest modulus, pairs whole, by their first; how many columns they take. */
+static int choose(struct small *e, int m, int wanted)
+{
+    int columns = 0;
+
+    for (int i = 0; i < m; i++) {            /* by insertion: few move far, and pairs stay */
+        int j = i;
+        double size = hypot(e->wr[i], e->wi[i]);
+        for (; j > 0 && hypot(e->wr[e->order[j - 1]], e->wi[e->order[j - 1]]) < size; j--)
+            e->order[j] = e->order[j - 1];
+        e->order[j] = i;
+    }
+    for (int i = 0; i < m && columns < wanted; i++) {
+        int at = e->order[i];
+        if (e->wi[at] < 0)                   /* came with its pair's first */
+            continue;
+        e->chosen[at] = 1;
+        columns += e->wi[at] > 0 ? 2 : 1;
+    }
+    return columns;
+}
+
+/* Vector C of X (one column, or two of a pair) into Y, of unit norm. */
+static void take_vector(const double *x, int m, bool pair, double complex *y)
+{
+    double norm = 0;
+
+    for (int i = 0; i < m; i++) {
+        y[i] = CMPLX(x[i], pair ? x[m + i] : 0);
+        norm = hypot(norm, cabs(y[i]));
+    }
+    for (int i = 0; i < m; i++)
+        y[i] /= norm;
+}
+
+/* The chosen pairs of H as pairs of A, into *OUT but for V where LIFT is not set. */
+static enum modal_status take(const struct subspace *s, struct small *e, bool lift,
+                              struct arnoldi *out, struct modal_error *err)
+{
+    size_t rows = (size_t)s->m, n = (size_t)s->n;
+    double complex *y = calloc(2 * rows + 1, sizeof *y), *z = y + rows;
+    double h = s->H[(size_t)(s->m - 1) * (size_t)(s->most + 1) + rows];
+    int column = 0, first = 0;
+
+    if (y == NULL)
+        return no_memory(err);
+    for (int j = 0; j < s->m; j++) {
+        bool pair = e->wi[j] > 0;
+        double complex product = 0;
+        if (!e->chosen[j])
+            continue;
+        take_vector(e->right + (size_t)column * rows, s->m, pair, y);
+        take_vector(e->left + (size_t)column * rows, s->m, pair, z);
+        for (int i = 0; i < s->m; i++)
+            product += conj(z[i]) * y[i];
+        for (int both = 0; both < (pair ? 2 : 1); both++, first++) {
+            out->w[first] = CMPLX(e->wr[j], both == 0 ? e->wi[j] : -e->wi[j]);
+            out->residual[first] = h * cabs(y[rows - 1]);
+            out->condition[first] = 1 / fmax(cabs(product), DBL_EPSILON);
+            for (size_t i = 0; lift && i < n; i++) {
+                double complex sum = 0;
+                for (size_t k = 0; k < rows; k++)
+                    sum += s->V[i + k * n] * y[k];
+                out->V[i + (size_t)first * n] = both == 0 ? sum : conj(sum);
+            }
+        }
+        column += pair ? 2 : 1;
+    }
+    out->count = first;
+    free(y);
+    return MODAL_OK;
+}
+
+/* A look at H_m: the wanted into *OUT, and whether all have converged. */
+static enum modal_status look(const struct subspace *s, int wanted, double tolerance, bool *enough,
+                              struct arnoldi *out, struct modal_error *err)
+{
+    struct small e;
+    lapack_int found, m = s->m;
+    int columns = 0;
+    double largest = 0, worst = 0;
+    enum modal_status rc = small_new(s->m, wanted + 1, &e, err);
+
+    if (rc == MODAL_OK) {
+        copy_hessenberg(s, e.H);
+        if (LAPACKE_dhseqr(LAPACK_COL_MAJOR, 'E', 'N', m, 1, m, e.H, m, e.wr, e.wi, NULL, 1) != 0)
+            rc = modal_fail(err, MODAL_NO_CONVERGENCE, "eigenvalues: QR did not converge");
+    }
+    if (rc == MODAL_OK) {
+        columns = choose(&e, s->m, wanted);
+        copy_hessenberg(s, e.H);
+        if (LAPACKE_dhsein(LAPACK_COL_MAJOR, 'B', 'Q', 'N', e.chosen, m, e.H, m, e.wr, e.wi,
+                           e.left, m, e.right, m, columns, &found, e.fail, e.fail + columns)
+            < 0)
+            rc = modal_fail(err, MODAL_NO_CONVERGENCE, "eigenvalues: no vectors of them");
+    }
+    if (rc == MODAL_OK)
+        rc = take(s, &e, false, out, err);
+    for (int i = 0; rc == MODAL_OK && i < out->count; i++) {
+        largest = fmax(largest, cabs(out->w[i]));
+        worst = fmax(worst, out->residual[i]);
+    }
+    *enough = worst <= tolerance * largest;
+    if (rc == MODAL_OK && *enough)
+        rc = take(s, &e, true, out, err);
+    workspace_free(&e.space);
+    return rc;
+}
+
+/* A fixed vector without pattern, of unit norm, to begin with. */
+static void begin(struct subspace *s)
+{
+    uint32_t state = 1;
+
+    for (int i = 0; i < s->n; i++) {
+        state = 1664525 * state + 1013904223;    /* a linear congruence: no number of it is 0 */
+        s->V[i] = (double)state / UINT32_MAX - 0.5;
+    }
+    cblas_dscal(s->n, 1 / cblas_dnrm2(s->n, s->V, 1), s->V, 1);
+}
+
+/* Descending in modulus, pairs together. */
+static void sort(struct arnoldi *a, size_t n)
+{
+    for (int i = 1; i < a->count; i++)
+        for (int j = i; j > 0 && cabs(a->w[j]) > cabs(a->w[j - 1]) * (1 + DBL_EPSILON); j--) {
+            double complex w = a->w[j];
+            double r = a->residual[j], c = a->condition[j];
+            a->w[j] = a->w[j - 1], a->w[j - 1] = w;
+            a->residual[j] = a->residual[j - 1], a->residual[j - 1] = r;
+            a->condition[j] = a->condition[j - 1], a->condition[j - 1] = c;
+            cblas_zswap((int)n, a->V + (size_t)j * n, 1, a->V + (size_t)(j - 1) * n, 1);
+        }
+}
+
+enum modal_status arnoldi(const struct linear_operator *A, int wanted, double tolerance,
+                          struct arnoldi *out, struct modal_error *err)
+{
+    struct subspace s = { .A = A, .n = A->n, .most = A->n < ARNOLDI_MOST ? A->n : ARNOLDI_MOST };
+    size_t n = (size_t)A->n, most = (size_t)s.most, values = (size_t)wanted + 1;
+    int next = LOOK_FIRST * wanted;
+    bool enough = false;
+    enum modal_status rc = MODAL_OK;
+
+    *out = (struct arnoldi){ .w = calloc(values, sizeof *out->w),
+                             .residual = calloc(values, sizeof *out->residual),
+                             .condition = calloc(values, sizeof *out->condition),
+                             .V = calloc(values * n, sizeof *out->V) };
+    s.V = calloc(n * (most + 1), sizeof *s.V);
+    s.H = calloc((most + 1) * most, sizeof *s.H);
+    s.h = calloc(most + 1, sizeof *s.h);
+    if (out->w == NULL || out->residual == NULL || out->condition == NULL || out->V == NULL
+        || s.V == NULL || s.H == NULL || s.h == NULL)
+        rc = no_memory(err);
+    if (rc == MODAL_OK)
+        begin(&s);
+    while (rc == MODAL_OK && !enough) {
+        rc = grow(&s, err);
+        if (rc != MODAL_OK || (s.m < next && !s.whole && s.m < s.most))
+            continue;
+        rc = look(&s, wanted, tolerance, &enough, out, err);
+        if (rc == MODAL_OK && !enough && s.m == s.most)
+            rc = modal_fail(err, MODAL_NO_CONVERGENCE,
+                            "%d eigenvalues of largest modulus are not told apart by %d products",
+                            wanted, s.m);
+        next = s.m + s.m / GROWTH;
+    }
+    out->products = s.m;
+    sort(out, n);
+    free(s.V);
+    free(s.H);
+    free(s.h);
+    if (rc != MODAL_OK)
+        arnoldi_done(out);
+    return rc;
+}
+
+void arnoldi_done(struct arnoldi *a)
+{
+    free(a->w);
+    free(a->residual);
+    free(a->condition);
+    free(a->V);
+    *a = (struct arnoldi){ 0 };
+}

@@ -1,0 +1,32 @@
+/* arnoldi.h - eigenvalues of largest modulus of an operator known by its products */
+#ifndef MODAL_ARNOLDI_H
+#define MODAL_ARNOLDI_H
+#include <complex.h>
+#include "base/error.h"
+#include "modal/linalg/lanczos.h"
+
+struct arnoldi {
+    int count;                   /* as many as were wanted, or one more: no pair is parted */
+    int products;                /* with A */
+    double complex *w;           /* count, descending in modulus, pairs together */
+    double *residual;            /* of each |A v - w v|, v of unit norm */
+    double *condition;           /* of each >= 1, as seen from the subspace: see eigen.h */
+    double complex *V;           /* n x count: v by columns */
+};
+
+enum { ARNOLDI_MOST = 3000 };    /* chosen: the small problem takes a minute by then */
+
+/*
+ * WANTED (at least 1, at most n) eigenvalues of the square real A, each to a residual of at most
+ * TOLERANCE times the largest modulus.  The subspace grows until that is so, all of it orthonormal
+ * to rounding: nothing is restarted, and in the end it is all of A.  The start vector is fixed, so
+ * the answer is the same every time.
+ *
+ * Fails with what the operator fails with, MODAL_NO_CONVERGENCE (past ARNOLDI_MOST products, or the
+ * small eigenvalue problem), MODAL_NO_MEMORY.  arnoldi_done frees what *OUT has.
+ */
+enum modal_status arnoldi(const struct linear_operator *A, int wanted, double tolerance,
+                          struct arnoldi *out, struct modal_error *err);
+/* *A becomes zeros. */
+void arnoldi_done(struct arnoldi *a);
+#endif

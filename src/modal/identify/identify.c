@@ -6,7 +6,9 @@
  *   pencil.c       H by FFT products, one-sample shift: the default for systems without a period
  *   projection.c   the pair (14) with any shift, its own error bars: periodic systems, a named method, a rank by singular values
  *
- * and order.c climbs either, refining by variable projection.  A named `method` is the paper's procedure: no refinement unless asked for.
+ * and order.c climbs either, refining by variable projection.  Very long records are decomposed by
+ * their head only, and a fit to all rows begins there.  A named `method` is the paper's procedure:
+ * no refinement unless asked for.
  * Periodic systems shift by one period where that is a whole number of samples; where not, by one sample, and modes.c folds the
  * exponents modulo i Omega.
  */
@@ -99,6 +101,7 @@ struct work {
     bool trial;                     /* this search has WORK_TRIAL only */
     bool many;                      /* modes, to judge by TRIPLETS_MOST triplets */
     bool known;                     /* the last search found one set of modes: out->unweighed */
+    struct identify_chosen seen;    /* modes of the first rows of a long record; count 0: none */
     struct order_choice choice;
     int rank;                       /* of the chosen candidate */
     struct poles poles;
@@ -127,6 +130,7 @@ static void work_done(struct work *w)
     pencil_done(&w->pencil);
     projection_done(&w->projection);
     order_done(&w->choice);
+    free(w->seen.lambda);
     poles_done(&w->poles);
     synthesis_done(&w->all);
 }
@@ -663,12 +667,16 @@ static enum modal_status choose_order(struct work *w, struct identify_result *ou
     return rc;
 }
 
-/* Many poles of one set that channels not yet weighed showed: weighed ones begin there. */
-static bool begins_there(const struct work *w, const struct identify_result *out)
+/* The poles that a search begins at: those of fewer rows, or many of one set that channels not yet
+ * weighed showed. NULL: none. */
+static const struct identify_chosen *begins_at(const struct work *w,
+                                               const struct identify_result *out)
 {
     const struct identify_chosen *k = &out->unweighed;
 
-    return w->known && poles_order(k->lambda, k->count, w->tau) > TRIPLETS_MOST;
+    if (w->seen.count > 0)
+        return &w->seen;
+    return w->known && poles_order(k->lambda, k->count, w->tau) > TRIPLETS_MOST ? k : NULL;
 }
 
 /* From all signals downwards, in w->pencil, for w->choice. */
@@ -679,13 +687,14 @@ static enum modal_status descend(struct work *w, const struct identify_result *o
                                  .context = w->opt.context };
     struct order_source source = { .most = order_most(w), .signals = pencil_signals(&w->pencil),
                                    .poles = pencil_source, .context = w };
+    const struct identify_chosen *begin = begins_at(w, out);
     int many = source.signals;
     enum modal_status rc;
 
-    if (begins_there(w, out)) {
-        many = poles_order(out->unweighed.lambda, out->unweighed.count, w->tau);
+    if (begin != NULL) {
+        many = poles_order(begin->lambda, begin->count, w->tau);
         source.most = source.signals = 0;
-        source.known = out->unweighed.lambda, source.known_count = out->unweighed.count;
+        source.known = begin->lambda, source.known_count = begin->count;
     } else {
         opt.look = before_gap(w);
     }
@@ -737,7 +746,7 @@ static enum modal_status choose_from_above(struct work *w, struct identify_resul
     if (w->projected || !w->refine || w->opt.rank.rule != RANK_AUTO || w->opt.rank.most > 0)
         return MODAL_OK;
     all = w->pencil;
-    rc = begins_there(w, out) ? MODAL_OK : pencil_of_all(w, &all, err);
+    rc = begins_at(w, out) != NULL ? MODAL_OK : pencil_of_all(w, &all, err);
     w->pencil = all;
     if (rc == MODAL_OK)
         rc = report_values(w, out, err);
@@ -748,6 +757,90 @@ static enum modal_status choose_from_above(struct work *w, struct identify_resul
     if (above->pencil.s == few.s)
         above->pencil = (struct pencil) { 0 };
     return rc == MODAL_OK ? report_values(w, out, err) : rc;
+}
+
+static enum modal_status keep_chosen(const struct work *w, struct identify_chosen *to,
+                                     struct modal_error *err)
+{
+    const struct refined *fit = w->choice.chosen >= 0
+                              ? &w->choice.candidates[w->choice.chosen].fit : NULL;
+    int n = fit != NULL ? fit->poles : 0;
+
+    to->lambda = malloc(sizeof *to->lambda * ((size_t)n + 1));
+    if (to->lambda == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d poles", n);
+    if (n > 0)
+        memcpy(to->lambda, fit->lambda, sizeof *to->lambda * n);
+    to->count = n, to->signals = w->X->n;
+    return MODAL_OK;
+}
+
+/* ---- very long records ---- */
+
+/* A pencil reads its record dozens of times, with many times its memory. Nearly all modes are told
+ * by the head of a very long one, and a fit to GROW times the rows can begin there: it is in reach
+ * of their errors, which for a frequency fall with rows^(3/2), and what only more rows tell stands
+ * out of what it leaves. */
+enum { HEAD = 16384, GROW = 8 };
+
+static bool begins_at_head(const struct work *w)
+{
+    return w->X->m >= GROW * HEAD && !wants_projection(w) && w->opt.rows == 0
+        && w->opt.rank.rule == RANK_AUTO && w->opt.rank.most == 0;
+}
+
+/* ROWS of all are searched. */
+static void search_rows(struct work *w, const struct matrix *all, int rows, struct matrix *part)
+{
+    *part = *all, part->m = rows;
+    w->X = w->data.Y = rows < all->m ? part : all;
+    w->weighted.m = w->weighted.x != NULL ? rows : 0;
+}
+
+/* A fit to all rows, or more, that begins with what F found in fewer. */
+static enum modal_status search_on(struct work *w, struct identify_result *out, struct found *f,
+                                   struct modal_error *err)
+{
+    enum modal_status rc;
+
+    w->choice = f->choice, f->choice = (struct order_choice) { .chosen = -1 };
+    rc = keep_chosen(w, &w->seen, err);
+    order_done(&w->choice);
+    if (rc == MODAL_OK)
+        rc = descend(w, out, err);
+    f->choice = w->choice, w->choice = (struct order_choice) { .chosen = -1 };
+    free(w->seen.lambda);
+    w->seen = (struct identify_chosen) { 0 };
+    return rc;
+}
+
+/* *found: one set of modes in white noise, in all rows; else nothing is. */
+static enum modal_status grow_from_head(struct work *w, struct identify_result *out, bool *found,
+                                        struct modal_error *err)
+{
+    const struct matrix *all = w->X;
+    struct found f = { .choice = { .chosen = -1 } };
+    struct matrix part;
+    int rows = HEAD;
+    enum modal_status rc;
+
+    search_rows(w, all, rows, &part);
+    rc = decompose(w, out, err);
+    if (rc == MODAL_OK)
+        rc = choose_from_above(w, out, &f, err);
+    while (rc == MODAL_OK && f.choice.clean && rows < all->m) {
+        rows = all->m / GROW > rows ? GROW * rows : all->m;
+        search_rows(w, all, rows, &part);
+        rc = search_on(w, out, &f, err);
+    }
+    *found = rc == MODAL_OK && f.choice.clean && !f.choice.crowded;
+    search_rows(w, all, all->m, &part);
+    if (*found)
+        rc = put_found(w, &f, out, err);
+    else
+        pencil_done(&w->pencil);
+    found_done(&f);
+    return rc;
 }
 
 /* Twice the triplets, until the ladder ends by itself. */
@@ -939,31 +1032,19 @@ static enum modal_status stage_order(struct work *w, struct identify_result *out
 /* From signals to the chosen order. */
 static enum modal_status analyse(struct work *w, struct identify_result *out, struct modal_error *err)
 {
+    bool found = false;
     enum modal_status rc;
 
     w->triplets = TRIPLETS_FIRST;
     if ((rc = reduce(w, out, err)) != MODAL_OK
         || (rc = stage(w, "pod", out, err)) != MODAL_OK
-        || (rc = decompose(w, out, err)) != MODAL_OK
-        || (rc = stage(w, "svd", out, err)) != MODAL_OK
-        || (rc = choose_order_of_all(w, out, err)) != MODAL_OK
+        || (begins_at_head(w) && (rc = grow_from_head(w, out, &found, err)) != MODAL_OK)
+        || (!found && (rc = decompose(w, out, err)) != MODAL_OK)
+        || (!found && (rc = stage(w, "svd", out, err)) != MODAL_OK)
+        || (!found && (rc = choose_order_of_all(w, out, err)) != MODAL_OK)
         || (w->choice.chosen >= 0 && (rc = look_above(w, err)) != MODAL_OK)
         || (rc = stage_order(w, out, err)) != MODAL_OK)
         return rc;
-    return MODAL_OK;
-}
-
-static enum modal_status keep_chosen(const struct work *w, struct identify_chosen *to, struct modal_error *err)
-{
-    const struct refined *fit = w->choice.chosen >= 0 ? &w->choice.candidates[w->choice.chosen].fit : NULL;
-    int n = fit != NULL ? fit->poles : 0;
-
-    to->lambda = malloc(sizeof *to->lambda * ((size_t)n + 1));
-    if (to->lambda == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d poles", n);
-    if (n > 0)
-        memcpy(to->lambda, fit->lambda, sizeof *to->lambda * n);
-    to->count = n, to->signals = w->X->n;
     return MODAL_OK;
 }
 

@@ -42,7 +42,7 @@ struct work {
     struct matrix folded;              /* owned where shift > 1 */
     const struct matrix *Y;            /* what was fitted: channels as columns, or phases and channels */
     struct synthesis fit;
-    struct matrix basis;               /* the real basis, columns scaled as the coefficients want */
+    struct matrix products;            /* of the basis' columns, scaled as coefficients want */
     int *column;                       /* of each pole's first */
     int *mode;                         /* of each pole: the mode it belongs to; -1: the offset; -2: out of band */
     int *harmonic;                     /* of each pole: its k in (1), 0 elsewhere */
@@ -55,7 +55,7 @@ static void work_done(struct work *w)
 {
     free(w->folded.x);
     synthesis_done(&w->fit);
-    free(w->basis.x);
+    free(w->products.x);
     free(w->column);
     free(w->mode);
     free(w->harmonic);
@@ -66,7 +66,6 @@ static enum modal_status work_start(struct work *w, struct modal_error *err)
 {
     const struct poles *p = w->poles;
     int n = poles_order(p->lambda, p->count, p->tau);
-    double *reference;
     enum modal_status rc = MODAL_OK;
 
     w->Y = &w->rec->Y;
@@ -80,14 +79,13 @@ static enum modal_status work_start(struct work *w, struct modal_error *err)
     w->mode = calloc(p->count + 1, sizeof *w->mode);
     w->harmonic = calloc(p->count + 1, sizeof *w->harmonic);
     w->flipped = calloc(p->count + 1, sizeof *w->flipped);
-    w->basis = (struct matrix) { w->Y->m, n, w->Y->m, malloc(sizeof(double) * ((size_t)w->Y->m * n + 1)) };
-    reference = calloc(p->count + 1, sizeof *reference);
-    if (w->column == NULL || w->mode == NULL || w->harmonic == NULL || w->flipped == NULL || w->basis.x == NULL || reference == NULL) {
-        free(reference);
+    w->products = (struct matrix) { n, n, n, malloc(sizeof(double) * ((size_t)n * (size_t)n + 1)) };
+    if (w->column == NULL || w->mode == NULL || w->harmonic == NULL || w->flipped == NULL
+        || w->products.x == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "modes: no memory for %d poles", p->count);
-    }
-    synthesis_basis(p->lambda, p->count, p->tau, &w->basis, reference);
-    free(reference);
+    rc = synthesis_products(p->lambda, p->count, p->tau, w->Y->m, w->products.x, err);
+    if (rc != MODAL_OK)
+        return rc;
     for (int j = 0, c = 0; j < p->count; j++) {
         w->column[j] = c;
         c += pole_order(p->lambda[j], p->tau);
@@ -105,7 +103,7 @@ static enum modal_status work_start(struct work *w, struct modal_error *err)
 static double energy_of(const struct work *w, int which)
 {
     const struct poles *p = w->poles;
-    int *index = malloc(sizeof *index * (w->basis.n + 1)), n = 0;
+    int *index = malloc(sizeof *index * (w->products.n + 1)), n = 0;
     double *G = NULL, *b = NULL, sum = 0;
 
     for (int j = 0; j < p->count && index != NULL; j++)
@@ -119,7 +117,7 @@ static double energy_of(const struct work *w, int which)
     b = G + (size_t)n * n;
     for (int i = 0; i < n; i++)
         for (int k = 0; k < n; k++)
-            G[i + k * n] = cblas_ddot(w->Y->m, w->basis.x + (size_t)index[i] * w->basis.ld, 1, w->basis.x + (size_t)index[k] * w->basis.ld, 1);
+            G[i + k * n] = w->products.x[index[i] + (size_t)index[k] * (size_t)w->products.ld];
     for (int c = 0; c < w->Y->n; c++) {
         n = 0;
         for (int j = 0; j < p->count; j++) {

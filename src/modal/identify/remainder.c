@@ -10,9 +10,9 @@
 #include "modal/identify/exponents.h"
 #include "modal/identify/pencil.h"
 #include "modal/identify/powers.h"
-#include "modal/linalg/qr.h"
 #include <cblas.h>
 #include <fftw3.h>
+#include <lapacke.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -137,29 +137,147 @@ enum modal_status remainder_poles(const struct matrix *E, double tau, int most,
     return rc;
 }
 
+/* ---- a second pole beside one ---- */
+
+/*
+ * What a second pole beside the first could take lies in u^2 z, u the row from a centre over a
+ * width, z = e^{lambda l}, once z and u z are taken out. The six columns Re and -Im of z, u z,
+ * u^2 z are, in each block of rows, those of the first block times a 6 x 6 matrix, for which
+ *
+ *     z = x z0,   u z = x (u0 + s) z0,   u^2 z = x (u0^2 + 2 s u0 + s^2) z0,                (1)
+ *
+ * x = e^{lambda l}, s = l / width at the block's first row l: their products and those with E are
+ * sums over blocks, and no column is formed.
+ */
+enum { BLOCK = 1024, COLUMNS = 6 };
+
+static const double COLUMN_LEAST = 1e-6;     /* of a column, that those before it do not explain */
+
+struct beside {
+    double a, b, centre, width;
+    double table[COLUMNS * BLOCK];   /* the columns in the first block */
+    double first[COLUMNS * COLUMNS]; /* products of those */
+    double G[COLUMNS * COLUMNS];     /* of all rows */
+    double *P;                       /* COLUMNS x blocks x signals: those of the first with E */
+    double *Z;                       /* COLUMNS x signals: of all with E */
+};
+
+static void fill_table(struct beside *k)
+{
+    for (int i = 0; i < BLOCK; i++) {
+        double u = (i - k->centre) / k->width, x = exp(k->a * i);
+        for (int p = 0; p < COLUMNS; p += 2, x *= u) {
+            k->table[i + p * BLOCK] = x * cos(k->b * i);
+            k->table[i + (p + 1) * BLOCK] = -x * sin(k->b * i);
+        }
+    }
+}
+
+/* What the first ROWS of each block say of each other. */
+static void multiply_table(struct beside *k, int rows)
+{
+    cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, COLUMNS, COLUMNS, rows, 1, k->table,
+                BLOCK, k->table, BLOCK, 0, k->first, COLUMNS);
+}
+
+/* (1): the columns of the block that begins at row l are those of the first times A. */
+static void turn_block(const struct beside *k, double l, double last, double *A)
+{
+    double s = l / k->width, size = exp(k->a * (l - (k->a > 0 ? last : 0)));
+    double c = size * cos(k->b * l), d = size * sin(k->b * l);
+    const double part[3][3] = { { 1, 0, 0 }, { s, 1, 0 }, { s * s, 2 * s, 1 } };
+
+    for (int p = 0; p < 3; p++)
+        for (int q = 0; q < 3; q++) {
+            double *to = A + 2 * q + 2 * p * COLUMNS;
+            to[0] = part[p][q] * c, to[1] = part[p][q] * d;
+            to[COLUMNS] = -part[p][q] * d, to[COLUMNS + 1] = part[p][q] * c;
+        }
+}
+
+/* G and Z of the block that A turns; P, its products with E, LD apart from signal to signal. */
+static void add_block(struct beside *k, const double *A, const double *P, size_t ld, int S)
+{
+    double T[COLUMNS * COLUMNS];
+
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, COLUMNS, COLUMNS, COLUMNS, 1, k->first,
+                COLUMNS, A, COLUMNS, 0, T, COLUMNS);
+    cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, COLUMNS, COLUMNS, COLUMNS, 1, A, COLUMNS,
+                T, COLUMNS, 1, k->G, COLUMNS);
+    for (int c = 0; c < S; c++)
+        cblas_dgemv(CblasColMajor, CblasTrans, COLUMNS, COLUMNS, 1, A, COLUMNS,
+                    P + (size_t)c * ld, 1, 1, k->Z + (size_t)c * COLUMNS, 1);
+}
+
+/* G and Z of all rows. */
+static void add_blocks(struct beside *k, const struct matrix *E)
+{
+    int whole = E->m / BLOCK, left = E->m % BLOCK, blocks = whole + (left > 0);
+    size_t ld = (size_t)blocks * COLUMNS;
+    double A[COLUMNS * COLUMNS];
+
+    for (int c = 0; c < E->n; c++) {
+        const double *e = E->x + (size_t)c * (size_t)E->ld;
+        double *P = k->P + (size_t)c * ld;
+        cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, COLUMNS, whole, BLOCK, 1, k->table,
+                    BLOCK, e, BLOCK, 0, P, COLUMNS);
+        if (left > 0)
+            cblas_dgemv(CblasColMajor, CblasTrans, left, COLUMNS, 1, k->table, BLOCK,
+                        e + (size_t)whole * BLOCK, 1, 0, P + (size_t)whole * COLUMNS, 1);
+    }
+    multiply_table(k, BLOCK);
+    for (int t = 0; t < blocks; t++) {
+        if (t == whole)
+            multiply_table(k, left);
+        turn_block(k, (double)t * BLOCK, E->m - 1, A);
+        add_block(k, A, k->P + (size_t)t * COLUMNS, ld, E->n);
+    }
+}
+
+/* Cholesky's factor of G in its place; false where a column is next to nothing but those before. */
+static bool factor_products(struct beside *k)
+{
+    double norm[COLUMNS];
+    bool well = true;
+
+    for (int j = 0; j < COLUMNS; j++)
+        norm[j] = sqrt(k->G[j + j * COLUMNS]);
+    if (LAPACKE_dpotrf_work(LAPACK_COL_MAJOR, 'U', COLUMNS, k->G, COLUMNS) != 0)
+        return false;
+    for (int j = 0; j < COLUMNS; j++)
+        well &= k->G[j + j * COLUMNS] > COLUMN_LEAST * norm[j];
+    return well;
+}
+
 enum modal_status remainder_split(const struct matrix *E, double tau, double complex lambda,
                                   double *chi2, struct modal_error *err)
 {
-    size_t L = (size_t)E->m, S = (size_t)E->n;
-    double *x = malloc((6 * L + 2 * S) * sizeof *x), *gain = x + 6 * L, a = creal(lambda) * tau;
-    double centre = a == 0 ? 0.5 * L : a > 0 ? L - fmin(0.5 * L, 1 / a) : fmin(0.5 * L, -1 / a),
-        width = centre < 0.5 * L ? centre : L - centre;
-    struct matrix V = { E->m, 6, E->m, x }, none = { 0 };
-    enum modal_status rc;
+    size_t S = (size_t)E->n, L = (size_t)E->m, blocks = L / BLOCK + 1;
+    struct beside *k = calloc(1, sizeof *k);
+    double *room = calloc(COLUMNS * S * (blocks + 1), sizeof *room);
+    bool well;
 
     *chi2 = 0;
-    if (x == NULL)
+    if (k == NULL || room == NULL) {
+        free(k), free(room);
         return modal_fail(err, MODAL_NO_MEMORY, "remainder: no memory for %d rows", E->m);
-    powers_of(POLE_PAIR, a, cimag(lambda) * tau, E->m, x, E->m);
-    for (size_t c = 2; c < 6; c++)
-        for (size_t l = 0; l < L; l++)
-            x[l + c * L] = x[l + (c - 2) * L] * ((double)l - centre) / fmax(width, 1);
-    rc = E->m >= 6 ? qr_orthonormal(&V, &none, err) : MODAL_OK;
-    if (rc == MODAL_OK && E->m >= 6) {
-        cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, 2, E->n, E->m, 1, x + 4 * L, E->m,
-                    E->x, E->ld, 0, gain, 2);
-        *chi2 = cblas_ddot(2 * E->n, gain, 1, gain, 1);
     }
-    free(x);
-    return rc;
+    k->P = room, k->Z = room + COLUMNS * S * blocks;
+    k->a = creal(lambda) * tau, k->b = cimag(lambda) * tau;
+    k->centre = k->a == 0 ? 0.5 * L : k->a > 0 ? L - fmin(0.5 * L, 1 / k->a)
+              : fmin(0.5 * L, -1 / k->a);
+    k->width = fmax(fmin(k->centre, L - k->centre), 1);
+    fill_table(k);
+    add_blocks(k, E);
+    well = factor_products(k);
+    if (well) {
+        cblas_dtrsm(CblasColMajor, CblasLeft, CblasUpper, CblasTrans, CblasNonUnit, COLUMNS, E->n,
+                    1, k->G, COLUMNS, k->Z, COLUMNS);
+        for (size_t c = 0; c < S; c++)
+            *chi2 += cblas_ddot(2, k->Z + 4 + c * COLUMNS, 1, k->Z + 4 + c * COLUMNS, 1);
+    } else if (E->m >= COLUMNS) {
+        *chi2 = HUGE_VAL;
+    }
+    free(k), free(room);
+    return MODAL_OK;
 }

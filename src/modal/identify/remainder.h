@@ -26,7 +26,7 @@ enum modal_status remainder_poles(const struct matrix *E, double tau, int most,
 /*
  * Chi-squared that a second pole beside LAMBDA, a pair, could take from E at most, to first
  * order: two neighbours lambda +- d span e^{lambda t}, t e^{lambda t} and t^2 e^{lambda t}, and
- * the fit of one has the first two.
+ * the fit of one has the first two. HUGE_VAL where the record hardly tells those apart.
  */
 enum modal_status remainder_split(const struct matrix *E, double tau, double complex lambda,
                                   double *chi2, struct modal_error *err);

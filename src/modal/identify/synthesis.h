@@ -31,4 +31,8 @@ void synthesis_basis(const double complex *lambda, int count, double tau, struct
 enum modal_status synthesis_fit(const double complex *lambda, int count, double tau, const struct matrix *Y,
                                 struct matrix *fit, struct synthesis *out, struct modal_error *err);
 void synthesis_done(struct synthesis *s);
+
+/* The products of all columns of the basis of L rows, columns scaled: G, order x order. */
+enum modal_status synthesis_products(const double complex *lambda, int count, double tau, int L,
+                                     double *G, struct modal_error *err);
 #endif

@@ -426,6 +426,60 @@ TEST(the_synthesis_gives_back_the_coefficients_of_every_kind_of_pole)
     synthesis_done(&s);
 }
 
+/* Long enough that no basis is formed; rows that fill no block, too. */
+TEST(the_synthesis_of_a_long_record_gives_back_the_coefficients_of_every_kind_of_pole)
+{
+    enum { LONG = 40017 };
+    static double y[2 * LONG], fit[2 * LONG];
+    const double tau = 0.5;
+    const double complex lambda[4] = { CMPLX(-0.0001, 1.3), -0.0004, CMPLX(0.0005, M_PI / tau),
+                                       CMPLX(0.0002, 2.9) };
+    struct matrix Y = { LONG, 2, LONG, y }, F = { LONG, 2, LONG, fit };
+    double G[36], last = tau * (LONG - 1), sum = 0;
+    struct synthesis s;
+
+    for (int l = 0; l < LONG; l++) {
+        for (int c = 0; c < 2; c++)
+            y[l + LONG * c] = creal(CMPLX(1.2 + c, -0.7) * cexp(lambda[0] * tau * l))
+                + (0.3 - c) * exp(-0.0002 * l)
+                + 0.9 * (l % 2 ? -1 : 1) * exp(0.00025 * l - 0.0005 * last)
+                + creal(CMPLX(c, 0.4) * cexp(lambda[3] * tau * l - 0.0002 * last));
+        sum += pow(creal(cexp(lambda[3] * tau * l - 0.0002 * last)), 2);
+    }
+    CHECK(synthesis_fit(lambda, 4, tau, &Y, &F, &s, NULL) == MODAL_OK);
+    CHECK(s.order == 6 && s.rank == 6);
+    for (int c = 0; c < 2; c++) {
+        CHECK_NEAR(cabs(s.coefficient[4 * c] - CMPLX(1.2 + c, -0.7)), 0, 1e-10);
+        CHECK_NEAR(creal(s.coefficient[1 + 4 * c]), 0.3 - c, 1e-10);
+        CHECK_NEAR(creal(s.coefficient[2 + 4 * c]), 0.9, 1e-10);
+        CHECK_NEAR(cabs(s.coefficient[3 + 4 * c] - CMPLX(c, 0.4)), 0, 1e-10);
+    }
+    CHECK_NEAR(s.residual, 0, 1e-8);
+    for (int i = 0; i < 2 * LONG; i++)
+        CHECK_NEAR(fit[i], y[i], 1e-9);
+    CHECK(synthesis_products(lambda, 4, tau, LONG, G, NULL) == MODAL_OK);
+    CHECK_NEAR(G[4 + 4 * 6] / sum, 1, 1e-10);
+    synthesis_done(&s);
+}
+
+/* What one pole has, two alike have together, and no number overflows. */
+TEST(of_two_poles_that_are_one_a_long_record_leaves_what_it_leaves_of_one)
+{
+    enum { LONG = 40000 };
+    static double y[LONG];
+    const double complex lambda[2] = { CMPLX(-0.0001, 1.3), CMPLX(-0.0001, 1.3) };
+    struct matrix Y = { LONG, 1, LONG, y };
+    struct synthesis s;
+
+    for (int l = 0; l < LONG; l++)
+        y[l] = creal(CMPLX(1.2, -0.7) * cexp(lambda[0] * l));
+    CHECK(synthesis_fit(lambda, 2, 1, &Y, NULL, &s, NULL) == MODAL_OK);
+    CHECK(s.order == 4 && s.rank == 2);
+    CHECK_NEAR(cabs(s.coefficient[0] + s.coefficient[1] - CMPLX(1.2, -0.7)), 0, 1e-10);
+    CHECK_NEAR(s.residual, 0, 1e-8);
+    synthesis_done(&s);
+}
+
 /* Two multipliers 1 +- 1e-6: normal equations leave 2e-6 of error, method.md; SVD of the scaled
  * basis 2e-12 times modest. */
 TEST(nearly_equal_multipliers_keep_their_coefficients)

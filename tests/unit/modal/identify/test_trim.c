@@ -156,3 +156,73 @@ TEST(of_exact_signals_nothing_is_left_and_two_neighbours_show_beside_the_pole_th
     CHECK(remainder_split(&E, 1, CMPLX(-0.004, 2.2), &far, NULL) == MODAL_OK && far < 30);
     refined_done(&fit), free(E.x);
 }
+
+/* z, u z and u^2 z themselves, one out of the other; what the last two leave of E. */
+static double beside(const struct matrix *E, double complex z)
+{
+    enum { COLUMNS = 6 };
+    int n = E->m;
+    double a = creal(z), centre = a == 0 ? n / 2.0 : a > 0 ? n - fmin(n / 2.0, 1 / a)
+                                                           : fmin(n / 2.0, -1 / a), sum = 0;
+    double *V = malloc(sizeof *V * COLUMNS * (size_t)n);
+
+    for (int l = 0; l < n; l++)
+        for (int p = 0; p < COLUMNS; p++) {
+            double complex x = cexp(CMPLX(a * (l - (a > 0 ? n : 0)), cimag(z) * l));
+            V[l + p * n] = (p % 2 ? -cimag(x) : creal(x)) * pow((l - centre) / n, p / 2);
+        }
+    for (int twice = 0; twice < 2; twice++)
+        for (int p = 0; p < COLUMNS; p++) {
+            double norm = 0;
+            for (int q = 0; q < p; q++) {
+                double dot = 0;
+                for (int l = 0; l < n; l++)
+                    dot += V[l + p * n] * V[l + q * n];
+                for (int l = 0; l < n; l++)
+                    V[l + p * n] -= dot * V[l + q * n];
+            }
+            for (int l = 0; l < n; l++)
+                norm += V[l + p * n] * V[l + p * n];
+            for (int l = 0; l < n; l++)
+                V[l + p * n] /= sqrt(norm);
+        }
+    for (int c = 0; c < E->n; c++)
+        for (int p = 4; p < COLUMNS; p++) {
+            double dot = 0;
+            for (int l = 0; l < n; l++)
+                dot += V[l + p * n] * E->x[l + c * E->ld];
+            sum += dot * dot;
+        }
+    free(V);
+    return sum;
+}
+
+TEST(what_a_second_pole_could_take_is_that_of_its_columns_however_long_the_record)
+{
+    static const int rows[] = { 40, 1024, 2500, 5120 };
+    static const double complex poles[] = { CMPLX(-0.004, 1.1), CMPLX(0, 0.3), CMPLX(0.003, 2.9),
+                                            CMPLX(-0.3, 0.8) };
+    static double e[5120 * S];
+    struct random rng = { 11 };
+
+    for (int i = 0; i < 5120 * S; i++)
+        e[i] = random_normal(&rng);
+    for (int i = 0; i < 4; i++)
+        for (int j = 0; j < 4; j++) {
+            struct matrix E = { rows[i], S, 5120, e };
+            double chi2;
+            CHECK(remainder_split(&E, 0.5, poles[j] / 0.5, &chi2, NULL) == MODAL_OK);
+            CHECK_NEAR(chi2 / beside(&E, poles[j]), 1, 1e-6);
+        }
+}
+
+/* A turn in ten thousand records: the columns are those of a polynomial. */
+TEST(beside_a_pole_that_hardly_turns_anything_could_be)
+{
+    static double e[L];
+    struct matrix E = { L, 1, L, e };
+    double chi2;
+
+    CHECK(remainder_split(&E, 1, CMPLX(0, 2e-6), &chi2, NULL) == MODAL_OK);
+    CHECK(chi2 == HUGE_VAL);
+}

@@ -200,6 +200,8 @@ enum { GROWING_MOST = 2 };
 static const double GROWS = 3, WEAK = 1e-3;       /* of a standard error; of the energy */
 /* A harmonic of a nonlinearity: energy of its mode's, and of its frequency. */
 static const double HARMONIC_WEAK = 0.05, HARMONIC_NEAR = 5e-3;
+/* Coincidences that a record of independent modes may be expected to have: one in twenty. */
+static const double HARMONIC_CHANCE = 0.05;
 
 /* 2 or 3, where LAMBDA lies at so many times the frequency of BASE; else 0. */
 static int multiple_of(double complex lambda, double complex base)
@@ -430,27 +432,90 @@ static enum modal_status watch(const struct trend_input *in, bool good, double l
 
 /* ---- what the modes say ---- */
 
-/* 2 or 3, where B is that harmonic of A: it decays as that power of it, too; else 0. */
-static int harmonic_of(const struct identify_mode *b, const struct identify_mode *a)
+/* Weak enough beside A to be its harmonic? */
+static bool is_weak(const struct identify_mode *b, const struct identify_mode *a)
 {
-    int n = b->energy > HARMONIC_WEAK * a->energy ? 0 : multiple_of(b->exponent, a->exponent);
+    return b->energy <= HARMONIC_WEAK * a->energy;
+}
 
-    return n > 0 && fabs(creal(b->exponent) / creal(a->exponent) / n - 1) < 0.3 ? n : 0;
+/*
+ * What independent modes do by chance. LOOKS pairs of a mode and two or three times another are
+ * there to coincide; with frequencies anywhere up to the HIGHEST and damping ratios anywhere over
+ * their own RANGE, in natural logarithms, one comes as near as a pair at distances d and e, or as
+ * its errors let us tell, with chances p = 2 d / HIGHEST and q = 2 e / RANGE, at most 1. So many
+ * are expected to have no greater a product of the two:
+ *
+ *     LOOKS p q (1 - ln p q),                                                           (1)
+ *
+ * LOOKS p where all damping ratios are alike.
+ */
+struct chance { double looks, highest, range; };
+
+static struct chance chance_of(const struct identify_result *r)
+{
+    struct chance c = { 0 };
+    double least = HUGE_VAL, most = 0;
+
+    for (int i = 0; i < r->mode_count; i++) {
+        double zeta = fabs(damping_ratio_of(r->modes[i].exponent));
+        c.highest = fmax(c.highest, cimag(r->modes[i].exponent));
+        if (zeta > 0 && cimag(r->modes[i].exponent) > 0)
+            least = fmin(least, zeta), most = fmax(most, zeta);
+    }
+    c.range = most > least ? log(most / least) : 0;
+    for (int i = 0; i < r->mode_count; i++)
+        for (int j = 0; j < r->mode_count; j++)
+            for (int n = 2; n <= 3; n++) {
+                double f = n * cimag(r->modes[i].exponent);
+                c.looks += f > 0 && f <= c.highest && is_weak(&r->modes[j], &r->modes[i]);
+            }
+    return c;
+}
+
+/* (1) for B at N times A. */
+static double by_chance(const struct chance *c, const struct identify_mode *b,
+                        const struct identify_mode *a, int n)
+{
+    double rate = creal(b->exponent) / creal(a->exponent) / n;
+    double d = fabs(cimag(b->exponent) - n * cimag(a->exponent)), e = fabs(log(rate));
+
+    if (b->std_im >= 0 && a->std_im >= 0) {
+        d = fmax(d, hypot(b->std_im, n * a->std_im));
+        e = fmax(e, hypot(b->std_re / creal(b->exponent), a->std_re / creal(a->exponent)));
+    }
+    d = fmin(1, 2 * d / c->highest);
+    e = c->range > 0 ? d * fmin(1, 2 * e / c->range) : d;
+    return c->looks * (c->range > 0 && e > 0 ? e * (1 - log(e)) : e);
+}
+
+/* 2 or 3, where B is that harmonic of A: it decays as that power of it, too, and is nearer than
+ * modes come by chance; else 0. */
+static int harmonic_of(const struct chance *c, const struct identify_mode *b,
+                       const struct identify_mode *a)
+{
+    int n = is_weak(b, a) ? multiple_of(b->exponent, a->exponent) : 0;
+
+    return n > 0 && fabs(creal(b->exponent) / creal(a->exponent) / n - 1) < 0.3
+        && by_chance(c, b, a, n) < HARMONIC_CHANCE ? n : 0;
 }
 
 void trend_mark_harmonics(struct identify_result *r)
 {
+    struct chance c = chance_of(r);
+
     for (int i = 0; i < r->mode_count; i++)
         for (int j = 0; j < r->mode_count; j++)
-            r->modes[j].harmonic |= harmonic_of(&r->modes[j], &r->modes[i]) > 0;
+            r->modes[j].harmonic |= harmonic_of(&c, &r->modes[j], &r->modes[i]) > 0;
 }
 
 static void look_for_harmonics(struct identify_result *r)
 {
+    struct chance c = chance_of(r);
+
     for (int i = 0; i < r->mode_count; i++)
         for (int j = 0; j < r->mode_count; j++) {
             const struct identify_mode *a = &r->modes[i], *b = &r->modes[j];
-            int n = harmonic_of(b, a);
+            int n = harmonic_of(&c, b, a);
             if (n > 0)
                 identify_diagnose(r, "harmonic_of_mode", -1, "%.5g Hz is %d times %.5g Hz and "
                                   "decays as its power: a harmonic of that mode "

@@ -58,7 +58,8 @@ void trend_mark_harmonics(struct identify_result *result);
 /*
  * From the modes of RESULT alone, of a record of so many seconds; not for periodic systems:
  *
- *   harmonic_of_mode      a weak mode at twice or three times a strong one that decays as fast as that power of it
+ *   harmonic_of_mode      a weak mode at twice or three times a strong one that decays as fast as
+ *                         that power of it, nearer than chance would bring so many modes
  *   undamped              a mode whose amplitude is the same at both ends of the record,
  *                         to less than a hundredth
  *   mains_line            an undamped line at a multiple of 50 or 60 Hz

@@ -1,6 +1,7 @@
 /* Is the model right at all?  Signals made wrong in one known way get that diagnostic; right ones
  * get none. */
 #include "modal/identify/identify.h"
+#include "modal/identify/trend.h"
 #include <stdlib.h>
 #include "check.h"
 #include "signals.h"
@@ -318,6 +319,65 @@ TEST(a_weak_mode_at_twice_the_frequency_and_decay_is_a_harmonic)
                0.05 * exp(-0.05 * t) * cos(2 * M_PI * 7.5 * t);
     }
     CHECK(!finds(&b, "harmonic_of_mode"));
+}
+
+/* Modes anywhere in a band, their damping ratios over RANGE, energies over some decades. */
+static void independent(struct identify_mode *m, int count, double range, struct random *rng)
+{
+    for (int j = 0; j < count; j++) {
+        double w = 1 + 30 * random_uniform(rng), zeta = 1e-3 * exp(range * random_uniform(rng));
+        m[j] = (struct identify_mode) { .exponent = CMPLX(-zeta * w, w), .std_re = 1e-6,
+                                        .std_im = 1e-6, .energy = exp(3 * random_normal(rng)) };
+    }
+}
+
+static bool any_harmonic(struct identify_mode *m, int count)
+{
+    struct identify_result r = { .modes = m, .mode_count = count };
+    bool any = false;
+
+    for (int j = 0; j < count; j++)
+        m[j].harmonic = false;
+    trend_mark_harmonics(&r);
+    for (int j = 0; j < count; j++)
+        any |= m[j].harmonic;
+    return any;
+}
+
+/* Four deviations of a count whose mean is a twentieth of the records. */
+TEST(independent_modes_pass_for_harmonics_in_one_record_in_twenty_whatever_their_number)
+{
+    enum { RECORDS = 400, MOST = 200 };
+    static const int counts[] = { 2, 5, 20, 60, MOST };
+    static struct identify_mode m[MOST];
+
+    for (int i = 0; i < 5; i++)
+        for (int alike = 0; alike < 2; alike++) {
+            struct random rng = { 90 + (unsigned)i };
+            int found = 0;
+            for (int k = 0; k < RECORDS; k++) {
+                independent(m, counts[i], alike ? 0 : 2.3, &rng);
+                found += any_harmonic(m, counts[i]);
+            }
+            CHECK(found <= RECORDS / 20 + 4 * sqrt(RECORDS * 0.05 * 0.95));
+        }
+}
+
+/* A hundredth of a percent off, as a weak nonlinearity has it. */
+TEST(a_harmonic_is_told_from_chance_among_sixty_modes)
+{
+    enum { COUNT = 60 };
+    static struct identify_mode m[COUNT + 1];
+
+    for (unsigned seed = 0; seed < 20; seed++) {
+        struct random rng = { 190 + seed };
+        independent(m, COUNT, 2.3, &rng);
+        m[COUNT] = m[0];
+        m[0].energy = 1e3;
+        m[0].exponent = CMPLX(-0.02, 7.3);
+        m[COUNT].exponent = CMPLX(-0.0402, 14.6015), m[COUNT].energy = 1;
+        CHECK(any_harmonic(m, COUNT + 1) && m[COUNT].harmonic);
+    }
 }
 
 TEST(an_undamped_line_at_fifty_hertz_is_mains_and_a_damped_one_is_not)

@@ -86,6 +86,18 @@ static uint64_t fnv1a(const char *text)
     return hash;
 }
 
+static void make_key(const char *from, long number, uint64_t hash, char key[WIRE_KEY_MOST + 1])
+{
+    const char *base = strrchr(from, '/');
+
+    snprintf(key, WIRE_KEY_MOST + 1, "%.90s:%ld:%016" PRIx64, base ? base + 1 : from, number, hash);
+}
+
+void bulk_key(const char *from, long number, const char *line, char key[WIRE_KEY_MOST + 1])
+{
+    make_key(from, number, fnv1a(line), key);
+}
+
 /* The lines of the list that are not in SKIP. */
 static enum modal_status read_items(char *list, const struct accepted *skip, struct bulk *b,
                                     struct modal_error *err)
@@ -232,7 +244,6 @@ static enum modal_status item_text(struct bulk *b, size_t i, double deadline, ch
 {
     const cJSON *line = b->items[i].line,
                 *options = cJSON_GetObjectItemCaseSensitive(line, "options");
-    const char *base = strrchr(b->args->from, '/');
     char key[WIRE_KEY_MOST + 1];
     struct client_job job;
     cJSON *header;
@@ -240,8 +251,7 @@ static enum modal_status item_text(struct bulk *b, size_t i, double deadline, ch
 
     if (rc != MODAL_OK)
         return rc;
-    snprintf(key, sizeof key, "%.90s:%ld:%016llx", base ? base + 1 : b->args->from,
-             b->items[i].number, (unsigned long long)b->items[i].hash);
+    make_key(b->args->from, b->items[i].number, b->items[i].hash, key);
     job = remote_job(&b->input, b->args, text(line, "key") ? text(line, "key") : key);
     job.options = options ? options : job.options;
     job.priority = get(line, "priority", job.priority);

@@ -93,6 +93,8 @@ static const struct verb verbs[] = {
     { "wait", "JOB", "until it has ended, with its result", 1, 1, TAKES_TIMEOUT, run_wait },
     { "result", "JOB", "a done job's result; -O as HDF5", 1, 1,
       TAKES_TIMEOUT | TAKES_OUTPUT | TAKES_PLOT | TAKES_CSV, run_result },
+    { "results", "--from LIST.jsonl", "those of a list that was submitted, a line each", 0, 0,
+      TAKES_FROM | TAKES_CSV | TAKES_TIMEOUT, run_results },
     { "mac", "A B", "how alike the shapes of two results are; each a job or a file", 2, 2,
       TAKES_TIMEOUT, run_mac },
     { "stderr", "JOB", "the last words of a worker that died of it", 1, 1, TAKES_TIMEOUT,

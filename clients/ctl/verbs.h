@@ -2,6 +2,7 @@
 #ifndef CTL_VERBS_H
 #define CTL_VERBS_H
 #include "args.h"
+#include "wire/protocol.h"
 
 struct verb {
     const char *name, *words, *help;      /* words: what stands behind the verb, for the help */
@@ -38,6 +39,9 @@ int submit_one(const char *kind, const char *of, const char *path, const struct 
 
 int run_export(const struct verb *verb, const struct args *args);        /* export.c */
 int run_bulk(const struct args *args);                      /* bulk.c: submit --from */
+/* What the submission of LINE, number NUMBER of the list FROM, is called where it does not say. */
+void bulk_key(const char *from, long number, const char *line, char key[WIRE_KEY_MOST + 1]);
+int run_results(const struct verb *verb, const struct args *args);        /* bulk_results.c */
 int run_watch(const struct verb *verb, const struct args *args);          /* watch.c */
 int run_keygen(const struct verb *verb, const struct args *args);         /* keygen.c */
 

@@ -156,3 +156,22 @@ def test_a_sweep_of_which_points_failed_is_1_and_says_how_many_and_why(ctl, daem
         assert len([line for line in out.splitlines() if "omega is -3" in line]) == 2
     said = ctl("sweep", tmp_path / "sweep.json")
     assert said.status == 1 and "error" in said.document["points"][1] and "error" not in said.document["points"][0]
+
+
+def test_the_results_of_a_list_are_a_line_each_or_one_table(ctl, own_daemon, tmp_path):
+    daemon = own_daemon(workers=1)
+    good, bad = write(tmp_path / "y.csv"), {"kind": "identify", "file": str(tmp_path / "y.csv"), "options": {"rank.fixed": -1}}
+    lines = [{"kind": "identify", "file": str(good)}, {**bad, "key": "bad"}, {"kind": "identify", "file": str(good), "key": "named", "options": {"shapes": True}}]
+    (tmp_path / "list.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
+    sent = ctl("submit", "--from", tmp_path / "list.jsonl", "--wait", server=daemon, one=False)
+    (tmp_path / "said.jsonl").write_text(sent.out)
+    got = ctl("results", "--from", tmp_path / "list.jsonl", server=daemon, one=False)
+    assert got.status == 2 and [line["line"] for line in got.lines] == [1, 2, 3]
+    assert [("result" in line, "error" in line) for line in got.lines] == [(True, False), (False, True), (True, False)]
+    assert len(got.lines[0]["result"]["modes"]) == 2 and "shape" in got.lines[2]["result"]["modes"][0]
+    status, out, err = plain("results", "--from", tmp_path / "list.jsonl", "--csv", server=daemon)
+    names, rows = table(out)
+    assert status == 2 and names == ["job", *HEADER] and len(rows) == 4 and {r[0] for r in rows} == {got.lines[0]["job"], "key:named"}
+    assert "line 2, key:bad: " in err
+    assert {line["result"]["kind"] for line in ctl("results", "--from", tmp_path / "said.jsonl", server=daemon, one=False).lines if "result" in line} == {"identify"}
+    assert plain("results", server=daemon)[0] == plain("results", "--from", tmp_path / "list.jsonl")[0] == 2

@@ -1,6 +1,7 @@
 """Steady states and motions of chains with a law at every dof: beside a plain Newton iteration with
 load steps on scipy's sparse LU, and beside scipy's DOP853 to 1e-9 (cubic) or Runge-Kutta steps of
-0.02 s in numpy (gap, friction).
+0.02 s in numpy (gap, friction).  Multipliers of a chain with one pulsating spring: beside the whole
+spectrum of a map that numpy steps.
 
 One JSON line a figure; `ratio` is the peer's processor time over ours.  Ours is all of `modalctl
 --local`, errors included, without stability; the peer's the iteration alone, without errors.
@@ -163,9 +164,58 @@ def motions(folder):
                               "ratio": round(theirs / spent, 3), "n": n}), flush=True)
 
 
+def multipliers(n, folder):
+    """Ten of largest modulus, dampers 0.01."""
+    scene = {"structure": {"type": "chain", "masses": [1] * n, "springs": [1] * (n + 1),
+                           "dampers": [0.01] * (n + 1)}, "omega": 1.3,
+             "effects": [{"type": "parametric_stiffness", "dof": "x1", "stiffness": 0.2, "k": 1}]}
+    path = os.path.join(folder, "scene.json")
+    with open(path, "w") as file:
+        json.dump(scene, file)
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    answer = json.loads(subprocess.run([MODALCTL, "--local", "--json", "floquet", path, "-o",
+                                        "multipliers=10"], capture_output=True, check=True).stdout)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return (after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime,
+            np.array([complex(*m) for m in answer["multipliers"]]))
+
+
+def multipliers_of_numpy(n):
+    """Classical Runge-Kutta, 200 steps a period, of all columns at once; all eigenvalues."""
+    K = sp.diags([2 * np.ones(n), -np.ones(n - 1), -np.ones(n - 1)], [0, 1, -1]).tocsr()
+    steps, period, Y = 200, 2 * np.pi / 1.3, np.eye(2 * n)
+
+    def slope(t, Y):
+        a = -(K @ (Y[:n] + 0.01 * Y[n:]))
+        a[0] -= 0.2 * np.cos(1.3 * t) * Y[0]
+        return np.vstack([Y[n:], a])
+    begun, h = time.process_time(), period / steps
+    for i in range(steps):
+        k1 = slope(i * h, Y)
+        k2 = slope((i + 0.5) * h, Y + h / 2 * k1)
+        k3 = slope((i + 0.5) * h, Y + h / 2 * k2)
+        Y = Y + h / 6 * (k1 + 2 * k2 + 2 * k3 + slope((i + 1) * h, Y + h * k3))
+    w = np.linalg.eigvals(Y)
+    return time.process_time() - begun, w[np.argsort(-np.abs(w))]
+
+
+def spectra(folder):
+    for n in (50, 100, 200, 400):
+        spent, ours = multipliers(n, folder)
+        theirs, w = multipliers_of_numpy(n)
+        # a step is off by (2 h)^5 / 120, of the slow motions that last by far less
+        if max(np.abs(w - m).min() for m in ours) > 1e-6:
+            print(f"bench_scale: multipliers of {n} dofs differ", file=sys.stderr)
+            continue
+        print(json.dumps({"bench": "scale", "case": "floquet, ten leading multipliers",
+                          "value": round(spent, 4), "unit": "s", "peer": "numpy eigvals",
+                          "ratio": round(theirs / spent, 3), "n": n}), flush=True)
+
+
 def main():
     with tempfile.TemporaryDirectory() as folder:
         motions(folder)
+        spectra(folder)
         for law in LAWS:
             for n in (20, 50, 100, 200, 500, 1000):
                 spent, converged, amplitude = ours(n, law, folder)

@@ -503,6 +503,19 @@ void batch_file_done(struct batch_file *file)
     memset(file, 0, sizeof *file);
 }
 
+/* A new file in the format of HDF5 1.8: an earlier one's attributes end at 64 kB, which 4096 names
+ * of channels have. */
+static hid_t make_file(const char *path)
+{
+    hid_t access = H5Pcreate(H5P_FILE_ACCESS), file = H5I_INVALID_HID;
+
+    if (access >= 0 && H5Pset_libver_bounds(access, H5F_LIBVER_V18, H5F_LIBVER_V18) >= 0)
+        file = H5Fcreate(path, H5F_ACC_TRUNC, H5P_DEFAULT, access);
+    if (access >= 0)
+        H5Pclose(access);
+    return file;
+}
+
 static enum modal_status write_tmp(const char *path, const struct batch *batch,
                                    const cJSON *attributes, struct modal_error *err)
 {
@@ -513,10 +526,9 @@ static enum modal_status write_tmp(const char *path, const struct batch *batch,
                                  .period = batch->period,
                                  .units = batch->units,
                                  .names = batch->names };
-    hid_t file, set = H5I_INVALID_HID;
+    hid_t file = make_file(path), set = H5I_INVALID_HID;
     enum modal_status rc;
 
-    file = H5Fcreate(path, H5F_ACC_TRUNC, H5P_DEFAULT, H5P_DEFAULT);
     if (file < 0)
         return modal_fail_field(err, MODAL_IO, "file", "%s cannot be made", path);
     rc = batch_h5_make(file, &shape, attributes, &set, err);

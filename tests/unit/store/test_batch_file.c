@@ -113,6 +113,30 @@ TEST(what_is_written_is_read_back_bit_for_bit)
     stop();
 }
 
+/* More than 64 kB of names, in HDF5's own form: as a simulation of so many dofs has them. */
+TEST(names_of_20000_channels_are_read_back)
+{
+    enum { CHANNELS = 20000 };
+    static char text[CHANNELS][8];
+    static const char *names[CHANNELS];
+    static double signals[2 * CHANNELS];
+    struct batch batch = { .samples = 2, .channels = CHANNELS, .signals = signals, .dt = 1,
+                           .names = names };
+    struct batch_file got;
+
+    for (int i = 0; i < CHANNELS; i++) {
+        snprintf(text[i], sizeof text[i], "x%d", i + 1);
+        names[i] = text[i];
+    }
+    start();
+    CHECK(batch_file_write(path, &batch, NULL, NULL) == MODAL_OK);
+    CHECK(batch_file_read(path, "signals", 0, &got, NULL) == MODAL_OK);
+    CHECK(got.batch.channels == CHANNELS);
+    CHECK_STRING(got.batch.names[CHANNELS - 1], "x20000");
+    batch_file_done(&got);
+    stop();
+}
+
 TEST(numbers_of_every_type_and_attributes_on_the_root_are_taken)
 {
     static const int values[6] = { -7, 0, 32767, 5, -32768, 1 };

@@ -10,6 +10,7 @@
 #include "modal/scene/holding.h"
 #include <cblas.h>
 #include <lapacke.h>
+#include <math.h>
 #include <stdlib.h>
 #include "modal/scene/stepper.h"
 
@@ -125,4 +126,17 @@ bool holding_forces(struct holding *h, const double *y, const double *w, double 
         if (p->law[h->law[i]].held == 0)
             force[p->law[h->law[i]].channel] = h->phi[row++];
     return true;
+}
+
+void holding_within_limits(struct holding *h, const double *y, const double *w, double *force)
+{
+    const struct ports *p = h->ports;
+
+    if (!holding_forces(h, y, w, force))
+        return;
+    for (int i = 0; i < h->count; i++)
+        if (p->law[h->law[i]].held == 0) {
+            double *held = &force[p->law[h->law[i]].channel], limit = p->law[h->law[i]].law->limit;
+            *held = fmin(fmax(*held, -limit), limit);
+        }
 }

@@ -22,4 +22,7 @@ void holding_free(struct holding *h);
  * known; FORCE is left alone.
  */
 bool holding_forces(struct holding *h, const double *y, const double *w, double *force);
+
+/* The same at the start of a motion: one that cannot hold has its limit. */
+void holding_within_limits(struct holding *h, const double *y, const double *w, double *force);
 #endif

@@ -600,6 +600,21 @@ static enum modal_status advance_sequential(struct nonlinear_stepper *s, double 
     return rc;
 }
 
+/* Impulses and first steps: a slider that moves slips, wherever it was thought to be. */
+static void release_sliders(struct nonlinear_stepper *s, const double *y)
+{
+    struct ports *p = s->ports;
+
+    probe(s, y, s->probe0);
+    for (int l = 0; l < p->laws; l++) {
+        double rate = s->probe0[p->probes + p->law[l].channel];
+        if (p->law[l].law->kind->set_valued
+            && fabs(rate) > AT_REST * fmax(norm(y, s->ss->N), s->scale)
+                                * s->weight[p->law[l].channel])
+            p->law[l].held = rate > 0 ? 1 : -1;
+    }
+}
+
 /* The first call: forces at the start, and which rigid sliders slip. */
 static enum modal_status start(struct nonlinear_stepper *s, double t, const double *y,
                                struct modal_error *err)
@@ -622,27 +637,16 @@ static enum modal_status start(struct nonlinear_stepper *s, double t, const doub
         rc = remember(s, t, y, err);
         memcpy(s->phi_end, s->past, (size_t)p->channels * sizeof *s->phi_end);
     } else {
+        release_sliders(s, y);
         rc = ports_force(p, t, s->probe0, s->probe0, s->memory, s->phi_end, NULL, s->after, err);
         /* a slider put past its bound has followed */
         memcpy(s->memory, s->after, (size_t)p->memory * sizeof *s->memory);
+        sources_at(s->src, t, s->w);
+        if (rc == MODAL_OK)
+            holding_within_limits(s->holding, y, s->w, s->phi_end);
     }
     s->started = true;
     return rc;
-}
-
-/* Impulses and first steps: a slider that moves slips, wherever it was thought to be. */
-static void release_sliders(struct nonlinear_stepper *s, const double *y)
-{
-    struct ports *p = s->ports;
-
-    probe(s, y, s->probe0);
-    for (int l = 0; l < p->laws; l++) {
-        double rate = s->probe0[p->probes + p->law[l].channel];
-        if (p->law[l].law->kind->set_valued
-            && fabs(rate) > AT_REST * fmax(norm(y, s->ss->N), s->scale)
-                                * s->weight[p->law[l].channel])
-            p->law[l].held = rate > 0 ? 1 : -1;
-    }
 }
 
 /* stepper.advance; impulses have changed rates since the last call. */

@@ -316,6 +316,27 @@ TEST(a_cancelled_simulation_stops)
     cJSON_Delete(scene);
 }
 
+/* One body slips at the start, one is held, one breaks away: -limit, 0, and (limit - k x) / m. */
+TEST(the_first_accelerations_have_the_force_of_rigid_sliders)
+{
+    const char *text = "{'structure':{'type':'matrices','M':[[1,0,0],[0,2,0],[0,0,2]],"
+                       "'K':[[1,0,0],[0,1,0],[0,0,1]],'dofs':['a','b','c']},"
+                       "'effects':[{'type':'coulomb','dof':'a','limit':0.8},"
+                       "{'type':'coulomb','dof':'b','limit':0.8},"
+                       "{'type':'coulomb','dof':'c','limit':0.3}],"
+                       "'initial':{'x':{'b':0.5,'c':0.5},'v':{'a':1}},"
+                       "'sensors':[{'dof':'a','derivative':2},{'dof':'b','derivative':2},"
+                       "{'dof':'c','derivative':2}],'time':{'dt':0.01,'duration':0.02}}";
+    struct scene_time t;
+    struct simulate_result s;
+    double *x = run(text, &t, &s);
+
+    CHECK_NEAR(x[0], -0.8, 1e-14);
+    CHECK_NEAR(x[1], 0, 1e-14);
+    CHECK_NEAR(x[2], -0.1, 1e-14);
+    free(x);
+}
+
 /* Coulomb's slider is let go at 0.23915 s, where its rate is rounding of either sign, sticks at
  * 1.572 s and is let go again at 1.626 s.  The expected motion is DOP853's at 1e-13, in pieces
  * between the switches as its dense output has them. */

@@ -117,7 +117,7 @@ TEST(what_is_written_is_read_back_bit_for_bit)
 TEST(names_of_20000_channels_are_read_back)
 {
     enum { CHANNELS = 20000 };
-    static char text[CHANNELS][12];
+    static char text[CHANNELS][16];
     static const char *names[CHANNELS];
     static double signals[2 * CHANNELS];
     struct batch batch = { .samples = 2, .channels = CHANNELS, .signals = signals, .dt = 1,

@@ -14,7 +14,7 @@ BUILD = pathlib.Path(os.environ.get("MODALD_BUILD", TOP / "build"))
 
 def test_the_top_level_holds_only_what_the_design_names():
     allowed = {"src", "proto", "clients", "tests", "systemd", "CMakeLists.txt",
-               "CMakePresets.json", "README.md", "LICENSE"}
+               "CMakePresets.json", "README.md", "CHANGELOG.md", "LICENSE"}
     tracked = subprocess.run(["git", "ls-tree", "--name-only", "HEAD"], cwd=TOP,
                              capture_output=True, text=True).stdout.split()
     assert {name for name in tracked if not name.startswith(".")} <= allowed

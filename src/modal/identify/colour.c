@@ -1,12 +1,15 @@
 /*
  * colour.c - the power spectrum of a residual
  *
- * An exponent at theta is estimated from the data's component there, within 1/L or the mode's own width: noise of power density S(theta) acts
- * on it as white noise of that density would, so the standard error scales with sqrt(S(theta) / S_white), S_white being the mean over all
- * frequencies, which is what the variance of the residual measures.
+ * An exponent at theta is estimated from the data's component there, within 1/L or the mode's own
+ * width: noise of power density S(theta) acts on it as white noise of that density would, so the
+ * standard error scales with sqrt(S(theta) / S_white), S_white being the mean over all frequencies,
+ * which is what the variance of the residual measures.
  *
- * S is the periodogram, of the rows padded with zeros to a length N that is planned quickly (pencil.h), averaged over 2h+1 bins, h = max(8, N/64), and over the columns, each of unit power.  With c columns the relative fluctuation is
- * 1/sqrt((2h+1) c) <= 0.24, and a ratio of 2 four deviations off: below it nothing is changed, so white noise keeps its bars.
+ * S is the periodogram, of the rows padded with zeros to a length N that is planned quickly
+ * (pencil.h), averaged over 2h+1 bins, h = max(8, N/64), and over the columns, each of unit power.
+ * With c columns the relative fluctuation is 1/sqrt((2h+1) c) <= 0.24, and a ratio of 2 four
+ * deviations off: below it nothing is changed, so white noise keeps its bars.
  *
  * [BP70] Box and Pierce, J. Amer. Statist. Assoc. 65 (1970) 1509-1526.
  */
@@ -23,7 +26,8 @@ enum { ROWS_LEAST = 64, HALF_LEAST = 8 };
 static const double RATIO_LEAST = 2;
 
 /* Add the periodogram of one column of unit power, padded to N, to power[0 .. N/2]. */
-static void add_periodogram(const double *e, int L, int N, double *x, fftw_complex *X, fftw_plan plan, double *power)
+static void add_periodogram(const double *e, int L, int N, double *x, fftw_complex *X,
+                            fftw_plan plan, double *power)
 {
     double norm = safe_norm(e, L);
 
@@ -51,7 +55,8 @@ static double ratio_at(const double *power, int bins, double theta, int half)
     return all > 0 ? near / count / all : 1;
 }
 
-void colour_factors_of(const double *power, int rows, const double *theta, int count, double *factor)
+void colour_factors_of(const double *power, int rows, const double *theta, int count,
+                       double *factor)
 {
     int half = rows / 64 > HALF_LEAST ? rows / 64 : HALF_LEAST;
 
@@ -61,7 +66,8 @@ void colour_factors_of(const double *power, int rows, const double *theta, int c
     }
 }
 
-enum modal_status colour_factors(const struct matrix *E, const double *theta, int count, double *factor, struct modal_error *err)
+enum modal_status colour_factors(const struct matrix *E, const double *theta, int count,
+                                 double *factor, struct modal_error *err)
 {
     int L = E->m, N = transform_length(L), bins = N / 2 + 1;
     double *x = NULL, *power = NULL;

@@ -6,26 +6,32 @@
 #include "modal/linalg/matrix.h"
 
 /*
- * The standard errors of a fit suppose white noise.  For each of COUNT frequencies theta (radians a row, 0..pi) the factor by which that
- * at theta must be multiplied: sqrt(S(theta) / mean S), S the residual's power spectrum smoothed over neighbouring bins and averaged over columns; 1 where the ratio is
- * below 2 (which white noise does not reach) or the residual has fewer than 64 rows.
+ * The standard errors of a fit suppose white noise.  For each of COUNT frequencies theta (radians a
+ * row, 0..pi) the factor by which that at theta must be multiplied: sqrt(S(theta) / mean S), S the
+ * residual's power spectrum smoothed over neighbouring bins and averaged over columns; 1 where the
+ * ratio is below 2 (which white noise does not reach) or the residual has fewer than 64 rows.
  *
  *   E   L x S residuals, kept; zero columns are left out
  *
  * Fails with MODAL_NO_MEMORY.
  */
-enum modal_status colour_factors(const struct matrix *E, const double *theta, int count, double *factor, struct modal_error *err);
+enum modal_status colour_factors(const struct matrix *E, const double *theta, int count,
+                                 double *factor, struct modal_error *err);
 
-/* The same where the power spectrum is known: POWER, rows/2 + 1 numbers, the squared magnitudes of the discrete Fourier transforms of E's columns of unit norm, added. */
-void colour_factors_of(const double *power, int rows, const double *theta, int count, double *factor);
+/* The same where the power spectrum is known: POWER, rows/2 + 1 numbers, the squared magnitudes of
+ * the discrete Fourier transforms of E's columns of unit norm, added. */
+void colour_factors_of(const double *power, int rows, const double *theta, int count,
+                       double *factor);
 
 /*
- * Box and Pierce's test [BP70]: with r_l the autocorrelation at lag l, its mean over the columns, each of unit power, and n numbers in all,
+ * Box and Pierce's test [BP70]: with r_l the autocorrelation at lag l, its mean over the columns,
+ * each of unit power, and n numbers in all,
  *
  *     n sum_{l=1..COLOUR_LAGS} r_l^2
  *
- * is chi-square with COLOUR_LAGS degrees of freedom if E is white.  True up to eight deviations above the mean, which no ordinary number of white records
- * exceeds.  Zero columns are left out; none at all are white.
+ * is chi-square with COLOUR_LAGS degrees of freedom if E is white.  True up to eight deviations
+ * above the mean, which no ordinary number of white records exceeds.  Zero columns are left out;
+ * none at all are white.
  */
 enum { COLOUR_LAGS = 8 };
 #define COLOUR_LIMIT (COLOUR_LAGS + 8 * sqrt(2.0 * COLOUR_LAGS))     /* of that sum */
@@ -38,6 +44,7 @@ bool colour_white(const struct matrix *E);
  */
 bool colour_white_about(const struct matrix *E, const double *mean);
 
-/* Make zero the columns of E that are no larger than `ratio` of Y's: what is rounding is no noise, and has any colour. */
+/* Make zero the columns of E that are no larger than `ratio` of Y's: what is rounding is no noise,
+ * and has any colour. */
 void colour_leave_out(struct matrix *E, const struct matrix *Y, double ratio);
 #endif

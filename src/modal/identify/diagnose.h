@@ -17,14 +17,16 @@ struct diagnose_facts {
     bool converged;           /* the refinement; true where none was asked for */
     bool work_limit;          /* the search for an order ended where its work was spent */
     struct widened doubt;     /* why standard errors were widened */
-    const bool *below;        /* per channel: nothing but rounding, left out (rounding.h); NULL: none */
+    const bool *below;    /* per channel: nothing but rounding, left out (rounding.h); NULL: none */
     bool orbit;               /* a multiplier of 1 whose coefficient varies over the period */
 };
 
 /*
- * Codes: no_modes, rank_at_rounding, cut_pair, rank_too_low, too_many_unknowns, order_work_limit, not_converged, offset, periodic_orbit, fast_decay, growth_hides,
- * near_nyquist, short_record, unresolved_pair, aliases, near_tie, near_defective, dominated_signal, poor_reconstruction, coloured_residual, ends_below_grid,
- * below_rounding, parts_disagree, orders_disagree, growth_unconfirmed (verdict.c).
+ * Codes: no_modes, rank_at_rounding, cut_pair, rank_too_low, too_many_unknowns, order_work_limit,
+ * not_converged, offset, periodic_orbit, fast_decay, growth_hides, near_nyquist, short_record,
+ * unresolved_pair, aliases, near_tie, near_defective, dominated_signal, poor_reconstruction,
+ * coloured_residual, ends_below_grid, below_rounding, parts_disagree, orders_disagree,
+ * growth_unconfirmed (verdict.c).
  */
 void diagnose(struct identify_result *result, const struct diagnose_facts *facts);
 #endif

@@ -1,23 +1,29 @@
 /*
  * doubling.c - the QR of a basis of powers by doubling
  *
- * The columns e^{lambda l} and l e^{lambda l}, l = 0 .. N-1, span a space that shifts map to itself.  So rows N .. 2N-1 of the basis are its rows 0 .. N-1
- * times a small matrix, and with Phi_N for [Phi D] of N rows
+ * The columns e^{lambda l} and l e^{lambda l}, l = 0 .. N-1, span a space that shifts map to
+ * itself.  So rows N .. 2N-1 of the basis are its rows 0 .. N-1 times a small matrix, and with
+ * Phi_N for [Phi D] of N rows
  *
- *     Phi_2N = [ Phi_N T1 ; Phi_N T2 ] = diag(Q_N, Q_N) [ R_N T1 ; R_N T2 ],      Phi_N = Q_N R_N,                (1)
+ *    Phi_2N = [ Phi_N T1 ; Phi_N T2 ] = diag(Q_N, Q_N) [ R_N T1 ; R_N T2 ],  Phi_N = Q_N R_N,   (1)
  *
- * whose right factor has twice as many rows as columns, however long the record: its QR gives R_2N, and Q_2N = diag(Q_N, Q_N) Q' is never formed.  From
- * blocks of B rows that takes log2(L / B) small factorisations.  Data are projected along: every block of B rows by the one Q_B, neighbours then by Q',
- * and what drops out on the way is orthogonal to the basis and adds up, without cancellation, to the residual.  All is done by reflections, and each column of
- * Phi is represented to the rounding of its own length (Q_N R_N = Phi_N does, whatever the condition of R_N is), so the result is as good as one QR of all rows.
+ * whose right factor has twice as many rows as columns, however long the record: its QR gives R_2N,
+ * and Q_2N = diag(Q_N, Q_N) Q' is never formed.  From blocks of B rows that takes log2(L / B) small
+ * factorisations.  Data are projected along: every block of B rows by the one Q_B, neighbours then
+ * by Q', and what drops out on the way is orthogonal to the basis and adds up, without
+ * cancellation, to the residual.  All is done by reflections, and each column of Phi is represented
+ * to the rounding of its own length (Q_N R_N = Phi_N does, whatever the condition of R_N is), so
+ * the result is as good as one QR of all rows.
  *
- * With the reference r = a (N-1) of a growing column, 0 of others, that keeps it at most 1, and the centre c of D = (l - c) Phi, T1 and T2 are, for a
- * pair (columns Re, -Im),
+ * With the reference r = a (N-1) of a growing column, 0 of others, that keeps it at most 1, and the
+ * centre c of D = (l - c) Phi, T1 and T2 are, for a pair (columns Re, -Im),
  *
- *     T1:  Phi' = s1 Phi,              D' = s1 (D + (c - c') Phi),                s1 = e^{-a N} (a > 0), 1;        (2)
- *     T2:  Phi' = s2 Phi [C -S; S C],  D' = s2 (D + (N + c - c') Phi) [C -S; S C],  s2 = 1 (a > 0), e^{aN},
+ *     T1:  Phi' = s1 Phi,      D' = s1 (D + (c - c') Phi),      s1 = e^{-a N} (a > 0), 1;       (2)
+ *     T2:  Phi' = s2 Phi [C -S; S C],  D' = s2 (D + (N + c - c') Phi) [C -S; S C],  s2 = 1 (a > 0),
+ *          e^{aN},
  *
- * C = cos bN, S = sin bN.  Rows that are left over, fewer than B, are joined to the last triangle as they are, by T2 of rows of the first block.
+ * C = cos bN, S = sin bN.  Rows that are left over, fewer than B, are joined to the last triangle
+ * as they are, by T2 of rows of the first block.
  *
  * Against L (columns + S)^2 multiplications this takes 2 L S columns (1 + columns / B).
  */
@@ -31,15 +37,16 @@
 
 enum { LEVELS_MOST = 31, BLOCK_LEAST = 64, TABLE = 16, WIDE = 4, PANEL = 16 };
 
-/* One factorisation: reflectors V, of m rows, whose last `flat` are upper trapezoidal, and T of the compact form.  The first block's stand alone; all others' are
- * those of rows below a triangle. */
+/* One factorisation: reflectors V, of m rows, whose last `flat` are upper trapezoidal, and T of the
+ * compact form.  The first block's stand alone; all others' are those of rows below a triangle. */
 struct level { int m, flat; double *V, *T; };
 
 struct doubling {
     int L, n, block, levels, left;      /* L = (block << levels) + left */
     int panel;                          /* columns of a block reflector */
     bool small;                         /* by reflect.h; T of a level is tau then */
-    struct level level[LEVELS_MOST + 2];/* the first block, `levels` doublings, the rows left over */
+    struct level
+        level[LEVELS_MOST + 2]; /* the first block, `levels` doublings, the rows left over */
     double *head;                       /* left x n: the first rows of the basis */
     double *R;                          /* n x n */
     double *data;                       /* a copy of the columns at hand */
@@ -140,7 +147,8 @@ static void turn(double b, double l, double *C, double *S)
 }
 
 /* y = s (x [C -S; S C]) of a pair's columns, or s C x of a real one's. */
-static void turn_columns(const double *x, int ldx, int m, bool pair, double s, double C, double S, double *y, int ldy)
+static void turn_columns(const double *x, int ldx, int m, bool pair, double s, double C, double S,
+                         double *y, int ldy)
 {
     for (int i = 0; i < m; i++) {
         double re = x[i], im = pair ? x[i + ldx] : 0;
@@ -182,15 +190,17 @@ static void fill_block(struct doubling *d, const struct doubling_poles *p)
         fill_pole(d, p->kind[j], p->a[j], p->b[j], x);
         for (int c = 0; d->n > p->order && c < (p->kind[j] == POLE_PAIR ? 2 : 1); c++)
             for (int l = 0; l < B; l++)
-                x[l + (size_t)(p->order + c) * (size_t)B] = (l - centre) * x[l + (size_t)c * (size_t)B];
+                x[l + (size_t)(p->order + c) * (size_t)B] =
+                    (l - centre) * x[l + (size_t)c * (size_t)B];
     }
     for (int j = 0; j < d->n; j++)
-        memcpy(d->head + (size_t)j * (size_t)d->left, V + (size_t)j * (size_t)B, (size_t)d->left * sizeof *V);
+        memcpy(d->head + (size_t)j * (size_t)d->left, V + (size_t)j * (size_t)B,
+               (size_t)d->left * sizeof *V);
 }
 
 /* (2) of one pole: y (m rows) = x T, for a shift of D's centre by `off`. */
-static void shift_pole(const struct doubling_poles *p, int j, bool derivatives, const double *x, int ldx, int m, double s, double C, double S, double off,
-                       double *y, int ldy)
+static void shift_pole(const struct doubling_poles *p, int j, bool derivatives, const double *x,
+                       int ldx, int m, double s, double C, double S, double off, double *y, int ldy)
 {
     bool pair = p->kind[j] == POLE_PAIR;
     size_t at = (size_t)p->column[j], d = at + (size_t)p->order;
@@ -212,17 +222,21 @@ static void rotation(const struct doubling_poles *p, int j, int N, double *C, do
         turn(p->b[j], N, C, S);
 }
 
-/* The right factor of (1): T1 on the triangle of N rows, in place, and T2 on x, the m rows of M more whose columns are centred for K rows.  Below the first of them
- * x T2 is upper triangular but for the subdiagonal that a pair's rotation fills. */
-static void stack(const struct doubling *d, const struct doubling_poles *p, const double *x, int N, int M, int K, const struct level *to)
+/* The right factor of (1): T1 on the triangle of N rows, in place, and T2 on x, the m rows of M
+ * more whose columns are centred for K rows.  Below the first of them x T2 is upper triangular but
+ * for the subdiagonal that a pair's rotation fills. */
+static void stack(const struct doubling *d, const struct doubling_poles *p, const double *x, int N,
+                  int M, int K, const struct level *to)
 {
     bool derivatives = d->n > p->order;
 
     for (int j = 0; j < p->count; j++) {
         double a = p->a[j], c = centre_of(a, N + M), C, S;
         rotation(p, j, N, &C, &S);
-        shift_pole(p, j, derivatives, x, to->m, to->m, a > 0 ? exp(a * (K - M)) : exp(a * N), C, S, N + centre_of(a, K) - c, to->V, to->m);
-        shift_pole(p, j, derivatives, d->R, d->n, d->n, a > 0 ? exp(-a * M) : 1, 1, 0, centre_of(a, N) - c, d->R, d->n);
+        shift_pole(p, j, derivatives, x, to->m, to->m, a > 0 ? exp(a * (K - M)) : exp(a * N), C, S,
+                   N + centre_of(a, K) - c, to->V, to->m);
+        shift_pole(p, j, derivatives, d->R, d->n, d->n, a > 0 ? exp(-a * M) : 1, 1, 0,
+                   centre_of(a, N) - c, d->R, d->n);
     }
 }
 
@@ -234,7 +248,9 @@ static enum modal_status factor_block(struct doubling *d, struct modal_error *er
     if (d->small) {
         reflect_columns(v->m, n, v->V, v->m, d->reflect);
         reflect_compact(v->m, n, v->V, v->m, d->reflect, v->T);
-    } else if (LAPACKE_dgeqrt_work(LAPACK_COL_MAJOR, v->m, n, d->panel, v->V, v->m, v->T, d->panel, d->reflect) != 0)
+    } else if (LAPACKE_dgeqrt_work(LAPACK_COL_MAJOR, v->m, n, d->panel, v->V, v->m, v->T, d->panel,
+                                   d->reflect)
+               != 0)
         return modal_fail(err, MODAL_NO_CONVERGENCE, "doubling: QR of %d x %d", v->m, n);
     for (int j = 0; j < n; j++)
         for (int i = 0; i < n; i++)
@@ -243,16 +259,21 @@ static enum modal_status factor_block(struct doubling *d, struct modal_error *er
 }
 
 /* The triangle and the rows of a level below it, to a triangle. */
-static enum modal_status factor_level(struct doubling *d, const struct level *v, struct modal_error *err)
+static enum modal_status factor_level(struct doubling *d, const struct level *v,
+                                      struct modal_error *err)
 {
     if (d->small)
         reflect_below(v->m, d->n, v->flat, d->R, d->n, v->V, v->m, v->T);
-    else if (LAPACKE_dtpqrt_work(LAPACK_COL_MAJOR, v->m, d->n, v->flat, d->panel, d->R, d->n, v->V, v->m, v->T, d->panel, d->reflect) != 0)
-        return modal_fail(err, MODAL_NO_CONVERGENCE, "doubling: QR of %d rows below %d", v->m, d->n);
+    else if (LAPACKE_dtpqrt_work(LAPACK_COL_MAJOR, v->m, d->n, v->flat, d->panel, d->R, d->n, v->V,
+                                 v->m, v->T, d->panel, d->reflect)
+             != 0)
+        return modal_fail(err, MODAL_NO_CONVERGENCE, "doubling: QR of %d rows below %d", v->m,
+                          d->n);
     return MODAL_OK;
 }
 
-enum modal_status doubling_factor(struct doubling *d, const struct doubling_poles *p, double *R, struct modal_error *err)
+enum modal_status doubling_factor(struct doubling *d, const struct doubling_poles *p, double *R,
+                                  struct modal_error *err)
 {
     enum modal_status rc;
 
@@ -276,25 +297,34 @@ static enum modal_status apply_block(struct doubling *d, int count, struct modal
 {
     const struct level *v = &d->level[0];
 
-    if (LAPACKE_dgemqrt_work(LAPACK_COL_MAJOR, 'L', 'T', v->m, count, d->n, d->panel, v->V, v->m, v->T, d->panel, d->data, v->m, d->reflect) != 0)
-        return modal_fail(err, MODAL_NO_CONVERGENCE, "doubling: reflections of %d x %d", v->m, d->n);
+    if (LAPACKE_dgemqrt_work(LAPACK_COL_MAJOR, 'L', 'T', v->m, count, d->n, d->panel, v->V, v->m,
+                             v->T, d->panel, d->data, v->m, d->reflect)
+        != 0)
+        return modal_fail(err, MODAL_NO_CONVERGENCE, "doubling: reflections of %d x %d", v->m,
+                          d->n);
     return MODAL_OK;
 }
 
 /* Q^T of a level on COUNT columns of n + m numbers, in place. */
-static enum modal_status apply_level(struct doubling *d, const struct level *v, int count, struct modal_error *err)
+static enum modal_status apply_level(struct doubling *d, const struct level *v, int count,
+                                     struct modal_error *err)
 {
     int n = d->n;
 
     if (d->small)
-        reflect_below_apply(v->m, n, v->flat, v->V, v->m, v->T, count, d->data, n + v->m, d->data + n, n + v->m);
-    else if (LAPACKE_dtpmqrt_work(LAPACK_COL_MAJOR, 'L', 'T', v->m, count, n, v->flat, d->panel, v->V, v->m, v->T, d->panel, d->data, n + v->m, d->data + n, n + v->m,
-                             d->reflect) != 0)
-        return modal_fail(err, MODAL_NO_CONVERGENCE, "doubling: reflections of %d rows below %d", v->m, n);
+        reflect_below_apply(v->m, n, v->flat, v->V, v->m, v->T, count, d->data, n + v->m,
+                            d->data + n, n + v->m);
+    else if (LAPACKE_dtpmqrt_work(LAPACK_COL_MAJOR, 'L', 'T', v->m, count, n, v->flat, d->panel,
+                                  v->V, v->m, v->T, d->panel, d->data, n + v->m, d->data + n,
+                                  n + v->m, d->reflect)
+             != 0)
+        return modal_fail(err, MODAL_NO_CONVERGENCE, "doubling: reflections of %d rows below %d",
+                          v->m, n);
     return MODAL_OK;
 }
 
-/* Below row n of S x `each` columns of m rows lies what is orthogonal to the basis: add it up, and close the gaps. */
+/* Below row n of S x `each` columns of m rows lies what is orthogonal to the basis: add it up, and
+ * close the gaps. */
 static void drop_rest(struct doubling *d, int m, int S, int each, double *rest2)
 {
     int n = d->n;
@@ -308,25 +338,30 @@ static void drop_rest(struct doubling *d, int m, int S, int each, double *rest2)
         }
 }
 
-/* The rows left over below the coefficients of those before, last column first: the columns grow. */
+/* The rows left over below the coefficients of those before, last column first: the columns grow.
+ * */
 static void join_left(struct doubling *d, const double *Y, int ld, int S)
 {
     int n = d->n, m = n + d->left;
 
     for (int c = S - 1; c >= 0; c--) {
-        memmove(d->data + (size_t)c * (size_t)m, d->data + (size_t)c * (size_t)n, (size_t)n * sizeof *Y);
-        memcpy(d->data + (size_t)c * (size_t)m + n, Y + (size_t)c * (size_t)ld + (d->L - d->left), (size_t)d->left * sizeof *Y);
+        memmove(d->data + (size_t)c * (size_t)m, d->data + (size_t)c * (size_t)n,
+                (size_t)n * sizeof *Y);
+        memcpy(d->data + (size_t)c * (size_t)m + n, Y + (size_t)c * (size_t)ld + (d->L - d->left),
+               (size_t)d->left * sizeof *Y);
     }
 }
 
-static enum modal_status project_some(struct doubling *d, const double *Y, int ld, int S, double *Z, double *rest2, struct modal_error *err)
+static enum modal_status project_some(struct doubling *d, const double *Y, int ld, int S, double *Z,
+                                      double *rest2, struct modal_error *err)
 {
     int rows = d->L - d->left;
     enum modal_status rc;
 
     memset(rest2, 0, (size_t)S * sizeof *rest2);
     for (int c = 0; c < S; c++)
-        memcpy(d->data + (size_t)c * (size_t)rows, Y + (size_t)c * (size_t)ld, (size_t)rows * sizeof *Y);
+        memcpy(d->data + (size_t)c * (size_t)rows, Y + (size_t)c * (size_t)ld,
+               (size_t)rows * sizeof *Y);
     rc = apply_block(d, S << d->levels, err);
     drop_rest(d, d->block, S, 1 << d->levels, rest2);
     for (int i = 1; i <= d->levels && rc == MODAL_OK; i++) {
@@ -343,11 +378,13 @@ static enum modal_status project_some(struct doubling *d, const double *Y, int l
     return rc;
 }
 
-enum modal_status doubling_project(struct doubling *d, const double *Y, int ld, int S, double *Z, double *rest2, struct modal_error *err)
+enum modal_status doubling_project(struct doubling *d, const double *Y, int ld, int S, double *Z,
+                                   double *rest2, struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
 
     for (int c = 0; c < S && rc == MODAL_OK; c += d->most)
-        rc = project_some(d, Y + (size_t)c * (size_t)ld, ld, S - c < d->most ? S - c : d->most, Z + (size_t)c * (size_t)d->n, rest2 + c, err);
+        rc = project_some(d, Y + (size_t)c * (size_t)ld, ld, S - c < d->most ? S - c : d->most,
+                          Z + (size_t)c * (size_t)d->n, rest2 + c, err);
     return rc;
 }

@@ -1,14 +1,16 @@
 /*
  * exponents.c - multipliers and exponents
  *
- *     lambda = (ln|rho| + i arg rho) / tau,   arg in (-pi, pi].                                  (1)
+ *     lambda = (ln|rho| + i arg rho) / tau,   arg in (-pi, pi].                                 (1)
  *
- * Eq. (10) of the paper, zeta = sqrt(c^2/(1+c^2)), omega = c phi/(zeta T), c = ln|rho|/phi, loses the sign of zeta and is NaN at phi = 0, at |rho| = 1
- * and at rho = 0.  (1) has none of these, and omega = |lambda|, zeta = -Re lambda / |lambda|; the paper's zeta has the opposite sign.
+ * Eq. (10) of the paper, zeta = sqrt(c^2/(1+c^2)), omega = c phi/(zeta T), c = ln|rho|/phi, loses
+ * the sign of zeta and is NaN at phi = 0, at |rho| = 1 and at rho = 0.  (1) has none of these, and
+ * omega = |lambda|, zeta = -Re lambda / |lambda|; the paper's zeta has the opposite sign.
  *
- * Near |rho| = 1, ln|rho| by the hypotenuse loses what damping of 1e-6 is made of; with a >= b the two magnitudes,
+ * Near |rho| = 1, ln|rho| by the hypotenuse loses what damping of 1e-6 is made of; with a >= b the
+ * two magnitudes,
  *
- *     ln|rho| = log1p((a - 1)(a + 1) + b^2) / 2                                                     (2)
+ *     ln|rho| = log1p((a - 1)(a + 1) + b^2) / 2                                                 (2)
  *
  * keeps it: a - 1 is exact for a in [1/2, 2].
  */
@@ -96,7 +98,8 @@ static int by_modulus(const void *a, const void *b)
     return (cimag(p) > cimag(q)) - (cimag(p) < cimag(q));
 }
 
-int poles_of_multipliers(const double complex *rho, int count, double tau, double floor, double complex *lambda, int *dropped)
+int poles_of_multipliers(const double complex *rho, int count, double tau, double floor,
+                         double complex *lambda, int *dropped)
 {
     int poles = 0, lost = 0;
 

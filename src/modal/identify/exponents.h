@@ -5,12 +5,13 @@
 #include <stdbool.h>
 
 /*
- * A multiplier rho over a step tau and its exponent, rho = exp(lambda tau), Im lambda in (-pi/tau, pi/tau].
- * Throughout `identify` a set of poles is a list with one entry per conjugate pair or real multiplier:
+ * A multiplier rho over a step tau and its exponent, rho = exp(lambda tau), Im lambda in (-pi/tau,
+ * pi/tau]. Throughout `identify` a set of poles is a list with one entry per conjugate pair or real
+ * multiplier:
  *
  *   Im lambda in (0, pi/tau)       a pair, two real unknowns in each channel
  *   Im lambda = 0, exactly         a real positive multiplier, one unknown
- *   Im lambda = pi/tau, exactly    a real negative multiplier, one unknown: the column (-1)^l |rho|^l
+ *   Im lambda = pi/tau, exactly  a real negative multiplier, one unknown: the column (-1)^l |rho|^l
  */
 enum pole_kind { POLE_PAIR, POLE_REAL, POLE_NEGATIVE };
 
@@ -32,10 +33,10 @@ double frequency_of(double complex lambda);
 double damping_ratio_of(double complex lambda);
 
 /*
- * The poles of COUNT multipliers as LAPACK lists them (both of each pair), into LAMBDA (room for COUNT); returns how many.
- * Zeros, and what is below FLOOR in modulus, are left out and counted in *dropped (may be NULL).  Sorted by descending |rho|,
- * then ascending |arg rho|.
+ * The poles of COUNT multipliers as LAPACK lists them (both of each pair), into LAMBDA (room for
+ * COUNT); returns how many. Zeros, and what is below FLOOR in modulus, are left out and counted in
+ * *dropped (may be NULL).  Sorted by descending |rho|, then ascending |arg rho|.
  */
-int poles_of_multipliers(const double complex *rho, int count, double tau, double floor, double complex *lambda,
-                         int *dropped);
+int poles_of_multipliers(const double complex *rho, int count, double tau, double floor,
+                         double complex *lambda, int *dropped);
 #endif

@@ -9,7 +9,8 @@ enum modal_status fold(const struct matrix *Y, int p, struct matrix *out, struct
     double *x = malloc(sizeof *x * (L * columns + 1));
 
     if (x == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "fold: no memory for %d periods of %zu columns", L, columns);
+        return modal_fail(err, MODAL_NO_MEMORY, "fold: no memory for %d periods of %zu columns", L,
+                          columns);
     for (int s = 0; s < Y->n; s++)
         for (int k = 0; k < p; k++)
             for (int l = 0; l < L; l++)

@@ -1,13 +1,14 @@
 /*
  * grid.c - the common divisor of differences that are known to rounding
  *
- * Neighbours among the sorted values differ by whole multiples of the step.  They are taken in ascending order, each known to delta.  With q known to epsilon so far,
+ * Neighbours among the sorted values differ by whole multiples of the step.  They are taken in
+ * ascending order, each known to delta.  With q known to epsilon so far,
  *
- *     |d - k q| <= SLACK (delta + k epsilon),        k = round(d / q),                                               (1)
+ *     |d - k q| <= SLACK (delta + k epsilon),        k = round(d / q),                          (1)
  *
- * makes q = d / k, known to delta / k, where that is better; where (1) fails q becomes the common divisor of q and the remainder, by Euclid.  For numbers of
- * the continuum that ends where q
- * is no longer large beside the errors of (1).  Last, all samples are held against the grid.
+ * makes q = d / k, known to delta / k, where that is better; where (1) fails q becomes the common
+ * divisor of q and the remainder, by Euclid.  For numbers of the continuum that ends where q is no
+ * longer large beside the errors of (1).  Last, all samples are held against the grid.
  */
 #include "modal/identify/grid.h"
 #include <float.h>
@@ -15,8 +16,10 @@
 #include <stdbool.h>
 #include <stdlib.h>
 
-enum { FIRST_LOOK = 64 };       /* samples: nearly all signals are of the continuum, and so few say it */
-static const double LEAST = 1e-10, SLACK = 2, CLEAR = 40, DOUBLE = 4 * DBL_EPSILON, SINGLE = 0x1p-23, UNKNOWN = -1;
+/* samples: nearly all signals are of the continuum, and so few say it */
+enum { FIRST_LOOK = 64 };
+static const double LEAST = 1e-10, SLACK = 2, CLEAR = 40, DOUBLE = 4 * DBL_EPSILON,
+                    SINGLE = 0x1p-23, UNKNOWN = -1;
 
 struct divisor { double q, error, delta; };
 
@@ -88,12 +91,14 @@ static bool all_on_grid(const double *x, size_t stride, int L, double q, double 
 }
 
 /* Of n samples spread over the L; `scratch` has room for twice as many. */
-static double divisor_of_some(const double *x, size_t stride, int L, int n, double precision, double *scratch)
+static double divisor_of_some(const double *x, size_t stride, int L, int n, double precision,
+                              double *scratch)
 {
     for (int k = 0; k < n; k++)
         scratch[k] = x[(size_t)((double)k * (L - 1) / (n - 1)) * stride];
     qsort(scratch, (size_t)n, sizeof *scratch, by_value);
-    return divisor_of(scratch, n, scratch + n, precision * fmax(fabs(scratch[0]), fabs(scratch[n - 1])));
+    return divisor_of(scratch, n, scratch + n,
+                      precision * fmax(fabs(scratch[0]), fabs(scratch[n - 1])));
 }
 
 static bool are_single(const double *x, size_t stride, int L)

@@ -22,7 +22,8 @@ struct hankel {
 /* Room for the pair? MODAL_BAD_INPUT names the option (`rows` or `columns`) that asks too much. */
 enum modal_status hankel_check(const struct hankel *h, struct modal_error *err);
 
-/* Default sizes for what is 0.  shift 1: rows about K/3 per signal; shift > 1: one period of rows, every whole column. */
+/* Default sizes for what is 0.  shift 1: rows about K/3 per signal; shift > 1: one period of rows,
+ * every whole column. */
 void hankel_default_sizes(int samples, int shift, int *rows, int *columns);
 
 /* The matrix (offset 0: H0; 1: H1) into OUT, (S rows) x columns. */

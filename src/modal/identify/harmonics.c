@@ -1,10 +1,11 @@
 /*
  * harmonics.c - g_jk by the discrete Fourier transform over the phases of one period
  *
- *     g_k = (1/p) sum_n b[n] exp(-lambda n dt) exp(-i 2 pi k n / p).                                          (1)
+ *     g_k = (1/p) sum_n b[n] exp(-lambda n dt) exp(-i 2 pi k n / p).                            (1)
  *
- * With p even, k = p/2 and -p/2 are one column of the samples; it is listed as -p/2 and p/2 is left out.  exp(-lambda n dt) lies within
- * the factor |rho|^{-1}: a mode that decays by 1e-300 within a period is scaled by its largest value first.
+ * With p even, k = p/2 and -p/2 are one column of the samples; it is listed as -p/2 and p/2 is left
+ * out.  exp(-lambda n dt) lies within the factor |rho|^{-1}: a mode that decays by 1e-300 within a
+ * period is scaled by its largest value first.
  */
 #include "modal/identify/harmonics.h"
 #include <fftw3.h>
@@ -30,19 +31,22 @@ static double signed_frequency(double complex lambda, double period, int k)
 /* One and the same frequency but for its sign: the tied partners of real multipliers. */
 static bool same_frequency(double complex lambda, double period, int j, int k)
 {
-    double a = fabs(signed_frequency(lambda, period, j)), b = fabs(signed_frequency(lambda, period, k));
+    double a = fabs(signed_frequency(lambda, period, j)),
+           b = fabs(signed_frequency(lambda, period, k));
 
     return fabs(a - b) < 1e-9 * 2 * M_PI / period;
 }
 
-void harmonics_choose(struct identify_harmonic *list, int count, double complex lambda, double period, int *resolved, double *runner_up)
+void harmonics_choose(struct identify_harmonic *list, int count, double complex lambda,
+                      double period, int *resolved, double *runner_up)
 {
     int best = 0;
 
     qsort(list, count, sizeof *list, by_magnitude);
     *resolved = 0, *runner_up = 0;
     for (int i = 1; i < count && list[i].magnitude >= (1 - 1e-6) * list[0].magnitude; i++) {
-        double f = fabs(signed_frequency(lambda, period, list[i].k)), g = fabs(signed_frequency(lambda, period, list[best].k));
+        double f = fabs(signed_frequency(lambda, period, list[i].k)),
+               g = fabs(signed_frequency(lambda, period, list[best].k));
         bool same = same_frequency(lambda, period, list[i].k, list[best].k);
         if ((same && list[i].k > list[best].k) || (!same && f < g))
             best = i;
@@ -58,10 +62,11 @@ void harmonics_choose(struct identify_harmonic *list, int count, double complex 
 }
 
 /* (1) for one signal, its squares added to power[0..p-1]. */
-static void add_power(const double complex *b, size_t stride, int p, double complex lambda, double period, double complex *a,
-                      fftw_plan plan, double *power)
+static void add_power(const double complex *b, size_t stride, int p, double complex lambda,
+                      double period, double complex *a, fftw_plan plan, double *power)
 {
-    double growth = -creal(lambda) * period / p, top = growth > 0 ? growth * (p - 1) : 0, turn = -cimag(lambda) * period / p;
+    double growth = -creal(lambda) * period / p, top = growth > 0 ? growth * (p - 1) : 0,
+           turn = -cimag(lambda) * period / p;
 
     for (int n = 0; n < p; n++)
         a[n] = b[n * stride] * exp(growth * n - top) * CMPLX(cos(turn * n), sin(turn * n)) / p;
@@ -71,13 +76,17 @@ static void add_power(const double complex *b, size_t stride, int p, double comp
         power[k] += (creal(a[k]) * creal(a[k]) + cimag(a[k]) * cimag(a[k])) * top * top;
 }
 
-enum modal_status harmonics_of(const double complex *b, size_t stride, int p, int signals, double complex lambda, double period,
-                               struct identify_harmonic *out, int *count, int *resolved, double *runner_up, struct modal_error *err)
+enum modal_status harmonics_of(const double complex *b, size_t stride, int p, int signals,
+                               double complex lambda, double period, struct identify_harmonic *out,
+                               int *count, int *resolved, double *runner_up,
+                               struct modal_error *err)
 {
     double complex *a = fftw_malloc(sizeof *a * p);
     double *power = calloc(p, sizeof *power);
     struct identify_harmonic *all = malloc(sizeof *all * p);
-    fftw_plan plan = a != NULL ? fftw_plan_dft_1d(p, (fftw_complex *)a, (fftw_complex *)a, FFTW_FORWARD, FFTW_ESTIMATE) : NULL;
+    fftw_plan plan = a != NULL
+        ? fftw_plan_dft_1d(p, (fftw_complex *)a, (fftw_complex *)a, FFTW_FORWARD, FFTW_ESTIMATE)
+        : NULL;
     enum modal_status rc = MODAL_OK;
 
     if (power == NULL || all == NULL || plan == NULL) {

@@ -4,13 +4,13 @@
  * Two decompositions lead to the poles of every order:
  *
  *   pencil.c       H by FFT products, one-sample shift: the default for systems without a period
- *   projection.c   the pair (14) with any shift, its own error bars: periodic systems, a named method, a rank by singular values
+ *   projection.c   the pair (14) with any shift, its own error bars: periodic systems, a named
+ *                  method, a rank by singular values
  *
  * and order.c climbs either, refining by variable projection.  Very long records are decomposed by
  * their head only, and a fit to all rows begins there.  A named `method` is the paper's procedure:
- * no refinement unless asked for.
- * Periodic systems shift by one period where that is a whole number of samples; where not, by one sample, and modes.c folds the
- * exponents modulo i Omega.
+ * no refinement unless asked for. Periodic systems shift by one period where that is a whole number
+ * of samples; where not, by one sample, and modes.c folds the exponents modulo i Omega.
  */
 #include "modal/identify/identify.h"
 #include <cblas.h>
@@ -39,19 +39,25 @@
 #include "modal/linalg/svd.h"
 
 const char *const identify_method_names[IDENTIFY_METHOD_COUNT + 1] = {
-    "auto", "partial-floquet", "partial-floquet-full", "autoregressive", "autoregressive-full", NULL,
+    "auto",           "partial-floquet",     "partial-floquet-full",
+    "autoregressive", "autoregressive-full", NULL,
 };
 
-/* A step over all channels, in standard errors of all parameters: up to STEP_SHORT the linear model holds and one pass is enough (from an efficient start it is
- * a few); longer ones, where channels of much noise spoilt the start, are repeated while they shrink; past STEP_MOST they are not believed. */
+/* A step over all channels, in standard errors of all parameters: up to STEP_SHORT the linear model
+ * holds and one pass is enough (from an efficient start it is a few); longer ones, where channels
+ * of much noise spoilt the start, are repeated while they shrink; past STEP_MOST they are not
+ * believed. */
 static const double STEP_SHORT = 8, STEP_MOST = 1e4;
 enum { STEPS = 4 };
-/* More channels than this are reduced to proper orthogonal signals; values that the ladder looks at; complete decompositions up to this side. */
+/* More channels than this are reduced to proper orthogonal signals; values that the ladder looks
+ * at; complete decompositions up to this side. */
 enum { TRIPLETS = 32, COMPLETE_SIDE = 600, FREEDOM = 3 };
-/* The pencil begins with few triplets and doubles them while the order is near their number; long records end earlier: a fit costs L r^2. */
+/* The pencil begins with few triplets and doubles them while the order is near their number; long
+ * records end earlier: a fit costs L r^2. */
 enum { TRIPLETS_FIRST = 16, TRIPLETS_MOST = 64, TRIPLETS_LONG = 32, LONG = 4096 };
 
-/* In records longer than this a ladder that is near the number of triplets is not refined before they are doubled: it is thrown away, and costs seconds. */
+/* In records longer than this a ladder that is near the number of triplets is not refined before
+ * they are doubled: it is thrown away, and costs seconds. */
 enum { VERY_LONG = 32768 };
 
 /* What is searched from above: at most so many signals, found for so many multiplications; and
@@ -60,18 +66,22 @@ enum { SIGNALS_MOST = 256, MANY_MOST = 1024, LAG = 5 };
 static const double SIGNALS_WORK = 4e9, MANY_WORK = 1e11;
 
 enum { WEIGH_MOST = 5 };
-/* Records that end below the grid: steps from the end's value, rows that must be left, and the share of all above which they stay whole. */
+/* Records that end below the grid: steps from the end's value, rows that must be left, and the
+ * share of all above which they stay whole. */
 enum { GRID_ROWS = 64 };
 static const double GRID_ABOVE = 1.9, GRID_WORTH = 0.9;
-/* Channels that are not mixed are weighed from this ratio on, or where the first answer is in doubt: their fits weigh each by its own noise already. */
+/* Channels that are not mixed are weighed from this ratio on, or where the first answer is in
+ * doubt: their fits weigh each by its own noise already. */
 static const double NOISE_FEW = 10;
 /* Poles this near, of the frequency, may be one mode that changes (merge.c); two shapes of one mode
  * have at least so much in common: the square of their cosine. */
 static const double NEIGHBOUR = 0.05, SAME_SHAPE = 0.9;
 static const double SPARING = 0.6, WEIGH_FALL = 10, WEIGH_RANGE = 1e-6;
-/* Multiplications (refine.h) that all ladders of an answer may take, those of very long records, and one that begins after they are spent: a second or two. */
+/* Multiplications (refine.h) that all ladders of an answer may take, those of very long records,
+ * and one that begins after they are spent: a second or two. */
 static const double WORK_MOST = 1.6e10, WORK_LONG = 5e9, WORK_LEAST = 5e8;
-/* The same of a first search among few channels that have not been weighed by their noise: if that differs much the search may find no end. */
+/* The same of a first search among few channels that have not been weighed by their noise: if that
+ * differs much the search may find no end. */
 static const double WORK_TRIAL = 1e9;
 /* Where signals say that there are many modes: as many evaluations of all of them as a search takes
  * that begins near its end. */
@@ -84,9 +94,10 @@ struct work {
     struct matrix weighted;         /* rec.Y, each channel over its noise; x NULL: not made */
     double *noise;                  /* per channel: what it was weighed by; NULL: nothing */
     double *weight;                 /* per channel of weighted, over rec.Y; NULL: 1 */
-    double *step;                   /* per channel: of its grid, in the batch's unit, 0: none; NULL: not looked for */
+    double *step;                   /* per channel: of its grid, in the batch's unit, 0: none; NULL:
+                                     * not looked for */
     int cut;                        /* rows kept of a record that ends below its grid; 0: all */
-    double *least;                  /* per signal: what its grid leaves (refine.h); NULL: no matter */
+    double *least;                /* per signal: what its grid leaves (refine.h); NULL: no matter */
     const struct matrix *X;         /* the signals: rec.Y or pod.signals */
     struct matrix folded;
     struct refine_data data;        /* what is refined: X, or X folded */
@@ -108,7 +119,7 @@ struct work {
     struct synthesis all;           /* of a wide batch's channels */
     struct diagnose_facts facts;
     double clock;                   /* when the stage began */
-    double eigenvalues;             /* s, of that in eigenvalues: the stage "eig", wherever it was spent */
+    double eigenvalues;      /* s, of that in eigenvalues: the stage "eig", wherever it was spent */
 };
 
 static void poles_done(struct poles *p)
@@ -143,7 +154,8 @@ void identify_result_done(struct identify_result *r)
     }
     for (int i = 0; i < r->cluster_count; i++)
         free(r->clusters[i].members);
-    free(r->modes), free(r->offset), free(r->singular), free(r->channel), free(r->rms_error), free(r->relative_error);
+    free(r->modes), free(r->offset), free(r->singular), free(r->channel), free(r->rms_error),
+        free(r->relative_error);
     free(r->candidates), free(r->poles), free(r->clusters), free(r->trend);
     free(r->chosen.lambda), free(r->unweighed.lambda);
     memset(r, 0, sizeof *r);
@@ -169,7 +181,8 @@ static void note_stage(struct identify_result *out, const char *name, double sec
 }
 
 /* A stage ends: its seconds are noted, and a cancelled job stops. */
-static enum modal_status stage(struct work *w, const char *name, struct identify_result *out, struct modal_error *err)
+static enum modal_status stage(struct work *w, const char *name, struct identify_result *out,
+                               struct modal_error *err)
 {
     double now = clock_of(w);
 
@@ -182,10 +195,12 @@ static enum modal_status stage(struct work *w, const char *name, struct identify
 
 /* ---- options ---- */
 
-static enum modal_status check_range(const char *field, double value, double low, double high, struct modal_error *err)
+static enum modal_status check_range(const char *field, double value, double low, double high,
+                                     struct modal_error *err)
 {
     if (!(value >= low && value <= high))
-        return modal_fail_field(err, MODAL_BAD_INPUT, field, "%s is %g; accepted: %g to %g", field, value, low, high);
+        return modal_fail_field(err, MODAL_BAD_INPUT, field, "%s is %g; accepted: %g to %g", field,
+                                value, low, high);
     return MODAL_OK;
 }
 
@@ -223,14 +238,20 @@ static enum modal_status choose_shift(struct work *w, struct modal_error *err)
 
     w->shift = r->per_period > 0 ? r->per_period : 1;
     if (stride > 0 && r->per_period > 0 && stride != r->per_period)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "stride", "a stride of %d samples for a period of %d; accepted: %d, or `period` 0 for constant coefficients",
+        return modal_fail_field(err, MODAL_BAD_INPUT, "stride",
+                                "a stride of %d samples for a period of %d; accepted: %d, or "
+                                "`period` 0 for constant coefficients",
                                 stride, r->per_period, r->per_period);
     if (stride > 1 && r->period > 0 && r->per_period == 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "stride", "a stride of %d samples, and a period of %.9g samples; accepted: 1", stride, r->period / r->step);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "stride",
+                                "a stride of %d samples, and a period of %.9g samples; accepted: 1",
+                                stride, r->period / r->step);
     if (stride > 0)
         w->shift = stride;
     if (w->shift > r->Y.m / 2)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "stride", "a stride of %d in %d samples; accepted: 1 to %d", w->shift, r->Y.m, r->Y.m / 2);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "stride",
+                                "a stride of %d in %d samples; accepted: 1 to %d", w->shift, r->Y.m,
+                                r->Y.m / 2);
     w->tau = w->shift * r->step;
     w->opt.stride = w->shift;
     return MODAL_OK;
@@ -250,19 +271,23 @@ static enum modal_status check_pod_rank(const struct work *w, struct modal_error
 
 /* ---- signals ---- */
 
-/* The variance of the grid in each signal: independent in each channel, and so weighed by squares.  A difference over a period has it twice, a filter its
- * own gain of it. */
+/* The variance of the grid in each signal: independent in each channel, and so weighed by squares.
+ * A difference over a period has it twice, a filter its own gain of it. */
 static enum modal_status grid_noise(struct work *w, struct modal_error *err)
 {
     int S = w->rec.channels;
     double *least = calloc((size_t)w->X->n + 1, sizeof *least), times = w->opt.difference ? 2 : 1;
 
     if (least == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for the noise of %d signals", w->X->n);
+        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for the noise of %d signals",
+                          w->X->n);
     for (int i = 0; i < w->X->n; i++)
         for (int c = 0; c < S; c++) {
-            double part = w->pod.count > 0 ? w->pod.modes.x[c + (size_t)i * (size_t)w->pod.modes.ld] : c == i;
-            double q = w->rec.scale[c] > 0 ? part * w->step[c] / w->rec.scale[c] * (w->weight != NULL && w->pod.count > 0 ? w->weight[c] : 1) : 0;
+            double part =
+                w->pod.count > 0 ? w->pod.modes.x[c + (size_t)i * (size_t)w->pod.modes.ld] : c == i;
+            double q = w->rec.scale[c] > 0 ? part * w->step[c] / w->rec.scale[c]
+                    * (w->weight != NULL && w->pod.count > 0 ? w->weight[c] : 1)
+                                           : 0;
             least[i] += times * w->rec.gain * GRID_NOISE_MOST * q * q;
         }
     free(w->least);
@@ -270,7 +295,8 @@ static enum modal_status grid_noise(struct work *w, struct modal_error *err)
     return MODAL_OK;
 }
 
-/* Orthogonal signals that are no larger than their grid makes them hold nothing else; they are the weakest. */
+/* Orthogonal signals that are no larger than their grid makes them hold nothing else; they are the
+ * weakest. */
 static void drop_below_grid(struct work *w)
 {
     int kept = w->pod.count;
@@ -280,7 +306,8 @@ static void drop_below_grid(struct work *w)
     w->pod.count = w->pod.signals.n = w->pod.modes.n = kept;
 }
 
-static enum modal_status reduce(struct work *w, struct identify_result *out, struct modal_error *err)
+static enum modal_status reduce(struct work *w, struct identify_result *out,
+                                struct modal_error *err)
 {
     struct pod_options opt = { .energy = w->opt.pod_energy, .rank = w->opt.pod_rank };
     bool asked = opt.energy > 0 || opt.rank > 0;
@@ -290,9 +317,12 @@ static enum modal_status reduce(struct work *w, struct identify_result *out, str
     out->pod_rank = w->rec.channels;
     out->energy = 1;
     if (!w->opt.signals_all && (asked || w->rec.channels > POD_CHANNELS_FEW)) {
-        struct wide_options wide = { opt, w->refine ? 1e-4 : 1e-9 };       /* refined on all channels afterwards */
+        /* refined on all channels afterwards */
+        struct wide_options wide = { opt, w->refine ? 1e-4 : 1e-9 };
         if (w->pod.count == 0)
-            rc = w->rec.wide ? wide_pod(&w->rec.view, &wide, &w->pod, NULL, err) : pod_reduce(w->weighted.x != NULL ? &w->weighted : &w->rec.Y, &opt, &w->pod, err);
+            rc = w->rec.wide
+                ? wide_pod(&w->rec.view, &wide, &w->pod, NULL, err)
+                : pod_reduce(w->weighted.x != NULL ? &w->weighted : &w->rec.Y, &opt, &w->pod, err);
         w->X = &w->pod.signals;
         out->pod_rank = w->pod.count;
         out->energy = w->pod.energy;
@@ -307,7 +337,8 @@ static enum modal_status reduce(struct work *w, struct identify_result *out, str
     w->data.least = w->least;
     if (rc == MODAL_OK && w->shift > 1) {
         rc = fold(w->X, w->shift, &w->folded, err);
-        w->data = (struct refine_data) { .Y = &w->folded, .tau = w->tau, .phases = w->shift, .least = w->least };
+        w->data = (struct refine_data) { .Y = &w->folded, .tau = w->tau, .phases = w->shift,
+                                         .least = w->least };
     }
     return rc;
 }
@@ -329,13 +360,15 @@ static bool wants_projection(const struct work *w)
         || (w->opt.rank.rule != RANK_AUTO && w->opt.rank.rule != RANK_FIXED);
 }
 
-/* What the poles are looked for in: few channels weighed by their noise, though each is fitted as it is, with its own noise. */
+/* What the poles are looked for in: few channels weighed by their noise, though each is fitted as
+ * it is, with its own noise. */
 static const struct matrix *searched(const struct work *w)
 {
     return w->pod.count == 0 && w->weighted.x != NULL ? &w->weighted : w->X;
 }
 
-static enum modal_status project(struct work *w, struct identify_result *out, struct modal_error *err)
+static enum modal_status project(struct work *w, struct identify_result *out,
+                                 struct modal_error *err)
 {
     struct hankel h = { searched(w), 0, w->opt.rows, w->opt.columns, w->shift };
     bool all = w->opt.rank.rule > RANK_FIXED;
@@ -348,8 +381,9 @@ static enum modal_status project(struct work *w, struct identify_result *out, st
         return rc;
     side = h.rows * w->X->n < h.columns ? h.rows * w->X->n : h.columns;
     if (w->opt.rank.rule == RANK_FIXED && w->opt.rank.fixed > side)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "rank.fixed", "rank %d of a Hankel matrix of %d x %d; accepted: 1 to %d", w->opt.rank.fixed,
-                                h.rows * w->X->n, h.columns, side);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "rank.fixed",
+                                "rank %d of a Hankel matrix of %d x %d; accepted: 1 to %d",
+                                w->opt.rank.fixed, h.rows * w->X->n, h.columns, side);
     if (all)
         wanted = side <= COMPLETE_SIDE ? side : 8 * TRIPLETS;
     rc = projection_make(&h, wanted, &w->projection, err);
@@ -449,14 +483,16 @@ static enum modal_status pencil_of_all(struct work *w, struct pencil *all, struc
     return rc;
 }
 
-static enum modal_status pencil(struct work *w, struct identify_result *out, struct modal_error *err)
+static enum modal_status pencil(struct work *w, struct identify_result *out,
+                                struct modal_error *err)
 {
     int fixed = w->opt.rank.rule == RANK_FIXED ? w->opt.rank.fixed : 0, most = (w->X->m - 1) / 2;
     struct pencil_options opt = { w->opt.rows, fixed > 0 ? fixed + 4 : w->triplets };
     enum modal_status rc;
 
     if (fixed > most)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "rank.fixed", "rank %d of %d samples; accepted: 1 to %d", fixed, w->X->m, most);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "rank.fixed",
+                                "rank %d of %d samples; accepted: 1 to %d", fixed, w->X->m, most);
     rc = pencil_new(searched(w), &opt, &w->pencil, err);
     out->rows = w->pencil.rows, out->columns = w->X->m - w->pencil.rows;
     return rc;
@@ -472,7 +508,8 @@ static enum modal_status report_values(struct work *w, struct identify_result *o
     free(out->singular);
     out->singular = malloc(sizeof *s * (count + 1));
     if (out->singular == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d singular values", count);
+        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d singular values",
+                          count);
     for (int i = 0; i < count; i++)
         out->singular[i] = s[0] > 0 ? s[i] / s[0] : 0;
     out->singular_count = count;
@@ -490,12 +527,14 @@ static enum modal_status decompose(struct work *w, struct identify_result *out,
 
 /* ---- order ---- */
 
-static enum modal_status projection_source(void *context, int r, double complex *lambda, int *count, struct modal_error *err)
+static enum modal_status projection_source(void *context, int r, double complex *lambda, int *count,
+                                           struct modal_error *err)
 {
     struct work *w = context;
     int dropped = 0;
     double start = clock_of(w);
-    enum modal_status rc = projection_poles(&w->projection, w->opt.method, r, w->tau, lambda, count, &dropped, err);
+    enum modal_status rc =
+        projection_poles(&w->projection, w->opt.method, r, w->tau, lambda, count, &dropped, err);
 
     if (r == w->opt.rank.fixed)
         w->facts.dropped = dropped;
@@ -503,7 +542,8 @@ static enum modal_status projection_source(void *context, int r, double complex 
     return rc;
 }
 
-static enum modal_status pencil_source(void *context, int r, double complex *lambda, int *count, struct modal_error *err)
+static enum modal_status pencil_source(void *context, int r, double complex *lambda, int *count,
+                                       struct modal_error *err)
 {
     struct work *w = context;
     double complex rho[IDENTIFY_ORDER_MOST + TRIPLETS];
@@ -524,8 +564,8 @@ static int rows_allow(const struct work *w)
     return L - FREEDOM > 2 ? L - FREEDOM : L > 2 ? 2 : 1;
 }
 
-/* How far the ladder goes: no more than the singular values above rounding, the rows there are less FREEDOM (with fewer left over, any
- * exponents reconstruct noise), or what was allowed. */
+/* How far the ladder goes: no more than the singular values above rounding, the rows there are less
+ * FREEDOM (with fewer left over, any exponents reconstruct noise), or what was allowed. */
 static int order_most(const struct work *w)
 {
     int most = w->projected ? w->projection.count : w->pencil.count;
@@ -557,7 +597,8 @@ static double bic_of_nothing(const struct refine_data *d)
     return sum;
 }
 
-/* The order whose unknowns are SPARING of the independent numbers: S rows of them to fit, S + 1 unknowns for each order. */
+/* The order whose unknowns are SPARING of the independent numbers: S rows of them to fit, S + 1
+ * unknowns for each order. */
 static int sparing_order(const struct work *w)
 {
     double rows = w->data.Y->m * (w->data.share > 0 ? w->data.share : 1), S = w->data.Y->n;
@@ -566,13 +607,15 @@ static int sparing_order(const struct work *w)
     return order > least ? order : least;
 }
 
-/* BIC is an expansion for many data: where unknowns nearly exhaust them it prefers to interpolate noise.  An order beyond the sparing one is believed
- * only if it reaches rounding. */
+/* BIC is an expansion for many data: where unknowns nearly exhaust them it prefers to interpolate
+ * noise.  An order beyond the sparing one is believed only if it reaches rounding. */
 static bool overfitted(const struct work *w)
 {
-    const struct refined *fit = w->choice.chosen >= 0 ? &w->choice.candidates[w->choice.chosen].fit : NULL;
+    const struct refined *fit =
+        w->choice.chosen >= 0 ? &w->choice.candidates[w->choice.chosen].fit : NULL;
 
-    return fit != NULL && fit->order > sparing_order(w) && fit->residual > 1e-12 * safe_matrix_norm(w->data.Y);
+    return fit != NULL && fit->order > sparing_order(w)
+        && fit->residual > 1e-12 * safe_matrix_norm(w->data.Y);
 }
 
 /* Can the ladder be cut off by the number of triplets, so that more of them may help? */
@@ -580,7 +623,8 @@ static bool more_triplets(const struct work *w)
 {
     int most = w->X->m > LONG ? TRIPLETS_LONG : TRIPLETS_MOST;
 
-    return !w->projected && w->opt.rank.rule == RANK_AUTO && w->triplets < most && w->pencil.count == w->triplets && w->facts.full_rank == w->pencil.count;
+    return !w->projected && w->opt.rank.rule == RANK_AUTO && w->triplets < most
+        && w->pencil.count == w->triplets && w->facts.full_rank == w->pencil.count;
 }
 
 /* Was it, and not by its own end?  Or is little explained by all there are? */
@@ -588,11 +632,14 @@ static bool cut_off(const struct work *w)
 {
     if (!more_triplets(w) || w->choice.chosen < 0 || w->choice.limited)
         return false;
-    return w->rank + ORDER_AHEAD > w->pencil.count || w->choice.candidates[w->choice.chosen].fit.residual > ORDER_POOR * safe_matrix_norm(w->data.Y);
+    return w->rank + ORDER_AHEAD > w->pencil.count
+        || w->choice.candidates[w->choice.chosen].fit.residual
+        > ORDER_POOR * safe_matrix_norm(w->data.Y);
 }
 
 /* The ladder within what is left of the work; a rank that was given is refined to its end. */
-static enum modal_status climb(struct work *w, const struct order_source *source, struct order_options *opt, struct modal_error *err)
+static enum modal_status climb(struct work *w, const struct order_source *source,
+                               struct order_options *opt, struct modal_error *err)
 {
     enum modal_status rc;
 
@@ -606,7 +653,8 @@ static enum modal_status climb(struct work *w, const struct order_source *source
     return rc;
 }
 
-/* Values before the last clear gap: that many exponents must be looked at, however badly fewer fit. */
+/* Values before the last clear gap: that many exponents must be looked at, however badly fewer fit.
+ * */
 static int before_gap(const struct work *w)
 {
     const double *s = w->projected ? w->projection.s : w->pencil.s, GAP = 3;
@@ -630,24 +678,31 @@ static void note_chosen(struct work *w, struct identify_result *out)
     out->hankel_rank = c->fit.order;
 }
 
-static enum modal_status choose_order(struct work *w, struct identify_result *out, struct modal_error *err)
+static enum modal_status choose_order(struct work *w, struct identify_result *out,
+                                      struct modal_error *err)
 {
     struct order_source source = { .most = order_most(w), .context = w,
                                    .poles = w->projected ? projection_source
                                                          : pencil_source };
-    struct order_options opt = { .refine = { .iterations = w->refine ? 0 : -1 }, .cancelled = w->opt.cancelled, .context = w->opt.context };
+    struct order_options opt = { .refine = { .iterations = w->refine ? 0 : -1 },
+                                 .cancelled = w->opt.cancelled,
+                                 .context = w->opt.context };
     const struct projection *p = &w->projection;
     enum modal_status rc;
 
     if (w->opt.rank.rule != RANK_AUTO)
-        opt.fixed = w->projected ? rank_estimate(p->s, p->count, p->m, p->n, &w->opt.rank) : w->opt.rank.fixed;
+        opt.fixed = w->projected ? rank_estimate(p->s, p->count, p->m, p->n, &w->opt.rank)
+                                 : w->opt.rank.fixed;
     if (w->opt.rank.rule != RANK_AUTO)
         w->opt.rank.fixed = w->facts.asked_rank = opt.fixed;
     if (opt.fixed > w->facts.full_rank)
-        opt.fixed = w->facts.full_rank;           /* what lies beyond is made of rounding; said by a diagnostic */
+        /* what lies beyond is made of rounding; said by a diagnostic */
+        opt.fixed = w->facts.full_rank;
     if (opt.fixed > source.most)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "rank.fixed", "rank %d where there are %d directions and %d rows; accepted: 1 to %d", opt.fixed,
-                                w->projected ? p->count : w->pencil.count, w->data.Y->m, source.most);
+        return modal_fail_field(
+            err, MODAL_BAD_INPUT, "rank.fixed",
+            "rank %d where there are %d directions and %d rows; accepted: 1 to %d", opt.fixed,
+            w->projected ? p->count : w->pencil.count, w->data.Y->m, source.most);
     opt.look = before_gap(w);
     opt.no_offset = !w->refine;
     opt.thorough = w->shift > 1;
@@ -655,7 +710,8 @@ static enum modal_status choose_order(struct work *w, struct identify_result *ou
     rc = climb(w, &source, &opt, err);
     if (rc == MODAL_OK && w->opt.rank.rule == RANK_AUTO && overfitted(w)) {
         opt.order_most = sparing_order(w);
-        if (source.most > opt.order_most)         /* splitting poles may have gone beyond the triplets there are */
+        /* splitting poles may have gone beyond the triplets there are */
+        if (source.most > opt.order_most)
             source.most = opt.order_most;
         rc = climb(w, &source, &opt, err);
     }
@@ -897,9 +953,12 @@ static enum modal_status look_above(struct work *w, struct modal_error *err)
     struct refined above;
     enum modal_status rc = MODAL_OK;
 
-    if (w->facts.asked_rank < 1 || r > w->facts.full_rank || r > order_most(w) || r >= w->data.Y->m - 1)
+    if (w->facts.asked_rank < 1 || r > w->facts.full_rank || r > order_most(w)
+        || r >= w->data.Y->m - 1)
         return MODAL_OK;
-    rc = w->projected ? projection_poles(&w->projection, w->opt.method, r, w->tau, lambda, &count, NULL, err) : pencil_source(w, r, lambda, &count, err);
+    rc = w->projected
+        ? projection_poles(&w->projection, w->opt.method, r, w->tau, lambda, &count, NULL, err)
+        : pencil_source(w, r, lambda, &count, err);
     if (rc != MODAL_OK || count < 1)
         return rc;
     rc = refine_poles(&w->data, lambda, count, NULL, &look, &above, err);
@@ -918,22 +977,27 @@ static enum modal_status look_above(struct work *w, struct modal_error *err)
 /* ---- channels by their noise ---- */
 
 /*
- * Proper orthogonal signals of channels scaled to unit rms mix channels of little noise with channels of much, and no weight on the mixture can undo that: a
- * channel that hears hardly anything but noise then costs a factor in the error of all.  So, once a first answer tells the noise of each channel,
- * they are divided by it, and reduced and identified again.  Where that leaves a channel WEIGH_FALL times less than before, what was taken for its noise was
- * the error that the others' noise made: once more.  Weights differ by WEIGH_RANGE at most, so that a mode which only noisy channels hear stays far above
- * the rounding of the others.  Few channels are not mixed, but a pencil of all alike may miss what much more noise in one hides in the others.
+ * Proper orthogonal signals of channels scaled to unit rms mix channels of little noise with
+ * channels of much, and no weight on the mixture can undo that: a channel that hears hardly
+ * anything but noise then costs a factor in the error of all.  So, once a first answer tells the
+ * noise of each channel, they are divided by it, and reduced and identified again.  Where that
+ * leaves a channel WEIGH_FALL times less than before, what was taken for its noise was the error
+ * that the others' noise made: once more.  Weights differ by WEIGH_RANGE at most, so that a mode
+ * which only noisy channels hear stays far above the rounding of the others.  Few channels are not
+ * mixed, but a pencil of all alike may miss what much more noise in one hides in the others.
  */
 static bool may_weigh(const struct work *w)
 {
-    return w->refine && !w->rec.wide && w->rec.channels > 1 && !w->opt.signals_all && w->opt.rank.rule <= RANK_FIXED
-        && w->opt.pod_rank == 0 && w->opt.pod_energy == 0 && w->opt.scale == SCALE_RMS;
+    return w->refine && !w->rec.wide && w->rec.channels > 1 && !w->opt.signals_all
+        && w->opt.rank.rule <= RANK_FIXED && w->opt.pod_rank == 0 && w->opt.pod_energy == 0
+        && w->opt.scale == SCALE_RMS;
 }
 
 static bool worth_weighing(const struct work *w)
 {
     return may_weigh(w) && w->choice.chosen >= 0
-        && w->choice.candidates[w->choice.chosen].fit.residual > 1e-12 * safe_matrix_norm(w->data.Y);
+        && w->choice.candidates[w->choice.chosen].fit.residual
+        > 1e-12 * safe_matrix_norm(w->data.Y);
 }
 
 /* The rms that the chosen poles leave in each channel of unit rms. */
@@ -952,7 +1016,8 @@ static enum modal_status channel_noise(const struct work *w, double *noise, stru
     if (rc == MODAL_OK)
         rc = synthesis_fit(fit->lambda, fit->poles, w->tau, Y, NULL, &s, err);
     for (int c = 0; c < w->rec.channels && rc == MODAL_OK; c++)
-        noise[c] = safe_norm(s.channel_residual + (size_t)c * w->shift, w->shift) / sqrt((double)Y->m * w->shift);
+        noise[c] = safe_norm(s.channel_residual + (size_t)c * w->shift, w->shift)
+            / sqrt((double)Y->m * w->shift);
     synthesis_done(&s);
     free(folded.x);
     return rc;
@@ -985,7 +1050,8 @@ static enum modal_status divide_by_noise(struct work *w, struct modal_error *err
         w->weight = malloc(sizeof *w->weight * (size_t)w->rec.channels);
     }
     if (w->weighted.x == NULL || w->weight == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d samples of %d channels", Y->m, Y->n);
+        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d samples of %d channels",
+                          Y->m, Y->n);
     for (int c = 0; c < Y->n; c++)
         least = w->rec.scale[c] > 0 ? fmin(least, w->noise[c]) : least;
     for (int c = 0; c < Y->n; c++) {
@@ -1004,7 +1070,8 @@ static enum modal_status weigh_channels(struct work *w, bool *again, struct moda
 
     *again = false;
     if (noise == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for the noise of %d channels", w->rec.channels);
+        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for the noise of %d channels",
+                          w->rec.channels);
     rc = channel_noise(w, noise, err);
     for (int c = 0; c < w->rec.channels && rc == MODAL_OK; c++)
         most = fmax(most, noise[c]);
@@ -1021,7 +1088,8 @@ static enum modal_status weigh_channels(struct work *w, bool *again, struct moda
 }
 
 /* What the search for the order spent: on eigenvalues, and on the rest of it. */
-static enum modal_status stage_order(struct work *w, struct identify_result *out, struct modal_error *err)
+static enum modal_status stage_order(struct work *w, struct identify_result *out,
+                                     struct modal_error *err)
 {
     note_stage(out, "eig", w->eigenvalues);
     w->clock += w->eigenvalues;
@@ -1030,7 +1098,8 @@ static enum modal_status stage_order(struct work *w, struct identify_result *out
 }
 
 /* From signals to the chosen order. */
-static enum modal_status analyse(struct work *w, struct identify_result *out, struct modal_error *err)
+static enum modal_status analyse(struct work *w, struct identify_result *out,
+                                 struct modal_error *err)
 {
     bool found = false;
     enum modal_status rc;
@@ -1065,24 +1134,29 @@ static void forget_analysis(struct work *w, struct identify_result *out)
 /* ---- samples on a grid ---- */
 
 /* The grid of each channel, as it was sent.  True: there is one. */
-static enum modal_status find_grids(struct work *w, const struct batch *b, bool *any, struct modal_error *err)
+static enum modal_status find_grids(struct work *w, const struct batch *b, bool *any,
+                                    struct modal_error *err)
 {
     size_t first = (size_t)llround(w->rec.t0 / b->dt);
     int rows = w->rec.Y.m * w->rec.decimation;
 
     w->step = calloc((size_t)w->rec.channels + 1, sizeof *w->step);
     if (w->step == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for the grids of %d channels", w->rec.channels);
+        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for the grids of %d channels",
+                          w->rec.channels);
     if (w->rec.wide)
         return wide_grids(&w->rec.view, w->step, any, err);
     for (int c = 0; c < w->rec.channels; c++) {
-        w->step[c] = w->rec.scale[c] > 0 ? grid_step(b->signals + first * b->channels + w->rec.channel[c], b->channels, rows) : 0;
+        w->step[c] = w->rec.scale[c] > 0
+            ? grid_step(b->signals + first * b->channels + w->rec.channel[c], b->channels, rows)
+            : 0;
         *any |= w->step[c] > 0;
     }
     return MODAL_OK;
 }
 
-/* Is what the fit leaves in a signal about what its grid makes?  Far less: the numbers are exact, and happen to lie on a grid. */
+/* Is what the fit leaves in a signal about what its grid makes?  Far less: the numbers are exact,
+ * and happen to lie on a grid. */
 static bool grid_matters(const struct work *w)
 {
     const double EXACT = 1e-4, BELOW = 2;
@@ -1096,7 +1170,8 @@ static bool grid_matters(const struct work *w)
     return any;
 }
 
-/* Rows up to the last in which some channel, as it was sent, is GRID_ABOVE steps from where it ends. */
+/* Rows up to the last in which some channel, as it was sent, is GRID_ABOVE steps from where it
+ * ends. */
 static int rows_above_grid(const struct work *w)
 {
     const struct matrix *Y = &w->rec.Y;
@@ -1116,10 +1191,12 @@ static int rows_above_grid(const struct work *w)
     return rows;
 }
 
-/* A response that has died away below the grid was rounded to nothing: no noise, but part of itself, and longer records of it make the answer worse. */
+/* A response that has died away below the grid was rounded to nothing: no noise, but part of
+ * itself, and longer records of it make the answer worse. */
 static enum modal_status cut_below_grid(struct work *w, struct modal_error *err)
 {
-    int L = w->rec.Y.m, rows = w->rec.decimation == 1 && !w->opt.difference ? rows_above_grid(w) : L;
+    int L = w->rec.Y.m,
+        rows = w->rec.decimation == 1 && !w->opt.difference ? rows_above_grid(w) : L;
 
     rows = (rows + w->shift - 1) / w->shift * w->shift;
     if (rows > GRID_WORTH * L || rows < GRID_ROWS * w->shift)
@@ -1129,8 +1206,10 @@ static enum modal_status cut_below_grid(struct work *w, struct modal_error *err)
     return record_cut(&w->rec, rows, w->opt.scale, err);
 }
 
-/* Once more, with a floor, where a fit without one came down to the grid: rounding is no white noise, and more poles follow it. */
-static enum modal_status analyse_above_grid(struct work *w, const struct batch *b, struct identify_result *out, struct modal_error *err)
+/* Once more, with a floor, where a fit without one came down to the grid: rounding is no white
+ * noise, and more poles follow it. */
+static enum modal_status analyse_above_grid(struct work *w, const struct batch *b,
+                                            struct identify_result *out, struct modal_error *err)
 {
     bool any = false;
     enum modal_status rc;
@@ -1157,18 +1236,26 @@ static void report_grids(const struct work *w, struct identify_result *out)
     for (int c = 0; c < w->rec.channels && c < SCREEN_CHANNELS && out->at_grid; c++) {
         bool said = w->step[c] == 0;
         for (int i = 0; i < out->diagnostic_count; i++)
-            said |= strcmp(out->diagnostics[i].code, "quantised") == 0 && out->diagnostics[i].channel == w->rec.channel[c];
+            said |= strcmp(out->diagnostics[i].code, "quantised") == 0
+                && out->diagnostics[i].channel == w->rec.channel[c];
         if (!said)
-            identify_diagnose(out, "quantised", w->rec.channel[c], "the values of channel %d lie on a grid of %g, and what the modes leave of them is no more than its rounding, %g: "
-                              "whatever is smaller than half a step is not looked for", w->rec.channel[c], w->step[c], w->step[c] / sqrt(12));
+            identify_diagnose(out, "quantised", w->rec.channel[c],
+                              "the values of channel %d lie on a grid of %g, and what the modes "
+                              "leave of them is no more than its rounding, %g: "
+                              "whatever is smaller than half a step is not looked for",
+                              w->rec.channel[c], w->step[c], w->step[c] / sqrt(12));
     }
     if (w->cut > 0)
-        identify_diagnose(out, "ends_below_grid", -1, "after %.6g s no channel is two steps of its grid from where it ends: what was left of the response was rounded to nothing, and the rest of "
-                          "the record is not used", w->rec.t0 + w->cut * w->rec.step);
+        identify_diagnose(out, "ends_below_grid", -1,
+                          "after %.6g s no channel is two steps of its grid from where it ends: "
+                          "what was left of the response was rounded to nothing, and the rest of "
+                          "the record is not used",
+                          w->rec.t0 + w->cut * w->rec.step);
 }
 
 /* Once more, on channels weighed by the noise that the answer before left, until that settles. */
-static enum modal_status analyse_weighed(struct work *w, struct identify_result *out, struct modal_error *err)
+static enum modal_status analyse_weighed(struct work *w, struct identify_result *out,
+                                         struct modal_error *err)
 {
     for (int round = 0; round < WEIGH_MOST && worth_weighing(w); round++) {
         bool again;
@@ -1191,7 +1278,8 @@ static enum modal_status analyse_weighed(struct work *w, struct identify_result 
 }
 
 /* The same, and what a trial did not end. */
-static enum modal_status analyse_again(struct work *w, struct identify_result *out, struct modal_error *err)
+static enum modal_status analyse_again(struct work *w, struct identify_result *out,
+                                       struct modal_error *err)
 {
     enum modal_status rc = analyse_weighed(w, out, err);
 
@@ -1205,9 +1293,11 @@ static enum modal_status analyse_again(struct work *w, struct identify_result *o
 
 /* ---- the chosen poles with their errors ---- */
 
-/* Steps over all channels until one is short; the last leaves its start in p->lambda and its end in step->lambda.  Where they do not shrink the standard
- * deviations are as long as the step that was not believed. */
-static enum modal_status step_wide(struct work *w, const bool *fixed, struct wide_step *step, struct modal_error *err)
+/* Steps over all channels until one is short; the last leaves its start in p->lambda and its end in
+ * step->lambda.  Where they do not shrink the standard deviations are as long as the step that was
+ * not believed. */
+static enum modal_status step_wide(struct work *w, const bool *fixed, struct wide_step *step,
+                                   struct modal_error *err)
 {
     struct poles *p = &w->poles;
     double most = w->refine ? STEP_MOST : 0;
@@ -1239,12 +1329,15 @@ static enum modal_status refine_wide(struct work *w, struct modal_error *err)
     struct wide_step step = { lambda, std, std + n, NULL, rest, 0, false };
     enum modal_status rc;
 
-    *f = (struct synthesis) { .poles = n, .order = poles_order(p->lambda, n, p->tau), .rows = w->rec.Y.m, .channels = S };
+    *f = (struct synthesis) { .poles = n, .order = poles_order(p->lambda, n, p->tau),
+                              .rows = w->rec.Y.m, .channels = S };
     f->coefficient = step.coefficient = calloc((size_t)n * S + 1, sizeof *f->coefficient);
     f->channel_residual = calloc((size_t)S + 1, sizeof *f->channel_residual);
     f->reference = calloc(n + 1, sizeof *f->reference);
-    if (rest == NULL || std == NULL || lambda == NULL || fixed == NULL || f->coefficient == NULL || f->channel_residual == NULL || f->reference == NULL) {
-        rc = modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d poles in %d channels", n, S);
+    if (rest == NULL || std == NULL || lambda == NULL || fixed == NULL || f->coefficient == NULL
+        || f->channel_residual == NULL || f->reference == NULL) {
+        rc = modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d poles in %d channels", n,
+                        S);
         goto out;
     }
     for (int j = 0; j < n; j++)
@@ -1269,7 +1362,8 @@ out:
 }
 
 
-/* At rounding, and yet a pole that is known to no more than nine digits: the arithmetic limits it, not the data. */
+/* At rounding, and yet a pole that is known to no more than nine digits: the arithmetic limits it,
+ * not the data. */
 static bool ill_determined(const struct work *w)
 {
     const struct poles *p = &w->poles;
@@ -1277,13 +1371,16 @@ static bool ill_determined(const struct work *w)
 
     for (int j = 0; j < p->count; j++)
         ill |= p->lambda[j] != 0 && !(p->std_re[j] <= 1e-9 * cabs(p->lambda[j]));
-    return ill && w->refine && !w->rec.wide && w->choice.candidates[w->choice.chosen].fit.residual <= 1e-12 * safe_matrix_norm(w->data.Y);
+    return ill && w->refine && !w->rec.wide
+        && w->choice.candidates[w->choice.chosen].fit.residual
+        <= 1e-12 * safe_matrix_norm(w->data.Y);
 }
 
 static enum modal_status take_poles(struct work *w, struct modal_error *err)
 {
     static const struct refined none = { 0 };
-    const struct refined *fit = w->choice.chosen >= 0 ? &w->choice.candidates[w->choice.chosen].fit : &none;
+    const struct refined *fit =
+        w->choice.chosen >= 0 ? &w->choice.candidates[w->choice.chosen].fit : &none;
     const struct matrix *VT = w->projected ? &w->projection.VT : &w->pencil.VT;
     struct poles *p = &w->poles;
     int n = fit->poles, r = w->rank < VT->m ? w->rank : VT->m;
@@ -1294,7 +1391,8 @@ static enum modal_status take_poles(struct work *w, struct modal_error *err)
     p->std_re = malloc(sizeof(double) * (n + 1)), p->std_im = malloc(sizeof(double) * (n + 1));
     p->bar = malloc(sizeof(double) * (n + 1)), p->angle = malloc(sizeof(double) * (n + 1));
     p->growth = calloc((size_t)n + 1, sizeof *p->growth);
-    if (p->growth == NULL || p->lambda == NULL || p->std_re == NULL || p->std_im == NULL || p->bar == NULL || p->angle == NULL)
+    if (p->growth == NULL || p->lambda == NULL || p->std_re == NULL || p->std_im == NULL
+        || p->bar == NULL || p->angle == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d poles", n);
     for (int j = 0; j < n; j++) {
         p->lambda[j] = fit->lambda[j];
@@ -1318,13 +1416,16 @@ static enum modal_status take_poles(struct work *w, struct modal_error *err)
 static bool below_grid(const struct work *w, const struct synthesis *f, int j)
 {
     for (int c = 0; c < w->rec.channels; c++)
-        if (w->step[c] == 0 ? w->rec.scale[c] > 0 : cabs(f->coefficient[j + (size_t)c * f->poles]) * w->rec.scale[c] > w->step[c] / 2)
+        if (w->step[c] == 0
+                ? w->rec.scale[c] > 0
+                : cabs(f->coefficient[j + (size_t)c * f->poles]) * w->rec.scale[c] > w->step[c] / 2)
             return false;
     return true;
 }
 
 /* Growth that rounding makes. */
-static enum modal_status doubt_growth_below_grid(struct work *w, const struct identify_result *out, struct modal_error *err)
+static enum modal_status doubt_growth_below_grid(struct work *w, const struct identify_result *out,
+                                                 struct modal_error *err)
 {
     struct poles *p = &w->poles;
     struct synthesis own = { 0 };
@@ -1349,15 +1450,18 @@ static double pole_distance(double complex a, double complex b)
     return hypot(creal(a) - creal(b), fabs(cimag(a)) - fabs(cimag(b)));
 }
 
-/* The mode whose exponent a candidate's pole shows, within 1 % or five standard deviations; -1: none. */
-static int mode_of_pole(const struct work *w, const struct identify_result *r, double complex lambda)
+/* The mode whose exponent a candidate's pole shows, within 1 % or five standard deviations; -1:
+ * none. */
+static int mode_of_pole(const struct work *w, const struct identify_result *r,
+                        double complex lambda)
 {
     double Omega = r->period > 0 ? 2 * M_PI / r->period : 0, nearest = HUGE_VAL;
     int which = -1;
 
     for (int i = 0; i < r->mode_count; i++) {
         const struct identify_mode *m = &r->modes[i];
-        double std = m->std_re > 0 ? 5 * hypot(m->std_re, m->std_im) : 0, d = pole_distance(m->exponent, lambda);
+        double std = m->std_re > 0 ? 5 * hypot(m->std_re, m->std_im) : 0,
+               d = pole_distance(m->exponent, lambda);
         if (Omega > 0 && w->shift == 1) {
             double im = remainder(cimag(lambda), Omega);
             d = pole_distance(m->exponent, CMPLX(creal(lambda), im));
@@ -1368,7 +1472,8 @@ static int mode_of_pole(const struct work *w, const struct identify_result *r, d
     return which;
 }
 
-static enum modal_status report_ladder(struct work *w, struct identify_result *out, struct modal_error *err)
+static enum modal_status report_ladder(struct work *w, struct identify_result *out,
+                                       struct modal_error *err)
 {
     const struct order_choice *c = &w->choice;
     int poles = 0, least = c->chosen >= 0 ? c->candidates[c->chosen].fit.order : 0;
@@ -1381,12 +1486,18 @@ static enum modal_status report_ladder(struct work *w, struct identify_result *o
         return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d candidates", c->count);
     for (int i = 0; i < c->count; i++) {
         const struct refined *f = &c->candidates[i].fit;
-        out->candidates[out->candidate_count++] = (struct identify_candidate) {
-            f->order, f->bic, f->residual, c->candidates[i].refined && w->refine, refined_converged(f), i == c->chosen };
+        out->candidates[out->candidate_count++] =
+            (struct identify_candidate){ f->order,
+                                         f->bic,
+                                         f->residual,
+                                         c->candidates[i].refined && w->refine,
+                                         refined_converged(f),
+                                         i == c->chosen };
         for (int j = 0; j < f->poles; j++) {
             double complex z = f->lambda[j] + CMPLX(0, w->rec.shift_rad_s);
-            out->poles[out->pole_count++] = (struct identify_pole) { f->order, z, w->refine ? f->std_re[j] : NAN, w->refine ? f->std_im[j] : NAN,
-                                                                     mode_of_pole(w, out, z) };
+            out->poles[out->pole_count++] =
+                (struct identify_pole){ f->order, z, w->refine ? f->std_re[j] : NAN,
+                                        w->refine ? f->std_im[j] : NAN, mode_of_pole(w, out, z) };
         }
     }
     for (int m = 0; m < out->mode_count; m++) {
@@ -1412,8 +1523,14 @@ static bool has_orbit(const struct work *w, const struct identify_result *r)
 
     for (int i = 0; i < r->mode_count && r->period > 0 && !w->opt.difference; i++) {
         const struct identify_mode *m = &r->modes[i];
-        double bar = fmax(1e-9, fmin(0.05, 3 * (isfinite(m->std_multiplier) ? m->std_multiplier : isfinite(m->bar) ? m->bar : 0)));
-        found |= fabs(creal(m->multiplier) - 1) <= bar && cimag(m->multiplier) == 0 && m->energy > 0.01;
+        double bar = fmax(1e-9,
+                          fmin(0.05,
+                               3
+                                   * (isfinite(m->std_multiplier) ? m->std_multiplier
+                                          : isfinite(m->bar)      ? m->bar
+                                                                  : 0)));
+        found |=
+            fabs(creal(m->multiplier) - 1) <= bar && cimag(m->multiplier) == 0 && m->energy > 0.01;
     }
     return found;
 }
@@ -1457,11 +1574,19 @@ static enum modal_status neighbours_beat(const struct work *w, bool *beat, struc
     return rc;
 }
 
-/* Is one set of exponents the right model?  A mode that follows its amplitude is reported as one, not as the crowd of poles that makes up for it. */
+/* Is one set of exponents the right model?  A mode that follows its amplitude is reported as one,
+ * not as the crowd of poles that makes up for it. */
 static enum modal_status doubt(struct work *w, struct identify_result *out, struct modal_error *err)
 {
     struct poles *p = &w->poles;
-    struct trend_input in = { w->X, w->rec.step, w->rec.t0, p->lambda, p->count, w->rec.shift_rad_s / (2 * M_PI), w->opt.cancelled, w->opt.context };
+    struct trend_input in = { w->X,
+                              w->rec.step,
+                              w->rec.t0,
+                              p->lambda,
+                              p->count,
+                              w->rec.shift_rad_s / (2 * M_PI),
+                              w->opt.cancelled,
+                              w->opt.context };
     bool follows, beat;
     enum modal_status rc;
 
@@ -1492,7 +1617,8 @@ static bool growth_is_doubtful(const struct work *w, const struct trend_input *i
 }
 
 /* Where it is, parts of the record must show growth for themselves. */
-static enum modal_status confirm_growth(struct work *w, struct identify_result *out, struct modal_error *err)
+static enum modal_status confirm_growth(struct work *w, struct identify_result *out,
+                                        struct modal_error *err)
 {
     struct trend_input in = { w->X, w->rec.step, w->rec.t0, w->poles.lambda, w->poles.count,
                               w->rec.shift_rad_s / (2 * M_PI), w->opt.cancelled, w->opt.context };
@@ -1505,8 +1631,12 @@ static enum modal_status confirm_growth(struct work *w, struct identify_result *
     if (rc != MODAL_OK || shown)
         return rc;
     out->verdict = VERDICT_UNDECIDED;
-    identify_diagnose(out, "growth_unconfirmed", -1, "mode %d (%.5g Hz) grows in the fit to the whole record, which does not hold throughout, and no part of the record grows for itself: a motion "
-                      "set off anew (an impact, a load that changes) looks so; identify a part by `window`", out->decides, cabs(out->modes[out->decides].exponent) / (2 * M_PI));
+    identify_diagnose(
+        out, "growth_unconfirmed", -1,
+        "mode %d (%.5g Hz) grows in the fit to the whole record, which does not hold throughout, "
+        "and no part of the record grows for itself: a motion "
+        "set off anew (an impact, a load that changes) looks so; identify a part by `window`",
+        out->decides, cabs(out->modes[out->decides].exponent) / (2 * M_PI));
     return MODAL_OK;
 }
 
@@ -1523,7 +1653,8 @@ static bool at_rounding_of_parts(const struct work *w, const struct identify_res
         <= ROUNDINGS * DBL_EPSILON * sqrt(parts) * safe_matrix_norm(w->data.Y);
 }
 
-static enum modal_status conclude(struct work *w, const struct batch *batch, struct identify_result *out, struct modal_error *err)
+static enum modal_status conclude(struct work *w, const struct batch *batch,
+                                  struct identify_result *out, struct modal_error *err)
 {
     double duration = w->data.Y->m * w->tau;
     enum modal_status rc = verdict_clusters(out, duration, err);
@@ -1564,18 +1695,21 @@ static void report_settings(struct work *w, struct identify_result *out)
     w->opt.refine = w->refine ? CHOICE_YES : CHOICE_NO;
     w->opt.period = w->rec.period;
     out->used = w->opt;
-    out->used.channels = NULL, out->used.clock = NULL, out->used.cancelled = NULL, out->used.context = NULL;
+    out->used.channels = NULL, out->used.clock = NULL, out->used.cancelled = NULL,
+    out->used.context = NULL;
 }
 
 enum modal_status modal_identify(const struct batch *batch, const struct identify_options *options,
                                  struct identify_result *out, struct modal_error *err)
 {
     static const struct identify_options defaults = { 0 };
-    struct work w = { .opt = options != NULL ? *options : defaults, .facts = { .converged = true } };
+    struct work w = { .opt = options != NULL ? *options : defaults,
+                      .facts = { .converged = true } };
     enum modal_status rc;
 
     memset(out, 0, sizeof *out);
-    w.refine = w.opt.refine == CHOICE_YES || (w.opt.refine == CHOICE_DEFAULT && w.opt.method == IDENTIFY_AUTO);
+    w.refine = w.opt.refine == CHOICE_YES
+        || (w.opt.refine == CHOICE_DEFAULT && w.opt.method == IDENTIFY_AUTO);
     w.clock = w.opt.clock != NULL ? w.opt.clock(w.opt.context) : 0;
     if ((rc = check_options(&w.opt, err)) != MODAL_OK
         || (rc = record_make(batch, &w.opt, &w.rec, err)) != MODAL_OK

@@ -1,19 +1,22 @@
-/* identify.h - modes of a free response: frequencies, damping, stability of constant or periodic systems
+/* identify.h - modes of a free response: frequencies, damping, stability of constant or periodic
+ * systems
  *
  * The whole way, one module each:
  *
- *   record     the batch checked, cut (window, band, difference, detrend), scaled: L rows of unit rms   record.h
- *   pod        many channels to few signals s_i v_i^T                                                  pod.h
- *   hankel     the pair (14), (18)                                                                    hankel.h
- *   rank       candidates for the order                                                                 rank.h
- *   transition multipliers of Q, Qhat, B or Bhat                                                  transition.h
- *   exponents  corrected (10)                                                                      exponents.h
- *   refine     variable projection on the exponents, standard errors                                  refine.h
- *   order      BIC over the candidates                                                                 order.h
- *   synthesis  amplitudes, shapes, eq. (25), harmonics g_jk                             synthesis.h, harmonics.h
- *   verdict    stable, unstable, undecided; clusters; diagnostics                                    verdict.h
+ *   record     the batch checked, cut (window, band, difference, detrend), scaled: L rows of unit
+ *              rms  record.h
+ *   pod        many channels to few signals s_i v_i^T  pod.h
+ *   hankel     the pair (14), (18)  hankel.h
+ *   rank       candidates for the order  rank.h
+ *   transition multipliers of Q, Qhat, B or Bhat                                       transition.h
+ *   exponents  corrected (10)  exponents.h
+ *   refine     variable projection on the exponents, standard errors  refine.h
+ *   order      BIC over the candidates  order.h
+ *   synthesis  amplitudes, shapes, eq. (25), harmonics g_jk  synthesis.h, harmonics.h
+ *   verdict    stable, unstable, undecided; clusters; diagnostics  verdict.h
  *
- * Poles, multipliers and exponents: conventions of exponents.h.  Damping ratio -Re/|lambda|: positive decays.
+ * Poles, multipliers and exponents: conventions of exponents.h.  Damping ratio -Re/|lambda|:
+ * positive decays.
  */
 #ifndef MODAL_IDENTIFY_H
 #define MODAL_IDENTIFY_H
@@ -37,7 +40,8 @@ extern const char *const identify_method_names[IDENTIFY_METHOD_COUNT + 1];
 enum identify_choice { CHOICE_DEFAULT, CHOICE_NO, CHOICE_YES };
 enum identify_detrend { DETREND_NONE, DETREND_MEAN, DETREND_LINEAR, DETREND_COUNT };
 extern const char *const identify_detrend_names[DETREND_COUNT + 1];
-enum identify_scale { SCALE_RMS, SCALE_COMMON, SCALE_COUNT };      /* each channel to unit rms; all by one factor */
+/* each channel to unit rms; all by one factor */
+enum identify_scale { SCALE_RMS, SCALE_COMMON, SCALE_COUNT };
 extern const char *const identify_scale_names[SCALE_COUNT + 1];
 
 enum {
@@ -78,9 +82,11 @@ struct identify_options {
 
 struct identify_harmonic { int k; double magnitude; };
 
-/* Where Re(exponent) > 0: neither half of the record shows it alone; one does; the fit is exact, or the halves were too short to ask.  NEVER: halves contradict
- * the whole, but it and both of them decay, each by three of its own standard errors.  BELOW_GRID: it never reaches half a step of the grid that the samples lie on;
- * what decays is rounded by ever more of itself, and that looks like growth. */
+/* Where Re(exponent) > 0: neither half of the record shows it alone; one does; the fit is exact, or
+ * the halves were too short to ask.  NEVER: halves contradict the whole, but it and both of them
+ * decay, each by three of its own standard errors.  BELOW_GRID: it never reaches half a step of the
+ * grid that the samples lie on; what decays is rounded by ever more of itself, and that looks like
+ * growth. */
 enum growth { GROWTH_UNSEEN, GROWTH_IN_HALF, GROWTH_EXACT, GROWTH_NEVER, GROWTH_BELOW_GRID };
 
 struct identify_mode {
@@ -90,13 +96,14 @@ struct identify_mode {
     double amplitude;             /* rms of its part over the record, channels scaled to unit rms */
     double energy;                /* its share of the modes' energy, 0..1 */
     double persistence;           /* share of orders and windows that show it; NAN: not looked */
-    double residual;              /* sine of the angle between (1, rho, rho^2, ..) and the signals' subspace; NAN: unknown */
+    double residual;              /* sine of the angle between (1, rho, rho^2, ..) and the signals'
+                                   * subspace; NAN: unknown */
     /* standard deviations; NAN: unknown */
     double std_re, std_im;        /* of the exponent */
     double std_multiplier, std_frequency_hz, std_damping_ratio;
     enum growth growth;
     bool harmonic;                /* of a stronger mode: it has no say in the verdict */
-    double bar;                   /* on |multiplier|: the largest of Jacobian, jackknife, backward pair */
+    double bar;             /* on |multiplier|: the largest of Jacobian, jackknife, backward pair */
     int resolved_k;
     double runner_up;             /* magnitude of the second harmonic over the first; 1: a tie */
     struct identify_harmonic *harmonics;   /* periodic systems, by descending magnitude */
@@ -106,29 +113,38 @@ struct identify_mode {
 };
 
 struct identify_candidate { int order; double bic, residual; bool refined, converged, chosen; };
-struct identify_pole { int order; double complex exponent; double std_re, std_im; int mode; /* -1: none */ };
+struct identify_pole {
+    int order;
+    double complex exponent;
+    double std_re, std_im;
+    int mode; /* -1: none */
+};
 struct identify_cluster {
     double complex centroid;      /* mean multiplier */
     double radius;
     int *members; int member_count;        /* of modes */
     bool near_defective;
-    bool resolved;                /* no two members' errors come near each other, however close they are */
+    bool resolved;         /* no two members' errors come near each other, however close they are */
 };
 struct identify_diagnostic { char code[40]; char message[320]; int channel; /* -1: none */ };
 /* The strongest vibration of one part of the record. */
-struct identify_window { double t, frequency_hz, damping_ratio, std_frequency_hz, std_damping_ratio, amplitude; /* t: its middle, s */ };
+struct identify_window {
+    double t, frequency_hz, damping_ratio, std_frequency_hz, std_damping_ratio,
+        amplitude; /* t: its middle, s */
+};
 struct identify_stage { const char *name; double seconds; };
-/* Poles over one sample as the order was chosen, listed as in exponents.h; a constant is 0.  signals: how many were fitted. */
+/* Poles over one sample as the order was chosen, listed as in exponents.h; a constant is 0.
+ * signals: how many were fitted. */
 struct identify_chosen { double complex *lambda; int count, signals; };
 
 struct identify_result {
     struct identify_mode *modes; int mode_count;      /* by descending amplitude */
-    double *offset;               /* per channel in its unit, where a null exponent was found; else NULL */
+    double *offset;        /* per channel in its unit, where a null exponent was found; else NULL */
 
     enum { VERDICT_UNDECIDED, VERDICT_STABLE, VERDICT_UNSTABLE } verdict;
     bool driven;                               /* not a free decay: see not_free_decay in trend.h */
     double max_multiplier, margin, margin_std;        /* NAN where there is no mode */
-    int decides;                                      /* the mode that the verdict rests on; -1: none */
+    int decides;                                  /* the mode that the verdict rests on; -1: none */
 
     int pod_rank, hankel_rank;
     enum rank_rule rule;          /* the one that chose */
@@ -143,9 +159,12 @@ struct identify_result {
 
     struct identify_candidate *candidates; int candidate_count;
     struct identify_pole *poles; int pole_count;      /* stabilisation: every candidate's */
-    struct identify_chosen chosen, unweighed;         /* those of the answer; those before channels were weighed by their noise (count 0: they were not) */
+    struct identify_chosen chosen, unweighed;         /* those of the answer; those before channels
+                                                       * were weighed by their noise (count 0: they
+                                                       * were not) */
     struct identify_cluster *clusters; int cluster_count;
-    struct identify_window *trend; int trend_count;   /* where amplitude_dependent or changes_in_record is among the diagnostics */
+    /* where amplitude_dependent or changes_in_record is among the diagnostics */
+    struct identify_window *trend; int trend_count;
     struct identify_diagnostic diagnostics[IDENTIFY_DIAGNOSTICS_MOST]; int diagnostic_count;
 
     struct identify_stage stages[IDENTIFY_STAGES]; int stage_count;
@@ -161,15 +180,16 @@ struct identify_result {
 };
 
 /*
- * Identify BATCH (borrowed).  *out is empty on failure; the caller frees it with identify_result_done.
- * Fails with MODAL_BAD_INPUT, err->field naming the option ("rank.fixed"), attribute ("dt", "period") or dataset ("signals": text
- * with the first offending channel and sample); MODAL_TOO_LARGE; MODAL_NO_MEMORY; MODAL_NO_CONVERGENCE; MODAL_CANCELLED.
+ * Identify BATCH (borrowed).  *out is empty on failure; the caller frees it with
+ * identify_result_done. Fails with MODAL_BAD_INPUT, err->field naming the option ("rank.fixed"),
+ * attribute ("dt", "period") or dataset ("signals": text with the first offending channel and
+ * sample); MODAL_TOO_LARGE; MODAL_NO_MEMORY; MODAL_NO_CONVERGENCE; MODAL_CANCELLED.
  */
 enum modal_status modal_identify(const struct batch *batch, const struct identify_options *options,
                                  struct identify_result *out, struct modal_error *err);
 void identify_result_done(struct identify_result *result);
 
 /* Add a diagnostic; more than IDENTIFY_DIAGNOSTICS_MOST are dropped. */
-void identify_diagnose(struct identify_result *result, const char *code, int channel, const char *format, ...)
-    __attribute__((format(printf, 4, 5)));
+void identify_diagnose(struct identify_result *result, const char *code, int channel,
+                       const char *format, ...) __attribute__((format(printf, 4, 5)));
 #endif

@@ -1,12 +1,16 @@
 /* merge.c - one pole for one mode that changes as it decays
  *
- * A mode with friction, or with a stiffness that depends on its amplitude, is no sum of exponentials.  A linear fit spends several poles on it, as close
- * together as its frequency wanders, and none of them is a mode.  What can be said of such a mode is its mean over the record and how far it goes:
+ * A mode with friction, or with a stiffness that depends on its amplitude, is no sum of
+ * exponentials.  A linear fit spends several poles on it, as close together as its frequency
+ * wanders, and none of them is a mode.  What can be said of such a mode is its mean over the record
+ * and how far it goes:
  *
- *   members   strongest first, a pole takes every weaker one within its reach: CLOSE of the frequency of the mode that was watched,
- *             and elsewhere as much as that one wandered, relatively (other modes go through the same joints)
+ *   members   strongest first, a pole takes every weaker one within its reach: CLOSE of the
+ *             frequency of the mode that was watched, and elsewhere as much as that one wandered,
+ *             relatively (other modes go through the same joints)
  *   start     the mean of the members, weighed by their energies, refined with all other poles
- *   error     half the range over the windows, or the members' own rms distance from the mean where no window tells
+ *   error     half the range over the windows, or the members' own rms distance from the mean where
+ *             no window tells
  */
 #include "modal/identify/merge.h"
 #include <math.h>
@@ -32,14 +36,16 @@ static struct range range_of(const struct identify_window *w, int count, double 
 
     for (int i = 0; i < count; i++) {
         double decay = w[i].damping_ratio * 2 * M_PI * (w[i].frequency_hz - hertz);
-        r.low = fmin(r.low, w[i].frequency_hz - hertz), r.high = fmax(r.high, w[i].frequency_hz - hertz);
+        r.low = fmin(r.low, w[i].frequency_hz - hertz),
+        r.high = fmax(r.high, w[i].frequency_hz - hertz);
         r.slow = fmin(r.slow, decay), r.fast = fmax(r.fast, decay);
     }
     return r;
 }
 
 /* Mean square of each pole's part, up to a factor. */
-static enum modal_status energies(const struct refine_data *d, const struct poles *p, double *energy, struct modal_error *err)
+static enum modal_status energies(const struct refine_data *d, const struct poles *p,
+                                  double *energy, struct modal_error *err)
 {
     struct synthesis f = { 0 };
     enum modal_status rc = synthesis_fit(p->lambda, p->count, p->tau, d->Y, NULL, &f, err);
@@ -76,7 +82,8 @@ static bool watched(const struct range *r, double complex lambda)
 }
 
 /* crowd[j]: the number of pole j's crowd.  The count of crowds. */
-static int form_crowds(const struct poles *p, const double *energy, const struct range *r, int *crowd)
+static int form_crowds(const struct poles *p, const double *energy, const struct range *r,
+                       int *crowd)
 {
     double wander = (r->high - r->low) / r->low;
     int count = 0, head;
@@ -84,16 +91,19 @@ static int form_crowds(const struct poles *p, const double *energy, const struct
     for (int j = 0; j < p->count; j++)
         crowd[j] = -1;
     while ((head = strongest(p, energy, crowd)) >= 0) {
-        double reach = (watched(r, p->lambda[head]) ? fmax(CLOSE, wander) : wander) * cimag(p->lambda[head]);
+        double reach =
+            (watched(r, p->lambda[head]) ? fmax(CLOSE, wander) : wander) * cimag(p->lambda[head]);
         for (int j = 0; j < p->count; j++)
-            if (crowd[j] < 0 && cimag(p->lambda[j]) > 0 && fabs(cimag(p->lambda[j]) - cimag(p->lambda[head])) <= reach)
+            if (crowd[j] < 0 && cimag(p->lambda[j]) > 0
+                && fabs(cimag(p->lambda[j]) - cimag(p->lambda[head])) <= reach)
                 crowd[j] = count;
         crowd[head] = count++;
     }
     return count;
 }
 
-static struct crowd describe(const struct poles *p, const double *energy, const struct range *r, const int *crowd, int which)
+static struct crowd describe(const struct poles *p, const double *energy, const struct range *r,
+                             const int *crowd, int which)
 {
     struct crowd c = { 0 };
     double all = 0, re = 0, im = 0;
@@ -117,21 +127,25 @@ static struct crowd describe(const struct poles *p, const double *energy, const 
 }
 
 /* The crowds' poles take the place of the old ones. */
-static void replace(struct poles *p, const struct refined *fit, const struct crowd *crowds, const int *crowd)
+static void replace(struct poles *p, const struct refined *fit, const struct crowd *crowds,
+                    const int *crowd)
 {
     for (int i = 0; i < fit->poles; i++) {
         int from = 0;
         while (crowd[from] != i)
             from++;
         p->lambda[i] = fit->lambda[i];
-        p->std_re[i] = fmax(fit->std_re[i], crowds[i].re), p->std_im[i] = fmax(fit->std_im[i], crowds[i].im);
-        p->bar[i] = NAN, p->angle[i] = crowds[i].members > 1 ? NAN : p->angle[from], p->growth[i] = GROWTH_UNSEEN;
+        p->std_re[i] = fmax(fit->std_re[i], crowds[i].re),
+        p->std_im[i] = fmax(fit->std_im[i], crowds[i].im);
+        p->bar[i] = NAN, p->angle[i] = crowds[i].members > 1 ? NAN : p->angle[from],
+        p->growth[i] = GROWTH_UNSEEN;
     }
     p->count = fit->poles;
 }
 
-enum modal_status merge_crowds(const struct refine_data *data, const struct identify_window *trend, int count, double hertz,
-                               struct poles *p, bool *converged, struct modal_error *err)
+enum modal_status merge_crowds(const struct refine_data *data, const struct identify_window *trend,
+                               int count, double hertz, struct poles *p, bool *converged,
+                               struct modal_error *err)
 {
     struct range r = range_of(trend, count, hertz);
     size_t room = (size_t)p->count + 1;

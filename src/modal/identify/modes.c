@@ -1,22 +1,29 @@
 /*
  * modes.c - modes from poles
  *
- * One least-squares fit of all poles to all channels (synthesis.c) gives the coefficients b; everything reported follows from them.
+ * One least-squares fit of all poles to all channels (synthesis.c) gives the coefficients b;
+ * everything reported follows from them.
  *
  *   constant       one pole, one mode
- *   p-sample shift one pole, one mode; its coefficient is periodic, b[k] at the p phases, and harmonics.c gives its Fourier series
- *   one-sample     a periodic system sampled at T/dt not whole: pole lambda + i k Omega is harmonic k of the mode lambda.  Poles that agree modulo
- *                  i Omega (or whose conjugates do) are one mode; each is an independent estimate of lambda, and they are averaged with the inverse of
- *                  their variances, or with their energies where those are unknown.  Nothing is rounded to whole samples.            (1)
- *                  A band of a periodic system is the same: the demodulation moved its lines by a known frequency, and only those inside are seen
+ *   p-sample       one pole, one mode; its coefficient is periodic, b[k] at the p phases, and
+ *                  harmonics.c gives its Fourier series
+ *   one-sample     a periodic system sampled at T/dt not whole: pole lambda + i k Omega is harmonic
+ *                  k of the mode lambda.  Poles that agree modulo i Omega (or whose conjugates do)
+ *                  are one mode; each is an independent estimate of lambda, and they are averaged
+ *                  with the inverse of their variances, or with their energies where those are
+ *                  unknown.  Nothing is rounded to whole samples.                              (1)
+ *                  A band of a periodic system is the same: the demodulation moved its lines by a
+ *                  known frequency, and only those inside are seen
  *
- * Energy of a mode over the record: with the real basis columns x_i of its poles and their Gram matrix G, sum_c b_c^T G b_c.
+ * Energy of a mode over the record: with the real basis columns x_i of its poles and their Gram
+ * matrix G, sum_c b_c^T G b_c.
  *
- * Offset: an isolated real exponent that is zero within its error and, for a periodic system, whose coefficient is the same at all phases.
+ * Offset: an isolated real exponent that is zero within its error and, for a periodic system, whose
+ * coefficient is the same at all phases.
  *
  * Modal phase collinearity [PEL93], from the second moments of Re and Im of the shape about zero:
  *
- *     ((Sxx - Syy)^2 + 4 Sxy^2) / (Sxx + Syy)^2.                                                          (2)
+ *     ((Sxx - Syy)^2 + 4 Sxy^2) / (Sxx + Syy)^2.                                                (2)
  *
  * [PEL93] Pappa, Elliott and Schenk, J. Guidance Control Dyn. 16 (1993) 832-838.
  */
@@ -32,7 +39,8 @@
 #include "modal/identify/synthesis.h"
 #include "modal/linalg/svd.h"
 
-/* How far two poles may be apart modulo i Omega and still be one mode, in units of Omega, beside five standard deviations. */
+/* How far two poles may be apart modulo i Omega and still be one mode, in units of Omega, beside
+ * five standard deviations. */
 static const double FOLD_APART = 2e-3;
 
 struct work {
@@ -40,11 +48,11 @@ struct work {
     const struct poles *poles;
     const struct identify_options *opt;
     struct matrix folded;              /* owned where shift > 1 */
-    const struct matrix *Y;            /* what was fitted: channels as columns, or phases and channels */
+    const struct matrix *Y;       /* what was fitted: channels as columns, or phases and channels */
     struct synthesis fit;
     struct matrix products;            /* of the basis' columns, scaled as coefficients want */
     int *column;                       /* of each pole's first */
-    int *mode;                         /* of each pole: the mode it belongs to; -1: the offset; -2: out of band */
+    int *mode;           /* of each pole: the mode it belongs to; -1: the offset; -2: out of band */
     int *harmonic;                     /* of each pole: its k in (1), 0 elsewhere */
     bool *flipped;                     /* (1): it is the conjugate that agrees */
     int modes;
@@ -154,7 +162,8 @@ static double weight_of(const struct work *w, int j)
 static bool same_at_all_phases(const struct work *w, int j)
 {
     int p = w->poles->shift;
-    double spread = 0, size = 0, noise = w->fit.residual / sqrt((double)w->Y->m * w->Y->n) / sqrt(w->Y->m);
+    double spread = 0, size = 0,
+           noise = w->fit.residual / sqrt((double)w->Y->m * w->Y->n) / sqrt(w->Y->m);
 
     for (int s = 0; s < w->rec->channels; s++) {
         double mean = 0;
@@ -179,26 +188,31 @@ static int find_offset(const struct work *w)
     if (w->rec->shift_rad_s != 0)
         return -1;
     for (int j = 0; j < p->count; j++) {
-        double error = p->std_re[j] > 0 ? 4 * p->std_re[j] : 0, most = fmin(fmax(error, 1e-7 / record), 0.3 / record);
+        double error = p->std_re[j] > 0 ? 4 * p->std_re[j] : 0,
+               most = fmin(fmax(error, 1e-7 / record), 0.3 / record);
         if (frequency_of(p->lambda[j]) * record > 0.5 && !(frequency_of(p->lambda[j]) < 2 * most))
             continue;
-        if (pole_kind(p->lambda[j], p->tau) != POLE_REAL || found >= 0 || !(fabs(creal(p->lambda[j])) <= most))
-            return -1;                     /* a second slow pole: a cluster at zero, not an offset */
+        if (pole_kind(p->lambda[j], p->tau) != POLE_REAL || found >= 0
+            || !(fabs(creal(p->lambda[j])) <= most))
+            return -1;                    /* a second slow pole: a cluster at zero, not an offset */
         found = j;
     }
     return found >= 0 && (p->shift == 1 || same_at_all_phases(w, found)) ? found : -1;
 }
 
-static enum modal_status report_offset(const struct work *w, int j, struct identify_result *result, struct modal_error *err)
+static enum modal_status report_offset(const struct work *w, int j, struct identify_result *result,
+                                       struct modal_error *err)
 {
     int p = w->poles->shift;
 
     result->offset = calloc(w->rec->channels + 1, sizeof *result->offset);
     if (result->offset == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "modes: no memory for %d channels", w->rec->channels);
+        return modal_fail(err, MODAL_NO_MEMORY, "modes: no memory for %d channels",
+                          w->rec->channels);
     for (int s = 0; s < w->rec->channels; s++)
         for (int k = 0; k < p; k++)
-            result->offset[s] += w->rec->scale[s] * (creal(w->fit.coefficient[j + (size_t)(k + p * s) * w->poles->count]) / p);
+            result->offset[s] += w->rec->scale[s]
+                * (creal(w->fit.coefficient[j + (size_t)(k + p * s) * w->poles->count]) / p);
     return MODAL_OK;
 }
 
@@ -211,7 +225,8 @@ static double complex line(const struct work *w, int j)
 }
 
 /* Does pole j, or its conjugate, equal lambda + i k Omega?  (1) */
-static bool folds_onto(const struct work *w, int j, double complex lambda, double std, int *k, bool *flipped)
+static bool folds_onto(const struct work *w, int j, double complex lambda, double std, int *k,
+                       bool *flipped)
 {
     double Omega = 2 * M_PI / w->rec->period;
 
@@ -228,7 +243,8 @@ static bool folds_onto(const struct work *w, int j, double complex lambda, doubl
     return false;
 }
 
-/* Strongest first: each pole not yet taken starts a mode and takes those that agree with it modulo i Omega. */
+/* Strongest first: each pole not yet taken starts a mode and takes those that agree with it modulo
+ * i Omega. */
 static void group_poles(struct work *w)
 {
     const struct poles *p = w->poles;
@@ -248,17 +264,21 @@ static void group_poles(struct work *w)
         which = w->modes++;
         w->mode[head] = which;
         for (int j = 0; j < p->count; j++)
-            if (w->mode[j] == -3 && folds_onto(w, j, line(w, head), p->std_re[head] > 0 ? hypot(p->std_re[head], p->std_im[head]) : 0,
-                                               &w->harmonic[j], &w->flipped[j]))
+            if (w->mode[j] == -3
+                && folds_onto(w, j, line(w, head),
+                              p->std_re[head] > 0 ? hypot(p->std_re[head], p->std_im[head]) : 0,
+                              &w->harmonic[j], &w->flipped[j]))
                 w->mode[j] = which;
     }
 }
 
 /* ---- one mode ---- */
 
-/* Principal value, Im in [0, Omega/2], and the shift of k that takes there: lambda = principal + i k Omega, or its conjugate.  A pair beside the
- * real axis would show two lines; one line at 0 or Omega/2, within its error, is a real multiplier. */
-static double complex principal(double complex lambda, double Omega, double error, int *k, bool *flipped)
+/* Principal value, Im in [0, Omega/2], and the shift of k that takes there: lambda = principal + i
+ * k Omega, or its conjugate.  A pair beside the real axis would show two lines; one line at 0 or
+ * Omega/2, within its error, is a real multiplier. */
+static double complex principal(double complex lambda, double Omega, double error, int *k,
+                                bool *flipped)
 {
     double im = cimag(lambda), turns = ceil(im / Omega - 0.5);
 
@@ -277,7 +297,8 @@ static double complex principal(double complex lambda, double Omega, double erro
 static double complex mean_pole(const struct work *w, int which, double *std_re, double *std_im)
 {
     const struct poles *p = w->poles;
-    double Omega = w->rec->period > 0 ? 2 * M_PI / w->rec->period : 0, wr = 0, wi = 0, re = 0, im = 0;
+    double Omega = w->rec->period > 0 ? 2 * M_PI / w->rec->period : 0, wr = 0, wi = 0, re = 0,
+           im = 0;
     bool known = true;
 
     for (int j = 0; j < p->count; j++)
@@ -298,7 +319,9 @@ static double complex mean_pole(const struct work *w, int which, double *std_re,
     return CMPLX(wr > 0 ? re / wr : 0, wi > 0 ? im / wi : 0);
 }
 
-static enum modal_status keep_harmonics(struct identify_mode *m, const struct identify_harmonic *list, int count, struct modal_error *err)
+static enum modal_status keep_harmonics(struct identify_mode *m,
+                                        const struct identify_harmonic *list, int count,
+                                        struct modal_error *err)
 {
     m->harmonics = malloc(sizeof *list * (count + 1));
     if (m->harmonics == NULL)
@@ -309,18 +332,21 @@ static enum modal_status keep_harmonics(struct identify_mode *m, const struct id
 }
 
 /* Harmonics of pole j by the phases of its coefficient. */
-static enum modal_status phase_harmonics(const struct work *w, int j, struct identify_mode *m, struct modal_error *err)
+static enum modal_status phase_harmonics(const struct work *w, int j, struct identify_mode *m,
+                                         struct modal_error *err)
 {
     struct identify_harmonic list[HARMONICS_REPORTED];
     int count;
-    enum modal_status rc = harmonics_of(w->fit.coefficient + j, w->poles->count, w->poles->shift, w->rec->channels, w->poles->lambda[j],
-                                        w->rec->period, list, &count, &m->resolved_k, &m->runner_up, err);
+    enum modal_status rc = harmonics_of(w->fit.coefficient + j, w->poles->count, w->poles->shift,
+                                        w->rec->channels, w->poles->lambda[j], w->rec->period, list,
+                                        &count, &m->resolved_k, &m->runner_up, err);
 
     return rc == MODAL_OK ? keep_harmonics(m, list, count, err) : rc;
 }
 
 /* Harmonics of a mode whose poles are its comb, relative to its principal value. */
-static enum modal_status comb_harmonics(const struct work *w, int which, int turns, bool flipped, struct identify_mode *m, struct modal_error *err)
+static enum modal_status comb_harmonics(const struct work *w, int which, int turns, bool flipped,
+                                        struct identify_mode *m, struct modal_error *err)
 {
     struct identify_harmonic *list = malloc(sizeof *list * (2 * w->poles->count + 1));
     int count = 0;
@@ -332,7 +358,8 @@ static enum modal_status comb_harmonics(const struct work *w, int which, int tur
         int k;
         if (w->mode[j] != which)
             continue;
-        /* of the head's branch, then of the principal value, then of its conjugate; a real signal holds both signs of a real kind */
+        /* of the head's branch, then of the principal value, then of its conjugate; a real signal
+         * holds both signs of a real kind */
         k = w->harmonic[j] + turns;
         if (flipped)
             k = -k;
@@ -353,8 +380,10 @@ static double complex component(const struct work *w, int j, int c, const struct
     if (p->shift == 1 || w->rec->period <= 0)
         return w->fit.coefficient[j + (size_t)c * p->shift * p->count];
     for (int k = 0; k < p->shift; k++) {
-        double t = k * w->rec->period / p->shift, turn = -(cimag(p->lambda[j]) * t + 2 * M_PI * m->resolved_k * k / p->shift);
-        sum += w->fit.coefficient[j + (size_t)(k + p->shift * c) * p->count] * exp(-creal(p->lambda[j]) * t) * CMPLX(cos(turn), sin(turn)) / p->shift;
+        double t = k * w->rec->period / p->shift,
+               turn = -(cimag(p->lambda[j]) * t + 2 * M_PI * m->resolved_k * k / p->shift);
+        sum += w->fit.coefficient[j + (size_t)(k + p->shift * c) * p->count]
+            * exp(-creal(p->lambda[j]) * t) * CMPLX(cos(turn), sin(turn)) / p->shift;
     }
     return sum;
 }
@@ -387,7 +416,8 @@ void modes_scale_shape(struct identify_mode *m, int count)
 }
 
 /* In the channels' own units, largest component 1. */
-static enum modal_status shape_of(const struct work *w, int j, struct identify_mode *m, struct modal_error *err)
+static enum modal_status shape_of(const struct work *w, int j, struct identify_mode *m,
+                                  struct modal_error *err)
 {
     int S = w->rec->channels;
     double most = largest_magnitude(w->rec->scale, S);
@@ -401,12 +431,13 @@ static enum modal_status shape_of(const struct work *w, int j, struct identify_m
     return MODAL_OK;
 }
 
-/* d|lambda| and d zeta from those of Re and Im, taken as independent; never below rounding, which is that of lambda itself and that of
- * e^{lambda t} over the record. */
+/* d|lambda| and d zeta from those of Re and Im, taken as independent; never below rounding, which
+ * is that of lambda itself and that of e^{lambda t} over the record. */
 void modes_spread_std(struct identify_mode *m, double span, double record)
 {
     double complex z = m->resolved;
-    double omega = frequency_of(z), a = creal(z), b = cimag(z), least = DBL_EPSILON * (omega + 1 / record);
+    double omega = frequency_of(z), a = creal(z), b = cimag(z),
+           least = DBL_EPSILON * (omega + 1 / record);
 
     if (m->std_re > 0)
         m->std_re = fmax(m->std_re, least);
@@ -414,8 +445,10 @@ void modes_spread_std(struct identify_mode *m, double span, double record)
         m->std_im = fmax(m->std_im, least);
 
     m->std_multiplier = hypot(m->std_re, m->std_im) * span * exp(a * span);
-    m->std_frequency_hz = omega > 0 ? hypot(a * m->std_re, b * m->std_im) / omega / (2 * M_PI) : m->std_re / (2 * M_PI);
-    m->std_damping_ratio = omega > 0 ? fabs(b) / (omega * omega) * hypot(b * m->std_re, a * m->std_im) / omega : NAN;
+    m->std_frequency_hz = omega > 0 ? hypot(a * m->std_re, b * m->std_im) / omega / (2 * M_PI)
+                                    : m->std_re / (2 * M_PI);
+    m->std_damping_ratio =
+        omega > 0 ? fabs(b) / (omega * omega) * hypot(b * m->std_re, a * m->std_im) / omega : NAN;
 }
 
 static int head_of(const struct work *w, int which)
@@ -428,11 +461,13 @@ static int head_of(const struct work *w, int which)
     return head;
 }
 
-static enum modal_status report_mode(const struct work *w, int which, struct identify_mode *m, struct modal_error *err)
+static enum modal_status report_mode(const struct work *w, int which, struct identify_mode *m,
+                                     struct modal_error *err)
 {
     const struct record *rec = w->rec;
     const struct poles *p = w->poles;
-    double Omega = rec->period > 0 ? 2 * M_PI / rec->period : 0, span = rec->period > 0 ? rec->period : rec->dt;
+    double Omega = rec->period > 0 ? 2 * M_PI / rec->period : 0,
+           span = rec->period > 0 ? rec->period : rec->dt;
     int head = head_of(w, which), turns = 0;
     bool flipped = false, comb = rec->period > 0 && p->shift == 1;
     double complex lambda = comb ? mean_pole(w, which, &m->std_re, &m->std_im) : p->lambda[head];
@@ -446,7 +481,9 @@ static enum modal_status report_mode(const struct work *w, int which, struct ide
     m->growth = p->growth[head];
     m->amplitude = sqrt(energy_of(w, which) / ((double)w->Y->m * p->shift * w->live));
     if (comb)
-        m->exponent = principal(lambda, Omega, fmax(1e-9 * Omega, m->std_im > 0 ? 3 * m->std_im : 0), &turns, &flipped);
+        m->exponent =
+            principal(lambda, Omega, fmax(1e-9 * Omega, m->std_im > 0 ? 3 * m->std_im : 0), &turns,
+                      &flipped);
     if (comb)
         rc = comb_harmonics(w, which, turns, flipped, m, err);
     else if (rec->period > 0)
@@ -461,14 +498,16 @@ static enum modal_status report_mode(const struct work *w, int which, struct ide
     if (w->opt->shapes) {
         int at = head;
         for (int j = 0; j < p->count && comb; j++)
-            if (w->mode[j] == which && (flipped ? -(w->harmonic[j] + turns) : w->harmonic[j] + turns) == m->resolved_k)
+            if (w->mode[j] == which
+                && (flipped ? -(w->harmonic[j] + turns) : w->harmonic[j] + turns) == m->resolved_k)
                 at = j;
         rc = shape_of(w, at, m, err);
     }
     return rc;
 }
 
-static enum modal_status report_reconstruction(const struct work *w, struct identify_result *r, struct modal_error *err)
+static enum modal_status report_reconstruction(const struct work *w, struct identify_result *r,
+                                               struct modal_error *err)
 {
     int S = w->rec->channels, p = w->poles->shift;
     double all = 0;
@@ -540,8 +579,9 @@ static bool out_of_band(const struct work *w, int j)
     return hz < w->opt->band[0] || hz > w->opt->band[1];
 }
 
-enum modal_status modes_report(const struct record *rec, const struct poles *poles, const struct identify_options *opt,
-                               struct identify_result *result, struct modal_error *err)
+enum modal_status modes_report(const struct record *rec, const struct poles *poles,
+                               const struct identify_options *opt, struct identify_result *result,
+                               struct modal_error *err)
 {
     struct work w = { .rec = rec, .poles = poles, .opt = opt };
     enum modal_status rc = work_start(&w, err);

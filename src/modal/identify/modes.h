@@ -19,25 +19,28 @@ struct poles {
     int shift;
     double tau;
     bool refined;                 /* standard deviations are from the Jacobian */
-    struct synthesis *fit;        /* of all channels, where it is known already (taken over); else NULL */
+    struct synthesis *fit;  /* of all channels, where it is known already (taken over); else NULL */
 };
 
 /*
- * Fill what RESULT says of modes, offset, reconstruction: everything of a mode but persistence.  POLES are over `shift` samples of REC.
- * Three kinds of system: constant (rec->period 0); periodic with a whole number of samples (shift = rec->per_period); periodic without
- * (shift 1: poles that differ by multiples of i Omega are one mode).  Fails with MODAL_NO_MEMORY, MODAL_NO_CONVERGENCE.
+ * Fill what RESULT says of modes, offset, reconstruction: everything of a mode but persistence.
+ * POLES are over `shift` samples of REC. Three kinds of system: constant (rec->period 0); periodic
+ * with a whole number of samples (shift = rec->per_period); periodic without (shift 1: poles that
+ * differ by multiples of i Omega are one mode).  Fails with MODAL_NO_MEMORY, MODAL_NO_CONVERGENCE.
  */
-enum modal_status modes_report(const struct record *rec, const struct poles *poles, const struct identify_options *opt,
-                               struct identify_result *result, struct modal_error *err);
+enum modal_status modes_report(const struct record *rec, const struct poles *poles,
+                               const struct identify_options *opt, struct identify_result *result,
+                               struct modal_error *err);
 
-/* Modal phase collinearity of a shape: 1 where all components lie on one line in the complex plane [PEL93]. */
+/* Modal phase collinearity of a shape: 1 where all components lie on one line in the complex plane
+ * [PEL93]. */
 double modes_mpc(const double complex *shape, int count);
 
 /* Shape m->shape, COUNT >= 1 components, over its largest; m->mpc. */
 void modes_scale_shape(struct identify_mode *m, int count);
 
-/* m->std_re and std_im, 1/s, at least rounding of a record of so many seconds; from them the other standard deviations, those of the
- * multiplier over SPAN seconds. */
+/* m->std_re and std_im, 1/s, at least rounding of a record of so many seconds; from them the other
+ * standard deviations, those of the multiplier over SPAN seconds. */
 void modes_spread_std(struct identify_mode *m, double span, double record);
 
 /* The energy of each mode, as its share of the sum of squared amplitudes; the strongest first. */

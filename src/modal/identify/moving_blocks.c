@@ -1,7 +1,8 @@
 /*
  * moving_blocks.c - the samples of a moving window, reduced as they come; equation (1) of moving.c
  *
- * Owned here: the samples themselves, the blocks C_b, the queue of triangles, and the anchor, whose poles span Q.
+ * Owned here: the samples themselves, the blocks C_b, the queue of triangles, and the anchor, whose
+ * poles span Q.
  */
 #include "modal/identify/moving_state.h"
 #include <cblas.h>
@@ -14,7 +15,7 @@
 #include "modal/linalg/svd.h"
 
 enum { MOMENTS = 4, BLOCK_MOST = 1024 };
-static const double LEAK = 1e-11;                /* of |lambda|: what the anchor's span may cost an exponent */
+static const double LEAK = 1e-11;     /* of |lambda|: what the anchor's span may cost an exponent */
 
 void poles_free(struct poles_of *p)
 {
@@ -93,10 +94,12 @@ static enum modal_status reduce_block(struct moving *m, uint64_t i, struct modal
             Y[l + (size_t)c * (size_t)B] = y[(size_t)l * (size_t)S + (size_t)c];
     memcpy(E, Y, sizeof *Y * (size_t)B * (size_t)S);
     cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, k, S, B, 1, m->Q, B, Y, B, 0, block.C, k);
-    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, B, S, k, -1, m->Q, B, block.C, k, 1, E, B);
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, B, S, k, -1, m->Q, B, block.C, k, 1, E,
+                B);
     block.norm = block.C + (size_t)k * (size_t)S, block.left = block.norm + S;
     for (int c = 0; c < S; c++)
-        block.norm[c] = quick_norm(Y + (size_t)c * (size_t)B, (size_t)B), block.left[c] = quick_norm(E + (size_t)c * (size_t)B, (size_t)B);
+        block.norm[c] = quick_norm(Y + (size_t)c * (size_t)B, (size_t)B),
+        block.left[c] = quick_norm(E + (size_t)c * (size_t)B, (size_t)B);
     if (m->all != NULL)
         rc = window_qr_push(m->all, &rows, err);
     if (rc != MODAL_OK)
@@ -149,7 +152,8 @@ static bool all_finite(const double *x, size_t count)
     return sum == 0;
 }
 
-enum modal_status moving_push(struct moving *m, const double *samples, size_t count, struct modal_error *err)
+enum modal_status moving_push(struct moving *m, const double *samples, size_t count,
+                              struct modal_error *err)
 {
     size_t S = (size_t)m->S, L = (size_t)m->L;
     enum modal_status rc = MODAL_OK;
@@ -183,7 +187,8 @@ static int gcd(int a, int b)
     return a;
 }
 
-/* Rows of a window in blocks of B samples of k rows each, the mean over where windows a hop apart begin. */
+/* Rows of a window in blocks of B samples of k rows each, the mean over where windows a hop apart
+ * begin. */
 static double mean_rows(const struct moving *m, int B, int k)
 {
     int step = gcd(B, m->opt.hop > 0 ? m->opt.hop : 1), phases = B / step;
@@ -196,10 +201,12 @@ static double mean_rows(const struct moving *m, int B, int k)
     return sum / phases;
 }
 
-/* The block's length: the one that leaves the fewest rows; 0 where blocks would not shorten the window. */
+/* The block's length: the one that leaves the fewest rows; 0 where blocks would not shorten the
+ * window. */
 static int block_length(const struct moving *m, int k)
 {
-    int least = 2 * k > m->S ? 2 * k : m->S, most = m->L / 3 < BLOCK_MOST ? m->L / 3 : BLOCK_MOST, best = 0;
+    int least = 2 * k > m->S ? 2 * k : m->S, most = m->L / 3 < BLOCK_MOST ? m->L / 3 : BLOCK_MOST,
+        best = 0;
     double fewest = 0.8 * m->L;
 
     for (int B = least; B <= most && B <= 6 * least; B++) {
@@ -210,10 +217,12 @@ static int block_length(const struct moving *m, int k)
     return best;
 }
 
-/* l^i e^{lambda l} about the block's middle, l from -1 to 1, over their largest entry; one or two columns. */
+/* l^i e^{lambda l} about the block's middle, l from -1 to 1, over their largest entry; one or two
+ * columns. */
 static int moment_columns(double complex lambda, double tau, int B, int i, double *x)
 {
-    double a = creal(lambda) * tau, b = cimag(lambda) * tau, middle = 0.5 * (B - 1), reference = fabs(a) * middle;
+    double a = creal(lambda) * tau, b = cimag(lambda) * tau, middle = 0.5 * (B - 1),
+           reference = fabs(a) * middle;
     int columns = pole_kind(lambda, tau) == POLE_PAIR ? 2 : 1;
 
     for (int l = 0; l < B; l++) {
@@ -256,14 +265,19 @@ enum modal_status anchor_set(struct moving *m, const struct poles_of *p, struct 
     Q = (struct matrix) { m->B, n, m->B, m->Q };
     rc = qr_orthonormal(&Q, NULL, err);
     if (rc == MODAL_OK) {
-        struct moving_rows rows = { .length = m->B, .k = m->k, .Q = m->Q, .tau = m->opt.dt, .anchors = p->count, .anchor = m->anchor.lambda };
+        struct moving_rows rows = { .length = m->B,
+                                    .k = m->k,
+                                    .Q = m->Q,
+                                    .tau = m->opt.dt,
+                                    .anchors = p->count,
+                                    .anchor = m->anchor.lambda };
         rc = moving_table(&rows, &m->table, err);
     }
     return rc == MODAL_OK ? keep_blocks(m, err) : rc;
 }
 
-/* Do the poles still lie where the anchor's span holds them?  The residual is noise, so that what the span lacks of a derivative costs an exponent that
- * share of its standard error. */
+/* Do the poles still lie where the anchor's span holds them?  The residual is noise, so that what
+ * the span lacks of a derivative costs an exponent that share of its standard error. */
 bool anchor_is_near(const struct moving *m, const struct moving_fit *f)
 {
     double fact = 1;
@@ -271,8 +285,10 @@ bool anchor_is_near(const struct moving *m, const struct moving_fit *f)
     for (int i = 2; i < MOMENTS; i++)
         fact *= i;
     for (int j = 0; j < f->poles && m->B > 0; j++) {
-        double x = cabs(f->lambda[j] - m->anchor.lambda[j]) * m->opt.dt * m->B / 2, std = hypot(f->std_re[j], f->std_im[j]);
-        if (!(pow(x, MOMENTS - 1) / fact * std <= LEAK * fmax(cabs(f->lambda[j]), DBL_MIN)) && f->lambda[j] != 0)
+        double x = cabs(f->lambda[j] - m->anchor.lambda[j]) * m->opt.dt * m->B / 2,
+               std = hypot(f->std_re[j], f->std_im[j]);
+        if (!(pow(x, MOMENTS - 1) / fact * std <= LEAK * fmax(cabs(f->lambda[j]), DBL_MIN))
+            && f->lambda[j] != 0)
             return false;
     }
     return true;

@@ -1,12 +1,16 @@
 /*
  * moving_columns.c - exponentials on compressed rows
  *
- * A block's columns are those of any other times a power of z.  With u = l - (length - 1) / 2 the place in the block, h its largest value and lambda_a an anchor,
+ * A block's columns are those of any other times a power of z.  With u = l - (length - 1) / 2 the
+ * place in the block, h its largest value and lambda_a an anchor,
  *
- *     Q^T u^m e^{lambda u} = h^m sum_{i < TERMS} ((lambda - lambda_a) h)^i / i!  P_{i+m},   P_i = Q^T (u/h)^i e^{lambda_a u},      (1)
+ *     Q^T u^m e^{lambda u} = h^m sum_{i < TERMS} ((lambda - lambda_a) h)^i / i!  P_{i+m},
+ *     P_i = Q^T (u/h)^i e^{lambda_a u},                                                         (1)
  *
- * up to NEAR^TERMS / TERMS! < 1e-15 of the column where |lambda - lambda_a| h <= NEAR (lambda per step): P is found once for an anchor, and a column then costs k numbers,
- * not length x k.  Further from every anchor the left side is multiplied out.  Each e^{lambda u} stands over e^{|Re lambda| h}, so that nothing overflows.
+ * up to NEAR^TERMS / TERMS! < 1e-15 of the column where |lambda - lambda_a| h <= NEAR (lambda per
+ * step): P is found once for an anchor, and a column then costs k numbers, not length x k.  Further
+ * from every anchor the left side is multiplied out.  Each e^{lambda u} stands over e^{|Re lambda|
+ * h}, so that nothing overflows.
  */
 #include "modal/identify/moving_columns.h"
 #include <cblas.h>
@@ -52,8 +56,10 @@ static void fill_table(const struct power *p, struct table *t)
     }
 }
 
-/* z^l over the reference, and minus its imaginary part, for l = first .. first + count - 1: every POWERS-th exactly, times the table. */
-static void powers(const struct power *p, const struct table *t, double first, int count, double *re, double *im)
+/* z^l over the reference, and minus its imaginary part, for l = first .. first + count - 1: every
+ * POWERS-th exactly, times the table. */
+static void powers(const struct power *p, const struct table *t, double first, int count,
+                   double *re, double *im)
 {
     for (int at = 0; at < count; at += POWERS) {
         double complex head = power(p, first + at);
@@ -64,13 +70,15 @@ static void powers(const struct power *p, const struct table *t, double first, i
     }
 }
 
-static void put_samples(const struct power *p, const struct table *t, int moments, const struct moving_column *c, int row, int first, int count)
+static void put_samples(const struct power *p, const struct table *t, int moments,
+                        const struct moving_column *c, int row, int first, int count)
 {
     powers(p, t, first, count, c->re[0] + row, c->im[0] + row);
     for (int m = 1; m < moments; m++)
         for (int i = 0; i < count; i++) {
             double s = first + i - c->centre;
-            c->re[m][row + i] = s * c->re[m - 1][row + i], c->im[m][row + i] = s * c->im[m - 1][row + i];
+            c->re[m][row + i] = s * c->re[m - 1][row + i],
+                           c->im[m][row + i] = s * c->im[m - 1][row + i];
         }
 }
 
@@ -81,8 +89,10 @@ static double half_length(const struct moving_rows *r)
     return r->length > 1 ? 0.5 * (r->length - 1) : 0.5;
 }
 
-/* (u/h)^i e^{lambda u} over e^{|a| h}, i < count, as pairs of columns; scaled by h^i where RAISED. */
-static void moment_columns(const struct moving_rows *r, double a, double b, int count, bool raised, double *x)
+/* (u/h)^i e^{lambda u} over e^{|a| h}, i < count, as pairs of columns; scaled by h^i where RAISED.
+ * */
+static void moment_columns(const struct moving_rows *r, double a, double b, int count, bool raised,
+                           double *x)
 {
     double middle = 0.5 * (r->length - 1), h = half_length(r);
     struct power p = { a, b, fabs(a) * h };
@@ -91,22 +101,27 @@ static void moment_columns(const struct moving_rows *r, double a, double b, int 
         double complex z = power(&p, l - middle);
         double s = (l - middle) / (raised ? 1 : h), scale = 1;
         for (int i = 0; i < count; i++, scale *= s)
-            x[l + 2 * i * r->length] = scale * creal(z), x[l + (2 * i + 1) * r->length] = scale * cimag(z);
+            x[l + 2 * i * r->length] = scale * creal(z),
+                          x[l + (2 * i + 1) * r->length] = scale * cimag(z);
     }
 }
 
 enum modal_status moving_table(const struct moving_rows *r, double **table, struct modal_error *err)
 {
     size_t n = (size_t)r->length, one = (size_t)(2 * KEPT * r->k);
-    double *x = malloc(sizeof *x * (2 * KEPT * n + 1)), *P = malloc(sizeof *P * (one * (size_t)r->anchors + 1));
+    double *x = malloc(sizeof *x * (2 * KEPT * n + 1)),
+           *P = malloc(sizeof *P * (one * (size_t)r->anchors + 1));
 
     if (x == NULL || P == NULL) {
         free(x), free(P);
-        return modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for a table of %d poles", r->anchors);
+        return modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for a table of %d poles",
+                          r->anchors);
     }
     for (int j = 0; j < r->anchors; j++) {
-        moment_columns(r, creal(r->anchor[j]) * r->tau, cimag(r->anchor[j]) * r->tau, KEPT, false, x);
-        cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, r->k, 2 * KEPT, r->length, 1, r->Q, r->length, x, r->length, 0, P + (size_t)j * one, r->k);
+        moment_columns(r, creal(r->anchor[j]) * r->tau, cimag(r->anchor[j]) * r->tau, KEPT, false,
+                       x);
+        cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, r->k, 2 * KEPT, r->length, 1, r->Q,
+                    r->length, x, r->length, 0, P + (size_t)j * one, r->k);
     }
     free(x);
     *table = P;
@@ -128,7 +143,8 @@ static int nearest(const struct moving_rows *r, double complex lambda)
     for (int j = 0; j < r->anchors; j++)
         if (best < 0 || cabs(lambda - r->anchor[j]) < cabs(lambda - r->anchor[best]))
             best = j;
-    return best >= 0 && cabs(lambda - r->anchor[best]) * r->tau * half_length(r) <= NEAR ? best : -1;
+    return best >= 0 && cabs(lambda - r->anchor[best]) * r->tau * half_length(r) <= NEAR ? best
+                                                                                         : -1;
 }
 
 /* The coefficients of (1), 2 KEPT x 2 moments. */
@@ -143,7 +159,8 @@ static void coefficients(double complex step, double h, int moments, double *K)
         K[i] = 0;
     for (int m = 0; m < moments; m++, raise *= h)
         for (int i = 0; i < TERMS; i++) {
-            double *re = K + 2 * (i + m) + 2 * m * 2 * KEPT, *im = re + 2 * KEPT, x = raise * creal(term[i]), y = raise * cimag(term[i]);
+            double *re = K + 2 * (i + m) + 2 * m * 2 * KEPT, *im = re + 2 * KEPT,
+                   x = raise * creal(term[i]), y = raise * cimag(term[i]);
             re[0] = x, re[1] = -y, im[0] = y, im[1] = x;
         }
 }
@@ -156,16 +173,20 @@ static double project(const struct moving_rows *r, double complex lambda, int mo
 
     if (j >= 0) {
         coefficients((lambda - r->anchor[j]) * r->tau * h, h, moments, x);
-        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, k, columns, 2 * KEPT, 1, r->table + (size_t)j * (size_t)(2 * KEPT * k), k, x, 2 * KEPT, 0, E, k);
+        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, k, columns, 2 * KEPT, 1,
+                    r->table + (size_t)j * (size_t)(2 * KEPT * k), k, x, 2 * KEPT, 0, E, k);
         return fabs(creal(r->anchor[j])) * r->tau * h;
     }
     moment_columns(r, creal(lambda) * r->tau, cimag(lambda) * r->tau, moments, true, x);
-    cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, k, columns, r->length, 1, r->Q, r->length, x, r->length, 0, E, k);
+    cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, k, columns, r->length, 1, r->Q, r->length,
+                x, r->length, 0, E, k);
     return fabs(creal(lambda)) * r->tau * h;
 }
 
-/* Row by row head (E_0, E_1 + o E_0, E_2 + 2 o E_1 + o^2 E_0), o from the column's centre to the block's middle. */
-static void put_block(int k, int moments, const struct moving_column *c, int row, double complex head, double o, const double *E)
+/* Row by row head (E_0, E_1 + o E_0, E_2 + 2 o E_1 + o^2 E_0), o from the column's centre to the
+ * block's middle. */
+static void put_block(int k, int moments, const struct moving_column *c, int row,
+                      double complex head, double o, const double *E)
 {
     double x = creal(head), y = cimag(head);
 
@@ -186,7 +207,8 @@ double moving_reference(const struct moving_rows *r, double complex lambda)
     return fmax(creal(lambda), 0) * r->tau * (moving_rows_samples(r) - 1);
 }
 
-void moving_columns(const struct moving_rows *r, double complex lambda, int moments, struct moving_column *c, double *scratch)
+void moving_columns(const struct moving_rows *r, double complex lambda, int moments,
+                    struct moving_column *c, double *scratch)
 {
     int L = moving_rows_samples(r), after = r->lead + r->blocks * r->k;
     struct power p = { creal(lambda) * r->tau, cimag(lambda) * r->tau, 0 };
@@ -194,7 +216,9 @@ void moving_columns(const struct moving_rows *r, double complex lambda, int mome
     struct table t;
 
     p.reference = c->reference = moving_reference(r, lambda);
-    c->centre = p.a == 0 ? 0.5 * (L - 1) : p.a > 0 ? L - 1 - fmin(0.5 * L, 1 / p.a) : fmin(0.5 * L, -1 / p.a);
+    c->centre = p.a == 0 ? 0.5 * (L - 1)
+        : p.a > 0        ? L - 1 - fmin(0.5 * L, 1 / p.a)
+                         : fmin(0.5 * L, -1 / p.a);
     if (r->lead + r->trail > 0)
         fill_table(&p, &t);
     if (r->lead > 0)

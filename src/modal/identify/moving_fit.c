@@ -1,24 +1,30 @@
 /*
  * moving_fit.c - variable projection on compressed rows
  *
- * The model, the weights, the criterion and the minimum are those of refine.c; equation numbers without a letter are that file's.  Only the rows differ.  With
- * Q^T Q = 1 and a basis [Phi D] whose columns lie in the span of blockdiag(Q) within each block,
+ * The model, the weights, the criterion and the minimum are those of refine.c; equation numbers
+ * without a letter are that file's.  Only the rows differ.  With Q^T Q = 1 and a basis [Phi D]
+ * whose columns lie in the span of blockdiag(Q) within each block,
  *
- *     |y - Phi c|^2 = |Q^T y - Q^T Phi c|^2 + |y - Q Q^T y|^2,                                              (a)
+ *     |y - Phi c|^2 = |Q^T y - Q^T Phi c|^2 + |y - Q Q^T y|^2,                                  (a)
  *
- * the last term free of the unknowns: the least-squares problem on blocks x k rows is that on blocks x length rows.
+ * the last term free of the unknowns: the least-squares problem on blocks x k rows is that on
+ * blocks x length rows.
  *
- * From a start that is near, undamped steps reach the minimum; each weighs the signals anew by the residuals it found.  All but the first are shorter than what
- * the span of the columns and their first moments holds: with Z_i = (t - c)^i e^{lambda_0 t} and d = lambda - lambda_0,
+ * From a start that is near, undamped steps reach the minimum; each weighs the signals anew by the
+ * residuals it found.  All but the first are shorter than what the span of the columns and their
+ * first moments holds: with Z_i = (t - c)^i e^{lambda_0 t} and d = lambda - lambda_0,
  *
- *     e^{lambda t} = e^{d c} (Z_0 + d Z_1 + d^2 Z_2 / 2),   (t - c) e^{lambda t} = e^{d c} (Z_1 + d Z_2),           (b)
+ *     e^{lambda t} = e^{d c} (Z_0 + d Z_1 + d^2 Z_2 / 2),
+ *     (t - c) e^{lambda t} = e^{d c} (Z_1 + d Z_2),                                             (b)
  *
- * to x^3 / 6 and x^2 / 2, x = |d (t - c)|, so that after one factorisation of [Z_0 Z_1 Z_2 X] further evaluations factor 3 q rows.  A derivative off by
- * x^2 / 2 moves the minimum by that part of a standard error.  Past x = SPAN the rows are factored anew.
+ * to x^3 / 6 and x^2 / 2, x = |d (t - c)|, so that after one factorisation of [Z_0 Z_1 Z_2 X]
+ * further evaluations factor 3 q rows.  A derivative off by x^2 / 2 moves the minimum by that part
+ * of a standard error.  Past x = SPAN the rows are factored anew.
  *
- * Leaving a pole j out raises the sum of squares of signal g by c^T (V V^T)^{-1} c, V being pole j's rows of R11^{-1} and c its coefficients, exactly
- * (before the others are refined again).  A pole that becomes two neighbours spans, to first order, e^{lambda t} and t e^{lambda t}: what that could
- * gain is the part of y in the pole's columns of D, already in the factor.
+ * Leaving a pole j out raises the sum of squares of signal g by c^T (V V^T)^{-1} c, V being pole
+ * j's rows of R11^{-1} and c its coefficients, exactly (before the others are refined again).  A
+ * pole that becomes two neighbours spans, to first order, e^{lambda t} and t e^{lambda t}: what
+ * that could gain is the part of y in the pole's columns of D, already in the factor.
  */
 #include "modal/identify/moving_fit.h"
 #include <cblas.h>
@@ -30,10 +36,12 @@
 #include "modal/identify/exponents.h"
 #include "modal/linalg/qr.h"
 
-static const double SETTLED = 1e-10, NEAR = 1e-6;    /* gradients in standard errors: wanted; good enough where rounding allows no less */
+/* gradients in standard errors: wanted; good enough where rounding allows no less */
+static const double SETTLED = 1e-10, NEAR = 1e-6;
 static const double SCARCE_MOST = 0.95;             /* as refine.c */
-static const double CLOSE = 1e-10;                  /* a step that is this part of every real and imaginary part is the last */
-static const double STEP_MOST = 30;                 /* a longer first step: the start was not near */
+/* a step that is this part of every real and imaginary part is the last */
+static const double CLOSE = 1e-10;
+static const double STEP_MOST = 30;                /* a longer first step: the start was not near */
 static const double SPAN = 4e-5;
 enum { STEPS = 14, FREEDOM_LEAST = 30 };            /* FREEDOM_LEAST: as refine.c */
 
@@ -46,7 +54,7 @@ struct work {
     int moments, count;          /* moments: of the columns in A */
     enum pole_kind *kind;
     int *column, *first;
-    double *scratch, *spare;     /* spare: columns for the imaginary parts that a real pole has not */
+    double *scratch, *spare;   /* spare: columns for the imaginary parts that a real pole has not */
     double complex *base;        /* lambda_0 of (b); its references and centres */
     double *reference, *centre;
     double *A;                   /* m x (moments q + r): [Z_0 Z_1 .. X], reflected */
@@ -63,8 +71,10 @@ struct work {
 
 static void work_done(struct work *w)
 {
-    free(w->kind), free(w->column), free(w->first), free(w->scratch), free(w->spare), free(w->base), free(w->reference), free(w->centre), free(w->A);
-    free(w->B), free(w->below), free(w->C), free(w->V), free(w->stack), free(w->J), free(w->tau), free(w->delta), free(w->weight), free(w->energy);
+    free(w->kind), free(w->column), free(w->first), free(w->scratch), free(w->spare), free(w->base),
+        free(w->reference), free(w->centre), free(w->A);
+    free(w->B), free(w->below), free(w->C), free(w->V), free(w->stack), free(w->J), free(w->tau),
+        free(w->delta), free(w->weight), free(w->energy);
     free(w->rss), free(w->floor2);
 }
 
@@ -75,7 +85,8 @@ static double *numbers(size_t m, size_t n)
 
 static bool layout(struct work *w, const double complex *lambda)
 {
-    w->kind = malloc(sizeof *w->kind * (size_t)w->count), w->column = malloc(sizeof *w->column * (size_t)w->count);
+    w->kind = malloc(sizeof *w->kind * (size_t)w->count),
+    w->column = malloc(sizeof *w->column * (size_t)w->count);
     w->first = malloc(sizeof *w->first * (size_t)w->count);
     if (w->kind == NULL || w->column == NULL || w->first == NULL)
         return false;
@@ -91,16 +102,23 @@ static bool layout(struct work *w, const double complex *lambda)
 
 static bool allocate(struct work *w)
 {
-    size_t m = (size_t)w->m, q = (size_t)w->q, r = (size_t)w->r, P = (size_t)w->P + 1, most = w->look ? 1 : MOVING_MOMENTS;
+    size_t m = (size_t)w->m, q = (size_t)w->q, r = (size_t)w->r, P = (size_t)w->P + 1,
+           most = w->look ? 1 : MOVING_MOMENTS;
 
-    w->scratch = malloc(sizeof *w->scratch * moving_columns_scratch(w->rows)), w->spare = malloc(sizeof *w->spare * most * m);
-    w->base = malloc(sizeof *w->base * (size_t)w->count), w->reference = numbers((size_t)w->count, 1), w->centre = numbers((size_t)w->count, 1);
-    w->A = malloc(sizeof *w->A * m * (most * q + r)), w->B = malloc(sizeof *w->B * most * q * (2 * q + r)), w->below = numbers(r, 1);
-    w->C = numbers(q, r), w->V = numbers(q, q), w->stack = numbers(q * r + P, P), w->J = numbers(P, P), w->tau = numbers(2 * q + r, most);
-    w->delta = numbers(P, 1), w->weight = numbers(r, 1), w->energy = numbers(r, 1), w->rss = numbers(r, 1), w->floor2 = numbers(r, 1);
-    return w->scratch != NULL && w->spare != NULL && w->base != NULL && w->reference != NULL && w->centre != NULL && w->A != NULL && w->B != NULL
-        && w->below != NULL && w->C != NULL && w->V != NULL && w->stack != NULL && w->J != NULL && w->tau != NULL && w->delta != NULL && w->weight != NULL
-        && w->energy != NULL && w->rss != NULL && w->floor2 != NULL;
+    w->scratch = malloc(sizeof *w->scratch * moving_columns_scratch(w->rows)),
+    w->spare = malloc(sizeof *w->spare * most * m);
+    w->base = malloc(sizeof *w->base * (size_t)w->count),
+    w->reference = numbers((size_t)w->count, 1), w->centre = numbers((size_t)w->count, 1);
+    w->A = malloc(sizeof *w->A * m * (most * q + r)),
+    w->B = malloc(sizeof *w->B * most * q * (2 * q + r)), w->below = numbers(r, 1);
+    w->C = numbers(q, r), w->V = numbers(q, q), w->stack = numbers(q * r + P, P),
+    w->J = numbers(P, P), w->tau = numbers(2 * q + r, most);
+    w->delta = numbers(P, 1), w->weight = numbers(r, 1), w->energy = numbers(r, 1),
+    w->rss = numbers(r, 1), w->floor2 = numbers(r, 1);
+    return w->scratch != NULL && w->spare != NULL && w->base != NULL && w->reference != NULL
+        && w->centre != NULL && w->A != NULL && w->B != NULL && w->below != NULL && w->C != NULL
+        && w->V != NULL && w->stack != NULL && w->J != NULL && w->tau != NULL && w->delta != NULL
+        && w->weight != NULL && w->energy != NULL && w->rss != NULL && w->floor2 != NULL;
 }
 
 static double freedom(const struct work *w)
@@ -134,9 +152,12 @@ static void set_floor(struct work *w, const double complex *lambda)
     double most = 0;
 
     for (int j = 0; j < w->count; j++)
-        most = fmax(most, (w->kind[j] == POLE_PAIR ? cimag(lambda[j]) : fabs(creal(lambda[j]))) * w->rows->tau);
+        most = fmax(most,
+                    (w->kind[j] == POLE_PAIR ? cimag(lambda[j]) : fabs(creal(lambda[j])))
+                        * w->rows->tau);
     for (int g = 0; g < w->r; g++) {
-        double x = cblas_dnrm2(w->m, w->y->X.x + (size_t)g * (size_t)w->y->X.ld, 1), f = (4 + most * w->L / 4) * DBL_EPSILON;
+        double x = cblas_dnrm2(w->m, w->y->X.x + (size_t)g * (size_t)w->y->X.ld, 1),
+               f = (4 + most * w->L / 4) * DBL_EPSILON;
         w->energy[g] = x * x + w->y->outside2[g];
         w->floor2[g] = f * f * w->energy[g] / w->L;
     }
@@ -153,7 +174,8 @@ static void set_weights(struct work *w)
         live += w->energy[g] > 0;
     }
     for (int g = 0; g < w->r; g++) {
-        double rest = own < FREEDOM_LEAST ? pooled / fmax(live, 1) : fmax(w->rss[g], w->L * w->floor2[g]);
+        double rest =
+            own < FREEDOM_LEAST ? pooled / fmax(live, 1) : fmax(w->rss[g], w->L * w->floor2[g]);
         w->weight[g] = w->energy[g] > 0 ? 1 / sqrt(fmax(rest / fmax(own, 1), DBL_MIN)) : 0;
         w->F += w->weight[g] * w->weight[g] * w->rss[g];
     }
@@ -163,12 +185,14 @@ static void set_weights(struct work *w)
 static bool regular(const struct work *w)
 {
     for (int j = 0; j < w->q; j++)
-        if (!(fabs(w->T[j + j * w->ld]) > 32 * DBL_EPSILON * cblas_dnrm2(j + 1, w->T + j * w->ld, 1)))
+        if (!(fabs(w->T[j + j * w->ld])
+              > 32 * DBL_EPSILON * cblas_dnrm2(j + 1, w->T + j * w->ld, 1)))
             return false;
     return true;
 }
 
-/* [Z_0 .. X] at LAMBDA, reflected; where MOMENTS are more than one the first 2q columns are Phi and D at LAMBDA. */
+/* [Z_0 .. X] at LAMBDA, reflected; where MOMENTS are more than one the first 2q columns are Phi and
+ * D at LAMBDA. */
 static void factor(struct work *w, const double complex *lambda, int moments)
 {
     int depth = moments * w->q;
@@ -185,10 +209,12 @@ static void factor(struct work *w, const double complex *lambda, int moments)
         w->base[j] = lambda[j], w->reference[j] = c.reference, w->centre[j] = c.centre;
     }
     for (int g = 0; g < w->r; g++)
-        memcpy(w->A + (size_t)(depth + g) * m, w->y->X.x + (size_t)g * (size_t)w->y->X.ld, sizeof(double) * m);
+        memcpy(w->A + (size_t)(depth + g) * m, w->y->X.x + (size_t)g * (size_t)w->y->X.ld,
+               sizeof(double) * m);
     qr_reflect(&A, depth, w->tau);
     w->spent += (double)w->m * (depth + w->r) * (depth + w->r);
-    w->moments = moments, w->T = w->A, w->X = w->A + (size_t)depth * m, w->ld = w->m, w->depth = depth;
+    w->moments = moments, w->T = w->A, w->X = w->A + (size_t)depth * m, w->ld = w->m,
+    w->depth = depth;
     for (int g = 0; g < w->r; g++) {
         const double *x = w->X + (size_t)g * m + depth;
         w->below[g] = w->y->outside2[g] + cblas_ddot(w->m - depth, x, 1, x, 1);
@@ -221,12 +247,16 @@ static void factor_near(struct work *w, const double complex *lambda)
     struct matrix B = { depth, 2 * q + w->r, depth, w->B };
 
     for (int j = 0; j < w->count; j++) {
-        double complex d = (lambda[j] - w->base[j]) * w->rows->tau, scale = cexp(d * w->centre[j] - (moving_reference(w->rows, lambda[j]) - w->reference[j])), k[3] = { scale, scale * d, 0.5 * scale * d * d };
+        double complex d = (lambda[j] - w->base[j]) * w->rows->tau,
+                       scale = cexp(d * w->centre[j]
+                                    - (moving_reference(w->rows, lambda[j]) - w->reference[j])),
+                       k[3] = { scale, scale * d, 0.5 * scale * d * d };
         combine(w, j, k, 3, 0, w->column[j]);
         combine(w, j, k, 2, 1, q + w->column[j]);
     }
     for (int g = 0; g < w->r; g++)
-        memcpy(w->B + (size_t)(2 * q + g) * (size_t)depth, w->A + (size_t)(depth + g) * (size_t)w->m, sizeof(double) * (size_t)depth);
+        memcpy(w->B + (size_t)(2 * q + g) * (size_t)depth,
+               w->A + (size_t)(depth + g) * (size_t)w->m, sizeof(double) * (size_t)depth);
     qr_reflect(&B, 2 * q, w->tau);
     w->spent += (double)depth * B.n * B.n;
     w->T = w->B, w->X = w->B + (size_t)(2 * q) * (size_t)depth, w->ld = depth;
@@ -236,7 +266,9 @@ static void factor_near(struct work *w, const double complex *lambda)
 static bool in_span(const struct work *w, const double complex *lambda)
 {
     for (int j = 0; j < w->count && w->moments == MOVING_MOMENTS; j++)
-        if (!(cabs(lambda[j] - w->base[j]) * w->rows->tau * fmax(w->centre[j], w->L - 1 - w->centre[j]) <= SPAN))
+        if (!(cabs(lambda[j] - w->base[j]) * w->rows->tau
+                  * fmax(w->centre[j], w->L - 1 - w->centre[j])
+              <= SPAN))
             return false;
     return w->moments == MOVING_MOMENTS;
 }
@@ -251,21 +283,26 @@ static void solve(struct work *w)
         memcpy(w->C + (size_t)g * (size_t)q, x, sizeof(double) * (size_t)q);
         w->rss[g] = cblas_ddot(w->depth - q, x + q, 1, x + q, 1) + w->below[g];
     }
-    cblas_dtrsm(CblasColMajor, CblasLeft, CblasUpper, CblasNoTrans, CblasNonUnit, q, w->r, 1, w->T, w->ld, w->C, q);
+    cblas_dtrsm(CblasColMajor, CblasLeft, CblasUpper, CblasNoTrans, CblasNonUnit, q, w->r, 1, w->T,
+                w->ld, w->C, q);
 }
 
 /* The rows of (4) of signal g. */
 static void signal_rows(struct work *w, int g)
 {
     int q = w->q, n = w->ld, ld = q * w->r + w->P + 1;
-    const double *R22 = w->T + q + (size_t)q * (size_t)n, *c = w->C + (size_t)g * (size_t)q, *z = w->X + q + (size_t)g * (size_t)n;
+    const double *R22 = w->T + q + (size_t)q * (size_t)n, *c = w->C + (size_t)g * (size_t)q,
+                 *z = w->X + q + (size_t)g * (size_t)n;
 
     for (int j = 0; j < w->count; j++) {
         int i = w->column[j];
         const double *d1 = R22 + (size_t)i * (size_t)n, *d2 = d1 + n;
-        double *x = w->stack + g * q + (size_t)(w->first[j] < 0 ? 0 : w->first[j]) * (size_t)ld, a = w->weight[g];
+        double *x = w->stack + g * q + (size_t)(w->first[j] < 0 ? 0 : w->first[j]) * (size_t)ld,
+               a = w->weight[g];
         for (int l = 0; w->first[j] >= 0 && l < q; l++) {
-            x[l] = w->kind[j] == POLE_PAIR ? a * (c[i] * d1[l] + c[i + 1] * d2[l]) : a * c[i] * d1[l];       /* (3) */
+            /* (3) */
+            x[l] =
+                w->kind[j] == POLE_PAIR ? a * (c[i] * d1[l] + c[i + 1] * d2[l]) : a * c[i] * d1[l];
             if (w->kind[j] == POLE_PAIR)
                 x[l + ld] = a * (c[i] * d2[l] - c[i + 1] * d1[l]);
         }
@@ -285,7 +322,8 @@ static void linearise(struct work *w)
         signal_rows(w, g);
     qr_reflect(&A, w->P, w->tau);
     for (int p = 0; p < P; p++)
-        memcpy(w->J + (size_t)p * (size_t)P, w->stack + (size_t)p * (size_t)ld, sizeof(double) * (size_t)P);
+        memcpy(w->J + (size_t)p * (size_t)P, w->stack + (size_t)p * (size_t)ld,
+               sizeof(double) * (size_t)P);
     w->gradient = cblas_dnrm2(w->P, w->J + (size_t)w->P * (size_t)P, 1) / sqrt(variance(w));
 }
 
@@ -349,7 +387,8 @@ static bool is_last(const struct work *w, const double complex *lambda)
         int p = w->first[j];
         if (p >= 0 && fabs(w->delta[p]) > CLOSE * fabs(creal(lambda[j])) * tau)
             return false;
-        if (p >= 0 && w->kind[j] == POLE_PAIR && fabs(w->delta[p + 1]) > CLOSE * cimag(lambda[j]) * tau)
+        if (p >= 0 && w->kind[j] == POLE_PAIR
+            && fabs(w->delta[p + 1]) > CLOSE * cimag(lambda[j]) * tau)
             return false;
     }
     return true;
@@ -369,9 +408,11 @@ static void descend(struct work *w, struct moving_fit *f)
     double before = HUGE_VAL, now = HUGE_VAL;
 
     for (int i = 0; i < STEPS; i++) {
-        if (!evaluate(w, f->lambda, i == 0 ? 2 : MOVING_MOMENTS) || !isfinite(w->gradient) || (i == 0 && w->gradient > STEP_MOST && !at_rounding(w)))
+        if (!evaluate(w, f->lambda, i == 0 ? 2 : MOVING_MOMENTS) || !isfinite(w->gradient)
+            || (i == 0 && w->gradient > STEP_MOST && !at_rounding(w)))
             return;
-        f->settled = w->gradient <= SETTLED || (w->gradient >= before && (w->gradient <= NEAR || at_rounding(w)));
+        f->settled = w->gradient <= SETTLED
+            || (w->gradient >= before && (w->gradient <= NEAR || at_rounding(w)));
         if (f->settled || w->gradient >= before || i == STEPS - 1 || !newton(w))
             return;
         f->settled = is_last(w, f->lambda);
@@ -394,7 +435,9 @@ static void errors(struct work *w, struct moving_fit *f)
         for (int i = 0; i < 2; i++) {
             int p = w->first[j] + i;
             double *to = i == 0 ? &f->std_re[j] : &f->std_im[j];
-            *to = w->first[j] < 0 || (i == 1 && w->kind[j] != POLE_PAIR) ? 0 : !good ? NAN : s * cblas_dnrm2(w->P - p, w->J + p + (size_t)p * (size_t)P, P);
+            *to = w->first[j] < 0 || (i == 1 && w->kind[j] != POLE_PAIR) ? 0
+                : !good ? NAN
+                        : s * cblas_dnrm2(w->P - p, w->J + p + (size_t)p * (size_t)P, P);
         }
 }
 
@@ -407,7 +450,8 @@ static double share_of(const struct work *w, int j, int g)
 
     if (w->kind[j] != POLE_PAIR)
         return c[0] * c[0] / a;
-    b = cblas_ddot(q, w->V + i, q, w->V + i + 1, q), d = cblas_ddot(q, w->V + i + 1, q, w->V + i + 1, q);
+    b = cblas_ddot(q, w->V + i, q, w->V + i + 1, q),
+    d = cblas_ddot(q, w->V + i + 1, q, w->V + i + 1, q);
     e = a * d - b * b;
     return (c[0] * c[0] * d - 2 * c[0] * c[1] * b + c[1] * c[1] * a) / e;
 }
@@ -429,7 +473,8 @@ static double gain(const struct work *w, int g, double from, double to)
 static double could_gain(const struct work *w)
 {
     int P = w->P + 1;
-    double g = cblas_dnrm2(w->P, w->J + (size_t)w->P * (size_t)P, 1), left = 1 - 2 * g * g / w->F, sum = 0;
+    double g = cblas_dnrm2(w->P, w->J + (size_t)w->P * (size_t)P, 1), left = 1 - 2 * g * g / w->F,
+           sum = 0;
 
     for (int i = 0; i < w->r; i++)
         sum += gain(w, i, w->rss[i], left > 0 ? left * w->rss[i] : 0);
@@ -444,7 +489,8 @@ static double scarcity(double unknowns, double numbers)
     return x > 0 ? -log1p(-x) / x : 1;
 }
 
-/* What -2 ln(likelihood) would fall by, to first order, if pole j, which is fixed, were free: one number moves c_g t e^{lambda t} in all signals. */
+/* What -2 ln(likelihood) would fall by, to first order, if pole j, which is fixed, were free: one
+ * number moves c_g t e^{lambda t} in all signals. */
 static double gain_if_free(const struct work *w, int j)
 {
     int i = w->q + w->column[j];
@@ -469,7 +515,8 @@ static void weigh_poles(struct work *w, struct moving_fit *f)
     f->pair_price = f->price * 2 * (live + 1 + 1 / fmax(live, 1));
     f->least_drop = HUGE_VAL;
     for (int j = 0; j < q; j++)
-        memcpy(w->V + (size_t)j * (size_t)q, w->T + (size_t)j * (size_t)w->ld, sizeof(double) * (size_t)q);
+        memcpy(w->V + (size_t)j * (size_t)q, w->T + (size_t)j * (size_t)w->ld,
+               sizeof(double) * (size_t)q);
     if (LAPACKE_dtrtri_work(LAPACK_COL_MAJOR, 'U', 'N', q, w->V, q) != 0)
         f->settled = false;
     for (int j = 0; j < w->count; j++) {
@@ -494,16 +541,20 @@ static bool fit_new(struct moving_fit *f, const struct work *w)
 {
     size_t count = (size_t)w->count, r = (size_t)w->r;
 
-    *f = (struct moving_fit) { .poles = w->count, .order = w->q, .signals = w->r, .parameters = w->P };
+    *f = (struct moving_fit) { .poles = w->count, .order = w->q, .signals = w->r,
+                               .parameters = w->P };
     f->lambda = malloc(sizeof *f->lambda * (count + 1));
     f->std_re = numbers(count, 1), f->std_im = numbers(count, 1);
-    f->C = numbers((size_t)w->q, r), f->rss = numbers(r, 1), f->floor2 = numbers(r, 1), f->energy = numbers(r, 1);
-    return f->lambda != NULL && f->std_re != NULL && f->std_im != NULL && f->C != NULL && f->rss != NULL && f->floor2 != NULL && f->energy != NULL;
+    f->C = numbers((size_t)w->q, r), f->rss = numbers(r, 1), f->floor2 = numbers(r, 1),
+    f->energy = numbers(r, 1);
+    return f->lambda != NULL && f->std_re != NULL && f->std_im != NULL && f->C != NULL
+        && f->rss != NULL && f->floor2 != NULL && f->energy != NULL;
 }
 
 void moving_fit_done(struct moving_fit *f)
 {
-    free(f->lambda), free(f->std_re), free(f->std_im), free(f->C), free(f->rss), free(f->floor2), free(f->energy);
+    free(f->lambda), free(f->std_re), free(f->std_im), free(f->C), free(f->rss), free(f->floor2),
+        free(f->energy);
     *f = (struct moving_fit) { 0 };
 }
 
@@ -528,19 +579,28 @@ static void report(struct work *w, enum what what, struct moving_fit *f)
     errors(w, f);
 }
 
-static enum modal_status run(const struct moving_rows *rows, const struct moving_signals *signals, const double complex *start, int count, enum what what,
+static enum modal_status run(const struct moving_rows *rows, const struct moving_signals *signals,
+                             const double complex *start, int count, enum what what,
                              struct moving_fit *out, struct modal_error *err)
 {
-    struct work w = { .rows = rows, .y = signals, .m = signals->X.m, .L = moving_rows_samples(rows), .r = signals->X.n, .count = count, .look = what == LOOK };
+    struct work w = { .rows = rows,
+                      .y = signals,
+                      .m = signals->X.m,
+                      .L = moving_rows_samples(rows),
+                      .r = signals->X.n,
+                      .count = count,
+                      .look = what == LOOK };
     struct moving_fit f = { 0 };
     enum modal_status rc = MODAL_OK;
 
     if (count < 1 || !layout(&w, start) || w.m != moving_rows_count(rows) || w.m < 2 * w.q + w.r) {
-        rc = modal_fail(err, MODAL_BAD_INPUT, "moving_fit: %d rows for %d poles and %d signals", w.m, count, w.r);
+        rc = modal_fail(err, MODAL_BAD_INPUT, "moving_fit: %d rows for %d poles and %d signals",
+                        w.m, count, w.r);
         goto out;
     }
     if (!allocate(&w) || !fit_new(&f, &w)) {
-        rc = modal_fail(err, MODAL_NO_MEMORY, "moving_fit: no memory for %d x %d", w.m, 2 * w.q + w.r);
+        rc = modal_fail(err, MODAL_NO_MEMORY, "moving_fit: no memory for %d x %d", w.m,
+                        2 * w.q + w.r);
         goto out;
     }
     memcpy(f.lambda, start, sizeof *start * (size_t)count);
@@ -558,20 +618,23 @@ out:
     return rc;
 }
 
-enum modal_status moving_fit(const struct moving_rows *rows, const struct moving_signals *signals, const double complex *start, int count,
-                             struct moving_fit *out, struct modal_error *err)
+enum modal_status moving_fit(const struct moving_rows *rows, const struct moving_signals *signals,
+                             const double complex *start, int count, struct moving_fit *out,
+                             struct modal_error *err)
 {
     return run(rows, signals, start, count, FIT, out, err);
 }
 
-enum modal_status moving_look(const struct moving_rows *rows, const struct moving_signals *signals, const double complex *lambda, int count,
-                              struct moving_fit *out, struct modal_error *err)
+enum modal_status moving_look(const struct moving_rows *rows, const struct moving_signals *signals,
+                              const double complex *lambda, int count, struct moving_fit *out,
+                              struct modal_error *err)
 {
     return run(rows, signals, lambda, count, LOOK, out, err);
 }
 
-enum modal_status moving_probe(const struct moving_rows *rows, const struct moving_signals *signals, const double complex *lambda, int count,
-                               struct moving_fit *out, struct modal_error *err)
+enum modal_status moving_probe(const struct moving_rows *rows, const struct moving_signals *signals,
+                               const double complex *lambda, int count, struct moving_fit *out,
+                               struct modal_error *err)
 {
     return run(rows, signals, lambda, count, PROBE, out, err);
 }

@@ -1,8 +1,9 @@
 /*
  * moving_signals.c - the signals of one window, from its compressed rows
  *
- * Owned here: `struct job`, the rows of the present window and what is fitted on them.  Many channels are reduced to proper orthogonal modes, the right
- * singular vectors of the window's triangle R times the channels' scales: pod.c's choice, without a pass over the window.
+ * Owned here: `struct job`, the rows of the present window and what is fitted on them.  Many
+ * channels are reduced to proper orthogonal modes, the right singular vectors of the window's
+ * triangle R times the channels' scales: pod.c's choice, without a pass over the window.
  */
 #include "modal/identify/moving_state.h"
 #include <cblas.h>
@@ -16,16 +17,19 @@
 #include "modal/linalg/qr.h"
 #include "modal/linalg/svd.h"
 
-enum { STEPS_MOST = 24, STEPS_LOOK = 3 };           /* of orthogonal iteration; between looks at the residual */
+/* of orthogonal iteration; between looks at the residual */
+enum { STEPS_MOST = 24, STEPS_LOOK = 3 };
 enum { TILE = 16 };
-static const double SINGLE = 1e-4;               /* least diagonal of a triangle of unit channels that single precision is enough for */
-static const double FAR = 0.3;                   /* the first value of the rest over the last that is kept */
+/* least diagonal of a triangle of unit channels that single precision is enough for */
+static const double SINGLE = 1e-4;
+static const double FAR = 0.3;          /* the first value of the rest over the last that is kept */
 static const double NOTHING = 1e-12;             /* of a channel: the channels before it span it */
 static const double SETTLED = 1e-13;             /* of the largest singular value */
 
 void job_done(struct job *j)
 {
-    free(j->Y.x), free(j->R), free(j->left), free(j->scale), free(j->weight), free(j->W), free(j->outside2), free(j->X.x), free(j->full.x), free(j->growth);
+    free(j->Y.x), free(j->R), free(j->left), free(j->scale), free(j->weight), free(j->W),
+        free(j->outside2), free(j->X.x), free(j->full.x), free(j->growth);
     moving_fit_done(&j->first), moving_fit_done(&j->own), moving_fit_done(&j->channels);
 }
 
@@ -35,10 +39,12 @@ static void copy_samples(const struct job *j, uint64_t from, int count, int row)
 
     for (int l = 0; l < count; l++)
         for (int c = 0; c < j->m->S; c++)
-            j->Y.x[row + l + (size_t)c * (size_t)j->Y.ld] = y[(size_t)l * (size_t)j->m->S + (size_t)c];
+            j->Y.x[row + l + (size_t)c * (size_t)j->Y.ld] =
+                y[(size_t)l * (size_t)j->m->S + (size_t)c];
 }
 
-/* The norms of channel c's samples in what is loose and in the blocks, or of what Q does not hold of them; room for blocks + 2 in X. */
+/* The norms of channel c's samples in what is loose and in the blocks, or of what Q does not hold
+ * of them; room for blocks + 2 in X. */
 static double norm_of_channel(const struct job *j, int c, bool left, double *x)
 {
     const struct moving *m = j->m;
@@ -55,14 +61,17 @@ static double norm_of_channel(const struct job *j, int c, bool left, double *x)
 static enum modal_status triangle_of_window(struct job *j, struct modal_error *err)
 {
     int S = j->m->S, n = j->Y.m, lead = j->rows.lead, trail = j->rows.trail;
-    struct matrix loose = { lead + trail, S, lead + trail, malloc(sizeof(double) * (size_t)(lead + trail + 1) * (size_t)S) };
+    struct matrix loose = { lead + trail, S, lead + trail,
+                            malloc(sizeof(double) * (size_t)(lead + trail + 1) * (size_t)S) };
     enum modal_status rc;
 
     if (loose.x == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d x %d", loose.m, S);
     for (int c = 0; c < S; c++) {
-        memcpy(loose.x + (size_t)c * (size_t)loose.m, j->Y.x + (size_t)c * (size_t)n, sizeof(double) * (size_t)lead);
-        memcpy(loose.x + lead + (size_t)c * (size_t)loose.m, j->Y.x + n - trail + (size_t)c * (size_t)n, sizeof(double) * (size_t)trail);
+        memcpy(loose.x + (size_t)c * (size_t)loose.m, j->Y.x + (size_t)c * (size_t)n,
+               sizeof(double) * (size_t)lead);
+        memcpy(loose.x + lead + (size_t)c * (size_t)loose.m,
+               j->Y.x + n - trail + (size_t)c * (size_t)n, sizeof(double) * (size_t)trail);
     }
     rc = window_qr_factor(j->m->all, &loose, j->R, err);
     free(loose.x);
@@ -73,21 +82,26 @@ static enum modal_status triangle_of_window(struct job *j, struct modal_error *e
 enum modal_status job_take(struct job *j, struct modal_error *err)
 {
     struct moving *m = j->m;
-    uint64_t from = m->next - (uint64_t)m->L, last = m->count > 0 ? m->block_from + (uint64_t)m->count * (uint64_t)m->B : m->next;
-    int S = m->S, lead = m->count > 0 ? (int)(m->block_from - from) : m->L, trail = (int)(m->next - last), n;
+    uint64_t from = m->next - (uint64_t)m->L,
+             last = m->count > 0 ? m->block_from + (uint64_t)m->count * (uint64_t)m->B : m->next;
+    int S = m->S, lead = m->count > 0 ? (int)(m->block_from - from) : m->L,
+        trail = (int)(m->next - last), n;
     size_t columns = (size_t)S;
     double *norms;
 
-    j->rows = (struct moving_rows) { lead, m->count, trail, m->B, m->k, m->Q, m->opt.dt, m->table != NULL ? m->anchor.count : 0, m->anchor.lambda, m->table };
+    j->rows = (struct moving_rows) { lead, m->count, trail, m->B, m->k, m->Q, m->opt.dt,
+                                     m->table != NULL ? m->anchor.count : 0, m->anchor.lambda,
+                                     m->table };
     n = moving_rows_count(&j->rows);
     j->Y = (struct matrix) { n, S, n, malloc(sizeof(double) * (size_t)n * columns) };
     j->R = malloc(sizeof(double) * columns * columns), j->left = malloc(sizeof(double) * columns);
     j->scale = calloc(columns, sizeof(double)), j->weight = calloc(columns, sizeof(double));
-    j->W = malloc(sizeof(double) * columns * columns), j->outside2 = malloc(sizeof(double) * columns);
+    j->W = malloc(sizeof(double) * columns * columns),
+    j->outside2 = malloc(sizeof(double) * columns);
     j->X = (struct matrix) { n, S, n, malloc(sizeof(double) * (size_t)n * columns) };
     norms = malloc(sizeof *norms * ((size_t)m->count + 2));
-    if (j->Y.x == NULL || j->R == NULL || j->left == NULL || j->scale == NULL || j->weight == NULL || j->W == NULL || j->outside2 == NULL
-        || j->X.x == NULL || norms == NULL) {
+    if (j->Y.x == NULL || j->R == NULL || j->left == NULL || j->scale == NULL || j->weight == NULL
+        || j->W == NULL || j->outside2 == NULL || j->X.x == NULL || norms == NULL) {
         free(norms);
         return modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d x %d", n, S);
     }
@@ -95,9 +109,11 @@ enum modal_status job_take(struct job *j, struct modal_error *err)
     copy_samples(j, last, trail, n - trail);
     for (int b = 0; b < m->count; b++)
         for (int c = 0; c < S; c++)
-            memcpy(j->Y.x + lead + b * m->k + (size_t)c * (size_t)n, m->blocks[b].C + (size_t)c * (size_t)m->k, sizeof(double) * (size_t)m->k);
+            memcpy(j->Y.x + lead + b * m->k + (size_t)c * (size_t)n,
+                   m->blocks[b].C + (size_t)c * (size_t)m->k, sizeof(double) * (size_t)m->k);
     for (int c = 0; c < S; c++) {
-        j->scale[c] = norm_of_channel(j, c, false, norms) / sqrt(m->L), j->left[c] = norm_of_channel(j, c, true, norms);
+        j->scale[c] = norm_of_channel(j, c, false, norms) / sqrt(m->L),
+        j->left[c] = norm_of_channel(j, c, true, norms);
         j->weight[c] = 1;
     }
     free(norms);
@@ -109,7 +125,8 @@ static double channel_factor(const struct job *j, int c)
     return j->scale[c] > 0 ? j->weight[c] / j->scale[c] : 0;
 }
 
-/* (1) of pod.c: what singular value k, the first of the rest, must pass to stand out of it; REST: the rest's sum of squares. */
+/* (1) of pod.c: what singular value k, the first of the rest, must pass to stand out of it; REST:
+ * the rest's sum of squares. */
 static double edge_of(const struct moving *m, int k, double rest)
 {
     double L = m->L, S = m->S;
@@ -117,7 +134,8 @@ static double edge_of(const struct moving *m, int k, double rest)
     return 1.02 * sqrt(fmax(rest, 0) / ((L - k) * (S - k))) * (sqrt(L - k) + sqrt(S - k));
 }
 
-/* How many of the first MOST singular values stand out of the rest; TOTAL: the sum of squares of all.  *rest: that of the others. */
+/* How many of the first MOST singular values stand out of the rest; TOTAL: the sum of squares of
+ * all.  *rest: that of the others. */
 static int above_rest(const struct moving *m, const double *s, int most, double total, double *rest)
 {
     *rest = total;
@@ -147,18 +165,23 @@ static int above_rounding(const struct job *j, const double *s)
 }
 
 /* All singular values of A, and its right vectors. */
-static enum modal_status all_triplets(struct matrix *A, double *s, struct matrix *VT, struct modal_error *err)
+static enum modal_status all_triplets(struct matrix *A, double *s, struct matrix *VT,
+                                      struct modal_error *err)
 {
     int S = A->n;
     struct matrix U = { S, S, S, malloc(sizeof(double) * (size_t)S * (size_t)S) };
-    enum modal_status rc = U.x == NULL ? modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d channels", S) : svd_thin(A, s, &U, VT, err);
+    enum modal_status rc = U.x == NULL
+        ? modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d channels", S)
+        : svd_thin(A, s, &U, VT, err);
 
     free(U.x);
     return rc;
 }
 
-/* V (S x r, orthonormal), turned so that A V = U diag(s); U is S x r.  *residual: the largest |A^T u - s v| over s[0]. */
-static enum modal_status ritz(const struct matrix *A, struct matrix *V, struct matrix *U, double *s, double *residual, struct modal_error *err)
+/* V (S x r, orthonormal), turned so that A V = U diag(s); U is S x r.  *residual: the largest |A^T
+ * u - s v| over s[0]. */
+static enum modal_status ritz(const struct matrix *A, struct matrix *V, struct matrix *U, double *s,
+                              double *residual, struct modal_error *err)
 {
     int S = A->n, r = V->n;
     size_t size = (size_t)S * (size_t)r;
@@ -168,10 +191,12 @@ static enum modal_status ritz(const struct matrix *A, struct matrix *V, struct m
 
     if (x == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d channels", S);
-    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, S, r, S, 1, A->x, S, V->x, S, 0, AV.x, S);
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, S, r, S, 1, A->x, S, V->x, S, 0, AV.x,
+                S);
     rc = svd_thin(&AV, s, U, &T, err);
     if (rc == MODAL_OK) {
-        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasTrans, S, r, r, 1, V->x, S, turn, r, 0, x + size, S);
+        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasTrans, S, r, r, 1, V->x, S, turn, r, 0,
+                    x + size, S);
         memcpy(V->x, x + size, sizeof *x * size);
         cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, S, r, S, 1, A->x, S, U->x, S, 0, x, S);
     }
@@ -185,21 +210,27 @@ static enum modal_status ritz(const struct matrix *A, struct matrix *V, struct m
 }
 
 /*
- * V, S x r, from the window before to the r leading right vectors of A, by orthogonal iteration: the angle to them shrinks by (s[r] / s[r-1])^2 a step, and
- * what stands out of noise stands far out of it, as a rule.  *done is false where it does not, within STEPS_MOST.
+ * V, S x r, from the window before to the r leading right vectors of A, by orthogonal iteration:
+ * the angle to them shrinks by (s[r] / s[r-1])^2 a step, and what stands out of noise stands far
+ * out of it, as a rule.  *done is false where it does not, within STEPS_MOST.
  */
-static enum modal_status iterate(const struct matrix *A, struct matrix *V, double *s, bool *done, struct modal_error *err)
+static enum modal_status iterate(const struct matrix *A, struct matrix *V, double *s, bool *done,
+                                 struct modal_error *err)
 {
     int S = A->n, r = V->n;
     struct matrix U = { S, r, S, malloc(sizeof(double) * (size_t)S * (size_t)r) };
     double residual = HUGE_VAL, before;
-    enum modal_status rc = U.x == NULL ? modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d channels", S) : MODAL_OK;
+    enum modal_status rc = U.x == NULL
+        ? modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d channels", S)
+        : MODAL_OK;
 
     *done = false;
     for (int i = 0; i < STEPS_MOST && rc == MODAL_OK && !*done; i += STEPS_LOOK) {
         for (int k = 0; k < STEPS_LOOK && rc == MODAL_OK; k++) {
-            cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, S, r, S, 1, A->x, S, V->x, S, 0, U.x, S);
-            cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, S, r, S, 1, A->x, S, U.x, S, 0, V->x, S);
+            cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, S, r, S, 1, A->x, S, V->x, S, 0,
+                        U.x, S);
+            cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, S, r, S, 1, A->x, S, U.x, S, 0,
+                        V->x, S);
             rc = qr_orthonormal(V, NULL, err);
         }
         before = residual;
@@ -213,19 +244,23 @@ static enum modal_status iterate(const struct matrix *A, struct matrix *V, doubl
     return rc;
 }
 
-/* Whether every singular value of B = A - A V V^T, V^T being the first r rows of VT, is below EDGE: edge^2 - B^T B has a Cholesky factor.  To half the digits,
- * which is enough to compare. */
-static enum modal_status rest_is_below(const struct matrix *A, const struct matrix *VT, int r, double edge, bool *below, struct modal_error *err)
+/* Whether every singular value of B = A - A V V^T, V^T being the first r rows of VT, is below EDGE:
+ * edge^2 - B^T B has a Cholesky factor.  To half the digits, which is enough to compare. */
+static enum modal_status rest_is_below(const struct matrix *A, const struct matrix *VT, int r,
+                                       double edge, bool *below, struct modal_error *err)
 {
     int S = A->n;
     size_t size = (size_t)S * (size_t)S;
-    double *B = malloc(sizeof *B * (2 * size + (size_t)r * (size_t)S)), *G = B + size, *AV = G + size;
+    double *B = malloc(sizeof *B * (2 * size + (size_t)r * (size_t)S)), *G = B + size,
+           *AV = G + size;
 
     if (B == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d channels", S);
     memcpy(B, A->x, sizeof *B * size);
-    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasTrans, S, r, S, 1, A->x, S, VT->x, VT->ld, 0, AV, S);
-    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, S, S, r, -1, AV, S, VT->x, VT->ld, 1, B, S);
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasTrans, S, r, S, 1, A->x, S, VT->x, VT->ld, 0, AV,
+                S);
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, S, S, r, -1, AV, S, VT->x, VT->ld, 1, B,
+                S);
     cblas_dsyrk(CblasColMajor, CblasUpper, CblasTrans, S, S, -1, B, S, 0, G, S);
     for (int i = 0; i < S; i++)
         G[i + (size_t)i * (size_t)S] += edge * edge;
@@ -237,11 +272,13 @@ static enum modal_status rest_is_below(const struct matrix *A, const struct matr
 /*
  * ---- is what the kept modes leave white in time? ----
  *
- * colour.h's test asks for the mean autocorrelation of the other left singular vectors, which is a trace: of all columns of an orthonormal basis of the window's column
- * space, Y R^{-1}, less that of the kept ones.  The first part serves both choices of weights.
+ * colour.h's test asks for the mean autocorrelation of the other left singular vectors, which is a
+ * trace: of all columns of an orthonormal basis of the window's column space, Y R^{-1}, less that
+ * of the kept ones.  The first part serves both choices of weights.
  */
 
-/* Add SIGN times the autocorrelations of E's columns, each over its square, at lags 1 .. COLOUR_LAGS. */
+/* Add SIGN times the autocorrelations of E's columns, each over its square, at lags 1 ..
+ * COLOUR_LAGS. */
 static void add_lags(const struct matrix *E, double sign, double *lags)
 {
     for (int c = 0; c < E->n; c++) {
@@ -255,10 +292,12 @@ static void add_lags(const struct matrix *E, double sign, double *lags)
 /* E = samples W, L x n. */
 static void combine_samples(const struct moving *m, const double *W, struct matrix *E)
 {
-    cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, m->L, E->n, m->S, 1, moving_sample(m, m->next - (uint64_t)m->L), m->S, W, m->S, 0, E->x, m->L);
+    cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, m->L, E->n, m->S, 1,
+                moving_sample(m, m->next - (uint64_t)m->L), m->S, W, m->S, 0, E->x, m->L);
 }
 
-/* The triangle of channels of norm 1 into R; a channel that those before it span to rounding is left out: unit[c] zero, and unit in R.  The least diagonal. */
+/* The triangle of channels of norm 1 into R; a channel that those before it span to rounding is
+ * left out: unit[c] zero, and unit in R.  The least diagonal. */
 static double unit_triangle(const struct job *j, double *R, double *unit)
 {
     int S = j->m->S;
@@ -279,7 +318,8 @@ static double unit_triangle(const struct job *j, double *R, double *unit)
     return least;
 }
 
-/* The window's samples times UNIT, channel by channel, into E in double precision or F in single. */
+/* The window's samples times UNIT, channel by channel, into E in double precision or F in single.
+ * */
 static void unit_samples(const struct job *j, const double *unit, double *E, float *F)
 {
     int S = j->m->S, L = j->m->L;
@@ -307,7 +347,8 @@ static void add_lags_single(int L, int S, const float *E, double *lags)
     }
 }
 
-/* j->lags, once a window.  In single precision where the triangle's condition leaves three digits: the limit is ten times what white noise shows. */
+/* j->lags, once a window.  In single precision where the triangle's condition leaves three digits:
+ * the limit is ten times what white noise shows. */
 static enum modal_status lags_of_all(struct job *j, struct modal_error *err)
 {
     int S = j->m->S, L = j->m->L;
@@ -326,10 +367,12 @@ static enum modal_status lags_of_all(struct job *j, struct modal_error *err)
     for (size_t i = 0; i < square; i++)
         T[i] = (float)R[i];
     if (single) {
-        cblas_strsm(CblasColMajor, CblasRight, CblasUpper, CblasNoTrans, CblasNonUnit, L, S, 1, T, S, F, L);
+        cblas_strsm(CblasColMajor, CblasRight, CblasUpper, CblasNoTrans, CblasNonUnit, L, S, 1, T,
+                    S, F, L);
         add_lags_single(L, S, F, j->lags);
     } else {
-        cblas_dtrsm(CblasColMajor, CblasRight, CblasUpper, CblasNoTrans, CblasNonUnit, L, S, 1, R, S, E.x, L);
+        cblas_dtrsm(CblasColMajor, CblasRight, CblasUpper, CblasNoTrans, CblasNonUnit, L, S, 1, R,
+                    S, E.x, L);
         add_lags(&E, 1, j->lags);
     }
     j->lags_known = true;
@@ -338,7 +381,8 @@ static enum modal_status lags_of_all(struct job *j, struct modal_error *err)
 }
 
 /* j->W, j->full and j->r of the first r rows of VT. */
-static enum modal_status take_modes(struct job *j, const struct matrix *VT, int r, struct modal_error *err)
+static enum modal_status take_modes(struct job *j, const struct matrix *VT, int r,
+                                    struct modal_error *err)
 {
     int S = j->m->S, L = j->m->L;
 
@@ -349,14 +393,16 @@ static enum modal_status take_modes(struct job *j, const struct matrix *VT, int 
     j->r = r;
     for (int i = 0; i < r; i++)
         for (int c = 0; c < S; c++)
-            j->W[c + (size_t)i * (size_t)S] = VT->x[i + (size_t)c * (size_t)VT->ld] * channel_factor(j, c);
+            j->W[c + (size_t)i * (size_t)S] =
+                VT->x[i + (size_t)c * (size_t)VT->ld] * channel_factor(j, c);
     if (r > 0)
         combine_samples(j->m, j->W, &j->full);
     return MODAL_OK;
 }
 
 /* VT's first r rows are the kept ones' right vectors, which become J's. */
-static enum modal_status rest_is_white(struct job *j, const struct matrix *VT, int r, bool *white, struct modal_error *err)
+static enum modal_status rest_is_white(struct job *j, const struct matrix *VT, int r, bool *white,
+                                       struct modal_error *err)
 {
     int S = j->m->S, L = j->m->L;
     double lags[COLOUR_LAGS], sum = 0, n = (double)L * (S - r);
@@ -373,9 +419,10 @@ static enum modal_status rest_is_white(struct job *j, const struct matrix *VT, i
     return rc;
 }
 
-/* Only the triplets that stand out, as many as in the window before and found from them, and for the next value a bound; *enough is false where that is not
- * their number now. */
-static enum modal_status leading_triplets(struct job *j, const struct matrix *A, double *s, struct matrix *VT, bool *enough, struct modal_error *err)
+/* Only the triplets that stand out, as many as in the window before and found from them, and for
+ * the next value a bound; *enough is false where that is not their number now. */
+static enum modal_status leading_triplets(struct job *j, const struct matrix *A, double *s,
+                                          struct matrix *VT, bool *enough, struct modal_error *err)
 {
     const struct kept_modes *kept = &j->m->kept[j->weighed];
     int S = A->n, r = kept->count;
@@ -394,7 +441,8 @@ static enum modal_status leading_triplets(struct job *j, const struct matrix *A,
     for (int i = 0; i < r; i++)
         cblas_dcopy(S, V.x + (size_t)i * (size_t)S, 1, VT->x + i, VT->ld);
     free(V.x);
-    if (rc != MODAL_OK || !*enough || above_rest(j->m, s, r, square_of(A->x, (size_t)S * (size_t)S), &rest) != r)
+    if (rc != MODAL_OK || !*enough
+        || above_rest(j->m, s, r, square_of(A->x, (size_t)S * (size_t)S), &rest) != r)
         return *enough = false, rc;
     s[r] = edge_of(j->m, r, rest);           /* no more than this, if it is */
     if (s[r] < s[r - 1])
@@ -406,8 +454,10 @@ static enum modal_status leading_triplets(struct job *j, const struct matrix *A,
     return rc;
 }
 
-/* All of them, and how many are kept: those that stand out of the rest where that is white, all but rounding where it is not. */
-static enum modal_status every_triplet(struct job *j, const struct matrix *A, double *s, struct matrix *VT, struct modal_error *err)
+/* All of them, and how many are kept: those that stand out of the rest where that is white, all but
+ * rounding where it is not. */
+static enum modal_status every_triplet(struct job *j, const struct matrix *A, double *s,
+                                       struct matrix *VT, struct modal_error *err)
 {
     size_t size = (size_t)A->n * (size_t)A->n;
     struct matrix copy = { A->n, A->n, A->n, malloc(sizeof(double) * size) };
@@ -430,7 +480,8 @@ static enum modal_status every_triplet(struct job *j, const struct matrix *A, do
     return rc;
 }
 
-/* For the next window, where they stand far enough out of the rest for an iteration to find them. */
+/* For the next window, where they stand far enough out of the rest for an iteration to find them.
+ * */
 static bool keep_modes(struct job *j, const double *s, const struct matrix *VT)
 {
     struct kept_modes *kept = &j->m->kept[j->weighed];
@@ -444,7 +495,8 @@ static bool keep_modes(struct job *j, const double *s, const struct matrix *VT)
     return kept->V != NULL;
 }
 
-/* Proper orthogonal modes from the triangle: pod.c's choice of how many, where it knows all singular values. */
+/* Proper orthogonal modes from the triangle: pod.c's choice of how many, where it knows all
+ * singular values. */
 static enum modal_status orthogonal_modes(struct job *j, struct modal_error *err)
 {
     int S = j->m->S;
@@ -464,7 +516,11 @@ static enum modal_status orthogonal_modes(struct job *j, struct modal_error *err
     if (rc == MODAL_NO_CONVERGENCE || (rc == MODAL_OK && !enough)) {
         rc = every_triplet(j, &A, s, &VT, err);
         if (rc == MODAL_OK)
-            rc = take_modes(j, &VT, j->r < 1 ? 1 : j->r > POD_SIGNALS_MOST ? POD_SIGNALS_MOST : j->r, err);
+            rc = take_modes(j, &VT,
+                            j->r < 1                      ? 1
+                                : j->r > POD_SIGNALS_MOST ? POD_SIGNALS_MOST
+                                                          : j->r,
+                            err);
     }
     if (rc == MODAL_OK && !keep_modes(j, s, &VT))
         rc = modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d channels", S);
@@ -487,14 +543,19 @@ static enum modal_status project(struct job *j, struct modal_error *err)
     if (e == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d signals", j->r);
     j->X.n = j->r;
-    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, j->Y.m, j->r, j->m->S, 1, j->Y.x, j->Y.ld, j->W, j->m->S, 0, j->X.x, j->X.ld);
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, j->Y.m, j->r, j->m->S, 1, j->Y.x,
+                j->Y.ld, j->W, j->m->S, 0, j->X.x, j->X.ld);
     memset(j->outside2, 0, sizeof *j->outside2 * (size_t)j->r);
     for (int b = 0; b < r->blocks; b++) {
         for (int g = 0; g < j->r; g++)
-            memcpy(e + (size_t)g * (size_t)r->length, j->full.x + r->lead + b * r->length + (size_t)g * (size_t)L, sizeof *e * (size_t)r->length);
-        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, r->length, j->r, r->k, -1, r->Q, r->length, j->X.x + r->lead + b * r->k, j->X.ld, 1, e, r->length);
+            memcpy(e + (size_t)g * (size_t)r->length,
+                   j->full.x + r->lead + b * r->length + (size_t)g * (size_t)L,
+                   sizeof *e * (size_t)r->length);
+        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, r->length, j->r, r->k, -1, r->Q,
+                    r->length, j->X.x + r->lead + b * r->k, j->X.ld, 1, e, r->length);
         for (int g = 0; g < j->r; g++)
-            j->outside2[g] += cblas_ddot(r->length, e + (size_t)g * (size_t)r->length, 1, e + (size_t)g * (size_t)r->length, 1);
+            j->outside2[g] += cblas_ddot(r->length, e + (size_t)g * (size_t)r->length, 1,
+                                         e + (size_t)g * (size_t)r->length, 1);
     }
     free(e);
     return MODAL_OK;
@@ -523,7 +584,8 @@ static enum modal_status plain_signals(struct job *j, struct modal_error *err)
     j->r = j->X.n = S;
     for (int c = 0; c < S; c++)
         for (int l = 0; l < L; l++)
-            j->full.x[l + (size_t)c * (size_t)L] = channel_factor(j, c) * y[(size_t)l * (size_t)S + (size_t)c];
+            j->full.x[l + (size_t)c * (size_t)L] =
+                channel_factor(j, c) * y[(size_t)l * (size_t)S + (size_t)c];
     job_channels(j, &j->X, j->outside2);
     return MODAL_OK;
 }

@@ -1,25 +1,31 @@
 /*
  * order.c - a ladder of orders, each candidate refined where it can win, decided by BIC
  *
- * The criterion is (7) of refine.c, with residuals floored at rounding: on perfect data it ends where the residual
- * reaches the floor, since more poles only cost.  The ladder has four passes.
+ * The criterion is (7) of refine.c, with residuals floored at rounding: on perfect data it ends
+ * where the residual reaches the floor, since more poles only cost.  The ladder has four passes.
  *
- * 1. Look at the fits of r = 1, 2, ... as the decomposition gives them, until ORDER_AHEAD rungs brought nothing, and no less far than `look`:
- *    where few channels show many modes no order below theirs need fit any better than one; nor before the best explains a good part (ORDER_POOR).  Where a signal is left with SPREAD times less than another, what is
- *    left of it may be no noise but the pencil's errors, which the noise of the other made: a rung that is the best so far is then taken a few steps at once.
- * 2. Refine: the least first, then its neighbours until two in a row lose on either side, and every other candidate whose unrefined BIC
- *    is within `reach` of the best.  A pencil's poles are within a small factor of the bound where the order is right
- *    (limits of accuracy: 1.05 to 4.2), so refining lowers the residual of a right order by little: by less than
+ * 1. Look at the fits of r = 1, 2, ... as the decomposition gives them, until ORDER_AHEAD rungs
+ *    brought nothing, and no less far than `look`:
+ *    where few channels show many modes no order below theirs need fit any better than one; nor
+ *    before the best explains a good part (ORDER_POOR).  Where a signal is left with SPREAD times
+ *    less than another, what is left of it may be no noise but the pencil's errors, which the noise
+ *    of the other made: a rung that is the best so far is then taken a few steps at once.
+ * 2. Refine: the least first, then its neighbours until two in a row lose on either side, and every
+ *    other candidate whose unrefined BIC is within `reach` of the best.  A pencil's poles are
+ *    within a small factor of the bound where the order is right (limits of accuracy: 1.05 to 4.2),
+ *    so refining lowers the residual of a right order by little: by less than
  *
- *        reach = ORDER_REACH per datum.                                                              (1)
+ *        reach = ORDER_REACH per datum.                                                         (1)
  *
- *    With few rows that bound fails (noise in H moves a pencil's poles by many standard errors): `thorough` refines all.
- * 3. Split: two poles much closer than the record resolves share one triplet, and the pencil finds one.  A pole lambda
- *    stands for a pair of neighbours where lambda +- i / (2 record), which span e^{lambda t} and, nearly, t e^{lambda t}, fit
- *    well enough to be worth refining. A real pole may stand for a pair that decays about as fast as
- *    it turns.
- * 4. Simplify the winner: leave out the pole whose absence costs least, refine, keep if BIC falls, again.  A real pole that is
- *    zero within its error becomes a constant, with one parameter less, if BIC falls.
+ *    With few rows that bound fails (noise in H moves a pencil's poles by many standard errors):
+ *    `thorough` refines all.
+ * 3. Split: two poles much closer than the record resolves share one triplet, and the pencil finds
+ *    one.  A pole lambda stands for a pair of neighbours where lambda +- i / (2 record), which span
+ *    e^{lambda t} and, nearly, t e^{lambda t}, fit well enough to be worth refining.  A real pole
+ *    may stand for a pair that decays about as fast as it turns.
+ * 4. Simplify the winner: leave out the pole whose absence costs least, refine, keep if BIC falls,
+ *    again.  A real pole that is zero within its error becomes a constant, with one parameter less,
+ *    if BIC falls.
  *
  * From above (order_from_above). The ladder ends at a local minimum where any few of many modes
  * explain little: a rung is judged by a residual made of the modes that it lacks. So the whole
@@ -36,7 +42,8 @@
  * draw a mode whose frequency drifts. What is not clean, or crowded, goes to the ladder, which is
  * sparing; a crowd is believed where the ladder leaves much more (ORDER_WORSE).
  *
- * Work is counted, never timed.  Each pass ends where `work` is spent, so that a long record of many modes ends with the best so far.
+ * Work is counted, never timed.  Each pass ends where `work` is spent, so that a long record of
+ * many modes ends with the best so far.
  */
 #include "modal/identify/order.h"
 #include "modal/identify/colour.h"
@@ -78,7 +85,8 @@ static double bic_of(const struct climb *c, int i)
 
 static int order_most(const struct climb *c)
 {
-    return c->opt->order_most > 0 && c->opt->order_most < c->data->Y->m ? c->opt->order_most : c->data->Y->m - 1;
+    return c->opt->order_most > 0 && c->opt->order_most < c->data->Y->m ? c->opt->order_most
+                                                                        : c->data->Y->m - 1;
 }
 
 /* Is SHARE of the work spent?  Asked where there is more to try. */
@@ -91,7 +99,8 @@ static bool spent(struct climb *c, double share)
 }
 
 /* refine_poles within the work that is left; STEPS at most, 0: as many as the options say. */
-static enum modal_status fit_steps(struct climb *c, const double complex *lambda, int count, const bool *fixed, bool refine, double rival, int steps,
+static enum modal_status fit_steps(struct climb *c, const double complex *lambda, int count,
+                                   const bool *fixed, bool refine, double rival, int steps,
                                    struct refined *fit, struct modal_error *err)
 {
     struct refine_options opt = c->opt->refine;
@@ -112,15 +121,18 @@ static enum modal_status fit_steps(struct climb *c, const double complex *lambda
     return rc;
 }
 
-static enum modal_status fit_poles(struct climb *c, const double complex *lambda, int count, const bool *fixed, bool refine, double rival,
+static enum modal_status fit_poles(struct climb *c, const double complex *lambda, int count,
+                                   const bool *fixed, bool refine, double rival,
                                    struct refined *fit, struct modal_error *err)
 {
     return fit_steps(c, lambda, count, fixed, refine, rival, 0, fit, err);
 }
 
-/* Fit COUNT poles, refined or not, and append the candidate; *at is its index, -1 where there is nothing to fit. */
-static enum modal_status try_poles(struct climb *c, int r, const double complex *lambda, int count, const bool *fixed,
-                                   bool refine, double rival, int *at, struct modal_error *err)
+/* Fit COUNT poles, refined or not, and append the candidate; *at is its index, -1 where there is
+ * nothing to fit. */
+static enum modal_status try_poles(struct climb *c, int r, const double complex *lambda, int count,
+                                   const bool *fixed, bool refine, double rival, int *at,
+                                   struct modal_error *err)
 {
     struct order_candidate *k;
     enum modal_status rc;
@@ -145,8 +157,10 @@ static enum modal_status try_poles(struct climb *c, int r, const double complex 
     return rc;
 }
 
-/* Candidate I, looked at so far, refined in its place; a fit that refining made worse is kept as it was. */
-static enum modal_status refine_candidate(struct climb *c, int i, double rival, struct modal_error *err)
+/* Candidate I, looked at so far, refined in its place; a fit that refining made worse is kept as it
+ * was. */
+static enum modal_status refine_candidate(struct climb *c, int i, double rival,
+                                          struct modal_error *err)
 {
     struct order_candidate *k = &c->choice.candidates[i];
     struct refined fit;
@@ -164,7 +178,8 @@ static enum modal_status refine_candidate(struct climb *c, int i, double rival, 
     return MODAL_OK;
 }
 
-/* Candidate I, looked at, taken a few steps further: no longer as the pencil has it, not yet refined. */
+/* Candidate I, looked at, taken a few steps further: no longer as the pencil has it, not yet
+ * refined. */
 static enum modal_status step_candidate(struct climb *c, int i, int steps, struct modal_error *err)
 {
     struct order_candidate *k = &c->choice.candidates[i];
@@ -194,10 +209,12 @@ static bool uneven(const struct refined *fit)
     return most > SPREAD * least;
 }
 
-/* Is there a reason to look at order r?  BEST is the index of the least so far, of order BEST_R; ALL the norm of the signals. */
+/* Is there a reason to look at order r?  BEST is the index of the least so far, of order BEST_R;
+ * ALL the norm of the signals. */
 static bool worth_a_look(const struct climb *c, int r, int best, int best_r, double all)
 {
-    return best < 0 || r <= best_r + ORDER_AHEAD || r <= c->opt->look || c->choice.candidates[best].fit.residual > ORDER_POOR * all;
+    return best < 0 || r <= best_r + ORDER_AHEAD || r <= c->opt->look
+        || c->choice.candidates[best].fit.residual > ORDER_POOR * all;
 }
 
 /* Pass 1.  The index of the least. */
@@ -208,14 +225,16 @@ static enum modal_status look(struct climb *c, int *least, struct modal_error *e
     int best_r = 0;
 
     *least = -1;
-    for (int r = 1; r <= c->source->most && worth_a_look(c, r, *least, best_r, all) && rc == MODAL_OK; r++) {
+    for (int r = 1;
+         r <= c->source->most && worth_a_look(c, r, *least, best_r, all) && rc == MODAL_OK; r++) {
         int count = 0, at;
         if (c->opt->fixed > 0 && r != c->opt->fixed)
             continue;
         if (*least >= 0 && spent(c, LOOK_SHARE))
             break;
         rc = c->source->poles(c->source->context, r, c->lambda, &count, err);
-        if (rc == MODAL_NO_CONVERGENCE) {       /* the factors of this order left the range of doubles: no candidate */
+        /* the factors of this order left the range of doubles: no candidate */
+        if (rc == MODAL_NO_CONVERGENCE) {
             rc = MODAL_OK;
             continue;
         }
@@ -230,8 +249,10 @@ static enum modal_status look(struct climb *c, int *least, struct modal_error *e
     return rc;
 }
 
-/* From `least` in direction `step`, until two refined neighbours in a row are worse than the best. */
-static enum modal_status refine_side(struct climb *c, int looked, int step, int *best, struct modal_error *err)
+/* From `least` in direction `step`, until two refined neighbours in a row are worse than the best.
+ * */
+static enum modal_status refine_side(struct climb *c, int looked, int step, int *best,
+                                     struct modal_error *err)
 {
     int lost = 0;
     double reach = ORDER_REACH * c->data->Y->m * c->data->Y->n;
@@ -269,7 +290,8 @@ static enum modal_status refine_ladder(struct climb *c, int *best, struct modal_
     if (rc == MODAL_OK)
         rc = refine_side(c, looked, -1, best, err);
     for (int i = 0; i < looked && rc == MODAL_OK; i++) {
-        if (c->choice.candidates[i].refined || bic_of(c, i) > bic_of(c, *best) + reach || i > *best + 2)
+        if (c->choice.candidates[i].refined || bic_of(c, i) > bic_of(c, *best) + reach
+            || i > *best + 2)
             continue;
         if (spent(c, 1))
             break;
@@ -452,8 +474,8 @@ static enum modal_status descend(struct climb *c, int *best, struct modal_error 
 }
 
 /* Is candidate AT a better fit than the best, its pole J still what a real pole could stand for? A
- * pair that turns by a whole circle in its life 1 / |a| shows two columns to a pencil: one that ends
- * there went to a mode that is in the fit already, and splits it. */
+ * pair that turns by a whole circle in its life 1 / |a| shows two columns to a pencil: one that
+ * ends there went to a mode that is in the fit already, and splits it. */
 static bool better_turned(const struct climb *c, int at, int j, int best)
 {
     const struct refined *fit = &c->choice.candidates[at].fit;
@@ -576,7 +598,8 @@ static enum modal_status simplify(struct climb *c, int *best, struct modal_error
     return weed(c, fmax(ORDER_REACH * c->data->Y->m * c->data->Y->n, 100), 1, best, err);
 }
 
-/* A pole that moves in the record and whose error exceeds its own size: the data do not say that it is there. -1: none. */
+/* A pole that moves in the record and whose error exceeds its own size: the data do not say that it
+ * is there. -1: none. */
 static int undetermined(const struct climb *c, const struct refined *fit)
 {
     double record = c->data->tau * c->data->Y->m;
@@ -584,14 +607,15 @@ static int undetermined(const struct climb *c, const struct refined *fit)
 
     for (int j = 0; j < fit->poles; j++) {
         double size = cabs(fit->lambda[j]), error = hypot(fit->std_re[j], fit->std_im[j]);
-        if (size * record > 3 && error > size && (worst < 0 || error > hypot(fit->std_re[worst], fit->std_im[worst])))
+        if (size * record > 3 && error > size
+            && (worst < 0 || error > hypot(fit->std_re[worst], fit->std_im[worst])))
             worst = j;
     }
     return worst;
 }
 
-/* Pass 4: two poles that cancel each other fit a transient as t e^{lambda t} would, and mean nothing one by one: out with them, one at a
- * time, unless the fit is much the worse for it. */
+/* Pass 4: two poles that cancel each other fit a transient as t e^{lambda t} would, and mean
+ * nothing one by one: out with them, one at a time, unless the fit is much the worse for it. */
 static enum modal_status drop_undetermined(struct climb *c, int *best, struct modal_error *err)
 {
     for (;;) {
@@ -620,9 +644,11 @@ static enum modal_status pin_offset(struct climb *c, int *best, struct modal_err
     enum modal_status rc;
 
     for (int j = 0; j < fit->poles; j++)
-        if (pole_kind(fit->lambda[j], c->data->tau) == POLE_REAL && (slow < 0 || fabs(creal(fit->lambda[j])) < fabs(creal(fit->lambda[slow]))))
+        if (pole_kind(fit->lambda[j], c->data->tau) == POLE_REAL
+            && (slow < 0 || fabs(creal(fit->lambda[j])) < fabs(creal(fit->lambda[slow]))))
             slow = j;
-    if (slow < 0 || !(fabs(creal(fit->lambda[slow])) <= fmax(4 * fit->std_re[slow], 1e-9 / record)) || spent(c, 1))
+    if (slow < 0 || !(fabs(creal(fit->lambda[slow])) <= fmax(4 * fit->std_re[slow], 1e-9 / record))
+        || spent(c, 1))
         return MODAL_OK;
     c->lambda[0] = 0;
     n = 1 + without(c, *best, slow, c->lambda + 1);
@@ -651,7 +677,8 @@ static enum modal_status improve(struct climb *c, bool above, int *best, struct 
     return rc;
 }
 
-/* The winner taken to its minimum, if the ladder was not cut short; a few evaluations, which are not counted among the search's. */
+/* The winner taken to its minimum, if the ladder was not cut short; a few evaluations, which are
+ * not counted among the search's. */
 static enum modal_status settle(struct climb *c, int best, struct modal_error *err)
 {
     struct order_candidate *k = &c->choice.candidates[best];
@@ -659,7 +686,8 @@ static enum modal_status settle(struct climb *c, int best, struct modal_error *e
     struct refined fit;
     enum modal_status rc;
 
-    if (!k->refined || k->fit.end != REFINE_CONVERGED || c->opt->refine.iterations < 0 || c->choice.limited)
+    if (!k->refined || k->fit.end != REFINE_CONVERGED || c->opt->refine.iterations < 0
+        || c->choice.limited)
         return MODAL_OK;
     memset(c->fixed, 0, (size_t)k->fit.poles * sizeof *c->fixed);
     c->fixed[0] = c->choice.offset;
@@ -792,7 +820,8 @@ enum modal_status order_from_above(const struct refine_data *data,
 }
 
 enum modal_status order_choose(const struct refine_data *data, const struct order_source *source,
-                               const struct order_options *opt, struct order_choice *out, struct modal_error *err)
+                               const struct order_options *opt, struct order_choice *out,
+                               struct modal_error *err)
 {
     struct order_options none = { .fixed = 0 };
     struct climb c;
@@ -802,7 +831,8 @@ enum modal_status order_choose(const struct refine_data *data, const struct orde
     if (rc != MODAL_OK)
         goto out;
     rc = look(&c, &best, err);
-    c.choice.cut = c.opt->cut > 0 && best >= 0 && c.choice.candidates[best].r + ORDER_AHEAD > c.opt->cut;
+    c.choice.cut =
+        c.opt->cut > 0 && best >= 0 && c.choice.candidates[best].r + ORDER_AHEAD > c.opt->cut;
     if (rc == MODAL_OK && best >= 0 && !c.choice.cut)
         rc = refine_ladder(&c, &best, err);
     if (rc == MODAL_OK && best >= 0 && !c.choice.cut)

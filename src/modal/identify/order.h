@@ -6,8 +6,8 @@
 /* What refining may bring, of -2 ln(likelihood) for a datum (order.c (1)). */
 #define ORDER_REACH 0.02
 
-/* A pole as two neighbours is worth refining where their BIC, as they are put, is no more than this above its own; half the distance of the two, in parts of
- * 1 / record. */
+/* A pole as two neighbours is worth refining where their BIC, as they are put, is no more than this
+ * above its own; half the distance of the two, in parts of 1 / record. */
 #define ORDER_SPLIT_REACH 60.0
 #define ORDER_SPLIT_HALF 0.5
 
@@ -16,7 +16,8 @@ enum { ORDER_AHEAD = 4 };       /* the ladder ends this many rungs past its best
 /* A fit is much the worse where it leaves so many times more. */
 #define ORDER_WORSE 1.5
 
-/* A fit that leaves more than this of the signals' norm explains little of them: the ladder goes on. */
+/* A fit that leaves more than this of the signals' norm explains little of them: the ladder goes
+ * on. */
 #define ORDER_POOR 0.3
 
 /* Where candidates come from: the poles of order r (room for r in LAMBDA), of one decomposition. */
@@ -26,7 +27,8 @@ struct order_source {
     int signals;
     /* from above: poles to begin with, borrowed; NULL: only those of the decomposition */
     const double complex *known; int known_count;
-    enum modal_status (*poles)(void *context, int r, double complex *lambda, int *count, struct modal_error *err);
+    enum modal_status (*poles)(void *context, int r, double complex *lambda, int *count,
+                               struct modal_error *err);
     void *context;
 };
 
@@ -35,10 +37,13 @@ struct order_options {
     int look;                   /* look at least so far, whatever the fits say */
     int fixed;                  /* only this r is tried; 0: the ladder */
     int order_most;             /* no candidate of a higher order; 0: one less than the rows */
-    bool thorough;              /* refine every candidate: where rows are few, a pencil's fit is no guide to the refined one's */
-    double work;                /* most multiplications, as refine.h counts them, before another candidate or step; 0: no limit */
+    bool thorough;              /* refine every candidate: where rows are few, a pencil's fit is no
+                                 * guide to the refined one's */
+    double work;                /* most multiplications, as refine.h counts them, before another
+                                 * candidate or step; 0: no limit */
     bool many;                  /* from above: many modes, in noise; steps go by sums (gram.h) */
-    int cut;                    /* > 0: where the least looked at has r + ORDER_AHEAD above this, do not refine: the caller has a larger source */
+    int cut;                    /* > 0: where the least looked at has r + ORDER_AHEAD above this, do
+                                 * not refine: the caller has a larger source */
     bool no_offset;             /* do not try a slow real pole as a constant */
     bool (*cancelled)(void *context);   /* may be NULL */
     void *context;
@@ -52,9 +57,9 @@ struct order_candidate {
 
 struct order_choice {
     struct order_candidate *candidates; int count;   /* in the order they were tried */
-    int chosen;                 /* index; -1: no candidate could be fitted (noise, or an empty source) */
+    int chosen;            /* index; -1: no candidate could be fitted (noise, or an empty source) */
     double work;                /* multiplications spent */
-    bool limited;               /* options.work ended the search: better candidates may not have been tried */
+    bool limited;     /* options.work ended the search: better candidates may not have been tried */
     bool cut;                   /* options.cut: the chosen one was only looked at */
     /* order_from_above: the model holds; nothing else need be tried, unless it is: */
     bool clean;
@@ -63,12 +68,14 @@ struct order_choice {
 };
 
 /*
- * Climb r = 1, 2, ...; refine those that can win; take the least BIC.  *out is the caller's, to order_done.  With `work` the search ends
- * with the best so far once that is spent: half of it may go into looking, and what it overruns is one evaluation.  The choice is the same on every machine.
- * Fails as refine_poles and the source do, and with MODAL_CANCELLED.
+ * Climb r = 1, 2, ...; refine those that can win; take the least BIC.  *out is the caller's, to
+ * order_done.  With `work` the search ends with the best so far once that is spent: half of it may
+ * go into looking, and what it overruns is one evaluation.  The choice is the same on every
+ * machine. Fails as refine_poles and the source do, and with MODAL_CANCELLED.
  */
 enum modal_status order_choose(const struct refine_data *data, const struct order_source *source,
-                               const struct order_options *opt, struct order_choice *out, struct modal_error *err);
+                               const struct order_options *opt, struct order_choice *out,
+                               struct modal_error *err);
 
 /*
  * The same from the whole signal subspace downwards (order.c), with a source that holds all of

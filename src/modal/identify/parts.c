@@ -1,15 +1,19 @@
 /* parts.c - the jackknife over halves of the record
  *
- * Standard errors from the Jacobian suppose that the model holds: constant exponents, white noise.  Where it does not - friction, drift, a transient of
- * many modes - the poles make up for what is missing and fit the whole to any accuracy; but no part of the record has them.
+ * Standard errors from the Jacobian suppose that the model holds: constant exponents, white noise.
+ * Where it does not - friction, drift, a transient of many modes - the poles make up for what is
+ * missing and fit the whole to any accuracy; but no part of the record has them.
  *
- * A half is fitted with amplitudes of its own, first with the poles of the whole, then with poles of its own that start there.  If the model
- * holds, twice the logarithm of the ratio of likelihoods is chi-square with P degrees of freedom, P the parameters of the poles [W38], so that
+ * A half is fitted with amplitudes of its own, first with the poles of the whole, then with poles
+ * of its own that start there.  If the model holds, twice the logarithm of the ratio of likelihoods
+ * is chi-square with P degrees of freedom, P the parameters of the poles [W38], so that
  *
- *     BIC(poles of the whole) - BIC(poles of its own) <= P + PARTS_DEVIATIONS sqrt(2 P) + PARTS_SLACK                               (1)
+ *     BIC(poles of the whole) - BIC(poles of its own)
+ *         <= P + PARTS_DEVIATIONS sqrt(2 P) + PARTS_SLACK                                       (1)
  *
- * in all but one record of 10^6.  Where (1) fails, a pole whose own value differs by more than PARTS_CLEAR of its own standard errors is contradicted, and
- * by that difference.  Where the linear model at the start already says that (1) will hold, the search ends there (refine.h, `rival`).
+ * in all but one record of 10^6.  Where (1) fails, a pole whose own value differs by more than
+ * PARTS_CLEAR of its own standard errors is contradicted, and by that difference.  Where the linear
+ * model at the start already says that (1) will hold, the search ends there (refine.h, `rival`).
  *
  * [W38] Wilks, Ann. Math. Statist. 9 (1938) 60-62.
  */
@@ -30,10 +34,13 @@ static double allowed(double parameters)
     return parameters + PARTS_DEVIATIONS * sqrt(2 * parameters) + PARTS_SLACK;
 }
 
-static enum modal_status fit_half(const struct refine_data *data, int first, int rows, const double complex *lambda, int count, const bool *fixed,
+static enum modal_status fit_half(const struct refine_data *data, int first, int rows,
+                                  const double complex *lambda, int count, const bool *fixed,
                                   struct half *h, struct modal_error *err)
 {
-    struct refine_options own = { .iterations = ITERATIONS, .work = WORK, .gain = allowed(2.0 * count) };
+    struct refine_options own = { .iterations = ITERATIONS,
+                                  .work = WORK,
+                                  .gain = allowed(2.0 * count) };
 
     h->Y = (struct matrix) { rows, data->Y->n, data->Y->ld, data->Y->x + first };
     h->data = *data;
@@ -57,10 +64,12 @@ static double differs(double own, double whole, double std)
     return d > PARTS_CLEAR * std ? d : 0;
 }
 
-static void compare(const struct half *h, const double complex *lambda, int count, bool counts, struct part_say *say)
+static void compare(const struct half *h, const double complex *lambda, int count, bool counts,
+                    struct part_say *say)
 {
     for (int j = 0; j < count; j++)
-        say[j].decay = h->own.end == REFINE_DEGENERATE || h->own.poles < count ? -HUGE_VAL : say[j].decay;
+        say[j].decay =
+            h->own.end == REFINE_DEGENERATE || h->own.poles < count ? -HUGE_VAL : say[j].decay;
     for (int j = 0; j < count && h->own.poles > 0; j++) {
         double complex own = h->own.lambda[j];
         if (counts) {
@@ -68,12 +77,13 @@ static void compare(const struct half *h, const double complex *lambda, int coun
             say[j].im = fmax(say[j].im, differs(cimag(own), cimag(lambda[j]), h->own.std_im[j]));
         }
         say[j].grows |= creal(own) > PARTS_CLEAR * h->own.std_re[j];
-        say[j].decay = h->own.std_re[j] > 0 ? fmin(say[j].decay, -creal(own) / h->own.std_re[j]) : -HUGE_VAL;
+        say[j].decay =
+            h->own.std_re[j] > 0 ? fmin(say[j].decay, -creal(own) / h->own.std_re[j]) : -HUGE_VAL;
     }
 }
 
-enum modal_status parts_ask(const struct refine_data *data, const double complex *lambda, int count, struct part_say *say,
-                            double *strength, struct modal_error *err)
+enum modal_status parts_ask(const struct refine_data *data, const double complex *lambda, int count,
+                            struct part_say *say, double *strength, struct modal_error *err)
 {
     int L = data->Y->m, rows = L / 2, order = poles_order(lambda, count, data->tau);
     bool *fixed;

@@ -1,21 +1,24 @@
 /*
  * pencil.c - the matrix pencil on FFT Hankel products
  *
- * Block s of H is H_s[i, l] = y_s[i + l], i = 0..m-1, l = 0..n-1, n = L - m + 1.  Its products are correlations,
+ * Block s of H is H_s[i, l] = y_s[i + l], i = 0..m-1, l = 0..n-1, n = L - m + 1.  Its products are
+ * correlations,
  *
- *     (H_s x)[i] = sum_l y_s[i + l] x[l],       (H_s^T u)[l] = sum_i y_s[i + l] u[i],                       (1)
+ *     (H_s x)[i] = sum_l y_s[i + l] x[l],       (H_s^T u)[l] = sum_i y_s[i + l] u[i],           (1)
  *
- * and, since i + l <= L - 1, circular ones of any length N >= L: by FFT in O(S N log N) instead of O(S m n).  The leading triplets
- * come from Lanczos on (1).  The row space of H is that of the powers z_j^l, so that with V its basis
+ * and, since i + l <= L - 1, circular ones of any length N >= L: by FFT in O(S N log N) instead of
+ * O(S m n).  The leading triplets come from Lanczos on (1).  The row space of H is that of the
+ * powers z_j^l, so that with V its basis
  *
- *     V2 = V1 Z,   V1 = V without the last row, V2 without the first,                                        (2)
+ *     V2 = V1 Z,   V1 = V without the last row, V2 without the first,                           (2)
  *
- * has the multipliers as eigenvalues of Z = V1^+ V2 [HS90].  One QR V1 = Q R serves all orders: leading r columns give
+ * has the multipliers as eigenvalues of Z = V1^+ V2 [HS90].  One QR V1 = Q R serves all orders:
+ * leading r columns give
  *
- *     Z_r = R_r^{-1} (Q^T V2)_r.                                                                            (3)
+ *     Z_r = R_r^{-1} (Q^T V2)_r.                                                                (3)
  *
- * Rounding in (1) is of the order DBL_EPSILON log2(N) |H|: singular values are right to that times the largest, and a
- * refinement on the signals themselves follows.
+ * Rounding in (1) is of the order DBL_EPSILON log2(N) |H|: singular values are right to that times
+ * the largest, and a refinement on the signals themselves follows.
  *
  * [HS90] Hua and Sarkar, IEEE Trans. ASSP 38 (1990) 814-824.
  */
@@ -80,7 +83,8 @@ static void correlate(struct hankel_operator *h, int s, bool add)
     complex_pair *sum = (complex_pair *)h->sum;
 
     for (int k = 0; k <= h->N / 2; k++) {
-        complex_pair swapped = { y[k][1], y[k][0] }, re = { x[2 * k], x[2 * k] }, im = { x[2 * k + 1], -x[2 * k + 1] }, z = y[k] * re + swapped * im;
+        complex_pair swapped = { y[k][1], y[k][0] }, re = { x[2 * k], x[2 * k] },
+                     im = { x[2 * k + 1], -x[2 * k + 1] }, z = y[k] * re + swapped * im;
         if (add)
             z += sum[k];
         sum[k] = z;
@@ -101,7 +105,8 @@ static enum modal_status apply(void *context, const double *x, double *y, struct
     return MODAL_OK;
 }
 
-static enum modal_status apply_transpose(void *context, const double *y, double *x, struct modal_error *err)
+static enum modal_status apply_transpose(void *context, const double *y, double *x,
+                                         struct modal_error *err)
 {
     struct hankel_operator *h = context;
 
@@ -115,20 +120,23 @@ static enum modal_status apply_transpose(void *context, const double *y, double 
     return MODAL_OK;
 }
 
-enum modal_status hankel_operator_new(const struct matrix *Y, int rows, struct hankel_operator **out,
-                                      struct linear_operator *op, struct modal_error *err)
+enum modal_status hankel_operator_new(const struct matrix *Y, int rows,
+                                      struct hankel_operator **out, struct linear_operator *op,
+                                      struct modal_error *err)
 {
     struct hankel_operator *h = NULL;
     size_t half;
 
     if (Y->m < 2 || Y->n < 1 || rows < 1 || rows >= Y->m)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "rows", "%d rows of %d samples; accepted: 1 to %d", rows, Y->m, Y->m - 1);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "rows",
+                                "%d rows of %d samples; accepted: 1 to %d", rows, Y->m, Y->m - 1);
     h = calloc(1, sizeof *h);
     if (h == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "pencil: no memory");
     h->L = Y->m, h->S = Y->n, h->m = rows, h->n = Y->m - rows + 1, h->N = transform_length(Y->m);
     half = (size_t)h->N / 2 + 1;
-    h->x = fftw_alloc_real((size_t)h->N), h->X = fftw_alloc_complex(half), h->sum = fftw_alloc_complex(half);
+    h->x = fftw_alloc_real((size_t)h->N), h->X = fftw_alloc_complex(half),
+    h->sum = fftw_alloc_complex(half);
     h->Y = fftw_alloc_complex(half * (size_t)h->S);
     if (h->x != NULL && h->X != NULL && h->sum != NULL) {
         h->forward = fftw_plan_dft_r2c_1d(h->N, h->x, h->X, FFTW_ESTIMATE);
@@ -136,7 +144,8 @@ enum modal_status hankel_operator_new(const struct matrix *Y, int rows, struct h
     }
     if (h->Y == NULL || h->forward == NULL || h->backward == NULL) {
         hankel_operator_done(h);
-        return modal_fail(err, MODAL_NO_MEMORY, "pencil: no memory for %d transforms of %d", Y->n, Y->m);
+        return modal_fail(err, MODAL_NO_MEMORY, "pencil: no memory for %d transforms of %d", Y->n,
+                          Y->m);
     }
     for (int s = 0; s < h->S; s++) {
         transform(h, Y->x + (size_t)s * (size_t)Y->ld, h->L);
@@ -153,7 +162,8 @@ static enum modal_status factor(struct pencil *p, const struct matrix *VT, struc
 {
     int k = p->count, n = VT->n;
     size_t entries = (size_t)(n - 1) * (size_t)k;
-    double *V1 = malloc(2 * entries * sizeof *V1 + (size_t)k * sizeof *V1), *V2 = V1 + entries, *tau = V2 + entries;
+    double *V1 = malloc(2 * entries * sizeof *V1 + (size_t)k * sizeof *V1), *V2 = V1 + entries,
+           *tau = V2 + entries;
     enum modal_status rc = MODAL_OK;
 
     if (V1 == NULL)
@@ -204,10 +214,11 @@ int pencil_signals(const struct pencil *p)
     return count;
 }
 
-enum modal_status pencil_new(const struct matrix *Y, const struct pencil_options *opt, struct pencil *out,
-                             struct modal_error *err)
+enum modal_status pencil_new(const struct matrix *Y, const struct pencil_options *opt,
+                             struct pencil *out, struct modal_error *err)
 {
-    int rows = opt != NULL && opt->rows > 0 ? opt->rows : (Y->m + 2) / 3, wanted = opt != NULL && opt->wanted > 0 ? opt->wanted : WANTED;
+    int rows = opt != NULL && opt->rows > 0 ? opt->rows : (Y->m + 2) / 3,
+        wanted = opt != NULL && opt->wanted > 0 ? opt->wanted : WANTED;
     struct pencil p = { .rows = rows };
     struct hankel_operator *h = NULL;
     struct linear_operator op;
@@ -222,15 +233,20 @@ enum modal_status pencil_new(const struct matrix *Y, const struct pencil_options
     wanted = wanted < op.m ? wanted : op.m;
     wanted = wanted < op.n - 1 ? wanted : op.n - 1;
     wanted = wanted < 1 ? 1 : wanted;
-    VT = (struct matrix) { wanted, op.n, wanted, malloc(sizeof(double) * (size_t)wanted * (size_t)op.n) };
+    VT = (struct matrix) { wanted, op.n, wanted,
+                           malloc(sizeof(double) * (size_t)wanted * (size_t)op.n) };
     p.s = calloc((size_t)wanted, sizeof *p.s);
-    p.R = calloc((size_t)wanted * (size_t)wanted, sizeof *p.R), p.W = calloc((size_t)wanted * (size_t)wanted, sizeof *p.W);
+    p.R = calloc((size_t)wanted * (size_t)wanted, sizeof *p.R),
+    p.W = calloc((size_t)wanted * (size_t)wanted, sizeof *p.W);
     if (VT.x == NULL || p.s == NULL || p.R == NULL || p.W == NULL) {
-        rc = modal_fail(err, MODAL_NO_MEMORY, "pencil: no memory for %d triplets of %d x %d", wanted, op.m, op.n);
+        rc = modal_fail(err, MODAL_NO_MEMORY, "pencil: no memory for %d triplets of %d x %d",
+                        wanted, op.m, op.n);
         goto out;
     }
-    /* Any tolerance is met at once: strong triplets have converged by then, and noise has none worth waiting for. */
-    rc = lanczos_svd(&op, &(struct lanczos_options) { .wanted = wanted, .tolerance = HUGE_VAL }, p.s, &none, &VT, &found, err);
+    /* Any tolerance is met at once: strong triplets have converged by then, and noise has none
+     * worth waiting for. */
+    rc = lanczos_svd(&op, &(struct lanczos_options){ .wanted = wanted, .tolerance = HUGE_VAL }, p.s,
+                     &none, &VT, &found, err);
     if (rc != MODAL_OK)
         goto out;
     p.count = found.count, p.steps = found.steps;
@@ -256,7 +272,8 @@ void pencil_done(struct pencil *p)
     *p = (struct pencil) { 0 };
 }
 
-enum modal_status pencil_multipliers(const struct pencil *p, int r, double complex *rho, struct modal_error *err)
+enum modal_status pencil_multipliers(const struct pencil *p, int r, double complex *rho,
+                                     struct modal_error *err)
 {
     struct matrix Z = { r, r, r, NULL };
     enum modal_status rc;
@@ -268,7 +285,9 @@ enum modal_status pencil_multipliers(const struct pencil *p, int r, double compl
         return modal_fail(err, MODAL_NO_MEMORY, "pencil: no memory for order %d", r);
     for (int j = 0; j < r; j++)
         memcpy(Z.x + j * r, p->W + j * p->count, (size_t)r * sizeof *Z.x);
-    cblas_dtrsm(CblasColMajor, CblasLeft, CblasUpper, CblasNoTrans, CblasNonUnit, r, r, 1, p->R, p->count, Z.x, r);   /* (3) */
+    /* (3) */
+    cblas_dtrsm(CblasColMajor, CblasLeft, CblasUpper, CblasNoTrans, CblasNonUnit, r, r, 1, p->R,
+                p->count, Z.x, r);
     rc = eigen_general(&Z, rho, NULL, NULL, err);
     free(Z.x);
     return rc;

@@ -13,7 +13,8 @@ struct pencil_options {
 
 struct pencil {
     int count;     /* triplets */
-    double *s;     /* singular values, descending; those amid noise are Ritz values, not converged: fit for a start */
+    double *s;     /* singular values, descending; those amid noise are Ritz values, not converged:
+                    * fit for a start */
     double *R;     /* count x count: triangle of V1 */
     double *W;     /* count x count: Q^T V2 */
     struct matrix VT;   /* count x columns: the right vectors */
@@ -23,16 +24,19 @@ struct pencil {
 };
 
 /*
- * Y is L x S, kept: its block Hankel matrix H, (S rows) x (L - rows + 1), has the leading right singular vectors V; V1 is V
- * without its last row, V2 without its first.  The caller frees *out with pencil_done.
- * Fails with MODAL_BAD_INPUT (`rows` out of 1 .. L-1, an empty Y), MODAL_NO_MEMORY, MODAL_NO_CONVERGENCE.
+ * Y is L x S, kept: its block Hankel matrix H, (S rows) x (L - rows + 1), has the leading right
+ * singular vectors V; V1 is V without its last row, V2 without its first.  The caller frees *out
+ * with pencil_done. Fails with MODAL_BAD_INPUT (`rows` out of 1 .. L-1, an empty Y),
+ * MODAL_NO_MEMORY, MODAL_NO_CONVERGENCE.
  */
-enum modal_status pencil_new(const struct matrix *Y, const struct pencil_options *opt, struct pencil *out,
-                             struct modal_error *err);
+enum modal_status pencil_new(const struct matrix *Y, const struct pencil_options *opt,
+                             struct pencil *out, struct modal_error *err);
 void pencil_done(struct pencil *p);
 
-/* The r eigenvalues of Z, V2 = V1 Z on the leading r columns: multipliers over one step. 1 <= r <= count. */
-enum modal_status pencil_multipliers(const struct pencil *p, int r, double complex *rho, struct modal_error *err);
+/* The r eigenvalues of Z, V2 = V1 Z on the leading r columns: multipliers over one step. 1 <= r <=
+ * count. */
+enum modal_status pencil_multipliers(const struct pencil *p, int r, double complex *rho,
+                                     struct modal_error *err);
 
 /*
  * How many singular values exceed those of white noise. What the triplets leave of H's energy is
@@ -46,10 +50,12 @@ int pencil_signals(const struct pencil *p);
 
 /* The Hankel matrix of Y as an operator, by FFT; the caller frees it with hankel_operator_done. */
 struct hankel_operator;
-enum modal_status hankel_operator_new(const struct matrix *Y, int rows, struct hankel_operator **out,
-                                      struct linear_operator *op, struct modal_error *err);
+enum modal_status hankel_operator_new(const struct matrix *Y, int rows,
+                                      struct hankel_operator **out, struct linear_operator *op,
+                                      struct modal_error *err);
 void hankel_operator_done(struct hankel_operator *h);
-/* A length no less than n: 2 times an odd number without prime factors past 7.  FFTW plans such a one in about 1 ms, one with more factors of two in 3 to 6,
- * which is more than all the transforms of a small job take. */
+/* A length no less than n: 2 times an odd number without prime factors past 7.  FFTW plans such a
+ * one in about 1 ms, one with more factors of two in 3 to 6, which is more than all the transforms
+ * of a small job take. */
 int transform_length(int n);
 #endif

@@ -1,13 +1,15 @@
 /*
  * pod.c - proper orthogonal modes
  *
- * Y^T = U diag(s) V^T, Y being L samples x S channels: signal i is s_i v_i (22)-(23), and Y = signals * U^T.  The paper's Lanczos iteration on
- * [0 T; T^T 0] (24) is replaced by Golub-Kahan bidiagonalisation (lanczos.c), or by the SVD of Y itself where the thin side is small.
+ * Y^T = U diag(s) V^T, Y being L samples x S channels: signal i is s_i v_i (22)-(23), and Y =
+ * signals * U^T.  The paper's Lanczos iteration on [0 T; T^T 0] (24) is replaced by Golub-Kahan
+ * bidiagonalisation (lanczos.c), or by the SVD of Y itself where the thin side is small.
  *
- * With no energy asked for, what is kept is what stands above the noise.  White noise of variance v has no singular value
- * above sqrt(v) (sqrt(L) + sqrt(S)) asymptotically; v follows from what the leading k modes leave,
+ * With no energy asked for, what is kept is what stands above the noise.  White noise of variance v
+ * has no singular value above sqrt(v) (sqrt(L) + sqrt(S)) asymptotically; v follows from what the
+ * leading k modes leave,
  *
- *     v = (|Y|_F^2 - sum_{i<=k} s_i^2) / ((L - k)(S - k)).                                                 (1)
+ *     v = (|Y|_F^2 - sum_{i<=k} s_i^2) / ((L - k)(S - k)).                                      (1)
  *
  * On clean data the floor is rounding, max(L,S) DBL_EPSILON s_1.
  */
@@ -32,13 +34,15 @@ static void triplets_done(struct triplets *t)
     free(t->UT.x);
 }
 
-static enum modal_status allocate(struct triplets *t, const struct matrix *Y, int k, struct modal_error *err)
+static enum modal_status allocate(struct triplets *t, const struct matrix *Y, int k,
+                                  struct modal_error *err)
 {
     t->s = calloc((size_t)k + 1, sizeof(double));
     t->V = (struct matrix) { Y->m, k, Y->m, malloc(sizeof(double) * ((size_t)Y->m * k + 1)) };
     t->UT = (struct matrix) { k, Y->n, k, malloc(sizeof(double) * ((size_t)k * Y->n + 1)) };
     if (t->s == NULL || t->V.x == NULL || t->UT.x == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "pod: no memory for %d modes of %d channels", k, Y->n);
+        return modal_fail(err, MODAL_NO_MEMORY, "pod: no memory for %d modes of %d channels", k,
+                          Y->n);
     return MODAL_OK;
 }
 
@@ -60,7 +64,8 @@ static enum modal_status dense(const struct matrix *Y, struct triplets *t, struc
     return rc;
 }
 
-static enum modal_status leading(const struct matrix *Y, int wanted, struct triplets *t, struct modal_error *err)
+static enum modal_status leading(const struct matrix *Y, int wanted, struct triplets *t,
+                                 struct modal_error *err)
 {
     struct linear_operator A = dense_operator(Y);
     struct lanczos_options opt = { .wanted = wanted, .tolerance = 1e-12 };
@@ -82,15 +87,18 @@ static double square_sum(const struct matrix *Y)
     return sum;
 }
 
-/* Every triplet is known: the first k from which on no value stands out of the rest as (1) would have it, if the rest is white in time as well;
- * many equal signals would look like noise to (1) alone. */
+/* Every triplet is known: the first k from which on no value stands out of the rest as (1) would
+ * have it, if the rest is white in time as well; many equal signals would look like noise to (1)
+ * alone. */
 static int above_rest(const struct triplets *t, const struct matrix *Y, int k_most, double total)
 {
     double L = Y->m, S = Y->n, rest = total;
 
     for (int k = 0; k < k_most && k < S && k < L; k++) {
-        double edge = 1.02 * sqrt(fmax(rest, 0) / ((L - k) * (S - k))) * (sqrt(L - k) + sqrt(S - k));
-        struct matrix tail = { t->V.m, t->count - k, t->V.ld, t->V.x + (size_t)k * (size_t)t->V.ld };
+        double edge =
+            1.02 * sqrt(fmax(rest, 0) / ((L - k) * (S - k))) * (sqrt(L - k) + sqrt(S - k));
+        struct matrix tail = { t->V.m, t->count - k, t->V.ld,
+                               t->V.x + (size_t)k * (size_t)t->V.ld };
         if (t->s[k] <= edge)
             return colour_white(&tail) ? k : k_most;
         rest -= t->s[k] * t->s[k];
@@ -98,7 +106,8 @@ static int above_rest(const struct triplets *t, const struct matrix *Y, int k_mo
     return k_most;
 }
 
-/* (1) from all the triplets found, then from those above the edge, until that settles: from above, so that too many are kept, not too few. */
+/* (1) from all the triplets found, then from those above the edge, until that settles: from above,
+ * so that too many are kept, not too few. */
 static int above_noise(const struct triplets *t, const struct matrix *Y, double total)
 {
     double L = Y->m, S = Y->n, edge = (L > S ? L : S) * DBL_EPSILON * t->s[0];
@@ -120,7 +129,8 @@ static int above_noise(const struct triplets *t, const struct matrix *Y, double 
     return k > 1 ? k : 1;
 }
 
-static int kept(const struct triplets *t, const struct matrix *Y, const struct pod_options *opt, double total)
+static int kept(const struct triplets *t, const struct matrix *Y, const struct pod_options *opt,
+                double total)
 {
     double all = 0, sum = 0;
     int r = 0;
@@ -136,7 +146,8 @@ static int kept(const struct triplets *t, const struct matrix *Y, const struct p
     return r;
 }
 
-enum modal_status pod_reduce(const struct matrix *Y, const struct pod_options *opt, struct pod *out, struct modal_error *err)
+enum modal_status pod_reduce(const struct matrix *Y, const struct pod_options *opt, struct pod *out,
+                             struct modal_error *err)
 {
     int side = Y->m < Y->n ? Y->m : Y->n, most = opt->most > 0 ? opt->most : POD_SIGNALS_MOST, r;
     struct triplets t = { 0, NULL, { 0 }, { 0 } };
@@ -153,7 +164,8 @@ enum modal_status pod_reduce(const struct matrix *Y, const struct pod_options *o
     if (r > most && opt->energy <= 0)
         r = most;
     pod.s = malloc(sizeof *pod.s * (r + 1));
-    pod.signals = (struct matrix) { Y->m, r, Y->m, malloc(sizeof(double) * ((size_t)Y->m * r + 1)) };
+    pod.signals = (struct matrix) { Y->m, r, Y->m,
+                                    malloc(sizeof(double) * ((size_t)Y->m * r + 1)) };
     pod.modes = (struct matrix) { Y->n, r, Y->n, malloc(sizeof(double) * ((size_t)Y->n * r + 1)) };
     if (pod.s == NULL || pod.signals.x == NULL || pod.modes.x == NULL) {
         rc = modal_fail(err, MODAL_NO_MEMORY, "pod: no memory for %d signals", r);

@@ -6,7 +6,8 @@
 
 /* More channels than this are reduced unasked. */
 #define POD_CHANNELS_FEW 8
-/* Channels whose noise differs by more are weighed by it before; less than this of their rms is rounding, not noise. */
+/* Channels whose noise differs by more are weighed by it before; less than this of their rms is
+ * rounding, not noise. */
 #define NOISE_ALIKE 1.3
 #define NOISE_QUIETEST 1e-13
 
@@ -14,16 +15,18 @@
 #define POD_SIGNALS_MOST 40
 
 struct pod_options {
-    double energy;   /* keep sum_{i<=r} s_i >= energy * sum; 0: everything above rounding, at most `most` */
+    double energy;   /* keep sum_{i<=r} s_i >= energy * sum; 0: everything above rounding, at most
+                      * `most` */
     int rank;        /* keep exactly so many (or all there are); 0: by energy */
     int most;        /* signals at most; 0: 40 */
 };
 
 struct pod {
     struct matrix signals;   /* L x r, column i = s_i v_i (23), in the units of Y; owned */
-    struct matrix modes;     /* S x r, orthonormal columns u_i: Y = signals * modes^T + rest; owned */
+    struct matrix modes;   /* S x r, orthonormal columns u_i: Y = signals * modes^T + rest; owned */
     double *s; int count;    /* r singular values; owned */
-    double energy;           /* kept share of sum s (as far as computed: an upper bound where Lanczos stopped early) */
+    double energy;           /* kept share of sum s (as far as computed: an upper bound where
+                              * Lanczos stopped early) */
 };
 
 /* Y: L x S, kept. */

@@ -1,14 +1,17 @@
 /* polish.c - variable projection in long double
  *
- * Two poles that nearly coincide have coefficients of opposite sign and of size 1/distance, and a basis whose condition is of that size.  Double
- * precision then evaluates the model with errors above those of data that are exact to their last bit: refine.c ends where its own arithmetic does.
- * With eleven bits more the data decide.  The model, the Jacobian and its reduction are those of refine.c, (1) to (3), with all weights 1, and small enough to be
- * written plainly: Gram-Schmidt twice over for the basis Phi = Q R, and with D = diag(l) Phi
+ * Two poles that nearly coincide have coefficients of opposite sign and of size 1/distance, and a
+ * basis whose condition is of that size.  Double precision then evaluates the model with errors
+ * above those of data that are exact to their last bit: refine.c ends where its own arithmetic
+ * does. With eleven bits more the data decide.  The model, the Jacobian and its reduction are those
+ * of refine.c, (1) to (3), with all weights 1, and small enough to be written plainly: Gram-Schmidt
+ * twice over for the basis Phi = Q R, and with D = diag(l) Phi
  *
- *     C = R^{-1} Q^T Y,   e = Y - Q Q^T Y,   J_p = (I - Q Q^T) dPhi/dp C,                                          (1)
+ *     C = R^{-1} Q^T Y,   e = Y - Q Q^T Y,   J_p = (I - Q Q^T) dPhi/dp C,                       (1)
  *
- * Levenberg's step from J^T J, its columns scaled.  Squaring the condition is harmless here: twice the digits that were lost are still
- * fewer than long double has more than double has digits of data to lose.
+ * Levenberg's step from J^T J, its columns scaled.  Squaring the condition is harmless here: twice
+ * the digits that were lost are still fewer than long double has more than double has digits of
+ * data to lose.
  */
 #include "modal/identify/polish.h"
 #include <float.h>
@@ -35,17 +38,22 @@ static bool work_allocate(struct work *w)
 {
     size_t L = (size_t)w->L, q = (size_t)w->q, P = (size_t)w->P;
 
-    w->Phi = calloc(L * q, sizeof(long double)), w->D = calloc(L * q, sizeof(long double)), w->Q = calloc(L * q, sizeof(long double));
-    w->R = calloc(q * q, sizeof(long double)), w->C = calloc(q, sizeof(long double)), w->J = calloc(L * P, sizeof(long double)), w->e = calloc(L, sizeof(long double));
-    w->N = calloc(P * P, sizeof(long double)), w->A = calloc(P * P, sizeof(long double)), w->g = calloc(P, sizeof(long double)), w->step = calloc(P, sizeof(long double));
-    return w->Phi != NULL && w->D != NULL && w->Q != NULL && w->R != NULL && w->C != NULL && w->J != NULL && w->e != NULL
-        && w->N != NULL && w->A != NULL && w->g != NULL && w->step != NULL;
+    w->Phi = calloc(L * q, sizeof(long double)), w->D = calloc(L * q, sizeof(long double)),
+    w->Q = calloc(L * q, sizeof(long double));
+    w->R = calloc(q * q, sizeof(long double)), w->C = calloc(q, sizeof(long double)),
+    w->J = calloc(L * P, sizeof(long double)), w->e = calloc(L, sizeof(long double));
+    w->N = calloc(P * P, sizeof(long double)), w->A = calloc(P * P, sizeof(long double)),
+    w->g = calloc(P, sizeof(long double)), w->step = calloc(P, sizeof(long double));
+    return w->Phi != NULL && w->D != NULL && w->Q != NULL && w->R != NULL && w->C != NULL
+        && w->J != NULL && w->e != NULL && w->N != NULL && w->A != NULL && w->g != NULL
+        && w->step != NULL;
 }
 
 static void work_done(struct work *w)
 {
     free(w->kind), free(w->column), free(w->first);
-    free(w->Phi), free(w->D), free(w->Q), free(w->R), free(w->C), free(w->J), free(w->e), free(w->N), free(w->A), free(w->g), free(w->step);
+    free(w->Phi), free(w->D), free(w->Q), free(w->R), free(w->C), free(w->J), free(w->e),
+        free(w->N), free(w->A), free(w->g), free(w->step);
 }
 
 static long double dot(const long double *a, const long double *b, int n)
@@ -61,11 +69,14 @@ static long double dot(const long double *a, const long double *b, int n)
 static void fill(struct work *w, const long double *x)
 {
     for (int j = 0; j < w->count; j++) {
-        long double a = x[2 * j] * w->tau, b = x[2 * j + 1] * w->tau, top = a > 0 ? a * (w->L - 1) : 0;
+        long double a = x[2 * j] * w->tau, b = x[2 * j + 1] * w->tau,
+                    top = a > 0 ? a * (w->L - 1) : 0;
         long double *re = w->Phi + (size_t)w->column[j] * (size_t)w->L, *im = re + w->L;
         for (int l = 0; l < w->L; l++) {
             long double size = expl(a * l - top);
-            re[l] = w->kind[j] == POLE_PAIR ? size * cosl(b * l) : w->kind[j] == POLE_NEGATIVE && l % 2 ? -size : size;
+            re[l] = w->kind[j] == POLE_PAIR            ? size * cosl(b * l)
+                : w->kind[j] == POLE_NEGATIVE && l % 2 ? -size
+                                                       : size;
             if (w->kind[j] == POLE_PAIR)
                 im[l] = -size * sinl(b * l);
         }
@@ -135,7 +146,8 @@ static void add_channel(struct work *w, int c)
     for (int p = 0; p < P; p++) {
         w->g[p] += dot(w->J + (size_t)p * (size_t)L, w->e, L);
         for (int k = 0; k <= p; k++)
-            w->N[p + (size_t)k * (size_t)P] += dot(w->J + (size_t)p * (size_t)L, w->J + (size_t)k * (size_t)L, L);
+            w->N[p + (size_t)k * (size_t)P] +=
+                dot(w->J + (size_t)p * (size_t)L, w->J + (size_t)k * (size_t)L, L);
     }
 }
 
@@ -163,12 +175,15 @@ static bool cholesky(struct work *w, long double mu)
 
     for (int j = 0; j < P; j++)
         for (int i = j; i < P; i++) {
-            long double sum = w->N[i + (size_t)j * (size_t)P] / sqrtl(w->N[i + (size_t)i * (size_t)P] * w->N[j + (size_t)j * (size_t)P]) + (i == j ? mu : 0);
+            long double sum = w->N[i + (size_t)j * (size_t)P]
+                    / sqrtl(w->N[i + (size_t)i * (size_t)P] * w->N[j + (size_t)j * (size_t)P])
+                + (i == j ? mu : 0);
             for (int k = 0; k < j; k++)
                 sum -= w->A[i + (size_t)k * (size_t)P] * w->A[j + (size_t)k * (size_t)P];
             if (i == j && !(sum > 0))
                 return false;
-            w->A[i + (size_t)j * (size_t)P] = i == j ? sqrtl(sum) : sum / w->A[j + (size_t)j * (size_t)P];
+            w->A[i + (size_t)j * (size_t)P] =
+                i == j ? sqrtl(sum) : sum / w->A[j + (size_t)j * (size_t)P];
         }
     return true;
 }
@@ -236,7 +251,8 @@ static long double descend(struct work *w, long double *x, long double *trial)
 }
 
 /* Standard errors from N at the end. */
-static void report(struct work *w, long double F, const long double *x, double complex *lambda, double *std_re, double *std_im)
+static void report(struct work *w, long double F, const long double *x, double complex *lambda,
+                   double *std_re, double *std_im)
 {
     double freedom = fmax(1, (double)w->S * (w->L - w->q) - w->P);
 
@@ -254,7 +270,8 @@ static void report(struct work *w, long double F, const long double *x, double c
             solve(w, w->step);
             std[k] = (double)(sqrtl(w->step[p] * F / freedom) / scale_of(w, p) / w->tau);
         }
-        lambda[j] = CMPLX((double)x[2 * j], w->kind[j] == POLE_PAIR ? (double)x[2 * j + 1] : cimag(lambda[j]));
+        lambda[j] = CMPLX((double)x[2 * j],
+                          w->kind[j] == POLE_PAIR ? (double)x[2 * j + 1] : cimag(lambda[j]));
         std_re[j] = std[0], std_im[j] = std[1];
     }
 }
@@ -275,20 +292,24 @@ static void lay_out(struct work *w, const double complex *lambda, long double *x
 static bool inside(const struct work *w, const long double *x)
 {
     for (int j = 0; j < w->count; j++)
-        if (!isfinite(x[2 * j]) || (w->kind[j] == POLE_PAIR && !(x[2 * j + 1] > 0 && x[2 * j + 1] * w->tau < M_PI)))
+        if (!isfinite(x[2 * j])
+            || (w->kind[j] == POLE_PAIR && !(x[2 * j + 1] > 0 && x[2 * j + 1] * w->tau < M_PI)))
             return false;
     return true;
 }
 
-enum modal_status polish_poles(const struct refine_data *data, double complex *lambda, int count, double *std_re, double *std_im,
-                               struct modal_error *err)
+enum modal_status polish_poles(const struct refine_data *data, double complex *lambda, int count,
+                               double *std_re, double *std_im, struct modal_error *err)
 {
-    struct work w = { .Y = data->Y, .L = data->Y->m, .S = data->Y->n, .count = count, .tau = data->tau };
+    struct work w = {
+        .Y = data->Y, .L = data->Y->m, .S = data->Y->n, .count = count, .tau = data->tau
+    };
     size_t n = (size_t)count + 1;
     long double *x = calloc(2 * n, sizeof *x), *trial = calloc(2 * n, sizeof *trial), before, after;
     enum modal_status rc = MODAL_OK;
 
-    w.kind = calloc(n, sizeof *w.kind), w.column = calloc(n, sizeof *w.column), w.first = calloc(n, sizeof *w.first);
+    w.kind = calloc(n, sizeof *w.kind), w.column = calloc(n, sizeof *w.column),
+    w.first = calloc(n, sizeof *w.first);
     if (x == NULL || trial == NULL || w.kind == NULL || w.column == NULL || w.first == NULL)
         rc = modal_fail(err, MODAL_NO_MEMORY, "polish: no memory for %d poles", count);
     if (rc != MODAL_OK || LDBL_MANT_DIG <= DBL_MANT_DIG)

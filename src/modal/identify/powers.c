@@ -1,9 +1,11 @@
 /*
  * powers.c - powers of a multiplier by a table and blocks
  *
- * z^{k + j} = z^k z^j with j < TABLE: one sine, cosine and exponential a row of the table and a block, and one product each.  b k is taken in twice the
- * precision (high + low), for the phase is large where the record is long.  Growth of more than STEEP a row would overflow the table, though
- * nothing overflows once it is divided by the last: such columns, zero but for their last rows, are made row by row.
+ * z^{k + j} = z^k z^j with j < TABLE: one sine, cosine and exponential a row of the table and a
+ * block, and one product each.  b k is taken in twice the precision (high + low), for the phase is
+ * large where the record is long.  Growth of more than STEEP a row would overflow the table, though
+ * nothing overflows once it is divided by the last: such columns, zero but for their last rows, are
+ * made row by row.
  */
 #include "modal/identify/powers.h"
 #include <math.h>

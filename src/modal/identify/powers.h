@@ -4,8 +4,9 @@
 #include "modal/identify/exponents.h"
 
 /*
- * e^{a l} times (cos b l, -sin b l) of a pair into x[l] and x[l + ld], 1 of a real multiplier or (-1)^l of a negative one into x[l], l = 0 .. L-1; growing ones
- * are divided by their last, so that nothing exceeds 1.  Phases are those of the rounded b, exact to a few DBL_EPSILON.
+ * e^{a l} times (cos b l, -sin b l) of a pair into x[l] and x[l + ld], 1 of a real multiplier or
+ * (-1)^l of a negative one into x[l], l = 0 .. L-1; growing ones are divided by their last, so that
+ * nothing exceeds 1.  Phases are those of the rounded b, exact to a few DBL_EPSILON.
  */
 void powers_of(enum pole_kind kind, double a, double b, int L, double *x, int ld);
 #endif

@@ -3,16 +3,19 @@
  *
  * With U^T H0 = S V^T and W = U^T H1 (k x n) the multipliers of rank r are the eigenvalues of
  *
- *     Qhat = W_r (S_r V_r^T)^+ = W_r V_r S_r^{-1},                                                              (1)
+ *     Qhat = W_r (S_r V_r^T)^+ = W_r V_r S_r^{-1},                                              (1)
  *
- * least squares over the n columns.  Leaving columns out gives the jackknife; exchanging the two factors,
+ * least squares over the n columns.  Leaving columns out gives the jackknife; exchanging the two
+ * factors,
  *
- *     X (W_r) = S_r V_r^T,   multipliers 1/eig(X),                                                         (2)
+ *     X (W_r) = S_r V_r^T,   multipliers 1/eig(X),                                              (2)
  *
- * time reversed.  Noise in the right factor biases (1) towards more damping and (2) towards less, so the two bracket the truth; method.md found
- * the larger difference to be of the size of the error in every case tried.
+ * time reversed.  Noise in the right factor biases (1) towards more damping and (2) towards less,
+ * so the two bracket the truth; method.md found the larger difference to be of the size of the
+ * error in every case tried.
  *
- * W needs one product: column l of H1 is column l+1 of H0, so U^T h1_l = (S V^T)_{l+1}, and only the last column is new.
+ * W needs one product: column l of H1 is column l+1 of H0, so U^T h1_l = (S V^T)_{l+1}, and only
+ * the last column is new.
  */
 #include "modal/identify/projection.h"
 #include <cblas.h>
@@ -39,14 +42,16 @@ void projection_done(struct projection *p)
     memset(p, 0, sizeof *p);
 }
 
-static enum modal_status operator_apply(void *context, const double *x, double *y, struct modal_error *err)
+static enum modal_status operator_apply(void *context, const double *x, double *y,
+                                        struct modal_error *err)
 {
     (void)err;
     hankel_apply(context, 0, x, y);
     return MODAL_OK;
 }
 
-static enum modal_status operator_apply_transpose(void *context, const double *y, double *x, struct modal_error *err)
+static enum modal_status operator_apply_transpose(void *context, const double *y, double *x,
+                                                  struct modal_error *err)
 {
     (void)err;
     hankel_apply_transpose(context, 0, y, x);
@@ -66,13 +71,15 @@ static double frobenius(const struct hankel *h)
     return sqrt(sum);
 }
 
-static enum modal_status decompose_dense(const struct hankel *h, struct projection *p, struct matrix *U, struct modal_error *err)
+static enum modal_status decompose_dense(const struct hankel *h, struct projection *p,
+                                         struct matrix *U, struct modal_error *err)
 {
     struct matrix A = { p->m, p->n, p->m, malloc(sizeof(double) * ((size_t)p->m * p->n + 1)) };
     enum modal_status rc;
 
     if (A.x == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "projection: no memory for a Hankel matrix of %d x %d", p->m, p->n);
+        return modal_fail(err, MODAL_NO_MEMORY,
+                          "projection: no memory for a Hankel matrix of %d x %d", p->m, p->n);
     hankel_form(h, 0, &A);
     rc = svd_thin(&A, p->s, U, &p->VT, err);
     p->count = p->VT.m;
@@ -81,15 +88,18 @@ static enum modal_status decompose_dense(const struct hankel *h, struct projecti
     return rc;
 }
 
-/* Columns one sample apart are correlations, done by FFT; further apart there are few of them, and direct sums serve. */
-static enum modal_status decompose_leading(const struct hankel *h, struct projection *p, struct matrix *U, struct modal_error *err)
+/* Columns one sample apart are correlations, done by FFT; further apart there are few of them, and
+ * direct sums serve. */
+static enum modal_status decompose_leading(const struct hankel *h, struct projection *p,
+                                           struct matrix *U, struct modal_error *err)
 {
     struct matrix Y = { h->rows + h->columns - 1, h->Y->n, h->Y->ld, h->Y->x + h->start };
     struct linear_operator A = { p->m, p->n, (void *)h, operator_apply, operator_apply_transpose };
     struct lanczos_options opt = { .wanted = U->n };
     struct lanczos_result result;
     struct hankel_operator *fast = NULL;
-    enum modal_status rc = h->shift == 1 ? hankel_operator_new(&Y, h->rows, &fast, &A, err) : MODAL_OK;
+    enum modal_status rc =
+        h->shift == 1 ? hankel_operator_new(&Y, h->rows, &fast, &A, err) : MODAL_OK;
 
     if (rc == MODAL_OK)
         rc = lanczos_svd(&A, &opt, p->s, U, &p->VT, &result, err);
@@ -99,7 +109,8 @@ static enum modal_status decompose_leading(const struct hankel *h, struct projec
 }
 
 /* W and G from the triplets. */
-static enum modal_status project(const struct hankel *h, const struct matrix *U, struct projection *p, struct modal_error *err)
+static enum modal_status project(const struct hankel *h, const struct matrix *U,
+                                 struct projection *p, struct modal_error *err)
 {
     int k = p->count, n = p->n;
     double *last = malloc(sizeof *last * (p->m + 1));
@@ -114,29 +125,38 @@ static enum modal_status project(const struct hankel *h, const struct matrix *U,
         for (int i = 0; i < k; i++)
             p->W.x[i + (size_t)l * k] = p->s[i] * p->VT.x[i + (size_t)(l + 1) * p->VT.ld];
     for (int s = 0; s < h->Y->n; s++)
-        memcpy(last + (size_t)s * h->rows, h->Y->x + (size_t)s * h->Y->ld + h->start + (size_t)n * h->shift, sizeof *last * h->rows);
+        memcpy(last + (size_t)s * h->rows,
+               h->Y->x + (size_t)s * h->Y->ld + h->start + (size_t)n * h->shift,
+               sizeof *last * h->rows);
     if (k > 0) {
-        cblas_dgemv(CblasColMajor, CblasTrans, p->m, k, 1, U->x, U->ld, last, 1, 0, p->W.x + (size_t)(n - 1) * k, 1);
-        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasTrans, k, k, n, 1, p->W.x, k, p->VT.x, p->VT.ld, 0, p->G.x, k);
+        cblas_dgemv(CblasColMajor, CblasTrans, p->m, k, 1, U->x, U->ld, last, 1, 0,
+                    p->W.x + (size_t)(n - 1) * k, 1);
+        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasTrans, k, k, n, 1, p->W.x, k, p->VT.x,
+                    p->VT.ld, 0, p->G.x, k);
     }
     free(last);
     return MODAL_OK;
 }
 
-enum modal_status projection_make(const struct hankel *h, int wanted, struct projection *out, struct modal_error *err)
+enum modal_status projection_make(const struct hankel *h, int wanted, struct projection *out,
+                                  struct modal_error *err)
 {
-    int m = h->rows * h->Y->n, n = h->columns, side = m < n ? m : n, room = side <= DENSE_SIDE || wanted > side ? side : wanted;
+    int m = h->rows * h->Y->n, n = h->columns, side = m < n ? m : n,
+        room = side <= DENSE_SIDE || wanted > side ? side : wanted;
     struct projection p = { .m = m, .n = n };
     struct matrix U = { m, room, m, malloc(sizeof(double) * ((size_t)m * room + 1)) };
     enum modal_status rc = MODAL_OK;
 
     p.s = calloc((size_t)room + 1, sizeof *p.s);
-    p.VT = (struct matrix) { room, n, room > 0 ? room : 1, malloc(sizeof(double) * ((size_t)room * n + 1)) };
+    p.VT = (struct matrix) { room, n, room > 0 ? room : 1,
+                             malloc(sizeof(double) * ((size_t)room * n + 1)) };
     if (U.x == NULL || p.s == NULL || p.VT.x == NULL)
-        rc = modal_fail(err, MODAL_NO_MEMORY, "projection: no memory for %d triplets of %d x %d", room, m, n);
+        rc = modal_fail(err, MODAL_NO_MEMORY, "projection: no memory for %d triplets of %d x %d",
+                        room, m, n);
     p.scale = frobenius(h);
     if (rc == MODAL_OK)
-        rc = side <= DENSE_SIDE ? decompose_dense(h, &p, &U, err) : decompose_leading(h, &p, &U, err);
+        rc = side <= DENSE_SIDE ? decompose_dense(h, &p, &U, err)
+                                : decompose_leading(h, &p, &U, err);
     if (rc == MODAL_OK)
         rc = project(h, &U, &p, err);
     free(U.x);
@@ -147,8 +167,9 @@ enum modal_status projection_make(const struct hankel *h, int wanted, struct pro
     return rc;
 }
 
-enum modal_status projection_poles(const struct projection *p, enum identify_method method, int r, double tau, double complex *lambda,
-                               int *count, int *dropped, struct modal_error *err)
+enum modal_status projection_poles(const struct projection *p, enum identify_method method, int r,
+                                   double tau, double complex *lambda, int *count, int *dropped,
+                                   struct modal_error *err)
 {
     struct transition t = { p->count, p->s, p->G.x };
     double complex *rho = malloc(sizeof *rho * (r + 1));
@@ -171,18 +192,22 @@ static bool all_finite(const double *x, size_t count)
     return true;
 }
 
-/* Eigenvalues of X with X R = L in least squares over columns [first, last): X^T = (R^T)^+ L^T.  R = left, right factors r x n.
- * Where what is left of R has lost its rank X is not finite: then every rho is infinite. */
-static enum modal_status solve_pair(const struct matrix *right, const struct matrix *left, int r, int first, int last,
-                                    double complex *rho, struct modal_error *err)
+/* Eigenvalues of X with X R = L in least squares over columns [first, last): X^T = (R^T)^+ L^T.  R
+ * = left, right factors r x n. Where what is left of R has lost its rank X is not finite: then
+ * every rho is infinite. */
+static enum modal_status solve_pair(const struct matrix *right, const struct matrix *left, int r,
+                                    int first, int last, double complex *rho,
+                                    struct modal_error *err)
 {
     int n = last - first, room = n > r ? n : r;
     double *block = malloc(sizeof *block * ((size_t)n * r + (size_t)room * r + (size_t)r * r));
-    struct matrix A = { n, r, n, block }, B = { n, r, room, block + (size_t)n * r }, X = { r, r, r, B.x + (size_t)room * r };
+    struct matrix A = { n, r, n, block }, B = { n, r, room, block + (size_t)n * r },
+                  X = { r, r, r, B.x + (size_t)room * r };
     enum modal_status rc;
 
     if (block == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "projection: no memory for %d columns of rank %d", n, r);
+        return modal_fail(err, MODAL_NO_MEMORY, "projection: no memory for %d columns of rank %d",
+                          n, r);
     for (int i = 0; i < r; i++)
         for (int l = 0; l < n; l++) {
             A.x[l + (size_t)i * n] = right->x[i + (size_t)(first + l) * right->ld];
@@ -201,7 +226,8 @@ static enum modal_status solve_pair(const struct matrix *right, const struct mat
     return rc;
 }
 
-static void widen(const double complex *rho, int r, bool inverse, const double complex *lambda, int count, double tau, double *bar)
+static void widen(const double complex *rho, int r, bool inverse, const double complex *lambda,
+                  int count, double tau, double *bar)
 {
     for (int j = 0; j < count; j++) {
         double complex at = multiplier_of(lambda[j], tau);
@@ -216,10 +242,12 @@ static void widen(const double complex *rho, int r, bool inverse, const double c
     }
 }
 
-enum modal_status projection_bars(const struct projection *p, int r, int left_out, double tau, const double complex *lambda, int count,
-                              double *bar, struct modal_error *err)
+enum modal_status projection_bars(const struct projection *p, int r, int left_out, double tau,
+                                  const double complex *lambda, int count, double *bar,
+                                  struct modal_error *err)
 {
-    struct matrix SV = { p->count, p->n, p->count, malloc(sizeof(double) * ((size_t)p->count * p->n + 1)) };
+    struct matrix SV = { p->count, p->n, p->count,
+                         malloc(sizeof(double) * ((size_t)p->count * p->n + 1)) };
     double complex *rho = malloc(sizeof *rho * (r + 1));
     enum modal_status rc = MODAL_OK;
 
@@ -254,8 +282,10 @@ out:
 double projection_angle(const struct matrix *VT, int r, double complex lambda, double tau)
 {
     int n = VT->n;
-    double a = creal(lambda) * tau, b = cimag(lambda) * tau, top = a > 0 ? a * (n - 1) : 0, norm2, rest2;
-    double *z = malloc(sizeof *z * 2 * ((size_t)n + (size_t)r)), *c = z + 2 * (size_t)n;      /* real parts, then imaginary ones */
+    double a = creal(lambda) * tau, b = cimag(lambda) * tau, top = a > 0 ? a * (n - 1) : 0, norm2,
+           rest2;
+    /* real parts, then imaginary ones */
+    double *z = malloc(sizeof *z * 2 * ((size_t)n + (size_t)r)), *c = z + 2 * (size_t)n;
 
     if (z == NULL)
         return NAN;
@@ -264,7 +294,8 @@ double projection_angle(const struct matrix *VT, int r, double complex lambda, d
         z[l] = e * cos(b * l), z[n + l] = e * sin(b * l);
     }
     norm2 = cblas_ddot(2 * n, z, 1, z, 1);
-    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, r, 2, n, 1, VT->x, VT->ld, z, n, 0, c, r);
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, r, 2, n, 1, VT->x, VT->ld, z, n, 0, c,
+                r);
     cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, n, 2, r, -1, VT->x, VT->ld, c, r, 1, z, n);
     rest2 = cblas_ddot(2 * n, z, 1, z, 1);
     free(z);

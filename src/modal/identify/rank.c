@@ -1,16 +1,20 @@
 /*
  * rank.c - the rank rules
  *
- *   energy           least r with sum_{i<=r} s_i >= E sum s_i: (A3) of the paper as printed, which sums s, not s^2
+ *   energy           least r with sum_{i<=r} s_i >= E sum s_i: (A3) of the paper as printed, which
+ *                    sums s, not s^2
  *   energy-squared   the same with s_i^2
- *   gavish-donoho    s_i > w(beta) median(s), beta = min(m,n)/max(m,n), w = 0.56 b^3 - 0.95 b^2 + 1.82 b + 1.43 [GD14, eq. (5)]
- *   mdl              r that minimises  -N (q - r) ln(geometric/arithmetic mean of s_i^2, i > r) + r (2q - r) ln(N) / 2,
- *                    q = min(m,n), N = max(m,n) [WK85]
+ *   gavish-donoho    s_i > w(beta) median(s), beta = min(m,n)/max(m,n), w = 0.56 b^3 - 0.95 b^2 +
+ *                    1.82 b + 1.43 [GD14, eq. (5)]
+ *   mdl              r that minimises  -N (q - r) ln(geometric/arithmetic mean of s_i^2, i > r) + r
+ *                    (2q - r) ln(N) / 2, q = min(m,n), N = max(m,n) [WK85]
  *
- * All squares are of s_i / s_1, floored at rounding, so that nothing overflows and clean data have an exact rank.  GD14 and WK85 assume white
- * noise in every entry; a Hankel matrix repeats each sample, so both are starting points for the order, not the last word.
+ * All squares are of s_i / s_1, floored at rounding, so that nothing overflows and clean data have
+ * an exact rank.  GD14 and WK85 assume white noise in every entry; a Hankel matrix repeats each
+ * sample, so both are starting points for the order, not the last word.
  *
- * [GD14] Gavish and Donoho, IEEE Trans. Inf. Theory 60 (2014) 5040-5053.  [WK85] Wax and Kailath, IEEE Trans. ASSP 33 (1985) 387-392.
+ * [GD14] Gavish and Donoho, IEEE Trans. Inf. Theory 60 (2014) 5040-5053.  [WK85] Wax and Kailath,
+ * IEEE Trans. ASSP 33 (1985) 387-392.
  */
 #include "modal/identify/rank.h"
 #include <float.h>

@@ -1,24 +1,32 @@
 /*
  * record.c - from a batch to the record that is identified
  *
- * Everything done here maps exponentials to exponentials, so that no exponent is changed, only amplitudes:
+ * Everything done here maps exponentials to exponentials, so that no exponent is changed, only
+ * amplitudes:
  *
  *   window, channels     rows and columns are cut
  *   detrend              mean or straight line subtracted (least squares)
- *   difference           d[k] = h(t_k + T) - h(t_k) removes any T-periodic part exactly and multiplies each exp(lambda t) by exp(lambda T) - 1; with
- *                        T/dt not an integer h(t_k + T) is Lagrange's polynomial through the ten nearest samples, itself a filter of fixed weights
- *   band                 a finite impulse response filter, evaluated only where all its inputs are inside the record, mixed down and decimated
- *   scale                each channel divided by its rms, in two steps (largest magnitude, then rms) so that 1e+-300 is harmless; or all by the
- *                        largest rms, which keeps their proportions, as the paper has it
+ *   difference           d[k] = h(t_k + T) - h(t_k) removes any T-periodic part exactly and
+ *                        multiplies each exp(lambda t) by exp(lambda T) - 1; with T/dt not an
+ *                        integer h(t_k + T) is Lagrange's polynomial through the ten nearest
+ *                        samples, itself a filter of fixed weights
+ *   band                 a finite impulse response filter, evaluated only where all its inputs are
+ *                        inside the record, mixed down and decimated
+ *   scale                each channel divided by its rms, in two steps (largest magnitude, then
+ *                        rms) so that 1e+-300 is harmless; or all by the largest rms, which keeps
+ *                        their proportions, as the paper has it
  *
  * Band.  With w[m], m = 0..M-1, a Kaiser-windowed low-pass and fc the centre of the band,
  *
- *     z[q] = sum_m w[m] exp(i 2 pi fc (m - q D) dt + ...) x[q D + M-1-m],      y[q] = Re z[q] exp(i 2 pi fi q D dt),     (1)
+ *     z[q] = sum_m w[m] exp(i 2 pi fc (m - q D) dt + ...) x[q D + M-1-m],
+ *     y[q] = Re z[q] exp(i 2 pi fi q D dt),                                                     (1)
  *
- * that is: filtered about fc, brought to zero, raised to fi = fs/(4D), the middle of the new Nyquist band.  A component at f appears at f - fc + fi, its
- * damping unchanged: one complex line of z gives one real pair of y.  D is the largest decimation with fs/(4D) >= B, B the band's width, so
- * the filter may pass from one to zero between B/2 and fs/(4D).  Where the band reaches down to its own image at negative frequencies the filter is a plain
- * low-pass from 0 and nothing is mixed.  Kaiser's formulas for the window: [OS89, sec. 7.4].
+ * that is: filtered about fc, brought to zero, raised to fi = fs/(4D), the middle of the new
+ * Nyquist band.  A component at f appears at f - fc + fi, its damping unchanged: one complex line
+ * of z gives one real pair of y.  D is the largest decimation with fs/(4D) >= B, B the band's
+ * width, so the filter may pass from one to zero between B/2 and fs/(4D).  Where the band reaches
+ * down to its own image at negative frequencies the filter is a plain low-pass from 0 and nothing
+ * is mixed.  Kaiser's formulas for the window: [OS89, sec. 7.4].
  *
  * [OS89] Oppenheim and Schafer, Discrete-Time Signal Processing, 1989.
  */
@@ -52,14 +60,20 @@ void record_done(struct record *r)
 static enum modal_status check_batch(const struct batch *b, struct modal_error *err)
 {
     if (b->channels == 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "signals: no channels; at least 1 is needed");
+        return modal_fail_field(err, MODAL_BAD_INPUT, "signals",
+                                "signals: no channels; at least 1 is needed");
     if (b->samples < IDENTIFY_SAMPLES_LEAST)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "signals: %zu samples; at least %d are needed", b->samples, IDENTIFY_SAMPLES_LEAST);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "signals",
+                                "signals: %zu samples; at least %d are needed", b->samples,
+                                IDENTIFY_SAMPLES_LEAST);
     if (b->samples > INT32_MAX / 2 || b->channels > IDENTIFY_CHANNELS_MOST)
-        return modal_fail_field(err, MODAL_TOO_LARGE, "signals", "signals: %zu samples of %zu channels; at most %d of %d", b->samples, b->channels,
-                                INT32_MAX / 2, IDENTIFY_CHANNELS_MOST);
+        return modal_fail_field(err, MODAL_TOO_LARGE, "signals",
+                                "signals: %zu samples of %zu channels; at most %d of %d",
+                                b->samples, b->channels, INT32_MAX / 2, IDENTIFY_CHANNELS_MOST);
     if (!(b->dt >= RECORD_STEP_LEAST && b->dt <= RECORD_STEP_MOST))
-        return modal_fail_field(err, MODAL_BAD_INPUT, "dt", "dt is %g s; accepted: a positive number from %g to %g", b->dt, RECORD_STEP_LEAST, RECORD_STEP_MOST);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "dt",
+                                "dt is %g s; accepted: a positive number from %g to %g", b->dt,
+                                RECORD_STEP_LEAST, RECORD_STEP_MOST);
     return MODAL_OK;
 }
 
@@ -81,12 +95,16 @@ static enum modal_status check_samples(const struct batch *b, struct modal_error
         for (size_t c = 0; c < b->channels; c++) {
             double x = b->signals[k * b->channels + c];
             if (!isfinite(x))
-                return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "signals: %s at sample %zu of channel %s; finite numbers are needed",
-                                        isnan(x) ? "NaN" : "infinity", k, channel_name(b, c, text));
+                return modal_fail_field(
+                    err, MODAL_BAD_INPUT, "signals",
+                    "signals: %s at sample %zu of channel %s; finite numbers are needed",
+                    isnan(x) ? "NaN" : "infinity", k, channel_name(b, c, text));
             varies |= x != b->signals[c];
         }
     if (!varies)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "signals: every channel is constant (channel %s, samples 0 to %zu): there is no motion to identify",
+        return modal_fail_field(err, MODAL_BAD_INPUT, "signals",
+                                "signals: every channel is constant (channel %s, samples 0 to "
+                                "%zu): there is no motion to identify",
                                 channel_name(b, 0, text), b->samples - 1);
     return MODAL_OK;
 }
@@ -97,36 +115,49 @@ static enum modal_status check_period(double period, double dt, double duration,
     if (period == 0)
         return MODAL_OK;
     if (!(period > 0) || !isfinite(period))
-        return modal_fail_field(err, MODAL_BAD_INPUT, field, "a period of %g s; accepted: a positive number, or 0 for constant coefficients", period);
+        return modal_fail_field(
+            err, MODAL_BAD_INPUT, field,
+            "a period of %g s; accepted: a positive number, or 0 for constant coefficients",
+            period);
     if (period < dt * (1 - INTEGER))
         return modal_fail_field(err, MODAL_BAD_INPUT, field, "a period of %g s, shorter than the "
                                 "%g s from one sample to the next; accepted: %g to %g s, or 0 for "
                                 "constant coefficients", period, dt, dt, duration / 2);
     if (period > duration / 2)
-        return modal_fail_field(err, MODAL_BAD_INPUT, field, "a period of %g s in a record of %g s; accepted: at most half the record", period, duration);
+        return modal_fail_field(
+            err, MODAL_BAD_INPUT, field,
+            "a period of %g s in a record of %g s; accepted: at most half the record", period,
+            duration);
     return MODAL_OK;
 }
 
 /* Rows [first, last] of the window, to the nearest sample. */
-static enum modal_status window_rows(const struct batch *b, const struct identify_options *opt, size_t *first, size_t *last,
-                                     struct modal_error *err)
+static enum modal_status window_rows(const struct batch *b, const struct identify_options *opt,
+                                     size_t *first, size_t *last, struct modal_error *err)
 {
-    double end = (b->samples - 1) * b->dt, t0 = opt->window[0], t1 = opt->window[1], slack = 1e-9 * b->dt;
+    double end = (b->samples - 1) * b->dt, t0 = opt->window[0], t1 = opt->window[1],
+           slack = 1e-9 * b->dt;
 
     *first = 0, *last = b->samples - 1;
     if (t0 == 0 && t1 == 0)
         return MODAL_OK;
     if (!(t0 >= 0) || !(t1 > t0) || t0 > end)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "window", "window [%g, %g] s of a record from 0 to %g s; accepted: 0 <= t0 < t1, t0 within the record", t0, t1, end);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "window",
+                                "window [%g, %g] s of a record from 0 to %g s; accepted: 0 <= t0 < "
+                                "t1, t0 within the record",
+                                t0, t1, end);
     *first = (size_t)ceil((t0 - slack) / b->dt);
     if (t1 < end)
         *last = (size_t)floor((t1 + slack) / b->dt);
     if (*last < *first || *last - *first + 1 < IDENTIFY_SAMPLES_LEAST)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "window", "window [%g, %g] s holds fewer than %d samples", t0, t1, IDENTIFY_SAMPLES_LEAST);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "window",
+                                "window [%g, %g] s holds fewer than %d samples", t0, t1,
+                                IDENTIFY_SAMPLES_LEAST);
     return MODAL_OK;
 }
 
-static enum modal_status choose_channels(const struct batch *b, const struct identify_options *opt, struct record *r, struct modal_error *err)
+static enum modal_status choose_channels(const struct batch *b, const struct identify_options *opt,
+                                         struct record *r, struct modal_error *err)
 {
     r->channels = opt->channels != NULL ? opt->channel_count : (int)b->channels;
     r->channel = malloc(sizeof *r->channel * (r->channels + 1));
@@ -137,28 +168,35 @@ static enum modal_status choose_channels(const struct batch *b, const struct ide
     for (int c = 0; c < r->channels; c++) {
         r->channel[c] = opt->channels != NULL ? opt->channels[c] : c;
         if (r->channel[c] < 0 || (size_t)r->channel[c] >= b->channels)
-            return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "channel %d of %zu; accepted: 0 to %zu", r->channel[c], b->channels, b->channels - 1);
+            return modal_fail_field(err, MODAL_BAD_INPUT, "signals",
+                                    "channel %d of %zu; accepted: 0 to %zu", r->channel[c],
+                                    b->channels, b->channels - 1);
     }
-    return r->channels > 0 ? MODAL_OK : modal_fail_field(err, MODAL_BAD_INPUT, "signals", "no channel chosen");
+    return r->channels > 0 ? MODAL_OK
+                           : modal_fail_field(err, MODAL_BAD_INPUT, "signals", "no channel chosen");
 }
 
 /* Samples to columns: blocks, so that both sides stay in cache. */
-static enum modal_status copy_columns(const struct batch *b, size_t first, size_t last, struct record *r, struct modal_error *err)
+static enum modal_status copy_columns(const struct batch *b, size_t first, size_t last,
+                                      struct record *r, struct modal_error *err)
 {
     int L = (int)(last - first + 1);
 
     r->Y = (struct matrix) { L, r->channels, L, malloc(sizeof(double) * (size_t)L * r->channels) };
     if (r->Y.x == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "record: no memory for %d samples of %d channels", L, r->channels);
+        return modal_fail(err, MODAL_NO_MEMORY, "record: no memory for %d samples of %d channels",
+                          L, r->channels);
     for (int k0 = 0; k0 < L; k0 += 32)
         for (int c0 = 0; c0 < r->channels; c0 += 32)
             for (int c = c0; c < r->channels && c < c0 + 32; c++)
                 for (int k = k0; k < L && k < k0 + 32; k++)
-                    r->Y.x[k + (size_t)c * L] = b->signals[(first + k) * b->channels + r->channel[c]];
+                    r->Y.x[k + (size_t)c * L] =
+                        b->signals[(first + k) * b->channels + r->channel[c]];
     return MODAL_OK;
 }
 
-/* The line (or mean) of least squares taken out; about the middle, offset and slope are independent. */
+/* The line (or mean) of least squares taken out; about the middle, offset and slope are
+ * independent. */
 static void detrend_column(double *x, int L, enum identify_detrend what)
 {
     double most = largest_magnitude(x, L), mean = 0, slope = 0, moment = 0;
@@ -173,10 +211,12 @@ static void detrend_column(double *x, int L, enum identify_detrend what)
         moment += t * t;
     }
     for (int k = 0; k < L; k++)
-        x[k] = most * (x[k] / most - mean - (moment > 0 ? slope / moment * (k - 0.5 * (L - 1)) / L : 0));
+        x[k] = most
+            * (x[k] / most - mean - (moment > 0 ? slope / moment * (k - 0.5 * (L - 1)) / L : 0));
 }
 
-/* Lagrange's weights for a point `at` among the nodes 0..count-1; exact selection where it is a node. */
+/* Lagrange's weights for a point `at` among the nodes 0..count-1; exact selection where it is a
+ * node. */
 static void lagrange(double at, int count, double *w)
 {
     for (int i = 0; i < count; i++) {
@@ -212,7 +252,9 @@ static enum modal_status difference(struct record *r, double period, struct moda
     }
     L = r->Y.m - from - count + 1;
     if (L < IDENTIFY_SAMPLES_LEAST)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "difference", "a difference over %g s leaves %d of %d samples", period, L, r->Y.m);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "difference",
+                                "a difference over %g s leaves %d of %d samples", period, L,
+                                r->Y.m);
     for (int c = 0; c < r->Y.n; c++) {
         double *x = r->Y.x + (size_t)c * r->Y.ld;
         for (int k = 0; k < L; k++) {
@@ -238,17 +280,25 @@ static double bessel_i0(double x)
     return sum;
 }
 
-struct zoom { double centre, raise, cutoff, transition, attenuation; int decimation, taps; double *w; };
+struct zoom {
+    double centre, raise, cutoff, transition, attenuation;
+    int decimation, taps;
+    double *w;
+};
 
 /* Decimation, shifts and the filter of (1) for the band, on samples of rate fs. */
-static enum modal_status plan_zoom(const double band[2], double fs, int L, struct zoom *z, struct modal_error *err)
+static enum modal_status plan_zoom(const double band[2], double fs, int L, struct zoom *z,
+                                   struct modal_error *err)
 {
     double width = band[1] - band[0], centre = 0.5 * (band[0] + band[1]), fd, A, beta, taps;
     double sum = 0;
     int most = L / 3;
 
     if (!(band[0] >= 0) || !(band[1] > band[0]) || band[1] > fs / 2)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "band", "band [%g, %g] Hz; accepted: 0 <= f1 < f2 <= %g (half the sampling rate)", band[0], band[1], fs / 2);
+        return modal_fail_field(
+            err, MODAL_BAD_INPUT, "band",
+            "band [%g, %g] Hz; accepted: 0 <= f1 < f2 <= %g (half the sampling rate)", band[0],
+            band[1], fs / 2);
     if (!(fs / (4 * width) <= L))        /* compared before it is an int */
         return modal_fail_field(err, MODAL_BAD_INPUT, "band", "band [%g, %g] Hz, %.3g Hz wide, "
                                 "would keep one of %d samples; accepted: a wider "
@@ -256,15 +306,17 @@ static enum modal_status plan_zoom(const double band[2], double fs, int L, struc
     z->decimation = (int)fmax(1, floor(fs / (4 * width)));
     fd = fs / z->decimation;
     if (centre - fd / 4 >= 0 && centre + fd / 4 <= fs / 2) {
-        *z = (struct zoom) { centre, fd / 4, 0.5 * (width / 2 + fd / 4), fd / 4 - width / 2, 0, z->decimation, 0, NULL };
+        *z = (struct zoom) { centre, fd / 4, 0.5 * (width / 2 + fd / 4), fd / 4 - width / 2, 0,
+                             z->decimation, 0, NULL };
     } else {
         z->decimation = (int)fmax(1, floor(fs / (4 * band[1])));
         fd = fs / z->decimation;
-        *z = (struct zoom) { 0, 0, 0.5 * (band[1] + fd / 2), fd / 2 - band[1], 0, z->decimation, 0, NULL };
+        *z = (struct zoom) { 0, 0, 0.5 * (band[1] + fd / 2), fd / 2 - band[1], 0, z->decimation, 0,
+                             NULL };
     }
     if (z->decimation == 1 && (z->centre == 0 || width >= fs / 2)) {
         z->centre = z->raise = 0;
-        return MODAL_OK;                              /* nothing to remove: only the report is cut */
+        return MODAL_OK;                             /* nothing to remove: only the report is cut */
     }
     /* M = (A - 7.95) / (2.285 dw) + 1; a short record gets a blunter filter */
     A = ATTENUATION;
@@ -273,17 +325,21 @@ static enum modal_status plan_zoom(const double band[2], double fs, int L, struc
     if (taps > most) {
         A = 2.285 * 2 * M_PI * z->transition / fs * (most - 1) + 7.95;
         if (A < 30)
-            return modal_fail_field(err, MODAL_BAD_INPUT, "band", "band [%g, %g] Hz: %d samples are too few to filter it out; accepted: a wider band or a longer record",
+            return modal_fail_field(err, MODAL_BAD_INPUT, "band",
+                                    "band [%g, %g] Hz: %d samples are too few to filter it out; "
+                                    "accepted: a wider band or a longer record",
                                     band[0], band[1], L);
     }
     z->attenuation = A;
     beta = A > 50 ? 0.1102 * (A - 8.7) : 0.5842 * pow(A - 21, 0.4) + 0.07886 * (A - 21);
     z->w = malloc(sizeof *z->w * z->taps);
     if (z->w == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "record: no memory for a filter of %d samples", z->taps);
+        return modal_fail(err, MODAL_NO_MEMORY, "record: no memory for a filter of %d samples",
+                          z->taps);
     for (int m = 0; m < z->taps; m++) {
         double t = m - 0.5 * (z->taps - 1), u = 2 * t / (z->taps - 1), x = 2 * z->cutoff / fs;
-        z->w[m] = x * (t == 0 ? 1 : sin(M_PI * x * t) / (M_PI * x * t)) * bessel_i0(beta * sqrt(fmax(0, 1 - u * u))) / bessel_i0(beta);
+        z->w[m] = x * (t == 0 ? 1 : sin(M_PI * x * t) / (M_PI * x * t))
+            * bessel_i0(beta * sqrt(fmax(0, 1 - u * u))) / bessel_i0(beta);
         sum += z->w[m];
     }
     for (int m = 0; m < z->taps; m++)
@@ -301,8 +357,10 @@ static double noise_gain(const struct zoom *z)
     return sum;
 }
 
-/* (1), in place: row q reads rows >= q D only.  The factor 2 makes the amplitude that of the real signal. */
-static void zoom_column(double *x, int rows, const struct zoom *z, double dt, const double *c, const double *s)
+/* (1), in place: row q reads rows >= q D only.  The factor 2 makes the amplitude that of the real
+ * signal. */
+static void zoom_column(double *x, int rows, const struct zoom *z, double dt, const double *c,
+                        const double *s)
 {
     for (int q = 0; q < rows; q++) {
         const double *at = x + (size_t)q * z->decimation;
@@ -320,7 +378,8 @@ static void zoom_column(double *x, int rows, const struct zoom *z, double dt, co
     }
 }
 
-static enum modal_status zoom_record(struct record *r, const double band[2], struct modal_error *err)
+static enum modal_status zoom_record(struct record *r, const double band[2],
+                                     struct modal_error *err)
 {
     struct zoom z = { 0 };
     double *c = NULL, *s;
@@ -331,12 +390,16 @@ static enum modal_status zoom_record(struct record *r, const double band[2], str
         goto out;
     rows = (r->Y.m - z.taps) / z.decimation + 1;
     if (rows < IDENTIFY_SAMPLES_LEAST) {
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "band", "band [%g, %g] Hz leaves %d samples; accepted: a wider band or a longer record", band[0], band[1], rows);
+        rc = modal_fail_field(
+            err, MODAL_BAD_INPUT, "band",
+            "band [%g, %g] Hz leaves %d samples; accepted: a wider band or a longer record",
+            band[0], band[1], rows);
         goto out;
     }
     c = malloc(sizeof *c * 2 * z.taps);
     if (c == NULL) {
-        rc = modal_fail(err, MODAL_NO_MEMORY, "record: no memory for a filter of %d samples", z.taps);
+        rc = modal_fail(err, MODAL_NO_MEMORY, "record: no memory for a filter of %d samples",
+                        z.taps);
         goto out;
     }
     s = c + z.taps;
@@ -346,7 +409,8 @@ static enum modal_status zoom_record(struct record *r, const double band[2], str
         s[m] = z.w[m] * sin(angle);
     }
     for (int j = 0; j < r->Y.n; j++) {
-        double *x = r->Y.x + (size_t)j * r->Y.ld, before = safe_norm(x, r->Y.m) / sqrt(r->Y.m), after;
+        double *x = r->Y.x + (size_t)j * r->Y.ld, before = safe_norm(x, r->Y.m) / sqrt(r->Y.m),
+               after;
         zoom_column(x, rows, &z, r->step, c, s);
         after = safe_norm(x, rows) / sqrt(rows);
         if (after > 0)
@@ -380,19 +444,23 @@ static void scale_column(double *x, int L, double *scale)
     *scale = most * rms > 0 ? most * rms : most;
 }
 
-/* Bytes from which samples are read in order, whole: what may not fit into memory must not be read across. */
+/* Bytes from which samples are read in order, whole: what may not fit into memory must not be read
+ * across. */
 static const double IN_ORDER = 1 << 30;
 
 static bool is_wide(const struct batch *b, const struct identify_options *opt, double entries)
 {
     bool periodic = opt->period > 0 || (opt->period == 0 && b->period > 0);
 
-    return b->channels >= RECORD_WIDE_CHANNELS && entries >= RECORD_WIDE_ENTRIES && opt->channels == NULL && !opt->signals_all
-        && opt->detrend == DETREND_NONE && !opt->difference && opt->band[0] == 0 && opt->band[1] == 0 && opt->stride <= 1 && !periodic;
+    return b->channels >= RECORD_WIDE_CHANNELS && entries >= RECORD_WIDE_ENTRIES
+        && opt->channels == NULL && !opt->signals_all && opt->detrend == DETREND_NONE
+        && !opt->difference && opt->band[0] == 0 && opt->band[1] == 0 && opt->stride <= 1
+        && !periodic;
 }
 
 /* The view, its scales, and the checks that a copy gets from check_samples. */
-static enum modal_status view_wide(const struct batch *b, size_t first, size_t last, struct record *r, struct modal_error *err)
+static enum modal_status view_wide(const struct batch *b, size_t first, size_t last,
+                                   struct record *r, struct modal_error *err)
 {
     int L = (int)(last - first + 1), S = (int)b->channels;
     bool varies;
@@ -405,7 +473,9 @@ static enum modal_status view_wide(const struct batch *b, size_t first, size_t l
                                b->release, NULL };
     rc = wide_scales(&r->view, r->scale, &varies, err);
     if (rc == MODAL_OK && !varies)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "signals", "signals: every channel is constant (channel 0, samples 0 to %zu): there is no motion to identify",
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "signals",
+                              "signals: every channel is constant (channel 0, samples 0 to %zu): "
+                              "there is no motion to identify",
                               b->samples - 1);
     return rc;
 }
@@ -437,13 +507,21 @@ double record_wide_size(const struct record *r, int c)
 }
 
 /* The samples vary, and yet what was cut from them may be zero throughout. */
-static enum modal_status check_something_left(const struct record *r, const struct identify_options *opt, struct modal_error *err)
+static enum modal_status check_something_left(const struct record *r,
+                                              const struct identify_options *opt,
+                                              struct modal_error *err)
 {
-    const char *field = opt->difference ? "difference" : opt->window[1] > 0 ? "window" : opt->channels != NULL ? "signals" : opt->detrend != DETREND_NONE ? "detrend" : "signals";
+    const char *field = opt->difference ? "difference"
+        : opt->window[1] > 0            ? "window"
+        : opt->channels != NULL         ? "signals"
+        : opt->detrend != DETREND_NONE  ? "detrend"
+                                        : "signals";
 
     if (largest_magnitude(r->scale, r->channels) > 0)
         return MODAL_OK;
-    return modal_fail_field(err, MODAL_BAD_INPUT, field, "%s leaves zero in every channel: there is no motion to identify", field);
+    return modal_fail_field(err, MODAL_BAD_INPUT, field,
+                            "%s leaves zero in every channel: there is no motion to identify",
+                            field);
 }
 
 static void find_period(struct record *r, const struct identify_options *opt, const struct batch *b)
@@ -455,7 +533,8 @@ static void find_period(struct record *r, const struct identify_options *opt, co
         r->per_period = p;
 }
 
-enum modal_status record_cut(struct record *r, int rows, enum identify_scale how, struct modal_error *err)
+enum modal_status record_cut(struct record *r, int rows, enum identify_scale how,
+                             struct modal_error *err)
 {
     bool varies;
 
@@ -472,10 +551,12 @@ enum modal_status record_cut(struct record *r, int rows, enum identify_scale how
     return MODAL_OK;
 }
 
-enum modal_status record_make(const struct batch *batch, const struct identify_options *opt, struct record *out, struct modal_error *err)
+enum modal_status record_make(const struct batch *batch, const struct identify_options *opt,
+                              struct record *out, struct modal_error *err)
 {
     struct record r = { .step = batch->dt, .dt = batch->dt, .decimation = 1, .gain = 1 };
-    double asked = opt->period > 0 ? opt->period : batch->period, duration = batch->samples * batch->dt;
+    double asked = opt->period > 0 ? opt->period : batch->period,
+           duration = batch->samples * batch->dt;
     bool band = opt->band[0] != 0 || opt->band[1] != 0, wide;
     size_t first, last;
     enum modal_status rc = check_batch(batch, err);
@@ -490,7 +571,8 @@ enum modal_status record_make(const struct batch *batch, const struct identify_o
     if (rc == MODAL_OK)
         rc = choose_channels(batch, opt, &r, err);
     if (rc == MODAL_OK)
-        rc = wide ? view_wide(batch, first, last, &r, err) : copy_columns(batch, first, last, &r, err);
+        rc = wide ? view_wide(batch, first, last, &r, err)
+                  : copy_columns(batch, first, last, &r, err);
     if (rc != MODAL_OK)
         goto out;
     r.t0 = first * batch->dt;
@@ -498,7 +580,8 @@ enum modal_status record_make(const struct batch *batch, const struct identify_o
         detrend_column(r.Y.x + (size_t)c * r.Y.ld, r.Y.m, opt->detrend);
     find_period(&r, opt, batch);
     if (opt->difference && asked <= 0)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "difference", "there is no period to take differences over; give `period`");
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "difference",
+                              "there is no period to take differences over; give `period`");
     if (rc == MODAL_OK && r.period > 0)
         rc = check_period(r.period, batch->dt, r.Y.m * r.step, "window", err);
     if (rc == MODAL_OK && opt->difference)
@@ -506,7 +589,8 @@ enum modal_status record_make(const struct batch *batch, const struct identify_o
     if (rc == MODAL_OK && band)
         rc = zoom_record(&r, opt->band, err);
     if (band)
-        r.per_period = 0;             /* demodulated, a period later is another phase: lines one by one, folded */
+        /* demodulated, a period later is another phase: lines one by one, folded */
+        r.per_period = 0;
     for (int c = 0; rc == MODAL_OK && !wide && c < r.channels; c++)
         scale_column(r.Y.x + (size_t)c * r.Y.ld, r.Y.m, &r.scale[c]);
     if (rc == MODAL_OK)

@@ -1,40 +1,46 @@
 /* refine.c - variable projection on the exponents
  *
- * With the basis Phi(lambda), L x q, of synthesis.h (for a pair the columns Re z^l and -Im z^l, for a real multiplier z^l;
- * z = e^{lambda tau}) and weights w_c = 1 / sigma_c the data are fitted by
+ * With the basis Phi(lambda), L x q, of synthesis.h (for a pair the columns Re z^l and -Im z^l, for
+ * a real multiplier z^l; z = e^{lambda tau}) and weights w_c = 1 / sigma_c the data are fitted by
  *
- *     min over lambda, C of  F = sum_c w_c^2 |y_c - Phi c_c|^2.                                             (1)
+ *     min over lambda, C of  F = sum_c w_c^2 |y_c - Phi c_c|^2.                                 (1)
  *
- * C is linear: C = R11^{-1} Q1^T Y from Phi = Q1 R11 [GP73].  What is left is P y_c, P = I - Q1 Q1^T, and its derivative
- * in a parameter alpha is, after Kaufman [K75] (the term dropped is of the size of the residual),
+ * C is linear: C = R11^{-1} Q1^T Y from Phi = Q1 R11 [GP73].  What is left is P y_c, P = I - Q1
+ * Q1^T, and its derivative in a parameter alpha is, after Kaufman [K75] (the term dropped is of the
+ * size of the residual),
  *
- *     d(P y_c) = -P (dPhi / dalpha) c_c.                                                                     (2)
+ *     d(P y_c) = -P (dPhi / dalpha) c_c.                                                        (2)
  *
  * Every derivative of Phi lies in the columns D = diag(l) Phi:  for c = b_r, b_i of a pair,
  *
- *     d/d(Re): b_r D_1 + b_i D_2,      d/d(Im): -b_i D_1 + b_r D_2,                                          (3)
+ *     d/d(Re): b_r D_1 + b_i D_2,      d/d(Im): -b_i D_1 + b_r D_2,                             (3)
  *
  * so one QR of [Phi D] gives all:  P D = Q2 R22, and the least-squares problem for the step delta
  *
- *     min sum_c w_c^2 |Q2^T y_c - R22 K_c delta|^2,   K_c from (3),                                          (4)
+ *     min sum_c w_c^2 |Q2^T y_c - R22 K_c delta|^2,   K_c from (3),                             (4)
  *
- * has q rows a channel instead of L.  With few channels Y joins the QR, [Phi D Y]: Q^T Y is then part of the triangle and the
- * residuals are norms of what lies below it; with many, Q is formed and Y read once, panel by panel; of a long record neither is made (doubling.h).  It is reduced to a triangle R_J panel by panel (never J^T J), and damped after
- * Levenberg and Marquardt with Nielsen's rule for the damping [N99].  Since sum of squares of Q2 Q2^T is what (4) sees, with s^2 = F / (degrees of
- * freedom),
+ * has q rows a channel instead of L.  With few channels Y joins the QR, [Phi D Y]: Q^T Y is then
+ * part of the triangle and the residuals are norms of what lies below it; with many, Q is formed
+ * and Y read once, panel by panel; of a long record neither is made (doubling.h).  It is reduced to
+ * a triangle R_J panel by panel (never J^T J), and damped after Levenberg and Marquardt with
+ * Nielsen's rule for the damping [N99].  Since sum of squares of Q2 Q2^T is what (4) sees, with s^2
+ * = F / (degrees of freedom),
  *
- *     covariance = s^2 (R_J^T R_J)^{-1}                                                                      (5)
+ *     covariance = s^2 (R_J^T R_J)^{-1}                                                         (5)
  *
- * is the Cramer-Rao bound of white Gaussian noise at the residual's own level, amplitudes and phases unknown; a step is
- * small against the standard errors of every combination of parameters at once when |R_J delta| <= 1e-3 s.
+ * is the Cramer-Rao bound of white Gaussian noise at the residual's own level, amplitudes and
+ * phases unknown; a step is small against the standard errors of every combination of parameters at
+ * once when |R_J delta| <= 1e-3 s.
  *
- * The sigma_c are unknown too: each signal's comes from its own residual, and (1) is solved again until they settle, which
- * is maximum likelihood and costs nothing against knowing them (the information matrix is block diagonal).  Where a signal
- * leaves too few degrees of freedom for that, all share one.  Signals that carry less noise then weigh more.
+ * The sigma_c are unknown too: each signal's comes from its own residual, and (1) is solved again
+ * until they settle, which is maximum likelihood and costs nothing against knowing them (the
+ * information matrix is block diagonal).  Where a signal leaves too few degrees of freedom for
+ * that, all share one.  Signals that carry less noise then weigh more.
  *
- * Rounding.  A phase theta l is known to theta l DBL_EPSILON / 2, so the residual of perfect data is not DBL_EPSILON but about
+ * Rounding.  A phase theta l is known to theta l DBL_EPSILON / 2, so the residual of perfect data
+ * is not DBL_EPSILON but about
  *
- *     floor = (4 + theta L / 4) DBL_EPSILON rms(y)                                                          (6)
+ *     floor = (4 + theta L / 4) DBL_EPSILON rms(y)                                              (6)
  *
  * (in a late part of a record, L plus twice the rows before it).
  *
@@ -42,9 +48,11 @@
  * larger one bounds sigma_c in the weights and the residuals in the criterion (criterion.c),
  * which compares one fit with another.
  *
- * Growth: columns are divided by their largest entry, and |Re lambda| tau L stays below GROWTH_MOST, so nothing overflows.
+ * Growth: columns are divided by their largest entry, and |Re lambda| tau L stays below
+ * GROWTH_MOST, so nothing overflows.
  *
- * [GP73] Golub and Pereyra, SIAM J. Numer. Anal. 10 (1973) 413-432.   [K75] Kaufman, BIT 15 (1975) 49-57.
+ * [GP73] Golub and Pereyra, SIAM J. Numer. Anal. 10 (1973) 413-432.  [K75] Kaufman, BIT 15 (1975)
+ * 49-57.
  * [N99]  Nielsen, IMM-REP-1999-05, Technical University of Denmark.
  */
 #include "modal/identify/refine.h"
@@ -62,11 +70,14 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const double GROWTH_MOST = 700;      /* ln of the largest growth or decay over the record: e^700 is finite */
-static const double DECAY_MOST = 36;        /* ln of the fastest decay in one step: below it a column is its first entry */
-static const double SETTLED = 1e-10;         /* standard errors between a settled answer and the minimum */
+/* ln of the largest growth or decay over the record: e^700 is finite */
+static const double GROWTH_MOST = 700;
+/* ln of the fastest decay in one step: below it a column is its first entry */
+static const double DECAY_MOST = 36;
+static const double SETTLED = 1e-10;  /* standard errors between a settled answer and the minimum */
 enum { ITERATIONS = 60, FAILURES_MOST = 12, ROUNDING_FAILURES = 3, SETTLE_STEPS = 16 };
-enum { PANEL_ENTRIES = 1 << 16, FREEDOM_LEAST = 30, ROUNDS = 30, REFLECT = 64, JOIN_MOST = 16, TALL = 4096 };
+enum { PANEL_ENTRIES = 1 << 16, FREEDOM_LEAST = 30, ROUNDS = 30, REFLECT = 64, JOIN_MOST = 16,
+       TALL = 4096 };
 
 /* Poles as the iteration moves them: per step, so that a = Re lambda tau, b = Im lambda tau. */
 struct point { double *a, *b; };
@@ -78,7 +89,7 @@ struct work {
     int count, order, parameters;
     const bool *fixed;
     enum pole_kind *kind;
-    int *column, *first;         /* of each pole: its first column in Phi, its first parameter or -1 */
+    int *column, *first;      /* of each pole: its first column in Phi, its first parameter or -1 */
     bool look;                   /* no derivatives: Phi alone */
     int columns;                 /* of [Phi D], or of Phi */
     double cost, spent;          /* multiplications of one evaluation; of all so far */
@@ -185,7 +196,8 @@ static bool allocate_rows(struct work *w, bool whole)
     if (!work_plan(w, whole))
         return false;
     w->stack_rows = P + w->panel * (w->most_columns - q);
-    w->basis = numbers(w->doubling != NULL ? 0 : L, (size_t)w->columns + (w->join ? (size_t)w->S : 0));
+    w->basis =
+        numbers(w->doubling != NULL ? 0 : L, (size_t)w->columns + (w->join ? (size_t)w->S : 0));
     if (w->join && w->L > TALL) {
         w->triangle = numbers((size_t)(w->columns + w->S), (size_t)(w->columns + w->S));
         if (w->triangle == NULL)
@@ -193,8 +205,10 @@ static bool allocate_rows(struct work *w, bool whole)
     }
     w->tau = numbers((size_t)w->columns + (size_t)w->panel, 1);
     w->R = numbers((size_t)w->most_columns, (size_t)w->columns);
-    w->Z = numbers((size_t)w->most_columns, (size_t)w->panel), w->C = numbers((size_t)q, (size_t)w->panel);
-    w->rest = numbers(w->join ? 0 : w->doubling != NULL ? 1 : L, (size_t)w->panel), w->stack = numbers((size_t)w->stack_rows, (size_t)P);
+    w->Z = numbers((size_t)w->most_columns, (size_t)w->panel),
+    w->C = numbers((size_t)q, (size_t)w->panel);
+    w->rest = numbers(w->join ? 0 : w->doubling != NULL ? 1 : L, (size_t)w->panel);
+    w->stack = numbers((size_t)w->stack_rows, (size_t)P);
     w->reflect = numbers(REFLECT, (size_t)(w->columns + w->panel + P));
     return w->basis != NULL && w->tau != NULL && w->R != NULL && w->Z != NULL && w->C != NULL
         && w->rest != NULL && w->stack != NULL && w->reflect != NULL;
@@ -225,7 +239,8 @@ static bool work_allocate(struct work *w, bool whole)
     return whole && gram_pays(w->L, w->order, w->S) ? allocate_sums(w) : allocate_rows(w, whole);
 }
 
-/* [Phi D]; D is centred where the column has its weight, which changes it by a multiple of the column only. */
+/* [Phi D]; D is centred where the column has its weight, which changes it by a multiple of the
+ * column only. */
 static void fill_basis(struct work *w, const struct point *at)
 {
     int L = w->L;
@@ -233,7 +248,9 @@ static void fill_basis(struct work *w, const struct point *at)
     for (int j = 0; j < w->count; j++) {
         double *x = w->basis + (size_t)w->column[j] * (size_t)L;
         double a = at->a[j];
-        double centre = a == 0 ? 0.5 * (L - 1) : a > 0 ? L - 1 - fmin(0.5 * L, 1 / a) : fmin(0.5 * L, -1 / a);
+        double centre = a == 0 ? 0.5 * (L - 1)
+            : a > 0            ? L - 1 - fmin(0.5 * L, 1 / a)
+                               : fmin(0.5 * L, -1 / a);
         powers_of(w->kind[j], a, at->b[j], L, x, L);
         for (int c = 0; !w->look && c < (w->kind[j] == POLE_PAIR ? 2 : 1); c++) {
             double *d = x + (size_t)(w->order + c) * (size_t)L, *p = x + (size_t)c * (size_t)L;
@@ -260,21 +277,29 @@ static enum modal_status factor(struct work *w, struct modal_error *err)
     int L = w->L, k = w->most_columns, n = w->columns + (w->join ? w->S : 0);
 
     for (int c = 0; w->join && c < w->S; c++)
-        memcpy(w->basis + (size_t)(w->columns + c) * (size_t)L, w->Y->x + (size_t)c * (size_t)w->Y->ld, (size_t)L * sizeof(double));
-    if (w->triangle != NULL) {                /* Q is not needed: the triangle alone, back at the top of the basis */
+        memcpy(w->basis + (size_t)(w->columns + c) * (size_t)L,
+               w->Y->x + (size_t)c * (size_t)w->Y->ld, (size_t)L * sizeof(double));
+    /* Q is not needed: the triangle alone, back at the top of the basis */
+    if (w->triangle != NULL) {
         struct matrix A = { L, n, L, w->basis }, T = { n, n, n, w->triangle };
         enum modal_status rc = qr_triangle(&A, &T, err);
         if (rc != MODAL_OK)
             return rc;
         for (int j = 0; j < n; j++)
-            memcpy(w->basis + (size_t)j * (size_t)L, T.x + (size_t)j * (size_t)n, (size_t)n * sizeof(double));
-    } else if (LAPACKE_dgeqrf_work(LAPACK_COL_MAJOR, L, n, w->basis, L, w->tau, w->reflect, REFLECT * n) != 0) {
+            memcpy(w->basis + (size_t)j * (size_t)L, T.x + (size_t)j * (size_t)n,
+                   (size_t)n * sizeof(double));
+    } else if (LAPACKE_dgeqrf_work(LAPACK_COL_MAJOR, L, n, w->basis, L, w->tau, w->reflect,
+                                   REFLECT * n)
+               != 0) {
         return modal_fail(err, MODAL_NO_CONVERGENCE, "refine: QR of %d x %d", L, n);
     }
     for (int j = 0; j < w->columns; j++)
         for (int i = 0; i < k; i++)
             w->R[i + j * k] = i <= j ? w->basis[i + (size_t)j * (size_t)L] : 0;
-    if (!w->join && LAPACKE_dorgqr_work(LAPACK_COL_MAJOR, L, k, k, w->basis, L, w->tau, w->reflect, REFLECT * w->columns) != 0)
+    if (!w->join
+        && LAPACKE_dorgqr_work(LAPACK_COL_MAJOR, L, k, k, w->basis, L, w->tau, w->reflect,
+                               REFLECT * w->columns)
+            != 0)
         return modal_fail(err, MODAL_NO_CONVERGENCE, "refine: QR of %d x %d", L, k);
     return MODAL_OK;
 }
@@ -295,7 +320,7 @@ static void channel_rows(struct work *w, int c, double weight, int row)
             if (w->kind[j] != POLE_PAIR) {
                 x[l] = weight * C[i] * d1[l];
             } else {
-                x[l] = weight * (C[i] * d1[l] + C[i + 1] * d2[l]);                                            /* (3) */
+                x[l] = weight * (C[i] * d1[l] + C[i + 1] * d2[l]);                         /* (3) */
                 x[l + ld] = weight * (C[i] * d2[l] - C[i + 1] * d1[l]);
             }
         }
@@ -311,8 +336,11 @@ static enum modal_status reduce_stack(struct work *w, int rows, double *T, struc
     double tau[REFINE_ORDER_MOST + 1];
 
     if (P > REFINE_ORDER_MOST + 1)
-        return modal_fail(err, MODAL_BAD_INPUT, "refine: %d parameters; accepted: %d", P - 1, REFINE_ORDER_MOST);
-    if (LAPACKE_dgeqrf_work(LAPACK_COL_MAJOR, rows, P, w->stack, w->stack_rows, tau, w->reflect, REFLECT * P) != 0)
+        return modal_fail(err, MODAL_BAD_INPUT, "refine: %d parameters; accepted: %d", P - 1,
+                          REFINE_ORDER_MOST);
+    if (LAPACKE_dgeqrf_work(LAPACK_COL_MAJOR, rows, P, w->stack, w->stack_rows, tau, w->reflect,
+                            REFLECT * P)
+        != 0)
         return modal_fail(err, MODAL_NO_CONVERGENCE, "refine: QR of %d x %d", rows, P);
     memset(T, 0, (size_t)P * (size_t)P * sizeof *T);
     for (int j = 0; j < P; j++)
@@ -329,7 +357,8 @@ static void triangle_to_stack(struct work *w, const double *T)
         memcpy(w->stack + j * w->stack_rows, T + j * P, (size_t)P * sizeof *T);
 }
 
-/* Projections and residuals where Y joined the QR: the triangle has Q^T Y above row k and the rest in S rows below. */
+/* Projections and residuals where Y joined the QR: the triangle has Q^T Y above row k and the rest
+ * in S rows below. */
 static void project_joined(struct work *w, struct evaluation *e)
 {
     int k = w->most_columns, q = w->order;
@@ -344,10 +373,12 @@ static void project_joined(struct work *w, struct evaluation *e)
 }
 
 /* The same of channels c0 .. c0+n-1 where the QR was made by doubling. */
-static enum modal_status project_doubled(struct work *w, int c0, int n, struct evaluation *e, struct modal_error *err)
+static enum modal_status project_doubled(struct work *w, int c0, int n, struct evaluation *e,
+                                         struct modal_error *err)
 {
     int q = w->order, k = w->most_columns;
-    enum modal_status rc = doubling_project(w->doubling, w->Y->x + (size_t)c0 * (size_t)w->Y->ld, w->Y->ld, n, w->Z, w->rest, err);
+    enum modal_status rc = doubling_project(w->doubling, w->Y->x + (size_t)c0 * (size_t)w->Y->ld,
+                                            w->Y->ld, n, w->Z, w->rest, err);
 
     for (int c = 0; c < n; c++) {
         double near = cblas_ddot(k - q, w->Z + c * k + q, 1, w->Z + c * k + q, 1);
@@ -363,19 +394,24 @@ static void project_panel(struct work *w, int c0, int n, struct evaluation *e)
     int L = w->L, q = w->order, k = w->most_columns;
     const double *Y = w->Y->x + (size_t)c0 * (size_t)w->Y->ld;
 
-    cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, k, n, L, 1, w->basis, L, Y, w->Y->ld, 0, w->Z, k);
+    cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, k, n, L, 1, w->basis, L, Y, w->Y->ld, 0,
+                w->Z, k);
     for (int c = 0; c < n; c++)
-        memcpy(w->rest + (size_t)c * (size_t)L, Y + (size_t)c * (size_t)w->Y->ld, (size_t)L * sizeof *Y);
-    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, L, n, q, -1, w->basis, L, w->Z, k, 1, w->rest, L);
+        memcpy(w->rest + (size_t)c * (size_t)L, Y + (size_t)c * (size_t)w->Y->ld,
+               (size_t)L * sizeof *Y);
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, L, n, q, -1, w->basis, L, w->Z, k, 1,
+                w->rest, L);
     for (int c = 0; c < n; c++) {
         double r = cblas_dnrm2(L, w->rest + (size_t)c * (size_t)L, 1);
         e->rss[(c0 + c) / w->phases] += r * r;
-        e->near[(c0 + c) / w->phases] += cblas_ddot(k - q, w->Z + c * k + q, 1, w->Z + c * k + q, 1);
+        e->near[(c0 + c) / w->phases] +=
+            cblas_ddot(k - q, w->Z + c * k + q, 1, w->Z + c * k + q, 1);
     }
 }
 
 /* One panel: its projections, its residuals, its rows of (4). */
-static enum modal_status panel_pass(struct work *w, int c0, int n, struct evaluation *e, struct modal_error *err)
+static enum modal_status panel_pass(struct work *w, int c0, int n, struct evaluation *e,
+                                    struct modal_error *err)
 {
     int q = w->order, k = w->most_columns, P = w->parameters + 1;
     enum modal_status rc = MODAL_OK;
@@ -392,7 +428,8 @@ static enum modal_status panel_pass(struct work *w, int c0, int n, struct evalua
         return rc;
     for (int c = 0; c < n; c++)
         memcpy(w->C + c * q, w->Z + c * k, (size_t)q * sizeof *w->C);
-    cblas_dtrsm(CblasColMajor, CblasLeft, CblasUpper, CblasNoTrans, CblasNonUnit, q, n, 1, w->R, k, w->C, q);
+    cblas_dtrsm(CblasColMajor, CblasLeft, CblasUpper, CblasNoTrans, CblasNonUnit, q, n, 1, w->R, k,
+                w->C, q);
     for (int c = 0; c < n; c++)
         channel_rows(w, c, w->weight[(c0 + c) / w->phases], P + c * (k - q));
     triangle_to_stack(w, e->T);
@@ -430,7 +467,8 @@ static bool evaluate_sums(struct work *w, const struct doubling_poles *poles,
         || gram_triangle(w->gram, w->R, w->C, w->Z, S, weight, w->first, w->parameters, e->T);
 }
 
-static enum modal_status evaluate(struct work *w, const struct point *at, struct evaluation *e, struct modal_error *err)
+static enum modal_status evaluate(struct work *w, const struct point *at, struct evaluation *e,
+                                  struct modal_error *err)
 {
     const struct doubling_poles poles = { w->count, w->order, w->kind, w->column, at->a, at->b };
     enum modal_status rc;
@@ -506,7 +544,8 @@ static double rounding_part(const struct work *w, const struct evaluation *e)
     return sum;
 }
 
-/* s^2 of (5).  Signals at rounding are weighed by a bound of it: beside noise they say nothing of the noise. */
+/* s^2 of (5).  Signals at rounding are weighed by a bound of it: beside noise they say nothing of
+ * the noise. */
 static double variance(const struct work *w, const struct evaluation *e)
 {
     int noisy = 0;
@@ -521,7 +560,8 @@ static double variance(const struct work *w, const struct evaluation *e)
 /* Weights from residuals; an all-zero signal has none.  Returns the largest relative change. */
 static double set_weights(struct work *w, const double *rss, bool equal)
 {
-    double n = (double)w->L * w->phases, own = freedom(w) / w->groups, change = 0, pooled = 0, share = 0;
+    double n = (double)w->L * w->phases, own = freedom(w) / w->groups, change = 0, pooled = 0,
+           share = 0;
 
     for (int g = 0; g < w->groups; g++) {
         pooled += fmax(rss[g], n * w->lowest[g]);
@@ -586,8 +626,10 @@ static bool at_guard(const struct work *w, const struct point *at)
     return false;
 }
 
-/* No step turns a phase over the record by more than a few radians: another line is another minimum. */
-static void take_step(const struct work *w, const struct point *from, const double *delta, struct point *to)
+/* No step turns a phase over the record by more than a few radians: another line is another
+ * minimum. */
+static void take_step(const struct work *w, const struct point *from, const double *delta,
+                      struct point *to)
 {
     double most = 0, scale;
 
@@ -601,7 +643,7 @@ static void take_step(const struct work *w, const struct point *from, const doub
             continue;
         to->a[j] = guard(w, from->a[j] + scale * delta[p]);
         if (w->kind[j] == POLE_PAIR) {
-            double b = fabs(from->b[j] + scale * delta[p + 1]);        /* conjugates are the same pair */
+            double b = fabs(from->b[j] + scale * delta[p + 1]);   /* conjugates are the same pair */
             to->b[j] = fmin(b > M_PI ? fabs(2 * M_PI - b) : b, nextafter(M_PI, 0));
             to->b[j] = fmax(to->b[j], 1e-12);
         }
@@ -633,14 +675,16 @@ static bool search_new(struct search *s, const struct work *w)
     size_t n = (size_t)w->parameters;
 
     s->A = numbers(2 * n, n), s->delta = numbers(2 * n, 1);
-    return point_new(&s->at, w->count) && point_new(&s->trial, w->count) && evaluation_new(&s->now, w)
-        && evaluation_new(&s->next, w) && s->A != NULL && s->delta != NULL;
+    return point_new(&s->at, w->count) && point_new(&s->trial, w->count)
+        && evaluation_new(&s->now, w) && evaluation_new(&s->next, w) && s->A != NULL
+        && s->delta != NULL;
 }
 
 static void search_done(struct search *s)
 {
     free(s->at.a), free(s->at.b), free(s->trial.a), free(s->trial.b);
-    free(s->now.rss), free(s->now.near), free(s->now.T), free(s->next.rss), free(s->next.near), free(s->next.T), free(s->A), free(s->delta);
+    free(s->now.rss), free(s->now.near), free(s->now.T), free(s->next.rss), free(s->next.near),
+        free(s->next.T), free(s->A), free(s->delta);
 }
 
 static void swap_in(struct search *s)
@@ -660,7 +704,8 @@ static double worth(const struct work *w, const double *rss, double factor)
     return criterion_of(&c, rss, factor, w->order, w->parameters);
 }
 
-/* Is a signal left with little but the poles' errors?  Its residual may fall by any factor, and its weight rise with it. */
+/* Is a signal left with little but the poles' errors?  Its residual may fall by any factor, and its
+ * weight rise with it. */
 static bool collapses(const struct work *w, const struct evaluation *e)
 {
     for (int g = 0; g < w->groups; g++)
@@ -670,7 +715,8 @@ static bool collapses(const struct work *w, const struct evaluation *e)
 }
 
 /*
- * The linear model (4) promises to lower F by |g|^2.  Where twice as much would leave the BIC above the rival's, the rival has won.
+ * The linear model (4) promises to lower F by |g|^2.  Where twice as much would leave the BIC above
+ * the rival's, the rival has won.
  */
 static bool hopeless(const struct work *w, const struct search *s, double rival)
 {
@@ -694,15 +740,17 @@ static void damp_less(struct damping *d, double gain)
     d->mu *= fmax(1.0 / 9, 1 - pow(2 * fmin(gain, 1) - 1, 3)), d->grow = 2, d->failures = 0;
 }
 
-/* |g|^2, what (4) could lower F by, is no more than F is known to: no step can be told from another.  With the fit known to (6), e a number, and orthogonal to what it
- * leaves, r, the square of r is known to 2 |r| e + n e^2. */
+/* |g|^2, what (4) could lower F by, is no more than F is known to: no step can be told from
+ * another.  With the fit known to (6), e a number, and orthogonal to what it leaves, r, the square
+ * of r is known to 2 |r| e + n e^2. */
 static bool below_rounding(const struct work *w, const struct evaluation *e)
 {
     int n = w->parameters;
     double g = cblas_dnrm2(n, e->T + n * (n + 1), 1), known = rounding_part(w, e);
 
     for (int i = 0; i < w->groups; i++)
-        known += w->weight[i] * w->weight[i] * (2 * sqrt(e->rss[i] * w->floor2[i]) + (double)w->L * w->phases * w->floor2[i]);
+        known += w->weight[i] * w->weight[i]
+            * (2 * sqrt(e->rss[i] * w->floor2[i]) + (double)w->L * w->phases * w->floor2[i]);
     return g * g <= known;
 }
 
@@ -712,7 +760,8 @@ static enum refine_end at_rounding_end(const struct work *w, const struct evalua
 }
 
 /* Is there a reason not to take another step? */
-static bool ended(const struct work *w, const struct search *s, const struct refine_options *opt, const struct damping *d, enum refine_end *end)
+static bool ended(const struct work *w, const struct search *s, const struct refine_options *opt,
+                  const struct damping *d, enum refine_end *end)
 {
     int n = w->parameters;
     double step = opt->step > 0 ? opt->step : 1e-3;
@@ -732,8 +781,10 @@ static bool ended(const struct work *w, const struct search *s, const struct ref
     return true;
 }
 
-/* The damped step tried, and taken where F falls.  *still: F fell by nothing that counts, and is rounding. */
-static enum modal_status try_step(struct work *w, struct search *s, struct damping *d, bool *still, struct modal_error *err)
+/* The damped step tried, and taken where F falls.  *still: F fell by nothing that counts, and is
+ * rounding. */
+static enum modal_status try_step(struct work *w, struct search *s, struct damping *d, bool *still,
+                                  struct modal_error *err)
 {
     int n = w->parameters;
     double fall, promise;
@@ -761,7 +812,8 @@ static enum modal_status try_step(struct work *w, struct search *s, struct dampi
 }
 
 /* Levenberg-Marquardt with the weights as they are. */
-static enum modal_status descend(struct work *w, struct search *s, const struct refine_options *opt, enum refine_end *end, struct modal_error *err)
+static enum modal_status descend(struct work *w, struct search *s, const struct refine_options *opt,
+                                 enum refine_end *end, struct modal_error *err)
 {
     int most = opt->iterations > 0 ? opt->iterations : ITERATIONS;
     struct damping d = { 1e-4, 2, 0 };
@@ -788,11 +840,13 @@ static double gradient(const struct work *w, const struct evaluation *e)
 }
 
 /*
- * To the minimum itself: whole steps, each with the weights of the residuals before it, until the gradient is as small as asked for or as rounding lets it
- * be.  Near the minimum F no longer tells better from worse (its fall is the square of the step), the gradient does; weights and exponents
+ * To the minimum itself: whole steps, each with the weights of the residuals before it, until the
+ * gradient is as small as asked for or as rounding lets it be.  Near the minimum F no longer tells
+ * better from worse (its fall is the square of the step), the gradient does; weights and exponents
  * settle by turns, so it is compared with the one before the last.
  */
-static enum modal_status settle(struct work *w, struct search *s, bool equal, struct modal_error *err)
+static enum modal_status settle(struct work *w, struct search *s, bool equal,
+                                struct modal_error *err)
 {
     double before = HUGE_VAL, now = HUGE_VAL;
 
@@ -814,7 +868,8 @@ static enum modal_status settle(struct work *w, struct search *s, bool equal, st
 }
 
 /* Descend, weigh anew, until the weights settle. */
-static enum modal_status search(struct work *w, struct search *s, const struct refine_options *asked, struct refined *r,
+static enum modal_status search(struct work *w, struct search *s,
+                                const struct refine_options *asked, struct refined *r,
                                 enum refine_end *end, struct modal_error *err)
 {
     struct refine_options own = *asked, *opt = &own;
@@ -845,7 +900,8 @@ static enum modal_status search(struct work *w, struct search *s, const struct r
         if (rc != MODAL_OK)
             return rc;
         rc = descend(w, s, opt, end, err);
-        if (rc != MODAL_OK || *end == REFINE_STALLED || *end == REFINE_HOPELESS || *end == REFINE_STOPPED)
+        if (rc != MODAL_OK || *end == REFINE_STALLED || *end == REFINE_HOPELESS
+            || *end == REFINE_STOPPED)
             return rc;
     }
     if (at_guard(w, &s->at))
@@ -878,19 +934,21 @@ static bool refined_new(struct refined *r, const struct work *w)
 {
     size_t count = (size_t)w->count, n = (size_t)w->parameters, groups = (size_t)w->groups;
 
-    *r = (struct refined) { .poles = w->count, .order = w->order, .parameters = w->parameters, .groups = w->groups };
+    *r = (struct refined) { .poles = w->count, .order = w->order, .parameters = w->parameters,
+                            .groups = w->groups };
     r->lambda = calloc(count, sizeof *r->lambda);
     r->first = calloc(count, sizeof *r->first);
     r->covariance = numbers(n, n);
     r->std_re = numbers(count, 1), r->std_im = numbers(count, 1);
     r->noise = numbers(groups, 1), r->floor = numbers(groups, 1);
-    return r->lambda != NULL && r->first != NULL && r->covariance != NULL && r->std_re != NULL && r->std_im != NULL
-        && r->noise != NULL && r->floor != NULL;
+    return r->lambda != NULL && r->first != NULL && r->covariance != NULL && r->std_re != NULL
+        && r->std_im != NULL && r->noise != NULL && r->floor != NULL;
 }
 
 void refined_done(struct refined *r)
 {
-    free(r->lambda), free(r->first), free(r->covariance), free(r->std_re), free(r->std_im), free(r->noise);
+    free(r->lambda), free(r->first), free(r->covariance), free(r->std_re), free(r->std_im),
+        free(r->noise);
     free(r->floor);
     *r = (struct refined) { 0 };
 }
@@ -909,11 +967,15 @@ static void report(const struct work *w, const struct search *s, double tau, str
     covariance(w, &s->now, tau, r->covariance);
     for (int j = 0; j < w->count; j++) {
         int p = w->first[j], P = w->parameters;
-        double b = w->kind[j] == POLE_PAIR ? s->at.b[j] / tau : w->kind[j] == POLE_NEGATIVE ? M_PI / tau : 0;
+        double b = w->kind[j] == POLE_PAIR ? s->at.b[j] / tau
+            : w->kind[j] == POLE_NEGATIVE  ? M_PI / tau
+                                           : 0;
         if (p >= 0 && errors)
             r->lambda[j] = CMPLX(s->at.a[j] / tau, b);
         r->std_re[j] = p < 0 ? 0 : errors ? sqrt(r->covariance[p + p * P]) : NAN;
-        r->std_im[j] = p < 0 || w->kind[j] != POLE_PAIR ? 0 : errors ? sqrt(r->covariance[p + 1 + (p + 1) * P]) : NAN;
+        r->std_im[j] = p < 0 || w->kind[j] != POLE_PAIR ? 0
+            : errors                                    ? sqrt(r->covariance[p + 1 + (p + 1) * P])
+                                                        : NAN;
     }
     for (int g = 0; g < w->groups; g++) {
         r->noise[g] = known ? sqrt(s->now.rss[g] / own) : NAN;
@@ -926,19 +988,22 @@ static void report(const struct work *w, const struct search *s, double tau, str
     r->work = w->spent;
 }
 
-static enum modal_status check(const struct refine_data *d, const double complex *start, int count, struct modal_error *err)
+static enum modal_status check(const struct refine_data *d, const double complex *start, int count,
+                               struct modal_error *err)
 {
     int phases = d->phases > 0 ? d->phases : 1, order = 0;
 
     if (d->Y->m < 2 || d->Y->n < 1 || !(d->tau > 0) || d->Y->n % phases != 0)
-        return modal_fail(err, MODAL_BAD_INPUT, "refine: %d rows, %d columns, %d phases, step %g", d->Y->m, d->Y->n, phases, d->tau);
+        return modal_fail(err, MODAL_BAD_INPUT, "refine: %d rows, %d columns, %d phases, step %g",
+                          d->Y->m, d->Y->n, phases, d->tau);
     for (int j = 0; j < count; j++) {
         if (!isfinite(creal(start[j])) || !isfinite(cimag(start[j])))
             return modal_fail(err, MODAL_BAD_INPUT, "refine: pole %d is not finite", j);
         order += pole_order(start[j], d->tau);
     }
     if (count < 1 || order > REFINE_ORDER_MOST || order >= d->Y->m)
-        return modal_fail(err, MODAL_BAD_INPUT, "refine: order %d; accepted: 1 to %d and below the %d rows", order,
+        return modal_fail(err, MODAL_BAD_INPUT,
+                          "refine: order %d; accepted: 1 to %d and below the %d rows", order,
                           REFINE_ORDER_MOST, d->Y->m);
     return MODAL_OK;
 }
@@ -953,8 +1018,8 @@ static double swing(const double *y, int L)
     return sum;
 }
 
-/* Energies, and (6).  A part at angle theta steps by 2 sin(theta / 2) of its size: theta of a signal is that of all its parts, by their energies, and the
- * same whatever poles are tried. */
+/* Energies, and (6).  A part at angle theta steps by 2 sin(theta / 2) of its size: theta of a
+ * signal is that of all its parts, by their energies, and the same whatever poles are tried. */
 static void set_energy(struct work *w)
 {
     double n = (double)w->L * w->phases;
@@ -966,7 +1031,8 @@ static void set_energy(struct work *w)
         w->floor2[c / w->phases] += swing(y, w->L);
     }
     for (int g = 0; g < w->groups; g++) {
-        double chord = w->energy[g] > 0 ? sqrt(w->floor2[g] / w->energy[g]) : 0, theta = 2 * asin(fmin(chord / 2, 1));
+        double chord = w->energy[g] > 0 ? sqrt(w->floor2[g] / w->energy[g]) : 0,
+               theta = 2 * asin(fmin(chord / 2, 1));
         double f = (4 + theta * (w->L + 2.0 * w->data->before) / 4) * DBL_EPSILON;
         w->floor2[g] = f * f * w->energy[g] / n;
         w->lowest[g] = w->data->least != NULL ? fmax(w->floor2[g],
@@ -974,12 +1040,19 @@ static void set_energy(struct work *w)
     }
 }
 
-enum modal_status refine_poles(const struct refine_data *data, const double complex *start, int count, const bool *fixed,
-                               const struct refine_options *options, struct refined *out, struct modal_error *err)
+enum modal_status refine_poles(const struct refine_data *data, const double complex *start,
+                               int count, const bool *fixed, const struct refine_options *options,
+                               struct refined *out, struct modal_error *err)
 {
     struct refine_options opt = options != NULL ? *options : (struct refine_options) { 0 };
-    struct work w = { .data = data, .Y = data->Y, .L = data->Y->m, .S = data->Y->n, .count = count, .fixed = fixed,
-                      .phases = data->phases > 0 ? data->phases : 1, .look = opt.iterations < 0 };
+    struct work w = { .data = data,
+                      .Y = data->Y,
+                      .L = data->Y->m,
+                      .S = data->Y->n,
+                      .count = count,
+                      .fixed = fixed,
+                      .phases = data->phases > 0 ? data->phases : 1,
+                      .look = opt.iterations < 0 };
     struct search s = { 0 };
     struct refined r = { 0 };
     enum modal_status rc = check(data, start, count, err);
@@ -987,13 +1060,16 @@ enum modal_status refine_poles(const struct refine_data *data, const double comp
     if (rc != MODAL_OK)
         return rc;
     w.groups = w.S / w.phases;
-    if (!work_layout(&w, start) || !work_allocate(&w, true) || !search_new(&s, &w) || !refined_new(&r, &w)) {
-        rc = modal_fail(err, MODAL_NO_MEMORY, "refine: no memory for %d x %d, order %d", w.L, w.S, w.order);
+    if (!work_layout(&w, start) || !work_allocate(&w, true) || !search_new(&s, &w)
+        || !refined_new(&r, &w)) {
+        rc = modal_fail(err, MODAL_NO_MEMORY, "refine: no memory for %d x %d, order %d", w.L, w.S,
+                        w.order);
         goto out;
     }
     set_energy(&w);
     for (int j = 0; j < count; j++) {
-        s.at.a[j] = w.first[j] < 0 ? creal(start[j]) * data->tau : guard(&w, creal(start[j]) * data->tau);
+        s.at.a[j] =
+            w.first[j] < 0 ? creal(start[j]) * data->tau : guard(&w, creal(start[j]) * data->tau);
         s.at.b[j] = cimag(start[j]) * data->tau;
         r.lambda[j] = start[j];
     }
@@ -1090,26 +1166,32 @@ out:
     return rc;
 }
 
-void refined_std(const struct refined *r, int pole, double tau, double *frequency_hz, double *damping_ratio,
-                 double *multiplier)
+void refined_std(const struct refined *r, int pole, double tau, double *frequency_hz,
+                 double *damping_ratio, double *multiplier)
 {
     double re = creal(r->lambda[pole]), im = cimag(r->lambda[pole]), w = hypot(re, im);
-    double vr = r->std_re[pole] * r->std_re[pole], vi = r->std_im[pole] * r->std_im[pole], cross = 0;
+    double vr = r->std_re[pole] * r->std_re[pole], vi = r->std_im[pole] * r->std_im[pole],
+           cross = 0;
     int p = r->first[pole], n = r->parameters;
 
     if (p >= 0 && p + 1 < n && r->std_im[pole] > 0)
         cross = r->covariance[p + (p + 1) * n];
     if (frequency_hz != NULL)         /* d|lambda| = (re dre + im dim) / |lambda| */
-        *frequency_hz = w > 0 ? sqrt(fmax(re * re * vr + im * im * vi + 2 * re * im * cross, 0)) / w / (2 * M_PI) : sqrt(vr) / (2 * M_PI);
+        *frequency_hz = w > 0
+            ? sqrt(fmax(re * re * vr + im * im * vi + 2 * re * im * cross, 0)) / w / (2 * M_PI)
+            : sqrt(vr) / (2 * M_PI);
     if (damping_ratio != NULL)        /* d(-re/|lambda|) = (-im^2 dre + re im dim) / |lambda|^3 */
-        *damping_ratio = w > 0 ? fabs(im) * sqrt(fmax(im * im * vr + re * re * vi - 2 * re * im * cross, 0)) / (w * w * w) : NAN;
+        *damping_ratio = w > 0 ? fabs(im)
+                * sqrt(fmax(im * im * vr + re * re * vi - 2 * re * im * cross, 0)) / (w * w * w)
+                               : NAN;
     if (multiplier != NULL)
         *multiplier = exp(re * tau) * tau * sqrt(vr + vi);
 }
 
 /* ---- all channels of a wide batch, one step ---- */
 
-/* Of all channels, where samples must be read in order: Q^T A, and what is left of them by the samples themselves, or NULL. */
+/* Of all channels, where samples must be read in order: Q^T A, and what is left of them by the
+ * samples themselves, or NULL. */
 struct in_order { double *Z, *rest2; };
 
 static void in_order_done(struct in_order *all)
@@ -1118,7 +1200,8 @@ static void in_order_done(struct in_order *all)
 }
 
 /* Energy less what the poles explain of it; false where they cancel. */
-static bool rest_by_energies(const struct work *w, const struct wide *d, int channel, const double *z, double *rest2)
+static bool rest_by_energies(const struct work *w, const struct wide *d, int channel,
+                             const double *z, double *rest2)
 {
     double rms = wide_rms(d, channel), energy = w->L * rms * rms;
     double sum = cblas_ddot(w->order, z, 1, z, 1);
@@ -1128,7 +1211,8 @@ static bool rest_by_energies(const struct work *w, const struct wide *d, int cha
 }
 
 /* One pass, and another where energies cancel. */
-static enum modal_status read_in_order(const struct work *w, const struct wide *d, struct in_order *all, struct modal_error *err)
+static enum modal_status read_in_order(const struct work *w, const struct wide *d,
+                                       struct in_order *all, struct modal_error *err)
 {
     size_t k = (size_t)w->most_columns, S = (size_t)d->S;
     bool plain = true;
@@ -1136,7 +1220,8 @@ static enum modal_status read_in_order(const struct work *w, const struct wide *
 
     all->Z = malloc(sizeof *all->Z * k * S);
     if (all->Z == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "refine: no memory for order %d of %d channels", w->order, d->S);
+        return modal_fail(err, MODAL_NO_MEMORY, "refine: no memory for order %d of %d channels",
+                          w->order, d->S);
     wide_project(d, w->basis, w->most_columns, all->Z);
     for (size_t c = 0; c < S; c++)
         plain &= d->scale[c] == 0 || rest_by_energies(w, d, (int)c, all->Z + c * k, &unused);
@@ -1148,8 +1233,10 @@ static enum modal_status read_in_order(const struct work *w, const struct wide *
     return wide_rests(d, w->basis, w->order, all->Z, w->most_columns, all->rest2, err);
 }
 
-/* What is left of channel c of a panel: by energies, and by the samples themselves where those cancel. */
-static double wide_rest(const struct work *w, const struct wide *d, const struct in_order *all, int c0, int c)
+/* What is left of channel c of a panel: by energies, and by the samples themselves where those
+ * cancel. */
+static double wide_rest(const struct work *w, const struct wide *d, const struct in_order *all,
+                        int c0, int c)
 {
     int k = w->most_columns, q = w->order, L = w->L;
     double sum;
@@ -1165,7 +1252,8 @@ static double wide_rest(const struct work *w, const struct wide *d, const struct
 }
 
 /* Panel c0 .. c0+n-1: residuals, weights from them, coefficients, rows of (4). */
-static enum modal_status wide_panel(struct work *w, const struct wide *d, const struct in_order *all, int c0, int n, struct evaluation *e,
+static enum modal_status wide_panel(struct work *w, const struct wide *d,
+                                    const struct in_order *all, int c0, int n, struct evaluation *e,
                                     struct wide_step *out, struct modal_error *err)
 {
     int q = w->order, k = w->most_columns, P = w->parameters + 1, live = 0;
@@ -1174,18 +1262,21 @@ static enum modal_status wide_panel(struct work *w, const struct wide *d, const 
     if (all->Z != NULL)
         memcpy(w->Z, all->Z + (size_t)c0 * (size_t)k, (size_t)k * (size_t)n * sizeof *w->Z);
     else
-        cblas_dgemm(CblasColMajor, CblasTrans, CblasTrans, k, n, w->L, 1, w->basis, w->L, d->x + c0, (int)d->stride, 0, w->Z, k);
+        cblas_dgemm(CblasColMajor, CblasTrans, CblasTrans, k, n, w->L, 1, w->basis, w->L, d->x + c0,
+                    (int)d->stride, 0, w->Z, k);
     for (int c = 0; c < n; c++)
         memcpy(w->C + c * q, w->Z + c * k, (size_t)q * sizeof *w->C);
-    cblas_dtrsm(CblasColMajor, CblasLeft, CblasUpper, CblasNoTrans, CblasNonUnit, q, n, 1, w->R, k, w->C, q);
+    cblas_dtrsm(CblasColMajor, CblasLeft, CblasUpper, CblasNoTrans, CblasNonUnit, q, n, 1, w->R, k,
+                w->C, q);
     for (int c = 0; c < n; c++) {
         double rms = d->scale[c0 + c] > 0 ? wide_rms(d, c0 + c) : 0, least = floor * rms;
         double rss = rms > 0 ? wide_rest(w, d, all, c0, c) : 0;
         double variance = fmax(rss / fmax(w->L - q, 1), least * least);
         out->rest[c0 + c] = sqrt(rss / w->L);
         for (int j = 0; out->coefficient != NULL && j < w->count; j++)
-            out->coefficient[j + (size_t)(c0 + c) * (size_t)w->count]
-                = CMPLX(w->C[w->column[j] + c * q], w->kind[j] == POLE_PAIR ? w->C[w->column[j] + 1 + c * q] : 0);
+            out->coefficient[j + (size_t)(c0 + c) * (size_t)w->count] =
+                CMPLX(w->C[w->column[j] + c * q],
+                      w->kind[j] == POLE_PAIR ? w->C[w->column[j] + 1 + c * q] : 0);
         if (variance <= 0)
             continue;
         e->F += rss / variance;
@@ -1197,8 +1288,9 @@ static enum modal_status wide_panel(struct work *w, const struct wide *d, const 
     return reduce_stack(w, P + live * (k - q), e->T, err);
 }
 
-static enum modal_status wide_evaluate(struct work *w, const struct wide *d, const struct point *at, struct evaluation *e,
-                                       struct wide_step *out, struct modal_error *err)
+static enum modal_status wide_evaluate(struct work *w, const struct wide *d, const struct point *at,
+                                       struct evaluation *e, struct wide_step *out,
+                                       struct modal_error *err)
 {
     struct in_order all = { 0 };
     enum modal_status rc;
@@ -1216,12 +1308,21 @@ static enum modal_status wide_evaluate(struct work *w, const struct wide *d, con
     return rc;
 }
 
-enum modal_status wide_refine(const struct wide *d, double tau, const double complex *start, int count, const bool *fixed,
-                              double most, struct wide_step *out, struct modal_error *err)
+enum modal_status wide_refine(const struct wide *d, double tau, const double complex *start,
+                              int count, const bool *fixed, double most, struct wide_step *out,
+                              struct modal_error *err)
 {
-    struct matrix shape = { d->L, JOIN_MOST + 1 < d->S ? d->S : JOIN_MOST + 1, d->L, NULL };    /* never joined */
+    /* never joined */
+    struct matrix shape = { d->L, JOIN_MOST + 1 < d->S ? d->S : JOIN_MOST + 1, d->L, NULL };
     struct refine_data data = { .Y = &shape, .tau = tau };
-    struct work w = { .data = &data, .Y = &shape, .L = d->L, .S = shape.n, .groups = 1, .phases = shape.n, .count = count, .fixed = fixed };
+    struct work w = { .data = &data,
+                      .Y = &shape,
+                      .L = d->L,
+                      .S = shape.n,
+                      .groups = 1,
+                      .phases = shape.n,
+                      .count = count,
+                      .fixed = fixed };
     struct search s = { 0 };
     double *cov = NULL, step = 0;
     enum modal_status rc = check(&data, start, count, err);
@@ -1230,7 +1331,8 @@ enum modal_status wide_refine(const struct wide *d, double tau, const double com
         return rc;
     if (!work_layout(&w, start) || !work_allocate(&w, false) || !search_new(&s, &w)
         || (cov = numbers((size_t)w.parameters, (size_t)w.parameters)) == NULL) {
-        rc = modal_fail(err, MODAL_NO_MEMORY, "refine: no memory for order %d of %d channels", w.order, d->S);
+        rc = modal_fail(err, MODAL_NO_MEMORY, "refine: no memory for order %d of %d channels",
+                        w.order, d->S);
         goto out;
     }
     w.S = d->S;
@@ -1241,7 +1343,8 @@ enum modal_status wide_refine(const struct wide *d, double tau, const double com
     rc = wide_evaluate(&w, d, &s.at, &s.now, out, err);
     if (rc != MODAL_OK)
         goto out;
-    step = cblas_dnrm2(w.parameters, s.now.T + w.parameters * (w.parameters + 1), 1) / sqrt(fmax(s.now.F / fmax(freedom(&w), 1), DBL_MIN));
+    step = cblas_dnrm2(w.parameters, s.now.T + w.parameters * (w.parameters + 1), 1)
+        / sqrt(fmax(s.now.F / fmax(freedom(&w), 1), DBL_MIN));
     out->length = step;
     out->taken = step <= most && damped_step(w.parameters, s.now.T, 0, s.A, s.delta);
     if (out->taken)
@@ -1251,7 +1354,8 @@ enum modal_status wide_refine(const struct wide *d, double tau, const double com
         int p = w.first[j], P = w.parameters;
         out->lambda[j] = start[j];
         if (p >= 0 && out->taken)
-            out->lambda[j] = CMPLX(s.trial.a[j] / tau, w.kind[j] == POLE_PAIR ? s.trial.b[j] / tau : cimag(start[j]));
+            out->lambda[j] = CMPLX(s.trial.a[j] / tau,
+                                   w.kind[j] == POLE_PAIR ? s.trial.b[j] / tau : cimag(start[j]));
         out->std_re[j] = p < 0 ? 0 : sqrt(cov[p + p * P]);
         out->std_im[j] = p < 0 || w.kind[j] != POLE_PAIR ? 0 : sqrt(cov[p + 1 + (p + 1) * P]);
     }

@@ -1,15 +1,18 @@
 /* rounding.c - a sensor on a node of every mode measures the last bits of its neighbours
  *
- * Such a channel, 1e-17 beside 1, scaled to unit rms like the rest, is noise as strong as any signal.  Its size alone does not condemn it: channels
- * have their own units, and a displacement in metres beside a stress in pascals may be as small.  So two things are asked of a channel before it
- * is left out: that its rms is below ROUNDING_RATIO of the largest, and that it is not a free response.
+ * Such a channel, 1e-17 beside 1, scaled to unit rms like the rest, is noise as strong as any
+ * signal.  Its size alone does not condemn it: channels have their own units, and a displacement in
+ * metres beside a stress in pascals may be as small.  So two things are asked of a channel before
+ * it is left out: that its rms is below ROUNDING_RATIO of the largest, and that it is not a free
+ * response.
  *
- * A free response of q exponents has a Hankel matrix of rank q: what its leading MODES triplets leave of the energy,
+ * A free response of q exponents has a Hankel matrix of rank q: what its leading MODES triplets
+ * leave of the energy,
  *
- *     1 - sum_{i<=MODES} s_i^2 / |H|_F^2,                                                                         (1)
+ *     1 - sum_{i<=MODES} s_i^2 / |H|_F^2,                                                       (1)
  *
- * is its noise.  Above NOISE (30 dB) the channel is taken for rounding: that of an integration is not white, for it drives the modes
- * that the motion left alone, but it drives them at every step.
+ * is its noise.  Above NOISE (30 dB) the channel is taken for rounding: that of an integration is
+ * not white, for it drives the modes that the motion left alone, but it drives them at every step.
  */
 #include "modal/identify/rounding.h"
 #include <math.h>
@@ -21,7 +24,8 @@
 enum { MODES = 12, ROWS_MOST = 512 };
 static const double NOISE = 1e-3;
 
-/* |H|_F^2 of a column with `rows` rows in the Hankel matrix: sample k is in as many entries as its antidiagonal has. */
+/* |H|_F^2 of a column with `rows` rows in the Hankel matrix: sample k is in as many entries as its
+ * antidiagonal has. */
 static double hankel_energy(const double *x, int L, int rows)
 {
     int columns = L - rows + 1, side = rows < columns ? rows : columns;
@@ -35,7 +39,8 @@ static double hankel_energy(const double *x, int L, int rows)
 }
 
 /* (1) for a column of unit rms, or its beginning. */
-static enum modal_status is_free_response(const double *x, int L, bool *yes, struct modal_error *err)
+static enum modal_status is_free_response(const double *x, int L, bool *yes,
+                                          struct modal_error *err)
 {
     struct matrix Y = { L < ROWS_MOST ? L : ROWS_MOST, 1, L, (double *)x };
     struct pencil p = { 0 };
@@ -56,7 +61,8 @@ static void read_column(const struct record *r, int c, double *x)
     double most = 0;
 
     for (int k = 0; k < r->Y.m; k++) {
-        x[k] = r->wide ? r->view.x[c + (size_t)k * r->view.stride] : r->Y.x[k + (size_t)c * (size_t)r->Y.ld];
+        x[k] = r->wide ? r->view.x[c + (size_t)k * r->view.stride]
+                       : r->Y.x[k + (size_t)c * (size_t)r->Y.ld];
         if (r->wide)
             wide_passed(&r->view, k);
     }

@@ -4,12 +4,13 @@
 #include "base/error.h"
 #include "modal/identify/record.h"
 
-/* A channel of less rms than this beside the largest may be rounding: see rounding.c for when it is. */
+/* A channel of less rms than this beside the largest may be rounding: see rounding.c for when it
+ * is. */
 #define ROUNDING_RATIO 1e-13
 
 /*
- * Make zero the channels of R, scaled already, that are below rounding: scale and column 0, R->below true.  At least the largest stays.
- * Fails with MODAL_NO_MEMORY, MODAL_NO_CONVERGENCE.
+ * Make zero the channels of R, scaled already, that are below rounding: scale and column 0,
+ * R->below true.  At least the largest stays. Fails with MODAL_NO_MEMORY, MODAL_NO_CONVERGENCE.
  */
 enum modal_status rounding_channels(struct record *r, struct modal_error *err);
 #endif

@@ -1,11 +1,13 @@
 /*
  * screen.c - clipped and quantised samples
  *
- * A sampled free decay meets its own extreme value exactly at one sample; a converter at its stop holds it.  Runs of HELD equal extremes in floating
- * point happen by chance with probability below 2^-100, so two of them are a finding.
+ * A sampled free decay meets its own extreme value exactly at one sample; a converter at its stop
+ * holds it.  Runs of HELD equal extremes in floating point happen by chance with probability below
+ * 2^-100, so two of them are a finding.
  *
- * Grid: the sorted values' smallest step q (beyond rounding) is a grid if every step is a multiple of it to a thousandth.  Continuous values,
- * L of them, have steps as small as rms / L^2, which is no grid anyone can see.
+ * Grid: the sorted values' smallest step q (beyond rounding) is a grid if every step is a multiple
+ * of it to a thousandth.  Continuous values, L of them, have steps as small as rms / L^2, which is
+ * no grid anyone can see.
  */
 #include "modal/identify/screen.h"
 #include <float.h>
@@ -38,8 +40,11 @@ static void look_for_clipping(const double *x, int L, int channel, struct identi
         return;
     runs = runs_at(x, L, high) + runs_at(x, L, low);
     if (runs >= PLATEAUS)
-        identify_diagnose(result, "clipped", channel, "channel %d holds its extreme values %g and %g for %d samples or more in %d places: peaks are cut off; "
-                          "begin the window later, or measure with less gain", channel, low, high, HELD, runs);
+        identify_diagnose(result, "clipped", channel,
+                          "channel %d holds its extreme values %g and %g for %d samples or more in "
+                          "%d places: peaks are cut off; "
+                          "begin the window later, or measure with less gain",
+                          channel, low, high, HELD, runs);
 }
 
 static int by_value(const void *a, const void *b)
@@ -50,7 +55,8 @@ static int by_value(const void *a, const void *b)
 }
 
 /* X is sorted. */
-static bool look_for_grid(const double *x, int L, double rms, int channel, struct identify_result *result)
+static bool look_for_grid(const double *x, int L, double rms, int channel,
+                          struct identify_result *result)
 {
     double range = x[L - 1] - x[0], step = range;
     int off = 0, steps = 0;
@@ -67,8 +73,12 @@ static bool look_for_grid(const double *x, int L, double rms, int channel, struc
     }
     if (off > 0 || steps < 3)
         return false;
-    identify_diagnose(result, "quantised", channel, "the values of channel %d lie on a grid of %g, %.2g of its rms: rounding acts as noise of %g; "
-                          "end the window before the signal falls to the grid, or record with more digits", channel, step, step / rms, step / sqrt(12));
+    identify_diagnose(
+        result, "quantised", channel,
+        "the values of channel %d lie on a grid of %g, %.2g of its rms: rounding acts as noise of "
+        "%g; "
+        "end the window before the signal falls to the grid, or record with more digits",
+        channel, step, step / rms, step / sqrt(12));
     return true;
 }
 
@@ -81,7 +91,8 @@ static double read_channel(const struct batch *b, size_t c, int L, double *x)
     for (int k = 0; k < L; k++) {
         most = fmax(most, fabs(x[k] = b->signals[(size_t)k * b->channels + c]));
         if (b->release != NULL && (k % ROWS == ROWS - 1 || k + 1 == L))
-            b->release(b->signals + (size_t)(k / ROWS * ROWS) * b->channels, (size_t)(k % ROWS + 1) * row);
+            b->release(b->signals + (size_t)(k / ROWS * ROWS) * b->channels,
+                       (size_t)(k % ROWS + 1) * row);
     }
     return most;
 }
@@ -100,7 +111,8 @@ void screen_samples(const struct batch *b, struct identify_result *result)
             continue;
         memcpy(sorted, x, (size_t)L * sizeof *x);
         qsort(sorted, (size_t)L, sizeof *x, by_value);
-        if (!look_for_grid(sorted, L, most * sqrt(sum / L), (int)c, result))     /* on a coarse grid every peak is held */
+        /* on a coarse grid every peak is held */
+        if (!look_for_grid(sorted, L, most * sqrt(sum / L), (int)c, result))
             look_for_clipping(x, L, (int)c, result);
     }
     free(x);

@@ -6,9 +6,11 @@
 enum { SCREEN_CHANNELS = 16, SCREEN_SAMPLES = 20000 };
 
 /*
- * Look at the first SCREEN_CHANNELS of the channels chosen (result->channel) and SCREEN_SAMPLES samples as they were sent, and add diagnostics with the channel at fault:
+ * Look at the first SCREEN_CHANNELS of the channels chosen (result->channel) and SCREEN_SAMPLES
+ * samples as they were sent, and add diagnostics with the channel at fault:
  *
- *   clipped     the largest or smallest value is held for three samples or more, at least twice: peaks are cut off
+ *   clipped     the largest or smallest value is held for three samples or more, at least twice:
+ *               peaks are cut off
  *   quantised   all values lie on a grid coarser than a ten-thousandth of the channel's rms
  *
  * Constant and zero channels have neither.  Out of memory it looks at nothing.

@@ -1,14 +1,16 @@
 /*
  * synthesis.c - signals rebuilt from exponents
  *
- * Eqs. (26)-(30) of the paper solve normal equations for each of the p phases of the period.  All phases and signals share one basis, Q_k = V D_k, so one
- * factorisation serves: with h[k + l p, s] in column (k, s) of Y and rho_j^l in V,
+ * Eqs. (26)-(30) of the paper solve normal equations for each of the p phases of the period.  All
+ * phases and signals share one basis, Q_k = V D_k, so one factorisation serves: with h[k + l p, s]
+ * in column (k, s) of Y and rho_j^l in V,
  *
- *     b = V^+ Y,   fit = Re(V b),                                                                    (1)
+ *     b = V^+ Y,   fit = Re(V b),                                                               (1)
  *
- * columns scaled to largest magnitude 1 (growth cannot overflow) and then to unit norm; V^+ by SVD, P the left singular vectors above rounding:
- * b = Z S^{-1} (P^T Y), fit = P (P^T Y).  Y is read twice and never copied.  A real negative multiplier has the one column
- * (-1)^l |rho|^l; cosine and sine would be parallel there.
+ * columns scaled to largest magnitude 1 (growth cannot overflow) and then to unit norm; V^+ by SVD,
+ * P the left singular vectors above rounding: b = Z S^{-1} (P^T Y), fit = P (P^T Y).  Y is read
+ * twice and never copied.  A real negative multiplier has the one column (-1)^l |rho|^l; cosine and
+ * sine would be parallel there.
  *
  * Of a long record V = Q R by doubling (doubling.h), and (1) is of R and Q^T Y in place of V and Y:
  * neither V nor Q is formed, and the fit, where it is wanted, is made pole by pole.
@@ -26,13 +28,15 @@
 
 enum { BLOCK = 64 };   /* channels at a time */
 
-void synthesis_basis(const double complex *lambda, int count, double tau, struct matrix *basis, double *reference)
+void synthesis_basis(const double complex *lambda, int count, double tau, struct matrix *basis,
+                     double *reference)
 {
     int column = 0, L = basis->m;
 
     for (int j = 0; j < count; j++) {
         enum pole_kind kind = pole_kind(lambda[j], tau);
-        double a = creal(lambda[j]) * tau, b = cimag(lambda[j]) * tau, *x = basis->x + (size_t)column * basis->ld;
+        double a = creal(lambda[j]) * tau, b = cimag(lambda[j]) * tau,
+               *x = basis->x + (size_t)column * basis->ld;
         reference[j] = a > 0 ? a * (L - 1) : 0;
         powers_of(kind, a, b, L, x, basis->ld);
         column += kind == POLE_PAIR ? 2 : 1;
@@ -47,7 +51,8 @@ void synthesis_done(struct synthesis *s)
     memset(s, 0, sizeof *s);
 }
 
-/* The factored basis: P (L x rank), and W = D Z S^{-1} (order x rank), so that the real unknowns are W P^T Y. */
+/* The factored basis: P (L x rank), and W = D Z S^{-1} (order x rank), so that the real unknowns
+ * are W P^T Y. */
 struct factors { struct matrix P, W; double *norm, *s, *zt; };
 
 static void factors_done(struct factors *f)
@@ -74,7 +79,8 @@ static enum modal_status factorise(struct matrix *basis, int rows, struct factor
     f->s = malloc(sizeof(double) * (k + 1));
     ZT.x = f->zt = malloc(sizeof(double) * ((size_t)k * n + 1));
     if (f->P.x == NULL || f->W.x == NULL || f->norm == NULL || f->s == NULL || f->zt == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "synthesis: no memory for %d rows and %d unknowns", L, n);
+        return modal_fail(err, MODAL_NO_MEMORY, "synthesis: no memory for %d rows and %d unknowns",
+                          L, n);
     for (int j = 0; j < n; j++) {
         double *a = basis->x + (size_t)j * basis->ld;
         f->norm[j] = safe_norm(a, L);
@@ -90,25 +96,28 @@ static enum modal_status factorise(struct matrix *basis, int rows, struct factor
     out->condition = f->s[k - 1] > 0 ? f->s[0] / f->s[k - 1] : HUGE_VAL;
     for (int r = 0; r < out->rank; r++)
         for (int j = 0; j < n; j++)
-            f->W.x[j + (size_t)r * f->W.ld] = f->norm[j] > 0 ? f->zt[r + (size_t)j * k] / f->s[r] / f->norm[j] : 0;
+            f->W.x[j + (size_t)r * f->W.ld] =
+                f->norm[j] > 0 ? f->zt[r + (size_t)j * k] / f->s[r] / f->norm[j] : 0;
     return MODAL_OK;
 }
 
-static void store_coefficients(const double complex *lambda, double tau, const double *x, int ldx, int first, int width,
-                               struct synthesis *out)
+static void store_coefficients(const double complex *lambda, double tau, const double *x, int ldx,
+                               int first, int width, struct synthesis *out)
 {
     for (int c = 0; c < width; c++)
         for (int j = 0, column = 0; j < out->poles; j++) {
             const double *at = x + column + (size_t)c * ldx;
             bool pair = pole_kind(lambda[j], tau) == POLE_PAIR;
-            out->coefficient[j + (size_t)(first + c) * out->poles] = pair ? CMPLX(at[0], at[1]) : at[0];
+            out->coefficient[j + (size_t)(first + c) * out->poles] =
+                pair ? CMPLX(at[0], at[1]) : at[0];
             column += pair ? 2 : 1;
         }
 }
 
 /* One block of channels: coefficients, residual norms, and the fit where wanted. */
-static void fit_block(const double complex *lambda, double tau, const struct matrix *Y, int first, int width,
-                      const struct factors *f, double *work, struct matrix *fit, struct synthesis *out)
+static void fit_block(const double complex *lambda, double tau, const struct matrix *Y, int first,
+                      int width, const struct factors *f, double *work, struct matrix *fit,
+                      struct synthesis *out)
 {
     int L = Y->m, r = out->rank, n = out->order;
     double *C = work, *x = C + (size_t)r * width, *E = x + (size_t)n * width;
@@ -117,9 +126,12 @@ static void fit_block(const double complex *lambda, double tau, const struct mat
     memset(x, 0, sizeof *x * n * width);
     memset(E, 0, sizeof *E * L * width);
     if (r > 0) {
-        cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, r, width, L, 1, f->P.x, f->P.ld, y, Y->ld, 0, C, r);
-        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, n, width, r, 1, f->W.x, f->W.ld, C, r, 0, x, n);
-        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, L, width, r, 1, f->P.x, f->P.ld, C, r, 0, E, L);
+        cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, r, width, L, 1, f->P.x, f->P.ld, y,
+                    Y->ld, 0, C, r);
+        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, n, width, r, 1, f->W.x, f->W.ld, C,
+                    r, 0, x, n);
+        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, L, width, r, 1, f->P.x, f->P.ld, C,
+                    r, 0, E, L);
     }
     store_coefficients(lambda, tau, x, n, first, width, out);
     for (int c = 0; c < width; c++) {

@@ -1,4 +1,5 @@
-/* synthesis.h - the signals rebuilt from the exponents: one column-scaled Vandermonde least-squares solve */
+/* synthesis.h - the signals rebuilt from the exponents: one column-scaled Vandermonde least-squares
+ * solve */
 #ifndef MODAL_SYNTHESIS_H
 #define MODAL_SYNTHESIS_H
 #include <complex.h>
@@ -11,8 +12,9 @@
  *
  *   y[l, c] = Re sum_j B[j, c] exp(lambda_j tau l),        B real for the real kinds.
  *
- * Columns of the basis are scaled to largest magnitude 1 over the record, so growth does not overflow: the coefficient
- * belongs to exp(lambda_j tau l - reference_j), reference_j = max(0, Re lambda_j tau (L-1)).
+ * Columns of the basis are scaled to largest magnitude 1 over the record, so growth does not
+ * overflow: the coefficient belongs to exp(lambda_j tau l - reference_j), reference_j = max(0, Re
+ * lambda_j tau (L-1)).
  */
 struct synthesis {
     int poles, order, rows, channels;
@@ -25,11 +27,14 @@ struct synthesis {
 };
 
 /* The real basis, L x order, columns scaled; real and (minus) imaginary part of a pair adjacent. */
-void synthesis_basis(const double complex *lambda, int count, double tau, struct matrix *basis, double *reference);
+void synthesis_basis(const double complex *lambda, int count, double tau, struct matrix *basis,
+                     double *reference);
 
-/* Fit Y (L x channels, kept).  *out is the caller's to synthesis_done.  FIT, L x channels, may be NULL. */
-enum modal_status synthesis_fit(const double complex *lambda, int count, double tau, const struct matrix *Y,
-                                struct matrix *fit, struct synthesis *out, struct modal_error *err);
+/* Fit Y (L x channels, kept).  *out is the caller's to synthesis_done.  FIT, L x channels, may be
+ * NULL. */
+enum modal_status synthesis_fit(const double complex *lambda, int count, double tau,
+                                const struct matrix *Y, struct matrix *fit, struct synthesis *out,
+                                struct modal_error *err);
 void synthesis_done(struct synthesis *s);
 
 /* The products of all columns of the basis of L rows, columns scaled: G, order x order. */

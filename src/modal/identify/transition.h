@@ -7,7 +7,8 @@
 #include "modal/linalg/matrix.h"
 
 /*
- * Leading triplets of H0 = U S V^T and the projection G = U^T H1 V (k x k).  For any r <= k, with S_r, G_r the leading parts,
+ * Leading triplets of H0 = U S V^T and the projection G = U^T H1 V (k x k).  For any r <= k, with
+ * S_r, G_r the leading parts,
  *
  *   Qhat = G_r S_r^{-1} (17),   Bhat = S_r^{-1} G_r (21),
  *
@@ -20,6 +21,7 @@ struct transition {
 };
 
 /* The r eigenvalues; condition (r numbers, see eigen_general) may be NULL. */
-enum modal_status transition_multipliers(const struct transition *t, enum identify_method method, int r,
-                                         double complex *rho, double *condition, struct modal_error *err);
+enum modal_status transition_multipliers(const struct transition *t, enum identify_method method,
+                                         int r, double complex *rho, double *condition,
+                                         struct modal_error *err);
 #endif

@@ -1,14 +1,17 @@
 /*
  * trend.c - one mode, watched over windows
  *
- * The model is called adequate where the residual of the chosen fit is white (colour.h), signals that leave no more than EXACT apart, or
- * where all of it is rounding.  Only an inadequate fit, or one with a crowd of modes in one place, is looked at further: two close modes of a linear system beat, and watched through windows as
- * one they would seem to drift, but their fit is adequate.
+ * The model is called adequate where the residual of the chosen fit is white (colour.h), signals
+ * that leave no more than EXACT apart, or where all of it is rounding.  Only an inadequate fit, or
+ * one with a crowd of modes in one place, is looked at further: two close modes of a linear system
+ * beat, and watched through windows as one they would seem to drift, but their fit is adequate.
  *
- * Each window is identified on its own (pencil.c, order.c with few orders); its strongest oscillating mode is compared over the windows.  A change
- * counts where it exceeds CHANGE and six times its own standard errors.  The sign of every step agreeing with that of the
- * amplitude's (Kendall's tau >= TAU_LEAST) makes it amplitude dependence; anything else is a change of the system, unless the fit is adequate: among modes that
- * decay at rates of their own another may be the strongest in each window.
+ * Each window is identified on its own (pencil.c, order.c with few orders); its strongest
+ * oscillating mode is compared over the windows.  A change counts where it exceeds CHANGE and six
+ * times its own standard errors.  The sign of every step agreeing with that of the amplitude's
+ * (Kendall's tau >= TAU_LEAST) makes it amplitude dependence; anything else is a change of the
+ * system, unless the fit is adequate: among modes that decay at rates of their own another may be
+ * the strongest in each window.
  */
 #include "modal/identify/trend.h"
 #include <float.h>
@@ -24,15 +27,21 @@
 #include "modal/identify/verdict.h"
 
 enum { ORDERS = 12, ROWS_LEAST = 48, LONG = 20000 };
-static const double EXACT = 1e-9, CHANGE = 1e-3, DAMPING_CHANGE = 0.25, TAU_LEAST = 0.7, WELL = 0.15, POOR = 0.4, CLOSE = 0.05;
+static const double EXACT = 1e-9, CHANGE = 1e-3, DAMPING_CHANGE = 0.25, TAU_LEAST = 0.7,
+                    WELL = 0.15, POOR = 0.4, CLOSE = 0.05;
 
-struct window { double t, frequency, damping, std_frequency, std_damping, amplitude, left; bool found; };
+struct window {
+    double t, frequency, damping, std_frequency, std_damping, amplitude, left;
+    bool found;
+};
 
 /* ---- is the fit adequate? ---- */
 
-static enum modal_status adequate(const struct trend_input *in, bool *answer, double *left, struct modal_error *err)
+static enum modal_status adequate(const struct trend_input *in, bool *answer, double *left,
+                                  struct modal_error *err)
 {
-    struct matrix E = { in->X->m, in->X->n, in->X->m, malloc(sizeof(double) * (size_t)in->X->m * (size_t)in->X->n + 1) };
+    struct matrix E = { in->X->m, in->X->n, in->X->m,
+                        malloc(sizeof(double) * (size_t)in->X->m * (size_t)in->X->n + 1) };
     struct synthesis fit = { 0 };
     enum modal_status rc;
     double total = 0;
@@ -86,7 +95,8 @@ bool trend_crowds(const struct trend_input *in, double complex exponent)
 
 struct source { struct pencil pencil; double tau; };
 
-static enum modal_status poles_of(void *context, int r, double complex *lambda, int *count, struct modal_error *err)
+static enum modal_status poles_of(void *context, int r, double complex *lambda, int *count,
+                                  struct modal_error *err)
 {
     struct source *s = context;
     double complex rho[ORDERS + 1];
@@ -112,7 +122,8 @@ static double energy_of(const struct synthesis *f, int j, double complex lambda,
 }
 
 /* The strongest oscillation of a window's fit. */
-static enum modal_status strongest(const struct matrix *Y, double tau, const struct refined *fit, struct window *w, int *which, struct modal_error *err)
+static enum modal_status strongest(const struct matrix *Y, double tau, const struct refined *fit,
+                                   struct window *w, int *which, struct modal_error *err)
 {
     struct synthesis f = { 0 };
     enum modal_status rc = synthesis_fit(fit->lambda, fit->poles, tau, Y, NULL, &f, err);
@@ -127,7 +138,8 @@ static enum modal_status strongest(const struct matrix *Y, double tau, const str
     for (int j = 0; j < fit->poles; j++) {
         double complex z = fit->lambda[j];
         double energy = energy_of(&f, j, z, tau), turns = cimag(z) * tau * Y->m / (2 * M_PI);
-        if (pole_kind(z, tau) != POLE_PAIR || turns < 2 || fabs(creal(z)) > 0.5 * cimag(z) || energy <= most)
+        if (pole_kind(z, tau) != POLE_PAIR || turns < 2 || fabs(creal(z)) > 0.5 * cimag(z)
+            || energy <= most)
             continue;
         most = energy, *which = j;
         w->found = true, w->amplitude = sqrt(energy);
@@ -138,9 +150,10 @@ static enum modal_status strongest(const struct matrix *Y, double tau, const str
     return rc;
 }
 
-/* The strongest oscillation of a window, as one: poles crowded about it are left out and the rest refined, so that a mode which changes within the
- * window is averaged, not split. */
-static enum modal_status strongest_alone(const struct refine_data *data, const struct refined *fit, struct window *w, struct modal_error *err)
+/* The strongest oscillation of a window, as one: poles crowded about it are left out and the rest
+ * refined, so that a mode which changes within the window is averaged, not split. */
+static enum modal_status strongest_alone(const struct refine_data *data, const struct refined *fit,
+                                         struct window *w, struct modal_error *err)
 {
     double complex *lambda = malloc(sizeof *lambda * (size_t)fit->poles);
     struct refined alone = { 0 };
@@ -165,12 +178,15 @@ static enum modal_status strongest_alone(const struct refine_data *data, const s
 }
 
 /* The best fit of few orders to the rows of Y, into CHOICE. */
-static enum modal_status fit_part(const struct trend_input *in, const struct matrix *Y, struct order_choice *choice, struct modal_error *err)
+static enum modal_status fit_part(const struct trend_input *in, const struct matrix *Y,
+                                  struct order_choice *choice, struct modal_error *err)
 {
     struct refine_data data = { .Y = Y, .tau = in->tau, .phases = 1 };
     struct source s = { .tau = in->tau };
     struct order_source source = { .poles = poles_of, .context = &s };
-    struct order_options opt = { .refine = { .iterations = 30 }, .cancelled = in->cancelled, .context = in->context };
+    struct order_options opt = { .refine = { .iterations = 30 },
+                                 .cancelled = in->cancelled,
+                                 .context = in->context };
     enum modal_status rc = pencil_new(Y, &(struct pencil_options) { 0, ORDERS }, &s.pencil, err);
 
     source.most = s.pencil.count;
@@ -180,7 +196,8 @@ static enum modal_status fit_part(const struct trend_input *in, const struct mat
     return rc;
 }
 
-static enum modal_status look_at(const struct trend_input *in, int first, int rows, struct window *w, struct modal_error *err)
+static enum modal_status look_at(const struct trend_input *in, int first, int rows,
+                                 struct window *w, struct modal_error *err)
 {
     struct matrix Y = { rows, in->X->n, in->X->ld, in->X->x + first };
     struct refine_data data = { .Y = &Y, .tau = in->tau, .phases = 1 };
@@ -250,7 +267,9 @@ static enum modal_status part_grows(const struct trend_input *in, const struct m
                                     const struct refined *fit, double frequency, int *sign,
                                     struct modal_error *err)
 {
-    struct trend_input part = { .X = Y, .tau = in->tau, .lambda = fit->lambda, .count = fit->poles };
+    struct trend_input part = {
+        .X = Y, .tau = in->tau, .lambda = fit->lambda, .count = fit->poles
+    };
     struct synthesis f = { 0 };
     bool good = false;
     double left;
@@ -335,8 +354,10 @@ static double kendall(const struct window *w, int n, double (*x)(const struct wi
 static double frequency_at(const struct window *w) { return w->frequency; }
 static double damping_at(const struct window *w) { return w->damping; }
 
-/* Does x range over more than `least` of its size and six of the standard errors at the ends of the range? */
-static bool changes(const struct window *w, int n, double (*x)(const struct window *), bool damping, double least)
+/* Does x range over more than `least` of its size and six of the standard errors at the ends of the
+ * range? */
+static bool changes(const struct window *w, int n, double (*x)(const struct window *), bool damping,
+                    double least)
 {
     int low = 0, high = 0;
     double size = 0, error;
@@ -345,7 +366,8 @@ static bool changes(const struct window *w, int n, double (*x)(const struct wind
         low = x(&w[i]) < x(&w[low]) ? i : low, high = x(&w[i]) > x(&w[high]) ? i : high;
         size = fmax(size, fabs(x(&w[i])));
     }
-    error = damping ? hypot(w[low].std_damping, w[high].std_damping) : hypot(w[low].std_frequency, w[high].std_frequency);
+    error = damping ? hypot(w[low].std_damping, w[high].std_damping)
+                    : hypot(w[low].std_frequency, w[high].std_frequency);
     return x(&w[high]) - x(&w[low]) > fmax(least * size, 6 * error);
 }
 
@@ -354,7 +376,8 @@ static void write_table(const struct window *w, int n, char *text, size_t size)
 {
     text[0] = 0;
     for (int i = 0; i < n; i++)
-        snprintf(text + strlen(text), size - strlen(text), "%s%.3g s %.5g Hz %.2g", i > 0 ? "; " : "", w[i].t, w[i].frequency, w[i].damping);
+        snprintf(text + strlen(text), size - strlen(text), "%s%.3g s %.5g Hz %.2g",
+                 i > 0 ? "; " : "", w[i].t, w[i].frequency, w[i].damping);
 }
 
 /* The windows into the result, which owns them; without memory for them the message has to do. */
@@ -362,13 +385,18 @@ static void keep(const struct window *w, int n, struct identify_result *result)
 {
     result->trend = malloc(sizeof *result->trend * (size_t)n);
     for (int i = 0; result->trend != NULL && i < n; i++)
-        result->trend[result->trend_count++] = (struct identify_window) { w[i].t, w[i].frequency, w[i].damping, w[i].std_frequency, w[i].std_damping, w[i].amplitude };
+        result->trend[result->trend_count++] = (struct identify_window) {
+            w[i].t, w[i].frequency, w[i].damping, w[i].std_frequency, w[i].std_damping,
+            w[i].amplitude };
 }
 
-static void judge(const struct window *w, int n, bool good, struct identify_result *result, bool *follows)
+static void judge(const struct window *w, int n, bool good, struct identify_result *result,
+                  bool *follows)
 {
-    bool f = changes(w, n, frequency_at, false, CHANGE), z = changes(w, n, damping_at, true, DAMPING_CHANGE);
-    double tau_f = fabs(kendall(w, n, frequency_at)), tau_z = fabs(kendall(w, n, damping_at)), range = 0;
+    bool f = changes(w, n, frequency_at, false, CHANGE),
+         z = changes(w, n, damping_at, true, DAMPING_CHANGE);
+    double tau_f = fabs(kendall(w, n, frequency_at)), tau_z = fabs(kendall(w, n, damping_at)),
+           range = 0;
     bool decays = w[n - 1].amplitude < 0.7 * w[0].amplitude;
     char table[240];
 
@@ -383,9 +411,13 @@ static void judge(const struct window *w, int n, bool good, struct identify_resu
     if (f || decays)
         keep(w, n, result);
     if (*follows)
-        identify_diagnose(result, "amplitude_dependent", -1, "the mode changes as it decays, close pairs may be one mode; window by window: %s", table);
+        identify_diagnose(
+            result, "amplitude_dependent", -1,
+            "the mode changes as it decays, close pairs may be one mode; window by window: %s",
+            table);
     else if (f)
-        identify_diagnose(result, "changes_in_record", -1, "not one system throughout, identify each part by `window`: %s", table);
+        identify_diagnose(result, "changes_in_record", -1,
+                          "not one system throughout, identify each part by `window`: %s", table);
 }
 
 /* Few windows that decaying modes rebuild, in a record that they do not rebuild either. */
@@ -405,7 +437,9 @@ static bool is_driven(const struct window *w, int n, double left, struct identif
     return true;
 }
 
-static enum modal_status watch(const struct trend_input *in, bool good, double left, struct identify_result *result, bool *follows, struct modal_error *err)
+static enum modal_status watch(const struct trend_input *in, bool good, double left,
+                               struct identify_result *result, bool *follows,
+                               struct modal_error *err)
 {
     struct window all[TREND_WINDOWS_LONG], found[TREND_WINDOWS_LONG];
     int most = in->X->m > LONG ? TREND_WINDOWS_LONG : TREND_WINDOWS;
@@ -531,8 +565,12 @@ static void look_for_mains(struct identify_result *r)
     for (int i = 0; i < r->mode_count; i++)
         for (int m = 0; m < 2; m++) {
             double hz = cimag(r->modes[i].exponent) / (2 * M_PI), n = nearbyint(hz / mains[m]);
-            if (n >= 1 && n <= 5 && fabs(hz - n * mains[m]) < 1e-3 * mains[m] && fabs(damping_ratio_of(r->modes[i].exponent)) < 2e-4)
-                identify_diagnose(r, "mains_line", -1, "%.5g Hz is an undamped line at %g times %g Hz: mains, not a mode", hz, n, mains[m]);
+            if (n >= 1 && n <= 5 && fabs(hz - n * mains[m]) < 1e-3 * mains[m]
+                && fabs(damping_ratio_of(r->modes[i].exponent)) < 2e-4)
+                identify_diagnose(
+                    r, "mains_line", -1,
+                    "%.5g Hz is an undamped line at %g times %g Hz: mains, not a mode", hz, n,
+                    mains[m]);
         }
 }
 
@@ -561,13 +599,17 @@ static void look_for_drift(struct identify_result *r, double record)
         vibrates |= cimag(r->modes[i].exponent) * record > 4 * M_PI;
     for (int i = 0; i < r->mode_count && vibrates; i++)
         if (cabs(r->modes[i].exponent) * record < 1.5 && r->modes[i].energy > 0.01) {
-            identify_diagnose(r, "drift", -1, "%.2g of the energy moves more slowly than the record of %g s: drift or a rigid motion; its exponent says little, "
-                              "and `detrend` or `band` removes it", r->modes[i].energy, record);
+            identify_diagnose(r, "drift", -1,
+                              "%.2g of the energy moves more slowly than the record of %g s: drift "
+                              "or a rigid motion; its exponent says little, "
+                              "and `detrend` or `band` removes it",
+                              r->modes[i].energy, record);
             return;
         }
 }
 
-enum modal_status trend_watch(const struct trend_input *in, struct identify_result *result, bool *follows, struct modal_error *err)
+enum modal_status trend_watch(const struct trend_input *in, struct identify_result *result,
+                              bool *follows, struct modal_error *err)
 {
     bool good = true;
     double left = 0;

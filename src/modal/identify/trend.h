@@ -20,16 +20,20 @@ struct trend_input {
 };
 
 /*
- * Before the modes are reported: where the chosen fit leaves more than white noise and more than rounding, identify so many parts of the record on their own and compare the
- * strongest mode of each.  Adds diagnostics:
+ * Before the modes are reported: where the chosen fit leaves more than white noise and more than
+ * rounding, identify so many parts of the record on their own and compare the strongest mode of
+ * each.  Adds diagnostics:
  *
- *   amplitude_dependent   frequency or damping of one mode follows its amplitude as it decays; the message and result->trend hold the trend
+ *   amplitude_dependent   frequency or damping of one mode follows its amplitude as it decays; the
+ *                         message and result->trend hold the trend
  *   changes_in_record     they change otherwise: the system is not the same throughout
  *   not_free_decay        the windows neither lose energy nor are reconstructed: driven, or noise
  *
- * *follows is true where the first was added.  Not for periodic systems.  Fails with MODAL_NO_MEMORY, MODAL_NO_CONVERGENCE, MODAL_CANCELLED.
+ * *follows is true where the first was added.  Not for periodic systems.  Fails with
+ * MODAL_NO_MEMORY, MODAL_NO_CONVERGENCE, MODAL_CANCELLED.
  */
-enum modal_status trend_watch(const struct trend_input *in, struct identify_result *result, bool *follows, struct modal_error *err);
+enum modal_status trend_watch(const struct trend_input *in, struct identify_result *result,
+                              bool *follows, struct modal_error *err);
 
 /* Do three or more vibrations stand about EXPONENT, a mode's, which one that drifts is made of, to
  * any accuracy? */

@@ -1,22 +1,27 @@
 /*
  * wide.c - proper orthogonal modes of data read in panels
  *
- * With A the scaled data, L x S, the leading singular subspace is found by a block Krylov iteration on the Gram operator,
+ * With A the scaled data, L x S, the leading singular subspace is found by a block Krylov iteration
+ * on the Gram operator,
  *
- *     Z = A^T (A X)   or   Z = A (A^T X),                                                                  (1)
+ *     Z = A^T (A X)   or   Z = A (A^T X),                                                       (1)
  *
- * both products taken while a panel of A is in the cache, so that each block costs one pass over the data.  X lives on the
- * shorter side, or on the channels' where samples must be read in order.  With K the orthonormal blocks so far, Rayleigh-Ritz on
+ * both products taken while a panel of A is in the cache, so that each block costs one pass over
+ * the data.  X lives on the shorter side, or on the channels' where samples must be read in order.
+ * With K the orthonormal blocks so far, Rayleigh-Ritz on
  *
- *     H = K^T A^T A K,   H w = s^2 w,                                                                      (2)
+ *     H = K^T A^T A K,   H w = s^2 w,                                                           (2)
  *
- * gives s and the vectors K w; the part of Z outside K gives the residual |A^T A v - s^2 v| [HMT11, sec. 4.5; MM15].  (2)
- * squares: values below sqrt(DBL_EPSILON) s_1 are lost and those below 1e-6 s_1 keep only a few digits.  Where such are
- * wanted, that is where no noise stands above 1e-6 s_1, Golub-Kahan-Lanczos on A itself takes over (lanczos.c).
+ * gives s and the vectors K w; the part of Z outside K gives the residual |A^T A v - s^2 v| [HMT11,
+ * sec. 4.5; MM15].  (2) squares: values below sqrt(DBL_EPSILON) s_1 are lost and those below 1e-6
+ * s_1 keep only a few digits.  Where such are wanted, that is where no noise stands above 1e-6 s_1,
+ * Golub-Kahan-Lanczos on A itself takes over (lanczos.c).
  *
- * What is kept is what stands above white noise, as in pod.c; |A|_F^2 needs no pass of its own where channels have unit rms.
+ * What is kept is what stands above white noise, as in pod.c; |A|_F^2 needs no pass of its own
+ * where channels have unit rms.
  *
- * [HMT11] Halko, Martinsson and Tropp, SIAM Rev. 53 (2011) 217-288.  [MM15] Musco and Musco, NIPS 2015.
+ * [HMT11] Halko, Martinsson and Tropp, SIAM Rev. 53 (2011) 217-288.  [MM15] Musco and Musco, NIPS
+ * 2015.
  */
 #include "modal/identify/wide.h"
 #include "modal/identify/grid.h"
@@ -31,7 +36,9 @@
 
 enum { BLOCK = 16, BLOCKS_MOST = 12, PANEL_BYTES = 1 << 21 };
 static const double GUARD = 1e-6;      /* least s_i / s_1 that (2) is trusted with */
-static const double EDGE = 1.2;        /* margin over the edge of white noise: scaled channels carry unequal noise, whose edge lies higher */
+/* margin over the edge of white noise: scaled channels carry unequal noise, whose edge lies higher
+ * */
+static const double EDGE = 1.2;
 
 /* Whether X lives on the channels. */
 static bool on_channels(const struct wide *w)
@@ -63,7 +70,8 @@ static int panel_rows(const struct wide *w)
 static void give_back(const struct wide *w, int k, int l)
 {
     if (w->release != NULL && l > 0)
-        w->release(w->x + (size_t)k * w->stride, ((size_t)(l - 1) * w->stride + (size_t)w->S) * sizeof *w->x);
+        w->release(w->x + (size_t)k * w->stride,
+                   ((size_t)(l - 1) * w->stride + (size_t)w->S) * sizeof *w->x);
 }
 
 void wide_passed(const struct wide *w, int k)
@@ -74,7 +82,8 @@ void wide_passed(const struct wide *w, int k)
         give_back(w, first, k + 1 - first);
 }
 
-/* (1), X on the samples: panels of n channels are n x L matrices of leading dimension `stride`.  T (S x b) = A^T X of the text. */
+/* (1), X on the samples: panels of n channels are n x L matrices of leading dimension `stride`.  T
+ * (S x b) = A^T X of the text. */
 static void gram_on_samples(const struct wide *w, const double *X, int b, double *Z, double *T)
 {
     int most = PANEL_BYTES / (int)sizeof(double) / w->L;
@@ -83,24 +92,29 @@ static void gram_on_samples(const struct wide *w, const double *X, int b, double
     memset(Z, 0, sizeof *Z * (size_t)w->L * (size_t)b);
     for (int c = 0; c < w->S; c += most) {
         int n = w->S - c < most ? w->S - c : most;
-        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, n, b, w->L, 1, w->x + c, (int)w->stride, X, w->L, 0, T + c, w->S);
+        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, n, b, w->L, 1, w->x + c,
+                    (int)w->stride, X, w->L, 0, T + c, w->S);
         scale_rows(w, c, n, b, T + c, w->S);
         if (w->scale == NULL) {
-            cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, w->L, b, n, 1, w->x + c, (int)w->stride, T + c, w->S, 1, Z, w->L);
+            cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, w->L, b, n, 1, w->x + c,
+                        (int)w->stride, T + c, w->S, 1, Z, w->L);
             continue;
         }
         double twice[BLOCK * 512];
         for (int c2 = 0; c2 < n; c2 += 512) {
             int n2 = n - c2 < 512 ? n - c2 : 512;
             for (int j = 0; j < b; j++)
-                memcpy(twice + j * n2, T + c + c2 + (size_t)j * (size_t)w->S, (size_t)n2 * sizeof *twice);
+                memcpy(twice + j * n2, T + c + c2 + (size_t)j * (size_t)w->S,
+                       (size_t)n2 * sizeof *twice);
             scale_rows(w, c + c2, n2, b, twice, n2);
-            cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, w->L, b, n2, 1, w->x + c + c2, (int)w->stride, twice, n2, 1, Z, w->L);
+            cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, w->L, b, n2, 1, w->x + c + c2,
+                        (int)w->stride, twice, n2, 1, Z, w->L);
         }
     }
 }
 
-/* (1), X on the channels (already scaled, S x b): panels of l samples are S x l matrices.  T (L x b) = A X. */
+/* (1), X on the channels (already scaled, S x b): panels of l samples are S x l matrices.  T (L x
+ * b) = A X. */
 static void gram_on_channels(const struct wide *w, const double *X, int b, double *Z, double *T)
 {
     int most = panel_rows(w);
@@ -109,8 +123,10 @@ static void gram_on_channels(const struct wide *w, const double *X, int b, doubl
     for (int k = 0; k < w->L; k += most) {
         int l = w->L - k < most ? w->L - k : most;
         const double *A = w->x + (size_t)k * w->stride;
-        cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, l, b, w->S, 1, A, (int)w->stride, X, w->S, 0, T + k, w->L);
-        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, w->S, b, l, 1, A, (int)w->stride, T + k, w->L, 1, Z, w->S);
+        cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, l, b, w->S, 1, A, (int)w->stride, X,
+                    w->S, 0, T + k, w->L);
+        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, w->S, b, l, 1, A, (int)w->stride,
+                    T + k, w->L, 1, Z, w->S);
         give_back(w, k, l);
     }
     scale_rows(w, 0, w->S, b, Z, w->S);
@@ -137,17 +153,19 @@ static bool krylov_new(struct krylov *k, const struct wide *w)
     k->near = k->channels ? w->S : w->L, k->far = k->channels ? w->L : w->S;
     k->room = BLOCK * BLOCKS_MOST < k->near ? BLOCK * BLOCKS_MOST : k->near;
     size_t n = (size_t)k->near, m = (size_t)k->room;
-    k->K = malloc(sizeof(double) * n * (m + BLOCK)), k->T = malloc(sizeof(double) * (size_t)k->far * (m + BLOCK));
+    k->K = malloc(sizeof(double) * n * (m + BLOCK)),
+    k->T = malloc(sizeof(double) * (size_t)k->far * (m + BLOCK));
     k->H = calloc((m + BLOCK) * (m + BLOCK), sizeof(double)), k->W = malloc(sizeof(double) * m * m);
     k->Z = malloc(sizeof(double) * n * BLOCK), k->scaled = malloc(sizeof(double) * n * BLOCK);
     k->R = calloc(BLOCK * BLOCK, sizeof(double)), k->theta = malloc(sizeof(double) * m);
-    return k->K != NULL && k->T != NULL && k->H != NULL && k->W != NULL && k->Z != NULL && k->scaled != NULL
-        && k->R != NULL && k->theta != NULL;
+    return k->K != NULL && k->T != NULL && k->H != NULL && k->W != NULL && k->Z != NULL
+        && k->scaled != NULL && k->R != NULL && k->theta != NULL;
 }
 
 static void krylov_done(struct krylov *k)
 {
-    free(k->K), free(k->T), free(k->H), free(k->W), free(k->Z), free(k->scaled), free(k->R), free(k->theta);
+    free(k->K), free(k->T), free(k->H), free(k->W), free(k->Z), free(k->scaled), free(k->R),
+        free(k->theta);
 }
 
 /* A fixed start: the same answer every time. */
@@ -164,7 +182,8 @@ static void fill(double *x, size_t count)
 /* The pass of block K[:, count .. count+b): T, Z, and its rows of H. */
 static void pass(struct krylov *k, int b)
 {
-    double *X = k->K + (size_t)k->count * (size_t)k->near, *T = k->T + (size_t)k->count * (size_t)k->far;
+    double *X = k->K + (size_t)k->count * (size_t)k->near,
+           *T = k->T + (size_t)k->count * (size_t)k->far;
     int all = k->count + b;
 
     if (k->channels) {
@@ -175,8 +194,8 @@ static void pass(struct krylov *k, int b)
         gram_on_samples(k->w, X, b, k->Z, T);
     }
     k->passes++;
-    cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, all, b, k->near, 1, k->K, k->near, k->Z, k->near, 0,
-                k->H + (size_t)k->count * (size_t)k->room, k->room);
+    cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, all, b, k->near, 1, k->K, k->near, k->Z,
+                k->near, 0, k->H + (size_t)k->count * (size_t)k->room, k->room);
     for (int j = k->count; j < all; j++)
         for (int i = 0; i < k->count; i++)
             k->H[j + (size_t)i * (size_t)k->room] = k->H[i + (size_t)j * (size_t)k->room];
@@ -195,17 +214,22 @@ static enum modal_status next_block(struct krylov *k, int b, int *next, struct m
         for (int j = 0; j < k->count; j += BLOCK) {
             int n = k->count - j < BLOCK ? k->count - j : BLOCK;
             double *Kj = k->K + (size_t)j * (size_t)k->near;
-            cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, n, b, k->near, 1, Kj, k->near, X, k->near, 0, work, n);
-            cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, k->near, b, n, -1, Kj, k->near, work, n, 1, X, k->near);
+            cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, n, b, k->near, 1, Kj, k->near, X,
+                        k->near, 0, work, n);
+            cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, k->near, b, n, -1, Kj, k->near,
+                        work, n, 1, X, k->near);
         }
     rc = qr_orthonormal(&Q, &R, err);
     if (rc != MODAL_OK)
         return rc;
-    for (int j = 0; j < k->count; j += BLOCK) {     /* columns that were rounding are orthonormal, but not to K: once more */
+    /* columns that were rounding are orthonormal, but not to K: once more */
+    for (int j = 0; j < k->count; j += BLOCK) {
         int n = k->count - j < BLOCK ? k->count - j : BLOCK;
         double *Kj = k->K + (size_t)j * (size_t)k->near;
-        cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, n, b, k->near, 1, Kj, k->near, X, k->near, 0, work, n);
-        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, k->near, b, n, -1, Kj, k->near, work, n, 1, X, k->near);
+        cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, n, b, k->near, 1, Kj, k->near, X,
+                    k->near, 0, work, n);
+        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, k->near, b, n, -1, Kj, k->near, work,
+                    n, 1, X, k->near);
     }
     struct matrix none = { b, b, b, NULL };
     rc = qr_orthonormal(&Q, &none, err);
@@ -222,7 +246,8 @@ static enum modal_status ritz(struct krylov *k, struct modal_error *err)
 
     for (int j = 0; j < n; j++)
         for (int i = 0; i < n; i++)
-            k->W[i + (size_t)j * (size_t)n] = 0.5 * (k->H[i + (size_t)j * (size_t)k->room] + k->H[j + (size_t)i * (size_t)k->room]);
+            k->W[i + (size_t)j * (size_t)n] = 0.5
+                * (k->H[i + (size_t)j * (size_t)k->room] + k->H[j + (size_t)i * (size_t)k->room]);
     rc = eigen_symmetric(&A, k->theta, err);
     for (int i = 0; i < n / 2; i++) {
         double t = k->theta[i];
@@ -245,8 +270,9 @@ static double residual(const struct krylov *k, int i, int b)
 }
 
 /*
- * How many of theta stand above the noise that the rest of the energy makes, counted from the largest down: the rest still holds the
- * signals not yet counted, but spread over all its directions they stay below the next one unless there are as many as the short side's root.
+ * How many of theta stand above the noise that the rest of the energy makes, counted from the
+ * largest down: the rest still holds the signals not yet counted, but spread over all its
+ * directions they stay below the next one unless there are as many as the short side's root.
  * *trusted: those counted, and the noise itself, are within what (2) can tell.
  */
 static int above_noise(const struct krylov *k, double energy, int most, bool *trusted)
@@ -264,7 +290,8 @@ static int above_noise(const struct krylov *k, double energy, int most, bool *tr
     return n > 1 ? n : 1;
 }
 
-static int wanted(const struct krylov *k, const struct pod_options *opt, double energy, bool *trusted)
+static int wanted(const struct krylov *k, const struct pod_options *opt, double energy,
+                  bool *trusted)
 {
     int most = opt->most > 0 ? opt->most : POD_SIGNALS_MOST, n;
     double all = 0, sum = 0;
@@ -280,8 +307,8 @@ static int wanted(const struct krylov *k, const struct pod_options *opt, double 
     return above_noise(k, energy, most, trusted);
 }
 
-static enum modal_status iterate(struct krylov *k, const struct wide_options *opt, double energy, int *kept, bool *trusted,
-                                 struct modal_error *err)
+static enum modal_status iterate(struct krylov *k, const struct wide_options *opt, double energy,
+                                 int *kept, bool *trusted, struct modal_error *err)
 {
     double tolerance = opt->tolerance > 0 ? opt->tolerance : 1e-8;
     int b = BLOCK < k->near ? BLOCK : k->near, next = b;
@@ -307,27 +334,36 @@ static enum modal_status iterate(struct krylov *k, const struct wide_options *op
     return rc;
 }
 
-/* Signals and modes of the KEPT leading vectors; T is cleaned by an SVD of its own, so that modes are orthonormal. */
-static enum modal_status finish(struct krylov *k, int kept, struct pod *pod, struct modal_error *err)
+/* Signals and modes of the KEPT leading vectors; T is cleaned by an SVD of its own, so that modes
+ * are orthonormal. */
+static enum modal_status finish(struct krylov *k, int kept, struct pod *pod,
+                                struct modal_error *err)
 {
     int n = k->count, near = k->near, far = k->far;
-    double *v = malloc(sizeof *v * (size_t)near * (size_t)kept), *t = malloc(sizeof *t * (size_t)far * (size_t)kept);
-    struct matrix T = { far, kept, far, t }, Q = { far, kept, far, malloc(sizeof *t * (size_t)far * (size_t)kept) };
+    double *v = malloc(sizeof *v * (size_t)near * (size_t)kept),
+           *t = malloc(sizeof *t * (size_t)far * (size_t)kept);
+    struct matrix T = { far, kept, far, t },
+                  Q = { far, kept, far, malloc(sizeof *t * (size_t)far * (size_t)kept) };
     struct matrix PT = { kept, kept, kept, malloc(sizeof *t * (size_t)kept * (size_t)kept) };
     double *rotated = malloc(sizeof *v * (size_t)near * (size_t)kept);
     enum modal_status rc = MODAL_OK;
 
     pod->s = malloc(sizeof *pod->s * (size_t)kept);
-    if (v == NULL || t == NULL || Q.x == NULL || PT.x == NULL || rotated == NULL || pod->s == NULL) {
-        rc = modal_fail(err, MODAL_NO_MEMORY, "pod: no memory for %d modes of %d channels", kept, k->w->S);
+    if (v == NULL || t == NULL || Q.x == NULL || PT.x == NULL || rotated == NULL
+        || pod->s == NULL) {
+        rc = modal_fail(err, MODAL_NO_MEMORY, "pod: no memory for %d modes of %d channels", kept,
+                        k->w->S);
         goto out;
     }
-    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, near, kept, n, 1, k->K, near, k->W, n, 0, v, near);
-    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, far, kept, n, 1, k->T, far, k->W, n, 0, t, far);
-    rc = svd_thin(&T, pod->s, &Q, &PT, err);              /* A v = Q s PT: left vectors Q, right ones v PT^T */
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, near, kept, n, 1, k->K, near, k->W, n, 0,
+                v, near);
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, far, kept, n, 1, k->T, far, k->W, n, 0,
+                t, far);
+    rc = svd_thin(&T, pod->s, &Q, &PT, err);   /* A v = Q s PT: left vectors Q, right ones v PT^T */
     if (rc != MODAL_OK)
         goto out;
-    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasTrans, near, kept, kept, 1, v, near, PT.x, kept, 0, rotated, near);
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasTrans, near, kept, kept, 1, v, near, PT.x, kept,
+                0, rotated, near);
     pod->count = kept;
     pod->modes = (struct matrix) { k->w->S, kept, k->w->S, k->channels ? rotated : Q.x };
     pod->signals = (struct matrix) { k->w->L, kept, k->w->L, k->channels ? Q.x : rotated };
@@ -340,10 +376,14 @@ out:
 }
 
 /* The graded case: triplets of A itself, down to rounding. */
-static enum modal_status by_lanczos(const struct wide *w, const struct pod_options *opt, struct pod *pod, struct wide_cost *cost,
+static enum modal_status by_lanczos(const struct wide *w, const struct pod_options *opt,
+                                    struct pod *pod, struct wide_cost *cost,
                                     struct modal_error *err)
 {
-    int most = opt->rank > 0 ? opt->rank : opt->most > 0 ? opt->most : POD_SIGNALS_MOST, side = w->L < w->S ? w->L : w->S, n = 0;
+    int most = opt->rank > 0 ? opt->rank
+        : opt->most > 0      ? opt->most
+                             : POD_SIGNALS_MOST,
+        side = w->L < w->S ? w->L : w->S, n = 0;
     struct linear_operator A = wide_operator(w);
     struct matrix UT = { 0 };
     struct lanczos_result found;
@@ -352,14 +392,18 @@ static enum modal_status by_lanczos(const struct wide *w, const struct pod_optio
 
     most = most < side ? most : side;
     pod->s = calloc((size_t)most, sizeof *pod->s);
-    pod->signals = (struct matrix) { w->L, most, w->L, calloc((size_t)w->L * (size_t)most, sizeof(double)) };
-    pod->modes = (struct matrix) { w->S, most, w->S, calloc((size_t)w->S * (size_t)most, sizeof(double)) };
+    pod->signals = (struct matrix) { w->L, most, w->L,
+                                     calloc((size_t)w->L * (size_t)most, sizeof(double)) };
+    pod->modes = (struct matrix) { w->S, most, w->S,
+                                   calloc((size_t)w->S * (size_t)most, sizeof(double)) };
     UT = (struct matrix) { most, w->S, most, calloc((size_t)w->S * (size_t)most, sizeof(double)) };
     if (pod->s == NULL || pod->signals.x == NULL || pod->modes.x == NULL || UT.x == NULL) {
-        rc = modal_fail(err, MODAL_NO_MEMORY, "pod: no memory for %d modes of %d channels", most, w->S);
+        rc = modal_fail(err, MODAL_NO_MEMORY, "pod: no memory for %d modes of %d channels", most,
+                        w->S);
         goto out;
     }
-    rc = lanczos_svd(&A, &(struct lanczos_options) { .wanted = most, .tolerance = 1e-12 }, pod->s, &pod->signals, &UT, &found, err);
+    rc = lanczos_svd(&A, &(struct lanczos_options){ .wanted = most, .tolerance = 1e-12 }, pod->s,
+                     &pod->signals, &UT, &found, err);
     if (rc != MODAL_OK)
         goto out;
     floor = (w->L > w->S ? w->L : w->S) * DBL_EPSILON * pod->s[0];
@@ -406,8 +450,8 @@ static double energy_of(const struct wide *w, struct wide_cost *cost)
     return sum;
 }
 
-enum modal_status wide_pod(const struct wide *w, const struct wide_options *options, struct pod *out, struct wide_cost *cost,
-                           struct modal_error *err)
+enum modal_status wide_pod(const struct wide *w, const struct wide_options *options,
+                           struct pod *out, struct wide_cost *cost, struct modal_error *err)
 {
     struct wide_options opt = options != NULL ? *options : (struct wide_options) { .tolerance = 0 };
     struct krylov k = { 0 };
@@ -421,7 +465,8 @@ enum modal_status wide_pod(const struct wide *w, const struct wide_options *opti
     if (w->L < 1 || w->S < 1)
         return modal_fail(err, MODAL_BAD_INPUT, "pod: %d samples of %d channels", w->L, w->S);
     if (!krylov_new(&k, w)) {
-        rc = modal_fail(err, MODAL_NO_MEMORY, "pod: no memory for %d samples of %d channels", w->L, w->S);
+        rc = modal_fail(err, MODAL_NO_MEMORY, "pod: no memory for %d samples of %d channels", w->L,
+                        w->S);
         goto out;
     }
     rc = iterate(&k, &opt, energy, &kept, &trusted, err);
@@ -447,7 +492,8 @@ out:
 }
 
 /* The operator keeps no work of its own: scaling goes through the vectors. */
-static enum modal_status operator_apply(void *context, const double *x, double *y, struct modal_error *err)
+static enum modal_status operator_apply(void *context, const double *x, double *y,
+                                        struct modal_error *err)
 {
     const struct wide *w = context;
     double *scaled = malloc(sizeof *scaled * (size_t)w->S);
@@ -458,21 +504,24 @@ static enum modal_status operator_apply(void *context, const double *x, double *
     scale_rows(w, 0, w->S, 1, scaled, w->S);
     for (int k = 0, most = w->by_rows ? panel_rows(w) : w->L; k < w->L; k += most) {
         int l = w->L - k < most ? w->L - k : most;
-        cblas_dgemv(CblasColMajor, CblasTrans, w->S, l, 1, w->x + (size_t)k * w->stride, (int)w->stride, scaled, 1, 0, y + k, 1);
+        cblas_dgemv(CblasColMajor, CblasTrans, w->S, l, 1, w->x + (size_t)k * w->stride,
+                    (int)w->stride, scaled, 1, 0, y + k, 1);
         give_back(w, k, l);
     }
     free(scaled);
     return MODAL_OK;
 }
 
-static enum modal_status operator_transpose(void *context, const double *y, double *x, struct modal_error *err)
+static enum modal_status operator_transpose(void *context, const double *y, double *x,
+                                            struct modal_error *err)
 {
     const struct wide *w = context;
 
     (void)err;
     for (int k = 0, most = w->by_rows ? panel_rows(w) : w->L; k < w->L; k += most) {
         int l = w->L - k < most ? w->L - k : most;
-        cblas_dgemv(CblasColMajor, CblasNoTrans, w->S, l, 1, w->x + (size_t)k * w->stride, (int)w->stride, y + k, 1, k > 0, x, 1);
+        cblas_dgemv(CblasColMajor, CblasNoTrans, w->S, l, 1, w->x + (size_t)k * w->stride,
+                    (int)w->stride, y + k, 1, k > 0, x, 1);
         give_back(w, k, l);
     }
     scale_rows(w, 0, w->S, 1, x, w->S);
@@ -490,12 +539,14 @@ void wide_project(const struct wide *w, const double *Q, int k, double *Z)
 
     for (int i = 0; i < w->L; i += most) {
         int l = w->L - i < most ? w->L - i : most;
-        cblas_dgemm(CblasColMajor, CblasTrans, CblasTrans, k, w->S, l, 1, Q + i, w->L, w->x + (size_t)i * w->stride, (int)w->stride, i > 0, Z, k);
+        cblas_dgemm(CblasColMajor, CblasTrans, CblasTrans, k, w->S, l, 1, Q + i, w->L,
+                    w->x + (size_t)i * w->stride, (int)w->stride, i > 0, Z, k);
         give_back(w, i, l);
     }
 }
 
-enum modal_status wide_rests(const struct wide *w, const double *Q, int k, const double *Z, int ld, double *rest2, struct modal_error *err)
+enum modal_status wide_rests(const struct wide *w, const double *Q, int k, const double *Z, int ld,
+                             double *rest2, struct modal_error *err)
 {
     int most = panel_rows(w), S = w->S;
     double *E = malloc(sizeof *E * (size_t)most * (size_t)S);
@@ -506,8 +557,10 @@ enum modal_status wide_rests(const struct wide *w, const double *Q, int k, const
     for (int i = 0; i < w->L; i += most) {
         int l = w->L - i < most ? w->L - i : most;
         for (int j = 0; j < l; j++)
-            memcpy(E + (size_t)j * (size_t)S, w->x + (size_t)(i + j) * w->stride, sizeof *E * (size_t)S);
-        cblas_dgemm(CblasColMajor, CblasTrans, CblasTrans, S, l, k, -1, Z, ld, Q + i, w->L, 1, E, S);
+            memcpy(E + (size_t)j * (size_t)S, w->x + (size_t)(i + j) * w->stride,
+                   sizeof *E * (size_t)S);
+        cblas_dgemm(CblasColMajor, CblasTrans, CblasTrans, S, l, k, -1, Z, ld, Q + i, w->L, 1, E,
+                    S);
         for (int j = 0; j < l; j++)
             for (int c = 0; c < S; c++)
                 rest2[c] += E[c + (size_t)j * (size_t)S] * E[c + (size_t)j * (size_t)S];
@@ -534,7 +587,8 @@ static void square_sums(const struct wide *w, const double *over_most, double *s
 }
 
 /* The same where squares overflow or vanish: by each channel's largest magnitude. */
-static enum modal_status careful_scales(const struct wide *w, double *scale, struct modal_error *err)
+static enum modal_status careful_scales(const struct wide *w, double *scale,
+                                        struct modal_error *err)
 {
     double *most = calloc((size_t)w->S, sizeof *most);
 
@@ -545,8 +599,10 @@ static enum modal_status careful_scales(const struct wide *w, double *scale, str
             double x = w->x[(size_t)k * w->stride + (size_t)c];
             if (!isfinite(x)) {
                 free(most);
-                return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "signals: %s at sample %d of channel %d; finite numbers are needed",
-                                        isnan(x) ? "NaN" : "infinity", k, c);
+                return modal_fail_field(
+                    err, MODAL_BAD_INPUT, "signals",
+                    "signals: %s at sample %d of channel %d; finite numbers are needed",
+                    isnan(x) ? "NaN" : "infinity", k, c);
             }
             most[c] = fmax(most[c], fabs(x));
         }
@@ -562,7 +618,8 @@ static enum modal_status careful_scales(const struct wide *w, double *scale, str
     }
     free(most);
     free(sum);
-    return sum != NULL ? MODAL_OK : modal_fail(err, MODAL_NO_MEMORY, "pod: no memory for %d channels", w->S);
+    return sum != NULL ? MODAL_OK
+                       : modal_fail(err, MODAL_NO_MEMORY, "pod: no memory for %d channels", w->S);
 }
 
 static bool has_variation(const struct wide *w)
@@ -575,13 +632,15 @@ static bool has_variation(const struct wide *w)
     return false;
 }
 
-enum modal_status wide_scales(const struct wide *w, double *scale, bool *varies, struct modal_error *err)
+enum modal_status wide_scales(const struct wide *w, double *scale, bool *varies,
+                              struct modal_error *err)
 {
     bool plain = true;
 
     square_sums(w, NULL, scale);
     for (int c = 0; c < w->S; c++) {
-        plain &= scale[c] > 1e-250 && scale[c] < 1e250;      /* false for NaN, infinity, and what squares to nothing */
+        /* false for NaN, infinity, and what squares to nothing */
+        plain &= scale[c] > 1e-250 && scale[c] < 1e250;
     }
     *varies = has_variation(w);
     if (!plain)
@@ -603,16 +662,21 @@ static int grid_rows(const struct wide *w)
     return rows < w->L ? rows : w->L;
 }
 
-/* Half of them the first, where there is most to see; the others spread over the rest, so that late rows of a decayed record are among them.  In order. */
+/* Half of them the first, where there is most to see; the others spread over the rest, so that late
+ * rows of a decayed record are among them.  In order. */
 static int grid_row(const struct wide *w, int i, int rows)
 {
     int head = rows == w->L ? rows : rows / 2;
 
-    return i < head ? i : head + (int)((double)(i - head) * (w->L - head - 1) / (rows - head > 1 ? rows - head - 1 : 1));
+    return i < head ? i
+                    : head
+            + (int)((double)(i - head) * (w->L - head - 1)
+                    / (rows - head > 1 ? rows - head - 1 : 1));
 }
 
 /* Of COUNT channels from FIRST on, EVERY apart; X has room for ROWS of each. */
-static bool grids_of(const struct wide *w, int rows, int first, int every, int count, double *x, double *step)
+static bool grids_of(const struct wide *w, int rows, int first, int every, int count, double *x,
+                     double *step)
 {
     bool any = false;
 
@@ -633,13 +697,15 @@ static bool grids_of(const struct wide *w, int rows, int first, int every, int c
 
 enum modal_status wide_grids(const struct wide *w, double *step, bool *any, struct modal_error *err)
 {
-    int rows = grid_rows(w), every = (w->S + WIDE_GRID_CHANNELS - 1) / WIDE_GRID_CHANNELS, block = GRID_BLOCK / rows;
+    int rows = grid_rows(w), every = (w->S + WIDE_GRID_CHANNELS - 1) / WIDE_GRID_CHANNELS,
+        block = GRID_BLOCK / rows;
     double *x;
 
     block = block > WIDE_GRID_CHANNELS ? block : WIDE_GRID_CHANNELS;
     x = malloc(sizeof *x * (size_t)rows * (size_t)block);
     if (x == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "wide: no memory for %d samples of %d channels", rows, block);
+        return modal_fail(err, MODAL_NO_MEMORY, "wide: no memory for %d samples of %d channels",
+                          rows, block);
     memset(step, 0, sizeof *step * (size_t)w->S);
     *any = grids_of(w, rows, 0, every, (w->S + every - 1) / every, x, step);
     for (int c = 0; c < w->S && *any; c += block)

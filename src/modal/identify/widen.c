@@ -1,20 +1,26 @@
 /* widen.c - five doubts, each with the size of its error
  *
- * A fit to rounding is not doubted; but rounding errors are not white noise, and those of the fit add to the data's: its standard errors grow by WIDEN_ROUNDING.
- * Else:
+ * A fit to rounding is not doubted; but rounding errors are not white noise, and those of the fit
+ * add to the data's: its standard errors grow by WIDEN_ROUNDING. Else:
  *
- *   colour   what the poles leave is not white: the standard error grows by its colour at the pole's frequency (colour.c)
- *   parts    half of the record has another exponent: the error is at least the difference (parts.c)
- *            whether the mode decays is not in doubt where the whole and both halves decay clearly by their own errors (GROWTH_NEVER), whatever their
- *            difference, unless one of the doubts below widens it further
- *   rivals   a candidate of another order whose BIC is lower than the chosen one's, or higher by less than RIVAL, has another exponent: posterior odds are
- *            exp(-difference / 2) [KR95], so neither is ruled out, and the error is at least the difference
- *   slow     what turns less than once in the record is told from an offset, a drift and other slow parts by the model alone: its error is at least its
- *            scatter (root mean square) over the orders that explain the record
- *   pairs    two strong poles nearer than half a beat over the record are told apart by the model alone; where one of the doubts above holds the model is
- *            not right, and either may be anywhere between them: the error is at least half their distance
+ *   colour   what the poles leave is not white: the standard error grows by its colour at the
+ *            pole's frequency (colour.c)
+ *   parts    half of the record has another exponent: the error is at least the difference
+ *            (parts.c) whether the mode decays is not in doubt where the whole and both halves
+ *            decay clearly by their own errors (GROWTH_NEVER), whatever their difference, unless
+ *            one of the doubts below widens it further
+ *   rivals   a candidate of another order whose BIC is lower than the chosen one's, or higher by
+ *            less than RIVAL, has another exponent: posterior odds are exp(-difference / 2) [KR95],
+ *            so neither is ruled out, and the error is at least the difference
+ *   slow     what turns less than once in the record is told from an offset, a drift and other slow
+ *            parts by the model alone: its error is at least its scatter (root mean square) over
+ *            the orders that explain the record
+ *   pairs    two strong poles nearer than half a beat over the record are told apart by the model
+ *            alone; where one of the doubts above holds the model is not right, and either may be
+ *            anywhere between them: the error is at least half their distance
  *
- * A difference counts from CLEAR standard errors on: in ordinary noise fewer than one pole in 300 has one.
+ * A difference counts from CLEAR standard errors on: in ordinary noise fewer than one pole in 300
+ * has one.
  *
  * [KR95] Kass and Raftery, J. Amer. Statist. Assoc. 90 (1995) 773-795.
  */
@@ -27,7 +33,8 @@
 #include "modal/identify/parts.h"
 #include "modal/linalg/svd.h"
 
-static const double RIVAL = 6, CLEAR = 3, ROUNDING = 1e-12;      /* of the signals: what is left is rounding */
+/* of the signals: what is left is rounding */
+static const double RIVAL = 6, CLEAR = 3, ROUNDING = 1e-12;
 
 static bool at_rounding(const struct refine_data *d, double residual)
 {
@@ -35,7 +42,8 @@ static bool at_rounding(const struct refine_data *d, double residual)
 }
 
 /* factor: a number for each pole. */
-static enum modal_status for_colour(const struct refine_data *d, struct poles *p, double *factor, double *most, struct modal_error *err)
+static enum modal_status for_colour(const struct refine_data *d, struct poles *p, double *factor,
+                                    double *most, struct modal_error *err)
 {
     const struct matrix *Y = d->Y;
     struct matrix E = { Y->m, Y->n, Y->m, malloc(sizeof(double) * (size_t)Y->m * (size_t)Y->n) };
@@ -77,14 +85,18 @@ static void at_least(struct poles *p, int j, double re, double im)
     p->std_im[j] = im > p->std_im[j] ? im : p->std_im[j];
 }
 
-static enum growth growth_of(const struct part_say *say, double strength, bool decays, double factor)
+static enum growth growth_of(const struct part_say *say, double strength, bool decays,
+                             double factor)
 {
     if (strength < 0)
         return GROWTH_EXACT;
-    return say->grows ? GROWTH_IN_HALF : say->re > 0 && decays && say->decay > CLEAR * factor ? GROWTH_NEVER : GROWTH_UNSEEN;
+    return say->grows                                          ? GROWTH_IN_HALF
+        : say->re > 0 && decays && say->decay > CLEAR * factor ? GROWTH_NEVER
+                                                               : GROWTH_UNSEEN;
 }
 
-static enum modal_status for_parts(const struct refine_data *d, struct poles *p, const double *factor, double *strength, struct modal_error *err)
+static enum modal_status for_parts(const struct refine_data *d, struct poles *p,
+                                   const double *factor, double *strength, struct modal_error *err)
 {
     struct part_say *say = calloc((size_t)p->count, sizeof *say);
     enum modal_status rc;
@@ -101,13 +113,15 @@ static enum modal_status for_parts(const struct refine_data *d, struct poles *p,
     return rc;
 }
 
-/* The pole of a fit nearest to lambda, of its kind, within a line's width of the record; -1: none. */
+/* The pole of a fit nearest to lambda, of its kind, within a line's width of the record; -1: none.
+ * */
 static int nearest_in(const struct refined *f, double complex lambda, double width)
 {
     int best = -1;
 
     for (int j = 0; j < f->poles; j++)
-        if ((cimag(f->lambda[j]) != 0) == (cimag(lambda) != 0) && cabs(f->lambda[j] - lambda) < width
+        if ((cimag(f->lambda[j]) != 0) == (cimag(lambda) != 0)
+            && cabs(f->lambda[j] - lambda) < width
             && (best < 0 || cabs(f->lambda[j] - lambda) < cabs(f->lambda[best] - lambda)))
             best = j;
     return best;
@@ -120,7 +134,8 @@ static double clear_of(double a, double b, double std)
     return d > CLEAR * std ? d : 0;
 }
 
-static bool for_rivals(const struct refine_data *d, const struct order_choice *choice, struct poles *p)
+static bool for_rivals(const struct refine_data *d, const struct order_choice *choice,
+                       struct poles *p)
 {
     const struct refined *own = &choice->candidates[choice->chosen].fit;
     double width = M_PI / (d->tau * d->Y->m);
@@ -128,12 +143,17 @@ static bool for_rivals(const struct refine_data *d, const struct order_choice *c
 
     for (int i = 0; i < choice->count; i++) {
         const struct refined *f = &choice->candidates[i].fit;
-        if (i == choice->chosen || !choice->candidates[i].refined || f->end == REFINE_DEGENERATE || f->order == own->order || !(f->bic < own->bic + RIVAL))
+        if (i == choice->chosen || !choice->candidates[i].refined || f->end == REFINE_DEGENERATE
+            || f->order == own->order || !(f->bic < own->bic + RIVAL))
             continue;
         for (int j = 0; j < p->count; j++) {
             int k = nearest_in(f, p->lambda[j], width);
-            double re = k < 0 ? 0 : clear_of(creal(p->lambda[j]), creal(f->lambda[k]), hypot(p->std_re[j], f->std_re[k]));
-            double im = k < 0 ? 0 : clear_of(cimag(p->lambda[j]), cimag(f->lambda[k]), hypot(p->std_im[j], f->std_im[k]));
+            double re = k < 0 ? 0
+                              : clear_of(creal(p->lambda[j]), creal(f->lambda[k]),
+                                         hypot(p->std_re[j], f->std_re[k]));
+            double im = k < 0 ? 0
+                              : clear_of(cimag(p->lambda[j]), cimag(f->lambda[k]),
+                                         hypot(p->std_im[j], f->std_im[k]));
             any |= re > 0 || im > 0;
             at_least(p, j, re, im);
         }
@@ -141,30 +161,35 @@ static bool for_rivals(const struct refine_data *d, const struct order_choice *c
     return any;
 }
 
-/* Fits that explain about as much as the chosen one, whatever their order: what they leave is no more than twice its rest, or a thousandth of all. */
+/* Fits that explain about as much as the chosen one, whatever their order: what they leave is no
+ * more than twice its rest, or a thousandth of all. */
 static bool explains(const struct refined *f, double own, double all)
 {
     return f->end != REFINE_DEGENERATE && f->residual <= fmax(2 * own, 1e-3 * all);
 }
 
 /* The scatter of slow pole j over the orders that explain the record. */
-static void scatter(const struct order_choice *choice, double all, struct poles *p, int j, double width)
+static void scatter(const struct order_choice *choice, double all, struct poles *p, int j,
+                    double width)
 {
     double own = choice->candidates[choice->chosen].fit.residual, re = 0, im = 0;
     int n = 0;
 
     for (int i = 0; i < choice->count; i++) {
         const struct refined *f = &choice->candidates[i].fit;
-        int k = i != choice->chosen && explains(f, own, all) ? nearest_in(f, p->lambda[j], width) : -1;
+        int k =
+            i != choice->chosen && explains(f, own, all) ? nearest_in(f, p->lambda[j], width) : -1;
         if (k < 0)
             continue;
-        re += pow(creal(f->lambda[k] - p->lambda[j]), 2), im += pow(cimag(f->lambda[k] - p->lambda[j]), 2), n++;
+        re += pow(creal(f->lambda[k] - p->lambda[j]), 2),
+            im += pow(cimag(f->lambda[k] - p->lambda[j]), 2), n++;
     }
     if (n > 0)
         at_least(p, j, sqrt(re / n), sqrt(im / n));
 }
 
-static void for_slow(const struct refine_data *d, const struct order_choice *choice, struct poles *p)
+static void for_slow(const struct refine_data *d, const struct order_choice *choice,
+                     struct poles *p)
 {
     double record = d->tau * d->Y->m, all = safe_matrix_norm(d->Y);
 
@@ -188,8 +213,9 @@ static void for_pairs(const struct refine_data *d, struct poles *p)
 }
 
 /* The five doubts, in their order. */
-static enum modal_status doubt(const struct refine_data *d, const struct order_choice *choice, struct poles *p, double *factor,
-                               struct widened *out, struct modal_error *err)
+static enum modal_status doubt(const struct refine_data *d, const struct order_choice *choice,
+                               struct poles *p, double *factor, struct widened *out,
+                               struct modal_error *err)
 {
     bool constant = p->shift == 1;
     enum modal_status rc = MODAL_OK;
@@ -209,8 +235,8 @@ static enum modal_status doubt(const struct refine_data *d, const struct order_c
     return rc;
 }
 
-enum modal_status widen_poles(const struct refine_data *d, const struct order_choice *choice, struct poles *p,
-                              struct widened *out, struct modal_error *err)
+enum modal_status widen_poles(const struct refine_data *d, const struct order_choice *choice,
+                              struct poles *p, struct widened *out, struct modal_error *err)
 {
     double *factor;
     enum modal_status rc;

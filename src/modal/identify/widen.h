@@ -5,7 +5,8 @@
 #include "modal/identify/modes.h"
 #include "modal/identify/order.h"
 
-/* Standard errors of a fit that ends at rounding are so many times larger: rounding is not independent from sample to sample. */
+/* Standard errors of a fit that ends at rounding are so many times larger: rounding is not
+ * independent from sample to sample. */
 #define WIDEN_ROUNDING 4.0
 
 struct widened {
@@ -16,9 +17,11 @@ struct widened {
 };
 
 /*
- * The standard errors of POLES, the chosen candidate of CHOICE for DATA, made to hold where white noise about constant exponents is not the whole
- * truth; see widen.c.  They only grow, and where the model holds they stay.  Also sets poles->growth.  Fails with MODAL_NO_MEMORY, MODAL_NO_CONVERGENCE.
+ * The standard errors of POLES, the chosen candidate of CHOICE for DATA, made to hold where white
+ * noise about constant exponents is not the whole truth; see widen.c.  They only grow, and where
+ * the model holds they stay.  Also sets poles->growth.  Fails with MODAL_NO_MEMORY,
+ * MODAL_NO_CONVERGENCE.
  */
-enum modal_status widen_poles(const struct refine_data *data, const struct order_choice *choice, struct poles *poles,
-                              struct widened *out, struct modal_error *err);
+enum modal_status widen_poles(const struct refine_data *data, const struct order_choice *choice,
+                              struct poles *poles, struct widened *out, struct modal_error *err);
 #endif

@@ -14,14 +14,14 @@ static const cJSON *get(const cJSON *object, const char *key)
     return cJSON_GetObjectItemCaseSensitive(object, key);
 }
 
-static const char *verdict(const cJSON *event)
+const char *live_modes_verdict(const cJSON *event, const char *otherwise)
 {
     const cJSON *stable = get(get(event, "stability"), "stable");
 
     return cJSON_IsTrue(stable)    ? "stable"
            : cJSON_IsFalse(stable) ? "unstable"
            : cJSON_IsNull(stable)  ? "undecided"
-                                   : "-";
+                                   : otherwise;
 }
 
 /* A track or errors that a window did not give are NaN: then nothing is said of the damping. */
@@ -77,7 +77,7 @@ void live_modes_show(const cJSON *event)
     if (cJSON_HasObjectItem(event, "dt"))
         printf(" %.6g s ", field_number(event, "to", NAN) * field_number(event, "dt", NAN));
     if (cJSON_HasObjectItem(event, "to"))
-        printf(" %-9s", verdict(event));
+        printf(" %-9s", live_modes_verdict(event, "-"));
     cJSON_ArrayForEach(mode, get(event, "modes")) {
         const cJSON *std = get(mode, "std");
         printf(" ");
@@ -147,9 +147,11 @@ static void of_stream(FILE *to, const char *stream, const char *name, const char
 /* 1 stable, -1 unstable, 0 neither is said */
 static double verdict_number(const cJSON *event)
 {
-    return strcmp(verdict(event), "stable") == 0     ? 1
-           : strcmp(verdict(event), "unstable") == 0 ? -1
-                                                     : 0;
+    const char *verdict = live_modes_verdict(event, "-");
+
+    return strcmp(verdict, "stable") == 0     ? 1
+           : strcmp(verdict, "unstable") == 0 ? -1
+                                              : 0;
 }
 
 enum modal_status live_modes_prometheus(const char *path, const cJSON *event,

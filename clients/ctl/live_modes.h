@@ -27,6 +27,8 @@ struct live_modes {
     double epoch;
 };
 
+/* The stability that the window of EVENT told, in one word; OTHERWISE where it told none. */
+const char *live_modes_verdict(const cJSON *event, const char *otherwise);
 /* To each mode of EVENT its `trend` since the events before, which MODES remembers. */
 void live_modes_trend(struct live_modes *modes, cJSON *event);
 /* The rest of the line of an event of a stream: last sample, verdict, modes with bars and trend;

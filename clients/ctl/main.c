@@ -111,7 +111,7 @@ static const struct verb verbs[] = {
     { "metrics", "", "Prometheus text", 0, 0, TAKES_TIMEOUT, run_metrics },
     { "drain", "", "take and start no more jobs (admin)", 0, 0, TAKES_TIMEOUT, run_drain },
     { "undrain", "", "take and start jobs again (admin)", 0, 0, TAKES_TIMEOUT, run_undrain },
-    { "stream", "FILE|-", "push samples as a simulation would, print live modes", 1, 1,
+    { "stream", "FILE|-", "push samples as a simulation would, print what watch prints", 1, 1,
       TAKES_SIGNALS | TAKES_OPTIONS | TAKES_STREAM | TAKES_PUSH | TAKES_TIMEOUT, run_stream },
     { "replay", "FILE", "send a spill or ring file a simulation left", 1, 1, TAKES_TIMEOUT,
       run_replay },

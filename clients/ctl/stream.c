@@ -1,10 +1,10 @@
 /* stream.c - `stream FILE|-` and `replay FILE`: what a simulation would do, from the command line
  *
- * `stream` pushes a batch's samples through the streaming client and prints the live modes that
- * come back; at the end it says how many samples were acknowledged and how many were dropped.
- * $MODALD_WINDOW, --window and --hop say the windows.  `-`: rows of numbers from stdin, each pushed
- * as it comes, parted by commas, semicolons or blanks; a first line of names is the channels'; --dt
- * is needed.
+ * `stream` pushes a batch's samples through the streaming client and says what the daemon tells of
+ * the stream meanwhile, as `watch` does; at the end it says how many samples were acknowledged and
+ * how many were dropped.  $MODALD_WINDOW, --window and --hop say the windows.  `-`: rows of
+ * numbers from stdin, each pushed as it comes, parted by commas, semicolons or blanks; a first line
+ * of names is the channels'; --dt is needed.
  */
 #include <math.h>
 #include <stdio.h>
@@ -12,6 +12,7 @@
 #include <string.h>
 #include <time.h>
 #include "outcome.h"
+#include "live_events.h"
 #include "modald_stream.h"
 #include "remote.h"
 #include "verbs.h"
@@ -23,11 +24,11 @@ enum {
     WINDOW_USUAL = 2048,                        /* where the length of the stream is unknown */
     WINDOW_BYTES_MOST = 1 << 20,                /* proto/PROTOCOL.md, section 11 */
 };
-static const double live_patience = 5;          /* s without a new estimate, once all samples are
+static const double live_patience = 5;          /* s without a new window, once all samples are
                                                    there */
 
 struct live {
-    double sample;              /* the last that an estimate rests on */
+    struct live_events events;
     double window, hop;         /* 0: the environment's */
     const struct args *args;
 };
@@ -50,34 +51,6 @@ static void set_window(modald_stream *s, struct live *live, size_t samples, size
     free(options);
 }
 
-/* A new estimate, if there is one, as one line. */
-static void print_estimate(modald_stream *s, struct live *live)
-{
-    struct modald_estimate e;
-    cJSON *line;
-
-    if (!modald_get_estimate(s, &e) || e.sample == live->sample)
-        return;
-    live->sample = e.sample;
-    if (!live->args->json) {
-        printf("%10.0f  %-9s %14.8g Hz +- %.1e   damping %12.6g +- %.1e\n", e.sample,
-               verdicts[modald_verdict(s)], e.frequency_hz, e.frequency_std, e.damping_ratio,
-               e.damping_std);
-        fflush(stdout);
-        return;
-    }
-    line = cJSON_CreateObject();
-    json_set_number(line, "sample", e.sample);
-    cJSON_AddStringToObject(line, "verdict", verdicts[modald_verdict(s)]);
-    json_set_number(line, "frequency_hz", e.frequency_hz);
-    json_set_number(line, "damping_ratio", e.damping_ratio);
-    cJSON *std = cJSON_AddObjectToObject(line, "std");
-    json_set_number(std, "frequency_hz", e.frequency_std < 0 ? NAN : e.frequency_std);
-    json_set_number(std, "damping_ratio", e.damping_std < 0 ? NAN : e.damping_std);
-    outcome_json(line, NULL);
-    cJSON_Delete(line);
-}
-
 static void sleep_for(double seconds)
 {
     struct timespec t = { (time_t)seconds, (long)(1e9 * (seconds - floor(seconds))) };
@@ -92,7 +65,7 @@ static void keep_up(modald_stream *s, struct live *live, double most)
     struct modald_report r;
 
     for (modald_get_report(s, &r); r.waiting > most; modald_get_report(s, &r)) {
-        print_estimate(s, live);
+        live_events_show(&live->events);
         sleep_for(0.001);
     }
 }
@@ -107,7 +80,7 @@ static void push_all(modald_stream *s, const struct signals *in, const struct ar
         if ((k + 1) % block != 0)
             continue;
         keep_up(s, live, (double)(((size_t)2 << 20) / sizeof(double) / (in->channels + 2)));
-        print_estimate(s, live);
+        live_events_show(&live->events);
         sleep_for(args->rate > 0 ? (double)block / args->rate : 0);
     }
 }
@@ -163,7 +136,7 @@ static enum modal_status push_stdin(const struct args *args, const char *name, s
         else {
             modald_push(*out, x);
             ++*samples;
-            print_estimate(*out, live);
+            live_events_show(&live->events);
         }
     }
     free(line);
@@ -172,27 +145,29 @@ static enum modal_status push_stdin(const struct args *args, const char *name, s
     return rc;
 }
 
-/* All samples acknowledged, then the estimates that are still to come: the last rests on the last
+/* All samples acknowledged, then the windows that are still to come: the last rests on the last
  * whole hop. */
 static void finish(modald_stream *s, struct live *live, double samples, struct modald_report *r)
 {
     double until = link_now() + (live->args->timeout >= 0 ? live->args->timeout : 30), heard,
-           sample = live->sample;
+           sample = live->events.sample;
     double last = live->window > 0 && samples >= live->window
                       ? live->window + floor((samples - live->window) / live->hop) * live->hop - 1
                       : -2;
 
     for (modald_get_report(s, r); r->waiting > 0 && link_now() < until; modald_get_report(s, r)) {
-        print_estimate(s, live);
+        live_events_show(&live->events);
         sleep_for(0.005);
     }
     for (heard = link_now();
-         r->refused == 0 && live->sample < last && link_now() < fmin(until, heard + live_patience);
-         sample = live->sample) {
-        print_estimate(s, live);
-        heard = live->sample > sample ? link_now() : heard;
+         r->refused == 0 && live->events.sample < last
+         && link_now() < fmin(until, heard + live_patience);
+         sample = live->events.sample) {
+        live_events_show(&live->events);
+        heard = live->events.sample > sample ? link_now() : heard;
         sleep_for(0.005);
     }
+    live_events_finish(&live->events, fmin(until, link_now() + REMOTE_ANSWER_S));
 }
 
 static int print_end(modald_stream *s, struct live *live, size_t samples)
@@ -226,22 +201,21 @@ static int print_end(modald_stream *s, struct live *live, size_t samples)
     return r.refused > 0 ? 4 : all ? 0 : 3;
 }
 
-/* The streaming client takes its server and keys from the environment only. */
-static enum modal_status set_environment(const struct args *args, struct modal_error *err)
+/* The streaming client takes its server and keys from the environment only; *LINK to the same. */
+static enum modal_status set_environment(const struct args *args, struct link **link,
+                                         struct modal_error *err)
 {
-    struct link *link = NULL;
     cJSON *hello = NULL;
-    enum modal_status rc = remote_open(args, &link, err);
+    enum modal_status rc = remote_open(args, link, err);
 
     if (rc == MODAL_OK)
-        rc = client_ask(link, "HELLO", cJSON_CreateObject(), remote_deadline(args), &hello, NULL,
+        rc = client_ask(*link, "HELLO", cJSON_CreateObject(), remote_deadline(args), &hello, NULL,
                         NULL, err);
     if (rc == MODAL_OK)
-        setenv("MODALD_URL", link_endpoint(link), 1);
+        setenv("MODALD_URL", link_endpoint(*link), 1);
     if (rc == MODAL_OK && args->keyfile != NULL)
         setenv("MODALD_KEYFILE", args->keyfile, 1);
     cJSON_Delete(hello);
-    link_close(link);
     return rc;
 }
 
@@ -281,16 +255,20 @@ static enum modal_status push_file(const struct args *args, const char *name, st
 int run_stream(const struct verb *verb, const struct args *args)
 {
     struct modal_error err = { 0 };
-    struct live live = { .sample = -2, .args = args };
     const char *name = stream_name(args);
+    struct live live = {
+        .events = { .stream = name, .json = args->json, .sample = -1, .next = -1 }, .args = args,
+    };
     modald_stream *s = NULL;
     size_t samples = 0;
     int status;
     enum modal_status rc = args->local ? modal_fail_field(&err, MODAL_BAD_INPUT, "local",
                                                           "stream needs a daemon")
-                                       : set_environment(args, &err);
+                                       : set_environment(args, &live.events.link, &err);
 
     (void)verb;
+    if (rc == MODAL_OK)
+        rc = live_events_begin(&live.events, remote_deadline(args), &err);
     if (rc == MODAL_OK)
         rc = strcmp(args->word[1], "-") == 0 ? push_stdin(args, name, &live, &s, &samples, &err)
                                              : push_file(args, name, &live, &s, &samples, &err);
@@ -300,6 +278,7 @@ int run_stream(const struct verb *verb, const struct args *args)
         modald_close(s);
     else
         modald_abandon(s);
+    link_close(live.events.link);
     return status;
 }
 
@@ -308,9 +287,11 @@ int run_replay(const struct verb *verb, const struct args *args)
     struct modal_error err = { 0 };
     char why[256] = "";
     double samples = 0;
-    enum modal_status rc = set_environment(args, &err);
+    struct link *link = NULL;
+    enum modal_status rc = set_environment(args, &link, &err);
 
     (void)verb;
+    link_close(link);
     if (rc == MODAL_OK
         && !modald_replay(args->word[1], args->timeout >= 0 ? args->timeout : 60, &samples, why,
                           sizeof why))

@@ -5,51 +5,13 @@
 #include <stdlib.h>
 #include <string.h>
 #include "outcome.h"
+#include "event_show.h"
 #include "field.h"
 #include "live_modes.h"
 #include "live_plot.h"
 #include "plot.h"
 #include "remote.h"
 #include "verbs.h"
-
-static void show_alarm(const cJSON *event)
-{
-    const cJSON *mode = cJSON_GetObjectItemCaseSensitive(event, "mode"),
-                *std = cJSON_GetObjectItemCaseSensitive(mode, "std");
-
-    if (cJSON_HasObjectItem(event, "rule"))
-        printf(" %s", field_word(event, "rule", "-"));
-    if (mode != NULL && cJSON_HasObjectItem(mode, "track"))
-        printf("  [%.0f]", field_number(mode, "track", NAN));
-    if (mode != NULL)
-        printf("  %.6g Hz  zeta %.5g +- %.1e", field_number(mode, "frequency_hz", NAN),
-               field_number(mode, "damping_ratio", NAN), field_number(std, "damping_ratio", NAN));
-}
-
-static void show_track(const cJSON *event)
-{
-    if (cJSON_HasObjectItem(event, "track"))
-        printf("  [%.0f]  %.6g Hz  zeta %.5g", field_number(event, "track", NAN),
-               field_number(event, "frequency_hz", NAN),
-               field_number(event, "damping_ratio", NAN));
-}
-
-static void show_event(const cJSON *event)
-{
-    const cJSON *error = cJSON_GetObjectItemCaseSensitive(event, "error");
-
-    printf("%8.0f  %-8s %-20s", field_number(event, "number", NAN), field_word(event, "event", "-"),
-           field_word(event, "stream", field_word(event, "job", "-")));
-    if (cJSON_HasObjectItem(event, "state"))
-        printf(" %s", field_word(event, "state", "-"));
-    live_modes_show(event);
-    show_alarm(event);
-    show_track(event);
-    if (error != NULL)
-        printf("  %s: %s", field_word(error, "code", "-"), field_word(error, "message", "-"));
-    putchar('\n');
-    fflush(stdout);
-}
 
 static cJSON *subscription(const struct args *args, bool stream, double from)
 {
@@ -80,16 +42,12 @@ static enum modal_status write_event(struct link_message *message, const struct 
                                      struct seen *seen, struct modal_error *err)
 {
     static const char *const ends[] = { "done", "failed", "cancelled", "dead", "closed" };
-    enum modal_status rc = MODAL_OK;
+    enum modal_status rc;
 
-    cJSON_DeleteItemFromObjectCaseSensitive(message->header, "subscription");
     seen->next = fmax(seen->next, field_number(message->header, "number", -1) + 1);
     if (args->words > 1 || args->name != NULL)         /* windows of one stream follow each other */
         live_modes_trend(&seen->modes, message->header);
-    if (args->json)
-        rc = outcome_json(message->header, err);
-    else
-        show_event(message->header);
+    rc = event_show(message->header, args->json, err);
     if (rc == MODAL_OK && args->plot != NULL)
         rc = live_plot_add(&seen->plot, args->plot, message->header, err);
     if (rc == MODAL_OK && args->prometheus != NULL)

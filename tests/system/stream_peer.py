@@ -27,6 +27,7 @@ class Peer:
         self.endpoint, self.credit = endpoint, credit
         self.streams, self.opens, self.closes, self.events = {}, {}, [], []
         self.silent, self.event = False, None          # event: header sent after each push, by name
+        self.behind = []                               # and these after it
         self.changed = threading.Condition()
         self.thread = None
 
@@ -89,7 +90,8 @@ class Peer:
         self.send(peer, "REPLY", {**reply, "stream": header["stream"], "epoch": len(self.streams[name]) - 1, "next": epoch.next, "credit": self.credit})
         for to, subscribed, number in self.events:
             if self.event and subscribed == name:
-                self.send(to, "EVENT", {"subscription": number, "number": 1, "event": "modes", "stream": name, "to": epoch.next - 1, **self.event})
+                for event in [self.event, *self.behind]:
+                    self.send(to, "EVENT", {"subscription": number, "number": 1, "event": "modes", "stream": name, "to": epoch.next - 1, **event})
 
     def close(self, peer, header, body, reply):
         name = header["stream"][3:]

@@ -540,6 +540,20 @@ def test_a_file_is_pushed_as_a_simulation_would(peer, ctl, tmp_path):
     assert all(line["frequency_hz"] == 1.5 for line in said.lines[:-1])
 
 
+def test_a_pushed_file_shows_alarms_and_tracks_and_windows_without_modes(peer, ctl, tmp_path):
+    """Also those behind the last window, which nothing follows."""
+    peer.event = {"error": {"code": "worker_died", "message": "the window is left out"}}
+    peer.behind = [{"event": "track", "track": 3, "state": "born", "frequency_hz": 4.5},
+                   {"event": "alarm", "rule": "growth", "state": "raised"}]
+    path = write_batch(tmp_path / "run.h5", np.ones((300, 1)))
+    said = ctl("stream", path, server=peer.endpoint, one=False)
+    lines = [line for line in said.lines[:-1] if line["to"] == 299]
+    assert said.status == 0 and [line["event"] for line in lines] == ["modes", "track", "alarm"]
+    window, track, alarm = lines
+    assert window["error"]["code"] == "worker_died" and window["frequency_hz"] is None
+    assert (track["track"], track["state"], alarm["rule"], alarm["state"]) == (3, "born", "growth", "raised")
+
+
 def test_rows_from_stdin_are_pushed_as_they_come(peer):
     with subprocess.Popen([str(BUILD / "bin" / "modalctl"), "--server", peer.endpoint, "--json", "stream", "-", "--dt", "0.1"], stdin=subprocess.PIPE,
                           stdout=subprocess.PIPE, text=True, env=environment()) as run:

@@ -1,11 +1,13 @@
 """`modalctl watch STREAM`: trend, lag and gaps beside the modes, as lines, as JSON and as Prometheus text (streaming.md, section 5, requirement 10)."""
+import json
 import re
 import subprocess
+import threading
 
 import numpy as np
 import pytest
 import wire
-from conftest import BUILD, environment, watched
+from conftest import BUILD, environment, watched, write_batch
 from wire import Daemon, crc32c
 
 WINDOW, DT, HZ = 200, 0.1, 0.5
@@ -123,3 +125,34 @@ def test_the_last_window_is_a_file_of_gauges_that_is_replaced_whole(changing, tm
 def test_gauges_of_no_stream_are_refused(ctl, changing, tmp_path):
     said = ctl("watch", "--timeout", "1", "--prometheus", tmp_path / "a.prom", server=changing.endpoint)
     assert said.status == 2 and said.document["error"]["field"] == "prometheus"
+
+
+@pytest.mark.parametrize("json_lines", [["--json"], []])
+def test_a_stream_from_the_command_line_prints_what_watch_prints_of_it(json_lines, tmp_path):
+    """0.5 Hz that falls and 0.9 Hz that lasts: each line has both, not the least damped alone."""
+    t = DT * np.arange(8 * WINDOW)
+    y = np.exp(-0.01 * t) * np.cos(2 * np.pi * 0.5 * t) + np.cos(2 * np.pi * 0.9 * t)
+    path = write_batch(tmp_path / "run.h5", y[:, None], dt=DT)
+    with Daemon(workers=1) as d:
+        ctl = [str(BUILD / "bin" / "modalctl"), "--server", d.endpoint, *json_lines]
+        said = subprocess.run(
+            [*ctl, "stream", path, "--name", "pushed", "--window", str(WINDOW), "-o", "rank.fixed=4"],
+            capture_output=True, text=True, timeout=120, env=environment()).stdout.splitlines()
+        with subprocess.Popen([*ctl, "watch", "pushed"], stdout=subprocess.PIPE, text=True,
+                              env=environment()) as watch:
+            patience = threading.Timer(120, watch.kill)
+            patience.start()
+            seen = [watch.stdout.readline().rstrip("\n") for _ in said[:-1]]
+            patience.cancel()
+            watch.kill()
+    assert len(seen) > 0
+    if not json_lines:
+        assert said[:-1] == seen and all(" [0] " in line and " [1] " in line for line in seen)
+        return
+    said, seen = [json.loads(line) for line in said[:-1]], [json.loads(line) for line in seen]
+    for line in said:
+        assert line.pop("sample") == line["to"]
+        if line["event"] == "modes":
+            assert line.pop("std") == {"frequency_hz": line["frequency_hz_std"],
+                                       "damping_ratio": line["damping_ratio_std"]}
+    assert said == seen

@@ -16,6 +16,7 @@ static const char *type_of(const struct scene_key *key)
     case SCENE_TEXT:    return "text";
     case SCENE_NUMBERS: return "a list of numbers";
     case SCENE_DOF:     return "a dof";
+    case SCENE_ENDS:    return "weights by dof name";
     case SCENE_WORD:    return "one of";
     default:            return NULL;
     }

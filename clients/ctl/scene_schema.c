@@ -34,7 +34,7 @@ static cJSON *value_of(const struct scene_key *key)
     static const char *const types[] = {
         [SCENE_NUMBER] = "number", [SCENE_WHOLE] = "integer", [SCENE_TRUTH] = "boolean",
         [SCENE_TEXT] = "string", [SCENE_DOF] = "string", [SCENE_NUMBERS] = "number",
-        [SCENE_WORD] = NULL, [SCENE_OWN] = NULL,
+        [SCENE_WORD] = NULL, [SCENE_ENDS] = "object", [SCENE_OWN] = NULL,
     };
     cJSON *o;
 
@@ -45,6 +45,11 @@ static cJSON *value_of(const struct scene_key *key)
                                                                                 NULL })
                                     : cJSON_CreateObject();
     o = schema_type(types[key->type], false);
+    if (key->type == SCENE_ENDS) {
+        cJSON_AddItemToObject(o, "additionalProperties", schema_type("number", false));
+        cJSON_AddNumberToObject(o, "minProperties", 1);
+        cJSON_AddNumberToObject(o, "maxProperties", LAW_ENDS_MOST);
+    }
     if (key->type == SCENE_NUMBER || key->type == SCENE_WHOLE || key->type == SCENE_NUMBERS)
         add_range(o, key->low, key->high);
     return key->type == SCENE_NUMBERS ? schema_list(o) : o;

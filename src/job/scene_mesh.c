@@ -58,35 +58,43 @@ static int place_of(const struct remesh *r, const char *name, long *node)
     return 0;
 }
 
-/* The member KEY of ITEM, where it names a dof of the old mesh, names its place on the new one. */
-static enum modal_status move_name(const struct remesh *r, cJSON *item, const char *key,
-                                   struct modal_error *err)
+/* *NAME, on the heap, where it is of a dof of the old mesh, becomes its place on the new one. */
+static enum modal_status move_name(const struct remesh *r, char **name, struct modal_error *err)
 {
-    cJSON *name = cJSON_GetObjectItemCaseSensitive(item, key);
     long node = 0;
-    char text[NAME_MOST];
-    int per = cJSON_IsString(name) ? place_of(r, name->valuestring, &node) : 0;
+    char text[NAME_MOST], *moved;
+    int per = place_of(r, *name, &node);
 
     if (per == 0 || node > (long)per * r->from)
         return MODAL_OK;
     if (node * r->to % r->from != 0)
         return modal_fail_field(err, MODAL_BAD_INPUT, "elements",
-                                "%s of %d elements lies between the nodes of %d", name->valuestring,
-                                r->from, r->to);
-    snprintf(text, sizeof text, "%.*s%ld", (int)strcspn(name->valuestring, "0123456789"),
-             name->valuestring, node * r->to / r->from);
-    return cJSON_SetValuestring(name, text) != NULL ? MODAL_OK : no_memory(err);
+                                "%s of %d elements lies between the nodes of %d", *name, r->from,
+                                r->to);
+    snprintf(text, sizeof text, "%.*s%ld", (int)strcspn(*name, "0123456789"), *name,
+             node * r->to / r->from);
+    if ((moved = cJSON_malloc(strlen(text) + 1)) == NULL)
+        return no_memory(err);
+    cJSON_free(*name);
+    *name = strcpy(moved, text);
+    return MODAL_OK;
 }
 
 static enum modal_status move_names(const struct remesh *r, cJSON *list, struct modal_error *err)
 {
     static const char *const keys[] = { "dof", "to", "normal", "tangential" };
     enum modal_status rc = MODAL_OK;
-    cJSON *item;
+    cJSON *item, *weight;
 
-    cJSON_ArrayForEach(item, list)
-        for (size_t k = 0; rc == MODAL_OK && k < sizeof keys / sizeof *keys; k++)
-            rc = move_name(r, item, keys[k], err);
+    cJSON_ArrayForEach(item, list) {
+        for (size_t k = 0; rc == MODAL_OK && k < sizeof keys / sizeof *keys; k++) {
+            cJSON *name = cJSON_GetObjectItemCaseSensitive(item, keys[k]);
+            rc = cJSON_IsString(name) ? move_name(r, &name->valuestring, err) : MODAL_OK;
+        }
+        cJSON_ArrayForEach(weight, cJSON_GetObjectItemCaseSensitive(item, "direction"))
+            if (rc == MODAL_OK)
+                rc = move_name(r, &weight->string, err);
+    }
     return rc;
 }
 

@@ -233,12 +233,8 @@ static enum modal_status check_curve(const struct steady_settings *s, struct mod
 static void mark_ends(const struct program *p, bool *of)
 {
     for (int l = 0; l < p->laws; l++)
-        for (int j = 0; j < p->law[l].kind->inputs; j++) {
-            if (p->law[l].dof[j] >= 0)
-                of[p->law[l].dof[j]] = true;
-            if (p->law[l].to[j] >= 0)
-                of[p->law[l].to[j]] = true;
-        }
+        for (int e = 0; e < law_ends(&p->law[l]); e++)
+            of[p->law[l].end[e].dof] = true;
     for (int l = 0; l < p->loads; l++)
         of[p->load[l].dof] = true;
     for (int o = 0; p->outputs < p->n && o < p->outputs; o++)

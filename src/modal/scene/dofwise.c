@@ -15,8 +15,6 @@ enum {
     GROUND = -1,                     /* in place of a dof */
     NONE = -2,                       /* past the last of a thing's dofs */
     PARTS = 3,                       /* M, C, K, of cosines as of sines */
-    /* each of a law's ends with each other one */
-    PAIRS = 4 * LAW_INPUTS_MOST * LAW_INPUTS_MOST,
 };
 
 /* The one text of it here. */
@@ -57,18 +55,12 @@ static const struct sparse *coupling(const struct program *p, int i)
 /* Pairs of dofs that law L couples, into AT; how many. */
 static int law_pairs(const struct law *l, struct triplet *at)
 {
-    int ends[2 * LAW_INPUTS_MOST], count = 0, pairs = 0;
+    int count = law_ends(l), pairs = 0;
 
-    for (int k = 0; k < l->kind->inputs; k++) {
-        if (l->dof[k] >= 0)
-            ends[count++] = l->dof[k];
-        if (l->to[k] >= 0)
-            ends[count++] = l->to[k];
-    }
     for (int i = 0; i < count; i++)
         for (int j = 0; j < count; j++)
-            if (ends[i] != ends[j])
-                at[pairs++] = (struct triplet){ ends[i], ends[j], 1 };
+            if (l->end[i].dof != l->end[j].dof)
+                at[pairs++] = (struct triplet){ l->end[i].dof, l->end[j].dof, 1 };
     return pairs;
 }
 
@@ -76,11 +68,13 @@ static int law_pairs(const struct law *l, struct triplet *at)
 static enum modal_status make_graph(struct dofwise *f, struct modal_error *err)
 {
     const struct program *p = f->p;
-    size_t room = (size_t)p->laws * PAIRS + 1;
+    size_t room = 1;
     struct triplet *pair;
     int count = 0;
     enum modal_status rc;
 
+    for (int l = 0; l < p->laws; l++)
+        room += (size_t)law_ends(&p->law[l]) * (size_t)law_ends(&p->law[l]);
     for (int i = 0; coupling(p, i) != NULL; i++)
         room += coupling(p, i)->m > 0 ? 2 * (size_t)coupling(p, i)->start[coupling(p, i)->m] : 0;
     if (room > INT32_MAX || (pair = malloc(room * sizeof *pair)) == NULL)
@@ -120,12 +114,8 @@ static void list_by_dof(int n, int things, int (*owner)(const struct program *, 
 static int owner_of_law(const struct program *p, int law, int k)
 {
     const struct law *l = &p->law[law];
-    int dof;
 
-    if (k >= 2 * l->kind->inputs)
-        return NONE;
-    dof = k % 2 == 0 ? l->dof[k / 2] : l->to[k / 2];
-    return dof >= 0 ? dof : GROUND;
+    return k < law_ends(l) ? l->end[k].dof : NONE;
 }
 
 static int owner_of_load(const struct program *p, int load, int k)
@@ -159,12 +149,14 @@ static enum modal_status take_mass(struct dofwise *f, struct modal_error *err)
 static enum modal_status allocate(struct dofwise *f, struct modal_error *err)
 {
     const struct program *p = f->p;
-    size_t n = (size_t)f->n, laws = (size_t)p->laws;
+    size_t n = (size_t)f->n, laws = (size_t)p->laws, ends = 0;
 
+    for (int l = 0; l < p->laws; l++)
+        ends += (size_t)law_ends(&p->law[l]);
     f->force = workspace_zeros(&f->space, n, sizeof *f->force);
     f->solved = workspace_zeros(&f->space, n, sizeof *f->solved);
     f->law_start = workspace_zeros(&f->space, n + 1, sizeof *f->law_start);
-    f->law_of = workspace_zeros(&f->space, 2 * LAW_INPUTS_MOST * laws, sizeof *f->law_of);
+    f->law_of = workspace_zeros(&f->space, ends, sizeof *f->law_of);
     f->load_start = workspace_zeros(&f->space, n + 1, sizeof *f->load_start);
     f->load_of = workspace_zeros(&f->space, (size_t)p->loads, sizeof *f->load_of);
     f->memory = workspace_zeros(&f->space, laws, sizeof *f->memory);
@@ -336,8 +328,8 @@ static void inputs_of(const struct law *l, const double *x, const double *v, dou
                       double *rate)
 {
     for (int k = 0; k < l->kind->inputs; k++) {
-        d[k] = x[l->dof[k]] - (l->to[k] >= 0 ? x[l->to[k]] : 0);
-        rate[k] = v[l->dof[k]] - (l->to[k] >= 0 ? v[l->to[k]] : 0);
+        d[k] = law_sees(l, k, x);
+        rate[k] = law_sees(l, k, v);
     }
 }
 
@@ -361,9 +353,7 @@ static enum modal_status law_part(struct dofwise *f, int law, double t, const do
     watch->mixed |= out.regime != watch->regime;
     for (int k = 0; k < l->kind->inputs; k++) {
         watch->mixed |= rate[k] * watch->rate[k] < 0;
-        f->force[l->dof[k]] -= out.f[k];         /* it resists */
-        if (l->to[k] >= 0)
-            f->force[l->to[k]] += out.f[k];
+        law_push(l, k, -out.f[k], f->force);     /* it resists */
     }
     return rc;
 }

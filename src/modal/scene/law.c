@@ -12,8 +12,44 @@ void law_clear(struct law *law, const struct law_class *kind)
 {
     memset(law, 0, sizeof *law);
     law->kind = kind;
-    for (int i = 0; i < LAW_INPUTS_MOST; i++)
-        law->dof[i] = law->to[i] = -1;
+}
+
+bool law_add_ends(struct law *law, int input, const struct law_end *end, int count)
+{
+    int before = law->start[input];
+    struct law_end *more = realloc(law->end, ((size_t)before + (size_t)count + 1) * sizeof *more);
+
+    if (more == NULL)
+        return false;
+    law->end = more;
+    if (count > 0)
+        memcpy(more + before, end, (size_t)count * sizeof *end);
+    for (int i = input + 1; i <= LAW_INPUTS_MOST; i++)
+        law->start[i] = before + count;  /* later inputs have none yet */
+    return true;
+}
+
+int law_ends(const struct law *law) { return law->start[law->kind->inputs]; }
+
+double law_sees(const struct law *law, int input, const double *x)
+{
+    double sum = 0;
+
+    for (int e = law->start[input]; e < law->start[input + 1]; e++)
+        sum += law->end[e].weight * x[law->end[e].dof];
+    return sum;
+}
+
+void law_spread(const struct law *law, int i, int j, double gain, int n, double *K)
+{
+    for (int c = law->start[j]; c < law->start[j + 1]; c++)
+        law_push(law, i, gain * law->end[c].weight, K + (size_t)law->end[c].dof * (size_t)n);
+}
+
+void law_push(const struct law *law, int input, double force, double *out)
+{
+    for (int e = law->start[input]; e < law->start[input + 1]; e++)
+        out[law->end[e].dof] += law->end[e].weight * force;
 }
 
 enum modal_status law_check(const char *what, double value, double low, struct modal_error *err)
@@ -30,5 +66,6 @@ void law_done(struct law *law)
         law->kind->free(law);
     else
         free(law->data);
+    free(law->end);
     memset(law, 0, sizeof *law);
 }

@@ -1,9 +1,10 @@
 /* law.h - a local nonlinear force: one table of functions a kind, the same for steady states and
  * for stepping
  *
- * A law reads the relative displacements d[i] = x[dof[i]] - x[to[i]] (to = -1: ground) and their
- * rates, and gives the forces f[i] with which it resists: (1) of program.h has +f on dof[i], -f on
- * to[i].
+ * A law reads displacements along given directions, d[i] = sum over the ends of input i of weight
+ * x[dof], and their rates, and gives the forces f[i] with which it resists: (1) of program.h has
+ * +weight f[i] on each of those dofs.  Between two dofs the ends are (dof, 1) and (to, -1); the
+ * ground is no end.
  */
 #ifndef MODAL_LAW_H
 #define MODAL_LAW_H
@@ -13,6 +14,7 @@
 
 enum {
     LAW_INPUTS_MOST = 2,               /* a contact in the plane */
+    LAW_ENDS_MOST = 64,                /* of an input; chosen: each is coupled with each other */
     LAW_TERMS_MOST = 64,               /* sliders, coefficients; chosen: each is summed each time */
     LAW_SOURCE_MOST = 65536,           /* bytes, chosen: a thousand lines of a user's law */
     LAW_LUA_MOST = 8 << 20,            /* bytes, chosen: hundreds of empty states */
@@ -68,10 +70,13 @@ struct law_class {
     void (*free)(struct law *law);    /* of law->data; NULL: free() */
 };
 
+struct law_end { int dof; double weight; };
+
 struct law {
     const struct law_class *kind;  /* NULL: no law */
     int effect;                       /* row of program.effect */
-    int dof[LAW_INPUTS_MOST], to[LAW_INPUTS_MOST];  /* -1: ground */
+    struct law_end *end;              /* of input i: end[start[i]] .. end[start[i + 1] - 1] */
+    int start[LAW_INPUTS_MOST + 1];
     int memory;                       /* doubles of state (iwan: one a slider) */
     int degree;                       /* of the force as a polynomial in d and v; 0: none */
     double limit;                     /* of friction: no force exceeds it, N; 0: of other laws */
@@ -79,10 +84,10 @@ struct law {
 };
 
 /*
- * Constructors: each fills *OUT but for `effect`, `dof` and `to`, which the caller sets (it preset
- * to ground, -1). Numbers are copied.  Fails with MODAL_NO_MEMORY, or MODAL_BAD_INPUT where a
- * number is not finite or out of the range named here (the caller checks first to name a scene's
- * path; this is the last line).  law_done frees.
+ * Constructors: each fills *OUT but for `effect` and its ends, which the caller adds (until then
+ * it sees the ground alone). Numbers are copied.  Fails with MODAL_NO_MEMORY, or MODAL_BAD_INPUT
+ * where a number is not finite or out of the range named here (the caller checks first to name a
+ * scene's path; this is the last line).  law_done frees.
  */
 /* f = sum_i c[i] d^(i+1), i = 0 .. count-1; count <= LAW_TERMS_MOST.  (A cubic spring is {0, 0,
  * c}.) */
@@ -131,8 +136,20 @@ enum modal_status law_clearance(double gap, double stiffness, double dissipation
 enum modal_status law_lua(const char *source, size_t *together, struct law *out,
                           struct modal_error *err);
 
-/* Release law->data; the struct itself is the caller's. */
+/* Release law->data and its ends; the struct itself is the caller's. */
 void law_done(struct law *law);
+
+/* Ends of INPUT, whose earlier inputs have theirs already; copied.  False: no memory. */
+bool law_add_ends(struct law *law, int input, const struct law_end *end, int count);
+/* All ends, of every input. */
+int law_ends(const struct law *law);
+/* What INPUT sees of the dofs' X: sum of weight x. */
+double law_sees(const struct law *law, int input, const double *x);
+/* GAIN of force I by displacement J between their ends, into K, n x n by columns: K += gain w_i
+ * w_j^T. */
+void law_spread(const struct law *law, int i, int j, double gain, int n, double *K);
+/* FORCE on INPUT onto its ends: OUT[dof] += weight FORCE. */
+void law_push(const struct law *law, int input, double force, double *out);
 
 /* What constructors share: an empty law of KIND, and finiteness. */
 void law_clear(struct law *law, const struct law_class *kind);

@@ -24,12 +24,11 @@ static void motion(const struct leap *l, const struct law *law, double theta, do
     int n = l->of->n;
 
     for (int k = 0; k < law->kind->inputs; k++) {
-        d[k] = leap_value(l, law->dof[k], t);
-        v[k] = leap_value(l, n + law->dof[k], t);
-        if (law->to[k] < 0)          /* the ground */
-            continue;
-        d[k] -= leap_value(l, law->to[k], t);
-        v[k] -= leap_value(l, n + law->to[k], t);
+        d[k] = v[k] = 0;
+        for (int e = law->start[k]; e < law->start[k + 1]; e++) {
+            d[k] += law->end[e].weight * leap_value(l, law->end[e].dof, t);
+            v[k] += law->end[e].weight * leap_value(l, n + law->end[e].dof, t);
+        }
     }
 }
 

@@ -4,9 +4,13 @@
  * they are compressed, always in that order, so that a scene gives the same bits every time.
  */
 #include "modal/scene/lowering.h"
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include "modal/scene/scene.h"
+
+static const double WEIGHT_LEAST = 1e-150;  /* of an end: its square, which an entry has, */
+static const double WEIGHT_MOST = 1e150;    /* is a double */
 
 /* Grow an array that has COUNT of ROOM elements in use by one more; false: no memory. */
 static bool grow(struct lowering *l, void **x, int count, int *room, size_t size)
@@ -188,6 +192,16 @@ const cJSON *lowering_lists(const struct lowering *l, const char *type, const cJ
     return NULL;
 }
 
+/* MODAL_BAD_INPUT: NAME, at PATH, is no dof. */
+static enum modal_status no_dof(const struct lowering *l, const char *path, const char *name,
+                                struct modal_error *err)
+{
+    return modal_fail_field(err, MODAL_BAD_INPUT, path,
+                            "no dof \"%.40s\" in this structure; its dofs run from %s to %s", name,
+                            l->p->n > 0 ? l->p->dofs[0] : "-",
+                            l->p->n > 0 ? l->p->dofs[l->p->n - 1] : "-");
+}
+
 enum modal_status lowering_dof(const struct lowering *l, const cJSON *json, const char *base,
                                const char *key, int *dof, struct modal_error *err)
 {
@@ -204,25 +218,68 @@ enum modal_status lowering_dof(const struct lowering *l, const cJSON *json, cons
     int found = program_dof(l->p, name);
     if (found < 0) {
         json_path(path, base, key);
-        return modal_fail_field(err, MODAL_BAD_INPUT, path,
-                                "no dof \"%.40s\" in this structure; its dofs run from %s to %s",
-                                name, l->p->n > 0 ? l->p->dofs[0] : "-",
-                                l->p->n > 0 ? l->p->dofs[l->p->n - 1] : "-");
+        return no_dof(l, path, name, err);
     }
     *dof = found;
     return MODAL_OK;
+}
+
+/* ITEM, a weight at PATH, into *OUT. */
+static enum modal_status read_end(const struct lowering *l, const cJSON *item, const char *path,
+                                  struct law_end *out, struct modal_error *err)
+{
+    int dof = program_dof(l->p, item->string);  /* the ground is none: it does not move */
+    double weight = cJSON_IsNumber(item) ? item->valuedouble : 0;
+
+    if (dof < 0)
+        return no_dof(l, path, item->string, err);
+    if (!(fabs(weight) >= WEIGHT_LEAST && fabs(weight) <= WEIGHT_MOST))
+        return modal_fail_field(err, MODAL_BAD_INPUT, path,
+                                "%s must be a number that is not 0, of size %g to %g", path,
+                                WEIGHT_LEAST, WEIGHT_MOST);
+    *out = (struct law_end) { dof, weight };
+    return MODAL_OK;
+}
+
+enum modal_status lowering_ends(const struct lowering *l, const cJSON *json, const char *base,
+                                const char *key, struct scene_ends *out, struct modal_error *err)
+{
+    const cJSON *list = json_member(json, key), *item;
+    int count = cJSON_IsObject(list) ? cJSON_GetArraySize(list) : 0;
+    char where[128], path[128];
+    enum modal_status rc = MODAL_OK;
+
+    if (list == NULL)
+        return MODAL_OK;
+    json_path(where, base, key);
+    if (count < 1 || count > LAW_ENDS_MOST)
+        return modal_fail_field(err, count > 0 ? MODAL_TOO_LARGE : MODAL_BAD_INPUT, where,
+                                "%s has %d dofs; accepted: an object of 1 to %d weights by dof "
+                                "name", where, count, LAW_ENDS_MOST);
+    if ((out->x = malloc((size_t)count * sizeof *out->x)) == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "scene: out of memory");
+    cJSON_ArrayForEach(item, list) {
+        json_path(path, where, item->string);
+        if (rc == MODAL_OK)
+            rc = read_end(l, item, path, &out->x[out->count++], err);
+    }
+    return rc;
 }
 
 const char *const lowering_suffix[3] = { "", "_dot", "_ddot" };
 
 const struct scene_key lowering_ends_keys[] = {
     { "type", SCENE_TEXT, SCENE_ELSEWHERE, .means = "which effect it is" },
-    { "dof", SCENE_DOF, offsetof(struct local_ends, dof), .needed = true,
+    { "dof", SCENE_DOF, offsetof(struct local_ends, dof), .needed = true, .unless = "direction",
       .means = "on which the force acts, and whose displacement counts positive in d",
       .example = "\"x1\"" },
     { "to", SCENE_DOF, offsetof(struct local_ends, to), .otherwise = "\"ground\"",
       .means = "the other end, with the opposite force: d = x_dof - x_to",
       .example = "\"ground\"" },
+    { "direction", SCENE_ENDS, offsetof(struct local_ends, along), "",
+      .means = "in place of dof and to: d = sum of weight x_dof, and the force on each dof is its "
+               "weight times that of the law; not normalised",
+      .example = "{\"x1\": 1}" },
     { 0 },
 };
 
@@ -237,23 +294,29 @@ enum modal_status lowering_strain_rate(struct lowering *l, double mu, struct mod
     return MODAL_OK;
 }
 
-void lowering_between(struct lowering *l, int matrix, struct local_ends at, double value)
+void lowering_along(struct lowering *l, int matrix, struct scene_ends at, double value)
 {
-    if (value == 0)  /* no trace */
-        return;
-    lowering_add(l, matrix, at.dof, at.dof, value);
-    lowering_add(l, matrix, at.to, at.to, value);
-    lowering_add(l, matrix, at.dof, at.to, -value);  /* value [1 -1; -1 1] */
-    lowering_add(l, matrix, at.to, at.dof, -value);
+    for (int i = 0; value != 0 && i < at.count; i++)  /* of 0, no trace */
+        for (int j = 0; j < at.count; j++)
+            lowering_add(l, matrix, at.x[i].dof, at.x[j].dof, at.x[i].weight * at.x[j].weight
+                                                              * value);
 }
 
-void lowering_between_harmonic(struct lowering *l, int matrix, int k, struct local_ends at,
-                               double cosine, double sine)
+void lowering_along_harmonic(struct lowering *l, int matrix, int k, struct scene_ends at,
+                             double cosine, double sine)
 {
-    lowering_add_harmonic(l, matrix, k, at.dof, at.dof, cosine, sine);
-    lowering_add_harmonic(l, matrix, k, at.to, at.to, cosine, sine);
-    lowering_add_harmonic(l, matrix, k, at.dof, at.to, -cosine, -sine);
-    lowering_add_harmonic(l, matrix, k, at.to, at.dof, -cosine, -sine);
+    for (int i = 0; i < at.count; i++)
+        for (int j = 0; j < at.count; j++) {
+            double w = at.x[i].weight * at.x[j].weight;
+
+            lowering_add_harmonic(l, matrix, k, at.x[i].dof, at.x[j].dof, w * cosine, w * sine);
+        }
+}
+
+void lowering_place(struct lowering *l, struct law *law, int input, struct scene_ends at)
+{
+    if (!law_add_ends(law, input, at.x, at.count))
+        l->no_memory = true;  /* as adding any */
 }
 
 enum modal_status lowering_need_omega(const struct lowering *l, const char *who,

@@ -18,13 +18,13 @@
  *         const struct spring *s = e->values;
  *
  *         (void)err;
- *         lowering_between(l, PROGRAM_K, s->at, s->stiffness);
+ *         lowering_along(l, PROGRAM_K, s->at.along, s->stiffness);
  *         return MODAL_OK;
  *     }
  *
  *     const struct scene_effect_kind effect_spring = {
  *         .name = "spring", .keys = { lowering_ends_keys, keys }, .size = sizeof(struct spring),
- *         .law = "minus stiffness d on dof, d = x_dof - x_to", .lower = lower,
+ *         .law = "minus stiffness d on dof", .lower = lower,
  *     };
  *
  * and name the row in effects.c.  A structure is the same: one file, one row, one line in
@@ -154,8 +154,8 @@ void lowering_add_element(struct lowering *l, int matrix, int n, const int *inde
 int lowering_add_states(struct lowering *l, int count);
 /* An entry of E, A, Bx, Bv, Ba or F of program.h; index -1 and zeros add nothing. */
 void lowering_add_block(struct lowering *l, enum lowering_block block, int i, int j, double value);
-/* The law becomes the program's (LAW is emptied), with the effect being lowered; dof and to are
- * already set. */
+/* The law becomes the program's (LAW is emptied), with the effect being lowered; its ends are
+ * already placed. */
 void lowering_add_law(struct lowering *l, struct law *law);
 /* What a channel's name ends with that reads the 0th, 1st, 2nd derivative of what it is called
  * after. */
@@ -173,19 +173,28 @@ const cJSON *lowering_lists(const struct lowering *l, const char *type, const cJ
 enum modal_status lowering_dof(const struct lowering *l, const cJSON *json, const char *base,
                                const char *key, int *dof, struct modal_error *err);
 
-/* `type`, `dof` and `to` (default ground) of a local effect, whose values begin with the two ends;
- * that they differ is checked where this table is one of an effect's. */
-struct local_ends { int dof, to; };
+/* The weights by dof name that KEY of JSON has into *OUT, which stays empty where it is absent;
+ * free(out->x).  MODAL_BAD_INPUT for none, an unknown dof, or one of no weight; MODAL_TOO_LARGE
+ * past LAW_ENDS_MOST. */
+enum modal_status lowering_ends(const struct lowering *l, const cJSON *json, const char *base,
+                                const char *key, struct scene_ends *out, struct modal_error *err);
+
+/* `type`, and `dof` and `to` (default ground) or `direction` of a local effect, whose values begin
+ * with its ends.  `lower` reads `along` alone: where this table is one of an effect's, dof and to
+ * are checked and become their two ends there. */
+struct local_ends { int dof, to; struct scene_ends along; };
 extern const struct scene_key lowering_ends_keys[];
 
 /* C = mu K of the structure's elastic members, for the effect being lowered. */
 enum modal_status lowering_strain_rate(struct lowering *l, double mu, struct modal_error *err);
 
-/* value * [1 -1; -1 1] between the ends. */
-void lowering_between(struct lowering *l, int matrix, struct local_ends at, double value);
+/* value * w w^T of the ends' weights w: [1 -1; -1 1] between two dofs. */
+void lowering_along(struct lowering *l, int matrix, struct scene_ends at, double value);
 /* The same, pulsating: cosine cos(k Omega t) + sine sin(k Omega t). */
-void lowering_between_harmonic(struct lowering *l, int matrix, int k, struct local_ends at,
-                               double cosine, double sine);
+void lowering_along_harmonic(struct lowering *l, int matrix, int k, struct scene_ends at,
+                             double cosine, double sine);
+/* INPUT of LAW looks and pushes at AT; inputs in their order, before lowering_add_law. */
+void lowering_place(struct lowering *l, struct law *law, int input, struct scene_ends at);
 
 /* omega > 0, or MODAL_BAD_INPUT at "omega": for effects and loads that need it. */
 enum modal_status lowering_need_omega(const struct lowering *l, const char *who,

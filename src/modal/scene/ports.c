@@ -71,25 +71,19 @@ static enum modal_status fill_harmonics(struct ports *p, const int *index, struc
     return p->space.failed ? no_memory(err) : MODAL_OK;
 }
 
-/* Channel and probe C between dof and to. */
-static void connect(struct ports *p, int c, int dof, int to)
+/* Channel and probe C at END. */
+static void connect(struct ports *p, int c, struct law_end end)
 {
     const struct statespace *ss = p->ss;
-    size_t N = (size_t)ss->N, r = 2 * (size_t)p->probes, n = (size_t)ss->n;
-    int ends[2] = { dof, to };  /* + on dof, - on to */
+    size_t N = (size_t)ss->N, r = 2 * (size_t)p->probes, n = (size_t)ss->n, dof = (size_t)end.dof;
 
-    for (int e = 0; e < 2; e++) {
-        double sign = e == 0 ? 1 : -1;
-        if (ends[e] < 0)  /* the ground does not move */
-            continue;
-        for (size_t i = 0; i < N; i++)
-            /* a law's force resists */
-            p->U[i + (size_t)c * N] -= sign * ss->B[i + (size_t)ends[e] * N];
-        for (size_t j = 0; j < n; j++) {
-            double phi = sign * ss->phi[(size_t)ends[e] + j * n];
-            p->R[(size_t)c + j * r] += phi / ss->s[j];  /* y_1 = s q */
-            p->R[(size_t)(p->probes + c) + (n + j) * r] += phi;  /* y_2 = q' */
-        }
+    for (size_t i = 0; i < N; i++)
+        /* a law's force resists */
+        p->U[i + (size_t)c * N] -= end.weight * ss->B[i + dof * N];
+    for (size_t j = 0; j < n; j++) {
+        double phi = end.weight * ss->phi[dof + j * n];
+        p->R[(size_t)c + j * r] += phi / ss->s[j];  /* y_1 = s q */
+        p->R[(size_t)(p->probes + c) + (n + j) * r] += phi;  /* y_2 = q' */
     }
 }
 
@@ -103,8 +97,9 @@ static enum modal_status fill(struct ports *p, const int *index, struct modal_er
         const struct law *law = &program->law[i];
         p->law[i] = (struct port_law) { .law = law, .channel = channel, .memory = p->memory };
         p->memory += law->memory;  /* places one after the other */
-        for (int k = 0; k < law->kind->inputs; k++)
-            connect(p, channel++, law->dof[k], law->to[k]);  /* inputs of one law lie together */
+        for (int k = 0; k < law->kind->inputs; k++, channel++)  /* inputs of one law lie together */
+            for (int e = law->start[k]; e < law->start[k + 1]; e++)
+                connect(p, channel, law->end[e]);
         if (law->memory > LAW_MEMORY_MOST)
             return modal_fail_field(err, MODAL_TOO_LARGE, "effects",
                                     "a law remembers %d numbers; at most %d", law->memory,
@@ -112,7 +107,7 @@ static enum modal_status fill(struct ports *p, const int *index, struct modal_er
     }
     for (int i = 0; i < program->n; i++)
         if (index[i] >= 0)
-            connect(p, p->inputs + index[i], i, -1);
+            connect(p, p->inputs + index[i], (struct law_end) { i, 1 });
     return fill_harmonics(p, index, err);
 }
 

@@ -1,6 +1,6 @@
 /* ports.h - where a nonlinear program's forces act and look: channels of force, probes of motion
  *
- * A channel is one input of a law (force on its dof, the opposite on `to`), or one row of the
+ * A channel is one input of a law (force along its direction), or one row of the
  * pulsating stiffness and damping, which beside laws are forces like theirs.  A probe is what they
  * look at: a relative displacement and its rate. Laws are asked here and nowhere else, and counted.
  */

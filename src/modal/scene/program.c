@@ -69,9 +69,11 @@ static void add_law(struct sha256 *s, const struct law *law)
 {
     add_text(s, law->kind->name);
     add_int(s, law->effect);  /* which row it counts in */
-    for (int i = 0; i < law->kind->inputs; i++) {
-        add_int(s, law->dof[i]);
-        add_int(s, law->to[i]);
+    for (int i = 0; i < law->kind->inputs; i++)
+        add_int(s, law->start[i + 1]);
+    for (int e = 0; e < law_ends(law); e++) {
+        add_int(s, law->end[e].dof);
+        add_doubles(s, &law->end[e].weight, 1);
     }
     add_int(s, law->memory);
 }

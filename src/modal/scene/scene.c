@@ -142,18 +142,33 @@ static int written(const struct lowering *l)
     return count;
 }
 
-/* `dof` and `to` of a local effect, with which its values begin, are two places. */
-static enum modal_status check_ends(const struct scene_effect_kind *kind,
-                                    const struct scene_effect *e, struct modal_error *err)
+/* `dof` and `to` of a local effect, with which its values begin, are two places, and exclude a
+ * `direction`; they become its ends. */
+static enum modal_status make_ends(const struct scene_effect_kind *kind,
+                                   const struct scene_effect *e, struct modal_error *err)
 {
-    const struct local_ends *at = e->values;  /* where the first table says so */
+    struct local_ends *at = e->values;  /* where the first table says so */
+    bool both = json_member(e->json, "dof") != NULL || json_member(e->json, "to") != NULL;
     char where[128];
 
-    if (kind->keys[0] != lowering_ends_keys || at->dof != at->to)  /* the others have no two ends */
+    if (kind->keys[0] != lowering_ends_keys)  /* the others have no two ends */
         return MODAL_OK;
-    json_path(where, e->path, at->dof < 0 ? "dof" : "to");
-    return modal_fail_field(err, MODAL_BAD_INPUT, where,
-                            "%s: `dof` and `to` are one place; they must differ", e->path);
+    json_path(where, e->path, at->along.count > 0 ? "direction" : at->dof < 0 ? "dof" : "to");
+    if (at->along.count > 0)
+        return both ? modal_fail_field(err, MODAL_BAD_INPUT, where,
+                                       "%s stands beside `dof` or `to`; accepted: one of both",
+                                       where)
+                    : MODAL_OK;
+    if (at->dof == at->to)
+        return modal_fail_field(err, MODAL_BAD_INPUT, where,
+                                "%s: `dof` and `to` are one place; they must differ", e->path);
+    if ((at->along.x = malloc(2 * sizeof *at->along.x)) == NULL)
+        return no_memory(err);
+    if (at->dof >= 0)
+        at->along.x[at->along.count++] = (struct law_end) { at->dof, 1 };
+    if (at->to >= 0)
+        at->along.x[at->along.count++] = (struct law_end) { at->to, -1 };
+    return MODAL_OK;
 }
 
 /* E, of KIND, read and lowered. */
@@ -166,7 +181,7 @@ static enum modal_status lower_kind(struct lowering *l, const struct scene_effec
         return no_memory(err);
     rc = scene_keys_read(l, e->json, e->path, kind->keys, e->values, err);
     if (rc == MODAL_OK)
-        rc = check_ends(kind, e, err);
+        rc = make_ends(kind, e, err);
     if (rc == MODAL_OK)
         rc = kind->lower(l, e, err);
     scene_keys_free(kind->keys, e->values);

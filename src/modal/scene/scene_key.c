@@ -23,7 +23,8 @@ static const char *accepted(const struct scene_key *key)
         [SCENE_NUMBER] = "a number", [SCENE_WHOLE] = "a whole number",
         [SCENE_TRUTH] = "true, false", [SCENE_WORD] = "a string",
         [SCENE_TEXT] = "a string", [SCENE_NUMBERS] = "a list of numbers",
-        [SCENE_DOF] = "the name of a dof", [SCENE_OWN] = "a value",
+        [SCENE_DOF] = "the name of a dof", [SCENE_ENDS] = "weights by dof name",
+        [SCENE_OWN] = "a value",
     };
 
     return texts[key->type];
@@ -80,6 +81,8 @@ static enum modal_status read_value(const struct lowering *l, const cJSON *json,
     case SCENE_DOF:
         *(int *)to = -1;
         return lowering_dof(l, json, path, key->name, to, err);
+    case SCENE_ENDS:
+        return lowering_ends(l, json, path, key->name, to, err);
     case SCENE_OWN:
         *(const cJSON **)to = json_member(json, key->name);
         break;
@@ -103,7 +106,7 @@ static enum modal_status read_key(const struct lowering *l, const cJSON *json, c
         return MODAL_OK;
     enum modal_status rc = read_value(l, json, path, key, (char *)values + key->at, err);
     /* what is wrong with a dof is its name, whatever for */
-    return key->type == SCENE_DOF ? rc : explain(key, rc, err);
+    return key->type == SCENE_DOF || key->type == SCENE_ENDS ? rc : explain(key, rc, err);
 }
 
 /* Every key of JSON is in one of the tables. */
@@ -137,6 +140,8 @@ void scene_keys_free(const struct scene_key *const *tables, void *values)
         for (const struct scene_key *key = *tables; key->name != NULL; key++)
             if (key->type == SCENE_NUMBERS)
                 free(((struct scene_numbers *)((char *)values + key->at))->x);
+            else if (key->type == SCENE_ENDS)
+                free(((struct scene_ends *)((char *)values + key->at))->x);
 }
 
 enum modal_status scene_key_need(const cJSON *json, const char *path, const struct scene_key *keys,

@@ -13,6 +13,7 @@
 #include <stddef.h>
 #include "base/error.h"
 #include "base/json.h"
+#include "modal/scene/law.h"
 
 /* Ends of ranges, besides 0 and +-HUGE_VAL (any double: JSON has neither NaN nor infinity here). */
 /* the least that counts as > 0: its reciprocal is a double too */
@@ -27,12 +28,14 @@ enum scene_key_type {              /* and what the member is that such a key is 
     SCENE_TEXT,                    /* const char *, the scene's; absent: NULL */
     SCENE_NUMBERS,                 /* struct scene_numbers */
     SCENE_DOF,                     /* int: a dof of the structure; "ground" or absent: -1 */
+    SCENE_ENDS,                    /* struct scene_ends: weights by dof name */
     /* const cJSON *: a form of its own, read by its owner; absent: NULL */
     SCENE_OWN,
 };
 
 /* absent: NULL and 0; scene_keys_free frees */
 struct scene_numbers { double *x; size_t count; };
+struct scene_ends { struct law_end *x; int count; };
 
 /* `at` of a key that whoever asks for the table has read before, such as "type". */
 enum { SCENE_ELSEWHERE = -1 };

@@ -118,7 +118,7 @@ static enum modal_status find_events(struct sparse_motion *m, struct modal_error
 /* A dof to be walked on from, at DISTANCE from an event. */
 static int reach(struct sparse_motion *m, int dof, int distance, int count)
 {
-    if (dof < 0 || m->mark[dof] >= 0)
+    if (m->mark[dof] >= 0)
         return count;
     m->mark[dof] = distance;
     m->queue[count] = dof;
@@ -136,10 +136,8 @@ static void spread(struct sparse_motion *m)
     for (int i = 0; i < p->n; i++)
         m->mark[i] = m->f->mass == NULL && m->events > 0 ? 0 : -1;
     for (int l = 0; l < p->laws; l++)
-        for (int k = 0; m->event[l] <= 1 && k < p->law[l].kind->inputs; k++) {
-            count = reach(m, p->law[l].dof[k], 0, count);
-            count = reach(m, p->law[l].to[k], 0, count);
-        }
+        for (int e = 0; m->event[l] <= 1 && e < law_ends(&p->law[l]); e++)
+            count = reach(m, p->law[l].end[e].dof, 0, count);
     for (int at = 0; at < count; at++)
         for (int k = g->start[m->queue[at]];
              m->mark[m->queue[at]] < m->depth && k < g->start[m->queue[at] + 1]; k++)

@@ -90,6 +90,15 @@ static bool is_J_times(const struct program *p, const struct sparse *a, const st
     return true;
 }
 
+/* Its two inputs are a dof and its partner, each against the ground. */
+static bool turns_law(const struct program *p, const struct law *law)
+{
+    const struct law_end *end = law->end;
+
+    return law->kind->turns && law->start[1] == 1 && law->start[2] == 2 && end[0].weight == 1
+           && end[1].weight == 1 && end[1].dof == p->turn_partner[end[0].dof];
+}
+
 /* (1). */
 static bool turns(const struct program *p)
 {
@@ -101,8 +110,7 @@ static bool turns(const struct program *p)
         && !(fabs(h->k * p->omega - 2 * p->turn_speed) <= SAME_SPEED * p->turn_speed))
         return false;
     for (int i = 0; i < p->laws; i++)
-        if (!p->law[i].kind->turns || p->law[i].to[0] >= 0 || p->law[i].to[1] >= 0
-            || p->law[i].dof[1] != p->turn_partner[p->law[i].dof[0]])
+        if (!turns_law(p, &p->law[i]))
             return false;
     for (int q = 0; q < 3; q++)
         if (!commutes(p, &p->constant[q], 1)

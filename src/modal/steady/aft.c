@@ -54,13 +54,13 @@ static enum modal_status law_init(struct aft *w, struct aft_law *a, const struct
     a->law = law;
     a->exact = w->located && law->kind->pieces != NULL;
     a->memory = law->memory;
-    for (int j = 0; rc == MODAL_OK && j < inputs; j++) {
-        a->place[j] = law->dof[j] >= 0 ? place[law->dof[j]] : -1;
-        a->to[j] = law->to[j] >= 0 ? place[law->to[j]] : -1;
+    for (int j = 0; rc == MODAL_OK && j < inputs; j++)
         rc = orbit_init(&a->in[j], w->H, w->N, err);
-    }
     if (rc != MODAL_OK)
         return rc;
+    a->place = workspace_zeros(&w->space, (size_t)law_ends(law), sizeof *a->place);
+    for (int e = 0; a->place != NULL && e < law_ends(law); e++)
+        a->place[e] = place[law->end[e].dof];
     a->F = workspace_zeros(&w->space, n * (H + 1), sizeof *a->F);
     a->gain = workspace_zeros(&w->space, n * n * (2 * H + 1), sizeof *a->gain);
     a->damp = workspace_zeros(&w->space, n * n * (2 * H + 1), sizeof *a->damp);
@@ -194,15 +194,18 @@ static bool finite_motion(const double complex *X, size_t count)
     return true;
 }
 
-/* The relative displacements of a law's inputs: dof less `to`, with their samples. */
+/* The displacements of a law's inputs, along their directions, with their samples. */
 static void set_motion(struct aft *w, struct aft_law *a, const double complex *X)
 {
     int K = w->H + 1;
 
     for (int j = 0; j < a->law->kind->inputs; j++) {
-        for (int k = 0; k < K; k++)
-            a->in[j].D[k] = (a->place[j] >= 0 ? X[a->place[j] * K + k] : 0)
-                            - (a->to[j] >= 0 ? X[a->to[j] * K + k] : 0);
+        double complex *D = a->in[j].D;
+
+        memset(D, 0, (size_t)K * sizeof *D);
+        for (int e = a->law->start[j]; e < a->law->start[j + 1]; e++)
+            for (int k = 0; k < K; k++)
+                D[k] += a->law->end[e].weight * X[a->place[e] * K + k];
         orbit_sample(&a->in[j], w->grid, w->omega);
     }
 }
@@ -225,18 +228,14 @@ static enum modal_status law_forces(struct aft *w, struct aft_law *a, struct mod
     return MODAL_OK;
 }
 
-/* A law's forces onto its dofs, the opposite on `to`. */
-static void scatter_force(const struct aft *w, const struct aft_law *a, const double complex *f,
-                          int K, double complex *F)
+/* A law's forces onto its dofs. */
+static void scatter_force(const struct aft_law *a, const double complex *f, int K,
+                          double complex *F)
 {
-    (void)w;
     for (int i = 0; i < a->law->kind->inputs; i++)
-        for (int k = 0; k < K; k++) {
-            if (a->place[i] >= 0)
-                F[a->place[i] * K + k] += f[i * K + k];  /* on the dof */
-            if (a->to[i] >= 0)
-                F[a->to[i] * K + k] -= f[i * K + k];    /* and against `to` */
-        }
+        for (int e = a->law->start[i]; e < a->law->start[i + 1]; e++)
+            for (int k = 0; k < K; k++)
+                F[a->place[e] * K + k] += a->law->end[e].weight * f[i * K + k];
 }
 
 enum modal_status aft_force(struct aft *w, double omega, const double complex *X, double complex *F,
@@ -257,7 +256,7 @@ enum modal_status aft_force(struct aft *w, double omega, const double complex *X
         return rc;
     memset(F, 0, count * sizeof *F);
     for (int i = 0; i < w->laws; i++)
-        scatter_force(w, &w->law[i], w->law[i].F, w->H + 1, F);
+        scatter_force(&w->law[i], w->law[i].F, w->H + 1, F);
     return finite_motion(F, count) ? MODAL_OK
                                    : modal_fail(err, MODAL_OVERFLOW, "aft: a force is not finite");
 }

@@ -140,21 +140,30 @@ static void level_blocks(struct aft *w, const struct aft_law *a, int i, int j)
     }
 }
 
-/* w->block, signed, onto the dofs (row, column) of the target; nothing acts on the ground. */
-static void add_block(const struct aft *w, double sign, int row, int column,
+/* w->block, weighed, onto the dofs (row, column) of the target. */
+static void add_block(const struct aft *w, double weight, int row, int column,
                       const struct aft_target *into)
 {
     int n = 2 * w->HJ + 1;
 
-    if (row < 0 || column < 0)
-        return;
     for (int c = 0; c < n; c++) {
         double *out = into->column(into->context, row, column, c);
         const double *in = w->block + (size_t)c * (size_t)n;
 
         for (int r = 0; r < n; r++)
-            out[r] += sign * in[r];
+            out[r] += weight * in[r];
     }
+}
+
+/* w->block, of force i by displacement j, onto the ends of both. */
+static void add_ends(const struct aft *w, const struct aft_law *a, int i, int j,
+                     const struct aft_target *into)
+{
+    const struct law *law = a->law;
+
+    for (int r = law->start[i]; r < law->start[i + 1]; r++)
+        for (int c = law->start[j]; c < law->start[j + 1]; c++)
+            add_block(w, law->end[r].weight * law->end[c].weight, a->place[r], a->place[c], into);
 }
 
 enum modal_status aft_add_derivative(struct aft *w, const struct aft_target *into,
@@ -179,11 +188,7 @@ enum modal_status aft_add_derivative(struct aft *w, const struct aft_target *int
 
                 gain_block(w, a->gain + at, a->damp + at);
                 level_blocks(w, a, i, j);
-                /* relative displacements: + - - + */
-                add_block(w, 1, a->place[i], a->place[j], into);
-                add_block(w, -1, a->place[i], a->to[j], into);
-                add_block(w, -1, a->to[i], a->place[j], into);
-                add_block(w, 1, a->to[i], a->to[j], into);
+                add_ends(w, a, i, j, into);
             }
     }
     return rc;

@@ -12,7 +12,7 @@ static const double TWO_PI = 6.283185307179586477;   /* a period of theta */
 /* One law: its motion, its force, and what its derivative is made of. */
 struct aft_law {
     const struct law *law;
-    int place[LAW_INPUTS_MOST], to[LAW_INPUTS_MOST];   /* retained dofs, or -1 */
+    int *place;                             /* of each end of the law: its retained dof */
     struct orbit in[LAW_INPUTS_MOST];
     struct law_pieces pieces;               /* of the last force, where exact */
     bool exact, acts, undetermined;         /* has pieces; in the last force: acted, one of many */

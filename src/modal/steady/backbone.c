@@ -110,14 +110,7 @@ static enum modal_status stiffness_at_rest(const struct backbone *b, double *K,
         rc = law->kind->force(law, &at, &f, err);
         for (int i = 0; rc == MODAL_OK && i < law->kind->inputs; i++)
             for (int j = 0; j < law->kind->inputs; j++)
-                for (int side = 0; side < 4; side++) {
-                    int row = side < 2 ? law->dof[i] : law->to[i],
-                        column = side % 2 == 0 ? law->dof[j] : law->to[j];
-
-                    if (row >= 0 && column >= 0)
-                        /* relative displacements: + - - + */
-                        K[column * n + row] += (side == 0 || side == 3 ? 1 : -1) * f.fd[i][j];
-                }
+                law_spread(law, i, j, f.fd[i][j], n, K);
     }
     return rc;
 }

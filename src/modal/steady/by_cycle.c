@@ -134,11 +134,11 @@ static void add_forces(const struct steady *s, const struct cycle *c, int i, dou
 {
     for (int l = 0; l < s->p->laws; l++) {
         const double *f = c->force + (size_t)l * CYCLE_SAMPLES;
-        int dof = condense_dofs(s->c)[i],
-            sign = (s->p->law[l].dof[0] == dof) - (s->p->law[l].to[0] == dof);
+        const struct law *law = &s->p->law[l];
 
-        for (int j = 0; sign != 0 && j < CYCLE_SAMPLES; j++)
-            r[j] += sign * f[j];
+        for (int e = 0; e < law->start[1]; e++)
+            for (int j = 0; law->end[e].dof == condense_dofs(s->c)[i] && j < CYCLE_SAMPLES; j++)
+                r[j] += law->end[e].weight * f[j];
     }
 }
 

@@ -57,12 +57,8 @@ static void mark(const struct sparse *a, int *place)
 static void mark_nonlinear(const struct program *p, int *place)
 {
     for (int l = 0; l < p->laws; l++)
-        for (int j = 0; j < p->law[l].kind->inputs; j++) {
-            if (p->law[l].dof[j] >= 0)
-                place[p->law[l].dof[j]] = 1;
-            if (p->law[l].to[j] >= 0)
-                place[p->law[l].to[j]] = 1;
-        }
+        for (int e = 0; e < law_ends(&p->law[l]); e++)
+            place[p->law[l].end[e].dof] = 1;
     for (int h = 0; h < p->harmonics; h++)
         for (int t = 0; t < 3; t++) {
             mark(&p->harmonic[h].cosine[t], place);

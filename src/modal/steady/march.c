@@ -95,12 +95,6 @@ static enum modal_status march_init(struct march *w, struct modal_error *err)
                     : MODAL_OK;
 }
 
-/* The displacement (or rate) that input J of a law sees: of its dof against `to`. */
-static double relative(const struct law *law, int j, const double *x)
-{
-    return (law->dof[j] >= 0 ? x[law->dof[j]] : 0) - (law->to[j] >= 0 ? x[law->to[j]] : 0);
-}
-
 /* The laws' forces subtracted from w->force; memory after into w->m_next. */
 static enum modal_status law_forces(struct march *w, double t, const double *y,
                                     struct modal_error *err)
@@ -115,19 +109,15 @@ static enum modal_status law_forces(struct march *w, double t, const double *y,
         enum modal_status rc;
 
         for (int j = 0; j < law->kind->inputs; j++) {
-            d[j] = relative(law, j, y);
-            v[j] = relative(law, j, y + w->n);
+            d[j] = law_sees(law, j, y);
+            v[j] = law_sees(law, j, y + w->n);
         }
         /* memory from the step's start, so that stages repeat */
         rc = law->kind->force(law, &point, &f, err);
         if (rc != MODAL_OK)
             return rc;
-        for (int j = 0; j < law->kind->inputs; j++) {
-            if (law->dof[j] >= 0)
-                w->force[law->dof[j]] -= f.f[j];
-            if (law->to[j] >= 0)
-                w->force[law->to[j]] += f.f[j];
-        }
+        for (int j = 0; j < law->kind->inputs; j++)
+            law_push(law, j, -f.f[j], w->force);
         w->evaluations++;
         at += law->memory;
     }
@@ -195,7 +185,7 @@ static enum modal_status commit(struct march *w, double t, struct modal_error *e
     memcpy(w->m, w->m_next, (size_t)w->memory * sizeof *w->m);
     for (int l = 0; l < w->p->laws; l++)
         for (int j = 0; j < w->p->law[l].kind->inputs; j++)
-            w->start_d[l * LAW_INPUTS_MOST + j] = relative(&w->p->law[l], j, w->y);
+            w->start_d[l * LAW_INPUTS_MOST + j] = law_sees(&w->p->law[l], j, w->y);
     for (int i = 0; rc == MODAL_OK && i < w->states; i++)
         if (!isfinite(w->y[i]))
             return modal_fail(err, MODAL_OVERFLOW,
@@ -346,7 +336,7 @@ static void put_state(struct march *w, const double *s)
     memcpy(w->m, s + w->states, (size_t)w->memory * sizeof *s);
     for (int l = 0; l < w->p->laws; l++)
         for (int j = 0; j < w->p->law[l].kind->inputs; j++)
-            w->start_d[l * LAW_INPUTS_MOST + j] = relative(&w->p->law[l], j, w->y);
+            w->start_d[l * LAW_INPUTS_MOST + j] = law_sees(&w->p->law[l], j, w->y);
 }
 
 /* Newton's method on the period map, after two periods of marching. */

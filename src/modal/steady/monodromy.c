@@ -153,8 +153,8 @@ static enum modal_status law_motions(struct monodromy *m, struct modal_error *er
 
             rc = orbit_init(o, H, N, err);
             for (int k = 0; rc == MODAL_OK && k < K; k++)
-                o->D[k] = (law->dof[j] >= 0 ? m->X[place[law->dof[j]] * K + k] : 0)
-                        - (law->to[j] >= 0 ? m->X[place[law->to[j]] * K + k] : 0);
+                for (int e = law->start[j]; e < law->start[j + 1]; e++)
+                    o->D[k] += law->end[e].weight * m->X[place[law->end[e].dof] * K + k];
             if (rc == MODAL_OK)
                 orbit_sample(o, g, m->point->omega);    /* turns are sought between samples */
             if (rc == MODAL_OK && law->kind->pieces != NULL)
@@ -244,8 +244,9 @@ static bool covers(const struct law_piece *piece, double theta)
 }
 
 /* Slopes of law l at theta, and for each slider whether it sticks there (its gain, else 0). */
-static enum modal_status slopes(struct monodromy *m, int l, double theta, double gd[2][2],
-                                double gv[2][2], double *held, struct modal_error *err)
+static enum modal_status slopes(struct monodromy *m, int l, double theta,
+                                double gd[][LAW_INPUTS_MOST], double gv[][LAW_INPUTS_MOST],
+                                double *held, struct modal_error *err)
 {
     const struct law *law = &m->p->law[l];
     const struct orbit *o = &m->in[l * LAW_INPUTS_MOST];
@@ -257,8 +258,8 @@ static enum modal_status slopes(struct monodromy *m, int l, double theta, double
     struct law_force f = { .memory = memory };
     enum modal_status rc;
 
-    memset(gd, 0, 4 * sizeof(double));
-    memset(gv, 0, 4 * sizeof(double));
+    memset(gd, 0, LAW_INPUTS_MOST * sizeof *gd);
+    memset(gv, 0, LAW_INPUTS_MOST * sizeof *gv);
     for (int i = 0; i < law->memory && m->exact[l]; i++)
         held[i] = 0;
     for (int j = 0; (m->varies || !m->exact[l]) && j < law->kind->inputs; j++) {
@@ -295,15 +296,15 @@ static enum modal_status slopes(struct monodromy *m, int l, double theta, double
 }
 
 /* column c of (omega^2 M)^-1 B, sign included, added times -value into rows of y'' */
-static void force_column(struct monodromy *m, double *A, int dof, int to, int column, double value)
+static void force_column(struct monodromy *m, double *A, const struct law *law, int column,
+                         double value)
 {
-    int n = m->n, order = m->order;
+    int n = m->n, order = m->order, last = law->kind->inputs - 1;  /* what its sliders resist */
 
-    for (int i = 0; i < n; i++) {
-        double b = (dof >= 0 ? m->Minv[dof * n + i] : 0) - (to >= 0 ? m->Minv[to * n + i] : 0);
-
-        A[(size_t)column * (size_t)order + (size_t)(n + i)] -= b * value;  /* rows of y'' */
-    }
+    for (int e = law->start[last]; e < law->start[last + 1]; e++)
+        for (int i = 0; i < n; i++)
+            A[(size_t)column * (size_t)order + (size_t)(n + i)] -=  /* rows of y'' */
+                law->end[e].weight * m->Minv[law->end[e].dof * n + i] * value;
 }
 
 /* The periodic matrices at theta onto K and omega C. */
@@ -360,27 +361,20 @@ static enum modal_status build(struct monodromy *m, double theta, double *A,
     periodic_part(m, theta, K, C);
     for (int l = 0; rc == MODAL_OK && l < m->p->laws; l++) {
         const struct law *law = &m->p->law[l];
-        double gd[2][2], gv[2][2];
+        double gd[LAW_INPUTS_MOST][LAW_INPUTS_MOST], gv[LAW_INPUTS_MOST][LAW_INPUTS_MOST];
 
         rc = slopes(m, l, theta, gd, gv, held, err);
         for (int i = 0; i < law->kind->inputs; i++)
             for (int j = 0; j < law->kind->inputs; j++)
-                for (int side = 0; side < 4; side++) {
-                    int row = side < 2 ? law->dof[i] : law->to[i],
-                        column = side % 2 == 0 ? law->dof[j] : law->to[j];
-                    double sign = side == 0 || side == 3 ? 1 : -1;
-
-                    if (row < 0 || column < 0)
-                        continue;
+                {
                     /* K + sum B g_d B^T of stability.h, (1) */
-                    K[column * n + row] += sign * gd[i][j];
+                    law_spread(law, i, j, gd[i][j], n, K);
                     /* omega (C + sum B g_v B^T) */
-                    C[column * n + row] += sign * m->point->omega * gv[i][j];
+                    law_spread(law, i, j, m->point->omega * gv[i][j], n, C);
                 }
         for (int e = 0; m->exact[l] && e < law->memory; e++)
             if (held[e] != 0)
-                force_column(m, A, law->dof[law->kind->inputs - 1], law->to[law->kind->inputs - 1],
-                             2 * n + m->nz + m->first_slider[l] + e, held[e]);
+                force_column(m, A, law, 2 * n + m->nz + m->first_slider[l] + e, held[e]);
     }
     for (int i = 0; i < n; i++)
         A[(size_t)(n + i) * (size_t)order + (size_t)i] = 1;  /* dy/dtheta */
@@ -544,9 +538,7 @@ static void at_cut(struct monodromy *m, double theta)
                 double sum = 0;
 
                 for (int j = 0; piece->holds && j < inputs; j++)
-                    sum += piece->ref[j]
-                           * ((law->dof[j] >= 0 ? m->map[c * order + law->dof[j]] : 0)
-                              - (law->to[j] >= 0 ? m->map[c * order + law->to[j]] : 0));
+                    sum += piece->ref[j] * law_sees(law, j, m->map + c * order);
                 m->map[c * order + row] = piece->holds ? sum / gain : 0;  /* c / gain */
             }
         }

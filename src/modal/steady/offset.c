@@ -37,10 +37,13 @@ struct held {
 /* The relative displacement of law L at sample J. */
 static double at(const struct ports *p, const struct offset_motion *m, int l, int j)
 {
-    int dof = p->law[l].law->dof[0], to = p->law[l].law->to[0];
+    const struct law *law = p->law[l].law;
+    double sum = 0;
 
-    return (dof >= 0 ? m->x[(size_t)dof * (size_t)m->samples + (size_t)j] : 0)
-           - (to >= 0 ? m->x[(size_t)to * (size_t)m->samples + (size_t)j] : 0);
+    for (int e = 0; e < law->start[1]; e++)
+        sum += law->end[e].weight
+               * m->x[(size_t)law->end[e].dof * (size_t)m->samples + (size_t)j];
+    return sum;
 }
 
 /* max |x_i|. */

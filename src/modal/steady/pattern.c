@@ -40,15 +40,11 @@ static void add_matrix(struct pairs *p, const struct sparse *a, const int *place
 /* Every end of a law acts on every other, at all harmonics. */
 static void add_law(struct pairs *p, const struct law *law, const int *place)
 {
-    int at[2 * LAW_INPUTS_MOST], count = 0;
+    int count = law_ends(law);
 
-    for (int j = 0; j < law->kind->inputs; j++) {
-        at[count++] = law->dof[j] >= 0 ? place[law->dof[j]] : -1;
-        at[count++] = law->to[j] >= 0 ? place[law->to[j]] : -1;
-    }
     for (int i = 0; i < count; i++)
         for (int j = 0; j < count; j++)
-            add_pair(p, at[i], at[j], true);
+            add_pair(p, place[law->end[i].dof], place[law->end[j].dof], true);
 }
 
 /* All pairs of the program; only counted where there is no list yet. */
@@ -116,17 +112,14 @@ static int most_ends(const struct program *p, const int *place, int *count)
 
     for (int l = 0; l < p->laws; l++) {
         const struct law *law = &p->law[l];
-        int at[2 * LAW_INPUTS_MOST], ends = 0;
+        int ends = law_ends(law);
 
-        for (int j = 0; j < 2 * law->kind->inputs; j++) {
-            int dof = j % 2 == 0 ? law->dof[j / 2] : law->to[j / 2];
+        for (int e = 0; e < ends; e++) {
+            int at = place[law->end[e].dof];
 
-            if (dof >= 0 && place[dof] >= 0)
-                at[ends++] = place[dof];
+            if (at >= 0 && (count[at] += ends) > most)  /* every end pulls at this one */
+                most = count[at];
         }
-        for (int j = 0; j < ends; j++)
-            if ((count[at[j]] += ends) > most)          /* every end pulls at this one */
-                most = count[at[j]];
     }
     return most;
 }

@@ -35,8 +35,15 @@ static double fill(const struct program *p, double w, double complex *Lambda)
     return size;
 }
 
-/* v at a dof; the ground does not move. */
-static double complex at(const double complex *v, int dof) { return dof >= 0 ? v[dof] : 0; }
+/* v along input J of LAW. */
+static double complex along(const struct law *law, int j, const double complex *v)
+{
+    double complex sum = 0;
+
+    for (int e = law->start[j]; e < law->start[j + 1]; e++)
+        sum += law->end[e].weight * v[law->end[e].dof];
+    return sum;
+}
 
 /* The most that the laws can put against v; HUGE_VAL: no bound is known. */
 static double held(const struct program *p, int k, const double complex *v)
@@ -46,7 +53,7 @@ static double held(const struct program *p, int k, const double complex *v)
     for (int l = 0; l < p->laws; l++) {
         const struct law *law = &p->law[l];
         for (int j = 0; j < law->kind->inputs; j++) {
-            double reach = cabs(at(v, law->dof[j]) - at(v, law->to[j]));  /* |v^H a_l| */
+            double reach = cabs(along(law, j, v));      /* |v^H a_l| */
             if (reach > 0 && law->limit == 0)           /* no bound on its force */
                 return HUGE_VAL;
             most += (k > 0 ? 4 / M_PI : 1) * reach * law->limit;  /* 4 b / pi, or b */

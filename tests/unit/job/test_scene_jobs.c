@@ -553,14 +553,15 @@ static void job_signals(const char *scene_json, const char *options_json, struct
 /* The same mesh again is the same motion; the places of another keep their names. */
 TEST(another_mesh_keeps_places_and_names)
 {
-#define SHAFT \
+#define SHAFT_WITH(spring) \
     "{'structure':{'type':'shaft','length':1,'elements':4,'EI':[98,175],'mass_per_length':2,'" \
     "speed':20,'disk':{'position':0.5,'mass':5,'radius':0.1}}," \
     "'effects':[{'type':'bearing','at':'left','transverse':2e4},{'type':'bearing','at':'right','" \
-    "transverse':2e4},{'type':'spring','dof':'y1','to':'y3','stiffness':10}]," \
+    "transverse':2e4},{'type':'spring'," spring ",'stiffness':1e4}]," \
     "'excitation':[{'dof':'z2','type':'half_sine','amplitude':1,'duration':0.05}],'initial':{'x':" \
     "{'y2':0.01,'sy0':0.02}},'time':{'dt':0.01,'duration':0.2}}"
-    struct job_result own, same, finer;
+#define SHAFT SHAFT_WITH("'dof':'y1','to':'y3'")
+    struct job_result own, same, finer, along;
 
     job_signals(SHAFT, "{}", &own);
     job_signals(SHAFT, "{'elements':4}", &same);
@@ -570,9 +571,13 @@ TEST(another_mesh_keeps_places_and_names)
         CHECK(strcmp(own.batch.names[i], finer.batch.names[i]) == 0);
     for (size_t i = 0; i < own.batch.samples * 20; i++)
         CHECK(own.signals[i] == same.signals[i]);
+    job_signals(SHAFT_WITH("'direction':{'y1':1,'y3':-1}"), "{'elements':8}", &along);
+    for (size_t i = 0; i < own.batch.samples * 20; i++)
+        CHECK_NEAR(along.signals[i], finer.signals[i], 1e-12);
     job_result_done(&own);
     job_result_done(&same);
     job_result_done(&finer);
+    job_result_done(&along);
     struct modal_error err;
     cJSON_Delete(job("simulate", SHAFT, "{'elements':3}", MODAL_BAD_INPUT, &err));
     CHECK_STRING(err.field, "elements");

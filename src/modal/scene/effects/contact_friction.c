@@ -52,9 +52,10 @@ static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
                                                 s->tangential_stiffness, s->mu, &law, err);
     if (rc != MODAL_OK)
         return rc;
-    law.dof[1] = s->tangential;
-    law.to[1] = -1;
-    return local_law_add(l, e, rc, (struct local_ends) { s->normal, -1 }, &law, err);
+    lowering_place(l, &law, 0, (struct scene_ends) { &(struct law_end) { s->normal, 1 }, 1 });
+    lowering_place(l, &law, 1, (struct scene_ends) { &(struct law_end) { s->tangential, 1 }, 1 });
+    lowering_add_law(l, &law);
+    return MODAL_OK;
 }
 
 const struct scene_effect_kind effect_contact_friction = {

@@ -4,19 +4,38 @@
  * Two of them side by side hold as one of both limits; nothing says how they share it.  The
  * second's law is the first's.
  */
+#include <float.h>
+#include <math.h>
 #include "modal/scene/effects/local_law.h"
 
-/* The rigid friction that already acts between the same dofs, or NULL. */
-static struct law *beside(struct lowering *l, struct local_ends at)
-{
-    for (int i = 0; i < l->p->laws; i++) {
-        struct law *law = &l->p->law[i];
+static const double SAME = 4 * DBL_EPSILON;  /* of two products of two numbers each */
 
-        if (law->kind->set_valued
-            && ((law->dof[0] == at.dof && law->to[0] == at.to)
-                || (law->dof[0] == at.to && law->to[0] == at.dof)))
-            return law;
+/* How often the direction of LAW fits into AT, of either sign; 0: they are not parallel. */
+static double ratio(const struct law *law, struct scene_ends at)
+{
+    double found = 0;
+
+    for (int i = 0; i < at.count; i++) {
+        int e = 0;
+
+        while (e < law->start[1] && law->end[e].dof != at.x[i].dof)
+            e++;
+        if (at.count != law->start[1] || e == law->start[1])
+            return 0;
+        if (i == 0)
+            found = at.x[i].weight / law->end[e].weight;
+        if (fabs(found * law->end[e].weight - at.x[i].weight) > SAME * fabs(at.x[i].weight))
+            return 0;
     }
+    return fabs(found);
+}
+
+/* The rigid friction that already acts along the same direction, or NULL. */
+static struct law *beside(struct lowering *l, struct scene_ends at)
+{
+    for (int i = 0; i < l->p->laws; i++)
+        if (l->p->law[i].kind->set_valued && ratio(&l->p->law[i], at) > 0)
+            return &l->p->law[i];
     return NULL;
 }
 
@@ -30,8 +49,7 @@ static enum modal_status strengthen(struct lowering *l, struct law *law, double 
     if (rc != MODAL_OK)
         return rc;
     sum.effect = law->effect;  /* the first's row goes on counting */
-    sum.dof[0] = law->dof[0];
-    sum.to[0] = law->to[0];
+    lowering_place(l, &sum, 0, (struct scene_ends) { law->end, law->start[1] });
     law_done(law);
     *law = sum;
     l->p->effect[l->effect].carrier = sum.effect + 1;
@@ -52,13 +70,13 @@ static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
                                struct modal_error *err)
 {
     const struct coulomb *s = e->values;
-    struct law law;
+    struct law law, *same = beside(l, s->at.along);
 
     if (s->limit == 0)
         return MODAL_OK;
-    if (beside(l, s->at) != NULL)
-        return strengthen(l, beside(l, s->at), s->limit, err);
-    return local_law_add(l, e, law_coulomb(s->limit, &law, err), s->at, &law, err);
+    if (same != NULL)  /* limit sign(r d') r on the first's direction, d' its rate */
+        return strengthen(l, same, s->limit * ratio(same, s->at.along), err);
+    return local_law_add(l, e, law_coulomb(s->limit, &law, err), s->at.along, &law, err);
 }
 
 const struct scene_effect_kind effect_coulomb = {

@@ -23,7 +23,7 @@ static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
 
     if (s->coefficient == 0)
         return MODAL_OK;
-    return local_law_add(l, e, law_polynomial_spring(c, 3, &law, err), s->at, &law, err);
+    return local_law_add(l, e, law_polynomial_spring(c, 3, &law, err), s->at.along, &law, err);
 }
 
 const struct scene_effect_kind effect_cubic_spring = {

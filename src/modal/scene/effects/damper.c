@@ -19,7 +19,7 @@ static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
     const struct damper *s = e->values;
 
     (void)err;
-    lowering_between(l, PROGRAM_C, s->at, s->coefficient);
+    lowering_along(l, PROGRAM_C, s->at.along, s->coefficient);
     return MODAL_OK;
 }
 

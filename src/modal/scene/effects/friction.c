@@ -26,7 +26,8 @@ static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
 
     if (s->stiffness == 0 || s->limit == 0)
         return MODAL_OK;
-    return local_law_add(l, e, law_jenkins(s->stiffness, s->limit, &law, err), s->at, &law, err);
+    return local_law_add(l, e, law_jenkins(s->stiffness, s->limit, &law, err), s->at.along,
+                         &law, err);
 }
 
 const struct scene_effect_kind effect_friction = {

@@ -38,7 +38,7 @@ static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
     if (s->stiffness == 0)
         return MODAL_OK;
     return local_law_add(l, e, law_gap(s->stiffness, s->clearance, s->dissipation, s->both_sides,
-                                       &law, err), s->at, &law, err);
+                                       &law, err), s->at.along, &law, err);
 }
 
 const struct scene_effect_kind effect_gap = {

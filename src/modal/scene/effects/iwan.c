@@ -47,7 +47,7 @@ static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
         }
     if (count == 0)
         return MODAL_OK;
-    return local_law_add(l, e, law_iwan(k, limit, count, &law, err), s->at, &law, err);
+    return local_law_add(l, e, law_iwan(k, limit, count, &law, err), s->at.along, &law, err);
 }
 
 const struct scene_effect_kind effect_iwan = {

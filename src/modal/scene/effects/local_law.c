@@ -1,13 +1,13 @@
 /* local_law.c - see local_law.h
  *
- * A local law is of one input, d between two ends; what its constructor refuses is told at the
+ * A local law is of one input, d along its ends; what its constructor refuses is told at the
  * effect's path, since the constructor knows only its own numbers.
  */
 #include "modal/scene/effects/local_law.h"
 #include <string.h>
 
 enum modal_status local_law_add(struct lowering *l, const struct scene_effect *e,
-                                enum modal_status rc, struct local_ends at, struct law *law,
+                                enum modal_status rc, struct scene_ends at, struct law *law,
                                 struct modal_error *err)
 {
     if (rc != MODAL_OK) {
@@ -19,8 +19,7 @@ enum modal_status local_law_add(struct lowering *l, const struct scene_effect *e
         }
         return rc;
     }
-    law->dof[0] = at.dof;  /* -1 for the ground */
-    law->to[0] = at.to;
+    lowering_place(l, law, 0, at);
     lowering_add_law(l, law);
     return MODAL_OK;
 }
@@ -43,7 +42,7 @@ enum modal_status local_law_polynomial(struct lowering *l, const struct scene_ef
     while (count > 1 && c[count - 1] == 0)
         count--;  /* trailing zeros are no terms */
     if (count > 1)
-        return local_law_add(l, e, make(c, (int)count, &law, err), s->at, &law, err);
-    lowering_between(l, matrix, s->at, c[0]);
+        return local_law_add(l, e, make(c, (int)count, &law, err), s->at.along, &law, err);
+    lowering_along(l, matrix, s->at.along, c[0]);
     return MODAL_OK;
 }

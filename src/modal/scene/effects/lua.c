@@ -27,7 +27,8 @@ static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
     if (strlen(s->source) > LAW_SOURCE_MOST)
         return modal_fail_field(err, MODAL_TOO_LARGE, where, "%s has %zu bytes; at most %d", where,
                                 strlen(s->source), LAW_SOURCE_MOST);
-    return local_law_add(l, e, law_lua(s->source, &l->p->lua_bytes, &law, err), s->at, &law, err);
+    return local_law_add(l, e, law_lua(s->source, &l->p->lua_bytes, &law, err), s->at.along, &law,
+                         err);
 }
 
 const struct scene_effect_kind effect_lua = {

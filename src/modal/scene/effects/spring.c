@@ -19,7 +19,7 @@ static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
     const struct spring *s = e->values;
 
     (void)err;
-    lowering_between(l, PROGRAM_K, s->at, s->stiffness);
+    lowering_along(l, PROGRAM_K, s->at.along, s->stiffness);
     return MODAL_OK;
 }
 

@@ -53,10 +53,13 @@ static enum modal_status add_elements(struct lowering *l, int matrix, size_t n,
                                 "%s has %zu numbers; %zu masses take %zu, "
                                 "ground to ground",
                                 where, k->count, n, n + 1);
-    for (size_t i = 0; i < k->count; i++)
+    for (size_t i = 0; i < k->count; i++) {
+        struct law_end end[2] = { { (int)i, 1 }, { (int)i - 1, -1 } };
+
         /* masses -1 and n are the ground */
-        lowering_between(l, matrix, (struct local_ends){ i < n ? (int)i : -1, (int)i - 1 },
-                         k->x[i]);
+        lowering_along(l, matrix, i == n ? (struct scene_ends) { end + 1, 1 }
+                                         : (struct scene_ends) { end, i > 0 ? 2 : 1 }, k->x[i]);
+    }
     return MODAL_OK;
 }
 

@@ -89,8 +89,9 @@ enum modal_status shaft_add_clearance(struct lowering *l, int end, int y, int z,
 
     if (rc != MODAL_OK)
         return rc;
-    law.dof[0] = y;  /* inputs (y, z): law.h */
-    law.dof[1] = z;
+    lowering_place(l, &law, 0, (struct scene_ends) { &(struct law_end) { y, 1 }, 1 });
+    /* inputs (y, z): law.h */
+    lowering_place(l, &law, 1, (struct scene_ends) { &(struct law_end) { z, 1 }, 1 });
     l->effect = s->end[end].clearance.effect;  /* the row that lists it, not the structure */
     lowering_add_law(l, &law);
     l->effect = -1;

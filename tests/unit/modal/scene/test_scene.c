@@ -179,8 +179,10 @@ TEST(local_laws_sit_at_their_dofs_with_their_effects)
                                "{'type':'cubic_spring','dof':'x2','coefficient':0}]}");
 
     CHECK(p->laws == 2 && program_class(p) == PROGRAM_NONLINEAR && p->effects == 4);
-    CHECK(p->law[0].effect == 1 && p->law[0].dof[0] == 1 && p->law[0].to[0] == 0);
-    CHECK(p->law[1].effect == 2 && p->law[1].dof[0] == 0 && p->law[1].to[0] == -1);
+    CHECK(p->law[0].effect == 1 && law_ends(&p->law[0]) == 2 && law_ends(&p->law[1]) == 1);
+    CHECK(p->law[0].end[0].dof == 1 && p->law[0].end[0].weight == 1);
+    CHECK(p->law[0].end[1].dof == 0 && p->law[0].end[1].weight == -1);
+    CHECK(p->law[1].effect == 2 && p->law[1].end[0].dof == 0 && p->law[1].end[0].weight == 1);
     CHECK(p->effect[0].active && !p->effect[1].active && !p->effect[3].active);
     program_free(p);
 }

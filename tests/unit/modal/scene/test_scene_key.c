@@ -147,6 +147,8 @@ static void check_example(const struct scene_table *t, const struct scene_key *k
     cJSON *part = part_of(t), *value = NULL;
     struct modal_error err;
 
+    if (strcmp(key->name, "direction") == 0)              /* in place of both */
+        cJSON_DeleteItemFromObjectCaseSensitive(part, "dof");
     if (strcmp(key->name, "type") != 0) {
         if (json_read(key->example, strlen(key->example), &value, &err) != MODAL_OK)
             fail_msg("%s.%s: %s", called(t), key->name, err.message);
@@ -178,7 +180,7 @@ static void check_refusal(const struct scene_table *t, const struct scene_key *k
     struct modal_error err;
     const char *dot;
 
-    if (key->at == SCENE_ELSEWHERE || key->type == SCENE_OWN) {
+    if (key->at == SCENE_ELSEWHERE || key->type == SCENE_OWN || key->type == SCENE_ENDS) {
         cJSON_Delete(part);
         return;
     }

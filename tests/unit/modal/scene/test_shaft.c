@@ -353,8 +353,8 @@ static void rates(const struct motion *m, double t, const double *y, double *dy)
     struct law_force out = { .memory = NULL };
 
     for (int i = 0; i < 2; i++) {
-        d[i] = y[law->dof[i]];
-        v[i] = y[4 + law->dof[i]];
+        d[i] = y[law->end[i].dof];
+        v[i] = y[4 + law->end[i].dof];
     }
     CHECK(law->kind->force(law, &(struct law_point) { .t = t, .d = d, .v = v }, &out, NULL) ==
           MODAL_OK);
@@ -363,8 +363,8 @@ static void rates(const struct motion *m, double t, const double *y, double *dy)
         for (int j = 0; j < 4; j++)
             f[i] -= m->K[i + 4 * j] * y[j] + m->C[i + 4 * j] * y[4 + j];
     }
-    f[law->dof[0]] -= out.f[0];
-    f[law->dof[1]] -= out.f[1];
+    f[law->end[0].dof] -= out.f[0];
+    f[law->end[1].dof] -= out.f[1];
     f[program_dof(m->p, "z3")] += load * cos(W * t);
     f[program_dof(m->p, "y3")] += load * sin(W * t);
     for (int i = 0; i < 4; i++) {

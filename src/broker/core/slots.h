@@ -29,8 +29,9 @@ struct slots {
     struct slot at[SLOTS_MOST];
     int count;
     int windows;                          /* begun: their attempts have numbers of their own */
-    /* streams whose windows are due, the first has waited longest */
+    /* streams whose windows are due; up to `round_end` who had none in this round of turns */
     struct stream *due, **due_end; int due_count;
+    struct stream **round_end; int64_t round;
     int64_t windows_skipped;
     /* had of workers by windows and by jobs since both have waited for one, ns */
     int64_t windows_ns, jobs_ns;

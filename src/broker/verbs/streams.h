@@ -27,6 +27,7 @@ struct window {
     char *tracks;                         /* as the latest worker told them; NULL: nothing yet */
     bool running;                         /* a worker has it, or had it before it is told dead */
     bool queued; struct stream *behind;   /* among those that wait for a worker */
+    int64_t round;                        /* of turns, in which it had its latest window */
     uint64_t skipped;                     /* left out since the one told last */
     uint64_t here;                        /* no sample before this one is in `recent` */
     uint64_t epoch, from, to;             /* of the one that runs, or ran last */

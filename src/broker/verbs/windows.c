@@ -4,12 +4,12 @@
  *
  * A window is due when its last sample is on stable storage, every `hop` samples, and never over a
  * gap or an epoch.  Streams whose windows are due wait in one queue, and each gets its newest
- * window in its turn; what came due before is left out, and counted.  A window goes rather to the
- * worker that had the one before: that gets only what is new.  For this a worker looks through the
- * first quarter of the queue for its own, so that who waits there is passed by a third of a turn at
- * most.  Another worker takes it once the next one is due.  Windows go before jobs, being small,
- * unless these have had less than half of the workers.  One that kills its worker goes to another,
- * LIVE_DEATHS_MOST times.
+ * window in its turn; what came due before is left out, and counted.  Turns go round by round: who
+ * waits gets a window before anybody gets two, so that no stream has more than its share, whatever
+ * the order within a round.  That is free, and a window goes rather to the worker that had the one
+ * before: that gets only what is new.  Another takes it once the next one is due.  Windows go
+ * before jobs, being small, unless these have had less than half of the workers.  One that kills
+ * its worker goes to another, LIVE_DEATHS_MOST times.
  */
 #include "broker/core/slots.h"
 #include "broker/verbs/streams.h"
@@ -258,17 +258,30 @@ static bool is_awaited(const struct core *c, const struct stream *s)
         && (own->state == SLOT_IDLE || own->state == SLOT_TAKEN || own->live != NULL);
 }
 
+/* Behind who waits in this round; where it had its window in this round, in the next. */
+static void queue(struct core *c, struct stream *s)
+{
+    struct slots *slots = c->slots;
+    struct window *w = &s->window;
+    struct stream **link = w->round < slots->round ? slots->round_end : slots->due_end;
+
+    w->queued = true;
+    w->behind = *link;
+    if (slots->due_end == link)
+        slots->due_end = &w->behind;
+    if (w->round < slots->round)
+        slots->round_end = &w->behind;
+    *link = s;
+    slots->due_count++;
+}
+
 void window_offer(struct core *c, struct stream *s)
 {
     struct window *w = &s->window;
 
     if (w->queued || w->running || !is_due(s))
         return;
-    w->queued = true;
-    w->behind = NULL;
-    *c->slots->due_end = s;
-    c->slots->due_end = &w->behind;
-    c->slots->due_count++;
+    queue(c, s);
 }
 
 /* The stream at *LINK of the queue, out of it. */
@@ -279,6 +292,8 @@ static struct stream *unqueue(struct core *c, struct stream **link)
     *link = s->window.behind;
     if (c->slots->due_end == &s->window.behind)
         c->slots->due_end = link;
+    if (c->slots->round_end == &s->window.behind)
+        c->slots->round_end = link;
     s->window.queued = false;
     c->slots->due_count--;
     return s;
@@ -290,13 +305,23 @@ static bool is_late(const struct stream *s)
     return s->durable - s->window.next >= s->window.hop;
 }
 
-/* The stream whose turn it is, out of the queue: one that the worker of SLOT has, if it is among
- * the first quarter, else the first that this worker or none is to go on with. */
+/* Where nobody waits of this round, the next begins with all who wait. */
+static void begin_round(struct slots *slots)
+{
+    if (slots->round_end != &slots->due)
+        return;
+    slots->round++;
+    slots->round_end = slots->due_end;
+}
+
+/* The stream whose turn it is, out of the queue: of this round one that the worker of SLOT has,
+ * else the first of all that this worker or none is to go on with. */
 static struct stream *take_due(struct core *c, int slot)
 {
     struct stream **link = &c->slots->due, **found = NULL;
 
-    for (int n = 0; *link != NULL && (found == NULL || 4 * n < c->slots->due_count);) {
+    begin_round(c->slots);
+    for (; *link != NULL && (found == NULL || link != c->slots->round_end);) {
         struct stream *s = *link;
         if (!is_due(s)) {                          /* closed, or begun anew */
             unqueue(c, link);
@@ -309,9 +334,11 @@ static struct stream *take_due(struct core *c, int slot)
         if (found == NULL && (!is_awaited(c, s) || is_late(s)))
             found = link;
         link = &s->window.behind;
-        n++;
     }
-    return found != NULL ? unqueue(c, found) : NULL;
+    if (found == NULL)
+        return NULL;
+    (*found)->window.round = c->slots->round;
+    return unqueue(c, found);
 }
 
 /* The window that is due, as raw samples from *FIRST on: those before KNOWN are where they are

@@ -182,15 +182,6 @@ int program_dof(const struct program *p, const char *name)
     return -1;
 }
 
-/* The law's data; the array is the program's. */
-static void free_law(struct law *law)
-{
-    if (law->kind != NULL && law->kind->free != NULL)
-        law->kind->free(law);
-    else
-        free(law->data);
-}
-
 /* Constant, harmonic and of linear states. */
 static void free_matrices(struct program *p)
 {
@@ -219,7 +210,7 @@ void program_free(struct program *p)
         free(p->dofs[i]);
     free(p->dofs);
     for (int i = 0; i < p->laws; i++)
-        free_law(&p->law[i]);
+        law_done(&p->law[i]);
     free(p->law);
     for (int i = 0; i < p->loads; i++) {
         free(p->load[i].time);

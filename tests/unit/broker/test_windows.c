@@ -109,8 +109,8 @@ static void say(const char *version, const char *verb, const char *header, const
     struct wire_message m;
 
     CHECK(wire_open(frames, body != NULL ? 4 : 3, version, asks, &m, NULL) == MODAL_OK);
-    step((struct event) { .type = asks ? EVENT_REQUEST : EVENT_WORKER, .peer = asks, .slot = slot, .key = "",
-                          .message = &m, .body = blobs });
+    step((struct event) { .type = asks ? EVENT_REQUEST : EVENT_WORKER, .peer = asks,
+                          .slot = slot, .key = "", .message = &m, .body = blobs });
     wire_close(&m);
     blob_drop(blobs[0]);
 }
@@ -142,8 +142,8 @@ static void open_stream(const char *name, int window, int hop)
     char header[240];
 
     snprintf(header, sizeof header, "{\"id\":1,\"op\":\"open\",\"name\":\"%s\","
-             "\"channels\":1,\"dt\":0.5,\"window\":{\"samples\":%d,\"hop\":%d,\"options\":{}}}", name, window,
-             hop);
+             "\"channels\":1,\"dt\":0.5,\"window\":{\"samples\":%d,\"hop\":%d,\"options\":{}}}",
+             name, window, hop);
     say(WIRE_VERSION, "STREAM", header, NULL, 0);
 }
 
@@ -209,9 +209,9 @@ TEST(a_worker_cannot_put_another_streams_name_into_an_event_of_a_track)
 
 enum {
     STREAMS_MOST = 400, WINDOW = 32, HOP = 2,
-    COST = 5,                   /* ticks of a worker for a window that it goes on with, on average */
-    ANEW = 15 * COST,           /* for one that it has not */
-    OVERLOAD = 3,               /* that much of what the workers have is asked */
+    COST = 5,             /* ticks of a worker for a window that it goes on with, on average */
+    ANEW = 15 * COST,     /* for one that it has not */
+    OVERLOAD = 3,         /* that much of what the workers have is asked */
 };
 
 /* `worker`: where its window is; `had`: its windows since all of them have had one; `again`: those

@@ -36,8 +36,9 @@ static void report(const struct client_progress *progress, const char *what, dou
 
 const void *client_input_bytes(const struct client_input *input, size_t *length)
 {
-    *length = input->batch ? input->batch->samples * input->batch->channels * sizeof(double)
-                           : strlen(input->scene);
+    *length = input->upload  ? 0
+              : input->batch ? input->batch->samples * input->batch->channels * sizeof(double)
+                             : strlen(input->scene);
     return input->batch ? (const void *)input->batch->signals : input->scene;
 }
 
@@ -252,6 +253,8 @@ cJSON *client_submit_header(const struct client_job *job, const struct client_in
         cJSON_AddItemToObject(header, "options", cJSON_Duplicate(job->options, true));
     if (upload != NULL)
         cJSON_AddStringToObject(in, "upload", upload);
+    else if (input->upload != NULL)
+        cJSON_AddStringToObject(in, "upload", input->upload);
     else if (input->batch != NULL)
         describe(in, input);
     else
@@ -390,22 +393,22 @@ enum modal_status client_wait(struct link *link, const char *job,
     }
 }
 
-/* Bytes from OFFSET on, up to one frame of them. */
-static enum modal_status fetch(struct link *link, const char *job, const char *part, size_t offset,
+/* Bytes of WHAT (members of RESULT) from OFFSET on, up to one frame of them. */
+static enum modal_status fetch(struct link *link, const cJSON *what, size_t offset,
                                double deadline, struct link_message *answer, cJSON **detail,
                                struct modal_error *err)
 {
-    cJSON *header = job_header(job);
+    cJSON *header = cJSON_Duplicate(what, true);
 
-    cJSON_AddStringToObject(header, "part", part);
     cJSON_AddNumberToObject(header, "offset", (double)offset);
     return link_question(link, &(struct link_ask) { .verb = "RESULT", .header = header }, deadline,
                          answer, detail, err);
 }
 
-enum modal_status client_result(struct link *link, const char *job, const char *part,
-                                double deadline, char **bytes, size_t *length, cJSON **description,
-                                cJSON **detail, struct modal_error *err)
+/* All of WHAT, which is deleted. */
+static enum modal_status fetch_all(struct link *link, cJSON *what, double deadline, char **bytes,
+                                   size_t *length, cJSON **description, cJSON **detail,
+                                   struct modal_error *err)
 {
     size_t used = 0, total = 1;
     char *all = NULL;
@@ -413,13 +416,13 @@ enum modal_status client_result(struct link *link, const char *job, const char *
 
     while (rc == MODAL_OK && used < total) {
         struct link_message answer;
-        rc = fetch(link, job, part, used, deadline, &answer, detail, err);
+        rc = fetch(link, what, used, deadline, &answer, detail, err);
         if (rc != MODAL_OK)
             break;
         total = (size_t)number(answer.header, "total", 0);
         if (all == NULL && (all = malloc(total + 1)) == NULL)
-            rc = modal_fail(err, MODAL_NO_MEMORY, "no memory for %zu bytes of job %.64s", total,
-                            job);
+            rc = modal_fail(err, MODAL_NO_MEMORY, "no memory for %zu bytes of %.64s", total,
+                            text(what, cJSON_HasObjectItem(what, "job") ? "job" : "upload"));
         else if (used + answer.length > total || (answer.length == 0 && total > 0))
             rc = modal_fail(err, MODAL_BAD_FRAME,
                             "the daemon's answer to RESULT has %zu bytes at %zu of %zu",
@@ -432,6 +435,7 @@ enum modal_status client_result(struct link *link, const char *job, const char *
         }
         link_message_done(&answer);
     }
+    cJSON_Delete(what);
     if (rc != MODAL_OK) {
         free(all);
         return rc;
@@ -440,4 +444,25 @@ enum modal_status client_result(struct link *link, const char *job, const char *
     *bytes = all;
     *length = total;
     return MODAL_OK;
+}
+
+enum modal_status client_result(struct link *link, const char *job, const char *part,
+                                double deadline, char **bytes, size_t *length, cJSON **description,
+                                cJSON **detail, struct modal_error *err)
+{
+    cJSON *what = job_header(job);
+
+    cJSON_AddStringToObject(what, "part", part);
+    return fetch_all(link, what, deadline, bytes, length, description, detail, err);
+}
+
+enum modal_status client_stored(struct link *link, const char *upload, double deadline,
+                                char **bytes, size_t *length, cJSON **description, cJSON **detail,
+                                struct modal_error *err)
+{
+    cJSON *what = cJSON_CreateObject();
+
+    cJSON_AddStringToObject(what, "upload", upload);
+    cJSON_AddStringToObject(what, "part", "input");
+    return fetch_all(link, what, deadline, bytes, length, description, detail, err);
 }

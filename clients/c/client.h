@@ -15,6 +15,7 @@ struct client_input {
     const cJSON *attributes;         /* of a batch; or NULL */
     const char *scene;
     const char *sha256;              /* identity in hex (store/identity.h); NULL: is computed */
+    const char *upload;              /* what the daemon, which has it, calls it; NULL: it has not */
 };
 
 struct client_job {
@@ -71,6 +72,11 @@ bool client_ended(const cJSON *doc);
 enum modal_status client_result(struct link *link, const char *job, const char *part,
                                 double deadline, char **bytes, size_t *length, cJSON **description,
                                 cJSON **detail, struct modal_error *err);
+
+/* The bytes of the caller's sealed input UPLOAD, whole; as client_result. */
+enum modal_status client_stored(struct link *link, const char *upload, double deadline,
+                                char **bytes, size_t *length, cJSON **description, cJSON **detail,
+                                struct modal_error *err);
 
 /* Ask VERB with HEADER (taken over): the answer's header, and its body as text where there is
  * one; both the caller's. */

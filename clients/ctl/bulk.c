@@ -259,7 +259,7 @@ static enum modal_status item_text(struct bulk *b, size_t i, double deadline, ch
     job.deadline = get(line, "deadline_s", job.deadline);
     *in = remote_input(&b->input);
     header = client_submit_header(&job, in, b->upload[0] ? b->upload : NULL);
-    if (b->upload[0] == 0 && in->batch == NULL) {
+    if (b->upload[0] == 0 && in->scene != NULL) {
         size_t length;
         client_input_bytes(in, &length);
         cJSON_AddNumberToObject(cJSON_GetObjectItemCaseSensitive(header, "input"), "bytes",

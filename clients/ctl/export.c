@@ -1,9 +1,24 @@
-/* export.c - signals of a file, as identify reads them, to a file of ours */
+/* export.c - signals of a file, as identify reads them, of a stream or of a job, to a file of
+ * ours */
 #include <stdio.h>
 #include "input.h"
 #include "outcome.h"
 #include "output.h"
+#include "stored.h"
 #include "verbs.h"
+
+/* A file that is there goes before a job of that name. */
+static enum modal_status read_what(const struct args *args, struct input *input,
+                                   struct modal_error *err)
+{
+    enum modal_status rc;
+
+    if (!stored_is(args->word[1]))
+        return input_read("identify", NULL, args->word[1], args, input, err);
+    rc = stored_read(args->word[1], args, &input->signals, err);
+    input->batch = signals_batch(&input->signals);
+    return rc;
+}
 
 /* HDF5 keeps what else the file said; CSV has no place for it. */
 static enum modal_status write_signals(const struct input *input, const char *path,
@@ -52,7 +67,9 @@ int run_export(const struct verb *verb, const struct args *args)
                                                  "-O OUT.h5 or -O OUT.csv is needed")
                               : output_check(args->output, &err);
     if (rc == MODAL_OK)
-        rc = input_read("identify", NULL, args->word[1], args, &input, &err);
+        rc = output_check_place(args->output, "output", &err);
+    if (rc == MODAL_OK)
+        rc = read_what(args, &input, &err);
     if (rc == MODAL_OK && input.batch.dt == 0)
         rc = modal_fail_field(&err, MODAL_BAD_INPUT, "dt", "%.300s does not say its step; "
                               "accepted: --dt SECONDS", args->word[1]);

@@ -119,6 +119,7 @@ static enum modal_status check_of(const char *of, struct modal_error *err)
 enum modal_status input_read(const char *kind, const char *of, const char *path,
                              const struct args *args, struct input *out, struct modal_error *err)
 {
+    const char *stream = stored_stream(path);
     enum modal_status rc;
 
     *out = (struct input) { .options = args->options };
@@ -132,8 +133,9 @@ enum modal_status input_read(const char *kind, const char *of, const char *path,
     }
     if (rc == MODAL_OK)
         rc = wants_scene(out, of, path) ? read_scene(path, out, err)
+             : stream != NULL           ? stored_find(stream, args, out->stored, err)
                                         : read_batch(path, args, out, err);
-    if (rc == MODAL_OK)
+    if (rc == MODAL_OK && out->stored[0] == 0)
         hash(out);
     if (rc != MODAL_OK)
         input_done(out);

@@ -4,6 +4,7 @@
 #include "args.h"
 #include "job/job.h"
 #include "signals.h"
+#include "stored.h"
 
 struct input {
     const struct job_kind *kind;
@@ -14,12 +15,13 @@ struct input {
     cJSON *scene;
     char *scene_text;                /* as it is sent */
     char sha256[65];                 /* store/identity.h */
+    char stored[STORED_NAME_ROOM];   /* "stream:NAME": what the daemon calls its batch; else "" */
 };
 
 /*
- * Read PATH for a job of kind KIND; of a `tradeoff`, OF says what it is of (NULL: the option `of`,
- * else by the file).  input_done frees it.  MODAL_BAD_INPUT names "kind", "file" or what is wrong
- * inside.
+ * Read PATH, or find what "stream:NAME" is, for a job of kind KIND; of a `tradeoff`, OF says what
+ * it is of (NULL: the option `of`, else by the file).  input_done frees it.  MODAL_BAD_INPUT names
+ * "kind", "file" or what is wrong inside.
  */
 enum modal_status input_read(const char *kind, const char *of, const char *path,
                              const struct args *args, struct input *out, struct modal_error *err);

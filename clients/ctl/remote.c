@@ -49,9 +49,10 @@ const struct client_progress *remote_progress(void)
 
 struct client_input remote_input(const struct input *input)
 {
-    return (struct client_input){ .batch = input->scene ? NULL : &input->batch,
+    return (struct client_input){ .batch = input->scene || input->stored[0] ? NULL : &input->batch,
                                   .attributes = input->signals.attributes,
-                                  .scene = input->scene_text, .sha256 = input->sha256 };
+                                  .scene = input->scene_text, .sha256 = input->sha256,
+                                  .upload = input->stored[0] ? input->stored : NULL };
 }
 
 struct client_job remote_job(const struct input *input, const struct args *args, const char *key)
@@ -148,6 +149,19 @@ static enum modal_status read_description(const cJSON *description, size_t lengt
     return MODAL_OK;
 }
 
+enum modal_status remote_batch(const cJSON *description, char **bytes, size_t length,
+                               struct job_result *out, struct modal_error *err)
+{
+    enum modal_status rc = read_description(description, length, out, err);
+
+    if (rc != MODAL_OK)
+        return rc;
+    out->signals = (double *)(void *)*bytes;            /* malloc'ed: aligned */
+    out->batch.signals = out->signals;
+    *bytes = NULL;
+    return MODAL_OK;
+}
+
 enum modal_status remote_signals(struct link *link, const char *job, double deadline,
                                  struct job_result *out, cJSON **detail, struct modal_error *err)
 {
@@ -158,12 +172,7 @@ enum modal_status remote_signals(struct link *link, const char *job, double dead
                                          &description, detail, err);
 
     if (rc == MODAL_OK)
-        rc = read_description(description, length, out, err);
-    if (rc == MODAL_OK) {
-        out->signals = (double *)(void *)bytes;         /* malloc'ed: aligned */
-        out->batch.signals = out->signals;
-        bytes = NULL;
-    }
+        rc = remote_batch(description, &bytes, length, out, err);
     free(bytes);
     cJSON_Delete(description);
     return rc;

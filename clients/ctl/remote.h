@@ -30,6 +30,9 @@ enum modal_status remote_job_error(const cJSON *doc, cJSON **detail, struct moda
 /* Add "result" to a done job's document. */
 enum modal_status remote_add_result(struct link *link, cJSON *doc, double deadline, cJSON **detail,
                                     struct modal_error *err);
+/* LENGTH bytes at *BYTES, which are moved, with their DESCRIPTION as the batch of OUT. */
+enum modal_status remote_batch(const cJSON *description, char **bytes, size_t length,
+                               struct job_result *out, struct modal_error *err);
 /* Fetch the signals of JOB (`simulate`) into OUT. */
 enum modal_status remote_signals(struct link *link, const char *job, double deadline,
                                  struct job_result *out, cJSON **detail, struct modal_error *err);

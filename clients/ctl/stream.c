@@ -15,6 +15,7 @@
 #include "live_events.h"
 #include "modald_stream.h"
 #include "remote.h"
+#include "stored.h"
 #include "verbs.h"
 
 static const char *const verdicts[] = { "unknown", "stable", "unstable", "undecided" };
@@ -237,7 +238,9 @@ static enum modal_status push_file(const struct args *args, const char *name, st
                                        .ignore_time = args->ignore_time,
                                        .scale = args->scale };
     struct signals in = { 0 };
-    enum modal_status rc = signals_read(args->word[1], &options, &in, err);
+    enum modal_status rc = stored_stream(args->word[1]) != NULL
+                               ? stored_read(args->word[1], args, &in, err)
+                               : signals_read(args->word[1], &options, &in, err);
 
     if (rc == MODAL_OK && (*out = modald_open(name, (int)in.channels, in.dt)) == NULL)
         rc = modal_fail_field(err, MODAL_BAD_INPUT, "name",

@@ -529,9 +529,16 @@ static enum modal_status read_result(const struct wire_message *m, struct wire_r
                                      struct modal_error *err)
 {
     int part = WIRE_DOCUMENT;
-    enum modal_status rc = read_job(m->header, out, err);
+    bool of_job = json_member(m->header, "job") != NULL;
+    enum modal_status rc = get_text(m->header, "", "upload", 1, WIRE_ID_MOST, &out->result.upload,
+                                    err);
 
     out->result.length = WIRE_BODY_MOST;
+    if (rc == MODAL_OK && of_job && out->result.upload != NULL)
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "upload",
+                              "job and upload are both given; accepted: one of them");
+    if (rc == MODAL_OK && out->result.upload == NULL)
+        rc = read_job(m->header, out, err);
     if (rc == MODAL_OK)
         rc = json_get_choice(m->header, "", "part", wire_parts, &part, err);
     if (rc == MODAL_OK)
@@ -541,6 +548,10 @@ static enum modal_status read_result(const struct wire_message *m, struct wire_r
         rc = get_integer(m->header, "", "length", 1, WIRE_BODY_MOST, false, &out->result.length,
                          err);
     out->result.part = (enum wire_part)part;
+    if (rc == MODAL_OK && out->result.upload != NULL && part != WIRE_INPUT)
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "part",
+                              "part is \"%s\" of what no job made; accepted: \"input\"",
+                              wire_parts[part]);
     return rc;
 }
 
@@ -684,6 +695,22 @@ static enum modal_status read_stream(const struct wire_message *m, struct wire_r
     return rc;
 }
 
+static enum modal_status read_streams(const struct wire_message *m, struct wire_request *out,
+                                      struct modal_error *err)
+{
+    enum modal_status rc = get_text(m->header, "", "name", 1, WIRE_KEY_MOST, &out->streams.name,
+                                    err);
+
+    out->streams.limit = WIRE_PAGE_DEFAULT;
+    if (rc == MODAL_OK)
+        rc = json_get_int(m->header, "", "limit", 1, WIRE_PAGE_MOST, &out->streams.limit, err);
+    if (rc == MODAL_OK)
+        rc = get_text(m->header, "", "after", 1, WIRE_ID_MOST, &out->streams.after, err);
+    return rc == MODAL_OK
+               ? get_text(m->header, "", "user", 1, WIRE_NAME_MOST, &out->streams.user, err)
+               : rc;
+}
+
 /* The protocol's verbs, in the order of PROTOCOL.md. */
 static const struct row {
     const char *name;
@@ -705,7 +732,7 @@ static const struct row {
     [WIRE_WAIT]    = { "WAIT",    WIRE_ROLE_READ,   read_wait,     false,
         { "id", "job", "timeout_s", "result" } },
     [WIRE_RESULT]  = { "RESULT",  WIRE_ROLE_READ,   read_result,   false,
-        { "id", "job", "part", "offset", "length" } },
+        { "id", "job", "upload", "part", "offset", "length" } },
     [WIRE_CANCEL]  = { "CANCEL",  WIRE_ROLE_SUBMIT, read_only_job, false, { "id", "job" } },
     [WIRE_RETRY]   = { "RETRY",   WIRE_ROLE_SUBMIT, read_only_job, false, { "id", "job" } },
     [WIRE_DELETE]  = { "DELETE",  WIRE_ROLE_SUBMIT, read_only_job, false, { "id", "job" } },
@@ -721,6 +748,8 @@ static const struct row {
     [WIRE_STREAM]  = { "STREAM",  WIRE_ROLE_SUBMIT, read_stream,   true,
         { "id", "op", "name", "stream", "epoch", "first", "count", "crc32c", "broken", "window",
           DESCRIPTION } },
+    [WIRE_STREAMS] = { "STREAMS", WIRE_ROLE_READ,   read_streams,  false,
+        { "id", "name", "user", "limit", "after" } },
 };
 
 const char *wire_verb_name(enum wire_verb verb)

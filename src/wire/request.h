@@ -12,7 +12,7 @@ struct wire_message;
 enum wire_verb {
     WIRE_HELLO, WIRE_UPLOAD, WIRE_SUBMIT, WIRE_SUBMITS, WIRE_STATUS, WIRE_WAIT, WIRE_RESULT,
     WIRE_CANCEL, WIRE_RETRY, WIRE_DELETE, WIRE_LIST, WIRE_EVENTS, WIRE_STATS, WIRE_METRICS,
-    WIRE_WHOAMI, WIRE_DRAIN, WIRE_UNDRAIN, WIRE_STREAM, WIRE_VERB_COUNT
+    WIRE_WHOAMI, WIRE_DRAIN, WIRE_UNDRAIN, WIRE_STREAM, WIRE_STREAMS, WIRE_VERB_COUNT
 };
 
 /* Roles, each able to do what the ones before it can; a worker speaks on another endpoint. */
@@ -77,7 +77,11 @@ struct wire_request {
         } submit;
         struct { const cJSON *jobs; } submits;    /* array; see wire_part */
         struct { double timeout_s; bool result; } wait;
-        struct { enum wire_part part; uint64_t offset, length; } result;
+        struct {
+            enum wire_part part;
+            uint64_t offset, length;
+            const char *upload;       /* of an input, in place of a job; NULL: a job's */
+        } result;
         struct wire_list {
             int state;                /* -1: all */
             const char *kind, *after;
@@ -103,6 +107,12 @@ struct wire_request {
             uint32_t crc32c;
             bool broken;
         } stream;
+        struct wire_streams {
+            const char *name;         /* that one of the caller, or of `user`; NULL: all */
+            const char *user;         /* NULL: the caller; an admin: everybody */
+            const char *after;
+            int limit;
+        } streams;
     };
 };
 

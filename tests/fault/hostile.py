@@ -239,6 +239,7 @@ def fuzz(endpoint):
              "RESULT": {"job": "key:a", "offset": 0, "length": 9},
              "CANCEL": {"job": "key:a"}, "RETRY": {"job": "key:a"}, "DELETE": {"job": "key:a"},
              "LIST": {"limit": 9, "state": "done"}, "STATS": {}, "METRICS": {}, "WHOAMI": {},
+             "STREAMS": {"name": "f", "limit": 9},
              "EVENTS": {"from": 1, "job": "key:a"},
              "SUBMIT": {"kind": "identify", "options": {"rank.fixed": 2}, "input": described,
                         "key": "a", "run_limit_s": 1},

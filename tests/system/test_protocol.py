@@ -943,9 +943,10 @@ WRONG = [None, True, 0, -1, 1.5, 1e308, -1e308, 2**53, 2**53 + 2, "", "x", "x" *
          {"content": "batch"}, {"upload": "x"}, {"sha256": "0" * 64}, "\u00e9" * 100]
 MEMBERS = {
     "HELLO": ({}, "versions client"), "STATUS": ({"job": "key:a"}, "job"), "WAIT": ({"job": "key:a", "timeout_s": 0}, "job timeout_s result"),
-    "RESULT": ({"job": "key:a"}, "job part offset length"), "CANCEL": ({"job": "key:a"}, "job"), "RETRY": ({"job": "key:a"}, "job"),
+    "RESULT": ({"job": "key:a"}, "job upload part offset length"), "CANCEL": ({"job": "key:a"}, "job"), "RETRY": ({"job": "key:a"}, "job"),
     "DELETE": ({"job": "key:z"}, "job"), "LIST": ({}, "state kind limit after"), "EVENTS": ({}, "op from job stream subscription"),
     "STATS": ({}, ""), "METRICS": ({}, ""), "WHOAMI": ({}, ""),
+    "STREAMS": ({}, "name user limit after"),
     "SUBMIT": ({"kind": "identify", "options": {}}, "kind options input key priority run_limit_s deadline_s not_before max_attempts fresh"),
     "UPLOAD begin": ({"op": "begin", "content": "batch", "samples": 100, "channels": 2, "dt": 0.1},
                      "op content key sha256 samples channels dt period names units attributes bytes"),

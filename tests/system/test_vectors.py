@@ -187,8 +187,11 @@ def test_messages_of_whole_lives_meet_their_schemas():
         c.ask("STREAM", [data], op="push", stream=stream["stream"], epoch=0, first=500, count=400,
               crc32c=crc32c(data))
         assert c.ask("STREAM", op="close", stream=stream["stream"])["gaps"] == [[400, 500]]
-        for verb in ("STATS", "WHOAMI", "METRICS", "LIST"):
+        for verb in ("STATS", "WHOAMI", "METRICS", "LIST", "STREAMS"):
             assert c.ask(verb).ok
+        page = json.loads(c.ask("STREAMS", name="live").body[0])
+        jsonschema.validate(page, schema("streams.page"))
+        assert c.ask("RESULT", upload=page["streams"][0]["upload"], part="input", length=80).ok
         assert ({"event", "error", "upload.request", "stream.reply", "result.reply",
                  "submit.request"} <= c.checked)
         c.close()

@@ -161,7 +161,7 @@ class Batch:
 
 
 Scene = Mapping[str, Any]
-Input = Union[Batch, Scene]
+Input = Union[Batch, Scene, str]        # a str: "stream:NAME", the latest record of a stream
 
 
 @dataclass
@@ -281,6 +281,22 @@ class Client:
         text = _text(value)
         return {"content": "scene"}, memoryview(text), wire.scene_identity(text)
 
+    def _sealed(self, word: str) -> str:
+        """What the daemon calls the latest record of "stream:NAME"."""
+        if not word.startswith("stream:"):
+            raise Error("bad_input", f"{word[:60]!r} is no input; accepted: a Batch, a scene, "
+                        "\"stream:NAME\"; modald.read() reads a file", "input")
+        name = word.removeprefix("stream:")
+        is_open = False
+        for one in self.streams(name, limit=2):
+            if one["state"] == "sealed":
+                return str(one["upload"])
+            is_open = True
+        if is_open:
+            raise Error("conflict", f"stream {name[:60]!r} is open: it is a batch once it is "
+                        "closed", "stream")
+        raise Error("not_found", f"no stream {name[:60]!r} of yours is kept here", "stream")
+
     def upload(self, value: Input, timeout: float | None = None,
                progress: Progress | None = None) -> str:
         """Bring an input, resuming where an earlier try ended; its identity, to submit jobs on."""
@@ -361,6 +377,8 @@ class Client:
         header: Document = {"kind": kind}
         if options:
             header["options"] = options
+        if isinstance(value, str):
+            return {**header, "input": {"upload": self._sealed(value)}}, []
         if sha256 is not None:
             return {**header, "input": {"sha256": sha256}}, []
         if value is None:
@@ -527,6 +545,23 @@ class Client:
                 return
             header["after"] = page["next"]
 
+    def streams(self, name: str | None = None, user: str | None = None,
+                limit: int = 100) -> Iterator[Document]:
+        """Live and recent streams, the newest first, `limit` a page; those of `name`, of `user`.
+
+        Each has `name`, `user`, `state` ("open", "closing", "sealed"), `channels`, `dt` [s],
+        `samples`, `age_s`; an open one with a live window `verdict`, `lag` and `skipped`; a sealed
+        one `upload`, `sha256`, and `kept_s` until it goes where no job names it.
+        """
+        header: Document = {"limit": limit, **({"name": name} if name else {}),
+                            **({"user": user} if user else {})}
+        while True:
+            page = wire.loads(self.ask("STREAMS", header)[1][0])
+            yield from page["streams"]
+            if page["next"] is None:
+                return
+            header["after"] = page["next"]
+
     def events(self, start: int | None = None, job: str | None = None, stream: str | None = None,
                timeout: float | None = None) -> Iterator[Event]:
         """Events as they happen, over a connection of their own, of one `job` or `stream`.
@@ -620,16 +655,17 @@ class Client:
                 if job.state not in ENDED:
                     job.cancel()
 
-    def identify(self, signals: npt.ArrayLike | Batch, dt: float | None = None,
+    def identify(self, signals: npt.ArrayLike | Batch | str, dt: float | None = None,
                  options: Document | None = None, *,
                  period: float | None = None, names: Sequence[str] | None = None,
                  timeout: float | None = None, **limits: Any) -> Result:
         """Modes of `signals`, shape (samples,) or (samples, channels) at steps of `dt` s, or of a
-        Batch; `period` [s] of a periodic system, `names` of the channels.
+        Batch; `period` [s] of a periodic system, `names` of the channels.  "stream:NAME" is the
+        latest record of a stream, which the daemon has.
         """
         if isinstance(signals, Batch):
             _same_step(dt, signals.dt, "the batch")
-        else:
+        elif not isinstance(signals, str) or not signals.startswith("stream:"):
             if dt is None:
                 raise Error("bad_input", "dt is needed: seconds between samples", "dt")
             signals = Batch(_array(signals), dt, period, names)

@@ -133,11 +133,18 @@ void input_content(const uint8_t sha256[32], const cJSON *attributes, uint8_t co
     free(text);
 }
 
+/* And, by the attributes that sealing a stream gives, whose samples it is. */
 static void set_content(struct input *input)
 {
     cJSON *attributes = input->attributes == NULL ? NULL : cJSON_Parse(input->attributes);
+    const char *stream = cJSON_GetStringValue(
+        cJSON_GetObjectItemCaseSensitive(attributes, "stream"));
 
     input_content(input->sha256, attributes, input->content);
+    if (stream != NULL && cJSON_HasObjectItem(attributes, "first_sample")) {
+        free(input->stream);
+        input->stream = grab_text(stream);
+    }
     cJSON_Delete(attributes);
 }
 
@@ -298,6 +305,7 @@ void input_forget(struct core *c, struct input *input)
     free((void *)(uintptr_t)input->shape.names);
     free((void *)(uintptr_t)input->shape.units);
     free(input->attributes);
+    free(input->stream);
     region_drop(input);
 }
 

@@ -9,6 +9,7 @@ struct input {
     /* its texts are the input's own; names lie behind their list */
     struct input_shape shape;
     char *attributes;                     /* of `shape` */
+    char *stream;                         /* whose samples it is, once sealed; NULL: no stream's */
     uint64_t bytes;
     enum input_state state;
     uint8_t sha256[32];

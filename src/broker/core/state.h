@@ -329,6 +329,10 @@ void user_add_job(struct user *user, struct job *job);
 void user_drop_job(struct user *user, const struct job *job);
 /* Index of the first job with a larger id. */
 size_t user_seek(const struct user *user, int64_t id);
+/* Whose jobs or streams ASKER asks for by NAME (NULL: his own); NULL, and told to REPLY: he may
+ * not, or there is no such user. */
+const struct user *user_listed(struct core *c, const struct reply *reply,
+                               const struct user *asker, const char *name);
 /* What is left of the job of KEY; NULL: nothing. */
 struct tombstone *user_tombstone(const struct user *user, const char *key);
 /* The job of KEY went at EXPIRED_NS of UTC. */
@@ -435,7 +439,8 @@ void worker_error(const cJSON *error, struct modal_error *out);
 
 /* ---- waits.c: who waits for the end of a job, or for bytes that are read ---- */
 
-/* PART of JOB, [offset, offset + length) of what TYPE reads of ID, to REPLY. */
+/* PART of JOB, or where that is NULL of the input ID, [offset, offset + length) of what TYPE reads
+ * of ID, to REPLY. */
 struct task *read_for(struct core *c, const struct reply *reply, const struct job *job,
                       enum task_type type, int64_t id, const char *part);
 /* The doc of W's job, with its document where that was asked for and is small enough. */

@@ -239,6 +239,24 @@ void tombstones_sort(struct core *c)
     free(all);
 }
 
+const struct user *user_listed(struct core *c, const struct reply *reply,
+                               const struct user *asker, const char *name)
+{
+    if (name == NULL || strcmp(name, asker->name) == 0)
+        return asker;
+    if (asker->account->role != WIRE_ROLE_ADMIN) {
+        answer_fail(c, reply, MODAL_DENIED, "user", NULL,
+                    "what others have is an admin's to list");
+        return NULL;
+    }
+    for (size_t i = 0; i < c->user_count; i++)
+        if (strcmp(c->user_list[i]->name, name) == 0)
+            return c->user_list[i];
+    answer_fail(c, reply, MODAL_NOT_FOUND, "user", NULL, "no user \"%.60s\" has had jobs here",
+                name);
+    return NULL;
+}
+
 void tombstones_retain(struct core *c)
 {
     int64_t before_ns = c->now.utc_ns - c->settings.tombstone_age_ns;

@@ -15,7 +15,7 @@ struct task *read_for(struct core *c, const struct reply *reply, const struct jo
     struct task *task = task_new(type, id);
 
     task->after = after_new(AFTER_READ, reply);
-    task->after->value = job->id;
+    task->after->value = job != NULL ? job->id : 0;
     task->after->text = grab_text(part);
     core_task(c, task);
     return task;
@@ -179,17 +179,39 @@ static void store_sums(struct core *c, const struct task *task)
     core_commit(c, t);
 }
 
+/* Whose bytes they are, into HEADER: those of JOB, or of the input that TASK read. */
+static void add_origin(const struct core *c, const struct task *task, const struct job *job,
+                       cJSON *header)
+{
+    const char *part = task->after->text;
+    const struct input *input = job == NULL                ? input_by_id(c, task->id)
+                                : strcmp(part, "batch") == 0 ? job->output
+                                : strcmp(part, "input") == 0 ? job->input
+                                                             : NULL;
+    char ident[IDENT_TEXT];
+
+    if (job != NULL) {
+        job_ident(c, job, ident);
+        cJSON_AddStringToObject(header, "job", ident);
+    } else {
+        ident_text(ident, ~c->settings.secret, task->id);
+        cJSON_AddStringToObject(header, "upload", ident);
+    }
+    if (input != NULL)
+        input_describe(input, cJSON_AddObjectToObject(header, "batch"));
+}
+
 /* Bytes that were read for somebody: RESULT's, or a wait's document. */
 void read_task_done(struct core *c, struct task *task)
 {
     struct after *after = task->after;
-    struct job *job = job_by_id(c, after->value);
+    bool of_job = after->value != 0;
+    struct job *job = of_job ? job_by_id(c, after->value) : NULL;
     cJSON *header;
-    char ident[9];
 
     if (task->type == TASK_READ_SPOOL)
         store_sums(c, task);
-    if (job == NULL) {
+    if (of_job && job == NULL) {
         answer_fail(c, &after->reply, MODAL_NOT_FOUND, "job", NULL, "no such job of yours");
         return;
     }
@@ -202,15 +224,10 @@ void read_task_done(struct core *c, struct task *task)
         return;
     }
     header = answer_new(&after->reply);
-    job_ident(c, job, ident);
-    cJSON_AddStringToObject(header, "job", ident);
+    add_origin(c, task, job, header);
     cJSON_AddStringToObject(header, "part", after->text);
     cJSON_AddNumberToObject(header, "offset", (double)task->offset);
     cJSON_AddNumberToObject(header, "bytes", (double)task->text->size);
     cJSON_AddNumberToObject(header, "total", (double)task->total);
-    if (strcmp(after->text, "batch") == 0 && job->output != NULL)
-        input_describe(job->output, cJSON_AddObjectToObject(header, "batch"));
-    if (strcmp(after->text, "input") == 0)
-        input_describe(job->input, cJSON_AddObjectToObject(header, "batch"));
     answer_send(c, &after->reply, header, blob_share(task->text));
 }

@@ -183,7 +183,8 @@ static void answer_unfinished(struct core *c, const struct reply *reply, const s
                     job_states[job->shown]);
 }
 
-/* The task that reads INPUT, which may be NULL; NULL: answered. */
+/* The task that reads INPUT, which may be NULL, for JOB, or where that is NULL for itself; NULL:
+ * answered. */
 static struct task *read_signals(struct core *c, const struct reply *reply, const struct job *job,
                                  const struct input *input, const char *part)
 {
@@ -202,23 +203,51 @@ static struct task *read_signals(struct core *c, const struct reply *reply, cons
     return task;
 }
 
-static void on_result(struct core *c, const struct request *q)
+/* A sealed input of the caller's; NULL: answered. */
+static const struct input *input_named(struct core *c, const struct request *q)
 {
-    const struct job *job = q->job;
+    const struct input *input = input_by_id(c, ident_number(~c->settings.secret,
+                                                            q->wire.result.upload));
+
+    if (input != NULL && input->user == q->user && input->state == INPUT_SEALED && !input->going
+        && input->committed)
+        return input;
+    answer_fail(c, &q->reply, MODAL_NOT_FOUND, "upload", NULL, "no such sealed input of yours");
+    return NULL;
+}
+
+static struct task *read_input(struct core *c, const struct request *q)
+{
+    const struct input *input = input_named(c, q);
+
+    return input == NULL ? NULL
+                         : read_signals(c, &q->reply, NULL, input, wire_parts[WIRE_INPUT]);
+}
+
+static struct task *read_part(struct core *c, const struct request *q)
+{
+    const struct job *job = need_job(c, q);
     enum wire_part wanted = q->wire.result.part;
     const char *part = wire_parts[wanted];
-    struct task *task = NULL;
 
+    if (job == NULL)
+        return NULL;
     if (wanted == WIRE_STDERR)
-        task = read_for(c, &q->reply, job, TASK_READ_STDERR, job->id, part);
-    else if (wanted != WIRE_INPUT && job->shown != JOB_DONE)
+        return read_for(c, &q->reply, job, TASK_READ_STDERR, job->id, part);
+    if (wanted != WIRE_INPUT && job->shown != JOB_DONE) {
         answer_unfinished(c, &q->reply, job);
-    else if (wanted == WIRE_DOCUMENT)
-        task = read_for(c, &q->reply, job, TASK_READ_RESULT,
+        return NULL;
+    }
+    if (wanted == WIRE_DOCUMENT)
+        return read_for(c, &q->reply, job, TASK_READ_RESULT,
                         job->source != 0 ? job->source : job->id, part);
-    else
-        task = read_signals(c, &q->reply, job, wanted == WIRE_INPUT ? job->input : job->output,
-                            part);
+    return read_signals(c, &q->reply, job, wanted == WIRE_INPUT ? job->input : job->output, part);
+}
+
+static void on_result(struct core *c, const struct request *q)
+{
+    struct task *task = q->wire.result.upload != NULL ? read_input(c, q) : read_part(c, q);
+
     if (task == NULL)
         return;
     task->offset = q->wire.result.offset;
@@ -251,30 +280,10 @@ static struct job *next_listed(const struct user *user, bool newest, size_t *at)
     return job;
 }
 
-/* Whose jobs are asked for; NULL, and told: the caller may not, or there is no such user. */
-static const struct user *user_listed(struct core *c, const struct request *q)
-{
-    const char *name = q->wire.list.user;
-
-    if (name == NULL || strcmp(name, q->user->name) == 0)
-        return q->user;
-    if (q->user->account->role != WIRE_ROLE_ADMIN) {
-        answer_fail(c, &q->reply, MODAL_DENIED, "user", NULL,
-                    "jobs of others are an admin's to list");
-        return NULL;
-    }
-    for (size_t i = 0; i < c->user_count; i++)
-        if (strcmp(c->user_list[i]->name, name) == 0)
-            return c->user_list[i];
-    answer_fail(c, &q->reply, MODAL_NOT_FOUND, "user", NULL, "no user \"%.60s\" has had jobs here",
-                name);
-    return NULL;
-}
-
 static void on_list(struct core *c, const struct request *q)
 {
     const struct wire_list *l = &q->wire.list;
-    const struct user *user = user_listed(c, q);
+    const struct user *user = user_listed(c, &q->reply, q->user, q->wire.list.user);
     int64_t after = l->after == NULL ? 0 : ident_number(c->settings.secret, l->after);
     struct json_text page = { 0 };
     struct job *job;
@@ -391,12 +400,13 @@ static const struct {
     [WIRE_HELLO] = { on_hello },          [WIRE_UPLOAD] = { upload_request },
     [WIRE_SUBMIT] = { submit_request },   [WIRE_SUBMITS] = { submits_request },
     [WIRE_STATUS] = { on_status, true },  [WIRE_WAIT] = { on_wait, true },
-    [WIRE_RESULT] = { on_result, true },  [WIRE_CANCEL] = { on_cancel, true },
+    [WIRE_RESULT] = { on_result },  [WIRE_CANCEL] = { on_cancel, true },
     [WIRE_RETRY] = { on_retry, true },    [WIRE_DELETE] = { on_delete, true },
     [WIRE_LIST] = { on_list },            [WIRE_EVENTS] = { events_request },
     [WIRE_STATS] = { on_stats },          [WIRE_METRICS] = { on_metrics },
     [WIRE_WHOAMI] = { on_whoami },        [WIRE_DRAIN] = { on_drain },
     [WIRE_UNDRAIN] = { on_undrain },      [WIRE_STREAM] = { stream_request },
+    [WIRE_STREAMS] = { streams_request },
 };
 
 /* An answer to what could not be read as a request, or may not be asked; the verb as it came,

@@ -92,6 +92,7 @@ static struct stream *make(struct core *c, struct user *user, const char *name,
     s->id = id;
     s->user = user;
     s->name = grab_text(name);
+    s->touched_ns = c->now.utc_ns;
     s->channels = w->channels;
     s->dt = w->dt;
     s->period = w->period;
@@ -664,6 +665,7 @@ void stream_after(struct core *c, struct after *after, struct transaction *t)
         closed(c, s);
     else if (after->length > 0) {
         s->in_flight -= after->length;
+        s->touched_ns = c->now.utc_ns;
         s->durable_epoch = (uint64_t)after->attempts;
         s->durable = (uint64_t)after->value;
         for (size_t i = 0; i < t->count; i++)

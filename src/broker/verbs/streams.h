@@ -29,6 +29,9 @@ struct window {
     bool queued; struct stream *behind;   /* among those that wait for a worker */
     int64_t round;                        /* of turns, in which it had its latest window */
     uint64_t skipped;                     /* left out since the one told last */
+    uint64_t skipped_all;                 /* and since the daemon began with the stream */
+    /* of the one told last: its verdict, NULL where it had none, its epoch and last sample */
+    const char *verdict; uint64_t told_epoch, told;
     uint64_t here;                        /* no sample before this one is in `recent` */
     uint64_t epoch, from, to;             /* of the one that runs, or ran last */
     int slot; uint64_t process;           /* the worker that has its samples up to `to`; -1: none */
@@ -69,6 +72,7 @@ struct stream {
     atomic_bool fence;
     bool resumes;                         /* the refused ones are to come again before any other */
     bool slowed;                          /* and were refused for a limit, not for want of disk */
+    int64_t touched_ns;                   /* UTC: opened, or samples came */
     int64_t closed_ns, commits_awaited;
     struct window window;
 };

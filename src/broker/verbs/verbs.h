@@ -106,6 +106,11 @@ void events_revoke(struct core *c);
 /* Those past the number that is kept leave the ledger. */
 void events_retain(struct core *c);
 
+/* ---- stream_list.c ---- */
+
+/* STREAMS */
+void streams_request(struct core *c, const struct request *q);
+
 /* ---- streams.c ---- */
 
 /* STREAM */

@@ -360,6 +360,7 @@ static struct blob *cut_window(struct core *c, struct stream *s, uint64_t known,
     skipped = (s->durable - w->next) / w->hop;
     w->next += (skipped + 1) * w->hop;
     w->skipped += skipped;
+    w->skipped_all += skipped;
     c->slots->windows_skipped += (int64_t)skipped;
     return blob_take(data, count * size);
 }
@@ -542,9 +543,9 @@ static const cJSON *least_damped(const cJSON *modes)
     return least;
 }
 
-/* What a host reads between two of its steps, flat: the verdict of DOCUMENT and its least
- * damped mode. */
-static void add_verdict(cJSON *text, const cJSON *document)
+/* What a host reads between two of its steps, flat: the verdict of DOCUMENT, which is given too
+ * (NULL: none), and its least damped mode. */
+static const char *add_verdict(cJSON *text, const cJSON *document)
 {
     static const char *const keys[][2] = {
         { "frequency_hz", "frequency_hz_std" }, { "damping_ratio", "damping_ratio_std" },
@@ -554,9 +555,11 @@ static void add_verdict(cJSON *text, const cJSON *document)
     const cJSON *mode = least_damped(cJSON_GetObjectItemCaseSensitive(document, "modes"));
     const cJSON *std = cJSON_GetObjectItemCaseSensitive(mode, "std");
 
-    if (stable != NULL)
-        cJSON_AddStringToObject(text, "verdict", cJSON_IsTrue(stable) ? "stable"
-                                               : cJSON_IsFalse(stable) ? "unstable" : "undecided");
+    const char *verdict = stable == NULL ? NULL : cJSON_IsTrue(stable) ? "stable"
+                          : cJSON_IsFalse(stable) ? "unstable" : "undecided";
+
+    if (verdict != NULL)
+        cJSON_AddStringToObject(text, "verdict", verdict);
     for (int i = 0; i < 2; i++) {
         const cJSON *value = cJSON_GetObjectItemCaseSensitive(mode, keys[i][0]);
         const cJSON *error = cJSON_GetObjectItemCaseSensitive(std, keys[i][0]);
@@ -565,6 +568,7 @@ static void add_verdict(cJSON *text, const cJSON *document)
         if (cJSON_IsNumber(error))
             cJSON_AddNumberToObject(text, keys[i][1], error->valuedouble);
     }
+    return verdict;
 }
 
 /* Which one is due next, for a daemon that starts again. */
@@ -594,7 +598,9 @@ static void tell_result(struct core *c, struct stream *s, const struct wire_fram
     if (found != NULL)
         json_read(found->data, found->size, &document, NULL);
     edges = w->epoch == s->epoch ? alarms_judge(w->alarms, w->from, w->to, document) : NULL;
-    add_verdict(text, document);
+    s->window.verdict = add_verdict(text, document);
+    s->window.told_epoch = w->epoch;
+    s->window.told = w->to;
     for (size_t i = 0; i < sizeof parts / sizeof *parts; i++)
         if ((part = cJSON_DetachItemFromObjectCaseSensitive(document, parts[i])) != NULL)
             cJSON_AddItemToObject(text, parts[i], part);

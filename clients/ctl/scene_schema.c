@@ -34,12 +34,19 @@ static cJSON *value_of(const struct scene_key *key)
     static const char *const types[] = {
         [SCENE_NUMBER] = "number", [SCENE_WHOLE] = "integer", [SCENE_TRUTH] = "boolean",
         [SCENE_TEXT] = "string", [SCENE_DOF] = "string", [SCENE_NUMBERS] = "number",
-        [SCENE_WORD] = NULL, [SCENE_ENDS] = "object", [SCENE_OWN] = NULL,
+        [SCENE_WORD] = NULL, [SCENE_ENDS] = "object", [SCENE_LIST] = NULL,
+        [SCENE_OWN] = NULL,
     };
     cJSON *o;
 
     if (key->type == SCENE_WORD)
         return word_of(key->words);
+    if (key->type == SCENE_LIST) {
+        o = schema_list(part_of((const struct scene_key *const[]){ key->members, NULL }));
+        cJSON_AddNumberToObject(o, "minItems", key->low);
+        cJSON_AddNumberToObject(o, "maxItems", key->high);
+        return o;
+    }
     if (key->type == SCENE_OWN)
         return key->members != NULL ? part_of((const struct scene_key *const[]){ key->members,
                                                                                 NULL })

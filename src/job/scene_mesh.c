@@ -80,21 +80,42 @@ static enum modal_status move_name(const struct remesh *r, char **name, struct m
     return MODAL_OK;
 }
 
+static enum modal_status move_names(const struct remesh *r, cJSON *list, struct modal_error *err);
+
+/* VALUE, the member KEY of an effect, a load or a sensor: a dof's name, weights by such names, or a
+ * list of things that have such members. */
+static enum modal_status move_member(const struct remesh *r, cJSON *value, const char *key,
+                                     struct modal_error *err)
+{
+    static const char *const dofs = " dof to on normal tangential ", *const weights =
+                             " direction powers ", *const lists = " terms nodes ";
+    char word[NAME_MOST];
+    enum modal_status rc = MODAL_OK;
+    cJSON *item;
+
+    snprintf(word, sizeof word, " %s ", key);
+    if (strstr(dofs, word) != NULL && cJSON_IsString(value))
+        return move_name(r, &value->valuestring, err);
+    if (strstr(lists, word) != NULL)
+        return move_names(r, value, err);
+    if (strstr(weights, word) == NULL && strstr(dofs, word) == NULL)
+        return MODAL_OK;
+    cJSON_ArrayForEach(item, value)
+        if (rc == MODAL_OK)
+            rc = cJSON_IsString(item) ? move_name(r, &item->valuestring, err)
+                 : item->string != NULL ? move_name(r, &item->string, err) : MODAL_OK;
+    return rc;
+}
+
 static enum modal_status move_names(const struct remesh *r, cJSON *list, struct modal_error *err)
 {
-    static const char *const keys[] = { "dof", "to", "normal", "tangential" };
     enum modal_status rc = MODAL_OK;
-    cJSON *item, *weight;
+    cJSON *item, *member;
 
-    cJSON_ArrayForEach(item, list) {
-        for (size_t k = 0; rc == MODAL_OK && k < sizeof keys / sizeof *keys; k++) {
-            cJSON *name = cJSON_GetObjectItemCaseSensitive(item, keys[k]);
-            rc = cJSON_IsString(name) ? move_name(r, &name->valuestring, err) : MODAL_OK;
-        }
-        cJSON_ArrayForEach(weight, cJSON_GetObjectItemCaseSensitive(item, "direction"))
-            if (rc == MODAL_OK)
-                rc = move_name(r, &weight->string, err);
-    }
+    cJSON_ArrayForEach(item, list)
+        cJSON_ArrayForEach(member, item)
+            if (rc == MODAL_OK && member->string != NULL)
+                rc = move_member(r, member, member->string, err);
     return rc;
 }
 

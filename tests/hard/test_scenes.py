@@ -137,6 +137,8 @@ FIRST = {
     "iwan": ({"dof": "D", "stiffnesses": [2, 3], "limits": [3, 4]}, ANY, ("slider.c",)),
     "contact_friction": ({"normal": "D", "tangential": "E", "normal_stiffness": 2, "preload": 1,
                           "tangential_stiffness": 2, "mu": 0.2}, ANY, ("slider.c",)),
+    "polynomial_coupling": ({"terms": [{"coefficient": 2, "powers": {"D": 2, "E": 1}, "on": "E"}]},
+                            ANY, ("laws/coupling.c",)),
     "coulomb": ({"dof": "D", "limit": 0.1}, ANY, ("laws/dry_friction.c",)),
     "regularised_coulomb": ({"dof": "D", "limit": 0.1, "velocity": 0.1}, ANY,
                             ("laws/dry_friction.c",)),
@@ -168,13 +170,21 @@ def module(effect):
     return f"effects/{'bearing' if effect == 'coupling' else effect}.c"
 
 
+def placed(value, dofs):
+    """VALUE with its D and E, as keys too, replaced by DOFS."""
+    if isinstance(value, dict):
+        return {dofs.get(key, key): placed(item, dofs) for key, item in value.items()}
+    if isinstance(value, list):
+        return [placed(item, dofs) for item in value]
+    return dofs.get(value, value) if isinstance(value, str) else value
+
+
 def listed(effects, structure):
     """EFFECTS that the structure takes, as a scene lists them, and the modules that are theirs."""
     tree, first, second, own = STRUCTURES[structure]
     dofs = {"D": first, "E": second}
     taken = {name: row for name, row in effects.items() if structure in row[1]}
-    entries = [{"type": name, **{key: dofs.get(value, value) if isinstance(value, str) else value
-                                 for key, value in row[0].items()}} for name, row in taken.items()]
+    entries = [{"type": name, **placed(row[0], dofs)} for name, row in taken.items()]
     return entries, {module(name) for name in taken} | {file for row in taken.values()
                                                         for file in row[2]}
 

@@ -13,7 +13,8 @@
 #include "base/error.h"
 
 enum {
-    LAW_INPUTS_MOST = 2,               /* a contact in the plane */
+    LAW_INPUTS_MOST = 4,               /* dofs of a polynomial's term: slopes grow by its square */
+    LAW_PIECE_INPUTS = 2,              /* of laws with pieces: a contact in the plane */
     LAW_ENDS_MOST = 64,                /* of an input; chosen: each is coupled with each other */
     LAW_TERMS_MOST = 64,               /* sliders, coefficients; chosen: each is summed each time */
     LAW_SOURCE_MOST = 65536,           /* bytes, chosen: a thousand lines of a user's law */
@@ -33,6 +34,7 @@ struct law_point {                    /* one instant, reached from the one befor
     const double *memory_before;
 };
 
+/* Of its inputs every entry is written by each call, whatever stood there. */
 struct law_force {
     double f[LAW_INPUTS_MOST];  /* N, one an input */
     /* df_i/dd_j, exact, memory_before and d_before held */
@@ -48,7 +50,7 @@ struct law_force {
 
 struct law_class {
     const char *name;
-    int inputs;                       /* 1 or 2 */
+    int inputs;                       /* 1 to LAW_INPUTS_MOST; with pieces LAW_PIECE_INPUTS */
     bool reads_velocity, reads_time;  /* else f is of d alone */
     bool smooth;                      /* analytic in d and v: no events to locate */
     /* inputs (y, z) of one place: f(R d, R v) = R f(d, v) for every rotation R */
@@ -125,6 +127,11 @@ enum modal_status law_contact_friction(double normal_stiffness, double preload,
  * where the end would lie without contact. */
 enum modal_status law_clearance(double gap, double stiffness, double dissipation,
                                 const double *shaft, struct law *out, struct modal_error *err);
+struct law_term { double coefficient; int on, power[LAW_INPUTS_MOST]; };
+/* The sum of TERM: on input `on` coefficient prod_j d_j^power[j]; inputs <= LAW_INPUTS_MOST, a
+ * term's degree at least 1. */
+enum modal_status law_coupling(const struct law_term *term, int count, int inputs, struct law *out,
+                               struct modal_error *err);
 /* A user's `force(t, x, v, memory)` in Lua: no libraries but math, limits on instructions and
  * memory (laws/user_law.c).  A source that does not compile, or defines no function `force`, is
  * MODAL_BAD_INPUT (err->field: "source", which the caller prefixes), one that fails when called

@@ -21,12 +21,12 @@
 struct law_piece {
     int output;  /* which f_i */
     double from, to;                 /* radians; to > from */
-    double level, gain[LAW_INPUTS_MOST], damp, cross;
+    double level, gain[LAW_PIECE_INPUTS], damp, cross;
     int slider;                      /* of the law's sliders, whose piece this is; -1: none's */
     bool holds;                      /* a slider stuck: (2) applies, else ref is 0 */
     /* `at` is this piece's own `from` (a slider just come to rest) */
     bool starts;
-    double at, ref[LAW_INPUTS_MOST];
+    double at, ref[LAW_PIECE_INPUTS];
     double jump, slope;              /* (3); jump 0: continuous */
 };
 

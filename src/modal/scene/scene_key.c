@@ -24,7 +24,7 @@ static const char *accepted(const struct scene_key *key)
         [SCENE_TRUTH] = "true, false", [SCENE_WORD] = "a string",
         [SCENE_TEXT] = "a string", [SCENE_NUMBERS] = "a list of numbers",
         [SCENE_DOF] = "the name of a dof", [SCENE_ENDS] = "weights by dof name",
-        [SCENE_OWN] = "a value",
+        [SCENE_LIST] = "a list of objects", [SCENE_OWN] = "a value",
     };
 
     return texts[key->type];
@@ -55,6 +55,33 @@ static enum modal_status missing(const char *path, const struct scene_key *key,
                                          where, accepted(key)), err);
 }
 
+/* KEY's objects into *TO, counted. */
+static enum modal_status read_list(const cJSON *json, const char *path, const struct scene_key *key,
+                                   const cJSON **to, struct modal_error *err)
+{
+    const cJSON *list = json_member(json, key->name), *item;
+    int count = cJSON_IsArray(list) ? cJSON_GetArraySize(list) : 0;
+    char where[128], *text;
+
+    *to = list;
+    if (list == NULL)
+        return MODAL_OK;
+    json_path(where, path, key->name);
+    if (count > (int)key->high)
+        return modal_fail_field(err, MODAL_TOO_LARGE, where, "%s has %d objects; at most %d", where,
+                                count, (int)key->high);
+    cJSON_ArrayForEach(item, list)
+        count -= !cJSON_IsObject(item);
+    if (count >= (int)key->low && count == cJSON_GetArraySize(list))
+        return MODAL_OK;
+    text = json_print(list);
+    modal_fail_field(err, MODAL_BAD_INPUT, where, "%s is %.60s; accepted: a list of %d to %d "
+                     "objects", where, text != NULL ? text : "no such list", (int)key->low,
+                     (int)key->high);
+    cJSON_free(text);
+    return MODAL_BAD_INPUT;
+}
+
 /* KEY's default into *TO, then its value where JSON has one. */
 static enum modal_status read_value(const struct lowering *l, const cJSON *json, const char *path,
                                     const struct scene_key *key, void *to, struct modal_error *err)
@@ -83,6 +110,8 @@ static enum modal_status read_value(const struct lowering *l, const cJSON *json,
         return lowering_dof(l, json, path, key->name, to, err);
     case SCENE_ENDS:
         return lowering_ends(l, json, path, key->name, to, err);
+    case SCENE_LIST:
+        return read_list(json, path, key, to, err);
     case SCENE_OWN:
         *(const cJSON **)to = json_member(json, key->name);
         break;

@@ -29,6 +29,8 @@ enum scene_key_type {              /* and what the member is that such a key is 
     SCENE_NUMBERS,                 /* struct scene_numbers */
     SCENE_DOF,                     /* int: a dof of the structure; "ground" or absent: -1 */
     SCENE_ENDS,                    /* struct scene_ends: weights by dof name */
+    /* const cJSON *: a list of `low` to `high` objects of `members`, which its owner reads */
+    SCENE_LIST,
     /* const cJSON *: a form of its own, read by its owner; absent: NULL */
     SCENE_OWN,
 };
@@ -45,7 +47,7 @@ struct scene_key {
     enum scene_key_type type;  /* how it is read */
     int at;                        /* offset of the member it is read into, or SCENE_ELSEWHERE */
     const char *unit;              /* of numbers, SI; "": a pure number */
-    /* numbers, whole numbers, elements of lists: both ends accepted */
+    /* numbers, whole numbers, elements of lists; how many of SCENE_LIST: both ends accepted */
     double low, high;
     bool needed;  /* absent: MODAL_BAD_INPUT */
     const char *unless;            /* needed only where this key is absent; NULL: always */
@@ -53,7 +55,7 @@ struct scene_key {
     double standard;               /* what an absent number, whole number or word is */
     const char *otherwise;         /* the default in words where `standard` is not it */
     const char *const *words;      /* NULL-terminated */
-    const struct scene_key *members;   /* of an object: its own rows */
+    const struct scene_key *members;   /* of an object, of each of a list: its own rows */
     const char *means;             /* what it is in the law, with its sign; one line */
     const char *example;           /* a value, as JSON */
 };

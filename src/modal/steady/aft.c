@@ -119,6 +119,8 @@ static enum modal_status sweep(struct aft *w, struct aft_law *a, struct modal_er
     double d[LAW_INPUTS_MOST], v[LAW_INPUTS_MOST], before[LAW_INPUTS_MOST];
     enum modal_status rc = MODAL_OK;
 
+    struct law_force out = { .memory = a->z + a->memory };
+
     a->acts = false;
     for (int n = 0; rc == MODAL_OK && n < N; n++) {
         struct law_point at = { .t = TWO_PI / w->omega * n / N,
@@ -126,7 +128,6 @@ static enum modal_status sweep(struct aft *w, struct aft_law *a, struct modal_er
                                 .v = v,
                                 .d_before = before,
                                 .memory_before = a->z };
-        struct law_force out = { .memory = a->z + a->memory };
 
         for (int j = 0; j < inputs; j++) {
             d[j] = a->in[j].d[n];

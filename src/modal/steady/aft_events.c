@@ -120,7 +120,7 @@ static void rate_of(const double complex *D, int H, double omega, double complex
 struct event_sum { double complex *wave; int most; double mean; bool any; };
 
 /* Level, damp, cross, and a gain for each input. */
-enum { SUMS = 3 + LAW_INPUTS_MOST };
+enum { SUMS = 3 + LAW_PIECE_INPUTS };
 
 /* What a piece weighs in each of the sums. */
 static void event_weights(const struct law_piece *piece, double weight[SUMS])
@@ -128,7 +128,7 @@ static void event_weights(const struct law_piece *piece, double weight[SUMS])
     weight[0] = piece->level;
     weight[1] = piece->damp;
     weight[2] = piece->cross;
-    for (int j = 0; j < LAW_INPUTS_MOST; j++)
+    for (int j = 0; j < LAW_PIECE_INPUTS; j++)
         weight[3 + j] = piece->gain[j];
 }
 
@@ -370,7 +370,7 @@ void aft_cross_gains(struct aft *w, struct aft_law *a, double complex *work)
 
 enum modal_status aft_find_pieces(struct aft *w, struct aft_law *a, struct modal_error *err)
 {
-    const struct orbit *input[LAW_INPUTS_MOST] = { &a->in[0], &a->in[1] };
+    const struct orbit *input[LAW_PIECE_INPUTS] = { &a->in[0], &a->in[1] };
     enum modal_status rc = MODAL_OK;
 
     pieces_clear(&a->pieces);

@@ -145,7 +145,7 @@ static enum modal_status law_motions(struct monodromy *m, struct modal_error *er
     rc = orbit_grid_new(N, &g, err);
     for (int l = 0; rc == MODAL_OK && l < m->p->laws; l++) {
         const struct law *law = &m->p->law[l];
-        const struct orbit *input[LAW_INPUTS_MOST] = { &m->in[l * LAW_INPUTS_MOST],
+        const struct orbit *input[LAW_PIECE_INPUTS] = { &m->in[l * LAW_INPUTS_MOST],
                                                        &m->in[l * LAW_INPUTS_MOST + 1] };
 
         for (int j = 0; rc == MODAL_OK && j < law->kind->inputs; j++) {

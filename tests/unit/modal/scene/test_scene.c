@@ -206,6 +206,7 @@ static const char *const one_of_each[] = {
     "{'type':'lua','dof':'D','source':'function force(t,x,v,m) return x end'}",
     "{'type':'contact_friction','normal':'D','tangential':'E','normal_stiffness':2,'preload':1,"
     "'tangential_stiffness':2,'mu':0.2}",
+    "{'type':'polynomial_coupling','terms':[{'coefficient':2,'powers':{'D':2,'E':1},'on':'E'}]}",
     "{'type':'axial_load','mean':1,'amplitude':2}",
     "{'type':'viscous_damping','per_length':2}",
     "{'type':'strain_rate_damping','mu':2}",
@@ -244,16 +245,20 @@ static bool takes(const char *structure, const struct scene_effect_kind *effect)
     return effect->structures == NULL;
 }
 
-/* EFFECT with D and E (as whole strings) replaced. */
+/* EFFECT with D and E (as whole strings, of values and of keys) replaced. */
 static cJSON *effect_on(const char *effect, const char *D, const char *E)
 {
-    cJSON *json = scene_text(effect), *item;
+    char text[1000] = "";
 
-    cJSON_ArrayForEach(item,
-                       json) if (cJSON_IsString(item) && (strcmp(item->valuestring, "D") == 0 ||
-                                                          strcmp(item->valuestring, "E") == 0))
-        cJSON_SetValuestring(item, item->valuestring[0] == 'D' ? D : E);
-    return json;
+    for (const char *at = effect; *at != '\0'; at++) {
+        bool name = strncmp(at, "'D'", 3) == 0 || strncmp(at, "'E'", 3) == 0;
+        size_t used = strlen(text);
+
+        snprintf(text + used, sizeof text - used, name ? "'%s'" : "%.1s",
+                 !name ? at : at[1] == 'D' ? D : E);
+        at += name ? 2 : 0;
+    }
+    return scene_text(text);
 }
 
 static const struct scene_effect_kind *kind_of(const cJSON *effect)

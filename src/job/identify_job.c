@@ -45,6 +45,17 @@ static void print_harmonics(cJSON *o, const struct identify_mode *m)
     json_set_number(o, "runner_up", m->runner_up);
 }
 
+/* Twice the record, excited as this one is, has half the variance. */
+static void print_cycles(cJSON *o, const struct identify_mode *m)
+{
+    cJSON *bound = cJSON_CreateObject();
+
+    json_set_number(o, "cycles", m->cycles);
+    json_set_number(bound, "frequency_hz", m->std_frequency_hz * M_SQRT1_2);
+    json_set_number(bound, "damping_ratio", m->std_damping_ratio * M_SQRT1_2);
+    cJSON_AddItemToObject(o, "bound_at_2x", bound);
+}
+
 static cJSON *print_mode(const struct identify_result *r, const struct identify_mode *m)
 {
     cJSON *o = cJSON_CreateObject();
@@ -71,6 +82,8 @@ static cJSON *print_mode(const struct identify_result *r, const struct identify_
     }
     if (r->period > 0)
         print_harmonics(o, m);
+    if (m->cycles > 0)
+        print_cycles(o, m);
     return o;
 }
 
@@ -282,6 +295,7 @@ static cJSON *print_modes(const struct identify_result *r)
     cJSON *o = cJSON_CreateObject(), *modes;
 
     cJSON_AddStringToObject(o, "kind", "identify");
+    cJSON_AddStringToObject(o, "response", identify_response_names[r->used.response]);
     modes = cJSON_AddArrayToObject(o, "modes");
     for (int i = 0; i < r->mode_count; i++)
         cJSON_AddItemToArray(modes, print_mode(r, &r->modes[i]));
@@ -380,6 +394,9 @@ static enum modal_status answer(struct own_ladder *l, const struct identify_sett
     enum modal_status rc;
 
     l->count = ladder.rungs = identify_ladder_rungs(l->request->options, &facts, true, l->settings);
+    if (opt->response != RESPONSE_FREE)           /* nothing cheaper is known */
+        while (l->count > 1)
+            cJSON_Delete(l->settings[--l->count]), l->settings[l->count] = NULL;
     if (opt->method != IDENTIFY_AUTO) {           /* a named procedure, and the default above it */
         for (int i = 0; i + 1 < l->count; i++)
             cJSON_Delete(l->settings[i]);
@@ -389,7 +406,8 @@ static enum modal_status answer(struct own_ladder *l, const struct identify_sett
     }
     for (int i = 0; i < l->count; i++)
         l->rungs[i] = (struct ladder_rung) { .error = NAN, .seconds = NAN };
-    if ((opt->target_error > 0 || opt->target_seconds > 0) && opt->method == IDENTIFY_AUTO) {
+    if ((opt->target_error > 0 || opt->target_seconds > 0) && opt->method == IDENTIFY_AUTO
+        && opt->response == RESPONSE_FREE) {
         rc = ladder_run(&ladder, l->rungs, &outcome, err);
         if (rc == MODAL_OK
             && (outcome.chosen < 0

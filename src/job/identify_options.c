@@ -23,6 +23,13 @@ static const double
 #define ORDER .low = 1, .high = IDENTIFY_ORDER_MOST
 
 const struct key_row identify_option_rows[] = {
+    { "response", KEY_CHOICE, AT(opt.response), .words = identify_response_names,
+      .initial = "free",
+      .meaning = "what the record answers: nothing that lasts, or measured inputs",
+      .example = "forced" },
+    { "inputs", KEY_OWN, .form = "A,B",
+      .meaning = "channels that hold the measured excitation, with response=forced",
+      .example = "force" },
     { "method", KEY_CHOICE, AT(opt.method), .words = identify_method_names, .initial = "auto",
       .form = "NAME", .meaning = "which matrix of transition", .example = "partial-floquet" },
     { "signals", KEY_OWN, .form = "pod|all|A,B",
@@ -132,9 +139,10 @@ static int find_channel(const struct batch *b, const cJSON *name)
     return cJSON_IsString(name) ? find_without_unit(b, name->valuestring) : -1;
 }
 
-static enum modal_status no_such_channel(const struct batch *b, const cJSON *name,
-                                         struct modal_error *err)
+static enum modal_status no_such_channel(const struct batch *b, const char *key,
+                                         const cJSON *name, struct modal_error *err)
 {
+    const char *words = strcmp(key, "signals") == 0 ? "\"pod\", \"all\", " : "";
     char list[256] = "";
 
     for (size_t c = 0; b->names != NULL && c < b->channels && strlen(list) < LIST_MOST; c++)
@@ -142,13 +150,38 @@ static enum modal_status no_such_channel(const struct batch *b, const cJSON *nam
                  b->names[c] != NULL ? b->names[c] : "");
     if (cJSON_IsString(name))
         return modal_fail_field(
-            err, MODAL_BAD_INPUT, "signals",
-            "signals: no channel \"%.60s\"; accepted: \"pod\", \"all\", indices below %zu%s",
-            name->valuestring, b->channels, list);
+            err, MODAL_BAD_INPUT, key,
+            "%s: no channel \"%.60s\"; accepted: %sindices below %zu%s",
+            key, name->valuestring, words, b->channels, list);
     return modal_fail_field(
-        err, MODAL_BAD_INPUT, "signals",
-        "signals: accepted: \"pod\", \"all\", or channels by name or index below %zu%s",
-        b->channels, list);
+        err, MODAL_BAD_INPUT, key,
+        "%s: accepted: %s%schannels by name or index below %zu%s",
+        key, words, *words != 0 ? "or " : "", b->channels, list);
+}
+
+/* One channel, or a list of channels, that ITEM names under KEY; *OUT is the caller's. */
+static enum modal_status read_channels(const char *key, const cJSON *item, const struct batch *b,
+                                       int **out, int *count, struct modal_error *err)
+{
+    int *list;
+
+    *count = cJSON_IsArray(item) ? cJSON_GetArraySize(item) : 1;
+    if (*count < 1 || (size_t)*count > b->channels)
+        return no_such_channel(b, key, NULL, err);
+    *out = list = calloc((size_t)*count, sizeof *list);
+    if (list == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d channels", *count);
+    for (int i = 0; i < *count; i++) {
+        const cJSON *name = cJSON_IsArray(item) ? cJSON_GetArrayItem(item, i) : item;
+        list[i] = find_channel(b, name);
+        if (list[i] < 0)
+            return no_such_channel(b, key, name, err);
+        for (int j = 0; j < i; j++)
+            if (list[j] == list[i])
+                return modal_fail_field(err, MODAL_BAD_INPUT, key, "%s: channel %d is named twice",
+                                        key, list[i]);
+    }
+    return MODAL_OK;
 }
 
 /* "pod", "all", one channel, or a list of channels. */
@@ -156,7 +189,7 @@ static enum modal_status read_signals(const cJSON *o, const struct batch *b,
                                       struct identify_settings *out, struct modal_error *err)
 {
     const cJSON *item = cJSON_GetObjectItemCaseSensitive(o, "signals");
-    int count = cJSON_IsArray(item) ? cJSON_GetArraySize(item) : 1, *list;
+    enum modal_status rc;
 
     if (item == NULL
         || (cJSON_IsString(item) && strcmp(item->valuestring, "pod") == 0
@@ -167,24 +200,27 @@ static enum modal_status read_signals(const cJSON *o, const struct batch *b,
         out->opt.signals_all = true;
         return MODAL_OK;
     }
-    if (count < 1 || (size_t)count > b->channels)
-        return no_such_channel(b, NULL, err);
-    out->channels = list = calloc(count, sizeof *list);
-    if (list == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d channels", count);
-    for (int i = 0; i < count; i++) {
-        const cJSON *name = cJSON_IsArray(item) ? cJSON_GetArrayItem(item, i) : item;
-        list[i] = find_channel(b, name);
-        if (list[i] < 0)
-            return no_such_channel(b, name, err);
-        for (int j = 0; j < i; j++)
-            if (list[j] == list[i])
-                return modal_fail_field(err, MODAL_BAD_INPUT, "signals",
-                                        "signals: channel %d is named twice", list[i]);
-    }
-    out->opt.channels = list;
-    out->opt.channel_count = count;
-    return MODAL_OK;
+    rc = read_channels("signals", item, b, &out->channels, &out->opt.channel_count, err);
+    out->opt.channels = out->channels;
+    return rc;
+}
+
+/* Which go with response=forced, and only with it. */
+static enum modal_status read_inputs(const cJSON *o, const struct batch *b,
+                                     struct identify_settings *out, struct modal_error *err)
+{
+    const cJSON *item = cJSON_GetObjectItemCaseSensitive(o, "inputs");
+    enum modal_status rc;
+
+    if (item == NULL)
+        return MODAL_OK;                          /* the numerics say what is missing */
+    if (out->opt.response != RESPONSE_FORCED)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "inputs", "inputs beside response=%s says "
+                                "nothing; accepted with response=forced",
+                                identify_response_names[out->opt.response]);
+    rc = read_channels("inputs", item, b, &out->inputs, &out->opt.input_count, err);
+    out->opt.inputs = out->inputs;
+    return rc;
 }
 
 /* What was given decides the rule where it was not named: a fixed rank, an energy, a threshold. */
@@ -228,6 +264,8 @@ enum modal_status identify_options_read(const cJSON *options, const struct batch
         rc = check_rule(o, out->opt.rank.rule, err);
     if (rc == MODAL_OK)
         rc = read_signals(o, batch, out, err);
+    if (rc == MODAL_OK)
+        rc = read_inputs(o, batch, out, err);
     if (cJSON_HasObjectItem(o, "refine"))
         out->opt.refine = out->refine ? CHOICE_YES : CHOICE_NO;
     if (cJSON_HasObjectItem(o, "period") && out->opt.period == 0)
@@ -241,13 +279,14 @@ enum modal_status identify_options_read(const cJSON *options, const struct batch
 
 void identify_settings_done(struct identify_settings *s)
 {
-    free(s->channels);
+    free(s->channels), free(s->inputs);
     *s = (struct identify_settings) { 0 };
 }
 
 cJSON *identify_options_write(const struct identify_options *used, const cJSON *asked, int threads)
 {
     const cJSON *signals = cJSON_GetObjectItemCaseSensitive(asked, "signals");
+    const cJSON *inputs = cJSON_GetObjectItemCaseSensitive(asked, "inputs");
     struct identify_settings s = { .opt = *used, .threads = threads,
                                    .refine = used->refine == CHOICE_YES };
     struct rank_options *rank = &s.opt.rank;
@@ -261,6 +300,8 @@ cJSON *identify_options_write(const struct identify_options *used, const cJSON *
     cJSON_AddItemToObject(o, "signals",
                           signals != NULL ? cJSON_Duplicate(signals, true)
                                           : cJSON_CreateString("pod"));
+    if (inputs != NULL)
+        cJSON_AddItemToObject(o, "inputs", cJSON_Duplicate(inputs, true));
     key_table_write(identify_option_rows, &s, o);
     return o;
 }

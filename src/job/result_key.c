@@ -95,6 +95,13 @@ static const struct result_key mode_std_keys[] = {
     { 0 },
 };
 
+static const struct result_key bound_keys[] = {
+    { "frequency_hz", RESULT_NUMBER, .unit = "Hz", .null = UNKNOWN,
+      .means = "standard deviation then, excited again in the same way" },
+    { "damping_ratio", RESULT_NUMBER, .null = UNKNOWN, .means = "likewise" },
+    { 0 },
+};
+
 static const struct result_key harmonic_keys[] = {
     { "k", RESULT_WHOLE, .means = "the mode's part with exponent + i k 2 pi/period" },
     { "magnitude", RESULT_NUMBER, .means = "of that part, over all signals; the strongest first" },
@@ -137,6 +144,10 @@ static const struct result_key mode_keys[] = {
       .means = "the k of the strongest of these" },
     { "runner_up", RESULT_NUMBER, .absent = "without a period", .null = UNKNOWN,
       .means = "magnitude of the second over the first: 1 is a tie" },
+    { "cycles", RESULT_NUMBER, .absent = "of a free response",
+      .means = "that the mode swings in the record" },
+    { "bound_at_2x", RESULT_OBJECT, .absent = "of a free response", .members = bound_keys,
+      .means = "what twice the record would give" },
     { 0 },
 };
 
@@ -275,6 +286,7 @@ static const struct result_key ladder_keys[] = {
 
 static const struct result_key identify_keys[] = {
     { "kind", RESULT_TEXT, .means = "identify" },
+    { "response", RESULT_TEXT, .means = "free or forced: what the record was taken to answer" },
     { "modes", RESULT_OBJECT, .list = "one a conjugate pair, by falling amplitude",
       .members = mode_keys, .means = "frequencies and damping" },
     { "stability", RESULT_OBJECT, .members = verdict_keys, .means = "the verdict" },

@@ -60,10 +60,19 @@ const struct key_row tradeoff_identify_rows[] = {
 static enum modal_status read_options(struct tradeoff_work *w, struct modal_error *err)
 {
     const cJSON *o = w->request->options;
+    int response = RESPONSE_FREE;
+    enum modal_status rc;
 
     w->asked = o != NULL ? cJSON_Duplicate(o, true) : cJSON_CreateObject();
     if (w->asked == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "tradeoff: no memory for the options");
+    rc = json_get_choice(o, "", "response", identify_response_names, &response, err);
+    if (rc == MODAL_OK && response != RESPONSE_FREE)
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "response", "response=%s has no settings to "
+                              "trade time for error by; accepted: free",
+                              identify_response_names[response]);
+    if (rc != MODAL_OK)
+        return rc;
     for (const struct key_row *own = tradeoff_identify_rows; own->name != NULL; own++)
         cJSON_DeleteItemFromObjectCaseSensitive(w->asked, own->name);
     return key_table_read(tradeoff_identify_rows, o, "", w, err);

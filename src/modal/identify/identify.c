@@ -22,6 +22,7 @@
 #include "modal/identify/diagnose.h"
 #include "modal/identify/exponents.h"
 #include "modal/identify/fold.h"
+#include "modal/identify/forced.h"
 #include "modal/identify/grid.h"
 #include "modal/identify/hankel.h"
 #include "modal/identify/merge.h"
@@ -1708,6 +1709,10 @@ enum modal_status modal_identify(const struct batch *batch, const struct identif
     enum modal_status rc;
 
     memset(out, 0, sizeof *out);
+    if (w.opt.response == RESPONSE_FORCED) {
+        rc = forced_identify(batch, &w.opt, out, err);
+        goto out;
+    }
     w.refine = w.opt.refine == CHOICE_YES
         || (w.opt.refine == CHOICE_DEFAULT && w.opt.method == IDENTIFY_AUTO);
     w.clock = w.opt.clock != NULL ? w.opt.clock(w.opt.context) : 0;

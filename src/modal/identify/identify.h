@@ -44,10 +44,15 @@ extern const char *const identify_detrend_names[DETREND_COUNT + 1];
 enum identify_scale { SCALE_RMS, SCALE_COMMON, SCALE_COUNT };
 extern const char *const identify_scale_names[SCALE_COUNT + 1];
 
+/* What the record answers: an excitation that is over, or one that was measured. */
+enum identify_response { RESPONSE_FREE, RESPONSE_FORCED, RESPONSE_COUNT };
+extern const char *const identify_response_names[RESPONSE_COUNT + 1];
+
 enum {
     IDENTIFY_SAMPLES_LEAST = 8,
     IDENTIFY_ORDER_MOST = 1600,          /* exponents looked for */
     IDENTIFY_CHANNELS_MOST = 10000000,
+    IDENTIFY_INPUTS_MOST = 16,
     IDENTIFY_DIAGNOSTICS_MOST = 64,
     IDENTIFY_STAGES = 12
 };
@@ -58,6 +63,9 @@ struct identify_options {
     bool signals_all;             /* no POD: the channels themselves */
     const int *channels;          /* a choice of channels, in their order; NULL: all */
     int channel_count;
+    enum identify_response response;
+    const int *inputs;            /* the measured excitation, channels of the batch; forced only */
+    int input_count;
     double pod_energy;            /* 0: rounding or noise floor */
     int pod_rank;                 /* 0: by energy */
     struct rank_options rank;
@@ -110,6 +118,7 @@ struct identify_mode {
     int harmonic_count;
     double complex *shape;        /* one number a channel chosen, largest 1; NULL: not asked */
     double mpc;                   /* modal phase collinearity of the shape, 0..1 */
+    double cycles;                /* in the record, beside a forced response; 0: not told */
 };
 
 struct identify_candidate { int order; double bic, residual; bool refined, converged, chosen; };
@@ -180,10 +189,11 @@ struct identify_result {
 };
 
 /*
- * Identify BATCH (borrowed).  *out is empty on failure; the caller frees it with
- * identify_result_done. Fails with MODAL_BAD_INPUT, err->field naming the option ("rank.fixed"),
- * attribute ("dt", "period") or dataset ("signals": text with the first offending channel and
- * sample); MODAL_TOO_LARGE; MODAL_NO_MEMORY; MODAL_NO_CONVERGENCE; MODAL_CANCELLED.
+ * Identify BATCH (borrowed), by options->response as a free response or as forced.h says.  *out is
+ * empty on failure; the caller frees it with identify_result_done. Fails with MODAL_BAD_INPUT,
+ * err->field naming the option ("rank.fixed"), attribute ("dt", "period") or dataset ("signals":
+ * text with the first offending channel and sample); MODAL_TOO_LARGE; MODAL_NO_MEMORY;
+ * MODAL_NO_CONVERGENCE; MODAL_CANCELLED.
  */
 enum modal_status modal_identify(const struct batch *batch, const struct identify_options *options,
                                  struct identify_result *out, struct modal_error *err);

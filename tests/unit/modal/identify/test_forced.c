@@ -1,0 +1,205 @@
+/* Forced responses of systems that are known, simulated here mode by mode: x' = rho x + b u. */
+#include "modal/identify/identify.h"
+#include <complex.h>
+#include <stdlib.h>
+#include "check.h"
+#include "signals.h"
+
+enum { SAMPLES = 2000, INPUTS = 2, RESPONSES = 3, CHANNELS = INPUTS + RESPONSES, MODES = 3 };
+
+static const double dt = 0.01, hertz[MODES] = { 7.0, 7.2, 21.0 },
+                    zeta[MODES] = { 0.01, 0.02, 0.005 };
+static const int inputs[INPUTS] = { 0, 1 };
+static double x[SAMPLES * CHANNELS];
+
+static double complex exponent(int p)
+{
+    return decay_pole(hertz[p], zeta[p]);
+}
+
+/* Two inputs that are white, direct terms, a state from before; noise of rms NOISE on responses. */
+static struct batch simulated(uint64_t seed, double noise)
+{
+    struct random r = { seed };
+    double complex shape[RESPONSES][MODES], part[INPUTS][MODES], state[MODES];
+    double direct[RESPONSES][INPUTS];
+
+    for (int p = 0; p < MODES; p++) {
+        for (int i = 0; i < RESPONSES; i++)
+            shape[i][p] = CMPLX(random_normal(&r), random_normal(&r));
+        for (int j = 0; j < INPUTS; j++)
+            part[j][p] = CMPLX(random_normal(&r), random_normal(&r)) / 10;
+        state[p] = CMPLX(random_normal(&r), random_normal(&r));
+    }
+    for (int i = 0; i < RESPONSES; i++)
+        for (int j = 0; j < INPUTS; j++)
+            direct[i][j] = random_normal(&r);
+    for (int k = 0; k < SAMPLES; k++) {
+        double *row = x + CHANNELS * k;
+        for (int j = 0; j < INPUTS; j++)
+            row[j] = 3 + random_normal(&r);
+        for (int i = 0; i < RESPONSES; i++) {
+            row[INPUTS + i] = noise * random_normal(&r) - 5;
+            for (int p = 0; p < MODES; p++)
+                row[INPUTS + i] += creal(shape[i][p] * state[p]);
+            for (int j = 0; j < INPUTS; j++)
+                row[INPUTS + i] += direct[i][j] * row[j];
+        }
+        for (int p = 0; p < MODES; p++) {
+            state[p] *= cexp(exponent(p) * dt);
+            for (int j = 0; j < INPUTS; j++)
+                state[p] += part[j][p] * row[j];
+        }
+    }
+    return (struct batch) { .samples = SAMPLES, .channels = CHANNELS, .signals = x, .dt = dt };
+}
+
+static struct identify_options forced(void)
+{
+    return (struct identify_options) { .response = RESPONSE_FORCED, .inputs = inputs,
+                                       .input_count = INPUTS };
+}
+
+static const struct identify_mode *mode_of(const struct identify_result *r, int p)
+{
+    const struct identify_mode *best = &r->modes[0];
+
+    for (int i = 1; i < r->mode_count; i++)
+        if (cabs(r->modes[i].exponent - exponent(p)) < cabs(best->exponent - exponent(p)))
+            best = &r->modes[i];
+    return best;
+}
+
+static bool has(const struct identify_result *r, const char *code)
+{
+    for (int i = 0; i < r->diagnostic_count; i++)
+        if (strcmp(r->diagnostics[i].code, code) == 0)
+            return true;
+    return false;
+}
+
+TEST(without_noise_exponents_are_exact_whatever_the_initial_state_and_the_mean)
+{
+    struct batch b = simulated(1, 0);
+    struct identify_options opt = forced();
+    struct identify_result r;
+
+    CHECK(modal_identify(&b, &opt, &r, NULL) == MODAL_OK);
+    CHECK(r.mode_count == MODES && r.verdict == VERDICT_STABLE && r.total_relative_error < 1e-10);
+    for (int p = 0; p < MODES; p++)
+        CHECK(cabs(mode_of(&r, p)->exponent - exponent(p)) < 1e-9 * cabs(exponent(p)));
+    identify_result_done(&r);
+}
+
+/* 40 records of 3 modes: the mean of 240 squares of unit variance has a standard deviation of
+ * 0.09, and the share within 1.96 of 0.014. */
+TEST(errors_over_their_standard_deviations_are_of_unit_size)
+{
+    double sum = 0;
+    int within = 0, all = 0;
+
+    for (uint64_t seed = 100; seed < 140; seed++) {
+        struct batch b = simulated(seed, 0.5);
+        struct identify_options opt = forced();
+        struct identify_result r;
+        CHECK(modal_identify(&b, &opt, &r, NULL) == MODAL_OK);
+        CHECK(r.mode_count == MODES);
+        for (int p = 0; p < MODES; p++) {
+            const struct identify_mode *m = mode_of(&r, p);
+            double complex e = m->exponent - exponent(p);
+            double re = creal(e) / m->std_re, im = cimag(e) / m->std_im;
+            sum += re * re + im * im;
+            within += (fabs(re) < 1.96) + (fabs(im) < 1.96), all += 2;
+        }
+        identify_result_done(&r);
+    }
+    CHECK_NEAR(sum / all, 1, 0.3);
+    CHECK_NEAR((double)within / all, 0.95, 0.045);
+}
+
+/* White noise is the worst that can be taken for modes: in 100 records none. */
+TEST(responses_that_no_input_moves_have_no_mode_and_no_verdict)
+{
+    for (uint64_t seed = 0; seed < 100; seed++) {
+        struct random random = { 1000 + seed };
+        struct identify_options opt = forced();
+        struct identify_result r;
+        struct batch b = { .samples = 400, .channels = CHANNELS, .signals = x, .dt = dt };
+        for (int k = 0; k < 400 * CHANNELS; k++)
+            x[k] = random_normal(&random);
+        CHECK(modal_identify(&b, &opt, &r, NULL) == MODAL_OK);
+        CHECK(r.mode_count == 0 && r.verdict == VERDICT_UNDECIDED && has(&r, "no_modes"));
+        identify_result_done(&r);
+    }
+}
+
+TEST(a_line_that_no_input_moves_is_told_and_takes_no_verdict_by_storm)
+{
+    struct batch b = simulated(3, 0.1);
+    struct identify_options opt = forced();
+    struct identify_result r;
+
+    for (int k = 0; k < SAMPLES; k++)
+        for (int i = INPUTS; i < CHANNELS; i++)
+            x[CHANNELS * k + i] += sin(2 * M_PI * 50.0 / 3 * k * dt + i);
+    CHECK(modal_identify(&b, &opt, &r, NULL) == MODAL_OK);
+    CHECK(has(&r, "narrow_line") && r.verdict != VERDICT_UNSTABLE);
+    for (int p = 0; p < MODES; p++)
+        CHECK(cabs(mode_of(&r, p)->exponent - exponent(p)) < 0.01 * cabs(exponent(p)));
+    identify_result_done(&r);
+}
+
+/* The noise of responses is that of a filter, strongest where the modes are: errors grow with it,
+ * and so must what is said of them. */
+TEST(noise_that_is_stronger_about_a_mode_widens_its_errors)
+{
+    double complex state[RESPONSES] = { 0 };
+    struct random random = { 77 };
+    struct batch b = simulated(4, 0.1);
+    struct identify_options opt = forced();
+    struct identify_result r;
+
+    for (int k = 0; k < SAMPLES; k++)
+        for (int i = 0; i < RESPONSES; i++) {
+            state[i] = state[i] * cexp(decay_pole(21, 0.3) * dt) + random_normal(&random);
+            x[CHANNELS * k + INPUTS + i] += creal(state[i]);
+        }
+    CHECK(modal_identify(&b, &opt, &r, NULL) == MODAL_OK);
+    CHECK(has(&r, "coloured_residual"));
+    for (int p = 0; p < MODES; p++) {
+        const struct identify_mode *m = mode_of(&r, p);
+        double complex e = m->exponent - exponent(p);
+        CHECK(fabs(creal(e)) < 4 * m->std_re && fabs(cimag(e)) < 4 * m->std_im);
+    }
+    identify_result_done(&r);
+}
+
+static void refused(const struct batch *b, struct identify_options opt, const char *field,
+                    const char *words)
+{
+    struct identify_result r;
+    struct modal_error err;
+
+    CHECK(modal_identify(b, &opt, &r, &err) == MODAL_BAD_INPUT);
+    CHECK_STRING(err.field, field);
+    CHECK(strstr(err.message, words) != NULL);
+}
+
+TEST(inputs_that_tell_nothing_are_refused_by_name)
+{
+    struct batch b = simulated(5, 0.1);
+    struct identify_options opt = forced(), none = opt, ruled = opt, periodic = opt;
+
+    for (int k = 0; k < SAMPLES; k++)
+        x[CHANNELS * k + 1] = 2 * x[CHANNELS * k] - 7;
+    refused(&b, opt, "inputs", "channel 1 is a sum of the inputs");
+    for (int k = 0; k < SAMPLES; k++)
+        x[CHANNELS * k + 1] = 0.1;
+    refused(&b, opt, "inputs", "channel 1 is constant");
+    none.inputs = NULL, none.input_count = 0;
+    refused(&b, none, "inputs", "needs the channels");
+    ruled.method = IDENTIFY_AUTOREGRESSIVE;
+    refused(&b, ruled, "method", "says nothing of response=forced");
+    periodic.period = 0.5;
+    refused(&b, periodic, "period", "constant systems only");
+}

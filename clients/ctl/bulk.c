@@ -17,6 +17,7 @@
 #include <time.h>
 #include <unistd.h>
 #include "outcome.h"
+#include "progress.h"
 #include "remote.h"
 #include "verbs.h"
 #include "wire/frame.h"
@@ -523,9 +524,11 @@ static enum modal_status wait_one(struct bulk *b, size_t i, double deadline, boo
 static enum modal_status wait_all(struct bulk *b, double deadline, int *status,
                                   struct modal_error *err)
 {
-    size_t done = 0, others = 0;
+    size_t done = 0, others = 0, all = 0;
     enum modal_status rc = MODAL_OK;
 
+    for (size_t i = 0; i < b->count; i++)
+        all += b->items[i].job != NULL;
     for (size_t i = 0; rc == MODAL_OK && i < b->count; i++) {
         bool good = false;
         if (b->items[i].job == NULL)
@@ -533,6 +536,7 @@ static enum modal_status wait_all(struct bulk *b, double deadline, int *status,
         rc = wait_one(b, i, deadline, &good, err);
         done += rc == MODAL_OK && good;
         others += rc == MODAL_OK && !good;
+        progress_count("jobs", done + others, all, others);
     }
     if (others > 0 && *status == 0)
         *status = 1;

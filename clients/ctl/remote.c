@@ -6,6 +6,7 @@
 #include <string.h>
 #include <sys/random.h>
 #include <unistd.h>
+#include "progress.h"
 
 enum modal_status remote_open(const struct args *args, struct link **out, struct modal_error *err)
 {
@@ -22,29 +23,17 @@ double remote_answer_by(double deadline)
     return fmax(deadline, link_now() + REMOTE_ANSWER_S);
 }
 
-/* Since when WHAT is going on: a job that tells no progress at least shows that time passes. */
-struct since { char what[16]; double begun; };
-
 static void print_progress(void *context, const char *what, double fraction)
 {
-    struct since *since = context;
-
-    if (strcmp(since->what, what) != 0) {
-        snprintf(since->what, sizeof since->what, "%s", what);
-        since->begun = link_now();
-    }
-    if (fraction > 0)
-        fprintf(stderr, "\r%-8s %3.0f %%   \r", what, 100 * fraction);
-    else
-        fprintf(stderr, "\r%-8s %3.0f s   \r", what, link_now() - since->begun);
+    (void)context;
+    progress_tell(what, fraction);
 }
 
 const struct client_progress *remote_progress(void)
 {
-    static struct since since;
-    static const struct client_progress shown = { print_progress, &since };
+    static const struct client_progress shown = { print_progress, NULL };
 
-    return isatty(STDERR_FILENO) ? &shown : NULL;
+    return &shown;
 }
 
 struct client_input remote_input(const struct input *input)
@@ -207,6 +196,7 @@ enum modal_status remote_run(const struct input *input, const struct args *args,
                            detail, err);
     if (rc == MODAL_OK)
         rc = client_wait(link, job_of(doc), remote_progress(), deadline, &ended, detail, err);
+    progress_end();
     if (rc == MODAL_OK)
         rc = remote_job_error(ended, detail, err);
     if (rc == MODAL_OK)

@@ -13,7 +13,7 @@ double remote_deadline(const struct args *args);
  * submission, a state, a result that is there) has these seconds in any case. */
 #define REMOTE_ANSWER_S 10
 double remote_answer_by(double deadline);
-/* Progress on stderr, where it is a terminal; else NULL. */
+/* Progress on stderr, as progress.h says. */
 const struct client_progress *remote_progress(void);
 
 /* INPUT as the client library takes it, and what ARGS say of the job; KEY NULL: that of ARGS. */

@@ -3,13 +3,16 @@
 #include <errno.h>
 #include <math.h>
 #include <pthread.h>
+#include <signal.h>
 #include <stdio.h>
 #include <string.h>
 #include <time.h>
 #include <unistd.h>
 #include "outcome.h"
+#include "field.h"
 #include "input.h"
 #include "output.h"
+#include "progress.h"
 #include "remote.h"
 #include "result_show.h"
 #include "sweep_point.h"
@@ -19,34 +22,77 @@
 enum { SECOND_NS = 1000000000 };    /* of struct timespec */
 
 /*
+ * A curve stops at its next point where it is asked to, and is what it has: by the first SIGINT or
+ * SIGTERM, or at the limit.  Whoever asks twice means the process.
+ */
+static volatile sig_atomic_t stop_asked;
+
+/* s that a point may take once a curve has been asked to stop at the limit. */
+static const double POINT_S = 10;
+
+static void ask_to_stop(int signal_number)
+{
+    (void)signal_number;
+    stop_asked = 1;
+}
+
+static bool is_stopped(void *context)
+{
+    (void)context;
+    return stop_asked != 0;
+}
+
+static void catch_signals(void)
+{
+    struct sigaction action = { .sa_handler = ask_to_stop, .sa_flags = SA_RESETHAND };
+
+    sigaction(SIGINT, &action, NULL);
+    sigaction(SIGTERM, &action, NULL);
+}
+
+/*
  * The limit of a job in this process.  A stage of LAPACK's can be long and asks nobody whether to
  * stop: so a thread waits, and at the limit it says so and ends the process, as the daemon ends a
  * worker.
  */
 struct limit {
     double seconds;                /* from the start on; < 0: none */
+    bool keeps;                    /* a curve: it is asked first */
     bool run_limit, json;          /* which one was asked for; how to say that it passed */
     bool over;                     /* the job has ended */
+    bool passed;                   /* a curve was asked to stop */
     pthread_mutex_t lock;
     pthread_cond_t ended;
     pthread_t thread;
 };
 
-static void *watch_limit(void *context)
+/* Until the job has ended, or for SECONDS; the lock is held. */
+static void wait_for_end(struct limit *limit, double seconds)
 {
-    struct limit *limit = context;
-    struct modal_error err = { 0 };
     struct timespec end;
     int rc = 0;
 
     clock_gettime(CLOCK_MONOTONIC, &end);
-    end.tv_sec += (time_t)limit->seconds;
-    end.tv_nsec += (long)(1e9 * (limit->seconds - floor(limit->seconds)));
+    end.tv_sec += (time_t)seconds;
+    end.tv_nsec += (long)(1e9 * (seconds - floor(seconds)));
     if (end.tv_nsec >= SECOND_NS)
         end.tv_sec++, end.tv_nsec -= SECOND_NS;
-    pthread_mutex_lock(&limit->lock);
     while (!limit->over && rc != ETIMEDOUT)
         rc = pthread_cond_timedwait(&limit->ended, &limit->lock, &end);
+}
+
+static void *watch_limit(void *context)
+{
+    struct limit *limit = context;
+    struct modal_error err = { 0 };
+
+    pthread_mutex_lock(&limit->lock);
+    wait_for_end(limit, limit->seconds);
+    if (!limit->over && limit->keeps) {
+        limit->passed = true;
+        stop_asked = 1;
+        wait_for_end(limit, POINT_S);
+    }
     if (!limit->over) {
         if (limit->run_limit)
             modal_fail(&err, MODAL_RUN_LIMIT, "the run limit of %g s passed", limit->seconds);
@@ -67,6 +113,9 @@ static enum modal_status limit_begin(struct limit *limit, const struct args *arg
                        && (args->timeout < 0 || args->run_limit < args->timeout);
     limit->seconds = limit->run_limit ? args->run_limit : args->timeout;
     limit->json = args->json;
+    limit->keeps = args->sweep != NULL || args->follow != NULL;
+    if (limit->keeps)
+        catch_signals();
     if (limit->seconds < 0)
         return MODAL_OK;
     pthread_mutex_init(&limit->lock, NULL);
@@ -100,18 +149,30 @@ static void print_progress(void *context, const cJSON *event)
 
     (void)context;
     if (cJSON_IsNumber(fraction))
-        fprintf(stderr, "\r%3.0f %%\r", 100 * fraction->valuedouble);
+        progress_tell("running", fraction->valuedouble);
+}
+
+/* Whether RESULT is a curve's that was stopped: told, with the exit status in *STATUS. */
+static void tell_stopped(const cJSON *result, bool passed, int *status)
+{
+    const cJSON *points = cJSON_GetObjectItemCaseSensitive(result, "points");
+
+    if (strcmp(field_word(result, "reason", ""), JOB_STOPPED) != 0)
+        return;
+    fprintf(stderr, "modalctl: stopped%s: %d points are what there is\n",
+            passed ? " by the limit of time" : "", cJSON_GetArraySize(points));
+    *status = modal_status_exit(passed ? MODAL_TIMEOUT : MODAL_CANCELLED);
 }
 
 static enum modal_status run_here(const struct input *input, const struct args *args,
-                                  struct job_result *out, struct modal_error *err)
+                                  struct job_result *out, int *status, struct modal_error *err)
 {
     struct limit limit = { 0 };
     struct job_request request = {
         .kind = input->kind->name, .options = input->options,
         .batch = input->scene ? NULL : &input->batch, .scene = input->scene,
         .input_sha256 = input->sha256, .attributes = input->signals.attributes,
-        .progress = isatty(STDERR_FILENO) ? print_progress : NULL,
+        .progress = print_progress, .cancelled = is_stopped,
     };
     enum modal_status rc = limit_begin(&limit, args, err);
 
@@ -119,6 +180,11 @@ static enum modal_status run_here(const struct input *input, const struct args *
         return rc;
     rc = job_run(&request, out, err);
     limit_end(&limit);
+    progress_end();
+    if (rc == MODAL_CANCELLED && limit.passed)
+        rc = modal_fail(err, MODAL_TIMEOUT, "not finished in %g s", limit.seconds);
+    if (rc == MODAL_OK)
+        tell_stopped(out->result, limit.passed, status);
     return rc;
 }
 
@@ -172,15 +238,17 @@ int run_job(const struct verb *verb, const struct args *args)
     struct job_result result = { 0 };
     struct input input = { 0 };
     cJSON *detail = NULL;
+    int stopped = 0, status;
     enum modal_status rc = read_input(verb, args, &input, &err);
 
     if (rc == MODAL_OK)
-        rc = args->local ? run_here(&input, args, &result, &err)
+        rc = args->local ? run_here(&input, args, &result, &stopped, &err)
                          : run_there(&input, args, &result, &detail, &err);
     if (rc == MODAL_OK)
         rc = show(args, &result, &input, &err);
-    int status = rc == MODAL_OK ? sweep_exit(result.result)
-                                : outcome_failure(args->json, &err, detail);
+    status = rc == MODAL_OK ? sweep_exit(result.result)
+                            : outcome_failure(args->json, &err, detail);
+    status = status == 0 ? stopped : status;
     cJSON_Delete(detail);
     job_result_done(&result);
     input_done(&input);

@@ -251,6 +251,8 @@ static void show_points(const cJSON *result)
         printf("fold at %.9g\n", number(special, parameter));
     cJSON_ArrayForEach(special, get(result, "bifurcations"))
         printf("%s at %.9g\n", text(special, "type"), number(special, parameter));
+    if (cJSON_HasObjectItem(result, "reason"))
+        printf("not complete: %s\n", text(result, "reason"));
 }
 
 static void show_steady(const cJSON *result)

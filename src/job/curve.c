@@ -511,6 +511,14 @@ static enum modal_status march(struct curve *c, cJSON *doc, struct modal_error *
     return rc;
 }
 
+/* What was found before it was cancelled is the answer. */
+static enum modal_status keep_points(cJSON *doc)
+{
+    cJSON_AddFalseToObject(doc, "complete");
+    cJSON_AddStringToObject(doc, "reason", JOB_STOPPED);
+    return MODAL_OK;
+}
+
 static void curve_done(struct curve *c)
 {
     steady_free(c->s);
@@ -546,6 +554,8 @@ enum modal_status curve_run(const struct job_request *request, struct program *p
         rc = counted                          ? sweep(&c, err)
              : rigid_alone(p, &settings->opt) ? march(&c, out, err)
                                               : follow(&c, out, err);
+    if (rc == MODAL_CANCELLED && c.done > 0)
+        rc = keep_points(out);
     if (rc == MODAL_OK) {
         plan = plan_print(p, counted ? "sweep" : "continuation");
         cJSON_AddNumberToObject(plan, "ffts", (double)c.ffts);

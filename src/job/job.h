@@ -15,6 +15,9 @@
 /* More than any machine's processors that a job is counted for. */
 enum { JOB_THREADS_MOST = 1024 };
 
+/* The `reason` of a curve that was cancelled. */
+#define JOB_STOPPED "stopped before its end"
+
 struct job_request {
     const char *kind;             /* a name of job_kinds */
     const cJSON *options;         /* object, or NULL for none */
@@ -25,8 +28,9 @@ struct job_request {
 
     /* Called between units of work, from the calling thread; each may be NULL. */
     void (*progress)(void *context, const cJSON *event);   /* {"fraction":…, …}; borrowed */
-    bool (*cancelled)(void *context);                      /* true: stop soon with
-                                                              MODAL_CANCELLED */
+    /* true: stop soon with MODAL_CANCELLED; a curve that has points with those, `complete` false
+     * and `reason` JOB_STOPPED */
+    bool (*cancelled)(void *context);
     void *context;
 };
 

@@ -1,8 +1,11 @@
 """modalctl: exit statuses, one document, bad input by name, and the same numbers whichever way a job runs."""
 import csv
 import json
+import os
 import pathlib
+import pty
 import re
+import signal
 import subprocess
 import wave
 
@@ -557,3 +560,39 @@ def test_python_reads_what_h5py_writes_and_fails_by_its_own_error(ctl, tmp_path)
         with pytest.raises(modald.Error) as why:
             make()
         assert why.value.code == "bad_input" and why.value.field == field
+
+
+LONG = {"structure": {"type": "chain", "masses": [1] * 20, "springs": [1] * 20 + [0]}, "omega": 0.3,
+        "effects": [{"type": "rayleigh_damping", "alpha": 0.01, "beta": 0.01},
+                    {"type": "friction", "dof": "x5", "stiffness": 0.4, "limit": 0.1},
+                    {"type": "gap", "dof": "x20", "clearance": 0.9, "stiffness": 1.5}],
+        "excitation": [{"dof": "x20", "k": 1, "cos": 0.2}], "steady": {"harmonics": 15}}
+
+
+@pytest.mark.parametrize("way", [["--continue", "omega=0.3:200"],
+                                 ["--sweep", "omega=0.3:2:5000"]])
+def test_an_interrupted_curve_is_the_points_it_has(tmp_path, way):
+    """A terminal is told the progress of each point: so one is there when the interrupt comes."""
+    (tmp_path / "long.json").write_text(json.dumps(LONG))
+    mine, theirs = pty.openpty()
+    with subprocess.Popen([str(BUILD / "bin" / "modalctl"), "--local", "--json", "steady",
+                           "long.json", *way], cwd=tmp_path, stdout=subprocess.PIPE, stderr=theirs,
+                          env=environment()) as running:
+        os.close(theirs)
+        told = b""
+        while b"running" not in told:
+            told += os.read(mine, 4096)
+        running.send_signal(signal.SIGINT)
+        curve = json.loads(running.stdout.read())
+        assert running.wait(PATIENCE) == 1
+    os.close(mine)
+    assert curve["points"] and curve["complete"] is False
+    assert curve["reason"] == "stopped before its end"
+
+
+def test_a_curve_without_time_for_a_point_has_timed_out(tmp_path):
+    (tmp_path / "long.json").write_text(json.dumps(LONG))
+    done = subprocess.run([str(BUILD / "bin" / "modalctl"), "--local", "steady", "long.json",
+                           "--continue", "omega=0.3:200", "--timeout", "0"], cwd=tmp_path,
+                          capture_output=True, text=True, env=environment(), timeout=PATIENCE)
+    assert done.returncode == 5

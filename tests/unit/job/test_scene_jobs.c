@@ -463,6 +463,44 @@ TEST(a_sweep_reports_chunks_and_stops_when_cancelled)
     cJSON_Delete(scene);
 }
 
+static int asked;
+
+static bool at_the_fortieth(void *context)
+{
+    (void)context;
+    return ++asked > 40;
+}
+
+TEST(a_curve_that_is_cancelled_is_the_points_it_has)
+{
+#define OSCILLATOR \
+    "{'structure':{'type':'chain','masses':[1],'springs':[1,0],'dampers':[0.1,0]},'omega':0.5," \
+    "'effects':[{'type':'cubic_spring','dof':'x1','coefficient':0.3}]," \
+    "'excitation':[{'dof':'x1','k':1,'cos':0.1}]}"
+    static const char *const ways[] = { "{'continue':'omega=0.5:2'}",
+                                        "{'sweep':'omega=0.5:2:50'}" };
+
+    for (size_t i = 0; i < sizeof ways / sizeof *ways; i++) {
+        cJSON *scene = scene_text(OSCILLATOR), *options = scene_text(ways[i]), *points;
+        struct job_request request = {
+            .kind = "steady", .scene = scene, .options = options, .cancelled = at_the_fortieth
+        };
+        struct job_result r;
+        asked = 0;
+        CHECK(job_run(&request, &r, NULL) == MODAL_OK);
+        points = cJSON_GetObjectItem(r.result, "points");
+        CHECK(cJSON_GetArraySize(points) > 0 && cJSON_GetArraySize(points) < 50);
+        CHECK(cJSON_IsFalse(cJSON_GetObjectItem(r.result, "complete")));
+        CHECK(strcmp(cJSON_GetStringValue(cJSON_GetObjectItem(r.result, "reason")),
+                     JOB_STOPPED) == 0);
+        job_result_done(&r);
+        asked = 1000;                                   /* before the first point there is none */
+        CHECK(job_run(&request, &r, NULL) == MODAL_CANCELLED);
+        cJSON_Delete(options);
+        cJSON_Delete(scene);
+    }
+}
+
 /* Explicit steps of order 4: four times the substeps, 256 times less error; and the rungs' settings
  * can be pasted back. */
 TEST(the_trade_off_of_a_simulation_shows_the_order_of_its_peer)

@@ -77,7 +77,7 @@ static const struct row {
       "go on from `next` of the page before" },
     { "newest", 0, FLAG, offsetof(struct args, newest), 0, 0, TAKES_QUEUE, "",
       "the newest first" },
-    { "user", 0, TEXT, offsetof(struct args, user), 0, 0, TAKES_QUEUE | TAKES_PAGE,
+    { "user", 0, TEXT, offsetof(struct args, user), 0, 0, TAKES_QUEUE | TAKES_PAGE | TAKES_USER,
       "USER", "those of another (admin)" },
     { "since", 0, TEXT, offsetof(struct args, since), 0, 0, TAKES_QUEUE, "AGE|UTC",
       "submitted in the last AGE (90s, 30m, 12h, 7d), or from a date on: 2026-11-22[T09:30]" },

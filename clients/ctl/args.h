@@ -26,6 +26,7 @@ enum {
     TAKES_BULK    = 1 << 10,   /* --from --resume --window */
     TAKES_FROM    = 1 << 18,   /* --from alone */
     TAKES_PAGE    = 1 << 19,   /* --limit --after --user */
+    TAKES_USER    = 1 << 20,   /* --user alone */
     TAKES_DATA    = 1 << 11,   /* --data */
     TAKES_STREAM  = 1 << 12,   /* --name */
     TAKES_SWEEP   = 1 << 13,   /* --cancel */

@@ -107,6 +107,8 @@ static const struct verb verbs[] = {
       TAKES_LIST | TAKES_TIMEOUT | TAKES_STREAM | TAKES_PLOT | TAKES_LIVE, run_watch },
     { "streams", "[NAME]", "live and recent streams, a page", 0, 1,
       TAKES_PAGE | TAKES_TIMEOUT, run_streams },
+    { "top", "", "queue, workers and streams on a live screen; q ends it", 0, 0, TAKES_USER,
+      run_top },
     { "stats", "", "counts and sizes of the service", 0, 0, TAKES_TIMEOUT, run_stats },
     { "whoami", "", "user, role, limits and use", 0, 0, TAKES_TIMEOUT, run_whoami },
     { "hello", "", "versions and limits of the daemon", 0, 0, TAKES_TIMEOUT, run_hello },

@@ -7,6 +7,7 @@
 #include <unistd.h>
 #include "outcome.h"
 #include "field.h"
+#include "job_line.h"
 #include "remote.h"
 #include "output.h"
 #include "result_file.h"
@@ -46,40 +47,13 @@ static int end(struct session *s, enum modal_status rc, int status)
     return status;
 }
 
-static void show_time(double utc)
-{
-    time_t t = (time_t)utc;
-    struct tm parts;
-    char s[32] = "-";
-
-    if (utc > 0 && gmtime_r(&t, &parts) != NULL)
-        strftime(s, sizeof s, "%Y-%m-%d %H:%M:%SZ", &parts);
-    printf("%-21s", s);
-}
-
-/* One line a job. */
-static void show_job(const cJSON *doc)
-{
-    const cJSON *error = cJSON_GetObjectItemCaseSensitive(doc, "error");
-
-    printf("%-20s %-10s %-10s %2.0f  ", field_word(doc, "job", "-"), field_word(doc, "kind", "-"),
-           field_word(doc, "state", "-"), field_number(doc, "attempts", 0));
-    show_time(field_number(doc, "submitted", 0));
-    printf("%s", field_word(doc, "key", "-"));
-    if (cJSON_IsNumber(cJSON_GetObjectItemCaseSensitive(doc, "position")))
-        printf("  (%.0f before it)", field_number(doc, "position", 0));
-    if (error != NULL)
-        printf("  %s: %s", field_word(error, "code", "-"), field_word(error, "message", "-"));
-    putchar('\n');
-}
-
 static enum modal_status print_job(struct session *s)
 {
     const cJSON *result = cJSON_GetObjectItemCaseSensitive(s->doc, "result");
 
     if (s->args->json)
         return outcome_json(s->doc, &s->err);
-    show_job(s->doc);
+    job_line(stdout, s->doc);
     if (result != NULL)
         show_result(field_word(result, "kind", "-"), result);
     return MODAL_OK;
@@ -368,10 +342,9 @@ int run_list(const struct verb *verb, const struct args *args)
         rc = outcome_json(s.doc, &s.err);
     else if (rc == MODAL_OK) {
         if (isatty(STDOUT_FILENO))          /* a pipe gets the lines alone */
-            printf("%-20s %-10s %-10s %2s  %-21s%s\n", "job", "kind", "state", "no", "submitted",
-                   "key");
+            job_line_heading(stdout);
         cJSON_ArrayForEach(job, cJSON_GetObjectItemCaseSensitive(s.doc, "jobs"))
-            show_job(job);
+            job_line(stdout, job);
         if (cJSON_IsString(cJSON_GetObjectItemCaseSensitive(s.doc, "next")))
             printf("more: --after %s\n", field_word(s.doc, "next", "-"));
     }

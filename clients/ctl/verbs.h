@@ -44,6 +44,7 @@ void bulk_key(const char *from, long number, const char *line, char key[WIRE_KEY
 int run_results(const struct verb *verb, const struct args *args);        /* bulk_results.c */
 int run_watch(const struct verb *verb, const struct args *args);          /* watch.c */
 int run_streams(const struct verb *verb, const struct args *args);        /* streams.c */
+int run_top(const struct verb *verb, const struct args *args);            /* top.c */
 int run_keygen(const struct verb *verb, const struct args *args);         /* keygen.c */
 
 /* A data folder on this machine (folder.c). */

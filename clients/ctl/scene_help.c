@@ -17,6 +17,7 @@ static const char *type_of(const struct scene_key *key)
     case SCENE_NUMBERS: return "a list of numbers";
     case SCENE_DOF:     return "a dof";
     case SCENE_ENDS:    return "weights by dof name";
+    case SCENE_PLACE:   return "a dof, or weights by dof name";
     case SCENE_LIST:    return "a list of objects";
     case SCENE_WORD:    return "one of";
     default:            return NULL;

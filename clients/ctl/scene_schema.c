@@ -34,7 +34,7 @@ static cJSON *value_of(const struct scene_key *key)
     static const char *const types[] = {
         [SCENE_NUMBER] = "number", [SCENE_WHOLE] = "integer", [SCENE_TRUTH] = "boolean",
         [SCENE_TEXT] = "string", [SCENE_DOF] = "string", [SCENE_NUMBERS] = "number",
-        [SCENE_WORD] = NULL, [SCENE_ENDS] = "object", [SCENE_LIST] = NULL,
+        [SCENE_WORD] = NULL, [SCENE_ENDS] = "object", [SCENE_PLACE] = "object", [SCENE_LIST] = NULL,
         [SCENE_OWN] = NULL,
     };
     cJSON *o;
@@ -52,10 +52,16 @@ static cJSON *value_of(const struct scene_key *key)
                                                                                 NULL })
                                     : cJSON_CreateObject();
     o = schema_type(types[key->type], false);
-    if (key->type == SCENE_ENDS) {
+    if (key->type == SCENE_ENDS || key->type == SCENE_PLACE) {
         cJSON_AddItemToObject(o, "additionalProperties", schema_type("number", false));
         cJSON_AddNumberToObject(o, "minProperties", 1);
         cJSON_AddNumberToObject(o, "maxProperties", LAW_ENDS_MOST);
+    }
+    if (key->type == SCENE_PLACE) {
+        cJSON *either = cJSON_CreateObject(), *list = cJSON_AddArrayToObject(either, "anyOf");
+        cJSON_AddItemToArray(list, schema_type("string", false));
+        cJSON_AddItemToArray(list, o);
+        o = either;
     }
     if (key->type == SCENE_NUMBER || key->type == SCENE_WHOLE || key->type == SCENE_NUMBERS)
         add_range(o, key->low, key->high);

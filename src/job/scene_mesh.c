@@ -82,29 +82,34 @@ static enum modal_status move_name(const struct remesh *r, char **name, struct m
 
 static enum modal_status move_names(const struct remesh *r, cJSON *list, struct modal_error *err);
 
-/* VALUE, the member KEY of an effect, a load or a sensor: a dof's name, weights by such names, or a
- * list of things that have such members. */
-static enum modal_status move_member(const struct remesh *r, cJSON *value, const char *key,
-                                     struct modal_error *err)
+/* VALUE, a dof's name, weights by such names, or a list of either. */
+static enum modal_status move_places(const struct remesh *r, cJSON *value, struct modal_error *err)
 {
-    static const char *const dofs = " dof to on normal tangential ", *const weights =
-                             " direction powers ", *const lists = " terms nodes ";
-    char word[NAME_MOST];
     enum modal_status rc = MODAL_OK;
     cJSON *item;
 
-    snprintf(word, sizeof word, " %s ", key);
-    if (strstr(dofs, word) != NULL && cJSON_IsString(value))
+    if (cJSON_IsString(value))
         return move_name(r, &value->valuestring, err);
-    if (strstr(lists, word) != NULL)
-        return move_names(r, value, err);
-    if (strstr(weights, word) == NULL && strstr(dofs, word) == NULL)
-        return MODAL_OK;
     cJSON_ArrayForEach(item, value)
         if (rc == MODAL_OK)
-            rc = cJSON_IsString(item) ? move_name(r, &item->valuestring, err)
-                 : item->string != NULL ? move_name(r, &item->string, err) : MODAL_OK;
+            rc = item->string != NULL ? move_name(r, &item->string, err)
+                                      : move_places(r, item, err);
     return rc;
+}
+
+/* VALUE, the member KEY of an effect, a load, a sensor or one of the things that these list. */
+static enum modal_status move_member(const struct remesh *r, cJSON *value, const char *key,
+                                     struct modal_error *err)
+{
+    static const char *const places[] = { "dof", "to", "on", "normal", "tangential", "direction",
+                                          "powers" };
+
+    if (strcmp(key, "terms") == 0 || strcmp(key, "nodes") == 0)
+        return move_names(r, value, err);
+    for (size_t k = 0; k < sizeof places / sizeof *places; k++)
+        if (strcmp(key, places[k]) == 0)
+            return move_places(r, value, err);
+    return MODAL_OK;
 }
 
 static enum modal_status move_names(const struct remesh *r, cJSON *list, struct modal_error *err)

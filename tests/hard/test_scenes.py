@@ -137,6 +137,8 @@ FIRST = {
     "iwan": ({"dof": "D", "stiffnesses": [2, 3], "limits": [3, 4]}, ANY, ("slider.c",)),
     "contact_friction": ({"normal": "D", "tangential": "E", "normal_stiffness": 2, "preload": 1,
                           "tangential_stiffness": 2, "mu": 0.2}, ANY, ("slider.c",)),
+    "contact_bed": ({"nodes": [{"normal": "D", "tangential": "E"}], "normal_stiffness": 2,
+                     "preload": 1, "tangential_stiffness": 2, "mu": 0.2}, ANY, ("slider.c",)),
     "polynomial_coupling": ({"terms": [{"coefficient": 2, "powers": {"D": 2, "E": 1}, "on": "E"}]},
                             ANY, ("laws/coupling.c",)),
     "coulomb": ({"dof": "D", "limit": 0.1}, ANY, ("laws/dry_friction.c",)),

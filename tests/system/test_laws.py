@@ -247,8 +247,8 @@ def test_an_axial_load_softens_where_it_compresses(tmp_path):
 
 
 # of shaft and wing: held against published figures and other programs by tests/hard/test_scenes.py and test_machines.py; of several
-# dofs: by test_coupling.py
-ELSEWHERE = {"polynomial_coupling", "bearing", "coupling", "gyroscopic", "rotary_inertia", "clearance", "airloads"}
+# dofs: by test_coupling.py and test_contact_bed.py
+ELSEWHERE = {"polynomial_coupling", "contact_bed", "bearing", "coupling", "gyroscopic", "rotary_inertia", "clearance", "airloads"}
 
 
 def test_every_law_of_the_page_is_held_against_something():

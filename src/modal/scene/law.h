@@ -122,6 +122,11 @@ enum modal_status law_regularised_coulomb(double limit, double velocity, struct 
 enum modal_status law_contact_friction(double normal_stiffness, double preload,
                                        double tangential_stiffness, double mu, struct law *out,
                                        struct modal_error *err);
+/* The friction of such a contact along another tangential, whose normal force another law gives:
+ * f_0 = 0. */
+enum modal_status law_contact_side(double normal_stiffness, double preload,
+                                   double tangential_stiffness, double mu, struct law *out,
+                                   struct modal_error *err);
 /* inputs: d = (y, z) of a journal in a circular race.  SHAFT: NULL for a journal with mass, whose
  * position d is; else the stiffness (K_y, K_z) of the shaft's end at a massless journal, and d is
  * where the end would lie without contact. */

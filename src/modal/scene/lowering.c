@@ -241,29 +241,44 @@ static enum modal_status read_end(const struct lowering *l, const cJSON *item, c
     return MODAL_OK;
 }
 
-enum modal_status lowering_ends(const struct lowering *l, const cJSON *json, const char *base,
-                                const char *key, struct scene_ends *out, struct modal_error *err)
+enum modal_status lowering_ends_of(const struct lowering *l, const cJSON *value, const char *path,
+                                   bool named, struct scene_ends *out, struct modal_error *err)
 {
-    const cJSON *list = json_member(json, key), *item;
-    int count = cJSON_IsObject(list) ? cJSON_GetArraySize(list) : 0;
-    char where[128], path[128];
+    bool alone = named && cJSON_IsString(value);
+    int count = alone ? 1 : cJSON_IsObject(value) ? cJSON_GetArraySize(value) : 0;
+    int dof = alone ? program_dof(l->p, value->valuestring) : 0;
+    const cJSON *item;
+    char where[128];
     enum modal_status rc = MODAL_OK;
 
-    if (list == NULL)
-        return MODAL_OK;
-    json_path(where, base, key);
     if (count < 1 || count > LAW_ENDS_MOST)
-        return modal_fail_field(err, count > 0 ? MODAL_TOO_LARGE : MODAL_BAD_INPUT, where,
-                                "%s has %d dofs; accepted: an object of 1 to %d weights by dof "
-                                "name", where, count, LAW_ENDS_MOST);
+        return modal_fail_field(err, count > 0 ? MODAL_TOO_LARGE : MODAL_BAD_INPUT, path,
+                                "%s has %d dofs; accepted: %san object of 1 to %d weights by dof "
+                                "name", path, count, named ? "the name of a dof, or " : "",
+                                LAW_ENDS_MOST);
+    if (dof < 0)
+        return no_dof(l, path, value->valuestring, err);
     if ((out->x = malloc((size_t)count * sizeof *out->x)) == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "scene: out of memory");
-    cJSON_ArrayForEach(item, list) {
-        json_path(path, where, item->string);
+    if (alone)
+        out->x[out->count++] = (struct law_end) { dof, 1 };
+    cJSON_ArrayForEach(item, value) {  /* a name has none */
+        json_path(where, path, item->string);
         if (rc == MODAL_OK)
-            rc = read_end(l, item, path, &out->x[out->count++], err);
+            rc = read_end(l, item, where, &out->x[out->count++], err);
     }
     return rc;
+}
+
+enum modal_status lowering_ends(const struct lowering *l, const cJSON *json, const char *base,
+                                const char *key, bool named, struct scene_ends *out,
+                                struct modal_error *err)
+{
+    const cJSON *value = json_member(json, key);
+    char where[128];
+
+    json_path(where, base, key);
+    return value != NULL ? lowering_ends_of(l, value, where, named, out, err) : MODAL_OK;
 }
 
 const char *const lowering_suffix[3] = { "", "_dot", "_ddot" };

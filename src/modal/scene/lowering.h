@@ -173,11 +173,15 @@ const cJSON *lowering_lists(const struct lowering *l, const char *type, const cJ
 enum modal_status lowering_dof(const struct lowering *l, const cJSON *json, const char *base,
                                const char *key, int *dof, struct modal_error *err);
 
-/* The weights by dof name that KEY of JSON has into *OUT, which stays empty where it is absent;
- * free(out->x).  MODAL_BAD_INPUT for none, an unknown dof, or one of no weight; MODAL_TOO_LARGE
- * past LAW_ENDS_MOST. */
+/* The weights by dof name that VALUE, at PATH, has, or if it may be NAMED the dof that it names,
+ * into *OUT; free(out->x), on failure too.  MODAL_BAD_INPUT for none, an unknown dof, or one of no
+ * weight; MODAL_TOO_LARGE past LAW_ENDS_MOST. */
+enum modal_status lowering_ends_of(const struct lowering *l, const cJSON *value, const char *path,
+                                   bool named, struct scene_ends *out, struct modal_error *err);
+/* The same of KEY of JSON; *OUT stays empty where it is absent. */
 enum modal_status lowering_ends(const struct lowering *l, const cJSON *json, const char *base,
-                                const char *key, struct scene_ends *out, struct modal_error *err);
+                                const char *key, bool named, struct scene_ends *out,
+                                struct modal_error *err);
 
 /* `type`, and `dof` and `to` (default ground) or `direction` of a local effect, whose values begin
  * with its ends.  `lower` reads `along` alone: where this table is one of an effect's, dof and to

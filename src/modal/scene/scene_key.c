@@ -24,6 +24,7 @@ static const char *accepted(const struct scene_key *key)
         [SCENE_TRUTH] = "true, false", [SCENE_WORD] = "a string",
         [SCENE_TEXT] = "a string", [SCENE_NUMBERS] = "a list of numbers",
         [SCENE_DOF] = "the name of a dof", [SCENE_ENDS] = "weights by dof name",
+        [SCENE_PLACE] = "the name of a dof, or weights by dof name",
         [SCENE_LIST] = "a list of objects", [SCENE_OWN] = "a value",
     };
 
@@ -109,7 +110,8 @@ static enum modal_status read_value(const struct lowering *l, const cJSON *json,
         *(int *)to = -1;
         return lowering_dof(l, json, path, key->name, to, err);
     case SCENE_ENDS:
-        return lowering_ends(l, json, path, key->name, to, err);
+    case SCENE_PLACE:
+        return lowering_ends(l, json, path, key->name, key->type == SCENE_PLACE, to, err);
     case SCENE_LIST:
         return read_list(json, path, key, to, err);
     case SCENE_OWN:
@@ -135,7 +137,8 @@ static enum modal_status read_key(const struct lowering *l, const cJSON *json, c
         return MODAL_OK;
     enum modal_status rc = read_value(l, json, path, key, (char *)values + key->at, err);
     /* what is wrong with a dof is its name, whatever for */
-    return key->type == SCENE_DOF || key->type == SCENE_ENDS ? rc : explain(key, rc, err);
+    return key->type == SCENE_DOF || key->type == SCENE_ENDS || key->type == SCENE_PLACE
+               ? rc : explain(key, rc, err);
 }
 
 /* Every key of JSON is in one of the tables. */
@@ -169,7 +172,7 @@ void scene_keys_free(const struct scene_key *const *tables, void *values)
         for (const struct scene_key *key = *tables; key->name != NULL; key++)
             if (key->type == SCENE_NUMBERS)
                 free(((struct scene_numbers *)((char *)values + key->at))->x);
-            else if (key->type == SCENE_ENDS)
+            else if (key->type == SCENE_ENDS || key->type == SCENE_PLACE)
                 free(((struct scene_ends *)((char *)values + key->at))->x);
 }
 

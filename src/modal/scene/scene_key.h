@@ -29,6 +29,7 @@ enum scene_key_type {              /* and what the member is that such a key is 
     SCENE_NUMBERS,                 /* struct scene_numbers */
     SCENE_DOF,                     /* int: a dof of the structure; "ground" or absent: -1 */
     SCENE_ENDS,                    /* struct scene_ends: weights by dof name */
+    SCENE_PLACE,                   /* struct scene_ends: a dof's name, or weights by such */
     /* const cJSON *: a list of `low` to `high` objects of `members`, which its owner reads */
     SCENE_LIST,
     /* const cJSON *: a form of its own, read by its owner; absent: NULL */

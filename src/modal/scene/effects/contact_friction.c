@@ -1,6 +1,6 @@
 /* contact_friction.c - contact and friction at one place: a normal spring under preload, a
  * tangential slider whose bound is mu times the momentary normal force.  `normal` and `tangential`
- * name the dofs; the other side is the ground
+ * say where: a dof against the ground, or a direction of several
  *
  * With d_n = x_normal, d_t = x_tangential,
  *
@@ -12,15 +12,15 @@
 #include "modal/scene/effects/local_law.h"
 
 struct contact {
-    int normal, tangential;
+    struct scene_ends normal, tangential;
     double normal_stiffness, preload, tangential_stiffness, mu;
 };
 
 static const struct scene_key keys[] = {
-    { "normal", SCENE_DOF, offsetof(struct contact, normal), .needed = true,
-      .means = "dof d_n into the contact", .example = "\"x1\"" },
-    { "tangential", SCENE_DOF, offsetof(struct contact, tangential), .needed = true,
-      .means = "dof d_t along the contact", .example = "\"x2\"" },
+    { "normal", SCENE_PLACE, offsetof(struct contact, normal), "", .needed = true,
+      .means = "d_n into the contact: a dof, or weights by dof name", .example = "\"x1\"" },
+    { "tangential", SCENE_PLACE, offsetof(struct contact, tangential), "", .needed = true,
+      .means = "d_t along the contact, likewise", .example = "\"x2\"" },
     { "normal_stiffness", SCENE_NUMBER, offsetof(struct contact, normal_stiffness), "N/m", 0,
       HUGE_VAL, .needed = true, .means = "k_n in N = max(0, preload + k_n d_n)",
       .example = "5000" },
@@ -41,8 +41,9 @@ static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
     struct law law;
     char where[128];
 
-    json_path(where, e->path, s->normal < 0 ? "normal" : "tangential");
-    if (s->normal < 0 || s->tangential < 0 || s->normal == s->tangential)
+    json_path(where, e->path, "tangential");
+    if (s->normal.count == 1 && s->tangential.count == 1
+        && s->normal.x[0].dof == s->tangential.x[0].dof)
         return modal_fail_field(err, MODAL_BAD_INPUT, where,
                                 "%s: `normal` and `tangential` must be two different dofs",
                                 e->path);
@@ -52,8 +53,8 @@ static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
                                                 s->tangential_stiffness, s->mu, &law, err);
     if (rc != MODAL_OK)
         return rc;
-    lowering_place(l, &law, 0, (struct scene_ends) { &(struct law_end) { s->normal, 1 }, 1 });
-    lowering_place(l, &law, 1, (struct scene_ends) { &(struct law_end) { s->tangential, 1 }, 1 });
+    lowering_place(l, &law, 0, s->normal);
+    lowering_place(l, &law, 1, s->tangential);
     lowering_add_law(l, &law);
     return MODAL_OK;
 }

@@ -32,6 +32,7 @@ struct sliders {
 
 struct contact {
     double normal_stiffness, preload, tangential_stiffness, mu;   /* N/m, N, N/m, 1 */
+    bool side;  /* of a contact whose normal force another law gives: f_0 = 0 */
 };
 
 /* (1): the force, true where the slider has moved */
@@ -77,21 +78,21 @@ static enum modal_status contact_force(const struct law *law, const struct law_p
                                        struct law_force *out, struct modal_error *err)
 {
     const struct contact *c = law->data;
-    double N = c->preload + c->normal_stiffness * at->d[0], z = at->memory_before[0], f;
+    double N = fmax(0, c->preload + c->normal_stiffness * at->d[0]), z = at->memory_before[0], f;
     bool closed = N > 0, slips;  /* N = 0 is open: no force either way */
 
     (void)err;
     memset(out->fd, 0, sizeof out->fd);
     memset(out->fv, 0, sizeof out->fv);
-    out->f[0] = closed ? N : 0;
-    out->fd[0][0] = closed ? c->normal_stiffness : 0;
-    slips = slide(c->tangential_stiffness, c->mu * out->f[0], at->d[1], &z, &f);
+    out->f[0] = c->side ? 0 : N;
+    out->fd[0][0] = closed && !c->side ? c->normal_stiffness : 0;
+    slips = slide(c->tangential_stiffness, c->mu * N, at->d[1], &z, &f);
     out->f[1] = f;
     /* d(mu N)/d d_n */
     out->fd[1][0] = slips && closed ? copysign(c->mu * c->normal_stiffness, f) : 0;
     out->fd[1][1] = slips || !closed ? 0 : c->tangential_stiffness;
     out->memory[0] = z;
-    out->acts = slips || !closed;
+    out->acts = c->preload > 0 ? slips || !closed : closed;  /* at rest it holds, or is open */
     out->regime = !closed ? 3 : slips ? f > 0 ? 1 : 2 : 0;
     return MODAL_OK;
 }
@@ -363,9 +364,9 @@ static enum modal_status normal_pieces(const struct contact *c, const double *ev
         double mid[3];
 
         orbit_at(n, 0.5 * (event[i] + event[i + 1]), mid);
-        if (c->preload + c->normal_stiffness * mid[0] <= 0)
-            out->acts = true;
-        else if (pieces_add(out, &piece, err) != MODAL_OK)
+        bool closed = c->preload + c->normal_stiffness * mid[0] > 0;
+        out->acts |= closed != (c->preload > 0);
+        if (closed && !c->side && pieces_add(out, &piece, err) != MODAL_OK)
             return MODAL_NO_MEMORY;
     }
     return MODAL_OK;
@@ -425,7 +426,7 @@ static enum modal_status contact_pieces(const struct law *law, const struct orbi
     for (int i = before; i < out->count; i++)
         if (!out->piece[i].holds || out->piece[i].starts)
             out->undetermined = false;
-    out->acts |= !out->undetermined;
+    out->acts |= out->count > before && !out->undetermined;
 out:
     free(event);
     orbit_done(&w.up);
@@ -483,9 +484,10 @@ enum modal_status law_iwan(const double *stiffness, const double *limit, int cou
     return sliders_new(&iwan_class, stiffness, limit, count, out, err);
 }
 
-enum modal_status law_contact_friction(double normal_stiffness, double preload,
-                                       double tangential_stiffness, double mu, struct law *out,
-                                       struct modal_error *err)
+/* Both laws of a contact. */
+static enum modal_status contact_new(double normal_stiffness, double preload,
+                                     double tangential_stiffness, double mu, bool side,
+                                     struct law *out, struct modal_error *err)
 {
     struct contact *c;
 
@@ -497,9 +499,23 @@ enum modal_status law_contact_friction(double normal_stiffness, double preload,
     c = malloc(sizeof *c);
     if (c == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "contact_friction: no memory");
-    *c = (struct contact) { normal_stiffness, preload, tangential_stiffness, mu };
+    *c = (struct contact) { normal_stiffness, preload, tangential_stiffness, mu, side };
     law_clear(out, &contact_class);
     out->data = c;
     out->memory = 1;  /* the slider's place */
     return MODAL_OK;
+}
+
+enum modal_status law_contact_friction(double normal_stiffness, double preload,
+                                       double tangential_stiffness, double mu, struct law *out,
+                                       struct modal_error *err)
+{
+    return contact_new(normal_stiffness, preload, tangential_stiffness, mu, false, out, err);
+}
+
+enum modal_status law_contact_side(double normal_stiffness, double preload,
+                                   double tangential_stiffness, double mu, struct law *out,
+                                   struct modal_error *err)
+{
+    return contact_new(normal_stiffness, preload, tangential_stiffness, mu, true, out, err);
 }

@@ -206,6 +206,8 @@ static const char *const one_of_each[] = {
     "{'type':'lua','dof':'D','source':'function force(t,x,v,m) return x end'}",
     "{'type':'contact_friction','normal':'D','tangential':'E','normal_stiffness':2,'preload':1,"
     "'tangential_stiffness':2,'mu':0.2}",
+    "{'type':'contact_bed','nodes':[{'normal':'D','tangential':{'D':1,'E':1}}],"
+    "'normal_stiffness':2,'preload':1,'tangential_stiffness':2,'mu':0.2}",
     "{'type':'polynomial_coupling','terms':[{'coefficient':2,'powers':{'D':2,'E':1},'on':'E'}]}",
     "{'type':'axial_load','mean':1,'amplitude':2}",
     "{'type':'viscous_damping','per_length':2}",

@@ -180,7 +180,8 @@ static void check_refusal(const struct scene_table *t, const struct scene_key *k
     struct modal_error err;
     const char *dot;
 
-    if (key->at == SCENE_ELSEWHERE || key->type == SCENE_OWN || key->type == SCENE_ENDS) {
+    if (key->at == SCENE_ELSEWHERE || key->type == SCENE_OWN
+        || key->type == SCENE_ENDS || key->type == SCENE_PLACE) {
         cJSON_Delete(part);
         return;
     }

@@ -1,0 +1,149 @@
+"""contact_bed beside the same contacts listed one by one, and beside its law summed by numpy."""
+# Tests as well: contact_bed.c
+import json
+import subprocess
+
+import h5py
+import numpy as np
+import pytest
+from conftest import BUILD, PATIENCE, environment
+
+LAW = {"normal_stiffness": 300.0, "preload": 20.0, "tangential_stiffness": 200.0, "mu": 0.4}
+AREA = 0.5
+
+
+def call(tmp_path, verb, scene, *words):
+    (tmp_path / "scene.json").write_text(json.dumps(scene))
+    done = subprocess.run([BUILD / "bin" / "modalctl", "--local", "--json", verb, tmp_path / "scene.json", *words], capture_output=True, text=True, timeout=PATIENCE,
+                          env=environment())
+    return done.returncode, json.loads(done.stdout)
+
+
+def run(tmp_path, verb, scene, *words):
+    code, answer = call(tmp_path, verb, scene, *words)
+    assert code == 0, answer
+    return answer
+
+
+def harmonics(answer):
+    return np.array([np.array(row["re"]) + 1j * np.array(row["im"]) for row in answer["harmonics"]])
+
+
+def strip(nodes, effects, push=60.0, **more):
+    """Nodes in a row, each with a normal and a tangential dof, n1, t1, n2, .., held by springs to the next and to the ground."""
+    n = 2 * nodes
+    K = np.diag(np.full(n, 1500.0)) - np.diag(np.full(n - 2, 400.0), 2) - np.diag(np.full(n - 2, 400.0), -2)
+    return {"structure": {"type": "matrices", "M": sparse(np.eye(n)), "K": sparse(K), "C": sparse(0.02 * K + 0.3 * np.eye(n)),
+                          "dofs": [f"{c}{i + 1}" for i in range(nodes) for c in "nt"]}, "omega": 9.0, "effects": effects,
+            "excitation": [{"dof": f"t{i + 1}", "k": 1, "cos": push / (1 + i % 3)} for i in range(nodes)]
+            + [{"dof": f"n{i + 1}", "k": 1, "sin": 12.0} for i in range(0, nodes, 2)], **more}
+
+
+def sparse(a):
+    where = [np.flatnonzero(row) for row in a]
+    return {"shape": list(a.shape), "row_pointers": np.cumsum([0] + [len(w) for w in where]).tolist(), "columns": np.concatenate(where).tolist(),
+            "values": np.concatenate([row[w] for row, w in zip(a, where)]).tolist()}
+
+
+def bed(nodes, **more):
+    return [{"type": "contact_bed", **LAW, "nodes": [{"normal": f"n{i + 1}", "tangential": f"t{i + 1}", "area": AREA} for i in range(nodes)], **more}]
+
+
+def one_by_one(nodes):
+    per_area = {key: value if key == "mu" else AREA * value for key, value in LAW.items()}
+    return [{"type": "contact_friction", "normal": f"n{i + 1}", "tangential": f"t{i + 1}", **per_area} for i in range(nodes)]
+
+
+@pytest.mark.parametrize("nodes", [1, 20, 100, 400])
+def test_a_bed_is_the_contacts_listed_one_by_one(nodes, tmp_path):
+    words = ("-o", "harmonics=3", "-o", "stability=false")
+    as_one, listed = (run(tmp_path, "steady", strip(nodes, effects), *words) for effects in (bed(nodes), one_by_one(nodes)))
+    assert as_one["converged"] == listed["converged"] is True
+    assert np.array_equal(harmonics(as_one), harmonics(listed)) and np.abs(harmonics(listed)[1, 3]) > 0     # it slips
+    row, = as_one["plan"]["effects"]
+    assert row["type"] == "contact_bed" and row["active"]
+    assert row["states"] == nodes and row["evaluations"] == sum(e["evaluations"] for e in listed["plan"]["effects"])
+
+
+def test_a_bed_moves_as_the_contacts_listed_one_by_one(tmp_path):
+    records = []
+    for effects in (bed(8), one_by_one(8)):
+        run(tmp_path, "simulate", strip(8, effects, time={"dt": 0.01, "duration": 2}), "-O", tmp_path / "x.h5")
+        with h5py.File(tmp_path / "x.h5") as file:
+            records.append(file["signals"][:])
+    assert np.array_equal(*records) and np.abs(records[0]).max() > 0.01
+
+
+def clip(f, bound):
+    return np.minimum(np.maximum(f, -bound), bound)
+
+
+def test_two_tangentials_share_one_normal_force_and_each_has_a_slider(tmp_path):
+    """The law marched by numpy along the motion of the answer's own dofs: nothing but the masses' balance is asked of the answer."""
+    weights = {"normal": {"a3": -1, "b3": 1}, "tangential": [{"a1": 1, "b1": -1}, {"a2": 1, "b2": -1}]}
+    K, M = np.array([900.0, 1100, 1300, 800, 700, 1000]), np.array([1.0, 1, 1, 2, 2, 2])
+    dofs = ["a1", "a2", "a3", "b1", "b2", "b3"]
+    C, load = 0.03 * K, {"a1": 90.0, "a2": 70.0, "b3": 8.0}
+    scene = {"structure": {"type": "matrices", "M": np.diag(M).tolist(), "K": np.diag(K).tolist(), "C": np.diag(C).tolist(), "dofs": dofs}, "omega": 20.0,
+             "effects": [{"type": "contact_bed", **LAW, "nodes": [{**weights, "area": AREA}]}],
+             "excitation": [{"dof": d, "k": 1, "cos": p} for d, p in load.items()]}
+    H, N = 31, 1 << 15
+    X = harmonics(run(tmp_path, "steady", scene, "-o", f"harmonics={H}"))
+    x = (X @ np.exp(2j * np.pi * np.outer(np.arange(H + 1), np.arange(N)) / N)).real
+    d = {"n": x[5] - x[2], "t": x[0] - x[3], "u": x[1] - x[4]}
+    normal = np.maximum(0, AREA * (LAW["preload"] + LAW["normal_stiffness"] * d["n"]))
+    k, force = AREA * LAW["tangential_stiffness"], {}
+    for along in "tu":
+        z, f = 0.0, np.empty(N)
+        for _ in range(2):
+            for i in range(N):
+                f[i] = clip(k * (d[along][i] - z), LAW["mu"] * normal[i])
+                z = d[along][i] - f[i] / k
+        force[along] = f
+        assert np.any(np.abs(f) >= LAW["mu"] * normal * (1 - 1e-12)) and np.any(np.abs(f) < 0.5 * LAW["mu"] * normal)    # slips and sticks
+    on = np.array([force["t"], force["u"], -normal, -force["t"], -force["u"], normal])
+    F = np.fft.rfft(on)[:, :H + 1] * 2 / N
+    F[:, 0] /= 2
+    w = 20.0 * np.arange(H + 1)
+    residual = F + X * (K[:, None] + 1j * w * C[:, None] - w**2 * M[:, None])
+    residual[:, 1] -= [load.get(dof, 0) for dof in dofs]
+    assert np.abs(residual).max() < 1e-5 * np.abs(F).max()              # N samples of a force with kinks: some of 1 / N^2
+
+
+def test_a_node_s_own_numbers_stand_in_place_of_the_bed_s(tmp_path):
+    nodes = [{"normal": "n1", "tangential": ["t1"], "preload": 7.0, "mu": 0.1}, {"normal": "n2", "tangential": {"t2": 2.0}, "normal_stiffness": 90.0,
+                                                                                 "tangential_stiffness": 70.0, "area": 2.0}]
+    listed = [{"type": "contact_friction", "normal": "n1", "tangential": "t1", **LAW, "preload": 7.0, "mu": 0.1},
+              {"type": "contact_friction", "normal": "n2", "tangential": {"t2": 2.0}, "normal_stiffness": 180.0, "preload": 40.0, "tangential_stiffness": 140.0, "mu": 0.4}]
+    answers = [run(tmp_path, "steady", strip(2, effects), "-o", "harmonics=7") for effects in ([{"type": "contact_bed", **LAW, "nodes": nodes}], listed)]
+    assert np.array_equal(*map(harmonics, answers))
+
+
+def test_two_beds_of_which_one_never_slips_are_told_apart(tmp_path):
+    first, second = bed(3)[0], bed(6)[0]
+    second = {**second, "nodes": second["nodes"][3:], "mu": 1e3}
+    answer = run(tmp_path, "steady", strip(6, [first, second]), "-o", "harmonics=3")
+    assert [e["active"] for e in answer["plan"]["effects"]] == [True, False]
+
+
+NODE = {"normal": "n1", "tangential": "t1"}
+
+
+@pytest.mark.parametrize("nodes, field, says", [
+    ([], "nodes", "a list of 1 to 20000 objects"),
+    ([NODE] * 20001, "nodes", "at most 20000"),
+    ([NODE, {"normal": "n1"}], "nodes[1].tangential", "is missing"),
+    ([{**NODE, "normal": "n9"}], "nodes[0].normal", "no dof \"n9\""),
+    ([{**NODE, "normal": 3}], "nodes[0].normal", "the name of a dof, or an object"),
+    ([{**NODE, "tangential": []}], "nodes[0].tangential", "one or two"),
+    ([{**NODE, "tangential": ["t1", "t1", "t1"]}], "nodes[0].tangential", "one or two"),
+    ([{**NODE, "tangential": ["t1", "t9"]}], "nodes[0].tangential[1]", "no dof \"t9\""),
+    ([{**NODE, "tangential": ["t1", {"n1": 0}]}], "nodes[0].tangential[1].n1", "a number that is not 0"),
+    ([{**NODE, "area": -1}], "nodes[0].area", "m^2"),
+    ([{**NODE, "slip": 1}], "nodes[0].slip", "unknown key"),
+])
+def test_what_is_no_node_is_refused_by_its_place(nodes, field, says, tmp_path):
+    code, answer = call(tmp_path, "steady", strip(2, [{"type": "contact_bed", **LAW, "nodes": nodes}]))
+    assert code == 2
+    assert answer["error"]["field"] == f"effects[0].{field}"
+    assert says in answer["error"]["message"]

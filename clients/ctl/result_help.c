@@ -20,6 +20,7 @@ static void print_key(FILE *to, const struct result_key *key, int indent)
     static const char *const types[] = {
         [RESULT_NUMBER] = "a number", [RESULT_WHOLE] = "a whole number",
         [RESULT_TRUTH] = "true or false", [RESULT_TEXT] = "text", [RESULT_COMPLEX] = "[re, im]",
+        [RESULT_SPAN] = "[t0, t1]",
         [RESULT_OBJECT] = "an object", [RESULT_OWN] = "a form of its own",
     };
 

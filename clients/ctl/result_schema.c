@@ -29,8 +29,9 @@ static cJSON *value_of(const struct result_key *key)
         return cJSON_CreateObject();                    /* all is accepted */
     if (key->type == RESULT_OBJECT)
         return object_of(key->members, key->as);
-    return key->type == RESULT_COMPLEX ? pair(key->null != NULL)
-                                       : schema_type(types[key->type], key->null != NULL);
+    if (key->type == RESULT_COMPLEX || key->type == RESULT_SPAN)
+        return pair(key->null != NULL);
+    return schema_type(types[key->type], key->null != NULL);
 }
 
 static cJSON *member_of(const struct result_key *key)

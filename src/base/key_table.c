@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/near.h"
 
 enum { ROWS_MOST = 64 };          /* of two tables together: twice the longest there is */
 static const double
@@ -52,16 +53,35 @@ void key_table_defaults(const struct key_row *rows, void *into)
     }
 }
 
+/* A word in place of an interval. */
+static enum modal_status read_word(const struct key_row *r, const char *word, const char *path,
+                                   double out[2], struct modal_error *err)
+{
+    int i = word_index(r->words, word);
+    char near[NEAR_ACCEPTED];
+
+    if (r->words[i] != NULL) {
+        out[0] = -1 - i, out[1] = 0;
+        return MODAL_OK;
+    }
+    near_accepted(word, r->words, near);
+    return modal_fail_field(err, MODAL_BAD_INPUT, path, "%s is \"%.40s\"%s, or two numbers, the "
+                            "first below the second", path, word, near);
+}
+
 static enum modal_status read_interval(const struct key_row *r, const cJSON *object,
                                        const char *base, double out[2], struct modal_error *err)
 {
+    const cJSON *item = cJSON_GetObjectItemCaseSensitive(object, r->name);
     double *x = NULL;
     size_t count = 0;
     char path[128];
-    enum modal_status rc = json_get_numbers(object, base, r->name, r->low, r->high, &x, &count,
-                                            err);
+    enum modal_status rc;
 
     json_path(path, base, r->name);
+    if (r->words != NULL && cJSON_IsString(item))
+        return read_word(r, item->valuestring, path, out, err);
+    rc = json_get_numbers(object, base, r->name, r->low, r->high, &x, &count, err);
     if (rc == MODAL_BAD_INPUT && err != NULL)
         /* the key; the message says which number of it */
         snprintf(err->field, sizeof err->field, "%s", path);

@@ -18,7 +18,8 @@ enum key_type {
     KEY_TRUTH,          /* bool */
     KEY_CHOICE,         /* int, or an enum of its size: which of `words` */
     KEY_TEXT,           /* const char *, the object's own */
-    KEY_INTERVAL,       /* double[2], the first below the second */
+    KEY_INTERVAL,       /* double[2], the first below the second; or {-1, 0} for the first of
+                           `words`, {-2, 0} for the next */
     KEY_OWN             /* its owner reads and writes it */
 };
 
@@ -31,7 +32,7 @@ struct key_row {
     enum key_shown shown;         /* set: other than 0 or NULL */
     size_t at;                    /* in the owner's struct; not of KEY_OWN */
     double low, high;             /* what numbers are accepted, ends included */
-    const char *const *words;     /* what words are, NULL-terminated */
+    const char *const *words;     /* what words are, NULL-terminated; of an interval NULL: none */
     const char *initial;          /* what holds without it, as JSON but words bare; NULL: what
                                      `meaning` says */
     const char *unit;             /* NULL: none */

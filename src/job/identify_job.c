@@ -316,6 +316,8 @@ static cJSON *print_result(const struct job_request *q, const struct identify_re
     cJSON_AddItemToObject(o, "stabilisation", print_stabilisation(r));
     cJSON_AddItemToObject(o, "clusters", print_clusters(r));
     cJSON_AddItemToObject(o, "trend", print_trend(r));
+    cJSON_AddItemToObject(o, "proposed_window",
+                          r->proposed[1] > 0 ? json_numbers(r->proposed, 2) : cJSON_CreateNull());
     cJSON_AddItemToObject(o, "diagnostics", print_diagnostics(r));
     cJSON_AddItemToObject(o, "cost", print_cost(r, start));
     cJSON_AddItemToObject(o, "provenance", print_provenance(q, r, threads));

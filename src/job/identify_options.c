@@ -22,6 +22,9 @@ static const double
 /* What identify looks for at most. */
 #define ORDER .low = 1, .high = IDENTIFY_ORDER_MOST
 
+/* WINDOW_AUTO */
+static const char *const window_words[] = { "auto", NULL };
+
 const struct key_row identify_option_rows[] = {
     { "response", KEY_CHOICE, AT(opt.response), .words = identify_response_names,
       .initial = "free",
@@ -62,8 +65,10 @@ const struct key_row identify_option_rows[] = {
       .meaning = "of the Hankel matrix", .example = "100" },
     { "stride", KEY_WHOLE, KEY_SHOWN_OR_NULL, AT(opt.stride), .low = 1, .high = SIZE_MOST,
       .unit = "samples", .meaning = "between two columns", .example = "2" },
-    { "window", KEY_INTERVAL, AT(opt.window), .low = 0, .high = 1e300, .unit = "s", .form = "T0,T1",
-      .meaning = "part of the record to use", .example = "3,43" },
+    { "window", KEY_INTERVAL, AT(opt.window), .low = 0, .high = 1e300, .unit = "s",
+      .words = window_words, .form = "auto|T0,T1",
+      .meaning = "part of the record to use; auto: the free response in it, as proposed_window",
+      .example = "3,43" },
     { "band", KEY_INTERVAL, AT(opt.band), .low = 0, .high = 1e300, .unit = "Hz", .form = "F1,F2",
       .meaning = "demodulated, filtered and decimated first", .example = "3500,3700" },
     { "period", KEY_NUMBER, AT(opt.period), .low = 0, .high = 1e300, .unit = "s", .form = "T",

@@ -14,6 +14,7 @@ enum result_type {
     RESULT_TRUTH,
     RESULT_TEXT,
     RESULT_COMPLEX,                  /* [re, im] */
+    RESULT_SPAN,                     /* [t0, t1] */
     RESULT_OBJECT,                   /* of `members`, and of those of the kinds `as` */
     RESULT_OWN                       /* as somebody else gave it: options, attributes */
 };

@@ -1683,8 +1683,24 @@ static enum modal_status conclude(struct work *w, const struct batch *batch,
     return MODAL_OK;
 }
 
+/* What is proposed, and that it was not used. */
+static void report_window(struct work *w, struct identify_result *out)
+{
+    const double *t = w->rec.proposed;
+    bool automatic = w->opt.window[0] == WINDOW_AUTO;
+
+    memcpy(out->proposed, t, sizeof out->proposed);
+    if (automatic)
+        memcpy(w->opt.window, t, sizeof w->opt.window);
+    if (!automatic && t[1] > 0)
+        identify_diagnose(out, "not_free_throughout", -1, "only %.6g to %.6g s of the record are "
+                          "one free response: what comes before is quiet, or driven; "
+                          "`-o window=auto` identifies that part alone", t[0], t[1]);
+}
+
 static void report_settings(struct work *w, struct identify_result *out)
 {
+    report_window(w, out);
     out->period = w->rec.period;
     out->dt = w->rec.step;
     out->decimation = w->rec.decimation;

@@ -3,6 +3,7 @@
  *
  * The whole way, one module each:
  *
+ *   event      the part of it that is one free response: after a strike, before noise  event.h
  *   record     the batch checked, cut (window, band, difference, detrend), scaled: L rows of unit
  *              rms  record.h
  *   pod        many channels to few signals s_i v_i^T  pod.h
@@ -57,6 +58,9 @@ enum {
     IDENTIFY_STAGES = 12
 };
 
+/* window[0]: the first of the words that may stand for an interval (base/key_table.h) */
+#define WINDOW_AUTO -1.0
+
 /* Zero everywhere is the default procedure. */
 struct identify_options {
     enum identify_method method;
@@ -73,7 +77,8 @@ struct identify_options {
     enum identify_scale scale;
     int rows, columns;            /* of H0, per signal; 0: hankel_default_sizes */
     int stride;                   /* samples between columns, systems without period; 0: 1 */
-    double window[2];             /* s, [t0, t1]; both 0: the whole record */
+    double window[2];             /* s, [t0, t1]; both 0: the whole record; WINDOW_AUTO, 0: what
+                                     is proposed */
     double band[2];               /* Hz; both 0: all */
     double period;                /* s; 0: the batch's; < 0: none, whatever the batch says */
     bool difference;              /* h[k+p] - h[k]: a periodic orbit removed */
@@ -177,6 +182,8 @@ struct identify_result {
     struct identify_diagnostic diagnostics[IDENTIFY_DIAGNOSTICS_MOST]; int diagnostic_count;
 
     struct identify_stage stages[IDENTIFY_STAGES]; int stage_count;
+
+    double proposed[2];           /* s: the part of the record to use; both 0: all that was asked */
 
     /* What the answer rests on, options after defaults. */
     struct identify_options used; /* pointers NULL */

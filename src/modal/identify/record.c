@@ -37,6 +37,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/identify/event.h"
 #include "modal/identify/rounding.h"
 #include "modal/linalg/svd.h"
 
@@ -139,7 +140,7 @@ static enum modal_status window_rows(const struct batch *b, const struct identif
            slack = 1e-9 * b->dt;
 
     *first = 0, *last = b->samples - 1;
-    if (t0 == 0 && t1 == 0)
+    if ((t0 == 0 && t1 == 0) || t0 == WINDOW_AUTO)
         return MODAL_OK;
     if (!(t0 >= 0) || !(t1 > t0) || t0 > end)
         return modal_fail_field(err, MODAL_BAD_INPUT, "window",
@@ -174,6 +175,28 @@ static enum modal_status choose_channels(const struct batch *b, const struct ide
     }
     return r->channels > 0 ? MODAL_OK
                            : modal_fail_field(err, MODAL_BAD_INPUT, "signals", "no channel chosen");
+}
+
+/* The part of rows [*first, *last] that is one free response is told, and taken where it was asked
+ * for. Periodic systems follow no recurrence of one sample to the next, and what is larger than
+ * memory is not read once more. */
+static enum modal_status propose(const struct batch *b, const struct identify_options *opt,
+                                 struct record *r, size_t *first, size_t *last,
+                                 struct modal_error *err)
+{
+    struct event_rows whole = { *first, *last }, part;
+    bool cut;
+    enum modal_status rc;
+
+    if (opt->period > 0 || (opt->period == 0 && b->period > 0) || b->release != NULL)
+        return MODAL_OK;
+    rc = event_find(b, r->channel, r->channels, whole, &part, &cut, err);
+    if (rc != MODAL_OK || !cut)
+        return rc;
+    r->proposed[0] = (double)part.first * b->dt, r->proposed[1] = (double)part.last * b->dt;
+    if (opt->window[0] == WINDOW_AUTO)
+        *first = part.first, *last = part.last;
+    return MODAL_OK;
 }
 
 /* Samples to columns: blocks, so that both sides stay in cache. */
@@ -570,6 +593,8 @@ enum modal_status record_make(const struct batch *batch, const struct identify_o
         rc = window_rows(batch, opt, &first, &last, err);
     if (rc == MODAL_OK)
         rc = choose_channels(batch, opt, &r, err);
+    if (rc == MODAL_OK)
+        rc = propose(batch, opt, &r, &first, &last, err);
     if (rc == MODAL_OK)
         rc = wide ? view_wide(batch, first, last, &r, err)
                   : copy_columns(batch, first, last, &r, err);

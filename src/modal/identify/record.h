@@ -14,6 +14,8 @@ struct record {
     double step;                /* s between rows */
     double dt;                  /* of the batch as sent */
     double t0;                  /* of row 0, s from the batch's first sample */
+    double proposed[2];         /* s: where one free response begins and ends (event.h); both 0:
+                                   with the rows that were asked for */
     double period;              /* s; 0: none */
     int per_period;             /* period / step where that is an integer; 0: it is not, or there is
                                  * no period */

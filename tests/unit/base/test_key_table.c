@@ -17,6 +17,8 @@ static const struct key_row rows[] = {
     { "t", KEY_TEXT, KEY_SHOWN_IF_SET, AT(text), .meaning = "a text", .example = "abc" },
     { "i", KEY_INTERVAL, AT(interval), .low = 0, .high = 1e300, .meaning = "two numbers",
       .example = "1,2" },
+    { "v", KEY_INTERVAL, AT(interval), .low = 0, .high = 1e300, .words = words,
+      .meaning = "two numbers or a colour", .form = "red|green|A,B", .example = "3,4" },
     { "secret", KEY_WHOLE, KEY_SILENT, AT(n), .low = 1, .high = 9, .meaning = "a count",
       .example = "1" },
     { "own", KEY_OWN, .meaning = "its owner's", .example = "1" },
@@ -27,8 +29,8 @@ TEST(a_table_reads_writes_and_has_defaults)
 {
     cJSON *given = cJSON_Parse("{\"x\":7.25,\"t\":\"abc\",\"i\":[1,4],\"own\":{}}"),
           *out = cJSON_CreateObject();
-    cJSON *expected =
-        cJSON_Parse("{\"x\":7.25,\"y\":true,\"w\":\"green\",\"t\":\"abc\",\"i\":[1,4]}");
+    cJSON *expected = cJSON_Parse(
+        "{\"x\":7.25,\"y\":true,\"w\":\"green\",\"t\":\"abc\",\"i\":[1,4],\"v\":[1,4]}");
     struct owner o = { 0 };
 
     CHECK(key_table_options(rows, given, &o, NULL) == MODAL_OK);
@@ -37,6 +39,29 @@ TEST(a_table_reads_writes_and_has_defaults)
     key_table_write(rows, &o, out);
     CHECK(cJSON_Compare(out, expected, true));
     cJSON_Delete(given), cJSON_Delete(out), cJSON_Delete(expected);
+}
+
+TEST(a_word_stands_for_an_interval_where_the_row_has_it_and_another_is_refused_with_those)
+{
+    const struct { const char *given, *message; double low; } cases[] = {
+        { "{\"v\":\"red\"}", NULL, -1 }, { "{\"v\":\"green\"}", NULL, -2 },
+        { "{\"v\":\"gren\"}", "v is \"gren\"; did you mean green?; accepted: red, green, or two "
+          "numbers, the first below the second, such as 3,4", 0 },
+    };
+
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        cJSON *given = cJSON_Parse(cases[i].given);
+        struct owner o = { 0 };
+        struct modal_error err = { 0 };
+        enum modal_status rc = key_table_options(rows, given, &o, &err);
+        CHECK((rc == MODAL_OK) == (cases[i].message == NULL) && o.interval[0] == cases[i].low);
+        if (cases[i].message != NULL) {
+            CHECK(rc == MODAL_BAD_INPUT);
+            CHECK_STRING(err.field, "v");
+            CHECK_STRING(err.message, cases[i].message);
+        }
+        cJSON_Delete(given);
+    }
 }
 
 TEST(a_row_is_told_with_its_form_its_range_and_its_default)

@@ -2,7 +2,7 @@
 set(C ${CMAKE_SOURCE_DIR}/clients/c)
 
 # The client library: in this tree static on top of the rooms; installed, one shared object that shows modald.h only.
-set(client_sources ${C}/link.c ${C}/keyfile.c ${C}/client.c ${C}/modald.c)
+set(client_sources ${C}/link.c ${C}/client.c ${C}/modald.c)
 add_library(modald_client STATIC ${client_sources})
 target_include_directories(modald_client PUBLIC ${C})
 target_link_libraries(modald_client PUBLIC house wire store PkgConfig::ZMQ)

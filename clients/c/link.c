@@ -21,7 +21,7 @@
 #include <time.h>
 #include <unistd.h>
 #include <zmq.h>
-#include "keyfile.h"
+#include "wire/keyfile.h"
 #include "wire/protocol.h"
 
 static const double first_patience = 2;      /* s: nobody there at the start */

@@ -2,7 +2,7 @@
  * printed */
 #include <stdio.h>
 #include "outcome.h"
-#include "keyfile.h"
+#include "wire/keyfile.h"
 #include "verbs.h"
 
 int run_keygen(const struct verb *verb, const struct args *args)

@@ -16,6 +16,8 @@ enum {
     WIRE_BODY_MOST       = 1048576,           /* one body frame; chosen: four chunks */
     WIRE_ID_MOST         = 64,                /* bytes: a UUID's 36, or a name and a count */
     WIRE_PARTS_MOST      = 4,                 /* of a worker, without their GO */
+    WIRE_PULLS_MOST      = 4,                 /* INPUTs of a worker elsewhere without CHUNK: at
+                                                 10 ms to and fro 400 MB/s */
     WIRE_KEY_MOST        = 128,               /* bytes: two SHA-256 in hexadecimal */
     WIRE_INLINE_MOST     = 65536,             /* an input in SUBMIT's own body; chosen: 8192
                                                  doubles, sent again whole if need be */

@@ -51,6 +51,7 @@ enum { MEMORY_LIMITED = true };
 
 enum {
     NICE       = 10,     /* the daemon and a simulation beside it come first */
+    SAID_MOST  = 1 << 20,   /* bytes of a log file: a line for each of ten thousand jobs */
     FILES_MOST = 256,    /* libzmq's few, the libraries' while they are loaded, the inputs' one */
 };
 
@@ -87,11 +88,28 @@ enum modal_status confine_death(struct modal_error *err)
     return MODAL_OK;
 }
 
+enum modal_status confine_survive(struct modal_error *err)
+{
+    if (prctl(PR_SET_PDEATHSIG, 0) < 0)
+        return modal_fail(err, MODAL_IO, "worker: parent's death: %s", strerror(errno));
+    return MODAL_OK;
+}
+
+/* No file grows, but the one that stderr may be by what a few hundred jobs say. */
+static rlim_t file_most(const struct confine_options *options)
+{
+    struct stat known;
+
+    return options->elsewhere && fstat(STDERR_FILENO, &known) == 0 && S_ISREG(known.st_mode)
+               ? (rlim_t)known.st_size + SAID_MOST : 0;
+}
+
 enum modal_status confine_limits(const struct confine_options *options, struct modal_error *err)
 {
     enum modal_status rc;
 
-    setpgid(0, 0);                      /* fails where the parent has done it */
+    if (!options->elsewhere)
+        setpgid(0, 0);                  /* fails where the parent has done it */
     if (getpriority(PRIO_PROCESS, 0) < NICE && setpriority(PRIO_PROCESS, 0, NICE) < 0)
         return modal_fail(err, MODAL_IO, "worker: nice: %s", strerror(errno));
     signal(SIGXFSZ, SIG_IGN);
@@ -99,12 +117,12 @@ enum modal_status confine_limits(const struct confine_options *options, struct m
     if (rc == MODAL_OK)
         rc = set_limit(RLIMIT_NOFILE, FILES_MOST, "descriptors", err);
     if (rc == MODAL_OK)
-        rc = set_limit(RLIMIT_FSIZE, 0, "file size", err);
+        rc = set_limit(RLIMIT_FSIZE, file_most(options), "file size", err);
     if (rc == MODAL_OK && MEMORY_LIMITED && options->memory > 0)
         rc = set_limit(RLIMIT_DATA, options->memory, "memory", err);
     if (rc == MODAL_OK)
         rc = limit_threads(err);
-    return rc == MODAL_OK ? confine_death(err) : rc;
+    return rc == MODAL_OK && !options->elsewhere ? confine_death(err) : rc;
 }
 
 /* --- files --- */
@@ -178,7 +196,7 @@ enum modal_status confine_user(const struct confine_options *options, struct mod
                           strerror(errno));
     if (geteuid() != user->pw_uid)
         return modal_fail(err, MODAL_DENIED, "worker: only root can become %s", options->user);
-    return confine_death(err);                      /* changing the user has cleared it */
+    return options->elsewhere ? MODAL_OK : confine_death(err);   /* which the change cleared */
 }
 
 /* --- system calls --- */

@@ -22,7 +22,12 @@ struct confine_options {
     const char *data;      /* the daemon's folder, of which nothing may be read; NULL: no
                               restriction of reading */
     bool calls;            /* filter system calls */
+    bool elsewhere;        /* the daemon is on another host: it is not our parent, whose group we
+                              stay in, and nobody else keeps what stderr says */
 };
+
+/* Not a child of the daemon's: the end of the parent is its own again. */
+enum modal_status confine_survive(struct modal_error *err);
 
 /* The end of the parent is this process's; asked again by what clears it.  The parent may have
  * ended before: see descriptors_open. */

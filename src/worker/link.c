@@ -12,6 +12,7 @@
 #include "worker/link.h"
 #include <errno.h>
 #include <pthread.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -22,6 +23,9 @@
 enum {
     LINGER_MS    = 1000,                 /* for the last answer, on a loaded host */
     MESSAGE_MOST = 2 * WIRE_BODY_MOST,   /* a body, and a header of WIRE_WORKER_HEADER_MOST */
+    DAY_MS       = 86400000,             /* who has no connection ends long before */
+    TICK_MS      = 200,                  /* a signal that wakes another thread waits so long */
+    BEATS        = 3,                    /* in a lease: two may be lost */
 };
 
 struct link {
@@ -30,6 +34,11 @@ struct link {
     pthread_t thread;
     bool started;
     int beat_ms, watched;
+
+    bool elsewhere;               /* the daemon is on another host; then: */
+    void *monitor;                /* the connection's end */
+    struct elsewhere welcome;
+    struct leave leave;           /* the thread's */
 
     pthread_mutex_t mutex;        /* over what BEAT says */
     char job[WIRE_ID_MOST + 1];
@@ -110,6 +119,172 @@ static bool pass_out(struct link *link)
     return pass(link->theirs, link->dealer);
 }
 
+/* --- the same to a daemon on another host --- */
+
+static volatile sig_atomic_t asked_to_go;
+
+static void on_signal(int number)
+{
+    (void)number;
+    asked_to_go = 1;
+}
+
+static void hear_signals(void)
+{
+    const struct sigaction action = { .sa_handler = on_signal, .sa_flags = SA_RESTART };
+
+    sigaction(SIGTERM, &action, NULL);
+    sigaction(SIGUSR1, &action, NULL);
+}
+
+/* VERB, about JOB where there is one, ahead of whatever the job's thread sends. */
+static void say(struct link *link, const char *verb, const char *job, int attempt)
+{
+    char header[WIRE_ID_MOST * 2 + 96] = "{}";
+
+    if (job[0] != 0)
+        snprintf(header, sizeof header, "{\"job\":\"%s\",\"attempt\":%d,\"why\":\"%s\"}", job,
+                 attempt, link->leave.why);
+    zmq_send_const(link->dealer, WIRE_WORKER, strlen(WIRE_WORKER), ZMQ_SNDMORE);
+    zmq_send(link->dealer, verb, strlen(verb), ZMQ_SNDMORE);
+    zmq_send(link->dealer, header, strlen(header), 0);
+}
+
+/* The whole message at FROM into PARTS; how many there are, -1: its sender is gone. */
+static int take_in(void *from, zmq_msg_t parts[WIRE_FRAMES_MOST])
+{
+    int count = 0, more = 1;
+
+    while (more) {
+        zmq_msg_t part;
+        zmq_msg_init(&part);
+        if (zmq_msg_recv(&part, from, 0) < 0) {
+            zmq_msg_close(&part);
+            if (errno == EINTR)
+                continue;
+            return -1;
+        }
+        more = zmq_msg_more(&part);
+        if (count < WIRE_FRAMES_MOST)
+            parts[count++] = part;
+        else
+            zmq_msg_close(&part);
+    }
+    return count;
+}
+
+static bool is_verb(zmq_msg_t *parts, int count, const char *verb)
+{
+    return count > 1 && zmq_msg_size(&parts[1]) == strlen(verb)
+           && memcmp(zmq_msg_data(&parts[1]), verb, strlen(verb)) == 0;
+}
+
+static bool pass_on(zmq_msg_t *parts, int count, void *to)
+{
+    for (int i = 0; i < count; i++)
+        if (zmq_msg_send(&parts[i], to, i + 1 < count ? ZMQ_SNDMORE : 0) < 0)
+            return false;
+    return true;
+}
+
+/* A RUN that met the LEAVE under way goes back as it came. */
+static void give_back(struct link *link, zmq_msg_t *parts, int count)
+{
+    struct wire_frame frames[WIRE_FRAMES_MOST];
+    struct wire_message message;
+    const char *job = "";
+    int attempt = 0;
+
+    for (int i = 0; i < count; i++)
+        frames[i] = (struct wire_frame) { zmq_msg_data(&parts[i]), zmq_msg_size(&parts[i]) };
+    if (wire_open(frames, count, WIRE_WORKER, false, &message, NULL) == MODAL_OK) {
+        json_get_string(message.header, "", "job", &job, NULL);
+        json_get_int(message.header, "", "attempt", 0, INT32_MAX, &attempt, NULL);
+        if (strlen(job) <= WIRE_ID_MOST && strpbrk(job, "\"\\") == NULL)
+            say(link, "RELEASE", job, attempt);
+    }
+    wire_close(&message);
+}
+
+/* A message of the daemon's; false: the link is over. */
+static bool hear(struct link *link)
+{
+    zmq_msg_t parts[WIRE_FRAMES_MOST];
+    const int count = take_in(link->dealer, parts);
+    const bool runs = is_verb(parts, count, "RUN");
+    bool passed = true;
+
+    if (is_verb(parts, count, "STOP") && link->leave.given)
+        _exit(link->leave.left ? 0 : 1);
+    if (runs && link->leave.left)
+        give_back(link, parts, count);
+    else {
+        if (runs)
+            leave_given(&link->leave, true, now_ms());
+        passed = count > 0 && pass_on(parts, count, link->theirs);
+    }
+    for (int i = 0; i < count; i++)
+        zmq_msg_close(&parts[i]);
+    return passed;
+}
+
+/* A message of the job's thread; false: it wants to end. */
+static bool speak(struct link *link)
+{
+    zmq_msg_t parts[WIRE_FRAMES_MOST];
+    const int count = take_in(link->theirs, parts);
+    bool passed = count > 1;
+
+    if (is_verb(parts, count, "READY")) {
+        leave_given(&link->leave, false, now_ms());
+        if (leave_next(&link->leave, asked_to_go != 0, now_ms()) == LEAVE_SAY)
+            say(link, "LEAVE", "", 0);
+        else
+            passed = pass_on(parts, count, link->dealer);
+    } else if (passed)
+        passed = pass_on(parts, count, link->dealer);
+    for (int i = 0; i < count; i++)
+        zmq_msg_close(&parts[i]);
+    return passed;
+}
+
+/* Is it time to go?  Who gave a job back ends with the daemon's STOP, or without. */
+static void consider_leaving(struct link *link)
+{
+    const int64_t now = now_ms();
+    const enum leave_act act = leave_next(&link->leave, asked_to_go != 0, now);
+    char job[WIRE_ID_MOST + 1];
+    int attempt;
+
+    if (act == LEAVE_SAY)
+        say(link, "LEAVE", "", 0);
+    if (act == LEAVE_RELEASE) {
+        pthread_mutex_lock(&link->mutex);
+        memcpy(job, link->job, sizeof job);
+        attempt = link->attempt;
+        pthread_mutex_unlock(&link->mutex);
+        if (job[0] != 0)
+            say(link, "RELEASE", job, attempt);
+        say(link, "LEAVE", "", 0);
+    }
+    if (link->leave.left && now - link->leave.going_ms > link->leave.options.grace_ms + LINGER_MS)
+        _exit(0);
+}
+
+/* --- the thread --- */
+
+/* What has come is passed; false: the link is over. */
+static bool pass_messages(struct link *link, bool in, bool out)
+{
+    bool alive = true;
+
+    if (in)
+        alive = link->elsewhere ? hear(link) : pass(link->dealer, link->theirs);
+    if (alive && out)
+        alive = link->elsewhere ? speak(link) : pass_out(link);
+    return alive;
+}
+
 static void *link_run(void *argument)
 {
     struct link *link = argument;
@@ -121,7 +296,12 @@ static void *link_run(void *argument)
                                     { link->theirs, 0, ZMQ_POLLIN, 0 },
                                     { NULL, link->watched, ZMQ_POLLERR, 0 } };
         int64_t wait = next - now_ms();
-        if (zmq_poll(items, link->watched > 0 ? 3 : 2, wait > 0 ? (long)wait : 0) < 0
+        if (link->elsewhere) {
+            items[2] = (zmq_pollitem_t) { link->monitor, 0, ZMQ_POLLIN, 0 };
+            wait = wait < TICK_MS ? wait : TICK_MS;
+        }
+        if (zmq_poll(items, link->elsewhere || link->watched > 0 ? 3 : 2, wait > 0 ? (long)wait : 0)
+                < 0
             && errno != EINTR)
             break;
         if (items[2].revents != 0)
@@ -130,22 +310,45 @@ static void *link_run(void *argument)
             beat(link);
             next = now_ms() + link->beat_ms;
         }
-        if (items[0].revents & ZMQ_POLLIN)
-            alive = pass(link->dealer, link->theirs);
-        if (alive && items[1].revents & ZMQ_POLLIN)
-            alive = pass_out(link);
+        if (link->elsewhere)
+            consider_leaving(link);
+        alive = pass_messages(link, items[0].revents & ZMQ_POLLIN, items[1].revents & ZMQ_POLLIN);
     }
     zmq_close(link->dealer);
     zmq_close(link->theirs);
+    if (link->monitor != NULL)
+        zmq_close(link->monitor);
     return NULL;
 }
 
 /* --- the job's thread --- */
 
+static int wait_ms(const struct link_options *options)
+{
+    return options->connect_ms > 0 ? options->connect_ms : 10000;
+}
+
+/* The daemon on another host takes us in. */
+static enum modal_status join(struct link *link, const struct link_options *options,
+                              struct modal_error *err)
+{
+    enum modal_status rc;
+
+    leave_init(&link->leave, &options->leave, now_ms());
+    rc = elsewhere_join(link->dealer, link->monitor, options->elsewhere,
+                        leave_left_s(&link->leave, now_ms()), wait_ms(options), &link->welcome,
+                        err);
+    link->beat_ms = link->welcome.lease_ms / BEATS;
+    hear_signals();
+    return rc;
+}
+
 static enum modal_status connect_dealer(struct link *link, const struct link_options *options,
                                         struct modal_error *err)
 {
-    const int linger = LINGER_MS, immediate = 1, never = -1, high = 64;
+    /* to -1 libzmq 4.3.4 answers by looking for the host's interfaces, which the walls forbid */
+    const int never = link->elsewhere ? DAY_MS : -1;
+    const int linger = LINGER_MS, immediate = 1, high = 64;
     const int64_t most = MESSAGE_MOST;
     zmq_pollitem_t item = { NULL, 0, ZMQ_POLLOUT, 0 };
 
@@ -158,10 +361,19 @@ static enum modal_status connect_dealer(struct link *link, const struct link_opt
     zmq_setsockopt(link->dealer, ZMQ_SNDHWM, &high, sizeof high);
     zmq_setsockopt(link->dealer, ZMQ_RCVHWM, &high, sizeof high);
     zmq_setsockopt(link->dealer, ZMQ_MAXMSGSIZE, &most, sizeof most);
+    if (link->elsewhere) {
+        enum modal_status rc = elsewhere_guard(link->dealer, options->elsewhere, err);
+        if (rc == MODAL_OK)
+            rc = elsewhere_monitor(link->context, link->dealer, &link->monitor, err);
+        if (rc != MODAL_OK)
+            return rc;
+    }
     if (zmq_connect(link->dealer, options->endpoint) < 0)
         return fail(err, options->endpoint);
     item.socket = link->dealer;
-    if (zmq_poll(&item, 1, options->connect_ms > 0 ? options->connect_ms : 10000) < 1)
+    if (link->elsewhere)
+        return MODAL_OK;
+    if (zmq_poll(&item, 1, wait_ms(options)) < 1)
         return modal_fail(err, MODAL_NO_SERVER, "worker: nobody answers at %s", options->endpoint);
     return MODAL_OK;
 }
@@ -192,6 +404,7 @@ enum modal_status link_open(const struct link_options *options, struct link **ou
     pthread_mutex_init(&link->mutex, NULL);
     link->beat_ms = options->beat_ms > 0 ? options->beat_ms : 1000;
     link->watched = options->watched;
+    link->elsewhere = options->elsewhere != NULL;
     link->context = zmq_ctx_new();
     if (link->context == NULL)
         rc = fail(err, "context");
@@ -199,6 +412,8 @@ enum modal_status link_open(const struct link_options *options, struct link **ou
         rc = make_pair(link, err);
     if (rc == MODAL_OK)
         rc = connect_dealer(link, options, err);
+    if (rc == MODAL_OK && link->elsewhere)
+        rc = join(link, options, err);
     if (rc == MODAL_OK && pthread_create(&link->thread, NULL, link_run, link) != 0)
         rc = modal_fail(err, MODAL_NO_MEMORY, "worker: no thread");
     link->started = rc == MODAL_OK;
@@ -232,6 +447,8 @@ void link_close(struct link *link)
             zmq_close(link->dealer);
         if (link->theirs != NULL)
             zmq_close(link->theirs);
+        if (link->monitor != NULL)
+            zmq_close(link->monitor);
     }
     if (link->ours != NULL)
         zmq_close(link->ours);
@@ -239,6 +456,16 @@ void link_close(struct link *link)
         zmq_ctx_term(link->context);
     pthread_mutex_destroy(&link->mutex);
     free(link);
+}
+
+int link_credit(const struct link *link)
+{
+    return link->welcome.credit;
+}
+
+int link_chunk(const struct link *link)
+{
+    return link->welcome.chunk;
 }
 
 void link_working(struct link *link, const char *job, int attempt)

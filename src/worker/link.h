@@ -3,6 +3,10 @@
  *
  * A thread owns the DEALER socket, says BEAT every second whether the job's thread works or not,
  * and passes messages both ways.  The job's thread alone calls the functions below.
+ *
+ * To a daemon on another host it joins (elsewhere.h) and leaves (leave.h) as well: that thread says
+ * LEAVE in place of READY, gives a job back by RELEASE, and ends the process where the daemon stops
+ * it in its work or the connection ends.  SIGTERM and SIGUSR1 ask it to leave.
  */
 #ifndef WORKER_LINK_H
 #define WORKER_LINK_H
@@ -10,6 +14,8 @@
 #include "base/error.h"
 #include "base/json.h"
 #include "wire/frame.h"
+#include "worker/elsewhere.h"
+#include "worker/leave.h"
 
 struct link;
 
@@ -18,6 +24,8 @@ struct link_options {
     int beat_ms, connect_ms;      /* 0: 1000 and 10000 */
     int watched;                  /* a descriptor whose other end is the daemon's: its end is
                                      this process's; 0: none */
+    struct elsewhere_options *elsewhere;   /* NULL: the daemon is on this host */
+    struct leave_options leave;
 };
 
 /* Connect, and wait until the connection stands; its threads run from then on.  MODAL_NO_SERVER,
@@ -26,6 +34,10 @@ enum modal_status link_open(const struct link_options *options, struct link **ou
                             struct modal_error *err);
 /* Let messages under way go out for a second at most, and end. */
 void link_close(struct link *link);
+
+/* Of a daemon on another host: INPUTs without their CHUNK, and bytes of one, at most. */
+int link_credit(const struct link *link);
+int link_chunk(const struct link *link);
 
 /* What BEAT says from now on; JOB NULL: idle. */
 void link_working(struct link *link, const char *job, int attempt);

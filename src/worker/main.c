@@ -2,7 +2,10 @@
  *
  * Started by the daemon with posix_spawn, its stderr a pipe of the daemon's; ends with the daemon,
  * whatever it is doing, on SIGTERM, and after STOP.  A job is cancelled by killing the process.
- * Exit status: 0 after STOP, 1 where it could not go on, 2 wrong usage.
+ * With a key file it is one on another host, started by whoever likes: it joins, and leaves on
+ * SIGTERM, after --idle or at --until.
+ * Exit status: 0 after STOP or a leave, 1 where it could not go on, 2 wrong usage or a key that the
+ * daemon does not want.
  */
 #include <getopt.h>
 #include <signal.h>
@@ -10,6 +13,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
+#include "base/machine.h"
 #include "job/blas_core.h"
 #include "worker/confine.h"
 #include "worker/descriptors.h"
@@ -21,11 +25,16 @@ struct arguments {
     struct serve_options serve;
     struct confine_options confine;
     bool inputs;
+    const char *keyfile;            /* NULL: the daemon is on this host */
+    struct elsewhere_options elsewhere;
+    char endpoint[320];             /* a host's number, and a port */
 };
 
 static const char usage[] =
     "usage: modald-worker --connect ENDPOINT [--inputs] [--data DIR] [--user NAME] "
     "[--memory BYTES] [--jobs N] [--sandbox on|off]\n"
+    "       modald-worker --connect tcp://HOST:PORT --keyfile FILE [--idle S] [--until S] "
+    "[--grace S] [--memory BYTES]\n"
     "\n"
     "  --connect ENDPOINT   the daemon's endpoint for workers\n"
     "  --inputs             descriptor 3 is a socket of the daemon's, by which inputs come "
@@ -36,8 +45,18 @@ static const char usage[] =
     "  --memory BYTES       memory of its own at most: inputs, which are mapped, do not count\n"
     "  --jobs N             end after N jobs, for a fresh process\n"
     "  --sandbox on|off     filter system calls (default on)\n"
+    "  --keyfile FILE       keys of role worker, for a daemon on another host (worker_bind)\n"
+    "  --idle S             leave after S seconds without a job (default 0: never)\n"
+    "  --until S            leave after S seconds (default 0: never)\n"
+    "  --grace S            for the job that it has then, before it is given back "
+    "(default 20)\n"
     "  --calls              print the system calls that the filter allows\n"
     "  --version\n";
+
+enum {
+    GRACE_S = 20,              /* Slurm kills 30 s after SIGTERM (KillWait) */
+    SECONDS_MOST = 1000000000, /* thirty years: as good as for ever */
+};
 
 static int wrong(const char *what)
 {
@@ -66,6 +85,10 @@ static int read_arguments(int argc, char **argv, struct arguments *out)
         { "sandbox", required_argument, NULL, 's' },
         { "inputs", no_argument, NULL, 'i' },
         { "calls", no_argument, NULL, 'C' },
+        { "keyfile", required_argument, NULL, 'k' },
+        { "idle", required_argument, NULL, 'I' },
+        { "until", required_argument, NULL, 'U' },
+        { "grace", required_argument, NULL, 'G' },
         { "version", no_argument, NULL, 'V' },
         { "help", no_argument, NULL, 'h' },
         { NULL, 0, NULL, 0 },
@@ -73,7 +96,8 @@ static int read_arguments(int argc, char **argv, struct arguments *out)
     long long value = 0;
     int option;
 
-    *out = (struct arguments) { .confine = { .calls = true } };
+    *out = (struct arguments) { .confine = { .calls = true },
+                                .link.leave.grace_ms = GRACE_S * 1000 };
     while ((option = getopt_long(argc, argv, "", options, NULL)) != -1) {
         switch (option) {
         case 'c': out->link.endpoint = optarg; break;
@@ -90,6 +114,10 @@ static int read_arguments(int argc, char **argv, struct arguments *out)
                 return wrong("--sandbox is on or off") + 1;
             out->confine.calls = strcmp(optarg, "on") == 0;
             break;
+        case 'k': out->keyfile = optarg; break;
+        case 'I': out->link.leave.idle_ms = 1000 * (value = number(optarg)); break;
+        case 'U': out->link.leave.until_ms = 1000 * (value = number(optarg)); break;
+        case 'G': out->link.leave.grace_ms = 1000 * (value = number(optarg)); break;
         case 'C': confine_print(stdout); return 1;
         case 'V': printf("modald-worker %s\n", MODALD_VERSION); return 1;
         case 'h': fputs(usage, stdout); return 1;
@@ -97,10 +125,32 @@ static int read_arguments(int argc, char **argv, struct arguments *out)
         }
         if (value < 0)
             return wrong("a number from 0 is wanted") + 1;
+        if (value > SECONDS_MOST && strchr("IUG", option) != NULL)
+            return wrong("--idle, --until and --grace have 1e9 seconds at most") + 1;
     }
     if (out->link.endpoint == NULL || optind < argc)
         return wrong(optind < argc ? "there are no other arguments" : "--connect is missing") + 1;
+    if (out->keyfile != NULL && (out->inputs || out->confine.data != NULL))
+        return wrong("--inputs and --data are the daemon's, for its own workers") + 1;
     return 0;
+}
+
+/* A worker on another host: what it says of itself, and where the daemon is. */
+static enum modal_status go_elsewhere(struct arguments *a, struct modal_error *err)
+{
+    const int64_t machine = machine_memory();
+    const uint64_t most = a->confine.memory > 0 ? a->confine.memory : (uint64_t)machine;
+    enum modal_status rc = elsewhere_find(a->link.endpoint, a->endpoint, sizeof a->endpoint, err);
+
+    if (rc == MODAL_OK)
+        rc = elsewhere_keys(a->keyfile, &a->elsewhere, err);
+    elsewhere_name(&a->elsewhere);
+    a->elsewhere.memory = most / 2;        /* work arrays are as large as the input, and less */
+    a->link.endpoint = a->endpoint;
+    a->link.elsewhere = &a->elsewhere;
+    a->confine.elsewhere = true;
+    a->confine.data = "";                  /* no data of others is read here either */
+    return rc == MODAL_OK ? confine_survive(err) : rc;
 }
 
 /* The walls go up from the outside in: what needs files or sockets is done before they are shut
@@ -132,6 +182,12 @@ static enum modal_status work(const struct arguments *arguments, struct modal_er
     return rc;
 }
 
+/* Is it in vain to come again? */
+static bool is_final(enum modal_status status)
+{
+    return status == MODAL_DENIED || status == MODAL_BAD_VERSION || status == MODAL_BAD_INPUT;
+}
+
 int main(int argc, char **argv)
 {
     struct arguments arguments;
@@ -149,8 +205,9 @@ int main(int argc, char **argv)
     if (wanted != 0)
         return wanted - 1;
     signal(SIGPIPE, SIG_IGN);
-    if (work(&arguments, &err) == MODAL_OK)
+    if ((arguments.keyfile == NULL || go_elsewhere(&arguments, &err) == MODAL_OK)
+        && work(&arguments, &err) == MODAL_OK)
         return 0;
     fprintf(stderr, "modald-worker: %s\n", err.message);
-    return 1;
+    return arguments.keyfile != NULL && is_final(err.status) ? 2 : 1;
 }

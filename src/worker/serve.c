@@ -20,6 +20,7 @@
 #include "wire/request.h"
 #include "worker/descriptors.h"
 #include "worker/live_windows.h"
+#include "worker/pull.h"
 
 enum { PROGRESS_MS = 100 };      /* between two PROGRESS: as often as a person can read them */
 
@@ -34,7 +35,8 @@ struct run {
     struct wire_input shape;
 
     struct mapping map;          /* the data, from the file ... */
-    void *copy;                    /* ... or from the message */
+    void *copy;                    /* ... or from the message ... */
+    struct pulled pulled;          /* ... or piece by piece */
     const char **names;
     struct batch batch;
     cJSON *scene;
@@ -118,6 +120,19 @@ static enum modal_status copy_input(struct run *run, const struct wire_message *
     return MODAL_OK;
 }
 
+static enum modal_status pull(struct run *run, const void **data, struct modal_error *err)
+{
+    double crc = 0;
+    enum modal_status rc = json_need_number(run->input, "input", "crc32c", 0, UINT32_MAX, &crc,
+                                            err);
+
+    if (rc == MODAL_OK)
+        rc = pull_input(run->link, run->job, run->attempt, run->shape.bytes, (uint32_t)crc,
+                        &run->pulled, err);
+    *data = run->pulled.data;
+    return rc;
+}
+
 static enum modal_status make_batch(struct run *run, const void *data, struct modal_error *err)
 {
     const struct wire_input *shape = &run->shape;
@@ -166,7 +181,8 @@ static enum modal_status read_input(struct run *run, const struct wire_message *
         rc = json_get_string(run->input, "input", "file", &file, err);
     if (rc == MODAL_OK)
         rc = file != NULL ? map_input(run, file, &data, err)
-                          : copy_input(run, message, &data, err);
+             : cJSON_HasObjectItem(run->input, "pull") ? pull(run, &data, err)
+                                                       : copy_input(run, message, &data, err);
     if (rc == MODAL_OK && content == 0)
         rc = make_batch(run, data, err);
     else if (rc == MODAL_OK)
@@ -224,6 +240,7 @@ static void run_done(struct run *run)
 {
     link_working(run->link, NULL, 0);
     mapping_close(&run->map);
+    pull_done(&run->pulled);
     free(run->copy);
     free(run->names);
     cJSON_Delete(run->scene);

@@ -1,6 +1,7 @@
 /* answer.c - actions, replies, errors and queue documents, as proto/PROTOCOL.md sections 3 and 5 */
 #include "broker/core/inputs.h"
 #include "broker/core/jobs.h"
+#include "broker/core/slots.h"
 #include "wire/frame.h"
 #include <stdarg.h>
 #include <stdio.h>
@@ -223,6 +224,19 @@ static void add_position(struct json_text *t, const struct job *job)
         json_text_string(t, "position", NULL);
 }
 
+/* Who has a running job, and where. */
+static void add_worker(const struct core *c, struct json_text *t, int slot)
+{
+    const struct remote *remote = c->slots->at[slot].remote;
+    char name[NAME_MOST];
+
+    snprintf(name, sizeof name, "local.%d", slot);
+    json_text_open(t, "worker");
+    json_text_string(t, "name", remote != NULL ? remote->name : name);
+    json_text_string(t, "node", remote != NULL ? remote->node : c->settings.node);
+    json_text_close(t);
+}
+
 void doc_write(const struct core *c, struct json_text *t, const struct job *job, bool position)
 {
     char ident[9];
@@ -241,6 +255,8 @@ void doc_write(const struct core *c, struct json_text *t, const struct job *job,
         add_time(t, "finished", job->finished_ns);
     if (job->shown == JOB_QUEUED && position)
         add_position(t, job);
+    if (job->shown == JOB_RUNNING && job->slot >= 0)
+        add_worker(c, t, job->slot);
     if (job->shown == JOB_RUNNING && job->progress != NULL) {
         json_text_key(t, "progress");
         json_text_raw(t, job->progress);

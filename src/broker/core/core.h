@@ -52,6 +52,7 @@ struct account {
 struct settings {
     char dir[4096];               /* the data folder, for the paths workers are given */
     char start_id[17], store_id[33];
+    char node[NAME_MOST];             /* this host's name */
     const struct account *accounts;   /* copied */
     size_t account_count;
     int workers;
@@ -153,6 +154,7 @@ enum action_type {
     ACT_COMMIT,     /* transaction; comes back as EVENT_COMMITTED */
     ACT_TASK,       /* task; comes back as EVENT_TASK */
     ACT_WORKER,     /* slot, verb, header, body: send to the worker */
+    ACT_REMOTE,     /* peer, verb, header, body: send to a worker elsewhere */
     ACT_HAND,       /* slot, descriptor, header (JOB ATTEMPT): to the worker, ahead of its RUN;
                        slot -1: to be closed */
     ACT_SPAWN,      /* slot: start a process; EVENT_EXIT will follow some day */
@@ -182,6 +184,8 @@ enum event_type {
     EVENT_COMMITTED,    /* transaction, and those behind it: as they were given, in that order */
     EVENT_TASK,         /* task */
     EVENT_WORKER,       /* slot, message and body, or fault */
+    EVENT_REMOTE,       /* peer, key, message and body, or fault: of a worker elsewhere */
+    EVENT_REMOTE_GONE,  /* peer: its connection has ended */
     EVENT_EXIT,         /* slot, status as wait(2) gives it, stderr_text */
     EVENT_TIME,         /* nothing but that time passed */
     /* nothing was asked or committed for a while: what the ledger has too may leave memory */

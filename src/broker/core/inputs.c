@@ -379,7 +379,8 @@ void inputs_drop_cached(struct core *c)
 
 /* ---- for the worker of a job ----------------------------------------------------------------- */
 
-void input_describe_run(const struct core *c, const struct input *input, cJSON *object)
+void input_describe_run(const struct core *c, const struct input *input, bool elsewhere,
+                        cJSON *object)
 {
     char hex[65], path[4096];
 
@@ -388,10 +389,14 @@ void input_describe_run(const struct core *c, const struct input *input, cJSON *
     cJSON_AddStringToObject(object, "sha256", hex);
     if (input->inline_data)
         return;
+    cJSON_AddNumberToObject(object, "crc32c", (double)input->crc);
+    if (elsewhere) {
+        cJSON_AddBoolToObject(object, "pull", true);
+        return;
+    }
     spool_path(path, c->settings.dir, input->id);
     cJSON_AddStringToObject(object, "file", path);
     cJSON_AddNumberToObject(object, "offset", (double)input->offset);
-    cJSON_AddNumberToObject(object, "crc32c", (double)input->crc);
 }
 
 struct blob *input_at_hand(const struct input *input)
@@ -406,12 +411,32 @@ void input_begun(struct core *c, struct input *input)
     input_trim(c, input);
 }
 
+bool input_is_inline(const struct input *input)
+{
+    return input->inline_data;
+}
+
 struct task *input_fetch(const struct input *input)
 {
     struct task *task = task_new(input->inline_data ? TASK_READ_INPUT : TASK_OPEN_INPUT, input->id);
 
     task->length = WIRE_INLINE_MOST;
     task->descriptor = -1;
+    return task;
+}
+
+struct task *input_piece(const struct input *input, uint64_t offset, uint64_t length)
+{
+    struct task *task;
+
+    if (input->inline_data || offset > input->bytes || length > input->bytes - offset)
+        return NULL;
+    task = task_new(TASK_READ_SPOOL, input->id);
+    task->begin = input->offset;
+    task->total = input->bytes;
+    task->crc = input->crc;
+    task->offset = offset;
+    task->length = length;
     return task;
 }
 

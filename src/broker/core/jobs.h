@@ -6,15 +6,6 @@
 
 struct failure { enum modal_status status; char *message, *field, *detail; };
 
-enum ending {
-    ENDING_NONE,
-    ENDING_CANCEL,
-    ENDING_RUN_LIMIT,
-    ENDING_DEADLINE,
-    ENDING_LEASE,
-    ENDING_FINISH
-};
-
 struct job {
     int64_t id;
     struct user *user;

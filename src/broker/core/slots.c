@@ -1,18 +1,26 @@
-/* slots.c - worker processes from outside: what is sent to them, and their end */
+/* slots.c - workers from outside, processes of ours and those elsewhere: what is sent to them,
+ * and their end */
+#include "broker/core/inputs.h"
 #include "broker/core/jobs.h"
 #include "broker/core/slots.h"
 #include "wire/frame.h"
 #include <stdlib.h>
 
+/* A worker elsewhere says BEAT three times in its lease, and a host that fails is noticed in it. */
+#define REMOTE_LEASE_NS (3 * SECOND)
+
 void worker_send(struct core *c, int slot, const char *verb, cJSON *header, struct blob *body)
 {
+    const struct remote *remote = c->slots->at[slot].remote;
     char *text = json_print(header);
 
     cJSON_Delete(header);
     if (text == NULL)
         abort();
     core_act(c, (struct action) {
-                    .type = ACT_WORKER, .slot = slot, .verb = verb, .header = text, .body = body });
+                    .type = remote != NULL ? ACT_REMOTE : ACT_WORKER, .slot = slot,
+                    .peer = remote != NULL ? remote->peer : 0, .verb = verb, .header = text,
+                    .body = body });
 }
 
 void worker_go(struct core *c, int slot)
@@ -35,8 +43,15 @@ void worker_kill(struct core *c, int slot)
     if (slot < 0 || c->slots->at[slot].state == SLOT_KILLED
         || c->slots->at[slot].state == SLOT_EMPTY)
         return;
-    c->slots->at[slot].state = SLOT_KILLED;
-    core_act(c, (struct action) { .type = ACT_KILL, .slot = slot });
+    slot_set(c, slot, SLOT_KILLED);
+    if (!slot_is_remote(slot)) {
+        core_act(c, (struct action) { .type = ACT_KILL, .slot = slot });
+        return;
+    }
+    /* its process is another host's affair: what it still says is not heard, and it ends here */
+    worker_send(c, slot, "STOP", cJSON_CreateObject(), NULL);
+    slot_unhear(c, slot);
+    core_timer(c, c->now.mono_ns, TIMER_END, slot, 0);
 }
 
 /* A worker's error is text and code of this protocol, whatever it sent. */
@@ -56,14 +71,23 @@ int workers_busy(const struct core *c)
 {
     int busy = 0;
 
-    for (int slot = 0; slot < c->slots->count; slot++)
+    for (int slot = slot_after(c, -1); slot >= 0; slot = slot_after(c, slot))
         busy += c->slots->at[slot].state == SLOT_BUSY;
     return busy;
 }
 
+int workers_elsewhere(const struct core *c)
+{
+    int elsewhere = 0;
+
+    for (int slot = slot_after(c, -1); slot >= 0; slot = slot_after(c, slot))
+        elsewhere += c->slots->at[slot].remote != NULL;
+    return elsewhere;
+}
+
 bool workers_idle(const struct core *c)
 {
-    for (int slot = 0; slot < c->slots->count; slot++)
+    for (int slot = slot_after(c, -1); slot >= 0; slot = slot_after(c, slot))
         if (c->slots->at[slot].job != NULL)
             return false;
     return true;
@@ -77,7 +101,116 @@ void slots_init(struct core *c)
 
 void slots_done(struct core *c)
 {
-    for (int slot = 0; slot < SLOTS_MOST; slot++)
+    for (int slot = 0; slot < SLOTS_MOST + REMOTES_MOST; slot++) {
         free(c->slots->at[slot].document);
+        slot_leave(c, slot);
+    }
+    map_done(&c->slots->peers);
     free(c->slots);
+}
+
+/* ---- workers elsewhere ----------------------------------------------------------------------- */
+
+bool slot_is_remote(int slot)
+{
+    return slot >= SLOTS_MOST;
+}
+
+int slot_after(const struct core *c, int slot)
+{
+    slot++;
+    if (slot >= c->slots->count && slot < SLOTS_MOST)
+        slot = SLOTS_MOST;
+    return slot < SLOTS_MOST + c->slots->remotes || slot < c->slots->count ? slot : -1;
+}
+
+void slot_set(struct core *c, int slot, enum slot_state state)
+{
+    enum slot_state *now = &c->slots->at[slot].state;
+
+    if (slot_is_remote(slot))
+        c->slots->remotes_idle += (state == SLOT_IDLE) - (*now == SLOT_IDLE);
+    *now = state;
+}
+
+int64_t slot_lease_ns(const struct core *c, int slot)
+{
+    return slot_is_remote(slot) && c->settings.lease_ns > REMOTE_LEASE_NS ? REMOTE_LEASE_NS
+                                                                           : c->settings.lease_ns;
+}
+
+static bool has_peer(const void *value, const void *key)
+{
+    return ((const struct remote *)value)->peer == *(const uint64_t *)key;
+}
+
+int slot_of_peer(const struct core *c, uint64_t peer)
+{
+    const struct remote *remote = map_find(&c->slots->peers, map_hash_number(peer), has_peer,
+                                           &peer);
+
+    return remote == NULL ? -1 : remote->slot;
+}
+
+struct remote *slot_join(struct core *c, uint64_t peer)
+{
+    int slot = SLOTS_MOST;
+    struct remote *remote;
+
+    while (slot < SLOTS_MOST + REMOTES_MOST && c->slots->at[slot].state != SLOT_EMPTY)
+        slot++;
+    if (slot == SLOTS_MOST + REMOTES_MOST)
+        return NULL;
+    if (slot - SLOTS_MOST >= c->slots->remotes)
+        c->slots->remotes = slot - SLOTS_MOST + 1;
+    remote = grab(sizeof *remote);
+    *remote = (struct remote) { .slot = slot, .peer = peer, .heard = true };
+    c->slots->at[slot].remote = remote;
+    c->slots->at[slot].heard_ns = c->now.mono_ns;
+    slot_set(c, slot, SLOT_STARTING);
+    if (!map_put(&c->slots->peers, map_hash_number(peer), remote))
+        abort();
+    return remote;
+}
+
+void slot_unhear(struct core *c, int slot)
+{
+    struct remote *remote = c->slots->at[slot].remote;
+
+    if (remote->heard)
+        map_remove(&c->slots->peers, map_hash_number(remote->peer), remote);
+    remote->heard = false;
+}
+
+void slot_leave(struct core *c, int slot)
+{
+    struct slot *s = &c->slots->at[slot];
+
+    if (s->remote == NULL)
+        return;
+    slot_unhear(c, slot);
+    slot_set(c, slot, SLOT_EMPTY);
+    free(s->remote->said);
+    free(s->remote);
+    s->remote = NULL;
+    while (c->slots->remotes > 0
+           && c->slots->at[SLOTS_MOST + c->slots->remotes - 1].state == SLOT_EMPTY)
+        c->slots->remotes--;
+}
+
+/* How long it is expected to run: what it may at most, where it says so, or what its user's jobs
+ * take in the mean.  The daemon's own limit says nothing of a job. */
+static double expected_ns(const struct job *job)
+{
+    return job->run_limit_ns > 0 ? (double)job->run_limit_ns : job->user->cost_s * 1e9;
+}
+
+bool slot_fits(const struct core *c, int slot, const struct job *job)
+{
+    const struct remote *remote = c->slots->at[slot].remote;
+
+    return remote == NULL
+        || (job->input->bytes <= remote->memory
+            && (remote->end_ns == INT64_MAX
+                || expected_ns(job) <= (double)(remote->end_ns - c->now.mono_ns)));
 }

@@ -1,9 +1,23 @@
-/* slots.h - the pool: worker processes and what each has; for the files that drive them */
+/* slots.h - the pool: worker processes, those elsewhere too, and what each has; for the files that
+ * drive them */
 #ifndef BROKER_SLOTS_H
 #define BROKER_SLOTS_H
 #include "broker/core/state.h"
 
 enum slot_state { SLOT_EMPTY, SLOT_STARTING, SLOT_IDLE, SLOT_TAKEN, SLOT_BUSY, SLOT_KILLED };
+
+/* What is known of a worker on another host, whom no process of ours is. */
+struct remote {
+    int slot;
+    uint64_t peer;                        /* its connection */
+    bool heard;                           /* false: nothing of it is believed any more */
+    bool leaving;                         /* it takes no job any more */
+    char name[NAME_MOST], node[NAME_MOST], key[KEY_TEXT];
+    uint64_t memory;                      /* bytes that an input of it may have */
+    int64_t end_ns;                       /* mono, when its time is over; INT64_MAX: never */
+    int pulls;                            /* INPUTs of its job without their CHUNK */
+    char *said;                           /* its last STDERR; NULL: none */
+};
 
 struct slot {
     enum slot_state state;
@@ -23,11 +37,15 @@ struct slot {
     double cpu_s, expected_s;
     struct stream *live;                  /* whose window it has instead of a job */
     uint64_t process;                     /* counts the slot's processes */
+    struct remote *remote;                /* NULL: its worker is a process of ours */
 };
 
 struct slots {
-    struct slot at[SLOTS_MOST];
-    int count;
+    struct slot at[SLOTS_MOST + REMOTES_MOST];
+    int count;                            /* of this host's */
+    int remotes;                          /* slots behind SLOTS_MOST that are, or were, in use */
+    int remotes_idle;
+    struct map peers;                     /* struct remote by peer, those that are heard */
     int windows;                          /* begun: their attempts have numbers of their own */
     /* streams whose windows are due; up to `round_end` who had none in this round of turns */
     struct stream *due, **due_end; int due_count;
@@ -36,4 +54,17 @@ struct slots {
     /* had of workers by windows and by jobs since both have waited for one, ns */
     int64_t windows_ns, jobs_ns;
 };
+
+/* The slot of the worker elsewhere whose connection is PEER; -1: none is heard. */
+int slot_of_peer(const struct core *c, uint64_t peer);
+/* A slot for the worker of PEER, which is STARTING; NULL: there is none. */
+struct remote *slot_join(struct core *c, uint64_t peer);
+/* The worker of SLOT has nothing more to say; what it said stays. */
+void slot_unhear(struct core *c, int slot);
+/* The worker elsewhere is gone from SLOT, which is EMPTY. */
+void slot_leave(struct core *c, int slot);
+/* S, of SLOT, becomes IDLE, or what it becomes then. */
+void slot_set(struct core *c, int slot, enum slot_state state);
+/* How long it may be silent. */
+int64_t slot_lease_ns(const struct core *c, int slot);
 #endif

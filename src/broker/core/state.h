@@ -46,6 +46,7 @@ enum after_type {
     AFTER_BEGIN, AFTER_CHUNK, AFTER_SEAL, AFTER_GONE,
     AFTER_DRAIN,
     AFTER_READ,          /* of a task: reply with bytes */
+    AFTER_PIECE,         /* of a task: bytes to a worker elsewhere (length: its slot) */
     AFTER_OUTPUT,        /* input, its worker's slot (value): sealed, or failed with err */
     AFTER_EVENT,         /* the event becomes visible to subscribers */
     AFTER_STREAM,        /* stream operations; value: which */
@@ -95,11 +96,19 @@ struct user {
     int waits, subscriptions;
 };
 
-enum timer { TIMER_ROOM, TIMER_WAIT, TIMER_DEADLINE, TIMER_START, TIMER_RUN_LIMIT, TIMER_LEASE,
-    TIMER_SPAWN, TIMER_HOUSEKEEPING, TIMER_RETAIN };
+/* Why a worker is to end under its job. */
+enum ending { ENDING_NONE, ENDING_CANCEL, ENDING_RUN_LIMIT, ENDING_DEADLINE, ENDING_LEASE,
+    ENDING_FINISH };
 
-/* of worker processes: more than any machine this runs on has cores */
-enum { SLOTS_MOST = 256 };
+enum timer { TIMER_ROOM, TIMER_WAIT, TIMER_DEADLINE, TIMER_START, TIMER_RUN_LIMIT, TIMER_LEASE,
+    TIMER_SPAWN, TIMER_END, TIMER_HOUSEKEEPING, TIMER_RETAIN };
+
+enum {
+    /* of worker processes: more than any machine this runs on has cores */
+    SLOTS_MOST = 256,
+    /* of workers elsewhere, behind those: 4 MiB of pieces a worker under way are 4 GiB then */
+    REMOTES_MOST = 1024,
+};
 
 /* The answers to the parts of one SUBMITS: sent, as a list, when all are there. */
 struct answers {
@@ -319,6 +328,8 @@ struct user *user_of_key(struct core *c, const char *key);
 bool role_is_client(enum wire_role role);
 /* Is KEY still this user's, and a client's? */
 bool user_admits(const struct core *c, const struct user *user, const char *key);
+/* Is KEY a worker's? */
+bool key_is_worker(const struct core *c, const char *key);
 /* The accounts of new settings. */
 void users_configure(struct core *c);
 /* All users and tombstones. */
@@ -342,8 +353,8 @@ void user_bury(struct core *c, struct user *user, const char *key, const uint8_t
 void tombstones_sort(struct core *c);
 /* Those past their age go, here and in the ledger. */
 void tombstones_retain(struct core *c);
-/* Whose job starts next; NULL: nobody's. */
-struct user *user_next(struct core *c);
+/* Which job starts next on the worker of SLOT, out of the queue; NULL: none. */
+struct job *user_next(struct core *c, int slot);
 /* An attempt ended, charged with EXPECTED_S at its start, after SECONDS and CPU_S. */
 void user_ran(struct core *c, struct user *user, double expected_s, double seconds, double cpu_s);
 /* What USER took of the processor today, with T: a restart goes on counting. */
@@ -384,8 +395,9 @@ void input_index(struct input *input);
 void input_record_fill(const struct input *input, struct transaction *t, struct input_record *out);
 /* What it is, into an answer. */
 void input_describe(const struct input *input, cJSON *object);
-/* The same for a worker, with where it lies. */
-void input_describe_run(const struct core *c, const struct input *input, cJSON *object);
+/* The same for a worker, with where it lies; for one elsewhere with what it pulls. */
+void input_describe_run(const struct core *c, const struct input *input, bool elsewhere,
+                        cJSON *object);
 /* JOBS more (or fewer, or 0) name it, now; NULL is none. */
 void input_use(struct core *c, struct input *input, int jobs);
 /* Row, note and file go; what is in memory goes with the commit. */
@@ -400,8 +412,13 @@ void input_trim(struct core *c, struct input *input);
 struct blob *input_at_hand(const struct input *input);
 /* A job has begun with its data at hand: whom else are they for? */
 void input_begun(struct core *c, struct input *input);
+/* Does it come with its job, neither as a file nor in pieces? */
+bool input_is_inline(const struct input *input);
 /* A task that brings its data, or opens its file; the caller's. */
 struct task *input_fetch(const struct input *input);
+/* A task that reads LENGTH of its bytes from OFFSET on, each part against its checksum; the
+ * caller's.  NULL: they come with the job, or are not so many. */
+struct task *input_piece(const struct input *input, uint64_t offset, uint64_t length);
 /* Its SHA-256, borrowed. */
 const uint8_t *input_sha256(const struct input *input);
 /* All that is committed leaves memory. */
@@ -426,12 +443,20 @@ void slots_done(struct core *c);
 void worker_send(struct core *c, int slot, const char *verb, cJSON *header, struct blob *body);
 /* A PART of it has its place: it may send one more. */
 void worker_go(struct core *c, int slot);
-/* Its process group ends now; SLOT -1 is none. */
+/* Its process group ends now, or it is told to and not heard any more; SLOT -1 is none. */
 void worker_kill(struct core *c, int slot);
+/* The slot after SLOT, after -1 the first: this host's, then those elsewhere; -1: no more. */
+int slot_after(const struct core *c, int slot);
+/* Is its worker elsewhere? */
+bool slot_is_remote(int slot);
+/* May its worker have JOB: has it the memory for the input, and the time? */
+bool slot_fits(const struct core *c, int slot, const struct job *job);
 /* Has the worker of SLOT said its last word on its job? */
 bool worker_is_finishing(const struct core *c, int slot);
 /* Workers that have a job or a window. */
 int workers_busy(const struct core *c);
+/* Workers of other hosts that have joined. */
+int workers_elsewhere(const struct core *c);
 /* Has no worker a job? */
 bool workers_idle(const struct core *c);
 /* A worker's ERROR, with a code of this protocol whatever it sent. */
@@ -457,4 +482,7 @@ void waits_gone(struct core *c, uint64_t peer);
 void waits_revoke(struct core *c);
 /* What read_for asked for has been read. */
 void read_task_done(struct core *c, struct task *task);
+/* The checksums that TASK has of an input's parts, which the ledger had not: the next who reads
+ * of them need not read all. */
+void sums_keep(struct core *c, const struct task *task);
 #endif

@@ -20,6 +20,7 @@
  * [SV95] Shreedhar and Varghese, Efficient fair queueing using deficit round robin, SIGCOMM 1995.
  */
 #include "broker/core/jobs.h"
+#include "broker/core/slots.h"
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -78,6 +79,14 @@ bool user_admits(const struct core *c, const struct user *user, const char *key)
         if (strcmp(c->accounts[i].key, key) == 0)
             return strcmp(c->accounts[i].user, user->name) == 0
                 && role_is_client(c->accounts[i].role);
+    return false;
+}
+
+bool key_is_worker(const struct core *c, const char *key)
+{
+    for (size_t i = 0; i < c->settings.account_count; i++)
+        if (strcmp(c->accounts[i].key, key) == 0)
+            return c->accounts[i].role == WIRE_ROLE_WORKER;
     return false;
 }
 
@@ -293,6 +302,40 @@ static struct job *first_ready(struct core *c, struct user *user)
     return NULL;
 }
 
+/* of a user's first jobs, to find one for a worker that may not have all: a bound on the work */
+enum { FITS_LOOKED_AT = 64 };
+
+/* The best of USER's first jobs that the worker of SLOT, which is elsewhere, may have: those that
+ * may not go to it wait for others, and not the others' behind them. */
+static struct job *first_fit(struct core *c, struct user *user, int slot)
+{
+    const struct heap_item *best = NULL;
+    struct job *found = NULL;
+
+    for (size_t i = 0; i < user->ready.count && i < FITS_LOOKED_AT; i++) {
+        const struct heap_item *item = &user->ready.items[i];
+        struct job *job = job_by_id(c, item->order);
+
+        if (job == NULL || !job->ready || job->state != JOB_QUEUED || !slot_fits(c, slot, job))
+            continue;
+        if (best != NULL
+            && (item->key > best->key || (item->key == best->key && item->order > best->order)))
+            continue;
+        best = item;
+        found = job;
+    }
+    return found;
+}
+
+/* USER's job for the worker of SLOT; NULL: none. */
+static struct job *job_for(struct core *c, struct user *user, int slot)
+{
+    struct job *first = first_ready(c, user);
+
+    return first == NULL || !slot_is_remote(slot) || slot_fits(c, slot, first)
+               ? first : first_fit(c, user, slot);
+}
+
 static bool may_run(const struct core *c, struct user *user)
 {
     const struct allowance *most = user->account == NULL ? NULL : &user->account->most;
@@ -319,9 +362,9 @@ static double rounds_until(const struct user *user)
 }
 
 /* Whether the user has a job that may start now; who has none keeps no credit. */
-static bool competes(struct core *c, struct user *user)
+static bool competes(struct core *c, struct user *user, int slot)
 {
-    if (first_ready(c, user) != NULL && may_run(c, user))
+    if (job_for(c, user, slot) != NULL && may_run(c, user))
         return true;
     user->deficit = fmin(user->deficit, 0);
     return false;
@@ -337,14 +380,15 @@ static void pass_rounds(struct core *c, double rounds)
     }
 }
 
-struct user *user_next(struct core *c)
+struct job *user_next(struct core *c, int slot)
 {
     struct user *best = NULL;
+    struct job *job;
     double least = HUGE_VAL;
 
     for (size_t n = 0; n < c->user_count; n++) {
         struct user *user = c->user_list[(c->turn + n) % c->user_count];
-        user->competes = competes(c, user);
+        user->competes = competes(c, user, slot);
         if (user->competes && rounds_until(user) < least) {
             least = rounds_until(user);
             best = user;
@@ -358,7 +402,11 @@ struct user *user_next(struct core *c)
         c->turn++;
     if (best->deficit < 0)
         c->turn++;                                 /* its turn ends when its credit does */
-    return best;
+    job = job_for(c, best, slot);
+    if (heap_least(&best->ready)->order == job->id)
+        heap_pop(&best->ready);
+    job->ready = false;                            /* of another, the entry is stale now */
+    return job;
 }
 
 /* EXPECTED_S: what was taken for it when it started, which has been another mean than today's. */

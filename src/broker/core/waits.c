@@ -164,9 +164,7 @@ void wait_timeout(struct core *c, uint64_t number)
     c->jobs->waits_past -= c->jobs->waits_past > 0;            /* this timer has run */
 }
 
-/* The checksums of an input's parts, which it came without: the next who asks need not read all
- * of it. */
-static void store_sums(struct core *c, const struct task *task)
+void sums_keep(struct core *c, const struct task *task)
 {
     const struct input *input = input_by_id(c, task->id);
     struct transaction *t;
@@ -210,7 +208,7 @@ void read_task_done(struct core *c, struct task *task)
     cJSON *header;
 
     if (task->type == TASK_READ_SPOOL)
-        store_sums(c, task);
+        sums_keep(c, task);
     if (of_job && job == NULL) {
         answer_fail(c, &after->reply, MODAL_NOT_FOUND, "job", NULL, "no such job of yours");
         return;

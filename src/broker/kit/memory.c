@@ -49,6 +49,14 @@ char *grab_format(const char *format, ...)
     return checked(text);
 }
 
+void text_clean(char *text, size_t size)
+{
+    for (size_t i = 0; i < size; i++)
+        if ((unsigned char)text[i] >= 0x7f
+            || ((unsigned char)text[i] < 0x20 && text[i] != '\n' && text[i] != '\t'))
+            text[i] = '?';
+}
+
 char *grab_canonical(const cJSON *value)
 {
     return checked(canonical_text(value));

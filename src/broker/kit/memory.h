@@ -14,6 +14,10 @@ char *grab_text(const char *text);
 /* What printf would print, the caller's to free. */
 char *grab_format(const char *format, ...) __attribute__((format(printf, 1, 2)));
 
+/* Make SIZE bytes of TEXT, which others wrote, plain ASCII without zero bytes: it will stand in
+ * JSON. */
+void text_clean(char *text, size_t size);
+
 /* canonical_text of base/canonical.h, the caller's to free. */
 char *grab_canonical(const cJSON *value);
 

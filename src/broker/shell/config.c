@@ -11,7 +11,7 @@
  */
 #include "broker/shell/config.h"
 #include "base/near.h"
-#include "broker/shell/machine.h"
+#include "base/machine.h"
 #include "store/file.h"
 #include <ctype.h>
 #include <errno.h>
@@ -33,7 +33,7 @@
 #define LIMIT_MOST 1e15          /* a double below has all whole numbers, and bytes of a petabyte */
 #define NOT_SAID (-1)   /* of settings that are 0 or more */
 
-enum kind { TEXT, COUNT, BYTES, SECONDS, NANOSECONDS, MODE, SWITCH, BIND };
+enum kind { TEXT, COUNT, BYTES, SECONDS, NANOSECONDS, MODE, SWITCH, BIND, WORKER_BIND };
 
 /* Every key of the file, its place and its range. */
 static const struct row {
@@ -44,6 +44,7 @@ static const struct row {
 } rows[] = {
     { "data", TEXT, offsetof(struct config, data), 0, 0 },
     { "bind", BIND, 0, 0, 0 },
+    { "worker_bind", WORKER_BIND, 0, 0, 0 },
     { "workers", COUNT, offsetof(struct config, workers), 0, 256 },
     { "worker_jobs", BYTES, offsetof(struct config, settings.worker_jobs), 0, 1e15 },
     { "spool_threads", COUNT, offsetof(struct config, spool_threads), 1, 16 },
@@ -149,6 +150,14 @@ static enum modal_status set_number(char *place, const struct row *row, const ch
     return MODAL_OK;
 }
 
+static enum modal_status add_endpoint(char list[BINDS_MOST][PATH_ROOM], int *count,
+                                      const char *key, const char *value, struct modal_error *err)
+{
+    if (*count == BINDS_MOST)
+        return modal_fail_field(err, MODAL_TOO_LARGE, key, "more than %d endpoints", BINDS_MOST);
+    return set_text(list[(*count)++], PATH_ROOM, key, value, err);
+}
+
 enum modal_status config_set(struct config *c, const char *key, const char *value,
                              struct modal_error *err)
 {
@@ -162,12 +171,10 @@ enum modal_status config_set(struct config *c, const char *key, const char *valu
         names[i] = row->key;
         if (strcmp(row->key, key) != 0)
             continue;
-        if (row->kind == BIND) {
-            if (c->bind_count == BINDS_MOST)
-                return modal_fail_field(err, MODAL_TOO_LARGE, key, "more than %d endpoints",
-                                        BINDS_MOST);
-            return set_text(c->bind[c->bind_count++], PATH_ROOM, key, value, err);
-        }
+        if (row->kind == BIND)
+            return add_endpoint(c->bind, &c->bind_count, key, value, err);
+        if (row->kind == WORKER_BIND)
+            return add_endpoint(c->worker_bind, &c->worker_bind_count, key, value, err);
         if (row->kind == TEXT)
             return set_text(place, row->low > 0 ? sizeof c->worker_user : PATH_ROOM, key, value,
                             err);
@@ -468,6 +475,21 @@ static enum modal_status check_bind(const char *endpoint, bool keys, struct moda
     return MODAL_OK;
 }
 
+/* Over TCP alone: on this host the daemon starts its workers itself. */
+static enum modal_status check_worker_bind(const char *endpoint, bool keys,
+                                           struct modal_error *err)
+{
+    if (strncmp(endpoint, "tcp://", 6) != 0)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "worker_bind",
+                                "\"%.200s\"; accepted: tcp://HOST:PORT", endpoint);
+    if (!keys)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "worker_bind",
+                                "\"%.200s\": without keys everyone who reaches the port would be "
+                                "given jobs and believed; accepted: with server_key and keys",
+                                endpoint);
+    return MODAL_OK;
+}
+
 static enum modal_status default_bind(struct config *c, struct modal_error *err)
 {
     const char *runtime = getenv("XDG_RUNTIME_DIR");
@@ -515,6 +537,8 @@ enum modal_status config_finish(struct config *c, struct modal_error *err)
         rc = default_bind(c, err);
     for (int i = 0; rc == MODAL_OK && i < c->bind_count; i++)
         rc = check_bind(c->bind[i], keys, err);
+    for (int i = 0; rc == MODAL_OK && i < c->worker_bind_count; i++)
+        rc = check_worker_bind(c->worker_bind[i], keys, err);
     if (rc == MODAL_OK && keys)
         rc = read_keys(c, err);
     if (rc != MODAL_OK)

@@ -13,6 +13,8 @@ struct config {
     char data[PATH_ROOM];
     char bind[BINDS_MOST][PATH_ROOM];
     int bind_count;
+    char worker_bind[BINDS_MOST][PATH_ROOM];   /* for workers elsewhere; default none */
+    int worker_bind_count;
     int workers, spool_threads;
     /* of clients at once, as far as the descriptor limit leaves them; 0: all that it leaves */
     int connections;
@@ -49,7 +51,8 @@ enum modal_status config_set(struct config *config, const char *key, const char 
 
 /*
  * Check what belongs together and read the key files: without keys only ipc, and loopback tcp, may
- * be bound; key files must be the owner's alone (0600).  Fills settings.
+ * be bound, and nothing for workers elsewhere; key files must be the owner's alone (0600).  Fills
+ * settings.
  */
 enum modal_status config_finish(struct config *config, struct modal_error *err);
 

@@ -49,9 +49,19 @@ static void *router(struct daemon *d)
     return socket;
 }
 
-static enum modal_status guard_keys(struct daemon *d, struct modal_error *err)
+/* Only by keys that the handler of DOMAIN admits. */
+static bool guard(void *socket, const char *secret, const char *domain)
 {
     int64_t frame = WIRE_BODY_MOST + CURVE_COST;
+
+    return set_int(socket, ZMQ_CURVE_SERVER, 1)
+           && zmq_setsockopt(socket, ZMQ_CURVE_SECRETKEY, secret, 40) == 0
+           && zmq_setsockopt(socket, ZMQ_ZAP_DOMAIN, domain, strlen(domain)) == 0
+           && zmq_setsockopt(socket, ZMQ_MAXMSGSIZE, &frame, sizeof frame) == 0;
+}
+
+static enum modal_status guard_keys(struct daemon *d, struct modal_error *err)
+{
     char public[41], secret[41];
     enum modal_status rc;
 
@@ -61,10 +71,8 @@ static enum modal_status guard_keys(struct daemon *d, struct modal_error *err)
     if (rc != MODAL_OK)
         return rc;
     d->zap = zap_open(d->context);
-    if (d->zap == NULL || !set_int(d->client_socket, ZMQ_CURVE_SERVER, 1)
-        || zmq_setsockopt(d->client_socket, ZMQ_CURVE_SECRETKEY, secret, 40) != 0
-        || zmq_setsockopt(d->client_socket, ZMQ_ZAP_DOMAIN, "modald", 6) != 0
-        || zmq_setsockopt(d->client_socket, ZMQ_MAXMSGSIZE, &frame, sizeof frame) != 0)
+    if (d->zap == NULL || !guard(d->client_socket, secret, ZAP_CLIENTS)
+        || (d->remote_socket != NULL && !guard(d->remote_socket, secret, ZAP_WORKERS)))
         rc = modal_fail_field(err, MODAL_BAD_INPUT, "server_key", "CURVE cannot be used: %s",
                               zmq_strerror(errno));
     explicit_bzero(secret, sizeof secret);
@@ -145,10 +153,14 @@ static enum modal_status open_sockets(struct daemon *d, struct modal_error *err)
         return modal_fail(err, MODAL_INTERNAL, "no ZeroMQ context: %s", zmq_strerror(errno));
     d->client_socket = router(d);
     d->worker_socket = router(d);
-    if (d->client_socket == NULL || d->worker_socket == NULL)
+    if (d->config->worker_bind_count > 0)
+        d->remote_socket = router(d);
+    if (d->client_socket == NULL || d->worker_socket == NULL
+        || (d->config->worker_bind_count > 0 && d->remote_socket == NULL))
         return modal_fail(err, MODAL_INTERNAL, "no socket: %s", zmq_strerror(errno));
     d->clients = (struct peers) { .socket = d->client_socket, .version = WIRE_VERSION };
     d->workers = (struct peers) { .socket = d->worker_socket, .version = WIRE_WORKER };
+    d->remotes = (struct peers) { .socket = d->remote_socket, .version = WIRE_WORKER };
     rc = guard_keys(d, err);
     if (rc == MODAL_OK)
         rc = worker_place(d, err);
@@ -163,6 +175,8 @@ static enum modal_status bind_all(struct daemon *d, struct modal_error *err)
 
     for (int i = 0; rc == MODAL_OK && i < d->config->bind_count; i++)
         rc = bind_one(d->client_socket, d->config->bind[i], d->config->ipc_mode, err);
+    for (int i = 0; rc == MODAL_OK && i < d->config->worker_bind_count; i++)
+        rc = bind_one(d->remote_socket, d->config->worker_bind[i], 0, err);
     return rc;
 }
 
@@ -250,6 +264,7 @@ static enum modal_status open_store(struct daemon *d, struct modal_error *err)
     snprintf(s->dir, sizeof s->dir, "%s", path);
     free(path);
     warn_of_others(s->dir);
+    gethostname(s->node, sizeof s->node - 1);
     name_store(s, ledger_store_id(d->ledger));
     if (getrandom(start, sizeof start, 0) != sizeof start)
         return modal_fail(err, MODAL_IO, "getrandom: %s", strerror(errno));
@@ -366,6 +381,8 @@ static void end(struct daemon *d)
         zmq_close(d->client_socket);
     if (d->worker_socket != NULL)
         zmq_close(d->worker_socket);
+    if (d->remote_socket != NULL)
+        zmq_close(d->remote_socket);
     if (d->zap != NULL)
         zmq_close(d->zap);
     if (d->context != NULL)
@@ -383,6 +400,7 @@ static void end(struct daemon *d)
         ledger_close(d->ledger);
     peers_done(&d->clients);
     peers_done(&d->workers);
+    peers_done(&d->remotes);
 }
 
 static void log_ready(const struct config *config)

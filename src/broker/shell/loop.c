@@ -36,7 +36,7 @@
 enum {
     ROUND = 128,                             /* messages of one source before the others' */
     FRAMES_TAKEN = WIRE_FRAMES_MOST + 1,     /* one more tells that there are too many */
-    POLL_MOST = 4 + SLOTS_MOST,              /* sockets, threads, signals; the workers' stderr */
+    POLL_MOST = 5 + SLOTS_MOST,              /* sockets, threads, signals; the workers' stderr */
 };
 
 static int64_t clock_ns(clockid_t clock)
@@ -133,6 +133,25 @@ static void to_worker(struct daemon *d, struct action *a)
     peers_send(&d->workers, peer, a->verb, a->header, a->body);
 }
 
+/* Gone, what it had is not: the core is told. */
+static void remote_changed(void *context, uint64_t number, enum peer_change change)
+{
+    if (change == PEER_GONE)
+        step(context, &(struct event) { .type = EVENT_REMOTE_GONE, .peer = number });
+}
+
+static void to_remote(struct daemon *d, struct action *a)
+{
+    struct peer *peer = peers_by_number(&d->remotes, a->peer);
+
+    if (peer == NULL) {
+        free(a->header);
+        blob_drop(a->body);
+        return;
+    }
+    remote_changed(d, a->peer, peers_send(&d->remotes, peer, a->verb, a->header, a->body));
+}
+
 static void hand_over(struct daemon *d, struct action *a)
 {
     if (a->slot >= 0)
@@ -163,6 +182,7 @@ static void carry_out(struct daemon *d, struct action *a)
     case ACT_COMMIT: ledger_thread_put(d->ledger_thread, a->transaction); break;
     case ACT_TASK:   spool_threads_put(d->spool, a->task); break;
     case ACT_WORKER: to_worker(d, a); break;
+    case ACT_REMOTE: to_remote(d, a); break;
     case ACT_HAND:   hand_over(d, a); break;
     case ACT_SPAWN:  spawn(d, a->slot); break;
     case ACT_KILL:   pool_kill(&d->pool, a->slot); break;
@@ -357,6 +377,18 @@ static void from_worker(struct daemon *d, struct received *r)
     wire_close(&message);
 }
 
+static void from_remote(struct daemon *d, struct received *r)
+{
+    struct wire_message message;
+    struct modal_error err;
+    enum modal_status rc = open_message(r, WIRE_WORKER, false, &message, &err);
+
+    step(d, &(struct event) {
+        .type = EVENT_REMOTE, .peer = r->peer->number, .key = r->key,
+        .message = rc == MODAL_OK ? &message : NULL, .fault = &err, .body = r->frames + 3 });
+    wire_close(&message);
+}
+
 static bool receive_all(struct daemon *d, struct peers *peers,
                         void (*handle)(struct daemon *, struct received *))
 {
@@ -400,10 +432,13 @@ static void forget_ended(struct daemon *d, bool drained)
     d->ended_until = 0;
     while ((fd = accept_next()) >= 0) {
         uint64_t number = peers_ended(&d->clients, fd);
+        uint64_t remote = peers_ended(&d->remotes, fd);
         peers_ended(&d->workers, fd);
         accept_free(fd);
         if (number != 0)
             peer_changed(d, number, PEER_GONE);
+        if (remote != 0)
+            remote_changed(d, remote, PEER_GONE);
     }
 }
 
@@ -446,10 +481,13 @@ static void reap_children(struct daemon *d)
 /* Endpoints stay as they are while it runs: whoever changed them is told. */
 static void tell_of_endpoints(const struct config *old, const struct config *fresh)
 {
-    bool same = old->bind_count == fresh->bind_count && old->ipc_mode == fresh->ipc_mode;
+    bool same = old->bind_count == fresh->bind_count && old->ipc_mode == fresh->ipc_mode
+                && old->worker_bind_count == fresh->worker_bind_count;
 
     for (int i = 0; same && i < old->bind_count; i++)
         same = strcmp(old->bind[i], fresh->bind[i]) == 0;
+    for (int i = 0; same && i < old->worker_bind_count; i++)
+        same = strcmp(old->worker_bind[i], fresh->worker_bind[i]) == 0;
     if (!same)
         loop_log("level=warning event=reload_later key=bind message=\"endpoints and ipc_mode are "
                  "taken at the next start\"");
@@ -554,19 +592,26 @@ static void write_metrics(struct daemon *d)
     blob_drop(text);
 }
 
+/* Does something wait for a reader? */
+static bool is_blocked(const struct daemon *d)
+{
+    return d->clients.blocked != NULL || d->workers.blocked != NULL || d->remotes.blocked != NULL;
+}
+
 static void on_time(struct daemon *d)
 {
     int64_t now = clock_ns(CLOCK_MONOTONIC);
 
     if (core_next_ns(d->core) <= now)
         step(d, &(struct event) { .type = EVENT_TIME });
-    if (d->clients.blocked == NULL && d->workers.blocked == NULL) {
+    if (!is_blocked(d)) {
         d->flush_wait_ns = FLUSH_LEAST_NS;
         d->next_flush_ns = 0;
     /* 1 ms while somebody reads, 100 ms for readers that stay away */
     } else if (now >= d->next_flush_ns) {
         bool moved = peers_flush(&d->clients, peer_changed, d);
         moved |= peers_flush(&d->workers, peer_changed, d);
+        moved |= peers_flush(&d->remotes, remote_changed, d);
         d->flush_wait_ns = moved                            ? FLUSH_LEAST_NS
                            : d->flush_wait_ns < SECOND / 10 ? d->flush_wait_ns * 2
                                                             : SECOND / 10;
@@ -605,7 +650,7 @@ static long wait_ms(const struct daemon *d)
 {
     int64_t now = clock_ns(CLOCK_MONOTONIC), next = core_next_ns(d->core), ms;
 
-    if (d->clients.blocked != NULL || d->workers.blocked != NULL)
+    if (is_blocked(d))
         next = d->next_flush_ns < next ? d->next_flush_ns : next;
     if (d->watchdog_ns > 0 && d->next_ping_ns < next)
         next = d->next_ping_ns;
@@ -627,6 +672,11 @@ static long wait_ms(const struct daemon *d)
 
 /* ---- the loop -------------------------------------------------------------------------------- */
 
+enum {
+    AT_ZAP = -1,         /* in place of a slot: none's */
+    AT_REMOTES = -2,     /* likewise, the socket of workers elsewhere */
+};
+
 static int poll_items(const struct daemon *d, zmq_pollitem_t items[POLL_MOST + 1],
                       int slots[POLL_MOST + 1])
 {
@@ -636,8 +686,12 @@ static int poll_items(const struct daemon *d, zmq_pollitem_t items[POLL_MOST + 1
     items[n++] = (zmq_pollitem_t) { d->worker_socket, 0, ZMQ_POLLIN, 0 };
     items[n++] = (zmq_pollitem_t) { NULL, d->done.wake, ZMQ_POLLIN, 0 };
     items[n++] = (zmq_pollitem_t) { NULL, d->signals, ZMQ_POLLIN, 0 };
+    if (d->remote_socket != NULL) {
+        slots[n] = AT_REMOTES;
+        items[n++] = (zmq_pollitem_t) { d->remote_socket, 0, ZMQ_POLLIN, 0 };
+    }
     if (d->zap != NULL) {
-        slots[n] = -1;
+        slots[n] = AT_ZAP;
         items[n++] = (zmq_pollitem_t) { d->zap, 0, ZMQ_POLLIN, 0 };
     }
     for (int slot = 0; slot < SLOTS_MOST && n < POLL_MOST + 1; slot++)
@@ -657,11 +711,20 @@ static void handle_others(struct daemon *d, const zmq_pollitem_t *items, const i
         handle_signals(d);
     for (int i = 4; i < n; i++)
         if (items[i].revents != 0) {
-            if (slots[i] < 0)
+            if (slots[i] == AT_ZAP)
                 zap_answer(d->zap, d->config->accounts, d->config->account_count, &d->strangers);
-            else
+            else if (slots[i] >= 0)
                 pool_read(&d->pool, slots[i]);
         }
+}
+
+/* Has the socket of workers elsewhere something? */
+static bool remotes_said(const zmq_pollitem_t *items, const int *slots, int n)
+{
+    for (int i = 4; i < n; i++)
+        if (slots[i] == AT_REMOTES)
+            return items[i].revents != 0;
+    return false;
 }
 
 void loop_run(struct daemon *d)
@@ -682,6 +745,8 @@ void loop_run(struct daemon *d)
         more = false;
         if (!d->stop && (ended || items[1].revents != 0))
             more |= receive_all(d, &d->workers, from_worker);
+        if (!d->stop && d->remote_socket != NULL && (ended || remotes_said(items, slots, n)))
+            more |= receive_all(d, &d->remotes, from_remote);
         if (!d->stop && (ended || items[0].revents != 0))
             more |= receive_all(d, &d->clients, from_client);
         if (ended && !d->stop)

@@ -18,8 +18,8 @@ struct daemon {
     struct spool_threads *spool;
     struct done_queue done;
     struct pool pool;
-    struct peers clients, workers;
-    void *context, *client_socket, *worker_socket, *zap;
+    struct peers clients, workers, remotes;       /* remotes: workers elsewhere */
+    void *context, *client_socket, *worker_socket, *remote_socket, *zap;   /* remote: or NULL */
     int signals;
     char worker_endpoint[PATH_ROOM], worker_folder[PATH_ROOM], program[PATH_ROOM];
     bool stop, terminating, ready;

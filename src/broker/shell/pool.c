@@ -193,15 +193,6 @@ bool pool_read(struct pool *pool, int slot)
     return true;
 }
 
-/* Make it UTF-8 and free of zero bytes: it will stand in JSON. */
-static void clean(char *text, size_t size)
-{
-    for (size_t i = 0; i < size; i++)
-        if ((unsigned char)text[i] >= 0x7f
-            || ((unsigned char)text[i] < 0x20 && text[i] != '\n' && text[i] != '\t'))
-            text[i] = '?';
-}
-
 int pool_reap(struct pool *pool, int *status, const char **text)
 {
     for (int slot = 0; slot < SLOTS_MOST; slot++) {
@@ -216,7 +207,7 @@ int pool_reap(struct pool *pool, int *status, const char **text)
         p->pid = 0;
         p->peer = 0;
         if (p->tail != NULL)
-            clean(p->tail, p->tail_size);
+            text_clean(p->tail, p->tail_size);
         *text = p->tail != NULL ? p->tail : "";
         return slot;
     }

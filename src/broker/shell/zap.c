@@ -83,12 +83,14 @@ void zap_answer(void *socket, const struct account *accounts, size_t count,
     while ((n = receive(socket, frames)) > 0) {
         char key[41] = "";
         const char *user = NULL;
+        const bool workers = n > DOMAIN && is(&frames[DOMAIN], ZAP_WORKERS);
 
         if (n == FRAMES && is(&frames[MECHANISM], "CURVE")
             && zmq_msg_size(&frames[KEY]) == KEY_BYTES)
             zmq_z85_encode(key, zmq_msg_data(&frames[KEY]), KEY_BYTES);
         for (size_t i = 0; key[0] != 0 && i < count; i++)
-            if (strcmp(accounts[i].key, key) == 0)
+            if (strcmp(accounts[i].key, key) == 0
+                && workers == (accounts[i].role == WIRE_ROLE_WORKER))
                 user = accounts[i].key;
         if (n > REQUEST)
             answer(socket, &frames[ROUTING], &frames[VERSION], &frames[REQUEST], user);

@@ -10,8 +10,13 @@ void *zap_open(void *context);
 /* Who was not admitted: how many, and the last one's key and address. */
 struct zap_refused { int64_t count; char key[41], address[64]; };
 
-/* Answer what waits.  A key of ACCOUNTS is admitted; its Z85 text becomes the User-Id of every
- * message.  Others are added to REFUSED. */
+/* The ZAP domains of the sockets with keys. */
+#define ZAP_CLIENTS "modald"
+#define ZAP_WORKERS "modald-workers"
+
+/* Answer what waits.  A key of ACCOUNTS is admitted, where workers connect one of role worker alone
+ * and elsewhere any other; its Z85 text becomes the User-Id of every message.  Others are added to
+ * REFUSED. */
 void zap_answer(void *socket, const struct account *accounts, size_t count,
                 struct zap_refused *refused);
 #endif

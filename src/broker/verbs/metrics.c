@@ -40,6 +40,17 @@ static void count_states(const struct core *c, const struct user *user, bool all
             out[user->jobs[i]->state]++;
 }
 
+/* What all queued jobs are expected to take, by the mean of each user's: who sizes a pool of
+ * workers reads it, and learns of nobody's jobs. */
+static double expected_s(const struct core *c)
+{
+    double all_s = 0;
+
+    for (size_t i = 0; i < c->user_count; i++)
+        all_s += (double)c->user_list[i]->queued * c->user_list[i]->cost_s;
+    return all_s;
+}
+
 void stats_write(const struct core *c, const struct user *user, bool all, cJSON *object)
 {
     int64_t counts[JOB_STATE_COUNT], uploads = 0, bytes = 0;
@@ -52,14 +63,17 @@ void stats_write(const struct core *c, const struct user *user, bool all, cJSON 
     part = cJSON_AddObjectToObject(object, "queue");
     cJSON_AddNumberToObject(part, "most", (double)c->settings.queue_jobs);
     cJSON_AddNumberToObject(part, "oldest_s", oldest_s(c, all ? NULL : user));
-    for (int i = 0; i < c->slots->count; i++) {
-        busy += c->slots->at[i].state == SLOT_BUSY;
-        alive += c->slots->at[i].state != SLOT_EMPTY && c->slots->at[i].state != SLOT_STARTING;
+    cJSON_AddNumberToObject(part, "cpu_s", expected_s(c));
+    for (int i = slot_after(c, -1); i >= 0; i = slot_after(c, i)) {
+        const struct slot *s = &c->slots->at[i];
+        busy += s->state == SLOT_BUSY;
+        alive += s->state != SLOT_EMPTY && s->state != SLOT_STARTING;
     }
     part = cJSON_AddObjectToObject(object, "workers");
     cJSON_AddNumberToObject(part, "total", c->settings.workers);
     cJSON_AddNumberToObject(part, "alive", alive);
     cJSON_AddNumberToObject(part, "busy", busy);
+    cJSON_AddNumberToObject(part, "elsewhere", workers_elsewhere(c));
     cJSON_AddNumberToObject(part, "deaths", (double)c->counts.deaths);
     for (size_t i = 0; i < c->user_count; i++)
         if (all || c->user_list[i] == user) {
@@ -231,6 +245,8 @@ static void values(struct page *p, const struct core *c)
         { "queue_oldest_seconds", GAUGE,
           "Age of the oldest job that is ready to start.", oldest_s(c, NULL) },
         { "workers", GAUGE, "Worker processes wanted.", c->settings.workers },
+        { "workers_elsewhere", GAUGE, "Workers of other hosts that have joined.",
+          workers_elsewhere(c) },
         { "workers_busy", GAUGE, "Workers with a job.", workers_busy(c) },
         { "worker_deaths_total", COUNTER,
           "Workers that ended while they had a job.", (double)n->deaths },

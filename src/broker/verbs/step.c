@@ -254,7 +254,9 @@ static void task_done(struct core *c, struct task *task)
         room_told(c, task);
         break;
     default:
-        if (task->after->text == NULL)             /* nobody asked: a worker waits for it */
+        if (task->after->type == AFTER_PIECE)
+            piece_read(c, task);
+        else if (task->after->text == NULL)             /* nobody asked: a worker waits for it */
             job_input_read(c, task);
         else
             read_task_done(c, task);
@@ -288,6 +290,7 @@ static void run_timers(struct core *c)
         case TIMER_RETAIN: c->jobs->retaining = false; jobs_retain(c); break;
         case TIMER_LEASE:
         case TIMER_SPAWN:
+        case TIMER_END:
             worker_timer(c, (enum timer)item.what, item.order);
             break;
         default:           job_expired(c, item.order, (enum timer)item.what, (intptr_t)item.value);
@@ -302,11 +305,13 @@ static void configure(struct core *c, const struct settings *settings)
     c->settings = *settings;
     c->settings.secret = old.secret;
     memcpy(c->settings.dir, old.dir, sizeof old.dir);
+    memcpy(c->settings.node, old.node, sizeof old.node);
     memcpy(c->settings.start_id, old.start_id, sizeof old.start_id);
     memcpy(c->settings.store_id, old.store_id, sizeof old.store_id);
     users_configure(c);
     events_revoke(c);
     waits_revoke(c);
+    remotes_revoke(c);
     workers_fill(c);
     core_log(c, "level=notice event=reload accounts=%zu workers=%d", c->settings.account_count,
              c->settings.workers);
@@ -333,6 +338,8 @@ struct actions *core_step(struct core *c, const struct event *e, struct moment n
     case EVENT_COMMITTED:  committed(c, e->transaction); break;
     case EVENT_TASK:       task_done(c, e->task); break;
     case EVENT_WORKER:     worker_message(c, e); break;
+    case EVENT_REMOTE:     remote_message(c, e); break;
+    case EVENT_REMOTE_GONE: remote_gone(c, e->peer); break;
     case EVENT_EXIT:       worker_exit(c, e->slot, e->status, e->stderr_text); break;
     case EVENT_TIME:       break;
     case EVENT_REST:

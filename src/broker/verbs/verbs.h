@@ -3,6 +3,8 @@
 #define BROKER_VERBS_H
 #include "broker/core/state.h"
 
+struct remote;
+
 /* What a client asks: answered, now or after a commit or a task. */
 struct request {
     const struct event *event;            /* as it came */
@@ -70,7 +72,11 @@ uint64_t output_total(const struct input *input);
 void worker_message(struct core *c, const struct event *e);
 /* Its process ended with STATUS, as wait(2) gives it. */
 void worker_exit(struct core *c, int slot, int status, const char *stderr_text);
-/* TIMER_LEASE or TIMER_SPAWN of SLOT is due. */
+/* SLOT has a worker from now on, who may not be silent for longer than its lease. */
+void worker_watch(struct core *c, int slot);
+/* The worker of SLOT, which is elsewhere, is to go: its job goes back into the queue. */
+void worker_dismiss(struct core *c, int slot);
+/* TIMER_LEASE, TIMER_SPAWN or TIMER_END of SLOT is due. */
 void worker_timer(struct core *c, enum timer what, int64_t slot);
 /* Processes are started until there are as many as the settings want. */
 void workers_fill(struct core *c);
@@ -82,6 +88,32 @@ void worker_output(struct core *c, const struct after *after);
 void job_input_read(struct core *c, struct task *task);
 /* The document of a job is stored, or failed to be. */
 void job_result_put(struct core *c, struct task *task);
+
+/* ---- ends.c ---- */
+
+/* JOB's attempt, which the worker had that ended with STATUS (ELSEWHERE or NULL: ours), ended for
+ * ENDING: it fails, is cancelled, is tried again or is dead. */
+void attempt_ended(struct core *c, struct job *job, enum ending ending,
+                   const struct remote *elsewhere, int status, const char *stderr_text);
+/* The end of what a process said that nobody had told to end, as one line. */
+void exit_log(struct core *c, int slot, int status, const char *stderr_text);
+
+/* ---- remotes.c ---- */
+
+/* What a worker elsewhere says, or who wants to be one. */
+void remote_message(struct core *c, const struct event *e);
+/* Those whose keys are no workers' any more go. */
+void remotes_revoke(struct core *c);
+/* The connection PEER has ended. */
+void remote_gone(struct core *c, uint64_t peer);
+
+/* ---- chunks.c ---- */
+
+/* INPUT: the worker of SLOT, which is elsewhere, pulls a piece of its job's input.  What is wrong
+ * with that; NULL: nothing, and a CHUNK will follow. */
+const char *piece_request(struct core *c, int slot, const struct wire_message *m);
+/* The task that it wanted has come back. */
+void piece_read(struct core *c, struct task *task);
 
 /* ---- events.c ---- */
 

@@ -1,9 +1,10 @@
 /*
  * workers.c - the pool: who has which job, leases, what comes back, who dies
  *
- * A slot is a worker process with one job at most.  Whatever a worker says is believed only with
- * the job and attempt its slot has now.  To end an attempt early its process group is killed; the
- * job moves when the exit is seen.
+ * A slot is a worker with one job at most: a process of ours, or one elsewhere (remotes.c).
+ * Whatever a worker says is believed only with the job and attempt its slot has now.  To end an
+ * attempt early its process group is killed, or it is not heard any more; the job moves when the
+ * exit is seen.
  */
 #include "base/crc32c.h"
 #include "broker/core/jobs.h"
@@ -11,6 +12,7 @@
 #include "broker/verbs/verbs.h"
 #include "wire/frame.h"
 #include <math.h>
+#include <signal.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/wait.h>
@@ -36,7 +38,8 @@ static void run_on(struct core *c, struct job *job, int slot, struct blob *data)
     cJSON_AddStringToObject(header, "kind", job->kind);
     cJSON_AddRawToObject(header, "options", job->options);
     cJSON_AddNumberToObject(header, "run_limit_s", (double)limit / 1e9);
-    input_describe_run(c, job->input, cJSON_AddObjectToObject(header, "input"));
+    input_describe_run(c, job->input, slot_is_remote(slot),
+                       cJSON_AddObjectToObject(header, "input"));
     worker_send(c, slot, "RUN", header, blob_share(data));
     if (limit > 0)
         core_timer(c, c->now.mono_ns + limit, TIMER_RUN_LIMIT, job->id, job->attempts);
@@ -61,7 +64,7 @@ static void start(struct core *c, struct job *job, int slot)
 
     job->attempts++;
     job->slot = slot;
-    s->state = SLOT_BUSY;
+    slot_set(c, slot, SLOT_BUSY);
     s->job = job;
     s->attempt = job->attempts;
     s->started_ns = s->heard_ns = c->now.mono_ns;
@@ -72,7 +75,7 @@ static void start(struct core *c, struct job *job, int slot)
     c->counts.attempts++;
     job_move(c, job, JOB_RUNNING, NULL);
     data = input_at_hand(job->input);
-    if (data == NULL) {
+    if (data == NULL && (input_is_inline(job->input) || !slot_is_remote(slot))) {
         fetch(c, job);
         return;
     }
@@ -106,7 +109,7 @@ void job_input_read(struct core *c, struct task *task)
     if (task->status != MODAL_OK) {
         int slot = job->slot;
         c->slots->at[slot].job = NULL;
-        c->slots->at[slot].state = SLOT_IDLE;
+        slot_set(c, slot, SLOT_IDLE);
         job->slot = -1;
         job_fail(c, job, JOB_FAILED, &task->err, NULL);
         return;
@@ -119,11 +122,11 @@ void job_input_read(struct core *c, struct task *task)
 /* A job to the worker of SLOT; false: none may start. */
 static bool job_start(struct core *c, int slot)
 {
-    struct user *user = user_next(c);
+    struct job *job = user_next(c, slot);
 
-    if (user != NULL)
-        start(c, job_by_id(c, heap_pop(&user->ready).order), slot);
-    return user != NULL;
+    if (job != NULL)
+        start(c, job, slot);
+    return job != NULL;
 }
 
 /* Windows go first, unless they have had more than half: of the workers that are busy, or, where
@@ -137,6 +140,27 @@ static bool windows_first(const struct core *c)
         jobs += c->slots->at[slot].job != NULL;
     }
     return windows < jobs || (windows == jobs && c->slots->windows_ns <= c->slots->jobs_ns);
+}
+
+/* Jobs to workers elsewhere, after this host's; live windows stay where their samples are.  Who
+ * has no more memory and time than one that found no job finds none. */
+static void schedule_remotes(struct core *c)
+{
+    const int end = SLOTS_MOST + c->slots->remotes;
+    uint64_t memory = 0;
+    int64_t end_ns = INT64_MIN;
+
+    for (int slot = SLOTS_MOST; c->slots->remotes_idle > 0 && slot < end; slot++) {
+        const struct slot *s = &c->slots->at[slot];
+
+        if (s->state != SLOT_IDLE || (s->remote->memory <= memory && s->remote->end_ns <= end_ns)
+            || job_start(c, slot))
+            continue;
+        if (c->jobs->state_counts[JOB_QUEUED] == 0)
+            return;
+        memory = s->remote->memory;
+        end_ns = s->remote->end_ns;
+    }
 }
 
 void workers_schedule(struct core *c)
@@ -157,6 +181,7 @@ void workers_schedule(struct core *c)
         else
             window_start(c, slot);
     }
+    schedule_remotes(c);
 }
 
 /* ---- processes ------------------------------------------------------------------------------- */
@@ -168,6 +193,11 @@ static void watch(struct core *c, int slot, int64_t when_ns)
         return;
     c->slots->at[slot].watched = true;
     core_timer(c, when_ns, TIMER_LEASE, slot, 0);
+}
+
+void worker_watch(struct core *c, int slot)
+{
+    watch(c, slot, c->now.mono_ns + slot_lease_ns(c, slot));
 }
 
 static void spawn(struct core *c, int slot)
@@ -197,11 +227,15 @@ void worker_timer(struct core *c, enum timer what, int64_t number)
 {
     int slot = (int)number;
     struct slot *s = &c->slots->at[slot];
-    int64_t due = s->heard_ns + c->settings.lease_ns;
+    int64_t due = s->heard_ns + slot_lease_ns(c, slot);
 
     if (what == TIMER_SPAWN) {
         if (s->state == SLOT_EMPTY && slot < c->settings.workers && !c->terminating)
             spawn(c, slot);
+        return;
+    }
+    if (what == TIMER_END) {
+        worker_exit(c, slot, s->remote->leaving ? 0 : SIGKILL, s->remote->said);
         return;
     }
     s->watched = false;
@@ -232,6 +266,8 @@ static void part(struct core *c, struct slot *s)
     s->document = NULL;
     s->document_size = s->document_total = 0;
     s->parts = 0;
+    if (s->remote != NULL)
+        s->remote->pulls = 0;
     s->output = NULL;
     s->finishing = s->ready = false;
     s->job = NULL;
@@ -260,66 +296,6 @@ static void account_for(struct core *c, const struct slot *s, struct job *job)
     user_ran(c, job->user, s->expected_s, wall_s, cpu_s > 0 ? cpu_s : wall_s);
 }
 
-/* Its worker died under it: again, or dead. */
-static void crashed(struct core *c, struct job *job, int status, const char *stderr_text)
-{
-    struct modal_error err;
-
-    job->crashes++;
-    if (WIFSIGNALED(status))
-        modal_fail(&err, MODAL_WORKER_DIED, "the worker died of signal %d in attempt %d",
-                   WTERMSIG(status), job->attempts);
-    else
-        modal_fail(&err, MODAL_WORKER_DIED, "the worker ended with status %d in attempt %d",
-                   WEXITSTATUS(status), job->attempts);
-    if (job->crashes >= job->max_attempts) {
-        job->stderr_text = grab_text(stderr_text != NULL ? stderr_text : "");
-        job_fail(c, job, JOB_DEAD, &err, NULL);
-        return;
-    }
-    job_move(c, job, JOB_QUEUED, NULL);
-    core_timer(c, c->now.mono_ns + (SECOND / 2 << (job->crashes - 1)), TIMER_START, job->id, 0);
-}
-
-static void ended_early(struct core *c, struct job *job, enum ending ending, int status,
-                        const char *stderr_text)
-{
-    struct modal_error err;
-
-    switch (ending) {
-    case ENDING_CANCEL:
-        modal_fail(&err, MODAL_CANCELLED, "cancelled while it ran");
-        job_fail(c, job, JOB_CANCELLED, &err, NULL);
-        break;
-    case ENDING_RUN_LIMIT:
-        modal_fail(&err, MODAL_RUN_LIMIT, "attempt %d passed its run limit of %.17g s%s",
-                   job->attempts,
-                   (double)(job->run_limit_ns > 0 ? job->run_limit_ns
-                                                  : c->settings.run_limit_ns) / 1e9,
-                   job->run_limit_ns > 0 ? "" : ", which the daemon's configuration sets where "
-                                                "a job names none (run_limit_s)");
-        job_fail(c, job, JOB_FAILED, &err, NULL);
-        break;
-    case ENDING_DEADLINE:
-        modal_fail(&err, MODAL_DEADLINE, "the deadline passed while the job ran");
-        job_fail(c, job, JOB_FAILED, &err, NULL);
-        break;
-    default:
-        crashed(c, job, status, stderr_text);
-    }
-}
-
-/* The end of what a process said that nobody had told to end, as one line. */
-static void log_exit(struct core *c, int slot, int status, const char *stderr_text)
-{
-    /* bytes: the reason stands at the end, and a line is read by people */
-    enum { SAID_MOST = 1023 };
-    size_t length = stderr_text == NULL ? 0 : strlen(stderr_text);
-
-    core_log(c, "level=warning event=worker_exit slot=%d status=%d said=\"%s\"", slot, status,
-             length == 0 ? "" : stderr_text + (length > SAID_MOST ? length - SAID_MOST : 0));
-}
-
 void worker_exit(struct core *c, int slot, int status, const char *stderr_text)
 {
     struct slot *s = &c->slots->at[slot];
@@ -335,9 +311,9 @@ void worker_exit(struct core *c, int slot, int status, const char *stderr_text)
         account_for(c, s, job);
         part(c, s);
         if (ending == ENDING_NONE)
-            log_exit(c, slot, status, stderr_text);
+            exit_log(c, slot, status, stderr_text);
         if (ending != ENDING_FINISH)
-            ended_early(c, job, ending, status, stderr_text);
+            attempt_ended(c, job, ending, s->remote, status, stderr_text);
         s->quick_deaths = 0;
         c->counts.deaths++;
     } else {
@@ -347,7 +323,13 @@ void worker_exit(struct core *c, int slot, int status, const char *stderr_text)
         int doublings = s->quick_deaths < DOUBLINGS_MOST ? s->quick_deaths : DOUBLINGS_MOST;
         again_ns = s->quick_deaths == 0 ? 0 : SECOND / 10 << doublings;
         if (s->quick_deaths > 0)
-            log_exit(c, slot, status, stderr_text);
+            exit_log(c, slot, status, stderr_text);
+    }
+    if (s->remote != NULL) {
+        core_log(c, "level=notice event=worker_left slot=%d name=%s node=%s", slot,
+                 s->remote->name, s->remote->node);
+        slot_leave(c, slot);
+        return;
     }
     s->state = SLOT_EMPTY;
     if (c->terminating)
@@ -413,12 +395,17 @@ static void make_idle(struct core *c, int slot)
 {
     struct slot *s = &c->slots->at[slot];
 
-    if (slot >= c->settings.workers
-        || (c->settings.worker_jobs > 0 && s->jobs >= c->settings.worker_jobs)) {
+    if (s->remote == NULL
+        && (slot >= c->settings.workers
+            || (c->settings.worker_jobs > 0 && s->jobs >= c->settings.worker_jobs))) {
         worker_send(c, slot, "STOP", cJSON_CreateObject(), NULL);
         return;
     }
-    s->state = SLOT_IDLE;
+    if (s->remote != NULL && s->remote->leaving) {
+        worker_kill(c, slot);
+        return;
+    }
+    slot_set(c, slot, SLOT_IDLE);
     s->quick_deaths = 0;
 }
 
@@ -436,7 +423,7 @@ static void finish(struct core *c, int slot)
     part(c, s);
     /* until READY, which may have come while the signals were sealed */
     s->state = SLOT_TAKEN;
-    if (ready)
+    if (ready || (s->remote != NULL && s->remote->leaving))
         make_idle(c, slot);
     publish(c, job, document);
 }
@@ -672,6 +659,66 @@ static void on_failed(struct core *c, int slot, const struct wire_message *m, st
     fail_attempt(c, slot, &err, detail_of(c, slot, error));
 }
 
+/* The job of SLOT back into the queue: this attempt says nothing against it. */
+static void give_back(struct core *c, int slot)
+{
+    struct slot *s = &c->slots->at[slot];
+    struct job *job = s->job;
+
+    account_for(c, s, job);
+    part(c, s);
+    job_move(c, job, JOB_QUEUED, NULL);
+    core_timer(c, c->now.mono_ns, TIMER_START, job->id, 0);
+}
+
+void worker_dismiss(struct core *c, int slot)
+{
+    if (c->slots->at[slot].job != NULL)
+        give_back(c, slot);
+    c->slots->at[slot].remote->leaving = true;
+    worker_kill(c, slot);
+}
+
+static void on_release(struct core *c, int slot, const struct wire_message *m, struct blob **body)
+{
+    (void)m, (void)body;
+    worker_dismiss(c, slot);
+}
+
+/* A RUN that it has not read yet comes back as a RELEASE; signals that are being sealed are
+ * waited for. */
+static void on_leave(struct core *c, int slot, const struct wire_message *m, struct blob **body)
+{
+    (void)m, (void)body;
+    c->slots->at[slot].remote->leaving = true;
+    if (c->slots->at[slot].job == NULL)
+        worker_dismiss(c, slot);
+}
+
+static void on_stderr(struct core *c, int slot, const struct wire_message *m, struct blob **body)
+{
+    struct remote *remote = c->slots->at[slot].remote;
+
+    (void)body;
+    if (m->body_count != 1 || m->body_bytes > WIRE_STDERR_MOST) {
+        bad_worker(c, slot, "STDERR that is not one frame of at most 65536 bytes");
+        return;
+    }
+    free(remote->said);
+    remote->said = grab(m->body_bytes + 1);
+    wire_gather(m, remote->said, m->body_bytes);
+    text_clean(remote->said, m->body_bytes);
+}
+
+static void on_input(struct core *c, int slot, const struct wire_message *m, struct blob **body)
+{
+    const char *wrong = piece_request(c, slot, m);
+
+    (void)body;
+    if (wrong != NULL)
+        bad_worker(c, slot, wrong);
+}
+
 /* Of an attempt that is over: told once in the life of the next. */
 static void tell_late(struct core *c, int slot, const char *verb)
 {
@@ -699,17 +746,20 @@ void worker_message(struct core *c, const struct event *e)
     static const struct {
         const char *verb;
         bool on_job, ends;   /* believed only of the current job and attempt; the last word on it */
+        bool elsewhere;      /* of those alone */
         void (*run)(struct core *, int, const struct wire_message *, struct blob **);
     } verbs[] = {
-        { "READY", false, false, on_ready }, { "BEAT", false, false, on_beat },
-        { "PROGRESS", true, false, on_progress }, { "PART", true, false, on_part },
-        { "DONE", true, true, on_done }, { "FAILED", true, true, on_failed },
+        { "READY", false, false, false, on_ready }, { "BEAT", false, false, false, on_beat },
+        { "PROGRESS", true, false, false, on_progress }, { "PART", true, false, false, on_part },
+        { "DONE", true, true, false, on_done }, { "FAILED", true, true, false, on_failed },
+        { "INPUT", true, false, true, on_input }, { "RELEASE", true, false, true, on_release },
+        { "STDERR", false, false, true, on_stderr }, { "LEAVE", false, false, true, on_leave },
     };
     const struct wire_message *m = e->message;
     const int slot = e->slot;
     struct slot *s = &c->slots->at[slot];
 
-    if (slot < 0 || slot >= c->slots->count || s->state == SLOT_EMPTY)
+    if (slot < 0 || (slot >= c->slots->count && s->remote == NULL) || s->state == SLOT_EMPTY)
         return;
     if (m == NULL) {
         bad_worker(c, slot, e->fault->message);
@@ -717,7 +767,7 @@ void worker_message(struct core *c, const struct event *e)
     }
     s->heard_ns = c->now.mono_ns;
     for (size_t i = 0; i < sizeof verbs / sizeof *verbs; i++) {
-        if (strcmp(verbs[i].verb, m->verb) != 0)
+        if (strcmp(verbs[i].verb, m->verb) != 0 || (verbs[i].elsewhere && s->remote == NULL))
             continue;
         if (verbs[i].on_job && !is_current(c, s, m))
             tell_late(c, slot, m->verb);

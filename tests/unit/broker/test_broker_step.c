@@ -10,10 +10,16 @@
  * acknowledged, which edges were committed, which results were published, how far each upload was
  * said to be present.
  *
+ * In a second thousand worlds there are workers elsewhere too: they join, two of one name, with a
+ * key that may be revoked or none of a worker's; they leave, give jobs back, are lost with their
+ * connection or cut off from it, so that what they say comes when the job is another's; they name
+ * what is not theirs.  A document names its job and attempt, and the ledger of the world compares.
+ *
  *     MODALD_SEEDS=n   how many worlds (default 1000);  MODALD_SEED=s  that one alone, with its log
  */
 /* Tests as well: actions.c answer.c blob.c events.c heap.c histogram.c ident.c index.c inputs.c
- * jobs.c life.c map.c memory.c metrics.c requests.c room.c segments.c slots.c step.c streams.c
+ * chunks.c ends.c jobs.c life.c map.c memory.c metrics.c remotes.c requests.c room.c segments.c
+ * slots.c step.c streams.c
  * submit.c transaction.c uploads.c waits.c windows.c workers.c */
 #include "check.h"
 #include <stdlib.h>
@@ -28,6 +34,7 @@
 enum {
     KEYS = 24,
     WORKERS = 3,
+    REMOTES = 4,
     STEPS = 400,
     ROWS = 4096,
     UPLOADS = 3,
@@ -87,7 +94,7 @@ struct world {
     uint64_t dice, seed;
     struct core *core;
     struct settings settings;
-    struct account account[2];
+    struct account account[3];
     struct moment now;
     struct row rows[ROWS]; int row_count;
     struct input_row inputs[ROWS]; int input_count;
@@ -112,6 +119,16 @@ struct world {
         int old_attempt;
         bool booting;
     } workers[WORKERS];
+    bool elsewhere, revoked;     /* there are workers elsewhere; their key is off the list */
+    uint64_t last_peer;
+    struct {
+        uint64_t peer;           /* 0: not connected */
+        bool joined, cut, busy, leaving, stopped;
+        bool stranger;           /* its key is a client's */
+        char job[9], old_job[9];
+        int attempt, old_attempt;
+    } remotes[REMOTES];
+    long documents, foreign;     /* of remotes: published; said of what is not theirs */
     char acked[2][KEYS][9];      /* by user and key: the job it was told */
     int acked_variant[2][KEYS];
     bool expired[2][KEYS];
@@ -137,6 +154,7 @@ static double sample_of(uint64_t index, uint64_t twist)
     return (double)index + 1000.0 * (double)twist;
 }
 
+static long total_documents, total_foreign;
 static long total_states, total_restarts, total_gone, total_violations[11];
 
 static uint32_t roll(uint32_t below)
@@ -272,6 +290,21 @@ static void delete_segments(int64_t stream)
     w->segment_count = kept;
 }
 
+/* What a worker elsewhere computed is of this job and its latest attempt. */
+static void compare_document(const struct row *row, const char *text, size_t length)
+{
+    char copy_of[64] = "", ident[9];
+    int number = 0;
+
+    if (length < sizeof copy_of)
+        memcpy(copy_of, text, length);
+    if (sscanf(copy_of, "{\"of\":\"%8[0-9a-z]\",\"attempt\":%d}", ident, &number) != 2)
+        return;
+    w->documents++;
+    if (ident_number(w->settings.secret, ident) != row->id || number != row->attempts)
+        violate(4, "a document of another job or attempt is published");
+}
+
 static void apply(struct ledger_change *change)
 {
     struct row *row;
@@ -318,8 +351,10 @@ static void apply(struct ledger_change *change)
         break;
     case LEDGER_RESULT_PUT:
         row = row_by_id(change->result.job);
-        if (row != NULL)
+        if (row != NULL) {
             row->results++;
+            compare_document(row, change->result.text, change->result.length);
+        }
         break;
     case LEDGER_TOMBSTONE_PUT:
         copy(w->stones[w->stone_count].user, 16, change->tombstone.user);
@@ -592,6 +627,27 @@ static void to_worker(const struct action *a)
     cJSON_Delete(header);
 }
 
+/* What arrives where somebody is: not where the connection is cut. */
+static void to_remote(const struct action *a)
+{
+    cJSON *header = cJSON_Parse(a->header);
+    int n = 0;
+
+    while (n < REMOTES && w->remotes[n].peer != a->peer)
+        n++;
+    if (n < REMOTES && strcmp(a->verb, "RUN") == 0) {
+        if (!w->remotes[n].joined || w->remotes[n].busy || w->remotes[n].stranger || w->revoked)
+            violate(4, "RUN to a worker elsewhere that may not have it");
+        copy(w->remotes[n].job, 9, cJSON_GetObjectItem(header, "job")->valuestring);
+        w->remotes[n].attempt = (int)cJSON_GetObjectItem(header, "attempt")->valuedouble;
+        w->remotes[n].busy = true;
+    } else if (n < REMOTES && strcmp(a->verb, "WELCOME") == 0)
+        w->remotes[n].joined = true;
+    else if (n < REMOTES && !w->remotes[n].cut)
+        w->remotes[n].stopped = true;                      /* STOP or NO */
+    cJSON_Delete(header);
+}
+
 static void carry_out(struct action *a)
 {
     switch (a->type) {
@@ -610,6 +666,9 @@ static void carry_out(struct action *a)
         break;
     case ACT_WORKER:
         to_worker(a);
+        break;
+    case ACT_REMOTE:
+        to_remote(a);
         break;
     case ACT_SPAWN:
         w->workers[a->slot].alive = w->workers[a->slot].booting = true;
@@ -884,6 +943,141 @@ static void worker_acts(void)
         worker_says(slot, "BEAT", "", 0, "", NULL);
 }
 
+static void remote_says(int n, const char *verb, const char *header, const char *body)
+{
+    struct wire_frame frames[4] = { { WIRE_WORKER, 7 },
+                                    { verb, strlen(verb) },
+                                    { header, strlen(header) },
+                                    { body, body == NULL ? 0 : strlen(body) } };
+    struct blob *blobs[1] = { body != NULL ? blob_copy(body, strlen(body)) : NULL };
+    struct wire_message m;
+
+    if (w->verbose)
+        printf("   %d: %s %s\n", n, verb, header);
+    if (wire_open(frames, body != NULL ? 4 : 3, WIRE_WORKER, false, &m, NULL) == MODAL_OK)
+        run_step((struct event) { .type = EVENT_REMOTE,
+                                 .peer = w->remotes[n].peer,
+                                 .key = w->remotes[n].stranger ? "second" : "work",
+                                 .message = &m,
+                                 .body = blobs });
+    wire_close(&m);
+    blob_drop(blobs[0]);
+}
+
+/* VERB of JOB and ATTEMPT, with MORE members, and for DONE their document. */
+static void remote_says_of(int n, const char *verb, const char *job, int attempt, const char *more)
+{
+    char header[300], document[64];
+
+    snprintf(header, sizeof header, "{\"job\":\"%s\",\"attempt\":%d%s}", job, attempt, more);
+    snprintf(document, sizeof document, "{\"of\":\"%s\",\"attempt\":%d}", job, attempt);
+    remote_says(n, verb, header, strcmp(verb, "DONE") == 0 ? document : NULL);
+}
+
+/* Its connection is gone, and what it had it may still say on the next. */
+static void remote_ends(int n)
+{
+    const uint64_t peer = w->remotes[n].peer;
+
+    memcpy(w->remotes[n].old_job, w->remotes[n].job, 9);
+    w->remotes[n].old_attempt = w->remotes[n].attempt;
+    w->remotes[n].peer = 0;
+    w->remotes[n].joined = w->remotes[n].cut = w->remotes[n].busy = w->remotes[n].leaving = false;
+    w->remotes[n].stopped = false;
+    run_step((struct event) { .type = EVENT_REMOTE_GONE, .peer = peer });
+}
+
+static void remote_joins(int n)
+{
+    char header[200], left[40] = "";
+
+    w->remotes[n].peer = ++w->last_peer;
+    w->remotes[n].stranger = roll(10) == 0;
+    if (roll(3) == 0)
+        snprintf(left, sizeof left, ",\"left_s\":%u", roll(30));
+    snprintf(header, sizeof header,
+             "{\"version\":\"%s\",\"name\":\"n%d\",\"node\":\"x\",\"memory_bytes\":%d%s}",
+             roll(20) == 0 ? "0" : MODALD_VERSION, n / 2, roll(4) == 0 ? 8 : 1 << 20, left);
+    remote_says(n, "JOIN", header, NULL);
+    if (w->remotes[n].joined)
+        remote_says(n, "READY", "{}", NULL);
+}
+
+static void remote_finishes(int n, const char *verb, const char *more)
+{
+    w->remotes[n].busy = false;
+    remote_says_of(n, verb, w->remotes[n].job, w->remotes[n].attempt, more);
+    remote_says(n, "READY", "{}", NULL);
+}
+
+/* One that is connected and heard. */
+static void remote_works(int n)
+{
+    const uint32_t what = roll(24), other = roll(REMOTES);
+    const bool busy = w->remotes[n].busy;
+
+    if (what == 0)
+        remote_ends(n);
+    else if (what == 1)
+        w->remotes[n].cut = true;
+    else if (what == 2 && w->remotes[n].old_job[0] != 0)
+        remote_says_of(n, "DONE", w->remotes[n].old_job, w->remotes[n].old_attempt, "");
+    else if (what == 3 && other != (uint32_t)n && w->remotes[other].busy) {
+        w->foreign++;
+        remote_says_of(n, roll(2) == 0 ? "DONE" : "RELEASE", w->remotes[other].job,
+                       w->remotes[other].attempt, "");
+    } else if (what == 4 && busy)
+        remote_says_of(n, "INPUT", w->remotes[n].job, w->remotes[n].attempt,
+                       ",\"offset\":0,\"length\":8");
+    else if (what == 5)
+        remote_says(n, "STDERR", "{}", "last words");
+    else if (what < 8 && busy)
+        remote_says_of(n, "RELEASE", w->remotes[n].job, w->remotes[n].attempt, "");
+    else if (what < 8) {
+        w->remotes[n].leaving = true;
+        remote_says(n, "LEAVE", "{}", NULL);
+    } else if (busy && what < 18)
+        remote_finishes(n, "DONE", ",\"cpu_s\":0.1");
+    else if (busy && what < 20)
+        remote_finishes(n, "FAILED", ",\"error\":{\"code\":\"no_convergence\",\"message\":\"x\"}");
+    else
+        remote_says(n, "BEAT", "{}", NULL);
+}
+
+/* What was cut off for longer than its lease says what it has to say, and is not believed. */
+static void remote_acts(void)
+{
+    const int n = (int)roll(REMOTES);
+
+    if (w->remotes[n].peer == 0)
+        remote_joins(n);
+    else if (w->remotes[n].stopped || (!w->remotes[n].joined && roll(2) == 0))
+        remote_ends(n);
+    else if (w->remotes[n].cut) {
+        w->remotes[n].cut = roll(8) != 0;
+        if (!w->remotes[n].cut && w->remotes[n].busy)
+            remote_finishes(n, "DONE", "");
+    } else
+        remote_works(n);
+}
+
+/* The keys file is read again, with or without the workers' key. */
+static void revoke_or_admit(void)
+{
+    w->revoked = !w->revoked;
+    w->settings.account_count = w->revoked ? 2 : 3;
+    run_step((struct event) { .type = EVENT_SETTINGS, .settings = &w->settings });
+}
+
+static void settle_remotes(void)
+{
+    for (int n = 0; n < REMOTES; n++)
+        if (w->remotes[n].peer != 0 && (w->remotes[n].cut || w->remotes[n].stopped))
+            remote_ends(n);
+        else if (w->remotes[n].peer != 0 && w->remotes[n].busy)
+            remote_finishes(n, "DONE", "");
+}
+
 /* Deaths become known, in any order with other things. */
 static void exits(void)
 {
@@ -1120,6 +1314,7 @@ static void boot(void)
     struct ledger_visitor v;
 
     memset(w->workers, 0, sizeof w->workers);
+    memset(w->remotes, 0, sizeof w->remotes);
     memset(slot_waits, 0, sizeof slot_waits);
     w->core = core_new(&w->settings, w->now);
     core_visitor(w->core, &v);
@@ -1187,6 +1382,8 @@ static void something_happens(void)
         stream_something((int)roll(2), (int)roll(STREAMS), false);
     else if (what < 34)
         ask_about_something(verbs[roll(6)]);
+    else if (what < 64 && w->elsewhere && roll(3) > 0)
+        remote_acts();
     else if (what < 64)
         worker_acts();
     else if (what < 82)
@@ -1201,6 +1398,8 @@ static void something_happens(void)
         run_step((struct event) { .type = EVENT_PEER_GONE, .peer = 1 + roll(2) });
     else if (what < 99)
         restart();
+    else if (w->elsewhere && roll(2) == 0)
+        revoke_or_admit();
     exits();
     note_alive();
 }
@@ -1228,6 +1427,7 @@ static void settle(void)
                 worker_says(slot, "READY", "", 0, ",\"pid\":7", NULL);
             }
         }
+        settle_remotes();
         exits();
         note_alive();
         commit_some(100);
@@ -1298,7 +1498,7 @@ static void check_acknowledged(void)
             violate(4, "two results of one job");
 }
 
-static void open_world(uint64_t seed, bool verbose)
+static void open_world(uint64_t seed, bool verbose, bool elsewhere)
 {
     w = calloc(1, sizeof *w);
     w->seed = w->dice = seed;
@@ -1311,8 +1511,11 @@ static void open_world(uint64_t seed, bool verbose)
         (struct account) { .key = "", .user = "one", .role = WIRE_ROLE_ADMIN, .weight = 1 };
     w->account[1] =
         (struct account) { .key = "second", .user = "two", .role = WIRE_ROLE_SUBMIT, .weight = 2 };
+    w->account[2] =
+        (struct account) { .key = "work", .user = "pool", .role = WIRE_ROLE_WORKER, .weight = 1 };
+    w->elsewhere = elsewhere;
     w->settings = (struct settings) { .accounts = w->account,
-                                     .account_count = 2,
+                                     .account_count = elsewhere ? 3 : 2,
                                      .workers = WORKERS,
                                      .queue_jobs = 20,
                                      .input_bytes = 1 << 20,
@@ -1334,14 +1537,16 @@ static void close_world(void)
     end_core();
     total_states += w->states;
     total_gone += w->told_gone;
+    total_documents += w->documents;
+    total_foreign += w->foreign;
     for (int p = 0; p < 11; p++)
         total_violations[p] += w->violations[p];
     free(w);
 }
 
-static void run_world(uint64_t seed, bool verbose)
+static void run_world(uint64_t seed, bool verbose, bool elsewhere)
 {
-    open_world(seed, verbose);
+    open_world(seed, verbose, elsewhere);
     for (int i = 0; i < STEPS; i++)
         something_happens();
     settle();
@@ -1352,16 +1557,16 @@ static void run_world(uint64_t seed, bool verbose)
     close_world();
 }
 
-TEST(no_promise_is_violated_in_any_world_of_a_thousand_seeds)
+static void run_worlds(bool elsewhere)
 {
     const char *one = getenv("MODALD_SEED"), *many = getenv("MODALD_SEEDS");
     long seeds = many != NULL ? strtol(many, NULL, 10) : 1000, violations = 0;
 
     if (one != NULL)
-        run_world(strtoull(one, NULL, 10), true);
+        run_world(strtoull(one, NULL, 10), true, elsewhere);
     else
         for (long seed = 0; seed < seeds; seed++)
-            run_world((uint64_t)seed, false);
+            run_world((uint64_t)seed, false, elsewhere);
     for (int p = 1; p <= 5; p++) {
         printf("P%d: simulator, %ld seeds, %ld restarts, %ld states tried, %ld violations\n", p,
                seeds, total_restarts, total_states, total_violations[p]);
@@ -1370,6 +1575,17 @@ TEST(no_promise_is_violated_in_any_world_of_a_thousand_seeds)
     CHECK(violations == 0);
     /* Uploads were aborted, or refused for their hash. */
     CHECK(one != NULL || seeds < 100 || total_gone > 0);
+    CHECK(one != NULL || seeds < 100 || !elsewhere || (total_documents > 0 && total_foreign > 0));
+}
+
+TEST(no_promise_is_violated_in_any_world_of_a_thousand_seeds)
+{
+    run_worlds(false);
+}
+
+TEST(nor_in_any_world_of_a_thousand_seeds_with_workers_elsewhere)
+{
+    run_worlds(true);
 }
 
 static void submit_key(int key)
@@ -1393,7 +1609,7 @@ TEST(a_tombstone_goes_at_its_age_from_memory_and_ledger)
 {
     char first[9];
 
-    open_world(2385, false);
+    open_world(2385, false, false);
     submit_key(3);
     submit_key(4);
     settle();

@@ -83,10 +83,12 @@ static int number_of(const struct lab *lab, const struct user *user)
 static void start(struct lab *lab, double (*seconds)(struct lab *, int))
 {
     for (int k = 0; k < WORKERS; k++) {
-        struct user *user = lab->at[k].user != NULL ? NULL : user_next(lab->core);
-        if (user == NULL)
+        struct job *job = lab->at[k].user != NULL ? NULL : user_next(lab->core, 0);
+        struct user *user;
+        if (job == NULL)
             continue;
-        job_forget(lab->core, job_by_id(lab->core, heap_pop(&user->ready).order));
+        user = job->user;
+        job_forget(lab->core, job);
         user->running++;
         lab->at[k] = (struct running) { .user = user,
                                        .expected = user->cost_s,

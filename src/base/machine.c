@@ -1,5 +1,5 @@
 /* machine.c - see machine.h */
-#include "broker/shell/machine.h"
+#include "base/machine.h"
 #include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>

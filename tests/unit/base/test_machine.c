@@ -1,7 +1,7 @@
 /* test_machine.c - what a worker may have where nobody said how much */
 #include "check.h"
 #include <unistd.h>
-#include "broker/shell/machine.h"
+#include "base/machine.h"
 
 TEST(there_is_no_more_memory_for_us_than_the_machine_has)
 {

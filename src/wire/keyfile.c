@@ -1,5 +1,5 @@
 /* keyfile.c - see keyfile.h */
-#include "keyfile.h"
+#include "wire/keyfile.h"
 #include <errno.h>
 #include <fcntl.h>
 #include <stdbool.h>

@@ -1,11 +1,11 @@
-/* keyfile.h - a client's CURVE keys in a file of its own
+/* keyfile.h - a client's or a worker's CURVE keys in a file of its own
  *
  * Lines `public-key = "Z85"`, `secret-key = "Z85"`, `server-key = "Z85"`; # begins a comment.  The
  * file must belong to the caller and be readable by nobody else (mode 0600 or less): a secret never
  * stands in arguments or environment.
  */
-#ifndef CLIENT_KEYFILE_H
-#define CLIENT_KEYFILE_H
+#ifndef WIRE_KEYFILE_H
+#define WIRE_KEYFILE_H
 #include "base/error.h"
 
 /* Each in Z85, 0-terminated; "": not in the file. */

@@ -1,6 +1,6 @@
 /* machine.h - what of the machine is ours: its memory, as far as control groups leave it */
-#ifndef BROKER_MACHINE_H
-#define BROKER_MACHINE_H
+#ifndef BASE_MACHINE_H
+#define BASE_MACHINE_H
 #include <stdint.h>
 
 /* Bytes: the machine's memory, or less where a control group of ours, or one that it lies in,

@@ -96,6 +96,29 @@ def test_without_noise_the_systems_own_numbers_come_back(ctl, tmp_path):
             assert m["cycles"] == pytest.approx(m["frequency_hz"] * SAMPLES * DT)
 
 
+def test_a_lag_of_first_order_is_one_real_exponent_beside_the_mode(ctl, tmp_path):
+    """1/(0.05 s + 1) + 1/(s^2/400 + s/1000 + 1): the exponent is -20, and the mode is not disturbed."""
+    rng = np.random.default_rng(2)
+    t, u = np.arange(2000) * DT, rng.standard_normal(2000)
+    y = sum(signal.lsim(signal.TransferFunction([1], below), u, t)[1] for below in ([0.05, 1], [1 / 400, 1 / 1000, 1]))
+    y += rng.standard_normal(2000) * 0.02
+    said = ctl("identify", write_batch(tmp_path / "a.h5", np.column_stack([u, y]), dt=DT, channels=["force", "a"]), *FORCED).document
+    mode, lag = said["modes"]
+    assert said["stability"]["stable"] is True and [d["code"] for d in said["diagnostics"]] == ["broad_poles"]
+    assert lag["exponent"][1] == 0 and abs(lag["exponent"][0] + 20) < 4 * lag["std"]["exponent"][0] < 1
+    assert abs(mode["frequency_hz"] - 10 / np.pi) < 4 * mode["std"]["frequency_hz"]
+    assert abs(mode["damping_ratio"] - 0.01) < 4 * mode["std"]["damping_ratio"]
+
+
+def test_an_unstable_system_that_is_driven_is_unstable(ctl, tmp_path):
+    rng = np.random.default_rng(4)
+    t, u = np.arange(2000) * DT, rng.standard_normal(2000)
+    y = signal.lsim(signal.TransferFunction([100], [1, -0.1, 100]), u, t)[1]
+    y += rng.standard_normal(2000) * 0.01 * y.std()
+    said = ctl("identify", write_batch(tmp_path / "a.h5", np.column_stack([u, y]), dt=DT, channels=["force", "a"]), *FORCED).document
+    assert said["stability"]["stable"] is False and said["modes"][0]["damping_ratio"] == pytest.approx(-0.005, rel=0.01)
+
+
 def test_twice_the_record_halves_the_variance(ctl, tmp_path):
     mode = ctl("identify", System(0).write(tmp_path / "a.h5"), *FORCED).document["modes"][0]
     for key in ("frequency_hz", "damping_ratio"):

@@ -272,13 +272,12 @@ static enum modal_status shape_mode(const struct work *w, int p, struct identify
     return MODAL_OK;
 }
 
-/* Within the band, and with a peak; else it makes up for what is elsewhere. */
-static bool is_mode(const struct work *w, double complex lambda)
+/* Else it makes up for what is beyond the band. */
+static bool is_within(const struct work *w, double complex lambda)
 {
     double hertz = cimag(lambda) / (2 * M_PI);
 
-    return fabs(damping_ratio_of(lambda)) < NO_PEAK
-        && (w->opt.band[1] == 0 || (hertz >= w->opt.band[0] && hertz <= w->opt.band[1]));
+    return w->opt.band[1] == 0 || (hertz >= w->opt.band[0] && hertz <= w->opt.band[1]);
 }
 
 static enum modal_status report_mode(struct work *w, const double complex *R, int p, int live,
@@ -322,7 +321,7 @@ static enum modal_status report_modes(struct work *w, struct identify_result *ou
     for (int i = 0; i < l->responses; i++)
         live += l->energy[i] > 0;
     for (int p = 0; p < t->poles && rc == MODAL_OK; p++)
-        if (is_mode(w, t->s[p] / w->rec.step))
+        if (is_within(w, t->s[p] / w->rec.step))
             rc = report_mode(w, R, p, live, &out->modes[out->mode_count++], err);
     if (rc == MODAL_OK)
         modes_rank(out);
@@ -421,11 +420,13 @@ static void about_modes(const struct work *w, struct identify_result *r)
     for (int i = 0; i < r->mode_count; i++) {
         const struct identify_mode *m = &r->modes[i];
         double turn = cimag(m->exponent) * w->rec.step / M_PI;
-        if (m->cycles < FEW_CYCLES)
+        bool swings = cimag(m->exponent) > 0;
+        broad += damping_ratio_of(m->exponent) >= NO_PEAK;
+        if (swings && m->cycles < FEW_CYCLES)
             identify_diagnose(r, "short_record", -1, "mode %d turns %.2g times in the record: its "
                               "damping, and the standard errors, hold only if the system is "
                               "exactly linear and constant; record longer", i, m->cycles);
-        if (isfinite(m->std_re) && narrow < TOLD
+        if (swings && isfinite(m->std_re) && narrow < TOLD
             && fabs(creal(m->exponent)) < fmin(1 / record, SIGMAS * m->std_re)) {
             narrow++;
             identify_diagnose(r, "narrow_line", -1, "mode %d (%.5g Hz) does not decay within the "
@@ -438,13 +439,10 @@ static void about_modes(const struct work *w, struct identify_result *r)
                               "frequency: a faster mode may have folded there; sample faster", i,
                               turn);
     }
-    for (int p = 0; p < w->found.model.poles; p++)
-        broad += fabs(damping_ratio_of(w->found.model.s[p])) >= NO_PEAK;
     if (broad > 0)
-        identify_diagnose(r, "broad_poles", -1, "%d pair%s without a peak, damped beyond 70 %%: a "
-                          "filter of the measuring chain or a motion that does not swing; fitted "
-                          "beside the modes and not counted among them", broad,
-                          broad > 1 ? "s are" : " is");
+        identify_diagnose(r, "broad_poles", -1, "%d mode%s no peak, damped beyond 70 %%: a motion "
+                          "that hardly swings or does not, or a filter of the measuring chain",
+                          broad, broad > 1 ? "s show" : " shows");
     if (r->mode_count == 0)
         identify_diagnose(r, "no_modes", -1, "no mode of the responses follows the inputs: they "
                           "excite none, or noise hides it");

@@ -1,5 +1,5 @@
 /*
- * forced_order.c - pairs one after another, by what they are worth
+ * forced_order.c - poles one after another, by what they are worth
  *
  * Where.  At a candidate s the drives pass the filter 1/(z - e^s) to columns b; of what is left
  * over, over its standard deviation, they take the part L^-1 b^H R with b^H b = L L^H. A mode takes
@@ -28,6 +28,8 @@ enum {
 static const double
     DAMPING_FIRST = 0.003,       /* ratio of the first grade */
     GRADE = 4,
+    RATE = 1.5,                  /* of a real one over that before it */
+    NO_PEAK = M_SQRT1_2,         /* damping ratio from which a response has no peak */
     ENOUGH_EACH = 0.1,           /* of ln likelihood, where 1 is the chance */
     ENOUGH_LAST = 1e-6,
     REACH = 6,                   /* 90 % of a mode's energy */
@@ -38,7 +40,7 @@ struct work {
     const struct lines *l;
     const struct forced_limits *limits;
     struct forced_search *out;
-    struct transfer trial;
+    struct transfer trial, real;
     double complex *R;           /* what is left over, over its standard deviation */
     double complex *b;           /* columns of a candidate */
     double complex *taken;       /* drives x responses */
@@ -53,12 +55,15 @@ struct candidate { double complex s; double gain; double complex q[LINES_DRIVES_
 static double bic_of(const struct lines *l, const struct transfer *t)
 {
     double numbers = 2.0 * l->count;
+    int order = 0;
     struct criterion c = { .groups = l->responses, .phases = 1, .numbers = numbers, .own = numbers,
                            .energy = l->energy };
 
     /* beside shapes and exponents, how the drives but one reach a pole: searched for by nobody */
-    return -2 * t->likelihood + criterion_price(&c, 2 * t->poles + l->direct, 2 * t->poles)
-         + 2 * (l->drives - 1) * t->poles * log(numbers * l->responses);
+    for (int p = 0; p < t->poles; p++)
+        order += cimag(t->s[p]) > 0 ? 2 : 1;
+    return -2 * t->likelihood + criterion_price(&c, order + l->direct, order)
+         + (l->drives - 1) * order * log(numbers * l->responses);
 }
 
 static double residual_of(const struct lines *l, const struct transfer *t)
@@ -187,6 +192,25 @@ static bool is_closed(const struct work *w, double at)
     return false;
 }
 
+/* The best of real ones, with a real q. */
+static void look_at_real(struct work *w, struct candidate *best)
+{
+    double turn = 2 * M_PI / w->l->samples;
+
+    for (double rate = turn; rate < 1 && !is_closed(w, 0); rate *= RATE) {
+        struct candidate c = { .s = -rate };
+        double complex most = 0;
+        weigh_candidate(w, &c);
+        if (!(c.gain > best->gain))
+            continue;
+        *best = c;
+        for (int j = 0; j < w->l->drives; j++)
+            most = cabs(c.q[j]) > cabs(most) ? c.q[j] : most;
+        for (int j = 0; j < w->l->drives; j++)
+            best->q[j] = creal(c.q[j] / most);
+    }
+}
+
 /* The best over frequencies and grades. */
 static struct candidate look(struct work *w)
 {
@@ -194,6 +218,7 @@ static struct candidate look(struct work *w)
     double turn = 2 * M_PI / l->samples, low = carg(l->z[0]), high = carg(l->z[l->count - 1]);
     struct candidate best = { .gain = 0 };
 
+    look_at_real(w, &best);
     for (int g = 0; g < GRADES; g++) {
         double damping = DAMPING_FIRST * pow(GRADE, g);
         for (double at = low; at <= high; at += fmax(damping * at, APART * turn)) {
@@ -229,6 +254,25 @@ static enum modal_status fit(struct work *w, int steps, struct transfer *t, stru
     return transfer_fit(w->l, &limits, t, err);
 }
 
+/* A pair that shows no peak is a real pole where that is worth more: pairs cannot pass the axis. */
+static enum modal_status settle(struct work *w, struct transfer *t, struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+
+    for (int p = 0; p < t->poles && rc == MODAL_OK; p++) {
+        if (cimag(t->s[p]) == 0 || -creal(t->s[p]) < NO_PEAK * cabs(t->s[p]))
+            continue;
+        transfer_copy(w->l, t, &w->real);
+        w->real.s[p] = -cabs(t->s[p]);
+        for (int j = 0; j < w->l->drives; j++)
+            w->real.q[j + p * w->l->drives] = creal(t->q[j + p * w->l->drives]);
+        rc = fit(w, STEPS_EACH, &w->real, err);
+        if (rc == MODAL_OK && bic_of(w->l, &w->real) < bic_of(w->l, t))
+            transfer_copy(w->l, &w->real, t);
+    }
+    return rc;
+}
+
 /* One pair more where it is worth most; *more is whether it pays. */
 static enum modal_status climb(struct work *w, bool *more, struct modal_error *err)
 {
@@ -245,7 +289,10 @@ static enum modal_status climb(struct work *w, bool *more, struct modal_error *e
         transfer_copy(w->l, t, &w->trial);
         transfer_add(w->l, &w->trial, c.s, c.q);
         rc = fit(w, STEPS_EACH, &w->trial, err);
+        if (rc == MODAL_OK)
+            rc = settle(w, &w->trial, err);
         *more = rc == MODAL_OK && (w->limits->fixed > 0 || bic_of(w->l, &w->trial) < bic);
+        reach *= cimag(c.s) > 0;
         w->closed[w->failed].from = cimag(c.s) - reach;
         w->closed[w->failed].to = cimag(c.s) + reach;
     }
@@ -315,6 +362,8 @@ enum modal_status forced_search(const struct lines *l, const struct forced_limit
     w.taken = malloc(sizeof *w.taken * (size_t)l->drives * (size_t)l->responses);
     if (rc == MODAL_OK)
         rc = transfer_new(l, &w.trial, err);
+    if (rc == MODAL_OK)
+        rc = transfer_new(l, &w.real, err);
     if (rc == MODAL_OK && (w.R == NULL || w.b == NULL || w.taken == NULL))
         rc = modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d lines", l->count);
     if (rc == MODAL_OK)
@@ -329,7 +378,7 @@ enum modal_status forced_search(const struct lines *l, const struct forced_limit
         rc = fit(&w, STEPS_LAST, &out->model, err);
     if (rc == MODAL_OK)
         rc = keep_rung(&w, &out->model, err);
-    transfer_done(&w.trial);
+    transfer_done(&w.trial), transfer_done(&w.real);
     free(w.R), free(w.b), free(w.taken);
     return rc;
 }

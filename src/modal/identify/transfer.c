@@ -34,7 +34,8 @@ static const double
     DEPENDENT = 1e-11,           /* of the largest eigenvalue: directions of V that are others */
     RIDGE = 1e-12,               /* of S's diagonal: what is not seen has 1e6 times its own error */
     ROUNDING = 1e-12,            /* rms left over, of the response's: a recursion's rounding */
-    CAREFUL = 1e-3;              /* first damping of a step */
+    CAREFUL = 1e-3,              /* first damping of a step */
+    FASTEST = 4;                 /* ln of what is left of a motion after a sample: nothing */
 
 struct sums {
     int K, V, g;                 /* columns of C and of V; unknowns in s and q */
@@ -429,15 +430,18 @@ static double solve(double *S, double *d, int g, double damping)
     return good ? promise : NAN;
 }
 
-/* *T moved by d; false where a pole leaves the upper half plane. */
+/* *T moved by d; false where a pole leaves the upper half plane.  Of one on the real axis the second
+ * columns are zero, and so is their part of d. */
 static bool move(const struct lines *l, struct transfer *t, const double *d)
 {
     bool inside = true;
 
     for (int p = 0; p < t->poles; p++) {
         const double *at = d + 2 * (size_t)l->drives * p, *q = at + 2;
-        t->s[p] += CMPLX(at[0], at[1]);
-        inside = inside && cimag(t->s[p]) > 0 && cimag(t->s[p]) < M_PI && fabs(creal(t->s[p])) < 2;
+        bool swings = cimag(t->s[p]) > 0;
+        t->s[p] = swings ? t->s[p] + CMPLX(at[0], at[1]) : creal(t->s[p]) + at[0];
+        inside = inside && (cimag(t->s[p]) > 0) == swings && cimag(t->s[p]) < M_PI
+            && fabs(creal(t->s[p])) < FASTEST;
         for (int j = 0; j < l->drives; j++)
             if (j != t->held[p]) {
                 t->q[j + (size_t)p * l->drives] += CMPLX(q[0], q[1]);
@@ -466,7 +470,9 @@ static enum modal_status spread(const struct lines *l, struct transfer *t, struc
         && LAPACKE_dpotri(LAPACK_COL_MAJOR, 'U', g, s->S, g) == 0;
     for (int i = 0; i < 2 * t->poles && rc == MODAL_OK; i++) {
         int at = i / 2 * 2 * l->drives + i % 2;
-        t->spread[i] = good ? sqrt(s->S[at + (size_t)g * at]) * size[at] : NAN;
+        t->spread[i] = !good ? NAN
+                     : i % 2 == 1 && cimag(t->s[i / 2]) == 0 ? 0
+                     : sqrt(s->S[at + (size_t)g * at]) * size[at];
     }
     free(size);
     return rc;

@@ -13,7 +13,8 @@
  *         + sum_k D_ik X_k + white noise of variance v_i.
  *
  * Of each pair p: s its exponent over a sample, Im in (0, pi); phi its shape; q how the drives
- * reach it, 1 for the drive it is held by.
+ * reach it, 1 for the drive it is held by.  A pole that is real, s, phi and q too, is one of
+ * Im s = 0 that stays so.
  */
 struct transfer {
     int poles;

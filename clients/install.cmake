@@ -67,7 +67,8 @@ install(FILES ${S}/modald.8 ${S}/modald-worker.8 DESTINATION ${CMAKE_INSTALL_MAN
 install(FILES ${CMAKE_SOURCE_DIR}/clients/ctl/modalctl.1 ${C}/examples/modald-rosco-bridge.1 ${C}/examples/modald-mbdyn-listener.1
   DESTINATION ${CMAKE_INSTALL_MANDIR}/man1)
 install(FILES ${manual_pages} DESTINATION ${CMAKE_INSTALL_MANDIR}/man5)
-install(FILES ${CMAKE_SOURCE_DIR}/clients/ctl/modald-identify.7 ${CMAKE_SOURCE_DIR}/clients/ctl/modald-steady.7 DESTINATION ${CMAKE_INSTALL_MANDIR}/man7)
+file(GLOB tutorials CONFIGURE_DEPENDS ${CMAKE_SOURCE_DIR}/clients/ctl/*.7)
+install(FILES ${tutorials} DESTINATION ${CMAKE_INSTALL_MANDIR}/man7)
 install(FILES ${C}/modald_stream.3 DESTINATION ${CMAKE_INSTALL_MANDIR}/man3)
 install(FILES ${CMAKE_SOURCE_DIR}/clients/ctl/modalctl.bash DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions RENAME modalctl)
 install(DIRECTORY ${CMAKE_SOURCE_DIR}/clients/python/modald DESTINATION ${python}

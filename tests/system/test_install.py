@@ -46,6 +46,7 @@ def test_everything_is_where_debian_expects_it(installed):
                  "share/man/man8/modald-worker.8", "share/man/man3/modald_stream.3",
                  "share/man/man5/modald-scene.5", "share/man/man5/modald-result.5",
                  "share/man/man7/modald-identify.7", "share/man/man7/modald-steady.7",
+                 "share/man/man7/modald-live.7", "share/man/man7/modald-lab.7",
                  "share/modald/modald_stream.c",
                  "share/man/man1/modald-rosco-bridge.1", "share/man/man1/modald-mbdyn-listener.1",
                  "bin/modald-rosco-bridge", "bin/modald-mbdyn-listener",

@@ -500,3 +500,11 @@ def test_the_notebook_of_a_running_simulation_has_its_damping():
     assert verdict.startswith("stable") and numbers(verdict) == pytest.approx([2.3, 0.005],
                                                                               rel=1e-3)
     assert numbers(window) == pytest.approx([2.3], rel=1e-3)
+
+
+def test_the_notebook_of_a_service_counts_what_it_did():
+    lines = notebook("lab").splitlines()
+    assert lines[0] == "local admin" and lines[1] == "True"
+    assert lines[2].startswith("20 ") and numbers(lines[2]) == pytest.approx(
+        [np.hypot(w, 0.1) / (2 * np.pi) for w in (10, 29)], abs=1e-4)
+    assert lines[3:] == ["done 20 queued 0 disk good", "failed 0"]

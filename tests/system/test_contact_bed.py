@@ -1,5 +1,5 @@
 """contact_bed beside the same contacts listed one by one, and beside its law summed by numpy."""
-# Tests as well: contact_bed.c
+# Tests as well: contact_bed.c at_rest.c
 import json
 import subprocess
 
@@ -124,6 +124,59 @@ def test_two_beds_of_which_one_never_slips_are_told_apart(tmp_path):
     second = {**second, "nodes": second["nodes"][3:], "mu": 1e3}
     answer = run(tmp_path, "steady", strip(6, [first, second]), "-o", "harmonics=3")
     assert [e["active"] for e in answer["plan"]["effects"]] == [True, False]
+
+
+def by_hand(scene, spring=0.0, level=0.0, friction=0.0):
+    """Mean and first harmonic, with a spring and a load at each normal dof and a spring at each tangential one."""
+    n, nodes = scene["structure"]["M"]["shape"][0], scene["structure"]["M"]["shape"][0] // 2
+    K = np.diag(np.full(n, 1500.0)) - np.diag(np.full(n - 2, 400.0), 2) - np.diag(np.full(n - 2, 400.0), -2)
+    C = 0.02 * K + 0.3 * np.eye(n)
+    K += np.diag([spring, friction] * nodes)
+    p, load = np.array([-level, 0.0] * nodes), np.zeros(n, complex)
+    for e in scene["excitation"]:
+        load[scene["structure"]["dofs"].index(e["dof"])] += e.get("cos", 0) - 1j * e.get("sin", 0)
+    return np.column_stack([np.linalg.solve(K, p), np.linalg.solve(K + 9j * C - 81 * np.eye(n), load)])
+
+
+@pytest.mark.parametrize("more, held", [({"preload": -50.0}, {}), ({}, {"spring": 150.0, "level": 10.0, "friction": 100.0})], ids=["open", "closed"])
+def test_a_bed_that_stays_open_or_closed_is_its_springs_and_each_law_is_asked_once(more, held, tmp_path):
+    nodes = 150
+    scene = strip(nodes, bed(nodes, **more), push=1.0)
+    answer = run(tmp_path, "steady", scene)
+    X = by_hand(scene, **held)
+    assert np.abs(harmonics(answer)[:, :2] - X).max() < 1e-13 * np.abs(X).max() * nodes
+    assert answer["plan"]["effects"][0]["active"] is False
+    assert answer["plan"]["effects"][0]["evaluations"] == nodes          # a bound tells: nothing is sampled, transformed or iterated
+    assert answer["plan"]["ffts"] == answer["iterations"] == 0
+    assert answer["total_error"] == 0 and answer["residual"] < 1e-12
+    assert [d["code"] for d in answer["diagnostics"] if d["code"] == "undetermined_offset"] == (["undetermined_offset"] if held else [])
+
+
+def test_the_first_contact_that_slips_is_not_missed(tmp_path):
+    held = {"spring": 150.0, "level": 10.0, "friction": 100.0}
+    active = []
+    scene = strip(4, bed(4), push=1.0)
+    X = by_hand(scene, **held)
+    least = 0.4 * (10.0 + 150.0 * (X[::2, 0].real - np.abs(X[::2, 1])))   # no less holds at any time: mu N
+    share = (100.0 * np.abs(X[1::2, 1]) / least).max()                   # of it that push = 1 takes
+    assert 0 < share < 1
+    for push in (0.9 / share, 40 / share):
+        answer = run(tmp_path, "steady", strip(4, bed(4), push=push), "-o", "harmonics=5")
+        assert answer["converged"]
+        active.append(answer["plan"]["effects"][0]["active"])
+    assert active == [False, True]
+
+
+def test_motions_at_rest_and_others_are_of_one_sweep(tmp_path):
+    """As the frequency comes up to resonance a contact begins to slip, and past it rests again."""
+    scene = {"structure": {"type": "chain", "masses": [1.0], "springs": [100.0, 0], "dampers": [0.4, 0]}, "omega": 10.0,
+             "effects": [{"type": "friction", "dof": "x1", "stiffness": 20.0, "limit": 1.0}], "excitation": [{"dof": "x1", "k": 1, "cos": 2.0}]}
+    swept = run(tmp_path, "steady", scene, "--sweep", "omega=8:14:13", "-o", "harmonics=9")["points"]
+    methods = {p["method"] for p in swept}
+    assert "linear" in methods and len(methods) > 1
+    for p in swept:
+        alone = run(tmp_path, "steady", {**scene, "omega": p["omega"]}, "-o", "harmonics=9", "-o", "method=newton")
+        assert np.abs(harmonics(p) - harmonics(alone)).max() < 1e-9
 
 
 NODE = {"normal": "n1", "tangential": "t1"}

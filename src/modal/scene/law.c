@@ -14,6 +14,19 @@ void law_clear(struct law *law, const struct law_class *kind)
     law->kind = kind;
 }
 
+enum modal_status law_rest(const struct law *law, struct law_force *out, struct modal_error *err)
+{
+    const double zero[LAW_TERMS_MOST] = { 0 };
+    double after[LAW_TERMS_MOST];
+    struct law_point at = { .d = zero, .v = zero, .d_before = zero, .memory_before = zero };
+
+    memset(out, 0, sizeof *out);
+    out->memory = after;
+    enum modal_status rc = law->kind->force(law, &at, out, err);
+    out->memory = NULL;  /* gone with this call */
+    return rc;
+}
+
 bool law_add_ends(struct law *law, int input, const struct law_end *end, int count)
 {
     int before = law->start[input];

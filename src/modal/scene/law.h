@@ -63,6 +63,9 @@ struct law_class {
      * sampled. */
     enum modal_status (*pieces)(const struct law *law, const struct orbit *const *input,
                                 struct law_pieces *out, struct modal_error *err);
+    /* Whether a motion of inputs within mean +- reach stays in the regime of rest, which must be
+     * linear (law_rest); NULL: never known. */
+    bool (*stays)(const struct law *law, const double *mean, const double *reach);
     /* The start of a period: forget every call before it (memory of a user's law); NULL: nothing
      * to forget. */
     void (*restart)(const struct law *law);
@@ -150,6 +153,10 @@ enum modal_status law_lua(const char *source, size_t *together, struct law *out,
 
 /* Release law->data and its ends; the struct itself is the caller's. */
 void law_done(struct law *law);
+
+/* The law at rest, with nothing remembered: while it `stays`, force i is out->f[i] + sum_j
+ * out->fd[i][j] d[j].  Fails as its force does. */
+enum modal_status law_rest(const struct law *law, struct law_force *out, struct modal_error *err);
 
 /* Ends of INPUT, whose earlier inputs have theirs already; copied.  False: no memory. */
 bool law_add_ends(struct law *law, int input, const struct law_end *end, int count);

@@ -45,6 +45,8 @@ int lowering_add_dof(struct lowering *l, const char *name)
     /* one a dof: realloc grows in place or by pages */
     char **dofs = realloc(p->dofs, ((size_t)p->n + 1) * sizeof *dofs);
 
+    free(p->by_name);                /* without the new one */
+    p->by_name = NULL;
     if (dofs != NULL)
         p->dofs = dofs;
     /* the list may have grown all the same */

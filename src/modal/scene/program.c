@@ -169,17 +169,43 @@ int program_states(const struct program *p)
     return states;
 }
 
+/* qsort_r: by name, of one name by number. */
+static int by_name(const void *a, const void *b, void *names)
+{
+    int x = *(const int *)a, y = *(const int *)b, order = strcmp(((char **)names)[x],
+                                                                 ((char **)names)[y]);
+
+    return order != 0 ? order : (x > y) - (x < y);
+}
+
+enum modal_status program_order_names(struct program *p, struct modal_error *err)
+{
+    p->by_name = malloc(((size_t)p->n + 1) * sizeof *p->by_name);
+    if (p->by_name == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "scene: out of memory");
+    for (int i = 0; i < p->n; i++)
+        p->by_name[i] = i;
+    qsort_r(p->by_name, (size_t)p->n, sizeof *p->by_name, by_name, p->dofs);
+    return MODAL_OK;
+}
+
 int program_dof(const struct program *p, const char *name)
 {
-    /* of default names x12 is the twelfth: looked at before all are searched */
-    long number = name[0] == 'x' ? strtol(name + 1, NULL, 10) : 0;
+    int low = 0, high = p->n;
 
-    if (number >= 1 && number <= p->n && strcmp(p->dofs[number - 1], name) == 0)
-        return (int)number - 1;
-    for (int i = 0; i < p->n; i++)
+    for (int i = 0; p->by_name == NULL && i < p->n; i++)
         if (strcmp(p->dofs[i], name) == 0)
             return i;
-    return -1;
+    while (p->by_name != NULL && low < high) {
+        int middle = (low + high) / 2;
+
+        if (strcmp(p->dofs[p->by_name[middle]], name) < 0)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return p->by_name != NULL && low < p->n && strcmp(p->dofs[p->by_name[low]], name) == 0
+               ? p->by_name[low] : -1;
 }
 
 /* Constant, harmonic and of linear states. */
@@ -209,6 +235,7 @@ void program_free(struct program *p)
     for (int i = 0; i < p->n; i++)
         free(p->dofs[i]);
     free(p->dofs);
+    free(p->by_name);
     for (int i = 0; i < p->laws; i++)
         law_done(&p->law[i]);
     free(p->law);

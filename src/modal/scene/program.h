@@ -68,6 +68,7 @@ struct program_effect {               /* one row of plan.effects, in the scene's
 struct program {
     int n;                            /* dofs */
     char **dofs;                      /* their names */
+    int *by_name;                     /* dofs in the order of their names; NULL: not yet */
     struct sparse constant[3];        /* M_0, C_0, K_0 */
     int harmonics;  /* of (3) */
     struct program_harmonic *harmonic;/* ascending k */
@@ -102,6 +103,9 @@ struct program {
 enum program_class { PROGRAM_LINEAR_CONSTANT, PROGRAM_LINEAR_PERIODIC, PROGRAM_NONLINEAR };
 /* Nonlinear with any law, periodic with any harmonic. */
 enum program_class program_class(const struct program *p);
+/* The names are complete: program_dof finds them in log n from here on.  Fails with
+ * MODAL_NO_MEMORY. */
+enum modal_status program_order_names(struct program *p, struct modal_error *err);
 int program_dof(const struct program *p, const char *name);   /* -1: no such dof */
 /* "linear-constant", "linear-periodic", "nonlinear". */
 const char *program_class_name(enum program_class class);

@@ -80,6 +80,8 @@ static enum modal_status lower_structure(struct lowering *l, const cJSON *json,
     rc = scene_keys_read(NULL, json, "structure", l->structure->keys, values, err);
     if (rc == MODAL_OK)
         rc = l->structure->lower(l, values, err);
+    if (rc == MODAL_OK)
+        rc = program_order_names(l->p, err);
     scene_keys_free(l->structure->keys, values);  /* what it kept of them it has copied */
     free(values);
     for (int i = 0; i < 3; i++)

@@ -174,6 +174,7 @@ enum modal_status point_init(struct steady *s, struct steady_point *point, int q
     point->H = H;
     point->N = N;
     point->c = s->c;
+    point->linear = NULL;
     point->laws = s->p->laws;
     point->residual = -1;
     point->converged = false;
@@ -264,5 +265,6 @@ double steady_target(const struct steady *s)
 enum modal_status steady_recover(struct steady *s, const struct steady_point *point, int dof,
                                  double complex *X, struct modal_error *err)
 {
-    return condense_recover(s->c, dof, point->H, point->X, point->H, X, err);
+    return condense_recover(point->linear != NULL ? point->linear : s->c, dof, point->H, point->X,
+                            point->H, X, err);
 }

@@ -77,6 +77,7 @@ struct steady_point {
     double complex *multiplier;
     double multiplier_error;
     struct condense *c;       /* to recover other dofs with: at omega, H; owned by the session */
+    struct condense *linear;  /* of a motion at rest (at_rest.h), in place of it; else NULL */
 };
 
 struct steady;                /* a session: solve.h */

@@ -25,6 +25,9 @@ struct steady {
     struct balance *balance[BALANCES];
     int balances;               /* of them */
     struct budget budget;       /* of the solution under way */
+    struct at_rest *rest;       /* made when first asked for; NULL: not yet, or it does not apply */
+    bool rest_asked;
+    bool rested;                /* the last solution was at rest */
 };
 
 /* Samples: the least power of 2 that is not below LEAST, at most 2^17. */

@@ -19,6 +19,7 @@
 #include "modal/scene/orbit.h"
 #include "modal/scene/program.h"
 #include "modal/steady/aft.h"
+#include "modal/steady/at_rest.h"
 #include "modal/steady/balance.h"
 #include "modal/steady/by_cycle.h"
 #include "modal/steady/condense.h"
@@ -143,6 +144,7 @@ void steady_free(struct steady *s)
     for (int i = 0; i < s->balances; i++)
         balance_free(s->balance[i]);
     condense_free(s->c);
+    at_rest_free(s->rest);
     free(s);
 }
 
@@ -534,6 +536,39 @@ static enum modal_status solve_by_marching(struct steady *s, double omega,
     return rc;
 }
 
+/* Whether laws may all be at rest, of their own accord: asked unless the method, the samples or a
+ * motion in which they act is given. */
+static bool may_rest(const struct steady *s, const struct steady_start *start)
+{
+    const struct steady_options *o = &s->opt;
+
+    return o->method == STEADY_AUTO && o->samples == 0 && o->cutoff == 0 && !o->unlocated
+        && !o->by_differences && (start == NULL || s->rested);
+}
+
+/* The motion in which every law rests: where there is none the point is not converged. */
+static enum modal_status solve_at_rest(struct steady *s, double omega, struct steady_point *point,
+                                       struct modal_error *err)
+{
+    bool found = false;
+    double before;
+    enum modal_status rc = MODAL_OK;
+
+    if (!s->rest_asked)
+        rc = at_rest_new(s->p, s->opt.dofs, s->opt.dofs_count, &s->rest, err);
+    s->rest_asked = true;
+    if (rc != MODAL_OK || s->rest == NULL)
+        return rc;
+    before = at_rest_work(s->rest);
+    rc = point_init(s, point, condense_kept(s->c),
+                    s->opt.harmonics > 0 ? s->opt.harmonics : at_rest_harmonics(s->rest), 0, err);
+    if (rc == MODAL_OK)
+        rc = at_rest_solve(s->rest, omega, point, &found, err);
+    budget_add(&s->budget, at_rest_work(s->rest) - before);
+    s->rested = rc == MODAL_OK && found;
+    return rc;
+}
+
 /* The method that options and laws choose. */
 static enum modal_status solve_any(struct steady *s, double omega, const struct steady_start *start,
                                    struct steady_point *point, struct modal_error *err)
@@ -544,6 +579,10 @@ static enum modal_status solve_any(struct steady *s, double omega, const struct 
         return solve_linear(s, omega, point, err);
     if (s->opt.method >= STEADY_RK4)
         return solve_by_marching(s, omega, point, err);
+    if (may_rest(s, start))
+        rc = solve_at_rest(s, omega, point, err);
+    if (rc != MODAL_OK || point->converged)
+        return rc;
     /* More harmonics than a quarter of the cycle's samples are not in them. */
     if (s->jumps && s->opt.method == STEADY_AUTO && cycle_takes(s->p)
         && s->opt.harmonics < CYCLE_SAMPLES / 4)

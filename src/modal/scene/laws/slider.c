@@ -434,13 +434,37 @@ out:
     return rc;
 }
 
+/* No slider leaves 0. */
+static bool sliders_stay(const struct law *law, const double *mean, const double *reach)
+{
+    const struct sliders *s = law->data;
+
+    for (int i = 0; i < s->count; i++)
+        if (s->element[i].stiffness * (fabs(mean[0]) + reach[0]) > s->element[i].limit)
+            return false;
+    return true;
+}
+
+/* Open at rest and throughout; or closed, and the slider holds where N is least. */
+static bool contact_stays(const struct law *law, const double *mean, const double *reach)
+{
+    const struct contact *c = law->data;
+    double least = c->preload + c->normal_stiffness * (mean[0] - reach[0]);
+
+    if (c->preload <= 0)
+        return c->preload + c->normal_stiffness * (mean[0] + reach[0]) <= 0;
+    return least > 0 && c->tangential_stiffness * (fabs(mean[1]) + reach[1]) <= c->mu * least;
+}
+
 static const struct law_class jenkins_class = {
-    .name = "friction", .inputs = 1, .force = sliders_force, .pieces = sliders_pieces
+    .name = "friction", .inputs = 1, .force = sliders_force, .pieces = sliders_pieces,
+    .stays = sliders_stay
 };
 static const struct law_class iwan_class = { .name = "iwan", .inputs = 1, .force = sliders_force,
-                                             .pieces = sliders_pieces };
+                                             .pieces = sliders_pieces, .stays = sliders_stay };
 static const struct law_class contact_class = {
-    .name = "contact_friction", .inputs = 2, .force = contact_force, .pieces = contact_pieces
+    .name = "contact_friction", .inputs = 2, .force = contact_force, .pieces = contact_pieces,
+    .stays = contact_stays
 };
 
 /* One class for one element and for many: memory is a place each. */

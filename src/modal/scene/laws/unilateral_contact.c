@@ -143,8 +143,20 @@ static enum modal_status gap_pieces(const struct law *law, const struct orbit *c
     return rc == MODAL_OK && g->both_sides ? one_side_pieces(g, input[0], -1, out, err) : rc;
 }
 
+/* Open at rest and throughout, or closed: then it must be a spring. */
+static bool gap_stays(const struct law *law, const double *mean, const double *reach)
+{
+    const struct gap *g = law->data;
+
+    if (g->clearance < 0)
+        return g->dissipation == 0 && mean[0] - reach[0] >= g->clearance;
+    return mean[0] + reach[0] <= g->clearance
+           && (!g->both_sides || mean[0] - reach[0] >= -g->clearance);
+}
+
 static const struct law_class gap_class = {
-    .name = "gap", .inputs = 1, .reads_velocity = true, .force = gap_force, .pieces = gap_pieces
+    .name = "gap", .inputs = 1, .reads_velocity = true, .force = gap_force, .pieces = gap_pieces,
+    .stays = gap_stays
 };
 
 enum modal_status law_gap(double stiffness, double clearance, double dissipation, bool both_sides,

@@ -33,7 +33,7 @@
 #define LIMIT_MOST 1e15          /* a double below has all whole numbers, and bytes of a petabyte */
 #define NOT_SAID (-1)   /* of settings that are 0 or more */
 
-enum kind { TEXT, COUNT, BYTES, SECONDS, NANOSECONDS, MODE, SWITCH, BIND, WORKER_BIND };
+enum kind { TEXT, COUNT, BYTES, SECONDS, NANOSECONDS, MODE, SWITCH, BIND, ENTRY };
 
 /* Every key of the file, its place and its range. */
 static const struct row {
@@ -44,7 +44,7 @@ static const struct row {
 } rows[] = {
     { "data", TEXT, offsetof(struct config, data), 0, 0 },
     { "bind", BIND, 0, 0, 0 },
-    { "worker_bind", WORKER_BIND, 0, 0, 0 },
+    { "worker_bind", ENTRY, 0, 0, 0 },
     { "workers", COUNT, offsetof(struct config, workers), 0, 256 },
     { "worker_jobs", BYTES, offsetof(struct config, settings.worker_jobs), 0, 1e15 },
     { "spool_threads", COUNT, offsetof(struct config, spool_threads), 1, 16 },
@@ -173,7 +173,7 @@ enum modal_status config_set(struct config *c, const char *key, const char *valu
             continue;
         if (row->kind == BIND)
             return add_endpoint(c->bind, &c->bind_count, key, value, err);
-        if (row->kind == WORKER_BIND)
+        if (row->kind == ENTRY)
             return add_endpoint(c->worker_bind, &c->worker_bind_count, key, value, err);
         if (row->kind == TEXT)
             return set_text(place, row->low > 0 ? sizeof c->worker_user : PATH_ROOM, key, value,

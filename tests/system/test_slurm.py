@@ -1,0 +1,282 @@
+"""modald-slurm: its rounds on stand-ins of Slurm's commands, and pilots on a real Slurm of two nodes
+(the longer trials with MODALD_LONG).
+"""
+import importlib.machinery
+import importlib.util
+import json
+import os
+import pathlib
+import signal
+import subprocess
+import sys
+
+import pytest
+import zmq
+
+import slurm_local
+from test_elsewhere import Site, batch, same, state, user
+from wire import BUILD, PATIENCE_S, scene_job, until
+
+TOP = pathlib.Path(__file__).resolve().parents[2]
+PROGRAM = TOP / "clients" / "slurm" / "modald-slurm"
+sys.path.insert(0, str(TOP / "clients" / "python"))
+import modald  # noqa: E402
+
+pytestmark = pytest.mark.skipif(not zmq.has("curve"), reason="this pyzmq has no CURVE")
+LONG = pytest.mark.skipif(not os.environ.get("MODALD_LONG"), reason="with MODALD_LONG=1")
+
+
+def module():
+    loader = importlib.machinery.SourceFileLoader("modald_slurm", str(PROGRAM))
+    made = importlib.util.module_from_spec(importlib.util.spec_from_loader("modald_slurm", loader))
+    keep, sys.dont_write_bytecode = sys.dont_write_bytecode, True
+    loader.exec_module(made)
+    sys.dont_write_bytecode = keep
+    return made
+
+
+# ---- rounds, on stand-ins ------------------------------------------------------------------------
+
+@pytest.mark.parametrize("cpu_s, wait, least, most, want", [
+    (0, 60, 0, 8, 0), (0, 60, 2, 8, 2), (0.01, 60, 0, 8, 1), (60, 60, 0, 8, 1), (61, 60, 0, 8, 2),
+    (1e6, 60, 0, 8, 8)])
+def test_as_many_are_wanted_as_finish_the_queue_in_the_wait(cpu_s, wait, least, most, want):
+    assert module().wanted(cpu_s, wait, least, most) == want
+
+
+class Stand:
+    """squeue and sbatch that say what a test wrote and write down what they were asked."""
+
+    def __init__(self, folder, monkeypatch, cpu_s):
+        self.folder = folder
+        for name in ("squeue", "sbatch"):
+            path = folder / name
+            path.write_text(f"#!/bin/sh\necho \"$@\" >> {folder}/{name}.asked\n"
+                            f"[ {name} = squeue ] || cat > {folder}/script\n"
+                            f"cat {folder}/{name}.says; exit $(cat {folder}/{name}.exit)\n")
+            path.chmod(0o755)
+            self.says(name, "")
+        monkeypatch.setenv("PATH", f"{folder}:{os.environ['PATH']}")
+        self.program = module()
+        self.options = self.program.arguments(
+            ["--pool", "lab", "--most", "4", "--wait", "10", "--connect", "tcp://lab:7418",
+             "--worker-keyfile", "/home/lab/it's.key", "--", "-p", "long"])
+        self.scaler = self.program.Scaler(self.options)
+        self.scaler.stats = lambda: {"queue": {"cpu_s": cpu_s}}
+        self.clock = [1000.0]
+        monkeypatch.setattr(self.program.time, "monotonic", lambda: self.clock[0])
+
+    def says(self, name, text, status=0):
+        (self.folder / f"{name}.says").write_text(text)
+        (self.folder / f"{name}.exit").write_text(str(status))
+
+    def asked(self, name):
+        path = self.folder / f"{name}.asked"
+        return path.read_text().splitlines() if path.exists() else []
+
+
+@pytest.fixture()
+def stand(tmp_path, monkeypatch):
+    return lambda cpu_s: Stand(tmp_path, monkeypatch, cpu_s)
+
+
+def test_what_is_missing_is_one_array_and_what_is_there_is_asked_of_slurm_each_round(stand):
+    it = stand(35)
+    it.says("squeue", "7_1|RUNNING|3:02|N/A\n7_2|PENDING|0:00|N/A\n6_1|COMPLETED|1:00|2026-01-01T00:00:00\n")
+    assert it.scaler.step()
+    assert it.asked("sbatch") == ["--parsable -J md-lab --array=1-2 -n1 -p long"]
+    it.says("squeue", "".join(f"7_{i}|RUNNING|3:02|N/A\n" for i in range(4)))
+    assert it.scaler.step() and len(it.asked("sbatch")) == 1 and len(it.asked("squeue")) == 2
+    text = (it.folder / "script").read_text()
+    assert subprocess.run(["bash", "-n"], input=text, text=True).returncode == 0
+    assert "--connect tcp://lab:7418" in text and "'/home/lab/it'\"'\"'s.key'" in text
+
+
+def test_a_failing_sbatch_is_tried_ever_less_often_and_a_good_one_makes_good(stand):
+    it = stand(10)
+    it.says("sbatch", "", 1)
+    tries = []
+    for _ in range(40):
+        before = len(it.asked("sbatch"))
+        assert it.scaler.step()
+        if len(it.asked("sbatch")) > before:
+            tries.append(it.clock[0])
+        it.clock[0] += 1
+    assert [b - a for a, b in zip(tries, tries[1:])] == [2, 4, 8, 16]
+    it.says("sbatch", "8\n")
+    it.clock[0] += 1000
+    assert it.scaler.step() and it.scaler.refusals == 0
+
+
+def test_pilots_that_fail_fast_are_held_back_and_preempted_ones_are_not(stand):
+    it = stand(10)
+    now = it.program.time.strftime("%Y-%m-%dT%H:%M:%S")
+    it.says("squeue", "".join(f"{i}|FAILED|0:05|{now}\n" for i in range(9)))
+    assert it.scaler.step() and it.asked("sbatch") == []
+    it.clock[0] += 1000
+    for ended in (f"1|PREEMPTED|0:05|{now}\n", f"1|CANCELLED|0:05|{now}\n", f"1|TIMEOUT|1:00|{now}\n",
+                  f"1|FAILED|1-02:03:04|{now}\n"):
+        it.says("squeue", ended)
+        before = len(it.asked("sbatch"))
+        assert it.scaler.step() and len(it.asked("sbatch")) == before + 1, ended
+
+
+def test_a_slurm_or_a_daemon_that_does_not_answer_ends_the_round_and_not_the_program(stand):
+    it = stand(10)
+    it.says("squeue", "", 1)
+    assert not it.scaler.step() and it.asked("sbatch") == []
+
+    def gone():
+        raise modald.Error("no_server", "nobody")
+    it.says("squeue", "")
+    it.scaler.stats = gone
+    assert not it.scaler.step() and it.asked("sbatch") == []
+
+
+@pytest.mark.parametrize("words", [["--most", "0"], ["--wait", "0"], ["--pool", "a b"], ["--least", "9"],
+                                   ["--wait", "nan"], ["--idle", "-1"]])
+def test_what_cannot_be_meant_is_refused(words):
+    usual = ["--pool", "lab", "--most", "8", "--connect", "tcp://x:1", "--worker-keyfile", "k"]
+    done = subprocess.run([str(PROGRAM), *usual, *words], capture_output=True, text=True,
+                          env={**os.environ, "PYTHONPATH": str(TOP / "clients" / "python")})
+    assert done.returncode == 2 and "usage: modald-slurm" in done.stderr
+
+
+# ---- a real Slurm --------------------------------------------------------------------------------
+
+@pytest.fixture(scope="module")
+def slurm(tmp_path_factory):
+    why = slurm_local.missing()
+    if why is not None:
+        pytest.skip(why)
+    made = slurm_local.Slurm(tmp_path_factory.mktemp("slurm"))
+    yield made
+    made.end()
+
+
+class Pool(Site):
+    """A site whose workers are Slurm's: modald-slurm beside it."""
+
+    def __init__(self, folder, slurm, *words, sbatch=()):
+        super().__init__(folder)
+        self.slurm, self.pool = slurm, folder.name
+        self.words = [str(PROGRAM), "--pool", self.pool, "--server", self.daemon.endpoint, "--keyfile",
+                      self.keyfile("rob"), "--connect", self.port, "--worker-keyfile",
+                      self.keyfile("wes"), "--worker", str(BUILD / "bin" / "modald-worker"), "--most",
+                      "4", "--wait", "1", *words, "--", f"--chdir={folder}",
+                      f"--output={folder}/pilot.%A_%a", *sbatch]
+        self.env = {**slurm.env, "PYTHONPATH": str(TOP / "clients" / "python")}
+        self.scaler = None
+
+    def scale(self):
+        said = open(self.folder / "scaler", "ab")
+        self.scaler = subprocess.Popen(self.words, stderr=said, env=self.env)
+        said.close()
+
+    def end(self):
+        if self.scaler is not None:
+            self.scaler.terminate()
+            self.scaler.wait()
+        self.slurm.ask("scancel", "-n", f"md-{self.pool}")
+        super().end()
+
+
+@pytest.fixture()
+def pool(tmp_path, slurm):
+    made = []
+
+    def make(*words, **more):
+        made.append(Pool(tmp_path, slurm, *words, **more))
+        return made[-1]
+    yield make
+    for one in made:
+        one.end()
+
+
+def test_a_dry_run_says_what_it_would_submit_and_submits_nothing(pool):
+    it = pool("--dry-run", "--least", "2")
+    done = subprocess.run(it.words, env=it.env, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    first, script = done.stdout.split("\n", 1)
+    assert first.startswith(f"sbatch --parsable -J md-{it.pool} --array=1-2 -n1 ")
+    assert script.startswith("#!/bin/bash") and it.slurm.ask("squeue", "-h") == ""
+
+
+def test_pilots_come_for_a_queue_answer_as_this_host_does_and_end_idle(pool):
+    it = pool("--idle", "2")
+    with user(it) as ann:
+        jobs = [ann.submit("identify", batch(400 + i, 2), fresh=True) for i in range(12)]
+        jobs.append(ann.submit("identify", batch(3000, 60)))
+        it.scale()
+        results = [job.result(PATIENCE_S) for job in jobs]
+        assert {ann.status(job.id)["attempts"] for job in jobs} == {1}
+    with modald.local() as here:
+        for i in (0, 12):
+            data = batch(3000, 60) if i == 12 else batch(400 + i, 2)
+            alone = here.submit("identify", data).result(PATIENCE_S)
+            assert same(dict(results[i])) == same(dict(alone))
+    until(lambda: it.slurm.pilots(it.pool) == {}, "the pilots did not end")
+    assert it.elsewhere() == 0
+
+
+def busy(it, client, jobs):
+    """Nodes of those that run, by job."""
+    docs = {job: state(client, job) for job in jobs}
+    return {job: doc["worker"]["node"] for job, doc in docs.items() if "worker" in doc.header}
+
+
+@LONG
+def test_a_dead_node_is_noticed_and_its_jobs_are_done_elsewhere_once(pool):
+    it = pool("--idle", "20", "--least", "4")
+    it.scale()
+    until(lambda: it.elsewhere() == 4)
+    ann = it.client("ann")
+    jobs = [scene_job(ann, seconds=2, fresh=True)["job"] for _ in range(8)]
+    until(lambda: "n1" in busy(it, ann, jobs).values())
+    it.slurm.kill_node("n1")
+    ended = [ann.ask("WAIT", job=job, timeout_s=250) for job in jobs]
+    assert {doc["state"] for doc in ended} == {"done"}
+    assert 1 <= sum(doc["attempts"] == 2 for doc in ended) <= 2
+    assert max(doc["attempts"] for doc in ended) == 2
+    it.slurm.start_node("n1")
+
+
+@LONG
+def test_a_pilot_that_is_cancelled_finishes_its_job_and_is_replaced(pool):
+    it = pool("--idle", "60", "--least", "2", "--grace", "25")
+    it.scale()
+    until(lambda: it.elsewhere() >= 2)
+    ann = it.client("ann")
+    jobs = [scene_job(ann, seconds=1, fresh=True, max_attempts=1)["job"] for _ in range(6)]
+    until(lambda: len(busy(it, ann, jobs)) >= 2)
+    gone = next(iter(it.slurm.pilots(it.pool)))
+    it.slurm.ask("scancel", gone)
+    assert {ann.ask("WAIT", job=job, timeout_s=250)["state"] for job in jobs} == {"done"}
+    until(lambda: gone not in it.slurm.pilots(it.pool) and it.elsewhere() >= 2,
+          "no other pilot came")
+
+
+@LONG
+def test_a_daemon_killed_under_its_pilots_loses_and_doubles_nothing(pool):
+    it = pool("--idle", "60", "--least", "2")
+    it.scale()
+    until(lambda: it.elsewhere() >= 2)
+    ann = it.client("ann")
+    jobs = [scene_job(ann, seconds=1, key=f"k{i}")["job"] for i in range(6)]
+    until(lambda: len(busy(it, ann, jobs)) >= 2)
+    it.daemon.kill()
+    it.daemon.start()
+    ann = it.client("ann")
+    assert {ann.ask("WAIT", job=job, timeout_s=250)["state"] for job in jobs} == {"done"}
+    assert len(json.loads(ann.ask("LIST").body[0])["jobs"]) == 6
+
+
+@LONG
+def test_no_job_is_killed_by_a_walltime_of_a_minute(pool):
+    it = pool("--idle", "30", "--grace", "15", sbatch=("--time=1",))
+    ann = it.client("ann")
+    jobs = [scene_job(ann, seconds=3, fresh=True, max_attempts=1, run_limit_s=30)["job"]
+            for _ in range(10)]
+    it.scale()
+    assert {ann.ask("WAIT", job=job, timeout_s=280)["state"] for job in jobs} == {"done"}
+    assert "was lost" not in it.daemon.text()

@@ -3,6 +3,7 @@
  *
  * Tested by tests/unit/job/test_scene_jobs.c. */
 #include <math.h>
+#include <stdio.h>
 #include "job/cost.h"
 #include "job/plan.h"
 #include "job/scene_jobs.h"
@@ -141,6 +142,29 @@ static cJSON *print_result(const struct program *p, const struct floquet *f)
     return r;
 }
 
+static void floquet_diagnose(cJSON *result, const char *code, const char *message)
+{
+    cJSON *list = cJSON_GetObjectItem(result, "diagnostics"), *d = cJSON_CreateObject();
+
+    if (list == NULL)
+        list = cJSON_AddArrayToObject(result, "diagnostics");
+    cJSON_AddStringToObject(d, "code", code);
+    cJSON_AddStringToObject(d, "message", message);
+    cJSON_AddItemToArray(list, d);
+}
+
+/* The best so far, and what would buy more. */
+static void diagnose_unsettled(cJSON *result, const struct floquet *f)
+{
+    char text[300];
+
+    snprintf(text, sizeof text, "%d vectors carried over a period each do not tell the %d leading "
+             "multipliers apart: those given are the best so far, residual %.2g, and a larger one "
+             "may be missing; give a smaller multipliers, or damping that tells them apart",
+             f->periods, f->count, f->error);
+    floquet_diagnose(result, "multipliers_unsettled", text);
+}
+
 /* Hill's way is a check: where it is too large for its limit, the result says so and stands. */
 static enum modal_status add_hill(cJSON *result, const struct program *p, const struct floquet *f,
                                   const struct options *o, struct modal_error *err)
@@ -153,10 +177,7 @@ static enum modal_status add_hill(cJSON *result, const struct program *p, const 
         return MODAL_OK;
     rc = hill(p, o->harmonics, &h, &why);
     if (rc == MODAL_TOO_LARGE && o->harmonics == 0) {
-        cJSON *list = cJSON_AddArrayToObject(result, "diagnostics"), *d = cJSON_CreateObject();
-        cJSON_AddStringToObject(d, "code", "hill_too_large");
-        cJSON_AddStringToObject(d, "message", why.message);
-        cJSON_AddItemToArray(list, d);
+        floquet_diagnose(result, "hill_too_large", why.message);
         return MODAL_OK;
     }
     if (rc != MODAL_OK) {
@@ -187,6 +208,8 @@ enum modal_status floquet_run(const struct job_request *request, struct job_resu
     cost_stage(&cost, "floquet");
     if (rc == MODAL_OK) {
         out->result = print_result(p, &f);
+        if (f.unsettled)
+            diagnose_unsettled(out->result, &f);
         rc = add_hill(out->result, p, &f, &o, err);
         cost_stage(&cost, "hill");
     }

@@ -91,6 +91,8 @@ const struct result_code result_codes[] = {
     { "error_unknown", "steady", "the derivative is singular at the solution",
       "take the motion without an error, or move the parameter" },
     { "stability_unknown", "steady", "it was not computed, and why", "see the reason" },
+    { "multipliers_unsettled", "floquet", "the leading multipliers are not told apart: the best so "
+      "far", "give fewer `multipliers`" },
     { "hill_too_large", "floquet", "Hill's determinant would be too large; the answer stands",
       "give hill=false, or fewer hill.harmonics" },
     { 0 },

@@ -358,9 +358,9 @@ static const struct result_key orbit_keys[] = {
       .means = "disturbances decay" },
     { "max_multiplier", RESULT_NUMBER, .null = "not computed", .means = "the largest modulus" },
     { "multipliers", RESULT_COMPLEX, .list = "both of each pair, the largest first",
-      .means = "of disturbances, over 2 pi/omega" },
+      .means = "of disturbances, over 2 pi/omega; of many states the leading ten alone" },
     { "error", RESULT_NUMBER, .absent = "where it was not computed", .null = UNKNOWN,
-      .means = "estimate, of the multipliers" },
+      .means = "estimate, of the multipliers; where all were only bounded, up to the bound" },
     { 0 },
 };
 

@@ -111,7 +111,7 @@ def codes():
         source = path.read_text()
         found |= {("identify", c) for c in re.findall(r'identify_diagnose\([^"]*?"(\w+)"', source)}
         found |= {("steady", c) for c in re.findall(r'\bdiagnose\(list, "(\w+)"', source)}
-        found |= {("floquet", c) for c in re.findall(r'\(d, "code", "(\w+)"', source)}
+        found |= {("floquet", c) for c in re.findall(r'floquet_diagnose\(result, "(\w+)"', source)}
     return found
 
 

@@ -25,9 +25,9 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/linalg/eigen.h"
-#include "modal/scene/dofwise.h"
 #include "modal/scene/leading.h"
 #include "modal/scene/magnus.h"
+#include "modal/scene/period_map.h"
 #include "modal/scene/statespace.h"
 #include "modal/scene/turning.h"
 
@@ -218,8 +218,11 @@ static enum modal_status leading(const struct program *p, double period, int wan
                                  struct floquet *f, struct modal_error *err)
 {
     struct leading l = { 0 };
-    enum modal_status rc = leading_multipliers(p, period, wanted, RESIDUAL, &l, err);
+    struct period_map *map = NULL;
+    enum modal_status rc = period_map_new(p, NULL, period, &map, err);
 
+    if (rc == MODAL_OK)
+        rc = leading_multipliers(map, wanted, RESIDUAL, 0, &l, err);
     if (rc == MODAL_OK)
         rc = make(l.found.count, f, err);
     for (int i = 0; rc == MODAL_OK && i < f->count; i++) {
@@ -230,8 +233,11 @@ static enum modal_status leading(const struct program *p, double period, int wan
         f->exponent[i] = f->resolved[i] ? exponent_of(f->multiplier[i], period) : 0;
     }
     f->periodic = f->leading = true;
+    f->unsettled = !l.found.settled;
+    f->periods = l.periods;
     f->period = period;
-    f->substeps = l.leaps;
+    f->substeps = rc == MODAL_OK ? period_map_steps(map) : 0;
+    period_map_free(map);
     arnoldi_done(&l.found);
     return rc;
 }
@@ -314,7 +320,7 @@ static void sort(struct floquet *f)
 /* The verdict: undecided where the largest is within its bar of the boundary. */
 static void judge(struct floquet *f)
 {
-    bool unstable = false, stable = true;
+    bool unstable = false, stable = !f->unsettled;       /* a larger one may be missed */
 
     f->margin = HUGE_VAL;
     for (int i = 0; i < f->count; i++) {
@@ -334,7 +340,7 @@ static int leading_of(const struct program *p, const struct floquet_options *opt
 {
     int wanted = opt != NULL ? opt->multipliers : 0;
 
-    if (p->harmonics == 0 || !dofwise_serves(p))
+    if (p->harmonics == 0 || !period_map_serves(p))
         return 0;
     if (wanted == 0 && 2 * p->n > FLOQUET_STATES_DENSE)
         wanted = FLOQUET_LEADING;

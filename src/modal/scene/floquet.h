@@ -23,6 +23,8 @@ struct floquet {
      * FLOQUET_STATES_DENSE have it */
     int count;
     bool leading;                /* by the period map: each bar is of a residual */
+    bool unsettled;              /* and some residual misses its tolerance: the best so far */
+    int periods;                 /* carried for it, of one vector each */
     bool periodic;
     double period;               /* s; 0: constant without a period */
     /* descending in magnitude; of constant programs only where period > 0 */

@@ -1,140 +1,243 @@
 /*
  * leading.c - see leading.h
  *
- * Vectors are weighed to the root of energies (dofwise_weights), u = W y, so that norms and
- * residuals do not depend on units: the map is W Phi W^-1.  A period is so many equal leaps that
- * the fastest motion turns by a radian at most in one; the error of that is seen by the residual of
- * the vectors found in the map of half the step.
+ * Carrying a vector over a large sparse system's period costs less than keeping it orthogonal to
+ * some hundred others.  Arnoldi's operator is therefore Phi^j, of so many periods that both cost
+ * alike: the subspace is smaller.  Its vectors' span is invariant under Phi, of which the
+ * multipliers are the Ritz values there,
+ *
+ *     Q^T Phi Q s = rho s,   residual |Phi Q s - rho Q s|;                                      (1)
+ *
+ * where different multipliers have one j-th power the span may lack a vector, which the residual
+ * shows: then j = 1.
+ *
+ * The bound: for a Gaussian matrix W of r columns and any A, by [HMT11, Lemma 4.1],
+ *
+ *     |A| <= 10 sqrt(2/pi) max_i |A w_i|   with probability 1 - 10^-r,                          (2)
+ *
+ * and every multiplier's j-th power is at most |Phi^j|.
+ *
+ * [HMT11] Halko, Martinsson, Tropp, SIAM Review 53 (2011) 217-288.
  */
 #include "modal/scene/leading.h"
+#include <cblas.h>
+#include <lapacke.h>
 #include <math.h>
+#include <stdint.h>
 #include <stdlib.h>
+#include <string.h>
+#include "modal/linalg/eigen.h"
 #include "modal/linalg/workspace.h"
-#include "modal/scene/dofwise.h"
-#include "modal/scene/leap.h"
+#include "modal/scene/period_map.h"
 
-struct period_map {
-    struct dofwise *f;
-    struct leap leap;
-    double period, *weight;
-    int leaps;
+static const double ALIKE = 1e-15;                    /* moduli of a pair, to rounding */
+static const double LEAST_RADIUS = 1e-12;             /* a radius of 0 is reached in a period */
+static const double BOUND_FACTOR = 7.9788456080286536;   /* 10 sqrt(2/pi), (2) */
+enum {
+    SUBSPACE = 200,              /* vectors at which both costs are weighed: chosen */
+    PERIODS_MOST = 32,           /* a product: what settles first does so by then */
 };
 
-/* y = W Phi W^-1 x */
+struct powers { struct period_map *map; int periods, carried; };
+
+/* y = Phi^periods x */
 static enum modal_status carry(void *context, const double *x, double *y, struct modal_error *err)
 {
-    struct period_map *m = context;
-    int states = 2 * m->f->n;
-    struct leap *l = &m->leap;
-    enum modal_status rc;
+    struct powers *p = context;
+    enum modal_status rc = MODAL_OK;
 
-    l->h = m->period / m->leaps;
-    l->t = 0;
-    for (int i = 0; i < states; i++)
-        l->from[i] = x[i] / m->weight[i];
-    rc = leap_slope(l, 0, l->from, NULL, l->slope[0], err);
-    for (int k = 0; k < m->leaps && rc == MODAL_OK; k++) {
-        double *end = l->to, *slope = l->slope[DORMAND_PRINCE_END];
-        l->t = k * l->h;
-        rc = leap_end(l, NULL, err);
-        l->to = l->from;             /* the end begins the next leap */
-        l->from = end;
-        l->slope[DORMAND_PRINCE_END] = l->slope[0];
-        l->slope[0] = slope;
-    }
-    for (int i = 0; i < states && rc == MODAL_OK; i++) {
-        y[i] = l->from[i] * m->weight[i];
-        if (!isfinite(y[i]))
-            return modal_fail(err, MODAL_OVERFLOW,
-                              "the growth over one period of %g s leaves the range of doubles",
-                              m->period);
-    }
+    for (int i = 0; i < p->periods && rc == MODAL_OK; i++, p->carried++)
+        rc = period_map_carry(p->map, i == 0 ? x : y, y, err);
     return rc;
 }
 
-/* Residuals of the vectors in the map of half the step; *WORST over the largest modulus. */
-static enum modal_status verify(struct period_map *m, struct arnoldi *a, double *worst,
+/* The one text of it here. */
+static enum modal_status no_memory(struct modal_error *err)
+{
+    return modal_fail(err, MODAL_NO_MEMORY, "multipliers: out of memory");
+}
+
+/* Orthonormal columns that span those of A's, n x count, real. */
+static bool basis_of(const struct arnoldi *a, size_t n, double *Q)
+{
+    int count = a->count;
+    double *tau = calloc((size_t)count + 1, sizeof *tau);
+    bool ok = tau != NULL;
+
+    for (int c = 0; c < count; c++)
+        for (size_t i = 0; i < n; i++)       /* of a pair: the real part, then the imaginary */
+            Q[i + (size_t)c * n] = cimag(a->w[c]) < 0 ? cimag(a->V[i + (size_t)c * n])
+                                                      : creal(a->V[i + (size_t)c * n]);
+    ok = ok && LAPACKE_dgeqrf(LAPACK_COL_MAJOR, (int)n, count, Q, (int)n, tau) == 0
+         && LAPACKE_dorgqr(LAPACK_COL_MAJOR, (int)n, count, count, Q, (int)n, tau) == 0;
+    free(tau);
+    return ok;
+}
+
+/* The condition of the power nearest to W^PERIODS. */
+static double condition_of(const struct arnoldi *a, double complex w, int periods)
+{
+    double complex power = cpow(w, periods);
+    int best = 0;
+
+    for (int i = 1; i < a->count; i++)
+        if (cabs(a->w[i] - power) < cabs(a->w[best] - power))
+            best = i;
+    return a->condition[best];
+}
+
+/* (1) into A: values, residuals and conditions, descending in modulus; *WORST residual over the
+ * largest modulus.  Q, PQ n x count. */
+static enum modal_status take_ritz(struct arnoldi *a, size_t n, int periods, const double *Q,
+                                   const double *PQ, double *worst, struct modal_error *err)
+{
+    int count = a->count;
+    size_t order = (size_t)count;
+    struct workspace space = { 0 };
+    double *H = workspace_zeros(&space, order * order, sizeof *H),
+           *condition = workspace_zeros(&space, order, sizeof *condition),
+           *residual = workspace_zeros(&space, order, sizeof *residual);
+    double complex *w = workspace_zeros(&space, order, sizeof *w),
+                   *V = workspace_zeros(&space, order * order, sizeof *V);
+    struct matrix small = { count, count, count, H };
+    enum modal_status rc = space.failed ? no_memory(err) : MODAL_OK;
+
+    if (rc == MODAL_OK) {
+        cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, count, count, (int)n, 1, Q, (int)n, PQ,
+                    (int)n, 0, H, count);
+        rc = eigen_general(&small, w, NULL, V, err);
+    }
+    *worst = 0;
+    for (int c = 0; rc == MODAL_OK && c < count; c++) {
+        double off = 0;
+        for (size_t i = 0; i < n; i++) {
+            double complex sum = 0, here = 0;
+            for (size_t k = 0; k < order; k++) {
+                sum += PQ[i + k * n] * V[k + (size_t)c * order];
+                here += Q[i + k * n] * V[k + (size_t)c * order];
+            }
+            sum -= w[c] * here;
+            off += creal(sum) * creal(sum) + cimag(sum) * cimag(sum);
+        }
+        residual[c] = sqrt(off);
+        condition[c] = condition_of(a, w[c], periods);
+        *worst = fmax(*worst, residual[c]);
+    }
+    for (int done = 0; rc == MODAL_OK && done < count; done++) {
+        int best = -1;                       /* a pair's first comes first, and equals its second */
+        for (int c = 0; c < count; c++)
+            if (residual[c] >= 0 && (best < 0 || cabs(w[c]) > cabs(w[best]) * (1 + ALIKE)))
+                best = c;
+        a->w[done] = w[best];
+        a->condition[done] = condition[best];
+        a->residual[done] = residual[best];
+        residual[best] = -1;
+    }
+    *worst /= rc == MODAL_OK ? cabs(a->w[0]) : 1;
+    workspace_free(&space);
+    return rc;
+}
+
+/* From the vectors of Phi^periods those of Phi. */
+static enum modal_status refine(struct powers *p, struct arnoldi *a, double *worst,
                                 struct modal_error *err)
 {
-    size_t states = 2 * (size_t)m->f->n;
-    double *x = calloc(4 * states + 1, sizeof *x), *y = x + 2 * states, largest = 0;
-    enum modal_status rc = x != NULL ? MODAL_OK
-                                     : modal_fail(err, MODAL_NO_MEMORY, "floquet: out of memory");
+    size_t n = (size_t)period_map_states(p->map), count = (size_t)a->count;
+    double *Q = calloc(n * count + 1, sizeof *Q), *PQ = calloc(n * count + 1, sizeof *PQ);
+    struct powers one = { p->map, 1, 0 };
+    enum modal_status rc = Q != NULL && PQ != NULL ? MODAL_OK : no_memory(err);
 
-    *worst = 0;
-    m->leaps *= 2;
-    for (int c = 0; rc == MODAL_OK && c < a->count; c++) {
-        double sum = 0;
-        for (size_t i = 0; i < states; i++) {
-            x[i] = creal(a->V[i + (size_t)c * states]);
-            x[states + i] = cimag(a->V[i + (size_t)c * states]);
-        }
-        rc = carry(m, x, y, err);
+    if (rc == MODAL_OK && !basis_of(a, n, Q))
+        rc = no_memory(err);
+    for (size_t c = 0; rc == MODAL_OK && c < count; c++)
+        rc = carry(&one, Q + c * n, PQ + c * n, err);
+    p->carried += one.carried;
+    if (rc == MODAL_OK)
+        rc = take_ritz(a, n, p->periods, Q, PQ, worst, err);
+    free(Q);
+    free(PQ);
+    return rc;
+}
+
+/* Periods a product: carrying costs what orthogonalising does beside SUBSPACE vectors. */
+static int periods_of(const struct period_map *m)
+{
+    double orthogonal = 2.0 * SUBSPACE * period_map_states(m), ratio;
+
+    ratio = orthogonal / period_map_work(m);
+    return ratio < 1 ? 1 : ratio > PERIODS_MOST ? PERIODS_MOST : (int)ratio;
+}
+
+enum modal_status leading_multipliers(struct period_map *m, int wanted, double tolerance, int most,
+                                      struct leading *out, struct modal_error *err)
+{
+    struct powers p = { .map = m, .periods = periods_of(m) };
+    struct linear_operator A = { period_map_states(m), period_map_states(m), &p, carry, NULL };
+    double worst = 0;
+    enum modal_status rc;
+
+    do {
+        int products = most > 0 ? (most - p.carried) / p.periods : 0;
+        if (most > 0 && products < wanted)
+            products = wanted;
+        /* a tenth: of the power, and the basis loses some */
+        rc = arnoldi(&A, wanted, tolerance / 10, products, &out->found, err);
         if (rc == MODAL_OK)
-            rc = carry(m, x + states, y + states, err);
-        for (size_t i = 0; i < states; i++) {
-            double complex off = CMPLX(y[i], y[states + i]) - a->w[c] * CMPLX(x[i], x[states + i]);
-            sum += creal(off) * creal(off) + cimag(off) * cimag(off);
+            rc = refine(&p, &out->found, &worst, err);
+        out->periods = p.carried;
+        if (rc != MODAL_OK) {
+            arnoldi_done(&out->found);
+            return rc;
         }
-        a->residual[c] = sqrt(sum);
-        *worst = fmax(*worst, a->residual[c]);
-        largest = fmax(largest, cabs(a->w[c]));
-    }
-    m->leaps /= 2;
-    *worst /= largest;
-    free(x);
-    return rc;
-}
-
-/* Maps of ever smaller steps until the finer one agrees. */
-static enum modal_status refine(struct period_map *m, int wanted, double tolerance,
-                                struct leading *out, struct modal_error *err)
-{
-    struct linear_operator A = { 2 * m->f->n, 2 * m->f->n, m, carry, NULL };
-
-    for (int k = 0; k <= LEADING_HALVINGS; k++, m->leaps *= 2) {
-        double worst;
-        /* a tenth: the rest is for what steps are off by */
-        enum modal_status rc = arnoldi(&A, wanted, tolerance / 10, &out->found, err);
-        if (rc != MODAL_OK)
-            return rc;
-        rc = verify(m, &out->found, &worst, err);
-        out->leaps = m->leaps;
-        if (rc == MODAL_OK && worst <= tolerance)
-            return MODAL_OK;
+        if (p.periods == 1 || !out->found.settled || worst <= tolerance)
+            break;
         arnoldi_done(&out->found);
-        if (rc != MODAL_OK)
-            return rc;
-    }
-    return modal_fail(err, MODAL_NO_CONVERGENCE,
-                      "multipliers by %d steps of a period still miss the tolerance %g", out->leaps,
-                      tolerance);
+        p.periods = 1;
+    } while (true);
+    out->found.settled = worst <= tolerance;
+    return MODAL_OK;
 }
 
-enum modal_status leading_multipliers(const struct program *p, double period, int wanted,
-                                      double tolerance, struct leading *out,
-                                      struct modal_error *err)
+/* A Gaussian number, by a linear congruence and Box and Muller's way. */
+static double gaussian(uint64_t *state)
 {
-    struct period_map m = { .period = period };
-    struct workspace space = { 0 };
-    size_t states = 2 * (size_t)p->n;
-    double *stage = workspace_zeros(&space, states, sizeof *stage), frequency, decay;
-    enum modal_status rc = dofwise_new(p, &m.f, err);
+    double u[2];
 
-    m.weight = workspace_zeros(&space, states, sizeof *m.weight);
-    if (rc == MODAL_OK) {
-        leap_init(&m.leap, m.f, stage, &space);
-        rc = workspace_check(&space, "floquet: out of memory", err);
+    for (int i = 0; i < 2; i++) {
+        *state = *state * 6364136223846793005u + 1442695040888963407u;
+        u[i] = ((double)(*state >> 11) + 0.5) / 9007199254740992.0;
     }
-    if (rc == MODAL_OK) {
-        m.leap.set = &m.f->all;
-        m.f->unloaded = true;        /* a map is of what is free */
-        dofwise_weights(p, period, m.weight);
-        dofwise_fastest(p, &frequency, &decay);
-        m.leaps = (int)fmin(ceil(period * fmax(frequency, decay)) + 1, INT32_MAX / 256.0);
-        rc = refine(&m, wanted, tolerance, out, err);
+    return sqrt(-2 * log(u[0])) * cos(2 * M_PI * u[1]);
+}
+
+double leading_bound_periods(const struct period_map *m, double largest, double enough)
+{
+    /* 10 sqrt(2/pi) sqrt(n) largest^j <= enough^j */
+    double start = log(BOUND_FACTOR * sqrt(period_map_states(m)));
+
+    return LEADING_PROBES * ceil(start / log(enough / fmax(largest, LEAST_RADIUS)));
+}
+
+enum modal_status leading_bound(struct period_map *m, double enough, int most, double *bound,
+                                int *periods, struct modal_error *err)
+{
+    size_t n = (size_t)period_map_states(m);
+    double *x = calloc(n * LEADING_PROBES + 1, sizeof *x);
+    uint64_t state = 1;
+    enum modal_status rc = x != NULL ? MODAL_OK : no_memory(err);
+
+    *bound = HUGE_VAL;
+    *periods = 0;
+    for (size_t i = 0; rc == MODAL_OK && i < n * LEADING_PROBES; i++)
+        x[i] = gaussian(&state);
+    for (int j = 1; rc == MODAL_OK && *bound > enough && *periods + LEADING_PROBES <= most; j++) {
+        double largest = 0;
+        for (size_t i = 0; rc == MODAL_OK && i < LEADING_PROBES; i++, ++*periods) {
+            rc = period_map_carry(m, x + i * n, x + i * n, err);
+            largest = fmax(largest, cblas_dnrm2((int)n, x + i * n, 1));
+        }
+        *bound = rc == MODAL_OK ? fmin(*bound, pow(BOUND_FACTOR * largest, 1.0 / j)) : *bound;
     }
-    workspace_free(&space);
-    dofwise_free(m.f);
-    return rc;
+    free(x);
+    return rc == MODAL_OVERFLOW ? MODAL_OK : rc;
 }

@@ -1,29 +1,35 @@
-/* leading.h - the multipliers of largest modulus of a large periodic program, by its period map
+/* leading.h - the multipliers of largest modulus of a period map, and a bound of all of them
  *
- * No matrix of states by states is made: the map is a vector carried over a period by leaps
- * (leap.h), and its eigenvalues come by arnoldi.h.
+ * Both ask for carried vectors alone (period_map.h).
  */
 #ifndef MODAL_LEADING_H
 #define MODAL_LEADING_H
 #include "modal/linalg/arnoldi.h"
-#include "modal/scene/program.h"
+
+struct period_map;
 
 struct leading {
-    struct arnoldi found;        /* residuals are those of a map by twice as many leaps */
-    int leaps;                   /* of a period */
+    struct arnoldi found;        /* of a period: residuals are those of the vectors carried once */
+    int periods;                 /* carried, of one vector each */
 };
 
-enum { LEADING_HALVINGS = 6 };   /* order 8: by 2^48, which is past all digits */
+/*
+ * WANTED multipliers of M, each to a residual of at most TOLERANCE times the largest modulus, by at
+ * most MOST periods (0: as many as ARNOLDI_MOST products take); found.settled says whether they
+ * are.  Fails as arnoldi or as period_map_carry.  arnoldi_done(&out->found) frees.
+ */
+enum modal_status leading_multipliers(struct period_map *m, int wanted, double tolerance, int most,
+                                      struct leading *out, struct modal_error *err);
+
+enum { LEADING_PROBES = 10 };    /* vectors: the bound fails once in 10^10 */
 
 /*
- * WANTED multipliers over PERIOD of P, which has no laws and serves dofwise.h, each to a residual
- * of at most TOLERANCE times the largest modulus: steps are halved until that is so.
- *
- * Fails as arnoldi, or with MODAL_OVERFLOW where a vector leaves the range of doubles,
- * MODAL_NO_CONVERGENCE where steps halved LEADING_HALVINGS times still miss TOLERANCE.
- * arnoldi_done(&out->found) frees.
+ * *BOUND: no multiplier of M exceeds it in modulus, but with a probability of 10^-LEADING_PROBES.
+ * Vectors are carried until it is below ENOUGH, or MOST periods of one vector each are done, which
+ * *PERIODS counts; HUGE_VAL where it says nothing.  Fails as period_map_carry but for overflow.
  */
-enum modal_status leading_multipliers(const struct program *p, double period, int wanted,
-                                      double tolerance, struct leading *out,
-                                      struct modal_error *err);
+enum modal_status leading_bound(struct period_map *m, double enough, int most, double *bound,
+                                int *periods, struct modal_error *err);
+/* How many periods it takes to be below ENOUGH, nearly, where LARGEST is the largest modulus. */
+double leading_bound_periods(const struct period_map *m, double largest, double enough);
 #endif

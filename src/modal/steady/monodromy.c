@@ -25,14 +25,11 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include "modal/scene/orbit.h"
 #include "modal/scene/pieces.h"
 #include "modal/scene/program.h"
 #include "modal/steady/budget.h"
-#include "modal/steady/condense.h"
-#include "modal/steady/estimate.h"
+#include "modal/steady/disturbance.h"
 #include "modal/steady/point.h"
-#include "modal/steady/stability.h"
 
 static const double TWO_PI = 6.283185307179586477;   /* a period of theta */
 /* A pivot of M so far below its scale that its inverse leaves the range of doubles. */
@@ -40,9 +37,6 @@ static const double SINGULAR = 1e300;
 /* The norm at which the approximant of degree PADE is exact to rounding [ML03]. */
 static const double PADE_NORM = 0.5;
 enum {
-    EXTENDED = 2048,         /* harmonics at most that a motion with events is carried on to, */
-    EXTEND = 16,             /* as many times the point's: H^-3 is then 4096 times smaller */
-    SAMPLES_LEAST = 64,   /* where the motion has few harmonics: its laws have more */
     PADE = 6,   /* rounding at PADE_NORM */
     SQUARINGS_MOST = 1000,   /* halvings of a norm that is finite */
     /* of matrices of the order: 5 of the approximant, a solve, the map's */
@@ -53,21 +47,7 @@ enum {
 
 void monodromy_done(struct monodromy *m)
 {
-    for (int i = 0; m->in != NULL && i < m->p->laws * LAW_INPUTS_MOST; i++)
-        orbit_done(&m->in[i]);
-    for (int i = 0; m->pieces != NULL && i < m->p->laws; i++)
-        pieces_done(&m->pieces[i]);
     workspace_free(&m->space);
-}
-
-/* Where each law's sliders have their c in the state. */
-static void count_sliders(struct monodromy *m)
-{
-    m->sliders = 0;
-    for (int l = 0; l < m->p->laws; l++) {
-        m->first_slider[l] = m->sliders;
-        m->sliders += m->p->law[l].kind->pieces != NULL ? m->p->law[l].memory : 0;
-    }
 }
 
 /* (omega^2 M)^-1 at THETA into Minv. */
@@ -112,8 +92,8 @@ static enum modal_status linear_states(struct monodromy *m, struct modal_error *
     if (rc == MODAL_OK)
         sparse_add_to_dense(&m->p->E, 1, &full);
     if (rc == MODAL_OK && LAPACKE_dgetrf_work(LAPACK_COL_MAJOR, nz, nz, E, nz, pivot) != 0)
-        m->reason = "the linear states' equations are singular";
-    for (int i = 0; rc == MODAL_OK && m->reason == NULL && i < 4; i++) {
+        m->of->reason = "the linear states' equations are singular";
+    for (int i = 0; rc == MODAL_OK && m->of->reason == NULL && i < 4; i++) {
         int columns = i == 0 ? nz : n;
         struct matrix out = { nz, columns, nz, NULL };
 
@@ -128,170 +108,6 @@ static enum modal_status linear_states(struct monodromy *m, struct modal_error *
         /* E^-1 of each */
         LAPACKE_dgetrs_work(LAPACK_COL_MAJOR, 'N', nz, columns, E, nz, pivot, out.x, nz);
     }
-    return rc;
-}
-
-/* Motions of each law's inputs, at full resolution, and its pieces. */
-static enum modal_status law_motions(struct monodromy *m, struct modal_error *err)
-{
-    int H = m->H, K = H + 1, N = SAMPLES_LEAST;
-    const int *place = condense_place(m->point->c);
-    struct orbit_grid *g = NULL;
-    enum modal_status rc;
-
-    while (N < 4 * H + 2)                               /* turns between four samples a harmonic */
-        N *= 2;
-    N = N < m->point->N ? m->point->N : N;             /* no fewer than the laws were solved with */
-    rc = orbit_grid_new(N, &g, err);
-    for (int l = 0; rc == MODAL_OK && l < m->p->laws; l++) {
-        const struct law *law = &m->p->law[l];
-        const struct orbit *input[LAW_PIECE_INPUTS] = { &m->in[l * LAW_INPUTS_MOST],
-                                                       &m->in[l * LAW_INPUTS_MOST + 1] };
-
-        for (int j = 0; rc == MODAL_OK && j < law->kind->inputs; j++) {
-            struct orbit *o = &m->in[l * LAW_INPUTS_MOST + j];
-
-            rc = orbit_init(o, H, N, err);
-            for (int k = 0; rc == MODAL_OK && k < K; k++)
-                for (int e = law->start[j]; e < law->start[j + 1]; e++)
-                    o->D[k] += law->end[e].weight * m->X[place[law->end[e].dof] * K + k];
-            if (rc == MODAL_OK)
-                orbit_sample(o, g, m->point->omega);    /* turns are sought between samples */
-            if (rc == MODAL_OK && law->kind->pieces != NULL)
-                rc = orbit_find_turns(o, err);
-        }
-        m->exact[l] = law->kind->pieces != NULL;
-        if (rc == MODAL_OK && m->exact[l])
-            rc = law->kind->pieces(law, input, &m->pieces[l], err);
-        m->varies |= !m->exact[l];                      /* its slope follows the motion */
-        if (law->kind->restart != NULL && law->kind->remembers(law))
-            m->reason = "a user's law remembers; its disturbances are not followed";
-    }
-    orbit_grid_free(g);
-    return rc;
-}
-
-/* Events move the multipliers by the motion's error there, H^-3: laws with events get the motion
- * carried on to EXTENDED. */
-static enum modal_status choose_motion(struct monodromy *m, struct modal_error *err)
-{
-    const struct steady_point *point = m->point;
-    bool events = false, done = false;
-    int H2 = EXTEND * point->H > EXTENDED ? EXTENDED : EXTEND * point->H;
-    enum modal_status rc = MODAL_OK;
-
-    for (int l = 0; l < m->p->laws; l++)
-        /* A law that never acts has no events to be off. */
-        events |= m->p->law[l].kind->pieces != NULL && point->acts[l];
-    m->H = events && H2 > point->H ? H2 : point->H;
-    m->X = workspace_zeros(&m->space, (size_t)point->q * ((size_t)m->H + 1), sizeof *m->X);
-    if (m->X == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "stability: no memory");
-    if (m->H > point->H)
-        rc = steady_extend(m->s, point, m->H, m->X, &done, err);
-    if (!done) {                                        /* no extension: the point's own motion */
-        m->H = point->H;
-        memcpy(m->X, point->X, (size_t)point->q * ((size_t)point->H + 1) * sizeof *m->X);
-    }
-    return rc == MODAL_OVERFLOW ? MODAL_OK : rc;
-}
-
-/* qsort: ascending. */
-static int by_value(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;
-
-    return (x > y) - (x < y);
-}
-
-/* theta in [0, 2 pi). */
-static double wrap(double theta) { return theta - TWO_PI * floor(theta / TWO_PI); }
-
-/* The instants, in order, between which every piece is whole: 0, their ends, and 2 pi past the
- * last. */
-static enum modal_status find_cuts(struct monodromy *m, struct modal_error *err)
-{
-    int most = 2;
-
-    for (int l = 0; l < m->p->laws; l++)
-        most += 2 * m->pieces[l].count;
-    m->cut = workspace_zeros(&m->space, (size_t)most, sizeof *m->cut);
-    if (m->cut == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "stability: no memory for %d cuts", most);
-    m->cut[m->cuts++] = 0;
-    for (int l = 0; l < m->p->laws; l++)
-        for (int i = 0; i < m->pieces[l].count; i++) {
-            const struct law_piece *piece = &m->pieces[l].piece[i];
-
-            m->cut[m->cuts++] = wrap(piece->from);
-            m->cut[m->cuts++] = wrap(piece->to);
-            m->varies |= piece->cross != 0;             /* its slopes follow the motion */
-            if (piece->jump != 0)
-                m->reason = "a motion that rigid friction makes jump is not linearised here";
-        }
-    /* cuts of no length are passed over */
-    qsort(m->cut, (size_t)m->cuts, sizeof *m->cut, by_value);
-    m->cut[m->cuts] = TWO_PI;                           /* the end of the last */
-    return MODAL_OK;
-}
-
-/* Whether theta, in [0, 2 pi), lies in a piece, which may run past 2 pi. */
-static bool covers(const struct law_piece *piece, double theta)
-{
-    return theta >= piece->from
-               ? wrap(theta - piece->from) < piece->to - piece->from && theta < piece->to
-               : wrap(theta + TWO_PI - piece->from) < piece->to - piece->from;
-}
-
-/* Slopes of law l at theta, and for each slider whether it sticks there (its gain, else 0). */
-static enum modal_status slopes(struct monodromy *m, int l, double theta,
-                                double gd[][LAW_INPUTS_MOST], double gv[][LAW_INPUTS_MOST],
-                                double *held, struct modal_error *err)
-{
-    const struct law *law = &m->p->law[l];
-    const struct orbit *o = &m->in[l * LAW_INPUTS_MOST];
-    double omega = m->point->omega, at[LAW_INPUTS_MOST][3], d[LAW_INPUTS_MOST], v[LAW_INPUTS_MOST],
-           memory[1] = { 0 };
-    struct law_point point = {
-        .t = theta / omega, .d = d, .v = v, .d_before = d, .memory_before = memory
-    };
-    struct law_force f = { .memory = memory };
-    enum modal_status rc;
-
-    memset(gd, 0, LAW_INPUTS_MOST * sizeof *gd);
-    memset(gv, 0, LAW_INPUTS_MOST * sizeof *gv);
-    for (int i = 0; i < law->memory && m->exact[l]; i++)
-        held[i] = 0;
-    for (int j = 0; (m->varies || !m->exact[l]) && j < law->kind->inputs; j++) {
-        orbit_at(&o[j], theta, at[j]);
-        d[j] = at[j][0];
-        v[j] = omega * at[j][1];
-    }
-    for (int i = 0; m->exact[l] && i < m->pieces[l].count; i++) {
-        const struct law_piece *piece = &m->pieces[l].piece[i];
-
-        if (!covers(piece, theta))
-            continue;
-        for (int j = 0; j < law->kind->inputs; j++)
-            gd[piece->output][j] += piece->gain[j];
-        gv[piece->output][0] += piece->damp;
-        if (piece->cross != 0) {
-            gd[piece->output][0] += piece->cross * v[0];  /* of cross d v, by d */
-            gv[piece->output][0] += piece->cross * d[0];  /* and by v */
-        }
-        if (piece->holds && piece->slider >= 0)
-            /* c is kept over this gain: in the unit of y */
-            held[piece->slider] = piece->gain[law->kind->inputs - 1];
-    }
-    if (m->exact[l])
-        return MODAL_OK;
-    /* A sampled law: its own derivative at the motion. */
-    rc = law->kind->force(law, &point, &f, err);
-    for (int i = 0; rc == MODAL_OK && i < law->kind->inputs; i++)
-        for (int j = 0; j < law->kind->inputs; j++) {
-            gd[i][j] = f.fd[i][j];
-            gv[i][j] = f.fv[i][j];
-        }
     return rc;
 }
 
@@ -355,7 +171,7 @@ static enum modal_status build(struct monodromy *m, double theta, double *A,
 
     memset(A, 0, (size_t)order * (size_t)order * sizeof *A);
     if (m->mass_varies && !invert_mass(m, theta))
-        m->reason = "the mass matrix is singular somewhere in the period";
+        m->of->reason = "the mass matrix is singular somewhere in the period";
     memcpy(K, m->K, (size_t)n * (size_t)n * sizeof *K);  /* the constant part */
     memcpy(C, m->C, (size_t)n * (size_t)n * sizeof *C);
     periodic_part(m, theta, K, C);
@@ -363,7 +179,7 @@ static enum modal_status build(struct monodromy *m, double theta, double *A,
         const struct law *law = &m->p->law[l];
         double gd[LAW_INPUTS_MOST][LAW_INPUTS_MOST], gv[LAW_INPUTS_MOST][LAW_INPUTS_MOST];
 
-        rc = slopes(m, l, theta, gd, gv, held, err);
+        rc = disturbance_slopes(m->of, l, theta, gd, gv, held, err);
         for (int i = 0; i < law->kind->inputs; i++)
             for (int j = 0; j < law->kind->inputs; j++)
                 {
@@ -372,9 +188,9 @@ static enum modal_status build(struct monodromy *m, double theta, double *A,
                     /* omega (C + sum B g_v B^T) */
                     law_spread(law, i, j, m->point->omega * gv[i][j], n, C);
                 }
-        for (int e = 0; m->exact[l] && e < law->memory; e++)
+        for (int e = 0; m->of->exact[l] && e < law->memory; e++)
             if (held[e] != 0)
-                force_column(m, A, law, 2 * n + m->nz + m->first_slider[l] + e, held[e]);
+                force_column(m, A, law, 2 * n + m->nz + m->of->first_slider[l] + e, held[e]);
     }
     for (int i = 0; i < n; i++)
         A[(size_t)(n + i) * (size_t)order + (size_t)i] = 1;  /* dy/dtheta */
@@ -415,17 +231,17 @@ static double product_work(int n)
 /* Of a step, as monodromy_around counts them, but for an exponential's squarings. */
 static double step_work(const struct monodromy *m)
 {
-    int matrices = m->varies ? 3 : 1;
+    int matrices = m->of->varies ? 3 : 1;
     double build = 2 * product_work(m->n) + m->order * m->order
-                 + m->p->laws * (BUDGET_SAMPLE + (m->varies ? BUDGET_SUM * m->H : 0.0));
+                 + m->p->laws * (BUDGET_SAMPLE + (m->of->varies ? BUDGET_SUM * m->of->H : 0.0));
 
-    return matrices * build + (m->varies ? PRODUCTS_MAGNUS + PRODUCTS_STEP : PRODUCTS_STEP)
+    return matrices * build + (m->of->varies ? PRODUCTS_MAGNUS + PRODUCTS_STEP : PRODUCTS_STEP)
                               * product_work(m->order);
 }
 
 double monodromy_work(const struct monodromy *m, int steps)
 {
-    return (m->cuts + (m->varies ? steps : 0.0)) * step_work(m);
+    return (m->of->cuts + (m->of->varies ? steps : 0.0)) * step_work(m);
 }
 
 /* X <- exp(X) = (Q^-1 P)(X / 2^s)^(2^s), P and Q the Pade approximant's; P, Q, T scratch.  The
@@ -525,14 +341,15 @@ static void at_cut(struct monodromy *m, double theta)
     int order = m->order;
 
     for (int l = 0; l < m->p->laws; l++)
-        for (int i = 0; m->exact[l] && i < m->pieces[l].count; i++) {
-            const struct law_piece *piece = &m->pieces[l].piece[i];
+        for (int i = 0; m->of->exact[l] && i < m->of->pieces[l].count; i++) {
+            const struct law_piece *piece = &m->of->pieces[l].piece[i];
             const struct law *law = &m->p->law[l];
-            int row = 2 * m->n + m->nz + m->first_slider[l] + piece->slider,
+            int row = 2 * m->n + m->nz + m->of->first_slider[l] + piece->slider,
                 inputs = law->kind->inputs;
             double gain = piece->gain[inputs - 1];
 
-            if (piece->slider < 0 || wrap(piece->from) != theta || (piece->holds && !piece->starts))
+            if (piece->slider < 0 || disturbance_wrap(piece->from) != theta
+                || (piece->holds && !piece->starts))
                 continue;
             for (int c = 0; c < order; c++) {
                 double sum = 0;
@@ -567,7 +384,7 @@ static enum modal_status advance(struct monodromy *m, double a, double b, int st
 
     for (int i = 0; rc == MODAL_OK && i < steps && monodromy_is_finite(m); i++) {
         /* Three Gauss points a step where A varies, one matrix a cut where it does not. */
-        if (m->varies) {
+        if (m->of->varies) {
             for (int g = 0; rc == MODAL_OK && g < 3; g++)
                 rc = build(m, a + (i + gauss[g]) * h, m->A[g], err);
             magnus(m, h);
@@ -580,12 +397,12 @@ static enum modal_status advance(struct monodromy *m, double a, double b, int st
             return rc;
         if (!exponential(n, m->A[0], m->work[0], m->work[1], m->work[2], m->pivot,
                          m->budget)) {
-            m->reason = "the disturbances overflow";
+            m->of->reason = "the disturbances overflow";
             return MODAL_OK;
         }
         budget_add(m->budget, step_work(m));
         if (budget_spent(m->budget)) {
-            m->reason = "too many states and steps for the monodromy matrix";
+            m->of->reason = "too many states and steps for the monodromy matrix";
             return MODAL_OK;
         }
         multiply(n, 1, m->A[0], m->map, 0, m->work[0]);  /* the later factor from the left */
@@ -602,10 +419,10 @@ enum modal_status monodromy_around(struct monodromy *m, int steps, struct modal_
     memset(m->map, 0, size * sizeof *m->map);
     for (int i = 0; i < m->order; i++)
         m->map[(size_t)i * (size_t)(m->order + 1)] = 1;
-    for (int i = 0; rc == MODAL_OK && m->reason == NULL && i < m->cuts && monodromy_is_finite(m);
-         i++) {
-        double a = m->cut[i], b = m->cut[i + 1];
-        int here = m->varies ? (int)ceil(steps * (b - a) / TWO_PI) : 1;
+    for (int i = 0; rc == MODAL_OK && m->of->reason == NULL && i < m->of->cuts
+                    && monodromy_is_finite(m); i++) {
+        double a = m->of->cut[i], b = m->of->cut[i + 1];
+        int here = m->of->varies ? (int)ceil(steps * (b - a) / TWO_PI) : 1;
 
         at_cut(m, a);
         if (b - a > 0)
@@ -636,26 +453,22 @@ double monodromy_fastest(const struct monodromy *m)
 
 enum modal_status monodromy_prepare(struct monodromy *m, struct modal_error *err)
 {
-    size_t n = (size_t)m->n, order, laws = (size_t)m->p->laws;
+    size_t n = (size_t)m->of->n, order;
     struct matrix K, C;
     enum modal_status rc = MODAL_OK;
 
-    m->first_slider = workspace_zeros(&m->space, laws, sizeof *m->first_slider);
-    m->in = workspace_zeros(&m->space, laws * LAW_INPUTS_MOST, sizeof *m->in);
-    m->pieces = workspace_zeros(&m->space, laws, sizeof *m->pieces);
-    m->exact = workspace_zeros(&m->space, laws, sizeof *m->exact);
+    m->p = m->of->p;
+    m->point = m->of->point;
+    m->budget = m->of->budget;
+    m->n = m->of->n;
+    m->nz = m->of->nz;
+    m->order = 2 * m->n + m->nz + m->of->sliders;
+    for (int h = 0; h < m->p->harmonics; h++)
+        m->mass_varies |= m->p->harmonic[h].cosine[PROGRAM_M].start != NULL
+                         || m->p->harmonic[h].sine[PROGRAM_M].start != NULL;
     m->Minv = workspace_zeros(&m->space, n * n, sizeof *m->Minv);
     m->K = workspace_zeros(&m->space, n * n, sizeof *m->K);
     m->C = workspace_zeros(&m->space, n * n, sizeof *m->C);
-    if (m->space.failed)
-        return modal_fail(err, MODAL_NO_MEMORY, "stability: no memory for %d dofs", m->n);
-    count_sliders(m);
-    m->order = 2 * m->n + m->nz + m->sliders;
-    /* Matrices of the order squared, eleven of them, and products in its cube. */
-    if (m->order > STABILITY_STATES_MOST) {
-        m->reason = "more states than the monodromy matrix is computed for";
-        return MODAL_OK;
-    }
     order = (size_t)m->order;
     for (int i = 0; i < 3; i++)
         m->A[i] = workspace_zeros(&m->space, order * order, sizeof(double));
@@ -670,12 +483,8 @@ enum modal_status monodromy_prepare(struct monodromy *m, struct modal_error *err
     sparse_add_to_dense(&m->p->constant[PROGRAM_K], 1, &K);
     sparse_add_to_dense(&m->p->constant[PROGRAM_C], m->point->omega, &C);
     if (!invert_mass(m, 0))
-        m->reason = "the mass matrix is singular";
-    if (m->nz > 0 && m->reason == NULL)
+        m->of->reason = "the mass matrix is singular";
+    if (m->nz > 0 && m->of->reason == NULL)
         rc = linear_states(m, err);
-    if (rc == MODAL_OK && m->reason == NULL)
-        rc = choose_motion(m, err);
-    if (rc == MODAL_OK && m->reason == NULL)
-        rc = law_motions(m, err);
-    return rc == MODAL_OK && m->reason == NULL ? find_cuts(m, err) : rc;
+    return rc;
 }

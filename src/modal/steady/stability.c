@@ -3,7 +3,8 @@
  *
  * The multipliers are the eigenvalues of the monodromy matrix (monodromy.h), its steps doubled
  * until they settle.  A linear scene has its own whatever the motion, and a motion followed from
- * event to event comes with them.
+ * event to event comes with them.  Of more than STABILITY_STATES_MOST states, or where two maps
+ * cost more than is allowed, the leading multipliers alone are asked for (large_stability.h).
  *
  * A multiplier rho is of modulus 1 where ||rho| - 1| is below its error.  With error e_m the change
  * of the multipliers at the m-th doubling of the steps, doubling ends when
@@ -20,12 +21,13 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/scene/floquet.h"
+#include "modal/scene/period_map.h"
+#include "modal/steady/disturbance.h"
+#include "modal/steady/large_stability.h"
 #include "modal/steady/monodromy.h"
 #include "modal/steady/session.h"
 
 static const double TWO_PI = 6.283185307179586477;   /* a period of theta */
-/* A multiplier this near the unit circle is on it: that of an autonomous motion is, to rounding. */
-static const double ON_CIRCLE = 1e-8;
 /* So many estimated errors of the multipliers count as one: the estimate is of the last
  * doubling. */
 static const double ERRORS = 10;
@@ -35,6 +37,9 @@ static const double SETTLED = 2e-11;
 static const double ROUNDING = 16;
 /* A doubling that does not halve the change has met rounding: the method is of the sixth order. */
 static const double STALLS = 0.5;
+/* Share of a map's counted work that squarings are besides, in steps that resolve the structure:
+ * chosen, three in fourteen products. */
+static const double SQUARINGS = 0.25;
 enum {
     STEPS_FIRST = 32,   /* of sixth order: smooth matrices end at once */
     STEPS_RESOLVE = 512,    /* up to which steps resolve the motion's harmonics, two each */
@@ -83,48 +88,68 @@ static bool has_settled(const struct stability *out, int steps, double last)
     return out->error <= rounding || out->error > STALLS * last;
 }
 
+/* Steps that resolve the motion, its harmonics and the structure's. */
+static int first_steps(const struct monodromy *m)
+{
+    int steps = STEPS_FIRST;
+
+    while ((steps < 2 * m->point->H && steps < STEPS_RESOLVE)
+           || (steps < 2 * monodromy_fastest(m) && steps < STEPS_MOST / ROOM_TO_DOUBLE))
+        steps *= 2;
+    return steps;
+}
+
+/* Whether two maps, the second of twice the steps, cost more than is allowed. */
+static bool costs_too_much(const struct monodromy *m)
+{
+    int steps = m->of->varies ? first_steps(m) : 0;
+
+    return m->budget->spent
+               + (monodromy_work(m, steps) + monodromy_work(m, 2 * steps)) * (1 + SQUARINGS)
+           > m->budget->most;
+}
+
 /* Steps doubled until the multipliers settle, to SETTLED or the rounding of as many products.  A
  * map that overflows is tried again with more steps, in case they were too long for a stiff dof. */
 static enum modal_status settle(struct monodromy *m, struct stability *out, struct modal_error *err)
 {
     double complex *before = calloc((size_t)m->order + 1, sizeof *before);
     double next = 0, last = HUGE_VAL;
-    int steps = STEPS_FIRST, passes = 0;             /* one alone says nothing of its error */
+    int steps = first_steps(m), passes = 0;          /* one alone says nothing of its error */
     enum modal_status rc =
         before == NULL ? modal_fail(err, MODAL_NO_MEMORY, "stability: no memory") : MODAL_OK;
 
-    while ((steps < 2 * m->point->H && steps < STEPS_RESOLVE)
-           || (steps < 2 * monodromy_fastest(m) && steps < STEPS_MOST / ROOM_TO_DOUBLE))
-        steps *= 2;
     for (; rc == MODAL_OK; steps *= 2) {
         double before_work = m->budget->spent;
 
         /* what the last map cost twice, and the first at least this */
         if (before_work + fmax(next, monodromy_work(m, steps)) > m->budget->most) {
-            m->reason = passes == 0 ? "too many states and steps for the monodromy matrix"
-                : m->reason;
+            m->of->reason = passes == 0 ? "too many states and steps for the monodromy matrix"
+                : m->of->reason;
             break;
         }
         rc = monodromy_around(m, steps, err);
         next = 2 * (m->budget->spent - before_work);
         /* steps too long for a stiff dof */
-        if (rc == MODAL_OK && m->reason == NULL && !monodromy_is_finite(m)) {
+        if (rc == MODAL_OK && m->of->reason == NULL && !monodromy_is_finite(m)) {
             /* a stiff dof wants shorter ones */
-            m->reason = m->varies && steps < STEPS_MOST ? NULL : "the disturbances overflow";
+            m->of->reason =
+                m->of->varies && steps < STEPS_MOST ? NULL : "the disturbances overflow";
             passes = 0;
-            if (m->reason == NULL)
+            if (m->of->reason == NULL)
                 continue;
         }
-        if (rc != MODAL_OK || m->reason != NULL
+        if (rc != MODAL_OK || m->of->reason != NULL
             || (rc = eigenvalues(m, out->multiplier, err)) != MODAL_OK)
             break;
-        out->error = passes++ > 0 || !m->varies ? 0 : NAN;  /* one pass says nothing of its error */
+        /* one pass says nothing of its error */
+        out->error = passes++ > 0 || !m->of->varies ? 0 : NAN;
         for (int i = 0; passes > 1 && i < m->order; i++)
             /* the change at this doubling */
             out->error = fmax(out->error, cabs(out->multiplier[i] - before[i]));
         /* both are sorted by size */
         memcpy(before, out->multiplier, (size_t)m->order * sizeof *before);
-        if (!m->varies || steps >= STEPS_MOST || (passes > 1 && has_settled(out, steps, last)))
+        if (!m->of->varies || steps >= STEPS_MOST || (passes > 1 && has_settled(out, steps, last)))
             break;
         last = passes > 1 ? out->error : HUGE_VAL;
     }
@@ -136,7 +161,7 @@ static enum modal_status settle(struct monodromy *m, struct stability *out, stru
 static void judge(struct stability *out)
 {
     /* A multiplier is told from 1 by no less than its own error. */
-    double margin = fmax(ON_CIRCLE, ERRORS * out->error);
+    double margin = fmax(STABILITY_ON_CIRCLE, ERRORS * out->error);
 
     out->largest = cabs(out->multiplier[0]);
     out->verdict = fabs(out->largest - 1) <= margin ? STABILITY_UNDECIDED
@@ -195,47 +220,57 @@ static enum modal_status known_stability(const struct steady_point *point, struc
     return MODAL_OK;
 }
 
-enum modal_status stability_of(struct steady *s, const struct steady_point *point,
-                               struct stability *out, struct modal_error *err)
+/* By the whole monodromy matrix, or of many states by the leading multipliers. */
+static enum modal_status nonlinear_stability(struct disturbance *u, struct stability *out,
+                                             struct modal_error *err)
 {
-    struct monodromy m = { .s = s, .p = steady_program(s), .point = point, .budget = &s->budget };
-    enum modal_status rc = MODAL_OK;
+    struct monodromy m = { .of = u };
+    bool many = 2 * u->n + u->nz + u->sliders > STABILITY_STATES_MOST, large = many;
+    enum modal_status rc = many ? MODAL_OK : monodromy_prepare(&m, err);
 
-    memset(out, 0, sizeof *out);
-    if (m.p->laws == 0)
-        return linear_stability(m.p, point->omega, out, err);
-    if (point->states > 0)
-        return known_stability(point, out, err);
-    steady_allow_work(s);
-    m.n = m.p->n;
-    m.nz = m.p->n_linear;
-    m.varies = m.p->harmonics > 0;
-    for (int h = 0; h < m.p->harmonics; h++)
-        m.mass_varies |= m.p->harmonic[h].cosine[PROGRAM_M].start != NULL
-                         || m.p->harmonic[h].sine[PROGRAM_M].start != NULL;
-    if (point->followed)
-        m.reason = "disturbances of rigid friction beside laws with a memory, or of more than 16 "
-                   "dofs, are not followed";
-    if (m.n == 0 || 2 * m.n > STABILITY_STATES_MOST)
-        m.reason = "more states than the monodromy matrix is computed for";
-    if (m.reason == NULL)
-        rc = monodromy_prepare(&m, err);
-    if (rc == MODAL_OK && m.reason == NULL) {
+    if (rc == MODAL_OK && u->reason == NULL && !many)
+        large = period_map_serves(u->p) && costs_too_much(&m);
+    if (rc == MODAL_OK && u->reason == NULL && !large) {
         out->multiplier = calloc((size_t)m.order + 1, sizeof *out->multiplier);
         rc = out->multiplier == NULL ? modal_fail(err, MODAL_NO_MEMORY, "stability: no memory")
                                      : settle(&m, out, err);
     }
-    if (rc == MODAL_OK && m.reason == NULL) {
+    if (rc == MODAL_OK && u->reason == NULL && !large) {
         out->count = m.order;
         judge(out);
     }
+    monodromy_done(&m);
+    return rc == MODAL_OK && large ? large_stability(u, out, err) : rc;
+}
+
+enum modal_status stability_of(struct steady *s, const struct steady_point *point,
+                               struct stability *out, struct modal_error *err)
+{
+    struct disturbance u = { .s = s, .p = steady_program(s), .point = point, .budget = &s->budget };
+    enum modal_status rc;
+
+    memset(out, 0, sizeof *out);
+    if (u.p->laws == 0)
+        return linear_stability(u.p, point->omega, out, err);
+    if (point->states > 0)
+        return known_stability(point, out, err);
+    steady_allow_work(s);
+    if (point->followed)
+        u.reason = "disturbances of rigid friction beside laws with a memory, or of more than 16 "
+                   "dofs, are not followed";
+    rc = disturbance_begin(&u, err);
+    if (rc == MODAL_OK && u.reason == NULL)
+        rc = disturbance_follow(&u, err);
+    if (rc == MODAL_OK && u.reason == NULL)
+        rc = nonlinear_stability(&u, out, err);
     out->work = s->budget;
-    out->reason = m.reason;
-    if (rc != MODAL_OK || m.reason != NULL) {
+    out->reason = u.reason;
+    if (rc != MODAL_OK || u.reason != NULL) {
         free(out->multiplier);
         out->multiplier = NULL;
+        out->count = 0;
     }
-    monodromy_done(&m);
+    disturbance_done(&u);
     return rc;
 }
 

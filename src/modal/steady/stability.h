@@ -28,7 +28,7 @@ enum stability_verdict {
 
 struct stability {
     enum stability_verdict verdict;
-    int count;
+    int count;                        /* of all states, or of the leading ones */
     double complex *multiplier;       /* over 2 pi / omega, |.| descending; the caller frees by
                                        * stability_done */
     double largest, error;            /* max |.|; the estimated error of the integration */
@@ -36,13 +36,16 @@ struct stability {
     struct budget work;               /* of its maps */
 };
 
-/* States of which a dense map is made and its eigenvalues found: some seconds. */
+/* States of which a dense map is made and its eigenvalues found, some seconds; of more the leading
+ * multipliers are. */
 enum { STABILITY_STATES_MOST = 400 };
+/* A multiplier this near the unit circle is on it: that of an autonomous motion is, to rounding. */
+#define STABILITY_ON_CIRCLE 1e-8
 
 /*
  * Of POINT, converged, of session S.  UNDECIDED: a multiplier on the unit circle to within 1e-8 or
- * the error.  UNKNOWN is an answer: more than STATES_MOST states, the work allowed spent, a
- * singular mass, a motion with jumps.  Fails with MODAL_NO_MEMORY, MODAL_CANCELLED or as a law
+ * the error.  UNKNOWN is an answer: the work allowed spent, a singular mass, a motion with
+ * jumps.  Fails with MODAL_NO_MEMORY, MODAL_CANCELLED or as a law
  * does.
  */
 enum modal_status stability_of(struct steady *s, const struct steady_point *point,

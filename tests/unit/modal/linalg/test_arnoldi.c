@@ -29,7 +29,7 @@ TEST(the_largest_eigenvalues_of_a_matrix_that_is_not_normal_come_with_their_vect
     struct arnoldi a;
     double x[2 * N], y[2 * N];
 
-    CHECK(arnoldi(&A, 7, 1e-11, &a, NULL) == MODAL_OK);
+    CHECK(arnoldi(&A, 7, 1e-11, 0, &a, NULL) == MODAL_OK);
     CHECK(a.count == 8 && a.products == products);       /* no pair is parted */
     for (int i = 0; i < a.count; i++) {
         double complex want = pow(0.97, i / 2) * cexp(I * (0.7 * (i / 2) + 0.3));
@@ -59,7 +59,7 @@ TEST(all_eigenvalues_are_had_by_as_many_products_as_there_are)
     struct linear_operator A = { N, N, &products, multiply, NULL };
     struct arnoldi a;
 
-    CHECK(arnoldi(&A, N, 1e-11, &a, NULL) == MODAL_OK);
+    CHECK(arnoldi(&A, N, 1e-11, 0, &a, NULL) == MODAL_OK);
     CHECK(a.count == N && a.products == N && products == N);
     CHECK_NEAR(cabs(a.w[N - 1]), pow(0.97, N / 2 - 1), 1e-7);
     arnoldi_done(&a);
@@ -76,5 +76,5 @@ TEST(what_the_operator_fails_with_is_handed_on)
     struct linear_operator A = { N, N, NULL, refuse, NULL };
     struct arnoldi a;
 
-    CHECK(arnoldi(&A, 3, 1e-9, &a, NULL) == MODAL_OVERFLOW && a.w == NULL && a.V == NULL);
+    CHECK(arnoldi(&A, 3, 1e-9, 0, &a, NULL) == MODAL_OVERFLOW && a.w == NULL && a.V == NULL);
 }

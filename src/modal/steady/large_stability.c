@@ -1,0 +1,518 @@
+/*
+ * large_stability.c - see large_stability.h
+ *
+ * Disturbances are carried by the period map of period_map.h: the laws' slopes are its functions,
+ * constant between events where a law has pieces, and otherwise the Fourier series of their
+ * samples, which are doubled until the series ends.  Two questions are asked of it (leading.h):
+ *
+ * - The multipliers of largest modulus, by Arnoldi's method.  Settled ones decide, each told from
+ *   1 by its residual times its condition; one outside decides though others are not settled.
+ * - Where they are too many of one modulus to be told apart, as with damping by mass, whether all
+ *   disturbances decay: a bound below 1 of every multiplier.
+ */
+#include "modal/steady/large_stability.h"
+#include <float.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "modal/linalg/workspace.h"
+#include "modal/scene/leading.h"
+#include "modal/scene/orbit.h"
+#include "modal/scene/period_map.h"
+#include "modal/scene/pieces.h"
+#include "modal/scene/program.h"
+#include "modal/steady/budget.h"
+#include "modal/steady/disturbance.h"
+#include "modal/steady/point.h"
+#include "modal/steady/stability.h"
+
+static const double TOLERANCE = 1e-11;   /* of residuals: they fall fast once they do */
+static const double SERIES_END = 1e-14;  /* of the largest harmonic: less is rounding of samples */
+static const double COEFFICIENT_END = 1e-17;     /* of the largest: less is no part of a sum */
+enum {
+    WANTED = 10,                 /* multipliers: chosen, as floquet's */
+    FIRST = 200,                 /* periods before the bound is asked for: chosen */
+    SAMPLES_LEAST = 64,          /* of a slope */
+    SAMPLES_MOST = 4096,         /* jumps that a sampled law makes are as fine as that */
+};
+
+enum slope_kind { BY_PLACE, BY_RATE, OF_SLIDER };
+
+/* One slope of a law, as a function of time. */
+struct law_slope {
+    int law, out, in;            /* f_out; d_in, or the law's slider */
+    enum slope_kind kind;
+    int top;                     /* of the series; law without pieces */
+    double complex *harmonic;
+};
+
+struct large {
+    struct disturbance *u;
+    struct period_parts parts;
+    struct law_slope *slope;     /* parts.functions of them */
+    struct law_end *held;        /* of each slider: the number it holds */
+    struct workspace space;
+};
+
+/* The one text of it here. */
+static enum modal_status no_memory(struct modal_error *err)
+{
+    return modal_fail(err, MODAL_NO_MEMORY, "stability: no memory");
+}
+
+/* What D(theta) = Re sum X_k e^{ik theta} adds to the coefficients of a step, SCALE times. */
+static void add_series(const double complex *X, int top, double scale, double theta, double turn,
+                       int most, double *out)
+{
+    for (int k = 0; k <= top; k++) {
+        double complex term = scale * X[k] * cexp(CMPLX(0, k * theta));
+        for (int m = 0; m < most; m++) {
+            out[m] += creal(term);
+            term *= CMPLX(0, k * turn / (m + 1));        /* (i k omega h)^m / m! */
+        }
+    }
+}
+
+/* Of a law with pieces: those that hold in the middle of the step. */
+static void pieces_taylor(const struct disturbance *u, const struct law_slope *f, double theta,
+                          double turn, int most, double *out)
+{
+    const struct law_pieces *pieces = &u->pieces[f->law];
+    const struct orbit *o = &u->in[f->law * LAW_INPUTS_MOST];
+
+    for (int i = 0; i < pieces->count; i++) {
+        const struct law_piece *p = &pieces->piece[i];
+        if (!disturbance_covers(p, disturbance_wrap(theta + turn / 2)))
+            continue;
+        if (f->kind == OF_SLIDER) {
+            if (p->holds && p->slider == f->in)
+                out[0] += p->gain[u->p->law[f->law].kind->inputs - 1];
+        } else if (p->output == f->out) {
+            out[0] += f->kind == BY_PLACE ? p->gain[f->in] : f->in == 0 ? p->damp : 0;
+            if (p->cross != 0 && f->in == 0 && f->kind == BY_RATE)
+                add_series(o->D, o->top, p->cross, theta, turn, most, out);
+            if (p->cross != 0 && f->in == 0 && f->kind == BY_PLACE)
+                for (int k = 0; k <= o->top; k++) {      /* of v: i k omega D_k */
+                    double complex rate = CMPLX(0, k * u->point->omega) * o->D[k]
+                                          * cexp(CMPLX(0, k * theta));
+                    add_series(&rate, 0, p->cross, 0, 0, 1, out);
+                    for (int m = 1; m < most; m++) {
+                        rate *= CMPLX(0, k * turn / m);
+                        out[m] += p->cross * creal(rate);
+                    }
+                }
+        }
+    }
+}
+
+/* period_parts.taylor */
+static int taylor(void *context, int function, double t, double h, int most, double *out)
+{
+    const struct large *l = context;
+    const struct law_slope *f = &l->slope[function];
+    double theta = t * l->u->point->omega, turn = h * l->u->point->omega, largest = 0;
+    int count = 1;
+
+    memset(out, 0, (size_t)most * sizeof *out);
+    if (f->harmonic != NULL)
+        add_series(f->harmonic, f->top, 1, theta, turn, most, out);
+    else
+        pieces_taylor(l->u, f, theta, turn, most, out);
+    for (int m = 0; m < most; m++)
+        largest = fmax(largest, fabs(out[m]));
+    for (int m = 1; m < most; m++)
+        count = fabs(out[m]) > COEFFICIENT_END * largest ? m + 1 : count;
+    return count;
+}
+
+/* A slope with its channel: from input IN, or the slider IN of the law, to output OUT. */
+static void add_slope(struct large *l, struct law_slope slope)
+{
+    const struct law *law = &l->u->p->law[slope.law];
+    struct period_channel *c = &l->parts.channel[l->parts.channels++];
+    int out = slope.out, in = slope.in;
+
+    *c = (struct period_channel){ .out = law->end + law->start[out],
+                                  .outs = law->start[out + 1] - law->start[out],
+                                  .rate = slope.kind == BY_RATE,
+                                  .function = l->parts.functions };
+    if (slope.kind == OF_SLIDER) {
+        c->in = &l->held[l->u->first_slider[slope.law] + in];
+        c->ins = 1;
+    } else {
+        c->in = law->end + law->start[in];
+        c->ins = law->start[in + 1] - law->start[in];
+    }
+    l->slope[l->parts.functions++] = slope;
+}
+
+/* Which slopes law L with pieces has; those that are 0 all along are none. */
+static void pieces_slopes(struct large *l, int number)
+{
+    const struct law_pieces *pieces = &l->u->pieces[number];
+    const struct law *law = &l->u->p->law[number];
+    int inputs = law->kind->inputs;
+    bool has[2][LAW_PIECE_INPUTS][LAW_PIECE_INPUTS] = { 0 };
+
+    for (int i = 0; i < pieces->count; i++) {
+        const struct law_piece *p = &pieces->piece[i];
+        for (int j = 0; j < inputs; j++)
+            has[BY_PLACE][p->output][j] |= p->gain[j] != 0 || (j == 0 && p->cross != 0);
+        has[BY_RATE][p->output][0] |= p->damp != 0 || p->cross != 0;
+    }
+    for (enum slope_kind kind = BY_PLACE; kind <= BY_RATE; kind++)
+        for (int o = 0; o < inputs; o++)
+            for (int j = 0; j < inputs; j++)
+                if (has[kind][o][j])
+                    add_slope(l, (struct law_slope){ number, o, j, kind, 0, NULL });
+    for (int e = 0; e < law->memory; e++)        /* the last input is what its sliders resist */
+        add_slope(l, (struct law_slope){ number, inputs - 1, e, OF_SLIDER, 0, NULL });
+}
+
+/* Slope I of a law without pieces: by place, then by rate, outputs first. */
+static struct law_slope slope_of(int number, int i, int inputs)
+{
+    return (struct law_slope){ number, i / inputs % inputs, i % inputs,
+                               i < inputs * inputs ? BY_PLACE : BY_RATE, 0, NULL };
+}
+
+/* N samples of each slope of law NUMBER, one after another. */
+static enum modal_status sample_slopes(const struct disturbance *u, int number, int N, double *x,
+                                       struct modal_error *err)
+{
+    int inputs = u->p->law[number].kind->inputs, count = 2 * inputs * inputs;
+    double held[LAW_TERMS_MOST], g[2][LAW_INPUTS_MOST][LAW_INPUTS_MOST];
+    enum modal_status rc = MODAL_OK;
+
+    for (int j = 0; rc == MODAL_OK && j < N; j++) {
+        rc = disturbance_slopes(u, number, 2 * M_PI * j / N, g[0], g[1], held, err);
+        for (int i = 0; rc == MODAL_OK && i < count; i++) {
+            struct law_slope f = slope_of(number, i, inputs);
+            x[(size_t)i * (size_t)N + (size_t)j] = g[f.kind][f.out][f.in];
+        }
+    }
+    return rc;
+}
+
+/* The last of X's harmonics 0 .. COUNT - 1 that is above rounding; -1: all are 0. */
+static int last_of(const double complex *X, int count)
+{
+    double largest = 0;
+    int top = -1;
+
+    for (int k = 0; k < count; k++)
+        largest = fmax(largest, cabs(X[k]));
+    for (int k = 0; k < count; k++)
+        top = cabs(X[k]) > SERIES_END * largest ? k : top;
+    return top;
+}
+
+/* The series of all slopes of a law without pieces: samples doubled until each ends. */
+static enum modal_status sampled_slopes(struct large *l, int number, struct modal_error *err)
+{
+    int inputs = l->u->p->law[number].kind->inputs, count = 2 * inputs * inputs;
+    enum modal_status rc = MODAL_OK;
+
+    for (int N = SAMPLES_LEAST, done = 0; rc == MODAL_OK && !done; N *= 2) {
+        struct workspace scratch = { 0 };
+        struct orbit_grid *g = NULL;
+        size_t size = (size_t)N;
+        double *x = workspace_zeros(&scratch, (size_t)count * size, sizeof *x);
+        double complex *X = workspace_zeros(&scratch, size / 2, sizeof *X);
+
+        rc = scratch.failed ? no_memory(err) : orbit_grid_new(N, &g, err);
+        if (rc == MODAL_OK)
+            rc = sample_slopes(l->u, number, N, x, err);
+        done = 1;
+        for (int i = 0; rc == MODAL_OK && i < count && N < SAMPLES_MOST; i++) {
+            orbit_analyze(g, x + (size_t)i * size, N / 2 - 1, X);
+            done &= last_of(X, N / 2) < N / 4;
+        }
+        for (int i = 0; rc == MODAL_OK && i < count && done; i++) {
+            struct law_slope f = slope_of(number, i, inputs);
+            orbit_analyze(g, x + (size_t)i * size, N / 2 - 1, X);
+            f.top = last_of(X, N / 2);
+            f.harmonic = workspace_zeros(&l->space, (size_t)(f.top + 1), sizeof *X);
+            if (f.harmonic == NULL) {
+                rc = no_memory(err);
+                break;
+            }
+            memcpy(f.harmonic, X, (size_t)(f.top + 1) * sizeof *X);
+            if (f.top >= 0)
+                add_slope(l, f);
+        }
+        orbit_grid_free(g);
+        workspace_free(&scratch);
+    }
+    return rc;
+}
+
+/* The first cut at THETA: cuts ascend. */
+static int cut_at(const struct disturbance *u, double theta)
+{
+    int low = 0, high = u->cuts;
+
+    while (low < high) {
+        int middle = (low + high) / 2;
+        if (u->cut[middle] < theta)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return low;
+}
+
+/* qsort: ascending by cut, then as they were made: `held` of one law ascend. */
+static int by_cut(const void *a, const void *b)
+{
+    const struct period_reset *x = a, *y = b;
+
+    return x->cut != y->cut ? x->cut - y->cut : x->held - y->held;
+}
+
+/* Where sliders come to rest or leave it; END has room for what they see. */
+static void add_resets(struct large *l, struct law_end *end)
+{
+    const struct disturbance *u = l->u;
+
+    for (int number = 0; number < u->p->laws; number++)
+        for (int i = 0; u->exact[number] && i < u->pieces[number].count; i++) {
+            const struct law_piece *piece = &u->pieces[number].piece[i];
+            const struct law *law = &u->p->law[number];
+            struct period_reset *r = &l->parts.reset[l->parts.resets];
+            int inputs = law->kind->inputs;
+            double gain = piece->gain[inputs - 1];
+
+            if (piece->slider < 0 || (piece->holds && !piece->starts))
+                continue;
+            l->parts.resets++;
+            *r = (struct period_reset){ .cut = cut_at(u, disturbance_wrap(piece->from)),
+                                        .held = u->first_slider[number] + piece->slider };
+            r->end = end;
+            for (int j = 0; piece->holds && j < inputs; j++)
+                for (int e = law->start[j]; e < law->start[j + 1]; e++, r->count++)
+                    *end++ = (struct law_end){ law->end[e].dof,
+                                               piece->ref[j] / gain * law->end[e].weight };
+        }
+    qsort(l->parts.reset, (size_t)l->parts.resets, sizeof *l->parts.reset, by_cut);
+}
+
+/* The largest that a slope becomes. */
+static double slope_most(const struct large *l, const struct law_slope *f)
+{
+    const struct law_pieces *pieces = &l->u->pieces[f->law];
+    double most = 0;
+
+    for (int k = 0; f->harmonic != NULL && k <= f->top; k++)
+        most += cabs(f->harmonic[k]);
+    for (int i = 0; f->harmonic == NULL && i < pieces->count; i++) {
+        const struct law_piece *p = &pieces->piece[i];
+        if (f->kind != OF_SLIDER && p->output == f->out)
+            most = fmax(most, fabs(f->kind == BY_PLACE ? p->gain[f->in] : p->damp));
+    }
+    return most;
+}
+
+/* rad/s that the laws add to the fastest motion: their stiffness and damping over the masses they
+ * act on, and the series' own. */
+static enum modal_status set_fastest(struct large *l, struct modal_error *err)
+{
+    const struct sparse *M = &l->u->p->constant[PROGRAM_M];
+    size_t n = (size_t)l->u->n;
+    double *sum[2], top = 0, stiff = 0, damped = 0;
+
+    for (int i = 0; i < 2; i++)
+        sum[i] = workspace_zeros(&l->space, n, sizeof **sum);
+    if (l->space.failed)
+        return no_memory(err);
+    for (int c = 0; c < l->parts.channels; c++) {
+        const struct period_channel *at = &l->parts.channel[c];
+        double seen = 0, most = slope_most(l, &l->slope[at->function]);
+        for (int e = 0; e < at->ins; e++)
+            seen += fabs(at->in[e].weight);
+        for (int e = 0; e < at->outs; e++)
+            sum[at->rate][at->out[e].dof] += fabs(at->out[e].weight) * seen * most;
+    }
+    for (int f = 0; f < l->parts.functions; f++)
+        top = fmax(top, l->slope[f].top);
+    for (int i = 0; i < l->u->n; i++)
+        for (int k = M->start[i]; k < M->start[i + 1]; k++)
+            if (M->index[k] == i && M->value[k] > 0) {
+                stiff = fmax(stiff, sum[0][i] / M->value[k]);
+                damped = fmax(damped, sum[1][i] / M->value[k]);
+            }
+    l->parts.fastest = sqrt(stiff) + damped + top * l->u->point->omega;
+    return MODAL_OK;
+}
+
+/* The laws as parts of a period map. */
+static enum modal_status take_laws(struct large *l, struct modal_error *err)
+{
+    struct disturbance *u = l->u;
+    size_t slopes = 0, resets = 0, ends = 0;
+    struct law_end *end;
+    enum modal_status rc = MODAL_OK;
+
+    for (int i = 0; i < u->p->laws; i++) {
+        const struct law *law = &u->p->law[i];
+        slopes += 2 * (size_t)(law->kind->inputs * law->kind->inputs)
+                + (u->exact[i] ? (size_t)law->memory : 0);
+        resets += (size_t)u->pieces[i].count;
+        ends += (size_t)u->pieces[i].count * (size_t)law_ends(law);
+    }
+    l->slope = workspace_zeros(&l->space, slopes, sizeof *l->slope);
+    l->parts.channel = workspace_zeros(&l->space, slopes, sizeof *l->parts.channel);
+    l->held = workspace_zeros(&l->space, (size_t)u->sliders, sizeof *l->held);
+    end = workspace_zeros(&l->space, ends, sizeof *end);
+    l->parts.reset = workspace_zeros(&l->space, resets, sizeof *l->parts.reset);
+    l->parts.cut = workspace_zeros(&l->space, (size_t)u->cuts, sizeof *l->parts.cut);
+    if (l->space.failed)
+        return no_memory(err);
+    for (int i = 0; i < u->sliders; i++)
+        l->held[i] = (struct law_end){ u->n + i, 1 };
+    for (int i = 0; rc == MODAL_OK && i < u->p->laws; i++)
+        if (u->exact[i])
+            pieces_slopes(l, i);
+        else
+            rc = sampled_slopes(l, i, err);
+    if (rc != MODAL_OK)
+        return rc;
+    l->parts.held = u->sliders;
+    l->parts.cuts = u->cuts;
+    for (int c = 0; c < u->cuts; c++)
+        l->parts.cut[c] = u->cut[c] / u->point->omega;
+    add_resets(l, end);
+    l->parts.taylor = taylor;
+    l->parts.context = l;
+    return set_fastest(l, err);
+}
+
+/* By the multipliers found: UNKNOWN where they are not settled and none is outside. */
+static void judge_found(const struct arnoldi *a, struct stability *out)
+{
+    bool outside = false, inside = true;
+
+    out->error = 0;
+    for (int i = 0; i < a->count; i++) {
+        double bar = a->condition[i] * fmax(a->residual[i], DBL_EPSILON),
+               margin = fmax(STABILITY_ON_CIRCLE, bar);
+        outside |= cabs(a->w[i]) > 1 + margin;
+        inside &= cabs(a->w[i]) < 1 - margin;
+        out->error = fmax(out->error, bar);
+    }
+    out->largest = cabs(a->w[0]);
+    out->verdict = outside       ? STABILITY_UNSTABLE
+                   : !a->settled ? STABILITY_UNKNOWN
+                   : inside      ? STABILITY_STABLE
+                                 : STABILITY_UNDECIDED;
+}
+
+/* The multipliers found into OUT. */
+static enum modal_status take_found(const struct arnoldi *a, struct stability *out,
+                                    struct modal_error *err)
+{
+    free(out->multiplier);
+    out->multiplier = calloc((size_t)a->count + 1, sizeof *out->multiplier);
+    if (out->multiplier == NULL)
+        return no_memory(err);
+    memcpy(out->multiplier, a->w, (size_t)a->count * sizeof *a->w);
+    out->count = a->count;
+    judge_found(a, out);
+    return MODAL_OK;
+}
+
+/* Leading multipliers by at most PERIODS of one vector, and what they say. */
+static enum modal_status ask_leading(struct large *l, struct period_map *map, int periods,
+                                     struct stability *out, struct modal_error *err)
+{
+    struct leading found = { 0 };
+    enum modal_status rc = leading_multipliers(map, WANTED, TOLERANCE, periods, &found, err);
+
+    budget_add(l->u->budget, found.periods * period_map_work(map));
+    if (rc == MODAL_OK)
+        rc = take_found(&found.found, out, err);
+    arnoldi_done(&found.found);
+    return rc;
+}
+
+/* Periods of one vector that the budget still has. */
+static int periods_left(const struct large *l, const struct period_map *map)
+{
+    double left = (l->u->budget->most - l->u->budget->spent) / period_map_work(map);
+
+    return left < 0 ? 0 : left > ARNOLDI_MOST ? ARNOLDI_MOST : (int)left;
+}
+
+/* Whether all disturbances decay, by half of the way from the largest found to 1, if the half of
+ * what is left may show it. */
+static enum modal_status ask_bound(struct large *l, struct period_map *map, struct stability *out,
+                                   struct modal_error *err)
+{
+    int left = periods_left(l, map) / 2, periods = 0;
+    double bound = HUGE_VAL, enough = (1 + out->largest) / 2;
+    enum modal_status rc = MODAL_OK;
+
+    if (out->largest < 1 && leading_bound_periods(map, out->largest, enough) <= left)
+        rc = leading_bound(map, enough, left, &bound, &periods, err);
+    budget_add(l->u->budget, periods * period_map_work(map));
+    if (rc == MODAL_OK && bound < 1 - STABILITY_ON_CIRCLE) {
+        out->verdict = STABILITY_STABLE;
+        out->error = bound - out->largest;
+    }
+    return rc;
+}
+
+static enum modal_status ask(struct large *l, struct period_map *map, struct stability *out,
+                             struct modal_error *err)
+{
+    int left = periods_left(l, map);
+    enum modal_status rc;
+
+    if (left < FIRST) {
+        l->u->reason = "carrying disturbances over the period takes more work than is allowed";
+        return MODAL_OK;
+    }
+    rc = ask_leading(l, map, FIRST, out, err);
+    if (rc == MODAL_OK && out->verdict == STABILITY_UNKNOWN)
+        rc = ask_bound(l, map, out, err);
+    left = periods_left(l, map);
+    if (rc == MODAL_OK && out->verdict == STABILITY_UNKNOWN && left > FIRST)
+        rc = ask_leading(l, map, left, out, err);
+    if (rc == MODAL_OK && out->verdict == STABILITY_UNKNOWN)
+        l->u->reason = "the work allowed was spent before the leading multipliers were settled, or "
+                       "all of them known to be below 1";
+    return rc;
+}
+
+enum modal_status large_stability(struct disturbance *u, struct stability *out,
+                                  struct modal_error *err)
+{
+    struct large l = { .u = u };
+    struct period_map *map = NULL;
+    struct modal_error why;
+    enum modal_status rc = MODAL_OK;
+
+    if (!period_map_serves(u->p))
+        u->reason = "more states than the monodromy matrix is computed for, with linear states or "
+                    "a mass that pulsates";
+    else
+        rc = take_laws(&l, err);
+    if (rc == MODAL_OK && u->reason == NULL) {
+        rc = period_map_new(u->p, &l.parts, 2 * M_PI / u->point->omega, &map, &why);
+        if (rc == MODAL_OK)
+            rc = ask(&l, map, out, &why);
+        u->reason = rc == MODAL_OVERFLOW       ? "the disturbances overflow"
+                    : rc == MODAL_TOO_LARGE    ? "one period takes too many steps of too many laws"
+                    : rc == MODAL_BAD_INPUT    ? "the mass matrix is singular"
+                    : rc == MODAL_NO_CONVERGENCE ? "disturbances could not be carried over the "
+                                                   "period"
+                                               : u->reason;
+        if (rc == MODAL_NO_MEMORY || rc == MODAL_CANCELLED)
+            modal_fail(err, rc, "%s", why.message);
+        else
+            rc = MODAL_OK;
+    }
+    period_map_free(map);
+    workspace_free(&l.space);
+    return rc;
+}

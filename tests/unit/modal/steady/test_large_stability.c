@@ -1,0 +1,170 @@
+/* Stability of motions of many states: against the whole monodromy matrix, and values of others. */
+/* Tests as well: disturbance.c leading.c monodromy.c period_map.c stability.c */
+#include "check.h"
+#include <complex.h>
+#include "modal/scene/leading.h"
+#include "modal/scene/period_map.h"
+#include "modal/steady/disturbance.h"
+#include "modal/steady/large_stability.h"
+#include "modal/steady/session.h"
+#include "modal/steady/solve.h"
+#include "modal/steady/stability.h"
+#include "scene_text.h"
+
+/* Springs between masses of 1 in a row, each with EFFECTS of its own, where %d is its number; MORE
+ * effects. */
+static struct program *chain(int n, const char *spring, double omega, const char *effects,
+                             const char *more, const char *load)
+{
+    char *text = malloc(400 * (size_t)n + 4096), *at = text;
+    struct program *p;
+
+    at += sprintf(at, "{'structure':{'type':'chain','masses':[1");
+    for (int i = 1; i < n; i++)
+        at += sprintf(at, ",1");
+    at += sprintf(at, "],'springs':[%s", spring);
+    for (int i = 0; i < n; i++)
+        at += sprintf(at, ",%s", spring);
+    at += sprintf(at, "]},'omega':%.17g,'effects':[%s", omega, more);
+    for (int i = 1; i <= n; i++)
+        at += sprintf(at, effects, i, i, i);
+    sprintf(at, "],'excitation':[%s]}", load);
+    p = program_text(text);
+    free(text);
+    return p;
+}
+
+struct verdict {
+    struct program *p;
+    struct steady *s;
+    struct steady_point point;
+    struct stability whole, large;
+    const char *reason;
+};
+
+/* The verdict of a motion of 5 harmonics both ways, the whole one where it has few states. */
+static struct verdict verdict_of(struct program *p)
+{
+    struct verdict v = { .p = p };
+    struct steady_options opt = { .harmonics = 5, .estimate_later = true };
+    struct disturbance u;
+
+    CHECK(steady_new(p, &opt, &v.s, NULL) == MODAL_OK);
+    CHECK(steady_solve(v.s, p->omega, NULL, &v.point, NULL) == MODAL_OK && v.point.converged);
+    if (2 * p->n <= STABILITY_STATES_MOST)
+        CHECK(stability_of(v.s, &v.point, &v.whole, NULL) == MODAL_OK);
+    steady_allow_work(v.s);
+    u = (struct disturbance){ .s = v.s, .p = p, .point = &v.point, .budget = &v.s->budget };
+    CHECK(disturbance_begin(&u, NULL) == MODAL_OK && disturbance_follow(&u, NULL) == MODAL_OK);
+    CHECK(u.reason == NULL && large_stability(&u, &v.large, NULL) == MODAL_OK);
+    v.reason = u.reason;
+    disturbance_done(&u);
+    return v;
+}
+
+static void verdict_done(struct verdict *v)
+{
+    stability_done(&v->whole);
+    stability_done(&v->large);
+    steady_point_done(&v->point);
+    steady_free(v->s);
+    program_free(v->p);
+}
+
+#define DAMPED "{'type':'rayleigh_damping','alpha':0.05,'beta':0.03}"
+#define PUSHED "{'dof':'x1','k':1,'cos':0.5},{'dof':'x7','k':2,'sin':0.3}"
+
+/* Laws that are sampled, of pieces, with sliders, and with slopes that vary within a piece; their
+ * multipliers by the monodromy matrix are of another way to carry disturbances. */
+TEST(leading_multipliers_are_those_of_the_whole_monodromy_matrix)
+{
+    static const struct { int n; const char *law; } cases[] = {
+        { 50, ",{'type':'cubic_spring','dof':'x%d','coefficient':0.1}" },
+        { 100, ",{'type':'gap','dof':'x%d','stiffness':1,'clearance':0.05}" },
+        { 30, ",{'type':'gap','dof':'x%d','stiffness':1,'clearance':0.02,'dissipation':0.3}" },
+        { 30, ",{'type':'friction','dof':'x%d','stiffness':0.3,'limit':0.01}" },
+        { 20, ",{'type':'regularised_coulomb','dof':'x%d','limit':0.03,'velocity':0.05}" },
+    };
+
+    for (size_t c = 0; c < sizeof cases / sizeof *cases; c++) {
+        struct verdict v = verdict_of(chain(cases[c].n, "1", 0.3, cases[c].law, DAMPED, PUSHED));
+
+        CHECK(v.reason == NULL && v.large.count >= 10);
+        CHECK(v.whole.count >= 2 * cases[c].n && v.whole.error < 1e-9);
+        CHECK(v.large.verdict == v.whole.verdict);
+        for (int i = 0; i < v.large.count; i++) {
+            double least = HUGE_VAL;
+            for (int k = 0; k < v.whole.count; k++)
+                least = fmin(least, cabs(v.large.multiplier[i] - v.whole.multiplier[k]));
+            CHECK_NEAR(least, 0, 1e-8);
+                        CHECK_NEAR(cabs(v.large.multiplier[i]), cabs(v.whole.multiplier[i]), 1e-8);
+        }
+        verdict_done(&v);
+    }
+}
+
+/* Of 200 states one map is within the work allowed, but not a second that would tell its error. */
+TEST(a_motion_whose_whole_matrix_costs_too_much_has_its_leading_multipliers)
+{
+    struct verdict v = verdict_of(chain(
+        100, "1", 0.3, ",{'type':'cubic_spring','dof':'x%d','coefficient':0.1}", DAMPED, PUSHED));
+
+    CHECK(v.whole.verdict == STABILITY_STABLE && v.whole.count == v.large.count);
+    CHECK(v.whole.error < 1e-9 && v.whole.largest == v.large.largest);
+    verdict_done(&v);
+}
+
+/* q'' + (1 - 0.3 cos 2t) q = 0 among undamped others: |rho| = 1.264911399 over its period pi, of an
+ * order-8 Runge-Kutta code of others (10 digits printed). */
+TEST(one_growing_disturbance_among_hundreds_makes_a_motion_unstable)
+{
+    struct verdict v = verdict_of(chain(
+        210, "0", 2, ",{'type':'spring','dof':'x%d','stiffness':1}",
+        "{'type':'parametric_stiffness','dof':'x1','stiffness':-0.3},"
+        "{'type':'cubic_spring','dof':'x1','coefficient':0.1}", ""));
+    struct stability st;
+
+    CHECK(v.large.verdict == STABILITY_UNSTABLE);
+    CHECK_NEAR(v.large.largest, 1.264911399, 5e-10);
+    CHECK(stability_of(v.s, &v.point, &st, NULL) == MODAL_OK);   /* above the limit: the same */
+    CHECK(st.verdict == STABILITY_UNSTABLE && st.largest == v.large.largest);
+    stability_done(&st);
+    verdict_done(&v);
+}
+
+/* Damping 0.1 by mass of 420 states: all but a few multipliers of modulus exp(-0.05 T), none told
+ * from its neighbours. */
+TEST(multipliers_too_many_of_one_modulus_are_bounded_and_the_motion_is_stable)
+{
+    struct verdict v = verdict_of(chain(
+        210, "1", 0.9, ",{'type':'spring','dof':'x%d','stiffness':1}",
+        "{'type':'rayleigh_damping','alpha':0.1,'beta':0},"
+        "{'type':'cubic_spring','dof':'x1','coefficient':0.1}", "{'dof':'x1','k':1,'cos':0.1}"));
+    double modulus = exp(-0.05 * 2 * M_PI / 0.9);
+
+    CHECK(v.large.verdict == STABILITY_STABLE);
+    CHECK(v.large.largest + v.large.error >= modulus * (1 - 1e-6));
+    CHECK(v.large.largest + v.large.error < 1);
+    verdict_done(&v);
+}
+
+/* One mass: multipliers exp(lambda T), lambda = -0.15 +- i sqrt(25 - 0.0225). */
+TEST(the_bound_holds_and_a_vector_comes_back_turned_and_shrunk)
+{
+    struct program *p = program_text("{'structure':{'type':'chain','masses':[2],'springs':[50,0],"
+                                     "'dampers':[0.6,0]}}");
+    struct period_map *m = NULL;
+    double T = 1.7, radius = exp(-0.15 * T), angle = sqrt(25 - 0.0225) * T, x[2] = { 1, 0 }, y[2],
+           z[2], bound;
+    int periods;
+
+    CHECK(period_map_new(p, NULL, T, &m, NULL) == MODAL_OK && period_map_states(m) == 2);
+    CHECK(period_map_carry(m, x, y, NULL) == MODAL_OK);
+    CHECK(period_map_carry(m, y, z, NULL) == MODAL_OK);
+    for (int i = 0; i < 2; i++)                  /* Cayley and Hamilton */
+        CHECK_NEAR(z[i], 2 * radius * cos(angle) * y[i] - radius * radius * x[i], 1e-14);
+    CHECK(leading_bound(m, 0.9, 1000, &bound, &periods, NULL) == MODAL_OK);
+    CHECK(bound >= radius && bound <= 0.9 && periods % LEADING_PROBES == 0);
+    period_map_free(m);
+    program_free(p);
+}

@@ -159,6 +159,28 @@ def test_four_hundred_records_are_their_logs_though_the_daemon_is_killed_five_ti
 
 
 @in_python
+def test_a_host_that_pushes_most_of_a_ring_at_once_spills_nothing_where_the_daemon_is_quick(
+        tmp_path, monkeypatch):
+    """As one that had no processor for a second does: 90,000 slots of 80 bytes, of 8 MiB.  They
+    went to the spill file once half the ring was full, before any was sent.
+    """
+    monkeypatch.setenv("MODALD_SPILL", str(tmp_path))
+    monkeypatch.setenv("MODALD_CLOSE_WAIT", "60")
+    peer = Peer(f"ipc://{tmp_path}/s").start()
+    monkeypatch.setenv("MODALD_URL", peer.endpoint)
+    rows = np.random.default_rng(6).standard_normal((90000, 8))
+    s = modald.stream("burst", 8, 0.01)
+    for part in (rows[:1], rows[1:]):              # the daemon is there when the burst comes
+        s.push(part)
+        until(lambda: s.report.waiting == 0)
+    report = s.report
+    s.close()
+    peer.stop()
+    assert (report.spilled, report.dropped, report.acknowledged) == (0, 0, 90000)
+    assert np.array_equal(peer.record("burst"), rows)
+
+
+@in_python
 def test_a_stream_that_is_refused_or_never_answered_holds_up_no_other(tmp_path, monkeypatch):
     """Three of one process: of a daemon that never answers, refused, and one that goes on."""
     monkeypatch.setenv("MODALD_SPILL", str(tmp_path))

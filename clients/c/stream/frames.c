@@ -148,14 +148,15 @@ static void build_frames(modald_stream *s)
 {
     uint64_t head = atomic_load_explicit(&s->page->head, memory_order_acquire);
 
-    while (s->taken < head) {
+    while (s->taken < head && may_copy(s)) {
         const double *at = s->ring + s->taken % s->slots * s->stride;
         uint64_t index;
         memcpy(&index, at, sizeof index);
         if (!(isnan(at[1]) ? add_sample(s, index, at + 2) : add_uneven(s, at[1], at + 2)))
-            return;
+            break;
         s->taken++;
     }
+    release_copied(s);
 }
 
 /* The rest of an uneven record: its last point has none beyond. */
@@ -182,12 +183,11 @@ static bool send_due(modald_stream *s, bool all)
     return s->build.count > 0 && (all || is_due(s)) && finish_build(s);
 }
 
-/* The ring is half full: the daemon does not keep up, and from now on everything goes through the
- * file. */
+/* The daemon does not keep up, and from now on everything goes through the file. */
 static void spill_if_needed(modald_stream *s, bool all)
 {
     if (spilling(s) || s->spill_most == 0 || s->frames == 0 || s->spill_failed
-        || (!all && !is_half_full(s)))
+        || (!all && !overflows(s)))
         return;
     for (int i = 0; i < s->frames; i++) {
         struct frame *f = frame_at(s, i);

@@ -119,16 +119,19 @@ static void advise(const modald_stream *s, uint64_t from, uint64_t to, const int
     }
 }
 
-/* Slots before TAIL were read.  They are the host's once there is a piece of them, which a slow
- * stream gives back to the system before. */
-static void release(modald_stream *s, uint64_t tail)
+/* Does a ring outlive its host?  Then it holds all that the daemon has not. */
+static bool outlives_host(const modald_stream *s)
+{
+    return s->ring_fd >= 0;
+}
+
+/* Slots before TAIL are the host's once there is a piece of them, which a slow stream gives back to
+ * the system before. */
+static void give_slots(modald_stream *s, uint64_t tail)
 {
     static const int back[] = { MADV_DONTNEED, MADV_HUGEPAGE };
     uint64_t was = atomic_load_explicit(&s->page->tail, memory_order_relaxed);
 
-    if (tail <= atomic_load_explicit(&s->released, memory_order_relaxed))
-        return;
-    atomic_store_explicit(&s->released, tail, memory_order_relaxed);
     if (tail - was < s->piece)
         return;
     if (s->piece > 0) {
@@ -140,10 +143,40 @@ static void release(modald_stream *s, uint64_t tail)
     atomic_store_explicit(&s->page->tail, tail, memory_order_release);
 }
 
+static void release(modald_stream *s, uint64_t end)
+{
+    if (end <= atomic_load_explicit(&s->released, memory_order_relaxed))
+        return;
+    atomic_store_explicit(&s->released, end, memory_order_relaxed);
+    if (outlives_host(s))
+        give_slots(s, end);
+}
+
+static void release_copied(modald_stream *s)
+{
+    if (!outlives_host(s))
+        give_slots(s, s->taken);
+}
+
 static uint64_t waiting_in(const modald_stream *s)
 {
     return atomic_load_explicit(&s->page->head, memory_order_acquire)
          - atomic_load_explicit(&s->released, memory_order_relaxed);
+}
+
+static bool may_copy(const modald_stream *s)
+{
+    return outlives_host(s)
+        || s->taken - atomic_load_explicit(&s->released, memory_order_relaxed) < s->slots;
+}
+
+static bool overflows(const modald_stream *s)
+{
+    uint64_t held = outlives_host(s) || !s->opened
+                        ? waiting_in(s)
+                        : atomic_load_explicit(&s->page->head, memory_order_acquire) - s->taken;
+
+    return held >= s->slots / 2;
 }
 
 /* Small pages for a slow stream, huge ones for another.  A host that overtook us has its pages by

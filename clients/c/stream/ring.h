@@ -8,9 +8,18 @@
  * name); where the file cannot be used, a line on stderr and memory.  False: no memory. */
 static bool ring_open(modald_stream *s, size_t bytes, const char *file);
 
-/* Slots before TAIL are read, and the host's again soon; a TAIL that is behind it changes nothing.
- */
-static void release(modald_stream *s, uint64_t tail);
+/* Slots before END are acknowledged or in the spill file; one that is behind changes nothing. */
+static void release(modald_stream *s, uint64_t end);
+
+/* Slots before `taken` are in frames: those of a ring in memory are the host's again soon. */
+static void release_copied(modald_stream *s);
+
+/* May another slot be put into a frame?  Of a ring in memory frames hold as much again, no more. */
+static bool may_copy(const modald_stream *s);
+
+/* Is half of the ring full of what is not acknowledged?  Where frames are being sent, and the ring
+ * is in memory, of what cannot go into frames. */
+static bool overflows(const modald_stream *s);
 
 /* Slots that wait: pushed, and neither acknowledged nor in the spill file. */
 static uint64_t waiting_in(const modald_stream *s);

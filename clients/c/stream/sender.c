@@ -90,6 +90,7 @@ static bool serve(modald_stream *s)
 
     if (s->refused) { /* nobody wants them: the ring stays empty */
         release(s, s->taken = atomic_load(&s->page->head));
+        release_copied(s);
         return false;
     }
     keep_ahead(s);

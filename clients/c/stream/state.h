@@ -16,9 +16,9 @@
  * process's lock for the list of links; who pushes holds none.
  *
  * Ring: one writer, one reader; `head` and `tail` count slots since the start.  A slot is its
- * sample's index, its time, and its channels.  The tail moves only when the slot's samples are
- * acknowledged or in the spill file, so that a ring in a file holds, after a kill, whatever the
- * daemon has not.
+ * sample's index, its time, and its channels.  The tail of a ring in a file moves only when the
+ * slot's samples are acknowledged or in the spill file, so that it holds, after a kill, whatever
+ * the daemon has not.  One in memory holds what is not in frames yet, which hold as much again.
  *
  * Frames carry what there is: one leaves when FRAME_ENOUGH is there, else when its first sample is
  * frame_age_most old and all before it is acknowledged.  A slow stream has few, a slow daemon too.
@@ -32,9 +32,11 @@
  * as long again, or until one is taken or a new connection stands: so who closes hundreds of
  * streams of a daemon that is gone waits once.
  *
- * Spilling begins when the ring is half full: the window's frames go to the file first, then
- * everything that is built, and the window is filled from the file until it is empty again.  So the
- * order is kept.
+ * Spilling begins when the ring is half full and, while the daemon takes frames of one in memory,
+ * the window has no room: a host may push a second's worth at once while its sender has no
+ * processor, and no daemon is slow then.
+ * The window's frames go to the file first, then everything that is built, and the window is filled
+ * from the file until it is empty again.  So the order is kept.
  *
  * push_at: the samples at k dt between times t_1 <= k dt <= t_2 are those of the cubic through
  * (t_0, t_1, t_2, t_3):
@@ -224,7 +226,7 @@ struct modald_stream {
     _Atomic bool finished, refused;
     _Atomic uint64_t acknowledged;
     _Atomic uint64_t spilled;
-    _Atomic uint64_t released;  /* slots that are read; the tail follows */
+    _Atomic uint64_t released;  /* slots acknowledged or spilled */
     _Atomic unsigned estimate_version;       /* odd while it is written */
     _Atomic unsigned estimate_past;          /* the version of an epoch before; 0: none was */
     struct modald_estimate estimate;

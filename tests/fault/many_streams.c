@@ -2,11 +2,12 @@
  * many_streams.c - a host with many running simulations: what their streams cost it, how old their
  * live results are
  *
- *     many_streams STREAMS CHANNELS RATE SECONDS [FOLDER [FIRST]]
+ *     many_streams STREAMS CHANNELS RATE SECONDS [FOLDER [FIRST [KIND]]]
  *
- * Each stream many-K, K from FIRST (0) on, is an oscillator of two modes that noise drives, sampled
- * RATE times a second of real time, each at its own phase of the clock.  Every second, and once all
- * is closed, a line on stdout:
+ * Each stream many-K, K from FIRST (0) on, is an oscillator of two modes, sampled RATE times a
+ * second of real time, each at its own phase of the clock.  KIND driven (default): by noise, so that
+ * no window settles and each is found from nothing; free: they swing on, and windows are brought up
+ * to date.  Every second, and once all is closed, a line on stdout:
  *
  *     {"s","streams","pushed","acknowledged","dropped","spilled","refused",   of all of them
  *      "live",                             streams that have a live result
@@ -36,6 +37,7 @@ struct simulation {
 static struct simulation all[STREAMS_MOST];
 static int streams, channels;
 static double rate;
+static int is_free;
 
 static double now(void)
 {
@@ -54,14 +56,16 @@ static double noise(struct simulation *of)
     return (double)((of->dice * 0x2545f4914f6cdd1dULL) >> 11) * 0x1p-52 - 1;
 }
 
-/* The next sample: modes of a tenth and a fifth of the rate, 1 % of critical damping. */
+/* The next sample: modes of a tenth and a fifth of the rate, of 1 % of critical damping where they
+ * are driven, of none where they are free. */
 static void step(struct simulation *of, double *y)
 {
     const double tau = 6.283185307179586;
 
     for (int m = 0; m < MODES; m++) {
-        double w = tau * (m + 1) / 10, radius = exp(-0.01 * w);
-        double x = 2 * radius * cos(w) * of->x[m][0] - radius * radius * of->x[m][1] + noise(of);
+        double w = tau * (m + 1) / 10, radius = is_free ? 1 : exp(-0.01 * w);
+        double x = 2 * radius * cos(w) * of->x[m][0] - radius * radius * of->x[m][1]
+                 + (is_free ? 0 : noise(of));
         of->x[m][1] = of->x[m][0];
         of->x[m][0] = x;
     }
@@ -130,6 +134,8 @@ static int open_all(const char *folder, int first)
         char name[32];
         snprintf(name, sizeof name, "many-%d", first + k);
         all[k].dice = 88172645463325252ULL + (unsigned long long)(first + k) * 7919;
+        for (int m = 0; is_free && m < MODES; m++)
+            all[k].x[m][0] = 1 + m + noise(&all[k]) / 2;
         all[k].s = modald_open(name, channels, 1 / rate);
         if (folder != NULL) {
             snprintf(path, sizeof path, "%s/%s", folder, name);
@@ -164,10 +170,11 @@ int main(int argc, char **argv)
     streams = argc > 4 ? atoi(argv[1]) : 0;
     channels = argc > 4 ? atoi(argv[2]) : 0;
     rate = argc > 4 ? atof(argv[3]) : 0;
+    is_free = argc > 7 && strcmp(argv[7], "free") == 0;
     if (streams < 1 || streams > STREAMS_MOST || channels < 1 || channels > CHANNELS_MOST
         || !(rate > 0) || !open_all(argc > 5 && *argv[5] != 0 ? argv[5] : NULL,
                                     argc > 6 ? atoi(argv[6]) : 0)) {
-        fprintf(stderr, "many_streams STREAMS CHANNELS RATE SECONDS [FOLDER [FIRST]]; "
+        fprintf(stderr, "many_streams STREAMS CHANNELS RATE SECONDS [FOLDER [FIRST [KIND]]]; "
                         "$MODALD_URL\n");
         return 2;
     }

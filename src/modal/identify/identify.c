@@ -61,6 +61,12 @@ enum { TRIPLETS_FIRST = 16, TRIPLETS_MOST = 64, TRIPLETS_LONG = 32, LONG = 4096 
  * they are doubled: it is thrown away, and costs seconds. */
 enum { VERY_LONG = 32768 };
 
+/* A pencil reads its record dozens of times, with many times its memory. Nearly all modes are told
+ * by the head of a very long one, and a fit to GROW times the rows can begin there: it is in reach
+ * of their errors, which for a frequency fall with rows^(3/2), and what only more rows tell stands
+ * out of what it leaves. */
+enum { HEAD = 16384, GROW = 8 };
+
 /* What is searched from above: at most so many signals, found for so many multiplications; and
  * where many modes are seen to be there. */
 enum { SIGNALS_MOST = 256, MANY_MOST = 1024, LAG = 5 };
@@ -393,13 +399,15 @@ static enum modal_status project(struct work *w, struct identify_result *out,
     return rc;
 }
 
-/* Can so many triplets of a Hankel matrix of so many rows be had for the work? */
+/* Can so many triplets of a Hankel matrix of so many rows be had for the work? Many modes of a
+ * very long record are found in its head. */
 static bool affords(const struct work *w, int rows, int triplets)
 {
+    bool many = w->many && w->X->m < GROW * HEAD;
     double k = triplets, side = (double)rows * w->X->n + w->X->m - rows;
 
-    return k <= (w->many ? MANY_MOST : SIGNALS_MOST)
-        && side * k * k <= (w->many ? MANY_WORK : SIGNALS_WORK);
+    return k <= (many ? MANY_MOST : SIGNALS_MOST)
+        && side * k * k <= (many ? MANY_WORK : SIGNALS_WORK);
 }
 
 /* Rows for many triplets, and for those that cannot be had of as many rows as few need: as high
@@ -638,6 +646,14 @@ static bool cut_off(const struct work *w)
         > ORDER_POOR * safe_matrix_norm(w->data.Y);
 }
 
+/* Is this a very long record that begins with what is no free response? Then there is no set of
+ * modes for a search to end at, what drives it has signals without end, and all of the work there
+ * may be was spent on them. */
+static bool driven(const struct work *w)
+{
+    return w->rec.proposed[1] > 0 && w->opt.window[0] != WINDOW_AUTO && w->X->m > VERY_LONG;
+}
+
 /* The ladder within what is left of the work; a rank that was given is refined to its end. */
 static enum modal_status climb(struct work *w, const struct order_source *source,
                                struct order_options *opt, struct modal_error *err)
@@ -645,7 +661,8 @@ static enum modal_status climb(struct work *w, const struct order_source *source
     enum modal_status rc;
 
     opt->cut = w->data.Y->m > VERY_LONG && more_triplets(w) ? w->pencil.count : 0;
-    opt->work = w->opt.rank.rule != RANK_AUTO ? 0 : w->trial ? fmax(WORK_TRIAL - w->spent, DBL_MIN)
+    opt->work = w->opt.rank.rule != RANK_AUTO ? 0
+              : w->trial || driven(w) ? fmax(WORK_TRIAL - w->spent, DBL_MIN)
               : fmax((w->data.Y->m > VERY_LONG ? WORK_LONG : WORK_MOST) - w->spent, WORK_LEAST);
     order_done(&w->choice);
     rc = order_choose(&w->data, source, opt, &w->choice, err);
@@ -800,7 +817,8 @@ static enum modal_status choose_from_above(struct work *w, struct identify_resul
     struct pencil few = w->pencil, all;
     enum modal_status rc;
 
-    if (w->projected || !w->refine || w->opt.rank.rule != RANK_AUTO || w->opt.rank.most > 0)
+    if (w->projected || !w->refine || w->opt.rank.rule != RANK_AUTO || w->opt.rank.most > 0
+        || driven(w))
         return MODAL_OK;
     all = w->pencil;
     rc = begins_at(w, out) != NULL ? MODAL_OK : pencil_of_all(w, &all, err);
@@ -834,16 +852,10 @@ static enum modal_status keep_chosen(const struct work *w, struct identify_chose
 
 /* ---- very long records ---- */
 
-/* A pencil reads its record dozens of times, with many times its memory. Nearly all modes are told
- * by the head of a very long one, and a fit to GROW times the rows can begin there: it is in reach
- * of their errors, which for a frequency fall with rows^(3/2), and what only more rows tell stands
- * out of what it leaves. */
-enum { HEAD = 16384, GROW = 8 };
-
 static bool begins_at_head(const struct work *w)
 {
     return w->X->m >= GROW * HEAD && !wants_projection(w) && w->opt.rows == 0
-        && w->opt.rank.rule == RANK_AUTO && w->opt.rank.most == 0;
+        && w->opt.rank.rule == RANK_AUTO && w->opt.rank.most == 0 && !driven(w);
 }
 
 /* ROWS of all are searched. */

@@ -134,6 +134,22 @@ TEST(a_window_that_was_not_asked_for_is_told_with_advice_and_not_used)
     free(y);
 }
 
+/* Its rows are looked at in means of many samples. */
+TEST(a_very_long_record_is_cut_as_well)
+{
+    struct random rng = { 6 };
+    struct strike s = { .samples = 150000, .channels = 1, .modes = 2, .begin = 40000, .duration = 9,
+                        .noise = 0.01, .lambda = { CMPLX(-3e-5, 0.3), CMPLX(-5e-5, 0.7) },
+                        .shape = { { 1 }, { 0.5 } } };
+    double *y = strike_signals(&s, &rng);
+    struct identify_result r = identified(y, s.samples, s.channels, WINDOW_AUTO, 0);
+
+    CHECK(r.proposed[0] >= 40009 && r.proposed[0] < 45000 && r.mode_count == 2);
+    CHECK(shows(&r, s.lambda[0], 4) && shows(&r, s.lambda[1], 4));
+    identify_result_done(&r);
+    free(y);
+}
+
 /* From where the amplitude is twice the noise to where it is a fifth of it. */
 TEST(what_is_proposed_ends_where_white_noise_is_left)
 {

@@ -276,20 +276,18 @@ static void read_monitor(struct link *link)
     zmq_msg_close(&frame);
 }
 
-/* Sleep until something happens, at most SECONDS. */
-static void sleep_on(struct link *link, double seconds)
+void link_sleep(struct link *link, int fd, double seconds)
 {
     double s = fmin(fmax(seconds, 0), 1000);
+    zmq_pollitem_t items[] = {
+        { NULL, fd, ZMQ_POLLIN, 0 },
+        { link->socket, 0, ZMQ_POLLIN, 0 }, { link->monitor, 0, ZMQ_POLLIN, 0 }
+    };
+    int first = fd < 0;
 
-    if (link->socket != NULL) {
-        zmq_pollitem_t items[] = {
-            { link->socket, 0, ZMQ_POLLIN, 0 }, { link->monitor, 0, ZMQ_POLLIN, 0 }
-        };
-        zmq_poll(items, 2, (long)ceil(1000 * s));
-    } else {
+    if (link->socket == NULL)
         s = fmin(s, fmax(link->begin_at - link_now(), 0));
-        nanosleep(&(struct timespec) { (time_t)s, (long)(1e9 * (s - floor(s))) }, NULL);
-    }
+    zmq_poll(items + first, (link->socket != NULL ? 3 : 1) - first, (long)ceil(1000 * s));
     read_monitor(link);
 }
 
@@ -533,7 +531,7 @@ enum modal_status link_send(struct link *link, const struct link_ask *ask, doubl
         }
         if (link->lost)
             renew(link);
-        sleep_on(link, fmin(deadline - now, link->ready ? 0.002 : 0.1));
+        link_sleep(link, -1, fmin(deadline - now, link->ready ? 0.002 : 0.1));
     }
     free(header);
     return rc;
@@ -553,7 +551,7 @@ enum modal_status link_receive(struct link *link, double deadline, struct link_m
         double now = link_now();
         if (now >= deadline)
             return modal_fail(err, MODAL_TIMEOUT, "%s: nothing came in time", link->endpoint);
-        sleep_on(link, fmin(deadline - now, 1));
+        link_sleep(link, -1, fmin(deadline - now, 1));
     }
 }
 
@@ -604,7 +602,7 @@ static enum modal_status wait_answer(struct link *link, const struct link_ask *a
             return link->ready ? modal_fail(err, MODAL_TIMEOUT, "%s: no answer to %s in time",
                                             link->endpoint, ask->verb)
                                : nobody(link, err);
-        sleep_on(link, fmin(deadline - now, state.sent ? 1 : 0.05));
+        link_sleep(link, -1, fmin(deadline - now, state.sent ? 1 : 0.05));
     }
 }
 

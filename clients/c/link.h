@@ -72,6 +72,10 @@ enum modal_status link_send(struct link *link, const struct link_ask *ask, doubl
 enum modal_status link_receive(struct link *link, double deadline, struct link_message *out,
                                struct modal_error *err);
 
+/* Sleep until a message may have come, FD (-1: none) can be read, or SECONDS are over: for a loop
+ * that waits for others too. */
+void link_sleep(struct link *link, int fd, double seconds);
+
 /* An ERROR message as status, text and detail. */
 enum modal_status link_error(const struct link_message *message, cJSON **detail,
                              struct modal_error *err);

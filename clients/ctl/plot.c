@@ -1,32 +1,13 @@
-/* plot.c - see plot.h
- *
- * A channel's reconstruction is drawn from a free least-squares fit of the found exponents to it,
- * over at most 600 samples,
- *
- *     y(t) = sum_j e^{sigma_j t} (a_j cos w_j t + b_j sin w_j t),                               (1)
- *
- * solved by QR (LAPACK dgels) with its columns scaled: it shows whether these exponents can carry
- * the channel.
- */
+/* plot.c - see plot.h */
 #include "plot.h"
-#include <errno.h>
-#include <lapacke.h>
 #include <math.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <strings.h>
 #include "field.h"
-#include "option.h"
-#include "svg.h"
 
-enum {
-    ORBIT_POINTS = 400,          /* of a closed curve: chords of a pixel */
-    SHOWN_SAMPLES = 600          /* of a channel: more than a panel has pixels */
-};
+enum { ORBIT_POINTS = 400 };     /* of a closed curve: chords of a pixel */
 /* |X_k| below it is not drawn: rounding of a motion of order 1, and 16 decades on one axis. */
 static const double SIZE_LEAST = 1e-16;
-static const char suffix[] = ".svg";
 static const struct svg_axis empty = { "", 1, 0, false };
 
 static const cJSON *get(const cJSON *object, const char *key)
@@ -100,68 +81,10 @@ static void draw_stabilisation(struct svg *svg, const cJSON *result)
                 cJSON_IsNumber(get(pole, "mode")));
 }
 
-/* (1) fitted to Y (COUNT samples, STEP seconds apart), whose fit replaces it; false: it cannot
- * be. */
-static bool fit_channel(const cJSON *modes, double *y, int count, double step)
-{
-    int columns = 2 * cJSON_GetArraySize(modes), j = 0;
-    double *a = calloc((size_t)count * (size_t)columns + 1, sizeof *a), *copy,
-           *right = malloc((size_t)count * sizeof *right);
-    const cJSON *mode;
-    bool good = columns > 0 && columns <= count && a != NULL && right != NULL;
-
-    cJSON_ArrayForEach(mode, modes) {
-        double s = at(get(mode, "resolved_exponent"), 0), w = at(get(mode, "resolved_exponent"), 1),
-               last = s > 0 ? (count - 1) * step : 0;
-        /* each column's largest entry about 1 */
-        for (int i = 0; good && i < count; i++) {
-            double e = exp(s * (i * step - last));
-            a[(size_t)j * (size_t)count + (size_t)i] = e * cos(w * i * step);
-            a[(size_t)(j + 1) * (size_t)count + (size_t)i] = w != 0 ? e * sin(w * i * step)
-                                                                    : e * (1e-12 * (i % 2));
-        }
-        j += 2;
-    }
-    copy = good ? malloc((size_t)count * (size_t)columns * sizeof *copy) : NULL;
-    if (copy != NULL) {
-        memcpy(copy, a, (size_t)count * (size_t)columns * sizeof *copy);
-        memcpy(right, y, (size_t)count * sizeof *right);
-        good = LAPACKE_dgels(LAPACK_COL_MAJOR, 'N', count, columns, 1, copy, count, right, count)
-               == 0;
-        for (int i = 0; good && i < count; i++) {
-            y[i] = 0;
-            for (int c = 0; c < columns; c++)
-                y[i] += a[(size_t)c * (size_t)count + (size_t)i] * right[c];
-        }
-    }
-    good = good && copy != NULL;
-    free(a); free(copy); free(right);
-    return good;
-}
-
-static void draw_history(struct svg *svg, const cJSON *result, const struct input *input)
-{
-    const struct batch *b = &input->batch;
-    int count = b->samples < SHOWN_SAMPLES ? (int)b->samples : SHOWN_SAMPLES;
-    double t[SHOWN_SAMPLES], y[SHOWN_SAMPLES], fit[SHOWN_SAMPLES];
-    struct svg_panel p = panel_of("time, s", b->names ? b->names[0] : "channel 0");
-
-    for (int i = 0; i < count; i++) {
-        t[i] = i * b->dt;
-        y[i] = fit[i] = b->signals[(size_t)i * b->channels];
-        svg_hold(&p.x, t[i]);
-        svg_hold(&p.y, y[i]);
-    }
-    svg_panel(svg, &p);
-    svg_line(svg, &p, t, y, count, SVG_SOLID);
-    if (get(input->options, "band") == NULL && fit_channel(get(result, "modes"), fit, count, b->dt))
-        svg_line(svg, &p, t, fit, count, SVG_DASHED);
-}
-
 static bool plot_identify(struct svg *svg, FILE *file, const cJSON *result,
-                          const struct input *input)
+                          const struct plot_input *input)
 {
-    bool signals = input != NULL && input->batch.samples > 0;
+    bool signals = input != NULL && input->history != NULL;
     bool orders = cJSON_GetArraySize(get(result, "stabilisation")) > 0;
     char title[160];
 
@@ -172,45 +95,67 @@ static bool plot_identify(struct svg *svg, FILE *file, const cJSON *result,
     if (orders)
         draw_stabilisation(svg, result);
     if (signals)
-        draw_history(svg, result, input);
+        input->history(svg, result, input->of);
     return true;
 }
 
 /* ------------------------------------------------------------------ steady */
 
+/* The harmonics of a dof: X_k = re + i im, COUNT of them. */
+struct harmonics { int count; double *k, *re, *im; };
+
+static void harmonics_done(struct harmonics *h)
+{
+    free(h->k);
+    free(h->re);
+    free(h->im);
+}
+
+/* Read once: an entry of a list is found by walking to it.  Without memory there are none. */
+static struct harmonics harmonics_of(const cJSON *dof)
+{
+    struct harmonics h = { 0 };
+    size_t n[3] = { 0 };
+
+    if (json_get_numbers(dof, "", "k", -HUGE_VAL, HUGE_VAL, &h.k, &n[0], NULL) == MODAL_OK
+        && json_get_numbers(dof, "", "re", -HUGE_VAL, HUGE_VAL, &h.re, &n[1], NULL) == MODAL_OK
+        && json_get_numbers(dof, "", "im", -HUGE_VAL, HUGE_VAL, &h.im, &n[2], NULL) == MODAL_OK
+        && n[0] == n[1] && n[1] == n[2])
+        h.count = (int)n[0];
+    return h;
+}
+
 /* |X_k| of the first dof, and its orbit x, x'. */
-static void draw_spectrum(struct svg *svg, const cJSON *dof)
+static void draw_spectrum(struct svg *svg, const struct harmonics *h)
 {
     struct svg_panel p = panel_of("harmonic k", "|X_k|");
-    int n = cJSON_GetArraySize(get(dof, "k"));
 
     p.y.logarithmic = true;
-    for (int i = 0; i < n; i++) {
-        double size = hypot(at(get(dof, "re"), i), at(get(dof, "im"), i));
-        svg_hold(&p.x, at(get(dof, "k"), i));
+    for (int i = 0; i < h->count; i++) {
+        double size = hypot(h->re[i], h->im[i]);
+        svg_hold(&p.x, h->k[i]);
         svg_hold(&p.y, size > SIZE_LEAST ? size : NAN);
     }
     svg_panel(svg, &p);
-    for (int i = 0; i < n; i++) {
-        double k = at(get(dof, "k"), i), size = hypot(at(get(dof, "re"), i), at(get(dof, "im"), i));
+    for (int i = 0; i < h->count; i++) {
+        double k = h->k[i], size = hypot(h->re[i], h->im[i]);
         svg_line(svg, &p, (double[]) { k, k }, (double[]) { p.y.low, size }, 2, SVG_SOLID);
         svg_dot(svg, &p, k, size, true);
     }
 }
 
-static void draw_orbit(struct svg *svg, const cJSON *dof, double omega)
+static void draw_orbit(struct svg *svg, const struct harmonics *h, const char *name, double omega)
 {
-    struct svg_panel p = panel_of(cJSON_GetStringValue(get(dof, "dof")), "its velocity");
-    int n = cJSON_GetArraySize(get(dof, "k"));
+    struct svg_panel p = panel_of(name, "its velocity");
     double x[ORBIT_POINTS + 1], v[ORBIT_POINTS + 1];
 
     for (int j = 0; j <= ORBIT_POINTS; j++) {
         double theta = 2 * M_PI * j / ORBIT_POINTS;
         x[j] = v[j] = 0;
-        for (int i = 0; i < n; i++) {
-            double k = at(get(dof, "k"), i), re = at(get(dof, "re"), i), im = at(get(dof, "im"), i);
-            x[j] += re * cos(k * theta) - im * sin(k * theta);
-            v[j] -= k * omega * (re * sin(k * theta) + im * cos(k * theta));
+        for (int i = 0; i < h->count; i++) {
+            double k = h->k[i], c = cos(k * theta), s = sin(k * theta);
+            x[j] += h->re[i] * c - h->im[i] * s;
+            v[j] -= k * omega * (h->re[i] * s + h->im[i] * c);
         }
         svg_hold(&p.x, x[j]);
         svg_hold(&p.y, v[j]);
@@ -222,13 +167,13 @@ static void draw_orbit(struct svg *svg, const cJSON *dof, double omega)
 /* The largest |X_k|, k >= 1, of the first dof reported. */
 static double size_of(const cJSON *point)
 {
-    const cJSON *dof = cJSON_GetArrayItem(get(point, "harmonics"), 0);
+    struct harmonics h = harmonics_of(cJSON_GetArrayItem(get(point, "harmonics"), 0));
     double most = NAN;
 
-    for (int i = 0; i < cJSON_GetArraySize(get(dof, "k")); i++)
-        if (at(get(dof, "k"), i) > 0)
-            most = fmax(isnan(most) ? 0 : most,
-                        hypot(at(get(dof, "re"), i), at(get(dof, "im"), i)));
+    for (int i = 0; i < h.count; i++)
+        if (h.k[i] > 0)
+            most = fmax(isnan(most) ? 0 : most, hypot(h.re[i], h.im[i]));
+    harmonics_done(&h);
     return most;
 }
 
@@ -314,7 +259,8 @@ static void draw_curve(struct svg *svg, const cJSON *result)
                  (double[]){ p.y.low, p.y.high }, 2, SVG_THIN);
 }
 
-static bool plot_steady(struct svg *svg, FILE *file, const cJSON *result, const struct input *input)
+static bool plot_steady(struct svg *svg, FILE *file, const cJSON *result,
+                        const struct plot_input *input)
 {
     const cJSON *dof = cJSON_GetArrayItem(get(result, "harmonics"), 0);
 
@@ -333,8 +279,10 @@ static bool plot_steady(struct svg *svg, FILE *file, const cJSON *result, const 
     if (dof == NULL)
         return false;
     svg_begin(svg, file, 2, "spectrum and orbit");
-    draw_spectrum(svg, dof);
-    draw_orbit(svg, dof, number(result, "omega"));
+    struct harmonics h = harmonics_of(dof);
+    draw_spectrum(svg, &h);
+    draw_orbit(svg, &h, field_word(dof, "dof", "-"), number(result, "omega"));
+    harmonics_done(&h);
     return true;
 }
 
@@ -368,7 +316,7 @@ static void draw_plane(struct svg *svg, const cJSON *list, const char *x, const 
 }
 
 static bool plot_floquet(struct svg *svg, FILE *file, const cJSON *result,
-                         const struct input *input)
+                         const struct plot_input *input)
 {
     const cJSON *multipliers = get(result, "multipliers"), *exponents = get(result, "exponents");
 
@@ -385,7 +333,7 @@ static bool plot_floquet(struct svg *svg, FILE *file, const cJSON *result,
 }
 
 static bool plot_tradeoff(struct svg *svg, FILE *file, const cJSON *result,
-                          const struct input *input)
+                          const struct plot_input *input)
 {
     struct svg_panel p = panel_of("CPU seconds", "relative error");
     const cJSON *rung,
@@ -513,7 +461,8 @@ static void draw_roots(struct svg *svg, const cJSON *result)
             svg_dot(svg, &p, at(pair, 0), at(pair, 1), at(pair, 0) < 0);
 }
 
-static bool plot_sweep(struct svg *svg, FILE *file, const cJSON *result, const struct input *input)
+static bool plot_sweep(struct svg *svg, FILE *file, const cJSON *result,
+                       const struct plot_input *input)
 {
     const cJSON *grid = get(result, "grid") ? get(result, "grid")
                         : input             ? get(input->scene, "grid")
@@ -536,45 +485,33 @@ static bool plot_sweep(struct svg *svg, FILE *file, const cJSON *result, const s
 
 static const struct {
     const char *kind;
-    bool (*plot)(struct svg *, FILE *, const cJSON *, const struct input *);
+    bool (*plot)(struct svg *, FILE *, const cJSON *, const struct plot_input *);
 } plots[] = {
     { "identify", plot_identify }, { "steady", plot_steady }, { "curve", plot_steady },
     { "backbone", plot_steady }, { "floquet", plot_floquet },
     { "tradeoff", plot_tradeoff }, { "sweep", plot_sweep },
 };
 
-enum modal_status plot_path_check(const char *path, struct modal_error *err)
+bool plot_is_of(const char *kind)
 {
-    size_t length = strlen(path), own = strlen(suffix);
-
-    if (length > own && strcasecmp(path + length - own, suffix) == 0)
-        return MODAL_OK;
-    return modal_fail_field(err, MODAL_BAD_INPUT, "plot", "%.300s: pictures are SVG; accepted: "
-                            "FILE.svg, or - for stdout (not of what is watched)", path);
+    for (size_t i = 0; i < sizeof plots / sizeof plots[0]; i++)
+        if (strcmp(plots[i].kind, kind) == 0)
+            return true;
+    return false;
 }
 
-enum modal_status plot_result(const char *path, const char *kind, const cJSON *result,
-                              const struct input *input, struct modal_error *err)
+enum modal_status plot_draw(FILE *file, const char *kind, const cJSON *result,
+                            const struct plot_input *input, struct modal_error *err)
 {
     struct svg svg;
-    bool drawn = false, to_stdout = strcmp(path, "-") == 0;
-    FILE *file = to_stdout ? stdout : fopen(path, "we");
+    bool drawn = false;
 
-    if (file == NULL)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "plot", "%s: %s", path, strerror(errno));
     for (size_t i = 0; i < sizeof plots / sizeof plots[0]; i++)
         if (strcmp(plots[i].kind, kind) == 0)
             drawn = plots[i].plot(&svg, file, result, input);
-    if (drawn)
-        svg_end(&svg);
-    bool written = !ferror(file);
-    if ((to_stdout ? fflush(file) : fclose(file)) != 0 || !written)
-        return modal_fail(err, MODAL_IO, "%s: %s", path, strerror(errno));
-    if (!drawn) {
-        if (!to_stdout)
-            remove(path);
+    if (!drawn)
         return modal_fail_field(err, MODAL_BAD_INPUT, "plot", "a result of %s has no picture",
                                 kind);
-    }
+    svg_end(&svg);
     return MODAL_OK;
 }

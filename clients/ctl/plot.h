@@ -11,15 +11,24 @@
  */
 #ifndef CTL_PLOT_H
 #define CTL_PLOT_H
-#include "input.h"
+#include "base/error.h"
+#include "base/json.h"
+#include "svg.h"
 
-/* Is PATH a name for a picture in a file: FILE.svg?  Else MODAL_BAD_INPUT, field "plot". */
-enum modal_status plot_path_check(const char *path, struct modal_error *err);
+/* What a picture may show beside the result; all borrowed. */
+struct plot_input {
+    /* draws one panel more of an identification: its signals.  NULL: they are not at hand */
+    void (*history)(struct svg *svg, const cJSON *result, const void *of);
+    const void *of;
+    const cJSON *scene;      /* of a sweep whose result has no grid; NULL: none */
+};
 
-/* Draw RESULT of a job of KIND into the file PATH, "-" for stdout.
- * INPUT is what it ran on, NULL: not at hand.
- * MODAL_BAD_INPUT, field "plot": nothing to draw in this kind of result; MODAL_IO. */
-enum modal_status plot_result(const char *path, const char *kind, const cJSON *result,
-                              const struct input *input, struct modal_error *err);
+/* Has a result of KIND a picture? */
+bool plot_is_of(const char *kind);
+
+/* Draw RESULT of a job of KIND into FILE, whose failures are FILE's to tell; INPUT may be NULL.
+ * MODAL_BAD_INPUT, field "plot": nothing to draw in this kind of result. */
+enum modal_status plot_draw(FILE *file, const char *kind, const cJSON *result,
+                            const struct plot_input *input, struct modal_error *err);
 
 #endif

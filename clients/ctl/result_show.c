@@ -4,7 +4,7 @@
 #include "field.h"
 #include "outcome.h"
 #include "output.h"
-#include "plot.h"
+#include "plot_file.h"
 #include "result_csv.h"
 #include "show.h"
 

@@ -9,7 +9,7 @@
 #include "field.h"
 #include "live_modes.h"
 #include "live_plot.h"
-#include "plot.h"
+#include "plot_file.h"
 #include "remote.h"
 #include "verbs.h"
 

@@ -1,0 +1,123 @@
+/* plot_file.c - see plot_file.h
+ *
+ * A channel's reconstruction is drawn from a free least-squares fit of the found exponents to it,
+ * over at most 600 samples,
+ *
+ *     y(t) = sum_j e^{sigma_j t} (a_j cos w_j t + b_j sin w_j t),                               (1)
+ *
+ * solved by QR (LAPACK dgels) with its columns scaled: it shows whether these exponents can carry
+ * the channel.
+ */
+#include "plot_file.h"
+#include <errno.h>
+#include <lapacke.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+#include "plot.h"
+
+enum { SHOWN_SAMPLES = 600 };    /* of a channel: more than a panel has pixels */
+static const char suffix[] = ".svg";
+
+static const cJSON *get(const cJSON *object, const char *key)
+{
+    return cJSON_GetObjectItemCaseSensitive(object, key);
+}
+
+static double at(const cJSON *list, int i)
+{
+    const cJSON *item = cJSON_GetArrayItem(list, i);
+
+    return cJSON_IsNumber(item) ? item->valuedouble : NAN;
+}
+
+/* (1) fitted to Y (COUNT samples, STEP seconds apart), whose fit replaces it; false: it cannot
+ * be. */
+static bool fit_channel(const cJSON *modes, double *y, int count, double step)
+{
+    int columns = 2 * cJSON_GetArraySize(modes), j = 0;
+    double *a = calloc((size_t)count * (size_t)columns + 1, sizeof *a), *copy,
+           *right = malloc((size_t)count * sizeof *right);
+    const cJSON *mode;
+    bool good = columns > 0 && columns <= count && a != NULL && right != NULL;
+
+    cJSON_ArrayForEach(mode, modes) {
+        double s = at(get(mode, "resolved_exponent"), 0), w = at(get(mode, "resolved_exponent"), 1),
+               last = s > 0 ? (count - 1) * step : 0;
+        /* each column's largest entry about 1 */
+        for (int i = 0; good && i < count; i++) {
+            double e = exp(s * (i * step - last));
+            a[(size_t)j * (size_t)count + (size_t)i] = e * cos(w * i * step);
+            a[(size_t)(j + 1) * (size_t)count + (size_t)i] = w != 0 ? e * sin(w * i * step)
+                                                                    : e * (1e-12 * (i % 2));
+        }
+        j += 2;
+    }
+    copy = good ? malloc((size_t)count * (size_t)columns * sizeof *copy) : NULL;
+    if (copy != NULL) {
+        memcpy(copy, a, (size_t)count * (size_t)columns * sizeof *copy);
+        memcpy(right, y, (size_t)count * sizeof *right);
+        good = LAPACKE_dgels(LAPACK_COL_MAJOR, 'N', count, columns, 1, copy, count, right, count)
+               == 0;
+        for (int i = 0; good && i < count; i++) {
+            y[i] = 0;
+            for (int c = 0; c < columns; c++)
+                y[i] += a[(size_t)c * (size_t)count + (size_t)i] * right[c];
+        }
+    }
+    good = good && copy != NULL;
+    free(a); free(copy); free(right);
+    return good;
+}
+
+static void draw_history(struct svg *svg, const cJSON *result, const void *of)
+{
+    const struct input *input = of;
+    const struct batch *b = &input->batch;
+    int count = b->samples < SHOWN_SAMPLES ? (int)b->samples : SHOWN_SAMPLES;
+    double t[SHOWN_SAMPLES], y[SHOWN_SAMPLES], fit[SHOWN_SAMPLES];
+    struct svg_panel p = { { "time, s", 1, 0, false },
+                           { b->names ? b->names[0] : "channel 0", 1, 0, false } };
+
+    for (int i = 0; i < count; i++) {
+        t[i] = i * b->dt;
+        y[i] = fit[i] = b->signals[(size_t)i * b->channels];
+        svg_hold(&p.x, t[i]);
+        svg_hold(&p.y, y[i]);
+    }
+    svg_panel(svg, &p);
+    svg_line(svg, &p, t, y, count, SVG_SOLID);
+    if (get(input->options, "band") == NULL && fit_channel(get(result, "modes"), fit, count, b->dt))
+        svg_line(svg, &p, t, fit, count, SVG_DASHED);
+}
+
+enum modal_status plot_path_check(const char *path, struct modal_error *err)
+{
+    size_t length = strlen(path), own = strlen(suffix);
+
+    if (length > own && strcasecmp(path + length - own, suffix) == 0)
+        return MODAL_OK;
+    return modal_fail_field(err, MODAL_BAD_INPUT, "plot", "%.300s: pictures are SVG; accepted: "
+                            "FILE.svg, or - for stdout (not of what is watched)", path);
+}
+
+enum modal_status plot_result(const char *path, const char *kind, const cJSON *result,
+                              const struct input *input, struct modal_error *err)
+{
+    bool to_stdout = strcmp(path, "-") == 0, signals = input != NULL && input->batch.samples > 0;
+    struct plot_input in = { signals ? draw_history : NULL, input, input ? input->scene : NULL };
+    FILE *file = to_stdout ? stdout : fopen(path, "we");
+    enum modal_status rc;
+
+    if (file == NULL)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "plot", "%s: %s", path, strerror(errno));
+    rc = plot_draw(file, kind, result, &in, err);
+    bool written = !ferror(file);
+    if ((to_stdout ? fflush(file) : fclose(file)) != 0 || !written)
+        return modal_fail(err, MODAL_IO, "%s: %s", path, strerror(errno));
+    if (rc != MODAL_OK && !to_stdout)
+        remove(path);
+    return rc;
+}

@@ -37,6 +37,22 @@ target_include_directories(ctl PUBLIC ${CMAKE_SOURCE_DIR}/clients)
 target_link_libraries(ctl PUBLIC house modald_client modald_stream_static job store wire PkgConfig::SNDFILE PkgConfig::ZLIB)
 program(modalctl clients/ctl/main.c ctl)
 
+# modald-web: where libmicrohttpd is.  It draws with modalctl's code and needs none of its numerics.
+pkg_check_modules(MICROHTTPD IMPORTED_TARGET libmicrohttpd>=0.9.75)
+if(MICROHTTPD_FOUND)
+  set(W ${CMAKE_SOURCE_DIR}/clients/web)
+  file(GLOB web_sources CONFIGURE_DEPENDS ${W}/*.c)
+  list(FILTER web_sources EXCLUDE REGEX "/main\\.c$")
+  file(GLOB web_files CONFIGURE_DEPENDS ${W}/*.css ${W}/*.js ${W}/*.svg ${W}/uplot/*)
+  set_source_files_properties(${W}/files.c PROPERTIES COMPILE_DEFINITIONS WEB_FOLDER="${W}" OBJECT_DEPENDS "${web_files}")
+  add_library(web STATIC ${web_sources})
+  target_include_directories(web PUBLIC ${CMAKE_SOURCE_DIR}/clients)
+  target_link_libraries(web PUBLIC house ctl modald_client PkgConfig::MICROHTTPD)
+  program(modald-web clients/web/main.c web)
+else()
+  message(STATUS "modald-web is not built: libmicrohttpd is not here (Debian: libmicrohttpd-dev)")
+endif()
+
 # The manuals of scenes and results are what modalctl says of them.
 foreach(about scene result)
   set(page ${CMAKE_BINARY_DIR}/modald-${about}.5)

@@ -15,6 +15,7 @@ from conftest import BUILD, TOP, environment
 shipped = pytest.mark.skipif(b"__asan_init" in (BUILD / "bin" / "modalctl").read_bytes(),
                              reason="a build with sanitizers is not installed")
 PAGES = ["clients/ctl/modalctl.1", "systemd/modald.8", "systemd/modald-worker.8", "clients/slurm/modald-slurm.8",
+         "systemd/modald-web.8",
          "clients/c/modald_stream.3", "clients/c/examples/modald-rosco-bridge.1",
          "clients/c/examples/modald-mbdyn-listener.1"]
 UNITS = sorted((TOP / "systemd").glob("*.service"))
@@ -45,6 +46,8 @@ def test_everything_is_where_debian_expects_it(installed):
                  "share/man/man1/modalctl.1", "share/man/man8/modald.8",
                  "share/man/man8/modald-worker.8", "share/man/man8/modald-slurm.8",
                  "bin/modald-slurm", "lib/systemd/system/modald-slurm@.service", "share/man/man3/modald_stream.3",
+                 "share/man/man8/modald-web.8", "sbin/modald-web",
+                 "lib/systemd/system/modald-web.service",
                  "share/man/man5/modald-scene.5", "share/man/man5/modald-result.5",
                  "share/man/man7/modald-identify.7", "share/man/man7/modald-steady.7",
                  "share/man/man7/modald-live.7", "share/man/man7/modald-lab.7",

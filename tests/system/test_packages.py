@@ -21,7 +21,7 @@ DEBIAN = TOP / "systemd" / "debian"
 EARLIER = TOP / "tests" / "data" / "earlier"
 TOLD = json.loads((EARLIER / "told.json").read_text())
 PACKAGES = ["libmodald-client0", "libmodald-dev", "libmodald-stream0", "modalctl", "modald",
-            "modald-slurm", "python3-modald"]
+            "modald-slurm", "modald-web", "python3-modald"]
 OLDER = "0.0.9"
 
 

@@ -85,6 +85,8 @@ file(GLOB tutorials CONFIGURE_DEPENDS ${CMAKE_SOURCE_DIR}/clients/ctl/*.7)
 install(FILES ${tutorials} DESTINATION ${CMAKE_INSTALL_MANDIR}/man7)
 install(FILES ${C}/modald_stream.3 DESTINATION ${CMAKE_INSTALL_MANDIR}/man3)
 install(FILES ${CMAKE_SOURCE_DIR}/clients/ctl/modalctl.bash DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions RENAME modalctl)
+install(FILES ${CMAKE_SOURCE_DIR}/clients/ctl/modalctl.zsh DESTINATION ${CMAKE_INSTALL_DATADIR}/zsh/vendor-completions RENAME _modalctl)
+install(FILES ${CMAKE_SOURCE_DIR}/clients/ctl/modalctl.fish DESTINATION ${CMAKE_INSTALL_DATADIR}/fish/vendor_completions.d)
 install(DIRECTORY ${CMAKE_SOURCE_DIR}/clients/python/modald DESTINATION ${python}
   FILES_MATCHING PATTERN "*.py" PATTERN "py.typed" PATTERN "__pycache__" EXCLUDE)
 install(DIRECTORY ${CMAKE_SOURCE_DIR}/proto/ DESTINATION ${CMAKE_INSTALL_DOCDIR}/proto)

@@ -56,7 +56,9 @@ def test_everything_is_where_debian_expects_it(installed):
                  "bin/modald-rosco-bridge", "bin/modald-mbdyn-listener",
                  "share/doc/modald/README.md", "share/doc/modald/examples/loop.c",
                  "share/doc/modald/proto/PROTOCOL.md",
-                 "share/bash-completion/completions/modalctl"):
+                 "share/bash-completion/completions/modalctl",
+                 "share/zsh/vendor-completions/_modalctl",
+                 "share/fish/vendor_completions.d/modalctl.fish"):
         assert (installed / name).exists(), name
     assert list(installed.glob("lib/python3*/dist-packages/modald/client.py"))
 
@@ -286,24 +288,51 @@ def test_the_example_configuration_is_accepted(tmp_path):
     assert done.returncode == 0, done.stderr
 
 
-def complete(line):
-    """What bash offers at the end of LINE."""
+def in_bash(line):
     words = line.split(" ")
-    script = f'''source {TOP}/clients/ctl/modalctl.bash
+    return f'''source {TOP}/clients/ctl/modalctl.bash
 COMP_WORDS=({" ".join(f"'{w}'" for w in words)}); COMP_CWORD={len(words) - 1}; compopt() {{ :; }}
 _modalctl; printf '%s\\n' "${{COMPREPLY[@]}}"'''
-    env = environment(PATH=f"{BUILD}/bin:{os.environ['PATH']}")
-    return subprocess.run(["bash", "-c", script], capture_output=True, text=True,
-                          env=env).stdout.split()
 
 
-def test_completion_offers_verbs_kinds_options_and_states():
+def in_zsh(line):
+    """Its builtins for completion work in its line editor alone: here they say what they are given."""
+    words = line.split(" ")
+    return f'''compadd() {{ [[ $1 == -S ]] && shift 2; [[ $1 == -- ]] && shift
+for one in $@; do [[ $one == {words[-1]}* ]] && print -r -- $one; done; true }}
+_files() {{ print -r -- FILE }}
+words=({" ".join(f"'{w}'" for w in words)}); CURRENT={len(words)}
+source {TOP}/clients/ctl/modalctl.zsh'''
+
+
+def in_fish(line):
+    return f"source {TOP}/clients/ctl/modalctl.fish; complete -C '{line}'"
+
+
+@pytest.fixture(params=[("bash", in_bash), ("zsh", in_zsh), ("fish", in_fish)],
+                ids=["bash", "zsh", "fish"])
+def complete(request, tmp_path):
+    """What a shell offers at the end of a line."""
+    shell, script = request.param
+    if shutil.which(shell) is None:
+        pytest.skip(f"no {shell}")
+
+    def offered(line):
+        env = environment(PATH=f"{BUILD}/bin:{os.environ['PATH']}", HOME=tmp_path)
+        options = {"zsh": ["-f"], "fish": ["--no-config"]}.get(shell, [])
+        return subprocess.run([shell, *options, "-c", script(line)], capture_output=True,
+                              text=True, env=env, cwd=tmp_path).stdout.split()
+    return offered
+
+
+def test_completion_offers_verbs_kinds_options_and_states(complete):
     assert set(complete("modalctl ")) == set(verbs())
     assert complete("modalctl ident") == ["identify"]
     assert "tradeoff" in complete("modalctl submit ")
     assert set(complete("modalctl list --")) >= {f"--{option}" for option in options("list")}
     assert complete("modalctl list --state qu") == ["queued"]
     assert "rank.fixed=" in complete("modalctl identify a.h5 -o rank.f")
+    assert not set(complete("modalctl identify ")) & set(verbs())
 
 
 @pytest.mark.parametrize("unit", UNITS, ids=lambda p: p.name)

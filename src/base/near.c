@@ -41,6 +41,19 @@ static bool may_mean(const char *word, const char *name)
     return length > 1 && (strncmp(word, name, length) == 0 || distance(word, name, most) <= most);
 }
 
+/* NAME behind what OUT suggests, of which USED bytes are written; how many are then. */
+static size_t suggest(char out[NEAR_TEXT], size_t used, const char *name)
+{
+    return used + (size_t)snprintf(out + used, NEAR_TEXT - used, "%s%s",
+                                   used > 0 ? ", " : "; did you mean ", name);
+}
+
+static void end_suggestions(char out[NEAR_TEXT], size_t used)
+{
+    if (used > 0 && used < NEAR_TEXT - 1)
+        memcpy(out + used, "?", sizeof "?");
+}
+
 void near_text(const char *word, const char *const *names, char out[NEAR_TEXT])
 {
     size_t used = 0;
@@ -48,10 +61,33 @@ void near_text(const char *word, const char *const *names, char out[NEAR_TEXT])
     out[0] = '\0';
     for (; *names != NULL && used < NEAR_TEXT; names++)
         if (may_mean(word, *names))
-            used += (size_t)snprintf(out + used, NEAR_TEXT - used, "%s%s",
-                                     used > 0 ? ", " : "; did you mean ", *names);
-    if (used > 0 && used < NEAR_TEXT - 1)
-        memcpy(out + used, "?", sizeof "?");
+            used = suggest(out, used, *names);
+    end_suggestions(out, used);
+}
+
+/* Are A and B the same but for digits? */
+static bool differ_in_digits(const char *a, const char *b)
+{
+    static const char digits[] = "0123456789";
+
+    do {
+        a += strspn(a, digits);
+        b += strspn(b, digits);
+        if (*a != *b)
+            return false;
+    } while (*a++ != 0 && *b++ != 0);
+    return true;
+}
+
+void near_given(const char *word, const char *const *names, size_t count, char out[NEAR_TEXT])
+{
+    size_t used = 0;
+
+    out[0] = '\0';
+    for (size_t i = 0; i < count && used < NEAR_TEXT; i++)
+        if (names[i] != NULL && may_mean(word, names[i]) && !differ_in_digits(word, names[i]))
+            used = suggest(out, used, names[i]);
+    end_suggestions(out, used);
 }
 
 void near_accepted(const char *word, const char *const *names, char out[NEAR_ACCEPTED])

@@ -11,6 +11,10 @@ enum { NEAR_TEXT = 160 };            /* room for the words that a message sugges
  */
 void near_text(const char *word, const char *const *names, char out[NEAR_TEXT]);
 
+/* The same of COUNT names that people gave, of dofs and channels.  NULL is no name; what differs
+ * from WORD in its digits alone is another of a row, and not meant. */
+void near_given(const char *word, const char *const *names, size_t count, char out[NEAR_TEXT]);
+
 enum { NEAR_ACCEPTED = 800 };        /* room for these and all that is accepted */
 
 /* The same, then "; accepted: " and all NAMES: how a message ends that refuses a word. */

@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/near.h"
 
 enum {
     LIST_MOST = 160,                     /* bytes of channels in a message: they share it with its
@@ -148,16 +149,18 @@ static enum modal_status no_such_channel(const struct batch *b, const char *key,
                                          const cJSON *name, struct modal_error *err)
 {
     const char *words = strcmp(key, "signals") == 0 ? "\"pod\", \"all\", " : "";
-    char list[256] = "";
+    char list[256] = "", meant[NEAR_TEXT];
 
     for (size_t c = 0; b->names != NULL && c < b->channels && strlen(list) < LIST_MOST; c++)
         snprintf(list + strlen(list), sizeof list - strlen(list), ", \"%.40s\"",
                  b->names[c] != NULL ? b->names[c] : "");
-    if (cJSON_IsString(name))
+    if (cJSON_IsString(name)) {
+        near_given(name->valuestring, b->names, b->names != NULL ? b->channels : 0, meant);
         return modal_fail_field(
             err, MODAL_BAD_INPUT, key,
-            "%s: no channel \"%.60s\"; accepted: %sindices below %zu%s",
-            key, name->valuestring, words, b->channels, list);
+            "%s: no channel \"%.60s\"%s; accepted: %sindices below %zu%s",
+            key, name->valuestring, meant, words, b->channels, list);
+    }
     return modal_fail_field(
         err, MODAL_BAD_INPUT, key,
         "%s: accepted: %s%schannels by name or index below %zu%s",

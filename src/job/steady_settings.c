@@ -3,6 +3,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/near.h"
 #include "modal/scene/orbit.h"
 #include "modal/scene/program.h"
 #include "modal/steady/condense.h"
@@ -82,13 +83,16 @@ const struct key_row steady_curve_rows[] = {
 static enum modal_status read_dof(const cJSON *item, const char *path, const struct program *p,
                                   int *out, struct modal_error *err)
 {
-    int dof = cJSON_IsString(item) ? program_dof(p, item->valuestring) : -1;
+    const char *name = cJSON_IsString(item) ? item->valuestring : "this";
+    int dof = cJSON_IsString(item) ? program_dof(p, name) : -1;
+    char meant[NEAR_TEXT];
 
-    if (dof < 0)
+    if (dof < 0) {
+        near_given(name, (const char *const *)p->dofs, (size_t)p->n, meant);
         return modal_fail_field(err, MODAL_BAD_INPUT, path,
-                                "%s is no dof of this scene; its dofs are %s, ... %s",
-                                cJSON_IsString(item) ? item->valuestring : "this", p->dofs[0],
-                                p->dofs[p->n - 1]);
+                                "%.40s is no dof of this scene%s; its dofs are %s, ... %s", name,
+                                meant, p->dofs[0], p->dofs[p->n - 1]);
+    }
     *out = dof;
     return MODAL_OK;
 }

@@ -35,6 +35,13 @@ def slips():
     yield "of a tradeoff", ["tradeoff", "stedy", "s.json"], "steady"
     yield "an array", ["identify", "y.h5", "--dataset", "acel"], "accel"
     yield "a topic", ["help", "scenes"], "scene"
+    yield "a channel", ["identify", "named.h5", "-o", "signals=tipp"], "tip"
+    named = {"type": "matrices", "M": [[1, 0], [0, 1]], "K": [[2, -1], [-1, 2]], "dofs": ["hub", "blade"]}
+    yield "a dof of an effect", ["steady", {"structure": named, "effects": [{**SCENE["effects"][0], "dof": "hbu"}]}], "hub"
+    yield "a dof of a report", ["steady", {"structure": named, "effects": [], "excitation": [{"dof": "hub", "cos": 1}],
+                                           "steady": {"dofs": ["blad"]}}], "blade"
+    yield "a dof of the start", ["steady", {"structure": named, "effects": [], "excitation": [],
+                                            "initial": {"x": {"Blade": 1}}}], "blade"
     for name, change, meant in [
             ("key", {"exitation": []}, "excitation"), ("structure", {"structure": {**chain, "type": "chian"}}, "chain"),
             ("structure key", {"structure": {**chain, "damper": [0, 0]}}, "dampers"), ("effect", {"effects": [{**damper, "type": "dampr"}]}, "damper"),
@@ -50,6 +57,9 @@ def test_a_slip_is_asked_after(tmp_path, words, meant):
     with h5py.File(tmp_path / "y.h5", "w") as file:
         file["accel"] = np.random.default_rng(5).normal(size=(50, 2))
         file["velocity"] = np.zeros((50, 2))
+    with h5py.File(tmp_path / "named.h5", "w") as file:
+        signals = file.create_dataset("signals", data=np.random.default_rng(5).normal(size=(50, 2)))
+        signals.attrs.update({"dt": 0.1, "channels": ["root", "tip"]})
     if isinstance(words[-1], dict):
         (tmp_path / "wrong.json").write_text(changed(**words[-1]))
         words = [*words[:-1], "wrong.json"]
@@ -77,3 +87,21 @@ def test_a_kind_that_the_daemon_does_not_know_is_asked_after(ctl, daemon, tmp_pa
     for words in (["submit", "stedy", tmp_path / "s.json"], ["submit", "--from", tmp_path / "list.jsonl"]):
         said = ctl(*words, server=daemon, one=False)
         assert said.status == 2 and "did you mean steady?; accepted: identify, " in said.out, (said.out, said.err)
+
+
+def test_a_dof_of_another_number_is_no_slip(tmp_path):
+    (tmp_path / "wrong.json").write_text(changed(
+        structure={"type": "chain", "masses": [1] * 20, "springs": [1] * 20 + [0]},
+        effects=[{**SCENE["effects"][0], "dof": "x99"}]))
+    said = refused(tmp_path, "modalctl", "--local", "steady", "wrong.json")
+    assert 'no dof "x99" in this structure; its dofs run from x1 to x20' in said
+
+
+def test_a_slip_in_a_role_is_asked_after(tmp_path):
+    key = "3HsCIKXTD=m]fq6PH.y&T&02][FEcKq$duR0@0Z4"
+    for name, text in (("server.key", f'public-key = "{key}"\nsecret-key = "{key}"\n'), ("keys", f"{key} ann sumbit\n")):
+        (tmp_path / name).write_text(text)
+        (tmp_path / name).chmod(0o600)
+    (tmp_path / "modald.conf").write_text("data = d\nserver_key = server.key\nkeys = keys\n")
+    said = refused(tmp_path, "modald", "--check-config", "--config", "modald.conf")
+    assert "; did you mean submit?; accepted: read, submit, admin, worker" in said

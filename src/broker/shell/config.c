@@ -351,7 +351,7 @@ static enum modal_status read_key(struct config *c, char *line, const char *file
                                   struct modal_error *err)
 {
     struct account account = { .weight = 1 }, *all;
-    char *rest, *word = strtok_r(line, " \t\r", &rest);
+    char *rest, *word = strtok_r(line, " \t\r", &rest), list[NEAR_ACCEPTED];
     int role = 0;
 
     if (word == NULL || (word[0] == '#' && !is_z85(word)))
@@ -369,11 +369,11 @@ static enum modal_status read_key(struct config *c, char *line, const char *file
     word = strtok_r(NULL, " \t\r", &rest);
     while (word != NULL && wire_roles[role] != NULL && strcmp(wire_roles[role], word) != 0)
         role++;
-    if (word == NULL || wire_roles[role] == NULL || role == WIRE_ROLE_NONE)
-        return modal_fail_field(
-            err, MODAL_BAD_INPUT, "keys",
-            "%s:%d: the third word is not a role; accepted: read, submit, admin, worker", file,
-            number);
+    if (word == NULL || wire_roles[role] == NULL || role == WIRE_ROLE_NONE) {
+        near_accepted(word != NULL ? word : "", &wire_roles[WIRE_ROLE_READ], list);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "keys",
+                                "%s:%d: the third word is not a role%s", file, number, list);
+    }
     account.role = (enum wire_role)role;
     while ((word = strtok_r(NULL, " \t\r", &rest)) != NULL && word[0] != '#')
         if (!set_limit(&account, word))

@@ -7,6 +7,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/near.h"
 #include "modal/scene/scene.h"
 
 static const double WEIGHT_LEAST = 1e-150;  /* of an end: its square, which an entry has, */
@@ -198,9 +199,12 @@ const cJSON *lowering_lists(const struct lowering *l, const char *type, const cJ
 static enum modal_status no_dof(const struct lowering *l, const char *path, const char *name,
                                 struct modal_error *err)
 {
+    char meant[NEAR_TEXT];
+
+    near_given(name, (const char *const *)l->p->dofs, (size_t)l->p->n, meant);
     return modal_fail_field(err, MODAL_BAD_INPUT, path,
-                            "no dof \"%.40s\" in this structure; its dofs run from %s to %s", name,
-                            l->p->n > 0 ? l->p->dofs[0] : "-",
+                            "no dof \"%.40s\" in this structure%s; its dofs run from %s to %s",
+                            name, meant, l->p->n > 0 ? l->p->dofs[0] : "-",
                             l->p->n > 0 ? l->p->dofs[l->p->n - 1] : "-");
 }
 

@@ -266,7 +266,7 @@ static enum modal_status read_state(const struct program *p, const cJSON *list, 
                                     double *x, struct modal_error *err)
 {
     const cJSON *item;
-    char path[128], base[32];
+    char path[128], base[32], meant[NEAR_TEXT];
 
     snprintf(base, sizeof base, "initial.%s", key);
     if (list != NULL && !cJSON_IsObject(list))
@@ -275,11 +275,13 @@ static enum modal_status read_state(const struct program *p, const cJSON *list, 
     cJSON_ArrayForEach(item, list) {
         int dof = program_dof(p, item->string);  /* the ground has no state either */
         json_path(path, base, item->string);
-        if (dof < 0)
+        if (dof < 0) {
+            near_given(item->string, (const char *const *)p->dofs, (size_t)p->n, meant);
             return modal_fail_field(
                 err, MODAL_BAD_INPUT, path,
-                "no dof \"%.40s\" in this structure; its dofs run from %s to %s", item->string,
-                p->dofs[0], p->dofs[p->n - 1]);
+                "no dof \"%.40s\" in this structure%s; its dofs run from %s to %s", item->string,
+                meant, p->dofs[0], p->dofs[p->n - 1]);
+        }
         if (!cJSON_IsNumber(item))
             return modal_fail_field(err, MODAL_BAD_INPUT, path, "%s must be a number", path);
         x[dof] = item->valuedouble;  /* keys stand once: json.h */

@@ -5,6 +5,7 @@
 #include "modal/scene/structures/shaft_parts.h"
 #include <stdio.h>
 #include <string.h>
+#include "base/near.h"
 
 /* Dof or coordinate NAME as a coordinate: massless 0 .. 7, else the dof itself in plane y's or
  * z's place; -1: none. */
@@ -152,7 +153,7 @@ enum modal_status shaft_sensor(struct lowering *l, const cJSON *json, const char
     const struct shaft *s = l->mesh;
     struct keys k = { 0 };
     int face = s->fixed || s->seen_fixed ? 1 : 0, own = s->fixed ? 1 : 0, c;
-    char where[128], text[96];
+    char where[128], text[96], meant[NEAR_TEXT];
     enum modal_status rc = scene_keys_read(l, json, path, shaft_sensors[0].keys, &k, err);
 
     if (rc != MODAL_OK)
@@ -160,10 +161,12 @@ enum modal_status shaft_sensor(struct lowering *l, const cJSON *json, const char
     if (k.frame == ABSENT)
         k.frame = face;
     json_path(where, path, "dof");
-    if ((c = coordinate_of(l, k.dof)) < 0)
+    if ((c = coordinate_of(l, k.dof)) < 0) {
+        near_given(k.dof, (const char *const *)l->p->dofs, (size_t)l->p->n, meant);
         return modal_fail_field(err, MODAL_BAD_INPUT, where,
-                                "no dof \"%.40s\" in this shaft; its dofs run from %s to %s", k.dof,
-                                l->p->dofs[0], l->p->dofs[l->p->n - 1]);
+                                "no dof \"%.40s\" in this shaft%s; its dofs run from %s to %s",
+                                k.dof, meant, l->p->dofs[0], l->p->dofs[l->p->n - 1]);
+    }
     if (k.frame == 0 && face == 1) {
         json_path(where, path, "frame");
         return modal_fail_field(

@@ -1,7 +1,8 @@
 /* contact_bed.c - contact with friction over the nodes of a joint, as one effect
  *
  * Each node is a contact_friction whose normal_stiffness, preload and tangential_stiffness are
- * those of an area times its own.  With two tangential directions t and u the normal force N is one, and
+ * those of an area times its own.  With two tangential directions t and u the normal force N is
+ * one, and
  *
  *     |f_t| <= mu N,   |f_u| <= mu N,                                                           (1)
  *

@@ -7,14 +7,18 @@
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include "modal/scene/noise.h"
+#include "modal/scene/scene.h"
 
 enum { ABSENT = -1 };              /* a frame that is not given: that of the structure */
+enum { NOISE = LOAD_TABLE + 1 };   /* a type of entries only: what it draws is a table */
 enum { ROTATING, FIXED };
 static const char *const frames[] = { [ROTATING] = "rotating", [FIXED] = "fixed", NULL };
 
 struct keys {                      /* of all types: each reads those of its own tables */
     int dof, frame, k;  /* frame: of `frames`, or ABSENT */
-    double cosine, sine, start, amplitude, duration;
+    double cosine, sine, start, amplitude, duration, psd, corner;
+    int seed;
     const cJSON *points;  /* of a table */
     struct scene_numbers time, force;
 };
@@ -76,7 +80,18 @@ static const struct scene_key table_keys[] = {
     { 0 },
 };
 
-/* In the order of enum program_load_type; tau = t - start. */
+static const struct scene_key noise_keys[] = {
+    { "psd", SCENE_NUMBER, offsetof(struct keys, psd), "N^2/Hz", 0, SCENE_LARGE, .needed = true,
+      .means = "one-sided density, from 0 to 1 / (2 dt) of the scene's time", .example = "0.5" },
+    { "corner", SCENE_NUMBER, offsetof(struct keys, corner), "Hz", SCENE_POSITIVE, HUGE_VAL,
+      .standard = HUGE_VAL, .otherwise = "white",
+      .means = "where the density has fallen by half", .example = "20" },
+    { "seed", SCENE_WHOLE, offsetof(struct keys, seed), "", 0, 2147483647, .needed = true,
+      .means = "of the draw: the same seed, dt and duration give the same force", .example = "1" },
+    { 0 },
+};
+
+/* In the order of enum program_load_type, then NOISE; tau = t - start. */
 const struct scene_table loads_types[] = {
     [LOAD_HARMONIC] = { "excitation", "harmonic", NULL, { load_keys, harmonic_keys },
                         "p = cos cos(k omega t) + sin sin(k omega t)" },
@@ -91,6 +106,9 @@ const struct scene_table loads_types[] = {
                     "p = amplitude, tau > 0" },
     [LOAD_TABLE] = { "excitation", "table", NULL, { load_keys, start_keys, table_keys },
                      "p(tau) linear between its points" },
+    [NOISE] = { "excitation", "noise", NULL, { load_keys, start_keys, noise_keys },
+                "normal, of density psd / (1 + (f / corner)^2); linear between values each dt; for "
+                "simulate" },
     { 0 },
 };
 enum { TYPES = sizeof loads_types / sizeof *loads_types - 1 };
@@ -169,6 +187,35 @@ static enum modal_status read_table(struct keys *k, const char *path, struct pro
     return MODAL_OK;
 }
 
+/* A table of what is drawn, a value each step of TIME, past the end of the record. */
+static enum modal_status draw_noise(const struct keys *k, const char *path,
+                                    const struct scene_time *time, struct program_load *load,
+                                    struct modal_error *err)
+{
+    struct noise noise = { k->psd, k->corner, time->dt, k->seed };
+    double count = time->dt > 0 ? ceil((time->start + time->duration) / time->dt) + 2 : 0;
+    char where[128];
+
+    json_path(where, path, "type");
+    if (!(time->dt > 0))
+        return modal_fail_field(err, MODAL_BAD_INPUT, where,
+                                "%s: noise is drawn each dt of the scene's `time`, which is absent",
+                                where);
+    if (!(count <= LOWERING_POINTS_MOST))
+        return modal_fail_field(err, MODAL_TOO_LARGE, where,
+                                "%s: noise over %g steps of time.dt; at most %d", where, count - 2,
+                                LOWERING_POINTS_MOST - 2);
+    load->type = LOAD_TABLE;
+    load->time = malloc((size_t)count * sizeof *load->time);
+    load->force = malloc((size_t)count * sizeof *load->force);
+    if (load->time == NULL || load->force == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "scene: out of memory");
+    load->points = (int)count;
+    for (int i = 0; i < load->points; i++)
+        load->time[i] = i * time->dt;
+    return noise_draw(&noise, load->points, load->force, err);
+}
+
 /* A load fixed in space on turning axes acts on two dofs. */
 static enum modal_status read_frame(const struct lowering *l, int frame, const char *path,
                                     struct program_load *load, struct modal_error *err)
@@ -199,7 +246,8 @@ static enum modal_status read_frame(const struct lowering *l, int frame, const c
 
 /* What K says into LOAD, whose type is set. */
 static enum modal_status fill_load(const struct lowering *l, struct keys *k, const char *path,
-                                   struct program_load *load, struct modal_error *err)
+                                   const struct scene_time *time, struct program_load *load,
+                                   struct modal_error *err)
 {
     char where[128];
     enum modal_status rc;
@@ -218,12 +266,15 @@ static enum modal_status fill_load(const struct lowering *l, struct keys *k, con
     load->duration = k->duration;
     if (load->type == LOAD_HARMONIC && load->k > 0)
         return lowering_need_omega(l, "a harmonic excitation", err);
+    if ((int)load->type == NOISE)
+        return draw_noise(k, path, time, load, err);
     return load->type == LOAD_TABLE ? read_table(k, path, load, err) : MODAL_OK;
 }
 
 /* The type first: it says which tables the entry is read by. */
 static enum modal_status read_load(const struct lowering *l, const cJSON *json, const char *path,
-                                   struct program_load *load, struct modal_error *err)
+                                   const struct scene_time *time, struct program_load *load,
+                                   struct modal_error *err)
 {
     const char *names[TYPES + 1] = { NULL };
     int type = LOAD_HARMONIC;
@@ -239,12 +290,13 @@ static enum modal_status read_load(const struct lowering *l, const cJSON *json, 
     load->type = (enum program_load_type)type;  /* loads_types is in the enum's order */
     rc = scene_keys_read(l, json, path, loads_types[type].keys, &k, err);
     if (rc == MODAL_OK)
-        rc = fill_load(l, &k, path, load, err);
+        rc = fill_load(l, &k, path, time, load, err);
     scene_keys_free(loads_types[type].keys, &k);  /* what was not moved */
     return rc;
 }
 
-enum modal_status loads_lower(struct lowering *l, const cJSON *excitation, struct modal_error *err)
+enum modal_status loads_lower(struct lowering *l, const cJSON *excitation,
+                              const struct scene_time *time, struct modal_error *err)
 {
     const cJSON *item;
     char path[32];
@@ -267,7 +319,7 @@ enum modal_status loads_lower(struct lowering *l, const cJSON *excitation, struc
         snprintf(path, sizeof path, "excitation[%d]", l->p->loads);
         if (rc == MODAL_OK)
             /* counted before it is read: freed with the program */
-            rc = read_load(l, item, path, &l->p->load[l->p->loads++], err);
+            rc = read_load(l, item, path, time, &l->p->load[l->p->loads++], err);
     }
     return rc;
 }

@@ -3,11 +3,16 @@
 #define MODAL_SCENE_LOADS_H
 #include "modal/scene/lowering.h"
 
-/* The types, in the order of enum program_load_type, ended by one without `list`. */
+struct scene_time;
+
+/* The types, in the order of enum program_load_type, then those of entries only, ended by one
+ * without `list`. */
 extern const struct scene_table loads_types[];
 
-/* EXCITATION is the scene's list, NULL: none; into l->p->load.  Fails with MODAL_BAD_INPUT,
+/* EXCITATION is the scene's list, NULL: none; into l->p->load.  TIME is the scene's, of zeros where
+ * it has none: noise is drawn by it.  Fails with MODAL_BAD_INPUT,
  * MODAL_TOO_LARGE, MODAL_NO_MEMORY; what was read is the program's to free. */
-enum modal_status loads_lower(struct lowering *l, const cJSON *excitation, struct modal_error *err);
+enum modal_status loads_lower(struct lowering *l, const cJSON *excitation,
+                              const struct scene_time *time, struct modal_error *err);
 
 #endif

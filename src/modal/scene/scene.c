@@ -584,6 +584,24 @@ static enum modal_status check_time(const cJSON *json, struct modal_error *err)
     return json != NULL ? read_time(json, &t, err) : MODAL_OK;
 }
 
+/* The loads, with the time by which noise is drawn; nothing else here asks for one. */
+static enum modal_status lower_loads(struct lowering *l, const cJSON *excitation,
+                                     struct modal_error *err)
+{
+    struct scene_time time = { 0 };
+    const cJSON *item, *type;
+    bool noise = false;
+    enum modal_status rc = MODAL_OK;
+
+    cJSON_ArrayForEach(item, excitation) {
+        type = cJSON_IsObject(item) ? json_member(item, "type") : NULL;
+        noise |= cJSON_IsString(type) && strcmp(type->valuestring, "noise") == 0;
+    }
+    if (noise && json_member(l->scene, "time") != NULL)
+        rc = scene_time(l->scene, l->p, &time, err);
+    return rc == MODAL_OK ? loads_lower(l, excitation, &time, err) : rc;
+}
+
 /* The order in which parts depend on each other. */
 static enum modal_status read_scene(struct lowering *l, const cJSON *scene,
                                     const struct scene_options *options, struct modal_error *err)
@@ -601,7 +619,7 @@ static enum modal_status read_scene(struct lowering *l, const cJSON *scene,
     if (rc == MODAL_OK)
         rc = lower_effects(l, s.effects, options, err);
     if (rc == MODAL_OK)
-        rc = loads_lower(l, s.excitation, err);
+        rc = lower_loads(l, s.excitation, err);
     if (rc == MODAL_OK)
         rc = read_initial(l->p, s.initial, err);
     if (rc == MODAL_OK)

@@ -42,6 +42,7 @@ static cJSON *scene_with(const struct scene_table *t, cJSON *part)
     cJSON_AddNumberToObject(scene, "omega", 3);
     if (strcmp(t->list, "excitation") == 0) {            /* whose `frame` only a shaft has */
         structure = "shaft";
+        cJSON_AddItemToObject(scene, "time", cJSON_Parse("{\"dt\":0.1,\"duration\":1}"));
         if ((dof = cJSON_GetObjectItem(part, "dof")) != NULL)
             cJSON_SetValuestring(dof, "y1");
     }

@@ -118,22 +118,47 @@ static cJSON *print_rank(const struct identify_result *r)
     return o;
 }
 
+static void name_channel(cJSON *o, const char *key, const struct batch *b, int c)
+{
+    char own[24];
+
+    snprintf(own, sizeof own, "ch%d", c);
+    cJSON_AddStringToObject(o, key, b->names != NULL && b->names[c] != NULL ? b->names[c] : own);
+}
+
 static cJSON *print_reconstruction(const struct identify_result *r, const struct batch *b)
 {
     cJSON *o = cJSON_CreateObject(), *list = cJSON_AddArrayToObject(o, "signals");
-    char own[24];
 
     for (int i = 0; i < r->channel_count; i++) {
         cJSON *s = cJSON_CreateObject();
-        int c = r->channel[i];
-        snprintf(own, sizeof own, "ch%d", c);
-        cJSON_AddStringToObject(s, "name",
-                                b->names != NULL && b->names[c] != NULL ? b->names[c] : own);
+        name_channel(s, "name", b, r->channel[i]);
         json_set_number(s, "rms_error", r->rms_error[i]);
         json_set_number(s, "relative_error", r->relative_error[i]);
         cJSON_AddItemToArray(list, s);
     }
     json_set_number(o, "relative_error", r->total_relative_error);
+    return o;
+}
+
+/* A curve for each input and response. */
+static cJSON *print_frf(const struct identify_result *r, const struct batch *b)
+{
+    const struct identify_frf *f = &r->frf;
+    cJSON *o = cJSON_CreateObject(), *list;
+
+    cJSON_AddItemToObject(o, "frequency_hz", json_numbers(f->hertz, f->count));
+    list = cJSON_AddArrayToObject(o, "curves");
+    for (int j = 0; j < f->inputs; j++)
+        for (int i = 0; i < f->responses; i++) {
+            size_t at = (size_t)f->count * (i + (size_t)f->responses * j);
+            cJSON *curve = cJSON_CreateObject();
+            name_channel(curve, "input", b, f->input[j]);
+            name_channel(curve, "name", b, r->channel[i]);
+            cJSON_AddItemToObject(curve, "value", print_complex_list(f->value + at, f->count));
+            cJSON_AddItemToObject(curve, "std", json_numbers(f->std + at, f->count));
+            cJSON_AddItemToArray(list, curve);
+        }
     return o;
 }
 
@@ -310,6 +335,8 @@ static cJSON *print_result(const struct job_request *q, const struct identify_re
 
     cJSON_AddItemToObject(o, "rank", print_rank(r));
     cJSON_AddItemToObject(o, "reconstruction", print_reconstruction(r, q->batch));
+    if (r->frf.count > 0)
+        cJSON_AddItemToObject(o, "frf", print_frf(r, q->batch));
     cJSON_AddItemToObject(o, "offset",
                           json_numbers(r->offset, r->offset != NULL ? r->channel_count : 0));
     cJSON_AddItemToObject(o, "order", print_order(r));

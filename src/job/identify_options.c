@@ -34,6 +34,9 @@ const struct key_row identify_option_rows[] = {
     { "inputs", KEY_OWN, .form = "A,B",
       .meaning = "channels that hold the measured excitation, with response=forced",
       .example = "force" },
+    { "frf", KEY_TRUTH, AT(opt.frf), .initial = "false",
+      .meaning = "frequency responses by the modes found, with response=forced",
+      .example = "true" },
     { "method", KEY_CHOICE, AT(opt.method), .words = identify_method_names, .initial = "auto",
       .form = "NAME", .meaning = "which matrix of transition", .example = "partial-floquet" },
     { "signals", KEY_OWN, .form = "pod|all|A,B",
@@ -218,14 +221,15 @@ static enum modal_status read_inputs(const cJSON *o, const struct batch *b,
                                      struct identify_settings *out, struct modal_error *err)
 {
     const cJSON *item = cJSON_GetObjectItemCaseSensitive(o, "inputs");
+    const char *alone = item != NULL ? "inputs" : out->opt.frf ? "frf" : NULL;
     enum modal_status rc;
 
+    if (alone != NULL && out->opt.response != RESPONSE_FORCED)
+        return modal_fail_field(err, MODAL_BAD_INPUT, alone, "%s beside response=%s says nothing; "
+                                "accepted with response=forced", alone,
+                                identify_response_names[out->opt.response]);
     if (item == NULL)
         return MODAL_OK;                          /* the numerics say what is missing */
-    if (out->opt.response != RESPONSE_FORCED)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "inputs", "inputs beside response=%s says "
-                                "nothing; accepted with response=forced",
-                                identify_response_names[out->opt.response]);
     rc = read_channels("inputs", item, b, &out->inputs, &out->opt.input_count, err);
     out->opt.inputs = out->inputs;
     return rc;

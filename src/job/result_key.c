@@ -189,6 +189,24 @@ static const struct result_key rebuilt_keys[] = {
     { 0 },
 };
 
+static const struct result_key response_curve_keys[] = {
+    { "input", RESULT_TEXT, .means = "the channel of the excitation" },
+    { "name", RESULT_TEXT, .means = "the channel of the response" },
+    { "value", RESULT_COMPLEX, .list = "one a frequency", .null = UNKNOWN,
+      .means = "response over excitation, in the channels' units" },
+    { "std", RESULT_NUMBER, .list = "one a frequency", .null = UNKNOWN,
+      .means = "standard deviation of value, as a distance in the complex plane" },
+    { 0 },
+};
+
+static const struct result_key frf_keys[] = {
+    { "frequency_hz", RESULT_NUMBER, .unit = "Hz", .list = "rising, closer about modes",
+      .means = "where it is told" },
+    { "curves", RESULT_OBJECT, .list = "one an input and response",
+      .members = response_curve_keys, .means = "the modes' and the direct terms' together" },
+    { 0 },
+};
+
 static const struct result_key candidate_keys[] = {
     { "order", RESULT_WHOLE, .means = "exponents" },
     { "bic", RESULT_NUMBER, .null = UNKNOWN,
@@ -293,6 +311,8 @@ static const struct result_key identify_keys[] = {
     { "rank", RESULT_OBJECT, .members = rank_keys, .means = "how much of the data was used" },
     { "reconstruction", RESULT_OBJECT, .members = rebuilt_keys,
       .means = "the signals rebuilt from the modes" },
+    { "frf", RESULT_OBJECT, .absent = "without frf=true", .members = frf_keys,
+      .means = "frequency responses of the model" },
     { "offset", RESULT_NUMBER, .unit = "the channel's",
       .list = "one a channel, none where none was found", .null = UNKNOWN,
       .means = "the constant part: of the null exponent, which is no mode" },

@@ -39,13 +39,17 @@ class System:
         self.sigma = noise * self.clean.std(0)
         self.y = self.clean + rng.standard_normal(self.clean.shape) * self.sigma
 
-    def simulate(self, p):
+    def matrices(self, p):
         w, z, C, x0, D = 2 * np.pi * p[:2], p[2:4], p[4:12].reshape(2, 4), p[12:16], p[16:18]
         A, B = np.zeros((4, 4)), np.zeros((4, 1))
         for j in range(2):
             A[2 * j:2 * j + 2, 2 * j:2 * j + 2] = [[0, w[j]], [-w[j], -2 * z[j] * w[j]]]
             B[2 * j + 1] = w[j]
-        return signal.lsim((A, B, C, D[:, None]), self.u, np.arange(SAMPLES) * DT, X0=x0)[1]
+        return A, B, C, D[:, None], x0
+
+    def simulate(self, p):
+        *system, x0 = self.matrices(p)
+        return signal.lsim(system, self.u, np.arange(SAMPLES) * DT, X0=x0)[1]
 
     def bound(self):
         """Of both frequencies and both damping ratios; an offset in each response is unknown too."""
@@ -119,6 +123,27 @@ def test_an_unstable_system_that_is_driven_is_unstable(ctl, tmp_path):
     assert said["stability"]["stable"] is False and said["modes"][0]["damping_ratio"] == pytest.approx(-0.005, rel=0.01)
 
 
+def test_frequency_responses_are_scipys_within_errors_that_cover(ctl, tmp_path):
+    """Of a complex error, over the standard deviation of its modulus, the mean square is 1 whatever its shape is; 20 records
+    of four curves are 40 or so independent numbers.  The truth is that of the samples: steps of a force that is straight.
+    """
+    squares = []
+    for seed in range(20):
+        s = System(seed)
+        frf = ctl("identify", s.write(tmp_path / "a.h5"), *FORCED, "-o", "frf=true").document["frf"]
+        assert [(c["input"], c["name"]) for c in frf["curves"]] == [("force", "a"), ("force", "b")]
+        hertz = np.array(frf["frequency_hz"])
+        assert np.all(np.diff(hertz) > 0) and np.min(np.abs(hertz - s.p[0])) < 0.01 * s.p[0]
+        discrete = signal.cont2discrete(s.matrices(s.p)[:4], DT, method="foh")
+        truth = np.array([discrete[2] @ np.linalg.solve(z * np.eye(4) - discrete[0], discrete[1]) + discrete[3]
+                          for z in np.exp(2j * np.pi * hertz * DT)])[:, :, 0]
+        within = hertz < 25 if seed % 3 == 1 else hertz > 0                 # where the sweep was
+        for i, curve in enumerate(frf["curves"]):
+            error = np.abs(np.array(curve["value"]) @ [1, 1j] - truth[:, i]) / np.array(curve["std"])
+            squares.append(np.mean(error[within] ** 2))
+    assert 0.6 < np.mean(squares) < 1.5
+
+
 def test_twice_the_record_halves_the_variance(ctl, tmp_path):
     mode = ctl("identify", System(0).write(tmp_path / "a.h5"), *FORCED).document["modes"][0]
     for key in ("frequency_hz", "damping_ratio"):
@@ -133,6 +158,7 @@ def test_a_free_response_says_so_and_counts_no_cycles(ctl, tmp_path):
 @pytest.mark.parametrize("options, field, words", [
     (["response=forced"], "inputs", "needs the channels that hold the measured excitation"),
     (["inputs=force"], "inputs", "accepted with response=forced"),
+    (["frf=true"], "frf", "accepted with response=forced"),
     (["response=forced", "inputs=forse"], "inputs", 'no channel "forse"'),
     (["response=forced", "inputs=force,force"], "inputs", "named twice"),
     (["response=forced", "inputs=force,a,b"], "inputs", "at least one must be a response"),

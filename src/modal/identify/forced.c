@@ -22,7 +22,10 @@
 
 enum {
     NEAR = 32,                   /* lines about a pole at least */
-    TOLD = 3                     /* diagnostics of one kind */
+    TOLD = 3,                    /* diagnostics of one kind */
+    FRF_EVEN = 256,              /* frequencies of frequency responses over the band, */
+    FRF_BESIDE = 10,             /* and on either side of a mode */
+    FRF_MOST = 1000000           /* numbers: some 60 MB of JSON */
 };
 static const double
     CHANCE = 4,                  /* standard deviations of noise about a pole */
@@ -50,7 +53,7 @@ struct work {
 static enum modal_status refuse(const char *field, struct modal_error *err)
 {
     return modal_fail_field(err, MODAL_BAD_INPUT, field, "%s says nothing of response=forced; "
-                            "accepted beside it: inputs, window, band, detrend, scale, "
+                            "accepted beside it: inputs, frf, window, band, detrend, scale, "
                             "signals, shapes, rank.fixed, rank.most, threads", field);
 }
 
@@ -354,6 +357,77 @@ static enum modal_status report_responses(struct work *w, struct identify_result
     return MODAL_OK;
 }
 
+static int by_size(const void *a, const void *b)
+{
+    double p = *(const double *)a, q = *(const double *)b;
+
+    return (p > q) - (p < q);
+}
+
+/* Evenly over the lines, and closer about each mode, where a phase turns by equal angles. */
+static int frequencies(const struct work *w, double *turn)
+{
+    const struct transfer *t = &w->found.model;
+    double low = carg(w->lines.z[0]), high = carg(w->lines.z[w->lines.count - 1]);
+    int count = 0;
+
+    for (int k = 0; k < FRF_EVEN; k++)
+        turn[count++] = low + (high - low) * k / (FRF_EVEN - 1);
+    for (int p = 0; p < t->poles; p++)
+        for (int k = -FRF_BESIDE; k <= FRF_BESIDE; k++) {
+            double at = cimag(t->s[p])
+                + fabs(creal(t->s[p])) * tan(M_PI / 2 * k / (FRF_BESIDE + 1));
+            if (cimag(t->s[p]) > 0 && at > low && at < high)
+                turn[count++] = at;
+        }
+    qsort(turn, (size_t)count, sizeof *turn, by_size);
+    return count;
+}
+
+/* Units of the channels over those of the inputs; as little known as the modes are. */
+static void scale_frf(const struct work *w, struct identify_frf *f)
+{
+    for (int j = 0; j < f->inputs; j++) {
+        f->input[j] = w->opt.inputs[j];
+        for (int i = 0; i < f->responses; i++)
+            for (int k = 0; k < f->count; k++) {
+                size_t at = k + (size_t)f->count * (i + (size_t)f->responses * j);
+                f->value[at] *= w->rec.scale[i];
+                f->std[at] *= w->found.model.converged ? w->rec.scale[i] * w->widest : NAN;
+            }
+    }
+}
+
+static enum modal_status report_frf(struct work *w, struct identify_result *out,
+                                    struct modal_error *err)
+{
+    const struct lines *l = &w->lines;
+    double turn[FRF_EVEN + TRANSFER_POLES_MOST * (2 * FRF_BESIDE + 1)];
+    struct identify_frf f = { frequencies(w, turn), l->responses, l->drives - 1, NULL, NULL, NULL,
+                              NULL };
+    size_t entries = (size_t)f.count * (size_t)f.responses * (size_t)f.inputs;
+    enum modal_status rc;
+
+    if (entries > FRF_MOST)
+        return modal_fail_field(err, MODAL_TOO_LARGE, "frf", "frequency responses of %d responses "
+                                "to %d inputs at %d frequencies are %zu numbers; at most %d: name "
+                                "fewer responses by `signals`", f.responses, f.inputs, f.count,
+                                entries, FRF_MOST);
+    f.input = malloc(sizeof *f.input * (size_t)f.inputs);
+    f.hertz = malloc(sizeof *f.hertz * (size_t)f.count);
+    f.value = malloc(sizeof *f.value * entries);
+    f.std = malloc(sizeof *f.std * entries);
+    out->frf = f;
+    if (f.input == NULL || f.hertz == NULL || f.value == NULL || f.std == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for frequency responses");
+    rc = transfer_frf(l, &w->found.model, turn, f.count, f.value, f.std, err);
+    for (int k = 0; k < f.count; k++)
+        f.hertz[k] = turn[k] / (2 * M_PI * w->rec.step);
+    if (rc == MODAL_OK)
+        scale_frf(w, &f);
+    return rc;
+}
+
 static int nearest_mode(const struct identify_result *r, double complex lambda)
 {
     int at = -1;
@@ -536,6 +610,8 @@ enum modal_status forced_identify(const struct batch *batch, const struct identi
         report_settings(&w, out);
         rc = conclude(&w, out, err);
     }
+    if (rc == MODAL_OK && w.opt.frf)
+        rc = report_frf(&w, out, err);
     stage(&w, "verdict", out);
     forced_search_done(&w.found);
     lines_done(&w.lines);

@@ -165,6 +165,7 @@ void identify_result_done(struct identify_result *r)
         free(r->relative_error);
     free(r->candidates), free(r->poles), free(r->clusters), free(r->trend);
     free(r->chosen.lambda), free(r->unweighed.lambda);
+    free(r->frf.input), free(r->frf.hertz), free(r->frf.value), free(r->frf.std);
     memset(r, 0, sizeof *r);
 }
 

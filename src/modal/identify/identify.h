@@ -70,6 +70,7 @@ struct identify_options {
     enum identify_response response;
     const int *inputs;            /* the measured excitation, channels of the batch; forced only */
     int input_count;
+    bool frf;                     /* frequency responses beside the modes; forced only */
     double pod_energy;            /* 0: rounding or noise floor */
     int pod_rank;                 /* 0: by energy */
     struct rank_options rank;
@@ -147,6 +148,18 @@ struct identify_window {
         amplitude; /* t: its middle, s */
 };
 struct identify_stage { const char *name; double seconds; };
+/*
+ * Frequency responses of the model: entry (f, i, j), response i to input j at hertz[f], is
+ * value[f + count (i + responses j)], units of the channels over each other; std its standard
+ * deviation, that of the distance in the complex plane.  count 0: not asked.
+ */
+struct identify_frf {
+    int count, responses, inputs;
+    int *input;                   /* channels of the batch */
+    double *hertz;
+    double complex *value;
+    double *std;
+};
 /* Poles over one sample as the order was chosen, listed as in exponents.h; a constant is 0.
  * signals: how many were fitted. */
 struct identify_chosen { double complex *lambda; int count, signals; };
@@ -177,6 +190,7 @@ struct identify_result {
                                                        * were weighed by their noise (count 0: they
                                                        * were not) */
     struct identify_cluster *clusters; int cluster_count;
+    struct identify_frf frf;
     /* where amplitude_dependent or changes_in_record is among the diagnostics */
     struct identify_window *trend; int trend_count;
     struct identify_diagnostic diagnostics[IDENTIFY_DIAGNOSTICS_MOST]; int diagnostic_count;

@@ -28,6 +28,7 @@ enum { BESIDE = 3, ENDS = 2 };      /* direct columns of an input; of the record
 void lines_done(struct lines *l)
 {
     free(l->z), free(l->Y), free(l->W), free(l->X), free(l->energy), free(l->size);
+    free(l->norm);
     memset(l, 0, sizeof *l);
 }
 
@@ -53,23 +54,34 @@ static double to_unit(double complex *x, int count, double unit)
     return size;
 }
 
+/* What an input has by way of the sample itself and those beside it. */
+static void set_beside(double complex z, double complex u, double complex *x, size_t stride)
+{
+    x[0] = u;
+    x[stride] = I * cimag(z) * u;
+    x[2 * stride] = 2 * (creal(z) - 1) * u;
+}
+
 static void make_direct(struct lines *l, int inputs)
 {
-    for (int j = 0; j < inputs; j++) {
-        double complex *x = l->X + (size_t)BESIDE * j * l->count;
-        for (int n = 0; n < l->count; n++) {
-            double complex u = l->W[n + (size_t)j * l->count];
-            x[n] = u;
-            x[n + l->count] = I * cimag(l->z[n]) * u;
-            x[n + 2 * (size_t)l->count] = 2 * (creal(l->z[n]) - 1) * u;
-        }
-    }
+    for (int j = 0; j < inputs; j++)
+        for (int n = 0; n < l->count; n++)
+            set_beside(l->z[n], l->W[n + (size_t)j * l->count],
+                       l->X + n + (size_t)BESIDE * j * l->count, (size_t)l->count);
     for (int n = 0; n < l->count; n++) {
         l->X[n + (size_t)BESIDE * inputs * l->count] = 1;
         l->X[n + (size_t)(BESIDE * inputs + 1) * l->count] = l->z[n];
     }
     for (int c = 0; c < l->direct; c++)
-        to_unit(l->X + (size_t)c * l->count, l->count, 1);
+        l->norm[c] = to_unit(l->X + (size_t)c * l->count, l->count, 1);
+}
+
+void lines_direct(const struct lines *l, double complex z, int input, double complex *row)
+{
+    memset(row, 0, sizeof *row * (size_t)l->direct);
+    set_beside(z, 1 / l->size[input], row + BESIDE * input, 1);
+    for (int c = BESIDE * input; c < BESIDE * (input + 1); c++)
+        row[c] = l->norm[c] > 0 ? row[c] / l->norm[c] : 0;
 }
 
 static enum modal_status make_room(struct lines *l, struct transform *t, struct modal_error *err)
@@ -82,12 +94,13 @@ static enum modal_status make_room(struct lines *l, struct transform *t, struct 
     l->X = malloc(sizeof *l->X * n * (size_t)l->direct);
     l->energy = malloc(sizeof *l->energy * (size_t)l->responses);
     l->size = malloc(sizeof *l->size * (size_t)l->drives);
+    l->norm = malloc(sizeof *l->norm * (size_t)l->direct);
     t->x = fftw_alloc_real((size_t)l->samples);
     t->X = fftw_alloc_complex((size_t)l->samples / 2 + 1);
     if (t->x != NULL && t->X != NULL)
         t->plan = fftw_plan_dft_r2c_1d(l->samples, t->x, t->X, FFTW_ESTIMATE);
     if (l->z == NULL || l->Y == NULL || l->W == NULL || l->X == NULL || l->energy == NULL
-        || l->size == NULL || t->plan == NULL)
+        || l->size == NULL || l->norm == NULL || t->plan == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "lines: no memory for %d lines of %d channels",
                           l->count, l->responses + l->drives);
     return MODAL_OK;

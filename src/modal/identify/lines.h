@@ -23,6 +23,7 @@ struct lines {
     double complex *X;           /* count x direct */
     double *energy;              /* responses: sum of |Y|^2 */
     double *size;                /* drives: what W was divided by */
+    double *norm;                /* direct: what X was divided by */
 };
 
 /*
@@ -33,6 +34,10 @@ struct lines {
 enum modal_status lines_make(const struct matrix *responses, const struct matrix *inputs,
                              const double band[2], struct lines *out, struct modal_error *err);
 void lines_done(struct lines *l);
+
+/* The direct columns at any z for a unit of INPUT alone, nothing at the record's ends: `direct`
+ * numbers. */
+void lines_direct(const struct lines *l, double complex z, int input, double complex *row);
 
 enum { LINES_LEAST = 8, LINES_DRIVES_MOST = 17 };
 #endif

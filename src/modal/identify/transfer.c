@@ -13,6 +13,11 @@
  *     S d = sum_i w_i T_i^T C^T (Y_i - V x_i),    S = sum_i w_i T_i^T C^T P C T_i,      (1)
  *
  * w_i = 1/v_i, and S^-1 is the covariance of s and q: the bound's, shapes and direct terms unknown.
+ * A number that is linear in x_i by the row v, and moves by the row c of C as s and q move, has the
+ * variance
+ *
+ *     v_i |v|^2_(V^T V)^-1 + |T_i^T (c - C^T V (V^T V)^-1 v)|^2_S^-1.                  (2)
+ *
  * The likelihood is that of unknown v_i, -M ln rss_i summed over responses, M lines of two parts
  * each; what V x_i leaves is taken from the lines themselves, as differences of sums would lose it.
  */
@@ -430,8 +435,8 @@ static double solve(double *S, double *d, int g, double damping)
     return good ? promise : NAN;
 }
 
-/* *T moved by d; false where a pole leaves the upper half plane.  Of one on the real axis the second
- * columns are zero, and so is their part of d. */
+/* *T moved by d; false where a pole leaves the upper half plane.  Of one on the real axis the
+ * second columns are zero, and so is their part of d. */
 static bool move(const struct lines *l, struct transfer *t, const double *d)
 {
     bool inside = true;
@@ -451,30 +456,40 @@ static bool move(const struct lines *l, struct transfer *t, const double *d)
     return inside;
 }
 
-/* Standard deviations of s from S of the last step. */
+/* S := S^-1, both triangles; false where it is not definite. */
+static bool covariance(double *S, int g)
+{
+    double *size = malloc(sizeof *size * ((size_t)g + 1));
+    bool good = size != NULL;
+
+    for (int i = 0; i < g && good; i++)
+        size[i] = S[i + (size_t)g * i] > 0 ? 1 / sqrt(S[i + (size_t)g * i]) : 1;
+    for (int i = 0; i < g * g && good; i++)
+        S[i] *= size[i % g] * size[i / g];
+    for (int i = 0; i < g && good; i++)
+        S[i + (size_t)g * i] = 1 + RIDGE;
+    good = good && LAPACKE_dpotrf(LAPACK_COL_MAJOR, 'U', g, S, g) == 0
+        && LAPACKE_dpotri(LAPACK_COL_MAJOR, 'U', g, S, g) == 0;
+    for (int j = 0; j < g && good; j++)
+        for (int i = 0; i <= j; i++)
+            S[j + (size_t)g * i] = S[i + (size_t)g * j] *= size[i] * size[j];
+    free(size);
+    return good;
+}
+
+/* Standard deviations of s from S at *T. */
 static enum modal_status spread(const struct lines *l, struct transfer *t, struct sums *s,
                                 struct modal_error *err)
 {
-    int g = s->g;
     enum modal_status rc = make_step(l, t, s, err);
-    double *size = malloc(sizeof *size * ((size_t)g + 1));
-    bool good = size != NULL && rc == MODAL_OK;
+    bool good = rc == MODAL_OK && covariance(s->S, s->g);
 
-    for (int i = 0; i < g && good; i++)
-        size[i] = s->S[i + (size_t)g * i] > 0 ? 1 / sqrt(s->S[i + (size_t)g * i]) : 1;
-    for (int i = 0; i < g * g && good; i++)
-        s->S[i] *= size[i % g] * size[i / g];
-    for (int i = 0; i < g && good; i++)
-        s->S[i + (size_t)g * i] = 1 + RIDGE;
-    good = good && LAPACKE_dpotrf(LAPACK_COL_MAJOR, 'U', g, s->S, g) == 0
-        && LAPACKE_dpotri(LAPACK_COL_MAJOR, 'U', g, s->S, g) == 0;
     for (int i = 0; i < 2 * t->poles && rc == MODAL_OK; i++) {
-        int at = i / 2 * 2 * l->drives + i % 2;
+        size_t at = (size_t)(i / 2 * 2 * l->drives + i % 2);
         t->spread[i] = !good ? NAN
                      : i % 2 == 1 && cimag(t->s[i / 2]) == 0 ? 0
-                     : sqrt(s->S[at + (size_t)g * at]) * size[at];
+                     : sqrt(s->S[at + (size_t)s->g * at]);
     }
-    free(size);
     return rc;
 }
 
@@ -577,5 +592,107 @@ enum modal_status transfer_rest(const struct lines *l, const struct transfer *t,
                     = CMPLX(rest[n + 2 * (size_t)rows * i], rest[n + rows + 2 * (size_t)rows * i]);
     }
     workspace_free(&s.held);
+    return rc;
+}
+
+/* ---- frequency responses ---- */
+
+/* V's and C's rows at z for a unit of input j alone. */
+static void fill_rows(const struct lines *l, const struct transfer *t, double complex z, int j,
+                      double complex *v, double complex *c)
+{
+    int V = 2 * t->poles, K = PARTS * t->poles * l->drives;
+
+    memset(c, 0, sizeof *c * (size_t)K);
+    for (int p = 0; p < t->poles; p++) {
+        double complex r = cexp(t->s[p]), u = conj(r), a = 1 / (z - r), b = 1 / (z - u);
+        double complex q = t->q[j + (size_t)p * l->drives], w = 1 / l->size[j];
+        double complex *own = c + PARTS * ((size_t)p * l->drives + j);
+        own[0] = w * (a + b), own[1] = I * w * (a - b);
+        own[2] = w * (r * a * a + u * b * b), own[3] = I * w * (r * a * a - u * b * b);
+        v[2 * p] = w * (q * a + conj(q) * b), v[2 * p + 1] = I * w * (q * a - conj(q) * b);
+    }
+    lines_direct(l, z, j, v + V);
+    memcpy(c + K, v + V, sizeof *c * (size_t)l->direct);
+}
+
+/* x^T M x, M n x n. */
+static double square_in(const double *M, int n, const double *x, double *room)
+{
+    cblas_dgemv(CblasColMajor, CblasNoTrans, n, n, 1, M, n, x, 1, 0, room, 1);
+    return cblas_ddot(n, x, 1, room, 1);
+}
+
+struct rows { double complex *v, *c; double *part, *moved, *room, *T; struct workspace held; };
+
+/* Response i by its rows, and (2), real and imaginary part together. */
+static double complex respond(const struct lines *l, const struct transfer *t, const struct sums *s,
+                              const struct rows *r, int i, double *variance)
+{
+    double complex H = 0;
+
+    *variance = 0;
+    for (int k = 0; k < s->V; k++)
+        H += r->v[k] * t->x[k + (size_t)s->V * i];
+    fill_T(l, t, i, s->K, r->T);
+    for (int half = 0; half < 2; half++) {
+        for (int k = 0; k < s->V; k++)
+            r->part[k] = half == 0 ? creal(r->v[k]) : cimag(r->v[k]);
+        cblas_dgemv(CblasColMajor, CblasNoTrans, s->V, s->V, 1, s->A, s->V, r->part, 1, 0, r->moved,
+                    1);
+        *variance += t->variance[i] * cblas_ddot(s->V, r->part, 1, r->moved, 1);
+        for (int k = 0; k < s->K; k++)
+            r->room[k] = half == 0 ? creal(r->c[k]) : cimag(r->c[k]);
+        cblas_dgemv(CblasColMajor, CblasNoTrans, s->K, s->V, -1, s->GV, s->K, r->moved, 1, 1,
+                    r->room, 1);
+        if (s->g > 0) {
+            cblas_dgemv(CblasColMajor, CblasTrans, s->K, s->g, 1, r->T, s->K, r->room, 1, 0,
+                        r->part, 1);
+            *variance += square_in(s->S, s->g, r->part, r->moved);
+        }
+    }
+    return H;
+}
+
+static enum modal_status rows_new(const struct sums *s, struct rows *r, struct modal_error *err)
+{
+    size_t K = (size_t)s->K, most = K + (size_t)s->V + (size_t)s->g;
+
+    *r = (struct rows) { 0 };
+    r->v = workspace_zeros(&r->held, (size_t)s->V, sizeof *r->v);
+    r->c = workspace_zeros(&r->held, K, sizeof *r->c);
+    r->part = workspace_zeros(&r->held, most, sizeof *r->part);
+    r->moved = workspace_zeros(&r->held, most, sizeof *r->moved);
+    r->room = workspace_zeros(&r->held, most, sizeof *r->room);
+    r->T = workspace_zeros(&r->held, K * (size_t)s->g, sizeof *r->T);
+    return workspace_check(&r->held, "transfer: no memory for frequency responses", err);
+}
+
+enum modal_status transfer_frf(const struct lines *l, struct transfer *t, const double *turn,
+                               int count, double complex *H, double *spread_of,
+                               struct modal_error *err)
+{
+    struct sums s = { 0 };
+    struct rows r = { 0 };
+    bool good = false;
+    enum modal_status rc = sums_new(l, t->poles, &s, err);
+
+    if (rc == MODAL_OK && (rc = rows_new(&s, &r, err)) == MODAL_OK)
+        rc = measure(l, t, &s, err);
+    if (rc == MODAL_OK && t->poles > 0)
+        rc = make_step(l, t, &s, err);
+    if (rc == MODAL_OK)
+        good = t->poles == 0 || covariance(s.S, s.g);
+    for (int j = 0; j < l->drives - 1 && rc == MODAL_OK; j++)
+        for (int f = 0; f < count; f++) {
+            fill_rows(l, t, cexp(CMPLX(0, turn[f])), j, r.v, r.c);
+            for (int i = 0; i < l->responses; i++) {
+                size_t at = f + (size_t)count * (i + (size_t)l->responses * j);
+                double variance;
+                H[at] = respond(l, t, &s, &r, i, &variance);
+                spread_of[at] = good ? sqrt(variance) : NAN;
+            }
+        }
+    workspace_free(&s.held), workspace_free(&r.held);
     return rc;
 }

@@ -62,6 +62,16 @@ enum modal_status transfer_fit(const struct lines *lines, const struct transfer_
 enum modal_status transfer_rest(const struct lines *lines, const struct transfer *t,
                                 double complex *R, struct modal_error *err);
 
+/*
+ * Frequency responses of the model at COUNT frequencies, radians a sample: entry (f, i, j),
+ * response i to a unit of input j, at f + count (i + responses j) of H; SPREAD, the same, the
+ * standard deviation of its distance from the true one, NAN where unknown.  *T is as transfer_fit
+ * left it.
+ */
+enum modal_status transfer_frf(const struct lines *lines, struct transfer *t, const double *turn,
+                               int count, double complex *H, double *spread,
+                               struct modal_error *err);
+
 /* Real unknowns of so many poles. */
 int transfer_unknowns(const struct lines *lines, int poles);
 #endif

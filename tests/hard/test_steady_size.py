@@ -8,6 +8,7 @@ import subprocess
 
 import numpy
 import pytest
+import scipy.integrate
 
 TOP = pathlib.Path(__file__).resolve().parents[2]
 CTL = pathlib.Path(os.environ.get("MODALD_BUILD", TOP / "build")) / "bin" / "modalctl"
@@ -152,3 +153,46 @@ def test_a_random_scene_of_few_dofs_is_answered_within_the_work_allowed(tmp_path
         largest = max(abs(complex(a, b)) for m in answer["harmonics"]
                       for a, b in zip(m["re"], m["im"]))
         assert answer["residual"] < 1e-9 and answer["total_error"] < 1e-2 * largest
+
+
+def marched(scene, periods, x, v):
+    """The scene's motion from (x, v) after so many periods, by an order-8 code of others."""
+    s = scene["structure"]
+    M, C, K = (numpy.array(s[name]) for name in "MCK")
+    dof = {f"x{i + 1}": i for i in range(len(M))}
+    n, omega = len(M), scene["omega"]
+    back = numpy.linalg.inv(M)
+
+    def slope(t, y):
+        f = -K @ y[:n] - C @ y[n:]
+        for load in scene["excitation"]:
+            f[dof[load["dof"]]] += (load.get("cos", 0) * numpy.cos(load["k"] * omega * t)
+                                    + load.get("sin", 0) * numpy.sin(load["k"] * omega * t))
+        for e in scene["effects"]:
+            to = dof[e["to"]] if "to" in e else None
+            d = y[dof[e["dof"]]] - (y[to] if to is not None else 0)
+            g = (e["coefficient"] * d**3 if e["type"] == "cubic_spring"
+                 else e["stiffness"] * max(d - e["clearance"], 0))
+            f[dof[e["dof"]]] -= g
+            if to is not None:
+                f[to] += g
+        return numpy.concatenate([y[n:], back @ f])
+    end = scipy.integrate.solve_ivp(slope, (0, periods * 2 * numpy.pi / omega),
+                                    numpy.concatenate([x, v]), "DOP853", rtol=1e-9, atol=1e-13)
+    return end.y[:n, -1], end.y[n:, -1]
+
+
+def test_a_stable_orbit_beside_an_unstable_one_is_given_where_stability_is_asked(tmp_path):
+    """Two orbits: an unstable one, and one that stays where it is for 20 periods when marched.  With
+    few harmonics both are found; from 16 of them to 256 at once Newton's method does not lead.
+    """
+    scene = json.loads((TOP / "tests" / "data" / "steady" / "random_scene_109.json").read_text())
+    answer = run(tmp_path, scene, "-o", "stability=true")
+    assert answer["converged"] and answer["stability"]["stable"] is True
+    assert answer["work"]["spent"] <= answer["work"]["allowed"]
+    X = numpy.array([numpy.array(h["re"]) + 1j * numpy.array(h["im"])
+                     for h in answer["harmonics"]])
+    k = numpy.arange(X.shape[1])
+    x, v = X.sum(axis=1).real, (1j * k * scene["omega"] * X).sum(axis=1).real
+    end, _ = marched(scene, 20, x, v)
+    assert abs(end - x).max() <= 1e-3 * abs(X).sum(axis=1).max()

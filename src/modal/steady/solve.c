@@ -286,27 +286,55 @@ static enum modal_status points_of_all(struct steady *s, struct balance *b,
     return rc;
 }
 
-/* From each solution of FEW its like of B, by Newton's method from near, into FOUND. */
+/* From X of FEW its like of B, in place, by Newton's method from near: harmonics double, as a jump
+ * to many at once is no step from near where laws have events.  NEXT has as much room as X. */
+static enum modal_status widen_one(struct steady *s, const struct balance *few, struct balance *b,
+                                   double complex *X, double complex *next, bool *done,
+                                   struct modal_error *err)
+{
+    struct iterate_options opt = steady_iterate_options(s);
+    struct iterate_report r = { .converged = true };
+    double omega = few->omega;
+    enum modal_status rc = MODAL_OK;
+
+    for (int H = few->H, wide; rc == MODAL_OK && r.converged && H < b->H; H = wide) {
+        const struct steady_start start = { few->q, H, X };
+        struct balance *at = b;
+
+        wide = 2 * H < b->H ? 2 * H : b->H;
+        if (wide < b->H)
+            rc = steady_balance(s, wide, &at, err);
+        if (rc == MODAL_OK)
+            rc = balance_set(at, omega, 1, err);
+        if (rc != MODAL_OK)
+            break;
+        start_write(at, &start, next);
+        rc = iterate_newton(at, &opt, next, &r, err);
+        memcpy(X, next, (size_t)b->q * ((size_t)wide + 1) * sizeof *X);
+    }
+    *done = rc == MODAL_OK && r.converged;
+    return rc;
+}
+
+/* From each solution of FEW its like of B into FOUND. */
 static enum modal_status widen_all(struct steady *s, const struct balance *few,
                                    const struct solutions *from, struct balance *b,
                                    struct solutions *found, struct modal_error *err)
 {
-    struct iterate_options opt = steady_iterate_options(s);
-    double complex *X = calloc((size_t)b->q * ((size_t)b->H + 1) + 1, sizeof *X);
-    struct iterate_report r;
+    size_t size = (size_t)b->q * ((size_t)b->H + 1);
+    double complex *X = calloc(2 * size + 1, sizeof *X);
+    bool done = false;
     enum modal_status rc = X == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory")
-        : balance_set(b, few->omega, 1, err);
+        : MODAL_OK;
 
     for (int i = 0; rc == MODAL_OK && i < from->count; i++) {
-        const struct steady_start start = { few->q, few->H, from->X[i] };
-
-        start_write(b, &start, X);
-        rc = iterate_newton(b, &opt, X, &r, err);
-        if (rc == MODAL_OK && r.converged)
+        memcpy(X, from->X[i], (size_t)b->q * ((size_t)few->H + 1) * sizeof *X);
+        rc = widen_one(s, few, b, X, X + size, &done, err);
+        if (rc == MODAL_OK && done)
             solutions_add(found, b, X);
     }
     free(X);
-    return rc;
+    return rc == MODAL_OK ? balance_set(b, few->omega, 1, err) : rc;
 }
 
 /* All solutions of B, whose one is X if that is not NULL: sought with so few harmonics that the

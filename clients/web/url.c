@@ -62,7 +62,7 @@ static enum url_page read_job(const char *path, struct url *url)
 struct url url_read(const char *path)
 {
     static const char jobs[] = "/jobs/", streams[] = "/streams/";
-    struct url url = { URL_NONE };
+    struct url url = { .page = URL_NONE };
 
     if (strlen(path) > URL_MOST || path[0] != '/')
         return url;

@@ -2,7 +2,7 @@
  * fuzz_worker.c - what a worker says over the lives of its jobs: the broker stays whole, and no
  * answer passes the limits
  *
- * A core with one worker, jobs of two users' and a stream; the ledger, the spool and the time do
+ * A core with one worker of its own and one elsewhere, jobs of two users' and a stream; the ledger, the spool and the time do
  * what the input says.  The input is a list of acts, each led by one byte:
  *
  *     0 .. 5    a message of that verb (READY, BEAT, PROGRESS, PART, DONE, FAILED); the next byte
@@ -15,6 +15,9 @@
  *     11        another job; 12: it is cancelled
  *     13        the worker's process ends; 14: time passes: the next byte in tenths of seconds
  *     15        samples of a stream
+ *     16 .. 20  a message of JOIN, INPUT, RELEASE, STDERR, LEAVE, as 0 .. 5 have them
+ *     21        from here on it is the worker elsewhere that speaks, or again our own
+ *     22        the connection of the worker elsewhere ends
  */
 #include <stdint.h>
 #include <stdio.h>
@@ -35,9 +38,10 @@ static struct {
     struct moment now;
     struct transaction *waiting, **waiting_end;
     struct task *tasks, **tasks_end;
-    char job[9], submitted[9], stream[9];
-    int attempt, requests, pushed;
-    bool alive, dying;
+    char job[2][9], submitted[9], stream[9];   /* jobs: of our own worker, of the one elsewhere */
+    int attempt[2], requests, pushed;
+    bool alive, dying, elsewhere;              /* elsewhere: who speaks */
+    uint64_t peer;                             /* its connection's number */
 } w;
 
 struct bytes { const uint8_t *at; size_t size; };
@@ -72,16 +76,17 @@ static void look_at_answer(const struct action *a)
 
 static void look_at_run(const struct action *a)
 {
+    const bool far = a->type == ACT_REMOTE;
     cJSON *read;
 
     if (strcmp(a->verb, "RUN") != 0)
         return;
-    if (!w.alive)
+    if (a->type == ACT_WORKER ? !w.alive : a->peer != w.peer)
         abort();
     read = cJSON_Parse(a->header);
-    memset(w.job, 0, sizeof w.job);
-    strncpy(w.job, cJSON_GetObjectItemCaseSensitive(read, "job")->valuestring, 8);
-    w.attempt = (int)cJSON_GetObjectItemCaseSensitive(read, "attempt")->valuedouble;
+    memset(w.job[far], 0, sizeof w.job[far]);
+    strncpy(w.job[far], cJSON_GetObjectItemCaseSensitive(read, "job")->valuestring, 8);
+    w.attempt[far] = (int)cJSON_GetObjectItemCaseSensitive(read, "attempt")->valuedouble;
     cJSON_Delete(read);
 }
 
@@ -99,7 +104,7 @@ static void carry_out(const struct action *a)
         w.tasks_end = &a->task->next;
         return;
     case ACT_SEND:   look_at_answer(a); break;
-    case ACT_WORKER: look_at_run(a); break;
+    case ACT_WORKER: case ACT_REMOTE: look_at_run(a); break;
     case ACT_SPAWN:  w.alive = true; w.dying = false; break;
     case ACT_KILL:   w.dying = true; break;
     case ACT_LOG:
@@ -232,8 +237,9 @@ static void say(const struct wire_frame *frames, int count)
 
     for (int i = 3; i < count; i++)
         blobs[i - 3] = blob_copy(frames[i].data, frames[i].size);
-    step((struct event) { .type = EVENT_WORKER, .slot = 0, .message = rc == MODAL_OK ? &m : NULL,
-                          .fault = &err, .body = blobs });
+    step((struct event) { .type = w.elsewhere ? EVENT_REMOTE : EVENT_WORKER, .slot = 0,
+                          .peer = w.peer, .key = "work",
+                          .message = rc == MODAL_OK ? &m : NULL, .fault = &err, .body = blobs });
     if (rc == MODAL_OK)
         wire_close(&m);
     for (int i = 3; i < count; i++)
@@ -265,8 +271,8 @@ static void say_verb(const char *verb, struct bytes *in)
     if (how & 0x80)
         snprintf(header, sizeof header, "%s", given);
     else
-        snprintf(header, sizeof header, "{\"job\":\"%s\",\"attempt\":%d%s%s", w.job, w.attempt,
-                 given[0] == '}' ? "" : ",", given);
+        snprintf(header, sizeof header, "{\"job\":\"%s\",\"attempt\":%d%s%s", w.job[w.elsewhere],
+                 w.attempt[w.elsewhere], given[0] == '}' ? "" : ",", given);
     frames[2].size = strlen(header);
     for (int i = 0; i < bodies; i++)
         frames[3 + i] = (struct wire_frame) { body, each };
@@ -293,11 +299,18 @@ static void say_raw(struct bytes *in)
 static void act(struct bytes *in)
 {
     static const char *const verbs[] = { "READY", "BEAT", "PROGRESS", "PART", "DONE", "FAILED" };
-    int what = take(in) & 15;
+    static const char *const far_verbs[] = { "JOIN", "INPUT", "RELEASE", "STDERR", "LEAVE" };
+    int what = take(in) & 31;
 
-    if (what < 6 && w.alive)
+    if (what < 6 && (w.alive || w.elsewhere))
         say_verb(verbs[what], in);
-    else if (what == 6 && w.alive)
+    else if (what >= 16 && what < 21 && (w.alive || w.elsewhere))
+        say_verb(far_verbs[what - 16], in);
+    else if (what == 21)
+        w.elsewhere = !w.elsewhere;
+    else if (what == 22)
+        step((struct event) { .type = EVENT_REMOTE_GONE, .peer = w.peer++ });
+    else if (what == 6 && (w.alive || w.elsewhere))
         say_raw(in);
     else if (what == 7 || what == 8)
         end_task(what == 7 ? MODAL_OK : MODAL_IO);
@@ -322,9 +335,10 @@ static void act(struct bytes *in)
 
 static void boot(void)
 {
-    static struct account account = { .key = "", .user = "one", .role = WIRE_ROLE_ADMIN,
-                                      .weight = 1 };
-    static const struct settings settings = { .accounts = &account, .account_count = 1,
+    static const struct account accounts[] = {
+        { .key = "", .user = "one", .role = WIRE_ROLE_ADMIN, .weight = 1 },
+        { .key = "work", .user = "pool", .role = WIRE_ROLE_WORKER, .weight = 1 } };
+    static const struct settings settings = { .accounts = accounts, .account_count = 2,
         .workers = 1, .cores = 2, .queue_jobs = 20,
         .input_bytes = 1 << 22, .window_bytes = 1 << 20, .lease_ns = 5 * SECOND,
         .result_age_ns = 3600 * SECOND, .input_age_ns = 60 * SECOND,
@@ -335,6 +349,7 @@ static void boot(void)
     memset(&w, 0, sizeof w);
     w.waiting_end = &w.waiting;
     w.tasks_end = &w.tasks;
+    w.peer = 1;
     w.now = (struct moment) { 1000 * SECOND, INT64_C(1790000000) * SECOND };
     w.core = core_new(&settings, w.now);
     list = core_loaded(w.core, w.now);

@@ -275,7 +275,7 @@ def test_a_daemon_killed_under_its_pilots_loses_and_doubles_nothing(pool):
 def test_no_job_is_killed_by_a_walltime_of_a_minute(pool):
     it = pool("--idle", "30", "--grace", "15", sbatch=("--time=1",))
     ann = it.client("ann")
-    jobs = [scene_job(ann, seconds=3, fresh=True, max_attempts=1, run_limit_s=30)["job"]
+    jobs = [scene_job(ann, seconds=0.5, fresh=True, max_attempts=1, run_limit_s=30)["job"]
             for _ in range(10)]
     it.scale()
     assert {ann.ask("WAIT", job=job, timeout_s=280)["state"] for job in jobs} == {"done"}

@@ -417,33 +417,47 @@ static enum modal_status scan_begin(struct scan *s, const struct batch *b, const
     return rc;
 }
 
+/* How many rows of PART come before a free response; 0: none, or it cannot be told. Few samples
+ * are looked at one by one, all of a long record in means of some. */
+static enum modal_status driven_rows(const struct batch *b, const int *channels, int count,
+                                     struct event_rows part, size_t *rows, struct modal_error *err)
+{
+    size_t n = part.last - part.first + 1, coarse = (n + ROWS_MOST - 1) / ROWS_MOST;
+    struct event_rows head = part;
+    enum modal_status rc = MODAL_OK;
+
+    *rows = 0;
+    head.last = coarse > 1 ? part.first + ROWS_MOST - 1 : part.last;
+    for (size_t each = 1; rc == MODAL_OK && *rows == 0 && n / each >= ROWS_LEAST;
+         each = each < coarse ? coarse : COARSER * each) {
+        struct scan s = { 0 };
+        rc = scan_begin(&s, b, channels, count, each < coarse ? head : part, each, err);
+        if (rc == MODAL_OK && s.S > 0)
+            *rows = each * (size_t)response_begins(&s);
+        scan_done(&s);
+    }
+    return rc;
+}
+
 enum modal_status event_find(const struct batch *b, const int *channels, int count,
                              struct event_rows whole, struct event_rows *part, bool *cut,
                              struct modal_error *err)
 {
-    size_t n = whole.last - whole.first + 1, coarse = (n + ROWS_MOST - 1) / ROWS_MOST, begin = 0;
-    struct event_rows head = whole;
+    size_t each = (whole.last - whole.first + ROWS_MOST) / ROWS_MOST, rows;
     struct scan s = { 0 };
-    enum modal_status rc = MODAL_OK;
+    enum modal_status rc;
 
-    *part = whole, *cut = false;
-    head.last = coarse > 1 ? whole.first + ROWS_MOST - 1 : whole.last;
-    for (size_t each = 1; rc == MODAL_OK && begin == 0 && n / each >= ROWS_LEAST;
-         each = each < coarse ? coarse : COARSER * each) {
-        rc = scan_begin(&s, b, channels, count, each < coarse ? head : whole, each, err);
-        if (rc == MODAL_OK && s.S > 0) {
-            size_t at = each * (size_t)response_begins(&s);
-            begin = at > begin ? at : begin;
-        }
-        scan_done(&s);
-    }
-    if (rc != MODAL_OK || begin == 0)
-        return rc;
-    part->first = whole.first + begin, *cut = true;
-    rc = scan_begin(&s, b, channels, count, whole, coarse, err);
-    if (rc == MODAL_OK) {
-        int from = (int)((begin + coarse - 1) / coarse), end = response_ends(&s, from);
-        part->last = end < s.L ? whole.first + (size_t)end * coarse - 1 : whole.last;
+    *part = whole;
+    do {
+        rc = driven_rows(b, channels, count, *part, &rows, err);
+        part->first += rows;          /* a hammer may strike twice */
+    } while (rc == MODAL_OK && rows > 0);
+    *cut = part->first > whole.first;
+    if (rc == MODAL_OK && *cut && (rc = scan_begin(&s, b, channels, count, *part, each, err))
+                                      == MODAL_OK) {
+        int end = response_ends(&s, 0);
+        if (end < s.L)
+            part->last = part->first + (size_t)end * each - 1;
     }
     scan_done(&s);
     return rc;

@@ -120,6 +120,27 @@ TEST(what_is_proposed_begins_after_the_strike_and_its_modes_are_the_true_ones)
     }
 }
 
+/* Equal strikes, 3000 rows apart. */
+TEST(of_two_strikes_what_follows_the_second_is_proposed)
+{
+    struct random rng = { 31 };
+    struct strike s = { .samples = 8000, .channels = 1, .modes = 2, .begin = 400, .duration = 5,
+                        .noise = 0.003, .lambda = { CMPLX(-1e-3, 0.3), CMPLX(-2e-3, 0.75) },
+                        .shape = { { 1 }, { 0.6 } } };
+    double *y = strike_signals(&s, &rng), *again;
+    struct identify_result r;
+
+    s.noise = 0, s.begin += 3000;
+    again = strike_signals(&s, &rng);
+    for (int k = 0; k < s.samples; k++)
+        y[k] += again[k];
+    r = identified(y, s.samples, 1, WINDOW_AUTO, 0);
+    CHECK(r.proposed[0] >= 3405 && r.proposed[0] < 4200 && r.mode_count == 2);
+    CHECK(shows(&r, s.lambda[0], 4) && shows(&r, s.lambda[1], 4));
+    identify_result_done(&r);
+    free(y), free(again);
+}
+
 TEST(a_window_that_was_not_asked_for_is_told_with_advice_and_not_used)
 {
     struct random rng = { 77 };

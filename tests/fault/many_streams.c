@@ -5,9 +5,9 @@
  *     many_streams STREAMS CHANNELS RATE SECONDS [FOLDER [FIRST [KIND]]]
  *
  * Each stream many-K, K from FIRST (0) on, is an oscillator of two modes, sampled RATE times a
- * second of real time, each at its own phase of the clock.  KIND driven (default): by noise, so that
- * no window settles and each is found from nothing; free: they swing on, and windows are brought up
- * to date.  Every second, and once all is closed, a line on stdout:
+ * second of real time, each at its own phase of the clock.  KIND driven (default): by noise, so
+ * that no window settles and each is found from nothing; free: they swing on, and windows are
+ * brought up to date.  Every second, and once all is closed, a line on stdout:
  *
  *     {"s","streams","pushed","acknowledged","dropped","spilled","refused",   of all of them
  *      "live",                             streams that have a live result

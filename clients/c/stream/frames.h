@@ -19,7 +19,7 @@ static bool send_due(modald_stream *s, bool all);
 /* The rest of an uneven record: its last point has none beyond. */
 static void end_resampling(modald_stream *s);
 
-/* Where the ring is half full (ALL: in any case) the window goes into the spill file: the daemon
+/* Where the ring overflows (ALL: in any case) the window goes into the spill file: the daemon
  * does not keep up, and from now on everything goes through it. */
 static void spill_if_needed(modald_stream *s, bool all);
 

@@ -99,13 +99,16 @@ static int64_t ring_last(const struct core *c)
     return c->last_event;                        /* committed */
 }
 
-static void pump(struct core *c, struct subscription *s)
+/* *FIRST: ring_first, looked for once for all who have something to be told; 0: not yet. */
+static void pump(struct core *c, struct subscription *s, int64_t *first)
 {
     int64_t last = ring_last(c);
 
     if (s->reading || s->gone || s->next_event > last || is_full(c, s->peer))
         return;
-    if (s->next_event < ring_first(c, last)) {
+    if (*first == 0)
+        *first = ring_first(c, last);
+    if (s->next_event < *first) {
         read_page(c, s);
         return;
     }
@@ -119,6 +122,7 @@ static void pump(struct core *c, struct subscription *s)
 void events_pump(struct core *c)
 {
     struct subscription **link = &c->events->subscriptions;
+    int64_t first = 0;
 
     while (*link != NULL) {
         struct subscription *s = *link;
@@ -129,7 +133,7 @@ void events_pump(struct core *c)
             free(s);
             continue;
         }
-        pump(c, s);
+        pump(c, s, &first);
         link = &s->next;
     }
 }

@@ -761,5 +761,8 @@ const struct result_document result_documents[] = {
     { "ablate", true, ablate_keys, "each effect's cost and influence" },
     { "sweep", true, sweep_keys, "a scene over a grid of its values" },
     { "progress", false, progress_keys, "an event while a job runs" },
+    { "live modes", false, live_window_keys, "an event of a stream: a window" },
+    { "live track", false, live_track_keys, "an event of a stream: a mode came or went" },
+    { "live alarm", false, live_alarm_keys, "an event of a stream: a rule" },
     { 0 },
 };

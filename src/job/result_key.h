@@ -40,6 +40,9 @@ struct result_document {
     const char *means;
 };
 
+/* What is told of the live windows of a stream (live_key.c): of a window, a track, an alarm. */
+extern const struct result_key live_window_keys[], live_track_keys[], live_alarm_keys[];
+
 struct result_code {
     const char *code, *kind, *means, *advice;
 };

@@ -1,5 +1,5 @@
 """What the manual says of scenes and results comes from tables: nothing that is accepted or written is missing in it."""
-# Tests as well: result_key.c result_code.c
+# Tests as well: result_key.c live_key.c result_code.c
 import json
 import re
 import subprocess
@@ -8,7 +8,7 @@ import jsonschema
 import numpy as np
 import pytest
 from conftest import BUILD, PATIENCE, TOP, environment
-from wire import Client
+from wire import Client, crc32c
 
 CTL = BUILD / "bin" / "modalctl"
 SOURCES = sorted((TOP / "src" / "modal" / "scene").rglob("*.c"))
@@ -78,7 +78,7 @@ def told_of(topic, *words):
 
 # what they write is no result: PROTOCOL.md and scenes have theirs
 ELSEWHERE = {"live.c", "tracks_text.c", "scene_mesh.c"}
-JOBS = [p for p in sorted((TOP / "src" / "job").glob("*.c")) if p.name not in ELSEWHERE | {"result_key.c", "result_code.c"}]
+JOBS = [p for p in sorted((TOP / "src" / "job").glob("*.c")) if p.name not in ELSEWHERE | {"result_key.c", "live_key.c", "result_code.c"}]
 WRITTEN = re.compile(r'(?:cJSON_Add\w+ToObject|json_set_number)\(\s*[^;"]*?"([\w.]+)"')
 OPTIONS = re.compile(r'\{ "([\w.]+)", KEY_')
 
@@ -103,6 +103,36 @@ def test_every_member_that_a_source_writes_has_its_line_and_every_line_a_source(
     named = {r for r in rows_of_results() if not r.startswith("<")}
     assert len(named) > 120 and not {r for r in named if f'"{r}"' not in literal}
     assert not {r for r in rows_of_results() if not re.search(rf"^ +{r}:", text, re.M)}
+
+
+def test_every_member_of_a_live_event_has_its_line(daemon):
+    """Of windows, tracks and alarms as a daemon tells them; modes, stability and diagnostics are those of identify."""
+    dt, t = 0.01, 0.01 * np.arange(3000)
+    rows = np.exp(-0.02 * t) * np.cos(9 * t) + (t > 12) * np.exp(-0.02 * t) * np.cos(20 * t)
+    data = memoryview(np.ascontiguousarray(rows, dtype="<f8").tobytes())
+    told = {}
+    with daemon.client() as client:
+        stream = client.ask("STREAM", {"op": "open", "name": "told", "channels": 1, "dt": dt, "window": {
+            "samples": 400, "hop": 100, "alarms": {"damping_below": 0.05, "new_mode": True}}})[0]["stream"]
+        events = client.events(start=0, stream="told", timeout=PATIENCE)
+        for at in range(0, 3000, 100):                 # each window is told before the next is there
+            part = data[8 * at:8 * (at + 100)]
+            client.ask("STREAM", {"op": "push", "stream": stream, "epoch": 0, "first": at, "count": 100,
+                                  "crc32c": crc32c(part)}, [part])
+            while at >= 300:
+                event = next(events).header
+                assert "error" not in event
+                told.setdefault(event["event"], {}).update(event)
+                if event["event"] == "modes" and event["to"] == at + 99:
+                    break
+        client.ask("STREAM", {"op": "close", "stream": stream})
+    assert set(told) == {"modes", "track", "alarm"}
+    text = told_of("result")[1]
+    for kind, event in told.items():
+        block = text.split(f"live {kind}", 1)[1].split("\n\n")[0]
+        listed = set(re.findall(r"^ +(\w+):", block, re.M))
+        inside = {m for name in ("update", "lag", "gaps", "mode") for m in event.get(name, {})}
+        assert set(event) | inside <= listed | {"subscription"}, (kind, block)
 
 
 def codes():

@@ -457,7 +457,8 @@ static enum modal_status follow(struct curve *c, cJSON *doc, struct modal_error 
         rc = add_point(c, c->from, 1, &first, &none, err);
     } else if (rc == MODAL_OK) {
         struct balance *b;
-        int H = first.H;
+        /* laws that rest at the start act further on */
+        int H = first.linear != NULL ? steady_first_order(c->s) : first.H;
         struct steady_start start = { first.q, first.H, first.X };
 
         c->H = c->settings->opt.harmonics > 0 ? c->settings->opt.harmonics

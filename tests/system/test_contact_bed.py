@@ -179,6 +179,30 @@ def test_motions_at_rest_and_others_are_of_one_sweep(tmp_path):
         assert np.abs(harmonics(p) - harmonics(alone)).max() < 1e-9
 
 
+GAP = {"structure": {"type": "chain", "masses": [1], "springs": [100, 0], "dampers": [0.4, 0]}, "excitation": [{"dof": "x1", "cos": 1.0}], "omega": 11.5,
+       "effects": [{"type": "gap", "dof": "x1", "stiffness": 200, "clearance": 0.05}]}
+
+
+def test_all_motions_are_found_beside_one_at_rest_with_the_harmonics_that_contact_has(tmp_path):
+    """Between its folds, at 10.93 and 12.04, the curve of a gap has three; one stays clear of the stop."""
+    found = run(tmp_path, "steady", GAP, "-o", "solutions=all", "-o", "stability=false")["solutions"]
+    amplitudes = sorted(np.abs(harmonics(one)[0, 1]) for one in found)
+    assert len(found) == 3 and all(one["H"] >= 8 for one in found)
+    assert amplitudes[0] == pytest.approx(1 / abs(100 - 11.5**2 + 0.4j * 11.5), rel=1e-9) and amplitudes[1] > 0.05
+
+
+def test_a_curve_that_sets_out_at_rest_has_the_harmonics_that_contact_has(tmp_path):
+    curve = run(tmp_path, "steady", GAP, "--continue", "omega=8:14", "-o", "stability=false")
+    assert max(p["H"] for p in curve["points"]) >= 8
+    assert len(curve["folds"]) == 2
+
+
+def test_nodes_that_couple_too_many_dofs_are_refused_before_anything_is_solved(tmp_path):
+    wide = {f"{c}{i + 1}": 1.0 for i in range(32) for c in "nt"}
+    code, answer = call(tmp_path, "steady", strip(32, [{"type": "contact_bed", **LAW, "nodes": [{"normal": wide, "tangential": wide}] * 1300}]))
+    assert code == 2 and answer["error"]["code"] == "too_large" and "couplings of dofs by laws" in answer["error"]["message"]
+
+
 NODE = {"normal": "n1", "tangential": "t1"}
 
 

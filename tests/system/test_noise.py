@@ -114,5 +114,8 @@ def test_noise_without_an_end_or_a_step_and_in_a_steady_state_is_refused(tmp_pat
     assert code == 2 and answer["error"]["field"] == "excitation[0].type" and "`time`" in answer["error"]["message"]
     code, answer = call(tmp_path, "steady", {**scene, "time": {"dt": 0.1, "duration": 1}})
     assert code == 2 and answer["error"]["field"].startswith("excitation")
+    many = {**scene, "excitation": scene["excitation"] * 102, "time": {"dt": 1e-5, "duration": 0.99}}
+    code, answer = call(tmp_path, "simulate", many, "-O", tmp_path / "x.h5")
+    assert code == 2 and answer["error"]["code"] == "too_large" and answer["error"]["field"] == "excitation[101].type"
     code, answer = call(tmp_path, "simulate", {**scene, "time": {"dt": 1e-6, "duration": 2}}, "-O", tmp_path / "x.h5")
     assert code == 2 and answer["error"]["code"] == "too_large" and "at most 999998" in answer["error"]["message"]

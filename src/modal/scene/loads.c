@@ -12,6 +12,7 @@
 
 enum { ABSENT = -1 };              /* a frame that is not given: that of the structure */
 enum { NOISE = LOAD_TABLE + 1 };   /* a type of entries only: what it draws is a table */
+enum { DRAWN_MOST = 10000000 };    /* values of a scene's tables where some are drawn: 160 MB */
 enum { ROTATING, FIXED };
 static const char *const frames[] = { [ROTATING] = "rotating", [FIXED] = "fixed", NULL };
 
@@ -188,12 +189,13 @@ static enum modal_status read_table(struct keys *k, const char *path, struct pro
 }
 
 /* A table of what is drawn, a value each step of TIME, past the end of the record. */
-static enum modal_status draw_noise(const struct keys *k, const char *path,
-                                    const struct scene_time *time, struct program_load *load,
-                                    struct modal_error *err)
+static enum modal_status draw_noise(const struct lowering *l, const struct keys *k,
+                                    const char *path, const struct scene_time *time,
+                                    struct program_load *load, struct modal_error *err)
 {
     struct noise noise = { k->psd, k->corner, time->dt, k->seed };
     double count = time->dt > 0 ? ceil((time->start + time->duration) / time->dt) + 2 : 0;
+    double drawn = 0;
     char where[128];
 
     json_path(where, path, "type");
@@ -205,6 +207,12 @@ static enum modal_status draw_noise(const struct keys *k, const char *path,
         return modal_fail_field(err, MODAL_TOO_LARGE, where,
                                 "%s: noise over %g steps of time.dt; at most %d", where, count - 2,
                                 LOWERING_POINTS_MOST - 2);
+    for (const struct program_load *other = l->p->load; other < load; other++)
+        drawn += other->points;
+    if (count + drawn > DRAWN_MOST)
+        return modal_fail_field(err, MODAL_TOO_LARGE, where,
+                                "%s: with this one tables and noise have %g values; at most %d",
+                                where, count + drawn, DRAWN_MOST);
     load->type = LOAD_TABLE;
     load->time = malloc((size_t)count * sizeof *load->time);
     load->force = malloc((size_t)count * sizeof *load->force);
@@ -267,7 +275,7 @@ static enum modal_status fill_load(const struct lowering *l, struct keys *k, con
     if (load->type == LOAD_HARMONIC && load->k > 0)
         return lowering_need_omega(l, "a harmonic excitation", err);
     if ((int)load->type == NOISE)
-        return draw_noise(k, path, time, load, err);
+        return draw_noise(l, k, path, time, load, err);
     return load->type == LOAD_TABLE ? read_table(k, path, load, err) : MODAL_OK;
 }
 

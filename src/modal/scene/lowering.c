@@ -153,6 +153,8 @@ void lowering_add_law(struct lowering *l, struct law *law)
         return;
     }
     p->law = more;  /* the old one is gone */
+    l->couplings += (double)law_ends(law) * law_ends(law);
+    l->too_many |= l->couplings > LOWERING_COUPLINGS_MOST;
     law->effect = l->effect;  /* who is counted and told */
     more[p->laws++] = *law;
     if (l->effect >= 0)

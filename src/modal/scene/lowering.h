@@ -45,6 +45,7 @@
 enum {
     LOWERING_DOFS_MOST = 100000, /* what sparse factors of a steady state are made for */
     LOWERING_ENTRIES_MOST = 20000000,  /* of a matrix: 320 MB as triplets */
+    LOWERING_COUPLINGS_MOST = 20000000,  /* of the ends of a law, each with each: as entries */
     LOWERING_STATES_MOST = 2000,  /* dense, as stepping needs them */
     LOWERING_HARMONIC_MOST = 1000,  /* past any gear; k omega t keeps 12 digits */
     LOWERING_LOADS_MOST = 4096,  /* as many as effects (scene.h) */
@@ -132,6 +133,7 @@ struct lowering {
     struct lowering_harmonic *harmonic;  /* ascending k */
     int harmonics;
     struct lowering_entries block[LOWER_BLOCKS];  /* by enum lowering_block */
+    double couplings;                  /* of all laws, each end with each of its law */
     bool no_memory, too_many;  /* remembered, and told by scene_lower */
 };
 

@@ -639,8 +639,9 @@ static enum modal_status finish(struct lowering *l, struct modal_error *err)
     if (l->too_many)
         return modal_fail_field(
             err, MODAL_TOO_LARGE, "effects",
-            "the scene lowers to more than %d entries of a matrix or %d linear states",
-            LOWERING_ENTRIES_MOST, LOWERING_STATES_MOST);
+            "the scene lowers to more than %d entries of a matrix, %d linear states or %d "
+            "couplings of dofs by laws",
+            LOWERING_ENTRIES_MOST, LOWERING_STATES_MOST, LOWERING_COUPLINGS_MOST);
     rc = compress_all(l, err);
     if (rc == MODAL_OK)
         rc = check_mass(l, err);

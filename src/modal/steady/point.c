@@ -32,6 +32,7 @@ static const double WORK_DOFS = 100;
 enum {
     REDUCE_LEAST = 48,    /* linear dofs below which factoring a band beats summing over their
                            * modes */
+    H_LEAST = 8,             /* the first H where the loads are low */
     N_LEAST = 64,   /* where laws and H ask for fewer: kinks are seen to a 64th */
     N_MOST = 1 << 17,   /* 16 samples a harmonic of ORBIT_HARMONICS_MOST */
     N_PER_H = 4,          /* of the motion, */
@@ -70,6 +71,13 @@ int steady_samples(const struct steady *s, int H)
     if (s->sampled && N_SAMPLED * H > least)
         least = N_SAMPLED * H;
     return short_product(least);
+}
+
+int steady_first_order(const struct steady *s)
+{
+    int both = 2 * condense_highest_load(s->c) + 1;
+
+    return both > H_LEAST ? both : H_LEAST;
 }
 
 struct condense *steady_condense(struct steady *s) { return s->c; }

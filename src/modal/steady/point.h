@@ -103,6 +103,9 @@ int steady_samples(const struct steady *s, int H);
 enum modal_status steady_point_of(struct steady *s, struct balance *b, const double complex *X,
                                     struct steady_point *point, struct modal_error *err);
 
+/* The H that a solution of laws that act begins with, where the options name none. */
+int steady_first_order(const struct steady *s);
+
 /* Frees what POINT holds, and makes it 0. */
 void steady_point_done(struct steady_point *point);
 

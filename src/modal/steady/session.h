@@ -28,6 +28,7 @@ struct steady {
     struct at_rest *rest;       /* made when first asked for; NULL: not yet, or it does not apply */
     bool rest_asked;
     bool rested;                /* the last solution was at rest */
+    bool searching;             /* for all solutions: motions at rest are found as the others are */
 };
 
 /* Samples: the least power of 2 that is not below LEAST, at most 2^17. */

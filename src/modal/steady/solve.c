@@ -39,7 +39,6 @@ static const double TOLERANCE_OF_STEPS = 1e-11;
 /* Operations that sparse factors may take a linear dof: half a minute for a hundred thousand. */
 static const double WORK_LINEAR = 3e5;
 enum {
-    H_LEAST = 8,             /* the first H where the loads are low */
     H_AUTO_MOST = 256,       /* the last one that is tried unasked */
     H_LINEAR_MOST = 4096,   /* no iteration: each harmonic is one solve */
     H_PERIODIC = 24,         /* past the loads: what periodic matrices reach falls geometrically */
@@ -380,10 +379,13 @@ enum modal_status steady_solve_all(struct steady *s, double omega, const struct 
     struct solutions found = { 0 };
     struct steady_point *list = calloc(SOLUTIONS_MOST + 1, sizeof *list);
     struct balance *b = NULL;
-    enum modal_status rc = list == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory")
-                         : known != NULL ? point_copy(known, &list[0], err)
-                             : steady_solve(s, omega, start, &list[0], err);
+    enum modal_status rc;
 
+    s->searching = true;  /* the search is of the orders of laws that act */
+    rc = list == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory")
+         : known != NULL && known->linear == NULL ? point_copy(known, &list[0], err)
+                                                  : steady_solve(s, omega, start, &list[0], err);
+    s->searching = false;
     *count = rc == MODAL_OK ? 1 : 0;
     if (rc != MODAL_OK || s->linear || list[0].followed || (s->jumps && !list[0].converged))
         /* rigid friction followed in time, in vain or not, has no balance to search in */
@@ -470,7 +472,7 @@ static enum modal_status solve_to_target(struct steady *s, double omega,
                                          struct steady_point *point, struct modal_error *err)
 {
     double target = steady_target(s);
-    int load = condense_highest_load(s->c), H = 2 * load + 1 > H_LEAST ? 2 * load + 1 : H_LEAST,
+    int load = condense_highest_load(s->c), H = steady_first_order(s),
         most = H_AUTO_MOST > load ? H_AUTO_MOST : load;
     struct steady_point best = { 0 };
     int failed = 0;
@@ -571,7 +573,7 @@ static bool may_rest(const struct steady *s, const struct steady_start *start)
     const struct steady_options *o = &s->opt;
 
     return o->method == STEADY_AUTO && o->samples == 0 && o->cutoff == 0 && !o->unlocated
-        && !o->by_differences && (start == NULL || s->rested);
+        && !o->by_differences && !s->searching && (start == NULL || s->rested);
 }
 
 /* The motion in which every law rests: where there is none the point is not converged. */

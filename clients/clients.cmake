@@ -99,4 +99,5 @@ if(CMAKE_CXX_COMPILER AND Simbody_FOUND)
 endif()
 set_target_properties(${examples} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/examples)
 
+include(${CMAKE_CURRENT_LIST_DIR}/fmu.cmake)
 include(${CMAKE_CURRENT_LIST_DIR}/install.cmake)

@@ -12,6 +12,7 @@ install(TARGETS modal modald_stream_static modald_stream_shared modald_client_sh
 install(DIRECTORY ${CMAKE_SOURCE_DIR}/src/modal/ DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/modal FILES_MATCHING PATTERN "*.h")
 install(DIRECTORY ${CMAKE_SOURCE_DIR}/src/base DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/modal FILES_MATCHING PATTERN "*.h")
 install(FILES ${C}/modald.h ${C}/modald_stream.h DESTINATION ${CMAKE_INSTALL_INCLUDEDIR})
+install(FILES ${CMAKE_BINARY_DIR}/modald-monitor.fmu DESTINATION ${CMAKE_INSTALL_DATADIR}/modald)
 install(FILES ${stream_source} DESTINATION ${CMAKE_INSTALL_DATADIR}/modald)     # for hosts that link no library
 # Bridges are programs; the other examples are sources to begin from.
 install(PROGRAMS $<TARGET_FILE:rosco_bridge> DESTINATION ${CMAKE_INSTALL_BINDIR} RENAME modald-rosco-bridge)

@@ -51,7 +51,7 @@ def test_everything_is_where_debian_expects_it(installed):
                  "share/man/man5/modald-scene.5", "share/man/man5/modald-result.5",
                  "share/man/man7/modald-identify.7", "share/man/man7/modald-steady.7",
                  "share/man/man7/modald-live.7", "share/man/man7/modald-lab.7",
-                 "share/modald/modald_stream.c",
+                 "share/modald/modald_stream.c", "share/modald/modald-monitor.fmu",
                  "share/man/man1/modald-rosco-bridge.1", "share/man/man1/modald-mbdyn-listener.1",
                  "bin/modald-rosco-bridge", "bin/modald-mbdyn-listener",
                  "share/doc/modald/README.md", "share/doc/modald/examples/loop.c",

@@ -112,7 +112,7 @@ def bench_pieces(total=100 << 20):
         with user(site) as ann:
             ann.submit("identify", modald.Batch(signals, 0.01))
             for _ in range(TURNS):
-                hand = site.hand()
+                hand = site.hand(beats=False)
                 _, of = hand.run()
 
                 def hear(hand=hand):
@@ -149,7 +149,7 @@ def bench_idle(count=500):
             return sorted(times)[197]
         alone, before = slow(), memory_kb(site.daemon.pid)
         # none has memory for a job: they stay idle
-        hands = [site.hand(memory_bytes=0) for _ in range(count)]
+        hands = [site.hand(beats=False, memory_bytes=0) for _ in range(count)]
         until(lambda: site.elsewhere() == count)
         tell("memory of an idle worker", (memory_kb(site.daemon.pid) - before) / count, "kB", None,
              count)

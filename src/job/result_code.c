@@ -59,7 +59,8 @@ const struct result_code result_codes[] = {
     { "changes_in_record", "identify", "not one system throughout",
       "identify each part by `window`" },
     { "not_free_decay", "identify", "the response is driven, or noise: no verdict and no "
-      "standard deviations", "window a part after the excitation has ended" },
+      "standard deviations", "window a part after the excitation has ended, or give "
+      "response=forced where it was measured" },
     { "harmonic_of_mode", "identify", "a multiple of another mode that decays as its power",
       "take it for a nonlinearity of that mode, not for a mode" },
     { "mains_line", "identify", "an undamped line at a multiple of 50 or 60 Hz",

@@ -73,6 +73,9 @@ static enum modal_status check(const struct batch *batch, const struct identify_
     for (size_t i = 0; i < sizeof others / sizeof *others; i++)
         if (others[i].set)
             return refuse(others[i].field, err);
+    if (o->window[0] == WINDOW_AUTO)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "window", "window=auto is for free "
+                                "responses; accepted with response=forced: T0,T1");
     if (o->period > 0 || (o->period == 0 && batch->period > 0))
         return modal_fail_field(err, MODAL_BAD_INPUT, "period", "period is %g s, but "
                                 "response=forced takes constant systems only; accepted: period=0, "

@@ -433,7 +433,8 @@ static bool is_driven(const struct window *w, int n, double left, struct identif
     identify_diagnose(result, "not_free_decay", -1, "only %d of %d windows are rebuilt by decaying "
                       "modes to %g %%: the response is driven, or noise, of which there are no "
                       "standard errors and no verdict; window a part after "
-                      "the excitation has ended", well, n, 100 * WELL);
+                      "the excitation has ended, or, where it was measured, give response=forced "
+                      "and its channels as inputs", well, n, 100 * WELL);
     return true;
 }
 

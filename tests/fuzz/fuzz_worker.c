@@ -2,8 +2,9 @@
  * fuzz_worker.c - what a worker says over the lives of its jobs: the broker stays whole, and no
  * answer passes the limits
  *
- * A core with one worker of its own and one elsewhere, jobs of two users' and a stream; the ledger, the spool and the time do
- * what the input says.  The input is a list of acts, each led by one byte:
+ * A core with one worker of its own and one elsewhere, jobs of two users' and a stream; the
+ * ledger, the spool and the time do what the input says. The input is a list of acts, each led by
+ * one byte:
  *
  *     0 .. 5    a message of that verb (READY, BEAT, PROGRESS, PART, DONE, FAILED); the next byte
  *               has the number of its body frames in its low three bits; their size is the byte

@@ -33,6 +33,12 @@
 
 /* STATESPACE_RIGID and its rounding: a mode that was put there, and not one that is there */
 static const double RIGID_SEEN = 1.0001e-7;
+static const double WORK = 6e10;        /* operations on leading multipliers: chosen, a minute */
+enum {
+    CARRIED_LEAST = 4,                  /* vectors a multiplier, before which none settles */
+    LOOKS = 15,                         /* operations a cubed vector, all looks of arnoldi.c */
+    DENSE = 4,                          /* dense operations in the time of one, as BUDGET_DENSE */
+};
 static const double RESIDUAL = 1e-9;    /* of leading multipliers, over the largest of them */
 
 /* The one text of it here. */
@@ -213,16 +219,29 @@ static enum modal_status periodic(const struct statespace *ss, double period,
     return rc;
 }
 
+/* The products that WORK pays: carried, made orthogonal to all before, and LOOKS m^3 of looks at the
+ * small problem; the latter two dense. */
+static int products_most(const struct period_map *map)
+{
+    double states = period_map_states(map), carried = period_map_work(map);
+    int m = CARRIED_LEAST;
+
+    while (m < ARNOLDI_MOST && m * (carried + m * (2 * states + (double)LOOKS * m) / DENSE) < WORK)
+        m++;
+    return m;
+}
+
 /* A residual's bar: by the eigenvalue's condition, as of Phi. */
 static enum modal_status leading(const struct program *p, double period, int wanted,
                                  struct floquet *f, struct modal_error *err)
 {
     struct leading l = { 0 };
     struct period_map *map = NULL;
-    enum modal_status rc = period_map_new(p, NULL, period, &map, err);
+    enum modal_status rc =
+        period_map_new(p, NULL, period, WORK / (CARRIED_LEAST * wanted), &map, err);
 
     if (rc == MODAL_OK)
-        rc = leading_multipliers(map, wanted, RESIDUAL, 0, &l, err);
+        rc = leading_multipliers(map, wanted, RESIDUAL, products_most(map), &l, err);
     if (rc == MODAL_OK)
         rc = make(l.found.count, f, err);
     for (int i = 0; rc == MODAL_OK && i < f->count; i++) {

@@ -23,6 +23,7 @@
 static const double STEP = 4;        /* radians: e^4 loses less than two digits */
 static const double SMALL = 1e-16;   /* of the state: a term below it is rounding */
 enum {
+    DEGREE_USUAL = 33,               /* 4^33 / 33! is 1e-17 */
     DEGREE_MOST = 80,                /* of a series: 4^80 / 80! is 1e-71, so a step was too long */
     HALVINGS_MOST = 12               /* of steps: the bound of frequencies is not that far off */
 };
@@ -377,7 +378,7 @@ static void make_weights(struct period_map *m, const struct period_parts *parts,
 
 /* Steps whose series end: tried on a vector, shorter ones where they do not. */
 static enum modal_status choose_steps(struct period_map *m, const struct period_parts *parts,
-                                      double period, struct modal_error *err)
+                                      double period, double most, struct modal_error *err)
 {
     double *trial = workspace_zeros(&m->space, (size_t)m->states, sizeof *trial), frequency, decay,
            rate;
@@ -387,6 +388,11 @@ static enum modal_status choose_steps(struct period_map *m, const struct period_
     rate = frequency + decay + (parts != NULL ? parts->fastest : 0);
     for (int i = 0; i < HALVINGS_MOST && rc == MODAL_OK; i++, rate *= 2) {
         rc = make_steps(m, parts, period, rate, err);
+        m->degree = DEGREE_USUAL;
+        if (rc == MODAL_OK && period_map_work(m) > most)
+            rc = modal_fail(err, MODAL_TOO_LARGE, "the fastest motion, of up to %.3g rad/s, takes "
+                            "%d steps a period: more work than is spent", rate, m->steps);
+        m->degree = 0;
         for (int k = 0; rc == MODAL_OK && k < m->states; k++)
             trial[k] = k % 2 == 0 ? 1 : -1;      /* moves fast and slow */
         if (rc == MODAL_OK)
@@ -399,7 +405,8 @@ static enum modal_status choose_steps(struct period_map *m, const struct period_
 }
 
 enum modal_status period_map_new(const struct program *p, const struct period_parts *parts,
-                                 double period, struct period_map **out, struct modal_error *err)
+                                 double period, double most, struct period_map **out,
+                                 struct modal_error *err)
 {
     struct period_map *m = calloc(1, sizeof *m);
     int held = parts != NULL ? parts->held : 0;
@@ -429,7 +436,7 @@ enum modal_status period_map_new(const struct program *p, const struct period_pa
     }
     if (rc == MODAL_OK) {
         make_weights(m, parts, period);
-        rc = choose_steps(m, parts, period, err);
+        rc = choose_steps(m, parts, period, most, err);
     }
     if (rc != MODAL_OK) {
         period_map_free(m);

@@ -47,10 +47,12 @@ bool period_map_serves(const struct program *p);
  * Of P, its laws and loads left out, and PARTS (NULL: none) over PERIOD in s.  The program and the
  * ends are borrowed, the rest is copied or asked at once.  Fails with MODAL_NO_MEMORY,
  * MODAL_BAD_INPUT (M is singular), MODAL_TOO_LARGE where the functions' coefficients leave
- * PERIOD_MAP_DOUBLES, or as period_map_carry.
+ * PERIOD_MAP_DOUBLES or carrying a vector takes more than MOST operations, as the fastest motion
+ * asks for so many steps; or as period_map_carry.
  */
 enum modal_status period_map_new(const struct program *p, const struct period_parts *parts,
-                                 double period, struct period_map **out, struct modal_error *err);
+                                 double period, double most, struct period_map **out,
+                                 struct modal_error *err);
 /* NULL is accepted. */
 void period_map_free(struct period_map *m);
 /* Of the state (x, x', c): 2 n + held numbers, in the roots of energies. */

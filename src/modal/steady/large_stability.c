@@ -498,11 +498,13 @@ enum modal_status large_stability(struct disturbance *u, struct stability *out,
     else
         rc = take_laws(&l, err);
     if (rc == MODAL_OK && u->reason == NULL) {
-        rc = period_map_new(u->p, &l.parts, 2 * M_PI / u->point->omega, &map, &why);
+        rc = period_map_new(u->p, &l.parts, 2 * M_PI / u->point->omega,
+                            (u->budget->most - u->budget->spent) / FIRST, &map, &why);
         if (rc == MODAL_OK)
             rc = ask(&l, map, out, &why);
         u->reason = rc == MODAL_OVERFLOW       ? "the disturbances overflow"
-                    : rc == MODAL_TOO_LARGE    ? "one period takes too many steps of too many laws"
+                    : rc == MODAL_TOO_LARGE    ? "carrying disturbances over the period takes more "
+                                              "work, or numbers, than are allowed"
                     : rc == MODAL_BAD_INPUT    ? "the mass matrix is singular"
                     : rc == MODAL_NO_CONVERGENCE ? "disturbances could not be carried over the "
                                                    "period"

@@ -354,3 +354,27 @@ TEST(an_unstable_multiplier_of_many_states_is_found)
     floquet_done(&small);
     free(text);
 }
+
+/* Springs of 1e16 N/m on 1 kg: 2e8 radians a period, which no sum of a minute steps through. */
+TEST(a_period_that_takes_more_steps_than_are_paid_for_is_refused_at_once)
+{
+    enum { N = 260 };
+    char *text = malloc(30 * N + 800), *at = text;
+    struct modal_error err;
+    struct program *p;
+    struct floquet f;
+
+    at += sprintf(at, "{'structure':{'type':'chain','masses':[1");
+    for (int i = 1; i < N; i++)
+        at += sprintf(at, ",1");
+    at += sprintf(at, "],'springs':[1e16");
+    for (int i = 0; i < N; i++)
+        at += sprintf(at, ",1e16");
+    sprintf(at, "]},'omega':6,'effects':[{'type':'parametric_stiffness','dof':'x1','stiffness':0.3,"
+                "'k':1}]}");
+    p = program_text(text);
+    CHECK(floquet(p, NULL, &f, &err) == MODAL_TOO_LARGE);
+    CHECK(strstr(err.message, "rad/s") != NULL || strstr(err.message, "steps") != NULL);
+    program_free(p);
+    free(text);
+}

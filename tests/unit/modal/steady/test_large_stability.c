@@ -158,13 +158,32 @@ TEST(the_bound_holds_and_a_vector_comes_back_turned_and_shrunk)
            z[2], bound;
     int periods;
 
-    CHECK(period_map_new(p, NULL, T, &m, NULL) == MODAL_OK && period_map_states(m) == 2);
+    CHECK(period_map_new(p, NULL, T, 1e6, &m, NULL) == MODAL_OK && period_map_states(m) == 2);
     CHECK(period_map_carry(m, x, y, NULL) == MODAL_OK);
     CHECK(period_map_carry(m, y, z, NULL) == MODAL_OK);
     for (int i = 0; i < 2; i++)                  /* Cayley and Hamilton */
         CHECK_NEAR(z[i], 2 * radius * cos(angle) * y[i] - radius * radius * x[i], 1e-14);
     CHECK(leading_bound(m, 0.9, 1000, &bound, &periods, NULL) == MODAL_OK);
     CHECK(bound >= radius && bound <= 0.9 && periods % LEADING_PROBES == 0);
+    period_map_free(m);
+    program_free(p);
+}
+
+/* 60 undamped masses, all multipliers of modulus 1: 20 vectors do not tell ten of them apart. */
+TEST(multipliers_not_told_apart_by_the_work_given_are_the_best_so_far_and_not_settled)
+{
+    struct program *p = chain(60, "1", 2, ",{'type':'spring','dof':'x%d','stiffness':1}",
+                              "{'type':'parametric_stiffness','dof':'x1','stiffness':0.2}", "");
+    struct period_map *m = NULL;
+    struct leading few, enough;
+
+    CHECK(period_map_new(p, NULL, M_PI, 1e9, &m, NULL) == MODAL_OK);
+    CHECK(leading_multipliers(m, 10, 1e-9, 20, &few, NULL) == MODAL_OK);
+    CHECK(!few.found.settled && few.found.count >= 10 && few.found.worst > 1e-9);
+    CHECK(leading_multipliers(m, 10, 1e-9, 0, &enough, NULL) == MODAL_OK);
+    CHECK(enough.found.settled && enough.periods > few.periods);
+    arnoldi_done(&few.found);
+    arnoldi_done(&enough.found);
     period_map_free(m);
     program_free(p);
 }

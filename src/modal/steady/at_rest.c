@@ -16,6 +16,10 @@
 #include "modal/scene/program.h"
 #include "modal/steady/condense.h"
 
+/* Of fewer laws one residual costs no more than the linear solution, which would be had in vain
+ * wherever they act: a damper's point took 28.2 us in place of 26.4. */
+enum { LAWS_LEAST = 16 };
+
 struct at_rest {
     const struct program *p;
     struct program linear;       /* (1): P's own parts, but for K and the loads */
@@ -26,13 +30,13 @@ struct at_rest {
     struct workspace space;
 };
 
-/* Laws that all rest, in a program that does not pulsate. */
+/* Many laws that all rest, in a program that does not pulsate. */
 static bool applies(const struct program *p)
 {
     for (int l = 0; l < p->laws; l++)
         if (p->law[l].kind->stays == NULL)
             return false;
-    return p->laws > 0 && p->harmonics == 0;
+    return p->laws >= LAWS_LEAST && p->harmonics == 0;
 }
 
 /* Law L at rest onto ENTRY, loads from LOAD on; how many entries. */

@@ -12,7 +12,8 @@
 struct at_rest;
 
 /* Of P, borrowed until at_rest_free, to recover the COUNT dofs of DOFS (NULL: all).  *OUT is NULL
- * where some law has no such regime or matrices pulsate.  Fails as condense_new does. */
+ * where laws are few, some law has no such regime or matrices pulsate.  Fails as condense_new
+ * does. */
 enum modal_status at_rest_new(const struct program *p, const int *dofs, int count,
                               struct at_rest **out, struct modal_error *err);
 /* NULL is accepted. */

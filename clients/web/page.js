@@ -98,13 +98,14 @@ function series(tracks, value, bar) {
   return data;
 }
 
-// A track is three series: its value, and the two ends of its standard error, with a band between.
+// A track is three series: its value, and the two ends of its standard error, with a band between;
+// the picture is as high as the values are: one wild error must not make the others flat.
 function makePlot(id, label, tracks, data) {
   const {ink, grid, tracks: palette} = colours(), box = document.getElementById(id);
   const axis = {stroke: ink, grid: {stroke: grid}, ticks: {stroke: grid}};
   const all = [{label: 'time, s'}], bands = [];
   tracks.forEach((track, i) => {
-    const stroke = palette[track % palette.length], edge = {stroke, width: 0.5, points: {show: false}};
+    const stroke = palette[track % palette.length], edge = {stroke, width: 0.5, auto: false, points: {show: false}};
     all.push({label: 'track ' + track, stroke, width: 2, points: {show: true, size: 5}},
              {label: '+ std', ...edge}, {label: '- std', ...edge});
     bands.push({series: [3 * i + 2, 3 * i + 3], fill: stroke + '40'});
@@ -114,7 +115,7 @@ function makePlot(id, label, tracks, data) {
   box.setAttribute('aria-label', label + ' of each track over time; the numbers stand below');
   return new uPlot({width: box.clientWidth || 600, height: 280, title: label, bands, series: all,
                     legend: {show: false}, cursor: {drag: {x: true, y: false}},
-                    scales: {x: {time: false}}, axes: [{...axis, label: 'end of the window, s'}, axis]},
+                    scales: {x: {time: false}}, axes: [{...axis, label: 'end of the window, s'}, {...axis, size: 70}]},
                    data, box);
 }
 

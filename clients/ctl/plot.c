@@ -5,7 +5,10 @@
 #include <string.h>
 #include "field.h"
 
-enum { ORBIT_POINTS = 400 };     /* of a closed curve: chords of a pixel */
+enum {
+    ORBIT_POINTS = 400,          /* of a closed curve: chords of a pixel */
+    TURNS_DRAWN = 8,             /* of one that never closes: more hide each other */
+};
 /* |X_k| below it is not drawn: rounding of a motion of order 1, and 16 decades on one axis. */
 static const double SIZE_LEAST = 1e-16;
 static const struct svg_axis empty = { "", 1, 0, false };
@@ -101,8 +104,9 @@ static bool plot_identify(struct svg *svg, FILE *file, const cJSON *result,
 
 /* ------------------------------------------------------------------ steady */
 
-/* The harmonics of a dof: X_k = re + i im, COUNT of them. */
-struct harmonics { int count; double *k, *re, *im; };
+/* The harmonics of a dof: X_k = re + i im, COUNT of them, at k omega.  Of several tones k is their
+ * frequency, rad/s, and omega 1. */
+struct harmonics { int count; double *k, *re, *im, omega, span; bool tones; };
 
 static void harmonics_done(struct harmonics *h)
 {
@@ -111,13 +115,37 @@ static void harmonics_done(struct harmonics *h)
     free(h->im);
 }
 
-/* Read once: an entry of a list is found by walking to it.  Without memory there are none. */
-static struct harmonics harmonics_of(const cJSON *dof)
+/* The frequencies k . tones of DOF, and a span of the slowest tone's turns. */
+static void of_tones(const cJSON *tones, const cJSON *dof, struct harmonics *h, size_t *count)
 {
-    struct harmonics h = { 0 };
+    const cJSON *k, *list = get(dof, "k");
+    double slowest = HUGE_VAL;
+
+    h->tones = true;
+    h->omega = 1;
+    h->k = calloc((size_t)cJSON_GetArraySize(list) + 1, sizeof *h->k);
+    cJSON_ArrayForEach(k, list) {
+        for (int j = 0; h->k != NULL && j < cJSON_GetArraySize(tones); j++)
+            h->k[*count] += at(k, j) * at(tones, j);
+        ++*count;
+    }
+    for (int j = 0; j < cJSON_GetArraySize(tones); j++)
+        slowest = fmin(slowest, at(tones, j));
+    h->span = TURNS_DRAWN * 2 * M_PI / slowest;
+}
+
+/* Read once: an entry of a list is found by walking to it.  Without memory there are none. */
+static struct harmonics harmonics_of(const cJSON *result, const cJSON *dof)
+{
+    double omega = number(result, "omega");
+    struct harmonics h = { .omega = omega, .span = 2 * M_PI / omega };
     size_t n[3] = { 0 };
 
-    if (json_get_numbers(dof, "", "k", -HUGE_VAL, HUGE_VAL, &h.k, &n[0], NULL) == MODAL_OK
+    if (get(result, "tones") != NULL)
+        of_tones(get(result, "tones"), dof, &h, &n[0]);
+    else if (json_get_numbers(dof, "", "k", -HUGE_VAL, HUGE_VAL, &h.k, &n[0], NULL) != MODAL_OK)
+        return h;
+    if (h.k != NULL
         && json_get_numbers(dof, "", "re", -HUGE_VAL, HUGE_VAL, &h.re, &n[1], NULL) == MODAL_OK
         && json_get_numbers(dof, "", "im", -HUGE_VAL, HUGE_VAL, &h.im, &n[2], NULL) == MODAL_OK
         && n[0] == n[1] && n[1] == n[2])
@@ -128,7 +156,7 @@ static struct harmonics harmonics_of(const cJSON *dof)
 /* |X_k| of the first dof, and its orbit x, x'. */
 static void draw_spectrum(struct svg *svg, const struct harmonics *h)
 {
-    struct svg_panel p = panel_of("harmonic k", "|X_k|");
+    struct svg_panel p = panel_of(h->tones ? "frequency, rad/s" : "harmonic k", "|X_k|");
 
     p.y.logarithmic = true;
     for (int i = 0; i < h->count; i++) {
@@ -144,18 +172,18 @@ static void draw_spectrum(struct svg *svg, const struct harmonics *h)
     }
 }
 
-static void draw_orbit(struct svg *svg, const struct harmonics *h, const char *name, double omega)
+static void draw_orbit(struct svg *svg, const struct harmonics *h, const char *name)
 {
     struct svg_panel p = panel_of(name, "its velocity");
     double x[ORBIT_POINTS + 1], v[ORBIT_POINTS + 1];
 
     for (int j = 0; j <= ORBIT_POINTS; j++) {
-        double theta = 2 * M_PI * j / ORBIT_POINTS;
+        double t = h->span * j / ORBIT_POINTS;
         x[j] = v[j] = 0;
         for (int i = 0; i < h->count; i++) {
-            double k = h->k[i], c = cos(k * theta), s = sin(k * theta);
+            double w = h->k[i] * h->omega, c = cos(w * t), s = sin(w * t);
             x[j] += h->re[i] * c - h->im[i] * s;
-            v[j] -= k * omega * (h->re[i] * s + h->im[i] * c);
+            v[j] -= w * (h->re[i] * s + h->im[i] * c);
         }
         svg_hold(&p.x, x[j]);
         svg_hold(&p.y, v[j]);
@@ -167,7 +195,7 @@ static void draw_orbit(struct svg *svg, const struct harmonics *h, const char *n
 /* The largest |X_k|, k >= 1, of the first dof reported. */
 static double size_of(const cJSON *point)
 {
-    struct harmonics h = harmonics_of(cJSON_GetArrayItem(get(point, "harmonics"), 0));
+    struct harmonics h = harmonics_of(point, cJSON_GetArrayItem(get(point, "harmonics"), 0));
     double most = NAN;
 
     for (int i = 0; i < h.count; i++)
@@ -279,9 +307,9 @@ static bool plot_steady(struct svg *svg, FILE *file, const cJSON *result,
     if (dof == NULL)
         return false;
     svg_begin(svg, file, 2, "spectrum and orbit");
-    struct harmonics h = harmonics_of(dof);
+    struct harmonics h = harmonics_of(result, dof);
     draw_spectrum(svg, &h);
-    draw_orbit(svg, &h, field_word(dof, "dof", "-"), number(result, "omega"));
+    draw_orbit(svg, &h, field_word(dof, "dof", "-"));
     harmonics_done(&h);
     return true;
 }

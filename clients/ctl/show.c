@@ -199,6 +199,21 @@ static void show_identify(const cJSON *result)
            number(get(result, "rank"), "hankel"), text(get(result, "rank"), "rule"));
 }
 
+/* "3", or "(1,-2)" of several tones, into ROOM bytes of OUT. */
+static void name_harmonic(const cJSON *k, char *out, size_t room)
+{
+    size_t used = 0;
+
+    if (!cJSON_IsArray(k)) {
+        snprintf(out, room, "%g", cJSON_IsNumber(k) ? k->valuedouble : NAN);
+        return;
+    }
+    for (int j = 0; j < cJSON_GetArraySize(k) && used < room; j++)
+        used += (size_t)snprintf(out + used, room - used, "%c%g", j > 0 ? ',' : '(', part(k, j));
+    if (used < room)
+        snprintf(out + used, room - used, ")");
+}
+
 static void show_harmonics(const cJSON *result)
 {
     const cJSON *dof;
@@ -207,8 +222,11 @@ static void show_harmonics(const cJSON *result)
         int n = cJSON_GetArraySize(get(dof, "k"));
         for (int i = 0; i < n && i < HARMONICS_SHOWN; i++) {
             double re = part(get(dof, "re"), i), im = part(get(dof, "im"), i);
-            printf("  %-12s %4g %16.9g %12.6g rad\n", i ? "" : text(dof, "dof"),
-                   part(get(dof, "k"), i), hypot(re, im), atan2(im, re));
+            char name[64];
+
+            name_harmonic(cJSON_GetArrayItem(get(dof, "k"), i), name, sizeof name);
+            printf("  %-12s %4s %16.9g %12.6g rad\n", i ? "" : text(dof, "dof"), name,
+                   hypot(re, im), atan2(im, re));
         }
         if (n > HARMONICS_SHOWN)
             printf("  %-12s ... %d harmonics\n", "", n);
@@ -257,9 +275,15 @@ static void show_points(const cJSON *result)
 
 static void show_steady(const cJSON *result)
 {
-    printf("%s, omega %.9g rad/s, %s, %g iterations, residual",
-           cJSON_IsTrue(get(result, "converged")) ? "converged" : "NOT converged",
-           number(result, "omega"), text(result, "method"), number(result, "iterations"));
+    const cJSON *tones = get(result, "tones");
+
+    printf("%s, %s %.9g", cJSON_IsTrue(get(result, "converged")) ? "converged" : "NOT converged",
+           tones != NULL ? "tones" : "omega",
+           tones != NULL ? part(tones, 0) : number(result, "omega"));
+    for (int j = 1; j < cJSON_GetArraySize(tones); j++)
+        printf(", %.9g", part(tones, j));
+    printf(" rad/s, %s, %g iterations, residual", text(result, "method"),
+           number(result, "iterations"));
     cell(0, "%.2e", number(result, "residual"));
     printf(", truncation error");
     cell(0, "%.2e", number(result, "truncation_error"));

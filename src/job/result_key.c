@@ -338,7 +338,8 @@ static const struct result_key identify_keys[] = {
 
 static const struct result_key dof_harmonic_keys[] = {
     { "dof", RESULT_TEXT, .means = "its name" },
-    { "k", RESULT_WHOLE, .list = "from 0", .means = "harmonics of omega" },
+    { "k", RESULT_OWN, .means = "list of the harmonics of omega, from 0; with tones of lists "
+      "[k1, k2], x(t) = Re sum X_k exp(i (k1 w1 + k2 w2) t)" },
     { "re", RESULT_NUMBER, .list = "one a harmonic", .unit = "the dof's", .null = UNKNOWN,
       .means = "Re X_k of x(t) = Re sum X_k exp(i k omega t)" },
     { "im", RESULT_NUMBER, .list = "one a harmonic", .unit = "the dof's", .null = UNKNOWN,
@@ -388,11 +389,16 @@ static const struct result_key steady_keys[] = {
     { "kind", RESULT_TEXT, .means = "steady" },
     { "converged", RESULT_TRUTH,
       .means = "false: what is given is the best iterate, and a diagnostic says why" },
-    { "omega", RESULT_NUMBER, .unit = "rad/s", .means = "of the motion's first harmonic" },
+    { "omega", RESULT_NUMBER, .unit = "rad/s", .null = "with several tones",
+      .means = "of the motion's first harmonic" },
+    { "tones", RESULT_NUMBER, .list = "two or three", .unit = "rad/s", .absent = "without tones",
+      .means = "w1, w2, .. of the motion, of no common period" },
     { "method", RESULT_TEXT, .means = "what found it: linear, direct, newton, .." },
     { "iterations", RESULT_WHOLE, .means = "of the balance" },
-    { "H", RESULT_WHOLE, .means = "harmonics kept, beside the mean" },
-    { "N", RESULT_WHOLE, .means = "samples of a period at which laws were evaluated; 0: none" },
+    { "H", RESULT_WHOLE, .means = "harmonics kept, beside the mean; with tones the highest "
+      "|k1| + |k2| + .. kept" },
+    { "N", RESULT_WHOLE, .means = "samples of a period, or of all phases of tones, at which laws "
+      "were evaluated; 0: none" },
     { "harmonics", RESULT_OBJECT, .list = "one a dof reported", .members = dof_harmonic_keys,
       .means = "the motion" },
     { "time", RESULT_OBJECT, .absent = "without time", .members = time_keys,

@@ -9,6 +9,7 @@
 #include "job/plan.h"
 #include "job/steady_print.h"
 #include "job/steady_settings.h"
+#include "job/torus_job.h"
 #include "modal/scene/scene.h"
 #include "modal/steady/solve.h"
 #include "modal/steady/stability.h"
@@ -155,8 +156,8 @@ enum modal_status steady_run(const struct job_request *request, struct job_resul
     rc = steady_settings_read(request, p, &settings, &shown, err);
     if (rc != MODAL_OK)
         goto out;
-    if (!(p->omega > 0) && settings.sweep == NULL && settings.follow == NULL
-        && settings.backbone == NULL) {
+    if (settings.tones_count == 0 && !(p->omega > 0) && settings.sweep == NULL
+        && settings.follow == NULL && settings.backbone == NULL) {
         rc = modal_fail_field(err, MODAL_BAD_INPUT, "omega",
                               "a steady state needs the scene's omega > 0");
         goto out;
@@ -164,7 +165,8 @@ enum modal_status steady_run(const struct job_request *request, struct job_resul
     steady_subharmonic(p, settings.subharmonic);
     steady_count_start(p);
     cost_stage(&cost, "lower");
-    rc = settings.sweep != NULL || settings.follow != NULL
+    rc = settings.tones_count > 0 ? torus_run(p, &settings, &cost, &doc, err)
+         : settings.sweep != NULL || settings.follow != NULL
              ? curve_run(request, p, &settings, &cost, &doc, err)
          : settings.backbone != NULL ? backbone_run(request, p, &settings, &cost, &doc, err)
                                      : one_state(p, &settings, &cost, &doc, err);

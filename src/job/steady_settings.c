@@ -62,6 +62,9 @@ const struct key_row steady_option_rows[] = {
       .example = "x1,x2" },
     { "start", KEY_OWN, .form = "{\"A\":{\"k\":[1],\"re\":[1],\"im\":[0]}}",
       .meaning = "where to begin", .example = "{\"x1\":{\"k\":[1],\"re\":[1],\"im\":[0]}}" },
+    { "tones", KEY_OWN, .unit = "rad/s", .form = "W1,W2[,W3]",
+      .meaning = "two or three tones without a common period, in place of omega; loads name theirs "
+      "by k: [k1, k2]", .example = "1,1.618" },
     { "threads", KEY_WHOLE, KEY_SILENT, AT(threads), .low = 1, .high = THREADS_MOST, .initial = "1",
       .meaning = "that the job is counted for", .example = "2" },
     { 0 },
@@ -201,6 +204,31 @@ static enum modal_status read_time(const cJSON *object, const char *base, struct
     return json_get_int(object, base, "time", 1, ORBIT_SAMPLES_MOST, &s->time, err);
 }
 
+static enum modal_status read_tones(const cJSON *object, const char *base,
+                                    struct steady_settings *s, struct modal_error *err)
+{
+    const cJSON *item = cJSON_GetObjectItemCaseSensitive(object, "tones");
+    char path[128];
+    double *list = NULL;
+    size_t count = 0;
+    enum modal_status rc;
+
+    if (item == NULL)
+        return MODAL_OK;
+    json_path(path, base, "tones");
+    if (!cJSON_IsArray(item) || cJSON_GetArraySize(item) < 2
+        || cJSON_GetArraySize(item) > PROGRAM_TONES_MOST)
+        return modal_fail_field(err, MODAL_BAD_INPUT, path,
+                                "%s must be two or three frequencies in rad/s; one is the scene's "
+                                "omega", path);
+    rc = json_get_numbers(object, base, "tones", 1e-9, 1e12, &list, &count, err);
+    for (size_t i = 0; rc == MODAL_OK && i < count; i++)
+        s->tones[i] = list[i];
+    s->tones_count = (int)count;
+    free(list);
+    return rc;
+}
+
 /* O, the scene's `steady` (BASE) or the job's options, with ROWS beside those that both may
  * hold. */
 static enum modal_status read_from(const cJSON *o, const char *base, const struct key_row *rows,
@@ -218,6 +246,7 @@ static enum modal_status read_from(const cJSON *o, const char *base, const struc
         || (rc = key_table_read(steady_option_rows, o, base, s, err)) != MODAL_OK
         || (rows != NULL && (rc = key_table_read(rows, o, base, s, err)) != MODAL_OK)
         || (rc = read_time(o, base, s, err)) != MODAL_OK
+        || (rc = read_tones(o, base, s, err)) != MODAL_OK
         || (rc = read_dofs(o, base, p, s, err)) != MODAL_OK)
         return rc;
     return read_start(o, base, p, s, err);
@@ -292,6 +321,8 @@ enum modal_status steady_settings_read(const struct job_request *request, const 
     out->opt.dofs = out->dofs;
     out->opt.dofs_count = out->dofs_count;
     *shown = cJSON_CreateObject();
+    if (out->tones_count > 0)
+        cJSON_AddItemToObject(*shown, "tones", json_numbers(out->tones, (size_t)out->tones_count));
     key_table_write(steady_option_rows, out, *shown);
     key_table_write(steady_curve_rows, out, *shown);
     return MODAL_OK;

@@ -4,6 +4,7 @@
 #define JOB_STEADY_SETTINGS_H
 #include "base/key_table.h"
 #include "job/job.h"
+#include "modal/scene/program.h"
 #include "modal/steady/point.h"
 
 struct program;
@@ -22,6 +23,8 @@ struct steady_settings {
     int *dofs, dofs_count;            /* reported; opt.dofs points here */
     double complex *start;            /* n x (start_H + 1) by the program's dofs, or NULL */
     int start_H;
+    double tones[PROGRAM_TONES_MOST];     /* rad/s, of several without a common period */
+    int tones_count;                  /* 0: one, omega */
     const char *sweep, *follow, *backbone;      /* the request's own */
 };
 

@@ -72,10 +72,13 @@ def orbit(result: Document, dof: int = 0) -> Figure:
     figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4))
     h = result["harmonics"][dof]
     k, x = np.array(h["k"]), np.array(h["re"]) + 1j * np.array(h["im"])
-    left.stem(k, np.abs(x))
-    left.set(xlabel="harmonic k", ylabel="|X_k|", yscale="log")
-    turn = np.exp(1j * np.outer(np.linspace(0, 2 * np.pi, 400), k))
-    right.plot((turn @ x).real, (turn @ (1j * k * result["omega"] * x)).real)
+    tones = result.get("tones")
+    w = k @ np.array(tones) if tones else k * result["omega"]
+    left.stem(w if tones else k, np.abs(x))
+    left.set(xlabel="frequency, rad/s" if tones else "harmonic k", ylabel="|X_k|", yscale="log")
+    span = 16 * np.pi / min(tones) if tones else 2 * np.pi / result["omega"]
+    turn = np.exp(1j * np.outer(np.linspace(0, span, 400), w))
+    right.plot((turn @ x).real, (turn @ (1j * w * x)).real)
     right.set(xlabel=h["dof"], ylabel="its velocity")
     return figure
 

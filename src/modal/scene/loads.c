@@ -17,9 +17,9 @@ enum { ROTATING, FIXED };
 static const char *const frames[] = { [ROTATING] = "rotating", [FIXED] = "fixed", NULL };
 
 struct keys {                      /* of all types: each reads those of its own tables */
-    int dof, frame, k;  /* frame: of `frames`, or ABSENT */
+    int dof, frame, seed;  /* frame: of `frames`, or ABSENT */
+    const cJSON *k;  /* of a harmonic */
     double cosine, sine, start, amplitude, duration, psd, corner;
-    int seed;
     const cJSON *points;  /* of a table */
     struct scene_numbers time, force;
 };
@@ -36,8 +36,11 @@ static const struct scene_key load_keys[] = {
     { 0 },
 };
 static const struct scene_key harmonic_keys[] = {
-    { "k", SCENE_WHOLE, offsetof(struct keys, k), "", 0, LOWERING_HARMONIC_MOST,
-      .standard = 1, .means = "harmonic of the scene's omega; 0: constant", .example = "2" },
+    { "k", SCENE_OWN, offsetof(struct keys, k), .otherwise = "1",
+      .means =
+          "harmonic of the scene's omega, 0 to 1000, 0: constant; [k1, k2] or [k1, k2, k3]: of "
+          "the tones of steady.tones",
+      .example = "2" },
     { "cos", SCENE_NUMBER, offsetof(struct keys, cosine), "N", -HUGE_VAL, HUGE_VAL,
       .means = "a of a cos(k omega t)", .example = "1.5" },
     { "sin", SCENE_NUMBER, offsetof(struct keys, sine), "N", -HUGE_VAL, HUGE_VAL,
@@ -252,9 +255,42 @@ static enum modal_status read_frame(const struct lowering *l, int frame, const c
     return MODAL_OK;
 }
 
+/* `k` of JSON: a harmonic of omega, or a list, one of each tone. */
+static enum modal_status read_k(const struct keys *k, const cJSON *json, const char *path,
+                                struct program_load *load, struct modal_error *err)
+{
+    double *list = NULL;
+    size_t count;
+    char where[128];
+    enum modal_status rc;
+
+    load->k = 1;
+    if (!cJSON_IsArray(k->k)) {
+        rc = json_get_int(json, path, "k", 0, LOWERING_HARMONIC_MOST, &load->k, err);
+        load->tone[0] = load->k;
+        return rc;
+    }
+    json_path(where, path, "k");
+    rc = json_get_numbers(json, path, "k", -LOWERING_HARMONIC_MOST, LOWERING_HARMONIC_MOST, &list,
+                          &count, err);
+    if (rc == MODAL_OK && (count < 2 || count > PROGRAM_TONES_MOST))
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, where,
+                              "%s has %zu numbers; accepted: a whole number, or two or three, one "
+                              "of each tone", where, count);
+    for (size_t j = 0; rc == MODAL_OK && j < count; j++) {
+        load->tone[load->tones++] = (int)list[j];
+        if ((int)list[j] != list[j])
+            rc = modal_fail_field(err, MODAL_BAD_INPUT, where,
+                                  "%s holds %g; accepted: whole numbers", where, list[j]);
+    }
+    free(list);
+    return rc;
+}
+
 /* What K says into LOAD, whose type is set. */
-static enum modal_status fill_load(const struct lowering *l, struct keys *k, const char *path,
-                                   const struct scene_time *time, struct program_load *load,
+static enum modal_status fill_load(const struct lowering *l, struct keys *k, const cJSON *json,
+                                   const char *path, const struct scene_time *time,
+                                   struct program_load *load,
                                    struct modal_error *err)
 {
     char where[128];
@@ -266,13 +302,14 @@ static enum modal_status fill_load(const struct lowering *l, struct keys *k, con
                                 where);
     if ((rc = read_frame(l, k->frame, path, load, err)) != MODAL_OK)
         return rc;
-    load->k = k->k;  /* 1 where it is not given */
     load->cosine = k->cosine;
     load->sine = k->sine;
     load->amplitude = k->amplitude;
     load->start = k->start;
     load->duration = k->duration;
-    if (load->type == LOAD_HARMONIC && load->k > 0)
+    if (load->type == LOAD_HARMONIC && (rc = read_k(k, json, path, load, err)) != MODAL_OK)
+        return rc;
+    if (load->type == LOAD_HARMONIC && load->k > 0 && load->tones == 0)
         return lowering_need_omega(l, "a harmonic excitation", err);
     if ((int)load->type == NOISE)
         return draw_noise(l, k, path, time, load, err);
@@ -298,7 +335,7 @@ static enum modal_status read_load(const struct lowering *l, const cJSON *json, 
     load->type = (enum program_load_type)type;  /* loads_types is in the enum's order */
     rc = scene_keys_read(l, json, path, loads_types[type].keys, &k, err);
     if (rc == MODAL_OK)
-        rc = fill_load(l, &k, path, time, load, err);
+        rc = fill_load(l, &k, json, path, time, load, err);
     scene_keys_free(loads_types[type].keys, &k);  /* what was not moved */
     return rc;
 }

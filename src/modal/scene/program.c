@@ -58,6 +58,8 @@ static void add_load(struct sha256 *s, const struct program_load *load)
     add_int(s, load->dof);
     add_int(s, load->type);
     add_int(s, load->k);
+    for (int j = 0; load->tones > 0 && j < PROGRAM_TONES_MOST; j++)
+        add_int(s, load->tone[j]);
     add_doubles(s, numbers, 6);
     add_doubles(s, load->time, load->points);
     add_doubles(s, load->force, load->points);
@@ -126,6 +128,8 @@ void program_hash(struct program *p)
     add_int(&s, p->laws);
     for (int i = 0; i < p->laws; i++)
         add_law(&s, &p->law[i]);
+    if (p->tones[0] > 0)  /* programs without keep the hash that they had */
+        add_doubles(&s, p->tones, PROGRAM_TONES_MOST);
     add_int(&s, p->loads);
     for (int i = 0; i < p->loads; i++)
         add_load(&s, &p->load[i]);
@@ -144,6 +148,15 @@ void program_hash(struct program *p)
     add_doubles(&s, numbers, 3);
     sha256_end(&s, digest);  /* of all of it */
     sha256_hex(digest, p->hash);
+}
+
+double program_load_frequency(const struct program *p, const struct program_load *load)
+{
+    double sum = load->tones > 0 ? 0 : load->k * p->omega;
+
+    for (int j = 0; j < load->tones; j++)
+        sum += load->tone[j] * p->tones[j];
+    return sum;
 }
 
 enum program_class program_class(const struct program *p)

@@ -18,6 +18,7 @@
 #include "modal/scene/law.h"
 
 enum { PROGRAM_M, PROGRAM_C, PROGRAM_K };
+enum { PROGRAM_TONES_MOST = 3 };      /* of several tones without a common period */
 
 struct program_harmonic {             /* (3): one k >= 1; the n x n matrices may be empty (m = 0) */
     int k;
@@ -35,6 +36,8 @@ struct program_load {                 /* p(t) on one dof */
         LOAD_TABLE
     } type;
     int k;                            /* HARMONIC: cosine cos(k Omega t) + sine sin(k Omega t) */
+    /* numbers of k where the scene gave a list, 0 where it gave one number: then tone is k, 0, 0 */
+    int tones, tone[PROGRAM_TONES_MOST];
     double cosine, sine;  /* N */
     double amplitude, duration, start;/* pulses; IMPULSE: amplitude in N s at t = start */
     int points;                       /* TABLE: linear between points, 0 outside */
@@ -89,6 +92,7 @@ struct program {
 
     double *x0, *v0;                  /* initial state */
     double omega, period;             /* rad/s, s; 0: the scene gave none */
+    double tones[PROGRAM_TONES_MOST]; /* rad/s, of loads whose k is a list; 0: there are none */
     double frame_speed;               /* of turning axes, for outputs in the fixed frame; 0: none */
     /* On fixed axes about a shaft turning at turn_speed: dof i's other transverse dof and J's sign
      * there, n each, or NULL. turning.h reads them; they say nothing that the matrices do not. */
@@ -99,6 +103,9 @@ struct program {
     char hash[65];                    /* SHA-256, hex, over all of the above but counters and
                                          lua_bytes: see program.c */
 };
+
+/* Of a harmonic load, rad/s: k omega, or k . tones. */
+double program_load_frequency(const struct program *p, const struct program_load *load);
 
 enum program_class { PROGRAM_LINEAR_CONSTANT, PROGRAM_LINEAR_PERIODIC, PROGRAM_NONLINEAR };
 /* Nonlinear with any law, periodic with any harmonic. */

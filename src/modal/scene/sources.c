@@ -22,7 +22,7 @@ static int states_of(const struct program_load *load)
         [LOAD_ONE_MINUS_COSINE] = 3, [LOAD_STEP] = 1,    [LOAD_TABLE] = 2
     };
 
-    return load->type == LOAD_HARMONIC && load->k == 0 ? 1 : states[load->type];
+    return load->type == LOAD_HARMONIC && load->k == 0 && load->tones == 0 ? 1 : states[load->type];
 }
 
 /* The oscillator's frequency, 0: none; OUT gets its first row and what each row adds to the
@@ -36,7 +36,7 @@ static double shape_of(const struct program *p, const struct program_load *load,
     case LOAD_HARMONIC:
         weight[0] = load->cosine;
         weight[1] = load->sine;
-        return load->k * p->omega;
+        return program_load_frequency(p, load);
     case LOAD_HALF_SINE:
         weight[1] = load->amplitude;  /* a sin: w_2 */
         return M_PI / load->duration;
@@ -139,6 +139,12 @@ enum modal_status sources_new(const struct program *p, struct sources **out,
     s->p = p;
     s->n = p->n;
     for (int i = 0; i < p->loads; i++) {
+        if (p->load[i].tones > 0 && !(p->tones[p->load[i].tones - 1] > 0)) {
+            free(s);
+            return modal_fail_field(err, MODAL_BAD_INPUT, "excitation",
+                                    "excitation[%d].k names %d tones; give as many as "
+                                    "steady.tones", i, p->load[i].tones);
+        }
         s->nw += states_of(&p->load[i]) * (p->load[i].dof_sine >= 0 ? 2 : 1);
         corners += (size_t)corners_of(&p->load[i]);
     }

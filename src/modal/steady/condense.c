@@ -185,6 +185,10 @@ static enum modal_status read_loads(struct condense *c, struct modal_error *err)
                 err, MODAL_BAD_INPUT, "excitation",
                 "excitation[%d] is a pulse; a steady state accepts only harmonics (k, cos, sin)",
                 i);
+        if (load->tones > 0)
+            return modal_fail_field(err, MODAL_BAD_INPUT, "excitation",
+                                    "excitation[%d].k names tones, of which there are none; give "
+                                    "steady.tones (or -o tones=W1,W2)", i);
         if (load->k < 0 || load->k > HARMONIC_LOADS_MOST)
             return modal_fail_field(err, MODAL_BAD_INPUT, "excitation",
                                     "excitation[%d].k is %d; accepted: 0 to %d", i, load->k,

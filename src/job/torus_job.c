@@ -1,0 +1,216 @@
+/* torus_job.c - see torus_job.h; tested by tests/system/test_tones.py */
+#include "job/torus_job.h"
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include "job/cost.h"
+#include "job/plan.h"
+#include "job/steady_settings.h"
+#include "modal/scene/program.h"
+#include "modal/steady/torus_solve.h"
+
+/* Commensurate to this much of the largest tone, with small whole numbers: one period, and no
+ * several tones. */
+static const double COMMENSURATE = 1e-9;
+enum { RATIO_MOST = 5 };
+
+static enum modal_status refuse(const char *option, struct modal_error *err)
+{
+    return modal_fail_field(err, MODAL_BAD_INPUT, option,
+                            "%s is not accepted with tones, whose motion has no period", option);
+}
+
+/* Options that are of one period. */
+static enum modal_status check_options(const struct steady_settings *s, struct modal_error *err)
+{
+    const struct { bool given; const char *option; } others[] = {
+        { s->sweep != NULL, "sweep" },        { s->follow != NULL, "continue" },
+        { s->backbone != NULL, "backbone" },  { s->solutions == 1, "solutions" },
+        { s->start != NULL, "start" },        { s->subharmonic > 1, "subharmonic" },
+        { s->opt.samples > 0, "samples" },    { s->opt.cutoff > 0, "cutoff" },
+        { s->time != 0, "time" },             { s->opt.unlocated, "located" },
+        { s->opt.by_differences, "differences" },
+        { s->opt.method != STEADY_AUTO && s->opt.method != STEADY_NEWTON, "method" },
+    };
+
+    for (size_t i = 0; i < sizeof others / sizeof *others; i++)
+        if (others[i].given)
+            return refuse(others[i].option, err);
+    return MODAL_OK;
+}
+
+static cJSON *print_index(const struct torus_point *point, int m)
+{
+    cJSON *list = cJSON_CreateArray();
+
+    for (int j = 0; j < point->tones.count; j++)
+        cJSON_AddItemToArray(list, cJSON_CreateNumber(point->index[m].k[j]));
+    return list;
+}
+
+/* The reported dofs' combinations; a motion whose phase has the sign of k turned is its conjugate,
+ * so that k and -k say the same. */
+static void print_harmonics(const struct program *p, const struct steady_settings *settings,
+                            const struct torus_point *point, cJSON *doc)
+{
+    cJSON *list = cJSON_AddArrayToObject(doc, "harmonics");
+
+    for (int i = 0; i < settings->dofs_count; i++) {
+        cJSON *o = cJSON_CreateObject(), *k = cJSON_CreateArray(), *re = cJSON_CreateArray(),
+              *im = cJSON_CreateArray();
+
+        for (int m = 0; m < point->count; m++) {
+            double complex X = point->X[(size_t)i * (size_t)point->count + (size_t)m];
+
+            cJSON_AddItemToArray(k, print_index(point, m));
+            cJSON_AddItemToArray(re, cJSON_CreateNumber(creal(X)));
+            cJSON_AddItemToArray(im, cJSON_CreateNumber(cimag(X)));
+        }
+        cJSON_AddStringToObject(o, "dof", p->dofs[settings->dofs[i]]);
+        cJSON_AddItemToObject(o, "k", k);
+        cJSON_AddItemToObject(o, "re", re);
+        cJSON_AddItemToObject(o, "im", im);
+        cJSON_AddItemToArray(list, o);
+    }
+}
+
+static void diagnose(cJSON *list, const char *code, const char *text)
+{
+    cJSON *d = cJSON_CreateObject();
+
+    cJSON_AddStringToObject(d, "code", code);
+    cJSON_AddStringToObject(d, "message", text);
+    cJSON_AddItemToArray(list, d);
+}
+
+static void print_diagnostics(const struct steady_settings *settings,
+                              const struct torus_point *point, cJSON *doc)
+{
+    cJSON *list = cJSON_AddArrayToObject(doc, "diagnostics");
+    int undetermined = 0;
+    char text[320];
+
+    for (int l = 0; l < point->laws; l++)
+        undetermined += point->undetermined[l];
+    if (!point->converged) {
+        snprintf(text, sizeof text,
+                 "no motion of these tones was found, which is no proof that there is none: %s; "
+                 "what is given is the best iterate", point->reason);
+        diagnose(list, "not_converged", text);
+    }
+    if (point->converged && point->wanting && settings->opt.harmonics == 0) {
+        snprintf(text, sizeof text,
+                 "the error's estimate is %.3g of the amplitude, %.3g times target.error %.3g, "
+                 "with %d combinations, the most that were tried",
+                 point->error / point->amplitude,
+                 point->error / point->amplitude / settings->opt.target_error,
+                 settings->opt.target_error, point->count);
+        diagnose(list, "target_not_met", text);
+    }
+    if (point->converged && undetermined > 0) {
+        snprintf(text, sizeof text,
+                 "%d sliders of %d come to rest: their places, and with them the mean, follow from "
+                 "history; the mean given is that with the sliders as near to zero as their "
+                 "strength allows", undetermined, point->laws);
+        diagnose(list, "undetermined_offset", text);
+    }
+    diagnose(list, "stability_unknown",
+             "the stability was not computed: a motion of several tones has no multipliers");
+}
+
+static void print_errors(const struct torus_point *point, cJSON *doc)
+{
+    bool known = point->converged;
+    cJSON *o;
+
+    json_set_number(doc, "residual", point->residual);
+    json_set_number(doc, "truncation_error", known ? point->truncation : NAN);
+    json_set_number(doc, "sampling_error", known ? point->sampling : NAN);
+    json_set_number(doc, "solver_error", known ? point->solver : NAN);
+    json_set_number(doc, "total_error", known ? point->error : NAN);
+    o = cJSON_AddObjectToObject(doc, "reconstruction");
+    json_set_number(o, "rms_residual", NAN);
+    json_set_number(o, "max_residual", NAN);
+    json_set_number(o, "relative_residual", NAN);
+    o = cJSON_AddObjectToObject(doc, "work");
+    json_set_number(o, "spent", point->work.spent);
+    json_set_number(o, "allowed", point->work.most);
+    o = cJSON_AddObjectToObject(doc, "stability");
+    cJSON_AddNullToObject(o, "stable");
+    cJSON_AddNullToObject(o, "max_multiplier");
+    cJSON_AddArrayToObject(o, "multipliers");
+}
+
+static cJSON *print_point(const struct program *p, const struct steady_settings *settings,
+                          const struct torus_point *point)
+{
+    cJSON *doc = cJSON_CreateObject();
+    int highest = 0;
+
+    for (int m = 0; m < point->count; m++)
+        highest = torus_order(point->index[m]) > highest ? torus_order(point->index[m]) : highest;
+    cJSON_AddStringToObject(doc, "kind", "steady");
+    cJSON_AddBoolToObject(doc, "converged", point->converged);
+    cJSON_AddNullToObject(doc, "omega");
+    cJSON_AddItemToObject(doc, "tones",
+                          json_numbers(settings->tones, (size_t)settings->tones_count));
+    cJSON_AddStringToObject(doc, "method", p->laws > 0 ? "newton" : "linear");
+    cJSON_AddNumberToObject(doc, "iterations", point->iterations);
+    cJSON_AddNumberToObject(doc, "H", highest);
+    cJSON_AddNumberToObject(doc, "N", point->samples);
+    print_harmonics(p, settings, point, doc);
+    print_errors(point, doc);
+    print_diagnostics(settings, point, doc);
+    return doc;
+}
+
+/* Two tones in the ratio of small whole numbers have a common period: one omega says it, exactly.
+ * */
+static enum modal_status check_ratios(const struct steady_settings *s, struct modal_error *err)
+{
+    for (int i = 0; i < s->tones_count; i++)
+        for (int j = 0; j < i; j++)
+            if (fabs(s->tones[i] - s->tones[j]) <= COMMENSURATE * s->tones[i])
+                return modal_fail_field(err, MODAL_BAD_INPUT, "tones",
+                                        "tones: %g is given twice; accepted: two or three tones "
+                                        "that differ", s->tones[i]);
+    return MODAL_OK;
+}
+
+enum modal_status torus_run(struct program *p, const struct steady_settings *settings,
+                            struct cost *cost, cJSON **doc, struct modal_error *err)
+{
+    const struct torus_options opt = { .order = settings->opt.harmonics,
+                                       .tolerance = settings->opt.tolerance,
+                                       .max_iterations = settings->opt.max_iterations,
+                                       .target_error = settings->opt.target_error,
+                                       .dofs = settings->dofs,
+                                       .dofs_count = settings->dofs_count,
+                                       .cancelled = settings->opt.cancelled,
+                                       .context = settings->opt.context };
+    struct torus_point point = { 0 };
+    cJSON *plan;
+    enum modal_status rc = check_options(settings, err);
+
+    if (rc == MODAL_OK)
+        rc = check_ratios(settings, err);
+    for (int j = 0; rc == MODAL_OK && j < settings->tones_count; j++)
+        p->tones[j] = settings->tones[j];
+    if (rc == MODAL_OK)
+        rc = torus_solve(p, settings->tones, settings->tones_count, &opt, &point, err);
+    cost_stage(cost, "solve");
+    if (rc != MODAL_OK)
+        return rc;
+    for (int l = 0; l < p->laws; l++) {
+        struct program_effect *e = &p->effect[p->law[l].effect];
+
+        e->evaluations += point.evaluations[l];
+        e->active |= point.acts[l];
+    }
+    *doc = print_point(p, settings, &point);
+    plan = plan_print(p, p->laws > 0 ? "newton" : "linear");
+    cJSON_AddItemToObject(*doc, "plan", plan);
+    torus_point_done(&point);
+    cost_stage(cost, "print");
+    return MODAL_OK;
+}

@@ -1,0 +1,245 @@
+/*
+ * torus_error.c - what a balance leaves out; tested by tests/unit/modal/steady/test_torus.c
+ *
+ * The forces of the solution are evaluated once more on twice the samples and lines, at the
+ * combinations kept and at those around them.  What differs at those kept is the sampling's error
+ * of the forces, and J^-1 of it that of the motion; of the others, S_k^-1 F_k is the motion left
+ * out, and J^-1 of what it changes in the forces its effect on the rest.
+ */
+#include "modal/steady/torus_state.h"
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "modal/steady/condense.h"
+#include "modal/steady/torus_laws.h"
+
+enum { CANDIDATES_LEAST = 300 };          /* below them an estimate of the rest is none */
+static const double LOOKING = 2e8;        /* budget.h: what linear parts of a look may cost */
+static const double SLOW = 0.15;          /* chosen: slow combinations are looked at to orders
+                                           * some seven times as high as fast ones */
+
+void torus_spread(const struct torus_solver *s, const double complex *X, size_t K, size_t m, int at,
+                        double complex *one)
+{
+    for (size_t i = 0; i < (size_t)s->q; i++) {
+        one[(size_t)(at + 1) * i] = 0;
+        one[(size_t)(at + 1) * i + (size_t)at] = X[i * K + m];
+    }
+}
+
+enum modal_status torus_largest(struct torus_solver *s, struct torus_grid *g, int count,
+                                 const struct torus_index *index, const double complex *D,
+                                 double *most, struct modal_error *err)
+{
+    size_t points = (size_t)torus_grid_lines(g) * (size_t)torus_grid_samples(g), K = (size_t)count;
+    size_t q = (size_t)s->q, dofs = (size_t)s->opt->dofs_count;
+    const int *place = condense_place(s->condense[0]);
+    double *x = malloc((points + 1) * sizeof *x);
+    double complex *Y = calloc(dofs * K + 1, sizeof *Y), *S = malloc(2 * (q * q + 1) * sizeof *S),
+                   *p = malloc(2 * (q + 1) * sizeof *p), *one = calloc(2 * q + 1, sizeof *one);
+    double complex two[2];
+    bool others = false;
+    enum modal_status rc = x == NULL || Y == NULL || S == NULL || p == NULL || one == NULL
+                               ? modal_fail(err, MODAL_NO_MEMORY, "torus: no memory")
+                               : MODAL_OK;
+
+    for (size_t i = 0; i < dofs; i++)
+        others |= place[s->opt->dofs[i]] < 0;
+    for (size_t m = 0; rc == MODAL_OK && m < K; m++) {
+        int at = torus_order(index[m]) > 0;
+
+        /* without loads: what the others do of the kept ones' motion alone */
+        if (others)
+            rc = condense_at(s->condense[0], torus_base(s, index[m]), 1, at, S, p, err);
+        torus_spread(s, D, K, m, at, one);
+        for (size_t i = 0; rc == MODAL_OK && i < dofs; i++) {
+            int dof = s->opt->dofs[i];
+
+            if (place[dof] >= 0)
+                Y[i * K + m] = D[(size_t)place[dof] * K + m];
+            else if ((rc = condense_recover(s->condense[0], dof, at, one, at, two, err))
+                     == MODAL_OK)
+                Y[i * K + m] = two[at];
+        }
+    }
+    *most = 0;
+    for (size_t i = 0; rc == MODAL_OK && i < dofs; i++) {
+        torus_synthesize(g, count, index, Y + i * K, 0, 0, x);
+        for (size_t j = 0; j < points; j++)
+            *most = fmax(*most, fabs(x[j]));
+    }
+    free(x), free(Y), free(S), free(p), free(one);
+    return rc;
+}
+
+static int by_size(const void *a, const void *b)
+{
+    double x = ((const struct torus_candidate *)a)->size,
+           y = ((const struct torus_candidate *)b)->size;
+
+    return (x < y) - (x > y);
+}
+
+static bool serves(const struct torus_solver *s, struct torus_index k)
+{
+    for (int j = 0; j < s->tones.count; j++)
+        if (abs(k.k[j]) > torus_highest(s, j))
+            return false;
+    return true;
+}
+
+/* How soon a combination is looked at. */
+struct rank { struct torus_index k; double key; };
+
+static int by_key(const void *a, const void *b)
+{
+    double x = ((const struct rank *)a)->key, y = ((const struct rank *)b)->key;
+
+    return (x > y) - (x < y);
+}
+
+/*
+ * What is looked at: the set first, then of the combinations around it that grid G holds those of
+ * low order, and of high ones those that are slow.  A slider that forgets where it began gives
+ * forces that fall but slowly along k . w near 0, and it is there that a structure answers.
+ */
+static int look_at(const struct torus_solver *s, const struct torus_grid *g,
+                   struct torus_index *out)
+{
+    int points = torus_grid_lines(g) * torus_grid_samples(g), count = s->count, ranks = 0;
+    struct torus_index *all = malloc((size_t)points * sizeof *all);
+    struct rank *rank = malloc((size_t)points * sizeof *rank);
+    int most = (int)fmin(TORUS_CANDIDATES_MOST, fmax(CANDIDATES_LEAST,
+                                                     LOOKING / torus_linear_work(s)));
+    int known = all != NULL && rank != NULL ? torus_grid_indices(g, all) : 0;
+
+    memcpy(out, s->index, (size_t)s->count * sizeof *out);
+    for (int i = 0; i < known; i++) {
+        double turns = torus_frequency(&s->tones, all[i]) / s->tones.omega[s->tones.lead];
+
+        if (serves(s, all[i]))
+            rank[ranks++] = (struct rank) { all[i], torus_order(all[i])
+                                                        * fmin(1, fmax(SLOW, turns * turns / 4)) };
+    }
+    if (ranks > 0)
+        qsort(rank, (size_t)ranks, sizeof *rank, by_key);
+    for (int i = 0; i < ranks && count < s->count + most; i++)
+        if (!torus_in_set(s, rank[i].k))
+            out[count++] = rank[i].k;
+    free(all);
+    free(rank);
+    return count;
+}
+
+/*
+ * The motion left out, by X, the set's and S^-1 of what F, the forces of the set's motion, make of
+ * the others: *MOST of it and of its effect on the set, and *CHANGE, what it makes in turn of
+ * itself.  D: room for two motions of the set.
+ */
+static enum modal_status truncation(struct torus_solver *s, struct torus_grid *fine, int all,
+                                    const struct torus_index *look, double complex *X,
+                                    const double complex *F, double complex *d, double *most,
+                                    double *change, struct modal_error *err)
+{
+    size_t K = (size_t)s->count, q = (size_t)s->q, n = q * K, A = (size_t)all;
+    double complex *G = malloc((q * A + 1) * sizeof *G), *column = malloc((q + 1) * sizeof *column);
+    enum modal_status rc = G == NULL || column == NULL
+                               ? modal_fail(err, MODAL_NO_MEMORY, "torus: no memory")
+                               : torus_forces(s->laws, fine, all, look, X, all, look, G, err);
+
+    for (size_t i = 0; rc == MODAL_OK && i < q; i++)
+        for (size_t m = 0; m < K; m++)
+            d[i * K + m] = F[i * A + m] - G[i * A + m];
+    if (rc == MODAL_OK) {
+        torus_precondition(s, d);
+        rc = torus_newton_step(s, d, d + n, err);
+    }
+    for (size_t i = 0; rc == MODAL_OK && i < q; i++)
+        for (size_t m = 0; m < K; m++)
+            X[i * A + m] = d[n + i * K + m];
+    if (rc == MODAL_OK)
+        rc = torus_largest(s, fine, all, look, X, most, err);
+    for (size_t a = K; rc == MODAL_OK && a < A; a++) {
+        struct torus_linear l;
+
+        rc = torus_linear_at(s, look[a], &l, err);
+        for (size_t i = 0; rc == MODAL_OK && i < q; i++)
+            column[i] = F[i * A + a] - G[i * A + a];
+        if (rc == MODAL_OK) {
+            torus_linear_solve(s, &l, column);
+            torus_linear_done(&l);
+        }
+        for (size_t i = 0; i < q; i++)
+            X[i * A + a] = column[i];
+    }
+    for (size_t i = 0; i < q; i++)
+        for (size_t m = 0; m < K; m++)
+            X[i * A + m] = 0;
+    if (rc == MODAL_OK)
+        rc = torus_largest(s, fine, all, look, X, change, err);
+    free(G), free(column);
+    return rc;
+}
+
+enum modal_status torus_estimate(struct torus_solver *s, struct torus_candidate *list, int *count,
+                                  double complex *room, struct torus_errors *e, double *amplitude,
+                                  struct modal_error *err)
+{
+    size_t K = (size_t)s->count, q = (size_t)s->q, n = q * K;
+    struct torus_grid *fine = NULL;
+    struct torus_index *look = malloc((K + TORUS_CANDIDATES_MOST) * sizeof *look);
+    double complex *F = malloc(q * (K + TORUS_CANDIDATES_MOST) * sizeof *F + 1),
+                   *X = calloc(q * (K + TORUS_CANDIDATES_MOST) + 1, sizeof *X),
+                   *d = malloc((2 * n + 1) * sizeof *d), *column = malloc((q + 1) * sizeof *column);
+    int all = 0;
+    enum modal_status rc = look == NULL || F == NULL || X == NULL || d == NULL || column == NULL
+                               ? modal_fail(err, MODAL_NO_MEMORY, "torus: no memory")
+                               : torus_grid_for(s, 1, s->finer, &fine, err);
+
+    if (rc == MODAL_OK) {
+        all = look_at(s, fine, look);
+        rc = torus_forces(s->laws, fine, s->count, s->index, s->X, all, look, F, err);
+    }
+    *count = 0;
+    for (int a = s->count; rc == MODAL_OK && a < all; a++) {
+        struct torus_candidate *c = &list[*count];
+        struct torus_linear l;
+
+        rc = torus_linear_at(s, look[a], &l, err);
+        if (rc != MODAL_OK)
+            break;
+        for (size_t i = 0; i < q; i++)
+            column[i] = -F[i * (size_t)all + (size_t)a];
+        torus_linear_solve(s, &l, column);
+        torus_linear_done(&l);
+        *c = (struct torus_candidate) { look[a], 0, room + (size_t)*count * q };
+        for (size_t i = 0; i < q; i++) {
+            c->X[i] = column[i];
+            c->size = fmax(c->size, cabs(column[i]));
+            X[i * (size_t)all + (size_t)a] = column[i];
+        }
+        ++*count;
+    }
+    /* sampling: J^-1 of what the finer grid says of the set's forces */
+    for (size_t i = 0; rc == MODAL_OK && i < q; i++)
+        for (size_t m = 0; m < K; m++) {
+            d[i * K + m] = s->F[i * K + m] - F[i * (size_t)all + m];
+            X[i * (size_t)all + m] = s->X[i * K + m];
+        }
+    if (rc == MODAL_OK) {
+        torus_precondition(s, d);
+        rc = torus_newton_step(s, d, d + n, err);
+    }
+    if (rc == MODAL_OK)
+        rc = torus_largest(s, fine, s->count, s->index, d + n, &e->sampling, err);
+    if (rc == MODAL_OK)
+        rc = torus_largest(s, fine, s->count, s->index, s->X, amplitude, err);
+    if (rc == MODAL_OK)
+        rc = truncation(s, fine, all, look, X, F, d, &e->truncation, &e->change, err);
+    e->solver = s->step * *amplitude;
+    if (rc == MODAL_OK)
+        qsort(list, (size_t)*count, sizeof *list, by_size);
+    torus_grid_free(fine);
+    free(look), free(F), free(X), free(d), free(column);
+    return rc;
+}

@@ -1,0 +1,716 @@
+/* torus_laws.c - see torus_laws.h; tested by tests/unit/modal/steady/test_torus.c
+ *
+ * Quadrature.  Along a line the force f has kinks.  With a jump [f'] of its slope and [f''] of its
+ * curvature at theta_e, xi = frac(theta_e / h), h = 2 pi / N, g = f e^{-i Omega theta},
+ *
+ *     int g = h sum_n g(n h) + h^2 / 2 B_2(xi) [g'] - h^3 / 6 B_3(xi) [g''] + O(h^4),           (1)
+ *     [g'] = [f'] e, [g''] = ([f''] - 2 i Omega [f']) e,   e = e^{-i Omega theta_e},
+ *
+ * Euler and Maclaurin's formula on both sides of the kink, B_m Bernoulli's polynomials.  Across the
+ * lines the integrals are smooth but where an event begins, and even sums serve.
+ *
+ * Between samples the motion is the cubic through both ends and their rates.  A path is cut where a
+ * rate changes sign, so that a slider's law sees monotone pieces (slider.c (1)).
+ *
+ * Memory.  The map of a slider's place over any stretch is one clip, to [low, high]: both are found
+ * by starting above and below all motion.  Where they agree after some turns the past is forgotten;
+ * where they no longer draw nearer, the slider rests for good, at the place nearest to zero.
+ */
+#include "modal/steady/torus_laws.h"
+#include <math.h>
+#include <stddef.h>
+#include <stdlib.h>
+#include <string.h>
+#include "modal/linalg/workspace.h"
+#include "modal/scene/program.h"
+#include "modal/steady/budget.h"
+
+enum {
+    TURNS_MOST = 512,         /* of history: ten slow beats of tones one per cent apart need 300 */
+    HALVINGS = 46,            /* of an interval: to rounding */
+    EVENTS_OF_A_STEP = 16,    /* sliders of one law that change regime in one sample */
+};
+static const double FORGOTTEN = 1e-11;    /* of the largest motion: places that agree */
+static const double FAR = 1e290;          /* beyond any motion, and finite */
+
+struct event { int line; double theta, slope[LAW_INPUTS_MOST], bend[LAW_INPUTS_MOST]; };
+
+struct torus_law {
+    const struct law *law;
+    int *place;                         /* of each end: its dof among those that iterate */
+    bool acts, undetermined;
+    int turns;                          /* of history that sufficed last */
+    long evaluations;
+    struct event *event;
+    int events, room;
+    double *slopes;                     /* fd, then fv, [i][j][point], of the last forces */
+};
+
+struct torus_laws {
+    struct torus_tones tones;
+    int q, laws;
+    struct torus_law *law;
+    struct budget *work;
+    bool held;                          /* torus_hold */
+    size_t points;                      /* that the arrays below have room for */
+    double *d, *v;                      /* [input][point]: of the turn at hand */
+    double *f, *fd, *fv;                /* [i], [i][j]: of one law at the samples */
+    double complex *D;                  /* a law's inputs' combinations */
+    int combinations;                   /* that D has room for */
+};
+
+/* A law on its way along a line: where it is, and what it has come with. */
+struct walker {
+    double d[LAW_INPUTS_MOST];
+    struct law_force force;             /* its memory is z */
+    double z[LAW_TERMS_MOST];           /* as many as the law remembers */
+};
+
+/* One interval between samples. */
+struct stretch {
+    int inputs;
+    double length;                                   /* s */
+    double d[2][LAW_INPUTS_MOST], v[2][LAW_INPUTS_MOST];
+};
+
+enum modal_status torus_laws_new(const struct program *p, const struct torus_tones *t,
+                                 const int *place, int q, struct budget *work,
+                                 struct torus_laws **out, struct modal_error *err)
+{
+    struct torus_laws *w = calloc(1, sizeof *w);
+
+    if (w == NULL || (w->law = calloc((size_t)p->laws + 1, sizeof *w->law)) == NULL) {
+        free(w);
+        return modal_fail(err, MODAL_NO_MEMORY, "torus: no memory");
+    }
+    w->tones = *t;
+    w->q = q, w->laws = p->laws, w->work = work;
+    for (int l = 0; l < p->laws; l++) {
+        const struct law *law = &p->law[l];
+
+        w->law[l].law = law;
+        w->law[l].place = calloc((size_t)law_ends(law) + 1, sizeof *w->law[l].place);
+        if (w->law[l].place == NULL) {
+            torus_laws_free(w);
+            return modal_fail(err, MODAL_NO_MEMORY, "torus: no memory");
+        }
+        for (int e = 0; e < law_ends(law); e++)
+            w->law[l].place[e] = place[law->end[e].dof];
+        if (law->kind->set_valued || law->kind->reads_time || law->kind->restart != NULL) {
+            torus_laws_free(w);
+            return modal_fail_field(err, MODAL_BAD_INPUT, "tones",
+                                    "tones: %s is not accepted with several tones: %s",
+                                    p->effect[law->effect].type,
+                                    law->kind->set_valued
+                                        ? "its force at rest is not a function of the motion; give "
+                                          "friction with a stiffness, or regularised_coulomb"
+                                        : "it may keep a time and a memory of its own");
+        }
+    }
+    *out = w;
+    return MODAL_OK;
+}
+
+static void free_room(struct torus_laws *w)
+{
+    free(w->d), free(w->v), free(w->f), free(w->fd), free(w->fv);
+    w->d = w->v = w->f = w->fd = w->fv = NULL;
+    for (int l = 0; l < w->laws; l++) {
+        free(w->law[l].slopes);
+        w->law[l].slopes = NULL;
+    }
+    w->points = 0;
+}
+
+void torus_laws_free(struct torus_laws *w)
+{
+    if (w == NULL)
+        return;
+    free_room(w);
+    for (int l = 0; l < w->laws; l++)
+        free(w->law[l].event), free(w->law[l].place);
+    free(w->law), free(w->D), free(w);
+}
+
+/* Room for samples of grid G and COUNT combinations. */
+static enum modal_status make_room(struct torus_laws *w, const struct torus_grid *g, int count,
+                                   struct modal_error *err)
+{
+    size_t points = (size_t)torus_grid_lines(g) * (size_t)torus_grid_samples(g), m = 1;
+    bool failed = false;
+
+    for (int l = 0; l < w->laws; l++)
+        m = (size_t)w->law[l].law->kind->inputs > m ? (size_t)w->law[l].law->kind->inputs : m;
+
+    if (points != w->points) {
+        free_room(w);
+        w->d = malloc(m * points * sizeof *w->d), w->v = malloc(m * points * sizeof *w->v);
+        w->f = malloc(m * points * sizeof *w->f);
+        w->fd = malloc(m * m * points * sizeof *w->fd);
+        w->fv = malloc(m * m * points * sizeof *w->fv);
+        for (int l = 0; l < w->laws; l++) {
+            size_t n = (size_t)w->law[l].law->kind->inputs;
+
+            w->law[l].slopes = malloc(2 * n * n * points * sizeof(double));
+            failed |= w->law[l].slopes == NULL;
+        }
+        w->points = points;
+    }
+    if (count > w->combinations) {
+        free(w->D);
+        w->D = malloc((size_t)count * sizeof *w->D);
+        w->combinations = w->D != NULL ? count : 0;
+    }
+    if (w->d == NULL || w->v == NULL || w->f == NULL || w->fd == NULL || w->fv == NULL
+        || w->D == NULL || failed) {
+        free_room(w);
+        return modal_fail(err, MODAL_NO_MEMORY, "torus: no memory for %zu samples", points);
+    }
+    return MODAL_OK;
+}
+
+/* d and v of a law's inputs, TURN turns on. */
+static void sample_inputs(struct torus_laws *w, const struct torus_law *a, struct torus_grid *g,
+                          int count, const struct torus_index *index, const double complex *X,
+                          int turn)
+{
+    for (int j = 0; j < a->law->kind->inputs; j++) {
+        memset(w->D, 0, (size_t)count * sizeof *w->D);
+        for (int e = a->law->start[j]; e < a->law->start[j + 1]; e++)
+            for (int m = 0; m < count; m++)
+                w->D[m] += a->law->end[e].weight * X[a->place[e] * count + m];
+        torus_synthesize(g, count, index, w->D, 0, turn, w->d + (size_t)j * w->points);
+        torus_synthesize(g, count, index, w->D, 1, turn, w->v + (size_t)j * w->points);
+    }
+    budget_add(w->work, (double)w->points * a->law->kind->inputs * BUDGET_SAMPLE / 2);
+}
+
+/* The motion at fraction S of a stretch: place, rate and the rate of that. */
+static void motion_at(const struct stretch *x, double s, double *d, double *v, double *a)
+{
+    for (int j = 0; j < x->inputs; j++) {
+        double T = x->length, v0 = x->v[0][j] * T, v1 = x->v[1][j] * T;
+        double rise = x->d[1][j] - x->d[0][j];
+        double c2 = 3 * rise - 2 * v0 - v1, c3 = v0 + v1 - 2 * rise;
+
+        d[j] = x->d[0][j] + s * (v0 + s * (c2 + s * c3));
+        v[j] = (v0 + s * (2 * c2 + 3 * s * c3)) / T;
+        a[j] = (2 * c2 + 6 * s * c3) / (T * T);
+    }
+}
+
+/* The law at fraction S, come from FROM. */
+static enum modal_status law_at(struct torus_law *a, const struct stretch *x, double s,
+                                const struct walker *from, struct walker *to,
+                                struct modal_error *err)
+{
+    double v[LAW_INPUTS_MOST], bend[LAW_INPUTS_MOST];
+    struct law_point at = { .d = to->d, .v = v, .d_before = from->d, .memory_before = from->z };
+
+    motion_at(x, s, to->d, v, bend);
+    to->force = (struct law_force) { .memory = to->z };
+    a->evaluations++;
+    return a->law->kind->force(a->law, &at, &to->force, err);
+}
+
+/* What of a walker there is. */
+static void copy_walker(const struct torus_law *a, struct walker *to, const struct walker *from)
+{
+    memcpy(to, from, offsetof(struct walker, z) + (size_t)a->law->memory * sizeof *to->z);
+}
+
+/* [f'] and [f''] of (1) at fraction S, between the regimes of BEFORE and AFTER. */
+static enum modal_status add_event(struct torus_law *a, const struct stretch *x, double s,
+                                   const struct law_force *before, const struct law_force *after,
+                                   int line, double theta, double rate, struct modal_error *err)
+{
+    double d[LAW_INPUTS_MOST], v[LAW_INPUTS_MOST], bend[LAW_INPUTS_MOST];
+    struct event e = { .line = line, .theta = theta };
+
+    motion_at(x, s, d, v, bend);
+    for (int i = 0; i < x->inputs; i++)
+        for (int j = 0; j < x->inputs; j++) {
+            double jump_d = after->fd[i][j] - before->fd[i][j];
+            double jump_v = after->fv[i][j] - before->fv[i][j];
+
+            e.slope[i] += (jump_d * v[j] + jump_v * bend[j]) / rate;   /* per radian of theta */
+            e.bend[i] += jump_d * bend[j] / (rate * rate);
+        }
+    if (a->events == a->room) {
+        int room = 2 * a->room + 64;
+        struct event *more = realloc(a->event, (size_t)room * sizeof *more);
+
+        if (more == NULL)
+            return modal_fail(err, MODAL_NO_MEMORY, "torus: no memory for %d events", room);
+        a->event = more;
+        a->room = room;
+    }
+    a->event[a->events++] = e;
+    return MODAL_OK;
+}
+
+struct cursor { int line; double theta, step, rate; bool collect; };   /* where a stretch begins */
+
+/* From fraction *S to END, monotone: every change of regime in between is an event. */
+static enum modal_status advance(struct torus_law *a, const struct stretch *x, double s, double end,
+                                 struct walker *at, const struct cursor *c, struct modal_error *err)
+{
+    struct walker next, left, right;
+    enum modal_status rc = law_at(a, x, end, at, &next, err);
+
+    for (int i = 0; rc == MODAL_OK && c->collect && i < EVENTS_OF_A_STEP
+                    && next.force.regime != at->force.regime; i++) {
+        double low = s, high = end;
+
+        copy_walker(a, &left, at), copy_walker(a, &right, &next);
+        for (int h = 0; rc == MODAL_OK && h < HALVINGS; h++) {
+            struct walker middle;
+            double half = 0.5 * (low + high);
+            bool same;
+
+            rc = law_at(a, x, half, at, &middle, err);
+            same = middle.force.regime == at->force.regime;
+            *(same ? &low : &high) = half;
+            copy_walker(a, same ? &left : &right, &middle);
+        }
+        if (rc == MODAL_OK)
+            rc = add_event(a, x, high, &left.force, &right.force, c->line,
+                           c->theta + high * c->step, c->rate, err);
+        copy_walker(a, at, &right);
+        s = high;
+        if (rc == MODAL_OK)
+            rc = law_at(a, x, end, at, &next, err);
+    }
+    copy_walker(a, at, &next);
+    return rc;
+}
+
+/* Along a stretch, cut where a rate changes sign. */
+static enum modal_status walk(struct torus_law *a, const struct stretch *x, struct walker *at,
+                              const struct cursor *c, struct modal_error *err)
+{
+    double cut[LAW_INPUTS_MOST + 1], s = 0;
+    int cuts = 0;
+    enum modal_status rc = MODAL_OK;
+
+    for (int j = 0; j < x->inputs; j++)
+        if (x->v[0][j] * x->v[1][j] < 0) {              /* the cubic's rate is a quadratic */
+            double T = x->length, v0 = x->v[0][j] * T, v1 = x->v[1][j] * T;
+            double rise = x->d[1][j] - x->d[0][j];
+            double A = 3 * (v0 + v1 - 2 * rise), B = 2 * (3 * rise - 2 * v0 - v1);
+            double root = sqrt(fmax(B * B - 4 * A * v0, 0)), m = -0.5 * (B + copysign(root, B));
+            double s1 = m != 0 ? v0 / m : 0.5, s2 = A != 0 ? m / A : s1;
+
+            cut[cuts++] = s1 > 0 && s1 < 1 ? s1 : s2 > 0 && s2 < 1 ? s2 : v0 / (v0 - v1);
+        }
+    if (cuts == 2 && cut[0] > cut[1]) {
+        double first = cut[1];
+
+        cut[1] = cut[0];
+        cut[0] = first;
+    }
+    cut[cuts++] = 1;
+    for (int i = 0; rc == MODAL_OK && i < cuts; i++) {
+        rc = advance(a, x, s, cut[i], at, c, err);
+        s = cut[i];
+    }
+    return rc;
+}
+
+/* A law's force, slopes and regime at sample N of line LINE into the arrays. */
+static void keep_sample(struct torus_laws *w, struct torus_law *a, size_t point,
+                        const struct law_force *out)
+{
+    int inputs = a->law->kind->inputs;
+
+    for (int i = 0; i < inputs; i++) {
+        w->f[(size_t)i * w->points + point] = out->f[i];
+        for (int j = 0; j < inputs; j++) {
+            w->fd[(size_t)(i * inputs + j) * w->points + point] = out->fd[i][j];
+            w->fv[(size_t)(i * inputs + j) * w->points + point] = out->fv[i][j];
+        }
+    }
+    a->acts |= out->acts;
+}
+
+/* From sample N - 1 to N of line LINE, or to N alone where there is none before. */
+static enum modal_status step_to(struct torus_laws *w, struct torus_law *a, size_t point,
+                                 bool first, struct walker *at, double *before,
+                                 const struct cursor *c, struct modal_error *err)
+{
+    struct stretch x = { .inputs = a->law->kind->inputs, .length = c->step / c->rate };
+    struct walker next;
+    enum modal_status rc;
+
+    for (int j = 0; j < x.inputs; j++) {
+        x.d[0][j] = before[2 * j], x.v[0][j] = before[2 * j + 1];
+        x.d[1][j] = w->d[(size_t)j * w->points + point];
+        x.v[1][j] = w->v[(size_t)j * w->points + point];
+        before[2 * j] = x.d[1][j], before[2 * j + 1] = x.v[1][j];
+    }
+    if (!first)
+        return walk(a, &x, at, c, err);
+    memcpy(at->d, x.d[1], sizeof at->d);
+    rc = law_at(a, &x, 1, at, &next, err);
+    copy_walker(a, at, &next);
+    return rc;
+}
+
+/* Lines of a turn, from the walkers' state; KEEP: the samples and events are kept.  REACH, or NULL:
+ * how far each slider is from where it first acted, at the least. */
+static enum modal_status walk_turn(struct torus_laws *w, struct torus_law *a,
+                                   const struct torus_grid *g, bool first, bool keep,
+                                   struct walker *walker, double *before, double *reach,
+                                   struct modal_error *err)
+{
+    int N = torus_grid_samples(g), lines = torus_grid_lines(g), inputs = a->law->kind->inputs;
+    double h = 2 * M_PI / N, rate = w->tones.omega[w->tones.lead];
+    enum modal_status rc = MODAL_OK;
+
+    for (int line = 0; rc == MODAL_OK && line < lines; line++)
+        for (int n = 0; rc == MODAL_OK && n < N; n++) {
+            size_t point = (size_t)line * (size_t)N + (size_t)n;
+            struct cursor c = { line, (n - 1) * h, h, rate, keep };
+
+            rc = step_to(w, a, point, first && n == 0, &walker[line],
+                         before + 2 * LAW_INPUTS_MOST * line, &c, err);
+            for (int m = 0; first && n == 0 && reach != NULL && m < a->law->memory; m++)
+                reach[m] = fmin(line == 0 ? HUGE_VAL : reach[m],
+                                fabs(walker[line].z[m] - walker[line].d[inputs - 1]));
+            if (rc == MODAL_OK && keep)
+                keep_sample(w, a, point, &walker[line].force);
+        }
+    budget_add(w->work, (double)w->points * BUDGET_SAMPLE);
+    return rc;
+}
+
+/* The motion to walk, that of torus_forces. */
+struct motion { int count; const struct torus_index *index; const double complex *X; };
+
+/* The places at the end of TURNS turns before now, begun at START on all lines. */
+static enum modal_status history(struct torus_laws *w, struct torus_law *a, struct torus_grid *g,
+                                 const struct motion *x, int turns, double start,
+                                 struct walker *walker, double *before, double *reach,
+                                 struct modal_error *err)
+{
+    int lines = torus_grid_lines(g);
+    enum modal_status rc = MODAL_OK;
+
+    for (int line = 0; line < lines; line++) {
+        memset(&walker[line], 0, sizeof walker[line]);
+        for (int m = 0; m < a->law->memory; m++)
+            walker[line].z[m] = start;
+    }
+    for (int turn = -turns; rc == MODAL_OK && turn < 0; turn++) {
+        sample_inputs(w, a, g, x->count, x->index, x->X, turn);
+        rc = walk_turn(w, a, g, turn == -turns, false, walker, before, reach, err);
+    }
+    return rc;
+}
+
+/* Whether two histories still differ in a place that the motion, of range RANGE, can make forget
+ * where it began: a slider within REACH of it on either side holds for good in less than twice
+ * that. */
+static bool remembers(const struct torus_law *a, int lines, const struct walker *low,
+                      const struct walker *high, const double *reach, double range, double most,
+                      bool *apart)
+{
+    bool more = false;
+
+    *apart = false;
+    for (int m = 0; m < a->law->memory; m++)
+        for (int line = 0; line < lines; line++)
+            if (high[line].z[m] - low[line].z[m] > FORGOTTEN * most) {
+                *apart = true;
+                more |= range > 2 * reach[m];
+            }
+    return more;
+}
+
+/* The largest |d| of the samples at hand, and the range of the last input: a slider's. */
+static double largest_motion(const struct torus_laws *w, const struct torus_law *a, double *range)
+{
+    size_t inputs = (size_t)a->law->kind->inputs;
+    double most = 0, low = HUGE_VAL, high = -HUGE_VAL;
+
+    for (size_t i = 0; i < w->points * inputs; i++)
+        most = fmax(most, fabs(w->d[i]));
+    for (size_t i = w->points * (inputs - 1); i < w->points * inputs; i++)
+        low = fmin(low, w->d[i]), high = fmax(high, w->d[i]);
+    *range = high - low;
+    return most;
+}
+
+/* A walker whose places were changed, where it stands: its force and regime are theirs. */
+static enum modal_status stand(struct torus_law *a, struct walker *at, const double *before,
+                               struct modal_error *err)
+{
+    struct stretch x = { .inputs = a->law->kind->inputs, .length = 1 };
+    struct walker next;
+    enum modal_status rc;
+
+    for (int j = 0; j < x.inputs; j++)
+        x.d[1][j] = before[2 * j], x.v[1][j] = before[2 * j + 1];
+    rc = law_at(a, &x, 1, at, &next, err);
+    copy_walker(a, at, &next);
+    return rc;
+}
+
+/* What every slider of A holds at theta = 0 of each line, into LOW's places. */
+static enum modal_status remember(struct torus_laws *w, struct torus_law *a, struct torus_grid *g,
+                                  const struct motion *x, struct walker *low, struct walker *high,
+                                  double *before, struct modal_error *err)
+{
+    int lines = torus_grid_lines(g);
+    double reach[LAW_TERMS_MOST], range, most;
+    enum modal_status rc = MODAL_OK;
+
+    for (int turns = 1; rc == MODAL_OK && turns <= TURNS_MOST; turns *= 2) {
+        rc = history(w, a, g, x, turns, FAR, high, before, reach, err);
+        if (rc == MODAL_OK)
+            rc = history(w, a, g, x, turns, -FAR, low, before, reach, err);
+        most = largest_motion(w, a, &range);
+        a->turns = turns;
+        if (rc == MODAL_OK
+            && !remembers(a, lines, low, high, reach, range, most, &a->undetermined))
+            break;
+    }
+    for (int line = 0; rc == MODAL_OK && a->undetermined && line < lines; line++) {
+        for (int m = 0; m < a->law->memory; m++)         /* low's bound is the least place */
+            low[line].z[m] = fmax(fmin(0, high[line].z[m]), low[line].z[m]);
+        rc = stand(a, &low[line], before + 2 * LAW_INPUTS_MOST * line, err);
+    }
+    return rc;
+}
+
+/* f, fd, fv at the samples, and the events between them. */
+static enum modal_status evaluate(struct torus_laws *w, struct torus_law *a, struct torus_grid *g,
+                                  const struct motion *x, struct modal_error *err)
+{
+    size_t lines = (size_t)torus_grid_lines(g);
+    struct walker *low = calloc(2 * lines, sizeof *low), *high = low + lines;
+    double *before = calloc(lines * 2 * LAW_INPUTS_MOST, sizeof *before);
+    enum modal_status rc = MODAL_OK;
+
+    if (low == NULL || before == NULL)
+        rc = modal_fail(err, MODAL_NO_MEMORY, "torus: no memory for %zu lines", lines);
+    a->acts = false;
+    a->events = 0;
+    if (rc == MODAL_OK && a->law->memory > 0 && w->held && !a->undetermined)
+        rc = history(w, a, g, x, a->turns, 0, low, before, NULL, err);
+    else if (rc == MODAL_OK && a->law->memory > 0)
+        rc = remember(w, a, g, x, low, high, before, err);
+    else if (rc == MODAL_OK)
+        rc = history(w, a, g, x, 1, 0, low, before, NULL, err);
+    if (rc == MODAL_OK) {
+        sample_inputs(w, a, g, x->count, x->index, x->X, 0);
+        rc = walk_turn(w, a, g, false, true, low, before, NULL, err);
+    }
+    free(low);
+    free(before);
+    return rc;
+}
+
+/* The same of a law that is analytic: nothing to locate. */
+static enum modal_status evaluate_smooth(struct torus_laws *w, struct torus_law *a,
+                                         struct torus_grid *g, const struct motion *x,
+                                         struct modal_error *err)
+{
+    int inputs = a->law->kind->inputs;
+    enum modal_status rc = MODAL_OK;
+
+    a->events = 0;
+    sample_inputs(w, a, g, x->count, x->index, x->X, 0);
+    for (size_t point = 0; rc == MODAL_OK && point < w->points; point++) {
+        double d[LAW_INPUTS_MOST], v[LAW_INPUTS_MOST];
+        struct law_point at = { .d = d, .v = v, .d_before = d };
+        struct law_force out = { 0 };
+
+        for (int j = 0; j < inputs; j++) {
+            d[j] = w->d[(size_t)j * w->points + point];
+            v[j] = w->v[(size_t)j * w->points + point];
+        }
+        rc = a->law->kind->force(a->law, &at, &out, err);
+        keep_sample(w, a, point, &out);
+    }
+    a->evaluations += (long)w->points;
+    budget_add(w->work, (double)w->points * BUDGET_SAMPLE / 2);
+    return rc;
+}
+
+/* e^{-i k theta}, k = -most .. most, into E[most + k]. */
+static void rotations(double theta, int most, double complex *E)
+{
+    double complex turn = CMPLX(cos(theta), -sin(theta));
+
+    E[most] = 1;
+    for (int k = 1; k <= most; k++) {
+        E[most + k] = k % 32 == 0 ? CMPLX(cos(k * theta), -sin(k * theta)) : E[most + k - 1] * turn;
+        E[most - k] = conj(E[most + k]);
+    }
+}
+
+/* The corrections of (1) to <f_i e^{-i k . theta}> of the combinations AT, added to MEAN. */
+static enum modal_status correct(const struct torus_laws *w, const struct torus_law *a, int i,
+                                 const struct torus_grid *g, int wanted,
+                                 const struct torus_index *at, double complex *mean,
+                                 struct modal_error *err)
+{
+    double h = 2 * M_PI / torus_grid_samples(g), scale = 1 / (2 * M_PI * torus_grid_lines(g));
+    int most = 0;
+    double complex *E;
+    double *Omega = malloc(((size_t)wanted + 1) * sizeof *Omega);
+
+    for (int m = 0; m < wanted; m++)
+        for (int j = 0; j < w->tones.count; j++)
+            most = abs(at[m].k[j]) > most ? abs(at[m].k[j]) : most;
+    E = malloc((size_t)TORUS_TONES_MOST * (size_t)(2 * most + 1) * sizeof *E);
+    if (E == NULL || Omega == NULL) {
+        free(E), free(Omega);
+        return modal_fail(err, MODAL_NO_MEMORY, "torus: no memory for %d combinations", wanted);
+    }
+    for (int m = 0; m < wanted; m++)
+        Omega[m] = torus_frequency(&w->tones, at[m]) / w->tones.omega[w->tones.lead];
+    for (int e = 0; e < a->events; e++) {
+        const struct event *x = &a->event[e];
+        double xi = x->theta / h - floor(x->theta / h);
+        double B2 = xi * xi - xi + 1.0 / 6, B3 = xi * (xi - 0.5) * (xi - 1);
+        double level = scale * (h * h / 2 * B2 * x->slope[i] - h * h * h / 6 * B3 * x->bend[i]);
+        double turn = scale * h * h * h / 3 * B3 * x->slope[i];
+
+        for (int j = 0; j < TORUS_TONES_MOST; j++)
+            rotations(j < w->tones.count
+                          ? torus_grid_phase(g, x->line, j) + w->tones.nu[j] * x->theta : 0,
+                      most, E + (size_t)j * (size_t)(2 * most + 1));
+        for (int m = 0; m < wanted; m++)
+            mean[m] += CMPLX(level, turn * Omega[m]) * E[most + at[m].k[0]]
+                * E[3 * most + 1 + at[m].k[1]] * E[5 * most + 2 + at[m].k[2]];
+    }
+    budget_add(w->work, (double)a->events * wanted * BUDGET_EVENT / 4);
+    free(E), free(Omega);
+    return MODAL_OK;
+}
+
+/* A law's force onto the dofs of its ends. */
+static enum modal_status scatter(const struct torus_laws *w, const struct torus_law *a,
+                                 struct torus_grid *g, int wanted, const struct torus_index *at,
+                                 double complex *F, struct modal_error *err)
+{
+    double complex *mean = malloc(((size_t)wanted + 1) * sizeof *mean);
+    enum modal_status rc = mean == NULL ? modal_fail(err, MODAL_NO_MEMORY, "torus: no memory")
+                                        : MODAL_OK;
+
+    for (int i = 0; rc == MODAL_OK && i < a->law->kind->inputs; i++) {
+        torus_analyze(g, w->f + (size_t)i * w->points);
+        for (int m = 0; m < wanted; m++)
+            mean[m] = torus_coefficient(g, at[m]);
+        if (a->events > 0)
+            rc = correct(w, a, i, g, wanted, at, mean, err);
+        for (int m = 0; m < wanted; m++)                     /* one-sided, torus.h (1) */
+            mean[m] = torus_order(at[m]) == 0 ? creal(mean[m]) : 2 * mean[m];
+        for (int e = a->law->start[i]; e < a->law->start[i + 1]; e++)
+            for (int m = 0; m < wanted; m++)
+                F[a->place[e] * wanted + m] += a->law->end[e].weight * mean[m];
+    }
+    free(mean);
+    return rc;
+}
+
+enum modal_status torus_forces(struct torus_laws *w, struct torus_grid *g, int count,
+                               const struct torus_index *index, const double complex *X, int wanted,
+                               const struct torus_index *at, double complex *F,
+                               struct modal_error *err)
+{
+    const struct motion x = { count, index, X };
+    enum modal_status rc = make_room(w, g, count, err);
+
+    for (int i = 0; rc == MODAL_OK && i < w->q * count; i++)
+        if (!isfinite(creal(X[i])) || !isfinite(cimag(X[i])))
+            rc = modal_fail(err, MODAL_OVERFLOW, "torus: the motion is not finite");
+    if (rc == MODAL_OK)
+        memset(F, 0, (size_t)w->q * (size_t)wanted * sizeof *F);
+    for (int l = 0; rc == MODAL_OK && l < w->laws; l++) {
+        struct torus_law *a = &w->law[l];
+        size_t n = (size_t)a->law->kind->inputs, slopes = n * n * w->points;
+
+        rc = a->law->kind->smooth && a->law->memory == 0 ? evaluate_smooth(w, a, g, &x, err)
+                                                         : evaluate(w, a, g, &x, err);
+        if (rc != MODAL_OK)
+            break;
+        memcpy(a->slopes, w->fd, slopes * sizeof *w->fd);
+        memcpy(a->slopes + slopes, w->fv, slopes * sizeof *w->fv);
+        rc = scatter(w, a, g, wanted, at, F, err);
+    }
+    return rc;
+}
+
+/* Two-sided G_{k-l}, G_{k+l} of df/dd and df/dv: the block of one dof pair, torus_laws.h's
+* ordertimes SIGN. */
+static void add_gain(const struct torus_laws *w, const struct torus_grid *g, bool rate,
+                     double weight, int row, int column, int core, const struct torus_index *index,
+                     double *J)
+{
+    size_t n = (size_t)(2 * core - 1), order = (size_t)w->q * n;
+
+    for (int c = 0; c < core; c++)
+        for (int r = 0; r < core; r++) {
+            struct torus_index less = index[r], more = index[r];
+            double complex turn = rate ? I * torus_frequency(&w->tones, index[c]) : 1, G, H, re, im;
+            double *to = J + (size_t)row * n + ((size_t)column * n) * order;
+
+            for (int j = 0; j < TORUS_TONES_MOST; j++)
+                less.k[j] -= index[c].k[j], more.k[j] += index[c].k[j];
+            G = weight * turn * torus_coefficient(g, less);
+            H = weight * conj(turn) * torus_coefficient(g, more);
+            if (c == 0)
+                H = 0;
+            if (r == 0)                                    /* F_0 = Re(conj(G_l) dX_l) */
+                G /= c == 0 ? 1 : 2, H /= 2;
+            else if (c == 0)
+                G *= 2;
+            re = G + H, im = I * (G - H);
+            if (r == 0) {
+                to[(c == 0 ? 0 : (size_t)(2 * c - 1)) * order] += creal(re);
+                if (c > 0)
+                    to[(size_t)(2 * c) * order] += creal(im);
+                continue;
+            }
+            to += (c == 0 ? 0 : (size_t)(2 * c - 1)) * order + (size_t)(2 * r - 1);
+            to[0] += creal(re), to[1] += cimag(re);
+            if (c > 0)
+                to[order] += creal(im), to[order + 1] += cimag(im);
+        }
+}
+
+void torus_derivative(const struct torus_laws *w, struct torus_grid *g, int core,
+                      const struct torus_index *index, double *J)
+{
+    for (int l = 0; l < w->laws; l++) {
+        const struct torus_law *a = &w->law[l];
+        int inputs = a->law->kind->inputs;
+
+        for (int s = 0; s < (a->law->kind->reads_velocity ? 2 : 1) * inputs * inputs; s++) {
+            bool rate = s >= inputs * inputs;
+            int i = s % (inputs * inputs) / inputs, j = s % inputs;
+
+            torus_analyze(g, a->slopes + (size_t)s * w->points);
+            for (int r = a->law->start[i]; r < a->law->start[i + 1]; r++)
+                for (int c = a->law->start[j]; c < a->law->start[j + 1]; c++)
+                    add_gain(w, g, rate, a->law->end[r].weight * a->law->end[c].weight,
+                             a->place[r], a->place[c], core, index, J);
+        }
+    }
+}
+
+void torus_hold(struct torus_laws *w, bool held) { w->held = held; }
+long torus_evaluations(const struct torus_laws *w, int law) { return w->law[law].evaluations; }
+bool torus_acts(const struct torus_laws *w, int law) { return w->law[law].acts; }
+bool torus_undetermined(const struct torus_laws *w, int law) { return w->law[law].undetermined; }
+
+bool torus_smooth(const struct torus_laws *w)
+{
+    for (int l = 0; l < w->laws; l++)
+        if (!w->law[l].law->kind->smooth || w->law[l].law->memory > 0)
+            return false;
+    return true;
+}

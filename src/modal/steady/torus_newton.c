@@ -1,0 +1,432 @@
+/*
+ * torus_newton.c - one balance of combinations solved; tested by
+ * tests/unit/modal/steady/test_torus.c
+ *
+ * Newton's step solves J delta = -R by GMRES [SS86], J's products by difference quotients of the
+ * forces alone, S being known, so that what sliders remember is in them.  The preconditioner is the
+ * dense derivative of the combinations that come first (torus_derivative) and S_k of the others;
+ * norms are of preconditioned residuals, which are motions.
+ *
+ * [SS86] Saad and Schultz, SIAM J. Sci. Stat. Comput. 7 (1986) 856-869.
+ */
+#include "modal/steady/torus_state.h"
+#include <lapacke.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "modal/scene/simulate.h"
+#include "modal/steady/condense.h"
+#include "modal/steady/torus_laws.h"
+
+enum {
+    KRYLOV_MOST = 40,          /* vectors of GMRES: past them the step is no Newton's */
+    CORE_MOST = 700,           /* unknowns of the dense derivative: 0.2 s a factorization */
+    ITERATIONS_USUAL = 60,     /* as with one tone */
+    HALVINGS_MOST = 8,         /* of a Newton step, or of a step of the loads' level */
+    MARCH_TURNS = 200,         /* of the fastest tone, to settle and again to look: what is lighter
+                                * damped still shows where to begin */
+    MARCH_SAMPLES = 16,        /* of a turn: some eight harmonics, more than a start needs */
+};
+static const double DIFFERENCE = 1e-6;    /* relative: between rounding and curvature */
+static const double FORCING = 0.03;       /* of a Newton step's own equation: a few more steps
+                                           * for far fewer products */
+static const double MARCH_TOLERANCE = 1e-4;   /* of a start */
+static const double FLOOR = 1e-8;         /* a relative step that no longer shrinks is the floor
+                                           * of differences and located events */
+static const double SHRINKS = 0.25;       /* of the step before: it still does */
+
+static bool cancelled(const struct torus_solver *s)
+{
+    return s->opt->cancelled != NULL && s->opt->cancelled(s->opt->context);
+}
+
+/* Forces of X at the set's combinations into F. */
+static enum modal_status forces(struct torus_solver *s, const double complex *X, double complex *F,
+                                struct modal_error *err)
+{
+    if (cancelled(s))
+        return modal_fail(err, MODAL_CANCELLED, "cancelled");
+    return torus_forces(s->laws, s->grid, s->count, s->index, X, s->count, s->index, F, err);
+}
+
+/* y = S x of all combinations; the mean's is real. */
+static void apply_linear(const struct torus_solver *s, const double complex *x, double complex *y)
+{
+    size_t K = (size_t)s->count, q = (size_t)s->q;
+
+    for (size_t m = 0; m < K; m++)
+        for (size_t i = 0; i < q; i++) {
+            double complex sum = 0;
+
+            for (size_t j = 0; j < q; j++)
+                sum += s->linear[m].S[j * q + i] * x[j * K + m];
+            y[i * K + m] = m == 0 ? creal(sum) : sum;
+        }
+}
+
+/* s->R of X, whose forces are F. */
+static void residual_of(struct torus_solver *s, const double complex *X, const double complex *F)
+{
+    size_t K = (size_t)s->count;
+
+    apply_linear(s, X, s->R);
+    for (size_t i = 0; i < (size_t)s->q; i++)
+        for (size_t m = 0; m < K; m++)
+            s->R[i * K + m] += F[i * K + m] - s->level * s->linear[m].p[i];
+}
+
+/* max |R| over the largest of S X, F and p. */
+static double relative_residual(const struct torus_solver *s, const double complex *work)
+{
+    double most = 0, scale = 0;
+    size_t K = (size_t)s->count;
+
+    for (size_t i = 0; i < (size_t)s->q; i++)
+        for (size_t m = 0; m < K; m++) {
+            most = fmax(most, cabs(s->R[i * K + m]));
+            scale = fmax(scale, fmax(cabs(s->F[i * K + m]),
+                                     fmax(cabs(work[i * K + m]),
+                                          s->level * cabs(s->linear[m].p[i]))));
+        }
+    return scale > 0 ? most / scale : 0;
+}
+
+/* The preconditioner at the motion of the last forces: false where it is singular. */
+static enum modal_status precondition_new(struct torus_solver *s, bool *regular,
+                                          struct modal_error *err)
+{
+    int core = s->count, n, order;
+    size_t q = (size_t)s->q;
+
+    while (core > 1 && s->q * (2 * core - 1) > CORE_MOST)
+        core--;
+    n = 2 * core - 1, order = s->q * n;
+    free(s->J), free(s->pivot);
+    s->core = core;
+    s->J = calloc((size_t)order * (size_t)order + 1, sizeof *s->J);
+    s->pivot = malloc(((size_t)order + 1) * sizeof *s->pivot);
+    if (s->J == NULL || s->pivot == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "torus: no memory for a derivative of %d", order);
+    for (size_t i = 0; i < q; i++)
+        for (size_t j = 0; j < q; j++)
+            for (int m = 0; m < core; m++) {
+                double complex S = s->linear[m].S[j * q + i];
+                size_t r = i * (size_t)n + (m > 0 ? (size_t)(2 * m - 1) : 0);
+                size_t c = j * (size_t)n + (m > 0 ? (size_t)(2 * m - 1) : 0);
+                double *to = s->J + c * (size_t)order + r;
+
+                to[0] += creal(S);
+                if (m > 0) {
+                    to[1] += cimag(S);
+                    to[order] -= cimag(S), to[order + 1] += creal(S);
+                }
+            }
+    torus_derivative(s->laws, s->grid, core, s->index, s->J);
+    *regular = order > 0
+        && LAPACKE_dgetrf_work(LAPACK_COL_MAJOR, order, order, s->J, order, s->pivot) == 0;
+    budget_add(s->work, pow(order, 3) / (2 * BUDGET_DENSE));
+    return MODAL_OK;
+}
+
+void torus_precondition(const struct torus_solver *s, double complex *x)
+{
+    size_t K = (size_t)s->count, q = (size_t)s->q, n = 2 * (size_t)s->core - 1;
+    double *u = malloc(q * n * sizeof *u);
+    double complex *column = malloc(q * sizeof *column);
+
+    if (u == NULL || column == NULL) {            /* as it is: GMRES goes on without */
+        free(u), free(column);
+        return;
+    }
+    for (size_t i = 0; i < q; i++)
+        for (size_t m = 0; m < (size_t)s->core; m++) {
+            u[i * n + (m > 0 ? 2 * m - 1 : 0)] = creal(x[i * K + m]);
+            if (m > 0)
+                u[i * n + 2 * m] = cimag(x[i * K + m]);
+        }
+    LAPACKE_dgetrs_work(LAPACK_COL_MAJOR, 'N', (int)(q * n), 1, s->J, (int)(q * n), s->pivot, u,
+                        (int)(q * n));
+    for (size_t i = 0; i < q; i++)
+        for (size_t m = 0; m < (size_t)s->core; m++)
+            x[i * K + m] = CMPLX(u[i * n + (m > 0 ? 2 * m - 1 : 0)], m > 0 ? u[i * n + 2 * m] : 0);
+    for (size_t m = (size_t)s->core; m < K; m++) {
+        for (size_t i = 0; i < q; i++)
+            column[i] = x[i * K + m];
+        torus_linear_solve(s, &s->linear[m], column);
+        for (size_t i = 0; i < q; i++)
+            x[i * K + m] = column[i];
+    }
+    free(u);
+    free(column);
+}
+
+/* sum over all, as real numbers. */
+static double dot(size_t n, const double complex *a, const double complex *b)
+{
+    double sum = 0;
+
+    for (size_t i = 0; i < n; i++)
+        sum += creal(a[i]) * creal(b[i]) + cimag(a[i]) * cimag(b[i]);
+    return sum;
+}
+
+static double norm(size_t n, const double complex *a) { return sqrt(dot(n, a, a)); }
+
+/* y = P^-1 J v at s->X, whose forces are s->F; SCRATCH: two vectors. */
+static enum modal_status apply(struct torus_solver *s, const double complex *v, double complex *y,
+                               double complex *scratch, struct modal_error *err)
+{
+    size_t n = (size_t)s->q * (size_t)s->count;
+    double size = norm(n, s->X), e = DIFFERENCE * (size > 0 ? size : 1) / fmax(norm(n, v), 1e-300);
+    double complex *X = scratch, *F = scratch + n;
+    enum modal_status rc;
+
+    for (size_t i = 0; i < n; i++)
+        X[i] = s->X[i] + e * v[i];
+    torus_hold(s->laws, true);
+    rc = forces(s, X, F, err);
+    torus_hold(s->laws, false);
+    if (rc != MODAL_OK)
+        return rc;
+    apply_linear(s, v, y);
+    for (size_t i = 0; i < n; i++)
+        y[i] += (F[i] - s->F[i]) / e;
+    torus_precondition(s, y);
+    return MODAL_OK;
+}
+
+/* By GMRES. */
+enum modal_status torus_newton_step(struct torus_solver *s, const double complex *b,
+                                    double complex *x, struct modal_error *err)
+{
+    size_t n = (size_t)s->q * (size_t)s->count;
+    double complex *V = malloc((KRYLOV_MOST + 3) * n * sizeof *V),
+                   *scratch = V + (KRYLOV_MOST + 1) * n;
+    double H[KRYLOV_MOST + 1][KRYLOV_MOST], c[KRYLOV_MOST], r[KRYLOV_MOST], g[KRYLOV_MOST + 1];
+    double size = norm(n, b);
+    int k = 0;
+    enum modal_status rc = MODAL_OK;
+
+    if (V == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "torus: no memory for a step");
+    g[0] = size;
+    for (size_t i = 0; i < n; i++)
+        V[i] = size > 0 ? b[i] / size : 0;
+    while (rc == MODAL_OK && size > 0 && k < KRYLOV_MOST && fabs(g[k]) > FORCING * size
+           && !budget_spent(s->work)) {
+        double complex *w = V + (size_t)(k + 1) * n;
+
+        rc = apply(s, V + (size_t)k * n, w, scratch, err);
+        for (int j = 0; j <= k; j++) {                     /* modified Gram and Schmidt */
+            H[j][k] = dot(n, V + (size_t)j * n, w);
+            for (size_t i = 0; i < n; i++)
+                w[i] -= H[j][k] * V[(size_t)j * n + i];
+        }
+        H[k + 1][k] = norm(n, w);
+        for (size_t i = 0; i < n; i++)
+            w[i] /= H[k + 1][k] > 0 ? H[k + 1][k] : 1;
+        for (int j = 0; j < k; j++) {                      /* Givens' rotations */
+            double t = c[j] * H[j][k] + r[j] * H[j + 1][k];
+
+            H[j + 1][k] = -r[j] * H[j][k] + c[j] * H[j + 1][k];
+            H[j][k] = t;
+        }
+        c[k] = H[k][k] / fmax(hypot(H[k][k], H[k + 1][k]), 1e-300);
+        r[k] = H[k + 1][k] / fmax(hypot(H[k][k], H[k + 1][k]), 1e-300);
+        H[k][k] = hypot(H[k][k], H[k + 1][k]);
+        g[k + 1] = -r[k] * g[k];
+        g[k] *= c[k];
+        k++;
+    }
+    /* Where no work is left the preconditioner's own answer stands. */
+    for (size_t i = 0; i < n; i++)
+        x[i] = k > 0 ? 0 : b[i];
+    for (int j = k - 1; rc == MODAL_OK && j >= 0; j--) {
+        for (int l = j + 1; l < k; l++)
+            g[j] -= H[j][l] * g[l];
+        g[j] /= H[j][j] != 0 ? H[j][j] : 1;
+        for (size_t i = 0; i < n; i++)
+            x[i] += g[j] * V[(size_t)j * n + i];
+    }
+    free(V);
+    return rc;
+}
+
+/* Newton's method at s->level from s->X; false: not converged, X as it was best. */
+static enum modal_status newton(struct torus_solver *s, bool *converged, struct modal_error *err)
+{
+    size_t n = (size_t)s->q * (size_t)s->count;
+    int most = s->opt->max_iterations > 0 ? s->opt->max_iterations : ITERATIONS_USUAL;
+    double tolerance = s->opt->tolerance > 0 ? s->opt->tolerance : 1e-10, last = HUGE_VAL;
+    double complex *b = malloc(4 * n * sizeof *b + 1), *step = b + n, *X = b + 2 * n,
+                   *F = b + 3 * n;
+    enum modal_status rc = b == NULL ? modal_fail(err, MODAL_NO_MEMORY, "torus: no memory")
+                                     : forces(s, s->X, s->F, err);
+
+    *converged = false;
+    s->reason = "Newton's method did not converge";
+    for (int i = 0; rc == MODAL_OK && i < most && !*converged; i++) {
+        double size, factor = 1, now;
+        bool regular = false;
+
+        rc = precondition_new(s, &regular, err);
+        if (rc != MODAL_OK || !regular) {
+            s->reason = "the derivative is singular";
+            break;
+        }
+        if (budget_spent(s->work)) {
+            s->reason = BUDGET_REASON;
+            break;
+        }
+        residual_of(s, s->X, s->F);
+        for (size_t j = 0; j < n; j++)
+            b[j] = -s->R[j];
+        torus_precondition(s, b);
+        size = norm(n, b);
+        rc = torus_newton_step(s, b, step, err);
+        if (rc != MODAL_OK)
+            break;
+        s->iterations++;
+        for (int halving = 0; rc == MODAL_OK; halving++, factor *= 0.5) {
+            for (size_t j = 0; j < n; j++)
+                X[j] = s->X[j] + factor * step[j];
+            rc = forces(s, X, F, err);
+            if (rc != MODAL_OK)
+                break;
+            residual_of(s, X, F);
+            torus_precondition(s, s->R);
+            now = norm(n, s->R);
+            if (now <= (1 - factor / 4) * size || halving == HALVINGS_MOST)
+                break;
+        }
+        if (rc != MODAL_OK)
+            break;
+        s->step = factor * norm(n, step) / fmax(norm(n, X), 1e-300);
+        if (now < size || s->step <= FLOOR) {
+            memcpy(s->X, X, n * sizeof *X);
+            memcpy(s->F, F, n * sizeof *F);
+        }
+        *converged = s->step <= tolerance || (s->step <= FLOOR && s->step > SHRINKS * last)
+            || norm(n, X) == 0;
+        if (now >= size && !*converged)
+            break;
+        last = s->step;
+    }
+    if (rc == MODAL_OK) {
+        apply_linear(s, s->X, b);
+        residual_of(s, s->X, s->F);
+        s->residual = relative_residual(s, b);
+    }
+    free(b);
+    return rc;
+}
+
+/* The program's own motion from rest, once it has settled: of the kept dofs, sample by sample. */
+static enum modal_status record(struct torus_solver *s, struct scene_time *time, double *signals,
+                                struct modal_error *err)
+{
+    struct program view = *s->p;
+    const int *kept = condense_dofs(s->condense[0]);
+    struct simulate_options how = { .tolerance = MARCH_TOLERANCE, .cancelled = s->opt->cancelled,
+                                    .context = s->opt->context };
+    struct simulate_result done;
+    struct triplet *term = calloc((size_t)s->q + 1, sizeof *term);
+    enum modal_status rc;
+
+    view.output = calloc((size_t)s->q + 1, sizeof *view.output);
+    view.outputs = s->q;
+    if (term == NULL || view.output == NULL) {
+        free(term), free(view.output);
+        return modal_fail(err, MODAL_NO_MEMORY, "torus: no memory");
+    }
+    for (int i = 0; i < s->q; i++) {
+        term[i] = (struct triplet) { 0, kept[i], 1 };
+        view.output[i] = (struct program_output) { view.dofs[kept[i]], &term[i], 1 };
+    }
+    rc = simulate(&view, time, &how, signals, &done, err);
+    budget_add(s->work, (double)done.steps * s->p->laws * BUDGET_SAMPLE);
+    free(term);
+    free(view.output);
+    return rc;
+}
+
+/* X of the set by least squares over a record of the motion itself: a start where Newton's method
+ * knows of none.  A march that fails is none: X stays. */
+static enum modal_status march(struct torus_solver *s, struct modal_error *err)
+{
+    int n = 2 * s->count - 1, rows = MARCH_SAMPLES * MARCH_TURNS;
+    double dt = 2 * M_PI / s->tones.omega[s->tones.lead] / MARCH_SAMPLES;
+    struct scene_time time = { .dt = dt, .start = rows * dt, .samples = rows,
+                               .duration = (rows - 1) * dt };
+    double *signals = calloc((size_t)rows * (size_t)s->q + 1, sizeof *signals),
+           *A = malloc((size_t)rows * (size_t)n * sizeof *A),
+           *b = malloc((size_t)rows * (size_t)s->q * sizeof *b + 1);
+    struct modal_error own = { 0 };
+    enum modal_status rc = MODAL_OK;
+
+    if (signals == NULL || A == NULL || b == NULL)
+        rc = modal_fail(err, MODAL_NO_MEMORY, "torus: no memory for a record");
+    else if (record(s, &time, signals, &own) == MODAL_OK) {
+        for (int m = 0; m < s->count; m++)
+            for (int r = 0; r < rows; r++) {
+                double phase = torus_frequency(&s->tones, s->index[m]) * (time.start + r * dt);
+
+                A[r + (size_t)(m > 0 ? 2 * m - 1 : 0) * (size_t)rows] = cos(phase);
+                if (m > 0)
+                    A[r + (size_t)(2 * m) * (size_t)rows] = -sin(phase);
+            }
+        for (int i = 0; i < s->q; i++)
+            for (int r = 0; r < rows; r++)
+                b[r + (size_t)i * (size_t)rows] = signals[(size_t)r * (size_t)s->q + (size_t)i];
+        if (n <= rows && LAPACKE_dgels(LAPACK_COL_MAJOR, 'N', rows, n, s->q, A, rows, b, rows) == 0)
+            for (int i = 0; i < s->q; i++)
+                for (int m = 0; m < s->count; m++) {
+                    const double *x = b + (size_t)i * (size_t)rows;
+
+                    s->X[(size_t)i * (size_t)s->count + (size_t)m] =
+                        m > 0 ? CMPLX(x[2 * m - 1], x[2 * m]) : x[0];
+                }
+    } else if (own.status == MODAL_CANCELLED) {
+        *err = own;
+        rc = MODAL_CANCELLED;
+    }
+    free(signals), free(A), free(b);
+    return rc;
+}
+
+enum modal_status torus_solve_set(struct torus_solver *s, bool *converged, struct modal_error *err)
+{
+    size_t n = (size_t)s->q * (size_t)s->count;
+    double complex *kept = malloc(n * sizeof *kept + 1);
+    double done = 0, step = 0.5;
+    int halvings = 0;
+    enum modal_status rc = kept == NULL ? modal_fail(err, MODAL_NO_MEMORY, "torus: no memory")
+                                        : newton(s, converged, err);
+
+    if (rc == MODAL_OK && !*converged)
+        rc = march(s, err);
+    if (rc == MODAL_OK && !*converged)
+        rc = newton(s, converged, err);
+    if (rc != MODAL_OK || *converged) {
+        free(kept);
+        return rc;
+    }
+    memset(s->X, 0, n * sizeof *s->X);
+    while (rc == MODAL_OK && done < 1 && halvings < HALVINGS_MOST && !budget_spent(s->work)) {
+        memcpy(kept, s->X, n * sizeof *kept);
+        s->level = fmin(1, done + step);
+        rc = newton(s, converged, err);
+        if (*converged) {
+            done = s->level;
+            step *= 1.5;
+        } else {
+            memcpy(s->X, kept, n * sizeof *kept);
+            step *= 0.5;
+            halvings++;
+        }
+    }
+    s->level = 1;
+    *converged = done >= 1;
+    free(kept);
+    return rc;
+}

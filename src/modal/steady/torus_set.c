@@ -1,0 +1,297 @@
+/* torus_set.c - the combinations that a motion is balanced on, each with its linear part, and the
+ * grid that they need; tested by tests/unit/modal/steady/test_torus.c */
+#include "modal/steady/torus_state.h"
+#include <lapacke.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include "modal/steady/condense.h"
+#include "modal/steady/torus_laws.h"
+
+static const double CONDENSING = 400;     /* budget.h's units, a dof and a column: measured */
+
+enum modal_status torus_read_loads(struct torus_solver *s, struct modal_error *err)
+{
+    for (int i = 0; i < s->p->loads; i++) {
+        const struct program_load *load = &s->p->load[i];
+        char field[48];
+        bool flipped, known = false;
+        struct torus_index k = { { load->tone[0], load->tone[1], load->tone[2] } };
+
+        snprintf(field, sizeof field, "excitation[%d]", i);
+        if (load->type != LOAD_HARMONIC || load->dof_sine >= 0)
+            return modal_fail_field(err, MODAL_BAD_INPUT, field,
+                                    "%s: several tones accept only harmonics (k, cos, sin) on the "
+                                    "structure's own axes",
+                                    field);
+        if (load->tones > s->tones.count)
+            return modal_fail_field(err, MODAL_BAD_INPUT, field,
+                                    "%s.k has %d numbers, tones %d; as many at most", field,
+                                    load->tones, s->tones.count);
+        k = torus_signed(&s->tones, k, &flipped);
+        for (int g = 1; g <= s->groups; g++)
+            known |= torus_equal(s->group[g], k);
+        if (!known && s->groups == TORUS_LOADS_MOST)
+            return modal_fail_field(err, MODAL_TOO_LARGE, field,
+                                    "%s: loads at more than %d combinations of tones", field,
+                                    TORUS_LOADS_MOST);
+        if (!known)
+            s->group[++s->groups] = k;
+    }
+    return MODAL_OK;
+}
+
+enum modal_status torus_new_group(struct torus_solver *s, int g, struct modal_error *err)
+{
+    struct program_load *load = calloc((size_t)s->p->loads + 1, sizeof *load);
+    int count = 0;
+    enum modal_status rc;
+
+    if (load == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "torus: no memory");
+    for (int i = 0; g > 0 && i < s->p->loads; i++) {
+        struct torus_index k = { { s->p->load[i].tone[0], s->p->load[i].tone[1],
+                                   s->p->load[i].tone[2] } };
+        bool flipped;
+
+        k = torus_signed(&s->tones, k, &flipped);
+        if (!torus_equal(k, s->group[g]))
+            continue;
+        load[count] = s->p->load[i];
+        load[count].k = torus_order(k) > 0;
+        load[count].tones = 0;
+        load[count].sine *= flipped ? -1 : 1;      /* b sin(-phase) */
+        count++;
+    }
+    s->view.load = load;
+    s->view.loads = count;
+    rc = condense_new(&s->view, CONDENSE_LINEAR, &s->condense[g], err);
+    if (rc == MODAL_OK)
+        condense_want(s->condense[g], s->opt->dofs, s->opt->dofs_count);
+    s->view.load = NULL;
+    s->view.loads = 0;
+    free(load);
+    return rc;
+}
+
+int torus_group(const struct torus_solver *s, struct torus_index k)
+{
+    for (int g = 1; g <= s->groups; g++)
+        if (torus_equal(s->group[g], k))
+            return g;
+    return 0;
+}
+
+double torus_base(const struct torus_solver *s, struct torus_index k)
+{
+    return torus_order(k) > 0 ? fmax(torus_frequency(&s->tones, k), 0)
+                              : s->tones.omega[s->tones.lead];
+}
+
+void torus_linear_done(struct torus_linear *l)
+{
+    free(l->S), free(l->LU), free(l->p), free(l->pivot);
+    *l = (struct torus_linear) { 0 };
+}
+
+double torus_linear_work(const struct torus_solver *s)
+{
+    double q = s->q;
+
+    return CONDENSING * s->p->n * (q + 1) + q * q * q;
+}
+
+enum modal_status torus_linear_at(struct torus_solver *s, struct torus_index k,
+                                  struct torus_linear *l, struct modal_error *err)
+{
+    size_t q = (size_t)s->q, size = q * q;
+    int at = torus_order(k) > 0;
+    double complex *S = malloc(2 * (size + 1) * sizeof *S), *p = malloc(2 * (q + 1) * sizeof *p);
+    enum modal_status rc = MODAL_OK;
+
+    *l = (struct torus_linear) { .S = malloc((size + 1) * sizeof *l->S),
+                           .LU = malloc((size + 1) * sizeof *l->LU),
+                           .p = malloc((q + 1) * sizeof *l->p),
+                           .pivot = malloc((q + 1) * sizeof *l->pivot),
+                           .group = torus_group(s, k) };
+    if (S == NULL || p == NULL || l->S == NULL || l->LU == NULL || l->p == NULL || l->pivot == NULL)
+        rc = modal_fail(err, MODAL_NO_MEMORY, "torus: no memory for %zu x %zu", q, q);
+    budget_add(s->work, torus_linear_work(s));
+    if (rc == MODAL_OK)
+        rc = condense_at(s->condense[l->group], torus_base(s, k), 1, at, S, p, err);
+    if (rc == MODAL_OK) {
+        memcpy(l->S, S + (at ? size : 0), size * sizeof *S);
+        memcpy(l->p, p + (at ? q : 0), q * sizeof *p);
+        memcpy(l->LU, l->S, size * sizeof *S);
+        /* A singular S_k, an undamped resonance, is held by laws alone: its factors are not used.
+         * */
+        if (q > 0 && LAPACKE_zgetrf_work(LAPACK_COL_MAJOR, s->q, s->q, l->LU, s->q, l->pivot) != 0)
+            l->pivot[0] = 0;
+    }
+    if (rc != MODAL_OK)
+        torus_linear_done(l);
+    free(S);
+    free(p);
+    return rc;
+}
+
+void torus_linear_solve(const struct torus_solver *s, const struct torus_linear *l,
+                        double complex *x)
+{
+    if (s->q > 0 && l->pivot[0] > 0)
+        LAPACKE_zgetrs_work(LAPACK_COL_MAJOR, 'N', s->q, 1, l->LU, s->q, l->pivot, x, s->q);
+}
+
+bool torus_in_set(const struct torus_solver *s, struct torus_index k)
+{
+    for (int m = 0; m < s->count; m++)
+        if (torus_equal(s->index[m], k))
+            return true;
+    return false;
+}
+
+enum modal_status torus_grow(struct torus_solver *s, const struct torus_index *more, int added,
+                              struct modal_error *err)
+{
+    int count = s->count + added;
+    size_t size = (size_t)s->q * (size_t)count + 1;
+    struct torus_index *index = realloc(s->index, (size_t)count * sizeof *index);
+    struct torus_linear *linear;
+    double complex *X = calloc(size, sizeof *X), *F = calloc(size, sizeof *F),
+                   *R = calloc(size, sizeof *R);
+    enum modal_status rc = MODAL_OK;
+
+    s->index = index != NULL ? index : s->index;
+    linear = realloc(s->linear, (size_t)count * sizeof *linear);
+    s->linear = linear != NULL ? linear : s->linear;
+    if (index == NULL || linear == NULL || X == NULL || F == NULL || R == NULL) {
+        free(X), free(F), free(R);
+        return modal_fail(err, MODAL_NO_MEMORY, "torus: no memory for %d combinations", count);
+    }
+    for (int i = 0; i < s->q; i++)
+        for (int m = 0; m < s->count; m++)
+            X[(size_t)i * (size_t)count + (size_t)m] =
+                s->X[(size_t)i * (size_t)s->count + (size_t)m];
+    free(s->X), free(s->F), free(s->R);
+    s->X = X, s->F = F, s->R = R;
+    for (int a = 0; rc == MODAL_OK && a < added; a++) {
+        s->index[s->count + a] = more[a];
+        rc = torus_linear_at(s, more[a], &s->linear[s->count + a], err);
+        if (rc != MODAL_OK)
+            while (a-- > 0)
+                torus_linear_done(&s->linear[s->count + a]);
+    }
+    if (rc == MODAL_OK)
+        s->count = count;
+    return rc;
+}
+
+enum modal_status torus_grow_to_order(struct torus_solver *s, int order, struct modal_error *err)
+{
+    int side = 2 * order + 1, third = s->tones.count > 2 ? side : 1, count = 0;
+    size_t room = (size_t)side * (size_t)side * (size_t)third + (size_t)s->groups;
+    struct torus_index *more = malloc(room * sizeof *more);
+    enum modal_status rc;
+
+    if (more == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "torus: no memory for %zu combinations", room);
+    for (int total = 0; total <= order; total++)         /* by rising order: the core comes first */
+        for (size_t i = 0; i < (size_t)side * (size_t)side * (size_t)third; i++) {
+            struct torus_index k = { { (int)(i % (size_t)side) - order,
+                                       (int)(i / (size_t)side % (size_t)side) - order,
+                                       third > 1 ? (int)(i / (size_t)side / (size_t)side) - order
+                                                 : 0 } };
+
+            if (torus_order(k) == total && torus_told(&s->tones, k)
+                && !torus_in_set(s, k))
+                more[count++] = k;
+        }
+    for (int g = 1; g <= s->groups; g++)
+        if (torus_order(s->group[g]) > order)
+            more[count++] = s->group[g];
+    if ((double)s->q * (2.0 * count - 1) > TORUS_UNKNOWNS_MOST)
+        rc = modal_fail_field(err, MODAL_TOO_LARGE, "steady.harmonics",
+                              "%d dofs of laws at %d combinations of tones are %.0f unknowns; at "
+                              "most %d",
+                              s->q, count, s->q * (2.0 * count - 1), TORUS_UNKNOWNS_MOST);
+    else
+        rc = torus_grow(s, more, count, err);
+    free(more);
+    return rc;
+}
+
+static int power_of_two(double least)
+{
+    int n = 16;
+
+    while (n < least && n < TORUS_POINTS_MOST)
+        n *= 2;
+    return n;
+}
+
+/* A polynomial's harmonics reach degree H, and alias past N - H; other laws' have no end. */
+static int samples_of(const struct torus_solver *s, int k)
+{
+    int degree = 2;
+
+    for (int l = 0; l < s->p->laws; l++)
+        degree = s->p->law[l].degree > degree ? s->p->law[l].degree : degree;
+    return (degree + 1) * k + 1;
+}
+
+int torus_highest(const struct torus_solver *s, int j)
+{
+    static const int most[][2] = { { 512, 256 }, { 64, 32 } };    /* samples of the lead, lines */
+
+    return (most[s->tones.count > 2][j != s->tones.lead] - 1) / (samples_of(s, 1) - 1);
+}
+
+/* N and LINES of a grid for the set; how many samples that is. */
+static double size_grid(const struct torus_solver *s, int finer, int lines_finer, int *N,
+                        int lines[TORUS_TONES_MOST])
+{
+    int most[TORUS_TONES_MOST] = { 0 }, turns = s->tones.count > 2 ? 8 : 16;
+    bool smooth = torus_smooth(s->laws);
+    double highest = 0, points, factor = 1 << finer;
+
+    for (int m = 0; m < s->count; m++) {
+        highest = fmax(highest, torus_frequency(&s->tones, s->index[m])
+                                    / s->tones.omega[s->tones.lead]);
+        for (int j = 0; j < s->tones.count; j++)
+            most[j] = abs(s->index[m].k[j]) > most[j] ? abs(s->index[m].k[j]) : most[j];
+    }
+    /* A kink's instant is found between samples by a cubic: eight a turn of what moves most. */
+    *N = power_of_two(factor * fmax(samples_of(s, most[s->tones.lead]),
+                                    smooth ? 4 * highest : fmax(64, 8 * fmin(highest, turns))));
+    points = *N;
+    for (int j = 0; j < TORUS_TONES_MOST; j++) {
+        lines[j] = 1;
+        if (j < s->tones.count && j != s->tones.lead) {
+            lines[j] = power_of_two(factor * (1 << lines_finer)
+                                    * fmax(samples_of(s, most[j]), smooth ? 8 : 32));
+            points *= lines[j];
+        }
+    }
+    return points;
+}
+
+bool torus_grid_fits(const struct torus_solver *s, int finer, int lines_finer)
+{
+    int N, lines[TORUS_TONES_MOST];
+
+    return size_grid(s, finer, lines_finer, &N, lines) <= TORUS_POINTS_MOST;
+}
+
+enum modal_status torus_grid_for(const struct torus_solver *s, int finer, int lines_finer,
+                                 struct torus_grid **out, struct modal_error *err)
+{
+    int N, lines[TORUS_TONES_MOST];
+    double points = size_grid(s, finer, lines_finer, &N, lines);
+
+    if (points > TORUS_POINTS_MOST)
+        return modal_fail_field(err, MODAL_TOO_LARGE, "steady.harmonics",
+                                "%d combinations of tones need %.0f samples to tell their error; "
+                                "at most %d", s->count, points, TORUS_POINTS_MOST);
+    return torus_grid_new(&s->tones, N, lines, out, err);
+}

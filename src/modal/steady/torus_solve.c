@@ -1,0 +1,249 @@
+/* torus_solve.c - see torus_solve.h; tested by tests/unit/modal/steady/test_torus.c */
+#include "modal/steady/torus_solve.h"
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "modal/steady/condense.h"
+#include "modal/steady/torus_laws.h"
+#include "modal/steady/torus_state.h"
+
+enum {
+    ROUNDS_MOST = 24,          /* of growth: each adds a good part of what there is */
+    FIRST_ORDER = 3,           /* combinations that a search begins with */
+    GROWTH_LEAST = 24,         /* combinations that a round may add, or as many as there are */
+};
+static const double WORK_MOST = 3e9;      /* budget.h: some four seconds at rest */
+static const double GROWTH = 0.2;         /* of it: then no more is begun, for a round may take
+                                           * several times what those before it took */
+static const double LEFT = 0.3;           /* of the error asked for: what one of its parts may be */
+static const double HALF = 0.5;           /* of it: truncation that growth is worth while for */
+static const double BESIDE = 0.1;         /* of truncation: sampling that more lines are worth
+                                           * while for */
+static const double TARGET_USUAL = 1e-6;  /* as with one tone */
+
+/* How many of LIST to take: so that what is left sums to less than LEAVE, no more than there are.
+ * */
+static int choose(const struct torus_solver *s, const struct torus_candidate *list, int count,
+                  double leave)
+{
+    int take = count, most = s->count > GROWTH_LEAST ? s->count : GROWTH_LEAST;
+    double sum = 0;
+
+    while (take > 0 && sum + list[take - 1].size <= leave)
+        sum += list[--take].size;
+    take = take < most ? take : most;
+    while (take > 0 && (double)s->q * (2.0 * (s->count + take) - 1) > TORUS_UNKNOWNS_MOST)
+        take--;
+    return take;
+}
+
+/* One solution and its errors; the combinations around it into LIST. */
+static enum modal_status solve_round(struct torus_solver *s, struct torus_candidate *list,
+                                     int *count, double complex *room, struct torus_errors *e,
+                                     struct torus_point *out, struct modal_error *err)
+{
+    enum modal_status rc;
+
+    torus_grid_free(s->grid);
+    s->grid = NULL;
+    rc = torus_grid_for(s, 0, s->finer, &s->grid, err);
+    if (rc == MODAL_OK)
+        rc = torus_solve_set(s, &out->converged, err);
+    if (rc == MODAL_OK && out->converged)
+        rc = torus_estimate(s, list, count, room, e, &out->amplitude, err);
+    return rc;
+}
+
+/* The set grown by the first TAKE of LIST, begun at what their forces make; S->was: as it was. */
+static enum modal_status take_in(struct torus_solver *s, const struct torus_candidate *list,
+                                 int take, struct modal_error *err)
+{
+    struct torus_index *more = malloc(((size_t)take + 1) * sizeof *more);
+    size_t n;
+    enum modal_status rc;
+
+    if (more == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "torus: no memory for %d combinations", take);
+    for (int a = 0; a < take; a++)
+        more[a] = list[a].k;
+    rc = torus_grow(s, more, take, err);
+    free(more);
+    n = (size_t)s->q * (size_t)s->count;
+    free(s->was);
+    s->was = malloc((n + 1) * sizeof *s->was);
+    if (rc == MODAL_OK && s->was == NULL)
+        rc = modal_fail(err, MODAL_NO_MEMORY, "torus: no memory for %d combinations", s->count);
+    if (rc == MODAL_OK)
+        memcpy(s->was, s->X, n * sizeof *s->X);
+    for (int i = 0; rc == MODAL_OK && i < s->q; i++)
+        for (int a = 0; a < take; a++)
+            s->X[(size_t)i * (size_t)s->count + (size_t)(s->count - take + a)] = list[a].X[i];
+    return rc;
+}
+
+/* How far the solution moved as the set grew last: what its truncation was before. */
+static enum modal_status moved(struct torus_solver *s, double *most, struct modal_error *err)
+{
+    size_t n = (size_t)s->q * (size_t)s->count;
+
+    for (size_t i = 0; i < n; i++)
+        s->was[i] = s->X[i] - s->was[i];
+    return torus_largest(s, s->grid, s->count, s->index, s->was, most, err);
+}
+
+/* Solve, estimate, grow, until the errors are small enough or no more is allowed.  What the
+ * estimate of truncation missed in one round it is taken to miss in the next. */
+static enum modal_status solve_grown(struct torus_solver *s, struct torus_point *out,
+                                     struct modal_error *err)
+{
+    double target = s->opt->target_error > 0 ? s->opt->target_error : TARGET_USUAL;
+    double before = 0;
+    struct torus_candidate *list = malloc(TORUS_CANDIDATES_MOST * sizeof *list);
+    double complex *room = malloc(((size_t)s->q * TORUS_CANDIDATES_MOST + 1) * sizeof *room);
+    enum modal_status rc = list == NULL || room == NULL
+                               ? modal_fail(err, MODAL_NO_MEMORY, "torus: no memory")
+                               : MODAL_OK;
+
+    for (int round = 0; rc == MODAL_OK && round < ROUNDS_MOST; round++) {
+        struct torus_errors e = { 0 };
+        double wanted, missed, went = 0;
+        int count = 0, take;
+        bool more_lines;
+
+        rc = solve_round(s, list, &count, room, &e, out, err);
+        if (rc == MODAL_OK && out->converged && round > 0)
+            rc = moved(s, &went, err);
+        if (rc != MODAL_OK || !out->converged)
+            break;
+        wanted = target * out->amplitude;
+        missed = fmax(before > 0 ? went / before : 1,
+                      e.truncation > 0 ? 1 + fmin(e.change / e.truncation, 1) : 1);
+        before = e.truncation;
+        out->truncation = missed * e.truncation, out->sampling = e.sampling;
+        out->solver = e.solver;
+        out->error = out->truncation + e.sampling + e.solver;
+        out->wanting = out->error > wanted;
+        if (!out->wanting || s->opt->order > 0 || s->work->spent > GROWTH * s->work->most)
+            break;
+        take = out->truncation > HALF * wanted ? choose(s, list, count, LEFT * wanted / missed) : 0;
+        more_lines = e.sampling > fmax(LEFT * wanted, BESIDE * out->truncation)
+            && s->finer < TORUS_FINER_MOST && torus_grid_fits(s, 1, s->finer + 1);
+        if (take == 0 && !more_lines)
+            break;
+        s->finer += more_lines;
+        rc = take_in(s, list, take, err);
+    }
+    free(list), free(room);
+    return rc;
+}
+
+/* The reported dofs' motion, loads and all, into OUT. */
+static enum modal_status report(struct torus_solver *s, struct torus_point *out,
+                                struct modal_error *err)
+{
+    size_t K = (size_t)s->count, q = (size_t)s->q, dofs = (size_t)s->opt->dofs_count;
+    double complex *S = malloc(2 * (q * q + 1) * sizeof *S), *p = malloc(2 * (q + 1) * sizeof *p),
+                   *one = calloc(2 * q + 1, sizeof *one), two[2];
+    enum modal_status rc = MODAL_OK;
+
+    out->X = calloc(dofs * K + 1, sizeof *out->X);
+    if (out->X == NULL || S == NULL || p == NULL || one == NULL)
+        rc = modal_fail(err, MODAL_NO_MEMORY, "torus: no memory");
+    for (size_t m = 0; rc == MODAL_OK && m < K; m++) {
+        int at = torus_order(s->index[m]) > 0;
+        struct condense *c = s->condense[torus_group(s, s->index[m])];
+
+        rc = condense_at(c, torus_base(s, s->index[m]), 1, at, S, p, err);
+        torus_spread(s, s->X, K, m, at, one);
+        for (size_t i = 0; rc == MODAL_OK && i < dofs; i++)
+            if ((rc = condense_recover(c, s->opt->dofs[i], at, one, at, two, err)) == MODAL_OK)
+                out->X[i * K + m] = two[at];
+    }
+    out->count = s->count;
+    out->index = s->index;
+    s->index = NULL;
+    free(S), free(p), free(one);
+    return rc;
+}
+
+static void count_laws(const struct torus_solver *s, struct torus_point *out)
+{
+    out->laws = s->p->laws;
+    for (int l = 0; l < s->p->laws; l++) {
+        out->evaluations[l] = torus_evaluations(s->laws, l);
+        out->acts[l] = torus_acts(s->laws, l);
+        out->undetermined[l] = torus_undetermined(s->laws, l);
+    }
+    out->iterations = s->iterations;
+    out->residual = s->residual;
+    out->reason = s->reason;
+    out->samples = s->grid != NULL ? torus_grid_lines(s->grid) * torus_grid_samples(s->grid) : 0;
+}
+
+static void solver_done(struct torus_solver *s)
+{
+    for (int g = 0; g <= TORUS_LOADS_MOST; g++)
+        condense_free(s->condense[g]);
+    for (int m = 0; s->linear != NULL && m < s->count; m++)
+        torus_linear_done(&s->linear[m]);
+    torus_laws_free(s->laws);
+    torus_grid_free(s->grid);
+    free(s->linear), free(s->index), free(s->X), free(s->F), free(s->R), free(s->J);
+    free(s->pivot), free(s->was);
+    free(s);
+}
+
+enum modal_status torus_solve(const struct program *p, const double *omega, int count,
+                              const struct torus_options *opt, struct torus_point *out,
+                              struct modal_error *err)
+{
+    struct torus_solver *s = calloc(1, sizeof *s);
+    enum modal_status rc = MODAL_OK;
+
+    *out = (struct torus_point) { .tones = torus_tones_of(omega, count),
+                                  .work = { .most = WORK_MOST },
+                                  .evaluations = calloc((size_t)p->laws + 1, sizeof(long)),
+                                  .acts = calloc((size_t)p->laws + 1, sizeof(bool)),
+                                  .undetermined = calloc((size_t)p->laws + 1, sizeof(bool)) };
+    if (s == NULL || out->evaluations == NULL || out->acts == NULL || out->undetermined == NULL) {
+        free(s);
+        torus_point_done(out);
+        return modal_fail(err, MODAL_NO_MEMORY, "torus: no memory");
+    }
+    *s = (struct torus_solver) { .view = *p, .p = p, .opt = opt, .tones = out->tones,
+                                 .work = &out->work,
+                           .level = 1 };
+    if (p->harmonics > 0)
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "tones",
+                              "tones: the scene's matrices have a period of their own");
+    if (rc == MODAL_OK)
+        rc = torus_read_loads(s, err);
+    for (int g = 0; rc == MODAL_OK && g <= s->groups; g++)
+        rc = torus_new_group(s, g, err);
+    if (rc == MODAL_OK) {
+        s->q = condense_kept(s->condense[0]);
+        rc = torus_laws_new(p, &s->tones, condense_place(s->condense[0]), s->q, s->work, &s->laws,
+                            err);
+    }
+    if (rc == MODAL_OK)
+        rc = torus_grow_to_order(s, s->q == 0 ? 0 : opt->order > 0 ? opt->order : FIRST_ORDER, err);
+    if (rc == MODAL_OK && s->q == 0)
+        out->converged = true;
+    else if (rc == MODAL_OK)
+        rc = solve_grown(s, out, err);
+    if (rc == MODAL_OK) {
+        count_laws(s, out);
+        rc = report(s, out, err);
+    }
+    solver_done(s);
+    if (rc != MODAL_OK)
+        torus_point_done(out);
+    return rc;
+}
+
+void torus_point_done(struct torus_point *point)
+{
+    free(point->index), free(point->X), free(point->evaluations), free(point->acts);
+    free(point->undetermined);
+    *point = (struct torus_point) { 0 };
+}

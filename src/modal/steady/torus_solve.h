@@ -1,0 +1,58 @@
+/* torus_solve.h - a steady state under several tones: balanced, grown, and its errors estimated
+ *
+ * Of a program (program.h) under loads at combinations of tones (torus.h), the motion (1) there
+ * that balances its combinations,
+ *
+ *     S(Omega_k) X_k + F_k(X) = p_k,                                                            (1)
+ *
+ * S and p of condense.h at the frequency Omega_k.  The combinations are grown from the residual:
+ * those whose motion matters at the error asked for, no box of them.
+ */
+#ifndef MODAL_TORUS_SOLVE_H
+#define MODAL_TORUS_SOLVE_H
+#include <complex.h>
+#include <stdbool.h>
+#include "base/error.h"
+#include "modal/steady/budget.h"
+#include "modal/steady/torus.h"
+
+struct program;
+
+struct torus_options {
+    int order;                /* all combinations of at most this order; 0: grown */
+    double tolerance;         /* relative step of Newton's method; 0: 1e-10 */
+    int max_iterations;       /* of one attempt; 0: 60 */
+    double target_error;      /* relative to the largest motion; 0: 1e-6 */
+    const int *dofs;          /* those reported, `dofs_count` of them */
+    int dofs_count;
+    bool (*cancelled)(void *context);
+    void *context;
+};
+
+struct torus_point {
+    bool converged, wanting;  /* wanting: the target asks for more than is allowed */
+    const char *reason;       /* where not converged */
+    struct torus_tones tones;
+    int count, iterations;
+    struct torus_index *index;       /* the combinations, k = 0 first, by rising order */
+    double complex *X;        /* of the reported dofs, [i count + m], m */
+    double residual;          /* relative to the largest force of (1) */
+    double truncation, sampling, solver, error;   /* max over time and reported dofs, in m */
+    double amplitude;         /* max |x| over the kept dofs */
+    struct budget work;
+    int laws, samples;        /* samples: of one evaluation */
+    long *evaluations;        /* per law */
+    bool *acts, *undetermined;
+};
+
+/*
+ * The steady state of P under COUNT tones OMEGA, rad/s, its loads at their `tone`.  No convergence
+ * is an answer: MODAL_OK with OUT->converged false and a reason.  Fails with MODAL_BAD_INPUT for
+ * what several tones do not take: periodic matrices, loads that are no harmonics, laws of
+ * torus_laws.h; MODAL_TOO_LARGE, MODAL_NO_MEMORY, MODAL_CANCELLED.  torus_point_done frees.
+ */
+enum modal_status torus_solve(const struct program *p, const double *omega, int count,
+                              const struct torus_options *opt, struct torus_point *out,
+                              struct modal_error *err);
+void torus_point_done(struct torus_point *point);
+#endif

@@ -1,0 +1,117 @@
+/* torus_state.h - what torus_set.c, torus_newton.c, torus_error.c and torus_solve.c share */
+#ifndef MODAL_TORUS_STATE_H
+#define MODAL_TORUS_STATE_H
+#include "modal/scene/program.h"
+#include "modal/steady/torus_solve.h"
+
+struct condense;
+struct torus_laws;
+
+enum {
+    TORUS_UNKNOWNS_MOST = 6000,    /* what a few seconds solve for */
+    TORUS_POINTS_MOST = 1 << 21,   /* samples of one evaluation: of a finer grid than one solves
+                                    * on */
+    TORUS_FINER_MOST = 1,          /* doublings of lines: with torus_highest's, half of them */
+    TORUS_CANDIDATES_MOST = 6000,  /* combinations looked at beside those kept: a few times these */
+    TORUS_LOADS_MOST = 256,        /* distinct combinations of loads: more than any rig has */
+};
+
+struct torus_linear {                     /* (1) of torus_solve.h at one combination */
+    double complex *S, *LU, *p;           /* q x q by columns; factors; q */
+    int *pivot;                           /* pivot[0] 0: S is singular */
+    int group;                            /* of the loads, 0: none */
+};
+
+struct torus_solver {
+    struct program view;                  /* the program with the loads of one combination */
+    const struct program *p;
+    const struct torus_options *opt;
+    struct torus_tones tones;
+    struct budget *work;
+    int groups;                           /* of loads, 1 ..; 0 has none */
+    struct torus_index group[TORUS_LOADS_MOST + 1];
+    struct condense *condense[TORUS_LOADS_MOST + 1];
+    int q, count;                         /* dofs that iterate, combinations */
+    struct torus_index *index;
+    struct torus_linear *linear;
+    double complex *X, *F, *R, *was;      /* [i count + m]; was: X before the set grew last */
+    double level;                         /* what loads are multiplied by */
+    struct torus_laws *laws;
+    struct torus_grid *grid;
+    int finer;                            /* doublings of the lines beyond what the set needs */
+    int core;                             /* combinations of the dense derivative */
+    double *J;                            /* it, factored */
+    int *pivot;
+    int iterations;
+    double step, residual;                /* the last, relative */
+    const char *reason;                   /* why not converged */
+};
+
+/* A combination beside the set, and the motion that its force makes. */
+struct torus_candidate { struct torus_index k; double size; double complex *X; };
+
+/* Of X, in m: left out, as torus_error.c has it; what that makes of itself; of samples. */
+struct torus_errors { double truncation, change, sampling, solver; };
+
+/* ---- torus_set.c ---- */
+
+/* The loads' combinations into s->group; MODAL_BAD_INPUT for what is no harmonic of tones. */
+enum modal_status torus_read_loads(struct torus_solver *s, struct modal_error *err);
+/* s->condense[G]: the linear part with the loads of group G as harmonic 1, or 0, of whatever
+ * frequency is asked for. */
+enum modal_status torus_new_group(struct torus_solver *s, int g, struct modal_error *err);
+/* Whose loads are at K; 0: none. */
+int torus_group(const struct torus_solver *s, struct torus_index k);
+/* What condense_at takes as omega for harmonic 1 to be combination K, or 0 to be the mean. */
+double torus_base(const struct torus_solver *s, struct torus_index k);
+/* What that costs, in budget.h's units. */
+double torus_linear_work(const struct torus_solver *s);
+/* S, its factors and p at combination K, at level 1; torus_linear_done frees them. */
+enum modal_status torus_linear_at(struct torus_solver *s, struct torus_index k,
+                                  struct torus_linear *l, struct modal_error *err);
+void torus_linear_done(struct torus_linear *l);
+/* x <- S_k^-1 x; as it is where S_k is singular. */
+void torus_linear_solve(const struct torus_solver *s, const struct torus_linear *l,
+                        double complex *x);
+bool torus_in_set(const struct torus_solver *s, struct torus_index k);
+/* The motion on count + ADDED combinations, the new ones, MORE, at rest. */
+enum modal_status torus_grow(struct torus_solver *s, const struct torus_index *more, int added,
+                             struct modal_error *err);
+/* All combinations of at most ORDER, by rising order, and those of the loads.  MODAL_TOO_LARGE past
+ * TORUS_UNKNOWNS_MOST. */
+enum modal_status torus_grow_to_order(struct torus_solver *s, int order, struct modal_error *err);
+/* The most of |k_j| that a grid serves which can still be made finer. */
+int torus_highest(const struct torus_solver *s, int j);
+/* A grid for the set, FINER doublings of all, LINES_FINER of the lines beyond: whether it is within
+ * TORUS_POINTS_MOST, and it; MODAL_TOO_LARGE where it is not. */
+bool torus_grid_fits(const struct torus_solver *s, int finer, int lines_finer);
+enum modal_status torus_grid_for(const struct torus_solver *s, int finer, int lines_finer,
+                                 struct torus_grid **out, struct modal_error *err);
+
+/* ---- torus_newton.c ---- */
+
+/* x <- P^-1 x, P the preconditioner at the last iterate; x of the set's motion. */
+void torus_precondition(const struct torus_solver *s, double complex *x);
+/* J x = b at s->X, whose forces are s->F, B preconditioned. */
+enum modal_status torus_newton_step(struct torus_solver *s, const double complex *b,
+                                    double complex *x, struct modal_error *err);
+/* s->X that balances the set on s->grid: from where it is, from a march, along the loads' level;
+ * *CONVERGED false: the best, with s->reason. */
+enum modal_status torus_solve_set(struct torus_solver *s, bool *converged, struct modal_error *err);
+
+/* ---- torus_error.c ---- */
+
+/* Kept dofs' combination M of X, of K, as harmonic AT, 0 or 1, of condense_recover's motion. */
+void torus_spread(const struct torus_solver *s, const double complex *X, size_t K, size_t m, int at,
+                  double complex *one);
+/* max |x| over G's samples and the reported dofs of what the kept ones' motion D, COUNT
+ * combinations INDEX, makes of them. */
+enum modal_status torus_largest(struct torus_solver *s, struct torus_grid *g, int count,
+                                const struct torus_index *index, const double complex *D,
+                                double *most, struct modal_error *err);
+/* The errors at s->X, the motion's size, and *COUNT candidates by falling size into LIST, room for
+ * TORUS_CANDIDATES_MOST, their motions in ROOM, as many times q. */
+enum modal_status torus_estimate(struct torus_solver *s, struct torus_candidate *list, int *count,
+                                 double complex *room, struct torus_errors *e, double *amplitude,
+                                 struct modal_error *err);
+#endif

@@ -1,0 +1,260 @@
+/* Tests as well: torus_laws.c torus_set.c torus_newton.c torus_error.c torus_solve.c
+ *
+ * Motions of several tones. */
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include <stdlib.h>
+#include <string.h>
+#include "base/json.h"
+#include "modal/scene/program.h"
+#include "modal/scene/scene.h"
+#include "modal/steady/budget.h"
+#include "modal/steady/torus_laws.h"
+#include "modal/steady/torus_solve.h"
+
+static const double W[3] = { 0.7, 1.1326237921249264, 0.43 };   /* the golden ratio, and one more */
+
+static struct program *lower(const char *text)
+{
+    cJSON *scene = cJSON_Parse(text);
+    struct program *p = NULL;
+    struct modal_error err = { 0 };
+
+    assert_non_null(scene);
+    if (scene_lower(scene, NULL, &p, &err) != MODAL_OK)
+        fail_msg("%s", err.message);
+    cJSON_Delete(scene);
+    return p;
+}
+
+/* A line's samples are the motion itself, in time. */
+static void test_samples_along_a_line_are_the_motion_in_time(void **state)
+{
+    struct torus_tones t = torus_tones_of(W, 3);
+    const struct torus_index k[] = {
+        { { 0 } }, { { 1, 0, 0 } }, { { -1, 2, 0 } }, { { 2, -1, 1 } }
+    };
+    const double complex X[] = { 0.3, 1 - 2 * I, 0.5 + 0.1 * I, -0.7 * I };
+    const int lines[] = { 8, 8, 8 };
+    struct torus_grid *g;
+    double *x;
+
+    (void)state;
+    assert_int_equal(torus_grid_new(&t, 16, lines, &g, NULL), MODAL_OK);
+    x = malloc((size_t)torus_grid_lines(g) * 16 * sizeof *x);
+    for (int turn = -3; turn <= 1; turn++) {
+        torus_synthesize(g, 4, k, X, 1, turn, x);
+        for (int line = 0; line < torus_grid_lines(g); line += 7)
+            for (int n = 0; n < 16; n++) {
+                double time = 2 * M_PI * (turn + n / 16.0) / W[t.lead], sum = 0;
+
+                for (int i = 0; i < 4; i++) {
+                    double Omega = torus_frequency(&t, k[i]), phase = Omega * time;
+
+                    for (int j = 0; j < 3; j++)
+                        phase += k[i].k[j] * torus_grid_phase(g, line, j);
+                    sum += creal(I * Omega * X[i] * cexp(I * phase));
+                }
+                assert_float_equal(x[line * 16 + n], sum, 1e-12);
+            }
+    }
+    torus_synthesize(g, 4, k, X, 0, 0, x);
+    torus_analyze(g, x);
+    for (int i = 0; i < 4; i++)
+        assert_float_equal(cabs((i > 0 ? 2 : 1) * torus_coefficient(g, k[i]) - X[i]), 0, 1e-13);
+    torus_grid_free(g);
+    free(x);
+}
+
+static void test_a_combination_is_told_with_its_positive_frequency(void **state)
+{
+    struct torus_tones t = torus_tones_of(W, 2);
+    bool flipped;
+    struct torus_index k = torus_signed(&t, (struct torus_index) { { 1, -1, 0 } }, &flipped);
+
+    (void)state;
+    assert_true(flipped);
+    assert_int_equal(k.k[0], -1);
+    assert_int_equal(k.k[1], 1);
+    assert_true(torus_frequency(&t, k) > 0);
+}
+
+/* Clipped at its top, the mean of max(0, cos theta_1 - 0.3): an integral known in closed form. */
+static void test_a_kink_between_samples_costs_no_second_order(void **state)
+{
+    struct program *p = lower(
+        "{\"structure\":{\"type\":\"matrices\",\"M\":[[1]],\"K\":[[1]],\"dofs\":[\"x\"]},"
+        "\"effects\":[{\"type\":\"gap\",\"dof\":\"x\",\"stiffness\":1,\"clearance\":0.3}]}");
+    struct torus_tones t = torus_tones_of(W, 2);
+    const struct torus_index at[] = { { { 0 } }, { { 0, 1, 0 } } };
+    const double complex X = 1;
+    const int lines[] = { 4, 1 }, place[] = { 0 };
+    double a = acos(0.3), exact[2] = { (sin(a) - 0.3 * a) / M_PI,
+                                       (a + sin(a) * cos(a) - 2 * 0.3 * sin(a)) / M_PI };
+    double error[2];
+    struct budget work = { 0 };
+    struct torus_laws *w;
+
+    (void)state;
+    assert_int_equal(torus_laws_new(p, &t, place, 1, &work, &w, NULL), MODAL_OK);
+    for (int i = 0; i < 2; i++) {             /* the second tone leads, and is the one that moves */
+        struct torus_grid *g;
+        double complex F[2];
+
+        assert_int_equal(torus_grid_new(&t, i == 0 ? 64 : 128, lines, &g, NULL), MODAL_OK);
+        assert_int_equal(torus_forces(w, g, 1, &at[1], &X, 2, at, F, NULL), MODAL_OK);
+        error[i] = fmax(cabs(F[0] - exact[0]), cabs(F[1] - exact[1]));
+        torus_grid_free(g);
+    }
+    assert_true(error[0] < 1e-6);                  /* sampled: 1e-3 */
+    assert_true(error[1] < error[0] / 6);
+    torus_laws_free(w);
+    program_free(p);
+}
+
+static void solve(struct program *p, const double *omega, int count, double target,
+                  struct torus_point *out)
+{
+    const int all[] = { 0, 1, 2, 3 };
+    struct torus_options opt = { .target_error = target, .dofs = all, .dofs_count = p->n };
+    struct modal_error err = { 0 };
+
+    if (torus_solve(p, omega, count, &opt, out, &err) != MODAL_OK)
+        fail_msg("%s", err.message);
+}
+
+static double complex find(const struct torus_point *point, int dof, int k1, int k2)
+{
+    for (int m = 0; m < point->count; m++)
+        if (point->index[m].k[0] == k1 && point->index[m].k[1] == k2)
+            return point->X[dof * point->count + m];
+    return 0;
+}
+
+static void test_a_linear_structure_answers_each_tone_by_its_receptance(void **state)
+{
+    struct program *p = lower(
+        "{\"structure\":{\"type\":\"chain\",\"masses\":[1,2],\"springs\":[1,1,0],"
+        "\"dampers\":[0.1,0,0.2]},"
+        "\"excitation\":[{\"dof\":\"x1\",\"k\":[1,0],\"cos\":1},"
+        "{\"dof\":\"x2\",\"k\":[1,-1],\"sin\":2}]}");
+    struct torus_point point;
+    double w = W[0], s = W[1] - W[0];
+    double complex d = (2 - w * w + 0.1 * I * w) * (1 - 2 * w * w + 0.2 * I * w) - 1;
+    double complex e = (2 - s * s + 0.1 * I * s) * (1 - 2 * s * s + 0.2 * I * s) - 1;
+
+    (void)state;
+    solve(p, W, 2, 1e-6, &point);
+    assert_true(point.converged);
+    assert_float_equal(cabs(find(&point, 0, 1, 0) - (1 - 2 * w * w + 0.2 * I * w) / d), 0, 1e-12);
+    /* 2 sin(-(s t)) = Re 2 i e^{i s t} */
+    assert_float_equal(cabs(find(&point, 0, -1, 1) - 2 * I / e), 0, 1e-12);
+    torus_point_done(&point);
+    program_free(p);
+}
+
+/* The cubic's balance, evaluated by a plain sum over combinations, k = k1 + k2 + k3. */
+static double complex cube_at(const struct torus_point *point, int k1, int k2)
+{
+    double complex sum = 0;
+    int n = point->count;
+
+    for (int a = 0; a < 8 * n * n * n; a++) {
+        int m[3] = { a / 8 % n, a / 8 / n % n, a / 8 / n / n }, at[2] = { 0, 0 };
+        double complex product = 1;
+        bool once = true;
+
+        for (int j = 0; j < 3; j++) {
+            bool other = a >> j & 1, mean = torus_order(point->index[m[j]]) == 0;
+            double complex X = point->X[m[j]] * (mean ? 1 : 0.5);
+
+            once = once && !(mean && other);
+            product *= other ? conj(X) : X;
+            for (int i = 0; i < 2; i++)
+                at[i] += (other ? -1 : 1) * point->index[m[j]].k[i];
+        }
+        if (once && at[0] == k1 && at[1] == k2)
+            sum += product;
+    }
+    return 2 * sum;
+}
+
+static void test_a_cubic_spring_is_balanced_combination_by_combination(void **state)
+{
+    struct program *p =
+        lower("{\"structure\":{\"type\":\"matrices\",\"M\":[[1]],\"C\":[[0.1]],\"K\":[[1]],"
+              "\"dofs\":[\"x\"]},"
+              "\"effects\":[{\"type\":\"cubic_spring\",\"dof\":\"x\",\"coefficient\":0.5}],"
+              "\"excitation\":[{\"dof\":\"x\",\"k\":[1,0],\"cos\":0.1},{\"dof\":\"x\",\"k\":[0,1],"
+              "\"cos\":0.1}]}");
+    struct torus_point point;
+    static const int look[][2] = { { 1, 0 }, { 0, 1 }, { 2, -1 }, { 3, 0 } };
+
+    (void)state;
+    solve(p, W, 2, 1e-4, &point);
+    assert_true(point.converged && point.count < 40);
+    assert_true(point.error <= 1e-4 * point.amplitude);
+    for (int i = 0; i < 4; i++) {
+        double s = look[i][0] * W[0] + look[i][1] * W[1];
+        double complex R = (1 - s * s + 0.1 * I * s) * find(&point, 0, look[i][0], look[i][1])
+            + 0.5 * cube_at(&point, look[i][0], look[i][1]) - (i < 2 ? 0.1 : 0);
+
+        assert_float_equal(cabs(R), 0, 1e-10);
+    }
+    torus_point_done(&point);
+    program_free(p);
+}
+
+static void test_a_slider_that_never_slips_is_a_spring_of_undetermined_place(void **state)
+{
+    struct program *p =
+        lower("{\"structure\":{\"type\":\"matrices\",\"M\":[[1]],\"C\":[[0.1]],\"K\":[[1]],"
+              "\"dofs\":[\"x\"]},"
+              "\"effects\":[{\"type\":\"friction\",\"dof\":\"x\",\"stiffness\":3,\"limit\":9}],"
+              "\"excitation\":[{\"dof\":\"x\",\"k\":[1,0],\"cos\":0.1},{\"dof\":\"x\",\"k\":[0,1],"
+              "\"cos\":0.1}]}");
+    struct torus_point point;
+
+    (void)state;
+    solve(p, W, 2, 1e-6, &point);
+    assert_true(point.converged && point.undetermined[0] && !point.acts[0]);
+    assert_float_equal(cabs(find(&point, 0, 1, 0)
+                            - 0.1 / (4 - W[0] * W[0] + 0.1 * I * W[0])), 0, 1e-10);
+    torus_point_done(&point);
+    program_free(p);
+}
+
+static void test_laws_that_are_no_function_of_a_path_are_refused(void **state)
+{
+    struct program *p = lower(
+        "{\"structure\":{\"type\":\"matrices\",\"M\":[[1]],\"K\":[[1]],\"dofs\":[\"x\"]},"
+        "\"effects\":[{\"type\":\"coulomb\",\"dof\":\"x\",\"limit\":1}],"
+        "\"excitation\":[{\"dof\":\"x\",\"k\":[1,0],\"cos\":0.1}]}");
+    struct torus_options opt = { .dofs_count = 0 };
+    struct torus_point point;
+    struct modal_error err = { 0 };
+
+    (void)state;
+    assert_int_equal(torus_solve(p, W, 2, &opt, &point, &err), MODAL_BAD_INPUT);
+    assert_string_equal(err.field, "tones");
+    program_free(p);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_samples_along_a_line_are_the_motion_in_time),
+        cmocka_unit_test(test_a_combination_is_told_with_its_positive_frequency),
+        cmocka_unit_test(test_a_kink_between_samples_costs_no_second_order),
+        cmocka_unit_test(test_a_linear_structure_answers_each_tone_by_its_receptance),
+        cmocka_unit_test(test_a_cubic_spring_is_balanced_combination_by_combination),
+        cmocka_unit_test(test_a_slider_that_never_slips_is_a_spring_of_undetermined_place),
+        cmocka_unit_test(test_laws_that_are_no_function_of_a_path_are_refused),
+    };
+
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -219,8 +219,8 @@ static enum modal_status periodic(const struct statespace *ss, double period,
     return rc;
 }
 
-/* The products that WORK pays: carried, made orthogonal to all before, and LOOKS m^3 of looks at the
- * small problem; the latter two dense. */
+/* The products that WORK pays: carried, made orthogonal to all before, and LOOKS m^3 of looks at
+ * the small problem; the latter two dense. */
 static int products_most(const struct period_map *map)
 {
     double states = period_map_states(map), carried = period_map_work(map);

@@ -22,7 +22,7 @@ EARLIER = TOP / "tests" / "data" / "earlier"
 TOLD = json.loads((EARLIER / "told.json").read_text())
 PACKAGES = ["libmodald-client0", "libmodald-dev", "libmodald-stream0", "modalctl", "modald",
             "modald-slurm", "modald-web", "python3-modald"]
-OLDER = "0.0.9"
+OLDER, OLD_COMMIT = "0.0.9", "5412946"          # of before there were packages
 
 
 def control():
@@ -102,6 +102,9 @@ def missing():
     for tool in ("debootstrap", "dpkg-buildpackage", "dh", "dh_python3", "lintian", "unshare"):
         if shutil.which(tool) is None:
             return f"{tool} is not installed"
+    if subprocess.run(["git", "-C", str(TOP), "cat-file", "-e", f"{OLD_COMMIT}^{{commit}}"],
+                      capture_output=True, check=False).returncode != 0:
+        return f"this copy of the repository has no commit {OLD_COMMIT}"
     return None
 
 
@@ -146,18 +149,57 @@ def test_lintian_finds_no_error(packages):
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-def aged(packages, folder):
-    """The same packages under an older version, as what is upgraded."""
+def old_tree(folder):
+    """What OLD_COMMIT installs, built from its source, and the names of its files."""
+    source, tree = folder / "source", folder / "tree"
+    source.mkdir(parents=True)
+    archive = subprocess.run(["git", "-C", str(TOP), "archive", OLD_COMMIT], check=True,
+                             capture_output=True).stdout
+    subprocess.run(["tar", "-x", "-C", str(source)], input=archive, check=True)
+    for words in (["cmake", "-S", ".", "-B", "build", "-G", "Ninja", "-DCMAKE_BUILD_TYPE=Release",
+                   "-DCMAKE_INSTALL_PREFIX=/usr", "-DMODALD_TESTS=OFF"],
+                  ["cmake", "--build", "build"], ["cmake", "--install", "build"]):
+        subprocess.run(words, cwd=source, check=True, capture_output=True,
+                       env={**os.environ, "DESTDIR": str(tree)})
+    return tree, sorted(str(p.relative_to(tree)) for p in tree.rglob("*") if not p.is_dir())
+
+
+def shares(names):
+    """Package to those files of NAMES that it would have; what none has is the developers'."""
+    left, out = set(names), {}
+    for package in control():
+        lines = (DEBIAN / f"{package}.install").read_text().splitlines()
+        out[package] = {name: line.split()[1:] for line in lines for name in left
+                        if fnmatch.fnmatchcase(name, line.split()[0])
+                        or fnmatch.fnmatchcase(name, line.split()[0] + "/*")}
+        left -= set(out[package])
+    out["libmodald-dev"].update({name: [] for name in left})
+    return out
+
+
+def aged(packages, folder, work):
+    """Packages of OLD_COMMIT: its files, divided and with the maintainer's scripts of now."""
+    tree, names = old_tree(work)
     folder.mkdir()
-    for deb in packages.glob("*.deb"):
-        tree = folder / "tree"
-        subprocess.run(["dpkg-deb", "-R", str(deb), str(tree)], check=True)
-        text = (tree / "DEBIAN/control").read_text()
+    for package, files in shares(names).items():
+        if not files:
+            continue                                       # there is more now than there was
+        deb = next(packages.glob(f"{package}_*.deb"))
+        root = work / package
+        subprocess.run(["dpkg-deb", "-R", str(deb), str(root)], check=True)
+        for path in root.iterdir():
+            if path.name != "DEBIAN":
+                shutil.rmtree(path)
+        for name, where in files.items():
+            to = root / (f"{where[0]}/{pathlib.Path(name).name}" if where else name)
+            to.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(tree / name, to, follow_symlinks=False)
+        (root / "DEBIAN/md5sums").unlink()
+        text = (root / "DEBIAN/control").read_text()
         version = re.search(r"^Version: (\S+)$", text, re.M)[1]
-        (tree / "DEBIAN/control").write_text(text.replace(version, OLDER))
-        subprocess.run(["dpkg-deb", "-b", str(tree), str(folder / deb.name)], check=True,
-                       capture_output=True)
-        shutil.rmtree(tree)
+        (root / "DEBIAN/control").write_text(text.replace(version, OLDER))
+        subprocess.run(["dpkg-deb", "-b", "--root-owner-group", str(root), str(folder / deb.name)],
+                       check=True, capture_output=True)
 
 
 DAEMON = """
@@ -170,7 +212,7 @@ for i in $(seq 100); do modalctl hello >/dev/null 2>&1 && break; kill -0 $daemon
 
 def test_packages_are_installed_used_upgraded_removed_and_purged(packages, tmp_path):
     root = Root(tmp_path)
-    aged(packages, root.path / "old")
+    aged(packages, root.path / "old", tmp_path / "work")
     (root.path / "new").mkdir()
     for deb in packages.glob("*.deb"):
         shutil.copy(deb, root.path / "new")
@@ -184,20 +226,32 @@ def test_packages_are_installed_used_upgraded_removed_and_purged(packages, tmp_p
 tar -x -C /tmp -f /tmp/folder.tar.xz && cp -a /tmp/data/. /var/lib/modald/
 chown -R modald:modald /var/lib/modald
 """
-    listing = DAEMON + "modalctl --json list --limit 1000; kill $daemon; wait $daemon"
-    before = json.loads(root.run(kept + listing))["jobs"]
+    asked = """
+awk 'BEGIN { print "t,a"; for (i = 0; i < 400; i++) printf "%.2f,%.9g\\n", i / 100,
+  exp(-i / 500) * cos(i / 5) }' > /tmp/a.csv
+modalctl submit identify /tmp/a.csv --key mine --wait >&2
+"""
+    listing = "modalctl --json list --limit 1000; kill $daemon; wait $daemon"
+    mine = "modalctl --json result key:mine; kill $daemon; wait $daemon"
+    before = json.loads(root.run(kept + DAEMON + asked + listing))["jobs"]
+    own = json.loads(root.run(DAEMON + mine))
+    assert own["modes"]
     states = {job["job"]: job["state"] for job in before}
     for name in ("done", "failed", "cancelled", "dead"):
         assert states[TOLD["jobs"][name]] == name
-    root.run("apt-get install -y -qq --no-install-recommends /new/*.deb >/dev/null")
+    # its configuration is changed and has changed: who is asked keeps his own
+    root.run("apt-get install -y -qq --no-install-recommends -o Dpkg::Options::=--force-confold "
+             "/new/*.deb >/dev/null")
+    assert "workers = 1\n" in (root.path / "etc/modald/modald.conf").read_text()
     assert root.run("dpkg-query -W -f '${Version}' modald") != OLDER
-    after = json.loads(root.run(listing))["jobs"]
+    after = json.loads(root.run(DAEMON + listing))["jobs"]
+    assert json.loads(root.run(DAEMON + mine)) == own
     assert {job["job"] for job in after} == set(states)
     assert all(job["state"] == states[job["job"]] for job in after
                if states[job["job"]] in ("done", "failed", "cancelled", "dead"))
     root.run("export AUTOPKGTEST_TMP=$(mktemp -d)\n" + (DEBIAN / "tests/installed").read_text())
     assert root.run("pkg-config --cflags --libs modal modald-client modald-stream")
-    names = " ".join(PACKAGES)
+    names = " ".join(control())
     root.run(f"apt-get remove -y -qq {names} >/dev/null")
     assert not (root.path / "usr/sbin/modald").exists()
     assert (root.path / "var/lib/modald/ledger.db").exists()

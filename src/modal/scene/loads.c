@@ -368,3 +368,14 @@ enum modal_status loads_lower(struct lowering *l, const cJSON *excitation,
     }
     return rc;
 }
+
+void loads_tones(const cJSON *steady, struct program *p)
+{
+    const cJSON *list = cJSON_GetObjectItemCaseSensitive(steady, "tones");
+
+    for (int j = 0; cJSON_IsArray(list) && j < PROGRAM_TONES_MOST; j++) {
+        const cJSON *tone = cJSON_GetArrayItem(list, j);
+
+        p->tones[j] = cJSON_IsNumber(tone) && tone->valuedouble > 0 ? tone->valuedouble : 0;
+    }
+}

@@ -14,5 +14,8 @@ extern const struct scene_table loads_types[];
  * MODAL_TOO_LARGE, MODAL_NO_MEMORY; what was read is the program's to free. */
 enum modal_status loads_lower(struct lowering *l, const cJSON *excitation,
                               const struct scene_time *time, struct modal_error *err);
+/* The tones that STEADY, the scene's member, names, into P, which loads may name: whoever needs
+ * them checks them. */
+void loads_tones(const cJSON *steady, struct program *p);
 
 #endif

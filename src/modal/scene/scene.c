@@ -602,18 +602,6 @@ static enum modal_status lower_loads(struct lowering *l, const cJSON *excitation
     return rc == MODAL_OK ? loads_lower(l, excitation, &time, err) : rc;
 }
 
-/* The tones that `steady` names, which loads may: whoever needs them checks them. */
-static void read_tones(const cJSON *steady, struct program *p)
-{
-    const cJSON *list = cJSON_GetObjectItemCaseSensitive(steady, "tones");
-
-    for (int j = 0; cJSON_IsArray(list) && j < PROGRAM_TONES_MOST; j++) {
-        const cJSON *tone = cJSON_GetArrayItem(list, j);
-
-        p->tones[j] = cJSON_IsNumber(tone) && tone->valuedouble > 0 ? tone->valuedouble : 0;
-    }
-}
-
 /* The order in which parts depend on each other. */
 static enum modal_status read_scene(struct lowering *l, const cJSON *scene,
                                     const struct scene_options *options, struct modal_error *err)
@@ -624,7 +612,7 @@ static enum modal_status read_scene(struct lowering *l, const cJSON *scene,
 
     l->p->omega = s.omega;  /* before the structure: a shaft sets it where it is 0 */
     l->p->period = s.period;
-    read_tones(s.steady, l->p);
+    loads_tones(s.steady, l->p);
     if (rc == MODAL_OK)
         rc = lower_structure(l, s.structure, err);
     if (rc == MODAL_OK && l->no_memory)

@@ -16,8 +16,8 @@
 static struct program *chain(int n, const char *spring, double omega, const char *effects,
                              const char *more, const char *load)
 {
-    char *text = malloc(400 * (size_t)n + 4096), *at = text;
-    struct program *p;
+    static char text[200000];
+    char *at = text;
 
     at += sprintf(at, "{'structure':{'type':'chain','masses':[1");
     for (int i = 1; i < n; i++)
@@ -29,9 +29,7 @@ static struct program *chain(int n, const char *spring, double omega, const char
     for (int i = 1; i <= n; i++)
         at += sprintf(at, effects, i, i, i);
     sprintf(at, "],'excitation':[%s]}", load);
-    p = program_text(text);
-    free(text);
-    return p;
+    return program_text(text);
 }
 
 struct verdict {

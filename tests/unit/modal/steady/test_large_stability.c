@@ -17,18 +17,18 @@ static struct program *chain(int n, const char *spring, double omega, const char
                              const char *more, const char *load)
 {
     static char text[200000];
-    char *at = text;
+    size_t at = 0, room = sizeof text;
 
-    at += sprintf(at, "{'structure':{'type':'chain','masses':[1");
+    at += (size_t)snprintf(text + at, room - at, "{'structure':{'type':'chain','masses':[1");
     for (int i = 1; i < n; i++)
-        at += sprintf(at, ",1");
-    at += sprintf(at, "],'springs':[%s", spring);
+        at += (size_t)snprintf(text + at, room - at, ",1");
+    at += (size_t)snprintf(text + at, room - at, "],'springs':[%s", spring);
     for (int i = 0; i < n; i++)
-        at += sprintf(at, ",%s", spring);
-    at += sprintf(at, "]},'omega':%.17g,'effects':[%s", omega, more);
+        at += (size_t)snprintf(text + at, room - at, ",%s", spring);
+    at += (size_t)snprintf(text + at, room - at, "]},'omega':%.17g,'effects':[%s", omega, more);
     for (int i = 1; i <= n; i++)
-        at += sprintf(at, effects, i, i, i);
-    sprintf(at, "],'excitation':[%s]}", load);
+        at += (size_t)snprintf(text + at, room - at, effects, i);
+    snprintf(text + at, room - at, "],'excitation':[%s]}", load);
     return program_text(text);
 }
 

@@ -125,6 +125,13 @@ def test_a_scene_of_tones_is_simulated_with_its_loads(tmp_path):
     assert np.abs(x - motion(result, t))[6000:].max() < 1e-5
 
 
+def test_more_combinations_than_can_be_solved_for_are_refused_at_once(tmp_path):
+    scene = oscillator([{"type": "cubic_spring", "dof": "x", "coefficient": 0.5}], [0.7, 1.1])
+    status, said = run("steady", scene, tmp_path, "-o", "harmonics=8000")
+    assert status == 2 and said["error"]["code"] == "too_large"
+    assert said["error"]["field"] == "steady.harmonics"
+
+
 @pytest.mark.parametrize("change,field", [
     ({"steady": {"tones": [1]}}, "steady.tones"),
     ({"steady": {"tones": [1, 2, 3, 4]}}, "steady.tones"),

@@ -13,7 +13,8 @@
 #include "modal/steady/condense.h"
 #include "modal/steady/torus_laws.h"
 
-enum { CANDIDATES_LEAST = 300 };          /* below them an estimate of the rest is none */
+enum { CANDIDATES_LEAST = 24 };           /* two shells around the first set: below them an
+                                           * estimate of the rest is none */
 static const double LOOKING = 2e8;        /* budget.h: what linear parts of a look may cost */
 static const double SLOW = 0.15;          /* chosen: slow combinations are looked at to orders
                                            * some seven times as high as fast ones */
@@ -49,6 +50,8 @@ enum modal_status torus_largest(struct torus_solver *s, struct torus_grid *g, in
         int at = torus_order(index[m]) > 0;
 
         /* without loads: what the others do of the kept ones' motion alone */
+        if (others)
+            budget_add(s->work, torus_linear_work(s));
         if (others)
             rc = condense_at(s->condense[0], torus_base(s, index[m]), 1, at, S, p, err);
         torus_spread(s, D, K, m, at, one);

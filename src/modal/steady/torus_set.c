@@ -9,7 +9,7 @@
 #include "modal/steady/condense.h"
 #include "modal/steady/torus_laws.h"
 
-static const double CONDENSING = 400;     /* budget.h's units, a dof and a column: measured */
+static const double CONDENSING = 100;     /* budget.h's units, a dof and a column: measured */
 
 enum modal_status torus_read_loads(struct torus_solver *s, struct modal_error *err)
 {
@@ -187,13 +187,29 @@ enum modal_status torus_grow(struct torus_solver *s, const struct torus_index *m
     return rc;
 }
 
+/* How many combinations have at most ORDER, k and -k told once. */
+static double count_of(const struct torus_solver *s, double order)
+{
+    double both = s->tones.count > 2 ? (2 * order + 1) * (2 * order * order + 2 * order + 3) / 3
+                                     : 2 * order * order + 2 * order + 1;
+
+    return (both + 1) / 2;
+}
+
 enum modal_status torus_grow_to_order(struct torus_solver *s, int order, struct modal_error *err)
 {
+    double unknowns = s->q * (2 * (count_of(s, order) + s->groups) - 1);
     int side = 2 * order + 1, third = s->tones.count > 2 ? side : 1, count = 0;
     size_t room = (size_t)side * (size_t)side * (size_t)third + (size_t)s->groups;
-    struct torus_index *more = malloc(room * sizeof *more);
+    struct torus_index *more;
     enum modal_status rc;
 
+    if (unknowns > TORUS_UNKNOWNS_MOST)
+        return modal_fail_field(err, MODAL_TOO_LARGE, "steady.harmonics",
+                                "%d dofs of laws at %.0f combinations of tones are %.0f unknowns; "
+                                "at most %d",
+                                s->q, count_of(s, order), unknowns, TORUS_UNKNOWNS_MOST);
+    more = malloc(room * sizeof *more);
     if (more == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "torus: no memory for %zu combinations", room);
     for (int total = 0; total <= order; total++)         /* by rising order: the core comes first */
@@ -210,13 +226,7 @@ enum modal_status torus_grow_to_order(struct torus_solver *s, int order, struct 
     for (int g = 1; g <= s->groups; g++)
         if (torus_order(s->group[g]) > order)
             more[count++] = s->group[g];
-    if ((double)s->q * (2.0 * count - 1) > TORUS_UNKNOWNS_MOST)
-        rc = modal_fail_field(err, MODAL_TOO_LARGE, "steady.harmonics",
-                              "%d dofs of laws at %d combinations of tones are %.0f unknowns; at "
-                              "most %d",
-                              s->q, count, s->q * (2.0 * count - 1), TORUS_UNKNOWNS_MOST);
-    else
-        rc = torus_grow(s, more, count, err);
+    rc = torus_grow(s, more, count, err);
     free(more);
     return rc;
 }

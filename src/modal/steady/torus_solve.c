@@ -13,7 +13,7 @@ enum {
     GROWTH_LEAST = 24,         /* combinations that a round may add, or as many as there are */
 };
 static const double WORK_MOST = 3e9;      /* budget.h: some four seconds at rest */
-static const double GROWTH = 0.2;         /* of it: then no more is begun, for a round may take
+static const double GROWTH = 0.25;        /* of it: then no more is begun, for a round may take
                                            * several times what those before it took */
 static const double LEFT = 0.3;           /* of the error asked for: what one of its parts may be */
 static const double HALF = 0.5;           /* of it: truncation that growth is worth while for */

@@ -5,6 +5,7 @@ import contextlib
 import json
 import os
 import pathlib
+import pty
 import shutil
 import signal
 import subprocess
@@ -47,6 +48,14 @@ def pytest_runtest_teardown(item):
 
 # of hosts whose daemon is too slow for them; gone with the tests
 spills = tempfile.TemporaryDirectory(prefix="spills-")
+
+
+def terminal():
+    """Both ends of a new terminal."""
+    try:
+        return pty.openpty()
+    except OSError as none:
+        pytest.skip(f"no terminals here (/dev/pts is not mounted?): {none}")
 
 
 def environment(**more):

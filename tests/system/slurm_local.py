@@ -84,7 +84,8 @@ class Slurm:
                  "RealMemory=500 State=UNKNOWN" for i, port in enumerate(ports)]
         (self.folder / "slurm.conf").write_text(
             CONF.format(d=folder, host=host, ctl=ctl, nodes="\n".join(lines)))
-        (self.folder / "cgroup.conf").write_text("CgroupPlugin=autodetect\nIgnoreSystemd=yes\n")
+        # not autodetect: it wants a cgroup file system, of which nothing here uses any
+        (self.folder / "cgroup.conf").write_text("CgroupPlugin=cgroup/v1\nIgnoreSystemd=yes\n")
         key = self.folder / "munge" / "key"
         key.write_bytes(os.urandom(1024))
         key.chmod(0o600)

@@ -3,7 +3,6 @@ import csv
 import json
 import os
 import pathlib
-import pty
 import re
 import signal
 import subprocess
@@ -12,7 +11,8 @@ import wave
 import h5py
 import numpy as np
 import pytest
-from conftest import BUILD, PATIENCE, SLOW_WORDS, TOP, decay, environment, write_batch
+from conftest import (BUILD, PATIENCE, SLOW_WORDS, TOP, decay, environment, terminal,
+                      write_batch)
 
 import modald
 
@@ -574,7 +574,7 @@ LONG = {"structure": {"type": "chain", "masses": [1] * 20, "springs": [1] * 20 +
 def test_an_interrupted_curve_is_the_points_it_has(tmp_path, way):
     """A terminal is told the progress of each point: so one is there when the interrupt comes."""
     (tmp_path / "long.json").write_text(json.dumps(LONG))
-    mine, theirs = pty.openpty()
+    mine, theirs = terminal()
     with subprocess.Popen([str(BUILD / "bin" / "modalctl"), "--local", "--json", "steady",
                            "long.json", *way], cwd=tmp_path, stdout=subprocess.PIPE, stderr=theirs,
                           env=environment()) as running:

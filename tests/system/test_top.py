@@ -4,7 +4,6 @@ import contextlib
 import fcntl
 import json
 import os
-import pty
 import re
 import signal
 import struct
@@ -12,7 +11,7 @@ import subprocess
 import termios
 
 import pytest
-from conftest import BUILD, PATIENCE, environment
+from conftest import BUILD, PATIENCE, environment, terminal
 
 ENTERED, LEFT = b"\033[?1049h", b"\033[?1049l"
 
@@ -25,7 +24,7 @@ class Screen:
     """top on a terminal of its own; what it wrote so far is `seen`."""
 
     def __init__(self, endpoint, columns=130, rows=30):
-        self.mine, self.theirs = pty.openpty()
+        self.mine, self.theirs = terminal()
         resize(self.mine, columns, rows)
         self.before = termios.tcgetattr(self.theirs)
         self.seen = b""

@@ -93,12 +93,19 @@ class Slurm:
         self.start("munged", "munged", "-F", "--force", f"--key-file={key}",
                    f"--socket={folder}/munge/sock", f"--pid-file={folder}/munge/pid",
                    f"--seed-file={folder}/munge/seed", f"--log-file={folder}/munge/log")
-        self.until(lambda: (self.folder / "munge" / "sock").exists(), "munged did not start")
-        self.start("slurmctld", "slurmctld", "-D", "-i", "-f", f"{folder}/slurm.conf")
-        for i in range(nodes):
-            self.start_node(f"n{i + 1}")
-        self.until(lambda: self.ask("sinfo", "-h", "-t", "idle", "-o", "%D").strip() == str(nodes),
-                   "the nodes did not become idle")
+        try:
+            self.until(lambda: (self.folder / "munge" / "sock").exists(), "munged did not start")
+            self.start("slurmctld", "slurmctld", "-D", "-i", "-f", f"{folder}/slurm.conf")
+            for i in range(nodes):
+                self.start_node(f"n{i + 1}")
+            self.until(lambda: self.idle() == nodes, "the nodes did not become idle")
+        except BaseException:
+            self.end()
+            raise
+
+    def idle(self):
+        """How many nodes are."""
+        return int(self.ask("sinfo", "-h", "-t", "idle", "-o", "%D").strip() or 0)
 
     def start(self, name, *words):
         log = open(self.folder / f"{name}.out", "ab")

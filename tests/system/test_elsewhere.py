@@ -520,5 +520,7 @@ def test_a_worker_elsewhere_has_the_walls_of_one_here(site):
     it = site()
     worker = it.worker()
     until(lambda: it.elsewhere() == 1)
-    status = pathlib.Path(f"/proc/{worker.pid}/status").read_text()
-    assert "Seccomp:\t2" in status and "NoNewPrivs:\t1" in status
+    # it has joined before the last wall, which stands before it is ready for a job
+    status = pathlib.Path(f"/proc/{worker.pid}/status")
+    until(lambda: "Seccomp:\t2" in status.read_text())
+    assert "NoNewPrivs:\t1" in status.read_text()

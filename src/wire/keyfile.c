@@ -90,8 +90,11 @@ enum modal_status keyfile_make(const char *path, const char *server, char *publi
     if (server != NULL && strlen(server) != 40)
         return modal_fail_field(err, MODAL_BAD_INPUT, "server-key",
                                 "accepted: the daemon's public key, 40 signs of Z85");
-    if (zmq_curve_keypair(keys.public, keys.secret) != 0)
-        return modal_fail(err, MODAL_INTERNAL, "libzmq cannot make keys: %s", zmq_strerror(errno));
+    do {                                        /* one key of 85 would be taken for an option */
+        if (zmq_curve_keypair(keys.public, keys.secret) != 0)
+            return modal_fail(err, MODAL_INTERNAL, "libzmq cannot make keys: %s",
+                              zmq_strerror(errno));
+    } while (keys.public[0] == '-');
     length = snprintf(text, sizeof text, "# modald key file: keep it secret, mode 0600\n"
                       "public-key = \"%s\"\nsecret-key = \"%s\"\n", keys.public, keys.secret);
     if (server != NULL)

@@ -16,7 +16,7 @@ struct keyfile { char public[41], secret[41], server[41]; };
 enum modal_status keyfile_read(const char *path, struct keyfile *keys, struct modal_error *err);
 
 /* Make a new pair and write it to PATH, which must not exist; SERVER may be NULL.  The public key
- * into PUBLIC[41]. */
+ * into PUBLIC[41]; it begins with no '-', for it is given as an argument. */
 enum modal_status keyfile_make(const char *path, const char *server, char *public,
                                struct modal_error *err);
 

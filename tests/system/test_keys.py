@@ -35,6 +35,9 @@ def lab(tmp_path):
 def turned_away(client):
     """Its handshake fails, and no answer came: no wait could tell so much."""
     monitor = client.socket.get_monitor_socket(FAILED)
+    endpoint = client.socket.get(zmq.LAST_ENDPOINT).rstrip(b"\0").decode()
+    client.socket.disconnect(endpoint)      # the first handshake may have failed unseen
+    client.socket.connect(endpoint)
     client.send("HELLO")
     assert monitor.poll(1000 * PATIENCE_S), "no handshake failed"
     answered = client.socket.poll(0)
@@ -203,6 +206,22 @@ def test_a_stream_beyond_the_upload_rate_has_no_hole(lab, tmp_path):
     c = it.client("ann")
     assert c.ask("SUBMIT", kind="identify",
                  input={"sha256": identity(200000, 2, 1e-3, done.stdout)}).ok
+
+
+def test_samples_that_come_again_are_paid_for_once(lab):
+    """Else a rate that they fill would never let those behind them pass."""
+    c = lab({"ann": "ann submit upload_bytes_s=1"}).client("ann")
+    s = c.ask("STREAM", op="open", name="again", channels=1, dt=1.0)["stream"]
+    count = 32768                       # a quarter of what may come at once
+
+    def push(first, sign=1):
+        data = (sign * np.arange(first, first + count, dtype=float)).tobytes()
+        return c.ask("STREAM", [data], op="push", stream=s, epoch=0, first=first, count=count,
+                     crc32c=crc32c(data))
+    assert all(push(first).ok for first in (0, count, 2 * count))
+    assert all(push(first).ok for first in (0, count, 2 * count) for _ in range(3))
+    assert push(3 * count).ok and push(4 * count).code == "quota"
+    assert push(0, -1).ok and push(count).code == "quota"     # others: a new epoch, to be paid for
 
 
 @pytest.mark.parametrize("limit", ["queued=1e300", "weight=inf", "bytes=nan", "running=-1",

@@ -172,6 +172,13 @@ uint64_t samples_reach(const struct stream *s)
     return s->held != NULL && s->held_reach > s->next ? s->held_reach : s->next;
 }
 
+uint64_t known_before(const struct stream *s, uint64_t first, uint64_t count)
+{
+    uint64_t known = s->segment_count > 0 && first < s->next ? s->next - first : 0;
+
+    return (known < count ? known : count) * sample_bytes(s);
+}
+
 /* Bytes of the gap that samples from FIRST on leave. */
 uint64_t gap_before(const struct stream *s, uint64_t first)
 {

@@ -256,10 +256,12 @@ static void refuse_behind(struct core *c, struct stream *s, bool full, const str
 
 /* Within the credit and the user's limits?  Else it is answered, and what is behind it waits.  A
  * gap is paid for like the samples that it stands for, but never waits for a rate that would let
- * as many bytes pass only later. */
-static bool may_push(struct core *c, struct stream *s, size_t size, uint64_t gap,
-                     const struct reply *reply)
+ * as many bytes pass only later.  Samples that come again as those behind them were refused are
+ * paid for once: twice, a rate that they fill might never let the others pass. */
+static bool may_push(struct core *c, struct stream *s, const struct push *p, size_t size)
 {
+    const uint64_t gap = gap_before(s, p->first);
+    const struct reply *reply = &p->reply;
     bool good = false;
 
     if (s->in_flight > core_window(c)) {
@@ -268,7 +270,7 @@ static bool may_push(struct core *c, struct stream *s, size_t size, uint64_t gap
                     "more unacknowledged samples than the credit allows");
     } else
         good = !user_quota(c, s->user, reply, 0, (int64_t)(size + gap))
-            && upload_allows(c, s->user, size, reply);
+            && upload_allows(c, s->user, size - known_before(s, p->first, p->count), reply);
     if (good)
         upload_owes(s->user, gap);
     s->resumes = s->slowed = !good;
@@ -302,8 +304,10 @@ static void accept(struct core *c, struct stream *s, const struct push *p)
     transaction_keep(t, p->body);
     t->refusable = FIRST_REFUSED;
     t->fence = &s->fence;
-    if (p->same == OTHER)
+    if (p->same == OTHER) {                            /* they are new after all */
+        upload_owes(s->user, known_before(s, p->first, p->count));
         new_epoch(s, p->first, t);
+    }
     known = p->first < s->next && s->segment_count > 0 ? s->next - p->first : 0;
     if (known == 0)
         append(s, p->first, p->count, data, p->crc, t);
@@ -464,7 +468,7 @@ static void on_push(struct core *c, const struct request *q, struct stream *s)
         answer_fail(c, reply, MODAL_CONFLICT, "stream", NULL, "the stream is closed");
     else if (room_is_full(c) || atomic_load(&s->fence) || (s->resumes && push.first > s->next))
         refuse_behind(c, s, room_is_full(c) || atomic_load(&s->fence), reply);
-    else if (!gaps_too_large(c, s, &push) && may_push(c, s, size, gap_before(s, push.first), reply))
+    else if (!gaps_too_large(c, s, &push) && may_push(c, s, &push, size))
         accept_or_hold(c, s, &push);
 }
 

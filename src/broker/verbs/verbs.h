@@ -186,6 +186,8 @@ void gaps_add(struct stream *s, uint64_t from, uint64_t to);
 void gaps_write(cJSON *object, const struct stream *s);
 /* The end of what came, those samples that are held included. */
 uint64_t samples_reach(const struct stream *s);
+/* Bytes of COUNT samples from FIRST on that the record has in their place, if they are the same. */
+uint64_t known_before(const struct stream *s, uint64_t first, uint64_t count);
 /* Bytes of the gap that samples from FIRST on leave. */
 uint64_t gap_before(const struct stream *s, uint64_t first);
 /* What all gaps of an epoch may take, however short it is. */

@@ -1,5 +1,6 @@
 /* plot.c - see plot.h */
 #include "plot.h"
+#include <limits.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -406,11 +407,14 @@ static const char *grid_path(const cJSON *grid, int axis)
     return axis_of(path);
 }
 
+/* -1 where it is no place in a list: cJSON keeps what is beyond an int at its ends. */
 static int index_of(const cJSON *point, int axis)
 {
     const cJSON *i = cJSON_GetArrayItem(get(point, "index"), axis);
 
-    return cJSON_IsNumber(i) ? i->valueint : 0;
+    if (!cJSON_IsNumber(i))
+        return 0;
+    return i->valueint >= 0 && i->valueint < INT_MAX ? i->valueint : -1;
 }
 
 /* What tells how stable a point is: its largest multiplier, or e^-margin. */

@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "ctl/field.h"
+#include "wire/protocol.h"
 
 struct entry {
     int64_t number;                  /* -1: of no event, or of one without */
@@ -75,7 +76,8 @@ static struct entry *append(struct feed *feed, const char *text, size_t length)
 
 void feed_add(struct feed *feed, const cJSON *event)
 {
-    double number = field_number(event, "number", -1);
+    /* what is no number of the protocol's is none */
+    double told = field_number(event, "number", -1), number = told <= WIRE_INTEGER_MOST ? told : -1;
     char *json = json_print(event), *text = NULL;
     struct entry *e = NULL;
     int length = json == NULL  ? -1

@@ -10,6 +10,7 @@
 #include <string.h>
 #include "base/log.h"
 #include "ctl/field.h"
+#include "wire/protocol.h"
 
 enum { MESSAGES_A_STEP = 256 };              /* then readers have their turn */
 
@@ -97,7 +98,7 @@ static void on_next(void *context, const struct link_message *answer)
     double next = is_reply(answer) ? field_number(answer->header, "next", -1) : -1;
     cJSON *header;
 
-    if (next < 0) {
+    if (!(next >= 0 && next <= WIRE_INTEGER_MOST)) {
         s->store[0] = 0;                     /* what is kept is of another's numbers yet */
         go_away(s);
         return;

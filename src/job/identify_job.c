@@ -396,6 +396,26 @@ static bool climb_stopped(void *context)
     return q->cancelled != NULL && q->cancelled(q->context);
 }
 
+/* By what was asked alone, as the last rung, or the named procedure's. */
+static enum modal_status answer_once(struct own_ladder *l, const struct identify_settings *settings,
+                                     struct modal_error *err)
+{
+    double start = cpu_seconds(NULL);
+    enum modal_status rc;
+
+    l->chosen = settings->opt.method == IDENTIFY_AUTO ? l->count - 1 : 0;
+    cJSON_Delete(l->settings[l->chosen]);
+    l->settings[l->chosen] = l->request->options != NULL
+                                 ? cJSON_Duplicate(l->request->options, true)
+                                 : cJSON_CreateObject();
+    rc = identify_answer(l->request, settings, &l->answer[l->chosen], err);
+    if (rc == MODAL_OK)
+        l->rungs[l->chosen] = (struct ladder_rung){ .ran = true,
+                                                    .error = identify_error(&l->answer[l->chosen]),
+                                                    .seconds = cpu_seconds(NULL) - start };
+    return rc;
+}
+
 /* Climb until a target is met; without one, or with a procedure named, what was asked for is the
  * one rung that runs. */
 static enum modal_status answer(struct own_ladder *l, const struct identify_settings *settings,
@@ -419,7 +439,6 @@ static enum modal_status answer(struct own_ladder *l, const struct identify_sett
                              .target_seconds = opt->target_seconds, .climb = climb,
                              .clock = cpu_seconds, .cancelled = climb_stopped, .context = l };
     struct ladder_outcome outcome;
-    double start = cpu_seconds(NULL);
     enum modal_status rc;
 
     l->count = ladder.rungs = identify_ladder_rungs(l->request->options, &facts, true, l->settings);
@@ -447,17 +466,7 @@ static enum modal_status answer(struct own_ladder *l, const struct identify_sett
             l->chosen = outcome.chosen, l->stop = stops[outcome.stop];
         return rc;
     }
-    l->chosen = opt->method == IDENTIFY_AUTO ? l->count - 1 : 0;
-    cJSON_Delete(l->settings[l->chosen]);
-    l->settings[l->chosen] = l->request->options != NULL
-                                 ? cJSON_Duplicate(l->request->options, true)
-                                 : cJSON_CreateObject();
-    rc = identify_answer(l->request, settings, &l->answer[l->chosen], err);
-    if (rc == MODAL_OK)
-        l->rungs[l->chosen] = (struct ladder_rung){ .ran = true,
-                                                    .error = identify_error(&l->answer[l->chosen]),
-                                                    .seconds = cpu_seconds(NULL) - start };
-    return rc;
+    return answer_once(l, settings, err);
 }
 
 static cJSON *print_ladder(struct own_ladder *l)

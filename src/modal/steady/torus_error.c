@@ -184,6 +184,38 @@ static enum modal_status truncation(struct torus_solver *s, struct torus_grid *f
     return rc;
 }
 
+/* The motions that F, forces at LOOK, make at all but the set's combinations: into X, and as
+ * *COUNT candidates into LIST and ROOM.  COLUMN: q. */
+static enum modal_status left_out(struct torus_solver *s, int all, const struct torus_index *look,
+                                  const double complex *F, double complex *X,
+                                  struct torus_candidate *list, int *count, double complex *room,
+                                  double complex *column, struct modal_error *err)
+{
+    size_t q = (size_t)s->q;
+
+    *count = 0;
+    for (int a = s->count; a < all; a++) {
+        struct torus_candidate *c = &list[*count];
+        struct torus_linear l;
+        enum modal_status rc = torus_linear_at(s, look[a], &l, err);
+
+        if (rc != MODAL_OK)
+            return rc;
+        for (size_t i = 0; i < q; i++)
+            column[i] = -F[i * (size_t)all + (size_t)a];
+        torus_linear_solve(s, &l, column);
+        torus_linear_done(&l);
+        *c = (struct torus_candidate) { look[a], 0, room + (size_t)*count * q };
+        for (size_t i = 0; i < q; i++) {
+            c->X[i] = column[i];
+            c->size = fmax(c->size, cabs(column[i]));
+            X[i * (size_t)all + (size_t)a] = column[i];
+        }
+        ++*count;
+    }
+    return MODAL_OK;
+}
+
 enum modal_status torus_estimate(struct torus_solver *s, struct torus_candidate *list, int *count,
                                   double complex *room, struct torus_errors *e, double *amplitude,
                                   struct modal_error *err)
@@ -203,26 +235,8 @@ enum modal_status torus_estimate(struct torus_solver *s, struct torus_candidate 
         all = look_at(s, fine, look);
         rc = torus_forces(s->laws, fine, s->count, s->index, s->X, all, look, F, err);
     }
-    *count = 0;
-    for (int a = s->count; rc == MODAL_OK && a < all; a++) {
-        struct torus_candidate *c = &list[*count];
-        struct torus_linear l;
-
-        rc = torus_linear_at(s, look[a], &l, err);
-        if (rc != MODAL_OK)
-            break;
-        for (size_t i = 0; i < q; i++)
-            column[i] = -F[i * (size_t)all + (size_t)a];
-        torus_linear_solve(s, &l, column);
-        torus_linear_done(&l);
-        *c = (struct torus_candidate) { look[a], 0, room + (size_t)*count * q };
-        for (size_t i = 0; i < q; i++) {
-            c->X[i] = column[i];
-            c->size = fmax(c->size, cabs(column[i]));
-            X[i * (size_t)all + (size_t)a] = column[i];
-        }
-        ++*count;
-    }
+    if (rc == MODAL_OK)
+        rc = left_out(s, all, look, F, X, list, count, room, column, err);
     /* sampling: J^-1 of what the finer grid says of the set's forces */
     for (size_t i = 0; rc == MODAL_OK && i < q; i++)
         for (size_t m = 0; m < K; m++) {

@@ -252,6 +252,33 @@ enum modal_status torus_newton_step(struct torus_solver *s, const double complex
     return rc;
 }
 
+/* X = s->X + *FACTOR STEP, halved until the residual falls from SIZE; its forces F, *NOW: what is
+ * left. */
+static enum modal_status damp(struct torus_solver *s, const double complex *step, double size,
+                              double complex *X, double complex *F, double *factor, double *now,
+                              struct modal_error *err)
+{
+    size_t n = (size_t)s->q * (size_t)s->count;
+
+    *factor = 1;
+    for (int halving = 0; halving <= HALVINGS_MOST; halving++) {
+        enum modal_status rc;
+
+        *factor *= halving > 0 ? 0.5 : 1;
+        for (size_t j = 0; j < n; j++)
+            X[j] = s->X[j] + *factor * step[j];
+        rc = forces(s, X, F, err);
+        if (rc != MODAL_OK)
+            return rc;
+        residual_of(s, X, F);
+        torus_precondition(s, s->R);
+        *now = norm(n, s->R);
+        if (*now <= (1 - *factor / 4) * size)
+            break;
+    }
+    return MODAL_OK;
+}
+
 /* Newton's method at s->level from s->X; false: not converged, X as it was best. */
 static enum modal_status newton(struct torus_solver *s, bool *converged, struct modal_error *err)
 {
@@ -266,7 +293,7 @@ static enum modal_status newton(struct torus_solver *s, bool *converged, struct 
     *converged = false;
     s->reason = "Newton's method did not converge";
     for (int i = 0; rc == MODAL_OK && i < most && !*converged; i++) {
-        double size, factor = 1, now;
+        double size, factor, now;
         bool regular = false;
 
         rc = precondition_new(s, &regular, err);
@@ -284,30 +311,21 @@ static enum modal_status newton(struct torus_solver *s, bool *converged, struct 
         torus_precondition(s, b);
         size = norm(n, b);
         rc = torus_newton_step(s, b, step, err);
+        if (rc == MODAL_OK)
+            rc = damp(s, step, size, X, F, &factor, &now, err);
         if (rc != MODAL_OK)
             break;
         s->iterations++;
-        for (int halving = 0; rc == MODAL_OK; halving++, factor *= 0.5) {
-            for (size_t j = 0; j < n; j++)
-                X[j] = s->X[j] + factor * step[j];
-            rc = forces(s, X, F, err);
-            if (rc != MODAL_OK)
-                break;
-            residual_of(s, X, F);
-            torus_precondition(s, s->R);
-            now = norm(n, s->R);
-            if (now <= (1 - factor / 4) * size || halving == HALVINGS_MOST)
-                break;
-        }
-        if (rc != MODAL_OK)
-            break;
         s->step = factor * norm(n, step) / fmax(norm(n, X), 1e-300);
         if (now < size || s->step <= FLOOR) {
             memcpy(s->X, X, n * sizeof *X);
             memcpy(s->F, F, n * sizeof *F);
         }
-        *converged = s->step <= tolerance || (s->step <= FLOOR && s->step > SHRINKS * last)
-            || norm(n, X) == 0;
+        /* A short step alone may be one that GMRES did not find: what is left must be little too.
+         * */
+        *converged = now <= FLOOR * norm(n, X)
+            && (s->step <= tolerance || (s->step <= FLOOR && s->step > SHRINKS * last)
+                || norm(n, X) == 0);
         if (now >= size && !*converged)
             break;
         last = s->step;

@@ -1,32 +1,13 @@
 """contact_bed beside the same contacts listed one by one, and beside its law summed by numpy."""
 # Tests as well: contact_bed.c at_rest.c
-import json
-import subprocess
 
 import h5py
 import numpy as np
 import pytest
-from conftest import BUILD, PATIENCE, environment
+from local_scene import call, harmonics, run
 
 LAW = {"normal_stiffness": 300.0, "preload": 20.0, "tangential_stiffness": 200.0, "mu": 0.4}
 AREA = 0.5
-
-
-def call(tmp_path, verb, scene, *words):
-    (tmp_path / "scene.json").write_text(json.dumps(scene))
-    done = subprocess.run([BUILD / "bin" / "modalctl", "--local", "--json", verb, tmp_path / "scene.json", *words], capture_output=True, text=True, timeout=PATIENCE,
-                          env=environment())
-    return done.returncode, json.loads(done.stdout)
-
-
-def run(tmp_path, verb, scene, *words):
-    code, answer = call(tmp_path, verb, scene, *words)
-    assert code == 0, answer
-    return answer
-
-
-def harmonics(answer):
-    return np.array([np.array(row["re"]) + 1j * np.array(row["im"]) for row in answer["harmonics"]])
 
 
 def strip(nodes, effects, push=60.0, **more):

@@ -1,28 +1,9 @@
 """polynomial_coupling beside sums of the same terms made here, by numpy, and beside what is known of two modes at one to two."""
-import json
-import subprocess
 
 import h5py
 import numpy as np
 import pytest
-from conftest import BUILD, PATIENCE, environment
-
-
-def call(tmp_path, verb, scene, *words):
-    (tmp_path / "scene.json").write_text(json.dumps(scene))
-    done = subprocess.run([BUILD / "bin" / "modalctl", "--local", "--json", verb, tmp_path / "scene.json", *words], capture_output=True, text=True, timeout=PATIENCE,
-                          env=environment())
-    return done.returncode, json.loads(done.stdout)
-
-
-def run(tmp_path, verb, scene, *words):
-    code, answer = call(tmp_path, verb, scene, *words)
-    assert code == 0, answer
-    return answer
-
-
-def harmonics(answer):
-    return np.array([np.array(row["re"]) + 1j * np.array(row["im"]) for row in answer["harmonics"]])
+from local_scene import call, harmonics, run
 
 
 def diagonal(frequencies, damping, **more):

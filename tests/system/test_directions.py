@@ -3,13 +3,11 @@
 With x = T q and w' T = (1, 0, ..) the scene T'MT, T'CT, T'KT, T'p with the law on q1 is the same system, whatever T's other columns
 are: both answers must be one motion.  Scenes of many dofs are held against forces summed here, by numpy, at the harmonics given.
 """
-import json
-import subprocess
 
 import h5py
 import numpy as np
 import pytest
-from conftest import BUILD, PATIENCE, environment
+from local_scene import call, run
 
 OMEGA = 2.1
 WEIGHTS = np.array([0.8, -1.5, 0.6])
@@ -26,19 +24,6 @@ LAWS = {
     "parametric_stiffness": {"stiffness": 1.0, "k": 2, "phase": 0.3},
     "lua": {"source": "function force(t, x, v, memory) return 2 * x * x * x + 0.3 * v end"},
 }
-
-
-def call(tmp_path, verb, scene, *words):
-    (tmp_path / "scene.json").write_text(json.dumps(scene))
-    done = subprocess.run([BUILD / "bin" / "modalctl", "--local", "--json", verb, tmp_path / "scene.json", *words], capture_output=True, text=True, timeout=PATIENCE,
-                          env=environment())
-    return done.returncode, json.loads(done.stdout)
-
-
-def run(tmp_path, verb, scene, *words):
-    code, answer = call(tmp_path, verb, scene, *words)
-    assert code == 0, answer
-    return answer
 
 
 def both(law, **more):

@@ -11,14 +11,13 @@
 #include "field.h"
 #include "outcome.h"
 #include "remote.h"
-#include "result_csv.h"
+#include "result_lines.h"
 #include "signals.h"
 #include "verbs.h"
 
 enum { LIST_BYTES_MOST = 1 << 28 };      /* as bulk.c */
 
-/* What is asked for, and what was said so far. */
-struct report { const struct args *args; struct link *link; int status; bool begun; };
+struct report { const struct args *args; struct link *link; struct result_lines lines; };
 
 /* How the job of LINE is called. */
 static void name_of(const struct report *r, const char *line, const cJSON *object, long number,
@@ -31,47 +30,6 @@ static void name_of(const struct report *r, const char *line, const cJSON *objec
         bulk_key(r->args->from, number, line, own);
     snprintf(name, WIRE_KEY_MOST + 8, "%s%.*s", job != NULL ? "" : "key:", WIRE_KEY_MOST,
              job != NULL ? job : key != NULL ? key : own);
-}
-
-static enum modal_status say(struct report *r, long number, const char *name, cJSON *result,
-                             struct modal_error *err)
-{
-    enum modal_status rc;
-    cJSON *doc;
-
-    if (r->args->csv) {
-        rc = result_csv(stdout, result, name, !r->begun, err);
-        r->begun = r->begun || rc == MODAL_OK;
-        return rc;
-    }
-    doc = cJSON_CreateObject();
-    cJSON_AddNumberToObject(doc, "line", (double)number);
-    cJSON_AddStringToObject(doc, "job", name);
-    cJSON_AddItemReferenceToObject(doc, "result", result);
-    rc = outcome_json(doc, err);
-    cJSON_Delete(doc);
-    return rc;
-}
-
-/* One job that has no result does not end the list. */
-static enum modal_status say_failure(struct report *r, long number, const char *name,
-                                     const cJSON *detail, struct modal_error *err)
-{
-    enum modal_status rc = MODAL_OK;
-    cJSON *doc;
-
-    r->status = modal_status_exit(err->status);
-    if (r->args->csv) {
-        fprintf(stderr, "modalctl: line %ld, %s: %s: %s\n", number, name,
-                modal_status_code(err->status), err->message);
-        return MODAL_OK;
-    }
-    doc = outcome_error(err, detail);
-    cJSON_AddNumberToObject(doc, "line", (double)number);
-    cJSON_AddStringToObject(doc, "job", name);
-    rc = outcome_json(doc, err);
-    cJSON_Delete(doc);
-    return rc;
 }
 
 static enum modal_status fetch_line(struct report *r, const char *line, long number,
@@ -90,9 +48,9 @@ static enum modal_status fetch_line(struct report *r, const char *line, long num
     if (rc == MODAL_OK)
         rc = json_read(text, length, &result, err);
     if (rc == MODAL_OK)
-        rc = say(r, number, name, result, err);
+        rc = result_lines_add(&r->lines, number, name, result, err);
     if (rc != MODAL_OK && rc != MODAL_NO_SERVER && rc != MODAL_IO)
-        rc = say_failure(r, number, name, detail, err);
+        rc = result_lines_fail(&r->lines, number, name, detail, err);
     free(text);
     cJSON_Delete(object);
     cJSON_Delete(result);
@@ -120,7 +78,7 @@ static enum modal_status fetch_all(struct report *r, struct modal_error *err)
 
 int run_results(const struct verb *verb, const struct args *args)
 {
-    struct report r = { .args = args };
+    struct report r = { .args = args, .lines.csv = args->csv };
     struct modal_error err = { 0 };
     enum modal_status rc;
 
@@ -133,5 +91,5 @@ int run_results(const struct verb *verb, const struct args *args)
     if (rc == MODAL_OK)
         rc = fetch_all(&r, &err);
     link_close(r.link);
-    return rc == MODAL_OK ? r.status : outcome_failure(args->json, &err, NULL);
+    return rc == MODAL_OK ? r.lines.status : outcome_failure(args->json, &err, NULL);
 }

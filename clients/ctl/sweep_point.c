@@ -53,6 +53,8 @@ const char *sweep_failure(const cJSON *point)
 int sweep_exit(const cJSON *result)
 {
     const cJSON *points = cJSON_GetObjectItemCaseSensitive(result, "points"), *point,
+                *options = cJSON_GetObjectItemCaseSensitive(
+                    cJSON_GetObjectItemCaseSensitive(result, "provenance"), "options"),
                 *first = NULL, *axis;
     int count = 0, i = 0;
 
@@ -66,7 +68,7 @@ int sweep_exit(const cJSON *result)
     if (count == 0)
         return 0;
     fprintf(stderr, "modalctl: %d of %d points failed, the first at", count,
-            cJSON_GetArraySize(points));
+            (int)field_number(options, "count", cJSON_GetArraySize(points)));
     cJSON_ArrayForEach(axis, cJSON_GetObjectItemCaseSensitive(result, "grid")) {
         fprintf(stderr, " %s = %g", field_word(axis, "path", "-"), sweep_value(axis, first, i));
         i++;

@@ -17,6 +17,7 @@
 #include "field.h"
 #include "job/sweep.h"
 #include "base/sha256.h"
+#include "sweep_whole.h"
 #include "verbs.h"
 #include "wire/protocol.h"
 
@@ -33,7 +34,8 @@ struct grid {
     struct link *link;
     double deadline;
     char stem[STEM_MOST + 1];            /* what the keys of all shares begin with */
-    int points, shares, taken;           /* taken: points of the whole so far */
+    int points, shares;
+    struct sweep_whole whole;
     cJSON *docs[SHARES_MOST];            /* the shares' queue documents */
 };
 
@@ -85,7 +87,8 @@ static enum modal_status grid_open(struct grid *g, const struct input *input,
     struct sweep *s = NULL;
     enum modal_status rc = sweep_new(input->scene, &s, err);
 
-    *g = (struct grid) { .input = input, .args = args, .deadline = remote_deadline(args) };
+    *g = (struct grid) { .input = input, .args = args, .deadline = remote_deadline(args),
+                         .whole.as_text = sweep_whole_as_text(args) };
     if (rc != MODAL_OK)
         return rc;
     g->points = sweep_points(s);
@@ -99,6 +102,7 @@ static void grid_close(struct grid *g)
 {
     for (int i = 0; i < g->shares; i++)
         cJSON_Delete(g->docs[i]);
+    sweep_whole_done(&g->whole);
     link_close(g->link);
 }
 
@@ -232,90 +236,6 @@ static enum modal_status wait_share(struct grid *g, int i, cJSON **detail, struc
                : rc;
 }
 
-static void add_number(cJSON *to, const cJSON *from, const char *key)
-{
-    cJSON *item = cJSON_GetObjectItemCaseSensitive(to, key);
-
-    if (cJSON_IsNumber(item))
-        cJSON_SetNumberValue(item, item->valuedouble + field_number(from, key, 0));
-}
-
-/* Seconds add up over the shares, memory is the most that one needed. */
-static void add_cost(cJSON *to, const cJSON *from)
-{
-    cJSON *stages = cJSON_GetObjectItemCaseSensitive(to, "stages"),
-          *peak = cJSON_GetObjectItemCaseSensitive(to, "peak_bytes"), *stage;
-
-    add_number(to, from, "wall_s");
-    add_number(to, from, "cpu_s");
-    cJSON_ArrayForEach(stage, stages)
-        add_number(stages, cJSON_GetObjectItemCaseSensitive(from, "stages"), stage->string);
-    if (cJSON_IsNumber(peak))
-        cJSON_SetNumberValue(peak, fmax(peak->valuedouble, field_number(from, "peak_bytes", 0)));
-}
-
-/* A list of points as one item of text; NULL: none, or no memory. */
-static cJSON *printed(const cJSON *points)
-{
-    char *text = points->child != NULL ? json_print(points) : NULL;
-    cJSON *raw = NULL;
-
-    if (text != NULL) {
-        text[strlen(text) - 1] = '\0';                 /* without its brackets */
-        raw = cJSON_CreateRaw(text + 1);
-    }
-    free(text);
-    return raw;
-}
-
-/* The points of FROM behind those of TO.  Where only their text is wanted they are printed while
- * other shares are computed, so that the last share leaves little to do. */
-static void append(const struct grid *g, cJSON *to, cJSON *from)
-{
-    cJSON *raw = g->args->json && g->args->plot == NULL ? printed(from) : NULL;
-
-    if (raw != NULL)
-        cJSON_AddItemToArray(to, raw);
-    while (raw == NULL && from->child != NULL)
-        cJSON_AddItemToArray(to, cJSON_DetachItemViaPointer(from, from->child));
-}
-
-/* The result of share I into *WHOLE, which share 0's becomes. */
-static void add_share(struct grid *g, int i, cJSON **whole)
-{
-    cJSON *result = cJSON_DetachItemFromObjectCaseSensitive(g->docs[i], "result"),
-          *points = cJSON_DetachItemFromObjectCaseSensitive(result, "points");
-
-    g->taken += cJSON_GetArraySize(points);
-    if (i == 0) {
-        *whole = result;
-        cJSON_AddArrayToObject(*whole, "points");
-    }
-    if (points != NULL)
-        append(g, cJSON_GetObjectItemCaseSensitive(*whole, "points"), points);
-    cJSON_Delete(points);
-    if (i == 0)
-        return;
-    add_cost(cJSON_GetObjectItemCaseSensitive(*whole, "cost"),
-             cJSON_GetObjectItemCaseSensitive(result, "cost"));
-    cJSON_Delete(result);
-}
-
-/* The whole's provenance: of all points, not of share 0. */
-static enum modal_status finish(const struct grid *g, cJSON *whole, struct modal_error *err)
-{
-    cJSON *options = cJSON_GetObjectItemCaseSensitive(
-        cJSON_GetObjectItemCaseSensitive(whole, "provenance"), "options");
-    cJSON *count = cJSON_GetObjectItemCaseSensitive(options, "count");
-
-    if (g->taken != g->points)
-        return modal_fail(err, MODAL_INTERNAL, "the shares hold %d of %d points", g->taken,
-                          g->points);
-    if (cJSON_IsNumber(count))
-        cJSON_SetNumberValue(count, g->points);
-    return MODAL_OK;
-}
-
 enum modal_status sweep_remote(const struct input *input, const struct args *args,
                                struct job_result *out, cJSON **detail, struct modal_error *err)
 {
@@ -327,12 +247,12 @@ enum modal_status sweep_remote(const struct input *input, const struct args *arg
     for (int i = 0; i < g.shares && rc == MODAL_OK; i++) {
         rc = wait_share(&g, i, detail, err);
         if (rc == MODAL_OK)
-            add_share(&g, i, &out->result);
+            sweep_whole_add(&g.whole, cJSON_DetachItemFromObjectCaseSensitive(g.docs[i], "result"));
         else if (client_ended(g.docs[i]) && strcmp(field_word(g.docs[i], "state", ""), "done") != 0)
             cancel_shares(&g);
     }
     if (rc == MODAL_OK)
-        rc = finish(&g, out->result, err);
+        rc = sweep_whole_end(&g.whole, g.points, &out->result, err);
     grid_close(&g);
     return rc;
 }

@@ -154,8 +154,9 @@ def test_a_sweep_of_which_points_failed_is_1_and_says_how_many_and_why(ctl, daem
         status, out, err = plain("sweep", tmp_path / "sweep.json", *(["--wait"] if server else []), server=server)
         assert status == 1 and "2 of 4 points failed, the first at structure.springs[0] = 5 omega = -3: omega is -3" in err, err
         assert len([line for line in out.splitlines() if "omega is -3" in line]) == 2
-    said = ctl("sweep", tmp_path / "sweep.json")
-    assert said.status == 1 and "error" in said.document["points"][1] and "error" not in said.document["points"][0]
+    for words in ([], ["--wait"]):
+        said = ctl("sweep", tmp_path / "sweep.json", *words, server=daemon if words else None)
+        assert said.status == 1 and "error" in said.document["points"][1] and "error" not in said.document["points"][0]
 
 
 def test_the_results_of_a_list_are_a_line_each_or_one_table(ctl, own_daemon, tmp_path):

@@ -34,6 +34,7 @@ enum {
     TAKES_LIVE    = 1 << 15,   /* --prometheus */
     TAKES_CSV     = 1 << 16,   /* --csv */
     TAKES_QUEUE   = 1 << 17,   /* --newest --user --since, and --key of what is listed */
+    TAKES_SBATCH  = 1 << 21,   /* --sbatch --array, and --run-limit of a task */
 };
 
 /* Four times what a verb takes. */
@@ -41,16 +42,18 @@ enum { ARGS_WORDS_MOST = 16 };
 
 struct args {
     const char *server, *keyfile, *output, *plot, *prometheus, *key, *state, *after, *kind, *sweep,
-        *follow, *from, *data, *name, *dataset, *user, *since;
+        *follow, *from, *data, *name, *dataset, *user, *since, *sbatch;
     bool local, json, help, version, wait, resume, cancel, ignore_time, csv, newest;
     double dt, scale, run_limit, deadline, timeout, rate;   /* 0: not given; timeout < 0: not
                                                                given */
-    double priority, limit, window, hop;                    /* whole numbers; priority < 0, limit 0:
-                                                               not given */
+    double priority, limit, window, hop, array;             /* whole numbers; priority < 0, others
+                                                               0: not given */
     cJSON *options;                                         /* from -o, --sweep, --continue; never
                                                                NULL after args_read */
     const char *word[ARGS_WORDS_MOST];                      /* positional, word[0] the verb */
     int words;
+    const char *sha256;                                     /* what the input must be; NULL: all
+                                                               is right.  No option says it */
 };
 
 /* Fill ARGS from the command line; it borrows argv, args_done frees the options object.  Fails

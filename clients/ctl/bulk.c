@@ -63,7 +63,7 @@ static const char *text(const cJSON *object, const char *key)
     return cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(object, key));
 }
 
-static enum modal_status check_line(const cJSON *line, long number, struct modal_error *err)
+enum modal_status bulk_check_line(const cJSON *line, long number, struct modal_error *err)
 {
     static const char *const keys[] = { "kind", "file", "options", "key", "priority",
                                         "run_limit_s", "deadline_s", "of", NULL };
@@ -115,7 +115,7 @@ static enum modal_status read_items(char *list, const struct accepted *skip, str
             continue;
         rc = json_read(line, strlen(line), &object, err);
         if (rc == MODAL_OK)
-            rc = check_line(object, number, err);
+            rc = bulk_check_line(object, number, err);
         struct item *more = rc == MODAL_OK ? realloc(b->items, (b->count + 1) * sizeof *more)
                                            : NULL;
         if (rc == MODAL_OK && more == NULL)

@@ -8,6 +8,7 @@
 #include "base/near.h"
 #include "option_help.h"
 #include "result_help.h"
+#include "sbatch.h"
 #include "scene_help.h"
 #include "schema.h"
 #include "sweep_shares.h"
@@ -19,6 +20,8 @@
  * others. */
 static int run_sweep(const struct verb *verb, const struct args *args)
 {
+    if (args->sbatch != NULL)
+        return sbatch_sweep(args);
     if (!sweep_is_whole(args) && !args->local && !args->wait && !args->cancel)
         return submit_one("sweep", NULL, args->word[1], args);
     return (args->local || args->wait) && !args->cancel ? run_job(verb, args) : sweep_submit(args);
@@ -83,11 +86,12 @@ static const struct verb verbs[] = {
       2, 2, JOB_TAKES | TAKES_SIGNALS | TAKES_PLOT, run_job },
     { "ablate", "SCENE.json", "each effect's cost and influence", 1, 1, JOB_TAKES, run_job },
     { "sweep", "FILE.json", "a scene over a grid of its values", 1, 1,
-      JOB_TAKES | TAKES_WAIT | TAKES_PLOT | TAKES_SWEEP | TAKES_CSV, run_sweep },
+      JOB_TAKES | TAKES_WAIT | TAKES_PLOT | TAKES_SWEEP | TAKES_CSV | TAKES_SBATCH, run_sweep },
     { "export", "FILE|stream:NAME|JOB -O OUT", "signals to a file of HDF5 or CSV", 1, 1,
       TAKES_SIGNALS | TAKES_OUTPUT | TAKES_TIMEOUT, run_export },
     { "submit", "KIND FILE", "put a job on the queue; or many: --from LIST.jsonl", 0, 3,
-      JOB_TAKES | TAKES_SIGNALS | TAKES_CURVE | TAKES_WAIT | TAKES_BULK, run_submit },
+      JOB_TAKES | TAKES_SIGNALS | TAKES_CURVE | TAKES_WAIT | TAKES_BULK | TAKES_SBATCH,
+      run_submit },
     { "status", "JOB", "a job's state now (JOB is an id, or key:K)", 1, 1, TAKES_TIMEOUT,
       run_status },
     { "wait", "JOB", "until it has ended, with its result", 1, 1, TAKES_TIMEOUT, run_wait },
@@ -95,6 +99,9 @@ static const struct verb verbs[] = {
       TAKES_TIMEOUT | TAKES_OUTPUT | TAKES_PLOT | TAKES_CSV, run_result },
     { "results", "--from LIST.jsonl", "those of a list that was submitted, a line each", 0, 0,
       TAKES_FROM | TAKES_CSV | TAKES_TIMEOUT, run_results },
+    { "gather", "DIR", "results of an array job that --sbatch wrote", 1, 1,
+      TAKES_PLOT | TAKES_CSV, run_gather },
+    { "task", "DIR N", "one of its tasks, as its script has it run", 2, 2, 0, run_task },
     { "mac", "A B", "how alike the shapes of two results are; each a job or a file", 2, 2,
       TAKES_TIMEOUT, run_mac },
     { "stderr", "JOB", "the last words of a worker that died of it", 1, 1, TAKES_TIMEOUT,

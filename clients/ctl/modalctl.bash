@@ -9,7 +9,7 @@ _modalctl()
     done
     case $before in
         --state) COMPREPLY=($(compgen -W "queued running done failed cancelled dead" -- "$word")); return ;;
-        --keyfile|-O|--output|--plot|--prometheus|--from|--data) COMPREPLY=($(compgen -f -- "$word")); return ;;
+        --keyfile|-O|--output|--plot|--prometheus|--from|--data|--sbatch) COMPREPLY=($(compgen -f -- "$word")); return ;;
         -o|--option) COMPREPLY=($(compgen -W "$(modalctl $verb --help 2>/dev/null | sed -n 's/^  \([a-z._]\+=\).*/\1/p')" -- "$word"))
             compopt -o nospace; return ;;
     esac

@@ -12,7 +12,7 @@ function __modalctl_words --description 'What may stand next; status 1 where tha
         case --state
             printf '%s\n' queued running done failed cancelled dead
             return 0
-        case --keyfile -O --output --plot --prometheus --from --data
+        case --keyfile -O --output --plot --prometheus --from --data --sbatch
             return 1
         case -o --option
             modalctl $verb --help 2>/dev/null | string match -rg '^  ([a-z._]+=)'

@@ -10,7 +10,7 @@ _modalctl()
     done
     case $before in
         --state) compadd -- queued running done failed cancelled dead; return ;;
-        --keyfile|-O|--output|--plot|--prometheus|--from|--data) _files; return ;;
+        --keyfile|-O|--output|--plot|--prometheus|--from|--data|--sbatch) _files; return ;;
         -o|--option) compadd -S '' -- $(modalctl $verb --help 2>/dev/null | sed -n 's/^  \([a-z._]\{1,\}=\).*/\1/p'); return ;;
     esac
     if [[ $word == -* ]]; then

@@ -12,6 +12,7 @@
 #include "output.h"
 #include "result_file.h"
 #include "result_show.h"
+#include "sbatch.h"
 #include "show.h"
 #include "sweep_point.h"
 #include "store/batch_file.h"
@@ -193,6 +194,8 @@ int run_submit(const struct verb *verb, const struct args *args)
     struct modal_error err = { 0 };
 
     (void)verb;
+    if (args->sbatch != NULL)
+        return sbatch_list(args);
     if (args->from != NULL)
         return run_bulk(args);
     if (args->words < SUBMIT_WORDS

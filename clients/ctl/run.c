@@ -203,9 +203,12 @@ static enum modal_status read_input(const struct verb *verb, const struct args *
         rc = output_check_place(args->output, "output", err);
     if (rc == MODAL_OK)
         rc = result_show_check(args, err);
-    return rc != MODAL_OK
-               ? rc
-               : input_read(verb->name, of, args->word[args->words - 1], args, input, err);
+    if (rc == MODAL_OK)
+        rc = input_read(verb->name, of, args->word[args->words - 1], args, input, err);
+    if (rc == MODAL_OK && args->sha256 != NULL && strcmp(args->sha256, input->sha256) != 0)
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "file", "%.300s is not what it was when its "
+                              "task was written", args->word[args->words - 1]);
+    return rc;
 }
 
 static enum modal_status show(const struct args *args, const struct job_result *result,

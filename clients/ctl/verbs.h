@@ -39,9 +39,13 @@ int submit_one(const char *kind, const char *of, const char *path, const struct 
 
 int run_export(const struct verb *verb, const struct args *args);        /* export.c */
 int run_bulk(const struct args *args);                      /* bulk.c: submit --from */
+/* Is LINE, number NUMBER, a submission?  MODAL_BAD_INPUT says what is wrong. */
+enum modal_status bulk_check_line(const cJSON *line, long number, struct modal_error *err);
 /* What the submission of LINE, number NUMBER of the list FROM, is called where it does not say. */
 void bulk_key(const char *from, long number, const char *line, char key[WIRE_KEY_MOST + 1]);
 int run_results(const struct verb *verb, const struct args *args);        /* bulk_results.c */
+int run_task(const struct verb *verb, const struct args *args);           /* task.c */
+int run_gather(const struct verb *verb, const struct args *args);         /* gather.c */
 int run_watch(const struct verb *verb, const struct args *args);          /* watch.c */
 int run_streams(const struct verb *verb, const struct args *args);        /* streams.c */
 int run_top(const struct verb *verb, const struct args *args);            /* top.c */

@@ -36,6 +36,7 @@ add_library(ctl STATIC ${ctl_sources})
 target_include_directories(ctl PUBLIC ${CMAKE_SOURCE_DIR}/clients)
 target_link_libraries(ctl PUBLIC house modald_client modald_stream_static job store wire PkgConfig::SNDFILE PkgConfig::ZLIB)
 program(modalctl clients/ctl/main.c ctl)
+include(${CMAKE_CURRENT_LIST_DIR}/ctl/lazy/lazy.cmake)
 
 # modald-web: where libmicrohttpd is.  It draws with modalctl's code and needs none of its numerics.
 pkg_check_modules(MICROHTTPD IMPORTED_TARGET libmicrohttpd>=0.9.75)

@@ -2,6 +2,7 @@
  * modalctl(1) */
 #include <signal.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include "outcome.h"
 #include "job/blas_core.h"
@@ -197,8 +198,10 @@ static int dispatch(const struct args *args, char **argv)
         return help(stdout, verb);
     if (verb == NULL || check(verb, args, &err) != MODAL_OK)
         return outcome_failure(args->json, &err, NULL);
-    if (args->local)
+    if (args->local) {
+        setenv("OPENBLAS_NUM_THREADS", "1", 0);     /* as workers begin: jobs ask for more */
         blas_core_ensure(argv);
+    }
     return verb->run(verb, args);
 }
 

@@ -30,10 +30,12 @@ static void find(struct lazy_symbol *symbol)
         __atomic_store_n(&symbol->at, found, __ATOMIC_RELEASE);
 }
 
+/* RTLD_LAZY, as libraries are that a program is linked with: what they call of each other is bound
+ * when they do. */
 static void load(struct lazy_library *library)
 {
     for (const char *file = library->files; *file != '\0'; file += strlen(file) + 1)
-        end_unless(dlopen(file, RTLD_NOW | RTLD_GLOBAL) != NULL);
+        end_unless(dlopen(file, RTLD_LAZY | RTLD_GLOBAL) != NULL);
     for (struct lazy_symbol *symbol = library->first; symbol < library->end; symbol++)
         find(symbol);
     library->loaded = true;

@@ -98,6 +98,12 @@ if(CMAKE_CXX_COMPILER AND Simbody_FOUND)
   target_link_libraries(example_ziegler PRIVATE modald_stream_static ${Simbody_LIBRARIES})
   list(APPEND examples example_ziegler)
 endif()
+find_library(mujoco_library mujoco)            # its package's CMake files name folders of qhull's that it does not need
+if(mujoco_library)
+  add_executable(example_pendulum ${CMAKE_SOURCE_DIR}/clients/c/examples/pendulum.c)
+  target_link_libraries(example_pendulum PRIVATE house modald_stream_static ${mujoco_library})
+  list(APPEND examples example_pendulum)
+endif()
 set_target_properties(${examples} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/examples)
 
 include(${CMAKE_CURRENT_LIST_DIR}/fmu.cmake)

@@ -171,11 +171,43 @@ static char **split_words(char *line, char separator, size_t count)
     return words;
 }
 
+/* A row's numbers into X, which has room for the table's columns; *UNIT: of the last digit of the
+ * column watched. */
+static enum modal_status read_row(const struct table *table, char *line, size_t number, double *x,
+                                  double *unit, struct modal_error *err)
+{
+    size_t column = 0;
+    char *field;
+
+    while ((field = next_field(&line, table->separator)) != NULL) {
+        char said[64];
+        if (column == table->columns && *field == 0 && line == NULL)
+            break;                                              /* a separator at the line's end */
+        if (column == table->columns)
+            return modal_fail_field(err, MODAL_BAD_INPUT, "signals",
+                                    "%s: line %zu has more than %zu columns", table->path, number,
+                                    table->columns);
+        snprintf(said, sizeof said, "%s", field);
+        if (!read_number(field, table->separator, &x[column]))
+            return modal_fail_field(err, MODAL_BAD_INPUT, "signals",
+                                    "%s: line %zu, column %zu: \"%.60s\" is not a number",
+                                    table->path, number, column + 1, said);
+        if (column == table->watched)
+            *unit = last_digit(field);
+        column++;
+    }
+    if (column != table->columns)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "signals",
+                                "%s: line %zu has %zu columns, not %zu", table->path, number,
+                                column, table->columns);
+    return MODAL_OK;
+}
+
 static enum modal_status add_row(struct table *table, char *line, size_t number,
                                  struct modal_error *err)
 {
-    size_t column = 0, need = (table->rows + 1) * table->columns;
-    char *field;
+    size_t need = (table->rows + 1) * table->columns;
+    enum modal_status rc;
 
     if (need > SIGNALS_VALUES_MOST)
         return modal_fail_field(err, MODAL_TOO_LARGE, "signals", "%s: more than %zu values",
@@ -189,29 +221,10 @@ static enum modal_status add_row(struct table *table, char *line, size_t number,
         table->x = x;
         table->room = room;
     }
-    while ((field = next_field(&line, table->separator)) != NULL) {
-        char said[64];
-        if (column == table->columns && *field == 0 && line == NULL)
-            break;                                              /* a separator at the line's end */
-        if (column == table->columns)
-            return modal_fail_field(err, MODAL_BAD_INPUT, "signals",
-                                    "%s: line %zu has more than %zu columns", table->path, number,
-                                    table->columns);
-        snprintf(said, sizeof said, "%s", field);
-        if (!read_number(field, table->separator, &table->x[table->rows * table->columns + column]))
-            return modal_fail_field(err, MODAL_BAD_INPUT, "signals",
-                                    "%s: line %zu, column %zu: \"%.60s\" is not a number",
-                                    table->path, number, column + 1, said);
-        if (column == table->watched)
-            table->unit[table->rows % TAIL] = last_digit(field);
-        column++;
-    }
-    if (column != table->columns)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "signals",
-                                "%s: line %zu has %zu columns, not %zu", table->path, number,
-                                column, table->columns);
-    table->rows++;
-    return MODAL_OK;
+    rc = read_row(table, line, number, table->x + need - table->columns,
+                  &table->unit[table->rows % TAIL], err);
+    table->rows += rc == MODAL_OK;
+    return rc;
 }
 
 /* Names may stand in a remark, as NumPy writes them: as many words as columns, none a number. */
@@ -232,6 +245,14 @@ static size_t count_columns(const char *line, char *separator, size_t *numbers)
     *separator = separator_of(line);
     *numbers = count_numbers(line, *separator, &columns);
     return columns - (columns > 1 && *separator != ' ' && line[strlen(line) - 1] == *separator);
+}
+
+size_t csv_is_row(const char *line)
+{
+    char separator;
+    size_t numbers, columns = count_columns(line, &separator, &numbers);
+
+    return numbers == columns ? columns : 0;
 }
 
 /* A line that says something, as it lies in the text. */
@@ -258,13 +279,12 @@ static bool look_on(char **at, size_t *number, struct seen *out)
 static bool begins_rows(const char *line, char *at, size_t number)
 {
     struct seen next;
-    char separator;
-    size_t numbers, more, columns = count_columns(line, &separator, &numbers);
+    size_t columns = csv_is_row(line);
     bool same;
 
-    if (columns == 0 || numbers != columns || !look_on(&at, &number, &next))
+    if (columns == 0 || !look_on(&at, &number, &next))
         return false;
-    same = count_columns(next.copy, &separator, &more) == columns && more == columns;
+    same = csv_is_row(next.copy) == columns;
     free(next.copy);
     return same;
 }
@@ -471,7 +491,7 @@ static enum modal_status move_signals(struct table *table, int time, struct sign
 }
 
 enum modal_status csv_read(char *text, const char *path, const struct signals_options *options,
-                           struct signals *out, struct modal_error *err)
+                           struct signals *out, struct csv_shape *shape, struct modal_error *err)
 {
     struct table table = { .path = path };
     int time = -1;
@@ -479,10 +499,37 @@ enum modal_status csv_read(char *text, const char *path, const struct signals_op
 
     if (rc == MODAL_OK)
         rc = find_time(&table, options, &time, out, err);
+    if (rc == MODAL_OK && shape != NULL)
+        *shape = (struct csv_shape) {
+            .separator = table.separator, .columns = table.columns, .time = time,
+            .before = time >= 0 ? table.x[(table.rows - 1) * table.columns + (size_t)time] : 0,
+        };
     if (rc == MODAL_OK)
         rc = move_signals(&table, time, out, err);
     free_words(table.names, table.columns);
     free_words(table.units, table.columns);
     free(table.x);
     return rc;
+}
+
+enum modal_status csv_row(struct csv_shape *shape, char *line, const char *path, size_t number,
+                          double dt, double *x, struct modal_error *err)
+{
+    struct table table = { .path = path, .separator = shape->separator,
+                           .columns = shape->columns, .watched = (size_t)shape->time };
+    double unit = 0, time, step;
+    enum modal_status rc = read_row(&table, line, number, x, &unit, err);
+
+    if (rc != MODAL_OK || shape->time < 0)
+        return rc;
+    time = x[shape->time];
+    step = time - shape->before;
+    if (dt > 0 && !(fabs(step - dt) <= 2 * STEPS_UNEVEN_MOST * dt + unit))
+        return modal_fail_field(err, MODAL_BAD_INPUT, "time", "%s: line %zu: %.9g s after the row "
+                                "before it; accepted: %.9g s, the stream's step; "
+                                "--ignore-time takes the rows as even", path, number, step, dt);
+    shape->before = time;
+    memmove(x + shape->time, x + shape->time + 1,
+            (shape->columns - 1 - (size_t)shape->time) * sizeof *x);
+    return MODAL_OK;
 }

@@ -9,10 +9,29 @@
 #define CTL_CSV_H
 #include "signals.h"
 
+/* What rows that come later are like. */
+struct csv_shape {
+    char separator;             /* ' ': any blanks */
+    size_t columns;             /* with that of time */
+    int time;                   /* the column of time, or -1 */
+    double before;              /* the time of the last row */
+};
+
 /* TEXT is changed.  PATH is for messages.  Of OPTIONS only ignore_time and whether there is a dt:
  * with the former a column of time is only taken out, whatever it holds;
- * with the latter uneven time is refused as field "dt". */
+ * with the latter uneven time is refused as field "dt".  SHAPE may be NULL. */
 enum modal_status csv_read(char *text, const char *path, const struct signals_options *options,
-                           struct signals *out, struct modal_error *err);
+                           struct signals *out, struct csv_shape *shape, struct modal_error *err);
+
+/* Columns of LINE, if it is nothing but numbers; else 0. */
+size_t csv_is_row(const char *line);
+
+/*
+ * LINE, the NUMBERth, which is changed, as one more row: its channels into X, which has room for
+ * SHAPE's columns.  Its time must follow the row before by DT, two samples being each as far from
+ * their places as a file's may be, and as its digits show it; DT 0: it is not looked at.
+ */
+enum modal_status csv_row(struct csv_shape *shape, char *line, const char *path, size_t number,
+                          double dt, double *x, struct modal_error *err);
 
 #endif

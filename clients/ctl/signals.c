@@ -118,7 +118,7 @@ static enum modal_status read_text(char *text, size_t length, const char *path,
                                 "Latin-1 nor anything else that is known; accepted: "
                                 SIGNALS_FILES, path);
     out->open_end = length > 0 && text[length - 1] != '\n';
-    return csv_read(text, path, options, out, err);
+    return csv_read(text, path, options, out, NULL, err);
 }
 
 /* What is read into memory first: also of a pipe. */
@@ -206,6 +206,29 @@ static enum modal_status settle_step(const char *path, const struct signals_opti
     return MODAL_OK;
 }
 
+static void apply_scale(const struct signals_options *options, struct signals *read)
+{
+    for (size_t i = 0; options->scale > 0 && i < read->samples * read->channels; i++)
+        read->x[i] *= options->scale;
+}
+
+enum modal_status signals_read_rows(char *text, const char *path,
+                                    const struct signals_options *options, struct signals *out,
+                                    struct csv_shape *shape, struct modal_error *err)
+{
+    struct signals read = { 0 };
+    enum modal_status rc = csv_read(text, path, options, &read, shape, err);
+
+    if (rc == MODAL_OK)
+        rc = settle_step(path, options, &read, err);
+    if (rc == MODAL_OK) {
+        apply_scale(options, &read);
+        *out = read;
+    } else
+        signals_done(&read);
+    return rc;
+}
+
 enum modal_status signals_read(const char *path, const struct signals_options *options,
                                struct signals *out, struct modal_error *err)
 {
@@ -220,12 +243,10 @@ enum modal_status signals_read(const char *path, const struct signals_options *o
                             : read_bytes(path, options, &read, err);
     if (rc == MODAL_OK)
         rc = settle_step(path, options, &read, err);
-    for (size_t i = 0; rc == MODAL_OK && options->scale > 0 && i < read.samples * read.channels;
-         i++)
-        read.x[i] *= options->scale;
-    if (rc == MODAL_OK)
+    if (rc == MODAL_OK) {
+        apply_scale(options, &read);
         *out = read;
-    else
+    } else
         signals_done(&read);
     return rc;
 }

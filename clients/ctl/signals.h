@@ -56,6 +56,13 @@ enum modal_status signals_read(const char *path, const struct signals_options *o
                                struct signals *out, struct modal_error *err);
 void signals_done(struct signals *signals);
 
+/* As signals_read of a file that begins with TEXT, which is changed; *SHAPE for csv_row to read
+ * what follows. */
+struct csv_shape;
+enum modal_status signals_read_rows(char *text, const char *path,
+                                    const struct signals_options *options, struct signals *out,
+                                    struct csv_shape *shape, struct modal_error *err);
+
 /* A view: borrows everything from SIGNALS. */
 struct batch signals_batch(const struct signals *signals);
 

@@ -3,18 +3,19 @@
  * `stream` pushes a batch's samples through the streaming client and says what the daemon tells of
  * the stream meanwhile, as `watch` does; at the end it says how many samples were acknowledged and
  * how many were dropped.  $MODALD_WINDOW, --window and --hop say the windows.  `-`: rows of
- * numbers from stdin, each pushed as it comes, parted by commas, semicolons or blanks; a first line
- * of names is the channels'; --dt is needed.
+ * numbers from stdin (rows.h), each pushed as it comes.
  */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
+#include <unistd.h>
 #include "outcome.h"
 #include "live_events.h"
 #include "modald_stream.h"
 #include "remote.h"
+#include "rows.h"
 #include "stored.h"
 #include "verbs.h"
 
@@ -24,6 +25,7 @@ enum {
     WINDOW_LEAST = 64,                          /* samples: some periods of what is sampled well */
     WINDOW_USUAL = 2048,                        /* where the length of the stream is unknown */
     WINDOW_BYTES_MOST = 1 << 20,                /* proto/PROTOCOL.md, section 11 */
+    ROWS_WAIT_MS = 50,                          /* until what was told is said again */
 };
 static const double live_patience = 5;          /* s without a new window, once all samples are
                                                    there */
@@ -84,66 +86,6 @@ static void push_all(modald_stream *s, const struct signals *in, const struct ar
         live_events_show(&live->events);
         sleep_for(args->rate > 0 ? (double)block / args->rate : 0);
     }
-}
-
-/* The numbers of LINE into X (at most MOST); -1: one of them is none. */
-static int read_row(char *line, double *x, int most)
-{
-    int n = 0;
-
-    for (char *field; (field = strsep(&line, " \t,;\r\n")) != NULL; ) {
-        char *end;
-        if (*field == 0)
-            continue;
-        if (n == most)
-            return -1;
-        x[n++] = strtod(field, &end);
-        if (*end != 0)
-            return -1;
-    }
-    return n;
-}
-
-enum { ROW_MOST = 4096 };          /* channels of a row from stdin */
-
-/* Open by the first row, then push rows until stdin ends.  A line that is no row of as many numbers
- * is an error. */
-static enum modal_status push_stdin(const struct args *args, const char *name, struct live *live,
-                                    modald_stream **out, size_t *samples, struct modal_error *err)
-{
-    double x[ROW_MOST];
-    char *line = NULL;
-    size_t room = 0;
-    int channels = 0;
-    long number = 0;
-    enum modal_status rc = args->dt > 0 ? MODAL_OK
-                                        : modal_fail_field(err, MODAL_BAD_INPUT, "dt",
-                                                           "rows from stdin need --dt SECONDS");
-
-    while (rc == MODAL_OK && getline(&line, &room, stdin) > 0) {
-        int n = read_row(line, x, ROW_MOST);
-        number++;
-        if (n == 0 || (n < 0 && channels == 0 && number == 1))
-            continue;                                   /* blank, or names */
-        if (channels == 0 && n > 0) {
-            channels = n;
-            *out = modald_open(name, channels, args->dt);
-            set_window(*out, live, 0, (size_t)channels);
-        }
-        if (n != channels || *out == NULL)
-            rc = modal_fail_field(err, MODAL_BAD_INPUT, "signals",
-                                  "line %ld: accepted: %d numbers (at most %d)", number, channels,
-                                  ROW_MOST);
-        else {
-            modald_push(*out, x);
-            ++*samples;
-            live_events_show(&live->events);
-        }
-    }
-    free(line);
-    if (rc == MODAL_OK && *out == NULL)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "signals", "stdin has no row of numbers");
-    return rc;
 }
 
 /* All samples acknowledged, then the windows that are still to come: the last rests on the last
@@ -230,6 +172,62 @@ static const char *stream_name(const struct args *args)
                                              : args->word[1];
 }
 
+/* What IN says of itself, of whose SAMPLES it is known how many come (0: not known). */
+static enum modal_status open_stream(const char *name, const struct signals *in, size_t samples,
+                                     struct live *live, modald_stream **out,
+                                     struct modal_error *err)
+{
+    *out = modald_open(name, (int)in->channels, in->dt);
+    if (*out == NULL)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "name", "the stream cannot be opened; "
+                                "accepted: a name of 1 to 128 bytes");
+    modald_describe(*out, (const char *const *)in->names, in->units, in->period);
+    set_window(*out, live, samples, in->channels);
+    return MODAL_OK;
+}
+
+/* Push rows until the pipe ends; what is told of the stream is said between them, and while none
+ * come. */
+static enum modal_status push_rows(struct rows *rows, size_t channels, struct live *live,
+                                   modald_stream *s, size_t *samples, struct modal_error *err)
+{
+    double *x = calloc(channels + 1, sizeof *x);
+    enum rows_state state = ROWS_ROW;
+    enum modal_status rc = x != NULL ? MODAL_OK : modal_fail(err, MODAL_NO_MEMORY, "no memory");
+
+    while (rc == MODAL_OK && state != ROWS_END) {
+        rc = rows_next(rows, x, ROWS_WAIT_MS, &state, err);
+        if (rc == MODAL_OK && state == ROWS_ROW) {
+            modald_push(s, x);
+            ++*samples;
+        }
+        live_events_show(&live->events);
+    }
+    free(x);
+    return rc;
+}
+
+static enum modal_status push_stdin(const struct args *args, const char *name, struct live *live,
+                                    modald_stream **out, size_t *samples, struct modal_error *err)
+{
+    struct signals_options options = { .dt = args->dt, .ignore_time = args->ignore_time,
+                                       .scale = args->scale };
+    struct signals head = { 0 };
+    struct rows *rows = NULL;
+    enum modal_status rc = rows_open(STDIN_FILENO, "stdin", &options, &rows, &head, err);
+
+    if (rc == MODAL_OK)
+        rc = open_stream(name, &head, 0, live, out, err);
+    if (rc == MODAL_OK) {
+        push_all(*out, &head, args, live);
+        *samples = head.samples;
+        rc = push_rows(rows, head.channels, live, *out, samples, err);
+    }
+    rows_close(rows);
+    signals_done(&head);
+    return rc;
+}
+
 /* Open by a file's shape and push it. */
 static enum modal_status push_file(const struct args *args, const char *name, struct live *live,
                                    modald_stream **out, size_t *samples, struct modal_error *err)
@@ -242,12 +240,9 @@ static enum modal_status push_file(const struct args *args, const char *name, st
                                ? stored_read(args->word[1], args, &in, err)
                                : signals_read(args->word[1], &options, &in, err);
 
-    if (rc == MODAL_OK && (*out = modald_open(name, (int)in.channels, in.dt)) == NULL)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "name",
-                              "the stream cannot be opened; accepted: a name of 1 to 128 bytes");
+    if (rc == MODAL_OK)
+        rc = open_stream(name, &in, in.samples, live, out, err);
     if (rc == MODAL_OK) {
-        modald_describe(*out, (const char *const *)in.names, in.units, in.period);
-        set_window(*out, live, in.samples, in.channels);
         push_all(*out, &in, args, live);
         *samples = in.samples;
     }

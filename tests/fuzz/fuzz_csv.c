@@ -1,10 +1,38 @@
-/* fuzz_csv.c - a user's text file is read into finite shapes, or refused with a reason */
+/* fuzz_csv.c - a user's text is read into finite shapes, or refused with a reason: as a file, and row
+ * by row from a pipe */
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
+#include <unistd.h>
 #include "ctl/csv.h"
+#include "ctl/rows.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
+
+static void read_rows(const uint8_t *data, size_t size, const struct signals_options *options)
+{
+    struct signals head = { 0 };
+    struct modal_error err = { 0 };
+    struct rows *rows = NULL;
+    enum rows_state state = ROWS_ROW;
+    int fd = memfd_create("rows", MFD_CLOEXEC);
+
+    if (fd < 0 || write(fd, data, size) != (ssize_t)size || lseek(fd, 0, SEEK_SET) != 0)
+        abort();
+    enum modal_status rc = rows_open(fd, "f.csv", options, &rows, &head, &err);
+    double *x = calloc(head.channels + 1, sizeof *x);
+    if (rc == MODAL_OK && (head.samples == 0 || head.channels == 0 || !(head.dt > 0) || x == NULL))
+        abort();
+    while (rc == MODAL_OK && state != ROWS_END)
+        rc = rows_next(rows, x, -1, &state, &err);
+    if (rc != MODAL_OK && err.message[0] == '\0')
+        abort();
+    free(x);
+    rows_close(rows);
+    signals_done(&head);
+    close(fd);
+}
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
@@ -17,7 +45,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         return 0;
     memcpy(text, data, size);
     text[size] = '\0';
-    enum modal_status rc = csv_read(text, "f.csv", &options, &signals, &err);
+    enum modal_status rc = csv_read(text, "f.csv", &options, &signals, NULL, &err);
     if (rc == MODAL_OK) {
         double sum = 0;
         for (size_t i = 0; i < signals.samples * signals.channels; i++)
@@ -30,5 +58,6 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     }
     signals_done(&signals);
     free(text);
+    read_rows(data, size, &options);
     return 0;
 }

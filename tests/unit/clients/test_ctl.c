@@ -95,7 +95,7 @@ static enum modal_status read_csv(const char *text, double dt, struct signals *o
     enum modal_status rc;
 
     *out = (struct signals) { 0 };
-    rc = csv_read(copy, "test.csv", &(struct signals_options) { .dt = dt }, out, err);
+    rc = csv_read(copy, "test.csv", &(struct signals_options) { .dt = dt }, out, NULL, err);
     free(copy);
     return rc;
 }
@@ -196,7 +196,7 @@ TEST(uneven_time_is_refused_as_dt_where_that_is_given_and_taken_out_where_it_is_
     CHECK(read_csv(text, 1, &s, &err) == MODAL_BAD_INPUT);
     CHECK_STRING(err.field, "dt");
     CHECK(strstr(err.message, "--ignore-time takes the rows as even") != NULL);
-    CHECK(csv_read(text, "test.csv", &ignore, &s, NULL) == MODAL_OK);
+    CHECK(csv_read(text, "test.csv", &ignore, &s, NULL, NULL) == MODAL_OK);
     CHECK(s.channels == 1 && s.samples == 4 && s.dt == 0);
     signals_done(&s);
 }

@@ -2,6 +2,7 @@
 it needs is, and a package knows of all of them.
 """
 import json
+import math
 import os
 import re
 import subprocess
@@ -69,6 +70,19 @@ def test_a_file_of_signals_loads_the_numerics_and_its_reader(tmp_path, file, mor
     assert found & ALL == NUMERICS | {FFTW, CRYPTO} | more
     mode = json.loads(out)["modes"][0]
     assert abs(mode["exponent"][0] + 0.2) < 1e-3 and abs(mode["exponent"][1] - 7) < 1e-3
+
+
+def test_a_law_on_a_beam_loads_the_sparse_factors_and_no_reader(tmp_path):
+    """At the middle of a pinned beam: F (tan(b L / 2) - tanh(b L / 2)) / (4 EI b^3), b^4 = m w^2 / EI."""
+    mass, omega, stiffness = 3.24, 100, 6570
+    (tmp_path / "beam.json").write_text(json.dumps({
+        "structure": {"type": "beam", "length": 1, "elements": 20, "EI": stiffness, "mass_per_length": mass}, "omega": omega,
+        "excitation": [{"dof": "w10", "k": 1, "cos": 1}], "effects": [{"type": "cubic_spring", "dof": "w10", "coefficient": 1e-3}]}))
+    out, found = loaded(tmp_path, "--local", "--json", "steady", "beam.json")
+    assert found & ALL == NUMERICS | {FFTW, CRYPTO, UMFPACK}
+    middle = next(h for h in json.loads(out)["harmonics"] if h["dof"] == "w10")
+    b = (mass * omega ** 2 / stiffness) ** 0.25
+    assert middle["re"][1] == pytest.approx((math.tan(b / 2) - math.tanh(b / 2)) / (4 * stiffness * b ** 3), rel=1e-6)
 
 
 @pytest.mark.skipif(sanitized.SANITIZED, reason="LeakSanitizer does not work under strace")

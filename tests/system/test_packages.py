@@ -149,6 +149,13 @@ def test_lintian_finds_no_error(packages):
     assert done.returncode == 0, done.stdout + done.stderr
 
 
+def test_modalctl_depends_on_the_libraries_that_it_loads_itself(packages):
+    deb = next(packages.glob("modalctl_*.deb"))
+    told = subprocess.run(["dpkg-deb", "-f", str(deb), "Depends"], capture_output=True, text=True, check=True).stdout
+    assert {"libfftw3-double3", "libhdf5-103-1", "liblapacke", "libopenblas0", "libsndfile1", "libsqlite3-0", "libssl3",
+            "libumfpack5", "libzmq5"} <= {word.split()[0] for word in told.split(", ")}
+
+
 def old_tree(folder):
     """What OLD_COMMIT installs, built from its source, and the names of its files."""
     source, tree = folder / "source", folder / "tree"

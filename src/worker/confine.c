@@ -33,17 +33,9 @@
 #include <sys/stat.h>
 #include <sys/syscall.h>
 #include <unistd.h>
+#include "worker/sanitized.h"
 
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-#define SANITIZED 1    /* sanitizers make calls of their own */
-#elif defined(__has_feature)
-#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer) \
-    || __has_feature(memory_sanitizer)
-#define SANITIZED 1    /* sanitizers make calls of their own */
-#endif
-#endif
-
-#ifdef SANITIZED
+#if SANITIZED
 enum { MEMORY_LIMITED = false };        /* its shadow is larger than any limit */
 #else
 enum { MEMORY_LIMITED = true };
@@ -300,7 +292,7 @@ void confine_print(FILE *out)
         fprintf(out, "%s: %s\n", rules[i].call.name, rules[i].where);
 }
 
-#if defined(ARCHITECTURE) && !defined(SANITIZED)
+#if defined(ARCHITECTURE) && !SANITIZED
 
 /* Instructions: the frame, two for each free call, twelve for each rule at most. */
 enum { PROGRAM_MOST = 16 + 2 * (int)(sizeof free_calls / sizeof *free_calls) + 12 * RULES_MOST };

@@ -19,6 +19,7 @@
 #include <time.h>
 #include <unistd.h>
 #include <zmq.h>
+#include "worker/words.h"
 
 enum {
     LINGER_MS    = 1000,                 /* for the last answer, on a loaded host */
@@ -39,6 +40,7 @@ struct link {
     void *monitor;                /* the connection's end */
     struct elsewhere welcome;
     struct leave leave;           /* the thread's */
+    struct words words;           /* the thread's, while it runs */
 
     pthread_mutex_t mutex;        /* over what BEAT says */
     char job[WIRE_ID_MOST + 1];
@@ -75,9 +77,11 @@ static void beat(struct link *link)
         snprintf(header, sizeof header, "{\"job\":\"%s\",\"attempt\":%d}", link->job,
                  link->attempt);
     pthread_mutex_unlock(&link->mutex);
-    zmq_send_const(link->dealer, WIRE_WORKER, strlen(WIRE_WORKER), ZMQ_SNDMORE | ZMQ_DONTWAIT);
-    zmq_send_const(link->dealer, "BEAT", 4, ZMQ_SNDMORE | ZMQ_DONTWAIT);
-    zmq_send(link->dealer, header, strlen(header), ZMQ_DONTWAIT);
+    if (zmq_send_const(link->dealer, WIRE_WORKER, strlen(WIRE_WORKER), ZMQ_SNDMORE | ZMQ_DONTWAIT)
+        < 0)
+        return;                         /* no room: what is under way says as much */
+    zmq_send_const(link->dealer, "BEAT", 4, ZMQ_SNDMORE);
+    zmq_send(link->dealer, header, strlen(header), 0);
 }
 
 /* One whole message from one socket to the other; false where the pair was closed or the daemon is
@@ -206,6 +210,13 @@ static void give_back(struct link *link, zmq_msg_t *parts, int count)
     wire_close(&message);
 }
 
+/* The process ends here, whatever the job's thread is doing. */
+static void end(struct link *link, int status)
+{
+    words_close(&link->words);
+    _exit(status);
+}
+
 /* A message of the daemon's; false: the link is over. */
 static bool hear(struct link *link)
 {
@@ -215,7 +226,7 @@ static bool hear(struct link *link)
     bool passed = true;
 
     if (is_verb(parts, count, "STOP") && link->leave.given)
-        _exit(link->leave.left ? 0 : 1);
+        end(link, link->leave.left ? 0 : 1);
     if (runs && link->leave.left)
         give_back(link, parts, count);
     else {
@@ -248,6 +259,20 @@ static bool speak(struct link *link)
     return passed;
 }
 
+/* STDERR with the words that came since the last one: once a beat, or when they are the last. */
+static void say_words(struct link *link)
+{
+    struct words *words = &link->words;
+
+    if (zmq_send_const(link->dealer, WIRE_WORKER, strlen(WIRE_WORKER), ZMQ_SNDMORE | ZMQ_DONTWAIT)
+        < 0)
+        return;                         /* no room: with the next beat */
+    zmq_send_const(link->dealer, "STDERR", 6, ZMQ_SNDMORE);
+    zmq_send_const(link->dealer, "{}", 2, ZMQ_SNDMORE);
+    zmq_send(link->dealer, words->text, words->length, 0);
+    words_sent(words);
+}
+
 /* Is it time to go?  Who gave a job back ends with the daemon's STOP, or without. */
 static void consider_leaving(struct link *link)
 {
@@ -268,7 +293,7 @@ static void consider_leaving(struct link *link)
         say(link, "LEAVE", "", 0);
     }
     if (link->leave.left && now - link->leave.going_ms > link->leave.options.grace_ms + LINGER_MS)
-        _exit(0);
+        end(link, 0);
 }
 
 /* --- the thread --- */
@@ -292,20 +317,25 @@ static void *link_run(void *argument)
     bool alive = true;
 
     while (alive) {
-        zmq_pollitem_t items[3] = { { link->dealer, 0, ZMQ_POLLIN, 0 },
+        zmq_pollitem_t items[4] = { { link->dealer, 0, ZMQ_POLLIN, 0 },
                                     { link->theirs, 0, ZMQ_POLLIN, 0 },
-                                    { NULL, link->watched, ZMQ_POLLERR, 0 } };
+                                    { NULL, link->watched, ZMQ_POLLERR, 0 },
+                                    { NULL, link->words.pipe, ZMQ_POLLIN, 0 } };
+        int count = link->words.pipe >= 0                       ? 4
+                    : link->elsewhere || link->watched > 0 ? 3 : 2;
         int64_t wait = next - now_ms();
         if (link->elsewhere) {
             items[2] = (zmq_pollitem_t) { link->monitor, 0, ZMQ_POLLIN, 0 };
             wait = wait < TICK_MS ? wait : TICK_MS;
         }
-        if (zmq_poll(items, link->elsewhere || link->watched > 0 ? 3 : 2, wait > 0 ? (long)wait : 0)
-                < 0
-            && errno != EINTR)
+        if (zmq_poll(items, count, wait > 0 ? (long)wait : 0) < 0 && errno != EINTR)
             break;
+        if (items[3].revents != 0)
+            words_read(&link->words);
         if (items[2].revents != 0)
-            _exit(1);
+            end(link, 1);
+        if (link->words.fresh && (now_ms() >= next || words_last()))
+            say_words(link);
         if (now_ms() >= next) {
             beat(link);
             next = now_ms() + link->beat_ms;
@@ -402,6 +432,7 @@ enum modal_status link_open(const struct link_options *options, struct link **ou
     if (link == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "worker: no memory for a link");
     pthread_mutex_init(&link->mutex, NULL);
+    words_init(&link->words);
     link->beat_ms = options->beat_ms > 0 ? options->beat_ms : 1000;
     link->watched = options->watched;
     link->elsewhere = options->elsewhere != NULL;
@@ -414,6 +445,8 @@ enum modal_status link_open(const struct link_options *options, struct link **ou
         rc = connect_dealer(link, options, err);
     if (rc == MODAL_OK && link->elsewhere)
         rc = join(link, options, err);
+    if (rc == MODAL_OK && link->elsewhere)
+        rc = words_open(&link->words, err);
     if (rc == MODAL_OK && pthread_create(&link->thread, NULL, link_run, link) != 0)
         rc = modal_fail(err, MODAL_NO_MEMORY, "worker: no thread");
     link->started = rc == MODAL_OK;
@@ -454,6 +487,7 @@ void link_close(struct link *link)
         zmq_close(link->ours);
     if (link->context != NULL)
         zmq_ctx_term(link->context);
+    words_close(&link->words);
     pthread_mutex_destroy(&link->mutex);
     free(link);
 }

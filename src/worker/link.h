@@ -5,8 +5,9 @@
  * and passes messages both ways.  The job's thread alone calls the functions below.
  *
  * To a daemon on another host it joins (elsewhere.h) and leaves (leave.h) as well: that thread says
- * LEAVE in place of READY, gives a job back by RELEASE, and ends the process where the daemon stops
- * it in its work or the connection ends.  SIGTERM and SIGUSR1 ask it to leave.
+ * LEAVE in place of READY, gives a job back by RELEASE, sends what stderr says (words.h), and ends
+ * the process where the daemon stops it in its work or the connection ends.  SIGTERM and SIGUSR1
+ * ask it to leave.
  */
 #ifndef WORKER_LINK_H
 #define WORKER_LINK_H

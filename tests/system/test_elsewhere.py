@@ -1,12 +1,13 @@
 """Workers of other hosts (PROTOCOL.md, section 13): who may be one, what is believed of them, how
 they come, leave and are lost. Real workers and ones that speak by hand, over TCP with keys.
 """
-# Tests as well: elsewhere.c keyfile.c pull.c
+# Tests as well: elsewhere.c keyfile.c pull.c words.c
 import contextlib
 import json
 import os
 import pathlib
 import re
+import signal
 import socket
 import subprocess
 import sys
@@ -413,6 +414,46 @@ def test_a_worker_that_is_lost_is_a_death_with_its_name_and_last_words(site):
     assert ended["state"] == "dead"
     assert ended["error"]["message"] == "the worker 12_3 on n7 was lost in attempt 1"
     assert ann.ask("RESULT", job=job, part="stderr").body[0] == b"out of luck??"
+
+
+unwatched = pytest.mark.skipif(b"__asan_init" in pathlib.Path(WORKER).read_bytes(),
+                               reason="a sanitizer's report is its own last word")
+
+
+@unwatched
+def test_the_last_words_of_a_real_worker_reach_the_daemon_whatever_ends_it(site):
+    it = site()
+    ann = it.client("ann")
+    job = scene_job(ann, seconds=20, max_attempts=1)["job"]
+    worker = it.worker("--memory", 2 << 30)
+    until(lambda: state(ann, job)["state"] == "running")
+    with open(f"/proc/{worker.pid}/fd/2", "w", encoding="utf-8") as said:
+        said.write("x" * 200_000 + 'the pool said "no"\n\x1b[31mred\n')
+    os.kill(worker.pid, signal.SIGABRT)
+    ended = ann.ask("WAIT", job=job, timeout_s=200)
+    assert ended["state"] == "dead" and worker.wait(PATIENCE_S) == -signal.SIGABRT
+    words = ann.ask("RESULT", job=job, part="stderr").body[0].decode()
+    assert len(words) == 65536 and words.startswith("xxx")
+    assert words.endswith('the pool said "no"\n?[31mred\nmodald-worker: ended by signal 06\n')
+    line = next(line for line in it.daemon.text().splitlines() if "event=worker_exit" in line)
+    assert len(line) < 1300 and "ended by signal 06" in line and "\x1b" not in line
+    assert it.said(worker).endswith("ended by signal 06\n") and it.said(worker).count("x") >= 200_000
+
+
+@unwatched
+def test_what_a_worker_said_before_stands_ahead_of_what_it_dies_of(site):
+    it = site()
+    ann = it.client("ann")
+    job = scene_job(ann, seconds=20, max_attempts=1)["job"]
+    worker = it.worker()
+    until(lambda: state(ann, job)["state"] == "running")
+    with open(f"/proc/{worker.pid}/fd/2", "w", encoding="utf-8") as said:
+        said.write("a warning of long ago\n")
+    until(lambda: "a warning" in it.said(worker))
+    os.kill(worker.pid, signal.SIGSEGV)
+    assert ann.ask("WAIT", job=job, timeout_s=200)["state"] == "dead"
+    words = ann.ask("RESULT", job=job, part="stderr").body[0].decode()
+    assert words == "a warning of long ago\nmodald-worker: ended by signal 11\n"
 
 
 def test_a_silent_worker_is_lost_no_sooner_than_after_three_seconds_and_what_it_says_later_is_not_believed(site):

@@ -38,7 +38,8 @@ const void *client_input_bytes(const struct client_input *input, size_t *length)
 {
     *length = input->upload  ? 0
               : input->batch ? input->batch->samples * input->batch->channels * sizeof(double)
-                             : strlen(input->scene);
+                             : input->scene_length > 0 ? input->scene_length
+                                                       : strlen(input->scene);
     return input->batch ? (const void *)input->batch->signals : input->scene;
 }
 
@@ -61,6 +62,8 @@ static void describe(cJSON *header, const struct client_input *input)
                                   .units = b->units && b->units[0] ? b->units : NULL,
                                   .attributes = input->attributes };
     client_input_bytes(input, &w.bytes);
+    if (b == NULL && input->upload == NULL)
+        w.arrays = w.bytes - strlen(input->scene);
     wire_input_write(header, &w);
     cJSON_Delete(names);
 }

@@ -9,11 +9,13 @@
 #include "link.h"
 #include "modal/batch.h"
 
-/* What a job runs on: a batch, or a scene's JSON text.  All borrowed. */
+/* What a job runs on: a batch, or a scene's JSON text with what stands behind it.  All
+ * borrowed. */
 struct client_input {
     const struct batch *batch;       /* NULL: a scene */
     const cJSON *attributes;         /* of a batch; or NULL */
     const char *scene;
+    size_t scene_length;             /* bytes; 0: all of the text */
     const char *sha256;              /* identity in hex (store/identity.h); NULL: is computed */
     const char *upload;              /* what the daemon, which has it, calls it; NULL: it has not */
 };

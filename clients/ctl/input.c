@@ -35,8 +35,7 @@ static void hash(struct input *input)
     uint8_t digest[32];
 
     if (input->scene != NULL) {
-        length = strlen(input->scene_text);
-        shape.length = length;
+        shape.length = length = input->scene_length;
     } else {
         shape = (struct input_shape){ .type = INPUT_BATCH, .samples = input->batch.samples,
                                       .channels = input->batch.channels, .dt = input->batch.dt,
@@ -54,10 +53,24 @@ static void hash(struct input *input)
 
 static enum modal_status read_scene(const char *path, struct input *out, struct modal_error *err)
 {
-    enum modal_status rc = scene_file_read(path, &out->scene, err);
+    struct scene_arrays_made arrays = { 0 };
+    enum modal_status rc = scene_file_read(path, &out->scene, &arrays, err);
+    char *text = rc == MODAL_OK ? json_print(out->scene) : NULL, *whole = NULL;
+    size_t length = text != NULL ? strlen(text) : 0;
 
-    if (rc == MODAL_OK && (out->scene_text = json_print(out->scene)) == NULL)
+    if (text != NULL)
+        whole = realloc(text, length + arrays.length + 1);
+    if (rc == MODAL_OK && whole == NULL)
         rc = modal_fail(err, MODAL_NO_MEMORY, "%s: no memory for the scene", path);
+    if (whole == NULL)
+        free(text);
+    else if (arrays.length > 0)
+        memcpy(whole + length, arrays.data, arrays.length);
+    free(arrays.data);
+    out->scene_text = whole;
+    out->scene_length = length + arrays.length;
+    if (whole != NULL)
+        scene_arrays_split(whole, out->scene_length, &out->arrays);
     return rc;
 }
 

@@ -3,6 +3,7 @@
 #define CTL_INPUT_H
 #include "args.h"
 #include "job/job.h"
+#include "modal/scene/scene_arrays.h"
 #include "signals.h"
 #include "stored.h"
 
@@ -13,7 +14,9 @@ struct input {
     struct signals signals;          /* of a batch */
     struct batch batch;              /* a view of it; samples 0 and `scene` not NULL: a scene */
     cJSON *scene;
-    char *scene_text;                /* as it is sent */
+    char *scene_text;                /* as it is sent, SCENE_LENGTH bytes */
+    size_t scene_length;
+    struct scene_arrays arrays;      /* behind the text, in it */
     char sha256[65];                 /* store/identity.h */
     char stored[STORED_NAME_ROOM];   /* "stream:NAME": what the daemon calls its batch; else "" */
 };

@@ -15,12 +15,11 @@
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
-#include "scene_file.h"
+#include "modal/scene/lowering.h"
 #include "signals.h"
 
 enum {
-    TEXT_MOST = 1 << 30,              /* bytes: 20 million entries of 50 */
-    ENTRIES_MOST = 20000000           /* as a scene takes of one matrix */
+    TEXT_MOST = 1 << 30               /* bytes: 20 million entries of 50 */
 };
 
 /* A file under way: where, and what its banner said. */
@@ -101,12 +100,12 @@ static enum modal_status read_sizes(struct market *k, struct modal_error *err)
         return BAD_LINE(k, "%.300s, line %ld: sizes are wanted", k->path, k->line);
     if (k->array)
         count = k->turned != 0 ? n * (n + 1) / 2 - (k->turned < 0 ? n : 0) : m * n;
-    if (!(m >= 1 && m <= SCENE_MATRIX_MOST) || m != n || m != floor(m) || !(count >= 0)
-        || count != floor(count) || count > ENTRIES_MOST)
+    if (!(m >= 1 && m <= LOWERING_DOFS_MOST) || m != n || m != floor(m) || !(count >= 0)
+        || count != floor(count) || count > LOWERING_ENTRIES_MOST)
         return modal_fail_field(err, MODAL_TOO_LARGE, k->field,
                                 "%.300s is %g x %g with %g entries; accepted: square, of 1 to %d "
                                 "rows and at most %d entries", k->path, m, n, count,
-                                SCENE_MATRIX_MOST, ENTRIES_MOST);
+                                LOWERING_DOFS_MOST, LOWERING_ENTRIES_MOST);
     k->m = k->n = (int)m;
     k->room = (size_t)count;
     k->entry = malloc((2 * k->room + 1) * sizeof *k->entry);
@@ -143,20 +142,9 @@ static enum modal_status read_entries(struct market *k, struct modal_error *err)
                         : MODAL_OK;
 }
 
-cJSON *matrix_market_rows(size_t m, size_t n, const double *pointers, const double *columns,
-                          const double *values, size_t count)
-{
-    cJSON *form = cJSON_CreateObject();
-
-    cJSON_AddItemToObject(form, "shape", json_numbers((double[]) { (double)m, (double)n }, 2));
-    cJSON_AddItemToObject(form, "row_pointers", json_numbers(pointers, m + 1));
-    cJSON_AddItemToObject(form, "columns", json_numbers(columns, count));
-    cJSON_AddItemToObject(form, "values", json_numbers(values, count));
-    return form;
-}
-
 /* By rows: counted, then put. */
-static enum modal_status compress(const struct market *k, cJSON **out, struct modal_error *err)
+static enum modal_status compress(const struct market *k, struct scene_arrays_made *arrays,
+                                  cJSON **out, struct modal_error *err)
 {
     size_t rows = (size_t)k->m;
     double *pointer = calloc(rows + 2, sizeof *pointer),
@@ -177,14 +165,15 @@ static enum modal_status compress(const struct market *k, cJSON **out, struct mo
         value[at] = k->entry[e].value;
     }
     if (rc == MODAL_OK)
-        *out = matrix_market_rows(rows, rows, pointer, column, value, k->count);
+        rc = scene_arrays_add(arrays, k->field, rows, k->count, pointer, column, value, out, err);
     free(pointer);
     free(column);
     free(value);
     return rc;
 }
 
-enum modal_status matrix_market_read(const char *path, const char *field, cJSON **out,
+enum modal_status matrix_market_read(const char *path, const char *field,
+                                     struct scene_arrays_made *arrays, cJSON **out,
                                      struct modal_error *err)
 {
     struct market k = { .path = path, .field = field, .line = 1 };
@@ -200,7 +189,7 @@ enum modal_status matrix_market_read(const char *path, const char *field, cJSON 
     if (rc == MODAL_OK)
         rc = read_entries(&k, err);
     if (rc == MODAL_OK)
-        rc = compress(&k, out, err);
+        rc = compress(&k, arrays, out, err);
     free(k.entry);
     free(text);
     return rc;

@@ -40,7 +40,8 @@ struct client_input remote_input(const struct input *input)
 {
     return (struct client_input){ .batch = input->scene || input->stored[0] ? NULL : &input->batch,
                                   .attributes = input->signals.attributes,
-                                  .scene = input->scene_text, .sha256 = input->sha256,
+                                  .scene = input->scene_text,
+                                  .scene_length = input->scene_length, .sha256 = input->sha256,
                                   .upload = input->stored[0] ? input->stored : NULL };
 }
 

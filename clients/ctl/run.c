@@ -171,7 +171,8 @@ static enum modal_status run_here(const struct input *input, const struct args *
     struct job_request request = {
         .kind = input->kind->name, .options = input->options,
         .batch = input->scene ? NULL : &input->batch, .scene = input->scene,
-        .input_sha256 = input->sha256, .attributes = input->signals.attributes,
+        .arrays = &input->arrays, .input_sha256 = input->sha256,
+        .attributes = input->signals.attributes,
         .progress = print_progress, .cancelled = is_stopped,
     };
     enum modal_status rc = limit_begin(&limit, args, err);

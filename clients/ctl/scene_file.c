@@ -56,15 +56,18 @@ out:
 }
 
 /* The entries of a dense matrix that are not exactly 0. */
-static enum modal_status read_dense(hid_t file, const char *name, cJSON **out,
-                                    struct modal_error *err)
+static enum modal_status read_dense(hid_t file, const char *name, struct scene_arrays_made *arrays,
+                                    cJSON **out, struct modal_error *err)
 {
     hsize_t dims[2] = { 0 }, count = 0;
     double *x = NULL, *pointers = NULL, *columns = NULL, *values = NULL;
     enum modal_status rc = read_numbers(file, name, 2, dims, &x, err);
 
+    if (rc == MODAL_OK && dims[0] != dims[1])
+        rc = BAD_FILE("dataset \"%s\" is %llu x %llu; it must be square", name,
+                      (unsigned long long)dims[0], (unsigned long long)dims[1]);
     if (rc != MODAL_OK)
-        return rc;
+        goto out;
     pointers = malloc((dims[0] + 1) * sizeof *pointers);
     columns = malloc(dims[0] * dims[1] * sizeof *columns + 1);
     values = malloc(dims[0] * dims[1] * sizeof *values + 1);
@@ -81,15 +84,16 @@ static enum modal_status read_dense(hid_t file, const char *name, cJSON **out,
             }
     }
     pointers[dims[0]] = (double)count;
-    *out = matrix_market_rows(dims[0], dims[1], pointers, columns, values, count);
+    rc = scene_arrays_add(arrays, "structure.file", dims[0], count, pointers, columns, values, out,
+                          err);
 out:
     free(x); free(pointers); free(columns); free(values);
     return rc;
 }
 
 /* A group of compressed rows: `data`, `indices`, `indptr`; square, as every matrix here. */
-static enum modal_status read_csr(hid_t file, const char *name, cJSON **out,
-                                  struct modal_error *err)
+static enum modal_status read_csr(hid_t file, const char *name, struct scene_arrays_made *arrays,
+                                  cJSON **out, struct modal_error *err)
 {
     hid_t group = H5Gopen2(file, name, H5P_DEFAULT);
     hsize_t n = 0, count = 0, indices = 0;
@@ -108,14 +112,15 @@ static enum modal_status read_csr(hid_t file, const char *name, cJSON **out,
             "group \"%s\": %llu pointers, %llu indices, %llu values do not belong together", name,
             (unsigned long long)n, (unsigned long long)indices, (unsigned long long)count);
     if (rc == MODAL_OK)
-        *out = matrix_market_rows(n - 1, n - 1, pointers, columns, values, count);
+        rc = scene_arrays_add(arrays, "structure.file", n - 1, count, pointers, columns, values,
+                              out, err);
     free(pointers); free(columns); free(values);
     if (group >= 0) H5Gclose(group);
     return rc;
 }
 
-static enum modal_status read_matrix(hid_t file, const char *name, cJSON **out,
-                                     struct modal_error *err)
+static enum modal_status read_matrix(hid_t file, const char *name, struct scene_arrays_made *arrays,
+                                     cJSON **out, struct modal_error *err)
 {
     H5O_info_t info;
 
@@ -124,8 +129,8 @@ static enum modal_status read_matrix(hid_t file, const char *name, cJSON **out,
         return MODAL_OK;
     if (H5Oget_info_by_name(file, name, &info, H5P_DEFAULT) < 0)
         return BAD_FILE("\"%s\" cannot be read", name);
-    return info.type == H5O_TYPE_GROUP ? read_csr(file, name, out, err)
-                                       : read_dense(file, name, out, err);
+    return info.type == H5O_TYPE_GROUP ? read_csr(file, name, arrays, out, err)
+                                       : read_dense(file, name, arrays, out, err);
 }
 
 /* `dir` of the scene's own path + NAME, unless NAME is absolute. */
@@ -138,7 +143,7 @@ static void beside(char *out, size_t size, const char *scene_path, const char *n
 }
 
 static enum modal_status inline_file(cJSON *structure, const char *scene_path,
-                                     struct modal_error *err)
+                                     struct scene_arrays_made *arrays, struct modal_error *err)
 {
     const cJSON *key = cJSON_GetObjectItemCaseSensitive(structure, "file");
     enum modal_status rc = MODAL_OK;
@@ -156,7 +161,7 @@ static enum modal_status inline_file(cJSON *structure, const char *scene_path,
         return BAD_FILE("%.300s: no such HDF5 file", path);
     for (int i = 0; rc == MODAL_OK && matrices[i] != NULL; i++) {
         cJSON *matrix = NULL;
-        rc = read_matrix(file, matrices[i], &matrix, err);
+        rc = read_matrix(file, matrices[i], arrays, &matrix, err);
         if (rc == MODAL_OK && matrix != NULL && cJSON_HasObjectItem(structure, matrices[i])) {
             cJSON_Delete(matrix);
             rc = BAD_FILE("matrix %s stands in the scene and in the file", matrices[i]);
@@ -172,7 +177,7 @@ static enum modal_status inline_file(cJSON *structure, const char *scene_path,
 
 /* M, K, C, G that name Matrix Market files, in their place. */
 static enum modal_status inline_matrices(cJSON *structure, const char *scene_path,
-                                         struct modal_error *err)
+                                         struct scene_arrays_made *arrays, struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
     char path[4096], field[24];
@@ -185,14 +190,15 @@ static enum modal_status inline_matrices(cJSON *structure, const char *scene_pat
             continue;
         snprintf(field, sizeof field, "structure.%s", matrices[i]);
         beside(path, sizeof path, scene_path, name->valuestring);
-        rc = matrix_market_read(path, field, &matrix, err);
+        rc = matrix_market_read(path, field, arrays, &matrix, err);
         if (rc == MODAL_OK)
             cJSON_ReplaceItemInObjectCaseSensitive(structure, matrices[i], matrix);
     }
     return rc;
 }
 
-enum modal_status scene_file_read(const char *path, cJSON **out, struct modal_error *err)
+enum modal_status scene_file_read(const char *path, cJSON **out, struct scene_arrays_made *arrays,
+                                  struct modal_error *err)
 {
     char *text = NULL;
     size_t length = 0;
@@ -211,9 +217,9 @@ enum modal_status scene_file_read(const char *path, cJSON **out, struct modal_er
     if (rc == MODAL_OK) {
         inner = cJSON_GetObjectItemCaseSensitive(scene, "scene");
         inner = cJSON_GetObjectItemCaseSensitive(inner ? inner : scene, "structure");
-        rc = inline_file(inner, path, err);
+        rc = inline_file(inner, path, arrays, err);
         if (rc == MODAL_OK)
-            rc = inline_matrices(inner, path, err);
+            rc = inline_matrices(inner, path, arrays, err);
     }
     free(text);
     if (rc == MODAL_OK)

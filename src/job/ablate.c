@@ -46,6 +46,7 @@ static enum modal_status steady_once(const struct ablation *a, const cJSON *scen
                                      struct modal_error *err)
 {
     struct job_request inner = { .kind = "steady", .options = a->request->options, .scene = scene,
+                                 .arrays = a->request->arrays,
                                  .cancelled = a->request->cancelled,
                                  .context = a->request->context };
     struct job_result r;
@@ -65,8 +66,9 @@ static enum modal_status steady_once(const struct ablation *a, const cJSON *scen
 static enum modal_status floquet_once(const struct ablation *a, const cJSON *scene,
                                       struct floquet *f, struct modal_error *err)
 {
+    struct scene_options whole = { .arrays = a->request->arrays };
     struct program *p = NULL;
-    enum modal_status rc = scene_lower(scene, NULL, &p, err);
+    enum modal_status rc = scene_lower(scene, &whole, &p, err);
 
     floquet_done(f);
     if (rc == MODAL_OK && p->harmonics == 0 && !(p->period > 0))
@@ -123,7 +125,8 @@ static enum modal_status exponents_changed(const struct ablation *a, const cJSON
     struct influence f;
     double worst[3] = { 0 };
     cJSON *modes;
-    enum modal_status rc = scene_lower(scene, NULL, &p, err);
+    struct scene_options with = { .arrays = a->request->arrays };
+    enum modal_status rc = scene_lower(scene, &with, &p, err);
 
     if (rc == MODAL_OK)
         rc = influence(a->program, p, &f, err);
@@ -299,11 +302,12 @@ enum modal_status ablate_run(const struct job_request *request, struct job_resul
 {
     struct ablation a = { .request = request };
     struct floquet whole = { 0 };
+    struct scene_options options = { .arrays = request->arrays };
     struct cost cost;
     enum modal_status rc;
 
     cost_start(&cost);
-    rc = scene_lower(request->scene, NULL, &a.program, err);
+    rc = scene_lower(request->scene, &options, &a.program, err);
     if (rc == MODAL_OK) {
         a.steady = has_harmonic(a.program);
         if (!a.steady && request->options != NULL)

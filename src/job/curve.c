@@ -123,11 +123,13 @@ static enum modal_status session_at(struct curve *c, double value, double *omega
     if (c->omega)
         *omega = value / c->settings->subharmonic;
     else {
+        struct scene_options with = { .arrays = c->request->arrays };
+
         c->here = NULL;
         cost_stage(c->cost, "solve");
         rc = scene_path_set(c->scene, c->path, value, field, err);
         if (rc == MODAL_OK)
-            rc = scene_lower(c->scene, NULL, &c->here, err);
+            rc = scene_lower(c->scene, &with, &c->here, err);
         cost_stage(c->cost, "lower");
         if (rc != MODAL_OK)
             return rc;

@@ -194,6 +194,7 @@ enum modal_status floquet_run(const struct job_request *request, struct job_resu
                               struct modal_error *err)
 {
     struct options o = { 0 };
+    struct scene_options with = { .arrays = request->arrays };
     struct program *p = NULL;
     struct floquet f = { 0 };
     struct cost cost;
@@ -201,7 +202,7 @@ enum modal_status floquet_run(const struct job_request *request, struct job_resu
 
     cost_start(&cost);
     if (rc == MODAL_OK)
-        rc = scene_lower(request->scene, NULL, &p, err);
+        rc = scene_lower(request->scene, &with, &p, err);
     cost_stage(&cost, "lower");
     if (rc == MODAL_OK)
         rc = floquet(p, &(struct floquet_options) { o.tolerance, o.multipliers }, &f, err);

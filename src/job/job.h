@@ -12,6 +12,8 @@
 #include "base/json.h"
 #include "base/near.h"
 
+struct scene_arrays;
+
 /* More than any machine's processors that a job is counted for. */
 enum { JOB_THREADS_MOST = 1024 };
 
@@ -23,6 +25,7 @@ struct job_request {
     const cJSON *options;         /* object, or NULL for none */
     const struct batch *batch;    /* kinds on signals; borrowed */
     const cJSON *scene;           /* kinds on a scene; borrowed */
+    const struct scene_arrays *arrays;   /* behind its text (scene_arrays.h); NULL: none */
     const char *input_sha256;     /* hex, for provenance; NULL: unknown */
     const cJSON *attributes;      /* of the batch: returned as provenance; may be NULL */
 

@@ -125,12 +125,14 @@ static enum modal_status move_names(const struct remesh *r, cJSON *list, struct 
 }
 
 /* Sensors under the names that their channels have now; without any, one for each dof. */
-static enum modal_status name_sensors(cJSON *scene, struct modal_error *err)
+static enum modal_status name_sensors(cJSON *scene, const struct scene_arrays *arrays,
+                                      struct modal_error *err)
 {
     cJSON *list = cJSON_GetObjectItemCaseSensitive(scene, "sensors"), *item;
     bool listed = list != NULL;
+    struct scene_options with = { .arrays = arrays };
     struct program *p = NULL;
-    enum modal_status rc = scene_lower(scene, NULL, &p, err);
+    enum modal_status rc = scene_lower(scene, &with, &p, err);
 
     if (rc != MODAL_OK)
         return rc;
@@ -243,12 +245,13 @@ static enum modal_status find_mesh(const cJSON *scene, int elements, struct reme
     return MODAL_OK;
 }
 
-enum modal_status scene_mesh(cJSON *scene, int elements, struct modal_error *err)
+enum modal_status scene_mesh(cJSON *scene, const struct scene_arrays *arrays, int elements,
+                             struct modal_error *err)
 {
     static const char *const lists[] = { "sensors", "effects", "excitation" };
     cJSON *initial = cJSON_GetObjectItemCaseSensitive(scene, "initial");
     struct remesh r;
-    enum modal_status rc = name_sensors(scene, err);
+    enum modal_status rc = name_sensors(scene, arrays, err);
 
     if (rc == MODAL_OK)
         rc = find_mesh(scene, elements, &r, err);

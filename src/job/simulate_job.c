@@ -54,7 +54,7 @@ static enum modal_status change_model(const cJSON *scene, const struct settings 
     if ((*changed = cJSON_Duplicate(scene, 1)) == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "simulate: out of memory");
     if (m->elements > 0)
-        rc = scene_mesh(*changed, m->elements, err);
+        rc = scene_mesh(*changed, m->scene.arrays, m->elements, err);
     return rc == MODAL_OK && m->inflow_states > 0 ? scene_inflow(*changed, m->inflow_states, err)
                                                   : rc;
 }
@@ -205,6 +205,7 @@ enum modal_status simulate_run(const struct job_request *request, struct job_res
     cost_start(&cost);
     if (rc == MODAL_OK)
         rc = read_without(request->options, effects, &settings.scene, err);
+    settings.scene.arrays = request->arrays;
     settings.opt.rk4 = settings.integrator == 1;
     settings.opt.progress = request->progress != NULL ? report : NULL;
     settings.opt.cancelled = request->cancelled != NULL ? asked_to_stop : NULL;

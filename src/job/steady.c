@@ -145,12 +145,13 @@ enum modal_status steady_run(const struct job_request *request, struct job_resul
 {
     struct cost cost;
     struct steady_settings settings = { 0 };
+    struct scene_options with = { .arrays = request->arrays };
     struct program *p = NULL;
     cJSON *shown = NULL, *doc = NULL;
     enum modal_status rc;
 
     cost_start(&cost);
-    rc = scene_lower(request->scene, NULL, &p, err);
+    rc = scene_lower(request->scene, &with, &p, err);
     if (rc != MODAL_OK)
         return rc;
     rc = steady_settings_read(request, p, &settings, &shown, err);

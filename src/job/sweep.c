@@ -91,15 +91,15 @@ static enum modal_status run_floquet(struct sweep *s, const struct job_request *
                                      cJSON *point, struct modal_error *err)
 {
     struct floquet_options o = { 0 };
+    struct scene_options with = { .arrays = request->arrays };
     struct floquet f;
     struct program *p = NULL;
     enum modal_status rc = json_get_number(s->options, "options", "tolerance",
                                            FLOQUET_TOLERANCE_LEAST, FLOQUET_TOLERANCE_MOST,
                                            &o.tolerance, err);
 
-    (void)request;
     if (rc == MODAL_OK)
-        rc = scene_lower(s->scene, NULL, &p, err);
+        rc = scene_lower(s->scene, &with, &p, err);
     if (rc == MODAL_OK)
         rc = floquet(p, &o, &f, err);
     if (rc == MODAL_OK) {
@@ -127,6 +127,7 @@ static enum modal_status run_steady(struct sweep *s, const struct job_request *r
                                     cJSON *point, struct modal_error *err)
 {
     struct job_request inner = { .kind = "steady", .options = s->options, .scene = s->scene,
+                                 .arrays = request->arrays,
                                  .cancelled = request->cancelled, .context = request->context };
     struct job_result r;
     enum modal_status rc = kind_run(steady_run, &inner, &r, err);
@@ -143,6 +144,7 @@ static enum modal_status run_identify(struct sweep *s, const struct job_request 
                                       cJSON *point, struct modal_error *err)
 {
     struct job_request moves = { .kind = "simulate", .scene = s->scene,
+                                 .arrays = request->arrays,
                                  .cancelled = request->cancelled, .context = request->context };
     struct job_result motion, r;
     struct job_request inner = { .kind = "identify", .options = s->options, .batch = &motion.batch,

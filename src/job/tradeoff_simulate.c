@@ -53,7 +53,7 @@ static void add_meshes(struct work *w, double tolerance)
     for (int i = 0; i < 2; i++) {
         int elements = i == 0 ? own / 2 : 2 * own;
         cJSON *copy = cJSON_Duplicate(w->request->scene, 1);
-        if (elements > 0 && copy != NULL && scene_mesh(copy, elements, NULL) == MODAL_OK) {
+        if (elements > 0 && copy != NULL && scene_mesh(copy, NULL, elements, NULL) == MODAL_OK) {
             add_rung(w, "auto", tolerance, 0, -1);
             set_last(w, "elements", elements);
         }
@@ -93,6 +93,7 @@ static enum modal_status run(const struct work *w, const cJSON *options, struct 
                              struct modal_error *err)
 {
     struct job_request inner = { .kind = "simulate", .options = options, .scene = w->request->scene,
+                                 .arrays = w->request->arrays,
                                  .cancelled = w->request->cancelled,
                                  .context = w->request->context };
 

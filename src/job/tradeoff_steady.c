@@ -292,7 +292,8 @@ static enum modal_status read_scene(const struct job_request *request, struct pr
                                     struct modal_error *err)
 {
     struct job_request scene_only = *request;
-    enum modal_status rc = scene_lower(request->scene, NULL, p, err);
+    struct scene_options with = { .arrays = request->arrays };
+    enum modal_status rc = scene_lower(request->scene, &with, p, err);
 
     scene_only.options = NULL;
     if (rc == MODAL_OK)

@@ -6,7 +6,7 @@
  *     batch   "modald/batch/1" 0x00, u64 samples, u64 channels, f64 dt, f64 period (0: none),
  *             text units ("" : none), text name of each channel ("ch0", "ch1", ... where the sender
  *             gave none), then the samples as f64, row by row
- *     scene   "modald/scene/1" 0x00, u64 length, then the JSON as sent
+ *     scene   "modald/scene/1" 0x00, u64 length, then the JSON as sent, with the arrays behind it
  */
 #ifndef STORE_IDENTITY_H
 #define STORE_IDENTITY_H
@@ -21,7 +21,7 @@ enum input_type { INPUT_BATCH, INPUT_SCENE };
 struct input_shape {
     enum input_type type;
     uint64_t samples, channels;  /* of a batch */
-    uint64_t length;             /* of a scene, bytes */
+    uint64_t length;             /* of a scene, bytes: text and arrays */
     double dt, period;           /* s; period 0: none */
     const char *units;           /* NULL or "": none */
     const char *const *names;    /* `channels` names, or NULL */

@@ -28,8 +28,8 @@ enum {
     WIRE_NAME_MOST       = 256,               /* bytes of a channel's name, of its units; chosen:
                                                  three lines of a terminal */
     WIRE_ATTRIBUTES_MOST = 16384,             /* bytes, as JSON: a quarter of the header */
-    WIRE_SCENE_MOST      = 16777216,          /* bytes: three dense matrices of 480 dofs, 24 a
-                                                 number of 17 digits */
+    WIRE_SCENE_MOST      = 16777216,          /* bytes of a scene's text: three dense matrices of
+                                                 480 dofs, 24 a number of 17 digits */
     WIRE_DOCUMENT_MOST   = 67108864,          /* bytes, chosen: four of the largest scenes; who
                                                  parses it takes some ten times as many */
     WIRE_STDERR_MOST     = 65536,             /* bytes kept: as much as a pipe holds */

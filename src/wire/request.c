@@ -172,10 +172,10 @@ enum modal_status wire_input_read(const cJSON *object, const char *base, enum wi
     *out = (struct wire_input) { .content = content };
     if (content == WIRE_SCENE) {
         rc = get_integer(object, base, "bytes", 1, WIRE_INTEGER_MOST, false, &out->bytes, err);
-        if (rc == MODAL_OK && out->bytes > WIRE_SCENE_MOST)
-            rc = modal_fail_field(err, MODAL_TOO_LARGE, "bytes",
-                                  "a scene of %llu bytes; accepted: at most %d",
-                                  (unsigned long long)out->bytes, WIRE_SCENE_MOST);
+        if (rc == MODAL_OK)
+            rc = get_integer(object, base, "arrays", 0, WIRE_INTEGER_MOST, false,
+                             &out->arrays, err);
+        out->bytes += out->arrays;
         return rc;
     }
     rc = get_integer(object, base, "samples", 1, WIRE_INTEGER_MOST, true, &out->samples, err);
@@ -196,7 +196,9 @@ void wire_input_write(cJSON *object, const struct wire_input *input)
 {
     cJSON_AddStringToObject(object, "content", wire_contents[input->content]);
     if (input->content == WIRE_SCENE) {
-        cJSON_AddNumberToObject(object, "bytes", (double)input->bytes);
+        cJSON_AddNumberToObject(object, "bytes", (double)(input->bytes - input->arrays));
+        if (input->arrays > 0)
+            cJSON_AddNumberToObject(object, "arrays", (double)input->arrays);
         return;
     }
     cJSON_AddNumberToObject(object, "samples", (double)input->samples);
@@ -262,6 +264,7 @@ static enum modal_status read_begin(const cJSON *header, struct wire_request *ou
                                     struct modal_error *err)
 {
     int content = -1;
+    const struct wire_input *in = &out->upload.input;
     enum modal_status rc = json_get_choice(header, "", "content", wire_contents, &content, err);
 
     if (rc == MODAL_OK && content < 0)
@@ -269,9 +272,13 @@ static enum modal_status read_begin(const cJSON *header, struct wire_request *ou
                               "content is missing; accepted: batch, scene");
     if (rc == MODAL_OK)
         rc = wire_input_read(header, "", (enum wire_content)content, &out->upload.input, err);
-    if (rc == MODAL_OK && out->upload.input.bytes == 0)
+    if (rc == MODAL_OK && in->bytes == in->arrays)
         rc = modal_fail_field(err, MODAL_BAD_INPUT, "bytes", "bytes is missing; accepted: 1 to %d",
                               WIRE_SCENE_MOST);
+    if (rc == MODAL_OK && content == WIRE_SCENE && in->bytes - in->arrays > WIRE_SCENE_MOST)
+        rc = modal_fail_field(err, MODAL_TOO_LARGE, "bytes", "a scene's text of %llu bytes; "
+                              "accepted: at most %d, and matrices of more as arrays behind it",
+                              (unsigned long long)(in->bytes - in->arrays), WIRE_SCENE_MOST);
     if (rc == MODAL_OK)
         rc = get_text(header, "", "key", 1, WIRE_KEY_MOST, &out->upload.key, err);
     if (rc == MODAL_OK)
@@ -723,7 +730,8 @@ static const struct row {
     [WIRE_HELLO]   = { "HELLO",   WIRE_ROLE_READ,   read_hello,    false,
         { "id", "versions", "client" } },
     [WIRE_UPLOAD]  = { "UPLOAD",  WIRE_ROLE_SUBMIT, read_upload,   true,
-        { "id", "op", "content", "key", "sha256", "upload", "offset", "crc32c", DESCRIPTION } },
+        { "id", "op", "content", "key", "sha256", "upload", "offset", "crc32c", "arrays",
+          DESCRIPTION } },
     [WIRE_SUBMIT]  = { "SUBMIT",  WIRE_ROLE_SUBMIT, read_submit,   true,
         { "id", "kind", "options", "input", "key", "priority", "run_limit_s", "deadline_s",
           "not_before", "max_attempts", "fresh" } },

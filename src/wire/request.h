@@ -43,7 +43,8 @@ struct wire_input {
     const cJSON *names;           /* array of `channels` strings, or NULL */
     const char *units;            /* or NULL */
     const cJSON *attributes;      /* object, or NULL */
-    uint64_t bytes;               /* of a batch 8 * samples * channels; of a scene its text */
+    uint64_t bytes;               /* of a batch 8 * samples * channels; else text and arrays */
+    uint64_t arrays;              /* of these, as the caller says; 0 of a batch */
 };
 
 struct wire_job { const char *key; const char *id; };   /* one is NULL */

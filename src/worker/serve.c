@@ -15,6 +15,7 @@
 #include "base/crc32c.h"
 #include "job/blas_core.h"
 #include "job/job.h"
+#include "modal/scene/scene_arrays.h"
 #include "store/mapping.h"
 #include "store/spool.h"
 #include "wire/request.h"
@@ -40,6 +41,7 @@ struct run {
     const char **names;
     struct batch batch;
     cJSON *scene;
+    struct scene_arrays arrays;    /* behind the scene's text, in the data */
 
     uint64_t memory;               /* of serve_options */
     int waiting;                   /* PARTs without GO */
@@ -162,6 +164,17 @@ static enum modal_status make_batch(struct run *run, const void *data, struct mo
     return MODAL_OK;
 }
 
+static enum modal_status make_scene(struct run *run, const void *data, struct modal_error *err)
+{
+    size_t length = scene_arrays_split(data, run->shape.bytes, &run->arrays);
+
+    if (length > WIRE_SCENE_MOST)
+        return modal_fail_field(err, MODAL_TOO_LARGE, "scene",
+                                "a scene's text of %zu bytes; accepted: at most %d, and matrices "
+                                "of more as arrays behind it", length, WIRE_SCENE_MOST);
+    return json_read(data, length, &run->scene, err);
+}
+
 static enum modal_status read_input(struct run *run, const struct wire_message *message,
                                     struct modal_error *err)
 {
@@ -186,7 +199,7 @@ static enum modal_status read_input(struct run *run, const struct wire_message *
     if (rc == MODAL_OK && content == 0)
         rc = make_batch(run, data, err);
     else if (rc == MODAL_OK)
-        rc = json_read(data, run->shape.bytes, &run->scene, err);
+        rc = make_scene(run, data, err);
     return rc;
 }
 
@@ -404,6 +417,7 @@ static enum modal_status run_job(struct run *run, struct live_windows *windows,
             .options = run->options,
             .batch = run->scene == NULL ? &run->batch : NULL,
             .scene = run->scene,
+            .arrays = &run->arrays,
             .input_sha256 = run->sha256,
             .attributes = run->shape.attributes,
             .progress = send_progress,

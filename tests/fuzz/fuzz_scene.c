@@ -1,5 +1,5 @@
 /* fuzz_scene.c - any text is refused by name, or is a scene that lowers, and then steps and has
- * exponents without a bad number
+ * exponents without a bad number; what stands behind a zero byte are its matrices
  *
  * What lowers is small here: scenes of many dofs or samples are left at lowering, so that the
  * fuzzer stays quick.
@@ -10,6 +10,7 @@
 #include "base/json.h"
 #include "modal/scene/floquet.h"
 #include "modal/scene/scene.h"
+#include "modal/scene/scene_arrays.h"
 #include "modal/scene/simulate.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
@@ -46,10 +47,13 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     struct program *p = NULL;
     struct scene_time t;
     cJSON *scene = NULL;
+    struct scene_arrays arrays;
+    struct scene_options options = { .arrays = &arrays };
+    size_t length = scene_arrays_split(data, size, &arrays);
 
-    if (json_read((const char *)data, size, &scene, &err) != MODAL_OK)
+    if (json_read((const char *)data, length, &scene, &err) != MODAL_OK)
         return 0;
-    if (scene_lower(scene, NULL, &p, &err) == MODAL_OK) {
+    if (scene_lower(scene, &options, &p, &err) == MODAL_OK) {
         (void)scene_time(scene, p, &t, &err);
         if (p->n <= 12 && p->n_linear <= 12 && p->effects <= 8 && p->loads <= 8) {
             step(scene, p);

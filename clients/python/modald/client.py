@@ -47,7 +47,7 @@ def _array(value: Any) -> npt.NDArray[Any]:
 
 def _text(scene: Any) -> bytes:
     try:
-        return wire.dumps(scene)
+        return wire.scene_bytes(scene)
     except (TypeError, ValueError) as why:
         raise Error("bad_input", f"the scene is no JSON: {why}", "scene") from why
 
@@ -307,7 +307,7 @@ class Client:
         """Its upload, which tells it from inputs of other attributes, and its identity."""
         description, data, sha256 = self._input(value)
         if description["content"] == "scene":
-            description["bytes"] = len(data)
+            description.update(wire.scene_lengths(data))
         deadline = self._deadline(timeout)
         while True:
             begun, _ = self.ask("UPLOAD", {"op": "begin", "sha256": sha256, **description},

@@ -5,15 +5,15 @@ import hashlib
 import json
 import math
 import struct
-from typing import Any, NoReturn, Sequence
+from typing import Any, Mapping, NoReturn, Sequence
 
 import numpy as np
 
-from .values import plain
+from .values import csr, plain
 
 VERSION = b"MODALD1"
 FRAMES_MOST, HEADER_MOST, BODY_MOST = 8, 65536, 1048576
-INLINE_MOST, CHUNK_MOST = 65536, 262144
+INLINE_MOST, CHUNK_MOST, SCENE_MOST = 65536, 262144, 16777216
 
 
 def _table() -> tuple[int, ...]:
@@ -111,8 +111,10 @@ def batch_identity(data: bytes | memoryview, samples: int, channels: int, dt: fl
 
 
 def scene_identity(text: bytes) -> str:
-    """SHA-256 of a scene: its kind and length, then its text."""
-    return hashlib.sha256(b"modald/scene/1\0" + struct.pack("<Q", len(text)) + text).hexdigest()
+    """SHA-256 of a scene: its kind and length, then its text and what stands behind that."""
+    digest = hashlib.sha256(b"modald/scene/1\0" + struct.pack("<Q", len(text)))
+    digest.update(text)
+    return digest.hexdigest()
 
 
 def _refuse(constant: str) -> NoReturn:
@@ -140,6 +142,39 @@ def dumps(value: Any) -> bytes:
     """Strict JSON, without blanks; arrays and sparse matrices as `values.plain` has them."""
     return json.dumps(value, separators=(",", ":"), allow_nan=False, ensure_ascii=False,
                       default=plain).encode()
+
+
+def scene_bytes(scene: Any) -> bytes:
+    """A scene, a sweep of one, or a list with some, as it is sent: strict JSON and, where matrices of its structure
+    are scipy.sparse, a zero byte and their arrays.
+    """
+    behind = bytearray()
+
+    def placed(matrix: Any) -> dict[str, Any]:
+        shape, arrays = csr(matrix)
+        place = {"shape": list(shape), "entries": len(arrays[2]), "offset": len(behind)}
+        for array in arrays:
+            behind.extend(array.tobytes())
+        return place
+
+    def with_places(one: Any) -> Any:
+        structure = one.get("structure") if isinstance(one, Mapping) else None
+        if isinstance(structure, Mapping):
+            one = {**one, "structure": {key: placed(value) if hasattr(value, "tocsr") else value
+                                        for key, value in structure.items()}}
+        elif isinstance(one, Mapping) and "scene" in one:
+            one = {**one, "scene": with_places(one["scene"])}
+        return one
+
+    text = dumps([with_places(one) for one in scene] if isinstance(scene, list)
+                 else with_places(scene))
+    return text + b"\0" + behind if behind else text
+
+
+def scene_lengths(data: memoryview) -> dict[str, int]:
+    """Bytes of its text, as many as are looked at, and of what stands behind."""
+    text = bytes(data[:SCENE_MOST + 1]).find(b"\0")
+    return {"bytes": text, "arrays": len(data) - text} if text >= 0 else {"bytes": len(data)}
 
 
 def encode(verb: str, header: dict[str, Any],

@@ -497,7 +497,8 @@ static bool may_begin(struct core *c, const struct request *q)
         answer_fail(c, reply, MODAL_DRAINING, "", answer_number("retry_after_s", 5),
                     "the daemon takes no new work");
     else if ((double)bytes > (double)c->settings.input_bytes)
-        answer_fail(c, reply, MODAL_TOO_LARGE, "samples", NULL,
+        answer_fail(c, reply, MODAL_TOO_LARGE,
+                    q->wire.upload.input.content == WIRE_SCENE ? "bytes" : "samples", NULL,
                     "an input of %llu bytes; accepted: at most %lld",
                     (unsigned long long)bytes, (long long)c->settings.input_bytes);
     else if (q->user->open_count >= WIRE_UPLOADS_MOST)

@@ -43,8 +43,9 @@
 #include "modal/scene/scene_key.h"
 
 enum {
-    LOWERING_DOFS_MOST = 100000, /* what sparse factors of a steady state are made for */
-    LOWERING_ENTRIES_MOST = 20000000,  /* of a matrix: 320 MB as triplets */
+    LOWERING_DOFS_MOST = 1000000, /* what sparse factors of a steady state are made for */
+    /* of a matrix: 1.6 GB as triplets; as many dofs of a solid, 81 a row, have 81 million */
+    LOWERING_ENTRIES_MOST = 100000000,
     LOWERING_COUPLINGS_MOST = 20000000,  /* of the ends of a law, each with each: as entries */
     LOWERING_STATES_MOST = 2000,  /* dense, as stepping needs them */
     LOWERING_HARMONIC_MOST = 1000,  /* past any gear; k omega t keeps 12 digits */

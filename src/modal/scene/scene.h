@@ -3,10 +3,10 @@
  * Keys, signs and defaults: the scene sections of the project's contracts, mirrored in the rows of
  * structures.c and effects.c.  What a scene does not list leaves no trace in the program.
  *
- * Matrices of the structure `matrices` are nested lists, or the sparse form that clients make of an
- * HDF5 file:
- *     {"shape":[m,n], "row_pointers":[...m+1], "columns":[...], "values":[...]}      (compressed
- *     rows, from 0) A "file" key is refused here: files are opened by clients.
+ * Matrices of the structure `matrices` are nested lists, or compressed rows, counted from 0: as
+ *     {"shape":[m,n], "row_pointers":[...m+1], "columns":[...], "values":[...]}
+ * or, as clients make it of a file's, arrays behind the scene's text (scene_arrays.h).  A "file"
+ * key is refused here: files are opened by clients.
  */
 #ifndef MODAL_SCENE_H
 #define MODAL_SCENE_H
@@ -15,6 +15,7 @@
 #include "base/json.h"
 #include "modal/scene/program.h"
 
+struct scene_arrays;
 struct scene_effect_kind;
 struct scene_structure_kind;
 struct scene_table;
@@ -27,6 +28,7 @@ struct scene_options {
     const struct scene_effect_kind *const *effects;
     /* true: leave out this entry of the scene's effects (ablation); plan rows close up */
     bool without[SCENE_EFFECTS_MOST];
+    const struct scene_arrays *arrays;   /* what stands behind the scene's text; NULL: nothing */
 };
 
 /*

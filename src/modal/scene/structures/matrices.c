@@ -2,7 +2,7 @@
  * matrices.c - a structure given by its matrices: M x'' + (C + speed G) x' + K x
  *
  * M must be symmetric (to 1e-9 of its largest entry) and positive definite (scene.c checks), G skew
- * (to the same); C and K are free: follower forces make K unsymmetric.  Nested lists, or the sparse
+ * (to the same); C and K are free: follower forces make K unsymmetric.  Nested lists, or a sparse
  * form of scene.h.
  */
 #include <math.h>
@@ -10,6 +10,8 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/scene/lowering.h"
+#include "modal/scene/scene.h"
+#include "modal/scene/scene_arrays.h"
 
 /* of the largest entry: matrices written with nine digits or more are what they are meant to be */
 static const double SYMMETRY = 1e-9;
@@ -84,9 +86,10 @@ static enum modal_status read_dense(const cJSON *list, const char *where, struct
     if (out->m < 1 || !cJSON_IsArray(list->child))  /* before room is made */
         return shape_error(where, "not a matrix", err);
     /* before m n triplets are asked for */
-    if (out->m > LOWERING_DOFS_MOST || out->n > LOWERING_DOFS_MOST)
-        return modal_fail_field(err, MODAL_TOO_LARGE, where, "%s is %d x %d; at most %d dofs",
-                                where, out->m, out->n, LOWERING_DOFS_MOST);
+    if ((double)out->m * out->n > LOWERING_ENTRIES_MOST)
+        return modal_fail_field(err, MODAL_TOO_LARGE, where, "%s is %d x %d; accepted: at most %d "
+                                "entries, with their zeros", where, out->m, out->n,
+                                LOWERING_ENTRIES_MOST);
     out->x = malloc(((size_t)out->m * (size_t)out->n + 1) * sizeof *out->x);
     if (out->x == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "scene: out of memory");
@@ -152,17 +155,20 @@ static enum modal_status read_sparse(const cJSON *json, const char *where, struc
 
 /* ITEM, which stands at WHERE, n x n where N > 0; NULL: out->m stays 0.  The caller frees
  * out->x. */
-static enum modal_status read_matrix(const cJSON *item, const char *where, int n,
-                                     struct entries *out, struct modal_error *err)
+static enum modal_status read_matrix(const struct lowering *l, const cJSON *item, const char *where,
+                                     int n, struct entries *out, struct modal_error *err)
 {
+    const struct scene_arrays *arrays = l->options != NULL ? l->options->arrays : NULL;
     enum modal_status rc;
 
     if (item == NULL)
         return MODAL_OK;
     if (!cJSON_IsArray(item) && !cJSON_IsObject(item))
         return shape_error(where, "not a matrix", err);
-    rc = cJSON_IsArray(item) ? read_dense(item, where, out, err)
-                             : read_sparse(item, where, out, err);
+    rc = cJSON_IsArray(item)      ? read_dense(item, where, out, err)
+         : scene_arrays_named(item) ? scene_arrays_read(arrays, item, where, &out->x, &out->count,
+                                                        &out->m, &out->n, err)
+                                    : read_sparse(item, where, out, err);
     if (rc == MODAL_OK && (out->m != out->n || (n > 0 && out->m != n)))
         rc = modal_fail_field(err, MODAL_BAD_INPUT, where, "%s is %d x %d; it must be %s", where,
                               out->m, out->n, n > 0 ? "square and as large as M" : "square");
@@ -215,7 +221,7 @@ static enum modal_status add_matrix(struct lowering *l, const cJSON *item, const
                                     int matrix, double factor, double sign, struct modal_error *err)
 {
     struct entries e = { 0 };
-    enum modal_status rc = read_matrix(item, where, l->p->n, &e, err);
+    enum modal_status rc = read_matrix(l, item, where, l->p->n, &e, err);
 
     if (rc == MODAL_OK && sign != 0)
         rc = check_symmetry(&e, sign, where, err);
@@ -265,7 +271,7 @@ static enum modal_status lower(struct lowering *l, void *values, struct modal_er
     if (s->file != NULL)
         return modal_fail_field(err, MODAL_BAD_INPUT, "structure.file",
                                 "files are opened by clients, which put the matrices in its place");
-    rc = read_matrix(s->M, "structure.M", 0, &M, err);  /* any size: it says n */
+    rc = read_matrix(l, s->M, "structure.M", 0, &M, err);  /* any size: it says n */
     /* read for its size: entries come once there are dofs */
     free(M.x);
     if (rc == MODAL_OK)

@@ -97,16 +97,16 @@ struct look {
 /* Look at one line more; false: there is none yet. */
 static bool look_on(struct rows *rows, struct look *look)
 {
-    size_t next, columns, length;
+    size_t next, columns, length;               /* of the line as a string, which a 0 may cut */
     char *copy, *end = look->at < rows->end
                            ? memchr(rows->text + look->at, '\n', rows->end - look->at) : NULL;
 
     if (look->at >= rows->end || (end == NULL && !rows->ended))
         return false;
     next = end != NULL ? (size_t)(end - rows->text) + 1 : rows->end;
-    length = next - look->at - (end != NULL);
-    copy = strndup(rows->text + look->at, length);
-    if (copy != NULL && length > 0 && copy[length - 1] == '\r')
+    copy = strndup(rows->text + look->at, next - look->at - (end != NULL));
+    length = copy != NULL ? strlen(copy) : 0;
+    if (length > 0 && copy[length - 1] == '\r')
         copy[length - 1] = 0;
     if (copy != NULL && !is_idle(copy)) {
         columns = csv_is_row(copy);

@@ -1,5 +1,5 @@
-/* fuzz_csv.c - a user's text is read into finite shapes, or refused with a reason: as a file, and row
- * by row from a pipe */
+/* fuzz_csv.c - a user's text is read into finite shapes, or refused with a reason: as a file, and
+ * row by row from a pipe */
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>

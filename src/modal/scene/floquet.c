@@ -161,7 +161,10 @@ static enum modal_status constant(const struct statespace *ss, double period, st
     else
         rc = coupled_exponents(ss, f, err);
     f->period = period;
-    for (int i = 0; i < f->count; i++) {
+    for (int i = 0; rc == MODAL_OK && i < f->count; i++) {
+        if (!isfinite(cabs(f->exponent[i])))
+            rc = modal_fail(err, MODAL_OVERFLOW, "an exponent leaves the range of doubles: masses "
+                            "and stiffnesses are too far apart");
         f->resolved[i] = true;
         /* exact but for rounding: nothing is mapped */
         f->multiplier[i] = period > 0 ? cexp(f->exponent[i] * period) : 0;

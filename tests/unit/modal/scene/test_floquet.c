@@ -256,6 +256,18 @@ TEST(what_is_not_linear_is_refused_and_growth_past_doubles_is_said)
 
 /* Pulsating at 3 Omega deep enough that twelve harmonics (four of its own) leave 1e-3: more are
  * taken, until the two ways agree. */
+TEST(exponents_past_the_range_of_doubles_are_refused_as_that)
+{
+    struct modal_error err = { 0 };
+    struct floquet f;
+    struct program *p = program_text("{'structure':{'type':'matrices','M':[[1,0],[0,3.5e-310]],"
+                                     "'K':[[-1.2e-278,1.8e159],[4e-312,0]]},'omega':2}");
+
+    CHECK(floquet(p, NULL, &f, &err) == MODAL_OVERFLOW);
+    CHECK(strstr(err.message, "an exponent leaves the range of doubles") != NULL);
+    program_free(p);
+}
+
 TEST(hill_takes_harmonics_until_its_truncation_is_small)
 {
     struct program *p = program_text(

@@ -97,6 +97,14 @@ def test_a_dof_of_another_number_is_no_slip(tmp_path):
     assert 'no dof "x99" in this structure; its dofs run from x1 to x20' in said
 
 
+def test_a_number_in_place_of_a_dofs_name_is_told_the_names(tmp_path):
+    (tmp_path / "wrong.json").write_text(changed(
+        structure={"type": "chain", "masses": [1] * 20, "springs": [1] * 20 + [0]},
+        effects=[{**SCENE["effects"][0], "dof": 3}]))
+    said = refused(tmp_path, "modalctl", "--local", "steady", "wrong.json")
+    assert 'dof is 3; accepted: the name of a dof; they run from "x1" to "x20"' in said
+
+
 def test_a_slip_in_a_role_is_asked_after(tmp_path):
     key = "3HsCIKXTD=m]fq6PH.y&T&02][FEcKq$duR0@0Z4"
     for name, text in (("server.key", f'public-key = "{key}"\nsecret-key = "{key}"\n'), ("keys", f"{key} ann sumbit\n")):

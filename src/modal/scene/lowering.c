@@ -210,24 +210,39 @@ static enum modal_status no_dof(const struct lowering *l, const char *path, cons
                             l->p->n > 0 ? l->p->dofs[l->p->n - 1] : "-");
 }
 
+/* MODAL_BAD_INPUT: ITEM, at PATH, is no name at all; a number is taken for one by many. */
+static enum modal_status no_name(const struct lowering *l, const char *path, const cJSON *item,
+                                 struct modal_error *err)
+{
+    char *given = json_print(item);
+    enum modal_status rc = modal_fail_field(
+        err, MODAL_BAD_INPUT, path, "%s is %.80s; accepted: the name of a dof; they run from \"%s\" "
+        "to \"%s\"", path, given ? given : "?", l->p->n > 0 ? l->p->dofs[0] : "-",
+        l->p->n > 0 ? l->p->dofs[l->p->n - 1] : "-");
+
+    free(given);
+    return rc;
+}
+
 enum modal_status lowering_dof(const struct lowering *l, const cJSON *json, const char *base,
                                const char *key, int *dof, struct modal_error *err)
 {
-    const char *name = NULL;  /* borrowed from the scene */
+    const cJSON *item = json_member(json, key);
+    const char *name = item != NULL ? item->valuestring : NULL;  /* borrowed from the scene */
     char path[128];
-    enum modal_status rc = json_get_string(json, base, key, &name, err);
 
-    if (rc != MODAL_OK || name == NULL)
-        return rc;
+    if (item == NULL)
+        return MODAL_OK;
+    json_path(path, base, key);
+    if (!cJSON_IsString(item))
+        return no_name(l, path, item, err);
     if (strcmp(name, "ground") == 0) {  /* a name that no dof may have */
         *dof = -1;
         return MODAL_OK;
     }
     int found = program_dof(l->p, name);
-    if (found < 0) {
-        json_path(path, base, key);
+    if (found < 0)
         return no_dof(l, path, name, err);
-    }
     *dof = found;
     return MODAL_OK;
 }

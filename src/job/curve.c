@@ -306,7 +306,7 @@ static double complex changed(const struct stability *a, const struct stability 
 static enum modal_status refine(struct curve *c, double value, const double complex *X,
                                 const struct stability *st, struct modal_error *err)
 {
-    double a = c->last_value, b = value, where = NAN;
+    double a = c->last_value, b = value, where = NAN, there = NAN;
     int base = unstable(&c->before) < unstable(st) ? unstable(&c->before) : unstable(st);
     bool rises = unstable(st) > unstable(&c->before);
     size_t size = (size_t)c->last_q * ((size_t)c->last_H + 1);
@@ -333,6 +333,7 @@ static enum modal_status refine(struct curve *c, double value, const double comp
             rc = stability_of(c->s, &point, &here, err);
         if (rc == MODAL_OK && here.count > base) {
             where = middle;
+            there = omega;
             mu = here.multiplier[base];
             if ((unstable(&here) > base) == rises)
                 b = middle;
@@ -357,6 +358,8 @@ static enum modal_status refine(struct curve *c, double value, const double comp
     event = cJSON_CreateObject();
     cJSON_AddStringToObject(event, "type", type);
     json_set_number(event, c->path, isnan(where) ? 0.5 * (c->last_value + value) : 0.5 * (a + b));
+    if (type[0] == 'n' && there > 0)                   /* arg mu over a period */
+        json_set_number(event, "second_tone", fabs(carg(mu)) * there / (2 * M_PI));
     cJSON_AddItemToArray(c->bifurcations, event);
     return MODAL_OK;
 }

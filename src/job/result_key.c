@@ -389,10 +389,10 @@ static const struct result_key steady_keys[] = {
     { "kind", RESULT_TEXT, .means = "steady" },
     { "converged", RESULT_TRUTH,
       .means = "false: what is given is the best iterate, and a diagnostic says why" },
-    { "omega", RESULT_NUMBER, .unit = "rad/s", .null = "with several tones",
+    { "omega", RESULT_NUMBER, .unit = "rad/s", .null = "with tones",
       .means = "of the motion's first harmonic" },
-    { "tones", RESULT_NUMBER, .list = "two or three", .unit = "rad/s", .absent = "without tones",
-      .means = "w1, w2, .. of the motion, of no common period" },
+    { "tones", RESULT_NUMBER, .list = "one to three", .unit = "rad/s", .absent = "without tones",
+      .means = "w1, w2, .. of the motion, of no common period; a free one as it was found" },
     { "method", RESULT_TEXT, .means = "what found it: linear, direct, newton, .." },
     { "iterations", RESULT_WHOLE, .means = "of the balance" },
     { "H", RESULT_WHOLE, .means = "harmonics kept, beside the mean; with tones the highest "
@@ -411,7 +411,10 @@ static const struct result_key steady_keys[] = {
     { "solver_error", RESULT_NUMBER, .unit = "the dofs'", .null = UNKNOWN,
       .means = "that more iterations would remove" },
     { "total_error", RESULT_NUMBER, .unit = "the dofs'", .null = UNKNOWN,
-      .means = "of all three together, over time and reported dofs" },
+      .means = "of all three together, over time and reported dofs; with a free tone at equal "
+      "phases of it" },
+    { "tone_error", RESULT_NUMBER, .unit = "rad/s", .null = UNKNOWN,
+      .absent = "where no tone is free", .means = "of the free tone's frequency" },
     { "reconstruction", RESULT_OBJECT, .members = equation_keys,
       .means = "the motion in the equation of motion" },
     { "work", RESULT_OBJECT, .members = work_keys, .means = "against the limit of work" },
@@ -440,6 +443,9 @@ static const struct result_key fold_keys[] = {
 static const struct result_key bifurcation_keys[] = {
     { "type", RESULT_TEXT, .means = "branch_point, period_doubling or neimark_sacker" },
     { "<parameter>", RESULT_NUMBER, .means = "its value there" },
+    { "second_tone", RESULT_NUMBER, .unit = "rad/s", .absent = "but at neimark_sacker",
+      .means = "that the motion brings beside omega, up to its sign and multiples of omega: the "
+      "branch is solved for by -o tones=OMEGA,free" },
     { 0 },
 };
 

@@ -64,7 +64,8 @@ const struct key_row steady_option_rows[] = {
       .meaning = "where to begin", .example = "{\"x1\":{\"k\":[1],\"re\":[1],\"im\":[0]}}" },
     { "tones", KEY_OWN, .unit = "rad/s", .form = "W1,W2[,W3]",
       .meaning = "two or three tones without a common period, in place of omega; loads name theirs "
-      "by k: [k1, k2]", .example = "1,1.618" },
+      "by k: [k1, k2]; free in place of one: the motion's own, solved for, alone or beside others",
+      .example = "1,1.618" },
     { "threads", KEY_WHOLE, KEY_SILENT, AT(threads), .low = 1, .high = THREADS_MOST, .initial = "1",
       .meaning = "that the job is counted for", .example = "2" },
     { 0 },
@@ -204,29 +205,57 @@ static enum modal_status read_time(const cJSON *object, const char *base, struct
     return json_get_int(object, base, "time", 1, ORBIT_SAMPLES_MOST, &s->time, err);
 }
 
+static const double TONE_LEAST = 1e-9;    /* rad/s: slower than any machine */
+static const double TONE_MOST = 1e12;     /* rad/s: faster than any */
+
+static bool is_free(const cJSON *item)
+{
+    return cJSON_IsString(item) && strcmp(item->valuestring, "free") == 0;
+}
+
+/* A list, or the word `free` alone. */
 static enum modal_status read_tones(const cJSON *object, const char *base,
                                     struct steady_settings *s, struct modal_error *err)
 {
     const cJSON *item = cJSON_GetObjectItemCaseSensitive(object, "tones");
-    char path[128];
-    double *list = NULL;
-    size_t count = 0;
-    enum modal_status rc;
+    int count = cJSON_IsArray(item) ? cJSON_GetArraySize(item) : is_free(item);
+    char path[128], place[160];
 
     if (item == NULL)
         return MODAL_OK;
     json_path(path, base, "tones");
-    if (!cJSON_IsArray(item) || cJSON_GetArraySize(item) < 2
-        || cJSON_GetArraySize(item) > PROGRAM_TONES_MOST)
+    s->tones_count = s->free_tone = 0;
+    for (int i = 0; i < count && count <= PROGRAM_TONES_MOST; i++) {
+        const cJSON *tone = cJSON_IsArray(item) ? cJSON_GetArrayItem(item, i) : item;
+
+        snprintf(place, sizeof place, "%s[%d]", path, i);
+        s->tones[i] = cJSON_IsNumber(tone) ? tone->valuedouble : 0;
+        if (is_free(tone) && s->free_tone == 0)
+            s->free_tone = i + 1;
+        else if (!(s->tones[i] >= TONE_LEAST && s->tones[i] <= TONE_MOST))
+            return modal_fail_field(err, MODAL_BAD_INPUT, place,
+                                    "%s must be a frequency from %g to %g rad/s, or, of one of "
+                                    "them, \"free\": the motion's own", place, TONE_LEAST,
+                                    TONE_MOST);
+    }
+    if (count < (s->free_tone > 0 ? 1 : 2) || count > PROGRAM_TONES_MOST)
         return modal_fail_field(err, MODAL_BAD_INPUT, path,
-                                "%s must be two or three frequencies in rad/s; one is the scene's "
-                                "omega", path);
-    rc = json_get_numbers(object, base, "tones", 1e-9, 1e12, &list, &count, err);
-    for (size_t i = 0; rc == MODAL_OK && i < count; i++)
-        s->tones[i] = list[i];
-    s->tones_count = (int)count;
-    free(list);
-    return rc;
+                                "%s must be two or three frequencies in rad/s, of which one may be "
+                                "\"free\", or that alone; one that is known is the scene's omega",
+                                path);
+    s->tones_count = count;
+    return MODAL_OK;
+}
+
+/* As it was given. */
+static cJSON *show_tones(const struct steady_settings *s)
+{
+    cJSON *list = cJSON_CreateArray();
+
+    for (int i = 0; i < s->tones_count; i++)
+        cJSON_AddItemToArray(list, i + 1 == s->free_tone ? cJSON_CreateString("free")
+                                                         : cJSON_CreateNumber(s->tones[i]));
+    return list;
 }
 
 /* O, the scene's `steady` (BASE) or the job's options, with ROWS beside those that both may
@@ -322,7 +351,7 @@ enum modal_status steady_settings_read(const struct job_request *request, const 
     out->opt.dofs_count = out->dofs_count;
     *shown = cJSON_CreateObject();
     if (out->tones_count > 0)
-        cJSON_AddItemToObject(*shown, "tones", json_numbers(out->tones, (size_t)out->tones_count));
+        cJSON_AddItemToObject(*shown, "tones", show_tones(out));
     key_table_write(steady_option_rows, out, *shown);
     key_table_write(steady_curve_rows, out, *shown);
     return MODAL_OK;

@@ -25,6 +25,7 @@ struct steady_settings {
     int start_H;
     double tones[PROGRAM_TONES_MOST];     /* rad/s, of several without a common period */
     int tones_count;                  /* 0: one, omega */
+    int free_tone;                    /* 1 + which of them is the motion's own; 0: none */
     const char *sweep, *follow, *backbone;      /* the request's own */
 };
 

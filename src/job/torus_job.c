@@ -118,7 +118,8 @@ static void print_diagnostics(const struct steady_settings *settings,
              "the stability was not computed: a motion of several tones has no multipliers");
 }
 
-static void print_errors(const struct torus_point *point, cJSON *doc)
+static void print_errors(const struct steady_settings *settings, const struct torus_point *point,
+                         cJSON *doc)
 {
     bool known = point->converged;
     cJSON *o;
@@ -128,6 +129,8 @@ static void print_errors(const struct torus_point *point, cJSON *doc)
     json_set_number(doc, "sampling_error", known ? point->sampling : NAN);
     json_set_number(doc, "solver_error", known ? point->solver : NAN);
     json_set_number(doc, "total_error", known ? point->error : NAN);
+    if (settings->free_tone > 0)
+        json_set_number(doc, "tone_error", known ? point->tone_error : NAN);
     o = cJSON_AddObjectToObject(doc, "reconstruction");
     json_set_number(o, "rms_residual", NAN);
     json_set_number(o, "max_residual", NAN);
@@ -153,13 +156,13 @@ static cJSON *print_point(const struct program *p, const struct steady_settings 
     cJSON_AddBoolToObject(doc, "converged", point->converged);
     cJSON_AddNullToObject(doc, "omega");
     cJSON_AddItemToObject(doc, "tones",
-                          json_numbers(settings->tones, (size_t)settings->tones_count));
+                          json_numbers(point->tones.omega, (size_t)point->tones.count));
     cJSON_AddStringToObject(doc, "method", p->laws > 0 ? "newton" : "linear");
     cJSON_AddNumberToObject(doc, "iterations", point->iterations);
     cJSON_AddNumberToObject(doc, "H", highest);
     cJSON_AddNumberToObject(doc, "N", point->samples);
     print_harmonics(p, settings, point, doc);
-    print_errors(point, doc);
+    print_errors(settings, point, doc);
     print_diagnostics(settings, point, doc);
     return doc;
 }
@@ -170,7 +173,7 @@ static enum modal_status check_ratios(const struct steady_settings *s, struct mo
 {
     for (int i = 0; i < s->tones_count; i++)
         for (int j = 0; j < i; j++)
-            if (fabs(s->tones[i] - s->tones[j]) <= COMMENSURATE * s->tones[i])
+            if (fabs(s->tones[i] - s->tones[j]) <= COMMENSURATE * s->tones[i] && s->tones[i] > 0)
                 return modal_fail_field(err, MODAL_BAD_INPUT, "tones",
                                         "tones: %g is given twice; accepted: two or three tones "
                                         "that differ", s->tones[i]);
@@ -184,6 +187,7 @@ enum modal_status torus_run(struct program *p, const struct steady_settings *set
                                        .tolerance = settings->opt.tolerance,
                                        .max_iterations = settings->opt.max_iterations,
                                        .target_error = settings->opt.target_error,
+                                       .free = settings->free_tone,
                                        .dofs = settings->dofs,
                                        .dofs_count = settings->dofs_count,
                                        .cancelled = settings->opt.cancelled,

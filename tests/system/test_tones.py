@@ -132,7 +132,135 @@ def test_more_combinations_than_can_be_solved_for_are_refused_at_once(tmp_path):
     assert said["error"]["field"] == "steady.harmonics"
 
 
+def van_der_pol(rate, **more):
+    """x'' + rate (x^2 - 1) x' + x = ..."""
+    damper = {"type": "polynomial_damper", "dof": "x", "coefficients": [-rate, 0, rate]}
+    return {"structure": {"type": "matrices", "M": [[1]], "C": [[0]], "K": [[1]], "dofs": ["x"]},
+            "effects": [damper], **more}
+
+
+def limit_cycle(rate, start, until):
+    """The frequency and the maxima of all coordinates of where RATE's motion ends."""
+    cross = lambda t, y: y[len(y) // 2]
+    cross.direction = -1
+    run = solve_ivp(rate, (0, until), start, "DOP853", events=cross, rtol=1e-11, atol=1e-12)
+    end = solve_ivp(rate, (0, run.t_events[0][-1] - run.t_events[0][-2]), run.y_events[0][-2],
+                    "DOP853", rtol=1e-11, atol=1e-12, max_step=1e-2)
+    return 2 * math.pi / (run.t_events[0][-1] - run.t_events[0][-2]), np.abs(end.y).max(1)
+
+
+def maxima(result):
+    w, = result["tones"]
+    t = np.linspace(0, 2 * np.pi / w, 8192)
+    return [np.abs(motion({"harmonics": [rows], "tones": [w]}, t)).max()
+            for rows in result["harmonics"]]
+
+
+@pytest.mark.parametrize("rate", [0.01, 0.5, 3, 10])
+def test_a_self_excited_motion_is_the_one_that_marching_ends_in(rate, tmp_path):
+    status, result = run("steady", van_der_pol(rate), tmp_path, "-o", "tones=free")
+    w, amplitude = limit_cycle(lambda t, y: [y[1], rate * (1 - y[0] ** 2) * y[1] - y[0]], [2, 0],
+                               60 + 40 / rate)
+    assert status == 0 and result["converged"]
+    assert result["tones"][0] == pytest.approx(w, rel=1e-9)
+    assert maxima(result)[0] == pytest.approx(amplitude[0], abs=5e-6)
+
+
+def zieglers_column(load):
+    """streaming.md's: unit links, springs and masses, dampers of 0.1, and of 0.3 angle^2 beside."""
+    return {"structure": {"type": "matrices", "M": [[3, 1], [1, 1]],
+                          "C": [[0.2, -0.1], [-0.1, 0.1]],
+                          "K": [[2 - load, load - 1], [-1, 1]], "dofs": ["a", "b"]},
+            "effects": [{"type": "polynomial_damper", "dof": "a", "coefficients": [0, 0, 0.3]},
+                        {"type": "polynomial_damper", "dof": "b", "to": "a",
+                         "coefficients": [0, 0, 0.3]}], "steady": {"tones": ["free"]}}
+
+
+# Flutter begins at 41/28 + 0.1^2 / 2 = 1.46929, with sqrt(2/7) rad/s.
+@pytest.mark.parametrize("load", [1.6, 2.2])
+def test_zieglers_column_flutters_as_far_as_marching_says(load, tmp_path):
+    scene = zieglers_column(load)
+
+    def rate(t, y):
+        a, b, u, v = y
+        outer = (0.1 + 0.3 * (b - a) ** 2) * (v - u) + (b - a)
+        inner = (0.1 + 0.3 * a ** 2) * u + a - load * (a - b)
+        turn = (outer - inner + outer) / 2          # 3 a" + b" = outer - inner, a" + b" = -outer
+        return [u, v, turn, -outer - turn]
+    status, result = run("steady", scene, tmp_path)
+    assert status == 0 and result["converged"]
+    begin = [np.real(sum(h["re"]) * 1.02) for h in result["harmonics"]]
+    w, amplitude = limit_cycle(rate, [*begin, 0, 0], {1.6: 1500, 2.2: 300}[load])
+    assert result["tones"][0] == pytest.approx(w, rel=1e-7)
+    assert maxima(result) == pytest.approx(amplitude[:2], abs=2e-5)
+
+
+def test_zieglers_limit_cycle_begins_at_its_flutter_load(tmp_path):
+    loads = [1.4696, 1.4700]
+    square = []
+    for load in loads:
+        result = run("steady", zieglers_column(load), tmp_path)[1]
+        square.append(maxima(result)[0] ** 2)
+        assert result["tones"][0] == pytest.approx((2 / 7) ** 0.5, abs=2e-3)
+    begins = loads[0] - square[0] * (loads[1] - loads[0]) / (square[1] - square[0])
+    assert begins == pytest.approx(41 / 28 + 0.005, abs=1e-5)
+
+
+@pytest.mark.parametrize("scene", [zieglers_column(1.46),
+                                   {**van_der_pol(0.5), "effects": [
+                                       {"type": "cubic_spring", "dof": "x", "coefficient": 1}]}])
+def test_what_comes_to_rest_has_no_tone_of_its_own(scene, tmp_path):
+    if scene["effects"][0]["type"] == "cubic_spring":
+        scene["structure"]["C"] = [[0.1]]
+    status, result = run("steady", scene, tmp_path, "-o", "tones=free")
+    assert not result["converged"] and result["total_error"] is None
+    assert result["diagnostics"][0]["code"] == "not_converged"
+
+
+def forced_van_der_pol(omega):
+    return van_der_pol(0.5, omega=omega, excitation=[{"dof": "x", "k": 1, "cos": 1.5}])
+
+
+def test_past_its_neimark_sacker_point_the_motion_has_a_second_tone(tmp_path):
+    status, result = run("steady", forced_van_der_pol(1.5), tmp_path, "-o", "tones=1.5,free",
+                         "-o", "target.error=1e-8")
+    assert status == 0 and result["converged"] and result["total_error"] < 1e-7
+    t = np.linspace(0, 600, 3001)
+    start = [motion(result, np.zeros(1))[0], motion(result, np.zeros(1), 1)[0]]
+    marched = solve_ivp(lambda t, y: [y[1], 1.5 * math.cos(1.5 * t) + 0.5 * (1 - y[0] ** 2) * y[1]
+                                      - y[0]], (0, 600), start, "DOP853", t, rtol=1e-11, atol=1e-12)
+    # what the start is off shifts the phase of the second tone, and nothing brings that back
+    assert np.abs(marched.y[0] - motion(result, t)).max() <= 20 * result["total_error"]
+
+
+# The point itself is test_steady_references.py's, by shooting.
+def test_the_second_tone_begins_at_the_neimark_sacker_point(tmp_path):
+    omegas, square = [1.4121, 1.4127], []
+    for omega in omegas:
+        result = run("steady", forced_van_der_pol(omega), tmp_path, "-o", f"tones={omega},free")[1]
+        rows = result["harmonics"][0]
+        at = rows["k"].index([0, 1])
+        square.append(rows["re"][at] ** 2 + rows["im"][at] ** 2)
+    begins = omegas[0] - square[0] * (omegas[1] - omegas[0]) / (square[1] - square[0])
+    assert begins == pytest.approx(1.4117959625669958, abs=1e-5)
+    curve = {**forced_van_der_pol(1), "steady": {"harmonics": 31, "start": {
+        "x": {"k": [1], "re": [0], "im": [-2]}}}}
+    point, = run("steady", curve, tmp_path, "--continue", "omega=1.0:1.7")[1]["bifurcations"]
+    second, told = result["tones"][1], point["second_tone"]
+    assert min(abs(second - told), abs(point["omega"] - second - told)) < 1e-3
+
+
+def test_a_motion_locked_to_its_load_has_no_second_tone(tmp_path):
+    result = run("steady", forced_van_der_pol(1.2), tmp_path, "-o", "tones=1.2,free")[1]
+    assert not result["converged"] and "locked" in result["diagnostics"][0]["message"]
+
+
 @pytest.mark.parametrize("change,field", [
+    ({"steady": {"tones": ["free", "free"]}}, "steady.tones[1]"),
+    ({"steady": {"tones": [1, "own"]}}, "steady.tones[1]"),
+    ({"steady": {"tones": [1, "free"]},
+      "excitation": [{"dof": "x", "k": [0, 1], "cos": 1}]}, "excitation[0]"),
+    ({"steady": {"tones": [1, "free"]}, "excitation": []}, "tones"),
     ({"steady": {"tones": [1]}}, "steady.tones"),
     ({"steady": {"tones": [1, 2, 3, 4]}}, "steady.tones"),
     ({"steady": {"tones": [1, -2]}}, "steady.tones[1]"),

@@ -520,6 +520,9 @@ static enum modal_status advance_adaptive(struct nonlinear_stepper *s, double t,
                 err, MODAL_NO_CONVERGENCE,
                 "contacts or slips accumulate at t = %.9g s: %lld steps did not pass dt = %g s",
                 t + done, (long long)(s->face.steps + s->face.rejected - before), s->opt.dt);
+        if (s->opt.steps_most > 0 && s->face.steps + s->face.rejected > s->opt.steps_most)
+            return modal_fail(err, MODAL_TOO_LARGE, "simulate: more than %lld steps by t = %.9g s",
+                              (long long)s->opt.steps_most, t + done);
         if (s->blind)
             step = fmin(step, ldexp(s->opt.dt, -BLIND));
         rc = try_step(s, t + done, &step, y, &taken, err);

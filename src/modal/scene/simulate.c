@@ -51,6 +51,7 @@ static enum modal_status start(struct program *p, const struct scene_time *time,
     struct stepper_options how = { .dt = time->dt,
                                    .tolerance = opt->tolerance,
                                    .substeps = opt->substeps,
+                                   .steps_most = opt->steps_most,
                                    .cancelled = opt->cancelled,
                                    .context = opt->context };
     enum modal_status rc = statespace_new(p, &m->ss, err);

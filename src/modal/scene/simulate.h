@@ -12,6 +12,7 @@ struct simulate_options {
     /* classical Runge-Kutta steps dt / substeps in place of the class's own */
     bool rk4;
     int substeps;
+    int64_t steps_most;                        /* see stepper.h */
     bool (*cancelled)(void *context);          /* asked every few thousand samples; may be NULL */
     void (*progress)(void *context, double fraction);    /* may be NULL */
     void *context;

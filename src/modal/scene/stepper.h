@@ -2,6 +2,7 @@
 #ifndef MODAL_STEPPER_H
 #define MODAL_STEPPER_H
 #include <stdbool.h>
+#include <stdint.h>
 #include "modal/scene/sources.h"
 #include "modal/scene/statespace.h"
 
@@ -12,6 +13,8 @@ struct stepper_options {
     /* relative error of a step where it is not exact; 0: 1e-12 linear, 1e-10 nonlinear */
     double tolerance;
     int substeps;                /* of dt, by rk4; 0: 1 */
+    /* Nonlinear: more in all, rejected ones too, are MODAL_TOO_LARGE; 0: no limit. */
+    int64_t steps_most;
     bool (*cancelled)(void *context);   /* may be NULL */
     void *context;
     /* Nonlinear: every accepted step, from t over h to y, with its rigid sliders'

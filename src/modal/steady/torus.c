@@ -28,6 +28,13 @@ struct torus_tones torus_tones_of(const double *omega, int count)
     return t;
 }
 
+void torus_tones_move(struct torus_tones *t, int j, double omega)
+{
+    t->omega[j] = omega;
+    for (int i = 0; i < t->count; i++)
+        t->nu[i] = t->omega[i] / t->omega[t->lead];
+}
+
 double torus_frequency(const struct torus_tones *t, struct torus_index k)
 {
     double sum = 0;
@@ -120,6 +127,7 @@ void torus_grid_free(struct torus_grid *g)
     free(g);
 }
 
+void torus_grid_retune(struct torus_grid *g, const struct torus_tones *t) { g->tones = *t; }
 int torus_grid_samples(const struct torus_grid *g) { return g->N; }
 int torus_grid_lines(const struct torus_grid *g) { return g->lines; }
 

@@ -1,6 +1,6 @@
 /* torus.h - a motion of several tones: its combinations, and its samples on hyper-time
  *
- * With tones w_1 .. w_d, d = 2 or 3, of no common period, and combinations k = (k_1, .., k_d),
+ * With tones w_1 .. w_d, d = 1, 2 or 3, of no common period, and combinations k = (k_1, .., k_d),
  *
  *     x(t) = Re sum_k X_k e^{i Omega_k t},   Omega_k = k . w,   X_0 real,                       (1)
  *
@@ -32,6 +32,8 @@ struct torus_index { int k[TORUS_TONES_MOST]; };            /* 0 past the tones 
 
 /* COUNT tones at OMEGA, each > 0. */
 struct torus_tones torus_tones_of(const double *omega, int count);
+/* Tone J at OMEGA from now on; who leads stays. */
+void torus_tones_move(struct torus_tones *t, int j, double omega);
 /* Omega_k, rad/s. */
 double torus_frequency(const struct torus_tones *t, struct torus_index k);
 /* |k_1| + .. + |k_d|. */
@@ -49,6 +51,8 @@ enum modal_status torus_grid_new(const struct torus_tones *t, int N, const int *
                                  struct torus_grid **out, struct modal_error *err);
 /* NULL is accepted. */
 void torus_grid_free(struct torus_grid *g);
+/* G under T, tones moved since: of as many, led by the same. */
+void torus_grid_retune(struct torus_grid *g, const struct torus_tones *t);
 int torus_grid_samples(const struct torus_grid *g);         /* N */
 int torus_grid_lines(const struct torus_grid *g);           /* in all */
 /* phi_j of line LINE, 0 for the lead. */

@@ -15,6 +15,7 @@
 
 enum { CANDIDATES_LEAST = 24 };           /* two shells around the first set: below them an
                                            * estimate of the rest is none */
+static const double LAST = 0.125;         /* of the highest combinations that grids serve */
 static const double LOOKING = 2e8;        /* budget.h: what linear parts of a look may cost */
 static const double SLOW = 0.15;          /* chosen: slow combinations are looked at to orders
                                            * some seven times as high as fast ones */
@@ -134,15 +135,40 @@ static int look_at(const struct torus_solver *s, const struct torus_grid *g,
     return count;
 }
 
+/* The motion in the last part of what grids serve, past which nothing is looked at: what decays
+ * leaves out no more. */
+static double beyond(const struct torus_solver *s)
+{
+    double sum = 0;
+
+    for (int m = 0; m < s->count; m++) {
+        double most = 0;
+        bool last = false;
+
+        for (int j = 0; j < s->tones.count; j++)
+            last |= abs(s->index[m].k[j]) > (1 - LAST) * torus_highest(s, j);
+        for (int i = 0; last && i < s->q; i++)
+            most = fmax(most, cabs(s->X[(size_t)i * (size_t)s->count + (size_t)m]));
+        sum += most;
+    }
+    return sum;
+}
+
+/* What a motion X says of the free tone, in rad/s, taken out of it. */
+static double tone_error(const struct torus_solver *s, double complex *x)
+{
+    return s->tone.unit * s->tone.omega_kept * fabs(cimag(torus_tone_take(s, x)));
+}
+
 /*
  * The motion left out, by X, the set's and S^-1 of what F, the forces of the set's motion, make of
  * the others: *MOST of it and of its effect on the set, and *CHANGE, what it makes in turn of
- * itself.  D: room for two motions of the set.
+ * itself; its effect on the free tone is added to *TONE.  D: room for two motions of the set.
  */
 static enum modal_status truncation(struct torus_solver *s, struct torus_grid *fine, int all,
                                     const struct torus_index *look, double complex *X,
                                     const double complex *F, double complex *d, double *most,
-                                    double *change, struct modal_error *err)
+                                    double *change, double *tone, struct modal_error *err)
 {
     size_t K = (size_t)s->count, q = (size_t)s->q, n = q * K, A = (size_t)all;
     double complex *G = malloc((q * A + 1) * sizeof *G), *column = malloc((q + 1) * sizeof *column);
@@ -157,6 +183,7 @@ static enum modal_status truncation(struct torus_solver *s, struct torus_grid *f
         torus_precondition(s, d);
         rc = torus_newton_step(s, d, d + n, err);
     }
+    *tone += tone_error(s, d + n);
     for (size_t i = 0; rc == MODAL_OK && i < q; i++)
         for (size_t m = 0; m < K; m++)
             X[i * A + m] = d[n + i * K + m];
@@ -247,13 +274,17 @@ enum modal_status torus_estimate(struct torus_solver *s, struct torus_candidate 
         torus_precondition(s, d);
         rc = torus_newton_step(s, d, d + n, err);
     }
+    e->tone = tone_error(s, d + n);
     if (rc == MODAL_OK)
         rc = torus_largest(s, fine, s->count, s->index, d + n, &e->sampling, err);
     if (rc == MODAL_OK)
         rc = torus_largest(s, fine, s->count, s->index, s->X, amplitude, err);
     if (rc == MODAL_OK)
-        rc = truncation(s, fine, all, look, X, F, d, &e->truncation, &e->change, err);
+        rc = truncation(s, fine, all, look, X, F, d, &e->truncation, &e->change,
+                        &e->tone, err);
+    e->truncation += beyond(s);
     e->solver = s->step * *amplitude;
+    e->tone += s->tone.index < 0 ? 0 : s->step * s->tone.omega_kept;
     if (rc == MODAL_OK)
         qsort(list, (size_t)*count, sizeof *list, by_size);
     torus_grid_free(fine);

@@ -702,6 +702,7 @@ void torus_derivative(const struct torus_laws *w, struct torus_grid *g, int core
     }
 }
 
+void torus_laws_retune(struct torus_laws *w, const struct torus_tones *t) { w->tones = *t; }
 void torus_hold(struct torus_laws *w, bool held) { w->held = held; }
 long torus_evaluations(const struct torus_laws *w, int law) { return w->law[law].evaluations; }
 bool torus_acts(const struct torus_laws *w, int law) { return w->law[law].acts; }

@@ -27,6 +27,8 @@ enum modal_status torus_laws_new(const struct program *p, const struct torus_ton
                                  struct torus_laws **out, struct modal_error *err);
 /* NULL is accepted. */
 void torus_laws_free(struct torus_laws *w);
+/* W under T, tones moved since. */
+void torus_laws_retune(struct torus_laws *w, const struct torus_tones *t);
 
 /*
  * The forces of the motion X[i count + m] of combinations INDEX, on grid G, which is overwritten:

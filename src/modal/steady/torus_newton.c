@@ -20,7 +20,6 @@
 
 enum {
     KRYLOV_MOST = 40,          /* vectors of GMRES: past them the step is no Newton's */
-    CORE_MOST = 700,           /* unknowns of the dense derivative: 0.2 s a factorization */
     ITERATIONS_USUAL = 60,     /* as with one tone */
     HALVINGS_MOST = 8,         /* of a Newton step, or of a step of the loads' level */
     MARCH_TURNS = 200,         /* of the fastest tone, to settle and again to look: what is lighter
@@ -30,10 +29,24 @@ enum {
 static const double DIFFERENCE = 1e-6;    /* relative: between rounding and curvature */
 static const double FORCING = 0.03;       /* of a Newton step's own equation: a few more steps
                                            * for far fewer products */
+static const double MARCH_WORK = 1.2e9;   /* budget.h: of a march, less than half of all */
 static const double MARCH_TOLERANCE = 1e-4;   /* of a start */
 static const double FLOOR = 1e-8;         /* a relative step that no longer shrinks is the floor
                                            * of differences and located events */
+static const double FAR = 0.25;           /* of a free tone: further a step does not take it */
 static const double SHRINKS = 0.25;       /* of the step before: it still does */
+
+/* sum over all, as real numbers. */
+static double dot(size_t n, const double complex *a, const double complex *b)
+{
+    double sum = 0;
+
+    for (size_t i = 0; i < n; i++)
+        sum += creal(a[i]) * creal(b[i]) + cimag(a[i]) * cimag(b[i]);
+    return sum;
+}
+
+static double norm(size_t n, const double complex *a) { return sqrt(dot(n, a, a)); }
 
 static bool cancelled(const struct torus_solver *s)
 {
@@ -91,6 +104,62 @@ static double relative_residual(const struct torus_solver *s, const double compl
     return scale > 0 ? most / scale : 0;
 }
 
+/* What the balance at s->X, held memory, gains with the free tone's frequency and gain. */
+static enum modal_status slopes(struct torus_solver *s, struct modal_error *err)
+{
+    struct torus_tone *t = &s->tone;
+    size_t K = (size_t)s->count, n = (size_t)s->q * K;
+    double h = DIFFERENCE * t->omega_kept, size = norm(n, s->X);
+    double complex *F = malloc(2 * n * sizeof *F + 1), *y = F + n;
+    enum modal_status rc = MODAL_OK;
+
+    free(t->by_omega), free(t->by_gain);
+    t->by_omega = calloc(n + 1, sizeof *t->by_omega);
+    t->by_gain = calloc(n + 1, sizeof *t->by_gain);
+    if (F == NULL || t->by_omega == NULL || t->by_gain == NULL)
+        rc = modal_fail(err, MODAL_NO_MEMORY, "torus: no memory for a free tone");
+    t->unit = 1 / fmax(size, 1e-300);
+    torus_hold(s->laws, true);
+    for (int sign = -1; rc == MODAL_OK && sign <= 1; sign += 2) {
+        rc = torus_tone_move(s, t->omega_kept + sign * h, t->gain_kept, err);
+        if (rc == MODAL_OK)
+            rc = forces(s, s->X, F, err);
+        if (rc == MODAL_OK)
+            apply_linear(s, s->X, y);
+        for (size_t i = 0; rc == MODAL_OK && i < n; i++)
+            t->by_omega[i] += sign * t->omega_kept * t->unit / (2 * h) * (y[i] + F[i]);
+    }
+    torus_hold(s->laws, false);
+    if (rc == MODAL_OK)
+        rc = torus_tone_move(s, t->omega_kept, t->gain_kept, err);
+    for (size_t i = 0; rc == MODAL_OK && i < n; i++)
+        t->by_gain[i] = I * t->unit * s->index[i % K].k[t->index] * t->damping[i / K] * s->X[i];
+    free(F);
+    return rc;
+}
+
+/* The columns of the free tone's place in the dense derivative. */
+static void put_slopes(struct torus_solver *s, size_t n)
+{
+    const struct torus_tone *t = &s->tone;
+    size_t order = (size_t)s->q * n, K = (size_t)s->count;
+    double *im = s->J + ((size_t)t->lead * n + 2 * (size_t)t->at) * order, *re = im - order;
+
+    for (size_t i = 0; i < (size_t)s->q; i++)
+        for (size_t m = 0; m < (size_t)s->core; m++) {
+            size_t row = i * n + (m > 0 ? 2 * m - 1 : 0);
+
+            im[row] = creal(t->by_omega[i * K + m]);
+            if (m > 0)
+                im[row + 1] = cimag(t->by_omega[i * K + m]);
+            if (!t->held)
+                continue;
+            re[row] = creal(t->by_gain[i * K + m]);
+            if (m > 0)
+                re[row + 1] = cimag(t->by_gain[i * K + m]);
+        }
+}
+
 /* The preconditioner at the motion of the last forces: false where it is singular. */
 static enum modal_status precondition_new(struct torus_solver *s, bool *regular,
                                           struct modal_error *err)
@@ -98,7 +167,7 @@ static enum modal_status precondition_new(struct torus_solver *s, bool *regular,
     int core = s->count, n, order;
     size_t q = (size_t)s->q;
 
-    while (core > 1 && s->q * (2 * core - 1) > CORE_MOST)
+    while (core > 1 && s->q * (2 * core - 1) > TORUS_CORE_MOST)
         core--;
     n = 2 * core - 1, order = s->q * n;
     free(s->J), free(s->pivot);
@@ -122,6 +191,13 @@ static enum modal_status precondition_new(struct torus_solver *s, bool *regular,
                 }
             }
     torus_derivative(s->laws, s->grid, core, s->index, s->J);
+    if (s->tone.index >= 0) {
+        enum modal_status rc = slopes(s, err);
+
+        if (rc != MODAL_OK)
+            return rc;
+        put_slopes(s, (size_t)n);
+    }
     *regular = order > 0
         && LAPACKE_dgetrf_work(LAPACK_COL_MAJOR, order, order, s->J, order, s->pivot) == 0;
     budget_add(s->work, pow(order, 3) / (2 * BUDGET_DENSE));
@@ -160,37 +236,29 @@ void torus_precondition(const struct torus_solver *s, double complex *x)
     free(column);
 }
 
-/* sum over all, as real numbers. */
-static double dot(size_t n, const double complex *a, const double complex *b)
-{
-    double sum = 0;
-
-    for (size_t i = 0; i < n; i++)
-        sum += creal(a[i]) * creal(b[i]) + cimag(a[i]) * cimag(b[i]);
-    return sum;
-}
-
-static double norm(size_t n, const double complex *a) { return sqrt(dot(n, a, a)); }
-
-/* y = P^-1 J v at s->X, whose forces are s->F; SCRATCH: two vectors. */
+/* y = P^-1 J v at s->X, whose forces are s->F; SCRATCH: three vectors. */
 static enum modal_status apply(struct torus_solver *s, const double complex *v, double complex *y,
                                double complex *scratch, struct modal_error *err)
 {
     size_t n = (size_t)s->q * (size_t)s->count;
     double size = norm(n, s->X), e = DIFFERENCE * (size > 0 ? size : 1) / fmax(norm(n, v), 1e-300);
-    double complex *X = scratch, *F = scratch + n;
+    double complex *X = scratch, *F = scratch + n, *u = scratch + 2 * n, tone;
     enum modal_status rc;
 
+    memcpy(u, v, n * sizeof *u);
+    tone = torus_tone_take(s, u);
     for (size_t i = 0; i < n; i++)
-        X[i] = s->X[i] + e * v[i];
+        X[i] = s->X[i] + e * u[i];
     torus_hold(s->laws, true);
     rc = forces(s, X, F, err);
     torus_hold(s->laws, false);
     if (rc != MODAL_OK)
         return rc;
-    apply_linear(s, v, y);
+    apply_linear(s, u, y);
     for (size_t i = 0; i < n; i++)
         y[i] += (F[i] - s->F[i]) / e;
+    for (size_t i = 0; s->tone.index >= 0 && i < n; i++)
+        y[i] += creal(tone) * s->tone.by_gain[i] + cimag(tone) * s->tone.by_omega[i];
     torus_precondition(s, y);
     return MODAL_OK;
 }
@@ -200,7 +268,7 @@ enum modal_status torus_newton_step(struct torus_solver *s, const double complex
                                     double complex *x, struct modal_error *err)
 {
     size_t n = (size_t)s->q * (size_t)s->count;
-    double complex *V = malloc((KRYLOV_MOST + 3) * n * sizeof *V),
+    double complex *V = malloc((KRYLOV_MOST + 4) * n * sizeof *V),
                    *scratch = V + (KRYLOV_MOST + 1) * n;
     double H[KRYLOV_MOST + 1][KRYLOV_MOST], c[KRYLOV_MOST], r[KRYLOV_MOST], g[KRYLOV_MOST + 1];
     double size = norm(n, b);
@@ -252,6 +320,33 @@ enum modal_status torus_newton_step(struct torus_solver *s, const double complex
     return rc;
 }
 
+/* X = s->X + FACTOR STEP, the free tone moved along. */
+static enum modal_status try_step(struct torus_solver *s, const double complex *step, double factor,
+                                  double complex *X, struct modal_error *err)
+{
+    struct torus_tone *t = &s->tone;
+    size_t n = (size_t)s->q * (size_t)s->count;
+    double complex tone;
+
+    for (size_t j = 0; j < n; j++)
+        X[j] = factor * step[j];
+    tone = t->unit * torus_tone_take(s, X);
+    for (size_t j = 0; j < n; j++)
+        X[j] += s->X[j];
+    return t->index < 0 ? MODAL_OK
+                        : torus_tone_move(s, t->omega_kept * (1 + cimag(tone)),
+                                          t->gain_kept + creal(tone), err);
+}
+
+/* The most of STEP that leaves the free tone where its linear parts still say something. */
+static double longest(const struct torus_solver *s, const double complex *step)
+{
+    double moved = s->tone.index < 0
+                       ? 0 : s->tone.unit * fabs(cimag(step[torus_tone_place(s)]));
+
+    return moved > FAR ? FAR / moved : 1;
+}
+
 /* X = s->X + *FACTOR STEP, halved until the residual falls from SIZE; its forces F, *NOW: what is
  * left. */
 static enum modal_status damp(struct torus_solver *s, const double complex *step, double size,
@@ -260,14 +355,14 @@ static enum modal_status damp(struct torus_solver *s, const double complex *step
 {
     size_t n = (size_t)s->q * (size_t)s->count;
 
-    *factor = 1;
+    *factor = longest(s, step);
     for (int halving = 0; halving <= HALVINGS_MOST; halving++) {
         enum modal_status rc;
 
         *factor *= halving > 0 ? 0.5 : 1;
-        for (size_t j = 0; j < n; j++)
-            X[j] = s->X[j] + *factor * step[j];
-        rc = forces(s, X, F, err);
+        rc = try_step(s, step, *factor, X, err);
+        if (rc == MODAL_OK)
+            rc = forces(s, X, F, err);
         if (rc != MODAL_OK)
             return rc;
         residual_of(s, X, F);
@@ -285,11 +380,14 @@ static enum modal_status newton(struct torus_solver *s, bool *converged, struct 
     size_t n = (size_t)s->q * (size_t)s->count;
     int most = s->opt->max_iterations > 0 ? s->opt->max_iterations : ITERATIONS_USUAL;
     double tolerance = s->opt->tolerance > 0 ? s->opt->tolerance : 1e-10, last = HUGE_VAL;
+    double begun = 0;
     double complex *b = malloc(4 * n * sizeof *b + 1), *step = b + n, *X = b + 2 * n,
                    *F = b + 3 * n;
     enum modal_status rc = b == NULL ? modal_fail(err, MODAL_NO_MEMORY, "torus: no memory")
                                      : forces(s, s->X, s->F, err);
 
+    if (s->tone.index >= 0)
+        begun = cabs(s->X[torus_tone_place(s)]);
     *converged = false;
     s->reason = "Newton's method did not converge";
     for (int i = 0; rc == MODAL_OK && i < most && !*converged; i++) {
@@ -320,7 +418,9 @@ static enum modal_status newton(struct torus_solver *s, bool *converged, struct 
         if (now < size || s->step <= FLOOR) {
             memcpy(s->X, X, n * sizeof *X);
             memcpy(s->F, F, n * sizeof *F);
-        }
+            torus_tone_keep(s);
+        } else if (s->tone.index >= 0)
+            rc = torus_tone_move(s, s->tone.omega_kept, s->tone.gain_kept, err);
         /* A short step alone may be one that GMRES did not find: what is left must be little too.
          * */
         *converged = now <= FLOOR * norm(n, X)
@@ -329,6 +429,11 @@ static enum modal_status newton(struct torus_solver *s, bool *converged, struct 
         if (now >= size && !*converged)
             break;
         last = s->step;
+    }
+    if (rc == MODAL_OK && s->tone.index >= 0
+        && cabs(s->X[torus_tone_place(s)]) <= FLOOR * begun) {
+        *converged = false;
+        s->reason = "what was found is the motion without the free tone";
     }
     if (rc == MODAL_OK) {
         apply_linear(s, s->X, b);
@@ -339,20 +444,28 @@ static enum modal_status newton(struct torus_solver *s, bool *converged, struct 
     return rc;
 }
 
-/* The program's own motion from rest, once it has settled: of the kept dofs, sample by sample. */
-static enum modal_status record(struct torus_solver *s, struct scene_time *time, double *signals,
-                                struct modal_error *err)
+/* What a step of a march costs, in budget.h's units: of few states 100 us where
+ * each has a length of its own. */
+static double step_work(double states) { return 1e5 + 20 * states * states; }
+
+enum modal_status torus_record(struct torus_solver *s, struct scene_time *time, double *signals,
+                               struct modal_error *err)
 {
     struct program view = *s->p;
     const int *kept = condense_dofs(s->condense[0]);
     struct simulate_options how = { .tolerance = MARCH_TOLERANCE, .cancelled = s->opt->cancelled,
-                                    .context = s->opt->context };
-    struct simulate_result done;
+                                    .context = s->opt->context,
+                                    .steps_most = (int64_t)(MARCH_WORK
+                                                            / step_work(program_states(s->p))) };
+    struct simulate_result done = { 0 };
     struct triplet *term = calloc((size_t)s->q + 1, sizeof *term);
     enum modal_status rc;
 
     view.output = calloc((size_t)s->q + 1, sizeof *view.output);
     view.outputs = s->q;
+    view.omega = s->tones.omega[0];       /* what a load's k that is one number counts */
+    for (int j = 0; j < s->tones.count; j++)      /* a free one has no loads, but has a place */
+        view.tones[j] = s->tones.omega[j];
     if (term == NULL || view.output == NULL) {
         free(term), free(view.output);
         return modal_fail(err, MODAL_NO_MEMORY, "torus: no memory");
@@ -362,9 +475,51 @@ static enum modal_status record(struct torus_solver *s, struct scene_time *time,
         view.output[i] = (struct program_output) { view.dofs[kept[i]], &term[i], 1 };
     }
     rc = simulate(&view, time, &how, signals, &done, err);
-    budget_add(s->work, (double)done.steps * s->p->laws * BUDGET_SAMPLE);
+    budget_add(s->work, rc == MODAL_OK ? (double)done.steps * step_work(program_states(s->p))
+                                       : MARCH_WORK);
     free(term);
     free(view.output);
+    return rc;
+}
+
+enum modal_status torus_fit(const struct torus_tones *t, int count, const struct torus_index *index,
+                            const struct scene_time *time, int q, const double *signals,
+                            double complex *X, double *left, struct modal_error *err)
+{
+    int n = 2 * count - 1, rows = (int)time->samples;
+    double *A = malloc((size_t)rows * (size_t)n * sizeof *A + 1),
+           *b = malloc((size_t)rows * (size_t)q * sizeof *b + 1);
+    enum modal_status rc = A == NULL || b == NULL
+                               ? modal_fail(err, MODAL_NO_MEMORY, "torus: no memory for a record")
+                               : MODAL_OK;
+
+    *left = HUGE_VAL;
+    for (int m = 0; rc == MODAL_OK && m < count; m++)
+        for (int r = 0; r < rows; r++) {
+            double phase = torus_frequency(t, index[m]) * (time->start + r * time->dt);
+
+            A[r + (size_t)(m > 0 ? 2 * m - 1 : 0) * (size_t)rows] = cos(phase);
+            if (m > 0)
+                A[r + (size_t)(2 * m) * (size_t)rows] = -sin(phase);
+        }
+    for (int i = 0; rc == MODAL_OK && i < q; i++)
+        for (int r = 0; r < rows; r++)
+            b[r + (size_t)i * (size_t)rows] = signals[(size_t)r * (size_t)q + (size_t)i];
+    if (rc == MODAL_OK && n <= rows
+        && LAPACKE_dgels(LAPACK_COL_MAJOR, 'N', rows, n, q, A, rows, b, rows) == 0) {
+        *left = 0;
+        for (int i = 0; i < q; i++) {
+            const double *x = b + (size_t)i * (size_t)rows;
+
+            for (int m = 0; X != NULL && m < count; m++)
+                X[(size_t)i * (size_t)count + (size_t)m] =
+                    m > 0 ? CMPLX(x[2 * m - 1], x[2 * m]) : x[0];
+            for (int r = n; r < rows; r++)
+                *left += x[r] * x[r];
+        }
+        *left = sqrt(*left);
+    }
+    free(A), free(b);
     return rc;
 }
 
@@ -372,43 +527,23 @@ static enum modal_status record(struct torus_solver *s, struct scene_time *time,
  * knows of none.  A march that fails is none: X stays. */
 static enum modal_status march(struct torus_solver *s, struct modal_error *err)
 {
-    int n = 2 * s->count - 1, rows = MARCH_SAMPLES * MARCH_TURNS;
-    double dt = 2 * M_PI / s->tones.omega[s->tones.lead] / MARCH_SAMPLES;
+    int rows = MARCH_SAMPLES * MARCH_TURNS;
+    double dt = 2 * M_PI / s->tones.omega[s->tones.lead] / MARCH_SAMPLES, left;
     struct scene_time time = { .dt = dt, .start = rows * dt, .samples = rows,
                                .duration = (rows - 1) * dt };
-    double *signals = calloc((size_t)rows * (size_t)s->q + 1, sizeof *signals),
-           *A = malloc((size_t)rows * (size_t)n * sizeof *A),
-           *b = malloc((size_t)rows * (size_t)s->q * sizeof *b + 1);
+    double *signals = calloc((size_t)rows * (size_t)s->q + 1, sizeof *signals);
     struct modal_error own = { 0 };
-    enum modal_status rc = MODAL_OK;
+    enum modal_status rc = signals == NULL
+                               ? modal_fail(err, MODAL_NO_MEMORY, "torus: no memory for a record")
+                               : torus_record(s, &time, signals, &own);
 
-    if (signals == NULL || A == NULL || b == NULL)
-        rc = modal_fail(err, MODAL_NO_MEMORY, "torus: no memory for a record");
-    else if (record(s, &time, signals, &own) == MODAL_OK) {
-        for (int m = 0; m < s->count; m++)
-            for (int r = 0; r < rows; r++) {
-                double phase = torus_frequency(&s->tones, s->index[m]) * (time.start + r * dt);
-
-                A[r + (size_t)(m > 0 ? 2 * m - 1 : 0) * (size_t)rows] = cos(phase);
-                if (m > 0)
-                    A[r + (size_t)(2 * m) * (size_t)rows] = -sin(phase);
-            }
-        for (int i = 0; i < s->q; i++)
-            for (int r = 0; r < rows; r++)
-                b[r + (size_t)i * (size_t)rows] = signals[(size_t)r * (size_t)s->q + (size_t)i];
-        if (n <= rows && LAPACKE_dgels(LAPACK_COL_MAJOR, 'N', rows, n, s->q, A, rows, b, rows) == 0)
-            for (int i = 0; i < s->q; i++)
-                for (int m = 0; m < s->count; m++) {
-                    const double *x = b + (size_t)i * (size_t)rows;
-
-                    s->X[(size_t)i * (size_t)s->count + (size_t)m] =
-                        m > 0 ? CMPLX(x[2 * m - 1], x[2 * m]) : x[0];
-                }
-    } else if (own.status == MODAL_CANCELLED) {
+    if (rc == MODAL_OK)
+        rc = torus_fit(&s->tones, s->count, s->index, &time, s->q, signals, s->X, &left, err);
+    else if (own.status == MODAL_CANCELLED)
         *err = own;
-        rc = MODAL_CANCELLED;
-    }
-    free(signals), free(A), free(b);
+    else if (signals != NULL)
+        rc = MODAL_OK;
+    free(signals);
     return rc;
 }
 
@@ -421,6 +556,14 @@ enum modal_status torus_solve_set(struct torus_solver *s, bool *converged, struc
     enum modal_status rc = kept == NULL ? modal_fail(err, MODAL_NO_MEMORY, "torus: no memory")
                                         : newton(s, converged, err);
 
+    if (s->tone.index >= 0) {             /* other ways in may lead to the motion without it */
+        bool turned = false;
+
+        free(kept);
+        if (rc == MODAL_OK && *converged)
+            rc = torus_tone_told(s, &turned, err);
+        return rc == MODAL_OK && turned ? newton(s, converged, err) : rc;
+    }
     if (rc == MODAL_OK && !*converged)
         rc = march(s, err);
     if (rc == MODAL_OK && !*converged)

@@ -25,6 +25,10 @@ enum modal_status torus_read_loads(struct torus_solver *s, struct modal_error *e
                                     "%s: several tones accept only harmonics (k, cos, sin) on the "
                                     "structure's own axes",
                                     field);
+        if (s->tone.index >= 0 && k.k[s->tone.index] != 0)
+            return modal_fail_field(err, MODAL_BAD_INPUT, field,
+                                    "%s: tone %d is free, the motion's own; no load has it", field,
+                                    s->tone.index + 1);
         if (load->tones > s->tones.count)
             return modal_fail_field(err, MODAL_BAD_INPUT, field,
                                     "%s.k has %d numbers, tones %d; as many at most", field,
@@ -85,7 +89,7 @@ int torus_group(const struct torus_solver *s, struct torus_index k)
 
 double torus_base(const struct torus_solver *s, struct torus_index k)
 {
-    return torus_order(k) > 0 ? fmax(torus_frequency(&s->tones, k), 0)
+    return torus_order(k) > 0 ? fabs(torus_frequency(&s->tones, k))
                               : s->tones.omega[s->tones.lead];
 }
 
@@ -100,6 +104,21 @@ double torus_linear_work(const struct torus_solver *s)
     double q = s->q;
 
     return CONDENSING * s->p->n * (q + 1) + q * q * q;
+}
+
+/* S where Omega_k < 0, as a tone that moves may leave it, and the gain's share of it. */
+static void bend(const struct torus_solver *s, struct torus_index k, double complex *S)
+{
+    const struct torus_tone *t = &s->tone;
+    size_t q = (size_t)s->q;
+
+    if (t->index < 0)
+        return;
+    if (torus_frequency(&s->tones, k) < 0)              /* of a real system: S(-w) = conj S(w) */
+        for (size_t i = 0; i < q * q; i++)
+            S[i] = conj(S[i]);
+    for (size_t i = 0; t->held && i < q; i++)
+        S[i * q + i] += I * t->gain * k.k[t->index] * t->damping[i];
 }
 
 enum modal_status torus_linear_at(struct torus_solver *s, struct torus_index k,
@@ -123,6 +142,7 @@ enum modal_status torus_linear_at(struct torus_solver *s, struct torus_index k,
     if (rc == MODAL_OK) {
         memcpy(l->S, S + (at ? size : 0), size * sizeof *S);
         memcpy(l->p, p + (at ? q : 0), q * sizeof *p);
+        bend(s, k, l->S);
         memcpy(l->LU, l->S, size * sizeof *S);
         /* A singular S_k, an undamped resonance, is held by laws alone: its factors are not used.
          * */
@@ -190,8 +210,9 @@ enum modal_status torus_grow(struct torus_solver *s, const struct torus_index *m
 /* How many combinations have at most ORDER, k and -k told once. */
 static double count_of(const struct torus_solver *s, double order)
 {
-    double both = s->tones.count > 2 ? (2 * order + 1) * (2 * order * order + 2 * order + 3) / 3
-                                     : 2 * order * order + 2 * order + 1;
+    double both = s->tones.count > 2   ? (2 * order + 1) * (2 * order * order + 2 * order + 3) / 3
+                  : s->tones.count > 1 ? 2 * order * order + 2 * order + 1
+                                       : 2 * order + 1;
 
     return (both + 1) / 2;
 }
@@ -199,8 +220,9 @@ static double count_of(const struct torus_solver *s, double order)
 enum modal_status torus_grow_to_order(struct torus_solver *s, int order, struct modal_error *err)
 {
     double unknowns = s->q * (2 * (count_of(s, order) + s->groups) - 1);
-    int side = 2 * order + 1, third = s->tones.count > 2 ? side : 1, count = 0;
-    size_t room = (size_t)side * (size_t)side * (size_t)third + (size_t)s->groups;
+    int side = 2 * order + 1, count = 0;
+    int second = s->tones.count > 1 ? side : 1, third = s->tones.count > 2 ? side : 1;
+    size_t box = (size_t)side * (size_t)second * (size_t)third, room = box + (size_t)s->groups;
     struct torus_index *more;
     enum modal_status rc;
 
@@ -213,9 +235,10 @@ enum modal_status torus_grow_to_order(struct torus_solver *s, int order, struct 
     if (more == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "torus: no memory for %zu combinations", room);
     for (int total = 0; total <= order; total++)         /* by rising order: the core comes first */
-        for (size_t i = 0; i < (size_t)side * (size_t)side * (size_t)third; i++) {
+        for (size_t i = 0; i < box; i++) {
             struct torus_index k = { { (int)(i % (size_t)side) - order,
-                                       (int)(i / (size_t)side % (size_t)side) - order,
+                                       second > 1 ? (int)(i / (size_t)side % (size_t)side) - order
+                                                  : 0,
                                        third > 1 ? (int)(i / (size_t)side / (size_t)side) - order
                                                  : 0 } };
 
@@ -252,9 +275,10 @@ static int samples_of(const struct torus_solver *s, int k)
 
 int torus_highest(const struct torus_solver *s, int j)
 {
-    static const int most[][2] = { { 512, 256 }, { 64, 32 } };    /* samples of the lead, lines */
+    /* samples of the lead, lines */
+    static const int most[][2] = { { 16384, 1 }, { 512, 256 }, { 64, 32 } };
 
-    return (most[s->tones.count > 2][j != s->tones.lead] - 1) / (samples_of(s, 1) - 1);
+    return (most[s->tones.count - 1][j != s->tones.lead] - 1) / (samples_of(s, 1) - 1);
 }
 
 /* N and LINES of a grid for the set; how many samples that is. */

@@ -121,6 +121,7 @@ static enum modal_status solve_grown(struct torus_solver *s, struct torus_point 
         before = e.truncation;
         out->truncation = missed * e.truncation, out->sampling = e.sampling;
         out->solver = e.solver;
+        out->tone_error = missed * e.tone;
         out->error = out->truncation + e.sampling + e.solver;
         out->wanting = out->error > wanted;
         if (!out->wanting || s->opt->order > 0 || s->work->spent > GROWTH * s->work->most)
@@ -190,7 +191,44 @@ static void solver_done(struct torus_solver *s)
     torus_grid_free(s->grid);
     free(s->linear), free(s->index), free(s->X), free(s->F), free(s->R), free(s->J);
     free(s->pivot), free(s->was);
+    free(s->tone.damping), free(s->tone.by_omega), free(s->tone.by_gain);
     free(s);
+}
+
+/* The first set, or that of the order asked for, and with a free tone a motion on it; *BEGUN. */
+static enum modal_status begin(struct torus_solver *s, bool *begun, struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+
+    *begun = true;
+    if (s->tone.index >= 0 && s->q > 0)
+        rc = torus_begin(s, begun, err);
+    if (rc == MODAL_OK && (s->tone.index < 0 || s->opt->order > 0))
+        rc = torus_grow_to_order(s, s->q == 0           ? 0
+                                    : s->opt->order > 0 ? s->opt->order
+                                                        : FIRST_ORDER, err);
+    return rc;
+}
+
+static enum modal_status set_up(struct torus_solver *s, struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+
+    if (s->p->harmonics > 0)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "tones",
+                                "tones: the scene's matrices have a period of their own");
+    rc = torus_read_loads(s, err);
+    for (int g = 0; rc == MODAL_OK && g <= s->groups; g++)
+        rc = torus_new_group(s, g, err);
+    if (rc != MODAL_OK)
+        return rc;
+    s->q = condense_kept(s->condense[0]);
+    if (s->tone.index >= 0 && s->q == 0)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "tones",
+                                "tones: a free tone needs a law; a linear system has no motion "
+                                "that lasts by itself");
+    return torus_laws_new(s->p, &s->tones, condense_place(s->condense[0]), s->q, s->work, &s->laws,
+                          err);
 }
 
 enum modal_status torus_solve(const struct program *p, const double *omega, int count,
@@ -198,9 +236,14 @@ enum modal_status torus_solve(const struct program *p, const double *omega, int 
                               struct modal_error *err)
 {
     struct torus_solver *s = calloc(1, sizeof *s);
-    enum modal_status rc = MODAL_OK;
+    double tones[TORUS_TONES_MOST] = { 0 };
+    bool begun = false;
+    enum modal_status rc;
 
-    *out = (struct torus_point) { .tones = torus_tones_of(omega, count),
+    memcpy(tones, omega, (size_t)count * sizeof *omega);
+    if (opt->free > 0)                     /* slower than any other until it is known */
+        tones[opt->free - 1] = count > 1 ? 1e-3 * omega[opt->free > 1 ? 0 : 1] : 1;
+    *out = (struct torus_point) { .tones = torus_tones_of(tones, count),
                                   .work = { .most = WORK_MOST },
                                   .evaluations = calloc((size_t)p->laws + 1, sizeof(long)),
                                   .acts = calloc((size_t)p->laws + 1, sizeof(bool)),
@@ -211,27 +254,17 @@ enum modal_status torus_solve(const struct program *p, const double *omega, int 
         return modal_fail(err, MODAL_NO_MEMORY, "torus: no memory");
     }
     *s = (struct torus_solver) { .view = *p, .p = p, .opt = opt, .tones = out->tones,
-                                 .work = &out->work,
-                           .level = 1 };
-    if (p->harmonics > 0)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "tones",
-                              "tones: the scene's matrices have a period of their own");
+                                 .work = &out->work, .tone = { .index = opt->free - 1 },
+                                 .level = 1 };
+    rc = set_up(s, err);
     if (rc == MODAL_OK)
-        rc = torus_read_loads(s, err);
-    for (int g = 0; rc == MODAL_OK && g <= s->groups; g++)
-        rc = torus_new_group(s, g, err);
-    if (rc == MODAL_OK) {
-        s->q = condense_kept(s->condense[0]);
-        rc = torus_laws_new(p, &s->tones, condense_place(s->condense[0]), s->q, s->work, &s->laws,
-                            err);
-    }
-    if (rc == MODAL_OK)
-        rc = torus_grow_to_order(s, s->q == 0 ? 0 : opt->order > 0 ? opt->order : FIRST_ORDER, err);
+        rc = begin(s, &begun, err);
     if (rc == MODAL_OK && s->q == 0)
         out->converged = true;
-    else if (rc == MODAL_OK)
+    else if (rc == MODAL_OK && begun)
         rc = solve_grown(s, out, err);
     if (rc == MODAL_OK) {
+        out->tones = s->tones;
         count_laws(s, out);
         rc = report(s, out, err);
     }

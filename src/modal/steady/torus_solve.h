@@ -23,6 +23,7 @@ struct torus_options {
     double tolerance;         /* relative step of Newton's method; 0: 1e-10 */
     int max_iterations;       /* of one attempt; 0: 60 */
     double target_error;      /* relative to the largest motion; 0: 1e-6 */
+    int free;                 /* 1 + the tone whose frequency is the motion's own; 0: none */
     const int *dofs;          /* those reported, `dofs_count` of them */
     int dofs_count;
     bool (*cancelled)(void *context);
@@ -38,6 +39,7 @@ struct torus_point {
     double complex *X;        /* of the reported dofs, [i count + m], m */
     double residual;          /* relative to the largest force of (1) */
     double truncation, sampling, solver, error;   /* max over time and reported dofs, in m */
+    double tone_error;        /* of the free tone's frequency, rad/s */
     double amplitude;         /* max |x| over the kept dofs */
     struct budget work;
     int laws, samples;        /* samples: of one evaluation */
@@ -46,7 +48,8 @@ struct torus_point {
 };
 
 /*
- * The steady state of P under COUNT tones OMEGA, rad/s, its loads at their `tone`.  No convergence
+ * The steady state of P under COUNT tones OMEGA, rad/s, its loads at their `tone`.  OMEGA of a free
+ * one is not read.  No convergence
  * is an answer: MODAL_OK with OUT->converged false and a reason.  Fails with MODAL_BAD_INPUT for
  * what several tones do not take: periodic matrices, loads that are no harmonics, laws of
  * torus_laws.h; MODAL_TOO_LARGE, MODAL_NO_MEMORY, MODAL_CANCELLED.  torus_point_done frees.

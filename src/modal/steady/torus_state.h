@@ -1,14 +1,17 @@
-/* torus_state.h - what torus_set.c, torus_newton.c, torus_error.c and torus_solve.c share */
+/* torus_state.h - what torus_tone.c, torus_set.c, torus_newton.c, torus_begin.c, torus_error.c and
+ * torus_solve.c share */
 #ifndef MODAL_TORUS_STATE_H
 #define MODAL_TORUS_STATE_H
 #include "modal/scene/program.h"
 #include "modal/steady/torus_solve.h"
 
 struct condense;
+struct scene_time;
 struct torus_laws;
 
 enum {
     TORUS_UNKNOWNS_MOST = 6000,    /* what a few seconds solve for */
+    TORUS_CORE_MOST = 700,         /* of the dense derivative: 0.2 s a factorization */
     TORUS_POINTS_MOST = 1 << 21,   /* samples of one evaluation: of a finer grid than one solves
                                     * on */
     TORUS_FINER_MOST = 1,          /* doublings of lines: with torus_highest's, half of them */
@@ -22,12 +25,31 @@ struct torus_linear {                     /* (1) of torus_solve.h at one combina
     int group;                            /* of the loads, 0: none */
 };
 
+/*
+ * A tone of the motion's own.  Its phase is fixed by Im X = 0 at combination AT, the tone itself,
+ * of dof LEAD, and the frequency takes that place among the unknowns.  While HELD, Re X there is
+ * given too, and its place is a gain's: of i gain k_j damping[i] X, j the tone, added to (1) of
+ * torus_solve.h, which is what a damper of the tone alone does.
+ */
+struct torus_tone {
+    int index;                            /* which of the tones; -1: none is free */
+    int lead, at;
+    bool held;
+    double gain;                          /* with s->tones: of the motion tried */
+    double omega_kept, gain_kept;         /* at s->X */
+    double unit;                          /* 1 / |X|: a place's worth of gain, and of omega over
+                                           * itself */
+    double *damping;                      /* q */
+    double complex *by_omega, *by_gain;   /* [i count + m]: of the balance, times their units */
+};
+
 struct torus_solver {
     struct program view;                  /* the program with the loads of one combination */
     const struct program *p;
     const struct torus_options *opt;
     struct torus_tones tones;
     struct budget *work;
+    struct torus_tone tone;
     int groups;                           /* of loads, 1 ..; 0 has none */
     struct torus_index group[TORUS_LOADS_MOST + 1];
     struct condense *condense[TORUS_LOADS_MOST + 1];
@@ -51,7 +73,22 @@ struct torus_solver {
 struct torus_candidate { struct torus_index k; double size; double complex *X; };
 
 /* Of X, in m: left out, as torus_error.c has it; what that makes of itself; of samples. */
-struct torus_errors { double truncation, change, sampling, solver; };
+struct torus_errors { double truncation, change, sampling, solver, tone; };  /* tone: rad/s */
+
+/* ---- torus_tone.c ---- */
+
+/* The place among the set's motion that its frequency takes; a tone is free. */
+size_t torus_tone_place(const struct torus_solver *s);
+/* X without what is no motion there, which is returned: gain and frequency, in units. */
+double complex torus_tone_take(const struct torus_solver *s, double complex *x);
+/* The free tone at OMEGA, under GAIN: tones, laws, grid and linear parts. */
+enum modal_status torus_tone_move(struct torus_solver *s, double omega, double gain,
+                                  struct modal_error *err);
+/* What was tried last is where s->X is. */
+void torus_tone_keep(struct torus_solver *s);
+/* The set with the signs of torus.h's (1), which may have turned as the tone moved; *TURNED: some
+ * had. */
+enum modal_status torus_tone_told(struct torus_solver *s, bool *turned, struct modal_error *err);
 
 /* ---- torus_set.c ---- */
 
@@ -98,6 +135,22 @@ enum modal_status torus_newton_step(struct torus_solver *s, const double complex
 /* s->X that balances the set on s->grid: from where it is, from a march, along the loads' level;
  * *CONVERGED false: the best, with s->reason. */
 enum modal_status torus_solve_set(struct torus_solver *s, bool *converged, struct modal_error *err);
+
+/* The program's own motion from its initial state once START has passed, of the kept dofs, sample
+ * by sample. */
+enum modal_status torus_record(struct torus_solver *s, struct scene_time *time, double *signals,
+                               struct modal_error *err);
+/* X[i columns + c] of least squares, c of the set's combinations the mean, then Re and Im of each,
+ * over ROWS of a record; *LEFT: the root of what squares are left.  X NULL: *LEFT alone. */
+enum modal_status torus_fit(const struct torus_tones *t, int count, const struct torus_index *index,
+                            const struct scene_time *time, int q, const double *signals,
+                            double complex *X, double *left, struct modal_error *err);
+
+/* ---- torus_begin.c ---- */
+
+/* Of a free tone: its frequency, the first set and a motion near one that balances it; *BEGUN
+ * false: none was found, with s->reason. */
+enum modal_status torus_begin(struct torus_solver *s, bool *begun, struct modal_error *err);
 
 /* ---- torus_error.c ---- */
 

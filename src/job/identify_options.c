@@ -29,8 +29,8 @@ static const char *const window_words[] = { "auto", NULL };
 const struct key_row identify_option_rows[] = {
     { "response", KEY_CHOICE, AT(opt.response), .words = identify_response_names,
       .initial = "free",
-      .meaning = "what the record answers: nothing that lasts, or measured inputs",
-      .example = "forced" },
+      .meaning = "what the record answers: nothing that lasts, what nobody measured, or inputs",
+      .example = "ambient" },
     { "inputs", KEY_OWN, .form = "A,B",
       .meaning = "channels that hold the measured excitation, with response=forced",
       .example = "force" },

@@ -26,10 +26,20 @@ const struct result_code result_codes[] = {
       "use the exponent and the multiplier, which do not depend on it" },
     { "aliases", "identify", "one multiplier, or modes that differ by multiples of 1/period",
       "for constant coefficients give period=0" },
-    { "narrow_line", "identify", "a forced response that does not decay beyond its error",
+    { "narrow_line", "identify", "a motion that does not decay within the record or its error",
       "record longer, or leave it out by `band`: what turns, or the mains, looks so" },
     { "broad_poles", "identify", "modes of a forced response damped beyond 70 %: they show no peak",
       "tell whether they are the system's: a filter of the measuring chain looks so" },
+    { "too_few_cycles", "identify", "an ambient mode whose damping is known to 15 % or worse",
+      "record longer: the message says how long" },
+    { "coloured_excitation", "identify", "part of an ambient spectrum is no mode's: it has no peak",
+      "none is needed: it was fitted beside the modes" },
+    { "not_ambient", "identify", "an ambient record whose motion is over within a quarter of it",
+      "give response=free, or `window`" },
+    { "not_stationary", "identify", "eighths of an ambient record differ beyond chance",
+      "identify parts by `window`" },
+    { "channels_reduced", "identify", "an ambient record's channels were reduced to the strongest "
+      "signals", "name few channels by `signals` where a weak mode matters" },
     { "short_record", "identify", "a mode turns less often than its damping needs",
       "record longer" },
     { "unresolved_pair", "identify", "two modes less than a beat apart over the record",
@@ -59,8 +69,8 @@ const struct result_code result_codes[] = {
     { "changes_in_record", "identify", "not one system throughout",
       "identify each part by `window`" },
     { "not_free_decay", "identify", "the response is driven, or noise: no verdict and no "
-      "standard deviations", "window a part after the excitation has ended, or give "
-      "response=forced where it was measured" },
+      "standard deviations", "give response=ambient where nobody measured the excitation, "
+      "response=forced where it was measured, or window a part after its end" },
     { "harmonic_of_mode", "identify", "a multiple of another mode that decays as its power",
       "take it for a nonlinearity of that mode, not for a mode" },
     { "mains_line", "identify", "an undamped line at a multiple of 50 or 60 Hz",

@@ -304,13 +304,14 @@ static const struct result_key ladder_keys[] = {
 
 static const struct result_key identify_keys[] = {
     { "kind", RESULT_TEXT, .means = "identify" },
-    { "response", RESULT_TEXT, .means = "free or forced: what the record was taken to answer" },
+    { "response", RESULT_TEXT, 
+      .means = "free, ambient or forced: what the record was taken to answer" },
     { "modes", RESULT_OBJECT, .list = "one a conjugate pair, by falling amplitude",
       .members = mode_keys, .means = "frequencies and damping" },
     { "stability", RESULT_OBJECT, .members = verdict_keys, .means = "the verdict" },
     { "rank", RESULT_OBJECT, .members = rank_keys, .means = "how much of the data was used" },
     { "reconstruction", RESULT_OBJECT, .members = rebuilt_keys,
-      .means = "the signals rebuilt from the modes" },
+      .means = "the signals rebuilt from the modes; of an ambient record, their spectra" },
     { "frf", RESULT_OBJECT, .absent = "without frf=true", .members = frf_keys,
       .means = "frequency responses of the model" },
     { "offset", RESULT_NUMBER, .unit = "the channel's",

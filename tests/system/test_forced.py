@@ -166,7 +166,6 @@ def test_a_free_response_says_so_and_counts_no_cycles(ctl, tmp_path):
     (["response=forced", "inputs=force", "rank.fixed=3"], "rank.fixed", "two a pair"),
     (["response=forced", "inputs=force", "target.error=0.1"], "target.error", "says nothing of response=forced"),
     (["response=forced", "inputs=force", "window=auto"], "window", "accepted with response=forced: T0,T1"),
-    (["response=ambient"], "response", "free"),
 ])
 def test_what_cannot_be_asked_is_refused_with_what_can(ctl, tmp_path, options, field, words):
     more = [word for option in options for word in ("-o", option)]

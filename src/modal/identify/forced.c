@@ -35,7 +35,8 @@ static const double
     FEW_CYCLES = 2,
     NYQUIST = 0.95;
 
-const char *const identify_response_names[RESPONSE_COUNT + 1] = { "free", "forced", NULL };
+const char *const identify_response_names[RESPONSE_COUNT + 1] = { "free", "ambient", "forced",
+                                                                    NULL };
 
 struct work {
     struct identify_options opt;

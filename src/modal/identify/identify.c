@@ -19,6 +19,7 @@
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/identify/ambient.h"
 #include "modal/identify/diagnose.h"
 #include "modal/identify/exponents.h"
 #include "modal/identify/fold.h"
@@ -1738,8 +1739,9 @@ enum modal_status modal_identify(const struct batch *batch, const struct identif
     enum modal_status rc;
 
     memset(out, 0, sizeof *out);
-    if (w.opt.response == RESPONSE_FORCED) {
-        rc = forced_identify(batch, &w.opt, out, err);
+    if (w.opt.response != RESPONSE_FREE) {
+        rc = w.opt.response == RESPONSE_FORCED ? forced_identify(batch, &w.opt, out, err)
+                                               : ambient_identify(batch, &w.opt, out, err);
         goto out;
     }
     w.refine = w.opt.refine == CHOICE_YES

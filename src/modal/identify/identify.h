@@ -45,8 +45,9 @@ extern const char *const identify_detrend_names[DETREND_COUNT + 1];
 enum identify_scale { SCALE_RMS, SCALE_COMMON, SCALE_COUNT };
 extern const char *const identify_scale_names[SCALE_COUNT + 1];
 
-/* What the record answers: an excitation that is over, or one that was measured. */
-enum identify_response { RESPONSE_FREE, RESPONSE_FORCED, RESPONSE_COUNT };
+/* What the record answers: an excitation that is over, one that nobody measured and that lasts, or
+ * one that was measured. */
+enum identify_response { RESPONSE_FREE, RESPONSE_AMBIENT, RESPONSE_FORCED, RESPONSE_COUNT };
 extern const char *const identify_response_names[RESPONSE_COUNT + 1];
 
 enum {

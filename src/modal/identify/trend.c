@@ -432,9 +432,9 @@ static bool is_driven(const struct window *w, int n, double left, struct identif
     result->driven = true;
     identify_diagnose(result, "not_free_decay", -1, "only %d of %d windows are rebuilt by decaying "
                       "modes to %g %%: the response is driven, or noise, of which there are no "
-                      "standard errors and no verdict; window a part after "
-                      "the excitation has ended, or, where it was measured, give response=forced "
-                      "and its channels as inputs", well, n, 100 * WELL);
+                      "standard errors and no verdict; give response=ambient where nobody measured "
+                      "the excitation, response=forced and its channels as inputs where it was "
+                      "measured, or window a part after it has ended", well, n, 100 * WELL);
     return true;
 }
 

@@ -1,0 +1,30 @@
+/* ambient.h - modes of a constant system from its answer to broad-band excitation that nobody
+ * measured */
+#ifndef MODAL_AMBIENT_H
+#define MODAL_AMBIENT_H
+#include "modal/identify/identify.h"
+
+/*
+ * As modal_identify() with response RESPONSE_AMBIENT: the record is reduced (pod.h) and taken to
+ * its spectra (spectrum.h), subspaces propose models of every order (subspace.h), of which as many
+ * pairs as pay are taken (ambient_order.h) and fitted by likelihood (whittle.h).  Of the options
+ * window, band, detrend, scale, signals, pod, shapes, rank.fixed, rank.most and threads serve; any
+ * other that was set is MODAL_BAD_INPUT, and so is a period.
+ *
+ * Of a mode, amplitude is the rms of its part of the response; residual and persistence are not
+ * known; *out's reconstruction is that of the spectra.  Diagnostics, beside near_nyquist, no_modes,
+ * zero_channel and order_work_limit:
+ *
+ *   not_ambient          nearly all energy lies in a small part of the record: a free decay, or a
+ *                        hit; neither errors nor a verdict are given
+ *   too_few_cycles       a mode's damping is known to no better than ENOUGH; how many are enough
+ *   narrow_line          a mode no wider than a line of the record: no errors, no verdict by it
+ *   mains_line           one at a multiple of the mains' frequency: fitted, and no mode
+ *   coloured_excitation  poles without a peak of their own: the excitation's, no modes
+ *   channels_reduced     more channels than are fitted; the share of the energy that is left out
+ *   not_stationary       eighths of the record differ by more than chance
+ *   not_converged        neither errors nor a verdict
+ */
+enum modal_status ambient_identify(const struct batch *batch, const struct identify_options *opt,
+                                   struct identify_result *out, struct modal_error *err);
+#endif

@@ -1,0 +1,151 @@
+"""identify -o response=ambient: systems under noise that nobody measured, simulated exactly, against the bound of the Whittle
+likelihood (both by tests/bench/bench_ambient.py, in numpy); what it says of records that are none; what it refuses.
+"""
+import pathlib
+import sys
+
+import numpy as np
+import pytest
+
+from conftest import decay, write_batch
+
+pytest.importorskip("scipy.signal")
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "bench"))
+import bench_ambient
+
+DT = 0.02
+AMBIENT = ("-o", "response=ambient")
+
+
+def system(seed, hertz=(2.0, 2.06, 5.5), zeta=(0.012, 0.015, 0.02), channels=3, noise=0.05):
+    rng, w, zeta = np.random.default_rng(seed), 2 * np.pi * np.array(hertz), np.array(zeta)
+    drive = rng.standard_normal((len(w), len(w))) / 1j
+    return bench_ambient.System(w * (-zeta + 1j * np.sqrt(1 - zeta ** 2)), rng.standard_normal((channels, len(w))), drive, DT, noise)
+
+
+def record(seed, samples=20000, **more):
+    return system(seed, **more).samples(samples, np.random.default_rng(seed + 1000))
+
+
+def identify(ctl, path, Y, *options):
+    return ctl("identify", write_batch(path, Y, dt=DT), *AMBIENT, *options)
+
+
+def codes(document):
+    return [d["code"] for d in document["diagnostics"]]
+
+
+def test_frequency_and_damping_are_at_the_bound_with_errors_that_cover_and_the_order_is_found(ctl, tmp_path):
+    """Of 24 records with 6 values each the mean square over the bound has a standard deviation of 0.12, what 1.96 standard
+    errors cover one of 0.02.
+    """
+    rows = []
+    for seed in range(24):
+        s = system(seed)
+        said = identify(ctl, tmp_path / "a.h5", s.samples(20000, np.random.default_rng(seed + 1000))).document
+        assert said["response"] == "ambient" and len(said["modes"]) == 3, seed
+        assert said["stability"]["stable"] is not False
+        rows += bench_ambient.compare(s, 20000, said)
+    rows = np.array(rows)
+    assert 0.6 < np.mean(rows[:, 1:3] ** 2) < 1.45 and np.mean(np.abs(rows[:, 3:5]) < 1.96) > 0.88
+    assert 0.9 < np.mean(rows[:, 5:7]) < 1.2
+
+
+def test_amplitudes_are_the_rms_of_each_part_and_shapes_its_own(ctl, tmp_path):
+    """A mode alone: all of the motion but 1 % is its own, and of that the rms over channels of unit rms is 1."""
+    s = system(5, hertz=(3.0,), zeta=(0.02,), noise=0.01)
+    mode, = identify(ctl, tmp_path / "a.h5", s.samples(20000, np.random.default_rng(6)), "-o", "shapes=true").document["modes"]
+    shape = np.array(mode["shape"]) @ [1, 1j]
+    assert mode["amplitude"] == pytest.approx(1, abs=0.02)
+    assert mode["cycles"] == pytest.approx(mode["frequency_hz"] * 20000 * DT)
+    assert np.allclose(shape / shape[0], s.Phi[:, 0] / s.Phi[0, 0], rtol=0.02)
+    for key in ("frequency_hz", "damping_ratio"):
+        assert mode["bound_at_2x"][key] == pytest.approx(mode["std"][key] / np.sqrt(2))
+
+
+@pytest.mark.parametrize("factor", [1e-8, 1e8, (1e-8, 1, 1e8)])
+def test_units_change_nothing(ctl, tmp_path, factor):
+    Y = record(7)
+    plain, other = (identify(ctl, tmp_path / "a.h5", y).document["modes"] for y in (Y, Y * factor))
+    assert len(plain) == len(other) == 3
+    for a in plain:
+        b = min(other, key=lambda m: abs(m["frequency_hz"] - a["frequency_hz"]))
+        assert abs(a["frequency_hz"] - b["frequency_hz"]) < a["std"]["frequency_hz"]
+        assert abs(a["damping_ratio"] - b["damping_ratio"]) < a["std"]["damping_ratio"]
+
+
+def test_channels_that_say_nothing_new_change_nothing(ctl, tmp_path):
+    Y = record(8)
+    plain = [m["frequency_hz"] for m in identify(ctl, tmp_path / "a.h5", Y).document["modes"]]
+    more = np.column_stack([Y, Y[:, 0], Y[:, 1] + Y[:, 2], np.full(len(Y), 5.0)])
+    said = identify(ctl, tmp_path / "a.h5", more).document
+    assert np.allclose(sorted(plain), sorted(m["frequency_hz"] for m in said["modes"]), rtol=1e-3)
+    assert [(d["code"], d["channel"]) for d in said["diagnostics"] if d["channel"] is not None] == [("zero_channel", 5)]
+
+
+def test_a_band_leaves_the_others_out(ctl, tmp_path):
+    Y = record(9, hertz=(1.0, 4.0, 9.0))
+    mode, = identify(ctl, tmp_path / "a.h5", Y, "-o", "band=2.5,6.5").document["modes"]
+    assert abs(mode["frequency_hz"] - 4.0) < 4 * mode["std"]["frequency_hz"]
+    assert abs(mode["damping_ratio"] - 0.015) < 4 * mode["std"]["damping_ratio"]
+
+
+def test_white_noise_has_no_modes(ctl, tmp_path):
+    for channels in (1, 4, 12):
+        said = identify(ctl, tmp_path / "a.h5", np.random.default_rng(channels).standard_normal((8000, channels))).document
+        assert said["modes"] == [] and said["stability"]["stable"] is None and codes(said) == ["no_modes"]
+
+
+def test_coloured_excitation_is_said_and_is_no_mode(ctl, tmp_path):
+    """Beside the modes a motion that never swings, as turbulence has it: three exponents of -2 rad/s."""
+    rng, Y = np.random.default_rng(11), record(10, hertz=(2.0, 5.5), zeta=(0.015, 0.02))
+    slow = np.zeros_like(Y)
+    for k in range(1, len(Y)):
+        slow[k] = slow[k - 1] * np.exp(-2 * DT) + rng.standard_normal(Y.shape[1])
+    said = identify(ctl, tmp_path / "a.h5", Y + slow / slow.std(0) * Y.std(0)).document
+    assert "coloured_excitation" in codes(said)
+    hertz = sorted(m["frequency_hz"] for m in said["modes"])
+    assert len(hertz) == 2 and np.allclose(hertz, [2.0, 5.5], rtol=0.01)
+
+
+def test_a_free_decay_is_told_from_an_ambient_record(ctl, tmp_path):
+    said = ctl("identify", write_batch(tmp_path / "a.h5", decay(2000, modes=((2.3, 0.02, 1.0),))), *AMBIENT).document
+    assert "not_ambient" in codes(said) and said["stability"]["stable"] is None
+    assert all(m["std"]["frequency_hz"] is None for m in said["modes"])
+
+
+def test_an_ambient_record_taken_for_free_is_flagged_and_says_what_to_give(ctl, tmp_path):
+    said = ctl("identify", write_batch(tmp_path / "a.h5", record(0, 3000), dt=DT)).document
+    advice, = [d["message"] for d in said["diagnostics"] if d["code"] == "not_free_decay"]
+    assert "response=ambient" in advice and said["stability"]["stable"] is None
+    assert all(m["std"]["damping_ratio"] is None for m in said["modes"])
+
+
+def test_few_cycles_are_said_with_how_many_are_enough(ctl, tmp_path):
+    said = identify(ctl, tmp_path / "a.h5", record(12, 3000, hertz=(2.0, 5.5), zeta=(0.01, 0.02))).document
+    assert "too_few_cycles" in codes(said)
+
+
+def test_a_change_of_level_is_said(ctl, tmp_path):
+    Y = record(13)
+    Y[10000:] *= 4
+    assert "not_stationary" in codes(identify(ctl, tmp_path / "a.h5", Y).document)
+    assert "not_stationary" not in codes(identify(ctl, tmp_path / "a.h5", record(13)).document)
+
+
+@pytest.mark.parametrize("options, field, words", [
+    (["window=auto"], "window", "accepted with response=ambient: T0,T1"),
+    (["period=0.5"], "period", "accepted: period=0"),
+    (["rank.fixed=3"], "rank.fixed", "two a pair"),
+    (["rank.fixed=1000"], "rank.fixed", "two a pair"),
+    (["pod.rank=40"], "pod.rank", "1 to 12"),
+    (["method=partial-floquet"], "method", "says nothing of response=ambient"),
+    (["difference=true"], "difference", "says nothing of response=ambient"),
+    (["target.error=0.1"], "target.error", "says nothing of response=ambient"),
+    (["inputs=0"], "inputs", "accepted with response=forced"),
+    (["band=0,0.3"], "band", "lines of the spectrum"),
+    (["window=0,2"], "signals", "at least"),
+])
+def test_what_cannot_be_asked_is_refused_with_what_can(ctl, tmp_path, options, field, words):
+    said = identify(ctl, tmp_path / "a.h5", record(0, 3000), *(word for option in options for word in ("-o", option)))
+    assert said.status == 2 and said.document["error"]["field"] == field and words in said.document["error"]["message"]

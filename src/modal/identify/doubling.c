@@ -25,6 +25,9 @@
  * C = cos bN, S = sin bN.  Rows that are left over, fewer than B, are joined to the last triangle
  * as they are, by T2 of rows of the first block.
  *
+ * Where blocks of a record are known by their Q^T (compressed.h) the first one is Q^T Phi, and so
+ * are the data: far fewer rows, zeros below them where they are fewer than columns.
+ *
  * Against L (columns + S)^2 multiplications this takes 2 L S columns (1 + columns / B).
  */
 #include "modal/identify/doubling.h"
@@ -45,6 +48,9 @@ struct doubling {
     int L, n, block, levels, left;      /* L = (block << levels) + left */
     int panel;                          /* columns of a block reflector */
     bool small;                         /* by reflect.h; T of a level is tau then */
+    const struct compressed *blocks;    /* borrowed: Q^T of all blocks, for themselves; or NULL */
+    int rows;                           /* that a block has: `block`, or those of Q^T and zeros */
+    double *table;                      /* block x n: the first block where that is not level[0] */
     struct level
         level[LEVELS_MOST + 2]; /* the first block, `levels` doublings, the rows left over */
     double *head;                       /* left x n: the first rows of the basis */
@@ -73,54 +79,61 @@ static int levels_of(int L, int n)
     return levels;
 }
 
-/* Multiplications of S columns, and of the factors. */
-static double cost_of(int L, int n, int S)
+/* Multiplications of S columns of 2^levels blocks of B rows, and of the factors. */
+static double cost_of(int levels, double B, int n, int S)
 {
-    int levels = levels_of(L, n);
-    double B = L >> levels, leaf = (B + B) * n * n + levels * 4.0 * n * n * n;
+    double leaf = (B + B) * n * n + levels * 4.0 * n * n * n;
 
-    return leaf + 2.0 * L * S * n * (1 + 2.0 * n / B);
+    return leaf + 2.0 * ldexp(B, levels) * S * n * (1 + 2.0 * n / B);
 }
 
 bool doubling_pays(int L, int n, int S)
 {
-    return n > 0 && levels_of(L, n) > 0 && cost_of(L, n, S) < (double)L * (n + S) * (n + S);
+    int levels = levels_of(L, n);
+
+    return n > 0 && levels > 0
+        && cost_of(levels, L >> levels, n, S) < (double)L * (n + S) * (n + S);
 }
 
 double doubling_cost(const struct doubling *d, int S)
 {
-    return cost_of(d->L, d->n, S);
+    return cost_of(d->levels, d->rows, d->n, S);
 }
 
-struct doubling *doubling_new(int L, int n, int most)
+struct doubling *doubling_new(int L, int n, int most, const struct compressed *blocks)
 {
     struct doubling *d = calloc(1, sizeof *d);
-    size_t N = (size_t)n, rows, size;
+    size_t N = (size_t)n, rows, size, table, data;
     double *x;
 
     if (d == NULL)
         return NULL;
-    d->L = L, d->n = n, d->most = most, d->levels = levels_of(L, n);
+    d->L = L, d->n = n, d->most = most, d->blocks = blocks;
+    d->levels = blocks != NULL ? blocks->levels : levels_of(L, n);
     d->block = L >> d->levels, d->left = L - (d->block << d->levels);
+    d->rows = blocks == NULL ? d->block : blocks->rows > n ? blocks->rows : n;
     d->small = n <= REFLECT_SMALL;
     d->panel = d->small || n < PANEL ? n : PANEL;
-    rows = (size_t)d->block + N * (size_t)d->levels + (size_t)d->left;
+    rows = (size_t)d->rows + N * (size_t)d->levels + (size_t)d->left;
+    table = blocks != NULL ? (size_t)d->block * N : 0;
+    data = (((size_t)d->rows << d->levels) + (size_t)d->left + N) * (size_t)most;
     size = rows * N + (size_t)(d->levels + 2) * (size_t)d->panel * N + (size_t)d->left * N + N * N
-         + (size_t)(L + n) * (size_t)most + (size_t)d->panel * (((size_t)most << d->levels) + N);
+         + table + data + (size_t)d->panel * (((size_t)most << d->levels) + N);
     d->store = x = malloc(size * sizeof *x);
     if (x == NULL) {
         free(d);
         return NULL;
     }
     for (int i = 0; i < d->levels + 2; i++) {
-        d->level[i].m = i == 0 ? d->block : i <= d->levels ? n : d->left;
+        d->level[i].m = i == 0 ? d->rows : i <= d->levels ? n : d->left;
         d->level[i].flat = i > 0 && i <= d->levels ? n - 1 : 0;
         d->level[i].V = x, x += (size_t)d->level[i].m * N;
         d->level[i].T = x, x += (size_t)d->panel * N;
     }
     d->head = x, x += (size_t)d->left * N;
     d->R = x, x += N * N;
-    d->data = x, x += (size_t)(L + n) * (size_t)most;
+    d->table = blocks != NULL ? x : d->level[0].V, x += table;
+    d->data = x, x += data;
     d->reflect = x;
     return d;
 }
@@ -183,7 +196,7 @@ static void fill_pole(const struct doubling *d, enum pole_kind kind, double a, d
 static void fill_block(struct doubling *d, const struct doubling_poles *p)
 {
     int B = d->block;
-    double *V = d->level[0].V;
+    double *V = d->table;
 
     for (int j = 0; j < p->count; j++) {
         double *x = V + (size_t)p->column[j] * (size_t)B, centre = centre_of(p->a[j], B);
@@ -196,6 +209,11 @@ static void fill_block(struct doubling *d, const struct doubling_poles *p)
     for (int j = 0; j < d->n; j++)
         memcpy(d->head + (size_t)j * (size_t)d->left, V + (size_t)j * (size_t)B,
                (size_t)d->left * sizeof *V);
+    if (d->blocks == NULL)
+        return;
+    memset(d->level[0].V, 0, (size_t)d->rows * (size_t)d->n * sizeof *V);
+    cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, d->blocks->rows, d->n, B, 1,
+                d->blocks->Q, B, V, B, 0, d->level[0].V, d->rows);
 }
 
 /* (2) of one pole: y (m rows) = x T, for a shift of D's centre by `off`. */
@@ -340,37 +358,59 @@ static void drop_rest(struct doubling *d, int m, int S, int each, double *rest2)
 
 /* The rows left over below the coefficients of those before, last column first: the columns grow.
  * */
-static void join_left(struct doubling *d, const double *Y, int ld, int S)
+static void join_left(struct doubling *d, const struct matrix *Y, int first, int S)
 {
     int n = d->n, m = n + d->left;
 
     for (int c = S - 1; c >= 0; c--) {
         memmove(d->data + (size_t)c * (size_t)m, d->data + (size_t)c * (size_t)n,
-                (size_t)n * sizeof *Y);
-        memcpy(d->data + (size_t)c * (size_t)m + n, Y + (size_t)c * (size_t)ld + (d->L - d->left),
-               (size_t)d->left * sizeof *Y);
+                (size_t)n * sizeof *Y->x);
+        memcpy(d->data + (size_t)c * (size_t)m + n,
+               Y->x + (size_t)(first + c) * (size_t)Y->ld + (d->L - d->left),
+               (size_t)d->left * sizeof *Y->x);
     }
 }
 
-static enum modal_status project_some(struct doubling *d, const double *Y, int ld, int S, double *Z,
-                                      double *rest2, struct modal_error *err)
+/* The blocks of columns FIRST, .. into d->data; rest2 begins with what they have no rows of. */
+static void load_blocks(struct doubling *d, const struct matrix *Y, int first, int S,
+                        double *rest2)
 {
-    int rows = d->L - d->left;
-    enum modal_status rc;
+    const struct compressed *b = d->blocks;
+    size_t rows = (size_t)d->rows, all = rows << d->levels, own;
 
     memset(rest2, 0, (size_t)S * sizeof *rest2);
-    for (int c = 0; c < S; c++)
-        memcpy(d->data + (size_t)c * (size_t)rows, Y + (size_t)c * (size_t)ld,
-               (size_t)rows * sizeof *Y);
+    for (int c = 0; c < S && b == NULL; c++)
+        memcpy(d->data + (size_t)c * all, Y->x + (size_t)(first + c) * (size_t)Y->ld,
+               all * sizeof *Y->x);
+    if (b == NULL)
+        return;
+    own = (size_t)b->rows;
+    for (int c = 0; c < S; c++) {
+        const double *from = b->data + (size_t)(first + c) * (own << d->levels);
+        double *to = d->data + (size_t)c * all;
+        for (int t = 0; t < 1 << d->levels; t++, from += own, to += rows) {
+            memcpy(to, from, own * sizeof *to);
+            memset(to + own, 0, (rows - own) * sizeof *to);
+        }
+        rest2[c] = b->rest[first + c];
+    }
+}
+
+static enum modal_status project_some(struct doubling *d, const struct matrix *Y, int first, int S,
+                                      double *Z, double *rest2, struct modal_error *err)
+{
+    enum modal_status rc;
+
+    load_blocks(d, Y, first, S, rest2);
     rc = apply_block(d, S << d->levels, err);
-    drop_rest(d, d->block, S, 1 << d->levels, rest2);
+    drop_rest(d, d->rows, S, 1 << d->levels, rest2);
     for (int i = 1; i <= d->levels && rc == MODAL_OK; i++) {
         int each = 1 << (d->levels - i);
         rc = apply_level(d, &d->level[i], S * each, err);
         drop_rest(d, 2 * d->n, S, each, rest2);
     }
     if (rc == MODAL_OK && d->left > 0) {
-        join_left(d, Y, ld, S);
+        join_left(d, Y, first, S);
         rc = apply_level(d, &d->level[d->levels + 1], S, err);
         drop_rest(d, d->n + d->left, S, 1, rest2);
     }
@@ -378,13 +418,13 @@ static enum modal_status project_some(struct doubling *d, const double *Y, int l
     return rc;
 }
 
-enum modal_status doubling_project(struct doubling *d, const double *Y, int ld, int S, double *Z,
-                                   double *rest2, struct modal_error *err)
+enum modal_status doubling_project(struct doubling *d, const struct matrix *Y, int first, int S,
+                                   double *Z, double *rest2, struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
 
     for (int c = 0; c < S && rc == MODAL_OK; c += d->most)
-        rc = project_some(d, Y + (size_t)c * (size_t)ld, ld, S - c < d->most ? S - c : d->most,
+        rc = project_some(d, Y, first + c, S - c < d->most ? S - c : d->most,
                           Z + (size_t)c * (size_t)d->n, rest2 + c, err);
     return rc;
 }

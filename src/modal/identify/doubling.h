@@ -4,25 +4,17 @@
 #define MODAL_DOUBLING_H
 #include <stdbool.h>
 #include "base/error.h"
-#include "modal/identify/exponents.h"
-
-/* COUNT poles per step: a = Re lambda tau, b = Im lambda tau; their first columns in Phi, of ORDER
- * columns. */
-struct doubling_poles {
-    int count, order;
-    const enum pole_kind *kind;
-    const int *column;
-    const double *a, *b;
-};
+#include "modal/identify/compressed.h"
+#include "modal/identify/powers.h"
 
 struct doubling;
 
 /* Is it cheaper than the QR of all rows at once, for S columns of data? */
 bool doubling_pays(int L, int columns, int S);
 
-/* For L rows of a basis of `columns` columns and up to `most` columns of data at a time.  NULL: no
- * memory. */
-struct doubling *doubling_new(int L, int columns, int most);
+/* For L rows of a basis of `columns` columns and up to `most` columns of data at a time, which come
+ * from BLOCKS, borrowed, and tell of poles that it holds; NULL: as they are.  NULL: no memory. */
+struct doubling *doubling_new(int L, int columns, int most, const struct compressed *blocks);
 void doubling_free(struct doubling *d);
 
 /* Multiplications of one factorisation and the projection of S columns, about. */
@@ -37,9 +29,9 @@ enum modal_status doubling_factor(struct doubling *d, const struct doubling_pole
                                   struct modal_error *err);
 
 /*
- * Of S columns of Y (leading dimension ld), by the last factors: Z = Q^T Y, columns x S, and rest2,
+ * Of columns FIRST, .. of Y, S of them, by the last factors: Z = Q^T Y, columns x S, and rest2,
  * per column the square of what Y - Q Z leaves, summed without cancellation.
  */
-enum modal_status doubling_project(struct doubling *d, const double *Y, int ld, int S, double *Z,
-                                   double *rest2, struct modal_error *err);
+enum modal_status doubling_project(struct doubling *d, const struct matrix *Y, int first, int S,
+                                   double *Z, double *rest2, struct modal_error *err);
 #endif

@@ -20,6 +20,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/identify/ambient.h"
+#include "modal/identify/compressed.h"
 #include "modal/identify/diagnose.h"
 #include "modal/identify/exponents.h"
 #include "modal/identify/fold.h"
@@ -109,6 +110,7 @@ struct work {
     const struct matrix *X;         /* the signals: rec.Y or pod.signals */
     struct matrix folded;
     struct refine_data data;        /* what is refined: X, or X folded */
+    struct compressed *blocks;      /* of very long records, while they are searched; else NULL */
     int shift;
     double tau;
     bool refine;
@@ -146,6 +148,7 @@ static void work_done(struct work *w)
     pod_done(&w->pod);
     free(w->weighted.x), free(w->noise), free(w->weight), free(w->step), free(w->least);
     free(w->folded.x);
+    compressed_free(w->blocks);
     pencil_done(&w->pencil);
     projection_done(&w->projection);
     order_done(&w->choice);
@@ -874,6 +877,10 @@ static enum modal_status search_on(struct work *w, struct identify_result *out, 
 {
     enum modal_status rc;
 
+    compressed_free(w->blocks);
+    w->data.blocks = w->blocks = compressed_new(w->X);
+    if (w->blocks == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d signals", w->X->n);
     w->choice = f->choice, f->choice = (struct order_choice) { .chosen = -1 };
     rc = keep_chosen(w, &w->seen, err);
     order_done(&w->choice);
@@ -892,15 +899,19 @@ static enum modal_status grow_from_head(struct work *w, struct identify_result *
     const struct matrix *all = w->X;
     struct found f = { .choice = { .chosen = -1 } };
     struct matrix part;
-    int rows = HEAD;
+    int rows = HEAD, most;
+    double grow = all->m / (double)HEAD;
     enum modal_status rc;
 
+    for (most = 1; pow(GROW, most) < grow;)
+        most++;
+    grow = pow(grow, 1.0 / most);
     search_rows(w, all, rows, &part);
     rc = decompose(w, out, err);
     if (rc == MODAL_OK)
         rc = choose_from_above(w, out, &f, err);
     while (rc == MODAL_OK && f.choice.clean && rows < all->m) {
-        rows = all->m / GROW > rows ? GROW * rows : all->m;
+        rows = --most > 0 ? (int)(grow * rows) : all->m;
         search_rows(w, all, rows, &part);
         rc = search_on(w, out, &f, err);
     }
@@ -910,6 +921,8 @@ static enum modal_status grow_from_head(struct work *w, struct identify_result *
         rc = put_found(w, &f, out, err);
     else
         pencil_done(&w->pencil);
+    compressed_free(w->blocks);
+    w->data.blocks = w->blocks = NULL;
     found_done(&f);
     return rc;
 }

@@ -3,6 +3,15 @@
 #define MODAL_POWERS_H
 #include "modal/identify/exponents.h"
 
+/* COUNT poles per step: a = Re lambda tau, b = Im lambda tau; their first columns in Phi, of ORDER
+ * columns. */
+struct doubling_poles {
+    int count, order;
+    const enum pole_kind *kind;
+    const int *column;
+    const double *a, *b;
+};
+
 /*
  * e^{a l} times (cos b l, -sin b l) of a pair into x[l] and x[l + ld], 1 of a real multiplier or
  * (-1)^l of a negative one into x[l], l = 0 .. L-1; growing ones are divided by their last, so that

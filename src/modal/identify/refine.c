@@ -95,7 +95,9 @@ struct work {
     double cost, spent;          /* multiplications of one evaluation; of all so far */
     int most_columns;            /* min(L, columns): columns of Q */
     bool join;                   /* Y joins the QR */
-    struct doubling *doubling;   /* long records: instead of a QR of all rows; else NULL */
+    bool doubled;                /* long records: instead of a QR of all rows */
+    struct doubling *doubling;   /* for that; NULL where blocks tell of no poles yet */
+    struct compressed *blocks;   /* borrowed: what doubling reads instead of Y; or NULL */
     struct gram *gram;           /* many poles: instead of any QR; else NULL */
     int panel;                   /* columns of Y at a time */
     double *basis;               /* L x columns: [Phi D], then Q; L x (columns + S) where Y joins */
@@ -167,6 +169,13 @@ static bool work_layout(struct work *w, const double complex *lambda)
     return true;
 }
 
+static bool begin_doubling(struct work *w)
+{
+    w->doubling = doubling_new(w->L, w->columns, w->panel, w->blocks);
+    w->cost = w->doubling != NULL ? doubling_cost(w->doubling, w->S) : 0;
+    return w->doubling != NULL;
+}
+
 /* How the QR is made, and how many columns of Y at a time.  WHOLE: its rows are all there. */
 static bool work_plan(struct work *w, bool whole)
 {
@@ -176,10 +185,10 @@ static bool work_plan(struct work *w, bool whole)
     w->panel = PANEL_ENTRIES / w->L;
     w->panel = w->panel < 4 ? 4 : w->panel;
     w->panel = w->panel > S ? S : w->panel;
-    if (whole && doubling_pays(w->L, n, S)) {
-        w->doubling = doubling_new(w->L, n, w->panel);
-        w->cost = w->doubling != NULL ? doubling_cost(w->doubling, S) : 0;
-        return w->doubling != NULL;
+    w->doubled = whole && doubling_pays(w->L, n, S);
+    if (w->doubled) {
+        w->blocks = w->data->blocks;
+        return w->blocks != NULL || begin_doubling(w);
     }
     w->join = S <= JOIN_MOST && n + S <= w->L;
     w->panel = w->join ? S : w->panel;
@@ -197,7 +206,7 @@ static bool allocate_rows(struct work *w, bool whole)
         return false;
     w->stack_rows = P + w->panel * (w->most_columns - q);
     w->basis =
-        numbers(w->doubling != NULL ? 0 : L, (size_t)w->columns + (w->join ? (size_t)w->S : 0));
+        numbers(w->doubled ? 0 : L, (size_t)w->columns + (w->join ? (size_t)w->S : 0));
     if (w->join && w->L > TALL) {
         w->triangle = numbers((size_t)(w->columns + w->S), (size_t)(w->columns + w->S));
         if (w->triangle == NULL)
@@ -207,7 +216,7 @@ static bool allocate_rows(struct work *w, bool whole)
     w->R = numbers((size_t)w->most_columns, (size_t)w->columns);
     w->Z = numbers((size_t)w->most_columns, (size_t)w->panel),
     w->C = numbers((size_t)q, (size_t)w->panel);
-    w->rest = numbers(w->join ? 0 : w->doubling != NULL ? 1 : L, (size_t)w->panel);
+    w->rest = numbers(w->join ? 0 : w->doubled ? 1 : L, (size_t)w->panel);
     w->stack = numbers((size_t)w->stack_rows, (size_t)P);
     w->reflect = numbers(REFLECT, (size_t)(w->columns + w->panel + P));
     return w->basis != NULL && w->tau != NULL && w->R != NULL && w->Z != NULL && w->C != NULL
@@ -377,8 +386,7 @@ static enum modal_status project_doubled(struct work *w, int c0, int n, struct e
                                          struct modal_error *err)
 {
     int q = w->order, k = w->most_columns;
-    enum modal_status rc = doubling_project(w->doubling, w->Y->x + (size_t)c0 * (size_t)w->Y->ld,
-                                            w->Y->ld, n, w->Z, w->rest, err);
+    enum modal_status rc = doubling_project(w->doubling, w->Y, c0, n, w->Z, w->rest, err);
 
     for (int c = 0; c < n; c++) {
         double near = cblas_ddot(k - q, w->Z + c * k + q, 1, w->Z + c * k + q, 1);
@@ -416,7 +424,7 @@ static enum modal_status panel_pass(struct work *w, int c0, int n, struct evalua
     int q = w->order, k = w->most_columns, P = w->parameters + 1;
     enum modal_status rc = MODAL_OK;
 
-    if (w->doubling != NULL)
+    if (w->doubled)
         rc = project_doubled(w, c0, n, e, err);
     else if (w->join)
         project_joined(w, e);
@@ -467,6 +475,23 @@ static bool evaluate_sums(struct work *w, const struct doubling_poles *poles,
         || gram_triangle(w->gram, w->R, w->C, w->Z, S, weight, w->first, w->parameters, e->T);
 }
 
+/* The blocks tell of POLES, at the cost of an evaluation of all rows where they did not. */
+static enum modal_status hold(struct work *w, const struct doubling_poles *poles,
+                              struct modal_error *err)
+{
+    if (w->blocks != NULL && !compressed_holds(w->blocks, poles)) {
+        enum modal_status rc = compressed_about(w->blocks, poles, err);
+        if (rc != MODAL_OK)
+            return rc;
+        w->spent += (double)w->L * w->S * w->columns;
+        doubling_free(w->doubling), w->doubling = NULL;
+    }
+    return !w->doubled || w->doubling != NULL || begin_doubling(w)
+               ? MODAL_OK
+               : modal_fail(err, MODAL_NO_MEMORY, "refine: no memory for %d x %d, order %d", w->L,
+                            w->S, w->order);
+}
+
 static enum modal_status evaluate(struct work *w, const struct point *at, struct evaluation *e,
                                   struct modal_error *err)
 {
@@ -490,9 +515,11 @@ static enum modal_status evaluate(struct work *w, const struct point *at, struct
     memset(e->rss, 0, (size_t)w->groups * sizeof *e->rss);
     memset(e->near, 0, (size_t)w->groups * sizeof *e->near);
     memset(e->T, 0, (size_t)(w->parameters + 1) * (size_t)(w->parameters + 1) * sizeof *e->T);
-    if (w->doubling == NULL)
+    if ((rc = hold(w, &poles, err)) != MODAL_OK)
+        return rc;
+    if (!w->doubled)
         fill_basis(w, at);
-    rc = w->doubling != NULL ? doubling_factor(w->doubling, &poles, w->R, err) : factor(w, err);
+    rc = w->doubled ? doubling_factor(w->doubling, &poles, w->R, err) : factor(w, err);
     if (rc != MODAL_OK || !regular(w))
         return rc;
     for (int c = 0; c < w->S && rc == MODAL_OK; c += w->panel)
@@ -1025,10 +1052,11 @@ static void set_energy(struct work *w)
     double n = (double)w->L * w->phases;
 
     for (int c = 0; c < w->S; c++) {
+        const struct compressed *b = w->data->blocks;
         const double *y = w->Y->x + (size_t)c * (size_t)w->Y->ld;
-        double r = cblas_dnrm2(w->L, y, 1);
+        double r = b != NULL ? sqrt(b->energy[c]) : cblas_dnrm2(w->L, y, 1);
         w->energy[c / w->phases] += r * r;
-        w->floor2[c / w->phases] += swing(y, w->L);
+        w->floor2[c / w->phases] += b != NULL ? b->swing[c] : swing(y, w->L);
     }
     for (int g = 0; g < w->groups; g++) {
         double chord = w->energy[g] > 0 ? sqrt(w->floor2[g] / w->energy[g]) : 0,

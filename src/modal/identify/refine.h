@@ -8,6 +8,8 @@
 #include "modal/identify/criterion.h"
 #include "modal/linalg/matrix.h"
 
+struct compressed;
+
 enum { REFINE_ORDER_MOST = 1600, REFINE_ITERATIONS_MOST = 200 };
 
 /*
@@ -25,6 +27,8 @@ struct refine_data {
     const double *least;         /* borrowed, per signal (S / phases): variance that the samples'
                                   * own grid has, below which nothing is signal; NULL: none */
     int before;  /* rows of the record before these: rounding of a phase grows from its beginning */
+    struct compressed *blocks;   /* borrowed, of Y (compressed.h): a fit reads it in place of Y, and
+                                  * makes it hold where it does not; NULL: Y itself is read */
 };
 
 struct refine_options {

@@ -168,7 +168,7 @@ static enum modal_status tall_new(const double complex *lambda, int count, doubl
 {
     size_t most = (size_t)count + 1, order = (size_t)n;
 
-    *t = (struct tall) { .doubling = doubling_new(L, n, 1), .R = { n, n, n, NULL } };
+    *t = (struct tall) { .doubling = doubling_new(L, n, 1, NULL), .R = { n, n, n, NULL } };
     t->kind = malloc(most * sizeof *t->kind), t->column = malloc(most * sizeof *t->column);
     t->a = malloc(2 * most * sizeof *t->a), t->R.x = malloc(order * order * sizeof *t->R.x);
     if (t->doubling == NULL || t->kind == NULL || t->column == NULL || t->a == NULL
@@ -222,8 +222,7 @@ static enum modal_status fit_column(const double complex *lambda, double tau,
 {
     int n = out->order, r = out->rank;
     double *Z = work, *C = Z + n, *x = C + n, rest2 = 0, lost;
-    enum modal_status rc = doubling_project(t->doubling, Y->x + (size_t)c * (size_t)Y->ld, Y->ld,
-                                            1, Z, &rest2, err);
+    enum modal_status rc = doubling_project(t->doubling, Y, c, 1, Z, &rest2, err);
 
     if (rc != MODAL_OK)
         return rc;

@@ -25,12 +25,10 @@
 enum { ROWS_LEAST = 64, HALF_LEAST = 8 };
 static const double RATIO_LEAST = 2;
 
-/* Add the periodogram of one column of unit power, padded to N, to power[0 .. N/2]. */
-static void add_periodogram(const double *e, int L, int N, double *x, fftw_complex *X,
+/* Add the periodogram of one column over its NORM, padded to N, to power[0 .. N/2]. */
+static void add_periodogram(const double *e, int L, int N, double norm, double *x, fftw_complex *X,
                             fftw_plan plan, double *power)
 {
-    double norm = safe_norm(e, L);
-
     for (int l = 0; l < L && norm > 0; l++)
         x[l] = e[l] / norm;
     memset(x + L, 0, sizeof *x * (size_t)(N - L));
@@ -87,7 +85,8 @@ enum modal_status colour_factors(const struct matrix *E, const double *theta, in
         goto out;
     }
     for (int c = 0; c < E->n; c++)
-        add_periodogram(E->x + (size_t)c * E->ld, L, N, x, X, plan, power);
+        add_periodogram(E->x + (size_t)c * E->ld, L, N, safe_norm(E->x + (size_t)c * E->ld, L), x,
+                        X, plan, power);
     colour_factors_of(power, N, theta, count, factor);
 out:
     if (plan != NULL)
@@ -103,21 +102,71 @@ bool colour_white(const struct matrix *E)
     return colour_white_about(E, none);
 }
 
+/* Autocorrelations of a column, over its square, times its rows, to r; chunk by chunk, so that a
+ * chunk is read from memory once. */
+static void add_lags(const double *e, int L, double norm, double *r)
+{
+    enum { CHUNK = 4096 };
+    double unit = 1 / norm;
+
+    for (int at = 0; at < L; at += CHUNK)
+        for (int l = 1; l <= COLOUR_LAGS && at + l < L; l++) {
+            int n = L - l - at < CHUNK ? L - l - at : CHUNK;
+            r[l - 1] += L * (cblas_ddot(n, e + at, 1, e + at + l, 1) * unit * unit);
+        }
+}
+
+/* Box and Pierce's test of R, sums over NUMBERS of which MEAN was to be expected. */
+static bool lags_white(const double *r, double numbers, const double *mean)
+{
+    double sum = 0;
+
+    for (int l = 0; l < COLOUR_LAGS && numbers > 0; l++)
+        sum += (r[l] / numbers - mean[l]) * (r[l] / numbers - mean[l]);
+    return numbers * sum <= COLOUR_LIMIT;
+}
+
 bool colour_white_about(const struct matrix *E, const double *mean)
 {
-    double n = 0, sum = 0, r[COLOUR_LAGS] = { 0 };
-    int lags = E->m - 1 < COLOUR_LAGS ? E->m - 1 : COLOUR_LAGS;
+    double n = 0, r[COLOUR_LAGS] = { 0 };
 
     for (int c = 0; c < E->n; c++) {
         const double *e = E->x + (size_t)c * (size_t)E->ld;
-        double norm = safe_norm(e, E->m), unit = norm > 0 ? 1 / norm : 0;
+        double norm = safe_norm(e, E->m);
         n += norm > 0 ? E->m : 0;
-        for (int l = 1; l <= lags && norm > 0; l++)
-            r[l - 1] += E->m * (cblas_ddot(E->m - l, e, 1, e + l, 1) * unit * unit);
+        if (norm > 0)
+            add_lags(e, E->m, norm, r);
     }
-    for (int l = 0; l < lags && n > 0; l++)
-        sum += (r[l] / n - mean[l]) * (r[l] / n - mean[l]);
-    return n * sum <= COLOUR_LIMIT;
+    return lags_white(r, n, mean);
+}
+
+bool colour_sum_white(const struct colour_sum *sum, const double *mean)
+{
+    return lags_white(sum->r, sum->numbers, mean);
+}
+
+enum modal_status colour_add(const double *e, int rows, struct colour_sum *sum,
+                             struct modal_error *err)
+{
+    enum { N = COLOUR_ROWS, BINS = N / 2 + 1 };
+    double norm = quick_norm(e, (size_t)rows), *x = fftw_alloc_real(N);
+    fftw_complex *X = fftw_alloc_complex(BINS);
+    fftw_plan plan = x != NULL && X != NULL ? fftw_plan_dft_r2c_1d(N, x, X, FFTW_ESTIMATE) : NULL;
+
+    if (sum->power == NULL)
+        sum->power = calloc(BINS, sizeof *sum->power);
+    if (plan != NULL && sum->power != NULL && norm > 0) {
+        for (int l = 0; l + N <= rows; l += N)
+            add_periodogram(e + l, N, N, norm, x, X, plan, sum->power);
+        add_lags(e, rows, norm, sum->r);
+        sum->numbers += rows;
+    }
+    if (plan != NULL)
+        fftw_destroy_plan(plan);
+    fftw_free(x), fftw_free(X);
+    return plan != NULL && sum->power != NULL
+               ? MODAL_OK
+               : modal_fail(err, MODAL_NO_MEMORY, "colour: no memory for %d rows", N);
 }
 
 void colour_leave_out(struct matrix *E, const struct matrix *Y, double ratio)

@@ -44,6 +44,22 @@ bool colour_white(const struct matrix *E);
  */
 bool colour_white_about(const struct matrix *E, const double *mean);
 
+/*
+ * The same sums of a very long record, column by column: autocorrelations, each column of unit
+ * power, and the power spectrum of parts of COLOUR_ROWS rows.
+ */
+enum { COLOUR_ROWS = 8192 };
+struct colour_sum {
+    double numbers, r[COLOUR_LAGS];
+    double *power;               /* COLOUR_ROWS / 2 + 1, owned */
+};
+
+/* ROWS of a column more; fails with MODAL_NO_MEMORY. A zero column is left out. */
+enum modal_status colour_add(const double *e, int rows, struct colour_sum *sum,
+                             struct modal_error *err);
+/* As colour_white_about. */
+bool colour_sum_white(const struct colour_sum *sum, const double *mean);
+
 /* Make zero the columns of E that are no larger than `ratio` of Y's: what is rounding is no noise,
  * and has any colour. */
 void colour_leave_out(struct matrix *E, const struct matrix *Y, double ratio);

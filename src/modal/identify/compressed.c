@@ -58,12 +58,12 @@ struct compressed *compressed_new(const struct matrix *Y)
     if (c == NULL)
         return NULL;
     c->Y = *Y;
-    c->rest = calloc(3 * S, sizeof *c->rest);
+    c->rest = calloc(4 * S, sizeof *c->rest);
     if (c->rest == NULL) {
         free(c);
         return NULL;
     }
-    c->energy = c->rest + S, c->swing = c->energy + S;
+    c->energy = c->rest + 2 * S, c->swing = c->energy + S;
     for (size_t k = 0; k < S; k++)
         measure(Y->x + k * (size_t)Y->ld, Y->m, &c->energy[k], &c->swing[k]);
     return c;
@@ -139,15 +139,15 @@ static enum modal_status orthonormalise(struct compressed *c, int n, struct moda
                 : modal_fail(err, MODAL_NO_CONVERGENCE, "compressed: QR of %d x %d", B, n);
 }
 
-/* Q^T of the blocks of column K, and what is left of them; REST has room for a chunk. */
-static void project_column(struct compressed *c, int k, double *rest)
+/* Q^T of blocks T .. END of column K; the square of what is left. REST has room for a chunk. */
+static double project_blocks(struct compressed *c, int k, int t, int end, double *rest)
 {
-    int B = c->block, n = c->rows, blocks = 1 << c->levels, chunk = CHUNK / B > 0 ? CHUNK / B : 1;
+    int B = c->block, n = c->rows, chunk = CHUNK / B > 0 ? CHUNK / B : 1;
     const double *y = c->Y.x + (size_t)k * (size_t)c->Y.ld;
-    double *z = c->data + (size_t)k * (size_t)n * (size_t)blocks, sum = 0;
+    double *z = c->data + (size_t)k * ((size_t)n << c->levels), sum = 0;
 
-    for (int t = 0; t < blocks; t += chunk) {
-        int some = blocks - t < chunk ? blocks - t : chunk;
+    for (; t < end; t += chunk) {
+        int some = end - t < chunk ? end - t : chunk;
         const double *from = y + (size_t)t * (size_t)B;
         double *to = z + (size_t)t * (size_t)n;
         cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, n, some, B, 1, c->Q, B, from, B, 0,
@@ -157,7 +157,7 @@ static void project_column(struct compressed *c, int k, double *rest)
                     rest, B);
         sum += cblas_ddot(some * B, rest, 1, rest, 1);
     }
-    c->rest[k] = sum;
+    return sum;
 }
 
 /* Room for N columns, about COUNT poles. */
@@ -186,12 +186,43 @@ enum modal_status compressed_about(struct compressed *c, const struct doubling_p
     for (int j = 0; j < p->count; j++)
         at += fill_pole(c, p->kind[j], p->a[j], p->b[j], c->Q + (size_t)at * (size_t)c->block);
     rc = orthonormalise(c, columns, err);
-    for (int k = 0; k < c->Y.n && rc == MODAL_OK; k++)
-        project_column(c, k, rest);
+    for (int k = 0; k < c->Y.n && rc == MODAL_OK; k++) {
+        int half = (1 << c->levels) / 2;
+        c->rest[2 * k] = project_blocks(c, k, 0, half, rest);
+        c->rest[2 * k + 1] = project_blocks(c, k, half, 1 << c->levels, rest);
+    }
     free(rest);
     if (rc != MODAL_OK)
         return rc;
     for (c->count = 0; c->count < p->count; c->count++)
         c->a[c->count] = p->a[c->count], c->angle[c->count] = angle_of(p, c->count);
     return MODAL_OK;
+}
+
+struct compressed *compressed_half(const struct compressed *c, bool later)
+{
+    int first = later ? c->block << (c->levels - 1) : 0;
+    struct matrix Y = { later ? c->Y.m - first : c->block << (c->levels - 1), c->Y.n, c->Y.ld,
+                        c->Y.x + first };
+    struct compressed *h = compressed_new(&Y);
+    size_t part;
+
+    if (h == NULL)
+        return NULL;
+    h->block = c->block, h->levels = c->levels - 1, h->left = later ? c->left : 0;
+    if (!make_room(h, c->rows, c->count)) {
+        compressed_free(h);
+        return NULL;
+    }
+    h->rows = c->rows, h->count = c->count;
+    part = (size_t)h->rows << h->levels;
+    memcpy(h->Q, c->Q, (size_t)c->block * (size_t)c->rows * sizeof *h->Q);
+    memcpy(h->a, c->a, (size_t)c->count * sizeof *h->a);
+    memcpy(h->angle, c->angle, (size_t)c->count * sizeof *h->angle);
+    for (int k = 0; k < Y.n; k++) {
+        memcpy(h->data + (size_t)k * part, c->data + (2 * (size_t)k + later) * part,
+               part * sizeof *h->data);
+        h->rest[2 * k + 1] = c->rest[2 * k + later];
+    }
+    return h;
 }

@@ -16,7 +16,8 @@ struct compressed {
     struct matrix Y;             /* x borrowed */
     int block, levels, left, rows;
     double *Q, *data;
-    double *rest;                /* per column: sum of squares of what Q leaves of all blocks */
+    double *rest;                /* per column: sums of squares of what Q leaves of the first half
+                                  * of the blocks, and of the others */
     double *energy, *swing;      /* per column of Y: sums of squares of it, of its steps */
     double *a, *angle;           /* per known pole */
     int count;
@@ -25,6 +26,9 @@ struct compressed {
 /* Of Y, borrowed until compressed_free, and no poles yet; NULL: no memory. */
 struct compressed *compressed_new(const struct matrix *Y);
 void compressed_free(struct compressed *c);
+
+/* The same of the first half of its blocks, or of the rows after them (LATER); NULL: no memory. */
+struct compressed *compressed_half(const struct compressed *c, bool later);
 
 /* Does it tell of these poles what Y does, but for 1e-11 of their part of it? */
 bool compressed_holds(const struct compressed *c, const struct doubling_poles *poles);

@@ -110,7 +110,8 @@ struct doubling *doubling_new(int L, int n, int most, const struct compressed *b
         return NULL;
     d->L = L, d->n = n, d->most = most, d->blocks = blocks;
     d->levels = blocks != NULL ? blocks->levels : levels_of(L, n);
-    d->block = L >> d->levels, d->left = L - (d->block << d->levels);
+    d->block = blocks != NULL ? blocks->block : L >> d->levels;
+    d->left = L - (d->block << d->levels);
     d->rows = blocks == NULL ? d->block : blocks->rows > n ? blocks->rows : n;
     d->small = n <= REFLECT_SMALL;
     d->panel = d->small || n < PANEL ? n : PANEL;
@@ -392,7 +393,7 @@ static void load_blocks(struct doubling *d, const struct matrix *Y, int first, i
             memcpy(to, from, own * sizeof *to);
             memset(to + own, 0, (rows - own) * sizeof *to);
         }
-        rest2[c] = b->rest[first + c];
+        rest2[c] = b->rest[2 * (first + c)] + b->rest[2 * (first + c) + 1];
     }
 }
 

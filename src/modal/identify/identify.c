@@ -110,7 +110,8 @@ struct work {
     const struct matrix *X;         /* the signals: rec.Y or pod.signals */
     struct matrix folded;
     struct refine_data data;        /* what is refined: X, or X folded */
-    struct compressed *blocks;      /* of very long records, while they are searched; else NULL */
+    struct compressed *blocks;      /* owned, of very long records; else NULL */
+    int seen_rows;                  /* that were searched before those */
     int shift;
     double tau;
     bool refine;
@@ -780,6 +781,7 @@ static enum modal_status descend(struct work *w, const struct identify_result *o
     opt.work = w->trial ? fmax(WORK_TRIAL - w->spent, DBL_MIN)
              : fmax(WORK_MOST - w->spent, WORK_LEAST);
     opt.many = w->many || source.known != NULL;
+    opt.seen = w->seen_rows;
     if (opt.many)
         opt.work = fmax(opt.work, EVALUATIONS_MANY * refine_work(&w->data, many));
     rc = order_from_above(&w->data, &source, &opt, &w->choice, err);
@@ -877,6 +879,7 @@ static enum modal_status search_on(struct work *w, struct identify_result *out, 
 {
     enum modal_status rc;
 
+    w->seen_rows = w->blocks != NULL ? w->blocks->Y.m : HEAD;
     compressed_free(w->blocks);
     w->data.blocks = w->blocks = compressed_new(w->X);
     if (w->blocks == NULL)
@@ -921,8 +924,10 @@ static enum modal_status grow_from_head(struct work *w, struct identify_result *
         rc = put_found(w, &f, out, err);
     else
         pencil_done(&w->pencil);
-    compressed_free(w->blocks);
-    w->data.blocks = w->blocks = NULL;
+    if (!*found) {
+        compressed_free(w->blocks);
+        w->data.blocks = w->blocks = NULL;
+    }
     found_done(&f);
     return rc;
 }
@@ -1028,6 +1033,18 @@ static bool worth_weighing(const struct work *w)
         > 1e-12 * safe_matrix_norm(w->data.Y);
 }
 
+/* The amplitudes of poles in the signals Y, by blocks where those are they. */
+static enum modal_status fit_signals(const struct work *w, const double complex *lambda, int count,
+                                     const struct matrix *Y, struct synthesis *out,
+                                     struct modal_error *err)
+{
+    struct compressed *b = w->data.blocks;
+
+    return b != NULL && b->Y.x == Y->x && b->Y.m == Y->m
+               ? synthesis_fit_blocks(lambda, count, w->tau, b, out, err)
+               : synthesis_fit(lambda, count, w->tau, Y, NULL, out, err);
+}
+
 /* The rms that the chosen poles leave in each channel of unit rms. */
 static enum modal_status channel_noise(const struct work *w, double *noise, struct modal_error *err)
 {
@@ -1042,7 +1059,7 @@ static enum modal_status channel_noise(const struct work *w, double *noise, stru
         Y = &folded;
     }
     if (rc == MODAL_OK)
-        rc = synthesis_fit(fit->lambda, fit->poles, w->tau, Y, NULL, &s, err);
+        rc = fit_signals(w, fit->lambda, fit->poles, Y, &s, err);
     for (int c = 0; c < w->rec.channels && rc == MODAL_OK; c++)
         noise[c] = safe_norm(s.channel_residual + (size_t)c * w->shift, w->shift)
             / sqrt((double)Y->m * w->shift);
@@ -1596,10 +1613,19 @@ static enum modal_status neighbours_beat(const struct work *w, bool *beat, struc
     *beat = false;
     if (!w->choice.clean || w->choice.crowded || w->X->n < 2)
         return MODAL_OK;
-    rc = synthesis_fit(p->lambda, p->count, p->tau, w->X, NULL, &f, err);
+    rc = fit_signals(w, p->lambda, p->count, w->X, &f, err);
     *beat = rc == MODAL_OK && shapes_differ(&f, p->lambda);
     synthesis_done(&f);
     return rc;
+}
+
+/* What a very long record's poles leave of it, where that was seen to be white noise when it was
+ * searched; else 0. */
+static double white_left(const struct work *w)
+{
+    if (!w->choice.clean || !w->choice.rest.known)
+        return 0;
+    return w->choice.candidates[w->choice.chosen].fit.residual / safe_matrix_norm(w->X);
 }
 
 /* Is one set of exponents the right model?  A mode that follows its amplitude is reported as one,
@@ -1614,7 +1640,8 @@ static enum modal_status doubt(struct work *w, struct identify_result *out, stru
                               p->count,
                               w->rec.shift_rad_s / (2 * M_PI),
                               w->opt.cancelled,
-                              w->opt.context };
+                              w->opt.context,
+                              white_left(w) };
     bool follows, beat;
     enum modal_status rc;
 
@@ -1649,7 +1676,8 @@ static enum modal_status confirm_growth(struct work *w, struct identify_result *
                                         struct modal_error *err)
 {
     struct trend_input in = { w->X, w->rec.step, w->rec.t0, w->poles.lambda, w->poles.count,
-                              w->rec.shift_rad_s / (2 * M_PI), w->opt.cancelled, w->opt.context };
+                              w->rec.shift_rad_s / (2 * M_PI), w->opt.cancelled, w->opt.context,
+                              0 };
     bool shown = true;
     enum modal_status rc = MODAL_OK;
 
@@ -1743,6 +1771,19 @@ static void report_settings(struct work *w, struct identify_result *out)
     out->used.context = NULL;
 }
 
+/* What modes_report would read all rows of a very long record for. */
+static enum modal_status fit_long(struct work *w, struct modal_error *err)
+{
+    struct poles *p = &w->poles;
+    enum modal_status rc;
+
+    if (w->data.blocks == NULL || w->data.blocks->Y.x != w->rec.Y.x || p->fit != NULL)
+        return MODAL_OK;
+    rc = fit_signals(w, p->lambda, p->count, &w->rec.Y, &w->all, err);
+    p->fit = rc == MODAL_OK ? &w->all : NULL;
+    return rc;
+}
+
 enum modal_status modal_identify(const struct batch *batch, const struct identify_options *options,
                                  struct identify_result *out, struct modal_error *err)
 {
@@ -1777,6 +1818,7 @@ enum modal_status modal_identify(const struct batch *batch, const struct identif
         goto out;
     report_settings(&w, out);
     if ((rc = doubt(&w, out, err)) != MODAL_OK
+        || (rc = fit_long(&w, err)) != MODAL_OK
         || (rc = modes_report(&w.rec, &w.poles, &w.opt, out, err)) != MODAL_OK
         || (rc = stage(&w, "synthesis", out, err)) != MODAL_OK
         || (rc = report_ladder(&w, out, err)) != MODAL_OK

@@ -76,6 +76,8 @@ struct climb {
     int poles_most;                 /* room in: */
     double complex *lambda;
     bool *fixed;
+    struct long_rest rest;          /* of data in blocks: what candidate `rest_of` leaves */
+    int rest_of;                    /* -1: none yet */
 };
 
 static double bic_of(const struct climb *c, int i)
@@ -376,19 +378,24 @@ static double pair_price(const struct climb *c, const struct refined *fit)
 }
 
 /* Poles in what the best leaves, joined to its own: a candidate, weeded and refined. */
-static enum modal_status add_poles(struct climb *c, const struct matrix *E, int *best,
-                                   bool *better, struct modal_error *err)
+static enum modal_status add_poles(struct climb *c, int *best, bool *better,
+                                   struct modal_error *err)
 {
     const struct refined *fit = &c->choice.candidates[*best].fit;
     int count = fit->poles, more = 0, at, room = order_most(c) - fit->order;
+    struct matrix E = { 0 };
     enum modal_status rc;
 
     *better = false;
     if (room < 1 || count + MORE_MOST > c->poles_most)
         return MODAL_OK;
+    rc = remainder_of(c->data, fit, &E, err);
+    if (rc != MODAL_OK || E.x == NULL)
+        return rc;
     memcpy(c->lambda, fit->lambda, (size_t)count * sizeof *c->lambda);
-    rc = remainder_poles(E, c->data->tau, room < MORE_MOST ? room : MORE_MOST, c->lambda + count,
+    rc = remainder_poles(&E, c->data->tau, room < MORE_MOST ? room : MORE_MOST, c->lambda + count,
                          &more, err);
+    free(E.x);
     count += more;
     while (count > fit->poles && poles_order(c->lambda, count, c->data->tau) > order_most(c))
         count--;
@@ -404,6 +411,38 @@ static enum modal_status add_poles(struct climb *c, const struct matrix *E, int 
     return rc;
 }
 
+/* c->rest is that of candidate AT. */
+static enum modal_status look_at_rest(struct climb *c, int at, struct modal_error *err)
+{
+    enum modal_status rc;
+
+    if (c->rest_of == at)
+        return MODAL_OK;
+    long_rest_done(&c->rest);
+    rc = long_rest_look(c->data, &c->choice.candidates[at].fit, c->opt->seen, &c->rest, err);
+    c->rest_of = rc == MODAL_OK ? at : -1;
+    return rc;
+}
+
+/* The largest line in what candidate AT leaves. */
+static enum modal_status line_left(struct climb *c, int at, double *chi2, struct modal_error *err)
+{
+    struct matrix E = { 0 };
+    enum modal_status rc;
+
+    *chi2 = 0;
+    if (c->data->blocks != NULL) {
+        rc = look_at_rest(c, at, err);
+        *chi2 = rc == MODAL_OK ? c->rest.chi2 : 0;
+        return rc;
+    }
+    rc = remainder_of(c->data, &c->choice.candidates[at].fit, &E, err);
+    if (rc == MODAL_OK && E.x != NULL)
+        rc = remainder_peak(&E, chi2, err);
+    free(E.x);
+    return rc;
+}
+
 /* As long as something is left that could pay for a pair. */
 static enum modal_status search_remainder(struct climb *c, int *best, struct modal_error *err)
 {
@@ -412,15 +451,11 @@ static enum modal_status search_remainder(struct climb *c, int *best, struct mod
 
     while (rc == MODAL_OK && better && !spent(c, 1)) {
         const struct refined *fit = &c->choice.candidates[*best].fit;
-        struct matrix E = { 0 };
-        double chi2 = 0;
+        double chi2;
         better = false;
-        rc = remainder_of(c->data, fit, &E, err);
-        if (rc == MODAL_OK && E.x != NULL)
-            rc = remainder_peak(&E, &chi2, err);
+        rc = line_left(c, *best, &chi2, err);
         if (rc == MODAL_OK && chi2 > SHARE_LOOK * pair_price(c, fit))
-            rc = add_poles(c, &E, best, &better, err);
-        free(E.x);
+            rc = add_poles(c, best, &better, err);
     }
     return rc;
 }
@@ -530,7 +565,9 @@ static enum modal_status split_pole(struct climb *c, const struct matrix *E, int
     if (cimag(lambda) <= 2 * apart || cimag(lambda) >= nyquist - 2 * apart
         || fit->order + 2 > order_most(c) || n + 1 > c->poles_most)
         return MODAL_OK;
-    if (E != NULL)
+    if (E != NULL && c->data->blocks != NULL)
+        chi2 = c->rest.beside[j];
+    else if (E != NULL)
         rc = remainder_split(E, c->data->tau, lambda, &chi2, err);
     if (rc != MODAL_OK || !(chi2 > SHARE_LOOK * pair_price(c, fit)))
         return rc;
@@ -569,10 +606,12 @@ static enum modal_status split_seen(struct climb *c, int *best, struct modal_err
     for (int j = 0; j < poles && rc == MODAL_OK && !spent(c, 1); j++) {
         if (made != *best) {
             free(E.x), E.x = NULL;
-            rc = remainder_of(c->data, &c->choice.candidates[*best].fit, &E, err);
+            rc = c->data->blocks != NULL
+                     ? look_at_rest(c, *best, err)
+                     : remainder_of(c->data, &c->choice.candidates[*best].fit, &E, err);
             made = *best;
         }
-        if (rc == MODAL_OK && E.x != NULL)
+        if (rc == MODAL_OK && (c->data->blocks != NULL ? c->rest.known : E.x != NULL))
             rc = split_pole(c, &E, j, best, err);
     }
     free(E.x);
@@ -740,8 +779,13 @@ static enum modal_status is_clean(struct climb *c, int best, bool *clean, struct
     *clean = false;
     if (!refined_converged(fit) || c->choice.limited)
         return MODAL_OK;
-    rc = remainder_of(c->data, fit, &E, err);
     mean_autocorrelation(c, fit, mean);
+    if (c->data->blocks != NULL) {
+        rc = look_at_rest(c, best, err);
+        *clean = rc == MODAL_OK && c->rest.known && colour_sum_white(&c->rest.colour, mean);
+        return rc;
+    }
+    rc = remainder_of(c->data, fit, &E, err);
     *clean = rc == MODAL_OK && E.x != NULL && colour_white_about(&E, mean);
     free(E.x);
     return rc;
@@ -775,7 +819,7 @@ static enum modal_status climb_new(struct climb *c, const struct refine_data *da
                 + 2 * (size_t)source->known_count;
 
     *c = (struct climb) { .data = data, .source = source, .opt = opt, .poles_most = (int)most,
-                          .choice = { .chosen = -1 } };
+                          .choice = { .chosen = -1 }, .rest_of = -1 };
     c->lambda = calloc(most, sizeof *c->lambda), c->fixed = calloc(most, sizeof *c->fixed);
     if (c->lambda == NULL || c->fixed == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "order: no memory for order %d", source->most);
@@ -785,6 +829,7 @@ static enum modal_status climb_new(struct climb *c, const struct refine_data *da
 static void climb_done(struct climb *c)
 {
     order_done(&c->choice);
+    long_rest_done(&c->rest);
     free(c->lambda), free(c->fixed);
 }
 
@@ -812,6 +857,7 @@ enum modal_status order_from_above(const struct refine_data *data,
         c.choice.chosen = best, c.choice.clean = clean, c.choice.crowded = clean
             && unresolved(&c, &c.choice.candidates[best].fit);
         c.choice.limited &= !clean;
+        c.choice.rest = c.rest, c.rest = (struct long_rest) { 0 };
         *out = c.choice;
         c.choice = (struct order_choice) { 0 };
     }
@@ -854,5 +900,6 @@ void order_done(struct order_choice *choice)
     for (int i = 0; i < choice->count; i++)
         refined_done(&choice->candidates[i].fit);
     free(choice->candidates);
+    long_rest_done(&choice->rest);
     *choice = (struct order_choice) { 0 };
 }

@@ -1,6 +1,7 @@
 /* order.h - the order of the model by Bayes' information criterion over a ladder of refined fits */
 #ifndef MODAL_ORDER_H
 #define MODAL_ORDER_H
+#include "modal/identify/long_rest.h"
 #include "modal/identify/refine.h"
 
 /* What refining may bring, of -2 ln(likelihood) for a datum (order.c (1)). */
@@ -41,6 +42,7 @@ struct order_options {
                                  * guide to the refined one's */
     double work;                /* most multiplications, as refine.h counts them, before another
                                  * candidate or step; 0: no limit */
+    int seen;                   /* of data in blocks: rows that a search before this has seen */
     bool many;                  /* from above: many modes, in noise; steps go by sums (gram.h) */
     int cut;                    /* > 0: where the least looked at has r + ORDER_AHEAD above this, do
                                  * not refine: the caller has a larger source */
@@ -64,6 +66,7 @@ struct order_choice {
     /* order_from_above: the model holds; nothing else need be tried, unless it is: */
     bool clean;
     bool crowded;               /* two pairs are nearer than half a beat over the record */
+    struct long_rest rest;      /* of data in blocks: of the chosen one, where it is clean */
     bool offset;                /* the chosen fit's pole 0 is the null exponent, fixed */
 };
 

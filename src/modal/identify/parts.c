@@ -21,12 +21,17 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include "modal/identify/exponents.h"
+#include "modal/identify/compressed.h"
 
 enum { ITERATIONS = 20 };
 static const double WORK = 1e9;          /* multiplications a half may take (refine.h) */
 
-struct half { struct refine_data data; struct matrix Y; struct refined own; };
+struct half {
+    struct refine_data data;
+    struct matrix Y;
+    struct compressed *blocks;       /* owned, of a very long record; else NULL */
+    struct refined own;
+};
 
 /* The right side of (1). */
 static double allowed(double parameters)
@@ -34,18 +39,39 @@ static double allowed(double parameters)
     return parameters + PARTS_DEVIATIONS * sqrt(2 * parameters) + PARTS_SLACK;
 }
 
-static enum modal_status fit_half(const struct refine_data *data, int first, int rows,
-                                  const double complex *lambda, int count, const bool *fixed,
+static void half_done(struct half *h)
+{
+    compressed_free(h->blocks);
+    refined_done(&h->own);
+}
+
+/* The first half of the rows of DATA, or the LATER one. */
+static enum modal_status half_init(const struct refine_data *data, bool later, struct half *h,
+                                   struct modal_error *err)
+{
+    int L = data->Y->m, rows = L / 2, first = later ? L - rows : 0;
+
+    *h = (struct half) { .data = *data };
+    h->Y = (struct matrix) { rows, data->Y->n, data->Y->ld, data->Y->x + first };
+    if (data->blocks != NULL) {
+        h->data.blocks = h->blocks = compressed_half(data->blocks, later);
+        if (h->blocks == NULL)
+            return modal_fail(err, MODAL_NO_MEMORY, "parts: no memory for %d rows", rows);
+        h->Y = h->blocks->Y;
+        first = L - h->Y.m;
+    }
+    h->data.Y = &h->Y;
+    h->data.before += later ? first : 0;
+    return MODAL_OK;
+}
+
+static enum modal_status fit_half(const double complex *lambda, int count, const bool *fixed,
                                   struct half *h, struct modal_error *err)
 {
     struct refine_options own = { .iterations = ITERATIONS,
                                   .work = WORK,
                                   .gain = allowed(2.0 * count) };
 
-    h->Y = (struct matrix) { rows, data->Y->n, data->Y->ld, data->Y->x + first };
-    h->data = *data;
-    h->data.Y = &h->Y;
-    h->data.before += first;
     return refine_poles(&h->data, lambda, count, fixed, &own, &h->own, err);
 }
 
@@ -99,14 +125,16 @@ enum modal_status parts_ask(const struct refine_data *data, const double complex
         return modal_fail(err, MODAL_NO_MEMORY, "parts: no memory for %d poles", count);
     for (int j = 0; j < count; j++)
         fixed[j] = lambda[j] == 0;
-    for (int first = 0; first <= L - rows && rc == MODAL_OK; first += L - rows) {
-        struct half h = { 0 };
-        rc = fit_half(data, first, rows, lambda, count, fixed, &h, err);
+    for (int later = 0; later < 2 && rc == MODAL_OK; later++) {
+        struct half h;
+        rc = half_init(data, later, &h, err);
+        if (rc == MODAL_OK)
+            rc = fit_half(lambda, count, fixed, &h, err);
         if (rc == MODAL_OK) {
             *strength = fmax(*strength, strength_of(&h));
             compare(&h, lambda, count, strength_of(&h) > 1, say);
         }
-        refined_done(&h.own);
+        half_done(&h);
     }
     free(fixed);
     return rc;

@@ -7,7 +7,7 @@
  * the strongest. A peak test tells whether there is a reason to look.
  */
 #include "modal/identify/remainder.h"
-#include "modal/identify/exponents.h"
+#include "modal/identify/compressed.h"
 #include "modal/identify/pencil.h"
 #include "modal/identify/powers.h"
 #include <cblas.h>
@@ -35,10 +35,22 @@ static void subtract(const struct refine_data *data, const struct refined *fit, 
     }
 }
 
+double remainder_unit(const struct refine_data *data, const struct refined *fit,
+                      const struct projected *p, int c)
+{
+    int L = data->Y->m, phases = data->phases > 0 ? data->phases : 1, g = c / phases;
+    double noise = fit->noise[g], rms = sqrt(p->energy[g] / ((double)L * phases));
+    double parts = rms > 0 ? cblas_dnrm2(p->order, p->Z + (size_t)c * (size_t)p->order, 1) / rms
+                           : 1;
+    bool seen = noise > fmax(parts, 1) * sqrt(p->lowest[g]) && noise > ROUNDING * rms;
+
+    return seen ? 1 / noise : 0;
+}
+
 enum modal_status remainder_of(const struct refine_data *data, const struct refined *fit,
                                struct matrix *E, struct modal_error *err)
 {
-    int L = data->Y->m, S = data->Y->n, phases = data->phases > 0 ? data->phases : 1;
+    int L = data->Y->m, S = data->Y->n;
     double *basis = malloc(2 * (size_t)L * sizeof *basis),
         *x = malloc((size_t)L * (size_t)S * sizeof *x);
     struct projected p = { 0 };
@@ -56,14 +68,8 @@ enum modal_status remainder_of(const struct refine_data *data, const struct refi
     cblas_dtrsm(CblasColMajor, CblasLeft, CblasUpper, CblasNoTrans, CblasNonUnit, p.order, S, 1,
                 p.R, p.order, p.Z, p.order);
     subtract(data, fit, p.Z, p.order, basis, E);
-    for (int c = 0; c < S; c++) {
-        int g = c / phases;
-        double noise = fit->noise[g], rms = sqrt(p.energy[g] / ((double)L * phases));
-        double parts = rms > 0 ? cblas_dnrm2(p.order, p.Z + (size_t)c * (size_t)p.order,
-                                             1) / rms : 1;
-        bool seen = noise > fmax(parts, 1) * sqrt(p.lowest[g]) && noise > ROUNDING * rms;
-        cblas_dscal(L, seen ? 1 / noise : 0, E->x + (size_t)c * (size_t)L, 1);
-    }
+    for (int c = 0; c < S; c++)
+        cblas_dscal(L, remainder_unit(data, fit, &p, c), E->x + (size_t)c * (size_t)L, 1);
 out:
     projected_done(&p);
     free(basis), free(x);
@@ -155,7 +161,8 @@ static const double COLUMN_LEAST = 1e-6;     /* of a column, that those before i
 
 struct beside {
     double a, b, centre, width;
-    double table[COLUMNS * BLOCK];   /* the columns in the first block */
+    int block, whole, left;          /* rows of a block; blocks; rows after them */
+    double *table;                   /* block x COLUMNS: the columns in the first block */
     double first[COLUMNS * COLUMNS]; /* products of those */
     double G[COLUMNS * COLUMNS];     /* of all rows */
     double *P;                       /* COLUMNS x blocks x signals: those of the first with E */
@@ -164,11 +171,11 @@ struct beside {
 
 static void fill_table(struct beside *k)
 {
-    for (int i = 0; i < BLOCK; i++) {
+    for (int i = 0; i < k->block; i++) {
         double u = (i - k->centre) / k->width, x = exp(k->a * i);
         for (int p = 0; p < COLUMNS; p += 2, x *= u) {
-            k->table[i + p * BLOCK] = x * cos(k->b * i);
-            k->table[i + (p + 1) * BLOCK] = -x * sin(k->b * i);
+            k->table[i + p * k->block] = x * cos(k->b * i);
+            k->table[i + (p + 1) * k->block] = -x * sin(k->b * i);
         }
     }
 }
@@ -177,7 +184,7 @@ static void fill_table(struct beside *k)
 static void multiply_table(struct beside *k, int rows)
 {
     cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, COLUMNS, COLUMNS, rows, 1, k->table,
-                BLOCK, k->table, BLOCK, 0, k->first, COLUMNS);
+                k->block, k->table, k->block, 0, k->first, COLUMNS);
 }
 
 /* (1): the columns of the block that begins at row l are those of the first times A. */
@@ -209,28 +216,35 @@ static void add_block(struct beside *k, const double *A, const double *P, size_t
                     P + (size_t)c * ld, 1, 1, k->Z + (size_t)c * COLUMNS, 1);
 }
 
-/* G and Z of all rows. */
-static void add_blocks(struct beside *k, const struct matrix *E)
+/* Products of the first block's columns with the blocks of one column, and with its last rows. */
+static void multiply_rows(struct beside *k, int c, const double *e)
 {
-    int whole = E->m / BLOCK, left = E->m % BLOCK, blocks = whole + (left > 0);
-    size_t ld = (size_t)blocks * COLUMNS;
-    double A[COLUMNS * COLUMNS];
+    double *P = k->P + (size_t)c * (size_t)(k->whole + 1) * COLUMNS;
 
-    for (int c = 0; c < E->n; c++) {
-        const double *e = E->x + (size_t)c * (size_t)E->ld;
-        double *P = k->P + (size_t)c * ld;
-        cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, COLUMNS, whole, BLOCK, 1, k->table,
-                    BLOCK, e, BLOCK, 0, P, COLUMNS);
-        if (left > 0)
-            cblas_dgemv(CblasColMajor, CblasTrans, left, COLUMNS, 1, k->table, BLOCK,
-                        e + (size_t)whole * BLOCK, 1, 0, P + (size_t)whole * COLUMNS, 1);
-    }
-    multiply_table(k, BLOCK);
-    for (int t = 0; t < blocks; t++) {
-        if (t == whole)
-            multiply_table(k, left);
-        turn_block(k, (double)t * BLOCK, E->m - 1, A);
-        add_block(k, A, k->P + (size_t)t * COLUMNS, ld, E->n);
+    cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, COLUMNS, k->whole, k->block, 1, k->table,
+                k->block, e, k->block, 0, P, COLUMNS);
+}
+
+static void multiply_tail(struct beside *k, int c, const double *e)
+{
+    double *P = k->P + ((size_t)c * (size_t)(k->whole + 1) + (size_t)k->whole) * COLUMNS;
+
+    if (k->left > 0)
+        cblas_dgemv(CblasColMajor, CblasTrans, k->left, COLUMNS, 1, k->table, k->block, e, 1, 0, P,
+                    1);
+}
+
+/* G and Z of all rows, S signals. */
+static void add_blocks(struct beside *k, int S)
+{
+    double A[COLUMNS * COLUMNS], last = (double)k->whole * k->block + k->left - 1;
+
+    multiply_table(k, k->block);
+    for (int t = 0; t < k->whole + (k->left > 0); t++) {
+        if (t == k->whole)
+            multiply_table(k, k->left);
+        turn_block(k, (double)t * k->block, last, A);
+        add_block(k, A, k->P + (size_t)t * COLUMNS, (size_t)(k->whole + 1) * COLUMNS, S);
     }
 }
 
@@ -249,35 +263,96 @@ static bool factor_products(struct beside *k)
     return well;
 }
 
-enum modal_status remainder_split(const struct matrix *E, double tau, double complex lambda,
-                                  double *chi2, struct modal_error *err)
+/* For L rows in blocks of so many, S signals. */
+static struct beside *beside_new(int L, int block, int S, double tau, double complex lambda)
 {
-    size_t S = (size_t)E->n, L = (size_t)E->m, blocks = L / BLOCK + 1;
     struct beside *k = calloc(1, sizeof *k);
-    double *room = calloc(COLUMNS * S * (blocks + 1), sizeof *room);
-    bool well;
+    size_t all;
 
-    *chi2 = 0;
-    if (k == NULL || room == NULL) {
-        free(k), free(room);
-        return modal_fail(err, MODAL_NO_MEMORY, "remainder: no memory for %d rows", E->m);
+    if (k == NULL)
+        return NULL;
+    k->block = block, k->whole = L / block, k->left = L % block;
+    all = (size_t)COLUMNS * ((size_t)S * (size_t)(k->whole + 2) + (size_t)block);
+    k->table = calloc(all, sizeof *k->table);
+    if (k->table == NULL) {
+        free(k);
+        return NULL;
     }
-    k->P = room, k->Z = room + COLUMNS * S * blocks;
+    k->Z = k->table + (size_t)COLUMNS * (size_t)block, k->P = k->Z + (size_t)COLUMNS * (size_t)S;
     k->a = creal(lambda) * tau, k->b = cimag(lambda) * tau;
     k->centre = k->a == 0 ? 0.5 * L : k->a > 0 ? L - fmin(0.5 * L, 1 / k->a)
               : fmin(0.5 * L, -1 / k->a);
     k->width = fmax(fmin(k->centre, L - k->centre), 1);
     fill_table(k);
-    add_blocks(k, E);
-    well = factor_products(k);
-    if (well) {
-        cblas_dtrsm(CblasColMajor, CblasLeft, CblasUpper, CblasTrans, CblasNonUnit, COLUMNS, E->n,
-                    1, k->G, COLUMNS, k->Z, COLUMNS);
-        for (size_t c = 0; c < S; c++)
-            *chi2 += cblas_ddot(2, k->Z + 4 + c * COLUMNS, 1, k->Z + 4 + c * COLUMNS, 1);
-    } else if (E->m >= COLUMNS) {
-        *chi2 = HUGE_VAL;
+    return k;
+}
+
+static void beside_free(struct beside *k)
+{
+    free(k->table);
+    free(k);
+}
+
+/* Of the products, chi-squared. */
+static double beside_chi2(struct beside *k, int S)
+{
+    double sum = 0;
+
+    add_blocks(k, S);
+    if (!factor_products(k))
+        return k->whole * (double)k->block + k->left >= COLUMNS ? HUGE_VAL : 0;
+    cblas_dtrsm(CblasColMajor, CblasLeft, CblasUpper, CblasTrans, CblasNonUnit, COLUMNS, S, 1, k->G,
+                COLUMNS, k->Z, COLUMNS);
+    for (int c = 0; c < S; c++)
+        sum += cblas_ddot(2, k->Z + 4 + c * COLUMNS, 1, k->Z + 4 + c * COLUMNS, 1);
+    return sum;
+}
+
+enum modal_status remainder_split(const struct matrix *E, double tau, double complex lambda,
+                                  double *chi2, struct modal_error *err)
+{
+    struct beside *k = beside_new(E->m, BLOCK, E->n, tau, lambda);
+
+    *chi2 = 0;
+    if (k == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "remainder: no memory for %d rows", E->m);
+    for (int c = 0; c < E->n; c++) {
+        const double *e = E->x + (size_t)c * (size_t)E->ld;
+        multiply_rows(k, c, e);
+        multiply_tail(k, c, e + (size_t)k->whole * BLOCK);
     }
-    free(k), free(room);
+    *chi2 = beside_chi2(k, E->n);
+    beside_free(k);
+    return MODAL_OK;
+}
+
+enum modal_status remainder_split_blocks(const struct compressed *b, const double *rest,
+                                         const struct matrix *tail, double tau,
+                                         double complex lambda, double *chi2,
+                                         struct modal_error *err)
+{
+    int S = b->Y.n, n = b->rows;
+    struct beside *k = beside_new(b->Y.m, b->block, S, tau, lambda);
+    double *T = malloc((size_t)n * COLUMNS * sizeof *T);
+
+    *chi2 = 0;
+    if (k == NULL || T == NULL) {
+        if (k != NULL)
+            beside_free(k);
+        free(T);
+        return modal_fail(err, MODAL_NO_MEMORY, "remainder: no memory for %d rows", b->Y.m);
+    }
+    k->whole = 1 << b->levels, k->left = b->left;
+    cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, n, COLUMNS, b->block, 1, b->Q, b->block,
+                k->table, b->block, 0, T, n);
+    for (int c = 0; c < S; c++) {
+        double *P = k->P + (size_t)c * (size_t)(k->whole + 1) * COLUMNS;
+        cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, COLUMNS, k->whole, n, 1, T, n,
+                    rest + (size_t)c * ((size_t)n << b->levels), n, 0, P, COLUMNS);
+        multiply_tail(k, c, tail->x + (size_t)c * (size_t)tail->ld);
+    }
+    *chi2 = beside_chi2(k, S);
+    free(T);
+    beside_free(k);
     return MODAL_OK;
 }

@@ -11,6 +11,10 @@
 enum modal_status remainder_of(const struct refine_data *data, const struct refined *fit,
                                struct matrix *E, struct modal_error *err);
 
+/* What column C of it is multiplied by, 0 where it is made zero: of amplitudes in p->Z. */
+double remainder_unit(const struct refine_data *data, const struct refined *fit,
+                      const struct projected *p, int c);
+
 /*
  * Is there a line in E? Of the periodograms of its first L, L/2, L/4, ... rows (a mode that
  * decays fast is in the first rows only), each summed over the columns, twice the largest
@@ -30,4 +34,13 @@ enum modal_status remainder_poles(const struct matrix *E, double tau, int most,
  */
 enum modal_status remainder_split(const struct matrix *E, double tau, double complex lambda,
                                   double *chi2, struct modal_error *err);
+
+/*
+ * The same of a record by blocks (compressed.h): of E in each block its Q^T, REST, rows x blocks x
+ * columns, and its rows after them, TAIL.
+ */
+enum modal_status remainder_split_blocks(const struct compressed *blocks, const double *rest,
+                                         const struct matrix *tail, double tau,
+                                         double complex lambda, double *chi2,
+                                         struct modal_error *err);
 #endif

@@ -162,28 +162,33 @@ static void tall_done(struct tall *t)
     free(t->kind), free(t->column), free(t->a), free(t->R.x);
 }
 
-/* Of L rows of N columns, for one column of data at a time. */
+/* Of L rows of N columns, for one column of data at a time, or of the blocks that have it. */
 static enum modal_status tall_new(const double complex *lambda, int count, double tau, int L,
-                                  int n, struct tall *t, struct modal_error *err)
+                                  int n, struct compressed *blocks, struct tall *t,
+                                  struct modal_error *err)
 {
     size_t most = (size_t)count + 1, order = (size_t)n;
+    struct doubling_poles poles;
+    enum modal_status rc = MODAL_OK;
 
-    *t = (struct tall) { .doubling = doubling_new(L, n, 1, NULL), .R = { n, n, n, NULL } };
+    *t = (struct tall) { .R = { n, n, n, NULL } };
     t->kind = malloc(most * sizeof *t->kind), t->column = malloc(most * sizeof *t->column);
     t->a = malloc(2 * most * sizeof *t->a), t->R.x = malloc(order * order * sizeof *t->R.x);
-    if (t->doubling == NULL || t->kind == NULL || t->column == NULL || t->a == NULL
-        || t->R.x == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "synthesis: no memory for %d rows, order %d", L,
-                          n);
+    if (t->kind == NULL || t->column == NULL || t->a == NULL || t->R.x == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "synthesis: no memory for order %d", n);
     t->b = t->a + count;
     for (int j = 0, c = 0; j < count; j++) {
         t->kind[j] = pole_kind(lambda[j], tau), t->column[j] = c;
         t->a[j] = creal(lambda[j]) * tau, t->b[j] = cimag(lambda[j]) * tau;
         c += pole_order(lambda[j], tau);
     }
-    return doubling_factor(t->doubling,
-                           &(struct doubling_poles) { count, n, t->kind, t->column, t->a, t->b },
-                           t->R.x, err);
+    poles = (struct doubling_poles) { count, n, t->kind, t->column, t->a, t->b };
+    if (blocks != NULL && !compressed_holds(blocks, &poles))
+        rc = compressed_about(blocks, &poles, err);
+    t->doubling = rc == MODAL_OK ? doubling_new(L, n, 1, blocks) : NULL;
+    if (rc == MODAL_OK && t->doubling == NULL)
+        rc = modal_fail(err, MODAL_NO_MEMORY, "synthesis: no memory for %d rows, order %d", L, n);
+    return rc == MODAL_OK ? doubling_factor(t->doubling, &poles, t->R.x, err) : rc;
 }
 
 /* The fit, of the coefficients in S, pole by pole. */
@@ -236,13 +241,13 @@ static enum modal_status fit_column(const double complex *lambda, double tau,
 }
 
 static enum modal_status fit_tall(const double complex *lambda, double tau, const struct matrix *Y,
-                                  struct matrix *fit, struct synthesis *s,
-                                  struct modal_error *err)
+                                  struct compressed *blocks, struct matrix *fit,
+                                  struct synthesis *s, struct modal_error *err)
 {
     struct factors f = { { 0 }, { 0 }, NULL, NULL, NULL };
     struct tall t = { 0 };
     double *work = malloc(3 * (size_t)s->order * sizeof *work);
-    enum modal_status rc = tall_new(lambda, s->poles, tau, Y->m, s->order, &t, err);
+    enum modal_status rc = tall_new(lambda, s->poles, tau, Y->m, s->order, blocks, &t, err);
 
     if (rc == MODAL_OK && work == NULL)
         rc = modal_fail(err, MODAL_NO_MEMORY, "synthesis: no memory for order %d", s->order);
@@ -268,7 +273,7 @@ enum modal_status synthesis_products(const double complex *lambda, int count, do
     double *reference = malloc(((size_t)count + 1) * sizeof *reference);
     struct matrix basis = { L, n, L, NULL };
     struct tall t = { 0 };
-    enum modal_status rc = tall ? tall_new(lambda, count, tau, L, n, &t, err) : MODAL_OK;
+    enum modal_status rc = tall ? tall_new(lambda, count, tau, L, n, NULL, &t, err) : MODAL_OK;
 
     if (tall)
         basis = t.R;
@@ -315,9 +320,10 @@ static enum modal_status fit_rows(const double complex *lambda, double tau, cons
     return rc;
 }
 
-enum modal_status synthesis_fit(const double complex *lambda, int count, double tau,
-                                const struct matrix *Y, struct matrix *fit, struct synthesis *out,
-                                struct modal_error *err)
+static enum modal_status fit_any(const double complex *lambda, int count, double tau,
+                                 const struct matrix *Y, struct compressed *blocks,
+                                 struct matrix *fit, struct synthesis *out,
+                                 struct modal_error *err)
 {
     struct synthesis s = { .poles = count, .order = poles_order(lambda, count, tau),
                            .rows = Y->m, .channels = Y->n, .condition = 1 };
@@ -330,7 +336,7 @@ enum modal_status synthesis_fit(const double complex *lambda, int count, double 
         rc = modal_fail(err, MODAL_NO_MEMORY, "synthesis: no memory for %d poles in %d channels",
                         count, Y->n);
     else
-        rc = doubling_pays(Y->m, s.order, Y->n) ? fit_tall(lambda, tau, Y, fit, &s, err)
+        rc = doubling_pays(Y->m, s.order, Y->n) ? fit_tall(lambda, tau, Y, blocks, fit, &s, err)
                                                 : fit_rows(lambda, tau, Y, fit, &s, err);
     if (rc == MODAL_OK) {
         s.residual = safe_norm(s.channel_residual, Y->n);
@@ -339,4 +345,18 @@ enum modal_status synthesis_fit(const double complex *lambda, int count, double 
     }
     synthesis_done(&s);
     return rc;
+}
+
+enum modal_status synthesis_fit(const double complex *lambda, int count, double tau,
+                                const struct matrix *Y, struct matrix *fit, struct synthesis *out,
+                                struct modal_error *err)
+{
+    return fit_any(lambda, count, tau, Y, NULL, fit, out, err);
+}
+
+enum modal_status synthesis_fit_blocks(const double complex *lambda, int count, double tau,
+                                       struct compressed *blocks, struct synthesis *out,
+                                       struct modal_error *err)
+{
+    return fit_any(lambda, count, tau, &blocks->Y, blocks, NULL, out, err);
 }

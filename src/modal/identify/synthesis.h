@@ -35,6 +35,11 @@ void synthesis_basis(const double complex *lambda, int count, double tau, struct
 enum modal_status synthesis_fit(const double complex *lambda, int count, double tau,
                                 const struct matrix *Y, struct matrix *fit, struct synthesis *out,
                                 struct modal_error *err);
+/* The same of the record of BLOCKS, which are made to hold where they do not. */
+struct compressed;
+enum modal_status synthesis_fit_blocks(const double complex *lambda, int count, double tau,
+                                       struct compressed *blocks, struct synthesis *out,
+                                       struct modal_error *err);
 void synthesis_done(struct synthesis *s);
 
 /* The products of all columns of the basis of L rows, columns scaled: G, order x order. */

@@ -617,7 +617,8 @@ enum modal_status trend_watch(const struct trend_input *in, struct identify_resu
     enum modal_status rc = MODAL_OK;
 
     *follows = false;
-    if (in->count > 0 && in->X->m > 2 * in->count + 2)
+    left = in->white;
+    if (left == 0 && in->count > 0 && in->X->m > 2 * in->count + 2)
         rc = adequate(in, &good, &left, err);
     if (rc == MODAL_OK && (!good || crowded(in)))
         rc = watch(in, good, left, result, follows, err);

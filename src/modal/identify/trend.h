@@ -17,6 +17,8 @@ struct trend_input {
     double hertz;                    /* what a band shifted the frequencies by */
     bool (*cancelled)(void *context);
     void *context;
+    double white;                    /* where what they leave is known to be white noise: its norm
+                                      * over that of the signals; else 0 */
 };
 
 /*

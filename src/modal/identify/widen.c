@@ -41,38 +41,52 @@ static bool at_rounding(const struct refine_data *d, double residual)
     return residual <= ROUNDING * safe_matrix_norm(d->Y);
 }
 
-/* factor: a number for each pole. */
-static enum modal_status for_colour(const struct refine_data *d, struct poles *p, double *factor,
-                                    double *most, struct modal_error *err)
+/* Of what the poles leave: a factor for each frequency THETA. */
+static enum modal_status colour_of(const struct refine_data *d, const struct poles *p,
+                                   const double *theta, double *factor, struct modal_error *err)
 {
     const struct matrix *Y = d->Y;
     struct matrix E = { Y->m, Y->n, Y->m, malloc(sizeof(double) * (size_t)Y->m * (size_t)Y->n) };
     struct synthesis s = { 0 };
-    double *theta = malloc(sizeof *theta * 2 * (size_t)p->count);
-    enum modal_status rc = MODAL_OK;
+    enum modal_status rc;
 
-    if (E.x == NULL || theta == NULL) {
-        rc = modal_fail(err, MODAL_NO_MEMORY, "widen: no memory for residuals of %d signals", Y->n);
-        goto out;
-    }
+    if (E.x == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "widen: no memory for residuals of %d signals",
+                          Y->n);
     rc = synthesis_fit(p->lambda, p->count, p->tau, Y, &E, &s, err);
     for (int c = 0; c < Y->n && rc == MODAL_OK; c++)
         for (int l = 0; l < Y->m; l++)
             E.x[l + (size_t)c * (size_t)E.ld] -= Y->x[l + (size_t)c * (size_t)Y->ld];
     colour_leave_out(&E, Y, ROUNDING);
-    for (int j = 0; j < p->count; j++)
-        theta[j] = fabs(cimag(p->lambda[j])) * p->tau;
     if (rc == MODAL_OK)
-        rc = colour_factors(&E, theta, p->count, theta + p->count, err);
-    for (int j = 0; j < p->count && rc == MODAL_OK; j++) {
-        p->std_re[j] *= theta[p->count + j];
-        p->std_im[j] *= theta[p->count + j];
-        factor[j] = theta[p->count + j];
-        *most = fmax(*most, factor[j]);
-    }
-out:
+        rc = colour_factors(&E, theta, p->count, factor, err);
     synthesis_done(&s);
     free(E.x);
+    return rc;
+}
+
+/* factor: a number for each pole. A very long record was asked when it was searched. */
+static enum modal_status for_colour(const struct refine_data *d, const struct order_choice *choice,
+                                    struct poles *p, double *factor, double *most,
+                                    struct modal_error *err)
+{
+    const double *power = choice->rest.colour.power;
+    double *theta = malloc(sizeof *theta * (size_t)p->count);
+    enum modal_status rc = MODAL_OK;
+
+    if (theta == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "widen: no memory for %d poles", p->count);
+    for (int j = 0; j < p->count; j++)
+        theta[j] = fabs(cimag(p->lambda[j])) * p->tau;
+    if (power != NULL)
+        colour_factors_of(power, COLOUR_ROWS, theta, p->count, factor);
+    else
+        rc = colour_of(d, p, theta, factor, err);
+    for (int j = 0; j < p->count && rc == MODAL_OK; j++) {
+        p->std_re[j] *= factor[j];
+        p->std_im[j] *= factor[j];
+        *most = fmax(*most, factor[j]);
+    }
     free(theta);
     return rc;
 }
@@ -223,7 +237,7 @@ static enum modal_status doubt(const struct refine_data *d, const struct order_c
     for (int j = 0; j < p->count; j++)
         factor[j] = 1;
     if (constant && !(d->share > 0))
-        rc = for_colour(d, p, factor, &out->colour, err);
+        rc = for_colour(d, choice, p, factor, &out->colour, err);
     if (rc == MODAL_OK)
         rc = for_parts(d, p, factor, &out->contradiction, err);
     if (rc == MODAL_OK)

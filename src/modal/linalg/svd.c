@@ -36,18 +36,30 @@ double largest_magnitude(const double *x, size_t count)
     return most;
 }
 
+/* Four sums, which a processor adds side by side. */
+static double sum_of_squares(const double *x, size_t count)
+{
+    double part[4] = { 0 };
+    size_t i = 0;
+
+    for (; i + 4 <= count; i += 4)
+        for (int k = 0; k < 4; k++)
+            part[k] += x[i + k] * x[i + k];
+    for (; i < count; i++)
+        part[0] += x[i] * x[i];
+    return (part[0] + part[1]) + (part[2] + part[3]);
+}
+
 double safe_norm(const double *x, size_t count)
 {
-    double most = largest_magnitude(x, count), sum = 0;
+    double sum = sum_of_squares(x, count), most;
 
+    /* squares neither overflowed nor, where they vanished, matter */
+    if (sum > PLAIN_LEAST * PLAIN_LEAST && sum < PLAIN_MOST * PLAIN_MOST)
+        return sqrt(sum);
+    most = largest_magnitude(x, count), sum = 0;
     if (most == 0 || !isfinite(most))
         return most;
-    /* squares neither overflow nor, where they vanish, matter */
-    if (most > PLAIN_LEAST && most < PLAIN_MOST) {
-        for (size_t i = 0; i < count; i++)
-            sum += x[i] * x[i];
-        return sqrt(sum);
-    }
     for (size_t i = 0; i < count; i++) {
         double a = x[i] / most;
         sum += a * a;

@@ -485,7 +485,7 @@ static enum modal_status try_step(struct nonlinear_stepper *s, double t, double 
     if (rc != MODAL_OK)
         return rc;
     s->missed = converged ? miss(s, map) : HUGE_VAL;
-    if (s->missed > s->opt.tolerance) {
+    if (s->missed > s->face.tolerance) {
         s->face.rejected++;
         *h = step / 2;  /* maps are kept by length: halves come again */
         return MODAL_OK;
@@ -512,7 +512,7 @@ static enum modal_status advance_adaptive(struct nonlinear_stepper *s, double t,
     while (done < h * (1 - WHOLE) && rc == MODAL_OK) {
         double size = ldexp(s->opt.dt, -s->level), left = h - done,
                step = left < size * (1 + TINY) ? left : size, asked = step, taken;
-        if (s->opt.cancelled != NULL && s->face.steps % ASK_EVERY == 0
+        if (s->opt.cancelled != NULL && (s->face.steps + s->face.rejected) % ASK_EVERY == 0
             && s->opt.cancelled(s->opt.context))
             return modal_fail(err, MODAL_CANCELLED, "simulate: cancelled at t = %.9g s", t + done);
         if (s->face.steps + s->face.rejected - before > STEPS_MOST || stalled > STALLED_MOST)
@@ -539,11 +539,11 @@ static enum modal_status advance_adaptive(struct nonlinear_stepper *s, double t,
             if (s->level >= LEVELS)
                 return modal_fail(err, MODAL_NO_CONVERGENCE,
                                   "steps of %g s at t = %.9g s still miss the tolerance %g", step,
-                                  t + done, s->opt.tolerance);
+                                  t + done, s->face.tolerance);
         } else if (taken == asked && asked == size) {
             s->calm++;  /* full steps alone count */
             if (s->level > 0 && s->calm >= CALM_STEPS
-                && s->missed < s->opt.tolerance / ORDER_GAIN) {
+                && s->missed < s->face.tolerance / ORDER_GAIN) {
                 s->level--;
                 s->calm = 0;
             }
@@ -657,8 +657,9 @@ static enum modal_status advance(struct stepper *face, double t, double h, doubl
                                  struct modal_error *err)
 {
     struct nonlinear_stepper *s = (struct nonlinear_stepper *)face;
-    enum modal_status rc = s->started ? MODAL_OK : start(s, t, y, err);
+    enum modal_status rc = s->started && !face->anew ? MODAL_OK : start(s, t, y, err);
 
+    face->anew = false;
     release_sliders(s, y);
     if (rc == MODAL_OK)
         rc =
@@ -770,7 +771,7 @@ enum modal_status nonlinear_stepper_new(const struct statespace *ss, const struc
     s->ss = ss;
     s->src = src;
     s->opt = *opt;
-    s->opt.tolerance = opt->tolerance > 0 ? opt->tolerance : 1e-10;
+    s->face.tolerance = opt->tolerance > 0 ? opt->tolerance : 1e-10;
     rc = ports_new(ss, &s->ports, err);
     if (rc == MODAL_OK && 2 * s->ports->probes * S > UNKNOWNS_MOST)
         rc = modal_fail_field(
@@ -786,6 +787,8 @@ enum modal_status nonlinear_stepper_new(const struct statespace *ss, const struc
         rc = allocate(s, err);
     for (int i = 0; rc == MODAL_OK && i < s->ports->laws; i++)
         s->sequential = s->sequential || s->ports->law[i].law->kind->restart != NULL;
+    s->face.memory = s->memory;
+    s->face.memories = s->ports != NULL ? s->ports->memory : 0;
     if (rc == MODAL_OK)
         *out = &s->face;
     else

@@ -38,6 +38,12 @@ struct stepper {
     int64_t products;            /* dense exponential products (or n 2 x 2 modal blocks) applied */
     int64_t maps;                /* exponentials computed */
     int64_t steps, rejected;     /* of an adaptive one */
+    double tolerance;            /* nonlinear: of a step; may be changed between two calls */
+    /* Nonlinear: what laws remember, MEMORIES numbers, between two calls; to begin another motion
+     * write its own there and set `anew`. */
+    double *memory;
+    int memories;
+    bool anew;
 };
 
 /* Exact steps of a constant program: 2 x 2 blocks where its modes decouple, one dense

@@ -26,11 +26,15 @@
 #include "modal/steady/condense.h"
 #include "modal/steady/cycle.h"
 #include "modal/steady/session.h"
+#include "modal/steady/settle.h"
 #include "modal/steady/stiffness.h"
 
 /* Harmonics fall as k^-3 and faster, so that half the samples fold eight times as much: their
  * difference is seven times what the whole folds. */
 static const double FOLDS = 7;
+/* Of the budget, what a motion sought in time may cost: it serves the balances of all orders, which
+ * have the rest. */
+static const double SHARE_OF_TIME = 0.25;
 enum {
     H_CYCLE_MOST = 1024,    /* an eighth of the samples: what folds onto them is small */
     H_LEAST = 8,   /* as solve.c begins */
@@ -210,6 +214,31 @@ static enum modal_status cycle_point(struct steady *s, const struct cycle *c, do
     return rc;
 }
 
+/* POINT, which has the cycle's motion, told what C knows of it; its multipliers become POINT's. */
+static void describe(const struct steady *s, struct cycle *c, struct steady_point *point)
+{
+    point->method = "events";
+    point->converged = point->followed = c->closed;
+    point->reason = c->closed ? NULL : "the motion followed through its events does not repeat";
+    point->residual = point->step = c->closure;
+    point->solver = c->closure * point->amplitude;      /* what a period leaves open */
+    point->error = point->truncation + point->sampling + point->solver;
+    for (int l = 0; l < point->laws; l++) {
+        const struct law *law = &s->p->law[l];
+
+        point->evaluations[l] = c->evaluations;
+        point->acts[l] = c->acts[l];
+        /* one that never slips holds what it did at the start */
+        point->undetermined[l] = !c->acts[l] && (law->kind->set_valued || law->memory > 0);
+    }
+    if (!c->closed)                                     /* multipliers are of no motion */
+        return;
+    point->states = c->states;
+    point->multiplier = c->multiplier;
+    point->multiplier_error = c->error;
+    c->multiplier = NULL;                               /* the point's now */
+}
+
 /* Rigid friction, alone: followed in time from event to event, stops and all. */
 enum modal_status solve_by_cycle(struct steady *s, double omega, const struct steady_start *start,
                                  struct steady_point *point, struct modal_error *err)
@@ -228,33 +257,85 @@ enum modal_status solve_by_cycle(struct steady *s, double omega, const struct st
     if (rc == MODAL_OK)
         rc = cycle_point(s, &c, omega, point, err);
     if (rc == MODAL_OK) {
-        point->method = "events";
-        point->converged = c.closed;
-        point->reason =
-            c.closed ? NULL
-                     : "the motion followed through the events of rigid friction does not repeat";
+        describe(s, &c, point);
         point->iterations = c.periods;
         point->attempts = 1;
-        point->residual = point->step = c.closure;
-        point->solver = c.closure * point->amplitude;   /* what a period leaves open */
-        point->error = point->truncation + point->sampling + point->solver;
-        point->followed = c.closed;
-        for (int l = 0; l < point->laws; l++) {
-            point->evaluations[l] = c.evaluations;
-            const struct law *law = &s->p->law[l];
-
-            point->acts[l] = c.acts[l];
-            /* one that never slips holds what it did at the start */
-            point->undetermined[l] = !c.acts[l] && (law->kind->set_valued || law->memory > 0);
-        }
-    }
-    if (rc == MODAL_OK && c.closed) {                   /* else they are of no motion */
-        point->states = c.states;
-        point->multiplier = c.multiplier;
-        point->multiplier_error = c.error;
-        c.multiplier = NULL;                            /* the point's now */
     }
     cycle_done(&c);
     free(x);
     return rc;
+}
+
+/* A search in time and what it found. */
+struct settled {
+    struct settle *search;            /* NULL: it does not apply */
+    struct cycle motion;
+};
+
+/* s->settled, from START or from rest. */
+static enum modal_status search_in_time(struct steady *s, double omega,
+                                        const struct steady_start *start, struct modal_error *err)
+{
+    struct cycle_options opt = { s->opt.cancelled, s->opt.context, &s->budget };
+    double *x = calloc(2 * (size_t)s->p->n + 1, sizeof *x), most = SHARE_OF_TIME * s->budget.most;
+    enum modal_status rc = MODAL_OK;
+
+    s->settled = calloc(1, sizeof *s->settled);
+    if (x == NULL || s->settled == NULL)
+        rc = modal_fail(err, MODAL_NO_MEMORY, "steady: no memory");
+    if (rc == MODAL_OK && settle_takes(s->p))
+        rc = settle_new(s->p, omega, &opt, &s->settled->search, err);
+    /* what has no such states is not followed */
+    if (rc == MODAL_BAD_INPUT || rc == MODAL_TOO_LARGE)
+        rc = MODAL_OK;
+    if (rc == MODAL_OK && s->settled->search != NULL && start != NULL)
+        rc = state_of_start(s, omega, start, x, x + s->p->n, err);
+    if (rc == MODAL_OK && s->settled->search != NULL)
+        rc = settle_find(s->settled->search, x, x + s->p->n, most, &s->settled->motion, err);
+    free(x);
+    return rc;
+}
+
+enum modal_status time_start(struct steady *s, const struct balance *b,
+                             const struct steady_start *start, double complex *X, bool *found,
+                             struct modal_error *err)
+{
+    struct orbit_grid *g = NULL;
+    enum modal_status rc =
+        s->settled != NULL ? MODAL_OK : search_in_time(s, b->omega, start, err);
+
+    *found = rc == MODAL_OK && s->settled->motion.closed;
+    if (*found)
+        rc = orbit_grid_new(CYCLE_SAMPLES, &g, err);
+    for (int i = 0; rc == MODAL_OK && *found && i < b->q; i++)
+        orbit_analyze(g, s->settled->motion.x + (size_t)condense_dofs(s->c)[i] * CYCLE_SAMPLES,
+                      b->H, X + i * (b->H + 1));
+    orbit_grid_free(g);
+    return rc;
+}
+
+enum modal_status time_answer(struct steady *s, double omega, struct steady_point *point,
+                              struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+
+    if (s->settled == NULL || !s->settled->motion.closed)
+        return MODAL_OK;
+    rc = settle_multipliers(s->settled->search, SHARE_OF_TIME * s->budget.most,
+                            &s->settled->motion, err);
+    if (rc == MODAL_OK)
+        rc = cycle_point(s, &s->settled->motion, omega, point, err);
+    if (rc == MODAL_OK)
+        describe(s, &s->settled->motion, point);
+    return rc;
+}
+
+void time_forget(struct steady *s)
+{
+    if (s->settled == NULL)
+        return;
+    settle_free(s->settled->search);
+    cycle_done(&s->settled->motion);
+    free(s->settled);
+    s->settled = NULL;
 }

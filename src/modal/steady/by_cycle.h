@@ -2,8 +2,11 @@
  * point of H harmonics */
 #ifndef MODAL_BY_CYCLE_H
 #define MODAL_BY_CYCLE_H
+#include <complex.h>
+#include <stdbool.h>
 #include "base/error.h"
 
+struct balance;
 struct steady;
 struct steady_point;
 struct steady_start;
@@ -15,4 +18,20 @@ struct steady_start;
  */
 enum modal_status solve_by_cycle(struct steady *s, double omega, const struct steady_start *start,
                                  struct steady_point *point, struct modal_error *err);
+
+/*
+ * The motion of S at OMEGA that settle.h finds from START, or from rest (NULL): sought when a
+ * solution first asks for it, and kept until time_forget.  X: its harmonics of balance B's kept
+ * dofs; *FOUND false: there is none, or laws that are not followed.  Fails with MODAL_NO_MEMORY or
+ * MODAL_CANCELLED.
+ */
+enum modal_status time_start(struct steady *s, const struct balance *b,
+                             const struct steady_start *start, double complex *X, bool *found,
+                             struct modal_error *err);
+/* What time_start found, if anything, as POINT, as solve_by_cycle gives its own; its iterations
+ * and attempts stay.  Fails as time_start does. */
+enum modal_status time_answer(struct steady *s, double omega, struct steady_point *point,
+                              struct modal_error *err);
+/* Frees it. */
+void time_forget(struct steady *s);
 #endif

@@ -597,18 +597,18 @@ static enum modal_status allocate(struct follow *f, struct modal_error *err)
  * make; the step carries N states over.  A map is an exponential a node (collocation.c, (3)): of
  * all states or, where they decouple, of each mode by itself.
  */
-static void price_steps(struct follow *f)
+void cycle_price(const struct ports *p, int sources, double *try_work, double *map_work)
 {
-    const struct ports *p = f->ports;
-    double m = p->channels, S = COLLOCATION_STAGES, size = m * S, driven = S + f->src->nw;
+    const struct statespace *ss = p->ss;
+    double m = p->channels, S = COLLOCATION_STAGES, size = m * S, driven = S + sources;
     double iteration = S * p->laws * BUDGET_SAMPLE
                        + (4 * m * size * size + 2.0 / 3 * size * size * size) / BUDGET_DENSE;
 
-    f->try_work = SOLUTIONS_OF_STEP * ITERATIONS_OF_STEP * iteration
-                  + 2.0 * f->N * (f->N + 3 * size) / BUDGET_DENSE;
-    f->map_work = S
-                  * (f->ss->modal ? f->ss->n * exponential_work(2 + (int)driven)
-                                  : exponential_work(f->N + (int)(size + f->src->nw)));
+    *try_work = SOLUTIONS_OF_STEP * ITERATIONS_OF_STEP * iteration
+                + 2.0 * ss->N * (ss->N + 3 * size) / BUDGET_DENSE;
+    *map_work = S
+                * (ss->modal ? ss->n * exponential_work(2 + (int)driven)
+                             : exponential_work(ss->N + (int)size + sources));
 }
 
 /* The stepper of F's program and what disturbances need. */
@@ -636,7 +636,7 @@ static enum modal_status follow_init(struct follow *f, struct modal_error *err)
         if (f->p.law[l].kind->set_valued)
             f->floor =
                 fmax(f->floor, NO_MOTION * f->p.law[l].limit * largest(pull(f, l), f->N) * f->T);
-    price_steps(f);
+    cycle_price(f->ports, f->src->nw, &f->try_work, &f->map_work);
     rc = expm_new(f->N, &f->exponential, err);
     return rc == MODAL_OK ? allocate(f, err) : rc;
 }

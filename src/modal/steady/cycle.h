@@ -11,6 +11,7 @@
 #include "base/error.h"
 
 struct budget;
+struct ports;
 struct program;
 
 enum {
@@ -61,6 +62,9 @@ bool cycle_takes(const struct program *p);
 enum modal_status cycle_find(const struct program *p, double omega, const double *x0,
                              const double *v0, const struct cycle_options *opt, struct cycle *out,
                              struct modal_error *err);
+/* Operations (budget.h) that a try of a step costs through PORTS, beside SOURCES states of loads,
+ * and a map of it. */
+void cycle_price(const struct ports *ports, int sources, double *try_work, double *map_work);
 /* Frees what C holds. */
 void cycle_done(struct cycle *c);
 #endif

@@ -4,6 +4,7 @@
 #include "modal/steady/point.h"
 
 struct iterate_options;
+struct settled;               /* by_cycle.c */
 
 /* Orders whose balances are kept: H doubles, and a way or a search asks for a few in between. */
 enum { BALANCES = 24 };
@@ -28,6 +29,8 @@ struct steady {
     struct at_rest *rest;       /* made when first asked for; NULL: not yet, or it does not apply */
     bool rest_asked;
     bool rested;                /* the last solution was at rest */
+    struct settled *settled;    /* a motion sought in time, of the solution under way; NULL: not
+                                 * yet */
     bool searching;             /* for all solutions: motions at rest are found as the others are */
 };
 

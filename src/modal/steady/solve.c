@@ -619,8 +619,13 @@ static enum modal_status solve_any(struct steady *s, double omega, const struct 
         rc = solve_by_cycle(s, omega, start, point, err);
     if (rc != MODAL_OK || point->converged)
         return rc;
-    return s->opt.harmonics > 0 ? solve_at(s, s->opt.harmonics, omega, start, point, err)
-                                : solve_to_target(s, omega, start, point, err);
+    rc = s->opt.harmonics > 0 ? solve_at(s, s->opt.harmonics, omega, start, point, err)
+                              : solve_to_target(s, omega, start, point, err);
+    /* What repeats in time is an answer where no balance settles. */
+    if (rc == MODAL_OK && !point->converged)
+        rc = time_answer(s, omega, point, err);
+    time_forget(s);
+    return rc;
 }
 
 /* Every dof kept: the linear ones, held at the kept, resonate. */

@@ -29,6 +29,7 @@
 #include <string.h>
 #include "modal/steady/aft.h"
 #include "modal/steady/balance.h"
+#include "modal/steady/by_cycle.h"
 #include "modal/steady/condense.h"
 #include "modal/steady/iterate.h"
 #include "modal/steady/pattern.h"
@@ -69,6 +70,9 @@ static const double LEAP = 3;
  * better, as harmonics fall that left out of it matter less. */
 static const double ROUGH = 1e-2;
 static const double ROUGHER = 5;
+/* Of the budget, what the branch of small loads may cost where it is preferred: other ways are
+ * left. */
+static const double SHARE_OF_WALK = 0.25;
 /* Laws left out are a start where they leave less than half of the residual of rest. */
 static const double HALF_LEFT = 0.5;
 
@@ -228,6 +232,7 @@ static enum modal_status from_low(struct steady *s, struct balance *b, double co
 {
     struct steady_point low = *point;
     size_t size = (size_t)b->q * ((size_t)b->H + 1);
+    double most = s->budget.most;
     enum modal_status rc;
 
     low.X = calloc(size + 1, sizeof *low.X);
@@ -235,9 +240,11 @@ static enum modal_status from_low(struct steady *s, struct balance *b, double co
         return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory");
     low.converged = false;
     low.residual = -1;                                  /* no iterate yet */
+    s->budget.most = fmin(most, s->budget.spent + SHARE_OF_WALK * most);
     rc = b->pattern->full ? MODAL_OK : ramp(s, b, LEVEL_LOW, X, &low, err);
     if (rc == MODAL_OK && !low.converged)
         rc = along_levels(s, b, X, &low, err);
+    s->budget.most = most;
     if (rc == MODAL_OK && low.converged) {
         memcpy(point->X, low.X, size * sizeof *low.X);
         free(low.X);
@@ -396,6 +403,7 @@ struct attempt {
     double complex *X;                  /* filled by ways_begin from it, the next way's start */
     struct steady_point *point;
     bool ended;                         /* nothing is tried after this way */
+    bool timed;                         /* a motion in time was sought */
 };
 
 /* The ways that are gone until one has converged. */
@@ -485,6 +493,30 @@ static enum modal_status from_fewer(struct attempt *a, struct modal_error *err)
     return fewer_harmonics(a->s, a->b, a->X, a->point, err);
 }
 
+/* Nobody has said how, or how long, to look, and it was not looked before. */
+static bool is_free(const struct attempt *a)
+{
+    const struct steady_options *o = &a->s->opt;
+
+    return goes_round(a) && o->method == STEADY_AUTO && o->max_iterations == 0 && !a->timed;
+}
+
+/* A ramp of many dofs is cheaper than their motion in time; of few, the motion. */
+static bool is_small(const struct attempt *a) { return is_free(a) && a->b->pattern->full; }
+
+/* The motion that is reached in time, as far as the balance has its harmonics. */
+static enum modal_status from_time(struct attempt *a, struct modal_error *err)
+{
+    bool found;
+    enum modal_status rc;
+
+    a->timed = true;
+    rc = time_start(a->s, a->b, a->start, a->X, &found, err);
+    if (rc == MODAL_OK && found)
+        rc = try_newton(a->s, a->b, "newton", a->X, a->point, err);
+    return rc;
+}
+
 /* Level by level from loads that leave the laws linear, */
 static enum modal_status ramp_up(struct attempt *a, struct modal_error *err)
 {
@@ -514,16 +546,18 @@ static const struct {
     { may_have_leapt,     branch_from_low },      /* though it converged */
     { had_start,          newton_from_rest },
     { unsolved,           newton_without_laws },  /* [CG89], section 3.1 */
+    { is_small,           from_time },            /* settle.h */
     { has_many_harmonics, from_fewer },
     { goes_round,         ramp_up },
     { goes_round,         ramp_down },
+    { is_free,            from_time },
     { goes_round,         over_levels },
 };
 
 enum modal_status ways_try(struct steady *s, struct balance *b, const struct steady_start *start,
                            double complex *X, struct steady_point *point, struct modal_error *err)
 {
-    struct attempt a = { s, b, start, X, point, false };
+    struct attempt a = { .s = s, .b = b, .start = start, .X = X, .point = point };
     enum modal_status rc = MODAL_OK;
 
     for (size_t i = 0; rc == MODAL_OK && !a.ended && i < sizeof ways / sizeof *ways; i++)

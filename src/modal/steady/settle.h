@@ -1,0 +1,41 @@
+/* settle.h - a motion that repeats, found in time: a start for the balance where no way of its own
+ * leads to one, and the answer where the balance does not settle even from there
+ *
+ * Harmonic balance of kinks has no descent to its solution from afar; time integration has: the
+ * state forgets where it began, and where what repeats is unstable Newton's method on the map of
+ * a period closes it. */
+#ifndef MODAL_SETTLE_H
+#define MODAL_SETTLE_H
+#include <stdbool.h>
+#include "base/error.h"
+
+struct cycle;
+struct cycle_options;
+struct program;
+struct settle;                /* one search */
+
+/* Whether P is of the kind that is followed here: laws that a state determines, none rigid and none
+ * a user's, and few states. */
+bool settle_takes(const struct program *p);
+
+/* For the program P (settle_takes) at OMEGA, borrowed, as is what OPT points to.  Fails with
+ * MODAL_NO_MEMORY, or as statespace_new does. */
+enum modal_status settle_new(const struct program *p, double omega, const struct cycle_options *opt,
+                             struct settle **out, struct modal_error *err);
+/* NULL is accepted. */
+void settle_free(struct settle *s);
+
+/*
+ * The motion that is reached from displacements X0 and rates V0 by dof, sliders at zero (NULL: from
+ * rest), into OUT, without forces and multipliers; cycle_done frees it.  MOST: operations of
+ * budget.h that closing it may cost.  Not to close is an answer.  Fails with MODAL_NO_MEMORY or
+ * MODAL_CANCELLED.
+ */
+enum modal_status settle_find(struct settle *s, const double *x0, const double *v0, double most,
+                              struct cycle *out, struct modal_error *err);
+
+/* The multipliers of the motion found, what laws remember among its states, and their error, into
+ * OUT; it has none where that would cost more than MOST.  Fails as settle_find. */
+enum modal_status settle_multipliers(struct settle *s, double most, struct cycle *out,
+                                     struct modal_error *err);
+#endif

@@ -1,0 +1,122 @@
+"""Steady motions that harmonic balance does not reach from afar, beside the orbit that Newton's method closes on the map of a
+period made here: Runge and Kutta's fixed steps in numpy, which know nothing of harmonics, events or pieces of laws."""
+import json
+import pathlib
+
+import numpy as np
+import pytest
+from local_scene import harmonics, run
+
+SCENES = pathlib.Path(__file__).parents[1] / "data" / "steady"
+
+
+class Period:
+    """The map of (x, v, forces of sliders) over a period, of many states at once."""
+
+    def __init__(self, scene, steps):
+        m = scene["structure"]
+        self.Minv, self.C, self.K = (np.linalg.inv(m["M"]), np.array(m["C"]), np.array(m["K"]))
+        self.n, self.omega, self.steps, self.load = len(self.Minv), scene["omega"], steps, scene["excitation"]
+        self.effects = [(e, int(e["dof"][1:]) - 1) for e in scene["effects"]]
+        self.sliders = [(e, i) for e, i in self.effects if e["type"] == "friction"]
+        self.states = 2 * self.n + len(self.sliders)
+
+    def held(self, x, before, force):
+        return np.array([np.clip(f + e["stiffness"] * (x[i] - b[i]), -e["limit"], e["limit"])
+                         for (e, i), f, b in zip(self.sliders, force, [before] * len(force))]).reshape(force.shape)
+
+    def rate(self, t, y, before, force):
+        x, v = y[:self.n], y[self.n:]
+        f = -self.K @ x - self.C @ v
+        for row in self.load:
+            i, phase = int(row["dof"][1:]) - 1, row["k"] * self.omega * t
+            f[i] += row["cos"] * np.cos(phase) + row.get("sin", 0) * np.sin(phase)
+        for e, i in self.effects:
+            if e["type"] == "gap":
+                into = np.maximum(x[i] - e["clearance"], 0)
+                f[i] -= np.maximum(e["stiffness"] * into * (1 + e.get("dissipation", 0) * v[i]), 0)
+            if e["type"] == "parametric_stiffness":
+                f[i] -= e["stiffness"] * np.cos(e["k"] * self.omega * t + e["phase"]) * x[i]
+        for (e, i), g in zip(self.sliders, self.held(x, before, force)):
+            f[i] -= g
+        return np.concatenate([v, self.Minv @ f])
+
+    def __call__(self, u):
+        """P(u) of the columns of u, and the displacements of the first on the way."""
+        y, force, h, path = u[:2 * self.n].copy(), u[2 * self.n:].copy(), 2 * np.pi / self.omega / self.steps, []
+        for j in range(self.steps):
+            t, x = j * h, y[:self.n].copy()
+            path.append(x[:, 0])
+            a = self.rate(t, y, x, force)
+            b = self.rate(t + h / 2, y + h / 2 * a, x, force)
+            c = self.rate(t + h / 2, y + h / 2 * b, x, force)
+            d = self.rate(t + h, y + h * c, x, force)
+            y = y + h / 6 * (a + 2 * b + 2 * c + d)
+            force = self.held(y[:self.n], x, force)
+        return np.concatenate([y, force]), np.array(path).T
+
+    def orbit(self, u, rounds=4):
+        """The displacements of the orbit that is closed from u, what it leaves open, and its multipliers."""
+        slope = np.zeros((self.states, self.states))
+        for _ in range(rounds):
+            unit = np.where(np.abs(u) > 0, np.abs(u).max(), 1) * 1e-6
+            end, path = self(np.column_stack([u, u[:, None] + np.diag(unit)]))
+            left = end[:, 0] - u
+            slope = (end[:, 1:] - end[:, :1]) / unit
+            if np.abs(left).max() < 1e-8 * np.abs(u).max():
+                break
+            u = u + np.linalg.lstsq(np.eye(self.states) - slope, left, rcond=1e-6)[0]
+        return path, np.abs(left).max() / np.abs(u).max(), np.linalg.eigvals(slope)
+
+
+def answered(tmp_path, scene, steps, *words):
+    """The answer, its displacements, and the orbit from its state at t = 0, as `Period.orbit` has it."""
+    answer = run(tmp_path, "steady", scene, *words)
+    assert answer["converged"], answer["diagnostics"]
+    X, period = harmonics(answer), Period(scene, steps)
+    k = np.arange(X.shape[1])
+    turns = np.exp(2j * np.pi * np.outer(k, np.arange(steps)) / steps)
+    x, force = (X @ turns).real, np.zeros(len(period.sliders))
+    for j in range(2 * steps):                                           # what sliders hold, from a period before
+        force = period.held(x[:, j % steps], x[:, j % steps - 1], force)
+    start = np.concatenate([X.sum(axis=1).real, (1j * scene["omega"] * X @ k).real, force])
+    return answer, x, *period.orbit(start)
+
+
+@pytest.mark.parametrize("name, steps", [("random_scene_47", 4096), ("random_scene_12", 4096), ("random_scene_3", 8192), ("stiff_slider", 8192)])
+def test_what_the_balance_does_not_reach_from_rest_is_found_in_time(tmp_path, name, steps):
+    """A gap that is always closed beside a pulsating spring; one that closes at rest; a free body between stops held by a
+    slider; a slider a thousand times as stiff as its spring."""
+    scene = json.loads((SCENES / f"{name}.json").read_text())
+    answer, x, path, left, multipliers = answered(tmp_path, scene, steps, "-o", "stability=true")
+    largest = np.abs(multipliers).max()
+    if any(row["code"] == "undetermined_mean" for row in answer["diagnostics"]):
+        x, path = x - x.mean(axis=1, keepdims=True), path - path.mean(axis=1, keepdims=True)
+    assert left < 1e-7
+    assert np.abs(path).max() > 0.05                                     # a motion, and no rest
+    assert np.abs(x - path).max() < 2 * answer["total_error"] + 1e-5 * np.abs(path).max()
+    assert answer["total_error"] < 1e-3 * np.abs(path).max()
+    assert abs(answer["stability"]["max_multiplier"] - largest) < 0.02 * largest + 0.05
+    assert answer["stability"]["stable"] is (None if abs(largest - 1) < 0.01 else bool(largest < 1))
+
+
+@pytest.mark.parametrize("stiffness", [1e4])
+def test_a_stiff_slider_moves_as_friction_without_stiffness_does(tmp_path, stiffness):
+    """Two programs for one motion: what sticks bends by limit / stiffness, and no more is between them."""
+    scene = json.loads((SCENES / "stiff_slider.json").read_text())
+    rigid = json.loads(json.dumps(scene))
+    rigid["effects"] = [{"type": "coulomb", "dof": "x1", "limit": 0.6}]
+    scene["effects"][0]["stiffness"] = stiffness
+    soft, hard = (run(tmp_path, "steady", s, "-o", "harmonics=63") for s in (scene, rigid))
+    turns = np.exp(2j * np.pi * np.outer(np.arange(64), np.arange(512)) / 512)
+    apart = np.abs(((harmonics(soft) - harmonics(hard)) @ turns).real).max()
+    assert soft["converged"]
+    assert apart < soft["total_error"] + hard["total_error"] + 5 * 0.6 / stiffness
+
+
+def test_a_body_that_friction_cannot_hold_is_no_periodic_motion(tmp_path):
+    """Its mean load is above the slider's limit: it goes on and on, and an answer that closes would be a wrong one."""
+    scene = {"structure": {"type": "matrices", "M": [[1.0]], "K": [[0.0]], "C": [[0.1]]}, "omega": 1.0,
+             "effects": [{"type": "friction", "dof": "x1", "stiffness": 10.0, "limit": 0.3}],
+             "excitation": [{"dof": "x1", "k": 1, "cos": 1.0}, {"dof": "x1", "k": 0, "cos": 0.5}]}
+    assert not run(tmp_path, "steady", scene)["converged"]

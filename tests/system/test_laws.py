@@ -7,58 +7,12 @@ its opposite on the other.  Laws of whole structures are held against closed for
 import json
 import math
 import re
-import subprocess
 
 import h5py
 import numpy as np
 import pytest
-from conftest import BUILD, PATIENCE, environment
-
-
-class Key:
-    def __init__(self, name, says):
-        self.name, self.needed = name, "; needed" in says
-        self.unless = (re.search(r"; needed without (\w+)", says) or [None, None])[1]
-        example = re.search(rf'; such as "{name}": (.*)$', says)
-        self.example = json.loads(example[1]) if example else None
-
-
-class Part:
-    def __init__(self, text):
-        head, self.law, *lines = text.splitlines()
-        self.law = self.law.strip()
-        self.list, self.type, on = re.fullmatch(r'(\w+)(?: of type "(\w+)")?(?: on (.*))?', head).groups()
-        self.structures = on.split(", ") if on else None
-        self.keys = [Key(re.match(r"    (\w+)", name)[1], says) for name, says in zip(lines, lines[1:]) if re.match(r"    \w", name)]
-
-    def build(self, **given):
-        """Keys that are needed and those that the law names, with their examples."""
-        made = {"type": self.type}
-        for key in self.keys:
-            wanted = (key.needed and (key.unless is None or key.unless not in made)) or re.search(rf"\b{key.name}\b", self.law)
-            if key.name in given or (wanted and key.name != "type" and key.example is not None):
-                made[key.name] = given.get(key.name, key.example)
-        return made
-
-
-def read_page():
-    text = (BUILD / "modald-scene.5").read_text().split(".SH KEYS\n.nf\n")[1].split(".fi\n")[0]
-    text = text.replace("\\-", "-").replace("\\e", "\\").replace("\\&", "")
-    return [Part(part) for part in text.split("\n\n") if part.strip()]
-
-
-PAGE = read_page()
-EFFECTS = {p.type: p for p in PAGE if p.list == "effects"}
-STRUCTURES = {p.type: p for p in PAGE if p.list == "structure"}
-
-
-def run(tmp_path, verb, scene, *words):
-    (tmp_path / "scene.json").write_text(json.dumps(scene))
-    done = subprocess.run([BUILD / "bin" / "modalctl", "--local", "--json", verb, tmp_path / "scene.json", *words], capture_output=True, text=True, timeout=PATIENCE,
-                          env=environment())
-    answer = json.loads(done.stdout)
-    assert done.returncode == 0, answer
-    return answer
+from local_scene import run
+from scene_page import EFFECTS, FUNCTIONS, STRUCTURES, arithmetic
 
 
 def pairs():
@@ -98,24 +52,11 @@ def motion(effect, tmp_path, **given):
     return np.arange(len(y)) * STEP, y[:, 0:2], y[:, 2:4], y[:, 4:6] * MASSES + np.column_stack([held, -held])
 
 
-def arithmetic(text):
-    """The printed expression as Python: a quantity beside another is a product, ^ a power, d' the velocity."""
-    words = re.findall(r"\w+(?:\[\w+\])?'?|[-+*/^(),|]", text.replace("d'", "v"))
-    made = ""
-    for i, word in enumerate(words):
-        before = words[i - 1] if i else ""
-        operand = re.match(r"[\w]|\(", word)
-        if operand and re.match(r"[\w)]", before) and not (word == "(" and before in ("cos", "tanh", "sign", "force", "max")):
-            made += "*"
-        made += "**" if word == "^" else word
-    return made
-
-
 def value(text, keys, **at):
     """TEXT of a law, its keys and quantities given; "the sum of X[i] ..." runs over the list X."""
     total = re.match(r"the sum of (\w+)\[i\] (.*)", text)
-    names = {"cos": np.cos, "tanh": np.tanh, "sign": np.sign, "max": np.maximum, "force": lambda t, x, v, memory: lua(keys["source"], x, v), "memory": None,
-             "omega": OMEGA, **keys, **at}
+    names = {**FUNCTIONS, "force_of": lambda t, x, v, memory: lua(keys["source"], x, v),
+             "memory": None, "omega": OMEGA, **keys, **at}
     if total:
         return sum(c * eval(arithmetic(total[2]), {}, {**names, "i": i}) for i, c in enumerate(keys[total[1]]))
     return eval(arithmetic(text), {}, names)
@@ -182,6 +123,32 @@ def test_contact_and_its_friction_obey_the_printed_law(tmp_path):
     assert N.min() == 0 < N.max()                                       # it opens and closes
     assert force[:, 0] == pytest.approx(-N, abs=1e-9 * N.max())
     f = slider(x[:, 1], keys[stiffness], keys[bound] * N)
+    assert force[:, 1] == pytest.approx(-f, abs=1e-3 * np.abs(f).max())
+
+
+def test_products_of_powers_obey_the_printed_law(tmp_path):
+    effect = EFFECTS["polynomial_coupling"]
+    assert effect.law == "minus the coefficient times the product of the powers on the dof `on` of each term"
+    terms = [{"coefficient": 2e5, "powers": {"x1": 2, "x2": 1}, "on": "x1"},
+             {"coefficient": -3e4, "powers": {"x1": 1, "x2": 1}, "on": "x2"},
+             {"coefficient": 1e6, "powers": {"x2": 3}, "on": "x2"}]
+    _, x, _, force = motion(effect, tmp_path, terms=terms)
+    f = np.column_stack([-2e5 * x[:, 0]**2 * x[:, 1], 3e4 * x[:, 0] * x[:, 1] - 1e6 * x[:, 1]**3])
+    assert force == pytest.approx(f, abs=1e-9 * np.abs(f).max())
+
+
+def test_a_bed_of_contacts_obeys_the_printed_law(tmp_path):
+    effect = EFFECTS["contact_bed"]
+    normal, tangential = effect.law.split("; along each tangential ")
+    n = re.fullmatch(r"at each node minus N = (.*) on normal", normal)[1].replace("d_n", "d")
+    assert tangential.startswith("minus a friction element of area tangential_stiffness whose limit is mu N: ")
+    node = {"normal": "x1", "tangential": "x2", "area": 0.03}
+    keys = effect.build(nodes=[node])
+    t, x, _, force = motion(effect, tmp_path, nodes=[node])
+    N = value(n, {**keys, "area": node["area"]}, d=x[:, 0])
+    assert N.min() == 0 < N.max()
+    assert force[:, 0] == pytest.approx(-N, abs=1e-9 * N.max())
+    f = slider(x[:, 1], node["area"] * keys["tangential_stiffness"], keys["mu"] * N)
     assert force[:, 1] == pytest.approx(-f, abs=1e-3 * np.abs(f).max())
 
 
@@ -308,10 +275,37 @@ def test_a_gyroscope_turns_one_slope_into_the_other_as_printed(tmp_path):
 
 RIGID = {"bearing", "coupling", "rotary_inertia", "gyroscopic"}
 
-# of shaft and wing: held against published figures and other programs by tests/hard/test_scenes.py and test_machines.py; of several
-# dofs: by test_coupling.py and test_contact_bed.py
-ELSEWHERE = {"polynomial_coupling", "contact_bed", "clearance", "airloads"}
+# by test_laws_of_loads.py: the scenes of its shafts and wings
+ELSEWHERE = {"clearance", "airloads"}
+OF_SEVERAL = {"contact_friction", "contact_bed", "polynomial_coupling"}
 
 
 def test_every_law_of_the_page_is_held_against_something():
-    assert set(EFFECTS) == set(BETWEEN) | set(WHOLE) | {"contact_friction", "viscous_damping", "axial_load"} | RIGID | ELSEWHERE
+    assert set(EFFECTS) == set(BETWEEN) | set(WHOLE) | OF_SEVERAL | {"viscous_damping", "axial_load"} | RIGID | ELSEWHERE
+
+
+# ---- structures ----
+
+def test_matrices_and_a_chain_have_the_exponents_of_their_printed_equations(tmp_path):
+    assert STRUCTURES["matrices"].law == "M x'' + (C + speed G) x' + K x = p"
+    keys = STRUCTURES["matrices"].build() | {"C": [[0.4, 0.1], [0.3, 0.2]], "G": [[0, 1], [-1, 0]], "speed": 2}
+    mass, C, G, stiffness = (np.array(keys[name], float) for name in ("M", "C", "G", "K"))
+    A = np.block([[np.zeros((2, 2)), np.eye(2)], [-np.linalg.solve(mass, stiffness), -np.linalg.solve(mass, C + 2 * G)]])
+    assert exponents(tmp_path, keys) == pytest.approx(sorted(np.linalg.eigvals(A), key=lambda z: (z.imag, z.real)), rel=1e-9)
+    assert STRUCTURES["chain"].law == "m_i x_i'' + the forces of springs and dampers i and i + 1 = p_i"
+    c = [0.5, 0.3, 0.8]
+    C = np.array([[c[0] + c[1], -c[1]], [-c[1], c[1] + c[2]]])
+    assert exponents(tmp_path, {**CHAIN, "dampers": c}) == pytest.approx(of_matrices(C), rel=1e-9)
+
+
+def test_a_pinned_beam_has_the_frequencies_of_its_printed_equation(tmp_path):
+    assert STRUCTURES["beam"].law.startswith("mass_per_length w_tt + EI w_xxxx = p")
+    body, found = beam(tmp_path)
+    waves = np.arange(1, 4) * math.pi / body["length"]
+    expected = np.sqrt(body["EI"] / body["mass_per_length"]) * waves**2
+    assert np.imag(found[:3]) == pytest.approx(expected, rel=1e-3)
+
+
+def test_every_structure_of_the_page_is_held_against_something():
+    """A shaft by its rigid motions above, a wing by test_laws_of_loads.py."""
+    assert set(STRUCTURES) == {"matrices", "chain", "beam", "shaft", "wing"}

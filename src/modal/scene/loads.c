@@ -38,8 +38,8 @@ static const struct scene_key load_keys[] = {
 static const struct scene_key harmonic_keys[] = {
     { "k", SCENE_OWN, offsetof(struct keys, k), .otherwise = "1",
       .means =
-          "harmonic of the scene's omega, 0 to 1000, 0: constant; [k1, k2] or [k1, k2, k3]: of "
-          "the tones of steady.tones",
+          "harmonic of the scene's omega, 0 to 1000, 0: constant; [k1, k2] or [k1, k2, k3]: k omega "
+          "is the sum of k_j W_j, W the tones of steady.tones",
       .example = "2" },
     { "cos", SCENE_NUMBER, offsetof(struct keys, cosine), "N", -HUGE_VAL, HUGE_VAL,
       .means = "a of a cos(k omega t)", .example = "1.5" },
@@ -49,7 +49,7 @@ static const struct scene_key harmonic_keys[] = {
 };
 static const struct scene_key start_keys[] = {         /* of all but harmonics */
     { "start", SCENE_NUMBER, offsetof(struct keys, start), "s", 0, HUGE_VAL,
-      .means = "when it begins; the motion begins at 0", .example = "0.1" },
+      .means = "when it begins, tau = t - start; the motion begins at 0", .example = "0.1" },
     { 0 },
 };
 static const struct scene_key impulse_keys[] = {
@@ -107,9 +107,9 @@ const struct scene_table loads_types[] = {
                                 { load_keys, start_keys, pulse_keys },
                                 "p = a (1 - cos(2 pi tau / T)), 0 < tau < T" },
     [LOAD_STEP] = { "excitation", "step", NULL, { load_keys, start_keys, step_keys },
-                    "p = amplitude, tau > 0" },
+                    "p = amplitude, 0 < tau < duration" },
     [LOAD_TABLE] = { "excitation", "table", NULL, { load_keys, start_keys, table_keys },
-                     "p(tau) linear between its points" },
+                     "p = amplitude force(tau), linear between its points, 0 outside" },
     [NOISE] = { "excitation", "noise", NULL, { load_keys, start_keys, noise_keys },
                 "normal, of density psd / (1 + (f / corner)^2); linear between values each dt; for "
                 "simulate" },

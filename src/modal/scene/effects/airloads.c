@@ -41,7 +41,7 @@ static const struct scene_key keys[] = {
     { "density", SCENE_NUMBER, offsetof(struct airloads_keys, a.density), "kg/m^3", 0, SCENE_LARGE,
       .needed = true, .means = "of the air, rho", .example = "1.2" },
     { "lift_slope", SCENE_NUMBER, offsetof(struct airloads_keys, a.lift_slope), "1/rad", 0,
-      SCENE_LARGE, .standard = 2 * M_PI, .means = "a0 in lift = a0 rho U b (normalwash - inflow)",
+      SCENE_LARGE, .standard = 2 * M_PI, .means = "a0",
       .example = "5.7" },
     { "x_qc", SCENE_NUMBER, offsetof(struct airloads_keys, a.x_qc), "m", -SCENE_LARGE, SCENE_LARGE,
       .needed = true, .means = "quarter chord from the elastic axis, aft positive",
@@ -50,7 +50,9 @@ static const struct scene_key keys[] = {
       WING_STATIONS_MOST, .standard = 9, .means = "of the quadrature along the span",
       .example = "9" },
     { "inflow", SCENE_WORD, offsetof(struct airloads_keys, inflow), .words = inflow_names,
-      .means = "model of the induced velocity", .example = "\"peters_2d\"" },
+      .means = "induced velocity: jones: of Wagner's 1 - 0.165 exp(-0.0455 s) - 0.335 exp(-0.3 s), "
+               "s = U t/b; peters_2d: Peters, Karunamoorthy and Cao (1995); peters_he: Peters and "
+               "He (1995), the wing and its mirror image a lifting line", .example = "\"peters_2d\"" },
     { "inflow_states", SCENE_WHOLE, offsetof(struct airloads_keys, a.inflow_states), "", 0,
       INFLOW_STATES_TOLD, .standard = INFLOW_STATES_ABSENT,
       .otherwise = "6 for peters_2d, 2 for jones, "
@@ -114,6 +116,9 @@ static const char *const structures[] = { "wing", NULL };
 const struct scene_effect_kind effect_airloads = {
     .name = "airloads", .keys = { scene_type_keys, keys }, .size = sizeof(struct airloads_keys),
     .structures = structures,
-    .law = "lift and moment of a thin section in a stream U at each station: apparent mass and "
-           "circulatory lift a0 rho U b (normalwash - inflow)", .lower = lower,
+    .law = "per length up A (-w_tt + U phi_t - b e phi_tt) + Lc; nose-up "
+           "A (-b e w_tt - U h phi_t - b^2 (1/8 + e^2) phi_tt) - x_qc Lc; A = pi rho b^2, "
+           "b = chord/2, e = -x_qc/b - 1/2, h = b + x_qc, "
+           "Lc = a0 rho U b (U phi - w_t + h phi_t - inflow)",
+    .lower = lower,
 };

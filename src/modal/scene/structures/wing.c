@@ -122,7 +122,7 @@ static const struct scene_key position_keys[] = {
 static const char *const of_wing[] = { "wing", NULL };
 static const struct scene_table sensors[] = {
     { .list = "sensors", .structures = of_wing, .keys = { station_keys },
-      .law = "what the airloads put on a station" },
+      .law = "what the airloads put on a station, a Gauss point of the span" },
     { .list = "sensors", .structures = of_wing, .keys = { position_keys },
       .law = "the elastic axis at a place along the span" },
     { 0 },
@@ -230,7 +230,8 @@ const struct scene_structure_kind structure_wing = {
     .name = "wing",
     .keys = { scene_type_keys, keys },
     .size = sizeof(struct wing),
-    .law = "bending w and twist phi of a clamped wing, coupled by x_cg: wing_model.c",
+    .law = "w up, phi nose-up, clamped at y = 0: T = integral m w_t^2/2 - m x_cg w_t phi_t + "
+           "I_rho phi_t^2/2 dy, V = integral EI w_yy^2/2 + GJ phi_y^2/2 dy",
     .sensors = sensors,
     .lower = lower,
     .sensor = sensor,

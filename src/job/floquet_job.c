@@ -36,7 +36,8 @@ const struct key_row floquet_option_rows[] = {
       .meaning = "of it; 0: until its truncation is small", .example = "20" },
     { "multipliers", KEY_WHOLE, KEY_SHOWN_IF_SET, AT(multipliers), .low = 0, .high = LEADING_MOST,
       .initial = "0", .meaning = "of a periodic scene: so many of largest modulus, each by its "
-                                 "residual; 0: all, of more than 500 states 10", .example = "20" },
+                                 "residual; 0: all, of more than 500 states or "
+                                 "stiff ones 10", .example = "20" },
     { "threads", KEY_WHOLE, KEY_SILENT, AT(threads), .low = 1, .high = JOB_THREADS_MOST,
       .initial = "1", .meaning = "that the job is counted for", .example = "2" },
     { 0 },
@@ -136,7 +137,8 @@ static cJSON *print_result(const struct program *p, const struct floquet *f)
         cJSON_AddNumberToObject(m, "substeps", f->substeps);
         json_set_number(m, "error", f->error);
     }
-    cJSON_AddItemToObject(r, "plan", plan_print(p, f->leading    ? "arnoldi"
+    cJSON_AddItemToObject(r, "plan", plan_print(p, f->windows > 0 ? "hill"
+                                                     : f->leading  ? "arnoldi"
                                                      : f->periodic ? "magnus"
                                                                    : "eigenvalues"));
     return r;
@@ -156,13 +158,24 @@ static void floquet_diagnose(cJSON *result, const char *code, const char *messag
 /* The best so far, and what would buy more. */
 static void diagnose_unsettled(cJSON *result, const struct floquet *f)
 {
+    char text[400];
+
+    snprintf(text, sizeof text, "%d vectors carried over a period and %d windows of Hill's matrix "
+             "do not settle which %d multipliers are the leading ones: those given are the best so "
+             "far, residual %.2g, and a larger one may be missing; give a smaller multipliers, or "
+             "damping that tells them apart", f->periods, f->windows, f->count, f->error);
+    floquet_diagnose(result, "multipliers_unsettled", text);
+}
+
+/* Which of equals are given is chance. */
+static void diagnose_alike(cJSON *result, const struct floquet *f)
+{
     char text[300];
 
-    snprintf(text, sizeof text, "%d vectors carried over a period each do not tell the %d leading "
-             "multipliers apart: those given are the best so far, residual %.2g, and a larger one "
-             "may be missing; give a smaller multipliers, or damping that tells them apart",
-             f->periods, f->count, f->error);
-    floquet_diagnose(result, "multipliers_unsettled", text);
+    snprintf(text, sizeof text, "others have the modulus %.12g of the last of these %d to within "
+             "its bar, as all of an undamped system have that is stable: which of them are given "
+             "is chance", cabs(f->multiplier[f->count - 1]), f->count);
+    floquet_diagnose(result, "multipliers_alike", text);
 }
 
 /* Hill's way is a check: where it is too large for its limit, the result says so and stands. */
@@ -211,6 +224,8 @@ enum modal_status floquet_run(const struct job_request *request, struct job_resu
         out->result = print_result(p, &f);
         if (f.unsettled)
             diagnose_unsettled(out->result, &f);
+        if (f.alike)
+            diagnose_alike(out->result, &f);
         rc = add_hill(out->result, p, &f, &o, err);
         cost_stage(&cost, "hill");
     }

@@ -104,6 +104,8 @@ const struct result_code result_codes[] = {
     { "stability_unknown", "steady", "it was not computed, and why", "see the reason" },
     { "multipliers_unsettled", "floquet", "the leading multipliers are not told apart: the best so "
       "far", "give fewer `multipliers`" },
+    { "multipliers_alike", "floquet", "others have the modulus of the last that is given",
+      "nothing, or give more `multipliers`" },
     { "hill_too_large", "floquet", "Hill's determinant would be too large; the answer stands",
       "give hill=false, or fewer hill.harmonics" },
     { 0 },

@@ -8,8 +8,9 @@
  * smaller of both is its bar.  A multiplier that does not exceed its bar is below rounding and has
  * no exponent.
  *
- * Of a large periodic program the leading multipliers alone are asked for (leading.h), each bar its
- * residual times kappa.
+ * Of a large or stiff periodic program the leading multipliers alone are asked for, each bar its
+ * residual times kappa: of vectors carried over a period (leading.h), and where these do not settle
+ * soon, as multipliers crowd or steps are too many, of windows of Hill's matrix (hill_leading.h).
  *
  * A shaft on fixed axes that is constant on turning ones (turning.h) has the exponents lambda of
  * those, and over a period T that holds m half turns rho = (-1)^m exp(lambda T), R(W T) being +-I:
@@ -25,6 +26,8 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/linalg/eigen.h"
+#include "modal/scene/dofwise.h"
+#include "modal/scene/hill_leading.h"
 #include "modal/scene/leading.h"
 #include "modal/scene/magnus.h"
 #include "modal/scene/period_map.h"
@@ -33,12 +36,15 @@
 
 /* STATESPACE_RIGID and its rounding: a mode that was put there, and not one that is there */
 static const double RIGID_SEEN = 1.0001e-7;
-static const double WORK = 6e10;        /* operations on leading multipliers: chosen, a minute */
+static const double WORK_FIRST = 3e8;   /* operations on vectors carried before windows: chosen */
+static const double WORK_ALL = 1e9;     /* the same, on as many vectors as there are states */
 enum {
     CARRIED_LEAST = 4,                  /* vectors a multiplier, before which none settles */
     LOOKS = 15,                         /* operations a cubed vector, all looks of arnoldi.c */
     DENSE = 4,                          /* dense operations in the time of one, as BUDGET_DENSE */
 };
+static const double WORK_WHOLE = 2e12;  /* of whole maps, dense: chosen, a minute */
+static const double MAGNUS_WORK = 40;   /* products a radian of the fastest, some 20 exponentials */
 static const double RESIDUAL = 1e-9;    /* of leading multipliers, over the largest of them */
 
 /* The one text of it here. */
@@ -224,43 +230,114 @@ static enum modal_status periodic(const struct statespace *ss, double period,
 
 /* The products that WORK pays: carried, made orthogonal to all before, and LOOKS m^3 of looks at
  * the small problem; the latter two dense. */
-static int products_most(const struct period_map *map)
+static int products_most(const struct period_map *map, double work)
 {
     double states = period_map_states(map), carried = period_map_work(map);
     int m = CARRIED_LEAST;
 
-    while (m < ARNOLDI_MOST && m * (carried + m * (2 * states + (double)LOOKS * m) / DENSE) < WORK)
+    while (m < ARNOLDI_MOST && m * (carried + m * (2 * states + (double)LOOKS * m) / DENSE) < work)
         m++;
     return m;
 }
 
-/* A residual's bar: by the eigenvalue's condition, as of Phi. */
+/* Vectors carried before windows: all that there are, where these cost little more. */
+static int first_products(const struct period_map *map)
+{
+    int all = period_map_states(map);
+
+    return products_most(map, WORK_ALL) >= all ? all : products_most(map, WORK_FIRST);
+}
+
+/* COUNT multipliers into F, each bar its residual by the eigenvalue's condition, as of Phi. */
+static enum modal_status take_leading(int count, const double complex *w, const double *residual,
+                                      const double *condition, double period, struct floquet *f,
+                                      struct modal_error *err)
+{
+    enum modal_status rc = make(count, f, err);
+
+    for (int i = 0; rc == MODAL_OK && i < count; i++) {
+        double least = fmax(residual[i], DBL_EPSILON);
+
+        f->multiplier[i] = w[i];
+        f->bar[i] = fmin(condition[i] * least, fmax(sqrt(least), least));
+        f->error = fmax(f->error, residual[i]);
+        f->resolved[i] = cabs(f->multiplier[i]) > f->bar[i];
+        f->exponent[i] = f->resolved[i] ? exponent_of(f->multiplier[i], period) : 0;
+    }
+    return rc;
+}
+
+/* What L has, as hints: not folded, by the frequency that each motion has most of. */
+static enum modal_status take_hints(const struct leading *l, double period,
+                                    struct hill_hint **out, struct modal_error *err)
+{
+    double W = 2 * M_PI / period;
+
+    *out = calloc((size_t)l->found.count + 1, sizeof **out);
+    for (int i = 0; *out != NULL && i < l->found.count; i++) {
+        double complex folded = exponent_of(l->found.w[i], period);
+        double turns = round((l->frequency[i] - fabs(cimag(folded))) / W),
+               other = round((l->frequency[i] + fabs(cimag(folded))) / W),
+               near = fabs(fabs(cimag(folded)) + turns * W - l->frequency[i]),
+               mirrored = fabs(other * W - fabs(cimag(folded)) - l->frequency[i]);
+        double im = near <= mirrored ? fabs(cimag(folded)) + turns * W
+                                     : other * W - fabs(cimag(folded));
+
+        (*out)[i] = (struct hill_hint){ CMPLX(creal(folded), im), l->found.w[i],
+                                        l->found.residual[i] };
+    }
+    return *out != NULL ? MODAL_OK : no_memory(err);
+}
+
+/* By windows of Hill's matrix, each residual measured on MAP where there is one. */
+static enum modal_status windows(const struct program *p, double period, int wanted,
+                                 struct period_map *map, const struct leading *l,
+                                 struct floquet *f, struct modal_error *err)
+{
+    struct hill_leading h = { 0 };
+    struct hill_hint *hint = NULL;
+    enum modal_status rc = take_hints(l, period, &hint, err);
+
+    if (rc == MODAL_OK)
+        rc = hill_leading(p, period, wanted, hint, l->found.count, &h, err);
+    for (int i = 0; rc == MODAL_OK && map != NULL && i < h.count; i++)
+        rc = leading_residual(map, h.multiplier[i], h.start + (size_t)i * 2 * (size_t)p->n,
+                              &h.residual[i], err);
+    if (rc == MODAL_OK)
+        rc = take_leading(h.count, h.multiplier, h.residual, h.condition, period, f, err);
+    if (rc == MODAL_OK) {
+        f->unsettled = !h.settled || f->error > RESIDUAL * cabs(h.multiplier[0]);
+        f->alike = h.alike;
+        f->windows = h.windows;
+        f->substeps = 2 * h.harmonics + 1;
+    }
+    hill_leading_done(&h);
+    free(hint);
+    return rc;
+}
+
+/* By carrying vectors, or where these do not settle soon by windows. */
 static enum modal_status leading(const struct program *p, double period, int wanted,
                                  struct floquet *f, struct modal_error *err)
 {
     struct leading l = { 0 };
     struct period_map *map = NULL;
     enum modal_status rc =
-        period_map_new(p, NULL, period, WORK / (CARRIED_LEAST * wanted), &map, err);
+        period_map_new(p, NULL, period, WORK_FIRST / (CARRIED_LEAST * wanted), &map, err);
 
     if (rc == MODAL_OK)
-        rc = leading_multipliers(map, wanted, RESIDUAL, products_most(map), &l, err);
-    if (rc == MODAL_OK)
-        rc = make(l.found.count, f, err);
-    for (int i = 0; rc == MODAL_OK && i < f->count; i++) {
-        f->multiplier[i] = l.found.w[i];
-        f->bar[i] = l.found.condition[i] * fmax(l.found.residual[i], DBL_EPSILON);
-        f->error = fmax(f->error, l.found.residual[i]);
-        f->resolved[i] = cabs(f->multiplier[i]) > f->bar[i];
-        f->exponent[i] = f->resolved[i] ? exponent_of(f->multiplier[i], period) : 0;
-    }
+        rc = leading_multipliers(map, wanted, RESIDUAL, first_products(map), &l, err);
+    if (rc == MODAL_OK && l.found.settled) {
+        f->substeps = period_map_steps(map);
+        rc = take_leading(l.found.count, l.found.w, l.found.residual, l.found.condition, period, f,
+                          err);
+    } else if (rc == MODAL_OK || rc == MODAL_TOO_LARGE)
+        rc = windows(p, period, wanted, map, &l, f, err);
     f->periodic = f->leading = true;
-    f->unsettled = !l.found.settled;
     f->periods = l.periods;
     f->period = period;
-    f->substeps = rc == MODAL_OK ? period_map_steps(map) : 0;
     period_map_free(map);
-    arnoldi_done(&l.found);
+    leading_done(&l);
     return rc;
 }
 
@@ -357,14 +434,23 @@ static void judge(struct floquet *f)
     f->stable = unstable ? FLOQUET_UNSTABLE : stable ? FLOQUET_STABLE : FLOQUET_UNDECIDED;
 }
 
-/* How many multipliers of P are asked of its period map; 0: its whole spectrum. */
-static int leading_of(const struct program *p, const struct floquet_options *opt)
+/* Is P so stiff that steps of dense matrices through PERIOD are no way? */
+static bool is_stiff(const struct program *p, double period)
+{
+    double frequency, decay, n = 2.0 * p->n;
+
+    dofwise_fastest(p, &frequency, &decay);
+    return period * (frequency + decay) * MAGNUS_WORK * n * n * n > WORK_WHOLE;
+}
+
+/* How many multipliers of P are asked for alone; 0: its whole spectrum. */
+static int leading_of(const struct program *p, double period, const struct floquet_options *opt)
 {
     int wanted = opt != NULL ? opt->multipliers : 0;
 
     if (p->harmonics == 0 || !period_map_serves(p))
         return 0;
-    if (wanted == 0 && 2 * p->n > FLOQUET_STATES_DENSE)
+    if (wanted == 0 && (2 * p->n > FLOQUET_STATES_DENSE || is_stiff(p, period)))
         wanted = FLOQUET_LEADING;
     return wanted < 2 * p->n ? wanted : 0;
 }
@@ -406,7 +492,7 @@ enum modal_status floquet(const struct program *p, const struct floquet_options 
     }
     /* constant on turning axes: then exactly */
     rc = p->harmonics > 0 ? program_turned(p, &turned, err) : MODAL_OK;
-    wanted = turned == NULL ? leading_of(p, opt) : 0;
+    wanted = turned == NULL ? leading_of(p, period, opt) : 0;
     if (rc == MODAL_OK)
         rc = wanted > 0 ? leading(p, period, wanted, &f, err)
                         : whole(p, turned, period, opt, &f, err);

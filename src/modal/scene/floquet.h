@@ -22,9 +22,11 @@ struct floquet {
     /* 2 n + linear states: both of each pair; or the leading ones, as `multipliers` and
      * FLOQUET_STATES_DENSE have it */
     int count;
-    bool leading;                /* by the period map: each bar is of a residual */
+    bool leading;                /* each bar is of a residual */
     bool unsettled;              /* and some residual misses its tolerance: the best so far */
+    bool alike;                  /* others have the modulus of the last, to its bar */
     int periods;                 /* carried for it, of one vector each */
+    int windows;                 /* of Hill's matrix looked through for it (hill_leading.h) */
     bool periodic;
     double period;               /* s; 0: constant without a period */
     /* descending in magnitude; of constant programs only where period > 0 */
@@ -43,8 +45,9 @@ struct floquet {
     int substeps;                /* of a period, in Magnus steps */
 };
 
-/* A periodic program of more states than FLOQUET_STATES_DENSE has its FLOQUET_LEADING multipliers
- * of largest modulus where `multipliers` is 0: all of them would take their cube. */
+/* A periodic program of more states than FLOQUET_STATES_DENSE, or of fewer that turn so fast that
+ * stepping all of them through a period would take minutes, has its FLOQUET_LEADING multipliers of
+ * largest modulus where `multipliers` is 0; fewer where the others vanish beside these. */
 enum {
     FLOQUET_STATES_DENSE = 500,  /* chosen: their spectrum takes seconds */
     FLOQUET_LEADING = 10,        /* chosen: who asks for more says so */

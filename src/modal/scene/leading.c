@@ -86,18 +86,22 @@ static double condition_of(const struct arnoldi *a, double complex w, int period
     return a->condition[best];
 }
 
-/* (1) into A: values, residuals and conditions, descending in modulus; *WORST residual over the
+/* (1) into L: values, residuals and conditions, descending in modulus; *WORST residual over the
  * largest modulus.  Q, PQ n x count. */
-static enum modal_status take_ritz(struct arnoldi *a, size_t n, int periods, const double *Q,
+static enum modal_status take_ritz(struct leading *l, const struct powers *p, const double *Q,
                                    const double *PQ, double *worst, struct modal_error *err)
 {
+    struct arnoldi *a = &l->found;
+    size_t n = (size_t)period_map_states(p->map);
     int count = a->count;
     size_t order = (size_t)count;
     struct workspace space = { 0 };
     double *H = workspace_zeros(&space, order * order, sizeof *H),
            *condition = workspace_zeros(&space, order, sizeof *condition),
-           *residual = workspace_zeros(&space, order, sizeof *residual);
+           *residual = workspace_zeros(&space, order, sizeof *residual),
+           *frequency = workspace_zeros(&space, order, sizeof *frequency);
     double complex *w = workspace_zeros(&space, order, sizeof *w),
+                   *y = workspace_zeros(&space, n, sizeof *y),
                    *V = workspace_zeros(&space, order * order, sizeof *V);
     struct matrix small = { count, count, count, H };
     enum modal_status rc = space.failed ? no_memory(err) : MODAL_OK;
@@ -117,10 +121,12 @@ static enum modal_status take_ritz(struct arnoldi *a, size_t n, int periods, con
                 here += Q[i + k * n] * V[k + (size_t)c * order];
             }
             sum -= w[c] * here;
+            y[i] = here;
             off += creal(sum) * creal(sum) + cimag(sum) * cimag(sum);
         }
         residual[c] = sqrt(off);
-        condition[c] = condition_of(a, w[c], periods);
+        frequency[c] = period_map_frequency(p->map, y);
+        condition[c] = condition_of(a, w[c], p->periods);
         *worst = fmax(*worst, residual[c]);
     }
     for (int done = 0; rc == MODAL_OK && done < count; done++) {
@@ -131,6 +137,7 @@ static enum modal_status take_ritz(struct arnoldi *a, size_t n, int periods, con
         a->w[done] = w[best];
         a->condition[done] = condition[best];
         a->residual[done] = residual[best];
+        l->frequency[done] = frequency[best];
         residual[best] = -1;
     }
     *worst /= rc == MODAL_OK ? cabs(a->w[0]) : 1;
@@ -139,21 +146,24 @@ static enum modal_status take_ritz(struct arnoldi *a, size_t n, int periods, con
 }
 
 /* From the vectors of Phi^periods those of Phi. */
-static enum modal_status refine(struct powers *p, struct arnoldi *a, double *worst,
+static enum modal_status refine(struct powers *p, struct leading *l, double *worst,
                                 struct modal_error *err)
 {
-    size_t n = (size_t)period_map_states(p->map), count = (size_t)a->count;
+    size_t n = (size_t)period_map_states(p->map), count = (size_t)l->found.count;
     double *Q = calloc(n * count + 1, sizeof *Q), *PQ = calloc(n * count + 1, sizeof *PQ);
     struct powers one = { p->map, 1, 0 };
-    enum modal_status rc = Q != NULL && PQ != NULL ? MODAL_OK : no_memory(err);
+    enum modal_status rc;
 
-    if (rc == MODAL_OK && !basis_of(a, n, Q))
+    free(l->frequency);
+    l->frequency = calloc(count + 1, sizeof *l->frequency);
+    rc = Q != NULL && PQ != NULL && l->frequency != NULL ? MODAL_OK : no_memory(err);
+    if (rc == MODAL_OK && !basis_of(&l->found, n, Q))
         rc = no_memory(err);
     for (size_t c = 0; rc == MODAL_OK && c < count; c++)
         rc = carry(&one, Q + c * n, PQ + c * n, err);
     p->carried += one.carried;
     if (rc == MODAL_OK)
-        rc = take_ritz(a, n, p->periods, Q, PQ, worst, err);
+        rc = take_ritz(l, p, Q, PQ, worst, err);
     free(Q);
     free(PQ);
     return rc;
@@ -176,6 +186,7 @@ enum modal_status leading_multipliers(struct period_map *m, int wanted, double t
     double worst = 0;
     enum modal_status rc;
 
+    *out = (struct leading){ 0 };
     do {
         int products = most > 0 ? (most - p.carried) / p.periods : 0;
         if (most > 0 && products < wanted)
@@ -183,10 +194,10 @@ enum modal_status leading_multipliers(struct period_map *m, int wanted, double t
         /* a tenth: of the power, and the basis loses some */
         rc = arnoldi(&A, wanted, tolerance / 10, products, &out->found, err);
         if (rc == MODAL_OK)
-            rc = refine(&p, &out->found, &worst, err);
+            rc = refine(&p, out, &worst, err);
         out->periods = p.carried;
         if (rc != MODAL_OK) {
-            arnoldi_done(&out->found);
+            leading_done(out);
             return rc;
         }
         if (p.periods == 1 || !out->found.settled || worst <= tolerance)
@@ -196,6 +207,36 @@ enum modal_status leading_multipliers(struct period_map *m, int wanted, double t
     } while (true);
     out->found.settled = worst <= tolerance;
     return MODAL_OK;
+}
+
+void leading_done(struct leading *l)
+{
+    arnoldi_done(&l->found);
+    free(l->frequency);
+    *l = (struct leading){ 0 };
+}
+
+enum modal_status leading_residual(struct period_map *m, double complex w,
+                                   const double complex *start, double *residual,
+                                   struct modal_error *err)
+{
+    size_t n = (size_t)period_map_states(m);
+    double *x = calloc(2 * n + 1, sizeof *x), off = 0;
+    enum modal_status rc = x != NULL ? MODAL_OK : no_memory(err);
+
+    for (size_t i = 0; rc == MODAL_OK && i < n; i++) {
+        x[i] = creal(start[i]);
+        x[n + i] = cimag(start[i]);
+    }
+    for (size_t part = 0; rc == MODAL_OK && part < 2; part++)
+        rc = period_map_carry(m, x + part * n, x + part * n, err);
+    for (size_t i = 0; rc == MODAL_OK && i < n; i++) {
+        double complex d = CMPLX(x[i], x[n + i]) - w * start[i];
+        off += creal(d) * creal(d) + cimag(d) * cimag(d);
+    }
+    *residual = sqrt(off);
+    free(x);
+    return rc;
 }
 
 /* A Gaussian number, by a linear congruence and Box and Muller's way. */

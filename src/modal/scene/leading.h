@@ -10,16 +10,25 @@ struct period_map;
 
 struct leading {
     struct arnoldi found;        /* of a period: residuals are those of the vectors carried once */
+    double *frequency;           /* of each, rad/s: speeds over displacements of its vector */
     int periods;                 /* carried, of one vector each */
 };
 
 /*
  * WANTED multipliers of M, each to a residual of at most TOLERANCE times the largest modulus, by at
  * most MOST periods (0: as many as ARNOLDI_MOST products take); found.settled says whether they
- * are.  Fails as arnoldi or as period_map_carry.  arnoldi_done(&out->found) frees.
+ * are.  Fails as arnoldi or as period_map_carry.  leading_done frees.
  */
 enum modal_status leading_multipliers(struct period_map *m, int wanted, double tolerance, int most,
                                       struct leading *out, struct modal_error *err);
+
+/* *L becomes zeros. */
+void leading_done(struct leading *l);
+
+/* *RESIDUAL: |Phi y - w y| of unit START y, measured on M.  Fails as period_map_carry. */
+enum modal_status leading_residual(struct period_map *m, double complex w,
+                                   const double complex *start, double *residual,
+                                   struct modal_error *err);
 
 enum { LEADING_PROBES = 10 };    /* vectors: the bound fails once in 10^10 */
 

@@ -12,6 +12,8 @@
  * products about there.
  */
 #include "modal/scene/period_map.h"
+#include <complex.h>
+#include <limits.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -80,6 +82,18 @@ void period_map_free(struct period_map *m)
 
 int period_map_states(const struct period_map *m) { return m->states; }
 int period_map_steps(const struct period_map *m) { return m->steps; }
+
+double period_map_frequency(const struct period_map *m, const double complex *y)
+{
+    double place = 0, speed = 0;
+
+    for (int i = 0; i < m->n; i++) {
+        double a = cabs(y[i]) * m->weight[m->n + i] / m->weight[i], b = cabs(y[m->n + i]);
+        place += a * a;
+        speed += b * b;
+    }
+    return place > 0 ? sqrt(speed / place) : 0;
+}
 
 double period_map_work(const struct period_map *m)
 {
@@ -376,6 +390,16 @@ static void make_weights(struct period_map *m, const struct period_parts *parts,
         m->weight[i] = m->weight[i] > 0 ? m->weight[i] : 1;
 }
 
+/* Is carrying a vector within MOST? */
+static enum modal_status check_work(const struct period_map *m, double rate, double most,
+                                    struct modal_error *err)
+{
+    if (period_map_work(m) <= most)
+        return MODAL_OK;
+    return modal_fail(err, MODAL_TOO_LARGE, "the fastest motion, of up to %.3g rad/s, takes %d "
+                      "steps a period: more work than is spent", rate, m->steps);
+}
+
 /* Steps whose series end: tried on a vector, shorter ones where they do not. */
 static enum modal_status choose_steps(struct period_map *m, const struct period_parts *parts,
                                       double period, double most, struct modal_error *err)
@@ -387,11 +411,14 @@ static enum modal_status choose_steps(struct period_map *m, const struct period_
     dofwise_fastest(m->p, &frequency, &decay);
     rate = frequency + decay + (parts != NULL ? parts->fastest : 0);
     for (int i = 0; i < HALVINGS_MOST && rc == MODAL_OK; i++, rate *= 2) {
-        rc = make_steps(m, parts, period, rate, err);
+        m->steps = (int)fmin(period * rate / STEP + 1, INT_MAX);
         m->degree = DEGREE_USUAL;
-        if (rc == MODAL_OK && period_map_work(m) > most)
-            rc = modal_fail(err, MODAL_TOO_LARGE, "the fastest motion, of up to %.3g rad/s, takes "
-                            "%d steps a period: more work than is spent", rate, m->steps);
+        m->doubles = 0;                  /* before any is made, */
+        rc = check_work(m, rate, most, err);
+        if (rc == MODAL_OK)
+            rc = make_steps(m, parts, period, rate, err);
+        if (rc == MODAL_OK)              /* and as they are */
+            rc = check_work(m, rate, most, err);
         m->degree = 0;
         for (int k = 0; rc == MODAL_OK && k < m->states; k++)
             trial[k] = k % 2 == 0 ? 1 : -1;      /* moves fast and slow */

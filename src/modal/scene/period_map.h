@@ -59,6 +59,8 @@ void period_map_free(struct period_map *m);
 int period_map_states(const struct period_map *m);
 /* Steps of a period. */
 int period_map_steps(const struct period_map *m);
+/* Speeds over displacements of the complex state Y, each dof by its mass: rad/s; 0 of no motion. */
+double period_map_frequency(const struct period_map *m, const double _Complex *y);
 /* Operations (budget.h) that carrying a vector takes, nearly. */
 double period_map_work(const struct period_map *m);
 /* The state Y after a period from X; they may be one.  Fails with MODAL_OVERFLOW where it leaves

@@ -431,7 +431,7 @@ static enum modal_status ask_leading(struct large *l, struct period_map *map, in
     budget_add(l->u->budget, found.periods * period_map_work(map));
     if (rc == MODAL_OK)
         rc = take_found(&found.found, out, err);
-    arnoldi_done(&found.found);
+    leading_done(&found);
     return rc;
 }
 

@@ -1,0 +1,502 @@
+/*
+ * hill_leading.c - see hill_leading.h
+ *
+ * The exponents of the constant part next to 0 are cut into groups, and around each group as many
+ * exponents of the whole are asked for as the group has, and some more.  What pulsates moves them
+ * within their neighbourhood.  Stretch after stretch of the axis is looked at, until the outermost
+ * part of all has no leading one.  Hints are followed where they are not among those found.  A
+ * leading one at the rim of its window gets a window of its own.  Windows with leading ones are
+ * searched twice, from different starts: a value that is double shows its second vector then.
+ */
+#include "modal/scene/hill_leading.h"
+#include <cblas.h>
+#include <float.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "modal/scene/hill_window.h"
+
+enum {
+    HARMONICS = 6,               /* to begin with, of the highest that pulsates */
+    HARMONICS_MOST = 400,        /* of a window: chosen */
+    OVERLAPS = 4,                /* tries at a stretch that meets the one before: chosen */
+    GROUP = 24,                  /* exponents of a window: chosen */
+    MORE = 4,                    /* beyond what is known to be there: chosen */
+    WINDOWS_MOST = 100,          /* chosen */
+};
+static const double OFF_AXIS = 1e-3;     /* of W: windows' middles; no exponent is there, mostly */
+static const double NEAR = 0.5;          /* of W: a group's radius at most */
+static const double OVERLAP = 0.8;       /* of a radius, to the middle of the next stretch */
+static const double REACH = 0.7;         /* of what was looked at: leading ones may lie there */
+static const double INNER = 0.7;         /* of a window's radius: who lies there has neighbours */
+static const double EDGE = 1e-11;        /* share past which more harmonics are kept */
+static const double KNOWN = 1e-9;        /* multipliers of two searches that are one agree to it */
+static const double ROUNDING = 8 * DBL_EPSILON;  /* of lambda T and its exponential, a few times */
+static const double SAME = 1e-6;         /* squared sine: so do their vectors, to 1e-3 */
+
+struct found {
+    double complex exponent, multiplier; /* not folded; in the upper half plane */
+    double residual, condition, bar;
+    double complex *start;
+    int run;                             /* the search that it is of, or was seen in last */
+};
+
+struct disc { double complex middle; double radius; int leading; };
+
+struct search {
+    const struct program *p;
+    double period, W;
+    int n, wanted, harmonics, reach, runs, windows;
+    bool missed;                         /* a window that did not settle */
+    struct found *found;
+    int count, room;
+    struct disc disc[WINDOWS_MOST];      /* that were looked through */
+    int discs;
+};
+
+/* The one text of it here. */
+static enum modal_status no_memory(struct modal_error *err)
+{
+    return modal_fail(err, MODAL_NO_MEMORY, "multipliers: out of memory");
+}
+
+/* How far a multiplier may be from the true one. */
+static double bar_of(double residual, double condition)
+{
+    double least = fmax(residual, DBL_EPSILON);
+
+    return fmin(condition * least, sqrt(least));
+}
+
+static bool is_real(const struct found *f)
+{
+    return fabs(cimag(f->multiplier)) <= f->bar;
+}
+
+/* Is I of H a copy of an earlier one, or the lower one of a pair both of which are there? */
+static bool repeated(const struct search *s, const struct hill_window *h, int i)
+{
+    double complex here = h->exponent[i];
+    double near = KNOWN * s->W;
+
+    for (int j = 0; j < h->count; j++) {
+        if (j < i && h->middle[j] != h->middle[i] && cabs(h->exponent[j] - here) <= near)
+            return true;
+        if (j != i && cimag(here) < -near && cabs(conj(h->exponent[j]) - here) <= near)
+            return true;
+    }
+    return false;
+}
+
+/* Are both of one direction? */
+static bool aligned(const struct search *s, const double complex *a, const double complex *b)
+{
+    double complex dot;
+
+    cblas_zdotc_sub(2 * s->n, a, 1, b, 1, &dot);
+    return 1 - creal(dot) * creal(dot) - cimag(dot) * cimag(dot) <= SAME;
+}
+
+/* F, whose start lies elsewhere, among those found, or in place of the same one less exact. */
+static enum modal_status add(struct search *s, struct found *f, struct modal_error *err)
+{
+    size_t bytes = 2 * (size_t)s->n * sizeof *f->start;
+    struct found *at = NULL, *more;
+    double complex *start;
+
+    for (int i = 0; i < s->count && at == NULL; i++) {
+        struct found *g = &s->found[i];
+        if (g->run != f->run && aligned(s, g->start, f->start)
+            && cabs(g->multiplier - f->multiplier) <= g->bar + f->bar + KNOWN)
+            at = g;
+    }
+    if (at != NULL && at->residual <= f->residual) {
+        at->run = f->run;                /* it is seen once a search */
+        return MODAL_OK;
+    }
+    if (at == NULL && s->count == s->room) {
+        more = realloc(s->found, (2 * (size_t)s->room + 16) * sizeof *more);
+        if (more == NULL)
+            return no_memory(err);
+        s->found = more;
+        s->room = 2 * s->room + 16;
+    }
+    start = at != NULL ? at->start : malloc(bytes + 1);
+    if (start == NULL)
+        return no_memory(err);
+    memcpy(start, f->start, bytes);
+    at = at != NULL ? at : &s->found[s->count++];
+    *at = *f;
+    at->start = start;
+    return MODAL_OK;
+}
+
+/* What H found, in the upper half plane. */
+static enum modal_status add_window(struct search *s, const struct hill_window *h,
+                                    struct modal_error *err)
+{
+    size_t states = 2 * (size_t)s->n;
+    enum modal_status rc = MODAL_OK;
+
+    s->runs++;
+    for (int i = 0; rc == MODAL_OK && i < h->count; i++) {
+        struct found f = { h->exponent[i], cexp(h->exponent[i] * s->period), 0, h->condition[i], 0,
+                           h->start + (size_t)i * states, s->runs };
+        double size = cabs(f.multiplier);
+
+        if (abs(h->middle[i]) > 2 * s->reach || repeated(s, h, i) || !isfinite(size))
+            continue;
+        /* what lambda T is rounded by turns the multiplier */
+        f.residual = (h->residual[i] + ROUNDING * cabs(h->exponent[i]) * s->period) * size;
+        f.bar = bar_of(f.residual, f.condition);
+        if (cimag(f.multiplier) < 0) {
+            f.multiplier = conj(f.multiplier);
+            f.exponent = conj(f.exponent);
+            for (size_t k = 0; k < states; k++)
+                f.start[k] = conj(f.start[k]);
+        }
+        rc = add(s, &f, err);
+    }
+    return rc;
+}
+
+/* The largest edge of the motions that are H's own. */
+static double edge_of(const struct search *s, const struct hill_window *h)
+{
+    double edge = 0;
+
+    for (int i = 0; i < h->count; i++)
+        edge = abs(h->middle[i]) <= 2 * s->reach ? fmax(edge, h->edge[i]) : edge;
+    return edge;
+}
+
+/* WANTED exponents next to SHIFT, with as many harmonics as they need, from a start of SEED. */
+static enum modal_status look(struct search *s, double complex shift, int wanted, int seed,
+                              struct modal_error *err)
+{
+    struct hill_window h;
+    enum modal_status rc;
+    bool more;
+
+    shift += OFF_AXIS * s->W;
+    wanted = wanted < 2 * s->n ? wanted : 2 * s->n;
+    do {
+        rc = hill_window(s->p, s->period, shift, s->harmonics, wanted, seed, &h, err);
+        more = rc == MODAL_OK && edge_of(s, &h) > EDGE && s->harmonics < HARMONICS_MOST;
+        if (more) {
+            hill_window_done(&h);
+            s->harmonics += s->harmonics / 2 + 1;
+        }
+    } while (more);
+    if (rc != MODAL_OK)
+        return rc;
+    s->windows++;
+    s->missed = s->missed || (!h.complete && h.count < wanted / 2);
+    if (seed == 1 && h.count > 0)
+        s->disc[s->discs++] = (struct disc){ shift, h.radius, 0 };
+    rc = add_window(s, &h, err);
+    hill_window_done(&h);
+    return rc;
+}
+
+/* The window that has Z, or what is conjugate to it, within SHARE of its radius; -1: none. */
+static int window_of(const struct search *s, double complex z, double share)
+{
+    for (int i = 0; i < s->discs; i++)
+        if (fmin(cabs(z - s->disc[i].middle), cabs(conj(z) - s->disc[i].middle))
+            <= share * s->disc[i].radius)
+            return i;
+    return -1;
+}
+
+/* Descending in modulus. */
+static int compare(const void *a, const void *b)
+{
+    double x = cabs(((const struct found *)a)->multiplier),
+           y = cabs(((const struct found *)b)->multiplier);
+
+    return (x < y) - (x > y);
+}
+
+/* How many of those found, sorted, make up what is wanted. */
+static int leading_count(struct search *s)
+{
+    int values = 0, i = 0;
+
+    qsort(s->found, (size_t)s->count, sizeof *s->found, compare);
+    for (; i < s->count && values < s->wanted; i++)
+        values += is_real(&s->found[i]) ? 1 : 2;
+    return values < s->wanted ? s->count + 1 : i;
+}
+
+/* Is the one after LAST as large as it? */
+static bool are_alike(const struct search *s, int last)
+{
+    const struct found *f = s->found;
+
+    return last < s->count && last > 0
+           && cabs(f[last - 1].multiplier) - cabs(f[last].multiplier)
+                  <= f[last - 1].bar + f[last].bar;
+}
+
+/* Does one of the first LAST lie farther out than RADIUS? */
+static bool reaches(const struct search *s, int last, double radius)
+{
+    for (int i = 0; i < last && i < s->count; i++)
+        if (cabs(s->found[i].exponent) > radius)
+            return true;
+    return false;
+}
+
+/* How large a multiplier must be to be one of those wanted. */
+static double least_of(struct search *s)
+{
+    int last = leading_count(s);
+
+    return last <= s->count ? cabs(s->found[last - 1].multiplier) : 0;
+}
+
+/* The largest modulus so far; 1 before there is any. */
+static double largest_of(const struct search *s)
+{
+    double largest = s->count > 0 ? 0 : 1;
+
+    for (int i = 0; i < s->count; i++)
+        largest = fmax(largest, cabs(s->found[i].multiplier));
+    return largest;
+}
+
+/* The middle of a window that has HERE at its lower rim: the constant exponent a third of a group
+ * above. */
+static double complex middle_of(const struct search *s, const struct hill_window *constant,
+                                double complex here)
+{
+    double complex middle = here;
+    int above = 0;
+
+    for (int j = 0; j < constant->count && above < GROUP / 3; j++)
+        if (cimag(constant->exponent[j]) > cimag(here)
+            && cabs(constant->exponent[j] - here) <= NEAR * s->W) {
+            middle = constant->exponent[j];
+            above++;
+        }
+    return middle;
+}
+
+/* Windows over the constant exponents that none has yet, and that do not vanish in a period. */
+static enum modal_status cover(struct search *s, const struct hill_window *constant,
+                               struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+
+    for (int i = 0; rc == MODAL_OK && i < constant->count && s->discs < WINDOWS_MOST; i++) {
+        double complex here = constant->exponent[i], middle;
+        int group = 0;
+
+        if (cimag(here) < -KNOWN * s->W || window_of(s, here, 1) >= 0
+            || exp(creal(here) * s->period) < KNOWN * largest_of(s))
+            continue;
+        middle = middle_of(s, constant, here);
+        for (int j = 0; j < constant->count && group < GROUP; j++)
+            group += cabs(constant->exponent[j] - middle) <= NEAR * s->W;
+        rc = look(s, middle, group + MORE, 1, err);
+        if (rc == MODAL_OK && window_of(s, here, 1) < 0)
+            rc = look(s, here, group + MORE, 1, err);
+    }
+    return rc;
+}
+
+/* The constant exponents of the next stretch of the axis, from *EDGE on, which becomes its end. */
+static enum modal_status step_outwards(struct search *s, double *edge, double *radius,
+                                       bool *vanish, struct modal_error *err)
+{
+    int asked = 2 * s->wanted + MORE < 2 * s->n ? 2 * s->wanted + MORE : 2 * s->n;
+    enum modal_status rc;
+
+    for (int again = 0; again < OVERLAPS; again++) {
+        double middle = *edge > 0 ? *edge + OVERLAP * *radius : 0;
+        struct hill_window constant;
+        bool last;
+
+        rc = hill_window(s->p, s->period, CMPLX(OFF_AXIS * s->W, middle), 0, asked, 1, &constant,
+                         err);
+        if (rc != MODAL_OK)
+            return rc;
+        last = middle - constant.radius <= *edge || again == OVERLAPS - 1;
+        *radius = constant.radius;
+        if (last) {
+            rc = cover(s, &constant, err);
+            *vanish = true;
+            for (int i = constant.count / 2; i < constant.count; i++)
+                *vanish = *vanish && exp(creal(constant.exponent[i]) * s->period)
+                                         < KNOWN * largest_of(s);
+            *edge = constant.count == 2 * s->n ? HUGE_VAL : fmax(*edge, middle + constant.radius);
+        }
+        hill_window_done(&constant);
+        if (last)
+            return rc;
+    }
+    return MODAL_OK;
+}
+
+/* Outwards until what was looked at farther out added nothing; *SETTLED: it is so. */
+static enum modal_status search_outwards(struct search *s, bool *settled, struct modal_error *err)
+{
+    double edge = 0, radius = 0;
+    enum modal_status rc = MODAL_OK;
+
+    *settled = false;
+    while (rc == MODAL_OK && !*settled && s->discs < WINDOWS_MOST) {
+        bool vanish = false;
+        int last;
+
+        rc = step_outwards(s, &edge, &radius, &vanish, err);
+        last = leading_count(s);
+        *settled = vanish || (last <= s->count && !reaches(s, last, REACH * edge));
+        if (edge == HUGE_VAL || (last <= s->count && are_alike(s, last)))
+            break;
+    }
+    return rc;
+}
+
+/* Windows about leading ones that lie at the rim of theirs, until none does. */
+static enum modal_status spread(struct search *s, bool *settled, struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+    int rim;
+
+    do {
+        int last = leading_count(s);
+
+        rim = -1;
+        for (int i = 0; i < last && i < s->count && rim < 0 && !are_alike(s, last); i++)
+            rim = window_of(s, s->found[i].exponent, INNER) < 0 ? i : -1;
+        if (rim >= 0 && s->discs == WINDOWS_MOST)
+            *settled = false;
+        else if (rim >= 0)
+            rc = look(s, s->found[rim].exponent, GROUP, 1, err);
+    } while (rc == MODAL_OK && rim >= 0 && *settled);
+    return rc;
+}
+
+/* Once more through the windows that have leading ones, for as many and some more. */
+static enum modal_status repeat(struct search *s, struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+    int last = leading_count(s);
+
+    for (int i = 0; i < last && i < s->count; i++) {
+        int at = window_of(s, s->found[i].exponent, 1);
+        if (at >= 0)
+            s->disc[at].leading++;
+    }
+    for (int i = 0; rc == MODAL_OK && i < s->discs; i++)
+        if (s->disc[i].leading > 0)
+            rc = look(s, s->disc[i].middle - OFF_AXIS * s->W, 2 * s->disc[i].leading + MORE, 2,
+                      err);
+    return rc;
+}
+
+/* Is H a multiplier that was found, or too small to matter?  Or not settled, and others were found
+ * where it is? */
+static bool explained(struct search *s, const struct hill_hint *h)
+{
+    double near = fmax(h->residual, KNOWN);
+
+    if (cabs(h->multiplier) <= least_of(s) + KNOWN
+        || (h->residual > KNOWN && window_of(s, h->exponent, 1) >= 0))
+        return true;
+    for (int i = 0; i < s->count; i++) {
+        const struct found *f = &s->found[i];
+        if (fmin(cabs(h->multiplier - f->multiplier), cabs(conj(h->multiplier) - f->multiplier))
+            <= f->bar + near)
+            return true;
+    }
+    return false;
+}
+
+/* Windows where hints are not explained; *SETTLED: they are now. */
+static enum modal_status follow(struct search *s, const struct hill_hint *hint, int hints,
+                                bool *settled, struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+
+    for (int i = 0; rc == MODAL_OK && i < hints && s->discs < WINDOWS_MOST; i++)
+        if (!explained(s, &hint[i]))
+            rc = look(s, hint[i].exponent, GROUP, 1, err);
+    for (int i = 0; rc == MODAL_OK && i < hints; i++)
+        *settled = *settled && explained(s, &hint[i]);
+    return rc;
+}
+
+/* The first LAST, both of each pair. */
+static enum modal_status report(struct search *s, int last, struct hill_leading *out,
+                                struct modal_error *err)
+{
+    size_t most = 2 * (size_t)last, states = 2 * (size_t)s->n;
+
+    out->multiplier = workspace_zeros(&out->space, most, sizeof *out->multiplier);
+    out->residual = workspace_zeros(&out->space, most, sizeof *out->residual);
+    out->condition = workspace_zeros(&out->space, most, sizeof *out->condition);
+    out->start = workspace_zeros(&out->space, most * states, sizeof *out->start);
+    if (out->space.failed)
+        return no_memory(err);
+    for (int i = 0; i < last; i++)
+        for (int side = 0; side < (is_real(&s->found[i]) ? 1 : 2); side++) {
+            const struct found *f = &s->found[i];
+            size_t at = (size_t)out->count++;
+            out->multiplier[at] = is_real(f)  ? creal(f->multiplier)
+                                  : side == 0 ? f->multiplier
+                                              : conj(f->multiplier);
+            out->residual[at] = f->residual;
+            out->condition[at] = f->condition;
+            for (size_t k = 0; k < states; k++)
+                out->start[k + at * states] = side == 0 ? f->start[k] : conj(f->start[k]);
+        }
+    return MODAL_OK;
+}
+
+enum modal_status hill_leading(const struct program *p, double period, int wanted,
+                               const struct hill_hint *hint, int hints, struct hill_leading *out,
+                               struct modal_error *err)
+{
+    struct search s = { .p = p, .period = period, .W = 2 * M_PI / period, .n = p->n,
+                        .wanted = wanted,
+                        .reach = p->harmonics > 0 ? p->harmonic[p->harmonics - 1].k : 0 };
+    bool settled = true;
+    int last;
+    enum modal_status rc;
+
+    *out = (struct hill_leading){ 0 };
+    s.harmonics = HARMONICS * s.reach;
+    rc = search_outwards(&s, &out->settled, err);
+    if (rc == MODAL_OK && out->settled)
+        rc = spread(&s, &out->settled, err);
+    if (rc == MODAL_OK)
+        rc = follow(&s, hint, hints, &settled, err);
+    if (rc == MODAL_OK)
+        rc = repeat(&s, err);
+    out->settled = out->settled && settled;
+    last = leading_count(&s);
+    if (rc == MODAL_OK && s.count == 0)
+        rc = modal_fail(err, MODAL_NO_CONVERGENCE, "no multiplier was found");
+    if (rc == MODAL_OK) {
+        out->alike = are_alike(&s, last);
+        out->settled = out->settled && !s.missed;
+        out->windows = s.windows;
+        out->harmonics = s.harmonics;
+        rc = report(&s, last <= s.count ? last : s.count, out, err);
+    }
+    for (int i = 0; i < s.count; i++)
+        free(s.found[i].start);
+    free(s.found);
+    if (rc != MODAL_OK)
+        hill_leading_done(out);
+    return rc;
+}
+
+void hill_leading_done(struct hill_leading *h)
+{
+    workspace_free(&h->space);
+    *h = (struct hill_leading){ 0 };
+}

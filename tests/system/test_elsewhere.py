@@ -371,6 +371,58 @@ def test_no_worker_has_a_job_longer_than_its_time_left(site):
     assert it.hand(name="free").run()[1]["job"] == long
 
 
+LARGE = (65536, 20)                     # samples and channels: 10 MiB
+
+
+def pull_all(hand, run, of, pause_s):
+    """The input of RUN piece by piece, PAUSE_S before each."""
+    total, offset = run["input"]["samples"] * run["input"]["channels"] * 8, 0
+    while offset < total:
+        time.sleep(pause_s)
+        hand.say("INPUT", offset=offset, length=min(1 << 20, total - offset), **of)
+        assert "error" not in hand.hear("CHUNK").header
+        offset += 1 << 20
+
+
+@pytest.mark.parametrize("pause_s, work_s, goes", [(0.2, 0, False), (0, 4, True)],
+                         ids=["slower", "faster"])
+def test_a_large_input_goes_elsewhere_where_the_link_is_faster_than_the_job(site, pause_s, work_s,
+                                                                            goes):
+    it = site(workers=1)
+    ann = it.client("ann")
+    local = scene_job(ann, seconds=20)["job"]
+    until(lambda: state(ann, local)["state"] == "running")
+    hand = it.hand()
+    with user(it) as large:
+        first = large.submit("identify", batch(*LARGE), fresh=True)
+        run, of = hand.run()
+        pull_all(hand, run, of, pause_s)
+        time.sleep(work_s)
+        hand.done(of)
+        first.result(PATIENCE_S)
+        second = large.submit("identify", batch(*LARGE, seed=2), fresh=True)
+        small = large.submit("identify", batch(400, 2), fresh=True)
+        run, of = hand.run()
+        assert (run["input"]["samples"] == LARGE[0]) == goes
+        if not goes:
+            assert of["job"] == small.id and state(ann, second.id)["state"] == "queued"
+        hand.done(of)
+        ann.ask("CANCEL", job=local)
+        assert "event=link slot=256 name=hand mb_s=" in it.daemon.text()
+
+
+def test_without_workers_here_a_large_input_goes_by_any_link(site):
+    it = site()
+    hand = it.hand()
+    with user(it) as large:
+        for seed in (1, 2):
+            job = large.submit("identify", batch(*LARGE, seed=seed), fresh=True)
+            run, of = hand.run()
+            pull_all(hand, run, of, 0.1)
+            hand.done(of)
+            job.result(PATIENCE_S)
+
+
 def test_a_running_job_says_who_has_it_and_where(site):
     it = site()
     hand = it.hand(name="12_3", node="n7")

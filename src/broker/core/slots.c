@@ -4,6 +4,7 @@
 #include "broker/core/jobs.h"
 #include "broker/core/slots.h"
 #include "wire/frame.h"
+#include <math.h>
 #include <stdlib.h>
 
 /* A worker elsewhere says BEAT three times in its lease, and a host that fails is noticed in it. */
@@ -205,12 +206,64 @@ static double expected_ns(const struct job *job)
     return job->run_limit_ns > 0 ? (double)job->run_limit_ns : job->user->cost_s * 1e9;
 }
 
+/* What is known to have come of an input is what was asked for before the pieces under way: half
+ * of this at least. */
+enum { LARGE_INPUT = 2 * WIRE_PULLS_MOST * WIRE_BODY_MOST };
+
+/* Of a job that seems to have taken none: as users.c counts the shortest. */
+static const double work_least_s = 1e-3;
+
+/* A link that was slow is tried again: a large input in ten minutes is lost to it at most. */
+static const int64_t link_known_ns = 600 * INT64_C(1000000000);
+
+void slot_pulled(struct core *c, int slot, uint64_t length)
+{
+    struct remote *remote = c->slots->at[slot].remote;
+    const uint64_t bytes = c->slots->at[slot].job->input->bytes;
+    const bool was_last = remote->asked >= bytes;
+    double seconds, came;
+
+    if (remote->asked == 0)
+        remote->asked_ns = c->now.mono_ns;
+    remote->asked += length;
+    if (bytes < LARGE_INPUT || was_last || remote->asked < bytes)
+        return;
+    came = (double)bytes - (double)(WIRE_PULLS_MOST * WIRE_BODY_MOST);
+    seconds = fmax((double)(c->now.mono_ns - remote->asked_ns) / 1e9, 1e-9);
+    remote->pull_s = seconds * (double)bytes / came;
+    c->slots->link_bytes_s = came / seconds;
+    c->slots->link_ns = c->now.mono_ns;
+    core_log(c, "level=info event=link slot=%d name=%s mb_s=%.3g", slot, remote->name,
+             c->slots->link_bytes_s / 1e6);
+}
+
+double slot_work_s_byte(const struct core *c, int slot)
+{
+    const struct slot *s = &c->slots->at[slot];
+    const double all_s = (double)(c->now.mono_ns - s->started_ns) / 1e9,
+                 pull_s = s->remote == NULL ? 0 : s->remote->pull_s;
+
+    return s->job->input->bytes >= LARGE_INPUT && (s->remote == NULL || pull_s > 0)
+               ? fmax(all_s - pull_s, work_least_s) / (double)s->job->input->bytes : 0;
+}
+
+/* A large input goes elsewhere where the link is no slower than the job: both per byte, for what a
+ * job takes grows with its input as well.  Where this host has no workers there is no other way. */
+static bool link_pays(const struct core *c, const struct job *job)
+{
+    const struct slots *s = c->slots;
+
+    return job->input->bytes < LARGE_INPUT || c->settings.workers == 0 || s->link_ns == 0
+        || c->now.mono_ns - s->link_ns > link_known_ns || job->user->work_s_byte <= 0
+        || s->link_bytes_s * job->user->work_s_byte >= 1;
+}
+
 bool slot_fits(const struct core *c, int slot, const struct job *job)
 {
     const struct remote *remote = c->slots->at[slot].remote;
 
     return remote == NULL
-        || (job->input->bytes <= remote->memory
+        || (job->input->bytes <= remote->memory && link_pays(c, job)
             && (remote->end_ns == INT64_MAX
                 || expected_ns(job) <= (double)(remote->end_ns - c->now.mono_ns)));
 }

@@ -16,6 +16,9 @@ struct remote {
     uint64_t memory;                      /* bytes that an input of it may have */
     int64_t end_ns;                       /* mono, when its time is over; INT64_MAX: never */
     int pulls;                            /* INPUTs of its job without their CHUNK */
+    uint64_t asked;                       /* bytes of them all, since */
+    int64_t asked_ns;                     /* mono, the first of them */
+    double pull_s;                        /* that its job's large input took to come; 0: not here */
     char *said;                           /* its last STDERR; NULL: none */
 };
 
@@ -46,6 +49,8 @@ struct slots {
     int remotes;                          /* slots behind SLOTS_MOST that are, or were, in use */
     int remotes_idle;
     struct map peers;                     /* struct remote by peer, those that are heard */
+    double link_bytes_s;                  /* at which a large input went elsewhere last, */
+    int64_t link_ns;                      /* mono, at that time; 0: none did */
     int windows;                          /* begun: their attempts have numbers of their own */
     /* streams whose windows are due; up to `round_end` who had none in this round of turns */
     struct stream *due, **due_end; int due_count;
@@ -65,6 +70,12 @@ void slot_unhear(struct core *c, int slot);
 void slot_leave(struct core *c, int slot);
 /* S, of SLOT, becomes IDLE, or what it becomes then. */
 void slot_set(struct core *c, int slot, enum slot_state state);
+/* INPUT of LENGTH bytes came from the worker elsewhere in SLOT: the last one of a large input says
+ * how fast the link is. */
+void slot_pulled(struct core *c, int slot, uint64_t length);
+/* Seconds of work, without the way there, that the job of SLOT has taken on each byte of its large
+ * input; 0: it has none, or not all of it. */
+double slot_work_s_byte(const struct core *c, int slot);
 /* How long it may be silent. */
 int64_t slot_lease_ns(const struct core *c, int slot);
 #endif

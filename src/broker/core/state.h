@@ -90,6 +90,7 @@ struct user {
     struct heap ready;
     int64_t queued, running, bytes;
     double deficit, cost_s;               /* deficit round robin; mean seconds of a job */
+    double work_s_byte;                   /* mean seconds a byte of large inputs; 0: had none */
     bool competes;                        /* at the latest choice he had a job that might start */
     double cpu_s; int64_t cpu_day;        /* used in that UTC day */
     double upload_level; int64_t upload_ns;     /* token bucket */
@@ -357,6 +358,8 @@ void tombstones_retain(struct core *c);
 struct job *user_next(struct core *c, int slot);
 /* An attempt ended, charged with EXPECTED_S at its start, after SECONDS and CPU_S. */
 void user_ran(struct core *c, struct user *user, double expected_s, double seconds, double cpu_s);
+/* A job took S_BYTE seconds of work a byte of its large input; 0: it had none. */
+void user_worked(struct user *user, double s_byte);
 /* What USER took of the processor today, with T: a restart goes on counting. */
 void user_note(struct user *user, struct transaction *t);
 /* The same, read back. */

@@ -409,6 +409,14 @@ struct job *user_next(struct core *c, int slot)
     return job;
 }
 
+void user_worked(struct user *user, double s_byte)
+{
+    const double weight = user->work_s_byte > 0 ? cost_weight : 1;
+
+    if (s_byte > 0)
+        user->work_s_byte += weight * (s_byte - user->work_s_byte);
+}
+
 /* EXPECTED_S: what was taken for it when it started, which has been another mean than today's. */
 void user_ran(struct core *c, struct user *user, double expected_s, double seconds, double cpu_s)
 {

@@ -25,6 +25,7 @@ const char *piece_request(struct core *c, int slot, const struct wire_message *m
     if (task == NULL)
         return "INPUT of bytes that there are not";
     s->remote->pulls++;
+    slot_pulled(c, slot, (uint64_t)length);
     task->after = after_new(AFTER_PIECE, NULL);
     task->after->value = s->job->id;
     task->after->attempts = s->attempt;

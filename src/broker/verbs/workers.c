@@ -266,8 +266,11 @@ static void part(struct core *c, struct slot *s)
     s->document = NULL;
     s->document_size = s->document_total = 0;
     s->parts = 0;
-    if (s->remote != NULL)
+    if (s->remote != NULL) {
         s->remote->pulls = 0;
+        s->remote->asked = 0;
+        s->remote->pull_s = 0;
+    }
     s->output = NULL;
     s->finishing = s->ready = false;
     s->job = NULL;
@@ -622,6 +625,7 @@ static void on_done(struct core *c, int slot, const struct wire_message *m, stru
         return;
     }
     charge(c, slot, m);
+    user_worked(s->job->user, slot_work_s_byte(c, slot));
     if (s->document == NULL) {
         s->document = grab(m->body_bytes + 1);
         s->document_size = s->document_total = wire_gather(m, s->document, m->body_bytes);

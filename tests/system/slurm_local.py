@@ -95,7 +95,7 @@ class Slurm:
                    f"--seed-file={folder}/munge/seed", f"--log-file={folder}/munge/log")
         try:
             self.until(lambda: (self.folder / "munge" / "sock").exists(), "munged did not start")
-            self.start("slurmctld", "slurmctld", "-D", "-i", "-f", f"{folder}/slurm.conf")
+            self.start_controller()
             for i in range(nodes):
                 self.start_node(f"n{i + 1}")
             self.until(lambda: self.idle() == nodes, "the nodes did not become idle")
@@ -112,6 +112,20 @@ class Slurm:
         self.processes[name] = subprocess.Popen(words, stdout=log, stderr=log, env=self.env,
                                                 stdin=subprocess.DEVNULL)
         log.close()
+
+    def start_controller(self):
+        self.start("slurmctld", "slurmctld", "-D", "-i", "-f", f"{self.folder}/slurm.conf")
+
+    def wait_saved(self):
+        """Until the controller has on disk what it runs: killed before, it knows less, and starts
+        the same jobs again.
+        """
+        now, state = time.time(), self.folder / "state" / "job_state"
+        self.until(lambda: state.exists() and state.stat().st_mtime > now, "no state was saved")
+
+    def kill_controller(self):
+        self.processes["slurmctld"].kill()
+        self.processes["slurmctld"].wait()
 
     def start_node(self, name):
         (self.folder / f"spool.{name}").mkdir(exist_ok=True)

@@ -6,7 +6,7 @@ import importlib.util
 import json
 import os
 import pathlib
-import signal
+import re
 import subprocess
 import sys
 
@@ -144,14 +144,32 @@ def test_what_cannot_be_meant_is_refused(words):
 
 # ---- a real Slurm --------------------------------------------------------------------------------
 
-@pytest.fixture(scope="module")
-def slurm(tmp_path_factory):
+def start_slurm(tmp_path_factory):
     why = slurm_local.missing()
     if why is not None:
         pytest.skip(why)
-    made = slurm_local.Slurm(tmp_path_factory.mktemp("slurm"))
+    return slurm_local.Slurm(tmp_path_factory.mktemp("slurm"))
+
+
+@pytest.fixture(scope="module")
+def slurm(tmp_path_factory):
+    made = start_slurm(tmp_path_factory)
     yield made
     made.end()
+
+
+@pytest.fixture()
+def broken_pool(tmp_path, tmp_path_factory):
+    """A pool with a Slurm of its own, which nobody needs afterwards."""
+    slurm, made = start_slurm(tmp_path_factory), []
+
+    def make(*words):
+        made.append(Pool(tmp_path, slurm, *words))
+        return made[-1]
+    yield make
+    for one in made:
+        one.end()
+    slurm.end()
 
 
 class Pool(Site):
@@ -172,6 +190,14 @@ class Pool(Site):
         said = open(self.folder / "scaler", "ab")
         self.scaler = subprocess.Popen(self.words, stderr=said, env=self.env)
         said.close()
+
+    def scaled(self):
+        """What modald-slurm has said."""
+        return (self.folder / "scaler").read_text()
+
+    def counted(self, name):
+        text = self.client("eva").ask("METRICS").body[0].decode()
+        return float(re.search(rf"^{name} (\S+)$", text, re.M)[1])
 
     def end(self):
         if self.scaler is not None:
@@ -225,20 +251,48 @@ def busy(it, client, jobs):
     return {job: doc["worker"]["node"] for job, doc in docs.items() if "worker" in doc.header}
 
 
-@LONG
-def test_a_dead_node_is_noticed_and_its_jobs_are_done_elsewhere_once(pool):
-    it = pool("--idle", "20", "--least", "4")
-    it.scale()
-    until(lambda: it.elsewhere() == 4)
+@pytest.mark.parametrize("count", [40, pytest.param(500, marks=LONG)])
+def test_from_a_cold_start_all_jobs_are_done_once_though_a_node_dies_under_them(broken_pool, count):
+    it = broken_pool("--idle", "20", "--least", "4")
     ann = it.client("ann")
-    jobs = [scene_job(ann, seconds=2, fresh=True)["job"] for _ in range(8)]
-    until(lambda: "n1" in busy(it, ann, jobs).values())
-    it.slurm.kill_node("n1")
-    ended = [ann.ask("WAIT", job=job, timeout_s=250) for job in jobs]
-    assert {doc["state"] for doc in ended} == {"done"}
-    assert 1 <= sum(doc["attempts"] == 2 for doc in ended) <= 2
-    assert max(doc["attempts"] for doc in ended) == 2
-    it.slurm.start_node("n1")
+    long = [scene_job(ann, seconds=0.4, fresh=True, priority=200)["job"] for _ in range(4)]
+    with user(it) as client:
+        jobs = [client.submit("identify", batch(400 + i % 7, 2), fresh=True) for i in range(count)]
+        it.scale()
+        until(lambda: "n1" in busy(it, ann, long).values())
+        it.slurm.kill_node("n1")
+        results = [job.result(PATIENCE_S) for job in jobs]
+        again = [client.status(job.id)["attempts"] for job in jobs]
+    with modald.local() as here:
+        alone = [here.submit("identify", batch(400 + i, 2)).result(PATIENCE_S) for i in range(7)]
+    assert all(same(dict(r)) == same(dict(alone[i % 7])) for i, r in enumerate(results))
+    again += [ann.ask("WAIT", job=job, timeout_s=250)["attempts"] for job in long]
+    # n1 has two processors: so many jobs can have been under way there
+    assert set(again) == {1, 2} and 1 <= again.count(2) <= 2
+    assert it.counted("modald_worker_deaths_total") == again.count(2)
+    assert len(set(json.loads(ann.ask("LIST", limit=1000).body[0])["jobs"][i]["job"]
+                   for i in range(count + 4))) == count + 4
+
+
+@LONG
+def test_a_controller_that_is_killed_delays_pilots_and_nothing_else(broken_pool):
+    it = broken_pool("--idle", "25", "--least", "2")
+    it.scale()
+    until(lambda: it.elsewhere() >= 2)
+    it.slurm.wait_saved()
+    it.slurm.kill_controller()
+    with user(it) as ann:
+        first = [ann.submit("identify", batch(400 + i, 2), fresh=True) for i in range(6)]
+        for job in first:
+            job.result(PATIENCE_S)              # by the pilots that there are
+        until(lambda: it.elsewhere() == 0, "idle pilots did not end")
+        then = [ann.submit("identify", batch(500 + i, 2), fresh=True) for i in range(6)]
+        until(lambda: "event=round" in it.scaled(), "the scaler said nothing")
+        assert it.scaler.poll() is None
+        it.slurm.start_controller()
+        for job in then:
+            job.result(PATIENCE_S)
+        assert {ann.status(job.id)["attempts"] for job in first + then} == {1}
 
 
 @LONG

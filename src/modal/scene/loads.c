@@ -38,8 +38,8 @@ static const struct scene_key load_keys[] = {
 static const struct scene_key harmonic_keys[] = {
     { "k", SCENE_OWN, offsetof(struct keys, k), .otherwise = "1",
       .means =
-          "harmonic of the scene's omega, 0 to 1000, 0: constant; [k1, k2] or [k1, k2, k3]: k omega "
-          "is the sum of k_j W_j, W the tones of steady.tones",
+          "harmonic of the scene's omega, 0 to 1000, 0: constant; [k1, k2] or [k1, k2, k3]: "
+          "k omega is the sum of k_j W_j, W the tones of steady.tones",
       .example = "2" },
     { "cos", SCENE_NUMBER, offsetof(struct keys, cosine), "N", -HUGE_VAL, HUGE_VAL,
       .means = "a of a cos(k omega t)", .example = "1.5" },

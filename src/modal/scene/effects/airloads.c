@@ -52,7 +52,8 @@ static const struct scene_key keys[] = {
     { "inflow", SCENE_WORD, offsetof(struct airloads_keys, inflow), .words = inflow_names,
       .means = "induced velocity: jones: of Wagner's 1 - 0.165 exp(-0.0455 s) - 0.335 exp(-0.3 s), "
                "s = U t/b; peters_2d: Peters, Karunamoorthy and Cao (1995); peters_he: Peters and "
-               "He (1995), the wing and its mirror image a lifting line", .example = "\"peters_2d\"" },
+               "He (1995), the wing and its mirror image a lifting line",
+      .example = "\"peters_2d\"" },
     { "inflow_states", SCENE_WHOLE, offsetof(struct airloads_keys, a.inflow_states), "", 0,
       INFLOW_STATES_TOLD, .standard = INFLOW_STATES_ABSENT,
       .otherwise = "6 for peters_2d, 2 for jones, "

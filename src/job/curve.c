@@ -104,42 +104,50 @@ static enum modal_status parse(struct curve *c, const char *text, const char *fi
     return MODAL_OK;
 }
 
-/* The session at VALUE, c->s; omega to solve at into *OMEGA. */
+/* The scene at VALUE lowered, c->here. */
+static enum modal_status lower_at(struct curve *c, double value, struct modal_error *err)
+{
+    const char *field = c->settings->sweep != NULL ? "sweep" : "continue";
+    struct scene_options with = { .arrays = c->request->arrays };
+    enum modal_status rc;
+
+    c->here = NULL;
+    cost_stage(c->cost, "solve");
+    rc = scene_path_set(c->scene, c->path, value, field, err);
+    if (rc == MODAL_OK)
+        rc = scene_lower(c->scene, &with, &c->here, err);
+    cost_stage(c->cost, "lower");
+    if (rc == MODAL_OK && !(c->here->omega > 0))
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "omega",
+                              "a steady state needs the scene's omega > 0");
+    if (rc == MODAL_OK)
+        steady_subharmonic(c->here, c->settings->subharmonic);
+    return rc;
+}
+
+/* The session at VALUE, c->s; omega to solve at into *OMEGA.  What the one before knows of a linear
+ * part that is still the same stays. */
 static enum modal_status session_at(struct curve *c, double value, double *omega,
                                     struct modal_error *err)
 {
-    const char *field = c->settings->sweep != NULL ? "sweep" : "continue";
-    enum modal_status rc = MODAL_OK;
+    struct steady *before = c->s;
+    struct program *was = c->here != c->p ? c->here : NULL;
+    enum modal_status rc;
 
-    if (c->omega && c->s != NULL) {
-        *omega = value / c->settings->subharmonic;
+    *omega = value / c->settings->subharmonic;
+    if (c->omega && c->s != NULL)
         return MODAL_OK;
-    }
-    steady_free(c->s);
     c->s = NULL;
-    if (c->here != c->p)
-        program_free(c->here);
     c->here = c->p;
-    if (c->omega)
-        *omega = value / c->settings->subharmonic;
-    else {
-        struct scene_options with = { .arrays = c->request->arrays };
-
-        c->here = NULL;
-        cost_stage(c->cost, "solve");
-        rc = scene_path_set(c->scene, c->path, value, field, err);
-        if (rc == MODAL_OK)
-            rc = scene_lower(c->scene, &with, &c->here, err);
-        cost_stage(c->cost, "lower");
-        if (rc != MODAL_OK)
-            return rc;
-        if (!(c->here->omega > 0))
-            return modal_fail_field(err, MODAL_BAD_INPUT, "omega",
-                                    "a steady state needs the scene's omega > 0");
-        steady_subharmonic(c->here, c->settings->subharmonic);
+    rc = c->omega ? MODAL_OK : lower_at(c, value, err);
+    if (rc == MODAL_OK)
+        rc = steady_new(c->here, &c->settings->opt, &c->s, err);
+    if (rc == MODAL_OK && !c->omega)
         *omega = c->here->omega;
-    }
-    rc = steady_new(c->here, &c->settings->opt, &c->s, err);
+    if (rc == MODAL_OK && before != NULL)
+        steady_inherit(c->s, before);
+    steady_free(before);
+    program_free(was);
     return rc == MODAL_OK && c->omega && c->count > 2 ? steady_reduce(c->s, err) : rc;
 }
 

@@ -110,6 +110,21 @@ def test_another_job_on_the_structure_brings_nothing_again(structure, daemon, ct
     assert held < 2 * after["bytes"], "the shares of a sweep are jobs on one input"
 
 
+@pytest.mark.parametrize("path, value", [("effects[0].coefficient", 0.7),
+                                         ("excitation[0].cos", 4.0)])
+def test_a_point_of_a_sweep_over_laws_or_loads_is_what_its_scene_has_alone(
+        path, value, structure, client):
+    scene = scene_of(structure)
+    swept = client.steady(scene, {"sweep": f"{path}={value - 0.5}:{value}:3"})["points"]
+    section, key = path.split("[0].")
+    scene[section][0][key] = value
+    alone = client.steady(scene)
+    assert swept[-1]["value"] == value and swept[-1]["converged"] and alone["converged"]
+    for found, expected in zip(swept[-1]["harmonics"], alone["harmonics"]):
+        for part in ("re", "im"):
+            assert np.allclose(found[part], expected[part], rtol=1e-9, atol=1e-12)
+
+
 # -- what is no matrix ----------------------------------------------------------------------------
 
 POINTERS, COLUMNS, VALUES = (0, 1, 2), (0, 1), (2.0, 3.0)

@@ -216,22 +216,11 @@ static enum modal_status sparse_new(struct condense *c, struct modal_error *err)
     return MODAL_OK;
 }
 
-/* What is kept of the last omega goes. */
-static void forget(struct condense *c)
-{
-    for (int k = 0; k < c->known; k++) {
-        free(c->harmonic[k].S);
-        free(c->harmonic[k].p);
-        free(c->harmonic[k].row);
-    }
-    c->known = 0;
-}
-
 void condense_want(struct condense *c, const int *dofs, int count)
 {
     if (c->seat == NULL)
         return;
-    forget(c);
+    condense_forget(c);
     c->seats = 0;
     for (int i = 0; i < c->n; i++)
         c->seat[i] = -1;
@@ -297,7 +286,7 @@ void condense_free(struct condense *c)
 {
     if (c == NULL)
         return;
-    forget(c);
+    condense_forget(c);
     free(c->harmonic);
     pattern_free(c->linear);
     sparse_lu_free(c->factors);
@@ -514,24 +503,11 @@ static enum modal_status learn(struct condense *c, int k, struct modal_error *er
 {
     size_t q = (size_t)c->q, entries = (size_t)pattern_entries(c->pattern);
     double level = c->level;
-    struct condense_harmonic *h;
+    struct condense_harmonic *h = &c->harmonic[k];
     enum modal_status rc;
 
-    if (c->known == c->harmonics) {
-        size_t more = 2 * (size_t)c->harmonics + 16;
-
-        h = realloc(c->harmonic, more * sizeof *h);
-        if (h == NULL)
-            return modal_fail(err, MODAL_NO_MEMORY, "condense: no memory for a harmonic");
-        c->harmonic = h;
-        c->harmonics = (int)more;
-    }
-    h = &c->harmonic[c->known++];
-    *h = (struct condense_harmonic) { calloc(entries + 1, sizeof *h->S),
-                                      calloc(q + 1, sizeof *h->p),
-                                      calloc((size_t)c->seats * (q + 1) + 1, sizeof *h->row) };
-    if (h->S == NULL || h->p == NULL || h->row == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "condense: no memory for a harmonic");
+    memset(h->S, 0, entries * sizeof *h->S);
+    memset(h->p, 0, q * sizeof *h->p);
     c->level = 1;
     rc = factor_at(c, k, k * c->omega, h->S, h->p, err);
     c->level = level;
@@ -539,6 +515,7 @@ static enum modal_status learn(struct condense *c, int k, struct modal_error *er
         for (size_t j = 0; c->seat[i] >= 0 && j <= q; j++)
             h->row[j * (size_t)c->seats + (size_t)c->seat[i]] =
                 c->right[j * (size_t)c->order + (size_t)c->spot[i]];
+    h->stale = rc != MODAL_OK;
     return rc;
 }
 
@@ -550,12 +527,15 @@ static enum modal_status recall(struct condense *c, int H, double complex *S, do
     enum modal_status rc = MODAL_OK;
 
     if (c->known_at != c->omega)
-        forget(c);
+        condense_forget(c);
     c->known_at = c->omega;
     while (rc == MODAL_OK && c->known <= H)
-        rc = learn(c, c->known, err);
+        rc = condense_add_harmonic(c, err);
+    for (int k = 0; rc == MODAL_OK && k <= H; k++)
+        if (c->harmonic[k].stale)
+            rc = learn(c, k, err);
     if (rc != MODAL_OK)
-        forget(c);
+        condense_forget(c);
     for (int k = 0; rc == MODAL_OK && k <= H; k++) {
         memcpy(S + (size_t)k * entries, c->harmonic[k].S, entries * sizeof *S);
         for (size_t i = 0; i < q; i++)

@@ -67,6 +67,14 @@ const struct pattern *condense_pattern(const struct condense *c);
 int condense_highest_load(const struct condense *c);
 
 /*
+ * What FROM, which gives it away, knows of its last frequency becomes C's where that is the same:
+ * of two scenes with the same constant matrices and kept dofs, many linear ones, and the same dofs
+ * wanted.  A harmonic whose loads are those of FROM but for one factor has it; others are factored
+ * when they are asked for.  Nothing is approximated.
+ */
+void condense_inherit(struct condense *c, struct condense *from);
+
+/*
  * S[k entries + e], e an entry of the pattern (full: S[(k q + j) q + i]), and p[k q + i], k = 0 ..
  * H, at OMEGA; loads are scaled by LEVEL.  Fails with MODAL_NO_CONVERGENCE where L_rr is singular
  * to rounding: the text says at which harmonic.

@@ -1,4 +1,4 @@
-/* condense_state.h - what condense.c and condense_modes.c share */
+/* condense_state.h - what condense.c, condense_known.c and condense_modes.c share */
 #ifndef MODAL_CONDENSE_STATE_H
 #define MODAL_CONDENSE_STATE_H
 #include "modal/linalg/workspace.h"
@@ -31,7 +31,8 @@ struct condense {
     struct sparse_lu *factors;
     double complex *value, *column;  /* of `linear`; order, of a solution */
     int *seat, seats;                /* of each dof among those recovered, or -1 */
-    struct condense_harmonic { double complex *S, *p, *row; } *harmonic;  /* row: seats x (q+1) */
+    /* row: seats x (q+1); stale: to be learnt anew */
+    struct condense_harmonic { double complex *S, *p, *row; bool stale; } *harmonic;
     int known, harmonics;            /* harmonics: places */
     double known_at, work;           /* rad/s; operations of budget.h so far */
     /* modes */
@@ -50,6 +51,11 @@ static inline double complex factor_of(int t, double s)
 {
     return t == PROGRAM_M ? -s * s : t == PROGRAM_C ? I * s : 1;
 }
+
+/* What is kept of the last omega goes. */
+void condense_forget(struct condense *c);
+/* Room for one more harmonic, which is stale.  Fails with MODAL_NO_MEMORY. */
+enum modal_status condense_add_harmonic(struct condense *c, struct modal_error *err);
 
 /* S and p, both 0 before, of all harmonics 0 .. H by (3) of condense_modes.c, once condense_reduce
  * is done. */

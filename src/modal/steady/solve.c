@@ -136,6 +136,11 @@ enum modal_status steady_new(const struct program *p, const struct steady_option
     return MODAL_OK;
 }
 
+void steady_inherit(struct steady *s, struct steady *before)
+{
+    condense_inherit(s->c, before->c);
+}
+
 void steady_free(struct steady *s)
 {
     if (s == NULL)

@@ -14,6 +14,10 @@
 #define MODAL_SOLVE_H
 #include "modal/steady/point.h"
 
+/* What BEFORE, a session of another program that is freed next, knows of the linear part becomes
+ * S's where that is the same (condense_inherit). */
+void steady_inherit(struct steady *s, struct steady *before);
+
 /* P is borrowed until steady_free.  Fails with MODAL_BAD_INPUT (steady.harmonics, steady.samples,
  * excitation), MODAL_TOO_LARGE, MODAL_NO_MEMORY. */
 enum modal_status steady_new(const struct program *p, const struct steady_options *opt,

@@ -383,6 +383,13 @@ static const struct result_key orbit_keys[] = {
       .means = "of disturbances, over 2 pi/omega; of many states the leading ten alone" },
     { "error", RESULT_NUMBER, .absent = "where it was not computed", .null = UNKNOWN,
       .means = "estimate, of the multipliers; where all were only bounded, up to the bound" },
+    { "exponents", RESULT_NUMBER, .list = "the four largest", .unit = "1/s",
+      .absent = "without tones",
+      .means = "Lyapunov's, of disturbances of a motion of tones; one is 0 where a tone is free" },
+    { "margin", RESULT_NUMBER, .unit = "1/s", .absent = "without tones", .null = "not computed",
+      .means = "less the exponent that decides: a free tone's own does not" },
+    { "margin_std", RESULT_NUMBER, .unit = "1/s", .absent = "without tones", .null = "not computed",
+      .means = "of margin: scatter of batches of turns and length of steps" },
     { 0 },
 };
 

@@ -114,8 +114,26 @@ static void print_diagnostics(const struct steady_settings *settings,
                  "strength allows", undetermined, point->laws);
         diagnose(list, "undetermined_offset", text);
     }
-    diagnose(list, "stability_unknown",
-             "the stability was not computed: a motion of several tones has no multipliers");
+    if (settings->stability && point->converged && point->stability.reason != NULL) {
+        snprintf(text, sizeof text, "the stability was not computed: %s", point->stability.reason);
+        diagnose(list, "stability_unknown", text);
+    }
+}
+
+/* A motion of several tones has no period, and exponents in place of multipliers. */
+static void print_stability(const struct torus_point *point, cJSON *o)
+{
+    const struct torus_stability *s = &point->stability;
+
+    if (s->verdict != 0)
+        cJSON_AddBoolToObject(o, "stable", s->verdict > 0);
+    else
+        cJSON_AddNullToObject(o, "stable");
+    cJSON_AddNullToObject(o, "max_multiplier");
+    cJSON_AddArrayToObject(o, "multipliers");
+    cJSON_AddItemToObject(o, "exponents", json_numbers(s->exponent, (size_t)s->count));
+    json_set_number(o, "margin", s->count > 0 ? s->margin : NAN);
+    json_set_number(o, "margin_std", s->count > 0 ? s->error : NAN);
 }
 
 static void print_errors(const struct steady_settings *settings, const struct torus_point *point,
@@ -138,10 +156,7 @@ static void print_errors(const struct steady_settings *settings, const struct to
     o = cJSON_AddObjectToObject(doc, "work");
     json_set_number(o, "spent", point->work.spent);
     json_set_number(o, "allowed", point->work.most);
-    o = cJSON_AddObjectToObject(doc, "stability");
-    cJSON_AddNullToObject(o, "stable");
-    cJSON_AddNullToObject(o, "max_multiplier");
-    cJSON_AddArrayToObject(o, "multipliers");
+    print_stability(point, cJSON_AddObjectToObject(doc, "stability"));
 }
 
 static cJSON *print_point(const struct program *p, const struct steady_settings *settings,
@@ -187,6 +202,7 @@ enum modal_status torus_run(struct program *p, const struct steady_settings *set
                                        .tolerance = settings->opt.tolerance,
                                        .max_iterations = settings->opt.max_iterations,
                                        .target_error = settings->opt.target_error,
+                                       .stability = settings->stability,
                                        .free = settings->free_tone,
                                        .dofs = settings->dofs,
                                        .dofs_count = settings->dofs_count,

@@ -156,7 +156,7 @@ def maxima(result):
             for rows in result["harmonics"]]
 
 
-@pytest.mark.parametrize("rate", [0.01, 0.5, 3, 10])
+@pytest.mark.parametrize("rate", [0.1, 0.5, 3, 10])
 def test_a_self_excited_motion_is_the_one_that_marching_ends_in(rate, tmp_path):
     status, result = run("steady", van_der_pol(rate), tmp_path, "-o", "tones=free")
     w, amplitude = limit_cycle(lambda t, y: [y[1], rate * (1 - y[0] ** 2) * y[1] - y[0]], [2, 0],
@@ -248,6 +248,56 @@ def test_the_second_tone_begins_at_the_neimark_sacker_point(tmp_path):
     point, = run("steady", curve, tmp_path, "--continue", "omega=1.0:1.7")[1]["bifurcations"]
     second, told = result["tones"][1], point["second_tone"]
     assert min(abs(second - told), abs(point["omega"] - second - told)) < 1e-3
+
+
+def exponents(stiffness, damping, until, start):
+    """Lyapunov's, of y'' + damping(t) y' + stiffness(t) y = 0, by marching two disturbances."""
+    y, grown, count = np.eye(2), np.zeros(2), 0
+    for at in np.arange(0, until, until / 400):
+        y = solve_ivp(lambda t, y: [y[2], y[3], -damping(t) * y[2] - stiffness(t) * y[0],
+                                    -damping(t) * y[3] - stiffness(t) * y[1]],
+                      (at, at + until / 400), y.ravel(), rtol=1e-8, atol=1e-12).y[:, -1]
+        y, sizes = np.linalg.qr(y.reshape(2, 2))
+        if at >= start:
+            grown, count = grown + np.log(np.abs(np.diag(sizes))), count + 1
+    return sorted(grown / (count * until / 400))[::-1]
+
+
+def test_disturbances_of_a_torus_decay_as_marching_says(tmp_path):
+    tones = [0.7, 0.7 * GOLDEN]
+    scene = oscillator([{"type": "cubic_spring", "dof": "x", "coefficient": 0.5}], tones, 0.3)
+    result = run("steady", scene, tmp_path)[1]
+    stability = result["stability"]
+    rows = result["harmonics"][0]
+    X = np.array(rows["re"]) + 1j * np.array(rows["im"])
+    keep = np.abs(X) > 1e-4
+    X, w = X[keep], (np.array(rows["k"]) @ np.array(tones))[keep]
+    told = exponents(lambda t: 1 + 1.5 * (np.exp(1j * w * t) @ X).real ** 2, lambda t: 0.1, 800, 80)
+    assert stability["stable"] is True and stability["max_multiplier"] is None
+    assert sum(stability["exponents"]) == pytest.approx(-0.1, abs=1e-5)    # all volume: the damper
+    assert stability["exponents"] == pytest.approx(told, abs=4 * stability["margin_std"] + 2e-3)
+
+
+# Of two exponents one is 0, and both sum to the mean of minus the damping along the cycle.
+@pytest.mark.parametrize("coefficients,stable", [([-0.5, 0, 0.5], True),
+                                                 ([0.1, 0, -1, 0, 1], False)])
+def test_a_limit_cycle_is_told_stable_or_not(coefficients, stable, tmp_path):
+    scene = van_der_pol(1)
+    scene["effects"][0]["coefficients"] = coefficients
+    result = run("steady", scene, tmp_path, "-o", "tones=free")[1]
+    t = np.linspace(0, 2 * np.pi / result["tones"][0], 4097)[:-1]
+    decays = np.polynomial.polynomial.polyval(motion(result, t), coefficients).mean()
+    assert result["converged"] and result["stability"]["stable"] is stable
+    assert result["stability"]["margin"] == pytest.approx(decays, abs=1e-3)
+    assert bool(decays > 0) is stable
+
+
+def test_a_slider_leaves_the_stability_of_a_torus_unknown(tmp_path):
+    scene = oscillator([{"type": "friction", "dof": "x", "stiffness": 0.5, "limit": 0.2}],
+                       [0.8, 0.8 * GOLDEN])
+    result = run("steady", scene, tmp_path, "-o", "target.error=0.1")[1]
+    assert result["converged"] and result["stability"]["stable"] is None
+    assert "stability_unknown" in [d["code"] for d in result["diagnostics"]]
 
 
 def test_a_motion_locked_to_its_load_has_no_second_tone(tmp_path):

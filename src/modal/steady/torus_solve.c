@@ -263,6 +263,8 @@ enum modal_status torus_solve(const struct program *p, const double *omega, int 
         out->converged = true;
     else if (rc == MODAL_OK && begun)
         rc = solve_grown(s, out, err);
+    if (rc == MODAL_OK && out->converged && opt->stability)
+        rc = torus_judge(s, condense_place(s->condense[0]), &out->stability, err);
     if (rc == MODAL_OK) {
         out->tones = s->tones;
         count_laws(s, out);

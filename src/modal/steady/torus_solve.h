@@ -22,12 +22,23 @@ struct torus_options {
     int order;                /* all combinations of at most this order; 0: grown */
     double tolerance;         /* relative step of Newton's method; 0: 1e-10 */
     int max_iterations;       /* of one attempt; 0: 60 */
+    bool stability;           /* wanted */
     double target_error;      /* relative to the largest motion; 0: 1e-6 */
     int free;                 /* 1 + the tone whose frequency is the motion's own; 0: none */
     const int *dofs;          /* those reported, `dofs_count` of them */
     int dofs_count;
     bool (*cancelled)(void *context);
     void *context;
+};
+
+enum { TORUS_EXPONENTS = 4 };   /* leading ones of disturbances */
+
+struct torus_stability {
+    const char *reason;       /* why not computed; NULL: it was */
+    int verdict;              /* 1: disturbances decay, -1: one grows, 0: undecided */
+    int count;
+    double exponent[TORUS_EXPONENTS], errors[TORUS_EXPONENTS];   /* 1/s, by falling exponents */
+    double margin, error;     /* 1/s: less the exponent that decides, and its error */
 };
 
 struct torus_point {
@@ -41,6 +52,7 @@ struct torus_point {
     double truncation, sampling, solver, error;   /* max over time and reported dofs, in m */
     double tone_error;        /* of the free tone's frequency, rad/s */
     double amplitude;         /* max |x| over the kept dofs */
+    struct torus_stability stability;         /* of a converged motion */
     struct budget work;
     int laws, samples;        /* samples: of one evaluation */
     long *evaluations;        /* per law */

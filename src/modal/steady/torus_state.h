@@ -1,5 +1,5 @@
-/* torus_state.h - what torus_tone.c, torus_set.c, torus_newton.c, torus_begin.c, torus_error.c and
- * torus_solve.c share */
+/* torus_state.h - what torus_tone.c, torus_set.c, torus_newton.c, torus_begin.c, torus_error.c,
+ * torus_stability.c and torus_solve.c share */
 #ifndef MODAL_TORUS_STATE_H
 #define MODAL_TORUS_STATE_H
 #include "modal/scene/program.h"
@@ -151,6 +151,12 @@ enum modal_status torus_fit(const struct torus_tones *t, int count, const struct
 /* Of a free tone: its frequency, the first set and a motion near one that balances it; *BEGUN
  * false: none was found, with s->reason. */
 enum modal_status torus_begin(struct torus_solver *s, bool *begun, struct modal_error *err);
+
+/* ---- torus_stability.c ---- */
+
+/* Of s->X's disturbances; PLACE as condense_place has it. */
+enum modal_status torus_judge(struct torus_solver *s, const int *place, struct torus_stability *out,
+                              struct modal_error *err);
 
 /* ---- torus_error.c ---- */
 

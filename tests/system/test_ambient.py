@@ -108,6 +108,32 @@ def test_coloured_excitation_is_said_and_is_no_mode(ctl, tmp_path):
     assert len(hertz) == 2 and np.allclose(hertz, [2.0, 5.5], rtol=0.01)
 
 
+def test_lines_of_constant_amplitude_are_told_from_modes_and_do_not_disturb_them(ctl, tmp_path):
+    Y, t = record(14), np.arange(20000)[:, None] * DT
+    plain = identify(ctl, tmp_path / "a.h5", Y).document
+    lines = 3 * np.sin(2 * np.pi * 3.3137 * t + 0.3) * [1, -0.5, 0.8] + 2 * np.sin(4 * np.pi * 3.3137 * t) * [0.2, 1, 0.4]
+    said = identify(ctl, tmp_path / "a.h5", Y + lines).document
+    assert codes(said).count("narrow_line") == 2 and said["stability"]["stable"] is None
+    assert len(said["modes"]) == len(plain["modes"]) == 3
+    for a in plain["modes"]:
+        b = min(said["modes"], key=lambda m: abs(complex(*m["exponent"]) - complex(*a["exponent"])))
+        assert abs(a["frequency_hz"] - b["frequency_hz"]) < 0.2 * a["std"]["frequency_hz"]
+        assert abs(a["damping_ratio"] - b["damping_ratio"]) < 0.2 * a["std"]["damping_ratio"]
+
+
+def test_the_mains_are_told_and_the_verdict_stands(ctl, tmp_path):
+    s = bench_ambient.System(np.array([-0.8 + 30j, -1.2 + 90j]), np.array([[1, 0.5], [0.4, -1.0]]), np.eye(2) * 1.0, 1 / 130, 0.03)
+    Y = s.samples(30000, np.random.default_rng(3)) + 2 * np.sin(2 * np.pi * 50 / 130 * np.arange(30000))[:, None]
+    said = ctl("identify", write_batch(tmp_path / "a.h5", Y, dt=1 / 130), *AMBIENT).document
+    assert "mains_line" in codes(said) and said["stability"]["stable"] is True and len(said["modes"]) == 2
+
+
+def test_a_record_of_nothing_but_a_line_is_refused(ctl, tmp_path):
+    said = identify(ctl, tmp_path / "a.h5", np.sin(0.3 * np.arange(4000))[:, None] * [1, 2])
+    assert said.status == 2 and said.document["error"]["field"] == "signals"
+    assert "lines of constant amplitude" in said.document["error"]["message"]
+
+
 def test_a_free_decay_is_told_from_an_ambient_record(ctl, tmp_path):
     said = ctl("identify", write_batch(tmp_path / "a.h5", decay(2000, modes=((2.3, 0.02, 1.0),))), *AMBIENT).document
     assert "not_ambient" in codes(said) and said["stability"]["stable"] is None

@@ -21,6 +21,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/identify/ambient_lines.h"
 #include "modal/identify/ambient_order.h"
 #include "modal/identify/diagnose.h"
 #include "modal/identify/exponents.h"
@@ -48,6 +49,8 @@ static const double
 struct work {
     struct identify_options opt;
     struct record rec;
+    struct ambient_line line[AMBIENT_LINES_MOST];
+    int line_count;
     struct pod pod;
     struct matrix Z;             /* signals of unit variance; the pod's memory */
     struct spectrum spectrum;
@@ -127,8 +130,6 @@ static enum modal_status read_record(struct work *w, const struct batch *batch,
     if (cut.detrend == DETREND_NONE)
         cut.detrend = w->opt.detrend = DETREND_MEAN;
     rc = record_make(batch, &cut, &w->rec, err);
-    if (rc == MODAL_OK && !w->rec.wide)
-        drop_constant(w, batch);
     if (rc == MODAL_OK && w->rec.wide)
         rc = modal_fail_field(err, MODAL_TOO_LARGE, "signals", "%d samples of %d channels are not "
                               "taken with response=ambient; name channels by `signals`, or give "
@@ -136,6 +137,10 @@ static enum modal_status read_record(struct work *w, const struct batch *batch,
     if (rc == MODAL_OK && w->rec.Y.m < SAMPLES_LEAST)
         rc = modal_fail_field(err, MODAL_BAD_INPUT, "signals", "signals: %d samples; "
                               "response=ambient needs at least %d", w->rec.Y.m, SAMPLES_LEAST);
+    if (rc == MODAL_OK) {
+        drop_constant(w, batch);
+        rc = ambient_lines_take(&w->rec.Y, w->line, &w->line_count, err);
+    }
     return rc;
 }
 
@@ -148,12 +153,14 @@ static enum modal_status reduce(struct work *w, struct modal_error *err)
 
     if (rc != MODAL_OK)
         return rc;
-    if (w->pod.count > WHITTLE_CHANNELS_MOST)
-        w->pod.count = WHITTLE_CHANNELS_MOST;
+    w->pod.count = (int)fmin(w->pod.count, WHITTLE_CHANNELS_MOST);
+    while (w->pod.count > 0 && !(w->pod.s[w->pod.count - 1] > 0))
+        w->pod.count--;
     r = w->pod.count;
     if (r == 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "signals: all are constant; "
-                                "accepted: at least one channel that moves");
+        return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "signals: nothing moves but "
+                                "lines of constant amplitude; accepted: at least one channel that "
+                                "does");
     w->back = calloc((size_t)S * (size_t)r, sizeof *w->back);
     if (w->back == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d channels", S);
@@ -186,13 +193,11 @@ static bool is_line(const struct work *w, double complex lambda)
     return -creal(lambda) * w->spectrum.samples < NARROW;
 }
 
-/* The mains' frequency of which it is a line at a multiple, to a line of the record; 0: none. */
-static int mains_of(const struct work *w, double complex lambda)
+/* The mains' frequency of which HERTZ is a multiple, to a line of the record; 0: none. */
+static int mains_of(const struct work *w, double hertz)
 {
-    double record = w->rec.Y.m * w->rec.step, hertz = fabs(cimag(lambda)) / (2 * M_PI * w->step);
+    double record = w->rec.Y.m * w->rec.step;
 
-    if (!is_line(w, lambda))
-        return 0;
     for (size_t g = 0; g < sizeof GRID / sizeof *GRID; g++) {
         double multiple = round(hertz / GRID[g]);
         if (multiple >= 1 && multiple <= MAINS && fabs(hertz - multiple * GRID[g]) * record < 1)
@@ -263,7 +268,7 @@ static enum modal_status report_modes(struct work *w, struct identify_result *ou
         const struct whittle_mode *q = &fit->mode[k];
         struct identify_mode *m = &out->modes[out->mode_count];
         double complex seen = CMPLX(creal(q->lambda), fabs(cimag(q->lambda))), lambda = seen / dt;
-        if (!has_peak(w, seen) || mains_of(w, q->lambda) > 0)
+        if (!has_peak(w, seen))
             continue;
         *m = (struct identify_mode) {
             .exponent = lambda, .resolved = lambda, .multiplier = multiplier_of(lambda, w->rec.dt),
@@ -414,19 +419,34 @@ static void about_modes(const struct work *w, struct identify_result *r)
     }
 }
 
+/* Lines that were taken off; what may be the system's own, a limit cycle, leaves it undecided. */
+static void about_lines(const struct work *w, struct identify_result *r)
+{
+    for (int i = 0; i < w->line_count; i++) {
+        double hertz = w->line[i].frequency / w->rec.step, share = 100 * w->line[i].share;
+        int mains = mains_of(w, hertz);
+        if (mains > 0)
+            identify_diagnose(r, "mains_line", -1, "a line of %.6g Hz, a multiple of %d Hz, %.2g %% "
+                              "of the channels' mean square: mains, not a mode; it was taken off "
+                              "first", hertz, mains, share);
+        else
+            identify_diagnose(r, "narrow_line", -1, "a line of %.6g Hz and constant amplitude, "
+                              "%.2g %% of the channels' mean square: a rotating part or a limit "
+                              "cycle, not a mode; it was taken off first, and no verdict is given, "
+                              "for it does not decay", hertz, share);
+        if (mains == 0)
+            r->verdict = VERDICT_UNDECIDED;
+    }
+}
+
 static void about_poles(const struct work *w, struct identify_result *r)
 {
     const struct whittle *m = w->found.model;
-    int broad = 0, mains = 0;
+    int broad = 0;
 
     for (int k = 0; k < m->count; k++) {
         double complex lambda = m->mode[k].lambda;
         broad += 2 * creal(lambda) * creal(lambda) >= creal(lambda * conj(lambda));
-        if (mains_of(w, m->mode[k].lambda) > 0 && mains++ < TOLD)
-            identify_diagnose(r, "mains_line", -1, "a line at %.5g Hz, a multiple of %d Hz: mains, "
-                              "not a mode; fitted beside the modes and not counted among them",
-                              fabs(cimag(m->mode[k].lambda)) / (2 * M_PI * w->step),
-                              mains_of(w, m->mode[k].lambda));
     }
     if (broad > 0)
         identify_diagnose(r, "coloured_excitation", -1, "%d pole%s without a peak: the spectrum "
@@ -596,6 +616,7 @@ static enum modal_status conclude(struct work *w, struct identify_result *out,
     if (rc != MODAL_OK)
         return rc;
     verdict_stability(out, record);
+    about_lines(w, out);
     about_modes(w, out);
     about_poles(w, out);
     rc = about_all_time(w, out, err);

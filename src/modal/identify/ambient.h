@@ -18,8 +18,8 @@
  *   not_ambient          nearly all energy lies in a small part of the record: a free decay, or a
  *                        hit; neither errors nor a verdict are given
  *   too_few_cycles       a mode's damping is known to no better than ENOUGH; how many are enough
- *   narrow_line          a mode no wider than a line of the record: no errors, no verdict by it
- *   mains_line           one at a multiple of the mains' frequency: fitted, and no mode
+ *   narrow_line          a line taken off (ambient_lines.h), or a mode that is no wider: no verdict
+ *   mains_line           such a line at a multiple of the mains' frequency: no harm
  *   coloured_excitation  poles without a peak of their own: the excitation's, no modes
  *   channels_reduced     more channels than are fitted; the share of the energy that is left out
  *   not_stationary       eighths of the record differ by more than chance

@@ -1,6 +1,7 @@
 """Streams as a list (STREAMS), and the record of a closed one by its name: `stream:NAME`."""
 # Tests as well: stream_list.c stored.c streams.c
 import json
+import sqlite3
 import struct
 import subprocess
 
@@ -10,7 +11,7 @@ import pytest
 import modald
 from conftest import BUILD, PATIENCE, environment
 from lab import FAKE, Lab
-from wire import Daemon, crc32c
+from wire import Daemon, crc32c, until
 
 DT, ROWS = 0.01, 1200
 TIME = DT * np.arange(ROWS)
@@ -203,6 +204,46 @@ def test_export_gives_the_samples_of_a_stream_and_of_a_job_to_the_bit(rig, ctl, 
 def test_what_cannot_be_had_of_a_stream_is_refused_by_its_field(rig, ctl, words, status, said):
     done = ctl(*words, check=False)
     assert done.returncode == status and said in done.stderr, done
+
+
+def verdict(daemon, state):
+    one, = page(daemon.client())["streams"]
+    assert one["state"] == state
+    return one.get("verdict")
+
+
+def test_the_last_verdict_stays_with_a_stream_over_restarts_and_with_its_batch(tmp_path):
+    with Daemon(folder=tmp_path) as d:
+        ident = opened(d.client(), "rig7", window={"samples": 400, "hop": 400})
+        push(d.client(), ident, 0, DECAY[:500])
+        until(lambda: verdict(d, "open") is not None, "no window was told")
+        assert verdict(d, "open") == "stable"
+        lag = page(d.client())["streams"][0]["lag"]
+        d.process.kill()
+        d.process.wait()
+    with Daemon(folder=tmp_path) as d:
+        assert verdict(d, "open") == "stable"
+        assert page(d.client())["streams"][0]["lag"] == lag
+        assert close(d.client(), ident)["samples"] == 500
+        assert verdict(d, "sealed") == "stable"
+    with Daemon(folder=tmp_path, config=FAKE) as d:
+        assert verdict(d, "sealed") == "stable"
+
+
+def test_a_record_without_a_window_has_no_verdict_and_what_was_noted_goes_with_the_record(tmp_path):
+    with Daemon(folder=tmp_path) as d:
+        ident = opened(d.client(), "quiet", window={"samples": 400, "hop": 400})
+        push(d.client(), ident, 0, DECAY[:50])
+        close(d.client(), ident)
+        assert verdict(d, "sealed") is None
+        ident = opened(d.client(), "rig7", window={"samples": 400, "hop": 400})
+        push(d.client(), ident, 0, DECAY[:400])
+        until(lambda: page(d.client())["streams"][0]["verdict"] == "stable", "no window was told")
+        close(d.client(), ident)
+    with Daemon(folder=tmp_path, config=FAKE + "input_age_s = 1\n") as d:
+        until(lambda: page(d.client())["streams"] == [], "records stay")
+    with sqlite3.connect(tmp_path / "data" / "ledger.db") as ledger:
+        assert ledger.execute("SELECT topic, name FROM notes").fetchall() == []
 
 
 def test_export_of_a_file_to_a_missing_folder_is_bad_input_by_its_field(tmp_path, ctl):

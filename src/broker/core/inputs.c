@@ -325,6 +325,9 @@ void input_remove(struct core *c, struct input *input)
     snprintf(name, sizeof name, "%lld", (long long)input->id);
     change = transaction_add(t, LEDGER_NOTE_PUT);
     change->note = (struct note_record) { .topic = "upload", .name = transaction_text(t, name) };
+    if (input->verdict != NULL)
+        transaction_add(t, LEDGER_NOTE_PUT)->note =
+            (struct note_record) { .topic = "verdict", .name = transaction_text(t, name) };
     transaction_after(t, AFTER_GONE)->input = input;
     core_commit(c, t);
 }

@@ -10,6 +10,7 @@ struct input {
     struct input_shape shape;
     char *attributes;                     /* of `shape` */
     char *stream;                         /* whose samples it is, once sealed; NULL: no stream's */
+    const char *verdict;                  /* of that stream's last window; NULL: not known */
     uint64_t bytes;
     enum input_state state;
     uint8_t sha256[32];

@@ -169,6 +169,8 @@ static enum modal_status load_note(void *context, const struct note_record *r)
         window_load_tracks(c, r);
     if (strcmp(r->topic, "window") == 0)
         window_load_next(c, r);
+    if (strcmp(r->topic, "verdict") == 0)
+        window_load_verdict(c, r);
     if (strcmp(r->topic, "cpu") == 0)
         user_load_note(c, r);
     if (strcmp(r->topic, "daemon") == 0 && strcmp(r->name, "draining") == 0)

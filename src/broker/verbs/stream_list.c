@@ -103,6 +103,8 @@ static void write_sealed(const struct core *c, struct json_text *page, const str
     json_text_number(page, "dt", input->shape.dt);
     json_text_number(page, "samples", (double)input->shape.samples);
     json_text_number(page, "age_s", seconds(c->now.utc_ns - input->created_ns));
+    if (input->verdict != NULL)
+        json_text_string(page, "verdict", input->verdict);
     if (input->jobs == 0)
         json_text_number(page, "kept_s", seconds(left_ns > 0 ? left_ns : 0));
 }

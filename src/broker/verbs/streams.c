@@ -514,6 +514,7 @@ static void end_if_quiet(struct core *c, struct stream *s)
 /* Of all epochs: those before the present one are in no batch. */
 static void end_segments(struct stream *s, struct transaction *t)
 {
+    static const char *const topics[] = { "stream", "tracks", "window" };
     char name[32];
 
     if (s->segment_count > 0)
@@ -522,12 +523,9 @@ static void end_segments(struct stream *s, struct transaction *t)
     s->missing = 0;
     s->segment_count = 0;
     snprintf(name, sizeof name, "%lld", (long long)s->id);
-    transaction_add(t, LEDGER_NOTE_PUT)->note =
-        (struct note_record) { .topic = "stream", .name = transaction_text(t, name) };
-    transaction_add(t, LEDGER_NOTE_PUT)->note =
-        (struct note_record) { .topic = "tracks", .name = transaction_text(t, name) };
-    transaction_add(t, LEDGER_NOTE_PUT)->note =
-        (struct note_record) { .topic = "window", .name = transaction_text(t, name) };
+    for (size_t i = 0; i < sizeof topics / sizeof *topics; i++)
+        transaction_add(t, LEDGER_NOTE_PUT)->note =
+            (struct note_record) { .topic = topics[i], .name = transaction_text(t, name) };
 }
 
 void stream_sealed(struct core *c, struct task *task)
@@ -552,7 +550,9 @@ void stream_sealed(struct core *c, struct task *task)
     t = transaction_new();
     input_record_fill(s->sealed, t, &transaction_add(t, LEDGER_INPUT_PUT)->input);
     transaction_add_sums(t, s->sealed->id, &task->sums);
+    s->batch = s->sealed->id;
     end_segments(s, t);
+    window_keep_verdict(c, s, t);
     for (struct after *after = s->askers; after != NULL; after = after->next)
         after->stream = s, after->value = -1;
     transaction_join(t, s->askers);

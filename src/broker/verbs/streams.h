@@ -67,6 +67,7 @@ struct stream {
     struct after *askers;                 /* who closed it */
     struct input *sealed;                 /* until it is closed */
     uint8_t sha256[32];                   /* of its batch, once it is closed; where it has one */
+    int64_t batch;                        /* its number, once its row is given away */
     bool closing, closed, broken, has_batch;
     /* samples were refused for want of disk, and others are under way behind them */
     atomic_bool fence;

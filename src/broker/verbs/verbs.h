@@ -222,6 +222,9 @@ void window_keep(struct stream *s, const struct segment_record *segment);
 void window_reset(struct stream *s);
 /* Which window of a stream is due next; once the stream is there. */
 void window_load_next(struct core *c, const struct note_record *r);
+/* Once its batch has a row, the verdict of its last window is the batch's too, and durable by T. */
+void window_keep_verdict(struct core *c, const struct stream *s, struct transaction *t);
+void window_load_verdict(struct core *c, const struct note_record *r);
 /* All is loaded: windows go on from the samples that are there. */
 void windows_recall(struct core *c);
 /* TASK_SAMPLES_READ has come back. */

@@ -11,6 +11,7 @@
  * before jobs, being small, unless these have had less than half of the workers.  One that kills
  * its worker goes to another, LIVE_DEATHS_MOST times.
  */
+#include "broker/core/inputs.h"
 #include "broker/core/slots.h"
 #include "broker/verbs/streams.h"
 #include "broker/verbs/verbs.h"
@@ -166,20 +167,46 @@ void window_reset(struct stream *s)
 
 /* ---- after a restart ------------------------------------------------------------------------- */
 
+static const char *const verdicts[] = { "stable", "unstable", "undecided", NULL };
+
+/* The one of `verdicts` that TEXT is; NULL: none. */
+static const char *verdict_of(const char *text)
+{
+    for (int i = 0; verdicts[i] != NULL; i++)
+        if (text != NULL && strcmp(verdicts[i], text) == 0)
+            return verdicts[i];
+    return NULL;
+}
+
 void window_load_next(struct core *c, const struct note_record *r)
 {
     const int64_t id = strtoll(r->name, NULL, 10);
     cJSON *text = NULL;
-    double epoch = -1, next = 0;
+    const char *verdict = NULL;
+    double epoch = -1, next = 0, told = 0;
 
     if (json_read(r->text, strlen(r->text), &text, NULL) != MODAL_OK)
         return;
     json_get_number(text, "", "epoch", 0, WIRE_INTEGER_MOST, &epoch, NULL);
     json_get_number(text, "", "next", 0, WIRE_INTEGER_MOST, &next, NULL);
-    cJSON_Delete(text);
+    json_get_number(text, "", "told", 0, WIRE_INTEGER_MOST, &told, NULL);
+    json_get_string(text, "", "verdict", &verdict, NULL);
     for (struct stream *s = c->streams; s != NULL; s = s->next_stream)
-        if (s->id == id && (double)s->epoch == epoch)
+        if (s->id == id && (double)s->epoch == epoch) {
             s->window.next = (uint64_t)next;
+            s->window.verdict = verdict_of(verdict);
+            s->window.told_epoch = s->epoch;
+            s->window.told = (uint64_t)told;
+        }
+    cJSON_Delete(text);
+}
+
+void window_load_verdict(struct core *c, const struct note_record *r)
+{
+    struct input *input = input_by_id(c, strtoll(r->name, NULL, 10));
+
+    if (input != NULL)
+        input->verdict = verdict_of(r->text);
 }
 
 /* S has samples from before the start: its windows go on from them. */
@@ -555,8 +582,8 @@ static const char *add_verdict(cJSON *text, const cJSON *document)
     const cJSON *mode = least_damped(cJSON_GetObjectItemCaseSensitive(document, "modes"));
     const cJSON *std = cJSON_GetObjectItemCaseSensitive(mode, "std");
 
-    const char *verdict = stable == NULL ? NULL : cJSON_IsTrue(stable) ? "stable"
-                          : cJSON_IsFalse(stable) ? "unstable" : "undecided";
+    const char *verdict = stable == NULL ? NULL : verdicts[cJSON_IsTrue(stable) ? 0
+                                                           : cJSON_IsFalse(stable) ? 1 : 2];
 
     if (verdict != NULL)
         cJSON_AddStringToObject(text, "verdict", verdict);
@@ -571,16 +598,34 @@ static const char *add_verdict(cJSON *text, const cJSON *document)
     return verdict;
 }
 
-/* Which one is due next, for a daemon that starts again. */
+void window_keep_verdict(struct core *c, const struct stream *s, struct transaction *t)
+{
+    const struct window *w = &s->window;
+    struct input *input = input_by_id(c, s->batch);
+    char name[24];
+
+    if (input == NULL || input->going || w->verdict == NULL || w->told_epoch != s->epoch)
+        return;
+    input->verdict = w->verdict;
+    snprintf(name, sizeof name, "%lld", (long long)s->batch);
+    transaction_add(t, LEDGER_NOTE_PUT)->note =
+        (struct note_record) { "verdict", transaction_text(t, name), w->verdict };
+}
+
+/* Which one is due next and what the last one said, for a daemon that starts again. */
 static void note_told(const struct stream *s, struct transaction *t)
 {
-    char name[24], text[64];
+    const struct window *w = &s->window;
+    const char *verdict = w->verdict == NULL ? "" : w->verdict;
+    char name[24], text[160];
 
-    if (s->window.epoch != s->epoch)
+    if (w->epoch != s->epoch || s->batch > 0)      /* with its batch its notes are gone */
         return;
     snprintf(name, sizeof name, "%lld", (long long)s->id);
-    snprintf(text, sizeof text, "{\"epoch\":%llu,\"next\":%llu}", (unsigned long long)s->epoch,
-             (unsigned long long)s->window.next);
+    snprintf(text, sizeof text,
+             "{\"epoch\":%llu,\"next\":%llu,\"told\":%llu,\"verdict\":\"%s\"}",
+             (unsigned long long)s->epoch, (unsigned long long)w->next,
+             (unsigned long long)w->told, verdict);
     transaction_add(t, LEDGER_NOTE_PUT)->note =
         (struct note_record) { "window", transaction_text(t, name), transaction_text(t, text) };
 }
@@ -611,6 +656,8 @@ static void tell_result(struct core *c, struct stream *s, const struct wire_fram
     s->window.skipped = 0;
     put_event(c, s, t, text);
     note_told(s, t);
+    if (s->batch > 0)                              /* it ran while the stream was closed */
+        window_keep_verdict(c, s, t);
     put_edges(c, s, t, "track", cJSON_DetachItemFromObjectCaseSensitive(document, "track_edges"));
     put_edges(c, s, t, "alarm", edges);
     keep_tracks(s, t, cJSON_GetStringValue(

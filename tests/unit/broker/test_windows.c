@@ -20,6 +20,9 @@ static struct run { char attempt[32], stream[32]; bool told; } runs[WORKERS];
 static char stream[9];
 static int events;
 static char last_event[4096];
+static bool window_noted;
+static char last_verdict[32];      /* as it was noted of a batch */
+static struct task *sealing;       /* until it is told done */
 
 static void remember(const char *header, const char *name, char *out, size_t room)
 {
@@ -54,7 +57,17 @@ static void carry_out(const struct action *a)
             if (waiting->changes[i].verb == LEDGER_EVENT_PUT) {
                 events++;
                 snprintf(last_event, sizeof last_event, "%s", waiting->changes[i].event.text);
-            }
+            } else if (waiting->changes[i].verb == LEDGER_NOTE_PUT
+                       && strcmp(waiting->changes[i].note.topic, "verdict") == 0)
+                snprintf(last_verdict, sizeof last_verdict, "%s", waiting->changes[i].note.text);
+            else if (waiting->changes[i].verb == LEDGER_NOTE_PUT
+                     && strcmp(waiting->changes[i].note.topic, "window") == 0)
+                window_noted = waiting->changes[i].note.text != NULL;
+        return;
+    }
+    if (a->type == ACT_TASK && a->task->type == TASK_STREAM_SEAL) {
+        CHECK(sealing == NULL);
+        sealing = a->task;
         return;
     }
     if (a->type == ACT_TASK) {
@@ -167,6 +180,19 @@ static void start(void)
     push(stream, 0, 8);
     CHECK(runs[0].told);                          /* the worker has the window */
     events = 0;
+}
+
+/* The stream is closed, and its samples are a batch. */
+static void close_stream(void)
+{
+    char header[80];
+    struct task *task;
+
+    snprintf(header, sizeof header, "{\"id\":3,\"op\":\"close\",\"stream\":\"%s\"}", stream);
+    say(WIRE_VERSION, "STREAM", header, NULL, 0);
+    CHECK((task = sealing) != NULL);
+    sealing = NULL;
+    step((struct event) { .type = EVENT_TASK, .task = task });
 }
 
 /* The window's worker ends it with DOCUMENT. */
@@ -303,5 +329,22 @@ TEST(streams_that_ask_for_three_times_what_workers_have_get_as_many_windows_each
         printf("%d workers, %d streams: most over least %.3f, gone on with %.3f\n", cases[i][0],
                cases[i][1], most_over_least, kept);
         CHECK(most_over_least <= 1.2 && kept >= 0.9);
+    }
+}
+
+TEST(a_batch_has_the_verdict_of_a_window_that_ends_before_its_stream_is_closed_and_of_one_after)
+{
+    for (int late = 0; late < 2; late++) {
+        start();
+        last_verdict[0] = 0;
+        if (late)
+            close_stream();
+        CHECK(last_verdict[0] == 0);
+        found("{\"modes\":[],\"stability\":{\"stable\":false}}");
+        CHECK(window_noted == !late);              /* of a closed one nothing is left behind */
+        if (!late)
+            close_stream();
+        CHECK(strcmp(last_verdict, "unstable") == 0 && !window_noted);
+        core_free(core);
     }
 }

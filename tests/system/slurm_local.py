@@ -118,9 +118,10 @@ class Slurm:
 
     def wait_saved(self):
         """Until the controller has on disk what it runs: killed before, it knows less, and starts
-        the same jobs again.
+        the same jobs again.  It writes after a change: another job, held, is one.
         """
         now, state = time.time(), self.folder / "state" / "job_state"
+        self.ask("sbatch", "--hold", "--output=/dev/null", "--wrap=true")
         self.until(lambda: state.exists() and state.stat().st_mtime > now, "no state was saved")
 
     def kill_controller(self):

@@ -5,6 +5,9 @@
  * array the value alone, column after column.  Of a symmetric matrix the lower triangle stands
  * there; of a skew one without its diagonal.
  *
+ * CalculiX has no such head: lines `row column value`, of its symmetric matrices one of each pair,
+ * with every diagonal entry, so that the largest row is not past the number of lines.
+ *
  * [MM] Boisvert, Pozo, Remington, The Matrix Market exchange formats, NISTIR 5935, 1996.
  */
 #include "matrix_market.h"
@@ -26,6 +29,7 @@ enum {
 struct market {
     const char *path, *field, *at;
     long line;
+    bool begun;                       /* the first line has been looked at */
     bool array;
     int turned;                       /* of (j, i) for (i, j): 1, -1 or 0 */
     int m, n;
@@ -42,8 +46,11 @@ static bool next_line(struct market *k)
     while (k->at != NULL && *k->at != '\0') {
         const char *end = strchr(k->at, '\n');
 
-        k->at = end != NULL ? end + 1 : k->at + strlen(k->at);
-        k->line++;
+        if (k->begun) {
+            k->at = end != NULL ? end + 1 : k->at + strlen(k->at);
+            k->line++;
+        }
+        k->begun = true;
         while (*k->at == ' ' || *k->at == '\t' || *k->at == '\r')
             k->at++;
         if (*k->at != '\0' && *k->at != '%' && *k->at != '\n')
@@ -111,6 +118,44 @@ static enum modal_status read_sizes(struct market *k, struct modal_error *err)
     k->entry = malloc((2 * k->room + 1) * sizeof *k->entry);
     return k->entry != NULL ? MODAL_OK
                             : modal_fail(err, MODAL_NO_MEMORY, "no memory for %.300s", k->path);
+}
+
+/* Of CalculiX's lines: how many there are, the largest row, and whether they are one triangle. */
+static enum modal_status count_lines(struct market *k, struct modal_error *err)
+{
+    struct market at = *k;
+    double i, j, value, n = 0;
+    bool lower = false, upper = false;
+
+    while (next_line(&at)) {
+        if (!next_number(&at, &i) || !next_number(&at, &j) || !next_number(&at, &value)
+            || !(fmin(i, j) >= 1))
+            return BAD_LINE(k, "%.300s, line %ld: \"row column value\" is wanted", k->path,
+                            at.line);
+        n = fmax(n, fmax(i, j));
+        lower |= i > j;
+        upper |= j > i;
+        k->room++;
+    }
+    if (n > (double)k->room)
+        return BAD_LINE(k, "%.300s: row %g in %zu lines; it is cut short, or no matrix of CalculiX",
+                        k->path, n, k->room);
+    if (n < 1 || n > LOWERING_DOFS_MOST || k->room > LOWERING_ENTRIES_MOST)
+        return modal_fail_field(err, MODAL_TOO_LARGE, k->field, "%.300s has %g rows and %zu "
+                                "entries; accepted: 1 to %d rows and at most %d entries", k->path,
+                                n, k->room, LOWERING_DOFS_MOST, LOWERING_ENTRIES_MOST);
+    k->m = k->n = (int)n;
+    k->turned = !(lower && upper);
+    k->entry = malloc((2 * k->room + 1) * sizeof *k->entry);
+    return k->entry != NULL ? MODAL_OK
+                            : modal_fail(err, MODAL_NO_MEMORY, "no memory for %.300s", k->path);
+}
+
+static bool of_calculix(const char *path)
+{
+    const char *dot = strrchr(path, '.');
+
+    return dot != NULL && (strcmp(dot, ".sti") == 0 || strcmp(dot, ".mas") == 0);
 }
 
 /* The entries, both triangles. */
@@ -182,9 +227,10 @@ enum modal_status matrix_market_read(const char *path, const char *field,
     enum modal_status rc = signals_read_text(path, TEXT_MOST, &text, &length, err);
 
     k.at = text;
-    if (rc == MODAL_OK)
-        rc = read_banner(&k, err);
-    if (rc == MODAL_OK)
+    k.begun = !of_calculix(path);
+    if (rc == MODAL_OK && !k.begun)
+        rc = count_lines(&k, err);
+    else if (rc == MODAL_OK && (rc = read_banner(&k, err)) == MODAL_OK)
         rc = read_sizes(&k, err);
     if (rc == MODAL_OK)
         rc = read_entries(&k, err);

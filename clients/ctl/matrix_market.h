@@ -7,10 +7,10 @@
 #include "modal/scene/scene_arrays.h"
 
 /*
- * Read the file at PATH, `coordinate` or `array`, `real` or `integer`, `general`, `symmetric` or
- * `skew-symmetric`, into ARRAYS; what the scene's text says of it into *OUT, the caller's.  Entries
- * of one place add up.  Fails with MODAL_BAD_INPUT, at FIELD: no such file, or the line that is
- * wrong.
+ * Read the file at PATH, one of CalculiX's where it is called .sti or .mas, else `coordinate` or
+ * `array`, `real` or `integer`, `general`, `symmetric` or `skew-symmetric`, into ARRAYS; what the
+ * scene's text says of it into *OUT, the caller's.  Entries of one place add up.  Fails with
+ * MODAL_BAD_INPUT, at FIELD: no such file, or the line that is wrong.
  */
 enum modal_status matrix_market_read(const char *path, const char *field,
                                      struct scene_arrays_made *arrays, cJSON **out,

@@ -125,6 +125,43 @@ def test_a_point_of_a_sweep_over_laws_or_loads_is_what_its_scene_has_alone(
             assert np.allclose(found[part], expected[part], rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.parametrize("triangle", ["lower", "upper", "both"])
+def test_matrices_of_calculix_are_those_of_matrix_market(triangle, ctl, tmp_path):
+    K = sparse.csr_matrix(np.array([[5.0, -2, 0], [-2, 6, -1.5], [0, -1.5, 4]]))
+    M = sparse.diags([1.0, 2.0, 1.5])
+    part = {"lower": sparse.tril, "upper": sparse.triu, "both": sparse.coo_matrix}[triangle]
+    for name, matrix in (("K.sti", K), ("M.mas", M)):
+        rows = part(matrix).tocoo()
+        (tmp_path / name).write_text("".join(f"  {i + 1} {j + 1} {v:.15e}\n" for i, j, v in
+                                             zip(rows.row, rows.col, rows.data)))
+        mmwrite(tmp_path / f"{name[0]}.mtx", matrix.tocoo(), precision=17)
+    found = []
+    for files in ({"M": "M.mas", "K": "K.sti"}, {"M": "M.mtx", "K": "K.mtx"}):
+        (tmp_path / "scene.json").write_text(json.dumps({"structure": {"type": "matrices",
+                                                                       **files}}))
+        found.append(ctl("floquet", tmp_path / "scene.json").document["exponents"])
+    exact = np.sqrt(np.linalg.eigvals(np.linalg.solve(M.toarray(), K.toarray())).real)
+    assert found[0] == found[1]
+    assert np.allclose(sorted(im for _, im in found[0] if im > 0), sorted(exact), rtol=1e-12)
+
+
+@pytest.mark.parametrize("text, said", [
+    ("", "has 0 rows"),
+    ("1 1 2\n3 3 1\n", "row 3 in 2 lines; it is cut short"),
+    ("1 1 2\n2 2\n", "line 2: \"row column value\" is wanted"),
+    ("1 1 2\n0 2 1\n", "line 2: \"row column value\" is wanted"),
+    ("1 1 2\n1.5 1 1\n", "line 2: (1.5, 1) is outside"),
+    ("1 1 nan\n", "line 1: \"row column value\" is wanted"),
+])
+def test_a_file_of_calculix_that_is_none_is_refused_with_its_line(text, said, ctl, tmp_path):
+    (tmp_path / "K.sti").write_text(text)
+    (tmp_path / "scene.json").write_text(json.dumps({"structure": {
+        "type": "matrices", "M": [[1]], "K": "K.sti"}}))
+    answer = ctl("floquet", tmp_path / "scene.json")
+    assert answer.status == 2 and answer.document["error"]["field"] == "structure.K"
+    assert said in answer.document["error"]["message"]
+
+
 # -- what is no matrix ----------------------------------------------------------------------------
 
 POINTERS, COLUMNS, VALUES = (0, 1, 2), (0, 1), (2.0, 3.0)

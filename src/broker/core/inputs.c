@@ -309,7 +309,22 @@ void input_forget(struct core *c, struct input *input)
     region_drop(input);
 }
 
-/* Row, note and file; the memory goes with the commit. */
+void input_judge(struct core *c, int64_t id, const char *verdict, struct transaction *t)
+{
+    struct input *input = input_by_id(c, id);
+    char name[24];
+
+    if (input == NULL || input->going)
+        return;
+    input->verdict = verdict;
+    if (t == NULL)
+        return;
+    snprintf(name, sizeof name, "%lld", (long long)id);
+    transaction_add(t, LEDGER_NOTE_PUT)->note =
+        (struct note_record) { "verdict", transaction_text(t, name), verdict };
+}
+
+/* Row, notes and file; the memory goes with the commit. */
 void input_remove(struct core *c, struct input *input)
 {
     struct transaction *t;

@@ -405,6 +405,9 @@ void input_describe_run(const struct core *c, const struct input *input, bool el
 void input_use(struct core *c, struct input *input, int jobs);
 /* Row, note and file go; what is in memory goes with the commit. */
 void input_remove(struct core *c, struct input *input);
+/* VERDICT, which outlives it, is that of the stream that input ID was sealed of; durable by T
+ * (NULL: it is already). */
+void input_judge(struct core *c, int64_t id, const char *verdict, struct transaction *t);
 /* Out of table and memory. */
 void input_forget(struct core *c, struct input *input);
 /* DATA (or NULL) is what memory has of it. */

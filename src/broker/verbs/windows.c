@@ -11,7 +11,6 @@
  * before jobs, being small, unless these have had less than half of the workers.  One that kills
  * its worker goes to another, LIVE_DEATHS_MOST times.
  */
-#include "broker/core/inputs.h"
 #include "broker/core/slots.h"
 #include "broker/verbs/streams.h"
 #include "broker/verbs/verbs.h"
@@ -203,10 +202,7 @@ void window_load_next(struct core *c, const struct note_record *r)
 
 void window_load_verdict(struct core *c, const struct note_record *r)
 {
-    struct input *input = input_by_id(c, strtoll(r->name, NULL, 10));
-
-    if (input != NULL)
-        input->verdict = verdict_of(r->text);
+    input_judge(c, strtoll(r->name, NULL, 10), verdict_of(r->text), NULL);
 }
 
 /* S has samples from before the start: its windows go on from them. */
@@ -600,16 +596,8 @@ static const char *add_verdict(cJSON *text, const cJSON *document)
 
 void window_keep_verdict(struct core *c, const struct stream *s, struct transaction *t)
 {
-    const struct window *w = &s->window;
-    struct input *input = input_by_id(c, s->batch);
-    char name[24];
-
-    if (input == NULL || input->going || w->verdict == NULL || w->told_epoch != s->epoch)
-        return;
-    input->verdict = w->verdict;
-    snprintf(name, sizeof name, "%lld", (long long)s->batch);
-    transaction_add(t, LEDGER_NOTE_PUT)->note =
-        (struct note_record) { "verdict", transaction_text(t, name), w->verdict };
+    if (s->window.verdict != NULL && s->window.told_epoch == s->epoch)
+        input_judge(c, s->batch, s->window.verdict, t);
 }
 
 /* Which one is due next and what the last one said, for a daemon that starts again. */

@@ -231,6 +231,32 @@ static enum modal_status add_matrix(struct lowering *l, const cJSON *item, const
     return rc;
 }
 
+static enum modal_status bad_name(int i, struct modal_error *err)
+{
+    char at[32];
+
+    snprintf(at, sizeof at, "structure.dofs[%d]", i);
+    return modal_fail_field(
+        err, MODAL_BAD_INPUT, at,
+        "%s must be a name of 1 to 63 bytes that stands once and is not \"ground\"", at);
+}
+
+/* The first that has stood before, by the names in their order: each compared with all others would
+ * take hours of a million. */
+static enum modal_status check_names(struct program *p, struct modal_error *err)
+{
+    enum modal_status rc = program_order_names(p, err);
+    int twice = p->n;
+
+    for (int i = 1; rc == MODAL_OK && i < p->n; i++)
+        if (strcmp(p->dofs[p->by_name[i - 1]], p->dofs[p->by_name[i]]) == 0
+            && p->by_name[i] < twice)
+            twice = p->by_name[i];
+    free(p->by_name);
+    p->by_name = NULL;
+    return rc == MODAL_OK && twice < p->n ? bad_name(twice, err) : rc;
+}
+
 /* The names in `dofs`, default x1, x2, ...: n of them, none twice. */
 static enum modal_status add_dofs(struct lowering *l, const cJSON *list, int n,
                                   struct modal_error *err)
@@ -247,18 +273,13 @@ static enum modal_status add_dofs(struct lowering *l, const cJSON *list, int n,
         if (list != NULL
             && (!cJSON_IsString(item) || item->valuestring[0] == '\0'
                 || strlen(item->valuestring) >= sizeof name
-                || strcmp(item->valuestring, "ground") == 0
-                || program_dof(l->p, item->valuestring) >= 0)) {
-            snprintf(name, sizeof name, "structure.dofs[%d]", i);
-            return modal_fail_field(
-                err, MODAL_BAD_INPUT, name,
-                "%s must be a name of 1 to 63 bytes that stands once and is not \"ground\"", name);
-        }
+                || strcmp(item->valuestring, "ground") == 0))
+            return bad_name(i, err);
         snprintf(name, sizeof name, "x%d", i + 1);  /* the default */
         if (lowering_add_dof(l, list != NULL ? item->valuestring : name) < 0)
             return modal_fail(err, MODAL_NO_MEMORY, "scene: out of memory");
     }
-    return MODAL_OK;
+    return list != NULL ? check_names(l->p, err) : MODAL_OK;
 }
 
 /* Dofs before entries, entries before effects. */

@@ -377,6 +377,12 @@ TEST(what_is_wrong_in_a_scene_is_named_by_its_path)
           "structure.K[1][1]" },
         { "{'structure':{'type':'matrices','M':[[1]],'K':[[1]],'dofs':['ground']}}",
           "structure.dofs[0]" },
+        { "{'structure':{'type':'matrices','M':[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]],'K':"
+          "[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]],'dofs':['b','a','c','a']}}",
+          "structure.dofs[3]" },
+        { "{'structure':{'type':'matrices','M':[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]],'K':"
+          "[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]],'dofs':['b','a','b','a']}}",
+          "structure.dofs[2]" },
         { "{'structure':{'type':'matrices','file':'X.h5'}}", "structure.file" },
         { "{'structure':{'type':'matrices','M':{'shape':[1,1],'row_pointers':[0,1],'columns':[1],"
           "'values':[1]},'K':[[1]]}}",

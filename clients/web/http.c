@@ -44,8 +44,12 @@ static void on_metrics(void *context, const struct link_message *answer)
                       "# TYPE modald_web_readers_dropped_total counter\n"
                       "modald_web_readers_dropped_total %lu\n"
                       "# HELP modald_web_requests_total Requests.\n"
-                      "# TYPE modald_web_requests_total counter\nmodald_web_requests_total %lu\n",
-                      answer->body, site->readers.count, site->readers.dropped, site->requests);
+                      "# TYPE modald_web_requests_total counter\nmodald_web_requests_total %lu\n"
+                      "# HELP modald_web_hung_up_total Connections without a whole request that "
+                      "made room for others.\n"
+                      "# TYPE modald_web_hung_up_total counter\nmodald_web_hung_up_total %lu\n",
+                      answer->body, site->readers.count, site->readers.dropped, site->requests,
+                      site->places.closed);
     visit_end(visit, MHD_HTTP_OK, "text/plain; version=0.0.4; charset=utf-8",
               length >= 0 ? text : NULL, length >= 0 ? (size_t)length : 0);
 }
@@ -139,6 +143,7 @@ static enum MHD_Result begin(struct visit *visit)
     struct site *site = visit->site;
 
     visit->begun = true;
+    places_work(&site->places, visit->connection);
     if (visit->url.page == URL_EVENTS && site->service.here)
         return readers_add(&site->readers, site->service.feed, visit);
     show(visit);
@@ -175,7 +180,10 @@ static enum MHD_Result handle(void *context, struct MHD_Connection *connection, 
 static void on_completed(void *context, struct MHD_Connection *connection, void **state,
                          enum MHD_RequestTerminationCode code)
 {
-    (void)context, (void)connection, (void)code;
+    struct site *site = context;
+
+    (void)code;
+    places_rest(&site->places, connection);
     visit_free(*state);
     *state = NULL;
 }
@@ -200,7 +208,8 @@ enum modal_status http_start(struct site *site, struct modal_error *err)
         MHD_OPTION_CONNECTION_TIMEOUT, (unsigned)HTTP_IDLE_S,
         MHD_OPTION_LISTENING_ADDRESS_REUSE, 1u,
         MHD_OPTION_UNESCAPE_CALLBACK, leave_escapes, NULL,
-        MHD_OPTION_NOTIFY_COMPLETED, on_completed, NULL, MHD_OPTION_END);
+        MHD_OPTION_NOTIFY_COMPLETED, on_completed, site,
+        MHD_OPTION_NOTIFY_CONNECTION, places_note, &site->places, MHD_OPTION_END);
     if (site->http == NULL)
         return modal_fail_field(err, MODAL_BAD_INPUT, "bind", "cannot listen there: %s",
                                 strerror(errno));

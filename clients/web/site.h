@@ -3,6 +3,7 @@
 #define WEB_SITE_H
 #include <netinet/in.h>
 #include "front.h"
+#include "places.h"
 #include "readers.h"
 #include "service.h"
 
@@ -19,6 +20,7 @@ struct site {
     char token[SITE_TOKEN + 1];      /* what an action must show: who has it has seen our page */
     struct service service;
     struct readers readers;
+    struct places places;
     struct front front;
     struct MHD_Daemon *http;
     unsigned long requests;

@@ -1,4 +1,5 @@
 """modald-web: what a browser is given, what it is refused, and the page in a real one."""
+# Tests as well: places.c
 import base64
 import concurrent.futures
 import contextlib
@@ -9,6 +10,7 @@ import os
 import pathlib
 import random
 import re
+import resource
 import signal
 import socket
 import subprocess
@@ -253,7 +255,7 @@ def test_metrics_are_the_daemon_s_and_the_page_s(page):
     answer = page.get("/metrics")
     assert answer.headers["Content-Type"].startswith("text/plain; version=0.0.4")
     for family in ("modald_jobs", "modald_workers", "modald_web_readers",
-                   "modald_web_requests_total"):
+                   "modald_web_requests_total", "modald_web_hung_up_total"):
         assert re.search(rf"^# TYPE {family} ", answer.text, re.M), family
         assert re.search(rf"^{family}[ {{]", answer.text, re.M), family
 
@@ -391,6 +393,75 @@ def test_more_connections_than_there_is_room_for_take_nothing_from_who_comes_aft
         s.sendall(b"GET / HTT")
     for s in files:
         s.close()
+    assert page.get("/").status == 200
+
+
+def hung_up(page):
+    return float(re.search(r"^modald_web_hung_up_total (\S+)", page.get("/metrics").text, re.M)[1])
+
+
+def is_closed(s):
+    s.setblocking(False)
+    try:
+        return s.recv(1) == b""
+    except BlockingIOError:
+        return False
+    except ConnectionError:
+        return True
+
+
+def test_who_asks_for_nothing_makes_room_for_who_comes_and_who_waits_keeps_his_place(page, daemon,
+                                                                                   job):
+    """256 places; half a request is none, an event to come is."""
+    reader = page.events()
+    files = [socket.create_connection(("127.0.0.1", page.port)) for _ in range(400)]
+    for s in files[::2]:
+        s.sendall(b"GET / HTT")
+    assert page.get("/").status == 200
+    assert hung_up(page) >= 400 - 256
+    closed = [is_closed(s) for s in files]
+    assert closed == sorted(closed, reverse=True)               # the first who came
+    submit_some(daemon, ["not hung up on"])
+    assert len(numbers(reader, 1)) == 1
+    for s in files:
+        s.close()
+
+
+def room_for_files(count):
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if hard < count:
+        pytest.skip(f"{count} files are needed; ulimit -Hn is {hard}")
+    resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, count), hard))
+    return soft, hard
+
+
+@pytest.mark.skipif(not LONG, reason="10,000 connections: with MODALD_LONG=1")
+def test_ten_thousand_connections_hold_up_nobody_and_take_no_memory(own_daemon, own_page):
+    """Half-open ones, idle ones, and requests whose answers nobody takes."""
+    limits = room_for_files(10400)
+    daemon = own_daemon(workers=1)
+    page = own_page(daemon.endpoint).ready()
+    files, grown = [], []
+    try:
+        for round_ in range(10):
+            for i in range(1000):
+                files.append(socket.create_connection(("127.0.0.1", page.port),
+                                                      timeout=PATIENCE_S))
+                with contextlib.suppress(ConnectionError):
+                    files[-1].sendall((b"", b"GET / HTT", b"GET / HTTP/1.1\r\nHost: x\r\n",
+                                       b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n")[i % 4])
+            assert page.get("/").status == 200
+            grown.append(page.memory_kb())
+        assert hung_up(page) >= 5000
+        open_files = len(list(pathlib.Path(f"/proc/{page.process.pid}/fd").iterdir()))
+        assert open_files < 256 + 40
+    finally:
+        for s in files:
+            s.close()
+        resource.setrlimit(resource.RLIMIT_NOFILE, limits)
+    assert grown[-1] - grown[4] < 1024, grown                   # kB: no more with more of them
+    with daemon.client() as client:
+        client.submit("identify", BATCH).result()
     assert page.get("/").status == 200
 
 

@@ -1,13 +1,13 @@
 """Steady states and motions of chains with a law at every dof: beside a plain Newton iteration with
 load steps on scipy's sparse LU, and beside scipy's DOP853 to 1e-9 (cubic) or Runge-Kutta steps of
 0.02 s in numpy (gap, friction).  Multipliers of a chain with one pulsating spring: beside the whole
-spectrum of a map that numpy steps.
+spectrum of a map that numpy steps, and of many dofs beside ARPACK on such a map.
 
 One JSON line a figure; `ratio` is the peer's processor time over ours.  Ours is all of `modalctl
 --local`, errors included, without stability; the peer's the iteration alone, without errors.
 Amplitudes at the loaded dof must agree before a figure is told.
 """
-import json, os, resource, subprocess, sys, tempfile, time
+import json, math, os, resource, subprocess, sys, tempfile, time
 import h5py
 import numpy as np
 import scipy.integrate
@@ -199,6 +199,45 @@ def multipliers_of_numpy(n):
     return time.process_time() - begun, w[np.argsort(-np.abs(w))]
 
 
+def leading_of_scipy(n):
+    """ARPACK's ten of largest modulus: of the same steps, of one vector."""
+    K = sp.diags([2 * np.ones(n), -np.ones(n - 1), -np.ones(n - 1)], [0, 1, -1]).tocsr()
+    steps, period = 200, 2 * np.pi / 1.3
+    h = period / steps
+
+    def slope(t, y):
+        a = -(K @ (y[:n] + 0.01 * y[n:]))
+        a[0] -= 0.2 * np.cos(1.3 * t) * y[0]
+        return np.concatenate([y[n:], a])
+
+    def carry(y):
+        for i in range(steps):
+            k1 = slope(i * h, y)
+            k2 = slope((i + 0.5) * h, y + h / 2 * k1)
+            k3 = slope((i + 0.5) * h, y + h / 2 * k2)
+            y = y + h / 6 * (k1 + 2 * k2 + 2 * k3 + slope((i + 1) * h, y + h * k3))
+        return y
+    begun = time.process_time()
+    try:
+        w = sl.eigs(sl.LinearOperator((2 * n, 2 * n), matvec=carry, dtype=float), k=10, which="LM",
+                    ncv=60, tol=1e-9, maxiter=30, return_eigenvectors=False)
+    except sl.ArpackNoConvergence as some:
+        w = some.eigenvalues
+    return time.process_time() - begun, w
+
+
+def large_spectra(folder):
+    """`settled`: how many of the peer's ten have; those must be among ours where ours are leading."""
+    for n in (400, 1000, 5000):
+        spent, ours = multipliers(n, folder)
+        theirs, w = leading_of_scipy(n) if n <= 1000 else (math.nan, [])
+        print(json.dumps({"bench": "scale", "case": "floquet, ten leading multipliers of many",
+                          "value": round(spent, 4), "unit": "s", "peer": "scipy ARPACK",
+                          "ratio": round(theirs / spent, 3) if n <= 1000 else None, "n": n,
+                          "settled": len(w), "moduli": [float(abs(m)) for m in ours[:2]]}),
+              flush=True)
+
+
 def spectra(folder):
     for n in (50, 100, 200, 400):
         spent, ours = multipliers(n, folder)
@@ -216,6 +255,7 @@ def main():
     with tempfile.TemporaryDirectory() as folder:
         motions(folder)
         spectra(folder)
+        large_spectra(folder)
         for law in LAWS:
             for n in (20, 50, 100, 200, 500, 1000):
                 spent, converged, amplitude = ours(n, law, folder)

@@ -4,9 +4,11 @@
  * The exponents of the constant part next to 0 are cut into groups, and around each group as many
  * exponents of the whole are asked for as the group has, and some more.  What pulsates moves them
  * within their neighbourhood.  Stretch after stretch of the axis is looked at, until the outermost
- * part of all has no leading one.  Hints are followed where they are not among those found.  A
- * leading one at the rim of its window gets a window of its own.  Windows with leading ones are
- * searched twice, from different starts: a value that is double shows its second vector then.
+ * part of all has no leading one; beyond it a few places up to the fastest motion are, for a damper
+ * may leave motions alone that are not slow.  Hints are followed where they are not among those
+ * found.  A leading one at the rim of its window gets a window of its own.  Windows with leading
+ * ones are searched twice, from different starts: a value that is double shows its second vector
+ * then.
  */
 #include "modal/scene/hill_leading.h"
 #include <cblas.h>
@@ -14,6 +16,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/scene/dofwise.h"
 #include "modal/scene/hill_window.h"
 
 enum {
@@ -22,7 +25,8 @@ enum {
     OVERLAPS = 4,                /* tries at a stretch that meets the one before: chosen */
     GROUP = 24,                  /* exponents of a window: chosen */
     MORE = 4,                    /* beyond what is known to be there: chosen */
-    WINDOWS_MOST = 100,          /* chosen */
+    SAMPLES = 8,                 /* places up to the fastest motion: chosen */
+    WINDOWS_MOST = 64,           /* chosen */
 };
 static const double OFF_AXIS = 1e-3;     /* of W: windows' middles; no exponent is there, mostly */
 static const double NEAR = 0.5;          /* of W: a group's radius at most */
@@ -283,8 +287,9 @@ static double complex middle_of(const struct search *s, const struct hill_window
     return middle;
 }
 
-/* Windows over the constant exponents that none has yet, and that do not vanish in a period. */
-static enum modal_status cover(struct search *s, const struct hill_window *constant,
+/* Windows over the constant exponents that none has yet, and whose multipliers are not below
+ * LEAST. */
+static enum modal_status cover(struct search *s, const struct hill_window *constant, double least,
                                struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
@@ -294,7 +299,7 @@ static enum modal_status cover(struct search *s, const struct hill_window *const
         int group = 0;
 
         if (cimag(here) < -KNOWN * s->W || window_of(s, here, 1) >= 0
-            || exp(creal(here) * s->period) < KNOWN * largest_of(s))
+            || exp(creal(here) * s->period) < least)
             continue;
         middle = middle_of(s, constant, here);
         for (int j = 0; j < constant->count && group < GROUP; j++)
@@ -325,7 +330,7 @@ static enum modal_status step_outwards(struct search *s, double *edge, double *r
         last = middle - constant.radius <= *edge || again == OVERLAPS - 1;
         *radius = constant.radius;
         if (last) {
-            rc = cover(s, &constant, err);
+            rc = cover(s, &constant, KNOWN * largest_of(s), err);
             *vanish = true;
             for (int i = constant.count / 2; i < constant.count; i++)
                 *vanish = *vanish && exp(creal(constant.exponent[i]) * s->period)
@@ -339,10 +344,35 @@ static enum modal_status step_outwards(struct search *s, double *edge, double *r
     return MODAL_OK;
 }
 
-/* Outwards until what was looked at farther out added nothing; *SETTLED: it is so. */
+/* Constant exponents at places farther out than EDGE: windows where they may be leading ones. */
+static enum modal_status sample(struct search *s, double edge, struct modal_error *err)
+{
+    double frequency, decay;
+    enum modal_status rc = MODAL_OK;
+
+    dofwise_fastest(s->p, &frequency, &decay);
+    for (int i = 1; rc == MODAL_OK && i <= SAMPLES && s->discs < WINDOWS_MOST; i++) {
+        double place = frequency * i / SAMPLES;
+        struct hill_window constant;
+
+        if (place <= edge)
+            continue;
+        rc = hill_window(s->p, s->period, CMPLX(OFF_AXIS * s->W, place), 0,
+                         2 * MORE < 2 * s->n ? 2 * MORE : 2 * s->n, 1, &constant, err);
+        if (rc != MODAL_OK)
+            return rc;
+        rc = cover(s, &constant, least_of(s), err);
+        hill_window_done(&constant);
+    }
+    return rc;
+}
+
+/* Outwards until what was looked at farther out added nothing, or all is alike past the highest
+ * harmonic that pulsates, below which both frequencies lie whose sum it is; *SETTLED: it is so. */
 static enum modal_status search_outwards(struct search *s, bool *settled, struct modal_error *err)
 {
     double edge = 0, radius = 0;
+    bool alike = false;
     enum modal_status rc = MODAL_OK;
 
     *settled = false;
@@ -353,10 +383,12 @@ static enum modal_status search_outwards(struct search *s, bool *settled, struct
         rc = step_outwards(s, &edge, &radius, &vanish, err);
         last = leading_count(s);
         *settled = vanish || (last <= s->count && !reaches(s, last, REACH * edge));
-        if (edge == HUGE_VAL || (last <= s->count && are_alike(s, last)))
+        alike = last <= s->count && are_alike(s, last) && edge > s->reach * s->W;
+        if (edge == HUGE_VAL || alike)
             break;
     }
-    return rc;
+    *settled = *settled || alike;
+    return rc == MODAL_OK && *settled && !alike ? sample(s, edge, err) : rc;
 }
 
 /* Windows about leading ones that lie at the rim of theirs, until none does. */

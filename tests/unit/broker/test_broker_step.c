@@ -1637,6 +1637,30 @@ TEST(a_tombstone_goes_at_its_age_from_memory_and_ledger)
     close_world();
 }
 
+static void wait_ns(int64_t ns)
+{
+    w->now.mono_ns += ns;
+    run_step((struct event) { .type = EVENT_TIME });
+}
+
+/* The lease of a worker elsewhere is 3 s, whatever longer one those of this host have. */
+TEST(a_worker_elsewhere_is_lost_when_it_was_silent_for_three_seconds_and_not_before)
+{
+    open_world(2385, false, true);
+    w->remotes[0].peer = ++w->last_peer;
+    remote_says(0, "JOIN", "{\"version\":\"" MODALD_VERSION "\",\"name\":\"n\",\"node\":\"x\","
+                "\"memory_bytes\":8}", NULL);
+    remote_says(0, "READY", "{}", NULL);
+    CHECK(w->remotes[0].joined);
+    wait_ns(2 * SECOND);
+    remote_says(0, "BEAT", "{}", NULL);
+    wait_ns(3 * SECOND - 1);
+    CHECK(!w->remotes[0].stopped);
+    wait_ns(1);
+    CHECK(w->remotes[0].stopped);
+    close_world();
+}
+
 /* Identifiers are a bijection: 10,000 numbers give 10,000 texts, each its own number again. */
 TEST(an_identifier_gives_its_number_back_and_others_give_none)
 {

@@ -21,9 +21,10 @@
 #include <string.h>
 #include "modal/identify/colour.h"
 #include "modal/linalg/lanczos.h"
+#include "modal/linalg/qr.h"
 #include "modal/linalg/svd.h"
 
-enum { DENSE_SIDE = 64 };
+enum { DENSE_SIDE = 64, TALL = 1 << 15 };
 
 struct triplets { int count; double *s; struct matrix V, UT; };   /* Y = V diag(s) UT */
 
@@ -61,6 +62,35 @@ static enum modal_status dense(const struct matrix *Y, struct triplets *t, struc
         t->count = k;
     }
     free(copy.x);
+    return rc;
+}
+
+/* The same of many rows: Y = Q R, R = W diag(s) U^T, and V = Q W is Y U over s, so that Q is not
+ * made.  What s_1 rounds to is lost in a small s either way. */
+static enum modal_status tall(const struct matrix *Y, struct triplets *t, struct modal_error *err)
+{
+    int n = Y->n;
+    size_t N = (size_t)n;
+    struct matrix R = { n, n, n, malloc(2 * N * N * sizeof(double)) }, W = { n, n, n, NULL };
+    enum modal_status rc = allocate(t, Y, n, err);
+
+    if (R.x == NULL)
+        rc = modal_fail(err, MODAL_NO_MEMORY, "pod: no memory for %d channels", n);
+    W.x = R.x != NULL ? R.x + N * N : NULL;
+    for (int c = 0; c < n && rc == MODAL_OK; c++)
+        memcpy(t->V.x + (size_t)c * (size_t)Y->m, Y->x + (size_t)c * (size_t)Y->ld,
+               sizeof(double) * (size_t)Y->m);
+    if (rc == MODAL_OK)
+        rc = qr_triangle(&t->V, &R, err);
+    if (rc == MODAL_OK)
+        rc = svd_thin(&R, t->s, &W, &t->UT, err);
+    if (rc == MODAL_OK)
+        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasTrans, Y->m, n, n, 1, Y->x, Y->ld, t->UT.x,
+                    t->UT.ld, 0, t->V.x, t->V.ld);
+    for (int i = 0; i < n && rc == MODAL_OK; i++)
+        cblas_dscal(Y->m, t->s[i] > 0 ? 1 / t->s[i] : 0, t->V.x + (size_t)i * (size_t)t->V.ld, 1);
+    t->count = rc == MODAL_OK ? n : 0;
+    free(R.x);
     return rc;
 }
 
@@ -157,7 +187,9 @@ enum modal_status pod_reduce(const struct matrix *Y, const struct pod_options *o
 
     if (opt->rank > most)
         most = opt->rank;
-    rc = side <= DENSE_SIDE ? dense(Y, &t, err) : leading(Y, most < side ? most : side, &t, err);
+    rc = side <= DENSE_SIDE && Y->m >= TALL ? tall(Y, &t, err)
+       : side <= DENSE_SIDE                 ? dense(Y, &t, err)
+                                            : leading(Y, most < side ? most : side, &t, err);
     if (rc != MODAL_OK)
         goto out;
     r = t.count > 0 ? kept(&t, Y, opt, square_sum(Y)) : 0;

@@ -269,5 +269,7 @@ struct batch signals_batch(const struct signals *signals)
                            .signals = signals->x != NULL ? signals->x : signals->map.data,
                            .dt = signals->dt, .period = signals->period,
                            .names = (const char *const *)signals->names, .units = signals->units,
-                           .release = signals->map.data != NULL ? mapping_release : NULL };
+                           .release = signals->map.length > mapping_resident_most()
+                                          ? mapping_release : NULL,
+                           .spare = signals->map.data != NULL ? mapping_release : NULL };
 }

@@ -20,5 +20,8 @@ struct batch {
      * not needed until the next pass: whoever mapped them gives their pages back.
      */
     void (*release)(const void *from, size_t bytes);
+    /* The same of signals that may stay, but are mapped: what has been copied is given back.  NULL:
+     * they cannot be. */
+    void (*spare)(const void *from, size_t bytes);
 };
 #endif

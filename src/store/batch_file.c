@@ -294,6 +294,9 @@ static cJSON *read_attributes(hid_t set, hid_t root)
 
 /* --- signals --- */
 
+/* Bytes from which signals are mapped where they can be: a copy of fewer costs next to nothing. */
+enum { MAPPED_LEAST = 1 << 24 };
+
 struct source { const char *path, *set; double dt; uint64_t kept; };  /* those of batch_file_map */
 
 static enum modal_status check_set(hid_t set, const char *name, hsize_t dims[2], double most,
@@ -368,7 +371,8 @@ static enum modal_status map_signals(const struct source *from, uint64_t place, 
         return modal_fail_field(err, MODAL_BAD_INPUT, "signals",
                                 "dataset `%s` cannot be read: the file is truncated", from->set);
     out->batch.signals = out->map.data;
-    out->batch.release = mapping_release;
+    out->batch.release = bytes > from->kept ? mapping_release : NULL;
+    out->batch.spare = mapping_release;
     return rc;
 }
 
@@ -380,16 +384,16 @@ static enum modal_status read_signals(hid_t set, const struct source *from, stru
     hsize_t dims[2] = { 0, 1 };
     double most = place > 0 ? (double)(SIZE_MAX / 4) : memory;
     enum modal_status rc = check_set(set, from->set, dims, most, err);
-    size_t count;
+    size_t count, bytes;
 
     if (rc != MODAL_OK)
         return rc;
     out->batch.samples = (size_t)dims[0];
     out->batch.channels = (size_t)dims[1];
-    if (place > 0 && dims[0] * dims[1] * sizeof(double) > from->kept)
-        return map_signals(from, place, (size_t)(dims[0] * dims[1] * sizeof(double)), out,
-                           err);
     count = (size_t)(dims[0] * dims[1]);
+    bytes = count * sizeof *out->signals;
+    if (place > 0 && (bytes > from->kept || bytes > MAPPED_LEAST))
+        return map_signals(from, place, bytes, out, err);
     out->signals = malloc((count > 0 ? count : 1) * sizeof *out->signals);
     if (out->signals == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "batch: no memory for %zu samples", count);

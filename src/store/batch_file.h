@@ -34,8 +34,9 @@ struct batch_file {
 enum modal_status batch_file_read(const char *path, const char *set, double dt,
                                   struct batch_file *out, struct modal_error *err);
 /*
- * The same, but signals of more than KEPT bytes are not read: where they lie in the file in one
- * piece, as this machine's doubles, they are mapped, and batch.release is set.
+ * The same, but signals of more than 16 MB are not read: where they lie in the file in one piece,
+ * as this machine's doubles, they are mapped, and batch.spare is set; of more than KEPT bytes they
+ * are mapped in any case, and batch.release is set too.
  */
 enum modal_status batch_file_map(const char *path, const char *set, double dt, uint64_t kept,
                                  struct batch_file *out, struct modal_error *err);

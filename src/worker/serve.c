@@ -160,7 +160,8 @@ static enum modal_status make_batch(struct run *run, const void *data, struct mo
                                   .release = run->map.data != NULL
                                                      && run->map.length > mapping_resident_most()
                                                  ? mapping_release
-                                                 : NULL };
+                                                 : NULL,
+                                  .spare = run->map.data != NULL ? mapping_release : NULL };
     return MODAL_OK;
 }
 

@@ -33,7 +33,8 @@ struct model {
     double *C;                   /* n x S: amplitudes, Re and Im */
     double *unit;                /* per column: 1 / noise, or 0 */
     double *X;                   /* n x blocks: of the column at hand */
-    double *x, *power;           /* rows of a column and its transform; of all */
+    double *x;                   /* rows of the column at hand, then its transform */
+    float *power;                /* ordinates of all columns: a threshold needs no more digits */
     double *rest;                /* rows x blocks x S: Q^T of what is left of each block */
     struct matrix tail;          /* left x S: what is left after them */
 };
@@ -42,7 +43,7 @@ static void model_done(struct model *m)
 {
     free(m->table), free(m->turn), free(m->C), free(m->unit), free(m->X), free(m->rest);
     free(m->tail.x);
-    fftw_free(m->x), fftw_free(m->power);
+    fftw_free(m->x), free(m->power);
 }
 
 static bool model_new(struct model *m, const struct refine_data *data, const struct refined *fit)
@@ -59,7 +60,8 @@ static bool model_new(struct model *m, const struct refine_data *data, const str
     m->rest = malloc(((size_t)b->rows << b->levels) * S * sizeof *m->rest);
     m->tail = (struct matrix) { b->left, b->Y.n, b->left > 0 ? b->left : 1,
                                 malloc(((size_t)b->left * S + 1) * sizeof(double)) };
-    m->x = fftw_alloc_real(2 * (most / 2 + 1)), m->power = fftw_alloc_real(most / 2 + 1);
+    m->x = fftw_alloc_real(2 * (most / 2 + 1));
+    m->power = malloc((most / 2 + 1) * sizeof *m->power);
     return m->table != NULL && m->turn != NULL && m->C != NULL && m->unit != NULL && m->X != NULL
         && m->rest != NULL && m->tail.x != NULL && m->x != NULL && m->power != NULL;
 }
@@ -171,7 +173,8 @@ static void add_ordinates(struct model *m, int rows, int n, fftw_plan plan)
     fftw_execute(plan);
     for (int k = 0; k <= n / 2; k++) {
         double half = k == 0 || 2 * k == n ? 0.5 : 1;
-        m->power[k] += half * (creal(X[k]) * creal(X[k]) + cimag(X[k]) * cimag(X[k])) / rows;
+        m->power[k] +=
+            (float)(half * (creal(X[k]) * creal(X[k]) + cimag(X[k]) * cimag(X[k])) / rows);
     }
 }
 

@@ -199,22 +199,38 @@ static enum modal_status propose(const struct batch *b, const struct identify_op
     return MODAL_OK;
 }
 
-/* Samples to columns: blocks, so that both sides stay in cache. */
+/* ROWS rows up to row END have been copied. */
+static void give_back(const struct batch *b, size_t end, size_t rows)
+{
+    void (*give)(const void *, size_t) = b->release != NULL ? b->release : b->spare;
+
+    if (give != NULL)
+        give(b->signals + (end - rows) * b->channels, rows * b->channels * sizeof *b->signals);
+}
+
+/* Samples to columns: blocks, so that both sides stay in cache; what was copied is given back, a
+ * million bytes at a time. */
 static enum modal_status copy_columns(const struct batch *b, size_t first, size_t last,
                                       struct record *r, struct modal_error *err)
 {
     int L = (int)(last - first + 1);
+    size_t rows = 0, most = ((size_t)1 << 20) / (b->channels * sizeof(double)) + 1;
 
     r->Y = (struct matrix) { L, r->channels, L, malloc(sizeof(double) * (size_t)L * r->channels) };
     if (r->Y.x == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "record: no memory for %d samples of %d channels",
                           L, r->channels);
-    for (int k0 = 0; k0 < L; k0 += 32)
+    for (int k0 = 0; k0 < L; k0 += 32) {
         for (int c0 = 0; c0 < r->channels; c0 += 32)
             for (int c = c0; c < r->channels && c < c0 + 32; c++)
                 for (int k = k0; k < L && k < k0 + 32; k++)
                     r->Y.x[k + (size_t)c * L] =
                         b->signals[(first + k) * b->channels + r->channel[c]];
+        rows += L - k0 < 32 ? (size_t)(L - k0) : 32;
+        if (rows >= most || k0 + 32 >= L)
+            give_back(b, first + (size_t)k0 + (L - k0 < 32 ? (size_t)(L - k0) : 32), rows),
+                rows = 0;
+    }
     return MODAL_OK;
 }
 

@@ -137,6 +137,32 @@ TEST(names_of_20000_channels_are_read_back)
     stop();
 }
 
+/* Of sixteen megabytes and one number: as it lies, to be given back; of a number less: a copy. */
+TEST(signals_beyond_sixteen_megabytes_are_mapped_and_may_be_given_back)
+{
+    enum { MOST = (1 << 24) / 8 };
+    double *long_one = calloc(MOST + 1, sizeof *long_one);
+
+    CHECK(long_one != NULL);
+    long_one[MOST - 1] = 2.385;
+    for (int more = 0; more < 2; more++) {
+        struct batch batch = { .samples = MOST + more, .channels = 1, .signals = long_one,
+                               .dt = 1 };
+        struct batch_file got;
+        start();
+        CHECK(batch_file_write(path, &batch, NULL, NULL) == MODAL_OK);
+        CHECK(batch_file_map(path, "signals", 0, UINT64_MAX - 1, &got, NULL) == MODAL_OK);
+        CHECK((got.map.data != NULL) == more && (got.batch.spare != NULL) == more);
+        CHECK(got.batch.release == NULL && got.batch.signals[MOST - 1] == 2.385);
+        if (more)
+            got.batch.spare(got.batch.signals, 8 * MOST);
+        CHECK(got.batch.signals[MOST - 1] == 2.385);
+        batch_file_done(&got);
+        stop();
+    }
+    free(long_one);
+}
+
 TEST(numbers_of_every_type_and_attributes_on_the_root_are_taken)
 {
     static const int values[6] = { -7, 0, 32767, 5, -32768, 1 };

@@ -559,27 +559,27 @@ TEST(degenerate_input_is_refused_with_a_reason_and_no_number)
         const struct identify_options *opt;
         const char *field;
     } cases[] = {
-        { "zeros", { K, 1, h, 0.1, 0, NULL, NULL, NULL }, &defaults, "signals" },
-        { "constants", { K, 1, constant, 0.1, 0, NULL, NULL, NULL }, &defaults, "signals" },
-        { "NaN", { K, 1, broken, 0.1, 0, NULL, NULL, NULL }, &defaults, "signals" },
-        { "no channels", { K, 0, h, 0.1, 0, NULL, NULL, NULL }, &defaults, "signals" },
-        { "seven samples", { 7, 1, broken + 40, 0.1, 0, NULL, NULL, NULL }, &defaults, "signals" },
-        { "dt 0", { K, 1, broken + 40, 0, 0, NULL, NULL, NULL }, &defaults, "dt" },
-        { "dt NaN", { K, 1, broken + 40, NAN, 0, NULL, NULL, NULL }, &defaults, "dt" },
+        { "zeros", { K, 1, h, 0.1, 0, NULL, NULL, NULL, NULL }, &defaults, "signals" },
+        { "constants", { K, 1, constant, 0.1, 0, NULL, NULL, NULL, NULL }, &defaults, "signals" },
+        { "NaN", { K, 1, broken, 0.1, 0, NULL, NULL, NULL, NULL }, &defaults, "signals" },
+        { "no channels", { K, 0, h, 0.1, 0, NULL, NULL, NULL, NULL }, &defaults, "signals" },
+        { "seven samples", { 7, 1, broken + 40, 0.1, 0, NULL, NULL, NULL, NULL }, &defaults, "signals" },
+        { "dt 0", { K, 1, broken + 40, 0, 0, NULL, NULL, NULL, NULL }, &defaults, "dt" },
+        { "dt NaN", { K, 1, broken + 40, NAN, 0, NULL, NULL, NULL, NULL }, &defaults, "dt" },
         { "a period of more than half the record",
-          { 100, 1, broken + 40, 0.1, 5.1, NULL, NULL, NULL },
+          { 100, 1, broken + 40, 0.1, 5.1, NULL, NULL, NULL, NULL },
           &defaults,
           "period" },
         { "a period of minus one",
-          { 100, 1, broken + 40, 0.1, -1, NULL, NULL, NULL },
+          { 100, 1, broken + 40, 0.1, -1, NULL, NULL, NULL, NULL },
           &defaults,
           "period" },
         { "rank past the columns",
-          { 100, 1, broken + 40, 0.1, 1, NULL, NULL, NULL },
+          { 100, 1, broken + 40, 0.1, 1, NULL, NULL, NULL, NULL },
           &wide,
           "rank.fixed" },
-        { "more rows than fit", { 100, 1, broken + 40, 0.1, 1, NULL, NULL, NULL }, &tall, "rows" },
-        { "rank 0", { 100, 1, broken + 40, 0.1, 1, NULL, NULL, NULL }, &none, "rank.fixed" },
+        { "more rows than fit", { 100, 1, broken + 40, 0.1, 1, NULL, NULL, NULL, NULL }, &tall, "rows" },
+        { "rank 0", { 100, 1, broken + 40, 0.1, 1, NULL, NULL, NULL, NULL }, &none, "rank.fixed" },
     };
 
     for (int k = 0; k < K; k++)
@@ -598,7 +598,7 @@ TEST(degenerate_input_is_refused_with_a_reason_and_no_number)
 TEST(the_first_sample_at_fault_is_named)
 {
     double h[40];
-    struct batch batch = { 20, 2, h, 0.1, 0, NULL, NULL, NULL };
+    struct batch batch = { 20, 2, h, 0.1, 0, NULL, NULL, NULL, NULL };
     struct modal_error err;
     struct identify_result r;
 

@@ -115,3 +115,25 @@ TEST(a_long_record_without_noise_shows_its_modes_to_rounding)
               < 1e-14);
     identify_result_done(&r);
 }
+
+static size_t spared;
+static const double *spared_to;
+
+static void count_spared(const void *from, size_t bytes)
+{
+    CHECK(spared_to == NULL || (const double *)from == spared_to);   /* in their order */
+    spared += bytes, spared_to = (const double *)from + bytes / sizeof *spared_to;
+}
+
+TEST(samples_are_given_back_once_as_they_are_copied)
+{
+    const double complex lambda[] = { CMPLX(-1e-5, 0.7) };
+    struct random rng = { 35 };
+    struct batch b = record(lambda, 1, 0.1, &rng);
+    struct identify_result r;
+
+    b.spare = count_spared;
+    CHECK(modal_identify(&b, NULL, &r, NULL) == MODAL_OK && all_found(&r, lambda, 1));
+    CHECK(spared == sizeof y && spared_to == y + ROWS * CHANNELS);
+    identify_result_done(&r);
+}

@@ -14,11 +14,13 @@ import resource
 import signal
 import socket
 import subprocess
+import threading
 import time
 import xml.etree.ElementTree
 
 import numpy as np
 import pytest
+import zmq
 
 import browser
 import modald
@@ -703,6 +705,101 @@ def test_a_thousand_jobs_and_fifty_readers_take_less_than_30_mb(own_daemon, own_
     for _ in range(20):
         assert page.get("/").status == page.get(f"/jobs/{job.id}").status == 200
     assert page.memory_kb() < 30000
+
+
+class Past:
+    """A stand-in for a daemon: it tells a window of a real one again and again, as fast as it is
+    taken."""
+
+    def __init__(self, folder, event):
+        self.endpoint, self.event, self.number = f"ipc://{folder}/past.ipc", event, 0
+        self.told = dict.fromkeys(("rig", "other"), 0)
+        self.to, self.lock, self.ended = None, threading.Lock(), threading.Event()
+        self.context = zmq.Context()
+        self.router = self.context.socket(zmq.ROUTER)
+        self.router.sndhwm = self.router.linger = 0
+        self.router.bind(self.endpoint)
+        self.thread = threading.Thread(target=self.serve)
+        self.thread.start()
+
+    def serve(self):
+        while not self.ended.wait(0.005):
+            with self.lock:
+                while self.router.poll(0):
+                    self.answer(*self.router.recv_multipart()[:4])
+
+    def answer(self, peer, version, verb, header):
+        header = json.loads(header)
+        reply = {"id": header["id"], "verb": verb.decode()}
+        if verb == b"HELLO":
+            reply.update(store="past", server="past", user="local", role="read")
+        elif verb == b"EVENTS" and header["op"] == "subscribe":
+            reply.update(subscription="1", next=self.number + 1)
+            self.to = peer
+        elif verb != b"EVENTS":
+            reply.update(code="busy", message="a stand-in has no answer")
+        kind = b"ERROR" if "code" in reply else b"REPLY"
+        self.router.send_multipart([peer, version, kind, json.dumps(reply).encode()])
+
+    def tell(self, windows):
+        """So many of each stream, two seconds from one to the next."""
+        for _ in range(windows):
+            for name in self.told:
+                self.number += 1
+                self.told[name] += 1
+                to = 200 * self.told[name]
+                event = {**self.event, "subscription": "1", "number": self.number, "stream": name,
+                         "dt": 0.01, "from": to - 400, "to": to}
+                with self.lock:
+                    self.router.send_multipart([self.to, b"MODALD1", b"EVENT",
+                                                json.dumps(event).encode()])
+
+    def close(self):
+        self.ended.set()
+        self.thread.join()
+        self.context.destroy(linger=0)
+
+
+def heap(window):
+    window.do("HeapProfiler.collectGarbage")
+    return window.do("Runtime.getHeapUsage")["usedSize"]
+
+
+@pytest.mark.skipif(not LONG, reason="a day's 86,400 windows: with MODALD_LONG=1")
+def test_a_day_of_windows_leaves_memory_as_it_is_after_half_of_it(page, daemon, own_page, tmp_path,
+                                                                  request):
+    """Of the page's process, and of a browser that shows a stream."""
+    push(daemon, "past")
+    event = json.loads(next(page.events("/events?stream=past&kinds=modes&from=0"))[2])
+    past = Past(tmp_path, event)
+    ours, sizes, heaps = own_page(past.endpoint), [], []
+    try:
+        until(lambda: ours.get("/streams/rig").status != 503 and past.to, "no subscription")
+        window = None if browser.PROGRAM is None else request.getfixturevalue("window")
+        reader = ours.events("/events?stream=rig&kinds=modes")
+        past.tell(3)
+        if window is not None:
+            window.go(f"http://127.0.0.1:{ours.port}/streams/rig")
+            window.wait("document.getElementById('damping').dataset.windows >= 3")
+        numbers(reader, 3)
+        for _ in range(24):
+            for _ in range(3):                              # 600 windows of each: 20 minutes
+                past.tell(600)
+                assert len(numbers(reader, 600)) == 600
+            if window is not None:
+                last = 2 * past.told["rig"]
+                window.wait(f"document.getElementById('damping').dataset.last >= {last}")
+                heaps.append(heap(window))
+            sizes.append(ours.memory_kb())
+    finally:
+        past.close()
+    assert past.number == 2 * (24 * 1800 + 3)
+    if not sanitized.SANITIZED:
+        # kB; the least that is lost, 32 bytes of each event, is 1350 in half a day
+        assert np.median(sizes[12:]) - np.median(sizes[:12]) < 1024, sizes
+        assert sizes[-1] < 30000
+    if heaps:
+        assert max(heaps[12:]) < 1.1 * max(heaps[:12]), heaps
 
 
 # -- in a browser ---------------------------------------------------------------------------------

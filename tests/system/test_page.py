@@ -778,10 +778,10 @@ def test_a_day_of_windows_leaves_memory_as_it_is_after_half_of_it(page, daemon, 
         window = None if browser.PROGRAM is None else request.getfixturevalue("window")
         reader = ours.events("/events?stream=rig&kinds=modes")
         past.tell(3)
+        numbers(reader, 3)                                      # before them it has no page
         if window is not None:
             window.go(f"http://127.0.0.1:{ours.port}/streams/rig")
             window.wait("document.getElementById('damping').dataset.windows >= 3")
-        numbers(reader, 3)
         for _ in range(24):
             for _ in range(3):                              # 600 windows of each: 20 minutes
                 past.tell(600)

@@ -1,5 +1,8 @@
 """Steady motions that harmonic balance does not reach from afar, beside the orbit that Newton's method closes on the map of a
-period made here: Runge and Kutta's fixed steps in numpy, which know nothing of harmonics, events or pieces of laws."""
+period made here: Runge and Kutta's fixed steps in numpy, which know nothing of harmonics, events or pieces of laws.
+
+Tests as well: settle.c
+"""
 import json
 import pathlib
 

@@ -1,8 +1,7 @@
 """Steady motions that harmonic balance does not reach from afar, beside the orbit that Newton's method closes on the map of a
-period made here: Runge and Kutta's fixed steps in numpy, which know nothing of harmonics, events or pieces of laws.
+period made here: Runge and Kutta's fixed steps in numpy, which know nothing of harmonics, events or pieces of laws."""
+# Tests as well: settle.c
 
-Tests as well: settle.c
-"""
 import json
 import pathlib
 
@@ -86,10 +85,12 @@ def answered(tmp_path, scene, steps, *words):
     return answer, x, *period.orbit(start)
 
 
-@pytest.mark.parametrize("name, steps", [("random_scene_47", 4096), ("random_scene_12", 4096), ("random_scene_3", 8192), ("stiff_slider", 8192)])
+@pytest.mark.parametrize("name, steps", [("random_scene_47", 4096), ("random_scene_12", 4096), ("random_scene_3", 8192), ("stiff_slider", 8192),
+                                         ("free_body_on_a_stop", 4096)])
 def test_what_the_balance_does_not_reach_from_rest_is_found_in_time(tmp_path, name, steps):
     """A gap that is always closed beside a pulsating spring; one that closes at rest; a free body between stops held by a
-    slider; a slider a thousand times as stiff as its spring."""
+    slider; a slider a thousand times as stiff as its spring; a free body beside a pulsating spring, which nothing keeps from
+    going far and back, so that what it does not come back by is little beside where it is."""
     scene = json.loads((SCENES / f"{name}.json").read_text())
     answer, x, path, left, multipliers = answered(tmp_path, scene, steps, "-o", "stability=true")
     largest = np.abs(multipliers).max()

@@ -10,8 +10,9 @@
  * marched, twice as many each time.  dP/du is by differences, once; after a step it becomes the
  * nearest matrix that maps s as P did [B65], and is made anew where such a one serves no more.
  * (1) is solved for the shortest s: what is held by nothing, as the place of a slider that never
- * slips, stays.  States are measured in units of their kind: y, an energy's root, by its largest;
- * z by the largest displacement that a law sees.
+ * slips, stays.  States are measured in units of their kind: y, an energy's root, by its largest,
+ * or where that is less by what such a rate makes of s_i q_i in a radian of omega, as little holds
+ * soft modes and nothing rigid ones; z by the largest displacement that a law sees.
  *
  * [B65] Broyden, Math. Comp. 19 (1965) 577-593.
  */
@@ -38,6 +39,8 @@ static const double TWO_PI = 6.283185307179586477;   /* a period of theta */
 struct stage { double tolerance, closed, difference; };
 static const struct stage ROUGH = { 1e-6, 1e-3, 1e-3 };
 static const struct stage FINE = { 1e-11, 1e-9, 1e-5 };
+/* The same of displacements, as shares of what moves most. */
+static const double CLOSED_IN_TIME = 1e-7;
 /* Multipliers by differences so many times as long differ by about their error. */
 static const double LONGER = 4;
 /* A period that takes so many times the steps of those before is given up: contacts accumulate. */
@@ -149,6 +152,8 @@ static void measure(struct settle *s, const double *u)
         s->size_z = fmax(s->size_z, fabs(u[i]));
     for (int i = 0; i < s->order; i++)
         s->unit[i] = i < s->N ? s->size_y : s->size_z;
+    for (int i = 0; i < s->n; i++)
+        s->unit[i] *= fmin(1, s->ss->s[i] / s->p.omega);
 }
 
 /* The stepper at the state FROM, which is copied into Y; nothing has acted. */
@@ -361,6 +366,26 @@ static enum modal_status close_twice(struct settle *s, struct cycle *out, struct
     return rc == MODAL_NO_CONVERGENCE ? MODAL_OK : rc;
 }
 
+/* Whether displacements ONE a period after the first samples of X are those, to CLOSED_IN_TIME of
+ * what any of them moves: a norm of states says little of what is held softly. */
+static bool repeats(const double *x, const double *one, int n)
+{
+    double left = 0, span = 0;
+
+    for (int i = 0; i < n; i++) {
+        const double *at = x + (size_t)i * CYCLE_SAMPLES;
+        double least = at[0], most = at[0];
+
+        for (int j = 1; j < CYCLE_SAMPLES; j++) {
+            least = fmin(least, at[j]);
+            most = fmax(most, at[j]);
+        }
+        span = fmax(span, most - least);
+        left = fmax(left, fabs(one[i] - at[0]));
+    }
+    return left <= CLOSED_IN_TIME * span;
+}
+
 /* The period that is closed into out->x. */
 static enum modal_status sample(struct settle *s, struct cycle *out, struct modal_error *err)
 {
@@ -379,6 +404,9 @@ static enum modal_status sample(struct settle *s, struct cycle *out, struct moda
                                  s->T / CYCLE_SAMPLES, s->trial, err);
     }
     count_work(s);
+    if (rc == MODAL_OK)
+        statespace_motion(s->ss, s->trial, one, NULL);
+    out->closed = rc == MODAL_OK && repeats(out->x, one, s->n);
     return rc;
 }
 

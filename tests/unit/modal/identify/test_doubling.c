@@ -188,3 +188,37 @@ TEST(short_records_and_many_unknowns_do_not_pay)
           !doubling_pays(5000, 0, 3));
     CHECK(doubling_pays(70000, 80, 3));
 }
+
+/* Rows left over are more than half of the blocks: the later half must not take them for blocks. */
+TEST(halves_of_a_record_by_its_blocks_are_those_rows)
+{
+    enum { L = 7935, S = 2 };
+    struct basis p = basis_of(L);
+    const struct doubling_poles poles = { p.count, p.order, p.kind, p.column, p.a, p.b };
+    double *y = malloc(sizeof *y * L * S), R[2][COLUMNS_MOST * COLUMNS_MOST],
+        Z[2][COLUMNS_MOST * S], rest2[2][S];
+    struct matrix Y = { L, S, L, y };
+    struct random r = { 78 };
+    struct compressed *c;
+
+    for (int i = 0; i < L * S; i++)
+        y[i] = random_normal(&r);
+    c = blocks_about(&p, &Y);
+    CHECK(c->left > 1 << (c->levels - 1));
+    for (int later = 0; later < 2; later++) {
+        struct compressed *h = compressed_half(c, later);
+        CHECK(h != NULL && compressed_holds(h, &poles));
+        CHECK(h->Y.x == (later ? y + (L - h->Y.m) : y));
+        for (int by = 0; by < 2; by++) {
+            struct doubling *d = doubling_new(h->Y.m, p.order, S, by ? h : NULL);
+            CHECK(doubling_factor(d, &poles, R[by], NULL) == MODAL_OK);
+            CHECK(doubling_project(d, &h->Y, 0, S, Z[by], rest2[by], NULL) == MODAL_OK);
+            doubling_free(d);
+        }
+        for (int k = 0; k < S; k++)
+            CHECK_NEAR(rest2[1][k] / rest2[0][k], 1, 1e-12);
+        compressed_free(h);
+    }
+    compressed_free(c);
+    free(y);
+}

@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+enum { AFRESH = 32 };                       /* products of a wave: their rounding is some 1e-15 */
 static const double NOTHING = 1e-13;        /* of a sum of frequencies: its rounding */
 
 struct torus_grid {
@@ -199,10 +200,25 @@ static void turn_row(struct torus_grid *g, int line, int sign, int turn)
 {
     double shear = sign * shear_of(g, line), step = 2 * M_PI * shear / g->N;
     double whole = fmod(shear, 1);                     /* 2 pi turn shear, less whole turns */
-    double complex *x = g->x + (size_t)line * (size_t)g->N;
+    double complex *x = g->x + (size_t)line * (size_t)g->N, wave = 1;
+    double complex advance = CMPLX(cos(step), sin(step));
 
-    for (int n = 0; n < g->N; n++)
-        x[n] *= cexp(I * (step * n + 2 * M_PI * fmod(whole * turn, 1)));
+    if (shear == 0)
+        return;
+    for (int n = 0; n < g->N; n++) {
+        wave = n % AFRESH == 0 ? cexp(I * (step * n + 2 * M_PI * fmod(whole * turn, 1)))
+                               : wave * advance;
+        x[n] *= wave;
+    }
+}
+
+/* From combinations in their spots to samples. */
+static void execute_back(struct torus_grid *g, int turn)
+{
+    fftw_execute(g->along_back);
+    for (int line = 0; line < g->lines; line++)
+        turn_row(g, line, 1, turn);
+    fftw_execute(g->across_back);
 }
 
 void torus_synthesize(struct torus_grid *g, int count, const struct torus_index *index,
@@ -217,12 +233,30 @@ void torus_synthesize(struct torus_grid *g, int count, const struct torus_index 
         g->x[spot_of(g, index[i])] = derivative == 0 ? X[i]
             : derivative == 1 ? I * Omega * X[i] : -Omega * Omega * X[i];
     }
-    fftw_execute(g->along_back);
-    for (int line = 0; line < g->lines; line++)
-        turn_row(g, line, 1, turn);
-    fftw_execute(g->across_back);
+    execute_back(g, turn);
     for (size_t i = 0; i < points; i++)
         x[i] = creal(g->x[i]);
+}
+
+void torus_synthesize_both(struct torus_grid *g, int count, const struct torus_index *index,
+                           const double complex *X, int turn, double *x, double *v)
+{
+    size_t points = (size_t)g->lines * (size_t)g->N;
+    double lead = g->tones.omega[g->tones.lead];
+
+    memset(g->x, 0, points * sizeof *g->x);
+    for (int i = 0; i < count; i++) {     /* of x + i v / w_lead, alike in size: k and -k */
+        struct torus_index k = index[i], minus = { { -k.k[0], -k.k[1], -k.k[2] } };
+        double turns = torus_frequency(&g->tones, k) / lead;
+
+        g->x[spot_of(g, k)] += 0.5 * (1 - turns) * X[i];
+        g->x[spot_of(g, minus)] += 0.5 * (1 + turns) * conj(X[i]);
+    }
+    execute_back(g, turn);
+    for (size_t i = 0; i < points; i++) {
+        x[i] = creal(g->x[i]);
+        v[i] = lead * cimag(g->x[i]);
+    }
 }
 
 void torus_analyze(struct torus_grid *g, const double *x)

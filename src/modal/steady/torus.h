@@ -69,6 +69,9 @@ int torus_grid_indices(const struct torus_grid *g, struct torus_index *out);
  */
 void torus_synthesize(struct torus_grid *g, int count, const struct torus_index *index,
                       const double complex *X, int derivative, int turn, double *x);
+/* The same of motion and rate at once, in one transform: x of (1) and v of its d/dt. */
+void torus_synthesize_both(struct torus_grid *g, int count, const struct torus_index *index,
+                           const double complex *X, int turn, double *x, double *v);
 /* The two-sided means <x e^{-i k . theta}> of samples x; torus_coefficient reads them. */
 void torus_analyze(struct torus_grid *g, const double *x);
 /* Of the last torus_analyze, combination K of either sign, taken modulo the grid. */

@@ -13,8 +13,10 @@
  * rate changes sign, so that a slider's law sees monotone pieces (slider.c (1)).
  *
  * Memory.  The map of a slider's place over any stretch is one clip, to [low, high]: both are found
- * by starting above and below all motion.  Where they agree after some turns the past is forgotten;
- * where they no longer draw nearer, the slider rests for good, at the place nearest to zero.
+ * by starting above and below all motion.  Clips of earlier turns are set before those of later
+ * ones until they leave one place: then the past is forgotten, on each line after its own number of
+ * turns.  Where the motion is too small for that the slider rests for good, at the place nearest to
+ * zero.
  */
 #include "modal/steady/torus_laws.h"
 #include <math.h>
@@ -27,6 +29,8 @@
 
 enum {
     TURNS_MOST = 512,         /* of history: ten slow beats of tones one per cent apart need 300 */
+    MORE = 1,                 /* turns of motions beside one whose history is known: what it just
+                               * forgets they may just remember */
     HALVINGS = 46,            /* of an interval: to rounding */
     EVENTS_OF_A_STEP = 16,    /* sliders of one law that change regime in one sample */
 };
@@ -39,7 +43,7 @@ struct torus_law {
     const struct law *law;
     int *place;                         /* of each end: its dof among those that iterate */
     bool acts, undetermined;
-    int turns;                          /* of history that sufficed last */
+    int lines, *turns;                  /* of history that sufficed last, of each line */
     long evaluations;
     struct event *event;
     int events, room;
@@ -128,7 +132,7 @@ void torus_laws_free(struct torus_laws *w)
         return;
     free_room(w);
     for (int l = 0; l < w->laws; l++)
-        free(w->law[l].event), free(w->law[l].place);
+        free(w->law[l].event), free(w->law[l].place), free(w->law[l].turns);
     free(w->law), free(w->D), free(w);
 }
 
@@ -179,10 +183,10 @@ static void sample_inputs(struct torus_laws *w, const struct torus_law *a, struc
         for (int e = a->law->start[j]; e < a->law->start[j + 1]; e++)
             for (int m = 0; m < count; m++)
                 w->D[m] += a->law->end[e].weight * X[a->place[e] * count + m];
-        torus_synthesize(g, count, index, w->D, 0, turn, w->d + (size_t)j * w->points);
-        torus_synthesize(g, count, index, w->D, 1, turn, w->v + (size_t)j * w->points);
+        torus_synthesize_both(g, count, index, w->D, turn, w->d + (size_t)j * w->points,
+                              w->v + (size_t)j * w->points);
     }
-    budget_add(w->work, (double)w->points * a->law->kind->inputs * BUDGET_SAMPLE / 2);
+    budget_add(w->work, (double)w->points * a->law->kind->inputs * BUDGET_SAMPLE / 4);
 }
 
 /* The motion at fraction S of a stretch: place, rate and the rate of that. */
@@ -356,75 +360,50 @@ static enum modal_status step_to(struct torus_laws *w, struct torus_law *a, size
     return rc;
 }
 
-/* Lines of a turn, from the walkers' state; KEEP: the samples and events are kept.  REACH, or NULL:
- * how far each slider is from where it first acted, at the least. */
-static enum modal_status walk_turn(struct torus_laws *w, struct torus_law *a,
-                                   const struct torus_grid *g, bool first, bool keep,
-                                   struct walker *walker, double *before, double *reach,
-                                   struct modal_error *err)
+/* Line LINE of the turn at hand, from the walker's state; KEEP: the samples and events are kept. */
+static enum modal_status walk_line(struct torus_laws *w, struct torus_law *a,
+                                   const struct torus_grid *g, int line, bool first, bool keep,
+                                   struct walker *at, double *before, struct modal_error *err)
 {
-    int N = torus_grid_samples(g), lines = torus_grid_lines(g), inputs = a->law->kind->inputs;
+    int N = torus_grid_samples(g);
     double h = 2 * M_PI / N, rate = w->tones.omega[w->tones.lead];
     enum modal_status rc = MODAL_OK;
 
-    for (int line = 0; rc == MODAL_OK && line < lines; line++)
-        for (int n = 0; rc == MODAL_OK && n < N; n++) {
-            size_t point = (size_t)line * (size_t)N + (size_t)n;
-            struct cursor c = { line, (n - 1) * h, h, rate, keep };
+    for (int n = 0; rc == MODAL_OK && n < N; n++) {
+        size_t point = (size_t)line * (size_t)N + (size_t)n;
+        struct cursor c = { line, (n - 1) * h, h, rate, keep };
 
-            rc = step_to(w, a, point, first && n == 0, &walker[line],
-                         before + 2 * LAW_INPUTS_MOST * line, &c, err);
-            for (int m = 0; first && n == 0 && reach != NULL && m < a->law->memory; m++)
-                reach[m] = fmin(line == 0 ? HUGE_VAL : reach[m],
-                                fabs(walker[line].z[m] - walker[line].d[inputs - 1]));
-            if (rc == MODAL_OK && keep)
-                keep_sample(w, a, point, &walker[line].force);
-        }
-    budget_add(w->work, (double)w->points * BUDGET_SAMPLE);
+        rc = step_to(w, a, point, first && n == 0, at, before, &c, err);
+        if (rc == MODAL_OK && keep)
+            keep_sample(w, a, point, &at->force);
+    }
+    budget_add(w->work, (double)N * BUDGET_SAMPLE);
     return rc;
 }
 
 /* The motion to walk, that of torus_forces. */
 struct motion { int count; const struct torus_index *index; const double complex *X; };
 
-/* The places at the end of TURNS turns before now, begun at START on all lines. */
+/* The walkers at the end of the turn before now, each begun at 0 as many turns before as its line
+ * needs. */
 static enum modal_status history(struct torus_laws *w, struct torus_law *a, struct torus_grid *g,
-                                 const struct motion *x, int turns, double start,
-                                 struct walker *walker, double *before, double *reach,
+                                 const struct motion *x, struct walker *walker, double *before,
                                  struct modal_error *err)
 {
-    int lines = torus_grid_lines(g);
+    int lines = torus_grid_lines(g), most = 1;
     enum modal_status rc = MODAL_OK;
 
-    for (int line = 0; line < lines; line++) {
-        memset(&walker[line], 0, sizeof walker[line]);
-        for (int m = 0; m < a->law->memory; m++)
-            walker[line].z[m] = start;
-    }
-    for (int turn = -turns; rc == MODAL_OK && turn < 0; turn++) {
-        sample_inputs(w, a, g, x->count, x->index, x->X, turn);
-        rc = walk_turn(w, a, g, turn == -turns, false, walker, before, reach, err);
+    memset(walker, 0, (size_t)lines * sizeof *walker);
+    for (int line = 0; line < lines; line++)
+        most = a->turns[line] + MORE > most ? a->turns[line] + MORE : most;
+    for (int turn = most; rc == MODAL_OK && turn > 0; turn--) {
+        sample_inputs(w, a, g, x->count, x->index, x->X, -turn);
+        for (int line = 0; rc == MODAL_OK && line < lines; line++)
+            if (a->turns[line] + MORE >= turn)
+                rc = walk_line(w, a, g, line, a->turns[line] + MORE == turn, false, &walker[line],
+                               before + 2 * LAW_INPUTS_MOST * line, err);
     }
     return rc;
-}
-
-/* Whether two histories still differ in a place that the motion, of range RANGE, can make forget
- * where it began: a slider within REACH of it on either side holds for good in less than twice
- * that. */
-static bool remembers(const struct torus_law *a, int lines, const struct walker *low,
-                      const struct walker *high, const double *reach, double range, double most,
-                      bool *apart)
-{
-    bool more = false;
-
-    *apart = false;
-    for (int m = 0; m < a->law->memory; m++)
-        for (int line = 0; line < lines; line++)
-            if (high[line].z[m] - low[line].z[m] > FORGOTTEN * most) {
-                *apart = true;
-                more |= range > 2 * reach[m];
-            }
-    return more;
 }
 
 /* The largest |d| of the samples at hand, and the range of the last input: a slider's. */
@@ -456,30 +435,126 @@ static enum modal_status stand(struct torus_law *a, struct walker *at, const dou
     return rc;
 }
 
-/* What every slider of A holds at theta = 0 of each line, into LOW's places. */
-static enum modal_status remember(struct torus_laws *w, struct torus_law *a, struct torus_grid *g,
-                                  const struct motion *x, struct walker *low, struct walker *high,
-                                  double *before, struct modal_error *err)
-{
-    int lines = torus_grid_lines(g);
-    double reach[LAW_TERMS_MOST], range, most;
-    enum modal_status rc = MODAL_OK;
+/* What a line remembers: its places' clip over all turns looked at, to the end of the last; where
+ * it stands there; and how the turn after the next one to look at begins. */
+struct memory {
+    double low[LAW_TERMS_MOST], high[LAW_TERMS_MOST], reach;
+    double end[2 * LAW_INPUTS_MOST], begin[2 * LAW_INPUTS_MOST];
+    bool open;                          /* low and high differ still */
+};
 
-    for (int turns = 1; rc == MODAL_OK && turns <= TURNS_MOST; turns *= 2) {
-        rc = history(w, a, g, x, turns, FAR, high, before, reach, err);
-        if (rc == MODAL_OK)
-            rc = history(w, a, g, x, turns, -FAR, low, before, reach, err);
+/* The clip of line LINE's turn at hand, TURN before now, before the ones that M has: from START,
+ * beyond all motion, into PLACE; to the next turn's first sample, but of the last to its end. */
+static enum modal_status clip_turn(struct torus_laws *w, struct torus_law *a,
+                                   const struct torus_grid *g, int line, int turn, double start,
+                                   struct memory *m, double *place, struct modal_error *err)
+{
+    int inputs = a->law->kind->inputs;
+    double h = 2 * M_PI / torus_grid_samples(g), before[2 * LAW_INPUTS_MOST] = { 0 };
+    struct cursor c = { line, 0, h, w->tones.omega[w->tones.lead], false };
+    struct stretch x = { .inputs = inputs, .length = h / c.rate };
+    struct walker at = { 0 }, from;
+    size_t first = (size_t)line * (size_t)torus_grid_samples(g);
+    enum modal_status rc;
+
+    for (int i = 0; i < a->law->memory; i++)
+        at.z[i] = start;
+    for (int j = 0; j < inputs; j++)
+        before[2 * j] = w->d[(size_t)j * w->points + first];
+    copy_walker(a, &from, &at);
+    for (int j = 0; j < inputs; j++)
+        x.d[1][j] = from.d[j] = before[2 * j];
+    rc = law_at(a, &x, 1, &from, &at, err);
+    for (int i = 0; i < a->law->memory; i++)      /* how far a slider acts from where it holds */
+        m->reach = fmin(m->reach, fabs(at.z[i] - at.d[inputs - 1]));
+    for (int i = 0; i < a->law->memory; i++)
+        at.z[i] = start;
+    if (rc == MODAL_OK)
+        rc = walk_line(w, a, g, line, true, false, &at, before, err);
+    if (turn == 1)
+        memcpy(m->end, before, sizeof before);
+    else
+        for (int j = 0; j < inputs; j++) {
+            x.d[0][j] = before[2 * j], x.v[0][j] = before[2 * j + 1];
+            x.d[1][j] = m->begin[2 * j], x.v[1][j] = m->begin[2 * j + 1];
+        }
+    if (rc == MODAL_OK && turn > 1)
+        rc = walk(a, &x, &at, &c, err);
+    memcpy(place, at.z, (size_t)a->law->memory * sizeof *place);
+    return rc;
+}
+
+/* One turn further back on LINE; MOST: the largest motion. */
+static enum modal_status look_back(struct torus_laws *w, struct torus_law *a,
+                                   const struct torus_grid *g, int line, int turn, double most,
+                                   struct memory *m, struct modal_error *err)
+{
+    double low[LAW_TERMS_MOST], high[LAW_TERMS_MOST];
+    size_t first = (size_t)line * (size_t)torus_grid_samples(g);
+    enum modal_status rc = clip_turn(w, a, g, line, turn, -FAR, m, low, err);
+
+    if (rc == MODAL_OK)
+        rc = clip_turn(w, a, g, line, turn, FAR, m, high, err);
+    m->open = false;
+    for (int i = 0; rc == MODAL_OK && i < a->law->memory; i++) {
+        m->low[i] = fmin(fmax(low[i], m->low[i]), m->high[i]);
+        m->high[i] = fmin(fmax(high[i], m->low[i]), m->high[i]);
+        m->open |= m->high[i] - m->low[i] > FORGOTTEN * most;
+    }
+    for (int j = 0; j < a->law->kind->inputs; j++) {
+        m->begin[2 * j] = w->d[(size_t)j * w->points + first];
+        m->begin[2 * j + 1] = w->v[(size_t)j * w->points + first];
+    }
+    return rc;
+}
+
+/* How many turns every line of A needs to be looked back along until its turns' clips leave one
+ * place.  Where the motion's range is within a slider's reach on both sides it holds for good: A is
+ * undetermined, and WALKER is what it holds at the end of the turn before now. */
+static enum modal_status remember(struct torus_laws *w, struct torus_law *a, struct torus_grid *g,
+                                  const struct motion *x, struct walker *walker, double *before,
+                                  struct modal_error *err)
+{
+    int lines = torus_grid_lines(g), open = lines;
+    struct memory *memory = malloc((size_t)lines * sizeof *memory);
+    enum modal_status rc = memory == NULL ? modal_fail(err, MODAL_NO_MEMORY, "torus: no memory")
+                                          : MODAL_OK;
+
+    for (int line = 0; rc == MODAL_OK && line < lines; line++) {
+        memory[line] = (struct memory) { .reach = HUGE_VAL, .open = true };
+        for (int i = 0; i < a->law->memory; i++)
+            memory[line].low[i] = -FAR, memory[line].high[i] = FAR;
+    }
+    for (int turn = 1; rc == MODAL_OK && open > 0 && turn <= TURNS_MOST; turn++) {
+        double range, most, reach = HUGE_VAL;
+
+        sample_inputs(w, a, g, x->count, x->index, x->X, -turn);
         most = largest_motion(w, a, &range);
-        a->turns = turns;
-        if (rc == MODAL_OK
-            && !remembers(a, lines, low, high, reach, range, most, &a->undetermined))
+        open = 0;
+        for (int line = 0; rc == MODAL_OK && line < lines; line++) {
+            if (memory[line].open) {
+                rc = look_back(w, a, g, line, turn, most, &memory[line], err);
+                a->turns[line] = turn;
+            }
+            reach = fmin(reach, memory[line].reach);
+            open += memory[line].open;
+        }
+        if (range <= 2 * reach)
             break;
     }
+    a->undetermined = open > 0;
     for (int line = 0; rc == MODAL_OK && a->undetermined && line < lines; line++) {
-        for (int m = 0; m < a->law->memory; m++)         /* low's bound is the least place */
-            low[line].z[m] = fmax(fmin(0, high[line].z[m]), low[line].z[m]);
-        rc = stand(a, &low[line], before + 2 * LAW_INPUTS_MOST * line, err);
+        const struct memory *m = &memory[line];
+
+        memset(&walker[line], 0, sizeof walker[line]);
+        memcpy(before + 2 * LAW_INPUTS_MOST * line, m->end, sizeof m->end);
+        for (int j = 0; j < a->law->kind->inputs; j++)
+            walker[line].d[j] = m->end[2 * j];
+        for (int i = 0; i < a->law->memory; i++)     /* low's bound is the least place */
+            walker[line].z[i] = fmax(fmin(0, m->high[i]), m->low[i]);
+        rc = stand(a, &walker[line], before + 2 * LAW_INPUTS_MOST * line, err);
     }
+    free(memory);
     return rc;
 }
 
@@ -487,26 +562,32 @@ static enum modal_status remember(struct torus_laws *w, struct torus_law *a, str
 static enum modal_status evaluate(struct torus_laws *w, struct torus_law *a, struct torus_grid *g,
                                   const struct motion *x, struct modal_error *err)
 {
-    size_t lines = (size_t)torus_grid_lines(g);
-    struct walker *low = calloc(2 * lines, sizeof *low), *high = low + lines;
-    double *before = calloc(lines * 2 * LAW_INPUTS_MOST, sizeof *before);
+    int lines = torus_grid_lines(g);
+    struct walker *walker = malloc((size_t)lines * sizeof *walker);
+    double *before = calloc((size_t)lines * 2 * LAW_INPUTS_MOST, sizeof *before);
+    bool known = a->lines == lines;
+    int *turns = known ? a->turns : realloc(a->turns, (size_t)lines * sizeof *turns);
     enum modal_status rc = MODAL_OK;
 
-    if (low == NULL || before == NULL)
-        rc = modal_fail(err, MODAL_NO_MEMORY, "torus: no memory for %zu lines", lines);
+    a->turns = turns != NULL ? turns : a->turns;
+    if (walker == NULL || before == NULL || turns == NULL)
+        rc = modal_fail(err, MODAL_NO_MEMORY, "torus: no memory for %d lines", lines);
     a->acts = false;
     a->events = 0;
-    if (rc == MODAL_OK && a->law->memory > 0 && w->held && !a->undetermined)
-        rc = history(w, a, g, x, a->turns, 0, low, before, NULL, err);
-    else if (rc == MODAL_OK && a->law->memory > 0)
-        rc = remember(w, a, g, x, low, high, before, err);
-    else if (rc == MODAL_OK)
-        rc = history(w, a, g, x, 1, 0, low, before, NULL, err);
-    if (rc == MODAL_OK) {
+    for (int line = 0; rc == MODAL_OK && !known && line < lines; line++)
+        a->turns[line] = 1;
+    a->lines = rc == MODAL_OK ? lines : 0;
+    if (rc == MODAL_OK && a->law->memory > 0 && !(w->held && known && !a->undetermined))
+        rc = remember(w, a, g, x, walker, before, err);
+    /* walked, so that it comes in its regime */
+    if (rc == MODAL_OK && (a->law->memory == 0 || !a->undetermined))
+        rc = history(w, a, g, x, walker, before, err);
+    if (rc == MODAL_OK)
         sample_inputs(w, a, g, x->count, x->index, x->X, 0);
-        rc = walk_turn(w, a, g, false, true, low, before, NULL, err);
-    }
-    free(low);
+    for (int line = 0; rc == MODAL_OK && line < lines; line++)
+        rc = walk_line(w, a, g, line, false, true, &walker[line],
+                       before + 2 * LAW_INPUTS_MOST * line, err);
+    free(walker);
     free(before);
     return rc;
 }

@@ -426,9 +426,9 @@ static void about_lines(const struct work *w, struct identify_result *r)
         double hertz = w->line[i].frequency / w->rec.step, share = 100 * w->line[i].share;
         int mains = mains_of(w, hertz);
         if (mains > 0)
-            identify_diagnose(r, "mains_line", -1, "a line of %.6g Hz, a multiple of %d Hz, %.2g %% "
-                              "of the channels' mean square: mains, not a mode; it was taken off "
-                              "first", hertz, mains, share);
+            identify_diagnose(r, "mains_line", -1, "a line of %.6g Hz, a multiple of %d Hz, %.2g "
+                              "%% of the channels' mean square: mains, not a mode; it was taken "
+                              "off first", hertz, mains, share);
         else
             identify_diagnose(r, "narrow_line", -1, "a line of %.6g Hz and constant amplitude, "
                               "%.2g %% of the channels' mean square: a rotating part or a limit "

@@ -24,7 +24,7 @@ enum {
 static const double
     STANDS_OUT = 100,            /* over the median about it */
     LEFT = 0.01,                 /* of its energy when it was taken off */
-    NOTHING = 1e-6;              /* of a column of unit rms: the error of a frequency, and rounding */
+    NOTHING = 1e-6;              /* of a column's rms: what is left of a line alone */
 
 struct work {
     struct matrix *Y;

@@ -10,10 +10,10 @@ enum { AMBIENT_LINES_MOST = 24 };
 struct ambient_line { double frequency, share; };
 
 /*
- * From the columns of Y, of zero mean and unit rms, the strongest first: lines that stand a hundred times above
- * what is about them and leave less than a hundredth of themselves when one sinusoid is fitted to
- * each column.  Of a mode so much is left where it decays within ten records.  A column that holds
- * nothing else becomes zero.  Fails with MODAL_NO_MEMORY.
+ * From the columns of Y, of zero mean and unit rms, the strongest first: lines that stand a hundred
+ * times above what is about them and leave less than a hundredth of themselves when one sinusoid is
+ * fitted to each column.  Of a mode more is left where it decays within ten records.  A column that
+ * holds nothing else becomes zero.  Fails with MODAL_NO_MEMORY.
  */
 enum modal_status ambient_lines_take(struct matrix *Y, struct ambient_line *out, int *count,
                                      struct modal_error *err);

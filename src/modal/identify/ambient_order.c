@@ -36,7 +36,7 @@ static const double
                                     tell is lost, for what varies within it is (share^2)/12 */
     GAIN_TRIAL = 0.5,            /* a step of less is not what a pair pays with */
     GAIN_LAST = 1e-2,            /* a seventh of one standard error, all unknowns together */
-    WORK_MOST = 2e10,            /* of all fits, as whittle.h counts it: half a minute or so */
+    WORK_MOST = 6e9,             /* of all fits, as whittle.h counts it: a third of a minute */
     PATIENCE = 8;                /* prices: what a fit may make up for where a pair leaves */
 
 double ambient_price(int channels, int lines)

@@ -58,7 +58,8 @@ static void about_rank(struct identify_result *r, const struct diagnose_facts *f
         identify_diagnose(r, "not_converged", -1, "the refinement did not converge: the exponents "
                           "are those with the least residual seen, their errors unknown, and no "
                           "verdict is given; give `band` or `window` to look "
-                          "at less, or rank.fixed");
+                          "at less, or rank.fixed, or response=ambient where it is excited all "
+                          "the time");
 }
 
 static void about_mode(struct identify_result *r, const struct diagnose_facts *f, int i)

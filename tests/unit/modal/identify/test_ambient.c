@@ -1,9 +1,12 @@
 /* test_ambient.c - spectra of known systems: what a record's ends and bins make of them, and the
- * modes found in records */
+ * modes found in them */
+/* Tests as well: ambient_lines.c ambient_order.c spectrum.c subspace.c whittle.c */
 #include "check.h"
 #include <complex.h>
 #include <stdlib.h>
+#include "modal/identify/ambient_lines.h"
 #include "modal/identify/ambient_order.h"
+#include "modal/identify/subspace.h"
 
 enum { N = 96, CHANNELS = 2 };
 
@@ -146,4 +149,106 @@ TEST(the_price_is_above_what_chance_brings)
         CHECK(exp(-twice / 2) * (1 + twice / 2) * lines <= alarm);
         CHECK(exp(-twice / 2) * (1 + twice / 2) * lines > alarm * 1e-4);
     }
+}
+
+/* A record of one channel whose every line has the size that it has in the mean: nothing is left to
+ * chance, and likelihood is greatest at the truth. */
+enum { LONG = 4096 };
+
+static struct whittle one_channel(void)
+{
+    struct whittle m = { .channels = 1, .count = 2, .root = { 0.8 } };
+
+    m.mode[0].lambda = CMPLX(-0.02, 0.6), m.mode[1].lambda = CMPLX(-0.05, 1.7);
+    m.mode[0].phi[0] = m.mode[1].phi[0] = 1;
+    m.mode[0].kappa[0] = CMPLX(0.06, 0.02), m.mode[1].kappa[0] = CMPLX(-0.03, 0.08);
+    return m;
+}
+
+static struct spectrum lines_of_mean(const struct whittle *m, double complex F[LONG / 2 - 1])
+{
+    for (int j = 1; j < LONG / 2; j++) {
+        double complex z = cexp(CMPLX(0, 2 * M_PI * j / LONG)), h = 1;
+        for (int k = 0; k < m->count; k++) {
+            double complex mu = cexp(m->mode[k].lambda), p = m->mode[k].kappa[0];
+            h += p / (z - mu) + conj(p) / (z - conj(mu));
+        }
+        F[j - 1] = cabs(h) * m->root[0];
+    }
+    return (struct spectrum) { .channels = 1, .samples = LONG, .first = 1, .lines = LONG / 2 - 1,
+                               .fade = LONG, .loss = 1, .F = F };
+}
+
+static double nearest(const struct whittle *found, double complex lambda)
+{
+    double least = HUGE_VAL;
+
+    for (int k = 0; k < found->count; k++)
+        least = fmin(least, cabs(found->mode[k].lambda - lambda));
+    return least;
+}
+
+/* The past of 100 samples tells all but exp(-0.02 100) of the slower mode's own; noise tells it
+ * sooner.  The other orders: fewer miss a pole, and more have these two all the same. */
+TEST(subspaces_of_exact_covariances_have_the_poles_in_their_order_and_above)
+{
+    static double complex F[LONG / 2 - 1];
+    struct whittle m = one_channel();
+    struct spectrum s = lines_of_mean(&m, F);
+    struct subspace from;
+    struct whittle found;
+    struct modal_error err;
+
+    CHECK(subspace_make(&s, &from, &err) == MODAL_OK);
+    CHECK(subspace_model(&from, 4, &found) && found.count == 2);
+    for (int k = 0; k < 2; k++)
+        CHECK(nearest(&found, m.mode[k].lambda) < 1e-3);
+    CHECK_NEAR(found.root[0], 0.8, 1e-3);
+    CHECK(subspace_model(&from, 2, &found) && found.count == 1);
+    CHECK(subspace_model(&from, 0, &found) && found.count == 0);
+    CHECK(!subspace_model(&from, from.order + 1, &found));
+    subspace_done(&from);
+}
+
+/* A twentieth of the standard error, which is sqrt(0.02 / LONG) for the slower pole at best. */
+TEST(the_search_ends_at_the_truth_where_every_line_has_its_mean)
+{
+    static double complex F[LONG / 2 - 1];
+    struct whittle m = one_channel();
+    struct spectrum s = lines_of_mean(&m, F);
+    struct ambient_limits limits = { .most = 10 };
+    struct ambient_search found;
+    struct modal_error err;
+
+    CHECK(ambient_search(&s, &limits, &found, &err) == MODAL_OK);
+    CHECK(found.model->count == 2 && found.model->converged && !found.limit);
+    for (int k = 0; k < found.model->count; k++) {
+        const struct whittle_mode *q = &found.model->mode[k];
+        double decay = -creal(q->lambda), au = sqrt(decay / LONG);
+        CHECK(q->std_decay > au && q->std_turn > au && q->std_turn < 3 * au);
+        CHECK(nearest(found.model, m.mode[k].lambda) < au / 20);
+    }
+    ambient_search_done(&found);
+}
+
+TEST(a_sinusoid_is_taken_off_and_noise_is_left_alone)
+{
+    static double y[2 * LONG], noise[2 * LONG];
+    struct matrix Y = { LONG, 2, LONG, y };
+    struct ambient_line line[AMBIENT_LINES_MOST];
+    struct modal_error err;
+    unsigned state = 1;
+    int count;
+
+    for (int i = 0; i < 2 * LONG; i++) {
+        state = state * 1664525u + 1013904223u;
+        noise[i] = state / 4294967296.0 - 0.5;
+        y[i] = noise[i] + (3 + i / LONG) * sin(0.4321 * (i % LONG) + i / LONG);
+    }
+    CHECK(ambient_lines_take(&Y, line, &count, &err) == MODAL_OK && count == 1);
+    CHECK_NEAR(line[0].frequency, 0.4321 / (2 * M_PI), 1e-6);
+    CHECK_NEAR(line[0].share, (9 + 16) / 4., 0.1);
+    for (int i = 0; i < 2 * LONG; i++)
+        CHECK(fabs(y[i] - noise[i]) < 0.1);
+    CHECK(ambient_lines_take(&Y, line, &count, &err) == MODAL_OK && count == 0);
 }

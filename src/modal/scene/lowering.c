@@ -216,8 +216,8 @@ static enum modal_status no_name(const struct lowering *l, const char *path, con
 {
     char *given = json_print(item);
     enum modal_status rc = modal_fail_field(
-        err, MODAL_BAD_INPUT, path, "%s is %.80s; accepted: the name of a dof; they run from \"%s\" "
-        "to \"%s\"", path, given ? given : "?", l->p->n > 0 ? l->p->dofs[0] : "-",
+        err, MODAL_BAD_INPUT, path, "%s is %.80s; accepted: the name of a dof; they run from "
+        "\"%s\" to \"%s\"", path, given ? given : "?", l->p->n > 0 ? l->p->dofs[0] : "-",
         l->p->n > 0 ? l->p->dofs[l->p->n - 1] : "-");
 
     free(given);

@@ -563,7 +563,8 @@ TEST(degenerate_input_is_refused_with_a_reason_and_no_number)
         { "constants", { K, 1, constant, 0.1, 0, NULL, NULL, NULL, NULL }, &defaults, "signals" },
         { "NaN", { K, 1, broken, 0.1, 0, NULL, NULL, NULL, NULL }, &defaults, "signals" },
         { "no channels", { K, 0, h, 0.1, 0, NULL, NULL, NULL, NULL }, &defaults, "signals" },
-        { "seven samples", { 7, 1, broken + 40, 0.1, 0, NULL, NULL, NULL, NULL }, &defaults, "signals" },
+        { "seven samples", { 7, 1, broken + 40, 0.1, 0, NULL, NULL, NULL, NULL }, &defaults,
+          "signals" },
         { "dt 0", { K, 1, broken + 40, 0, 0, NULL, NULL, NULL, NULL }, &defaults, "dt" },
         { "dt NaN", { K, 1, broken + 40, NAN, 0, NULL, NULL, NULL, NULL }, &defaults, "dt" },
         { "a period of more than half the record",
@@ -578,7 +579,8 @@ TEST(degenerate_input_is_refused_with_a_reason_and_no_number)
           { 100, 1, broken + 40, 0.1, 1, NULL, NULL, NULL, NULL },
           &wide,
           "rank.fixed" },
-        { "more rows than fit", { 100, 1, broken + 40, 0.1, 1, NULL, NULL, NULL, NULL }, &tall, "rows" },
+        { "more rows than fit", { 100, 1, broken + 40, 0.1, 1, NULL, NULL, NULL, NULL }, &tall,
+          "rows" },
         { "rank 0", { 100, 1, broken + 40, 0.1, 1, NULL, NULL, NULL, NULL }, &none, "rank.fixed" },
     };
 

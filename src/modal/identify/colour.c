@@ -13,12 +13,13 @@
  *
  * [BP70] Box and Pierce, J. Amer. Statist. Assoc. 65 (1970) 1509-1526.
  */
-#include "modal/identify/colour.h"
 #include <fftw3.h>       /* before complex.h, which makes its numbers the compiler's */
+#include "modal/identify/colour.h"
 #include <cblas.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/identify/exponents.h"
 #include "modal/identify/pencil.h"
 #include "modal/linalg/svd.h"
 
@@ -167,6 +168,18 @@ enum modal_status colour_add(const double *e, int rows, struct colour_sum *sum,
     return plan != NULL && sum->power != NULL
                ? MODAL_OK
                : modal_fail(err, MODAL_NO_MEMORY, "colour: no memory for %d rows", N);
+}
+
+void colour_left_by(const double complex *lambda, int count, double tau, int rows, double *mean)
+{
+    double left = fmax(rows - poles_order(lambda, count, tau), 1);
+
+    for (int l = 1; l <= COLOUR_LAGS; l++) {
+        mean[l - 1] = 0;
+        for (int j = 0; j < count; j++)
+            mean[l - 1] -= pole_order(lambda[j], tau) * exp(-fabs(creal(lambda[j])) * tau * l)
+                         * cos(cimag(lambda[j]) * tau * l) / left;
+    }
 }
 
 void colour_leave_out(struct matrix *E, const struct matrix *Y, double ratio)

@@ -1,6 +1,7 @@
 /* colour.h - is the residual white, and what its colour does to the error bars */
 #ifndef MODAL_COLOUR_H
 #define MODAL_COLOUR_H
+#include <complex.h>
 #include <stdbool.h>
 #include "base/error.h"
 #include "modal/linalg/matrix.h"
@@ -59,6 +60,10 @@ enum modal_status colour_add(const double *e, int rows, struct colour_sum *sum,
                              struct modal_error *err);
 /* As colour_white_about. */
 bool colour_sum_white(const struct colour_sum *sum, const double *mean);
+
+/* That mean, of COUNT exponents' fit to ROWS rows, TAU apart (exponents.h); a multiplier that grows
+ * is seen from its end. */
+void colour_left_by(const double complex *lambda, int count, double tau, int rows, double *mean);
 
 /* Make zero the columns of E that are no larger than `ratio` of Y's: what is rounding is no noise,
  * and has any colour. */

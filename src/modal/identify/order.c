@@ -751,23 +751,6 @@ static bool unresolved(const struct climb *c, const struct refined *fit)
     return false;
 }
 
-/* The autocorrelation that FIT leaves of white noise (colour.h); a multiplier that grows is
- * seen from its end. */
-static void mean_autocorrelation(const struct climb *c, const struct refined *fit, double *mean)
-{
-    double free = fmax(c->data->Y->m - fit->order, 1);
-
-    for (int l = 1; l <= COLOUR_LAGS; l++) {
-        mean[l - 1] = 0;
-        for (int j = 0; j < fit->poles; j++) {
-            double a = -fabs(creal(fit->lambda[j])) * c->data->tau,
-                b = cimag(fit->lambda[j]) * c->data->tau;
-            mean[l - 1] -= pole_order(fit->lambda[j],
-                                      c->data->tau) * exp(a * l) * cos(b * l) / free;
-        }
-    }
-}
-
 /* Is the best one set of modes, and what it leaves white noise? */
 static enum modal_status is_clean(struct climb *c, int best, bool *clean, struct modal_error *err)
 {
@@ -779,7 +762,7 @@ static enum modal_status is_clean(struct climb *c, int best, bool *clean, struct
     *clean = false;
     if (!refined_converged(fit) || c->choice.limited)
         return MODAL_OK;
-    mean_autocorrelation(c, fit, mean);
+    colour_left_by(fit->lambda, fit->poles, c->data->tau, c->data->Y->m, mean);
     if (c->data->blocks != NULL) {
         rc = look_at_rest(c, best, err);
         *clean = rc == MODAL_OK && c->rest.known && colour_sum_white(&c->rest.colour, mean);

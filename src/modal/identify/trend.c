@@ -3,7 +3,7 @@
  *
  * The model is called adequate where the residual of the chosen fit is white (colour.h), signals
  * that leave no more than EXACT apart, or where all of it is rounding.  Only an inadequate fit, or
- * one with a crowd of modes in one place, is looked at further: two close modes of a linear system
+ * one with a crowd of modes of one shape in one place, is looked at further: two close modes of a linear system
  * beat, and watched through windows as one they would seem to drift, but their fit is adequate.
  *
  * Each window is identified on its own (pencil.c, order.c with few orders); its strongest
@@ -14,6 +14,7 @@
  * the strongest in each window.
  */
 #include "modal/identify/trend.h"
+#include <cblas.h>
 #include <float.h>
 #include <math.h>
 #include <stdio.h>
@@ -27,6 +28,11 @@
 #include "modal/identify/verdict.h"
 
 enum { ORDERS = 12, ROWS_LEAST = 48, LONG = 20000 };
+enum { CROWD_MOST = 32 };          /* poles of one mode that changes: work, and stack */
+/* Of a crowd's energy, the least share of its one shape: as in identify.c's of two poles. */
+static const double ONE_SHAPE = 0.9;
+/* Exponents times rows below which the geometric series loses more digits than this. */
+static const double SERIES_LEAST = 1e-8;
 static const double EXACT = 1e-9, CHANGE = 1e-3, DAMPING_CHANGE = 0.25, TAU_LEAST = 0.7,
                     WELL = 0.15, POOR = 0.4, CLOSE = 0.05;
 
@@ -44,7 +50,7 @@ static enum modal_status adequate(const struct trend_input *in, bool *answer, do
                         malloc(sizeof(double) * (size_t)in->X->m * (size_t)in->X->n + 1) };
     struct synthesis fit = { 0 };
     enum modal_status rc;
-    double total = 0;
+    double total = 0, mean[COLOUR_LAGS];
 
     if (E.x == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "trend: no memory for %d x %d", E.m, E.n);
@@ -58,11 +64,17 @@ static enum modal_status adequate(const struct trend_input *in, bool *answer, do
     *left = total > 0 && rc == MODAL_OK ? fit.residual / sqrt(total) : 0;
     if (rc == MODAL_OK) {
         colour_leave_out(&E, in->X, EXACT);
-        *answer = fit.residual <= EXACT * sqrt(total) || colour_white(&E);
+        colour_left_by(in->lambda, in->count, in->tau, in->X->m, mean);
+        *answer = fit.residual <= EXACT * sqrt(total) || colour_white_about(&E, mean);
     }
     synthesis_done(&fit);
     free(E.x);
     return rc;
+}
+
+static bool in_crowd(double complex pole, double complex about)
+{
+    return cimag(pole) > 0 && fabs(cimag(pole) - cimag(about)) < CLOSE * cimag(about);
 }
 
 /* Three or more vibrations within CLOSE of LAMBDA: what a mode that drifts is made of, to any
@@ -72,18 +84,68 @@ static bool crowd_about(const struct trend_input *in, double complex lambda)
     int near = 0;
 
     for (int j = 0; j < in->count; j++)
-        near += cimag(in->lambda[j]) > 0
-            && fabs(cimag(in->lambda[j]) - cimag(lambda)) < CLOSE * cimag(lambda);
+        near += in_crowd(in->lambda[j], lambda);
     return near >= 3;
 }
 
-static bool crowded(const struct trend_input *in)
+/* sum_k conj(z_i^k) z_j^k of the columns of a fit, by the geometric series. */
+static double complex overlap(const struct synthesis *f, const struct trend_input *in, int i, int j)
 {
-    bool yes = false;
+    double complex s = (conj(in->lambda[i]) + in->lambda[j]) * in->tau;
+    double scale = -f->reference[i] - f->reference[j];
 
-    for (int i = 0; i < in->count; i++)
-        yes |= crowd_about(in, in->lambda[i]);
-    return yes;
+    return cabs(s) * f->rows < SERIES_LEAST
+               ? f->rows * exp(scale)
+               : (cexp(s * f->rows + scale) - exp(scale)) / (cexp(s) - 1);
+}
+
+/*
+ * Have the COUNT poles NEAR one shape, as those of one mode have?  Their part of the signals is
+ * B C, a column of exponentials and a row of coefficients a pole; of its energy tr P,
+ * P = (B^H B) (C C^H), a shape has the share e at least only where
+ * tr P^2 >= (e^2 + (1 - e)^2) (tr P)^2.  Poles that are not resolved cancel in it.
+ */
+static bool one_shape(const struct synthesis *f, const struct trend_input *in, const int *near,
+                      int count)
+{
+    double complex P[CROWD_MOST * CROWD_MOST] = { 0 }, cc;
+    double one = 0, two = 0;
+
+    for (int i = 0; i < count; i++)
+        for (int j = 0; j < count; j++)
+            for (int k = 0; k < count; k++) {
+                cblas_zdotc_sub(f->channels, f->coefficient + near[j], f->poles,
+                                f->coefficient + near[k], f->poles, &cc);
+                P[i + count * j] += overlap(f, in, near[i], near[k]) * cc;
+            }
+    for (int i = 0; i < count; i++)
+        for (int j = 0; j < count; j++) {
+            one += i == j ? creal(P[i + count * i]) : 0;
+            two += creal(P[i + count * j] * P[j + count * i]);
+        }
+    return two >= (ONE_SHAPE * ONE_SHAPE + (1 - ONE_SHAPE) * (1 - ONE_SHAPE)) * one * one;
+}
+
+/* Is there a crowd, of one shape as far as channels tell? */
+static enum modal_status crowded(const struct trend_input *in, bool *yes, struct modal_error *err)
+{
+    struct synthesis f = { 0 };
+    enum modal_status rc = MODAL_OK;
+
+    *yes = false;
+    for (int i = 0; i < in->count && !*yes && rc == MODAL_OK; i++) {
+        int near[CROWD_MOST], count = 0;
+        if (!crowd_about(in, in->lambda[i]))
+            continue;
+        if (f.coefficient == NULL)
+            rc = synthesis_fit(in->lambda, in->count, in->tau, in->X, NULL, &f, err);
+        for (int j = 0; j < in->count && count < CROWD_MOST; j++)
+            if (in_crowd(in->lambda[j], in->lambda[i]))
+                near[count++] = j;
+        *yes = rc == MODAL_OK && (in->X->n < 2 || one_shape(&f, in, near, count));
+    }
+    synthesis_done(&f);
+    return rc;
 }
 
 bool trend_crowds(const struct trend_input *in, double complex exponent)
@@ -612,7 +674,7 @@ static void look_for_drift(struct identify_result *r, double record)
 enum modal_status trend_watch(const struct trend_input *in, struct identify_result *result,
                               bool *follows, struct modal_error *err)
 {
-    bool good = true;
+    bool good = true, crowd = false;
     double left = 0;
     enum modal_status rc = MODAL_OK;
 
@@ -620,7 +682,9 @@ enum modal_status trend_watch(const struct trend_input *in, struct identify_resu
     left = in->white;
     if (left == 0 && in->count > 0 && in->X->m > 2 * in->count + 2)
         rc = adequate(in, &good, &left, err);
-    if (rc == MODAL_OK && (!good || crowded(in)))
+    if (rc == MODAL_OK && good)
+        rc = crowded(in, &crowd, err);
+    if (rc == MODAL_OK && (!good || crowd))
         rc = watch(in, good, left, result, follows, err);
     return rc;
 }

@@ -2,6 +2,7 @@
 #include "check.h"
 #include <stdlib.h>
 #include "modal/identify/colour.h"
+#include "modal/identify/synthesis.h"
 #include "signals.h"
 
 enum { L = 2048 };
@@ -82,6 +83,35 @@ TEST(white_noise_is_white_at_any_seed_and_size_and_three_tenths_of_the_sample_be
         }
     CHECK(alarms < 2);
     CHECK(missed == 0);
+}
+
+/* 24 lines over the lower half of the band take a tenth of the noise there away: 8,000 numbers show
+ * that it is not white, and it is what white noise leaves. */
+TEST(what_a_fit_of_many_poles_leaves_of_white_noise_is_told_from_colour)
+{
+    enum { ROWS = 200, COLUMNS = 40, POLES = 12, DRAWS = 100 };
+    static double x[ROWS * COLUMNS], fitted[ROWS * COLUMNS];
+    struct matrix Y = { ROWS, COLUMNS, ROWS, x }, F = { ROWS, COLUMNS, ROWS, fitted };
+    double complex lambda[POLES];
+    double mean[COLOUR_LAGS];
+    struct random r = { 11 };
+    int white = 0, about = 0;
+
+    for (int j = 0; j < POLES; j++)
+        lambda[j] = -0.002 + I * (0.1 + 0.12 * j);
+    colour_left_by(lambda, POLES, 1, ROWS, mean);
+    for (int draw = 0; draw < DRAWS; draw++) {
+        struct synthesis fit = { 0 };
+        for (int k = 0; k < ROWS * COLUMNS; k++)
+            x[k] = random_normal(&r);
+        CHECK(synthesis_fit(lambda, POLES, 1, &Y, &F, &fit, NULL) == MODAL_OK);
+        synthesis_done(&fit);
+        for (int k = 0; k < ROWS * COLUMNS; k++)
+            x[k] -= fitted[k];
+        white += colour_white(&Y), about += colour_white_about(&Y, mean);
+    }
+    CHECK(white < DRAWS / 2);
+    CHECK(about >= DRAWS - 1);
 }
 
 TEST(columns_of_zeros_have_no_colour)

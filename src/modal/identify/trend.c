@@ -3,8 +3,9 @@
  *
  * The model is called adequate where the residual of the chosen fit is white (colour.h), signals
  * that leave no more than EXACT apart, or where all of it is rounding.  Only an inadequate fit, or
- * one with a crowd of modes of one shape in one place, is looked at further: two close modes of a linear system
- * beat, and watched through windows as one they would seem to drift, but their fit is adequate.
+ * one with a crowd of modes of one shape in one place, is looked at further: two close modes of a
+ * linear system beat, and watched through windows as one they would seem to drift, but their fit is
+ * adequate.
  *
  * Each window is identified on its own (pencil.c, order.c with few orders); its strongest
  * oscillating mode is compared over the windows.  A change counts where it exceeds CHANGE and six

@@ -180,8 +180,8 @@ TEST(multipliers_not_told_apart_by_the_work_given_are_the_best_so_far_and_not_se
     CHECK(!few.found.settled && few.found.count >= 10 && few.found.worst > 1e-9);
     CHECK(leading_multipliers(m, 10, 1e-9, 0, &enough, NULL) == MODAL_OK);
     CHECK(enough.found.settled && enough.periods > few.periods);
-    arnoldi_done(&few.found);
-    arnoldi_done(&enough.found);
+    leading_done(&few);
+    leading_done(&enough);
     period_map_free(m);
     program_free(p);
 }

@@ -147,6 +147,20 @@ def test_an_ambient_record_taken_for_free_is_flagged_and_says_what_to_give(ctl, 
     assert all(m["std"]["damping_ratio"] is None for m in said["modes"])
 
 
+@pytest.mark.parametrize("seed, samples, hertz, zeta, channels", [
+    (1, 2000, (2.0, 5.5), (0.005, 0.01), 1),
+    (2, 1500, (2.0, 5.5, 6.5), (0.003, 0.004, 0.02), 2),
+    (4, 2500, (2.0, 2.06, 5.5), (0.003, 0.004, 0.004), 3),
+])
+def test_a_short_ambient_record_that_many_modes_can_draw_is_not_taken_for_free(ctl, tmp_path, seed, samples, hertz, zeta, channels):
+    """They leave 20 to 26 % of it; its energy rises and falls, as no free response's does."""
+    Y = record(seed, samples, hertz=hertz, zeta=zeta, channels=channels)
+    said = ctl("identify", write_batch(tmp_path / "a.h5", Y, dt=DT)).document
+    advice, = [d["message"] for d in said["diagnostics"] if d["code"] == "not_free_decay"]
+    assert "response=ambient" in advice and said["stability"]["stable"] is None
+    assert said["modes"] and all(m["std"]["damping_ratio"] is None for m in said["modes"])
+
+
 def test_few_cycles_are_said_with_how_many_are_enough(ctl, tmp_path):
     said = identify(ctl, tmp_path / "a.h5", record(12, 3000, hertz=(2.0, 5.5), zeta=(0.01, 0.02))).document
     assert "too_few_cycles" in codes(said)

@@ -39,6 +39,7 @@ static const double EXACT = 1e-9, CHANGE = 1e-3, DAMPING_CHANGE = 0.25, TAU_LEAS
 
 struct window {
     double t, frequency, damping, std_frequency, std_damping, amplitude, left;
+    double energy;               /* mean square, of all signals together */
     bool found;
 };
 
@@ -268,6 +269,10 @@ static enum modal_status look_at(const struct trend_input *in, int first, int ro
     enum modal_status rc = fit_part(in, &Y, &choice, err);
 
     *w = (struct window) { .t = in->t0 + (first + 0.5 * rows) * in->tau, .left = 1 };
+    for (int c = 0; c < Y.n; c++) {
+        const double *y = Y.x + (size_t)c * (size_t)Y.ld;
+        w->energy += cblas_ddot(rows, y, 1, y, 1) / rows;
+    }
     if (rc == MODAL_OK && choice.chosen >= 0)
         rc = strongest_alone(&data, &choice.candidates[choice.chosen].fit, w, err);
     order_done(&choice);
@@ -483,16 +488,46 @@ static void judge(const struct window *w, int n, bool good, struct identify_resu
                           "not one system throughout, identify each part by `window`: %s", table);
 }
 
+/* Does the energy rise and fall again, as that of decaying and growing modes does not? A sum of
+ * exponentials is in no window more than both in an earlier and in a later one; on top of it may be
+ * what the fit leaves, LEFT of the rms. */
+static bool rises_and_falls(const struct window *w, int n, double left)
+{
+    double before = w[0].energy, rest = 0;
+
+    for (int i = 0; i < n; i++)
+        rest += left * left * w[i].energy / n;
+    for (int i = 1; i + 1 < n; i++) {
+        double after = HUGE_VAL;
+        for (int k = i + 1; k < n; k++)
+            after = fmin(after, w[k].energy);
+        if (w[i].energy > fmax(before, after) + rest)
+            return true;
+        before = fmin(before, w[i].energy);
+    }
+    return false;
+}
+
 /* Few windows that decaying modes rebuild, in a record that they do not rebuild either. */
-static bool is_driven(const struct window *w, int n, double left, struct identify_result *result)
+static bool is_driven(const struct window *w, int n, bool good, double left,
+                      struct identify_result *result)
 {
     int well = 0;
 
     for (int i = 0; i < n; i++)
         well += w[i].left < WELL;
-    if (5 * well >= n || left < POOR)
+    if (left >= POOR ? 5 * well >= n : good || left < WELL || !rises_and_falls(w, n, left))
         return false;
     result->driven = true;
+    if (left < POOR) {
+        identify_diagnose(result, "not_free_decay", -1, "the energy rises and falls over %d "
+                          "windows, and what modes leave, %.2g of the rms, is no white noise: the "
+                          "response is driven, or was set off anew, of which there are no "
+                          "standard errors and no verdict; give response=ambient where nobody "
+                          "measured the excitation, response=forced and its channels as inputs "
+                          "where it was measured, or window a part after it has ended", n, left);
+        return true;
+    }
     identify_diagnose(result, "not_free_decay", -1, "only %d of %d windows are rebuilt by decaying "
                       "modes to %g %%: the response is driven, or noise, of which there are no "
                       "standard errors and no verdict; give response=ambient where nobody measured "
@@ -523,7 +558,7 @@ static enum modal_status watch(const struct trend_input *in, bool good, double l
     }
     if (rc != MODAL_OK)
         return rc;
-    if (!is_driven(all, n, left, result) && count >= 3)
+    if (!is_driven(all, n, good, left, result) && count >= 3)
         judge(found, count, good, result, follows);
     return MODAL_OK;
 }

@@ -29,7 +29,8 @@ struct trend_input {
  *   amplitude_dependent   frequency or damping of one mode follows its amplitude as it decays; the
  *                         message and result->trend hold the trend
  *   changes_in_record     they change otherwise: the system is not the same throughout
- *   not_free_decay        the windows neither lose energy nor are reconstructed: driven, or noise
+ *   not_free_decay        the windows neither lose energy nor are reconstructed, or their energy
+ *                         rises and falls again beside a rest that is not white: driven, or noise
  *
  * *follows is true where the first was added.  Not for periodic systems.  Fails with
  * MODAL_NO_MEMORY, MODAL_NO_CONVERGENCE, MODAL_CANCELLED.

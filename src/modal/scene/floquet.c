@@ -299,7 +299,8 @@ static enum modal_status windows(const struct program *p, double period, int wan
     enum modal_status rc = take_hints(l, period, &hint, err);
 
     if (rc == MODAL_OK)
-        rc = hill_leading(p, period, wanted, hint, l->found.count, &h, err);
+        rc = hill_leading(p, period, &(struct hill_ask){ .wanted = wanted, .hint = hint,
+                                                         .hints = l->found.count }, &h, err);
     for (int i = 0; rc == MODAL_OK && map != NULL && i < h.count; i++)
         rc = leading_residual(map, h.multiplier[i], h.start + (size_t)i * 2 * (size_t)p->n,
                               &h.residual[i], err);

@@ -27,6 +27,7 @@ enum {
     MORE = 4,                    /* beyond what is known to be there: chosen */
     SAMPLES = 8,                 /* places up to the fastest motion: chosen */
     WINDOWS_MOST = 64,           /* chosen */
+    FEW = 4,                     /* windows that a search has, at least: chosen */
 };
 static const double OFF_AXIS = 1e-3;     /* of W: windows' middles; no exponent is there, mostly */
 static const double NEAR = 0.5;          /* of W: a group's radius at most */
@@ -50,8 +51,9 @@ struct disc { double complex middle; double radius; int leading; };
 struct search {
     const struct program *p;
     double period, W;
-    int n, wanted, harmonics, reach, runs, windows;
-    bool missed;                         /* a window that did not settle */
+    double most, work, factors;          /* operations; of the constant part's factors */
+    int n, pulsating, wanted, harmonics, reach, runs, windows;
+    bool all_sums, missed;               /* as asked; a window that did not settle */
     struct found *found;
     int count, room;
     struct disc disc[WINDOWS_MOST];      /* that were looked through */
@@ -174,6 +176,56 @@ static double edge_of(const struct search *s, const struct hill_window *h)
     return edge;
 }
 
+/* Dofs that something pulsating acts on or sees. */
+static enum modal_status count_pulsating(struct search *s, struct modal_error *err)
+{
+    struct workspace scratch = { 0 };
+    bool *seen = workspace_zeros(&scratch, (size_t)s->n, sizeof *seen);
+    enum modal_status rc = seen == NULL ? no_memory(err) : MODAL_OK;
+
+    for (int h = 0; rc == MODAL_OK && h < 4 * s->p->harmonics; h++) {
+        const struct program_harmonic *a = &s->p->harmonic[h / 4];
+        const struct sparse *A = h % 2 == 0 ? &a->cosine[PROGRAM_C + h / 2 % 2]
+                                            : &a->sine[PROGRAM_C + h / 2 % 2];
+        for (int i = 0; i < A->m; i++)
+            for (int e = A->start[i]; e < A->start[i + 1]; e++)
+                seen[i] = seen[A->index[e]] = true;
+    }
+    for (int i = 0; rc == MODAL_OK && i < s->n; i++)
+        s->pulsating += seen[i];
+    workspace_free(&scratch);
+    return rc;
+}
+
+/*
+ * A window of WANTED exponents, and HARMONICS, unless it takes more work than is left.  Its factors
+ * take those of the constant part for each harmonic, and of what couples the harmonics either dense
+ * ones, of the pulsating dofs, or the constant part's with a block in place of each number.  Half
+ * of the vectors that there is room for are taken to do: all are four times the work, so that a
+ * window of more than a part in FEW of what may be spent is not begun.
+ */
+static enum modal_status open_window(struct search *s, double complex shift, int harmonics,
+                                     int wanted, int seed, struct hill_window *h,
+                                     struct modal_error *err)
+{
+    double terms = 2.0 * harmonics + 1,
+           coupled = fmin(pow(terms, 3) * s->factors, 8.0 / 3 * pow(terms * s->pulsating, 3)),
+           work = hill_window_work(terms * s->n, hill_window_vectors(wanted) / 2,
+                                   terms * s->factors + (harmonics > 0 ? coupled : 0));
+    enum modal_status rc;
+
+    if (s->most > 0 && (s->work + work > s->most || FEW * work > s->most))
+        return modal_fail(err, MODAL_TOO_LARGE, "a window of %d harmonics takes about %.3g "
+                          "operations, and %.3g of %.3g are spent", harmonics, work, s->work,
+                          s->most);
+    rc = hill_window(s->p, s->period, shift, harmonics, wanted, seed, h, err);
+    if (rc != MODAL_OK)
+        return rc;
+    s->work += h->work;
+    s->factors = harmonics == 0 ? fmax(s->factors, h->factors) : s->factors;
+    return MODAL_OK;
+}
+
 /* WANTED exponents next to SHIFT, with as many harmonics as they need, from a start of SEED. */
 static enum modal_status look(struct search *s, double complex shift, int wanted, int seed,
                               struct modal_error *err)
@@ -185,7 +237,7 @@ static enum modal_status look(struct search *s, double complex shift, int wanted
     shift += OFF_AXIS * s->W;
     wanted = wanted < 2 * s->n ? wanted : 2 * s->n;
     do {
-        rc = hill_window(s->p, s->period, shift, s->harmonics, wanted, seed, &h, err);
+        rc = open_window(s, shift, s->harmonics, wanted, seed, &h, err);
         more = rc == MODAL_OK && edge_of(s, &h) > EDGE && s->harmonics < HARMONICS_MOST;
         if (more) {
             hill_window_done(&h);
@@ -323,8 +375,7 @@ static enum modal_status step_outwards(struct search *s, double *edge, double *r
         struct hill_window constant;
         bool last;
 
-        rc = hill_window(s->p, s->period, CMPLX(OFF_AXIS * s->W, middle), 0, asked, 1, &constant,
-                         err);
+        rc = open_window(s, CMPLX(OFF_AXIS * s->W, middle), 0, asked, 1, &constant, err);
         if (rc != MODAL_OK)
             return rc;
         last = middle - constant.radius <= *edge || again == OVERLAPS - 1;
@@ -357,7 +408,7 @@ static enum modal_status sample(struct search *s, double edge, struct modal_erro
 
         if (place <= edge)
             continue;
-        rc = hill_window(s->p, s->period, CMPLX(OFF_AXIS * s->W, place), 0,
+        rc = open_window(s, CMPLX(OFF_AXIS * s->W, place), 0,
                          2 * MORE < 2 * s->n ? 2 * MORE : 2 * s->n, 1, &constant, err);
         if (rc != MODAL_OK)
             return rc;
@@ -382,7 +433,8 @@ static enum modal_status search_outwards(struct search *s, bool *settled, struct
 
         rc = step_outwards(s, &edge, &radius, &vanish, err);
         last = leading_count(s);
-        *settled = vanish || (last <= s->count && !reaches(s, last, REACH * edge));
+        *settled = vanish || (last <= s->count && !reaches(s, last, REACH * edge)
+                              && (!s->all_sums || edge > s->reach * s->W));
         alike = last <= s->count && are_alike(s, last) && edge > s->reach * s->W;
         if (edge == HUGE_VAL || alike)
             break;
@@ -488,24 +540,24 @@ static enum modal_status report(struct search *s, int last, struct hill_leading 
     return MODAL_OK;
 }
 
-enum modal_status hill_leading(const struct program *p, double period, int wanted,
-                               const struct hill_hint *hint, int hints, struct hill_leading *out,
-                               struct modal_error *err)
+enum modal_status hill_leading(const struct program *p, double period, const struct hill_ask *ask,
+                               struct hill_leading *out, struct modal_error *err)
 {
     struct search s = { .p = p, .period = period, .W = 2 * M_PI / period, .n = p->n,
-                        .wanted = wanted,
+                        .wanted = ask->wanted, .most = ask->most, .all_sums = ask->all_sums,
                         .reach = p->harmonics > 0 ? p->harmonic[p->harmonics - 1].k : 0 };
     bool settled = true;
     int last;
-    enum modal_status rc;
+    enum modal_status rc = count_pulsating(&s, err);
 
     *out = (struct hill_leading){ 0 };
-    s.harmonics = HARMONICS * s.reach;
-    rc = search_outwards(&s, &out->settled, err);
+    s.harmonics = ask->harmonics > 0 ? ask->harmonics : HARMONICS * s.reach;
+    if (rc == MODAL_OK)
+        rc = search_outwards(&s, &out->settled, err);
     if (rc == MODAL_OK && out->settled)
         rc = spread(&s, &out->settled, err);
     if (rc == MODAL_OK)
-        rc = follow(&s, hint, hints, &settled, err);
+        rc = follow(&s, ask->hint, ask->hints, &settled, err);
     if (rc == MODAL_OK)
         rc = repeat(&s, err);
     out->settled = out->settled && settled;
@@ -524,6 +576,7 @@ enum modal_status hill_leading(const struct program *p, double period, int wante
     free(s.found);
     if (rc != MODAL_OK)
         hill_leading_done(out);
+    out->work = s.work;
     return rc;
 }
 

@@ -12,6 +12,16 @@
 
 struct hill_hint { double complex exponent; double complex multiplier; double residual; };
 
+struct hill_ask {
+    int wanted;                  /* multipliers */
+    int harmonics;               /* of a window to begin with; 0: six times the highest */
+    bool all_sums;               /* no end below the highest harmonic that pulsates: both motions */
+                                 /* lie below it that it makes grow by the sum of frequencies */
+    double most;                 /* operations (budget.h), nearly; 0: no limit */
+    const struct hill_hint *hint;/* that may be leading ones, to their residuals, with exponents */
+    int hints;                   /* that are not folded */
+};
+
 struct hill_leading {
     /* as many as were wanted, or one more: no pair is parted; fewer where the others vanish in a
      * period, to 1e-9 of the largest */
@@ -23,18 +33,17 @@ struct hill_leading {
     bool settled;                /* what was looked at farther out added none, nor did a hint */
     bool alike;                  /* others were found whose moduli do not differ from the last's */
     int windows, harmonics;      /* looked through; of each, to one side */
+    double work;                 /* operations; of a search that failed too */
     struct workspace space;      /* of the arrays */
 };
 
 /*
- * WANTED multipliers of P over PERIOD, laws and loads left out.  P is one that period_map_serves.
- * HINTS: multipliers that may be leading ones, to their residuals, with exponents that are not
- * folded.  Fails with MODAL_TOO_LARGE (a window is too large), MODAL_NO_CONVERGENCE (none was
- * found), MODAL_NO_MEMORY.  hill_leading_done frees.
+ * What ASK says of P over PERIOD, laws and loads left out.  P is one that period_map_serves.
+ * Fails with MODAL_TOO_LARGE (a window is too large, or takes more than is left of ask->most),
+ * MODAL_NO_CONVERGENCE (none was found), MODAL_NO_MEMORY.  hill_leading_done frees.
  */
-enum modal_status hill_leading(const struct program *p, double period, int wanted,
-                               const struct hill_hint *hint, int hints, struct hill_leading *out,
-                               struct modal_error *err);
+enum modal_status hill_leading(const struct program *p, double period, const struct hill_ask *ask,
+                               struct hill_leading *out, struct modal_error *err);
 /* *H becomes zeros. */
 void hill_leading_done(struct hill_leading *h);
 #endif

@@ -47,6 +47,9 @@ enum {
     LOOK = 4,                    /* vectors between looks at the small problem, and */
     REFINED = 6,                 /* steps of (2) at most, each halving the residual: chosen */
     LOOK_SHARE = 6,              /* so many-th of those that there are: chosen */
+    PAIR = 24,                   /* operations an entry of two vectors: two combined, one made */
+                                 /* orthogonal to others twice, eight each, half of them there */
+    DENSE = 4,                   /* of them in the time of one, as BUDGET_DENSE */
 };
 static const double SETTLED = 1e-11;     /* residual of (1) over the eigenvalue: chosen */
 static const double EXACT = 1e-11;       /* a residual that is not refined: a hundredth of 1e-9 */
@@ -66,6 +69,7 @@ struct search {
     int most, m, r;              /* vectors: room, of (1), of U */
     double complex *U, *a, *b, *h;   /* N x (most + 1); (most + 1)^2 each */
     double complex *f, *g, *x, *kept, *last;     /* N each */
+    double factors;              /* dense operations of all factorizations */
     struct workspace space, matrix;      /* of the arrays; of `value` */
 };
 
@@ -214,6 +218,7 @@ static enum modal_status factor(struct search *s, struct modal_error *err)
         rc = modal_fail(err, MODAL_NO_CONVERGENCE,
                         "Hill's matrix at %g%+gi is singular, or there is no memory for its "
                         "factors", creal(s->sigma), cimag(s->sigma));
+    s->factors += rc == MODAL_OK ? sparse_lu_work(s->Q) : 0;
     workspace_free(&scratch);
     return rc;
 }
@@ -516,6 +521,13 @@ static enum modal_status report(struct search *s, const struct ritz *z, int want
     return MODAL_OK;
 }
 
+double hill_window_vectors(int wanted) { return ROOM * (double)wanted + ROOM_MORE; }
+
+double hill_window_work(double entries, double vectors, double factors)
+{
+    return (factors + PAIR * entries * vectors * vectors) / DENSE;
+}
+
 enum modal_status hill_window(const struct program *p, double period, double complex shift,
                               int harmonics, int wanted, int seed, struct hill_window *out,
                               struct modal_error *err)
@@ -523,7 +535,7 @@ enum modal_status hill_window(const struct program *p, double period, double com
     struct search s = { .p = p, .n = p->n, .H = harmonics, .period = period, .shift = shift,
                         .sigma = shift };
     struct ritz z = { 0 };
-    double vectors = ROOM * (double)wanted + ROOM_MORE, size = (2.0 * harmonics + 1) * p->n;
+    double vectors = hill_window_vectors(wanted), size = (2.0 * harmonics + 1) * p->n;
     bool more = true;
     int next = wanted + LOOK;
     enum modal_status rc;
@@ -549,6 +561,8 @@ enum modal_status hill_window(const struct program *p, double period, double com
         rc = look(&s, &z, true, err);
     if (rc == MODAL_OK)
         rc = report(&s, &z, wanted, out, err);
+    out->factors = s.Q != NULL ? sparse_lu_work(s.Q) : 0;
+    out->work = hill_window_work(size, s.m, s.factors);
     workspace_free(&z.space);
     sparse_lu_free(s.Q);
     workspace_free(&s.matrix);

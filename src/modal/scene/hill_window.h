@@ -20,6 +20,8 @@ struct hill_window {
     double *edge;                /* share of the motion in the outermost harmonics that were kept */
     int *middle;                 /* the harmonic that its motion has most of */
     double complex *start;       /* 2 n x count: (x, x') at t = 0, unit norm in roots of energies */
+    double work;                 /* operations (budget.h) that it took, nearly */
+    double factors;              /* dense operations of one factorization */
     struct workspace space;      /* of the arrays */
 };
 
@@ -33,6 +35,10 @@ struct hill_window {
 enum modal_status hill_window(const struct program *p, double period, double complex shift,
                               int harmonics, int wanted, int seed, struct hill_window *out,
                               struct modal_error *err);
+/* Vectors at most for WANTED exponents. */
+double hill_window_vectors(int wanted);
+/* Operations (budget.h) of VECTORS with ENTRIES each, and of dense ones for FACTORS, nearly. */
+double hill_window_work(double entries, double vectors, double factors);
 /* *H becomes zeros. */
 void hill_window_done(struct hill_window *h);
 

@@ -3,10 +3,14 @@
  *
  * Disturbances are carried by the period map of period_map.h: the laws' slopes are its functions,
  * constant between events where a law has pieces, and otherwise the Fourier series of their
- * samples, which are doubled until the series ends.  Two questions are asked of it (leading.h):
+ * samples, which are doubled until the series ends.  Asked is (leading.h):
  *
  * - The multipliers of largest modulus, by Arnoldi's method.  Settled ones decide, each told from
  *   1 by its residual times its condition; one outside decides though others are not settled.
+ * - The same by windows of Hill's matrix (hill_leading.h), where steps are too many, as a stiff
+ *   structure asks for, and all slopes have series: then the motion's disturbances are those of a
+ *   periodic program (linearised.h).  Harmonics that move no multiplier by more than DROPPED of
+ *   itself are left out, and that is added to the residuals.
  * - Where they are too many of one modulus to be told apart, as with damping by mass, whether all
  *   disturbances decay: a bound below 1 of every multiplier.
  */
@@ -16,6 +20,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/linalg/workspace.h"
+#include "modal/scene/hill_leading.h"
 #include "modal/scene/leading.h"
 #include "modal/scene/orbit.h"
 #include "modal/scene/period_map.h"
@@ -23,14 +28,19 @@
 #include "modal/scene/program.h"
 #include "modal/steady/budget.h"
 #include "modal/steady/disturbance.h"
+#include "modal/steady/linearised.h"
 #include "modal/steady/point.h"
 #include "modal/steady/stability.h"
 
 static const double TOLERANCE = 1e-11;   /* of residuals: they fall fast once they do */
 static const double SERIES_END = 1e-14;  /* of the largest harmonic: less is rounding of samples */
 static const double COEFFICIENT_END = 1e-17;     /* of the largest: less is no part of a sum */
+static const double DROPPED = 1e-9;      /* of a multiplier: a tenth of STABILITY_ON_CIRCLE */
 enum {
     WANTED = 10,                 /* multipliers: chosen, as floquet's */
+    IN_WINDOWS = 4,              /* wanted of windows, each of which costs: chosen */
+    WINDOW = 4,                  /* of their harmonics to begin with, for the highest of slopes: */
+                                 /* chosen */
     FIRST = 200,                 /* periods before the bound is asked for: chosen */
     SAMPLES_LEAST = 64,          /* of a slope */
     SAMPLES_MOST = 4096,         /* jumps that a sampled law makes are as fine as that */
@@ -484,6 +494,90 @@ static enum modal_status ask(struct large *l, struct period_map *map, struct sta
     return rc;
 }
 
+/* What D cos(k omega t), D = 1, in channel AT moves a multiplier by, over its size and
+ * its condition, at most: over a period, to first order, in hill_window.c's norm of roots of
+ * energies. */
+static double moves_by(const struct large *l, const struct period_channel *at)
+{
+    const struct sparse *M = &l->u->p->constant[PROGRAM_M];
+    double sum[2] = { 0 }, turn = 2 * M_PI / l->u->point->omega;
+
+    for (int side = 0; side < 2; side++)
+        for (int e = 0; e < (side == 0 ? at->ins : at->outs); e++) {
+            const struct law_end *end = side == 0 ? &at->in[e] : &at->out[e];
+            for (int k = M->start[end->dof]; k < M->start[end->dof + 1]; k++)
+                if (M->index[k] == end->dof)
+                    sum[side] += end->weight * end->weight / M->value[k];
+        }
+    return sqrt(sum[0] * sum[1]) * turn / (at->rate ? 1 : l->u->point->omega);
+}
+
+/* Channel C as a slope without the harmonics that move multipliers by less than its part of
+ * DROPPED. */
+static enum modal_status take_slope(struct large *l, int c, struct linearised_slope *out,
+                                    struct modal_error *err)
+{
+    const struct period_channel *at = &l->parts.channel[c];
+    const struct law_slope *f = &l->slope[at->function];
+    double least = DROPPED / l->parts.channels / (f->top + 1) / moves_by(l, at);
+    double complex *kept = workspace_zeros(&l->space, (size_t)f->top + 1, sizeof *kept);
+
+    if (kept == NULL)
+        return no_memory(err);
+    *out = (struct linearised_slope){ at, 0, kept };
+    for (int k = 0; k <= f->top; k++) {
+        kept[k] = k == 0 || cabs(f->harmonic[k]) > least ? f->harmonic[k] : 0;
+        out->top = kept[k] != 0 ? k : out->top;
+    }
+    return MODAL_OK;
+}
+
+/* Leading multipliers of P by windows of Hill's matrix, and what they say. */
+static enum modal_status ask_windows(struct large *l, const struct program *p,
+                                     struct stability *out, struct modal_error *err)
+{
+    int reach = p->harmonics > 0 ? p->harmonic[p->harmonics - 1].k : 0;
+    struct hill_ask ask = { .wanted = IN_WINDOWS, .harmonics = WINDOW * reach, .all_sums = true,
+                            .most = l->u->budget->most - l->u->budget->spent };
+    struct hill_leading h = { 0 };
+    enum modal_status rc = hill_leading(p, 2 * M_PI / l->u->point->omega, &ask, &h, err);
+
+    budget_add(l->u->budget, h.work);
+    for (int i = 0; rc == MODAL_OK && i < h.count; i++)
+        h.residual[i] += DROPPED * cabs(h.multiplier[i]);
+    if (rc == MODAL_OK)
+        rc = take_found(&(struct arnoldi){ .count = h.count, .w = h.multiplier,
+                                           .residual = h.residual, .condition = h.condition,
+                                           .settled = h.settled }, out, err);
+    if (rc == MODAL_OK && out->verdict == STABILITY_UNKNOWN)
+        l->u->reason = "not all leading multipliers were found";
+    hill_leading_done(&h);
+    return rc;
+}
+
+/* By windows, which no stiff motion makes dear, where all slopes are smooth: else, and past what
+ * they may take, MODAL_TOO_LARGE. */
+static enum modal_status ask_smooth(struct large *l, struct stability *out,
+                                    struct modal_error *err)
+{
+    struct linearised_slope *slope =
+        workspace_zeros(&l->space, (size_t)l->parts.channels, sizeof *slope);
+    struct linearised linear = { 0 };
+    enum modal_status rc = slope == NULL ? no_memory(err) : MODAL_OK;
+
+    for (int f = 0; f < l->parts.functions; f++)
+        if (l->slope[f].harmonic == NULL)
+            return modal_fail(err, MODAL_TOO_LARGE, "a law has pieces");
+    for (int c = 0; rc == MODAL_OK && c < l->parts.channels; c++)
+        rc = take_slope(l, c, &slope[c], err);
+    if (rc == MODAL_OK)
+        rc = linearised_make(l->u->p, slope, l->parts.channels, &linear, err);
+    if (rc == MODAL_OK)
+        rc = ask_windows(l, &linear.program, out, err);
+    linearised_done(&linear);
+    return rc;
+}
+
 enum modal_status large_stability(struct disturbance *u, struct stability *out,
                                   struct modal_error *err)
 {
@@ -502,6 +596,8 @@ enum modal_status large_stability(struct disturbance *u, struct stability *out,
                             (u->budget->most - u->budget->spent) / FIRST, &map, &why);
         if (rc == MODAL_OK)
             rc = ask(&l, map, out, &why);
+        else if (rc == MODAL_TOO_LARGE)
+            rc = ask_smooth(&l, out, &why);
         u->reason = rc == MODAL_OVERFLOW       ? "the disturbances overflow"
                     : rc == MODAL_TOO_LARGE    ? "carrying disturbances over the period takes more "
                                               "work, or numbers, than are allowed"

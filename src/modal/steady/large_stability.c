@@ -30,6 +30,7 @@
 #include "modal/steady/disturbance.h"
 #include "modal/steady/linearised.h"
 #include "modal/steady/point.h"
+#include "modal/steady/session.h"
 #include "modal/steady/stability.h"
 
 static const double TOLERANCE = 1e-11;   /* of residuals: they fall fast once they do */
@@ -41,6 +42,7 @@ enum {
     IN_WINDOWS = 4,              /* wanted of windows, each of which costs: chosen */
     WINDOW = 4,                  /* of their harmonics to begin with, for the highest of slopes: */
                                  /* chosen */
+    IN_VAIN = 3,                 /* points' work that windows may spend without a verdict: chosen */
     FIRST = 200,                 /* periods before the bound is asked for: chosen */
     SAMPLES_LEAST = 64,          /* of a slope */
     SAMPLES_MOST = 4096,         /* jumps that a sampled law makes are as fine as that */
@@ -551,12 +553,14 @@ static enum modal_status ask_windows(struct large *l, const struct program *p,
                                            .settled = h.settled }, out, err);
     if (rc == MODAL_OK && out->verdict == STABILITY_UNKNOWN)
         l->u->reason = "not all leading multipliers were found";
+    if (out->verdict == STABILITY_UNKNOWN)
+        l->u->s->in_vain += h.work;
     hill_leading_done(&h);
     return rc;
 }
 
 /* By windows, which no stiff motion makes dear, where all slopes are smooth: else, and past what
- * they may take, MODAL_TOO_LARGE. */
+ * they may take, MODAL_TOO_LARGE.  A curve's points, hundreds, do not all try in vain. */
 static enum modal_status ask_smooth(struct large *l, struct stability *out,
                                     struct modal_error *err)
 {
@@ -565,6 +569,8 @@ static enum modal_status ask_smooth(struct large *l, struct stability *out,
     struct linearised linear = { 0 };
     enum modal_status rc = slope == NULL ? no_memory(err) : MODAL_OK;
 
+    if (l->u->s->in_vain > IN_VAIN * l->u->budget->most)
+        return modal_fail(err, MODAL_TOO_LARGE, "points before this one had no verdict");
     for (int f = 0; f < l->parts.functions; f++)
         if (l->slope[f].harmonic == NULL)
             return modal_fail(err, MODAL_TOO_LARGE, "a law has pieces");

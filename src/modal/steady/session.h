@@ -26,6 +26,8 @@ struct steady {
     struct balance *balance[BALANCES];
     int balances;               /* of them */
     struct budget budget;       /* of the solution under way */
+    double in_vain;             /* operations of stability that gave no verdict, by windows of
+                                 * Hill's matrix, of all points so far */
     struct at_rest *rest;       /* made when first asked for; NULL: not yet, or it does not apply */
     bool rest_asked;
     bool rested;                /* the last solution was at rest */

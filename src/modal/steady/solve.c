@@ -139,6 +139,7 @@ enum modal_status steady_new(const struct program *p, const struct steady_option
 void steady_inherit(struct steady *s, struct steady *before)
 {
     condense_inherit(s->c, before->c);
+    s->in_vain = before->in_vain;
 }
 
 void steady_free(struct steady *s)

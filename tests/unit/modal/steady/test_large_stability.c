@@ -185,3 +185,31 @@ TEST(multipliers_not_told_apart_by_the_work_given_are_the_best_so_far_and_not_se
     period_map_free(m);
     program_free(p);
 }
+
+/* A stiff beam of 20 elements with a cubic spring, too dear for maps by steps. */
+TEST(points_that_had_no_verdict_for_all_their_work_leave_later_ones_of_the_session_unasked)
+{
+    struct program *p = program_text(
+        "{'structure':{'type':'beam','length':2,'elements':20,'supports':['clamped','free'],"
+        "'EI':100,'mass_per_length':1.5},'omega':20,'effects':[{'type':'rayleigh_damping',"
+        "'alpha':0.5,'beta':1e-6},{'type':'cubic_spring','dof':'w20','coefficient':1e5}],"
+        "'excitation':[{'type':'harmonic','dof':'w20','cos':1,'k':1}]}");
+    struct steady_options opt = { .harmonics = 5 };
+    struct steady *s = NULL;
+    struct steady_point point = { 0 };
+    struct stability asked, unasked;
+
+    CHECK(steady_new(p, &opt, &s, NULL) == MODAL_OK);
+    CHECK(steady_solve(s, p->omega, NULL, &point, NULL) == MODAL_OK && point.converged);
+    CHECK(stability_of(s, &point, &asked, NULL) == MODAL_OK);
+    CHECK(asked.verdict == STABILITY_STABLE && s->in_vain == 0 && asked.work.spent > 0);
+    s->in_vain = 10 * asked.work.most;
+    CHECK(stability_of(s, &point, &unasked, NULL) == MODAL_OK);
+    CHECK(unasked.verdict == STABILITY_UNKNOWN && unasked.reason != NULL);
+    CHECK(unasked.work.spent < asked.work.spent / 10);
+    stability_done(&asked);
+    stability_done(&unasked);
+    steady_point_done(&point);
+    steady_free(s);
+    program_free(p);
+}

@@ -34,8 +34,8 @@ const struct result_code result_codes[] = {
       "record longer: the message says how long" },
     { "coloured_excitation", "identify", "part of an ambient spectrum is no mode's: it has no peak",
       "none is needed: it was fitted beside the modes" },
-    { "not_ambient", "identify", "an ambient record whose motion is over within a quarter of it",
-      "give response=free, or `window`" },
+    { "not_ambient", "identify", "an ambient record whose motion is over within a quarter of it, "
+      "or that few decaying motions rebuild", "give response=free, or `window`" },
     { "not_stationary", "identify", "eighths of an ambient record differ beyond chance",
       "identify parts by `window`" },
     { "channels_reduced", "identify", "an ambient record's channels were reduced to the strongest "

@@ -113,7 +113,8 @@ def test_lines_of_constant_amplitude_are_told_from_modes_and_do_not_disturb_them
     plain = identify(ctl, tmp_path / "a.h5", Y).document
     lines = 3 * np.sin(2 * np.pi * 3.3137 * t + 0.3) * [1, -0.5, 0.8] + 2 * np.sin(4 * np.pi * 3.3137 * t) * [0.2, 1, 0.4]
     said = identify(ctl, tmp_path / "a.h5", Y + lines).document
-    assert codes(said).count("narrow_line") == 2 and said["stability"]["stable"] is None
+    assert codes(said).count("narrow_line") == 2 and "not_ambient" not in codes(said)
+    assert said["stability"]["stable"] is None
     assert len(said["modes"]) == len(plain["modes"]) == 3
     for a in plain["modes"]:
         b = min(said["modes"], key=lambda m: abs(complex(*m["exponent"]) - complex(*a["exponent"])))
@@ -138,6 +139,28 @@ def test_a_free_decay_is_told_from_an_ambient_record(ctl, tmp_path):
     said = ctl("identify", write_batch(tmp_path / "a.h5", decay(2000, modes=((2.3, 0.02, 1.0),))), *AMBIENT).document
     assert "not_ambient" in codes(said) and said["stability"]["stable"] is None
     assert all(m["std"]["frequency_hz"] is None for m in said["modes"])
+
+
+@pytest.mark.parametrize("channels, modes", [
+    (1, ((2.3, 1e-4),)), (3, ((2.3, 1e-4), (5.1, 1e-4), (9.7, 1e-4))), (1, ((2.3, 1e-3),)), (3, ((2.3, 3e-3), (5.1, 3e-3), (9.7, 3e-3))),
+    (1, ((2.3, -3e-3),)), (2, ((2.3, -3e-4),)), (6, ((2.3, -1e-3), (6.0, 1e-3), (8.0, 4e-3))),
+])
+def test_slow_decays_and_growth_are_told_from_an_ambient_record(ctl, tmp_path, channels, modes):
+    """What is left of lines, and modes no wider than the record, is where only free responses are: 1 / 1000 is noise."""
+    rng, t, Y = np.random.default_rng(5), np.arange(5000) * 0.01, np.zeros((5000, channels))
+    for hertz, zeta in modes:
+        w = 2 * np.pi * hertz
+        Y += np.exp(-zeta * w * t)[:, None] * np.cos(w * t[:, None] + rng.uniform(0, 6, channels)) * rng.uniform(0.5, 2, channels)
+    Y += 1e-3 * np.abs(Y).max() * rng.standard_normal(Y.shape)
+    said = ctl("identify", write_batch(tmp_path / "a.h5", Y, dt=0.01), *AMBIENT).document
+    assert "not_ambient" in codes(said) and said["stability"]["stable"] is None
+    assert all(m["std"]["damping_ratio"] is None for m in said["modes"])
+
+
+def test_short_ambient_records_are_not_taken_for_free(ctl, tmp_path):
+    for seed in range(6):
+        said = identify(ctl, tmp_path / "a.h5", record(seed, 1500, channels=1 + seed % 3)).document
+        assert "not_ambient" not in codes(said), seed
 
 
 def test_an_ambient_record_taken_for_free_is_flagged_and_says_what_to_give(ctl, tmp_path):

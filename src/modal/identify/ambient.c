@@ -21,6 +21,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/identify/ambient_free.h"
 #include "modal/identify/ambient_lines.h"
 #include "modal/identify/ambient_order.h"
 #include "modal/identify/diagnose.h"
@@ -29,12 +30,14 @@
 #include "modal/identify/pod.h"
 #include "modal/identify/record.h"
 #include "modal/identify/verdict.h"
+#include "modal/linalg/svd.h"
 
 enum {
     PARTS = 8,                   /* of the record, for stationarity */
     UNITS = PARTS * 8,           /* and for the part that holds most of the energy */
     MAINS = 20,                  /* multiples */
     TOLD = 3,                    /* diagnostics of one kind about modes */
+    FEW = 8,                     /* motions: of more even 1500 samples of noise are rebuilt */
     SAMPLES_LEAST = 256          /* what UNITS of four samples need */
 };
 static const double
@@ -44,13 +47,15 @@ static const double
     GRID[] = { 50, 60 },         /* Hz */
     UNSTEADY = 40,               /* chi-squared of 7 degrees of freedom: 1e-6 */
     SHORT = 0.25,                /* a part of the record as short as this, */
-    NEARLY_ALL = 0.9;            /* with so much of its energy, is where the motion was */
+    NEARLY_ALL = 0.9,            /* with so much of its energy, is where the motion was */
+    REBUILT = 0.4;               /* left of a record at most that is free, as in trend.c */
 
 struct work {
     struct identify_options opt;
     struct record rec;
     struct ambient_line line[AMBIENT_LINES_MOST];
     int line_count;
+    struct matrix whole;         /* the first rows before lines were taken off; owned */
     struct pod pod;
     struct matrix Z;             /* signals of unit variance; the pod's memory */
     struct spectrum spectrum;
@@ -118,6 +123,21 @@ static void drop_constant(struct work *w, const struct batch *b)
     }
 }
 
+static enum modal_status keep_whole(struct work *w, struct modal_error *err)
+{
+    const struct matrix *Y = &w->rec.Y;
+    int rows = Y->m < AMBIENT_FREE_ROWS ? Y->m : AMBIENT_FREE_ROWS;
+
+    w->whole = (struct matrix) { rows, Y->n, rows,
+                                 malloc(sizeof(double) * (size_t)rows * (size_t)Y->n) };
+    if (w->whole.x == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d x %d", rows, Y->n);
+    for (int c = 0; c < Y->n; c++)
+        memcpy(w->whole.x + (size_t)c * (size_t)rows, Y->x + (size_t)c * Y->ld,
+               sizeof(double) * (size_t)rows);
+    return MODAL_OK;
+}
+
 /* The record as it is cut for free responses, but for the band, which spectra have themselves. */
 static enum modal_status read_record(struct work *w, const struct batch *batch,
                                      struct modal_error *err)
@@ -139,8 +159,10 @@ static enum modal_status read_record(struct work *w, const struct batch *batch,
                               "response=ambient needs at least %d", w->rec.Y.m, SAMPLES_LEAST);
     if (rc == MODAL_OK) {
         drop_constant(w, batch);
-        rc = ambient_lines_take(&w->rec.Y, w->line, &w->line_count, err);
+        rc = keep_whole(w, err);
     }
+    if (rc == MODAL_OK)
+        rc = ambient_lines_take(&w->rec.Y, w->line, &w->line_count, err);
     return rc;
 }
 
@@ -553,6 +575,35 @@ static void about_time(const struct work *w, const struct spectrum *s, struct id
                           "small; identify parts by `window`", sum, PARTS - 1);
 }
 
+/*
+ * Do as many exponentials as there are modes and lines, a few, rebuild far more than lines of
+ * constant amplitude do?  Asked only where something is to be said: where a mode's width tells its
+ * damping, a free response has decayed or grown.
+ */
+static enum modal_status about_free(const struct work *w, struct identify_result *r,
+                                    struct modal_error *err)
+{
+    struct matrix less = w->rec.Y;
+    int motions = r->mode_count + w->line_count;
+    double left, lines;
+    enum modal_status rc;
+
+    if (r->driven || r->diagnostic_count == 0)
+        return MODAL_OK;
+    less.m = w->whole.m;
+    lines = safe_matrix_norm(&less) / safe_matrix_norm(&w->whole);
+    motions = motions < FEW ? motions : FEW;
+    rc = ambient_free_left(&w->whole, w->rec.step, 2 * motions, &left, err);
+    if (rc != MODAL_OK || !(left < REBUILT * lines))
+        return rc;
+    r->driven = true;
+    identify_diagnose(r, "not_ambient", -1, "%d decaying or growing motions rebuild the record but "
+                      "for %.2g of its rms: a free response, not the answer to a lasting "
+                      "excitation, of which there are no standard errors and no verdict; give "
+                      "response=free", motions, left);
+    return MODAL_OK;
+}
+
 /* ---- the way ---- */
 
 static void stage(struct work *w, const char *name, struct identify_result *out)
@@ -620,6 +671,8 @@ static enum modal_status conclude(struct work *w, struct identify_result *out,
     about_modes(w, out);
     about_poles(w, out);
     rc = about_all_time(w, out, err);
+    if (rc == MODAL_OK)
+        rc = about_free(w, out, err);
     if (!w->found.model->converged || out->driven)
         verdict_withhold(out);
     return rc;
@@ -664,6 +717,7 @@ enum modal_status ambient_identify(const struct batch *batch, const struct ident
     spectrum_done(&w.spectrum);
     pod_done(&w.pod);
     record_done(&w.rec);
+    free(w.whole.x);
     free(w.back);
     return rc;
 }

@@ -240,10 +240,13 @@ def test_a_record_without_a_window_has_no_verdict_and_what_was_noted_goes_with_t
         push(d.client(), ident, 0, DECAY[:400])
         until(lambda: page(d.client())["streams"][0]["verdict"] == "stable", "no window was told")
         close(d.client(), ident)
+
+    def noted():
+        with sqlite3.connect(tmp_path / "data" / "ledger.db") as ledger:
+            return ledger.execute("SELECT topic, name FROM notes").fetchall()
     with Daemon(folder=tmp_path, config=FAKE + "input_age_s = 1\n") as d:
         until(lambda: page(d.client())["streams"] == [], "records stay")
-    with sqlite3.connect(tmp_path / "data" / "ledger.db") as ledger:
-        assert ledger.execute("SELECT topic, name FROM notes").fetchall() == []
+        until(lambda: noted() == [], "notes stay")        # a record is told no more before it is gone
 
 
 def test_export_of_a_file_to_a_missing_folder_is_bad_input_by_its_field(tmp_path, ctl):

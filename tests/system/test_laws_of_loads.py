@@ -380,13 +380,13 @@ def test_a_station_reads_the_printed_lift_and_moment(tmp_path):
 
 def ritz(air, count=8):
     """M, C, K of polynomials over the span, of the printed T and V; the air's added at its stations."""
-    L, place = WING["length"], np.polynomial.Polynomial
-    legendre = [np.polynomial.Legendre.basis(i, [0, L]).convert(kind=place) for i in range(count)]
-    w, phi = [place([0, 0, 1]) * p for p in legendre], [place([0, 1]) * p for p in legendre]
+    L, series = WING["length"], np.polynomial.Legendre
+    legendre, up = [series.basis(i, [0, L]) for i in range(count)], series([0.5, 0.5], [0, L])
+    w, phi = [up * up * p for p in legendre], [up * p for p in legendre]
     m, x_cg = WING["mass_per_length"], WING["x_cg"]
 
     def over(f, g):
-        return np.array([[(a * b).integ()(L) for b in g] for a in f])
+        return np.array([[(a * b).integ(lbnd=0)(L) for b in g] for a in f])
 
     second, first = [p.deriv(2) for p in w], [p.deriv() for p in phi]
     none = np.zeros((count, count))

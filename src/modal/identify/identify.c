@@ -785,10 +785,13 @@ static enum modal_status descend(struct work *w, const struct identify_result *o
     if (opt.many)
         opt.work = fmax(opt.work, EVALUATIONS_MANY * refine_work(&w->data, many));
     rc = order_from_above(&w->data, &source, &opt, &w->choice, err);
-    if (rc != MODAL_OK || !w->choice.clean)
+    if (rc != MODAL_OK || w->choice.chosen < 0)
         return rc;
-    w->choice.clean = w->choice.candidates[w->choice.chosen].fit.bic < bic_of_nothing(&w->data)
-        && !overfitted(w);
+    if (w->choice.candidates[w->choice.chosen].fit.bic >= bic_of_nothing(&w->data)
+        || overfitted(w)) {
+        order_done(&w->choice);
+        w->choice = (struct order_choice) { .chosen = -1 };
+    }
     return MODAL_OK;
 }
 
@@ -817,7 +820,7 @@ static enum modal_status put_found(struct work *w, struct found *f, struct ident
     return report_values(w, out, err);
 }
 
-/* Constant systems from above.  What is not clean is left out: above->choice is empty. */
+/* Constant systems from above.  What interpolates noise is left out: above->choice is empty. */
 static enum modal_status choose_from_above(struct work *w, struct identify_result *out,
                                            struct found *above, struct modal_error *err)
 {
@@ -949,13 +952,17 @@ static enum modal_status climb_all(struct work *w, struct identify_result *out,
     return rc;
 }
 
-/* Does what came from above explain much more than the ladder's choice? */
+/* Does what came from above explain much more than the ladder's choice?  What is not one set of
+ * modes in white noise may draw noise, but never as much as that. */
 static bool explains_more(const struct work *w, const struct order_choice *above)
 {
-    double left = above->candidates[above->chosen].fit.residual;
+    double worse = above->clean ? ORDER_WORSE : ORDER_DRAWN;
 
+    if (above->chosen < 0 || above->limited)
+        return false;
     return w->choice.chosen < 0
-        || w->choice.candidates[w->choice.chosen].fit.residual > ORDER_WORSE * left;
+        || w->choice.candidates[w->choice.chosen].fit.residual
+               > worse * above->candidates[above->chosen].fit.residual;
 }
 
 /* From above, and where that does not settle it by the ladder. */
@@ -968,7 +975,7 @@ static enum modal_status choose_order_of_all(struct work *w, struct identify_res
 
     if (rc == MODAL_OK && !put) {
         rc = climb_all(w, out, err);
-        put = rc == MODAL_OK && above.choice.clean && explains_more(w, &above.choice);
+        put = rc == MODAL_OK && explains_more(w, &above.choice);
     }
     if (put)
         rc = put_found(w, &above, out, err);

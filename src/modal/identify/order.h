@@ -17,6 +17,10 @@ enum { ORDER_AHEAD = 4 };       /* the ladder ends this many rungs past its best
 /* A fit is much the worse where it leaves so many times more. */
 #define ORDER_WORSE 1.5
 
+/* And so many times more where poles may have drawn noise: far fewer than rows never take 99 % of
+ * its energy. */
+#define ORDER_DRAWN 10
+
 /* A fit that leaves more than this of the signals' norm explains little of them: the ladder goes
  * on. */
 #define ORDER_POOR 0.3

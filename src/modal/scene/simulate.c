@@ -150,6 +150,11 @@ static enum modal_status read_sample(struct motion *m, double *out, struct modal
 
     if (rc == MODAL_OK)
         readout_at(m->readout, m->t, m->y, m->F, out);
+    for (int i = 0; rc == MODAL_OK && i < m->ss->p->outputs; i++)
+        if (!isfinite(out[i]))               /* a force on next to no mass */
+            rc = modal_fail(err, MODAL_OVERFLOW,
+                            "output \"%.40s\" leaves the range of doubles at t = %.9g s",
+                            m->ss->p->output[i].name, m->t);
     return rc;
 }
 

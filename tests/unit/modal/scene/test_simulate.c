@@ -294,6 +294,29 @@ TEST(growth_past_the_range_of_doubles_says_when)
     cJSON_Delete(scene);
 }
 
+/* The force of 1 N on 5e-315 kg: the state is there, its acceleration is not. */
+TEST(an_output_past_the_range_of_doubles_is_refused_by_its_name)
+{
+    const char *text = "{'structure':{'type':'matrices','M':[[1,0],[0,5e-315]],'K':[[0,0],[0,0]]},"
+                       "'omega':1,'effects':[{'type':'gap','dof':'x1','stiffness':0,"
+                       "'clearance':0.1}],'excitation':[{'dof':'x2','k':5,'cos':1}],"
+                       "'time':{'dt':0.1,'duration':0.3}}";
+    struct program *p = program_text(text);
+    cJSON *scene = scene_text(text);
+    struct scene_time t;
+    struct simulate_result s;
+    struct modal_error err = { 0 };
+    double *x;
+
+    CHECK(scene_time(scene, p, &t, &err) == MODAL_OK);
+    x = calloc((size_t)t.samples * (size_t)p->outputs + 1, sizeof *x);
+    CHECK(simulate(p, &t, NULL, x, &s, &err) == MODAL_OVERFLOW);
+    CHECK(strstr(err.message, "leaves the range of doubles") != NULL);
+    free(x);
+    program_free(p);
+    cJSON_Delete(scene);
+}
+
 static bool always(void *context)
 {
     (void)context;

@@ -167,14 +167,11 @@ static void end_resampling(modald_stream *s)
     s->points = 0;
 }
 
-static bool is_half_full(const modald_stream *s)
-{
-    return waiting_in(s) >= s->slots / 2;
-}
-
+/* Not where much is under way: frames of a few samples each would fill the window, and what came
+ * behind them spill. */
 static bool is_due(const modald_stream *s)
 {
-    return bytes_of(s, s->build.count) >= FRAME_ENOUGH || is_half_full(s)
+    return bytes_of(s, s->build.count) >= FRAME_ENOUGH || overflows(s)
         || (s->frames == 0 && now() > s->build_since + frame_age_most);
 }
 

@@ -172,11 +172,13 @@ static bool may_copy(const modald_stream *s)
 
 static bool overflows(const modald_stream *s)
 {
-    uint64_t held = outlives_host(s) || !s->opened
-                        ? waiting_in(s)
-                        : atomic_load_explicit(&s->page->head, memory_order_acquire) - s->taken;
+    uint64_t half = s->slots / 2;
 
-    return held >= s->slots / 2;
+    if (outlives_host(s) || !s->opened)
+        return waiting_in(s) >= half;
+    /* The host may have pushed on since we took: with room in frames that is taken next. */
+    return (s->frames == WINDOW || !may_copy(s))
+        && atomic_load_explicit(&s->page->head, memory_order_acquire) - s->taken >= half;
 }
 
 /* Small pages for a slow stream, huge ones for another.  A host that overtook us has its pages by

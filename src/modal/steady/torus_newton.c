@@ -110,13 +110,13 @@ static enum modal_status slopes(struct torus_solver *s, struct modal_error *err)
     struct torus_tone *t = &s->tone;
     size_t K = (size_t)s->count, n = (size_t)s->q * K;
     double h = DIFFERENCE * t->omega_kept, size = norm(n, s->X);
-    double complex *F = malloc(2 * n * sizeof *F + 1), *y = F + n;
+    double complex *F = malloc(n * sizeof *F + 1), *y = malloc(n * sizeof *y + 1);
     enum modal_status rc = MODAL_OK;
 
     free(t->by_omega), free(t->by_gain);
     t->by_omega = calloc(n + 1, sizeof *t->by_omega);
     t->by_gain = calloc(n + 1, sizeof *t->by_gain);
-    if (F == NULL || t->by_omega == NULL || t->by_gain == NULL)
+    if (F == NULL || y == NULL || t->by_omega == NULL || t->by_gain == NULL)
         rc = modal_fail(err, MODAL_NO_MEMORY, "torus: no memory for a free tone");
     t->unit = 1 / fmax(size, 1e-300);
     torus_hold(s->laws, true);
@@ -135,6 +135,7 @@ static enum modal_status slopes(struct torus_solver *s, struct modal_error *err)
     for (size_t i = 0; rc == MODAL_OK && i < n; i++)
         t->by_gain[i] = I * t->unit * s->index[i % K].k[t->index] * t->damping[i / K] * s->X[i];
     free(F);
+    free(y);
     return rc;
 }
 
@@ -268,8 +269,7 @@ enum modal_status torus_newton_step(struct torus_solver *s, const double complex
                                     double complex *x, struct modal_error *err)
 {
     size_t n = (size_t)s->q * (size_t)s->count;
-    double complex *V = malloc((KRYLOV_MOST + 4) * n * sizeof *V),
-                   *scratch = V + (KRYLOV_MOST + 1) * n;
+    double complex *V = malloc((KRYLOV_MOST + 4) * n * sizeof *V);
     double H[KRYLOV_MOST + 1][KRYLOV_MOST], c[KRYLOV_MOST], r[KRYLOV_MOST], g[KRYLOV_MOST + 1];
     double size = norm(n, b);
     int k = 0;
@@ -284,7 +284,7 @@ enum modal_status torus_newton_step(struct torus_solver *s, const double complex
            && !budget_spent(s->work)) {
         double complex *w = V + (size_t)(k + 1) * n;
 
-        rc = apply(s, V + (size_t)k * n, w, scratch, err);
+        rc = apply(s, V + (size_t)k * n, w, V + (KRYLOV_MOST + 1) * n, err);
         for (int j = 0; j <= k; j++) {                     /* modified Gram and Schmidt */
             H[j][k] = dot(n, V + (size_t)j * n, w);
             for (size_t i = 0; i < n; i++)
@@ -374,73 +374,98 @@ static enum modal_status damp(struct torus_solver *s, const double complex *step
     return MODAL_OK;
 }
 
+/* A preconditioner for the next step: false, with the reason, where there is no such step. */
+static enum modal_status prepare(struct torus_solver *s, bool *ready, struct modal_error *err)
+{
+    enum modal_status rc = precondition_new(s, ready, err);
+
+    if (rc != MODAL_OK || !*ready)
+        s->reason = "the derivative is singular";
+    else if (budget_spent(s->work)) {
+        s->reason = BUDGET_REASON;
+        *ready = false;
+    }
+    return rc;
+}
+
+/* s->X is X, with its forces F, unless the step led uphill, far: the free tone goes along. */
+static enum modal_status keep_or_leave(struct torus_solver *s, const double complex *X,
+                                       const double complex *F, bool fell, struct modal_error *err)
+{
+    size_t n = (size_t)s->q * (size_t)s->count;
+
+    if (fell || s->step <= FLOOR) {
+        memcpy(s->X, X, n * sizeof *X);
+        memcpy(s->F, F, n * sizeof *F);
+        torus_tone_keep(s);
+        return MODAL_OK;
+    }
+    return s->tone.index < 0
+               ? MODAL_OK : torus_tone_move(s, s->tone.omega_kept, s->tone.gain_kept, err);
+}
+
+/* One step, the one before having been LAST long; *GOES_ON: another may help.  WORK: four
+ * vectors. */
+static enum modal_status advance(struct torus_solver *s, double complex *work, double last,
+                                 bool *converged, bool *goes_on, struct modal_error *err)
+{
+    size_t n = (size_t)s->q * (size_t)s->count;
+    double tolerance = s->opt->tolerance > 0 ? s->opt->tolerance : 1e-10;
+    double complex *b = work, *step = work + n, *X = work + 2 * n, *F = work + 3 * n;
+    double size, factor, now;
+    bool ready = false;
+    enum modal_status rc = prepare(s, &ready, err);
+
+    *goes_on = false;
+    if (rc != MODAL_OK || !ready)
+        return rc;
+    residual_of(s, s->X, s->F);
+    for (size_t j = 0; j < n; j++)
+        b[j] = -s->R[j];
+    torus_precondition(s, b);
+    size = norm(n, b);
+    rc = torus_newton_step(s, b, step, err);
+    if (rc == MODAL_OK)
+        rc = damp(s, step, size, X, F, &factor, &now, err);
+    if (rc != MODAL_OK)
+        return rc;
+    s->iterations++;
+    s->step = factor * norm(n, step) / fmax(norm(n, X), 1e-300);
+    rc = keep_or_leave(s, X, F, now < size, err);
+    /* A short step alone may be one that GMRES did not find: what is left must be little too. */
+    *converged = now <= FLOOR * norm(n, X)
+        && (s->step <= tolerance || (s->step <= FLOOR && s->step > SHRINKS * last)
+            || norm(n, X) == 0);
+    *goes_on = !(now >= size) && !*converged;
+    return rc;
+}
+
 /* Newton's method at s->level from s->X; false: not converged, X as it was best. */
 static enum modal_status newton(struct torus_solver *s, bool *converged, struct modal_error *err)
 {
     size_t n = (size_t)s->q * (size_t)s->count;
     int most = s->opt->max_iterations > 0 ? s->opt->max_iterations : ITERATIONS_USUAL;
-    double tolerance = s->opt->tolerance > 0 ? s->opt->tolerance : 1e-10, last = HUGE_VAL;
-    double begun = 0;
-    double complex *b = malloc(4 * n * sizeof *b + 1), *step = b + n, *X = b + 2 * n,
-                   *F = b + 3 * n;
-    enum modal_status rc = b == NULL ? modal_fail(err, MODAL_NO_MEMORY, "torus: no memory")
-                                     : forces(s, s->X, s->F, err);
+    double begun = s->tone.index >= 0 ? cabs(s->X[torus_tone_place(s)]) : 0;
+    double complex *work = malloc(4 * n * sizeof *work + 1);
+    bool goes_on = true;
+    enum modal_status rc = work == NULL ? modal_fail(err, MODAL_NO_MEMORY, "torus: no memory")
+                                        : forces(s, s->X, s->F, err);
 
-    if (s->tone.index >= 0)
-        begun = cabs(s->X[torus_tone_place(s)]);
     *converged = false;
     s->reason = "Newton's method did not converge";
-    for (int i = 0; rc == MODAL_OK && i < most && !*converged; i++) {
-        double size, factor, now;
-        bool regular = false;
-
-        rc = precondition_new(s, &regular, err);
-        if (rc != MODAL_OK || !regular) {
-            s->reason = "the derivative is singular";
-            break;
-        }
-        if (budget_spent(s->work)) {
-            s->reason = BUDGET_REASON;
-            break;
-        }
-        residual_of(s, s->X, s->F);
-        for (size_t j = 0; j < n; j++)
-            b[j] = -s->R[j];
-        torus_precondition(s, b);
-        size = norm(n, b);
-        rc = torus_newton_step(s, b, step, err);
-        if (rc == MODAL_OK)
-            rc = damp(s, step, size, X, F, &factor, &now, err);
-        if (rc != MODAL_OK)
-            break;
-        s->iterations++;
-        s->step = factor * norm(n, step) / fmax(norm(n, X), 1e-300);
-        if (now < size || s->step <= FLOOR) {
-            memcpy(s->X, X, n * sizeof *X);
-            memcpy(s->F, F, n * sizeof *F);
-            torus_tone_keep(s);
-        } else if (s->tone.index >= 0)
-            rc = torus_tone_move(s, s->tone.omega_kept, s->tone.gain_kept, err);
-        /* A short step alone may be one that GMRES did not find: what is left must be little too.
-         * */
-        *converged = now <= FLOOR * norm(n, X)
-            && (s->step <= tolerance || (s->step <= FLOOR && s->step > SHRINKS * last)
-                || norm(n, X) == 0);
-        if (now >= size && !*converged)
-            break;
-        last = s->step;
-    }
+    for (int i = 0; rc == MODAL_OK && i < most && goes_on; i++)
+        rc = advance(s, work, i > 0 ? s->step : HUGE_VAL, converged, &goes_on, err);
     if (rc == MODAL_OK && s->tone.index >= 0
         && cabs(s->X[torus_tone_place(s)]) <= FLOOR * begun) {
         *converged = false;
         s->reason = "what was found is the motion without the free tone";
     }
     if (rc == MODAL_OK) {
-        apply_linear(s, s->X, b);
+        apply_linear(s, s->X, work);
         residual_of(s, s->X, s->F);
-        s->residual = relative_residual(s, b);
+        s->residual = relative_residual(s, work);
     }
-    free(b);
+    free(work);
     return rc;
 }
 

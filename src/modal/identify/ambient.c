@@ -29,6 +29,7 @@
 #include "modal/identify/modes.h"
 #include "modal/identify/pod.h"
 #include "modal/identify/record.h"
+#include "modal/identify/response.h"
 #include "modal/identify/verdict.h"
 #include "modal/linalg/svd.h"
 
@@ -65,46 +66,11 @@ struct work {
     double clock;
 };
 
-/* ---- what is asked ---- */
-
-static enum modal_status refuse(const char *field, struct modal_error *err)
-{
-    return modal_fail_field(err, MODAL_BAD_INPUT, field, "%s says nothing of response=ambient; "
-                            "accepted beside it: window, band, detrend, scale, signals, "
-                            "pod.energy, pod.rank, shapes, rank.fixed, rank.most, threads", field);
-}
-
-static enum modal_status check(const struct batch *batch, const struct identify_options *o,
-                               struct modal_error *err)
-{
-    const struct { const char *field; bool set; } others[] = {
-        { "method", o->method != IDENTIFY_AUTO },
-        { "rank.rule", o->rank.rule != RANK_AUTO && o->rank.rule != RANK_FIXED },
-        { "rank.energy", o->rank.energy > 0 }, { "rank.threshold", o->rank.threshold > 0 },
-        { "rows", o->rows > 0 }, { "columns", o->columns > 0 }, { "stride", o->stride > 1 },
-        { "difference", o->difference }, { "refine", o->refine == CHOICE_NO },
-        { "target.error", o->target_error > 0 }, { "target.seconds", o->target_seconds > 0 },
-    };
-
-    for (size_t i = 0; i < sizeof others / sizeof *others; i++)
-        if (others[i].set)
-            return refuse(others[i].field, err);
-    if (o->window[0] == WINDOW_AUTO)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "window", "window=auto is for free "
-                                "responses; accepted with response=ambient: T0,T1");
-    if (o->period > 0 || (o->period == 0 && batch->period > 0))
-        return modal_fail_field(err, MODAL_BAD_INPUT, "period", "period is %g s, but "
-                                "response=ambient takes constant systems only; accepted: period=0, "
-                                "constant coefficients", o->period > 0 ? o->period : batch->period);
-    if (o->pod_rank > WHITTLE_CHANNELS_MOST)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "pod.rank", "pod.rank is %d; accepted with "
-                                "response=ambient: 1 to %d", o->pod_rank, WHITTLE_CHANNELS_MOST);
-    if (o->rank.fixed > 2 * WHITTLE_MODES_MOST || o->rank.fixed % 2 != 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "rank.fixed", "rank.fixed is %d; accepted "
-                                "with response=ambient: 2, 4, .. %d, two a pair", o->rank.fixed,
-                                2 * WHITTLE_MODES_MOST);
-    return MODAL_OK;
-}
+static const struct response_limits accepted = {
+    .beside = "window, band, detrend, scale, signals, pod.energy, pod.rank, shapes, rank.fixed, "
+              "rank.most, threads",
+    .signals_most = WHITTLE_CHANNELS_MOST, .modes_most = WHITTLE_MODES_MOST
+};
 
 /* A constant less its mean is rounding. */
 static void drop_constant(struct work *w, const struct batch *b)
@@ -698,7 +664,7 @@ enum modal_status ambient_identify(const struct batch *batch, const struct ident
     enum modal_status rc;
 
     w.clock = opt->clock != NULL ? opt->clock(opt->context) : 0;
-    if ((rc = check(batch, opt, err)) == MODAL_OK)
+    if ((rc = response_check(batch, opt, &accepted, err)) == MODAL_OK)
         rc = read_record(&w, batch, err);
     stage(&w, "read", out);
     if (rc == MODAL_OK)

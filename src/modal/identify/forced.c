@@ -18,6 +18,7 @@
 #include "modal/identify/forced_order.h"
 #include "modal/identify/modes.h"
 #include "modal/identify/record.h"
+#include "modal/identify/response.h"
 #include "modal/identify/verdict.h"
 
 enum {
@@ -35,9 +36,6 @@ static const double
     FEW_CYCLES = 2,
     NYQUIST = 0.95;
 
-const char *const identify_response_names[RESPONSE_COUNT + 1] = { "free", "ambient", "forced",
-                                                                    NULL };
-
 struct work {
     struct identify_options opt;
     const struct batch *batch;
@@ -51,40 +49,18 @@ struct work {
 
 /* ---- what is asked ---- */
 
-static enum modal_status refuse(const char *field, struct modal_error *err)
-{
-    return modal_fail_field(err, MODAL_BAD_INPUT, field, "%s says nothing of response=forced; "
-                            "accepted beside it: inputs, frf, window, band, detrend, scale, "
-                            "signals, shapes, rank.fixed, rank.most, threads", field);
-}
-
 static enum modal_status check(const struct batch *batch, const struct identify_options *o,
                                struct modal_error *err)
 {
-    const struct { const char *field; bool set; } others[] = {
-        { "method", o->method != IDENTIFY_AUTO },
-        { "rank.rule", o->rank.rule != RANK_AUTO && o->rank.rule != RANK_FIXED },
-        { "rank.energy", o->rank.energy > 0 }, { "rank.threshold", o->rank.threshold > 0 },
-        { "pod.rank", o->pod_rank > 0 }, { "pod.energy", o->pod_energy > 0 },
-        { "rows", o->rows > 0 }, { "columns", o->columns > 0 }, { "stride", o->stride > 1 },
-        { "difference", o->difference }, { "refine", o->refine == CHOICE_NO },
-        { "target.error", o->target_error > 0 }, { "target.seconds", o->target_seconds > 0 },
+    const struct response_limits accepted = {
+        .beside = "inputs, frf, window, band, detrend, scale, signals, shapes, rank.fixed, "
+                  "rank.most, threads",
+        .modes_most = TRANSFER_POLES_MOST
     };
+    enum modal_status rc = response_check(batch, o, &accepted, err);
 
-    for (size_t i = 0; i < sizeof others / sizeof *others; i++)
-        if (others[i].set)
-            return refuse(others[i].field, err);
-    if (o->window[0] == WINDOW_AUTO)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "window", "window=auto is for free "
-                                "responses; accepted with response=forced: T0,T1");
-    if (o->period > 0 || (o->period == 0 && batch->period > 0))
-        return modal_fail_field(err, MODAL_BAD_INPUT, "period", "period is %g s, but "
-                                "response=forced takes constant systems only; accepted: period=0, "
-                                "constant coefficients", o->period > 0 ? o->period : batch->period);
-    if (o->rank.fixed > 2 * TRANSFER_POLES_MOST || o->rank.fixed % 2 != 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "rank.fixed", "rank.fixed is %d; accepted "
-                                "with response=forced: 2, 4, .. %d, two a pair", o->rank.fixed,
-                                2 * TRANSFER_POLES_MOST);
+    if (rc != MODAL_OK)
+        return rc;
     if (o->inputs == NULL || o->input_count < 1)
         return modal_fail_field(err, MODAL_BAD_INPUT, "inputs", "response=forced needs the "
                                 "channels that hold the measured excitation; accepted: "

@@ -96,6 +96,16 @@ static cJSON *new_task(const struct writing *w, long line, const char *kind)
     return task;
 }
 
+/* NAME in the folder, to be written; PLACE holds its path until the end. */
+static enum modal_status file_begin(const struct writing *w, const char *name,
+                                    char place[TASK_PATH_MOST], struct whole_file *out,
+                                    struct modal_error *err)
+{
+    enum modal_status rc = task_folder_place(w->folder, name, place, err);
+
+    return rc == MODAL_OK ? whole_file_begin(out, place, "sbatch", err) : rc;
+}
+
 /* job.sh: every element computes its tasks one after the other, each a process of its own, so that
  * one that dies takes no other with it.  What is printed counts once it is whole. */
 static enum modal_status write_script(const struct writing *w, struct modal_error *err)
@@ -103,10 +113,8 @@ static enum modal_status write_script(const struct writing *w, struct modal_erro
     char place[TASK_PATH_MOST], program[PATH_MAX];
     ssize_t length = readlink("/proc/self/exe", program, sizeof program - 1);
     struct whole_file script;
-    enum modal_status rc = task_folder_place(w->folder, "job.sh", place, err);
+    enum modal_status rc = file_begin(w, "job.sh", place, &script, err);
 
-    if (rc == MODAL_OK)
-        rc = whole_file_begin(&script, place, "sbatch", err);
     if (rc != MODAL_OK)
         return rc;
     program[length > 0 ? length : 0] = 0;
@@ -190,10 +198,8 @@ static enum modal_status write_document(const struct writing *w, const struct in
 {
     char place[TASK_PATH_MOST];
     struct whole_file file;
-    enum modal_status rc = task_folder_place(w->folder, "scene.json", place, err);
+    enum modal_status rc = file_begin(w, "scene.json", place, &file, err);
 
-    if (rc == MODAL_OK)
-        rc = whole_file_begin(&file, place, "sbatch", err);
     if (rc != MODAL_OK)
         return rc;
     fprintf(file.file, "%s\n", input->scene_text);

@@ -212,6 +212,21 @@ static void apply_scale(const struct signals_options *options, struct signals *r
         read->x[i] *= options->scale;
 }
 
+/* *OUT is what was READ, in its step and scale, or nothing; RC is how it was read. */
+static enum modal_status finish(enum modal_status rc, const char *path,
+                                const struct signals_options *options, struct signals *read,
+                                struct signals *out, struct modal_error *err)
+{
+    if (rc == MODAL_OK)
+        rc = settle_step(path, options, read, err);
+    if (rc == MODAL_OK) {
+        apply_scale(options, read);
+        *out = *read;
+    } else
+        signals_done(read);
+    return rc;
+}
+
 enum modal_status signals_read_rows(char *text, const char *path,
                                     const struct signals_options *options, struct signals *out,
                                     struct csv_shape *shape, struct modal_error *err)
@@ -219,14 +234,7 @@ enum modal_status signals_read_rows(char *text, const char *path,
     struct signals read = { 0 };
     enum modal_status rc = csv_read(text, path, options, &read, shape, err);
 
-    if (rc == MODAL_OK)
-        rc = settle_step(path, options, &read, err);
-    if (rc == MODAL_OK) {
-        apply_scale(options, &read);
-        *out = read;
-    } else
-        signals_done(&read);
-    return rc;
+    return finish(rc, path, options, &read, out, err);
 }
 
 enum modal_status signals_read(const char *path, const struct signals_options *options,
@@ -241,14 +249,7 @@ enum modal_status signals_read(const char *path, const struct signals_options *o
     if (rc == MODAL_OK)
         rc = format != NULL ? format->open(path, options, &read, err)
                             : read_bytes(path, options, &read, err);
-    if (rc == MODAL_OK)
-        rc = settle_step(path, options, &read, err);
-    if (rc == MODAL_OK) {
-        apply_scale(options, &read);
-        *out = read;
-    } else
-        signals_done(&read);
-    return rc;
+    return finish(rc, path, options, &read, out, err);
 }
 
 void signals_done(struct signals *signals)

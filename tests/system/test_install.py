@@ -210,6 +210,20 @@ def test_man_pages_are_well_formed(page):
         assert done.stderr == ""
 
 
+@shipped
+def test_the_page_s_manual_shows_an_installed_picture_in_html_and_names_it_elsewhere(installed):
+    if not list(pathlib.Path("/usr/share/groff").glob("*/font/devhtml")):
+        pytest.skip("no groff that writes HTML: the package groff")
+
+    def shown(device):
+        return subprocess.run(["groff", f"-T{device}", "-P-l" if device == "html" else "-P-c", "-man",
+                               "-ww", str(installed / "share/man/man8/modald-web.8")],
+                              capture_output=True, text=True, check=True).stdout
+    picture = re.search(r'<img src="file:///usr/(\S+\.png)" alt="[^"]+">', shown("html"))[1]
+    assert (installed / picture).read_bytes().startswith(b"\x89PNG")
+    assert re.sub(".\b", "", shown("ascii")).count(f"/usr/{picture}") == 2 and "<img" not in shown("ascii")
+
+
 def test_the_daemons_options_stand_in_its_man_page():
     page = plain(TOP / "systemd/modald.8")
     for option in ("--data", "--bind", "--workers", "--config", "--check-config", "--version"):

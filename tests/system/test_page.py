@@ -861,6 +861,98 @@ def test_a_browser_s_pages_move_by_themselves(window, page, daemon, job):
         assert window.ask("document.documentElement.scrollWidth") <= width
 
 
+OSCILLATOR = {"structure": {"type": "chain", "masses": [1.0], "springs": [1.0, 0.0],
+                            "dampers": [0.1, 0.0]}}
+DRIVEN = {**OSCILLATOR, "excitation": [{"dof": "x1", "k": 1, "cos": 0.1, "sin": 0}], "omega": 0.5,
+          "effects": [{"type": "cubic_spring", "dof": "x1", "coefficient": 0.1}]}
+FREE = {**OSCILLATOR, "initial": {"x": {"x1": 1.0}},
+        "time": {"dt": 0.05, "duration": 20}}
+SWEPT = {"verb": "floquet", "scene": {**OSCILLATOR, "omega": 1.0},
+         "grid": [{"path": "structure.springs[0]", "values": [1.0, 2.0, 3.0]}]}
+
+
+@pytest.mark.parametrize("kind, given, options, drawn, shown", [
+    ("steady", DRIVEN, None, True, "harmonics"), ("floquet", OSCILLATOR, None, True, "exponents"),
+    ("steady", DRIVEN, {"sweep": "omega=0.5:0.9:5"}, True, "points"),
+    ("steady", DRIVEN, {"continue": "omega=0.5:1.5"}, True, "points"),
+    ("simulate", FREE, None, False, "integrator"), ("sweep", SWEPT, None, True, "stability"),
+    ("tradeoff", DRIVEN, None, True, "error"), ("identify", BATCH, {"rank.fixed": -1}, False, "bad_input")])
+def test_a_browser_shows_what_each_kind_of_job_gave(window, page, daemon, kind, given, options,
+                                                    drawn, shown):
+    with daemon.client() as client:
+        made = client.submit(kind, given, options)
+        until(lambda: client.status(made.id)["state"] in ("done", "failed"))
+        assert (client.status(made.id)["state"] == "done") == (shown != "bad_input")
+    window.go(f"http://127.0.0.1:{page.port}/jobs/{made.id}")
+    assert shown in window.ask("document.getElementById('main').innerText")
+    assert window.ask("document.querySelectorAll('img').length") == int(drawn)
+    if drawn:
+        assert window.wait("document.querySelector('img').naturalWidth") > 300
+
+
+def tab_to(window, wanted):
+    """By keyboard alone: on, until WANTED holds of what has the focus, which can be seen."""
+    for _ in range(80):
+        window.key("Tab", 9)
+        if window.ask(f"(e => {wanted})(document.activeElement)"):
+            break
+    else:
+        raise AssertionError(f"no way by keyboard to {wanted}")
+    assert window.ask("parseFloat(getComputedStyle(document.activeElement).outlineWidth)") >= 2
+
+
+def follow(window, href):
+    tab_to(window, f"(e.getAttribute('href') ?? '') === {json.dumps(href)}")
+    window.key("Enter", 13)
+    window.wait(f"location.pathname === {json.dumps(href)} && document.querySelector('h1') !== null")
+
+
+def test_by_keyboard_alone_one_goes_to_each_page_and_back_and_deletes_a_job(own_page, window, daemon):
+    """By what has the focus and Enter, without a pointer or an address typed."""
+    page = own_page(daemon.endpoint, "--actions").ready()
+    stream = Stream(daemon, "typed").tell(3)
+    with daemon.client() as client:
+        made = client.submit("identify", BATCH, key="typed")
+        made.result()
+        window.go(f"http://127.0.0.1:{page.port}/")
+        window.wait("document.getElementById('streams').innerText.includes('typed')")
+        follow(window, "/streams/typed")
+        window.wait("document.querySelectorAll('#damping canvas').length === 1")
+        follow(window, "/")
+        follow(window, f"/jobs/{made.id}")
+        tab_to(window, "e.dataset.action === 'delete'")
+        window.key("Enter", 13)
+        window.wait("location.pathname === '/'")
+        with pytest.raises(modald.Error):
+            client.status(made.id)
+    stream.close()
+
+
+CONTRAST = """(() => {
+  const light = c => { const v = c.match(/[0-9.]+/g).slice(0, 3).map(x => x / 255)
+    .map(x => x <= 0.04045 ? x / 12.92 : ((x + 0.055) / 1.055) ** 2.4);
+    return 0.2126 * v[0] + 0.7152 * v[1] + 0.0722 * v[2]; };
+  const ground = light(getComputedStyle(document.documentElement).backgroundColor);
+  return [...document.querySelectorAll('h1, h2, p, a, td, th, dt, dd, #live')]
+    .filter(e => e.innerText && !e.closest('.alarm'))
+    .map(e => light(getComputedStyle(e).color))
+    .map(c => (Math.max(c, ground) + 0.05) / (Math.min(c, ground) + 0.05))
+    .reduce((a, b) => Math.min(a, b)); })()"""
+
+
+@pytest.mark.parametrize("scheme, dark", [("light", False), ("dark", True)])
+def test_text_stands_out_from_its_ground_in_the_light_and_in_the_dark(window, page, daemon, job,
+                                                                     scheme, dark):
+    """By at least 4.5, as WCAG 2.1 asks of text (1.4.3)."""
+    window.do("Emulation.setEmulatedMedia",
+              features=[{"name": "prefers-color-scheme", "value": scheme}])
+    for path in ("/", f"/jobs/{job}"):
+        window.go(f"http://127.0.0.1:{page.port}{path}")
+        assert window.ask(CONTRAST) >= 4.5
+    ground = window.ask("getComputedStyle(document.documentElement).backgroundColor")
+    assert (max(map(int, re.findall(r"\d+", ground)[:3])) < 64) == dark
+
+
 def test_a_browser_outlives_the_daemon(window, own_daemon, own_page):
     daemon = own_daemon(workers=1)
     page = own_page(daemon.endpoint).ready()

@@ -215,6 +215,28 @@ setpriv --reuid modald --regid modald --clear-groups modald --config /etc/modald
   2>/tmp/log & daemon=$!
 for i in $(seq 100); do modalctl hello >/dev/null 2>&1 && break; kill -0 $daemon || cat /tmp/log; done
 """
+# A job's page and its picture; and what the scaler would do, by a Slurm that has nothing.
+BESIDE = r"""
+modald-web --bind 127.0.0.1:0 2>/tmp/web & web=$!
+for i in $(seq 600); do grep -q event=listening /tmp/web && break; sleep 0.1; done
+at=$(sed -n 's,.*at=\(http://127.0.0.1:[0-9]*\)/.*,\1,p' /tmp/web)
+job=$(modalctl --json list --key mine | sed -n 's/.*"job":"\([^"]*\)".*/\1/p' | head -n 1)
+python3 - "$job" "$at" <<'END'
+import sys, time, urllib.error, urllib.request
+for path in (f"/jobs/{sys.argv[1]}", f"/jobs/{sys.argv[1]}.svg", "/metrics", "/"):
+    for _ in range(600):
+        try:
+            with urllib.request.urlopen(sys.argv[2] + path) as answer:
+                print(answer.headers["Content-Type"], answer.read().decode())
+            break
+        except urllib.error.URLError:
+            time.sleep(0.1)
+END
+mkdir /tmp/stand; printf '#!/bin/sh\n' > /tmp/stand/squeue; chmod 755 /tmp/stand/squeue
+PATH=/tmp/stand:$PATH modald-slurm --pool lab --least 2 --connect tcp://192.0.2.7:7418 \
+  --worker-keyfile /root/worker.key --dry-run
+kill $web; wait $web; cat /tmp/web; kill $daemon; wait $daemon
+"""
 
 
 def test_packages_are_installed_used_upgraded_removed_and_purged(packages, tmp_path):
@@ -256,6 +278,11 @@ modalctl submit identify /tmp/a.csv --key mine --wait >&2
     assert {job["job"] for job in after} == set(states)
     assert all(job["state"] == states[job["job"]] for job in after
                if states[job["job"]] in ("done", "failed", "cancelled", "dead"))
+    seen = root.run(DAEMON + BESIDE)
+    assert "<dd>mine</dd>" in seen and "image/svg+xml" in seen and "damping_ratio" in seen
+    assert "modald_web_requests_total" in seen and "event=listening" in seen
+    assert "sbatch --parsable -J md-lab --array=1-2 -n1" in seen
+    assert "modald-worker --connect tcp://192.0.2.7:7418" in seen
     root.run("export AUTOPKGTEST_TMP=$(mktemp -d)\n" + (DEBIAN / "tests/installed").read_text())
     assert root.run("pkg-config --cflags --libs modal modald-client modald-stream")
     names = " ".join(control())

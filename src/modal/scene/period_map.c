@@ -390,11 +390,11 @@ static void make_weights(struct period_map *m, const struct period_parts *parts,
         m->weight[i] = m->weight[i] > 0 ? m->weight[i] : 1;
 }
 
-/* Is carrying a vector within MOST? */
-static enum modal_status check_work(const struct period_map *m, double rate, double most,
-                                    struct modal_error *err)
+/* Is carrying a vector within MOST, with what is still to be SPENT on its behalf? */
+static enum modal_status check_work(const struct period_map *m, double rate, double spent,
+                                    double most, struct modal_error *err)
 {
-    if (period_map_work(m) <= most)
+    if (period_map_work(m) + spent <= most)
         return MODAL_OK;
     return modal_fail(err, MODAL_TOO_LARGE, "the fastest motion, of up to %.3g rad/s, takes %d "
                       "steps a period: more work than is spent", rate, m->steps);
@@ -405,7 +405,8 @@ static enum modal_status choose_steps(struct period_map *m, const struct period_
                                       double period, double most, struct modal_error *err)
 {
     double *trial = workspace_zeros(&m->space, (size_t)m->states, sizeof *trial), frequency, decay,
-           rate;
+           rate, step_work = parts != NULL ? parts->step_work : 0;
+    int cuts = parts != NULL ? parts->cuts : 0;
     enum modal_status rc = workspace_check(&m->space, "period map: out of memory", err);
 
     dofwise_fastest(m->p, &frequency, &decay);
@@ -414,11 +415,11 @@ static enum modal_status choose_steps(struct period_map *m, const struct period_
         m->steps = (int)fmin(period * rate / STEP + 1, INT_MAX);
         m->degree = DEGREE_USUAL;
         m->doubles = 0;                  /* before any is made, */
-        rc = check_work(m, rate, most, err);
+        rc = check_work(m, rate, ((double)m->steps + cuts) * step_work, most, err);
         if (rc == MODAL_OK)
             rc = make_steps(m, parts, period, rate, err);
         if (rc == MODAL_OK)              /* and as they are */
-            rc = check_work(m, rate, most, err);
+            rc = check_work(m, rate, 0, most, err);
         m->degree = 0;
         for (int k = 0; rc == MODAL_OK && k < m->states; k++)
             trial[k] = k % 2 == 0 ? 1 : -1;      /* moves fast and slow */

@@ -36,6 +36,8 @@ struct period_parts {
     /* Coefficients of g(t + s h) = sum_m out_m s^m, 0 <= s <= 1, between cuts; how many: at least
      * one, at most MOST, for which there is room.  The rest is rounding. */
     int (*taylor)(void *context, int function, double t, double h, int most, double *out);
+    double step_work;            /* operations (budget.h) that all functions' coefficients over a
+                                  * step take, shared among the vectors to be carried */
     void *context;
 };
 
@@ -47,8 +49,9 @@ bool period_map_serves(const struct program *p);
  * Of P, its laws and loads left out, and PARTS (NULL: none) over PERIOD in s.  The program and the
  * ends are borrowed, the rest is copied or asked at once.  Fails with MODAL_NO_MEMORY,
  * MODAL_BAD_INPUT (M is singular), MODAL_TOO_LARGE where the functions' coefficients leave
- * PERIOD_MAP_DOUBLES or carrying a vector takes more than MOST operations, as the fastest motion
- * asks for so many steps; or as period_map_carry.
+ * PERIOD_MAP_DOUBLES, or carrying a vector with its share of them takes more than MOST operations,
+ * as the fastest motion asks for so many steps, which is known before any is made; or as
+ * period_map_carry.
  */
 enum modal_status period_map_new(const struct program *p, const struct period_parts *parts,
                                  double period, double most, struct period_map **out,

@@ -11,6 +11,7 @@
  *     a factorization                                    balance_dense_work or blocks_work
  *     a step through rigid friction and its map          price_steps          (cycle.c)
  *     a step of disturbances                             step_work            (monodromy.c)
+ *     slopes over such a step, of many states            taylor_work          (large_stability.c)
  *     a window of their Hill's matrix                    hill_window_work     (hill_window.c)
  */
 #ifndef MODAL_BUDGET_H

@@ -44,6 +44,8 @@ enum {
                                  /* chosen */
     IN_VAIN = 3,                 /* points' work that windows may spend without a verdict: chosen */
     FIRST = 200,                 /* periods before the bound is asked for: chosen */
+    SERIES = 100,                /* operations of a harmonic's coefficients over a step, */
+    PIECE = 10,                  /* and of whether a piece holds there */
     SAMPLES_LEAST = 64,          /* of a slope */
     SAMPLES_MOST = 4096,         /* jumps that a sampled law makes are as fine as that */
 };
@@ -56,6 +58,7 @@ struct law_slope {
     enum slope_kind kind;
     int top;                     /* of the series; law without pieces */
     double complex *harmonic;
+    double work;                 /* operations of its coefficients over a step */
 };
 
 struct large {
@@ -72,16 +75,28 @@ static enum modal_status no_memory(struct modal_error *err)
     return modal_fail(err, MODAL_NO_MEMORY, "stability: no memory");
 }
 
-/* What D(theta) = Re sum X_k e^{ik theta} adds to the coefficients of a step, SCALE times. */
-static void add_series(const double complex *X, int top, double scale, double theta, double turn,
-                       int most, double *out)
+/* What Re C e^{ik omega h s}, k omega h = TURN, adds to the coefficients of a step. */
+static void add_wave(double complex C, double turn, int most, double *out)
+{
+    const double derivative[] = { creal(C), -cimag(C), -creal(C), cimag(C) };  /* of i^m C */
+    double factor = 1;                                       /* turn^m / m!, which rises first */
+
+    for (int m = 0; m < most && (factor > COEFFICIENT_END || m <= turn); m++) {
+        out[m] += factor * derivative[m % 4];
+        factor *= turn / (m + 1);
+    }
+}
+
+/* What D(theta) = Re sum X_k e^{ik theta} adds to the coefficients of a step, SCALE times; where
+ * OMEGA is not 0, what its rate does. */
+static void add_series(const double complex *X, int top, double scale, double omega, double theta,
+                       double turn, int most, double *out)
 {
     for (int k = 0; k <= top; k++) {
-        double complex term = scale * X[k] * cexp(CMPLX(0, k * theta));
-        for (int m = 0; m < most; m++) {
-            out[m] += creal(term);
-            term *= CMPLX(0, k * turn / (m + 1));        /* (i k omega h)^m / m! */
-        }
+        double complex rate = omega != 0 ? CMPLX(0, k * omega) : 1;
+
+        if (X[k] != 0)
+            add_wave(scale * rate * X[k] * cexp(CMPLX(0, k * theta)), k * turn, most, out);
     }
 }
 
@@ -101,20 +116,31 @@ static void pieces_taylor(const struct disturbance *u, const struct law_slope *f
                 out[0] += p->gain[u->p->law[f->law].kind->inputs - 1];
         } else if (p->output == f->out) {
             out[0] += f->kind == BY_PLACE ? p->gain[f->in] : f->in == 0 ? p->damp : 0;
-            if (p->cross != 0 && f->in == 0 && f->kind == BY_RATE)
-                add_series(o->D, o->top, p->cross, theta, turn, most, out);
-            if (p->cross != 0 && f->in == 0 && f->kind == BY_PLACE)
-                for (int k = 0; k <= o->top; k++) {      /* of v: i k omega D_k */
-                    double complex rate = CMPLX(0, k * u->point->omega) * o->D[k]
-                                          * cexp(CMPLX(0, k * theta));
-                    add_series(&rate, 0, p->cross, 0, 0, 1, out);
-                    for (int m = 1; m < most; m++) {
-                        rate *= CMPLX(0, k * turn / m);
-                        out[m] += p->cross * creal(rate);
-                    }
-                }
+            if (p->cross != 0 && f->in == 0)           /* of cross d v: by d, v; by v, d */
+                add_series(o->D, o->top, p->cross, f->kind == BY_PLACE ? u->point->omega : 0, theta,
+                           turn, most, out);
         }
     }
+}
+
+/* Whether a slope of F follows the motion within pieces. */
+static bool varies(const struct disturbance *u, const struct law_slope *f)
+{
+    const struct law_pieces *pieces = &u->pieces[f->law];
+
+    for (int i = 0; f->kind != OF_SLIDER && f->in == 0 && i < pieces->count; i++)
+        if (pieces->piece[i].cross != 0 && pieces->piece[i].output == f->out)
+            return true;
+    return false;
+}
+
+/* Operations that the coefficients of F over a step take, nearly. */
+static double taylor_work(const struct disturbance *u, const struct law_slope *f)
+{
+    if (f->harmonic != NULL)
+        return SERIES * (f->top + 1.0);
+    return u->pieces[f->law].count * PIECE
+         + (varies(u, f) ? SERIES * (u->in[f->law * LAW_INPUTS_MOST].top + 1.0) : 0);
 }
 
 /* period_parts.taylor */
@@ -127,9 +153,10 @@ static int taylor(void *context, int function, double t, double h, int most, dou
 
     memset(out, 0, (size_t)most * sizeof *out);
     if (f->harmonic != NULL)
-        add_series(f->harmonic, f->top, 1, theta, turn, most, out);
+        add_series(f->harmonic, f->top, 1, 0, theta, turn, most, out);
     else
         pieces_taylor(l->u, f, theta, turn, most, out);
+    budget_add(l->u->budget, f->work);
     for (int m = 0; m < most; m++)
         largest = fmax(largest, fabs(out[m]));
     for (int m = 1; m < most; m++)
@@ -155,6 +182,8 @@ static void add_slope(struct large *l, struct law_slope slope)
         c->in = law->end + law->start[in];
         c->ins = law->start[in + 1] - law->start[in];
     }
+    slope.work = taylor_work(l->u, &slope);
+    l->parts.step_work += slope.work / FIRST;    /* of a vector's share: so many are carried */
     l->slope[l->parts.functions++] = slope;
 }
 
@@ -176,16 +205,16 @@ static void pieces_slopes(struct large *l, int number)
         for (int o = 0; o < inputs; o++)
             for (int j = 0; j < inputs; j++)
                 if (has[kind][o][j])
-                    add_slope(l, (struct law_slope){ number, o, j, kind, 0, NULL });
+                    add_slope(l, (struct law_slope){ number, o, j, kind, 0, NULL, 0 });
     for (int e = 0; e < law->memory; e++)        /* the last input is what its sliders resist */
-        add_slope(l, (struct law_slope){ number, inputs - 1, e, OF_SLIDER, 0, NULL });
+        add_slope(l, (struct law_slope){ number, inputs - 1, e, OF_SLIDER, 0, NULL, 0 });
 }
 
 /* Slope I of a law without pieces: by place, then by rate, outputs first. */
 static struct law_slope slope_of(int number, int i, int inputs)
 {
     return (struct law_slope){ number, i / inputs % inputs, i % inputs,
-                               i < inputs * inputs ? BY_PLACE : BY_RATE, 0, NULL };
+                               i < inputs * inputs ? BY_PLACE : BY_RATE, 0, NULL, 0 };
 }
 
 /* N samples of each slope of law NUMBER, one after another. */

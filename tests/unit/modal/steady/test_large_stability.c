@@ -167,6 +167,36 @@ TEST(the_bound_holds_and_a_vector_comes_back_turned_and_shrunk)
     program_free(p);
 }
 
+/* period_parts.taylor: g = 0.1 all along; how often it was asked into *CONTEXT. */
+static int asked_tenth(void *context, int function, double t, double h, int most, double *out)
+{
+    (void)function, (void)t, (void)h;
+    ++*(int *)context;
+    for (int m = 0; m < most; m++)
+        out[m] = m == 0 ? 0.1 : 0;
+    return 1;
+}
+
+/* Two steps at least, of 1e6 operations each where 1e6 are allowed. */
+TEST(slopes_whose_coefficients_cost_more_than_is_allowed_are_refused_before_one_is_asked_for)
+{
+    struct program *p =
+        program_text("{'structure':{'type':'chain','masses':[2],'springs':[50,0]}}");
+    struct law_end end = { 0, 1 };
+    struct period_channel channel = { &end, &end, 1, 1, false, 0 };
+    int asked = 0;
+    struct period_parts parts = { .functions = 1, .channels = 1, .channel = &channel,
+                                  .taylor = asked_tenth, .context = &asked, .step_work = 1e6 };
+    struct period_map *m = NULL;
+
+    CHECK(period_map_new(p, &parts, 1.7, 1e6, &m, NULL) == MODAL_TOO_LARGE && asked == 0);
+    parts.step_work = 100;
+    CHECK(period_map_new(p, &parts, 1.7, 1e6, &m, NULL) == MODAL_OK);
+    CHECK(asked == period_map_steps(m) && asked > 1);
+    period_map_free(m);
+    program_free(p);
+}
+
 /* 60 undamped masses, all multipliers of modulus 1: 20 vectors do not tell ten of them apart. */
 TEST(multipliers_not_told_apart_by_the_work_given_are_the_best_so_far_and_not_settled)
 {

@@ -15,6 +15,7 @@
  */
 enum pole_kind { POLE_PAIR, POLE_REAL, POLE_NEGATIVE };
 
+/* Which of them LAMBDA is, over TAU seconds. */
 enum pole_kind pole_kind(double complex lambda, double tau);
 /* 2 for a pair, else 1. */
 int pole_order(double complex lambda, double tau);

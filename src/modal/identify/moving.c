@@ -124,11 +124,6 @@ enum modal_status moving_new(const struct moving_options *options, struct moving
     return rc;
 }
 
-int moving_samples(const struct moving *m)
-{
-    return m->held < (size_t)m->L ? (int)m->held : m->L;
-}
-
 /* ---- channels by their noise, as identify.c ---- */
 
 static enum modal_status look_at_channels(struct job *j, const struct moving_fit *f,

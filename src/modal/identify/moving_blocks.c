@@ -59,6 +59,11 @@ void moving_clear(struct moving *m)
     m->held = 0;
 }
 
+int moving_samples(const struct moving *m)
+{
+    return m->held < (size_t)m->L ? (int)m->held : m->L;
+}
+
 /* Sample number I (of all), which must be held. */
 const double *moving_sample(const struct moving *m, uint64_t i)
 {

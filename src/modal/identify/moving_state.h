@@ -131,6 +131,7 @@ enum modal_status judge_residual(struct job *j, struct moving_fit *f, enum reaso
 
 /* ---- moving_report.c ---- */
 
+/* *OUT: what the fits of J say, as modal_identify() would have it of the window. */
 enum modal_status moving_report(struct job *j, struct identify_result *out,
                                 struct modal_error *err);
 #endif

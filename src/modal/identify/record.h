@@ -42,6 +42,7 @@ enum { RECORD_WIDE_CHANNELS = 256, RECORD_WIDE_ENTRIES = 1 << 22 };
 #define RECORD_STEP_LEAST 1e-100
 #define RECORD_STEP_MOST 1e100
 
+/* BATCH, borrowed, as OPT asks for it; MODAL_BAD_INPUT names what is wrong with either. */
 enum modal_status record_make(const struct batch *batch, const struct identify_options *opt,
                               struct record *out, struct modal_error *err);
 /* Keep the first ROWS rows, scaled anew. */

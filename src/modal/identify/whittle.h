@@ -34,6 +34,7 @@ struct whittle_covariances {
     double complex g[WHITTLE_MODES_MOST][WHITTLE_CHANNELS_MOST];
     double complex row[WHITTLE_MODES_MOST][WHITTLE_CHANNELS_MOST];
 };
+/* *OUT: that of M. */
 void whittle_covariances(const struct whittle *m, struct whittle_covariances *out);
 
 /* What bin B should hold by M, whose covariances are V: channels x channels by columns. */
@@ -59,6 +60,7 @@ struct whittle_limits {
     bool (*cancelled)(void *context);
     void *context;
 };
+/* *M is where the climb from it ended, by those LIMITS. */
 enum modal_status whittle_fit(struct whittle *m, const struct bins *bins,
                               const struct whittle_limits *limits, struct modal_error *err);
 #endif

@@ -54,13 +54,18 @@ void wide_project(const struct wide *w, const double *Q, int k, double *Z);
 enum modal_status wide_rests(const struct wide *w, const double *Q, int k, const double *Z, int ld,
                              double *rest2, struct modal_error *err);
 
+enum {
+    WIDE_GRID_NUMBERS = 1 << 22,     /* read at most, where that leaves */
+    WIDE_GRID_ROWS = 128,            /* of each channel */
+    WIDE_GRID_CHANNELS = 16          /* looked at first: all have grids, or none has */
+};
+
 /*
  * The grid of each channel (grid.h), S of them, 0 where there is none; *any: there is one.  Seen in
  * up to WIDE_GRID_NUMBERS numbers, of the first rows and of others spread over the record; where
  * WIDE_GRID_CHANNELS channels spread over all have none, no others are looked at: a converter or a
  * printed table rounds them alike. MODAL_NO_MEMORY.
  */
-enum { WIDE_GRID_NUMBERS = 1 << 22, WIDE_GRID_CHANNELS = 16, WIDE_GRID_ROWS = 128 };
 enum modal_status wide_grids(const struct wide *w, double *step, bool *any,
                              struct modal_error *err);
 
@@ -101,6 +106,7 @@ struct wide_step {
     double length;           /* of the step in standard errors: |R_J delta| / s */
     bool taken;
 };
+/* *OUT from START, as above: no step longer than MOST standard errors is taken. */
 enum modal_status wide_refine(const struct wide *w, double tau, const double complex *start,
                               int count, const bool *fixed, double most, struct wide_step *out,
                               struct modal_error *err);

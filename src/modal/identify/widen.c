@@ -30,6 +30,8 @@
 #include <string.h>
 #include "modal/identify/colour.h"
 #include "modal/identify/exponents.h"
+#include "modal/identify/modes.h"
+#include "modal/identify/order.h"
 #include "modal/identify/parts.h"
 #include "modal/linalg/svd.h"
 

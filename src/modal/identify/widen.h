@@ -1,9 +1,12 @@
 /* widen.h - standard errors where the model is in doubt */
 #ifndef MODAL_WIDEN_H
 #define MODAL_WIDEN_H
+#include <stdbool.h>
 #include "base/error.h"
-#include "modal/identify/modes.h"
-#include "modal/identify/order.h"
+
+struct order_choice;
+struct poles;
+struct refine_data;
 
 /* Standard errors of a fit that ends at rounding are so many times larger: rounding is not
  * independent from sample to sample. */

@@ -9,6 +9,12 @@
  * makes q = d / k, known to delta / k, where that is better; where (1) fails q becomes the common
  * divisor of q and the remainder, by Euclid.  For numbers of the continuum that ends where q is no
  * longer large beside the errors of (1).  Last, all samples are held against the grid.
+ *
+ * A number of D significant digits, 10^e <= |x| < 10^(e+1), is a multiple of
+ *
+ *     q = 10^(e+1-D),                                                                           (2)
+ *
+ * and one of single precision of 2^(e-23) where 2^e <= |x| < 2^(e+1).
  */
 #include "modal/identify/grid.h"
 #include <float.h>
@@ -18,6 +24,10 @@
 
 /* samples: nearly all signals are of the continuum, and so few say it */
 enum { FIRST_LOOK = 64 };
+/* 13: twice the rounding of double precision is then below a fiftieth of a step, and what eight
+ * numbers of the continuum are within has odds of 10^-11 */
+enum { DIGITS_MOST = 13, BITS_OF_SINGLE = 24 };
+static const double CLEARLY = 1.5;         /* between one step of single precision and the next */
 static const double LEAST = 1e-10, SLACK = 2, CLEAR = 40, DOUBLE = 4 * DBL_EPSILON,
                     SINGLE = 0x1p-23, UNKNOWN = -1;
 
@@ -101,10 +111,12 @@ static double divisor_of_some(const double *x, size_t stride, int L, int n, doub
                       precision * fmax(fabs(scratch[0]), fabs(scratch[n - 1])));
 }
 
+static bool is_single(double x) { return (double)(float)x == x; }
+
 static bool are_single(const double *x, size_t stride, int L)
 {
     for (int k = 0; k < L; k++)
-        if ((double)(float)x[(size_t)k * stride] != x[(size_t)k * stride])
+        if (!is_single(x[(size_t)k * stride]))
             return false;
     return true;
 }
@@ -124,3 +136,75 @@ double grid_step(const double *x, size_t stride, int L)
     free(scratch);
     return q > 0 && all_on_grid(x, stride, L, q, 0.02 * q) ? q : 0;
 }
+
+/* (2), of x other than 0. */
+static double step_of_digits(double x, int digits)
+{
+    return pow(10, floor(log10(fabs(x))) + 1 - digits);
+}
+
+static bool has_digits(double x, int digits, double precision)
+{
+    double turns = x / step_of_digits(x, digits);
+
+    return fabs(turns - nearbyint(turns)) <= precision * fabs(turns);
+}
+
+/* The fewest digits that hold L samples that are known to `precision`; 0: more than `most`. */
+static int digits_of(const double *x, size_t stride, int L, double precision, int most)
+{
+    int digits = 1;
+
+    for (int k = 0; k < L; k++)
+        while (x[(size_t)k * stride] != 0 && !has_digits(x[(size_t)k * stride], digits, precision))
+            if (++digits > most)
+                return 0;
+    return digits;
+}
+
+/* In single precision a number of more digits than six cannot be told from others.  0: of it. */
+static bool digits_known(const double *x, size_t stride, int L, int *digits)
+{
+    *digits = digits_of(x, stride, L, 2 * DOUBLE, DIGITS_MOST);
+    if (*digits > 0)
+        return true;
+    *digits = digits_of(x, stride, L, SINGLE, FLT_DIG);
+    return are_single(x, stride, L);
+}
+
+double floating_steps(const double *x, size_t stride, int L, double least, double *q)
+{
+    double sum = 0;
+    int digits, coarser = 0;
+
+    if (!digits_known(x, stride, L, &digits))
+        return 0;
+    for (int k = 0; k < L; k++) {
+        double value = x[(size_t)k * stride], step = 0;
+
+        if (value != 0)
+            step = digits > 0 ? step_of_digits(value, digits)
+                              : ldexp(1, ilogb(value) + 1 - BITS_OF_SINGLE);
+        sum += step * step;
+        coarser += step > CLEARLY * least;
+        if (q != NULL)
+            q[k] = step;
+    }
+    return coarser >= GRID_VALUES_LEAST ? sqrt(sum / L) : 0;
+}
+
+struct grid grid_of_rows(const double *x, size_t stride, int L, int first, int every)
+{
+    double step = grid_step(x, stride, L),
+           floating = floating_steps(x + (size_t)first * stride, stride * (size_t)every,
+                                     (L - first + every - 1) / every, step, NULL);
+
+    return floating > step ? (struct grid) { floating, true } : (struct grid) { step, false };
+}
+
+struct grid grid_of(const double *x, size_t stride, int L)
+{
+    return grid_of_rows(x, stride, L, 0, L > GRID_SAMPLES ? L / GRID_SAMPLES : 1);
+}
+
+bool grid_ends(const struct grid *grid) { return grid->step > 0 && !grid->floating; }

@@ -1,6 +1,7 @@
-/* grid.h - the step of the grid that a converter or a printed table rounds to */
+/* grid.h - to what a converter, a printed table or single precision has rounded the samples */
 #ifndef MODAL_GRID_H
 #define MODAL_GRID_H
+#include <stdbool.h>
 #include <stddef.h>
 
 enum { GRID_VALUES_LEAST = 8, GRID_SAMPLES = 4096 };
@@ -13,6 +14,30 @@ enum { GRID_VALUES_LEAST = 8, GRID_SAMPLES = 4096 };
  * (GRID_NOISE).
  */
 double grid_step(const double *x, size_t stride, int L);
+
+/* What the samples of a channel were rounded to. */
+struct grid {
+    double step;                 /* 0: to nothing coarser than double precision */
+    bool floating;               /* to significant digits: each to a step that goes with its size,
+                                  * and `step` is the root of their mean square */
+};
+
+/*
+ * The steps of L samples of decimal digits, 13 at most, or of single precision, into q[0 .. L-1]
+ * where that is not NULL, 0 of a sample that is 0.  Returns their root mean square; 0 where a
+ * sample has more digits, or where fewer than GRID_VALUES_LEAST steps are coarser than LEAST: so
+ * many end in a zero by chance.
+ */
+double floating_steps(const double *x, size_t stride, int L, double least, double *q);
+
+/* The grid of L samples, floating by those of every so many from the FIRST on. */
+struct grid grid_of_rows(const double *x, size_t stride, int L, int first, int every);
+
+/* The same, floating by GRID_SAMPLES of them or more, spread over all. */
+struct grid grid_of(const double *x, size_t stride, int L);
+
+/* Is a response of less than a step rounded to nothing? */
+bool grid_ends(const struct grid *grid);
 
 /* Mean square of a rounding error, over q^2: uniform; and the most that a sine can have, one that
  * just stays below half a step and is rounded to nothing. */

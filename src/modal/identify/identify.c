@@ -22,6 +22,7 @@
 #include "modal/identify/ambient.h"
 #include "modal/identify/compressed.h"
 #include "modal/identify/diagnose.h"
+#include "modal/identify/digits.h"
 #include "modal/identify/exponents.h"
 #include "modal/identify/fold.h"
 #include "modal/identify/forced.h"
@@ -103,8 +104,7 @@ struct work {
     struct matrix weighted;         /* rec.Y, each channel over its noise; x NULL: not made */
     double *noise;                  /* per channel: what it was weighed by; NULL: nothing */
     double *weight;                 /* per channel of weighted, over rec.Y; NULL: 1 */
-    double *step;                   /* per channel: of its grid, in the batch's unit, 0: none; NULL:
-                                     * not looked for */
+    struct grid *grid;              /* per channel, in the batch's unit; NULL: not looked for */
     int cut;                        /* rows kept of a record that ends below its grid; 0: all */
     double *least;                /* per signal: what its grid leaves (refine.h); NULL: no matter */
     const struct matrix *X;         /* the signals: rec.Y or pod.signals */
@@ -147,7 +147,7 @@ static void work_done(struct work *w)
 {
     record_done(&w->rec);
     pod_done(&w->pod);
-    free(w->weighted.x), free(w->noise), free(w->weight), free(w->step), free(w->least);
+    free(w->weighted.x), free(w->noise), free(w->weight), free(w->grid), free(w->least);
     free(w->folded.x);
     compressed_free(w->blocks);
     pencil_done(&w->pencil);
@@ -298,7 +298,7 @@ static enum modal_status grid_noise(struct work *w, struct modal_error *err)
         for (int c = 0; c < S; c++) {
             double part =
                 w->pod.count > 0 ? w->pod.modes.x[c + (size_t)i * (size_t)w->pod.modes.ld] : c == i;
-            double q = w->rec.scale[c] > 0 ? part * w->step[c] / w->rec.scale[c]
+            double q = w->rec.scale[c] > 0 ? part * w->grid[c].step / w->rec.scale[c]
                     * (w->weight != NULL && w->pod.count > 0 ? w->weight[c] : 1)
                                            : 0;
             least[i] += times * w->rec.gain * GRID_NOISE_MOST * q * q;
@@ -1192,34 +1192,70 @@ static enum modal_status find_grids(struct work *w, const struct batch *b, bool 
     size_t first = (size_t)llround(w->rec.t0 / b->dt);
     int rows = w->rec.Y.m * w->rec.decimation;
 
-    w->step = calloc((size_t)w->rec.channels + 1, sizeof *w->step);
-    if (w->step == NULL)
+    w->grid = calloc((size_t)w->rec.channels + 1, sizeof *w->grid);
+    if (w->grid == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for the grids of %d channels",
                           w->rec.channels);
     if (w->rec.wide)
-        return wide_grids(&w->rec.view, w->step, any, err);
+        return wide_grids(&w->rec.view, w->grid, any, err);
     for (int c = 0; c < w->rec.channels; c++) {
-        w->step[c] = w->rec.scale[c] > 0
-            ? grid_step(b->signals + first * b->channels + w->rec.channel[c], b->channels, rows)
-            : 0;
-        *any |= w->step[c] > 0;
+        if (w->rec.scale[c] > 0)
+            w->grid[c] = grid_of(b->signals + first * b->channels + w->rec.channel[c],
+                                 b->channels, rows);
+        *any |= w->grid[c].step > 0;
     }
     return MODAL_OK;
 }
 
-/* Is what the fit leaves in a signal about what its grid makes?  Far less: the numbers are exact,
- * and happen to lie on a grid. */
-static bool grid_matters(const struct work *w)
+static bool floats(const struct work *w)
 {
-    const double EXACT = 1e-4, BELOW = 2;
-    const struct refined *fit = &w->choice.candidates[w->choice.chosen].fit;
+    for (int c = 0; c < w->rec.channels; c++)
+        if (w->grid[c].floating)
+            return true;
+    return false;
+}
+
+/* At most what is left of a signal where its grid makes it, over w->least. */
+static const double BELOW = 2;
+
+/* Is what a fit leaves in a signal about what its grid makes?  Far less: the numbers are exact, and
+ * happen to lie on a grid. */
+static bool leaves_grid(const struct work *w, const struct refined *fit)
+{
+    const double EXACT = 1e-4;
     bool any = false;
 
-    for (int g = 0; g < fit->groups && w->least != NULL; g++) {
+    for (int g = 0; g < fit->groups && w->least != NULL && fit->noise != NULL; g++) {
         double left = fit->noise[g] * fit->noise[g];
         any |= left > EXACT * w->least[g] && left < BELOW * w->least[g];
     }
     return any;
+}
+
+/* Significant digits make their noise where the response is large, and enough poles may follow all
+ * of it: fewer that leave it count as well. */
+static bool grid_matters(const struct work *w)
+{
+    const struct order_choice *o = &w->choice;
+    bool any = leaves_grid(w, &o->candidates[o->chosen].fit);
+
+    for (int i = 0; i < o->count && !any && floats(w); i++)
+        any = o->candidates[i].fit.poles < o->candidates[o->chosen].fit.poles
+            && leaves_grid(w, &o->candidates[i].fit);
+    return any;
+}
+
+/* Are all signals explained to the rounding of their samples?  Nothing is then left that could
+ * change in the record, or be driven. */
+static bool is_explained(const struct work *w, const struct identify_result *out)
+{
+    const struct refined *fit =
+        w->choice.chosen >= 0 ? &w->choice.candidates[w->choice.chosen].fit : NULL;
+    bool all = out->at_grid && fit != NULL && w->least != NULL && w->facts.converged;
+
+    for (int g = 0; all && g < fit->groups; g++)
+        all = fit->noise[g] * fit->noise[g] < BELOW * w->least[g];
+    return all;
 }
 
 /* Rows up to the last in which some channel, as it was sent, is GRID_ABOVE steps from where it
@@ -1230,11 +1266,11 @@ static int rows_above_grid(const struct work *w)
     int rows = 0;
 
     if (w->rec.wide)
-        return wide_rows_above(&w->rec.view, w->step, GRID_ABOVE);
+        return wide_rows_above(&w->rec.view, w->grid, GRID_ABOVE);
     for (int c = 0; c < Y->n; c++) {
         const double *y = Y->x + (size_t)c * Y->ld;
-        double least = w->rec.scale[c] > 0 ? GRID_ABOVE * w->step[c] / w->rec.scale[c] : 0;
-        if (w->rec.scale[c] > 0 && !(w->step[c] > 0))
+        double least = w->rec.scale[c] > 0 ? GRID_ABOVE * w->grid[c].step / w->rec.scale[c] : 0;
+        if (w->rec.scale[c] > 0 && !grid_ends(&w->grid[c]))
             return Y->m;
         for (int k = Y->m - 1; k >= rows && w->rec.scale[c] > 0; k--)
             if (fabs(y[k] - y[Y->m - 1]) >= least)
@@ -1286,16 +1322,20 @@ static enum modal_status analyse_above_grid(struct work *w, const struct batch *
 static void report_grids(const struct work *w, struct identify_result *out)
 {
     for (int c = 0; c < w->rec.channels && c < SCREEN_CHANNELS && out->at_grid; c++) {
-        bool said = w->step[c] == 0;
+        bool said = w->grid[c].step == 0;
         for (int i = 0; i < out->diagnostic_count; i++)
             said |= strcmp(out->diagnostics[i].code, "quantised") == 0
                 && out->diagnostics[i].channel == w->rec.channel[c];
         if (!said)
             identify_diagnose(out, "quantised", w->rec.channel[c],
-                              "the values of channel %d lie on a grid of %g, and what the modes "
+                              "the values of channel %d %s%g, and what the modes "
                               "leave of them is no more than its rounding, %g: "
                               "whatever is smaller than half a step is not looked for",
-                              w->rec.channel[c], w->step[c], w->step[c] / sqrt(12));
+                              w->rec.channel[c],
+                              w->grid[c].floating ? "have few digits, in the root mean square "
+                                                    "to steps of "
+                                                  : "lie on a grid of ",
+                              w->grid[c].step, w->grid[c].step / sqrt(12));
     }
     if (w->cut > 0)
         identify_diagnose(out, "ends_below_grid", -1,
@@ -1467,30 +1507,67 @@ static enum modal_status take_poles(struct work *w, struct modal_error *err)
 /* Does pole j stay below half a step in every channel? */
 static bool below_grid(const struct work *w, const struct synthesis *f, int j)
 {
-    for (int c = 0; c < w->rec.channels; c++)
-        if (w->step[c] == 0
-                ? w->rec.scale[c] > 0
-                : cabs(f->coefficient[j + (size_t)c * f->poles]) * w->rec.scale[c] > w->step[c] / 2)
+    for (int c = 0; c < w->rec.channels; c++) {
+        double size = cabs(f->coefficient[j + (size_t)c * f->poles]) * w->rec.scale[c],
+               step = w->grid[c].step;
+        if (step == 0 ? w->rec.scale[c] > 0 : size > step / 2)
             return false;
+    }
     return true;
 }
 
 /* Growth that rounding makes. */
-static enum modal_status doubt_growth_below_grid(struct work *w, const struct identify_result *out,
-                                                 struct modal_error *err)
+static void doubt_growth_below_grid(struct work *w, const struct synthesis *f)
+{
+    struct poles *p = &w->poles;
+
+    for (int j = 0; j < p->count; j++)
+        if (creal(p->lambda[j]) > 0 && below_grid(w, f, j))
+            p->growth[j] = GROWTH_BELOW_GRID;
+}
+
+static enum modal_status weigh_by_digits(struct work *w, const struct batch *b,
+                                         const struct synthesis *f, struct modal_error *err)
+{
+    struct poles *p = &w->poles;
+    size_t first = (size_t)llround(w->rec.t0 / b->dt);
+    struct digits_record r = { b->signals + first * b->channels,
+                               b->channels,
+                               w->rec.Y.m * w->rec.decimation,
+                               w->rec.channels,
+                               b->dt,
+                               w->rec.channel,
+                               w->rec.scale,
+                               w->grid };
+    double *factor = malloc(sizeof *factor * (size_t)p->count);
+    enum modal_status rc = factor == NULL
+        ? modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d poles", p->count)
+        : digits_factors(&r, p->lambda, f, factor, err);
+
+    for (int j = 0; j < p->count && rc == MODAL_OK; j++)
+        p->std_re[j] *= factor[j], p->std_im[j] *= factor[j];
+    free(factor);
+    return rc;
+}
+
+/* Standard errors by all that is doubted. */
+static enum modal_status widen(struct work *w, const struct batch *b,
+                               const struct identify_result *out, struct modal_error *err)
 {
     struct poles *p = &w->poles;
     struct synthesis own = { 0 };
     const struct synthesis *f = p->fit != NULL ? p->fit : &own;
+    bool rounded = out->at_grid && w->shift == 1 && p->count > 0;
     enum modal_status rc = MODAL_OK;
 
-    if (!out->at_grid || w->shift > 1 || p->count == 0)
-        return MODAL_OK;
-    if (p->fit == NULL)
-        rc = synthesis_fit(p->lambda, p->count, p->tau, &w->rec.Y, NULL, &own, err);
-    for (int j = 0; j < p->count && rc == MODAL_OK; j++)
-        if (creal(p->lambda[j]) > 0 && below_grid(w, f, j))
-            p->growth[j] = GROWTH_BELOW_GRID;
+    if (rounded && p->fit == NULL)
+        rc = fit_signals(w, p->lambda, p->count, &w->rec.Y, &own, err);
+    if (rc == MODAL_OK && rounded)
+        rc = weigh_by_digits(w, b, f, err);
+    if (rc == MODAL_OK)
+        rc = widen_poles(&w->data, &w->choice, p, &w->facts.doubt, err);
+    if (rc == MODAL_OK && rounded)
+        doubt_growth_below_grid(w, f);
     synthesis_done(&own);
     return rc;
 }
@@ -1652,7 +1729,7 @@ static enum modal_status doubt(struct work *w, struct identify_result *out, stru
     bool follows, beat;
     enum modal_status rc;
 
-    if (!w->refine || w->shift > 1 || w->rec.period > 0)
+    if (!w->refine || w->shift > 1 || w->rec.period > 0 || is_explained(w, out))
         return MODAL_OK;
     rc = neighbours_beat(w, &beat, err);
     if (rc != MODAL_OK || beat)
@@ -1751,6 +1828,8 @@ static void report_window(struct work *w, struct identify_result *out)
     const double *t = w->rec.proposed;
     bool automatic = w->opt.window[0] == WINDOW_AUTO;
 
+    if (!automatic && is_explained(w, out))
+        return;
     memcpy(out->proposed, t, sizeof out->proposed);
     if (automatic)
         memcpy(w->opt.window, t, sizeof w->opt.window);
@@ -1820,8 +1899,7 @@ enum modal_status modal_identify(const struct batch *batch, const struct identif
         || (rc = analyse_again(&w, out, err)) != MODAL_OK
         || (rc = keep_chosen(&w, &out->chosen, err)) != MODAL_OK
         || (rc = take_poles(&w, err)) != MODAL_OK
-        || (rc = widen_poles(&w.data, &w.choice, &w.poles, &w.facts.doubt, err)) != MODAL_OK
-        || (rc = doubt_growth_below_grid(&w, out, err)) != MODAL_OK)
+        || (rc = widen(&w, batch, out, err)) != MODAL_OK)
         goto out;
     report_settings(&w, out);
     if ((rc = doubt(&w, out, err)) != MODAL_OK

@@ -322,9 +322,9 @@ static bool near_grid(const struct job *j, const struct moving_fit *f)
     for (int c = 0; c < m->S; c++) {
         double left = f->rss[c] / m->L * j->scale[c] * j->scale[c], step;
         int skip = m->L / GRID_LOOK > 1 ? m->L / GRID_LOOK : 1;
-        if (j->scale[c] == 0 || grid_step(y + c, (size_t)(skip * m->S), m->L / skip) == 0)
+        if (j->scale[c] == 0 || grid_of(y + c, (size_t)(skip * m->S), m->L / skip).step == 0)
             continue;
-        step = grid_step(y + c, (size_t)m->S, m->L < GRID_SAMPLES ? m->L : GRID_SAMPLES);
+        step = grid_of(y + c, (size_t)m->S, m->L < GRID_SAMPLES ? m->L : GRID_SAMPLES).step;
         if (left < GRID_NEAR * GRID_NOISE_MOST * step * step)
             return true;
     }

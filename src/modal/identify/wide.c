@@ -676,8 +676,9 @@ static int grid_row(const struct wide *w, int i, int rows)
 
 /* Of COUNT channels from FIRST on, EVERY apart; X has room for ROWS of each. */
 static bool grids_of(const struct wide *w, int rows, int first, int every, int count, double *x,
-                     double *step)
+                     struct grid *grid)
 {
+    int head = rows == w->L ? 0 : rows / 2;
     bool any = false;
 
     for (int i = 0; i < rows; i++) {
@@ -689,13 +690,15 @@ static bool grids_of(const struct wide *w, int rows, int first, int every, int c
     }
     for (int j = 0; j < count; j++) {
         int c = first + j * every;
-        step[c] = w->scale == NULL || w->scale[c] > 0 ? grid_step(x + j, (size_t)count, rows) : 0;
-        any |= step[c] > 0;
+        if (w->scale == NULL || w->scale[c] > 0)
+            grid[c] = grid_of_rows(x + j, (size_t)count, rows, head, 1);
+        any |= grid[c].step > 0;
     }
     return any;
 }
 
-enum modal_status wide_grids(const struct wide *w, double *step, bool *any, struct modal_error *err)
+enum modal_status wide_grids(const struct wide *w, struct grid *grid, bool *any,
+                             struct modal_error *err)
 {
     int rows = grid_rows(w), every = (w->S + WIDE_GRID_CHANNELS - 1) / WIDE_GRID_CHANNELS,
         block = GRID_BLOCK / rows;
@@ -706,26 +709,26 @@ enum modal_status wide_grids(const struct wide *w, double *step, bool *any, stru
     if (x == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "wide: no memory for %d samples of %d channels",
                           rows, block);
-    memset(step, 0, sizeof *step * (size_t)w->S);
-    *any = grids_of(w, rows, 0, every, (w->S + every - 1) / every, x, step);
+    memset(grid, 0, sizeof *grid * (size_t)w->S);
+    *any = grids_of(w, rows, 0, every, (w->S + every - 1) / every, x, grid);
     for (int c = 0; c < w->S && *any; c += block)
-        grids_of(w, rows, c, 1, w->S - c < block ? w->S - c : block, x, step);
+        grids_of(w, rows, c, 1, w->S - c < block ? w->S - c : block, x, grid);
     free(x);
     return MODAL_OK;
 }
 
-int wide_rows_above(const struct wide *w, const double *step, double steps)
+int wide_rows_above(const struct wide *w, const struct grid *grid, double steps)
 {
     const double *end = w->x + (size_t)(w->L - 1) * w->stride;
     int rows = 0;
 
     for (int c = 0; c < w->S; c++)
-        if (!(step[c] > 0) && (w->scale == NULL || w->scale[c] > 0))
+        if (!grid_ends(&grid[c]) && (w->scale == NULL || w->scale[c] > 0))
             return w->L;
     for (int k = 0; k < w->L; k++) {
         const double *x = w->x + (size_t)k * w->stride;
         for (int c = 0; c < w->S && rows <= k; c++)
-            if (fabs(x[c] - end[c]) >= steps * step[c] && step[c] > 0)
+            if (fabs(x[c] - end[c]) >= steps * grid[c].step && grid[c].step > 0)
                 rows = k + 1;
         wide_passed(w, k);
     }

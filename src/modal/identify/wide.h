@@ -5,6 +5,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 #include "base/error.h"
+#include "modal/identify/grid.h"
 #include "modal/identify/pod.h"
 #include "modal/identify/refine.h"
 #include "modal/linalg/lanczos.h"
@@ -66,12 +67,12 @@ enum {
  * WIDE_GRID_CHANNELS channels spread over all have none, no others are looked at: a converter or a
  * printed table rounds them alike. MODAL_NO_MEMORY.
  */
-enum modal_status wide_grids(const struct wide *w, double *step, bool *any,
+enum modal_status wide_grids(const struct wide *w, struct grid *grid, bool *any,
                              struct modal_error *err);
 
 /* Rows up to the last in which some channel is STEPS steps or more from where it ends; L where a
- * channel has no grid.  One pass, from the first row on. */
-int wide_rows_above(const struct wide *w, const double *step, double steps);
+ * channel has no fixed grid.  One pass, from the first row on. */
+int wide_rows_above(const struct wide *w, const struct grid *grid, double steps);
 
 /* Row k has been read, of a pass that reads row after row: give back what lies behind, now and
  * then. */

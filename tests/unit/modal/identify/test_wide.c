@@ -321,23 +321,23 @@ TEST(grids_are_those_of_each_channel_and_end_where_the_response_does)
 {
     enum { L = 500, S = 40 };
     static double y[L * S];
-    double step[S];
+    struct grid grid[S];
     struct wide w = { y, S, L, S, NULL, false, NULL, NULL };
     bool any;
 
     for (int k = 0; k < L; k++)
         for (int c = 0; c < S; c++)
             y[k * S + c] = (0.25 + 0.03125 * c) * nearbyint(40 * exp(-0.02 * k) * cos(1.7 * k + c));
-    CHECK(wide_grids(&w, step, &any, NULL) == MODAL_OK && any);
+    CHECK(wide_grids(&w, grid, &any, NULL) == MODAL_OK && any);
     for (int c = 0; c < S; c++)
-        CHECK_NEAR(step[c], 0.25 + 0.03125 * c, 1e-12);
-    int rows = wide_rows_above(&w, step, 1.9);        /* 40 e^{-0.02 k} = 1.5 at k = 164 */
+        CHECK_NEAR(grid[c].step, 0.25 + 0.03125 * c, 1e-12);
+    int rows = wide_rows_above(&w, grid, 1.9);        /* 40 e^{-0.02 k} = 1.5 at k = 164 */
     CHECK(rows > 150 && rows < 166);
-    step[7] = 0;
-    CHECK(wide_rows_above(&w, step, 1.9) == L);
+    grid[7].step = 0;
+    CHECK(wide_rows_above(&w, grid, 1.9) == L);
     for (int i = 0; i < L * S; i++)
         y[i] += 1e-3 * sin(1.0 * i * i);
-    CHECK(wide_grids(&w, step, &any, NULL) == MODAL_OK && !any);
+    CHECK(wide_grids(&w, grid, &any, NULL) == MODAL_OK && !any);
 }
 
 static size_t released;

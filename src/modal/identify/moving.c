@@ -50,7 +50,7 @@
 #include "modal/linalg/svd.h"
 
 enum { GRID_LOOK = 24 };                         /* samples */
-/* times the variance of rounding; identify.c's own question is asked at 2 */
+/* times the variance of rounding; identify_signals.c's own question is asked at 2 */
 static const double GRID_NEAR = 4;
 
 const char *const moving_reasons[] = {
@@ -124,7 +124,7 @@ enum modal_status moving_new(const struct moving_options *options, struct moving
     return rc;
 }
 
-/* ---- channels by their noise, as identify.c ---- */
+/* ---- channels by their noise, as identify_signals.c ---- */
 
 static enum modal_status look_at_channels(struct job *j, const struct moving_fit *f,
                                           struct moving_fit *out, struct modal_error *err)

@@ -30,7 +30,7 @@
 
 enum { ORDERS = 12, ROWS_LEAST = 48, LONG = 20000 };
 enum { CROWD_MOST = 32 };          /* poles of one mode that changes: work, and stack */
-/* Of a crowd's energy, the least share of its one shape: as in identify.c's of two poles. */
+/* Of a crowd's energy, the least share of its one shape: as in identify_doubt.c's of two poles. */
 static const double ONE_SHAPE = 0.9;
 /* Exponents times rows below which the geometric series loses more digits than this. */
 static const double SERIES_LEAST = 1e-8;

@@ -1,0 +1,201 @@
+/* identify_decompose.c - signals to the pair of matrices that poles are read from, by pencil or by
+ * projection, with as many triplets as there are signals */
+#include "modal/identify/identify_state.h"
+#include <stdlib.h>
+#include "modal/identify/hankel.h"
+
+enum { COMPLETE_SIDE = 600 };           /* complete decompositions up to this */
+
+/* What is searched from above: at most so many signals, found for so many multiplications; and
+ * where many modes are seen to be there. */
+enum {
+    SIGNALS_MOST = 256,
+    MANY_MOST = 1024,
+    LAG = 5                             /* of the triplets one in so many: the last have not
+                                         * converged */
+};
+static const double
+    SIGNALS_WORK = 4e9,                 /* multiplications: of few modes, */
+    MANY_WORK = 1e11;                   /* and of many */
+
+/* The pencil uses every column there is. */
+static bool every_column(const struct work *w)
+{
+    int rows = w->opt.rows, columns = 0;
+
+    hankel_default_sizes(w->X->m, w->shift, &rows, &columns);
+    return w->opt.columns == 0 || w->opt.columns == columns;
+}
+
+bool work_wants_projection(const struct work *w)
+{
+    return w->shift > 1 || !w->refine || w->opt.method != IDENTIFY_AUTO || !every_column(w)
+        || (w->opt.rank.rule != RANK_AUTO && w->opt.rank.rule != RANK_FIXED);
+}
+
+/* What the poles are looked for in: few channels weighed by their noise, though each is fitted as
+ * it is, with its own noise. */
+static const struct matrix *searched(const struct work *w)
+{
+    return w->pod.count == 0 && w->weighted.x != NULL ? &w->weighted : w->X;
+}
+
+static enum modal_status project(struct work *w, struct identify_result *out,
+                                 struct modal_error *err)
+{
+    struct hankel h = { searched(w), 0, w->opt.rows, w->opt.columns, w->shift };
+    bool all = w->opt.rank.rule > RANK_FIXED;
+    int side, wanted = w->opt.rank.rule == RANK_FIXED ? w->opt.rank.fixed + 4 : TRIPLETS;
+    enum modal_status rc;
+
+    hankel_default_sizes(w->X->m, w->shift, &h.rows, &h.columns);
+    rc = hankel_check(&h, err);
+    if (rc != MODAL_OK)
+        return rc;
+    side = h.rows * w->X->n < h.columns ? h.rows * w->X->n : h.columns;
+    if (w->opt.rank.rule == RANK_FIXED && w->opt.rank.fixed > side)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "rank.fixed",
+                                "rank %d of a Hankel matrix of %d x %d; accepted: 1 to %d",
+                                w->opt.rank.fixed, h.rows * w->X->n, h.columns, side);
+    if (all)
+        wanted = side <= COMPLETE_SIDE ? side : 8 * TRIPLETS;
+    rc = projection_make(&h, wanted, &w->projection, err);
+    w->projected = rc == MODAL_OK;
+    out->rows = h.rows, out->columns = h.columns;
+    return rc;
+}
+
+/* Can so many triplets of a Hankel matrix of so many rows be had for the work? Many modes of a
+ * very long record are found in its head. */
+static bool affords(const struct work *w, int rows, int triplets)
+{
+    bool many = w->many && w->X->m < GROW * HEAD;
+    double k = triplets, side = (double)rows * w->X->n + w->X->m - rows;
+
+    return k <= (many ? MANY_MOST : SIGNALS_MOST)
+        && side * k * k <= (many ? MANY_WORK : SIGNALS_WORK);
+}
+
+/* Rows for many triplets, and for those that cannot be had of as many rows as few need: as high
+ * as it is wide the Hankel matrix has its noise lowest beside its signals, and more rows cost
+ * more; it has room for FOLD times the triplets. */
+static int rows_of_many(const struct work *w, int triplets)
+{
+    enum { FOLD = 4 };
+    int L = w->X->m, S = w->X->n, rows = L / (S + 1), least = FOLD * triplets / S + 1;
+
+    if (w->opt.rows > 0 || triplets <= TRIPLETS_MOST
+        || (!w->many && affords(w, w->pencil.rows, triplets)))
+        return w->opt.rows;
+    rows = rows > least ? rows : least;
+    return rows < (L + 2) / 3 ? rows : (L + 2) / 3;
+}
+
+/* Do as many triplets as few modes need leave much of the signals? Then many modes are there. What
+ * follows its own amplitude has many directions too, and next to nothing in the later ones. */
+static bool leaves_much(const struct pencil *p)
+{
+    double rest = p->energy;
+
+    for (int i = 0; i < p->count; i++)
+        rest -= p->s[i] * p->s[i];
+    return rest > ORDER_POOR * ORDER_POOR * p->energy;
+}
+
+/* Do signals fill the triplets, so that there may be more of them? Lanczos ends as soon as it has
+ * their number, and the last have not converged: they are less than the signals, by a tenth of the
+ * number as seen. Where what they leave is mostly more of the same, its edge is high as well, and
+ * half of the number above it are as many as few modes in noise do not have. */
+static bool signals_fill(const struct work *w, const struct pencil *p)
+{
+    int lag = leaves_much(p) ? p->count / 2 : w->many ? p->count / LAG : 0;
+
+    return pencil_signals(p) + lag + ORDER_AHEAD > p->count;
+}
+
+/* Can twice the triplets be had? */
+static bool can_double(const struct work *w, const struct pencil *p)
+{
+    int more = 2 * p->count, rows = rows_of_many(w, more);
+
+    return p->count < w->X->m / 4 && affords(w, rows > 0 ? rows : p->rows, more);
+}
+
+/* A response that noise drives has no end of signals: of those not even many are searched. Where
+ * they end, more than TRIPLETS_MOST are many, however little the first of them leave. */
+static void drop_endless(struct work *w, struct pencil *all)
+{
+    bool endless = signals_fill(w, all), many = w->many;
+
+    w->many = !endless && (many || pencil_signals(all) > TRIPLETS_MOST);
+    if (!endless || !many)
+        return;
+    if (all->s != w->pencil.s)
+        pencil_done(all);
+    *all = w->pencil;
+}
+
+/* *all: a pencil of as many triplets as there are signals, w->pencil where that has them. */
+enum modal_status work_pencil_of_all(struct work *w, struct pencil *all, struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+
+    *all = w->pencil;
+    w->many = false;
+    while (rc == MODAL_OK && signals_fill(w, all) && can_double(w, all)) {
+        struct pencil_options opt = { rows_of_many(w, 2 * all->count), 2 * all->count };
+        struct pencil more = { 0 };
+        rc = pencil_new(searched(w), &opt, &more, err);
+        if (all->s != w->pencil.s)
+            pencil_done(all);
+        *all = rc == MODAL_OK ? more : w->pencil;
+        if (all->count == TRIPLETS_MOST)
+            w->many = leaves_much(all);
+        if (more.count < opt.wanted)
+            break;
+    }
+    drop_endless(w, all);
+    return rc;
+}
+
+static enum modal_status pencil(struct work *w, struct identify_result *out,
+                                struct modal_error *err)
+{
+    int fixed = w->opt.rank.rule == RANK_FIXED ? w->opt.rank.fixed : 0, most = (w->X->m - 1) / 2;
+    struct pencil_options opt = { w->opt.rows, fixed > 0 ? fixed + 4 : w->triplets };
+    enum modal_status rc;
+
+    if (fixed > most)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "rank.fixed",
+                                "rank %d of %d samples; accepted: 1 to %d", fixed, w->X->m, most);
+    rc = pencil_new(searched(w), &opt, &w->pencil, err);
+    out->rows = w->pencil.rows, out->columns = w->X->m - w->pencil.rows;
+    return rc;
+}
+
+/* The singular values of the decomposition, for the answer. */
+enum modal_status work_report_values(struct work *w, struct identify_result *out,
+                                     struct modal_error *err)
+{
+    int count = w->projected ? w->projection.count : w->pencil.count;
+    const double *s = w->projected ? w->projection.s : w->pencil.s;
+
+    free(out->singular);
+    out->singular = malloc(sizeof *s * (count + 1));
+    if (out->singular == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d singular values",
+                          count);
+    for (int i = 0; i < count; i++)
+        out->singular[i] = s[0] > 0 ? s[i] / s[0] : 0;
+    out->singular_count = count;
+    w->facts.full_rank = rank_above_rounding(s, count, out->rows * w->X->n, out->columns);
+    return MODAL_OK;
+}
+
+enum modal_status work_decompose(struct work *w, struct identify_result *out,
+                                 struct modal_error *err)
+{
+    enum modal_status rc = work_wants_projection(w) ? project(w, out, err) : pencil(w, out, err);
+
+    return rc == MODAL_OK ? work_report_values(w, out, err) : rc;
+}

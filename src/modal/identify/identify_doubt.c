@@ -1,0 +1,193 @@
+/* identify_doubt.c - whether one set of exponents is the right model, and what is concluded */
+#include "modal/identify/identify_state.h"
+#include <cblas.h>
+#include <float.h>
+#include <math.h>
+#include "modal/identify/exponents.h"
+#include "modal/identify/merge.h"
+#include "modal/identify/screen.h"
+#include "modal/identify/trend.h"
+#include "modal/identify/verdict.h"
+#include "modal/linalg/svd.h"
+
+static const double
+    NEIGHBOUR = 0.05,                   /* of the frequency: poles this near may be one mode that
+                                         * changes (merge.c) */
+    SAME_SHAPE = 0.9;                   /* the square of the cosine between two of one mode */
+
+/* A multiplier of 1 that is no offset, in a periodic system: the orbit itself. */
+static bool has_orbit(const struct work *w, const struct identify_result *r)
+{
+    bool found = false;
+
+    for (int i = 0; i < r->mode_count && r->period > 0 && !w->opt.difference; i++) {
+        const struct identify_mode *m = &r->modes[i];
+        double bar = fmax(1e-9,
+                          fmin(0.05,
+                               3
+                                   * (isfinite(m->std_multiplier) ? m->std_multiplier
+                                          : isfinite(m->bar)      ? m->bar
+                                                                  : 0)));
+        found |=
+            fabs(creal(m->multiplier) - 1) <= bar && cimag(m->multiplier) == 0 && m->energy > 0.01;
+    }
+    return found;
+}
+
+/* Has the strongest pole a neighbour with a shape of its own?  Poles of one mode share it. */
+static bool shapes_differ(const struct synthesis *f, const double complex *lambda)
+{
+    int at = -1, n = f->poles;
+    double most = 0, one = 1, aa = 0;
+
+    for (int j = 0; j < n; j++) {
+        double size = cblas_dznrm2(f->channels, f->coefficient + j, n);
+        if (cimag(lambda[j]) != 0 && size > most)
+            at = j, most = size;
+    }
+    aa = most * most;
+    for (int j = 0; j < n && at >= 0; j++) {
+        double complex ab;
+        double bb = cblas_dznrm2(f->channels, f->coefficient + j, n);
+        if (j == at || fabs(cimag(lambda[j]) / cimag(lambda[at]) - 1) > NEIGHBOUR)
+            continue;
+        cblas_zdotc_sub(f->channels, f->coefficient + at, n, f->coefficient + j, n, &ab);
+        one = fmin(one, creal(ab * conj(ab)) / (aa * bb * bb));
+    }
+    return one < SAME_SHAPE;
+}
+
+/* Lines that the record resolves, in white noise, with shapes of their own: no one mode changes. */
+static enum modal_status neighbours_beat(const struct work *w, bool *beat, struct modal_error *err)
+{
+    const struct poles *p = &w->poles;
+    struct synthesis f = { 0 };
+    enum modal_status rc;
+
+    *beat = false;
+    if (!w->choice.clean || w->choice.crowded || w->X->n < 2)
+        return MODAL_OK;
+    rc = work_fit_signals(w, p->lambda, p->count, w->X, &f, err);
+    *beat = rc == MODAL_OK && shapes_differ(&f, p->lambda);
+    synthesis_done(&f);
+    return rc;
+}
+
+/* What a very long record's poles leave of it, where that was seen to be white noise when it was
+ * searched; else 0. */
+static double white_left(const struct work *w)
+{
+    if (!w->choice.clean || !w->choice.rest.known)
+        return 0;
+    return w->choice.candidates[w->choice.chosen].fit.residual / safe_matrix_norm(w->X);
+}
+
+/* Is one set of exponents the right model?  A mode that follows its amplitude is reported as one,
+ * not as the crowd of poles that makes up for it. */
+enum modal_status work_doubt(struct work *w, struct identify_result *out, struct modal_error *err)
+{
+    struct poles *p = &w->poles;
+    struct trend_input in = { w->X,
+                              w->rec.step,
+                              w->rec.t0,
+                              p->lambda,
+                              p->count,
+                              w->rec.shift_rad_s / (2 * M_PI),
+                              w->opt.cancelled,
+                              w->opt.context,
+                              white_left(w) };
+    bool follows, beat;
+    enum modal_status rc;
+
+    if (!w->refine || w->shift > 1 || w->rec.period > 0 || work_is_explained(w, out))
+        return MODAL_OK;
+    rc = neighbours_beat(w, &beat, err);
+    if (rc != MODAL_OK || beat)
+        return rc;
+    rc = trend_watch(&in, out, &follows, err);
+    if (rc == MODAL_OK && follows && p->fit == NULL)
+        rc = merge_crowds(&w->data, out->trend, out->trend_count, in.hertz, p, &w->facts.converged,
+                          err);
+    if (rc == MODAL_OK && follows)
+        out->hankel_rank = poles_order(p->lambda, p->count, p->tau);
+    return rc;
+}
+
+/* Is the fit that shows growth one that may be drawing something else: not at its least, leaving
+ * noise, in need of many growing modes, or of a crowd where one line that drifts may be? Of that,
+ * shapes tell more than one signal does.  Few modes draw nothing else to rounding. */
+static bool growth_is_doubtful(const struct work *w, const struct trend_input *in,
+                               const struct identify_result *r)
+{
+    return !w->facts.doubt.exact
+        && (!w->facts.converged || w->facts.doubt.colour > 1 || w->facts.doubt.contradiction > 1
+            || w->facts.doubt.rivals || verdict_crowd_grows(r)
+            || (w->X->n < 2 && trend_crowds(in, r->modes[r->decides].exponent)));
+}
+
+/* Where it is, parts of the record must show growth for themselves. */
+static enum modal_status confirm_growth(struct work *w, struct identify_result *out,
+                                        struct modal_error *err)
+{
+    struct trend_input in = { w->X, w->rec.step, w->rec.t0, w->poles.lambda, w->poles.count,
+                              w->rec.shift_rad_s / (2 * M_PI), w->opt.cancelled, w->opt.context,
+                              0 };
+    bool shown = true;
+    enum modal_status rc = MODAL_OK;
+
+    if (out->verdict == VERDICT_UNSTABLE && w->refine && w->shift == 1 && w->rec.period <= 0
+        && growth_is_doubtful(w, &in, out))
+        rc = trend_growth(&in, out, &shown, err);
+    if (rc != MODAL_OK || shown)
+        return rc;
+    out->verdict = VERDICT_UNDECIDED;
+    identify_diagnose(
+        out, "growth_unconfirmed", -1,
+        "mode %d (%.5g Hz) grows in the fit to the whole record, which does not hold throughout, "
+        "and no part of the record grows for itself: a motion "
+        "set off anew (an impact, a load that changes) looks so; identify a part by `window`",
+        out->decides, cabs(out->modes[out->decides].exponent) / (2 * M_PI));
+    return MODAL_OK;
+}
+
+/* Where poles nearly coalesce their parts are far larger than their sum,
+ * and so is what rounding leaves. */
+static bool at_rounding_of_parts(const struct work *w, const struct identify_result *r)
+{
+    const double ROUNDINGS = 16;
+    double parts = 0;
+
+    for (int i = 0; i < r->mode_count; i++)
+        parts += r->modes[i].amplitude * r->modes[i].amplitude;
+    return w->choice.chosen >= 0 && w->choice.candidates[w->choice.chosen].fit.residual
+        <= ROUNDINGS * DBL_EPSILON * sqrt(parts) * safe_matrix_norm(w->data.Y);
+}
+
+enum modal_status work_conclude(struct work *w, const struct batch *batch,
+                                struct identify_result *out, struct modal_error *err)
+{
+    double duration = w->data.Y->m * w->tau;
+    enum modal_status rc = verdict_clusters(out, duration, err);
+
+    if (rc != MODAL_OK)
+        return rc;
+    w->facts.converged |= at_rounding_of_parts(w, out);
+    if (w->refine && w->shift == 1 && w->rec.period <= 0)
+        trend_mark_harmonics(out);
+    verdict_stability(out, duration);
+    if ((rc = confirm_growth(w, out, err)) != MODAL_OK)
+        return rc;
+    w->facts.rows = w->data.Y->m;
+    w->facts.record = duration;
+    w->facts.tau = w->tau;
+    w->facts.orbit = has_orbit(w, out);
+    w->facts.below = w->rec.below;
+    diagnose(out, &w->facts);
+    screen_samples(batch, out);
+    work_report_grids(w, out);
+    if (w->refine && w->shift == 1 && w->rec.period <= 0)
+        trend_of_modes(w->X->m * w->rec.step, out);
+    if (!w->facts.converged || out->driven)
+        verdict_withhold(out);
+    return MODAL_OK;
+}

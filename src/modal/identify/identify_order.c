@@ -1,0 +1,503 @@
+/* identify_order.c - from a decomposition to the poles of an order: from above, by the ladder, and
+ * of a very long record from its head on */
+#include "modal/identify/identify_state.h"
+#include <float.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "modal/identify/exponents.h"
+#include "modal/linalg/svd.h"
+
+enum {
+    FREEDOM = 3,                        /* rows over, at least */
+    LONG = 4096,                        /* rows: a fit costs L r^2, so that triplets */
+    TRIPLETS_LONG = 32,                 /* of longer records end earlier */
+    VERY_LONG = 32768                   /* rows: a ladder of more that is near the number of
+                                         * triplets is not refined before they are doubled; it is
+                                         * thrown away, and costs seconds */
+};
+static const double SPARING = 0.6;      /* of the independent numbers */
+
+/* Multiplications (refine.h). */
+static const double
+    WORK_MOST = 1.6e10,                 /* of all ladders of an answer, */
+    WORK_LONG = 5e9,                    /* those of very long records, */
+    WORK_LEAST = 5e8,                   /* and one that begins after they are spent: a second or
+                                         * two */
+    WORK_TRIAL = 1e9,                   /* of a first search among few channels that have not been
+                                         * weighed by their noise: if that differs much the search
+                                         * may find no end */
+    EVALUATIONS_MANY = 64;              /* where signals say that there are many modes: of all of
+                                         * them, as a search takes that begins near its end */
+
+static enum modal_status projection_source(void *context, int r, double complex *lambda, int *count,
+                                           struct modal_error *err)
+{
+    struct work *w = context;
+    int dropped = 0;
+    double start = work_clock(w);
+    enum modal_status rc =
+        projection_poles(&w->projection, w->opt.method, r, w->tau, lambda, count, &dropped, err);
+
+    if (r == w->opt.rank.fixed)
+        w->facts.dropped = dropped;
+    w->eigenvalues += work_clock(w) - start;
+    return rc;
+}
+
+static enum modal_status pencil_source(void *context, int r, double complex *lambda, int *count,
+                                       struct modal_error *err)
+{
+    struct work *w = context;
+    double complex rho[IDENTIFY_ORDER_MOST + TRIPLETS];
+    double start = work_clock(w);
+    enum modal_status rc = pencil_multipliers(&w->pencil, r, rho, err);
+
+    if (rc == MODAL_OK)
+        *count = poles_of_multipliers(rho, r, w->tau, 1e-300, lambda, &w->facts.dropped);
+    w->eigenvalues += work_clock(w) - start;
+    return rc;
+}
+
+/* The order that leaves FREEDOM rows over, but a pair wherever it can be fitted at all. */
+static int rows_allow(const struct work *w)
+{
+    int L = w->data.Y->m;
+
+    return L - FREEDOM > 2 ? L - FREEDOM : L > 2 ? 2 : 1;
+}
+
+/* How far the ladder goes: no more than the singular values above rounding, the rows there are less
+ * FREEDOM (with fewer left over, any exponents reconstruct noise), or what was allowed. */
+static int order_most(const struct work *w)
+{
+    int most = w->projected ? w->projection.count : w->pencil.count;
+
+    if (most > w->facts.full_rank)
+        most = w->facts.full_rank;
+    if (most > w->data.Y->m - 1)
+        most = w->data.Y->m - 1;
+    if (w->opt.rank.rule == RANK_AUTO && most > rows_allow(w))
+        most = rows_allow(w);
+    if (w->opt.rank.most > 0 && most > w->opt.rank.most)
+        most = w->opt.rank.most;
+    return most < IDENTIFY_ORDER_MOST ? most : IDENTIFY_ORDER_MOST;
+}
+
+/* The criterion (7) of refine.c for no poles at all. */
+static double bic_of_nothing(const struct refine_data *d)
+{
+    double n = (double)d->Y->m * d->phases, own = d->share > 0 ? d->share * n : n, sum = 0;
+
+    for (int g = 0; g < d->Y->n / d->phases; g++) {
+        double energy = 0;
+        for (int k = 0; k < d->phases; k++) {
+            double norm = safe_norm(d->Y->x + (size_t)(g * d->phases + k) * d->Y->ld, d->Y->m);
+            energy += norm * norm;
+        }
+        sum += energy > 0 ? own * log(fmax(energy / n, d->least != NULL ? d->least[g] : 0)) : 0;
+    }
+    return sum;
+}
+
+/* The order whose unknowns are SPARING of the independent numbers: S rows of them to fit, S + 1
+ * unknowns for each order. */
+static int sparing_order(const struct work *w)
+{
+    double rows = w->data.Y->m * (w->data.share > 0 ? w->data.share : 1), S = w->data.Y->n;
+    int order = (int)(SPARING * rows * S / (S + 1)), least = w->data.Y->m > 2 ? 2 : 1;
+
+    return order > least ? order : least;
+}
+
+/* BIC is an expansion for many data: where unknowns nearly exhaust them it prefers to interpolate
+ * noise.  An order beyond the sparing one is believed only if it reaches rounding. */
+static bool overfitted(const struct work *w)
+{
+    const struct refined *fit =
+        w->choice.chosen >= 0 ? &w->choice.candidates[w->choice.chosen].fit : NULL;
+
+    return fit != NULL && fit->order > sparing_order(w)
+        && fit->residual > WORK_ROUNDING * safe_matrix_norm(w->data.Y);
+}
+
+/* Can the ladder be cut off by the number of triplets, so that more of them may help? */
+static bool more_triplets(const struct work *w)
+{
+    int most = w->X->m > LONG ? TRIPLETS_LONG : TRIPLETS_MOST;
+
+    return !w->projected && w->opt.rank.rule == RANK_AUTO && w->triplets < most
+        && w->pencil.count == w->triplets && w->facts.full_rank == w->pencil.count;
+}
+
+/* Was it, and not by its own end?  Or is little explained by all there are? */
+static bool cut_off(const struct work *w)
+{
+    if (!more_triplets(w) || w->choice.chosen < 0 || w->choice.limited)
+        return false;
+    return w->rank + ORDER_AHEAD > w->pencil.count
+        || w->choice.candidates[w->choice.chosen].fit.residual
+        > ORDER_POOR * safe_matrix_norm(w->data.Y);
+}
+
+/* Is this a very long record that begins with what is no free response? Then there is no set of
+ * modes for a search to end at, what drives it has signals without end, and all of the work there
+ * may be was spent on them. */
+static bool driven(const struct work *w)
+{
+    return w->rec.proposed[1] > 0 && w->opt.window[0] != WINDOW_AUTO && w->X->m > VERY_LONG;
+}
+
+/* The ladder within what is left of the work; a rank that was given is refined to its end. */
+static enum modal_status climb(struct work *w, const struct order_source *source,
+                               struct order_options *opt, struct modal_error *err)
+{
+    enum modal_status rc;
+
+    opt->cut = w->data.Y->m > VERY_LONG && more_triplets(w) ? w->pencil.count : 0;
+    opt->work = w->opt.rank.rule != RANK_AUTO ? 0
+              : w->trial || driven(w) ? fmax(WORK_TRIAL - w->spent, DBL_MIN)
+              : fmax((w->data.Y->m > VERY_LONG ? WORK_LONG : WORK_MOST) - w->spent, WORK_LEAST);
+    order_done(&w->choice);
+    rc = order_choose(&w->data, source, opt, &w->choice, err);
+    w->spent += w->choice.work;
+    w->facts.work_limit = rc == MODAL_OK && w->choice.limited;
+    return rc;
+}
+
+/* Values before the last clear gap: that many exponents must be looked at, however badly fewer fit.
+ * */
+static int before_gap(const struct work *w)
+{
+    const double *s = w->projected ? w->projection.s : w->pencil.s, GAP = 3;
+    int count = w->projected ? w->projection.count : w->pencil.count, at = 0;
+
+    for (int i = 1; i < count && s[i - 1] > 0; i++)
+        if (s[i - 1] > GAP * s[i])
+            at = i;
+    return at < w->facts.full_rank ? at : w->facts.full_rank;
+}
+
+/* The chosen candidate is the answer. */
+static void note_chosen(struct work *w, struct identify_result *out)
+{
+    const struct order_candidate *c = &w->choice.candidates[w->choice.chosen];
+
+    w->rank = c->r > 0 ? c->r : c->fit.order;
+    w->facts.order = c->fit.order;
+    w->facts.converged = !w->refine || refined_converged(&c->fit)
+        || c->fit.residual <= WORK_ROUNDING * safe_matrix_norm(w->data.Y);
+    out->hankel_rank = c->fit.order;
+}
+
+static enum modal_status choose_order(struct work *w, struct identify_result *out,
+                                      struct modal_error *err)
+{
+    struct order_source source = { .most = order_most(w), .context = w,
+                                   .poles = w->projected ? projection_source
+                                                         : pencil_source };
+    struct order_options opt = { .refine = { .iterations = w->refine ? 0 : -1 },
+                                 .cancelled = w->opt.cancelled,
+                                 .context = w->opt.context };
+    const struct projection *p = &w->projection;
+    enum modal_status rc;
+
+    if (w->opt.rank.rule != RANK_AUTO)
+        opt.fixed = w->projected ? rank_estimate(p->s, p->count, p->m, p->n, &w->opt.rank)
+                                 : w->opt.rank.fixed;
+    if (w->opt.rank.rule != RANK_AUTO)
+        w->opt.rank.fixed = w->facts.asked_rank = opt.fixed;
+    if (opt.fixed > w->facts.full_rank)
+        /* what lies beyond is made of rounding; said by a diagnostic */
+        opt.fixed = w->facts.full_rank;
+    if (opt.fixed > source.most)
+        return modal_fail_field(
+            err, MODAL_BAD_INPUT, "rank.fixed",
+            "rank %d where there are %d directions and %d rows; accepted: 1 to %d", opt.fixed,
+            w->projected ? p->count : w->pencil.count, w->data.Y->m, source.most);
+    opt.look = before_gap(w);
+    opt.no_offset = !w->refine;
+    opt.thorough = w->shift > 1;
+    opt.order_most = w->opt.rank.rule == RANK_AUTO ? rows_allow(w) : 0;
+    rc = climb(w, &source, &opt, err);
+    if (rc == MODAL_OK && w->opt.rank.rule == RANK_AUTO && overfitted(w)) {
+        opt.order_most = sparing_order(w);
+        /* splitting poles may have gone beyond the triplets there are */
+        if (source.most > opt.order_most)
+            source.most = opt.order_most;
+        rc = climb(w, &source, &opt, err);
+    }
+    if (rc == MODAL_OK && w->choice.chosen >= 0 && !w->choice.cut && w->opt.rank.rule == RANK_AUTO
+        && w->choice.candidates[w->choice.chosen].fit.bic >= bic_of_nothing(&w->data))
+        w->choice.chosen = -1;                    /* order 0: no pole pays for itself */
+    if (rc == MODAL_OK && w->choice.chosen >= 0)
+        note_chosen(w, out);
+    return rc;
+}
+
+/* The poles that a search begins at: those of fewer rows, or many of one set that channels not yet
+ * weighed showed. NULL: none. */
+static const struct identify_chosen *begins_at(const struct work *w,
+                                               const struct identify_result *out)
+{
+    const struct identify_chosen *k = &out->unweighed;
+
+    if (w->seen.count > 0)
+        return &w->seen;
+    return w->known && poles_order(k->lambda, k->count, w->tau) > TRIPLETS_MOST ? k : NULL;
+}
+
+/* From all signals downwards, in w->pencil, for w->choice. */
+static enum modal_status descend(struct work *w, const struct identify_result *out,
+                                 struct modal_error *err)
+{
+    struct order_options opt = { .order_most = rows_allow(w), .cancelled = w->opt.cancelled,
+                                 .context = w->opt.context };
+    struct order_source source = { .most = order_most(w), .signals = pencil_signals(&w->pencil),
+                                   .poles = pencil_source, .context = w };
+    const struct identify_chosen *begin = begins_at(w, out);
+    int many = source.signals;
+    enum modal_status rc;
+
+    if (begin != NULL) {
+        many = poles_order(begin->lambda, begin->count, w->tau);
+        source.most = source.signals = 0;
+        source.known = begin->lambda, source.known_count = begin->count;
+    } else {
+        opt.look = before_gap(w);
+    }
+    opt.work = w->trial ? fmax(WORK_TRIAL - w->spent, DBL_MIN)
+             : fmax(WORK_MOST - w->spent, WORK_LEAST);
+    opt.many = w->many || source.known != NULL;
+    opt.seen = w->seen_rows;
+    if (opt.many)
+        opt.work = fmax(opt.work, EVALUATIONS_MANY * refine_work(&w->data, many));
+    rc = order_from_above(&w->data, &source, &opt, &w->choice, err);
+    if (rc != MODAL_OK || w->choice.chosen < 0)
+        return rc;
+    if (w->choice.candidates[w->choice.chosen].fit.bic >= bic_of_nothing(&w->data)
+        || overfitted(w)) {
+        order_done(&w->choice);
+        w->choice = (struct order_choice) { .chosen = -1 };
+    }
+    return MODAL_OK;
+}
+
+/* What a search found, and where; pencil.s NULL: in w->pencil. */
+struct found { struct pencil pencil; struct order_choice choice; };
+
+static void found_done(struct found *f)
+{
+    pencil_done(&f->pencil);
+    order_done(&f->choice);
+}
+
+/* What was found takes the place of what W has. */
+static enum modal_status put_found(struct work *w, struct found *f, struct identify_result *out,
+                                   struct modal_error *err)
+{
+    if (f->pencil.s != NULL) {
+        pencil_done(&w->pencil);
+        w->pencil = f->pencil, f->pencil = (struct pencil) { 0 };
+    }
+    order_done(&w->choice);
+    w->choice = f->choice, f->choice = (struct order_choice) { .chosen = -1 };
+    w->spent += w->choice.work;
+    w->facts.work_limit = false;
+    note_chosen(w, out);
+    return work_report_values(w, out, err);
+}
+
+/* Constant systems from above.  What interpolates noise is left out: above->choice is empty. */
+static enum modal_status choose_from_above(struct work *w, struct identify_result *out,
+                                           struct found *above, struct modal_error *err)
+{
+    struct pencil few = w->pencil, all;
+    enum modal_status rc;
+
+    if (w->projected || !w->refine || w->opt.rank.rule != RANK_AUTO || w->opt.rank.most > 0
+        || driven(w))
+        return MODAL_OK;
+    all = w->pencil;
+    rc = begins_at(w, out) != NULL ? MODAL_OK : work_pencil_of_all(w, &all, err);
+    w->pencil = all;
+    if (rc == MODAL_OK)
+        rc = work_report_values(w, out, err);
+    if (rc == MODAL_OK)
+        rc = descend(w, out, err);
+    above->pencil = w->pencil, above->choice = w->choice;
+    w->pencil = few, w->choice = (struct order_choice) { .chosen = -1 };
+    if (above->pencil.s == few.s)
+        above->pencil = (struct pencil) { 0 };
+    return rc == MODAL_OK ? work_report_values(w, out, err) : rc;
+}
+
+enum modal_status work_keep_chosen(const struct work *w, struct identify_chosen *to,
+                                   struct modal_error *err)
+{
+    const struct refined *fit = w->choice.chosen >= 0
+                              ? &w->choice.candidates[w->choice.chosen].fit : NULL;
+    int n = fit != NULL ? fit->poles : 0;
+
+    to->lambda = malloc(sizeof *to->lambda * ((size_t)n + 1));
+    if (to->lambda == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d poles", n);
+    if (n > 0)
+        memcpy(to->lambda, fit->lambda, sizeof *to->lambda * n);
+    to->count = n, to->signals = w->X->n;
+    return MODAL_OK;
+}
+
+/* ---- very long records ---- */
+
+bool work_begins_at_head(const struct work *w)
+{
+    return w->X->m >= GROW * HEAD && !work_wants_projection(w) && w->opt.rows == 0
+        && w->opt.rank.rule == RANK_AUTO && w->opt.rank.most == 0 && !driven(w);
+}
+
+/* ROWS of all are searched. */
+static void search_rows(struct work *w, const struct matrix *all, int rows, struct matrix *part)
+{
+    *part = *all, part->m = rows;
+    w->X = w->data.Y = rows < all->m ? part : all;
+    w->weighted.m = w->weighted.x != NULL ? rows : 0;
+}
+
+/* A fit to all rows, or more, that begins with what F found in fewer. */
+static enum modal_status search_on(struct work *w, struct identify_result *out, struct found *f,
+                                   struct modal_error *err)
+{
+    enum modal_status rc;
+
+    w->seen_rows = w->blocks != NULL ? w->blocks->Y.m : HEAD;
+    compressed_free(w->blocks);
+    w->data.blocks = w->blocks = compressed_new(w->X);
+    if (w->blocks == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d signals", w->X->n);
+    w->choice = f->choice, f->choice = (struct order_choice) { .chosen = -1 };
+    rc = work_keep_chosen(w, &w->seen, err);
+    order_done(&w->choice);
+    if (rc == MODAL_OK)
+        rc = descend(w, out, err);
+    f->choice = w->choice, w->choice = (struct order_choice) { .chosen = -1 };
+    free(w->seen.lambda);
+    w->seen = (struct identify_chosen) { 0 };
+    return rc;
+}
+
+/* *found: one set of modes in white noise, in all rows; else nothing is. */
+enum modal_status work_grow_from_head(struct work *w, struct identify_result *out, bool *found,
+                                      struct modal_error *err)
+{
+    const struct matrix *all = w->X;
+    struct found f = { .choice = { .chosen = -1 } };
+    struct matrix part;
+    int rows = HEAD, most;
+    double grow = all->m / (double)HEAD;
+    enum modal_status rc;
+
+    for (most = 1; pow(GROW, most) < grow;)
+        most++;
+    grow = pow(grow, 1.0 / most);
+    search_rows(w, all, rows, &part);
+    rc = work_decompose(w, out, err);
+    if (rc == MODAL_OK)
+        rc = choose_from_above(w, out, &f, err);
+    while (rc == MODAL_OK && f.choice.clean && rows < all->m) {
+        rows = --most > 0 ? (int)(grow * rows) : all->m;
+        search_rows(w, all, rows, &part);
+        rc = search_on(w, out, &f, err);
+    }
+    *found = rc == MODAL_OK && f.choice.clean && !f.choice.crowded;
+    search_rows(w, all, all->m, &part);
+    if (*found)
+        rc = put_found(w, &f, out, err);
+    else
+        pencil_done(&w->pencil);
+    if (!*found) {
+        compressed_free(w->blocks);
+        w->data.blocks = w->blocks = NULL;
+    }
+    found_done(&f);
+    return rc;
+}
+
+/* Twice the triplets, until the ladder ends by itself. */
+static enum modal_status climb_all(struct work *w, struct identify_result *out,
+                                   struct modal_error *err)
+{
+    enum modal_status rc = choose_order(w, out, err);
+
+    while (rc == MODAL_OK && cut_off(w)) {
+        w->triplets *= 2;
+        pencil_done(&w->pencil);
+        order_done(&w->choice);
+        rc = work_decompose(w, out, err);
+        if (rc == MODAL_OK)
+            rc = choose_order(w, out, err);
+    }
+    return rc;
+}
+
+/* Does what came from above explain much more than the ladder's choice?  What is not one set of
+ * modes in white noise may draw noise, but never as much as that. */
+static bool explains_more(const struct work *w, const struct order_choice *above)
+{
+    double worse = above->clean ? ORDER_WORSE : ORDER_DRAWN;
+
+    if (above->chosen < 0 || above->limited)
+        return false;
+    return w->choice.chosen < 0
+        || w->choice.candidates[w->choice.chosen].fit.residual
+               > worse * above->candidates[above->chosen].fit.residual;
+}
+
+/* From above, and where that does not settle it by the ladder. */
+enum modal_status work_choose_order(struct work *w, struct identify_result *out,
+                                    struct modal_error *err)
+{
+    struct found above = { .choice = { .chosen = -1 } };
+    enum modal_status rc = choose_from_above(w, out, &above, err);
+    bool put = rc == MODAL_OK && above.choice.clean && !above.choice.crowded;
+
+    if (rc == MODAL_OK && !put) {
+        rc = climb_all(w, out, err);
+        put = rc == MODAL_OK && explains_more(w, &above.choice);
+    }
+    if (put)
+        rc = put_found(w, &above, out, err);
+    found_done(&above);
+    return rc;
+}
+
+/* What a fixed or ruled rank left out: one more direction fits far better, and completes a pair? */
+enum modal_status work_look_above(struct work *w, struct modal_error *err)
+{
+    const struct refined *fit = &w->choice.candidates[w->choice.chosen].fit;
+    struct refine_options look = { .iterations = -1 };
+    double complex lambda[IDENTIFY_ORDER_MOST + 2];
+    int r = w->facts.asked_rank + 1, count = 0, reals = 0, more = 0;
+    struct refined above;
+    enum modal_status rc = MODAL_OK;
+
+    if (w->facts.asked_rank < 1 || r > w->facts.full_rank || r > order_most(w)
+        || r >= w->data.Y->m - 1)
+        return MODAL_OK;
+    rc = w->projected
+        ? projection_poles(&w->projection, w->opt.method, r, w->tau, lambda, &count, NULL, err)
+        : pencil_source(w, r, lambda, &count, err);
+    if (rc != MODAL_OK || count < 1)
+        return rc;
+    rc = refine_poles(&w->data, lambda, count, NULL, &look, &above, err);
+    if (rc != MODAL_OK)
+        return rc;
+    for (int j = 0; j < fit->poles; j++)
+        reals += pole_order(fit->lambda[j], w->tau) == 1;
+    for (int j = 0; j < count; j++)
+        more += pole_order(lambda[j], w->tau) == 1;
+    w->facts.rank_low = above.bic < fit->bic - 20 && above.residual < 0.7 * fit->residual;
+    w->facts.cut_pair = w->facts.rank_low && more < reals;
+    refined_done(&above);
+    return MODAL_OK;
+}

@@ -1,0 +1,152 @@
+/* identify_state.h - what the stations of identify.c share: one record at work */
+#ifndef MODAL_IDENTIFY_STATE_H
+#define MODAL_IDENTIFY_STATE_H
+#include "modal/identify/compressed.h"
+#include "modal/identify/diagnose.h"
+#include "modal/identify/grid.h"
+#include "modal/identify/identify.h"
+#include "modal/identify/modes.h"
+#include "modal/identify/order.h"
+#include "modal/identify/pencil.h"
+#include "modal/identify/pod.h"
+#include "modal/identify/projection.h"
+#include "modal/identify/record.h"
+
+/* Of the signals' norm: where a fit leaves less, that is rounding. */
+#define WORK_ROUNDING 1e-12
+
+/* The pencil begins with few triplets and doubles them while the order is near their number. */
+enum {
+    TRIPLETS = 32,                  /* values that the ladder looks at */
+    TRIPLETS_FIRST = 16,            /* asked of a pencil */
+    TRIPLETS_MOST = 64              /* modes of more than these are many */
+};
+
+/* A pencil reads its record dozens of times, with many times its memory. Nearly all modes are told
+ * by the head of a very long one, and a fit to GROW times the rows can begin there: it is in reach
+ * of their errors, which for a frequency fall with rows^(3/2), and what only more rows tell stands
+ * out of what it leaves. */
+enum {
+    HEAD = 16384,                   /* rows */
+    GROW = 8
+};
+
+struct work {
+    struct identify_options opt;    /* defaults filled in */
+    struct record rec;
+    struct pod pod;
+    struct matrix weighted;         /* rec.Y, each channel over its noise; x NULL: not made */
+    double *noise;                  /* per channel: what it was weighed by; NULL: nothing */
+    double *weight;                 /* per channel of weighted, over rec.Y; NULL: 1 */
+    struct grid *grid;              /* per channel, in the batch's unit; NULL: not looked for */
+    int cut;                        /* rows kept of a record that ends below its grid; 0: all */
+    double *least;                /* per signal: what its grid leaves (refine.h); NULL: no matter */
+    const struct matrix *X;         /* the signals: rec.Y or pod.signals */
+    struct matrix folded;
+    struct refine_data data;        /* what is refined: X, or X folded */
+    struct compressed *blocks;      /* owned, of very long records; else NULL */
+    int seen_rows;                  /* that were searched before those */
+    int shift;
+    double tau;
+    bool refine;
+    struct pencil pencil;
+    int triplets;                   /* asked of the pencil */
+    struct projection projection;
+    bool projected;                 /* which of the two was made */
+    double spent;                   /* work of the ladders so far */
+    bool trial;                     /* this search has WORK_TRIAL only */
+    bool many;                      /* modes, to judge by TRIPLETS_MOST triplets */
+    bool known;                     /* the last search found one set of modes: out->unweighed */
+    struct identify_chosen seen;    /* modes of the first rows of a long record; count 0: none */
+    struct order_choice choice;
+    int rank;                       /* of the chosen candidate */
+    struct poles poles;
+    struct synthesis all;           /* of a wide batch's channels */
+    struct diagnose_facts facts;
+    double clock;                   /* when the stage began */
+    double eigenvalues;      /* s, of that in eigenvalues: the stage "eig", wherever it was spent */
+};
+
+static inline double work_clock(const struct work *w)
+{
+    return w->opt.clock != NULL ? w->opt.clock(w->opt.context) : 0;
+}
+
+/* ---- identify_signals.c: functions fail with MODAL_NO_MEMORY, MODAL_NO_CONVERGENCE ---- */
+
+/* w->X and w->data: the record's channels, or proper orthogonal signals of them. */
+enum modal_status work_reduce(struct work *w, struct identify_result *out,
+                              struct modal_error *err);
+/* w->least: the variance that the channels' grids leave in each signal. */
+enum modal_status work_grid_noise(struct work *w, struct modal_error *err);
+/* The amplitudes of poles in the signals Y, by blocks where those are they. */
+enum modal_status work_fit_signals(const struct work *w, const double complex *lambda, int count,
+                                   const struct matrix *Y, struct synthesis *out,
+                                   struct modal_error *err);
+/* Do the options leave it to the program how channels are weighed, and then: does it pay? */
+bool work_may_weigh(const struct work *w);
+bool work_worth_weighing(const struct work *w);
+/* Weigh the channels by what the chosen poles leave in them; *again: they are weighed anew. */
+enum modal_status work_weigh_channels(struct work *w, bool *again, struct modal_error *err);
+/* The grid of each channel, as it was sent.  *any: there is one. */
+enum modal_status work_find_grids(struct work *w, const struct batch *b, bool *any,
+                                  struct modal_error *err);
+/* Is what the fit leaves in a signal about what its grid makes? */
+bool work_grid_matters(const struct work *w);
+/* Are all signals explained to the rounding of their samples?  Nothing is then left that could
+ * change in the record, or be driven. */
+bool work_is_explained(const struct work *w, const struct identify_result *out);
+/* The record ends where the response has died away below its grid. */
+enum modal_status work_cut_below_grid(struct work *w, struct modal_error *err);
+/* Which channels lie on a grid that matters, and what was cut. */
+void work_report_grids(const struct work *w, struct identify_result *out);
+
+/* ---- identify_decompose.c ---- */
+
+/* Which of the two decompositions the options ask for. */
+bool work_wants_projection(const struct work *w);
+/* w->pencil or w->projection of the signals, and its singular values for the answer. */
+enum modal_status work_decompose(struct work *w, struct identify_result *out,
+                                 struct modal_error *err);
+/* *all: a pencil of as many triplets as there are signals, w->pencil where that has them. */
+enum modal_status work_pencil_of_all(struct work *w, struct pencil *all, struct modal_error *err);
+/* The singular values of the decomposition, for the answer. */
+enum modal_status work_report_values(struct work *w, struct identify_result *out,
+                                     struct modal_error *err);
+
+/* ---- identify_order.c ---- */
+
+/* Is the record one that is searched by its head first? */
+bool work_begins_at_head(const struct work *w);
+/* *found: one set of modes in white noise, in all rows; else nothing is. */
+enum modal_status work_grow_from_head(struct work *w, struct identify_result *out, bool *found,
+                                      struct modal_error *err);
+/* w->choice: from above, and where that does not settle it by the ladder. */
+enum modal_status work_choose_order(struct work *w, struct identify_result *out,
+                                    struct modal_error *err);
+/* What a fixed or ruled rank left out: one more direction fits far better, and completes a pair? */
+enum modal_status work_look_above(struct work *w, struct modal_error *err);
+/* The chosen poles into TO, whose memory is the caller's to free. */
+enum modal_status work_keep_chosen(const struct work *w, struct identify_chosen *to,
+                                   struct modal_error *err);
+
+/* ---- identify_poles.c ---- */
+
+/* w->poles: the chosen ones with their errors, of a wide batch by a step over all channels. */
+enum modal_status work_take_poles(struct work *w, struct modal_error *err);
+/* Standard errors by all that is doubted; growth that rounding to a grid makes is marked. */
+enum modal_status work_widen(struct work *w, const struct batch *b,
+                             const struct identify_result *out, struct modal_error *err);
+/* The candidates, their poles, and the modes' persistence among them. */
+enum modal_status work_report_ladder(struct work *w, struct identify_result *out,
+                                     struct modal_error *err);
+
+/* ---- identify_doubt.c ---- */
+
+/* Is one set of exponents the right model?  A mode that follows its amplitude is reported as one,
+ * not as the crowd of poles that makes up for it. */
+enum modal_status work_doubt(struct work *w, struct identify_result *out, struct modal_error *err);
+/* Clusters, the verdict and the diagnostics. */
+enum modal_status work_conclude(struct work *w, const struct batch *batch,
+                                struct identify_result *out, struct modal_error *err);
+#endif

@@ -198,7 +198,7 @@ def test_a_change_of_level_is_said(ctl, tmp_path):
 
 @pytest.mark.parametrize("options, field, words", [
     (["window=auto"], "window", "accepted with response=ambient: T0,T1"),
-    (["period=0.5"], "period", "accepted: period=0"),
+    (["period=0.5"], "signals", "120 periods"),
     (["rank.fixed=3"], "rank.fixed", "two a pair"),
     (["rank.fixed=1000"], "rank.fixed", "two a pair"),
     (["pod.rank=40"], "pod.rank", "1 to 12"),

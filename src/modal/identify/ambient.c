@@ -22,6 +22,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/identify/ambient_free.h"
+#include "modal/identify/ambient_lift.h"
 #include "modal/identify/ambient_lines.h"
 #include "modal/identify/ambient_order.h"
 #include "modal/identify/diagnose.h"
@@ -44,6 +45,7 @@ enum {
 static const double
     ENOUGH = 0.15,               /* of a damping ratio: so far its errors are symmetric, nearly */
     NARROW = 1,                  /* decay over the record: no wider than a line of it */
+    SOUND = 0.5,                 /* of the least error that theory knows */
     NYQUIST = 0.95,
     GRID[] = { 50, 60 },         /* Hz */
     UNSTEADY = 40,               /* chi-squared of 7 degrees of freedom: 1e-6 */
@@ -56,20 +58,24 @@ struct work {
     struct record rec;
     struct ambient_line line[AMBIENT_LINES_MOST];
     int line_count;
+    int phases;                  /* samples a period, each a column of its own; 1: constant */
+    bool periodic;
+    double sample, span;         /* s a sample; that a multiplier is over: the period, or dt */
     struct matrix whole;         /* the first rows before lines were taken off; owned */
     struct pod pod;
     struct matrix Z;             /* signals of unit variance; the pod's memory */
     struct spectrum spectrum;
     struct ambient_search found;
     double step;                 /* s a sample of the spectrum */
-    double *back;                /* channels x signals: from signals to channels of unit rms */
+    double *back;                /* from signals to columns of channels of unit rms */
+    int broad;                   /* poles without a peak */
     double clock;
 };
 
 static const struct response_limits accepted = {
-    .beside = "window, band, detrend, scale, signals, pod.energy, pod.rank, shapes, rank.fixed, "
-              "rank.most, threads",
-    .signals_most = WHITTLE_CHANNELS_MOST, .modes_most = WHITTLE_MODES_MOST
+    .beside = "window, band, period, detrend, scale, signals, pod.energy, pod.rank, shapes, "
+              "rank.fixed, rank.most, threads",
+    .signals_most = WHITTLE_CHANNELS_MOST, .modes_most = WHITTLE_MODES_MOST, .periodic = true
 };
 
 /* A constant less its mean is rounding. */
@@ -89,19 +95,41 @@ static void drop_constant(struct work *w, const struct batch *b)
     }
 }
 
-static enum modal_status keep_whole(struct work *w, struct modal_error *err)
+/* Lines off, and the samples of a period side by side, each in a column of its own. */
+static enum modal_status take_lines(struct work *w, struct modal_error *err)
 {
-    const struct matrix *Y = &w->rec.Y;
-    int rows = Y->m < AMBIENT_FREE_ROWS ? Y->m : AMBIENT_FREE_ROWS;
+    struct matrix *Y = &w->rec.Y, lifted;
+    int rows = Y->m / w->phases < AMBIENT_FREE_ROWS ? Y->m : AMBIENT_FREE_ROWS * w->phases;
+    enum modal_status rc = ambient_lift(Y, rows, w->phases, &w->whole, err);
 
-    w->whole = (struct matrix) { rows, Y->n, rows,
-                                 malloc(sizeof(double) * (size_t)rows * (size_t)Y->n) };
-    if (w->whole.x == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d x %d", rows, Y->n);
-    for (int c = 0; c < Y->n; c++)
-        memcpy(w->whole.x + (size_t)c * (size_t)rows, Y->x + (size_t)c * Y->ld,
-               sizeof(double) * (size_t)rows);
-    return MODAL_OK;
+    if (rc == MODAL_OK)
+        rc = ambient_lines_take(Y, w->line, &w->line_count, err);
+    if (rc != MODAL_OK || !w->periodic)
+        return rc;
+    rc = ambient_lift(Y, Y->m, w->phases, &lifted, err);
+    if (rc == MODAL_OK) {
+        free(Y->x);
+        *Y = lifted;
+        w->rec.step *= w->phases;
+    }
+    return rc;
+}
+
+/* A period of whole samples; what repeats with it is an orbit, no mode. */
+static enum modal_status read_period(struct work *w, struct modal_error *err)
+{
+    w->phases = 1;
+    w->sample = w->rec.step, w->span = w->rec.dt;
+    w->periodic = w->rec.period > 0;
+    if (!w->periodic)
+        return MODAL_OK;
+    if (w->rec.per_period == 0)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "period", "period is %.9g s, %.9g samples; "
+                                "accepted with response=ambient: a whole number of samples",
+                                w->rec.period, w->rec.period / w->rec.step);
+    w->phases = w->rec.per_period, w->span = w->rec.period;
+    ambient_lift_settle(&w->rec.Y, w->phases);
+    return record_cut(&w->rec, w->rec.Y.m, w->opt.scale, err);
 }
 
 /* The record as it is cut for free responses, but for the band, which spectra have themselves. */
@@ -112,7 +140,6 @@ static enum modal_status read_record(struct work *w, const struct batch *batch,
     enum modal_status rc;
 
     cut.band[0] = cut.band[1] = 0;
-    cut.period = -1;
     if (cut.detrend == DETREND_NONE)
         cut.detrend = w->opt.detrend = DETREND_MEAN;
     rc = record_make(batch, &cut, &w->rec, err);
@@ -120,23 +147,24 @@ static enum modal_status read_record(struct work *w, const struct batch *batch,
         rc = modal_fail_field(err, MODAL_TOO_LARGE, "signals", "%d samples of %d channels are not "
                               "taken with response=ambient; name channels by `signals`, or give "
                               "`window`", w->rec.Y.m, w->rec.channels);
-    if (rc == MODAL_OK && w->rec.Y.m < SAMPLES_LEAST)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "signals", "signals: %d samples; "
-                              "response=ambient needs at least %d", w->rec.Y.m, SAMPLES_LEAST);
     if (rc == MODAL_OK) {
         drop_constant(w, batch);
-        rc = keep_whole(w, err);
+        rc = read_period(w, err);
     }
-    if (rc == MODAL_OK)
-        rc = ambient_lines_take(&w->rec.Y, w->line, &w->line_count, err);
-    return rc;
+    if (rc == MODAL_OK && w->rec.Y.m / w->phases < SAMPLES_LEAST)
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "signals", "signals: %d %s; response=ambient "
+                              "needs at least %d", w->rec.Y.m / w->phases,
+                              w->periodic ? "periods" : "samples", SAMPLES_LEAST);
+    return rc == MODAL_OK ? take_lines(w, err) : rc;
 }
 
 /* Signals of unit variance z_j = sqrt(N) v_j, and the way back: y = sum_j u_j s_j / sqrt(N) z_j. */
 static enum modal_status reduce(struct work *w, struct modal_error *err)
 {
-    struct pod_options how = { w->opt.pod_energy, w->opt.pod_rank, WHITTLE_CHANNELS_MOST };
-    int N = w->rec.Y.m, S = w->rec.channels, r;
+    /* of samples of one period, which tell nearly the same: fewer unknowns beside each mode */
+    int most = w->periodic ? POD_CHANNELS_FEW : WHITTLE_CHANNELS_MOST;
+    struct pod_options how = { w->opt.pod_energy, w->opt.pod_rank, most };
+    int N = w->rec.Y.m, S = w->rec.Y.n, r;
     enum modal_status rc = pod_reduce(&w->rec.Y, &how, &w->pod, err);
 
     if (rc != MODAL_OK)
@@ -165,20 +193,35 @@ static enum modal_status reduce(struct work *w, struct modal_error *err)
 
 /* ---- what was found ---- */
 
-/* Does the pole make a peak, and in the band? */
-static bool has_peak(const struct work *w, double complex lambda)
+/* Does the exponent make a peak where the mode moves? */
+static bool has_peak(double complex lambda)
 {
-    double hertz = cimag(lambda) / (2 * M_PI * w->step), last = M_PI * w->spectrum.lines
+    return 2 * creal(lambda) * creal(lambda) < creal(lambda * conj(lambda));
+}
+
+/* Is it in the band, and below the last line?  Periodic systems move where they move. */
+static bool is_asked(const struct work *w, double complex lambda)
+{
+    double hertz = cimag(lambda) / (2 * M_PI), last = M_PI * w->spectrum.lines
         / (w->spectrum.lines + 1);
 
-    return 2 * creal(lambda) * creal(lambda) < creal(lambda * conj(lambda)) && cimag(lambda) < last
-           && (w->opt.band[1] == 0 || (hertz >= w->opt.band[0] && hertz <= w->opt.band[1]));
+    return w->periodic
+           || (cimag(lambda) * w->step < last
+               && (w->opt.band[1] == 0 || (hertz >= w->opt.band[0] && hertz <= w->opt.band[1])));
 }
 
 /* Is it no wider than a line of the record? */
 static bool is_line(const struct work *w, double complex lambda)
 {
     return -creal(lambda) * w->spectrum.samples < NARROW;
+}
+
+/* Is its error one that can be?  No record tells a decay a better than to sqrt(a / samples); what
+ * says so fitted a line or two of the spectra, where they come near zero. */
+static bool is_sound(const struct work *w, const struct whittle_mode *q)
+{
+    return !(q->std_decay * q->std_decay * w->spectrum.samples
+             < -creal(q->lambda) * SOUND * SOUND);
 }
 
 /* The mains' frequency of which HERTZ is a multiple, to a line of the record; 0: none. */
@@ -194,10 +237,11 @@ static int mains_of(const struct work *w, double hertz)
     return 0;
 }
 
-/* The channels of unit rms that a mode moves, from its row over the signals. */
-static void to_channels(const struct work *w, const double complex *x, double complex *y)
+/* The columns, channels of unit rms or their phases, that a mode moves, from its row over the
+ * signals. */
+static void to_columns(const struct work *w, const double complex *x, double complex *y)
 {
-    int S = w->rec.channels;
+    int S = w->rec.Y.n;
 
     for (int c = 0; c < S; c++) {
         y[c] = 0;
@@ -211,7 +255,7 @@ static double amplitude_of(const struct work *w, const double complex *phi,
                            const double complex *row)
 {
     double sum = 0;
-    int S = w->rec.channels;
+    int S = w->rec.Y.n;
 
     for (int c = 0; c < S; c++) {
         double complex a = 0, b = 0;
@@ -224,7 +268,7 @@ static double amplitude_of(const struct work *w, const double complex *phi,
     return sqrt(fmax(sum, 0) / S * w->spectrum.samples / w->rec.Y.m);
 }
 
-static enum modal_status shape_of(const struct work *w, const double complex *phi,
+static enum modal_status shape_of(const struct work *w, const double complex *moved,
                                   struct identify_mode *m, struct modal_error *err)
 {
     int S = w->rec.channels;
@@ -233,11 +277,32 @@ static enum modal_status shape_of(const struct work *w, const double complex *ph
     if (m->shape == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for a shape of %d channels",
                           S);
-    to_channels(w, phi, m->shape);
     for (int c = 0; c < S; c++)
-        m->shape[c] *= w->rec.scale[c];
+        m->shape[c] = w->rec.scale[c]
+            * ambient_lift_component(moved + (size_t)(w->phases * c), w->phases,
+                                     m->resolved * w->span);
     modes_scale_shape(m, S);
     return MODAL_OK;
+}
+
+/* Where mode M of pair Q moves, and how; moved: room for as many numbers as columns. */
+static enum modal_status resolve(const struct work *w, const struct whittle_mode *q,
+                                 double complex *moved, struct identify_mode *m,
+                                 struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+
+    to_columns(w, q->phi, moved);
+    for (int c = 0; c < w->rec.Y.n && cimag(q->lambda) < 0; c++)
+        moved[c] = conj(moved[c]);
+    if (w->periodic)
+        rc = ambient_lift_resolve(moved, w->phases, w->rec.channels, w->span, m, err);
+    if (rc == MODAL_OK && w->opt.shapes)
+        rc = shape_of(w, moved, m, err);
+    m->cycles = cabs(m->resolved) / (2 * M_PI) * w->rec.Y.m * w->rec.step;
+    modes_spread_std(m, w->span, w->rec.Y.m * w->rec.step);
+    m->bar = m->std_multiplier;
+    return rc;
 }
 
 static enum modal_status report_modes(struct work *w, struct identify_result *out,
@@ -246,29 +311,30 @@ static enum modal_status report_modes(struct work *w, struct identify_result *ou
     const struct whittle *fit = w->found.model;
     struct whittle_covariances v;
     double dt = w->step;
+    double complex *moved = malloc(sizeof *moved * (size_t)w->rec.Y.n);
     enum modal_status rc = MODAL_OK;
 
     out->modes = calloc((size_t)fit->count + 1, sizeof *out->modes);
-    if (out->modes == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d modes", fit->count);
+    if (out->modes == NULL || moved == NULL)
+        rc = modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d modes", fit->count);
     whittle_covariances(fit, &v);
     for (int k = 0; rc == MODAL_OK && k < fit->count; k++) {
         const struct whittle_mode *q = &fit->mode[k];
         struct identify_mode *m = &out->modes[out->mode_count];
-        double complex seen = CMPLX(creal(q->lambda), fabs(cimag(q->lambda))), lambda = seen / dt;
-        if (!has_peak(w, seen))
-            continue;
+        double complex lambda = CMPLX(creal(q->lambda), fabs(cimag(q->lambda))) / dt;
         *m = (struct identify_mode) {
-            .exponent = lambda, .resolved = lambda, .multiplier = multiplier_of(lambda, w->rec.dt),
+            .exponent = lambda, .resolved = lambda, .multiplier = multiplier_of(lambda, w->span),
             .amplitude = amplitude_of(w, q->phi, v.row[k]), .persistence = NAN, .residual = NAN,
-            .std_re = is_line(w, q->lambda) ? NAN : q->std_decay / dt, .std_im = q->std_turn / dt,
-            .runner_up = NAN, .cycles = cabs(lambda) / (2 * M_PI) * w->rec.Y.m * w->rec.step };
-        modes_spread_std(m, w->rec.dt, w->rec.Y.m * w->rec.step);
-        m->bar = m->std_multiplier;
-        out->mode_count++;
-        if (w->opt.shapes)
-            rc = shape_of(w, q->phi, m, err);
+            .std_re = is_line(w, q->lambda) || !is_sound(w, q) ? NAN : q->std_decay / dt,
+            .std_im = is_sound(w, q) ? q->std_turn / dt : NAN, .runner_up = NAN };
+        rc = resolve(w, q, moved, m, err);
+        w->broad += !has_peak(m->resolved);
+        if (rc != MODAL_OK || (has_peak(m->resolved) && is_asked(w, m->resolved)))
+            out->mode_count++;
+        else
+            free(m->harmonics), free(m->shape);
     }
+    free(moved);
     if (rc == MODAL_OK)
         modes_rank(out);
     return rc;
@@ -280,7 +346,7 @@ static void compare(const struct work *w, struct identify_result *out, double *o
     const struct bins *s = &w->found.bins;
     struct whittle_covariances v;
     double complex S[WHITTLE_CHANNELS_MOST * WHITTLE_CHANNELS_MOST];
-    int l = w->Z.n, C = w->rec.channels;
+    int l = w->Z.n, C = w->rec.Y.n;
 
     whittle_covariances(w->found.model, &v);
     for (int b = 0; b < s->count; b++) {
@@ -294,11 +360,11 @@ static void compare(const struct work *w, struct identify_result *out, double *o
                     seen += weight * creal(spectra[i + l * j]);
                     model += weight * creal(S[i + l * j]);
                 }
-            own[c] += s->lines[b] * seen * seen;
-            left[c] += s->lines[b] * (seen - model) * (seen - model);
+            own[c / w->phases] += s->lines[b] * seen * seen;
+            left[c / w->phases] += s->lines[b] * (seen - model) * (seen - model);
         }
     }
-    for (int c = 0; c < C; c++)
+    for (int c = 0; c < w->rec.channels; c++)
         out->relative_error[c] = own[c] > 0 ? sqrt(left[c] / own[c]) : NAN;
 }
 
@@ -376,7 +442,7 @@ static void about_width(const struct work *w, struct identify_result *r, int i, 
                         int *few)
 {
     const struct identify_mode *m = &r->modes[i];
-    double z = damping_ratio_of(m->exponent), hz = cabs(m->exponent) / (2 * M_PI);
+    double z = damping_ratio_of(m->resolved), hz = cabs(m->resolved) / (2 * M_PI);
     double share = m->std_damping_ratio / z, longer = share * share / (ENOUGH * ENOUGH);
 
     if (is_line(w, m->exponent * w->step)) {
@@ -398,7 +464,7 @@ static void about_modes(const struct work *w, struct identify_result *r)
     int few = 0, narrow = 0;
 
     for (int i = 0; i < r->mode_count; i++) {
-        double turn = cimag(r->modes[i].exponent) * w->rec.step / M_PI;
+        double turn = fabs(cimag(r->modes[i].resolved)) * w->sample / M_PI;
         about_width(w, r, i, &narrow, &few);
         if (turn > NYQUIST)
             identify_diagnose(r, "near_nyquist", -1, "mode %d lies at %.3g of the Nyquist "
@@ -411,7 +477,7 @@ static void about_modes(const struct work *w, struct identify_result *r)
 static void about_lines(const struct work *w, struct identify_result *r)
 {
     for (int i = 0; i < w->line_count; i++) {
-        double hertz = w->line[i].frequency / w->rec.step, share = 100 * w->line[i].share;
+        double hertz = w->line[i].frequency / w->sample, share = 100 * w->line[i].share;
         int mains = mains_of(w, hertz);
         if (mains > 0)
             identify_diagnose(r, "mains_line", -1, "a line of %.6g Hz, a multiple of %d Hz, %.2g "
@@ -430,17 +496,12 @@ static void about_lines(const struct work *w, struct identify_result *r)
 static void about_poles(const struct work *w, struct identify_result *r)
 {
     const struct whittle *m = w->found.model;
-    int broad = 0;
 
-    for (int k = 0; k < m->count; k++) {
-        double complex lambda = m->mode[k].lambda;
-        broad += 2 * creal(lambda) * creal(lambda) >= creal(lambda * conj(lambda));
-    }
-    if (broad > 0)
+    if (w->broad > 0)
         identify_diagnose(r, "coloured_excitation", -1, "%d pole%s without a peak: the spectrum "
                           "of the excitation, or a motion damped beyond 70 %%; fitted beside the "
-                          "modes and not counted among them", broad,
-                          broad > 1 ? "s" : "");
+                          "modes and not counted among them", w->broad,
+                          w->broad > 1 ? "s" : "");
     if (w->pod.count < w->rec.channels && w->pod.count == WHITTLE_CHANNELS_MOST)
         identify_diagnose(r, "channels_reduced", -1, "%d channels were reduced to their %d "
                           "strongest orthogonal signals, which hold %.4g %% of what they sum to; "
@@ -595,12 +656,12 @@ static enum modal_status report_rank(struct work *w, struct identify_result *out
     out->hankel_rank = 2 * w->found.model->count;
     out->energy = w->pod.energy;
     out->rule = w->opt.rank.rule;
-    out->period = 0;
-    out->dt = w->rec.step;
-    out->decimation = out->shift = 1;
-    out->samples = w->Z.m;
+    out->period = w->opt.period = w->periodic ? w->span : 0;
+    out->dt = w->sample;
+    out->decimation = 1;
+    out->shift = w->phases;
+    out->samples = w->Z.m * w->phases;
     out->freedom = 2 * w->spectrum.lines - whittle_unknowns(w->found.model);
-    w->opt.period = 0;
     w->opt.refine = CHOICE_YES;
     out->used = w->opt;
     out->used.channels = NULL, out->used.clock = NULL;

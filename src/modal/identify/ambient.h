@@ -7,9 +7,10 @@
 /*
  * As modal_identify() with response RESPONSE_AMBIENT: the record is reduced (pod.h) and taken to
  * its spectra (spectrum.h), subspaces propose models of every order (subspace.h), of which as many
- * pairs as pay are taken (ambient_order.h) and fitted by likelihood (whittle.h).  Of the options
- * window, band, detrend, scale, signals, pod, shapes, rank.fixed, rank.most and threads serve; any
- * other that was set is MODAL_BAD_INPUT, and so is a period.
+ * pairs as pay are taken (ambient_order.h) and fitted by likelihood (whittle.h).  With a period the
+ * samples of each period are one row, of a constant system with the same multipliers
+ * (ambient_lift.h), less their mean; unasked, it is reduced to POD_CHANNELS_FEW signals.  Which
+ * options serve is told by response.h.
  *
  * Of a mode, amplitude is the rms of its part of the response; residual and persistence are not
  * known; *out's reconstruction is that of the spectra.  Diagnostics, beside near_nyquist, no_modes,

@@ -28,6 +28,7 @@ enum modal_status response_check(const struct batch *batch, const struct identif
 {
     const char *response = identify_response_names[o->response];
     const char *idle = idle_option(o, limits->signals_most > 0);
+    double period = o->period < 0 ? 0 : o->period > 0 ? o->period : batch->period;
 
     if (idle != NULL)
         return modal_fail_field(err, MODAL_BAD_INPUT, idle, "%s says nothing of response=%s; "
@@ -35,11 +36,14 @@ enum modal_status response_check(const struct batch *batch, const struct identif
     if (o->window[0] == WINDOW_AUTO)
         return modal_fail_field(err, MODAL_BAD_INPUT, "window", "window=auto is for free "
                                 "responses; accepted with response=%s: T0,T1", response);
-    if (o->period > 0 || (o->period == 0 && batch->period > 0))
+    if (period > 0 && !limits->periodic)
         return modal_fail_field(err, MODAL_BAD_INPUT, "period", "period is %g s, but response=%s "
                                 "takes constant systems only; accepted: period=0, constant "
-                                "coefficients", o->period > 0 ? o->period : batch->period,
-                                response);
+                                "coefficients", period, response);
+    if (period > 0 && o->band[1] > 0)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "band", "band beside a period of %g s: modes "
+                                "of a periodic system move in many bands; accepted with "
+                                "response=%s: one of the two, or period=0", period, response);
     if (o->pod_rank > limits->signals_most)
         return modal_fail_field(err, MODAL_BAD_INPUT, "pod.rank", "pod.rank is %d; accepted with "
                                 "response=%s: 1 to %d", o->pod_rank, response,

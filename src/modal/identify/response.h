@@ -7,6 +7,7 @@ struct response_limits {
     const char *beside;          /* the options that serve, for the message */
     int signals_most;            /* of pod.rank; 0: nothing is said by pod.rank and pod.energy */
     int modes_most;              /* of rank.fixed, which is two a mode */
+    bool periodic;               /* periodic systems too, with a period and then without a band */
 };
 
 /* Every option that was set serves, in range; otherwise MODAL_BAD_INPUT names it. */

@@ -1,0 +1,150 @@
+"""identify -o response=ambient with a period: systems of periodic stiffness under noise that nobody measured, simulated exactly,
+against the bound of their lifted spectrum (both by tests/bench/bench_ambient_periodic.py, in numpy).
+"""
+import json
+import pathlib
+import sys
+
+import numpy as np
+import pytest
+
+from conftest import write_batch
+
+pytest.importorskip("scipy.signal")
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "bench"))
+import bench_ambient_periodic as bench
+
+AMBIENT = ("-o", "response=ambient")
+
+
+def mathieu(stiffness=0.35, hertz=0.37, zeta=0.02, noise=0.05, phases=bench.PHASES):
+    """x'' + 2 zeta w x' + w^2 (1 + stiffness cos 2 pi t) x = white noise; x."""
+    w = 2 * np.pi * hertz
+
+    def A(t):
+        return np.array([[0, 1], [-w ** 2 * (1 + stiffness * np.cos(2 * np.pi * t)), -2 * zeta * w]])
+
+    return bench.Periodic(A, np.array([[0.0], [1.0]]), np.array([[1.0, 0.0]]), noise, phases)
+
+
+def identify(ctl, path, Y, *options, phases=bench.PHASES, period=1.0):
+    return ctl("identify", write_batch(path, Y, dt=1 / phases, **({"period": period} if period else {})), *AMBIENT, *options)
+
+
+def codes(document):
+    return [d["code"] for d in document["diagnostics"]]
+
+
+def nearest(modes, multiplier):
+    return min(modes, key=lambda m: abs(complex(*m["multiplier"]) - multiplier))
+
+
+def test_multipliers_are_at_the_bound_with_errors_that_cover(ctl, tmp_path):
+    """Of 10 oscillators and 10 systems of two degrees of freedom, 500 to 3,000 periods: some 30 modes, 60 components, of whose
+    mean square over the bound the standard deviation is 0.18 and of what 1.96 standard errors cover 0.03."""
+    rows = []
+    for seed in range(500, 520):
+        rng = np.random.default_rng(seed)
+        system, periods = bench.random_periodic(rng, 1 + seed % 2, 1, 8)
+        said = identify(ctl, tmp_path / "a.h5", system.samples(periods, rng), phases=8).document
+        assert said["response"] == "ambient" and said["stability"]["stable"] is not False, seed
+        rows += bench.compare(system, periods, said)
+    rows = np.array(rows)
+    assert len(rows) >= 28
+    assert np.mean(rows[:, 1:3] ** 2) < 1.6 and np.mean(np.abs(rows[:, 3:5]) < 1.96) > 0.86
+    assert 0.9 < np.mean(rows[:, 5:7]) < 1.25
+
+
+def test_mathieus_oscillator_is_found_where_it_moves(ctl, tmp_path):
+    """Its multipliers are -0.6681 +- 0.6818i, by an integration of its own (the exponential of 192 steps)."""
+    s = mathieu()
+    assert s.mu[0] == pytest.approx(-0.6681 + 0.6818j, abs=1e-3)
+    mode, = identify(ctl, tmp_path / "a.h5", s.samples(2000, np.random.default_rng(1)), "-o", "shapes=true").document["modes"]
+    error = np.log(complex(*mode["multiplier"]) / s.mu[0])
+    assert np.all(np.abs([error.real, error.imag]) < 3.5 * np.array(mode["std"]["exponent"]))
+    assert mode["resolved_k"] == 0 and mode["frequency_hz"] == pytest.approx(0.374, abs=0.01)
+    assert mode["amplitude"] == pytest.approx(1, abs=0.05) and mode["shape"] == [[1, 0]]
+    assert mode["cycles"] == pytest.approx(mode["frequency_hz"] * 2000)
+
+
+def test_frequencies_beyond_half_of_the_period_s_are_resolved(ctl, tmp_path):
+    """1.23 and -1.23 Hz are 0.23 and -0.23 by multipliers alone; with little stiffness that varies the mode moves at 1.23."""
+    s = mathieu(stiffness=0.05, hertz=1.23, zeta=0.01)
+    mode, = identify(ctl, tmp_path / "a.h5", s.samples(1500, np.random.default_rng(2))).document["modes"]
+    assert mode["resolved_k"] == 1 and mode["frequency_hz"] == pytest.approx(1.23, abs=0.005)
+    assert mode["damping_ratio"] == pytest.approx(0.01, abs=4 * mode["std"]["damping_ratio"])
+    assert abs(mode["exponent"][1]) < np.pi
+
+
+def test_what_turns_with_the_period_changes_nothing(ctl, tmp_path):
+    Y = mathieu().samples(1000, np.random.default_rng(3))
+    t = np.arange(len(Y))[:, None] / bench.PHASES
+    turning = 5 + 20 * np.sin(2 * np.pi * t + 1) + 7 * np.cos(6 * np.pi * t)
+    plain, other = (identify(ctl, tmp_path / "a.h5", y).document for y in (Y, Y + turning))
+    assert codes(other) == codes(plain) and other["stability"]["stable"] is True
+    a, b = plain["modes"][0], other["modes"][0]
+    assert np.allclose(a["multiplier"], b["multiplier"], atol=1e-6)
+
+
+def test_a_line_that_does_not_turn_with_the_period_is_told(ctl, tmp_path):
+    Y = mathieu().samples(1000, np.random.default_rng(4))
+    t = np.arange(len(Y))[:, None] / bench.PHASES
+    said = identify(ctl, tmp_path / "a.h5", Y + 3 * Y.std() * np.sin(2 * np.pi * 2.3137 * t)).document
+    line, = [d["message"] for d in said["diagnostics"] if d["code"] == "narrow_line"]
+    assert "2.3137 Hz" in line and len(said["modes"]) == 1
+
+
+def test_an_orbit_alone_is_refused(ctl, tmp_path):
+    t = np.arange(6000)[:, None] / bench.PHASES
+    said = identify(ctl, tmp_path / "a.h5", np.sin(2 * np.pi * t) + 0.2)
+    assert said.status == 2 and said.document["error"]["field"] == "signals"
+
+
+def test_a_free_response_of_a_periodic_system_is_told(ctl, tmp_path):
+    s = mathieu(zeta=0.005, noise=0.0)
+    x, rows = np.array([1.0, 0.3]), []
+    for _ in range(600):
+        rows.append(s.O @ x)
+        x = s.F @ x
+    Y = np.concatenate(rows)[:, None]
+    said = identify(ctl, tmp_path / "a.h5", Y + 1e-3 * np.random.default_rng(5).standard_normal(Y.shape)).document
+    assert "not_ambient" in codes(said) and said["stability"]["stable"] is None
+    assert all(m["std"]["multiplier"] is None for m in said["modes"])
+
+
+@pytest.mark.parametrize("options, field, words", [
+    (["band=0,0.3"], "band", "one of the two"),
+    (["window=0,200"], "signals", "needs at least 256"),
+    (["period=-1"], "period", "period"),
+])
+def test_what_cannot_be_asked_is_refused_with_what_can(ctl, tmp_path, options, field, words):
+    Y = mathieu().samples(300, np.random.default_rng(6))
+    said = identify(ctl, tmp_path / "a.h5", Y, *(word for option in options for word in ("-o", option)))
+    assert said.status == 2 and said.document["error"]["field"] == field and words in said.document["error"]["message"]
+
+
+def test_period_0_takes_it_for_constant_whatever_the_file_says(ctl, tmp_path):
+    said = identify(ctl, tmp_path / "a.h5", mathieu().samples(300, np.random.default_rng(7)), "-o", "period=0").document
+    assert "resolved_k" not in said["modes"][0]
+
+
+def test_a_simulated_rotor_under_noise_has_the_multipliers_that_floquet_has(ctl, tmp_path):
+    """Two coordinates whose stiffness turns, 2,000 periods of 16 samples; floquet integrates the same scene without noise."""
+    scene = {
+        "structure": {"type": "matrices", "M": [[1, 0], [0, 1]], "K": [[1.3, -0.2], [-0.2, 6]], "C": [[0.03, 0], [0, 0.06]],
+                      "dofs": ["flap", "lag"]},
+        "omega": 2, "effects": [{"type": "parametric_stiffness", "dof": "flap", "stiffness": 0.4},
+                                {"type": "parametric_stiffness", "dof": "lag", "stiffness": 1.5}],
+        "excitation": [{"dof": "flap", "type": "noise", "psd": 1, "seed": 1}, {"dof": "lag", "type": "noise", "psd": 1, "seed": 2}],
+        "time": {"dt": np.pi / 16, "duration": 2005 * np.pi},
+    }
+    (tmp_path / "rotor.json").write_text(json.dumps(scene))
+    truth = [complex(*m) for m in ctl("floquet", tmp_path / "rotor.json").document["multipliers"]]
+    ctl("simulate", tmp_path / "rotor.json", "-O", tmp_path / "rotor.h5")
+    said = ctl("identify", tmp_path / "rotor.h5", *AMBIENT).document
+    assert len(said["modes"]) == 2 and said["stability"]["stable"] is True
+    for true in (m for m in truth if m.imag > 0):
+        mode = nearest(said["modes"], true)
+        error = np.log(complex(*mode["multiplier"]) / true) / np.pi
+        assert np.all(np.abs([error.real, error.imag]) < 3 * np.array(mode["std"]["exponent"]))
+    assert said["stability"]["margin"] == pytest.approx(-np.log(max(map(abs, truth))) / np.pi, abs=3 * said["stability"]["margin_std"])

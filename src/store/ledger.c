@@ -42,7 +42,7 @@ struct ledger {
     int lock, socket;          /* flock on LOCK; the abstract socket named by the store id */
     sqlite3 *db;
     sqlite3_stmt *statements[LEDGER_VERB_COUNT][LEDGER_SQL_MOST];
-    sqlite3_stmt *begin, *commit, *known, *row_before;
+    sqlite3_stmt *begin, *commit, *known, *open, *row_before;
     struct ledger_mark *mark;
     struct tape tape;
     struct tape_pieces pieces;           /* that go to their files; none: `changes` is NULL */
@@ -70,6 +70,7 @@ static enum modal_status prepare(struct ledger *ledger, struct modal_error *err)
         { &ledger->begin, "BEGIN IMMEDIATE" },
         { &ledger->commit, "COMMIT" },
         { &ledger->known, "SELECT 1 FROM jobs WHERE id=?1" },
+        { &ledger->open, "SELECT 1 FROM notes WHERE topic='stream' AND name=CAST(?1 AS TEXT)" },
         { &ledger->row_before, "SELECT offset + length FROM segments WHERE stream=?1 AND offset<=?2"
                                " ORDER BY offset DESC LIMIT 1" },
     };
@@ -134,6 +135,7 @@ void ledger_close(struct ledger *ledger)
     sqlite3_finalize(ledger->begin);
     sqlite3_finalize(ledger->commit);
     sqlite3_finalize(ledger->known);
+    sqlite3_finalize(ledger->open);
     sqlite3_finalize(ledger->row_before);
     tape_pieces_done(&ledger->pieces);
     sqlite3_close(ledger->db);
@@ -327,6 +329,20 @@ static void forget_pieces(struct ledger *ledger)
     ledger->pieces = (struct tape_pieces) { NULL, 0, NULL };
 }
 
+/* *OPEN: STREAM is, as its note is there. */
+static enum modal_status find_stream(struct ledger *ledger, int64_t stream, bool *open,
+                                     struct modal_error *err)
+{
+    int code;
+
+    sqlite3_bind_int64(ledger->open, 1, stream);
+    code = sqlite3_step(ledger->open);
+    *open = code == SQLITE_ROW;
+    sqlite3_reset(ledger->open);
+    return code == SQLITE_ROW || code == SQLITE_DONE
+               ? MODAL_OK : ledger_db_fail(ledger->db, code, "looking for a stream", err);
+}
+
 /* *END: of the row that has the first samples of PIECE; their own offset: there is none. */
 static enum modal_status find_row(struct ledger *ledger, const struct segment_record *piece,
                                   uint64_t *end, struct modal_error *err)
@@ -344,15 +360,19 @@ static enum modal_status find_row(struct ledger *ledger, const struct segment_re
                ? MODAL_OK : ledger_db_fail(ledger->db, code, "looking for samples", err);
 }
 
-/* PIECE without the samples that have rows, as slices left them that ended half way. */
+/* PIECE without the samples that have rows, as slices left them that ended half way, or as they
+ * were wanted before; without any, where its stream is gone. */
 static enum modal_status cut_piece(struct ledger *ledger, struct segment_record *piece,
                                    struct modal_error *err)
 {
     uint64_t end = 0, cut, sample;
-    enum modal_status rc = MODAL_OK;
+    bool open;
+    enum modal_status rc = find_stream(ledger, piece->stream, &open, err);
 
-    while (piece->length > 0 && (rc = find_row(ledger, piece, &end, err)) == MODAL_OK
-           && end > piece->offset) {
+    if (rc == MODAL_OK && !open)
+        piece->length = 0;
+    while (rc == MODAL_OK && piece->length > 0
+           && (rc = find_row(ledger, piece, &end, err)) == MODAL_OK && end > piece->offset) {
         cut = end - piece->offset < piece->length ? end - piece->offset : piece->length;
         sample = piece->length / piece->count;
         piece->offset += cut;
@@ -365,8 +385,9 @@ static enum modal_status cut_piece(struct ledger *ledger, struct segment_record 
     return rc;
 }
 
-/* What is on the tape and has no row: to be settled by slices. */
-static enum modal_status read_pieces(struct ledger *ledger, struct modal_error *err)
+/* What is on the tape and has no row, of STREAMS; COUNT 0: of all, to be settled by slices. */
+static enum modal_status read_pieces(struct ledger *ledger, const int64_t *streams, size_t count,
+                                     struct modal_error *err)
 {
     struct tape_pieces *pieces = &ledger->pieces;
     enum modal_status rc;
@@ -375,7 +396,7 @@ static enum modal_status read_pieces(struct ledger *ledger, struct modal_error *
     forget_pieces(ledger);
     ledger->next_piece = 0;
     ledger->pieces_end = ledger->tape.end;
-    rc = tape_read(&ledger->tape, pieces, err);
+    rc = tape_read(&ledger->tape, streams, count, pieces, err);
     for (size_t i = 0; rc == MODAL_OK && i < pieces->count; i++) {
         pieces->changes[kept] = pieces->changes[i];
         rc = cut_piece(ledger, &pieces->changes[kept].segment, err);
@@ -432,11 +453,28 @@ static enum modal_status settle_tape(struct ledger *ledger, struct modal_error *
 
     if (ledger->tape.end == ledger->tape.start)
         return MODAL_OK;
-    rc = read_pieces(ledger, err);
+    rc = read_pieces(ledger, NULL, 0, err);
     if (rc == MODAL_OK)
         return settle_slice(ledger, SIZE_MAX, err);
     forget_pieces(ledger);
     return take_back(ledger, rc, ledger->tape.end);
+}
+
+/* What the tape has of STREAMS, COUNT of them, to files and rows.  Slices that are under way begin
+ * anew. */
+static enum modal_status settle_streams(struct ledger *ledger, const int64_t *streams, size_t count,
+                                        struct modal_error *err)
+{
+    struct tape_pieces *pieces = &ledger->pieces;
+    enum modal_status rc;
+
+    if (ledger->tape.end == ledger->tape.start)
+        return MODAL_OK;
+    rc = read_pieces(ledger, streams, count, err);
+    if (rc == MODAL_OK)
+        rc = put_pieces(ledger, pieces->changes, pieces->count, err);
+    forget_pieces(ledger);
+    return rc == MODAL_OK ? rc : take_back(ledger, rc, ledger->tape.end);
 }
 
 /* A long tape to files and rows, a slice a call; all at once where more comes than slices take
@@ -448,7 +486,7 @@ static enum modal_status settle_some(struct ledger *ledger, struct modal_error *
     if (ledger->tape.end > 2 * (uint64_t)TAPE_MOST)
         return settle_tape(ledger, err);
     if (ledger->pieces.changes == NULL && ledger->tape.end > TAPE_MOST)
-        rc = read_pieces(ledger, err);
+        rc = read_pieces(ledger, NULL, 0, err);
     if (rc == MODAL_OK && ledger->pieces.changes != NULL)
         return settle_slice(ledger, SLICE_STREAMS, err);
     if (rc == MODAL_OK)
@@ -476,12 +514,21 @@ static enum modal_status open_tape(struct ledger *ledger, struct modal_error *er
     return settle_found(ledger, err);
 }
 
-static bool wants_settled(const struct ledger_change *changes, size_t count)
+/* What CHANGES ask to be in files goes there.  Hundreds of other streams' files are not synced for
+ * the sake of a few; more than are open at once wait for all. */
+static enum modal_status settle_wanted(struct ledger *ledger, const struct ledger_change *changes,
+                                       size_t count, struct modal_error *err)
 {
+    int64_t streams[SAMPLES_FILES];
+    size_t wanted = 0;
+
     for (size_t i = 0; i < count; i++)
-        if (changes[i].verb == LEDGER_SAMPLES_SETTLE)
-            return true;
-    return false;
+        if (changes[i].verb == LEDGER_SAMPLES_SETTLE) {
+            if (changes[i].id == 0 || wanted == SAMPLES_FILES)
+                return settle_tape(ledger, err);
+            streams[wanted++] = changes[i].id;
+        }
+    return wanted > 0 ? settle_streams(ledger, streams, wanted, err) : MODAL_OK;
 }
 
 enum modal_status ledger_commit(struct ledger *ledger, struct ledger_change *changes, size_t count,
@@ -493,8 +540,8 @@ enum modal_status ledger_commit(struct ledger *ledger, struct ledger_change *cha
         return refuse_broken(err);
     if (ledger->log_pages > LOG_PAGES_MOST)
         rc = checkpoint(ledger, err);
-    if (rc == MODAL_OK && wants_settled(changes, count))
-        rc = settle_tape(ledger, err);
+    if (rc == MODAL_OK)
+        rc = settle_wanted(ledger, changes, count, err);
     if (rc != MODAL_OK)
         return rc;
     ledger->group_pages = 0;

@@ -147,9 +147,10 @@ enum ledger_verb {
     LEDGER_SEGMENT_PUT,      /* .segment; its data is on stable storage with the group: on the
                               * tape (tape.h), from where it goes to its file and row, or there */
     LEDGER_SEGMENT_ROW,      /* .segment, which was on the tape; none where its stream is gone */
-    LEDGER_SAMPLES_SETTLE,   /* all on the tape goes to files and rows, ahead of the group */
-    LEDGER_SEGMENTS_DELETE,  /* .id is the stream, settled before; the caller removes its file after
-                              * the commit */
+    LEDGER_SAMPLES_SETTLE,   /* what the tape has of stream .id, or of all where that is 0, goes to
+                              * files and rows, ahead of the group */
+    LEDGER_SEGMENTS_DELETE,  /* .id is the stream, settled before, whose note goes too; the caller
+                              * removes its file after the commit */
     LEDGER_JOB_PUT,          /* insert .job whole; MODAL_CONFLICT: its id, or its user and key,
                               * are taken */
     LEDGER_JOB_MOVE,         /* .job: state and all below it, by id; MODAL_CONFLICT: not a move

@@ -316,18 +316,46 @@ static bool follows(const struct segment_record *last, const struct segment_reco
            && last->length + next->length <= SAMPLES_SEGMENT_MOST;
 }
 
-/* The segments of BYTES, all of TAPE, as they lie. */
+/* Segments as they lie on a tape; `length` is that of their samples. */
+struct listing { struct segment_record *items; size_t count, room; uint64_t length; };
+
+static bool list_add(struct listing *list, const struct mark *mark, const char *data)
+{
+    if (list->count == list->room) {
+        size_t room = list->room > 0 ? 2 * list->room : 64;
+        struct segment_record *items = realloc(list->items, room * sizeof *items);
+        if (items == NULL)
+            return false;
+        list->items = items;
+        list->room = room;
+    }
+    list->items[list->count++] = (struct segment_record) {
+        mark->stream, mark->epoch, mark->first, mark->count, mark->offset, mark->length,
+        mark->crc, data };
+    list->length += mark->length;
+    return true;
+}
+
+/* Streams to be read; none: all. */
+struct wanted { const int64_t *streams; size_t count; };
+
+static bool is_wanted(const struct wanted *wanted, int64_t stream)
+{
+    for (size_t i = 0; i < wanted->count; i++)
+        if (wanted->streams[i] == stream)
+            return true;
+    return wanted->count == 0;
+}
+
+/* The segments that are WANTED of BYTES, all of TAPE. */
 static enum modal_status list_segments(const struct tape *tape, const char *bytes,
-                                       struct segment_record **list, size_t *count,
+                                       const struct wanted *wanted, struct listing *list,
                                        struct modal_error *err)
 {
     const struct text text = { bytes, tape->secret, tape->end, tape->start };
     struct head head;
     struct mark mark;
 
-    *list = malloc(tape->end / sizeof mark * sizeof **list + 1);
-    if (*list == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "no memory for the samples of the tape");
     for (uint64_t at = tape->start; at < tape->end;) {
         if (!is_whole(&text, at, &head))
             return damaged("tape", at, err);
@@ -335,9 +363,8 @@ static enum modal_status list_segments(const struct tape *tape, const char *byte
         for (const uint64_t until = at + head.length; at < until; at += mark.length) {
             memcpy(&mark, bytes + at, sizeof mark);
             at += sizeof mark;
-            (*list)[(*count)++] = (struct segment_record) {
-                mark.stream, mark.epoch, mark.first, mark.count, mark.offset, mark.length,
-                mark.crc, bytes + at };
+            if (is_wanted(wanted, mark.stream) && !list_add(list, &mark, bytes + at))
+                return modal_fail(err, MODAL_NO_MEMORY, "no memory for the samples of the tape");
         }
     }
     return MODAL_OK;
@@ -364,29 +391,29 @@ static void join(const struct segment_record *list, size_t count, struct tape_pi
     }
 }
 
-enum modal_status tape_read(const struct tape *tape, struct tape_pieces *out,
-                            struct modal_error *err)
+enum modal_status tape_read(const struct tape *tape, const int64_t *streams, size_t count,
+                            struct tape_pieces *out, struct modal_error *err)
 {
-    struct segment_record *list = NULL;
+    const struct wanted wanted = { streams, count };
+    struct listing list = { NULL, 0, 0, 0 };
     char *bytes = NULL;
-    size_t count = 0;
     enum modal_status rc = read_bytes(tape->fd, tape->end, &bytes, err);
 
     *out = (struct tape_pieces) { NULL, 0, NULL };
     if (rc == MODAL_OK)
-        rc = list_segments(tape, bytes, &list, &count, err);
+        rc = list_segments(tape, bytes, &wanted, &list, err);
     if (rc == MODAL_OK) {
-        out->bytes = malloc(tape->end + 1);
-        out->changes = calloc(count + 1, sizeof *out->changes);
+        out->bytes = malloc(list.length + 1);
+        out->changes = calloc(list.count + 1, sizeof *out->changes);
         if (out->bytes == NULL || out->changes == NULL)
             rc = modal_fail(err, MODAL_NO_MEMORY, "no memory for %llu bytes of samples",
-                            (unsigned long long)tape->end);
+                            (unsigned long long)list.length);
     }
-    if (rc == MODAL_OK) {
-        qsort(list, count, sizeof *list, by_place);
-        join(list, count, out);
+    if (rc == MODAL_OK && list.count > 0) {
+        qsort(list.items, list.count, sizeof *list.items, by_place);
+        join(list.items, list.count, out);
     }
-    free(list);
+    free(list.items);
     free(bytes);
     return rc;
 }

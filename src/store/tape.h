@@ -3,10 +3,11 @@
  *
  * A hundred streams that send a few samples each would cost a hundred synced files a group.  So the
  * ledger's thread writes short segments of a group to the tape, one behind the other, and syncs
- * that alone; they are as durable as in their files.  Now and then (ledger_settle), and when
- * somebody is to read them (LEDGER_SAMPLES_SETTLE), all go to their files, many in one piece with
- * one row, and the tape begins anew.  A tape that is found at the start is settled before anything
- * is read, so that only rows speak of samples.
+ * that alone; they are as durable as in their files.  Now and then (ledger_settle) all go to their
+ * files, many in one piece with one row, and the tape begins anew.  Those of one stream go there
+ * when somebody is to read them (LEDGER_SAMPLES_SETTLE); they stay on the tape as well, where their
+ * rows, or that their stream is gone, tell that they are done with.  A tape that is found at the
+ * start is settled before anything is read, so that only rows speak of samples.
  */
 #ifndef STORE_TAPE_H
 #define STORE_TAPE_H
@@ -49,10 +50,10 @@ enum modal_status tape_add(struct tape *tape, const struct segment_record *segme
 enum modal_status tape_write(struct tape *tape, struct modal_error *err);
 /* The group that was added or written last, at END, is not there any more. */
 enum modal_status tape_revert(struct tape *tape, uint64_t end, struct modal_error *err);
-/* All that is on it; the caller calls tape_pieces_done in any case.  MODAL_CORRUPT: it has been
- * damaged since it was written. */
-enum modal_status tape_read(const struct tape *tape, struct tape_pieces *out,
-                            struct modal_error *err);
+/* What is on it of STREAMS, COUNT of them; of all, where COUNT is 0.  The caller calls
+ * tape_pieces_done in any case.  MODAL_CORRUPT: it has been damaged since it was written. */
+enum modal_status tape_read(const struct tape *tape, const int64_t *streams, size_t count,
+                            struct tape_pieces *out, struct modal_error *err);
 void tape_pieces_done(struct tape_pieces *pieces);
 /* Nothing is on it any more; it has a label. */
 enum modal_status tape_clear(struct tape *tape, struct modal_error *err);

@@ -292,7 +292,7 @@ static void settle(void)
 /* Its samples are in a batch: rows and file go. */
 static void end_stream(int64_t id)
 {
-    struct ledger_change changes[3] = { { .verb = LEDGER_SAMPLES_SETTLE },
+    struct ledger_change changes[3] = { { .verb = LEDGER_SAMPLES_SETTLE, .id = id },
                                         { .verb = LEDGER_SEGMENTS_DELETE, .id = id },
                                         { .verb = LEDGER_NOTE_PUT } };
     struct modal_error err;

@@ -119,7 +119,7 @@ void core_task_settled(struct core *c, struct task *task)
     struct transaction *t = transaction_new();
 
     t->refusable = FIRST_REFUSED;
-    transaction_add(t, LEDGER_SAMPLES_SETTLE);
+    transaction_add(t, LEDGER_SAMPLES_SETTLE)->id = task->stream;
     transaction_after(t, AFTER_TASK)->task = task;
     core_commit(c, t);
 }

@@ -150,11 +150,7 @@ static enum modal_status reserve_file(struct upload *upload, struct modal_error 
 
     if (rc == MODAL_OK && fstat(upload->fd, &known) < 0)
         rc = modal_fail(err, MODAL_IO, "%s: %s", upload->part, strerror(errno));
-    if (rc == MODAL_OK)
-        rc = file_reserve(upload->fd, (uint64_t)known.st_size, err);
-    if (rc == MODAL_OK)
-        rc = file_sync(upload->fd, err);
-    return rc == MODAL_OK ? file_sync_dir(upload->dir, err) : rc;
+    return rc == MODAL_OK ? file_reserve(upload->fd, (uint64_t)known.st_size, err) : rc;
 }
 
 static struct upload *upload_new(const char *dir, int64_t id, const struct input_shape *shape)
@@ -191,6 +187,13 @@ enum modal_status upload_begin(const char *dir, int64_t id, const struct input_s
     }
     *out = upload;
     return MODAL_OK;
+}
+
+enum modal_status upload_keep(struct upload *upload, struct modal_error *err)
+{
+    enum modal_status rc = file_sync(upload->fd, err);
+
+    return rc == MODAL_OK ? file_sync_dir(upload->dir, err) : rc;
 }
 
 /* --- going on --- */
@@ -368,7 +371,7 @@ enum modal_status upload_sync(struct upload *upload, struct modal_error *err)
     return file_sync(upload->fd, err);
 }
 
-enum modal_status upload_seal(struct upload *upload, uint8_t sha256[32], struct modal_error *err)
+enum modal_status upload_name(struct upload *upload, uint8_t sha256[32], struct modal_error *err)
 {
     enum modal_status rc;
 
@@ -381,15 +384,18 @@ enum modal_status upload_seal(struct upload *upload, uint8_t sha256[32], struct 
     rc = file_sync(upload->fd, err);
     if (rc == MODAL_OK && !upload->is_sealed)
         rc = file_rename(upload->part, upload->sealed, err);
-    if (rc == MODAL_OK) {
-        upload->is_sealed = true;
-        rc = file_sync_dir(upload->dir, err);
-    }
     if (rc != MODAL_OK)
         return rc;
-    upload->ended = true;
+    upload->is_sealed = upload->ended = true;
     sha256_end(&upload->identity, sha256);
     return MODAL_OK;
+}
+
+enum modal_status upload_seal(struct upload *upload, uint8_t sha256[32], struct modal_error *err)
+{
+    enum modal_status rc = upload_name(upload, sha256, err);
+
+    return rc == MODAL_OK ? file_sync_dir(upload->dir, err) : rc;
 }
 
 void upload_close(struct upload *upload)
@@ -402,6 +408,14 @@ void upload_close(struct upload *upload)
 }
 
 /* --- the folder --- */
+
+enum modal_status spool_sync(const char *dir, struct modal_error *err)
+{
+    struct upload paths;
+
+    set_paths(&paths, dir, 0);
+    return file_sync_dir(paths.dir, err);
+}
 
 enum modal_status spool_remove(const char *dir, int64_t id, struct modal_error *err)
 {

@@ -29,11 +29,13 @@ enum {
 
 struct upload;
 
-/* Begin upload ID in the data folder DIR: its file made, its space reserved, both durable.
- * MODAL_BAD_INPUT (a shape out of range; the field is named), MODAL_STORAGE_FULL (nothing is left
- * behind), MODAL_IO. */
+/* Begin upload ID in the data folder DIR: its file made, its space reserved.  MODAL_BAD_INPUT (a
+ * shape out of range; the field is named), MODAL_STORAGE_FULL (nothing is left behind),
+ * MODAL_IO. */
 enum modal_status upload_begin(const char *dir, int64_t id, const struct input_shape *shape,
                                struct upload **out, struct modal_error *err);
+/* That it was begun is on stable storage: it can be resumed.  MODAL_IO: end the process. */
+enum modal_status upload_keep(struct upload *upload, struct modal_error *err);
 /* Go on with upload ID after a restart: its first RECEIVED bytes, which the ledger holds as
  * durable, are read back, checked against the CRC-32C of each of CHUNKS (in order, covering them)
  * and hashed.  MODAL_CORRUPT names the chunk that differs. */
@@ -65,6 +67,10 @@ enum modal_status upload_sync(struct upload *upload, struct modal_error *err);
 /* Seal it; its identity into SHA256.  MODAL_BAD_FRAME where bytes are missing.  The handle remains,
  * to be closed. */
 enum modal_status upload_seal(struct upload *upload, uint8_t sha256[32], struct modal_error *err);
+/* The same, but that it is sealed is on stable storage only after spool_sync: once for many. */
+enum modal_status upload_name(struct upload *upload, uint8_t sha256[32], struct modal_error *err);
+/* The names of DIR's spool are on stable storage.  MODAL_IO: end the process. */
+enum modal_status spool_sync(const char *dir, struct modal_error *err);
 /* Release the handle; the file stays as it is. */
 void upload_close(struct upload *upload);
 

@@ -204,7 +204,8 @@ static void upload(int64_t id, uint64_t end)
     struct ledger_change changes[2] = { { 0 } };
     struct modal_error err;
     struct upload *up = NULL;
-    bool ok = went(upload_begin(dir, id, &shape, &up, &err), "begin", &err);
+    bool ok = went(upload_begin(dir, id, &shape, &up, &err), "begin", &err)
+              && went(upload_keep(up, &err), "keep", &err);
 
     if (ok) {
         changes[0] = input_change(id, up, INPUT_OPEN);

@@ -7,7 +7,8 @@
  *
  * Streams are sealed by a thread of their own, in slices, each of all that wait in turn: a seal
  * writes as much as a stream may be long, and neither another's chunk nor another's short stream
- * waits for the end of that.
+ * waits for the end of that.  Several short ones are one slice, whose names are synced once.  A
+ * seal that is cut off begins anew, so nothing of it but its end need be durable.
  */
 #include "base/crc32c.h"
 #include "broker/shell/queue.h"
@@ -25,7 +26,8 @@
 
 enum {
     THREADS_MOST = 16,            /* more than a disk has requests at once */
-    SLICE_BYTES = 8 << 20,        /* of a seal, written and synced before another's turn */
+    SLICE_BYTES = 8 << 20,        /* of seals, written and synced before others' turn */
+    ROUND_SEALS = 16,             /* of 128 files that a daemon keeps for itself */
 };
 
 /* Chunks to be hashed, on the stack of the thread that writes them. */
@@ -104,8 +106,10 @@ static enum modal_status begin_upload(const char *dir, struct task *task)
 
     if (rc == MODAL_OK)
         rc = upload_begin(dir, task->id, &task->shape, &task->upload, &task->err);
-    if (rc == MODAL_OK)
+    if (rc == MODAL_OK) {
         task->offset = upload_offset(task->upload);
+        rc = upload_keep(task->upload, &task->err);
+    }
     return rc;
 }
 
@@ -196,9 +200,12 @@ static enum modal_status write_chunks(struct spool_threads *s, struct task *task
     return rc;
 }
 
-static enum modal_status seal(struct task *task)
+/* By END, which may leave the folder to be synced. */
+static enum modal_status seal(struct task *task,
+                              enum modal_status (*end)(struct upload *, uint8_t sha256[32],
+                                                       struct modal_error *))
 {
-    enum modal_status rc = upload_seal(task->upload, task->sha256, &task->err);
+    enum modal_status rc = end(task->upload, task->sha256, &task->err);
 
     if (rc == MODAL_OK) {
         task->crc = upload_crc(task->upload);
@@ -314,27 +321,35 @@ static enum modal_status begin_seal(const char *dir, struct task *task)
     return upload_begin(dir, task->id, &task->shape, &task->upload, &task->err);
 }
 
-/* Some more of a stream's batch, synced; *MORE: there is more to do. */
-static enum modal_status seal_slice(const char *dir, struct ledger_reader *reader,
-                                    struct task *task, bool *more)
+/* Some more of a stream's batch, *LEFT bytes at most, of which it takes its own; *MORE: there is
+ * more to do. */
+static enum modal_status write_slice(const char *dir, struct ledger_reader *reader,
+                                     struct task *task, uint64_t *left, bool *more)
 {
-    struct reading r = { .task = task, .left = SLICE_BYTES };
+    struct reading r = { .task = task, .left = *left };
     enum modal_status rc = task->upload != NULL ? MODAL_OK : begin_seal(dir, task);
 
     if (rc == MODAL_OK)
         rc = read_segments(dir, reader, &r, task->next_segment, add_segment);
-    if (r.more || rc == MODAL_OK)
-        rc = upload_sync(task->upload, &task->err);
-    *more = r.more && rc == MODAL_OK;
+    *left = r.left;
+    *more = r.more;
+    return r.more ? MODAL_OK : rc;
+}
+
+/* What was written is synced; where that is all, it is sealed but for its name in the folder. */
+static void end_slice(const char *dir, struct task *task, bool *more)
+{
+    if (task->status == MODAL_OK)
+        task->status = upload_sync(task->upload, &task->err);
+    *more &= task->status == MODAL_OK;
     if (*more)
-        return rc;
-    if (rc == MODAL_OK)
-        rc = seal(task);
+        return;
+    if (task->status == MODAL_OK)
+        task->status = seal(task, upload_name);
     upload_close(task->upload);
     task->upload = NULL;
-    if (rc != MODAL_OK && rc != MODAL_IO)
+    if (task->status != MODAL_OK && task->status != MODAL_IO)
         spool_remove(dir, task->id, NULL);
-    return rc;
 }
 
 /* What SEGMENT has of the samples that are wanted is in r->block from *DATA on: [*FROM, *TO), which
@@ -497,7 +512,7 @@ static enum modal_status do_task(struct spool_threads *s, struct ledger_reader *
     case TASK_BEGIN:         return begin_upload(dir, task);
     case TASK_RESUME:        return resume(dir, reader, task);
     case TASK_WRITE:         return write_chunks(s, task);
-    case TASK_SEAL:          return seal(task);
+    case TASK_SEAL:          return seal(task, upload_seal);
     case TASK_STREAM_SEAL:   break;                /* by the sealer, in slices */
     case TASK_CLOSE:         upload_close(task->upload); task->upload = NULL; return MODAL_OK;
     case TASK_REMOVE_INPUT:  return spool_remove(dir, task->id, &task->err);
@@ -602,13 +617,14 @@ static void put_seal(struct spool_threads *s, struct task *task)
     s->seals_end = &task->next;
 }
 
-/* The seal whose turn it is; NULL: stop, and what is not sealed is sealed after the next start. */
-static struct task *next_seal(struct spool_threads *s)
+/* The seal whose turn it is; NULL: stop, and what is not sealed is sealed after the next start, or
+ * there is none, where it is not to be AWAITED. */
+static struct task *next_seal(struct spool_threads *s, bool awaited)
 {
     struct task *task;
 
     pthread_mutex_lock(&s->mutex);
-    while (s->seals == NULL && !s->stop)
+    while (s->seals == NULL && !s->stop && awaited)
         pthread_cond_wait(&s->sealable, &s->mutex);
     task = s->stop ? NULL : s->seals;
     if (task != NULL) {
@@ -620,29 +636,78 @@ static struct task *next_seal(struct spool_threads *s)
     return task;
 }
 
-static void *run_seals(void *context)
-{
-    struct spool_threads *s = context;
-    struct ledger_reader *reader = NULL;
-    struct modal_error err;
+/* Seals of one round: what they write is a slice together. */
+struct round {
+    struct task *task[ROUND_SEALS];
+    bool more[ROUND_SEALS];
+    int count;
     struct timespec begun;
-    struct task *task;
-    bool more;
+};
 
-    if (ledger_reader_open(s->dir, &reader, &err) != MODAL_OK) {
-        done_fatal(s->done, &err);
-        return NULL;
+/* All is written before the first is waited for, as the disk has begun with it. */
+static void write_round(struct spool_threads *s, struct ledger_reader *reader, struct round *round)
+{
+    uint64_t left = SLICE_BYTES;
+    struct task *task;
+
+    for (round->count = 0; round->count < ROUND_SEALS && left > 0; round->count++) {
+        if ((task = next_seal(s, round->count == 0)) == NULL)
+            break;
+        if (round->count == 0)
+            clock_gettime(CLOCK_MONOTONIC, &round->begun);
+        round->task[round->count] = task;
+        task->status = write_slice(s->dir, reader, task, &left, &round->more[round->count]);
     }
-    while ((task = next_seal(s)) != NULL) {
-        clock_gettime(CLOCK_MONOTONIC, &begun);
-        task->status = seal_slice(s->dir, reader, task, &more);
-        if (!more) {
-            give_back(s, task, &begun);
+    for (int i = 0; i < round->count; i++)
+        end_slice(s->dir, round->task[i], &round->more[i]);
+}
+
+/* The names of those that are sealed, on stable storage. */
+static void sync_names(struct spool_threads *s, struct round *round)
+{
+    struct modal_error err;
+    enum modal_status rc = MODAL_OK;
+    bool any = false;
+
+    for (int i = 0; i < round->count; i++)
+        any |= !round->more[i] && round->task[i]->status == MODAL_OK;
+    if (any)
+        rc = spool_sync(s->dir, &err);
+    for (int i = 0; rc != MODAL_OK && i < round->count; i++) {
+        round->task[i]->status = rc;
+        round->task[i]->err = err;
+    }
+}
+
+/* Those that are sealed are the loop's again, the others wait for their next turn. */
+static void end_round(struct spool_threads *s, struct round *round)
+{
+    for (int i = 0; i < round->count; i++) {
+        struct task *task = round->task[i];
+        if (!round->more[i]) {
+            give_back(s, task, &round->begun);
             continue;
         }
         pthread_mutex_lock(&s->mutex);
         put_seal(s, task);
         pthread_mutex_unlock(&s->mutex);
+    }
+}
+
+static void *run_seals(void *context)
+{
+    struct spool_threads *s = context;
+    struct ledger_reader *reader = NULL;
+    struct modal_error err;
+    struct round round;
+
+    if (ledger_reader_open(s->dir, &reader, &err) != MODAL_OK) {
+        done_fatal(s->done, &err);
+        return NULL;
+    }
+    while (write_round(s, reader, &round), round.count > 0) {
+        sync_names(s, &round);
+        end_round(s, &round);
     }
     ledger_reader_close(reader);
     return NULL;

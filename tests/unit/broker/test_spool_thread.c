@@ -7,6 +7,7 @@
 #include <sys/stat.h>
 #include "broker/shell/queue.h"
 #include "base/crc32c.h"
+#include "store/file.h"
 #include "store/samples.h"
 
 enum { STREAMS = 4, GAP = 4 << 20 /* samples, 32 MiB */, SHORT = STREAMS };
@@ -128,6 +129,23 @@ TEST(uploads_begin_and_a_short_stream_is_sealed_while_long_gaps_of_others_are_wr
     take(STREAMS + 3, ids);
     for (int i = 0; i < 3; i++)
         CHECK(ids[i] == 7 || ids[i] == 8 || ids[i] == 100 + SHORT);
+    stop();
+}
+
+/* Its samples, and the folder with its name: who waits for a close waits for these.  On the code of
+ * before its file was synced empty, and the folder too, although nobody goes on with a seal. */
+TEST(a_short_stream_is_sealed_with_two_syncs_of_its_file_and_one_of_the_folder)
+{
+    int64_t id;
+    bool faults;
+
+    start();
+    faults = file_fault("unlink:1000:EIO");        /* then syncs are counted, where they can be */
+    put_seal(SHORT);
+    take(1, &id);
+    CHECK(id == 100 + SHORT);
+    CHECK(!faults || (file_fault_count(FILE_FDATASYNC) == 2 && file_fault_count(FILE_FSYNC) == 1));
+    file_fault(NULL);
     stop();
 }
 

@@ -117,6 +117,7 @@ static void pump(struct core *c, struct subscription *s, int64_t *first)
         if (wants(s, row))
             send_event(c, s, row);
     }
+    c->events->stirred |= s->next_event <= last;
 }
 
 void events_pump(struct core *c)
@@ -124,6 +125,9 @@ void events_pump(struct core *c)
     struct subscription **link = &c->events->subscriptions;
     int64_t first = 0;
 
+    if (!c->events->stirred)           /* most steps are samples, of which nobody is told */
+        return;
+    c->events->stirred = false;
     while (*link != NULL) {
         struct subscription *s = *link;
         if (s->gone && !s->reading) {
@@ -156,6 +160,7 @@ void events_committed(struct core *c, struct after *after)
         row->topic = grab_text(stream_name(after->stream));
     }
     c->last_event = after->value;
+    c->events->stirred = true;
 }
 
 void events_progress(struct core *c, struct job *job)
@@ -183,6 +188,7 @@ void events_task_done(struct core *c, struct task *task)
     if (s == NULL)
         return;
     s->reading = false;
+    c->events->stirred = true;
     if (s->gone || task->status != MODAL_OK)
         return;
     if (task->event_count > 0 && (int64_t)task->offset + 1 < task->events[0].number
@@ -214,7 +220,7 @@ void events_revoke(struct core *c)
     for (struct subscription *s = c->events->subscriptions; s != NULL; s = s->next)
         if (!s->gone && !user_admits(c, s->user, s->key)) {
             answer_error(c, &s->reply, &err, NULL);
-            s->gone = true;
+            s->gone = c->events->stirred = true;
         }
 }
 
@@ -226,7 +232,7 @@ static void unsubscribe(struct core *c, const struct request *q)
 
     for (struct subscription *s = c->events->subscriptions; s != NULL; s = s->next)
         if (s->number == wanted && s->user == q->user && !s->gone) {
-            s->gone = true;
+            s->gone = c->events->stirred = true;
             header = answer_new(&q->reply);
             cJSON_AddStringToObject(header, "subscription", number);
             answer_send(c, &q->reply, header, NULL);
@@ -271,6 +277,7 @@ void events_request(struct core *c, const struct request *q)
                   : q->wire.events.from > 0 ? (int64_t)q->wire.events.from : 1;
     q->user->subscriptions++;
     c->events->subscriptions = s;
+    c->events->stirred = true;
     header = answer_new(&q->reply);
     snprintf(number, sizeof number, "%llu", (unsigned long long)s->number);
     cJSON_AddStringToObject(header, "subscription", number);
@@ -280,6 +287,7 @@ void events_request(struct core *c, const struct request *q)
 
 void events_peer(struct core *c, uint64_t peer, enum event_type type)
 {
+    c->events->stirred = true;
     for (size_t i = 0; i < c->events->full_count; i++)
         if (c->events->full[i] == peer)
             c->events->full[i--] = c->events->full[--c->events->full_count];

@@ -25,5 +25,6 @@ struct events {
     struct event_row ring[RING];          /* committed events, by number % RING */
     uint64_t *full; size_t full_count, full_room;     /* peers that take no more for now */
     int64_t pruned;                       /* last_event at the latest pruning */
+    bool stirred;                         /* somebody may have something to be told */
 };
 #endif

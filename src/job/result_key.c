@@ -401,12 +401,13 @@ static const struct result_key steady_keys[] = {
       .means = "of the motion's first harmonic" },
     { "tones", RESULT_NUMBER, .list = "one to three", .unit = "rad/s", .absent = "without tones",
       .means = "w1, w2, .. of the motion, of no common period; a free one as it was found" },
-    { "method", RESULT_TEXT, .means = "what found it: linear, direct, newton, .." },
+    { "method", RESULT_TEXT, .means = "what found it: linear, direct, newton, ..; march: lines of "
+      "tones, read from a march of laws with events" },
     { "iterations", RESULT_WHOLE, .means = "of the balance" },
     { "H", RESULT_WHOLE, .means = "harmonics kept, beside the mean; with tones the highest "
       "|k1| + |k2| + .. kept" },
     { "N", RESULT_WHOLE, .means = "samples of a period, or of all phases of tones, at which laws "
-      "were evaluated; 0: none" },
+      "were evaluated, or of a march; 0: none" },
     { "harmonics", RESULT_OBJECT, .list = "one a dof reported", .members = dof_harmonic_keys,
       .means = "the motion" },
     { "time", RESULT_OBJECT, .absent = "without time", .members = time_keys,

@@ -39,6 +39,11 @@ static enum modal_status check_options(const struct steady_settings *s, struct m
     return MODAL_OK;
 }
 
+static const char *method_of(const struct program *p, const struct torus_point *point)
+{
+    return point->marched ? "march" : p->laws > 0 ? "newton" : "linear";
+}
+
 static cJSON *print_index(const struct torus_point *point, int m)
 {
     cJSON *list = cJSON_CreateArray();
@@ -172,7 +177,7 @@ static cJSON *print_point(const struct program *p, const struct steady_settings 
     cJSON_AddNullToObject(doc, "omega");
     cJSON_AddItemToObject(doc, "tones",
                           json_numbers(point->tones.omega, (size_t)point->tones.count));
-    cJSON_AddStringToObject(doc, "method", p->laws > 0 ? "newton" : "linear");
+    cJSON_AddStringToObject(doc, "method", method_of(p, point));
     cJSON_AddNumberToObject(doc, "iterations", point->iterations);
     cJSON_AddNumberToObject(doc, "H", highest);
     cJSON_AddNumberToObject(doc, "N", point->samples);
@@ -228,7 +233,7 @@ enum modal_status torus_run(struct program *p, const struct steady_settings *set
         e->active |= point.acts[l];
     }
     *doc = print_point(p, settings, &point);
-    plan = plan_print(p, p->laws > 0 ? "newton" : "linear");
+    plan = plan_print(p, method_of(p, &point));
     cJSON_AddItemToObject(*doc, "plan", plan);
     torus_point_done(&point);
     cost_stage(cost, "print");

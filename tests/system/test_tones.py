@@ -86,6 +86,39 @@ def test_a_law_with_events_moves_as_time_marching_says_within_its_error(law, tmp
     assert worst <= 3 * result["total_error"] and worst < 0.03 * most
 
 
+@pytest.mark.parametrize("ratio", [GOLDEN, 2 ** 0.5, 1.01])
+@pytest.mark.parametrize("law", ["gap", "friction"])
+def test_lines_of_a_law_with_events_are_those_of_a_long_march(law, ratio, tmp_path):
+    tones = [0.8, 0.8 * ratio]
+    effect = {"gap": {"type": "gap", "dof": "x", "stiffness": 2, "clearance": 0.2},
+              "friction": {"type": "friction", "dof": "x", "stiffness": 0.5, "limit": 0.2}}[law]
+    scene = oscillator([effect], tones)
+    status, result = run("steady", scene, tmp_path, "-o", "target.error=1e-5")
+    assert status == 0 and result["converged"] and result["method"] == "march"
+    # 1,200 turns of the faster tone from rest, read after 200, where lines 1 in 100 are apart
+    samples, turns = 32, 1200
+    dt = 2 * np.pi / tones[1] / samples
+    scene["time"] = {"dt": dt, "duration": dt * samples * turns}
+    csv = tmp_path / "record.csv"
+    status, _ = run("simulate", scene, tmp_path, "-o", "integrator=rk4", "-o", "substeps=40", "-O",
+                    str(csv))
+    x = np.loadtxt(csv, delimiter=",", skiprows=1, usecols=1)[200 * samples:-1]
+    t = (np.arange(len(x)) + 200 * samples) * dt
+    u = (2 * np.arange(len(x)) + 1) / len(x) - 1
+    window = np.exp(25 * (np.sqrt(1 - u * u) - 1))
+    window *= 2 / window.sum()
+    rows = result["harmonics"][0]
+    X = np.array(rows["re"]) + 1j * np.array(rows["im"])
+    k = np.array(rows["k"])
+    largest = np.argsort(-np.abs(X))[:30]
+    largest = largest[np.any(k[largest] != 0, 1)]
+    lines = np.array([np.sum(window * x * np.exp(-1j * w * t))
+                      for w in k[largest] @ np.array(tones)])
+    assert np.abs(lines - X[largest]).max() <= 1e-5 * np.abs(x).max()
+    assert np.count_nonzero(np.abs(X) > 1e-6 * np.abs(x).max()) > 30
+    assert np.abs(x[:2000] - motion(result, t[:2000])).max() <= 3 * result["total_error"] + 1e-6
+
+
 def test_tones_with_a_common_period_answer_as_one(tmp_path):
     spring = [{"type": "cubic_spring", "dof": "x", "coefficient": 0.5}]
     one = oscillator(spring, [1.05, 0.7])

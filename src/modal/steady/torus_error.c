@@ -29,6 +29,30 @@ void torus_spread(const struct torus_solver *s, const double complex *X, size_t 
     }
 }
 
+enum modal_status torus_recover(struct torus_solver *s, int count, const int *dofs,
+                                double complex *X, struct modal_error *err)
+{
+    size_t K = (size_t)s->count, q = (size_t)s->q;
+    double complex *S = malloc(2 * (q * q + 1) * sizeof *S), *p = malloc(2 * (q + 1) * sizeof *p),
+                   *one = calloc(2 * q + 1, sizeof *one), two[2];
+    enum modal_status rc = S == NULL || p == NULL || one == NULL
+                               ? modal_fail(err, MODAL_NO_MEMORY, "torus: no memory")
+                               : MODAL_OK;
+
+    for (size_t m = 0; rc == MODAL_OK && m < K; m++) {
+        int at = torus_order(s->index[m]) > 0;
+        struct condense *c = s->condense[torus_group(s, s->index[m])];
+
+        rc = condense_at(c, torus_base(s, s->index[m]), 1, at, S, p, err);
+        torus_spread(s, s->X, K, m, at, one);
+        for (int i = 0; rc == MODAL_OK && i < count; i++)
+            if ((rc = condense_recover(c, dofs[i], at, one, at, two, err)) == MODAL_OK)
+                X[(size_t)i * K + m] = two[at];
+    }
+    free(S), free(p), free(one);
+    return rc;
+}
+
 enum modal_status torus_largest(struct torus_solver *s, struct torus_grid *g, int count,
                                  const struct torus_index *index, const double complex *D,
                                  double *most, struct modal_error *err)

@@ -21,6 +21,11 @@ static const double BESIDE = 0.1;         /* of truncation: sampling that more l
                                            * while for */
 static const double TARGET_USUAL = 1e-6;  /* as with one tone */
 
+static double target_of(const struct torus_solver *s)
+{
+    return s->opt->target_error > 0 ? s->opt->target_error : TARGET_USUAL;
+}
+
 /* How many of LIST to take: so that what is left sums to less than LEAVE, no more than there are.
  * */
 static int choose(const struct torus_solver *s, const struct torus_candidate *list, int count,
@@ -96,8 +101,7 @@ static enum modal_status moved(struct torus_solver *s, double *most, struct moda
 static enum modal_status solve_grown(struct torus_solver *s, struct torus_point *out,
                                      struct modal_error *err)
 {
-    double target = s->opt->target_error > 0 ? s->opt->target_error : TARGET_USUAL;
-    double before = 0;
+    double target = target_of(s), before = 0;
     struct torus_candidate *list = malloc(TORUS_CANDIDATES_MOST * sizeof *list);
     double complex *room = malloc(((size_t)s->q * TORUS_CANDIDATES_MOST + 1) * sizeof *room);
     enum modal_status rc = list == NULL || room == NULL
@@ -124,7 +128,10 @@ static enum modal_status solve_grown(struct torus_solver *s, struct torus_point 
         out->tone_error = missed * e.tone;
         out->error = out->truncation + e.sampling + e.solver;
         out->wanting = out->error > wanted;
-        if (!out->wanting || s->opt->order > 0 || s->work->spent > GROWTH * s->work->most)
+        if (round == 0 && out->wanting && torus_march_takes(s))
+            rc = torus_march(s, target, out, err);
+        if (!out->wanting || s->marched > 0 || s->opt->order > 0
+            || s->work->spent > GROWTH * s->work->most)
             break;
         take = out->truncation > HALF * wanted ? choose(s, list, count, LEFT * wanted / missed) : 0;
         more_lines = e.sampling > fmax(LEFT * wanted, BESIDE * out->truncation)
@@ -142,28 +149,16 @@ static enum modal_status solve_grown(struct torus_solver *s, struct torus_point 
 static enum modal_status report(struct torus_solver *s, struct torus_point *out,
                                 struct modal_error *err)
 {
-    size_t K = (size_t)s->count, q = (size_t)s->q, dofs = (size_t)s->opt->dofs_count;
-    double complex *S = malloc(2 * (q * q + 1) * sizeof *S), *p = malloc(2 * (q + 1) * sizeof *p),
-                   *one = calloc(2 * q + 1, sizeof *one), two[2];
-    enum modal_status rc = MODAL_OK;
+    int dofs = s->opt->dofs_count;
+    enum modal_status rc;
 
-    out->X = calloc(dofs * K + 1, sizeof *out->X);
-    if (out->X == NULL || S == NULL || p == NULL || one == NULL)
-        rc = modal_fail(err, MODAL_NO_MEMORY, "torus: no memory");
-    for (size_t m = 0; rc == MODAL_OK && m < K; m++) {
-        int at = torus_order(s->index[m]) > 0;
-        struct condense *c = s->condense[torus_group(s, s->index[m])];
-
-        rc = condense_at(c, torus_base(s, s->index[m]), 1, at, S, p, err);
-        torus_spread(s, s->X, K, m, at, one);
-        for (size_t i = 0; rc == MODAL_OK && i < dofs; i++)
-            if ((rc = condense_recover(c, s->opt->dofs[i], at, one, at, two, err)) == MODAL_OK)
-                out->X[i * K + m] = two[at];
-    }
+    out->X = calloc((size_t)dofs * (size_t)s->count + 1, sizeof *out->X);
+    if (out->X == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "torus: no memory");
+    rc = torus_recover(s, dofs, s->opt->dofs, out->X, err);
     out->count = s->count;
     out->index = s->index;
     s->index = NULL;
-    free(S), free(p), free(one);
     return rc;
 }
 
@@ -178,7 +173,10 @@ static void count_laws(const struct torus_solver *s, struct torus_point *out)
     out->iterations = s->iterations;
     out->residual = s->residual;
     out->reason = s->reason;
-    out->samples = s->grid != NULL ? torus_grid_lines(s->grid) * torus_grid_samples(s->grid) : 0;
+    out->marched = s->marched > 0;
+    out->samples = s->marched > 0   ? s->marched
+                   : s->grid != NULL ? torus_grid_lines(s->grid) * torus_grid_samples(s->grid)
+                                     : 0;
 }
 
 static void solver_done(struct torus_solver *s)
@@ -263,6 +261,8 @@ enum modal_status torus_solve(const struct program *p, const double *omega, int 
         out->converged = true;
     else if (rc == MODAL_OK && begun)
         rc = solve_grown(s, out, err);
+    if (rc == MODAL_OK && begun && !out->converged && torus_march_takes(s))
+        rc = torus_march(s, target_of(s), out, err);
     if (rc == MODAL_OK && out->converged && opt->stability)
         rc = torus_judge(s, condense_place(s->condense[0]), &out->stability, err);
     if (rc == MODAL_OK) {

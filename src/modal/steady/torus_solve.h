@@ -43,18 +43,19 @@ struct torus_stability {
 
 struct torus_point {
     bool converged, wanting;  /* wanting: the target asks for more than is allowed */
+    bool marched;             /* read from a march, not balanced: laws with events */
     const char *reason;       /* where not converged */
     struct torus_tones tones;
     int count, iterations;
     struct torus_index *index;       /* the combinations, k = 0 first, by rising order */
     double complex *X;        /* of the reported dofs, [i count + m], m */
-    double residual;          /* relative to the largest force of (1) */
+    double residual;          /* relative to the largest force of (1); NAN: marched */
     double truncation, sampling, solver, error;   /* max over time and reported dofs, in m */
     double tone_error;        /* of the free tone's frequency, rad/s */
     double amplitude;         /* max |x| over the kept dofs */
     struct torus_stability stability;         /* of a converged motion */
     struct budget work;
-    int laws, samples;        /* samples: of one evaluation */
+    int laws, samples;        /* samples: of one evaluation, or of the record */
     long *evaluations;        /* per law */
     bool *acts, *undetermined;
 };

@@ -1,5 +1,5 @@
 /* torus_state.h - what torus_tone.c, torus_set.c, torus_newton.c, torus_begin.c, torus_error.c,
- * torus_stability.c and torus_solve.c share */
+ * torus_march.c, torus_stability.c and torus_solve.c share */
 #ifndef MODAL_TORUS_STATE_H
 #define MODAL_TORUS_STATE_H
 #include "modal/scene/program.h"
@@ -64,6 +64,8 @@ struct torus_solver {
     int core;                             /* combinations of the dense derivative */
     double *J;                            /* it, factored */
     int *pivot;
+    int marched;                          /* samples of the record that X was read from; 0: X
+                                           * balances its set */
     int iterations;
     double step, residual;                /* the last, relative */
     const char *reason;                   /* why not converged */
@@ -146,6 +148,20 @@ enum modal_status torus_fit(const struct torus_tones *t, int count, const struct
                             const struct scene_time *time, int q, const double *signals,
                             double complex *X, double *left, struct modal_error *err);
 
+/* ---- torus_march.c ---- */
+
+/* Whether a march may know more than a balance: laws with events, no tone free, all sliders move,
+ * and the set is not given. */
+bool torus_march_takes(const struct torus_solver *s);
+/*
+ * The motion marched from where OUT has it, or from the scene's start where that has not converged,
+ * and its lines read, until their error is WANTED of the amplitude or the work allowed is spent:
+ * s->index and s->X are theirs, s->marched tells, and OUT has the errors; all as they were where
+ * that is no better, or not the motion balanced.  s->linear is gone with the set.
+ */
+enum modal_status torus_march(struct torus_solver *s, double wanted, struct torus_point *out,
+                              struct modal_error *err);
+
 /* ---- torus_begin.c ---- */
 
 /* Of a free tone: its frequency, the first set and a motion near one that balances it; *BEGUN
@@ -163,6 +179,10 @@ enum modal_status torus_judge(struct torus_solver *s, const int *place, struct t
 /* Kept dofs' combination M of X, of K, as harmonic AT, 0 or 1, of condense_recover's motion. */
 void torus_spread(const struct torus_solver *s, const double complex *X, size_t K, size_t m, int at,
                   double complex *one);
+/* X[i count + m] of COUNT dofs DOFS, kept or reported, of the set's motion and its loads, into
+ * X. */
+enum modal_status torus_recover(struct torus_solver *s, int count, const int *dofs,
+                                double complex *X, struct modal_error *err);
 /* max |x| over G's samples and the reported dofs of what the kept ones' motion D, COUNT
  * combinations INDEX, makes of them. */
 enum modal_status torus_largest(struct torus_solver *s, struct torus_grid *g, int count,

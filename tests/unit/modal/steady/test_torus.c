@@ -1,5 +1,5 @@
 /* Tests as well: torus_laws.c torus_set.c torus_tone.c torus_newton.c torus_begin.c torus_error.c
- * torus_stability.c torus_solve.c
+ * torus_march.c torus_stability.c torus_solve.c
  *
  * Motions of several tones. */
 #include <math.h>
@@ -229,6 +229,63 @@ static void test_a_slider_that_never_slips_is_a_spring_of_undetermined_place(voi
     program_free(p);
 }
 
+/* x'' + 0.1 x' + x + f = 0.2 (cos w1 t + cos w2 t), f a spring of 0.5 behind a slider of 0.2, which
+ * is at *Z. */
+static double accelerate(const double *w, double t, double x, double v, double *z, bool slides)
+{
+    double stretch = fmin(fmax(x - *z, -0.4), 0.4);
+
+    *z = slides ? x - stretch : *z;
+    return 0.2 * (cos(w[0] * t) + cos(w[1] * t)) - 0.1 * v - x - 0.5 * stretch;
+}
+
+/* By classical Runge-Kutta steps of H, from rest to step FIRST and on to LAST: the most that POINT
+ * is off. */
+static double march(const double *w, const struct torus_point *point, double h, long first,
+                    long last)
+{
+    double x = 0, v = 0, z = 0, worst = 0;
+
+    for (long step = 0; step <= last; step++) {
+        double t = step * h, a[4], sum = 0;
+
+        for (int m = 0; step >= first && step % 500 == 0 && m < point->count; m++)
+            sum += creal(point->X[m] * cexp(I * torus_frequency(&point->tones, point->index[m])
+                                            * t));
+        worst = step >= first && step % 500 == 0 ? fmax(worst, fabs(x - sum)) : worst;
+        a[0] = accelerate(w, t, x, v, &z, true);
+        a[1] = accelerate(w, t + h / 2, x + h / 2 * v, v + h / 2 * a[0], &z, false);
+        a[2] = accelerate(w, t + h / 2, x + h / 2 * (v + h / 2 * a[0]), v + h / 2 * a[1], &z,
+                          false);
+        a[3] = accelerate(w, t + h, x + h * (v + h / 2 * a[1]), v + h * a[2], &z, false);
+        x += h * v + h * h / 6 * (a[0] + a[1] + a[2]);
+        v += h / 6 * (a[0] + 2 * a[1] + 2 * a[2] + a[3]);
+    }
+    return worst;
+}
+
+static void test_a_slider_under_tones_one_per_cent_apart_moves_as_marching_says(void **state)
+{
+    const double w[2] = { 0.8, 0.808 };
+    struct program *p =
+        lower("{\"structure\":{\"type\":\"matrices\",\"M\":[[1]],\"C\":[[0.1]],\"K\":[[1]],"
+              "\"dofs\":[\"x\"]},"
+              "\"effects\":[{\"type\":\"friction\",\"dof\":\"x\",\"stiffness\":0.5,"
+              "\"limit\":0.2}],"
+              "\"excitation\":[{\"dof\":\"x\",\"k\":[1,0],\"cos\":0.2},{\"dof\":\"x\","
+              "\"k\":[0,1],\"cos\":0.2}]}");
+    struct torus_point point;
+
+    (void)state;
+    solve(p, w, 2, 1e-5, &point);
+    assert_true(point.converged && point.marched && !point.wanting);
+    /* two beats of a hundred turns, after one; the steps' own error is 2e-8 */
+    assert_true(march(w, &point, 0.004, 250000, 700000) <= 3 * point.error + 1e-7);
+    assert_true(point.error <= 1e-5 * point.amplitude);
+    torus_point_done(&point);
+    program_free(p);
+}
+
 static void test_laws_that_are_no_function_of_a_path_are_refused(void **state)
 {
     struct program *p = lower(
@@ -254,6 +311,7 @@ int main(void)
         cmocka_unit_test(test_a_linear_structure_answers_each_tone_by_its_receptance),
         cmocka_unit_test(test_a_cubic_spring_is_balanced_combination_by_combination),
         cmocka_unit_test(test_a_slider_that_never_slips_is_a_spring_of_undetermined_place),
+        cmocka_unit_test(test_a_slider_under_tones_one_per_cent_apart_moves_as_marching_says),
         cmocka_unit_test(test_laws_that_are_no_function_of_a_path_are_refused),
     };
 

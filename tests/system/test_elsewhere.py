@@ -407,6 +407,9 @@ def test_a_large_input_goes_elsewhere_where_the_link_is_faster_than_the_job(site
         if not goes:
             assert of["job"] == small.id and state(ann, second.id)["state"] == "queued"
         hand.done(of)
+        queue = it.client("rob").ask("STATS")["queue"]
+        assert queue["elsewhere_s"] == (queue["cpu_s"] if goes else 0)
+        assert goes or queue["cpu_s"] > 0
         ann.ask("CANCEL", job=local)
         assert "event=link slot=256 name=hand mb_s=" in it.daemon.text()
 
@@ -434,6 +437,115 @@ def test_a_running_job_says_who_has_it_and_where(site):
     assert listed["worker"] == {"name": "12_3", "node": "n7"}
     hand.done(hand.run()[1])
     assert "worker" not in ann.ask("WAIT", job=job, timeout_s=200).header
+
+
+# ---- live windows ---------------------------------------------------------------------------------
+
+class Rig:
+    """A stream of ann's, and what is told of it."""
+
+    def __init__(self, site, name="rig"):
+        self.client, self.ear = site.client("ann"), site.client("ann")
+        assert self.ear.ask("EVENTS", stream=name, kinds=["modes"]).ok
+        opened = self.client.ask("STREAM", op="open", name=name, channels=2, dt=0.01,
+                                 window={"samples": 400, "hop": 100})
+        assert opened.ok, opened
+        self.id, self.sent, self.signals = opened["stream"], 0, batch(4000, 2).signals
+
+    def push(self):
+        count = 100 if self.sent else 400
+        body = self.signals[self.sent:self.sent + count].tobytes()
+        assert self.client.ask("STREAM", [body], op="push", stream=self.id, count=count, epoch=0,
+                               first=self.sent, crc32c=crc32c(body)).ok
+        self.sent += count
+
+    def told(self):
+        event = self.ear.receive()
+        assert (event["event"], event["to"]) == ("modes", self.sent - 1), event
+        return event
+
+
+WINDOW = b'{"kind":"identify","modes":[],"stability":{"stable":true}}'
+
+
+def test_live_windows_stay_here_unless_the_configuration_lets_them_go(site):
+    it = site(workers=1)
+    local = scene_job(it.client("ann"), seconds=20)["job"]
+    until(lambda: state(it.client("ann"), local)["state"] == "running")
+    hand, rig = it.hand(), Rig(it)
+    rig.push()
+    little = submit(it.client("ann"))["job"]              # it has waited no longer than the window
+    assert hand.run()[1]["job"] == little
+    it.client("ann").ask("CANCEL", job=local)
+
+
+def test_live_windows_of_a_real_worker_elsewhere_are_those_of_one_here(site):
+    answers = []
+    for options in ({"workers": 1}, {"config": "windows_elsewhere_s = 60\n"}):
+        it = site(**options)
+        if options.get("workers") is None:
+            it.worker()
+            until(lambda: it.elsewhere() == 1)
+        rig, told = Rig(it, f"of {options}"), []          # the same data folder: another stream
+        for _ in range(4):
+            rig.push()
+            told.append(rig.told())
+        answers.append([[(m["frequency_hz"], m["damping_ratio"], m["track"]) for m in event["modes"]]
+                        for event in told])
+        assert [event["update"]["updated"] for event in told] == [False, True, True, True]
+        it.end()
+    assert answers[0] == answers[1] and len(answers[0][0]) == 3
+
+
+def test_a_window_goes_whole_to_another_worker_and_only_what_is_new_to_the_same(site):
+    it = site(config="windows_elsewhere_s = 60\n")
+    one, rig = it.hand(name="one"), Rig(it)
+    rig.push()
+    run, of = one.run()
+    assert (of["job"], run["live"]["to"], run["input"]["samples"]) == ("live", 399, 400)
+    assert "pull" not in run["input"] and run.body[0] == rig.signals[:400].tobytes()
+    one.done(of, WINDOW)
+    assert rig.told()["verdict"] == "stable"
+    rig.push()
+    run, of = one.run()
+    assert run["input"]["samples"] == 100 and run.body[0] == rig.signals[400:500].tobytes()
+    two = it.hand("wim", name="two")
+    one.say("RELEASE", why="preempted", **of)
+    one.hear("STOP")
+    run, again = two.run()
+    assert run.body[0] == rig.signals[100:500].tobytes() and again["attempt"] != of["attempt"]
+    one.done(of, b'{"kind":"identify","modes":[],"stability":{"stable":false}}')
+    two.done(again, WINDOW)
+    assert rig.told()["verdict"] == "stable"
+    assert it.client("eva").ask("STATS")["workers"]["deaths"] == 0
+
+
+def test_a_window_that_loses_each_worker_elsewhere_is_left_out_and_said_so(site):
+    it = site(config="windows_elsewhere_s = 60\n")
+    rig = Rig(it)
+    rig.push()
+    for number in range(3):
+        hand = it.hand(name=f"lost{number}")
+        hand.run()
+        hand.close()
+        until(lambda: it.elsewhere() == 0)
+    assert rig.told()["error"]["code"] == "worker_died"
+
+
+def test_a_worker_whose_way_is_long_gets_no_more_windows_and_jobs_as_before(site):
+    it = site(config="windows_elsewhere_s = 0.1\n")
+    far, rig = it.hand(name="far"), Rig(it)
+    rig.push()
+    _, of = far.run()
+    time.sleep(0.2)
+    far.done(of, WINDOW)
+    rig.told()
+    assert "event=far slot=256 name=far way_ms=" in it.daemon.text()
+    rig.push()
+    job = submit(it.client("ann"))["job"]
+    assert far.run()[1]["job"] == job
+    near = it.hand("wim", name="near")
+    assert near.run()[0]["live"]["to"] == rig.sent - 1
 
 
 # ---- how they go ---------------------------------------------------------------------------------

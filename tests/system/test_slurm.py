@@ -62,7 +62,7 @@ class Stand:
             ["--pool", "lab", "--most", "4", "--wait", "10", "--connect", "tcp://lab:7418",
              "--worker-keyfile", "/home/lab/it's.key", "--", "-p", "long"])
         self.scaler = self.program.Scaler(self.options)
-        self.scaler.stats = lambda: {"queue": {"cpu_s": cpu_s}}
+        self.scaler.stats = lambda: {"queue": {"elsewhere_s": cpu_s}}
         self.clock = [1000.0]
         monkeypatch.setattr(self.program.time, "monotonic", lambda: self.clock[0])
 

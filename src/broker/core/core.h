@@ -66,6 +66,8 @@ struct settings {
     int64_t result_bytes;         /* results kept at most; the oldest go first */
     int64_t events_kept;
     int64_t run_limit_ns;         /* of a job that names none; 0: none */
+    /* the longest way to a worker elsewhere and back that live windows go; 0: they go nowhere */
+    int64_t windows_elsewhere_ns;
     uint64_t secret;              /* mixes identifiers */
 };
 

@@ -3,6 +3,10 @@
 #define BROKER_INPUTS_H
 #include "broker/core/state.h"
 
+/* From so many bytes on the link decides where a job runs.  What is known to have come of such an
+ * input is what was asked for before the pieces under way: half of this at least. */
+enum { LARGE_INPUT = 2 * WIRE_PULLS_MOST * WIRE_BODY_MOST };
+
 struct input {
     int64_t id;
     struct user *user;
@@ -25,6 +29,11 @@ struct input {
     struct filling *filling;              /* while it is open */
     struct input *older, *younger;        /* of the same sha256 and other attributes */
 };
+
+static inline bool input_is_large(const struct input *input)
+{
+    return input->bytes >= LARGE_INPUT;
+}
 
 /* An upload in progress: by a client, or by a worker that makes signals. */
 struct filling {

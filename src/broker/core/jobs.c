@@ -173,11 +173,18 @@ void job_event(struct core *c, struct job *job, struct transaction *t,
         .text = transaction_text(t, after->text) };
 }
 
+void job_count_queued(const struct job *job, int more)
+{
+    job->user->queued += more;
+    if (job->input != NULL && input_is_large(job->input))
+        job->user->queued_large += more;
+}
+
 static void count_move(struct core *c, struct job *job, enum job_state to)
 {
     c->jobs->state_counts[job->state]--;
     c->jobs->state_counts[to]++;
-    job->user->queued += (to == JOB_QUEUED) - (job->state == JOB_QUEUED);
+    job_count_queued(job, (to == JOB_QUEUED) - (job->state == JOB_QUEUED));
     job->user->running += (to == JOB_RUNNING) - (job->state == JOB_RUNNING);
 }
 
@@ -411,7 +418,7 @@ void job_forget(struct core *c, struct job *job)
 
     c->jobs->state_counts[job->state]--;
     if (job->state == JOB_QUEUED)
-        job->user->queued--;
+        job_count_queued(job, -1);
     c->jobs->result_total -= bytes_counted(job);
     c->jobs->result_leaving -= job->deleting ? bytes_counted(job) : 0;
     job->user->bytes -= bytes_counted(job);

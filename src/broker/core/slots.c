@@ -167,6 +167,7 @@ struct remote *slot_join(struct core *c, uint64_t peer)
     remote = grab(sizeof *remote);
     *remote = (struct remote) { .slot = slot, .peer = peer, .heard = true };
     c->slots->at[slot].remote = remote;
+    c->slots->at[slot].process++;
     c->slots->at[slot].heard_ns = c->now.mono_ns;
     slot_set(c, slot, SLOT_STARTING);
     if (!map_put(&c->slots->peers, map_hash_number(peer), remote))
@@ -206,10 +207,6 @@ static double expected_ns(const struct job *job)
     return job->run_limit_ns > 0 ? (double)job->run_limit_ns : job->user->cost_s * 1e9;
 }
 
-/* What is known to have come of an input is what was asked for before the pieces under way: half
- * of this at least. */
-enum { LARGE_INPUT = 2 * WIRE_PULLS_MOST * WIRE_BODY_MOST };
-
 /* Of a job that seems to have taken none: as users.c counts the shortest. */
 static const double work_least_s = 1e-3;
 
@@ -226,7 +223,7 @@ void slot_pulled(struct core *c, int slot, uint64_t length)
     if (remote->asked == 0)
         remote->asked_ns = c->now.mono_ns;
     remote->asked += length;
-    if (bytes < LARGE_INPUT || was_last || remote->asked < bytes)
+    if (!input_is_large(c->slots->at[slot].job->input) || was_last || remote->asked < bytes)
         return;
     came = (double)bytes - (double)(WIRE_PULLS_MOST * WIRE_BODY_MOST);
     seconds = fmax((double)(c->now.mono_ns - remote->asked_ns) / 1e9, 1e-9);
@@ -243,19 +240,19 @@ double slot_work_s_byte(const struct core *c, int slot)
     const double all_s = (double)(c->now.mono_ns - s->started_ns) / 1e9,
                  pull_s = s->remote == NULL ? 0 : s->remote->pull_s;
 
-    return s->job->input->bytes >= LARGE_INPUT && (s->remote == NULL || pull_s > 0)
+    return input_is_large(s->job->input) && (s->remote == NULL || pull_s > 0)
                ? fmax(all_s - pull_s, work_least_s) / (double)s->job->input->bytes : 0;
 }
 
 /* A large input goes elsewhere where the link is no slower than the job: both per byte, for what a
  * job takes grows with its input as well.  Where this host has no workers there is no other way. */
-static bool link_pays(const struct core *c, const struct job *job)
+bool slots_link_pays(const struct core *c, const struct user *user)
 {
     const struct slots *s = c->slots;
 
-    return job->input->bytes < LARGE_INPUT || c->settings.workers == 0 || s->link_ns == 0
-        || c->now.mono_ns - s->link_ns > link_known_ns || job->user->work_s_byte <= 0
-        || s->link_bytes_s * job->user->work_s_byte >= 1;
+    return c->settings.workers == 0 || s->link_ns == 0
+        || c->now.mono_ns - s->link_ns > link_known_ns || user->work_s_byte <= 0
+        || s->link_bytes_s * user->work_s_byte >= 1;
 }
 
 bool slot_fits(const struct core *c, int slot, const struct job *job)
@@ -263,7 +260,36 @@ bool slot_fits(const struct core *c, int slot, const struct job *job)
     const struct remote *remote = c->slots->at[slot].remote;
 
     return remote == NULL
-        || (job->input->bytes <= remote->memory && link_pays(c, job)
+        || (job->input->bytes <= remote->memory
+            && (!input_is_large(job->input) || slots_link_pays(c, job->user))
             && (remote->end_ns == INT64_MAX
                 || expected_ns(job) <= (double)(remote->end_ns - c->now.mono_ns)));
+}
+
+/* A way that was long is tried again: a window in a minute is late by it at most. */
+static const int64_t way_known_ns = 60 * INT64_C(1000000000);
+
+bool slot_takes_windows(const struct core *c, int slot)
+{
+    const struct remote *remote = c->slots->at[slot].remote;
+    const int64_t most_ns = c->settings.windows_elsewhere_ns;
+
+    return remote == NULL
+        || (most_ns > 0 && remote->memory >= WIRE_BODY_MOST
+            && (remote->way_told_ns == 0 || remote->way_ns <= most_ns
+                || c->now.mono_ns - remote->way_told_ns > way_known_ns));
+}
+
+void slot_window_back(struct core *c, int slot, double cpu_s)
+{
+    const struct slot *s = &c->slots->at[slot];
+    const int64_t way_ns = c->now.mono_ns - s->started_ns - (int64_t)(cpu_s * 1e9);
+
+    if (s->remote == NULL)
+        return;
+    s->remote->way_ns = way_ns > 0 ? way_ns : 0;
+    s->remote->way_told_ns = c->now.mono_ns;
+    if (way_ns > c->settings.windows_elsewhere_ns)
+        core_log(c, "level=info event=far slot=%d name=%s way_ms=%.3g", slot, s->remote->name,
+                 (double)way_ns / 1e6);
 }

@@ -19,6 +19,7 @@ struct remote {
     uint64_t asked;                       /* bytes of them all, since */
     int64_t asked_ns;                     /* mono, the first of them */
     double pull_s;                        /* that its job's large input took to come; 0: not here */
+    int64_t way_ns, way_told_ns;          /* of its last live window; mono, when; 0: had none */
     char *said;                           /* its last STDERR; NULL: none */
 };
 
@@ -76,6 +77,8 @@ void slot_pulled(struct core *c, int slot, uint64_t length);
 /* Seconds of work, without the way there, that the job of SLOT has taken on each byte of its large
  * input; 0: it has none, or not all of it. */
 double slot_work_s_byte(const struct core *c, int slot);
+/* The live window of SLOT is back: all but CPU_S of its time was the way there and back. */
+void slot_window_back(struct core *c, int slot, double cpu_s);
 /* How long it may be silent. */
 int64_t slot_lease_ns(const struct core *c, int slot);
 #endif

@@ -88,7 +88,7 @@ struct user {
     struct job **jobs; size_t job_count, job_room;      /* ascending ids; NULL where one has gone */
     struct input **open; int open_count;  /* uploads */
     struct heap ready;
-    int64_t queued, running, bytes;
+    int64_t queued, queued_large, running, bytes;       /* large: input_is_large */
     double deficit, cost_s;               /* deficit round robin; mean seconds of a job */
     double work_s_byte;                   /* mean seconds a byte of large inputs; 0: had none */
     bool competes;                        /* at the latest choice he had a job that might start */
@@ -281,6 +281,8 @@ struct job *job_new(struct core *c, struct user *user, int64_t id);
 void job_index(struct core *c, struct job *job);
 /* Out of all tables and memory, with what it held of inputs. */
 void job_forget(struct core *c, struct job *job);
+/* MORE jobs as JOB, 1 or -1, are queued of its user's. */
+void job_count_queued(const struct job *job, int more);
 /* The edge to TO, which the table of moves must have; commits T, or with NULL one of its own. */
 void job_move(struct core *c, struct job *job, enum job_state to, struct transaction *t);
 /* The same with a failure; DETAIL (or NULL) is taken. */
@@ -457,6 +459,10 @@ int slot_after(const struct core *c, int slot);
 bool slot_is_remote(int slot);
 /* May its worker have JOB: has it the memory for the input, and the time? */
 bool slot_fits(const struct core *c, int slot, const struct job *job);
+/* Do USER's jobs with large inputs go elsewhere, by what is known of the link and of them? */
+bool slots_link_pays(const struct core *c, const struct user *user);
+/* May its worker have live windows: is it here, or the way to it short enough? */
+bool slot_takes_windows(const struct core *c, int slot);
 /* Has the worker of SLOT said its last word on its job? */
 bool worker_is_finishing(const struct core *c, int slot);
 /* Workers that have a job or a window. */

@@ -65,6 +65,8 @@ static const struct row {
     { "result_bytes", BYTES, offsetof(struct config, settings.result_bytes), 0, 1e15 },
     { "events_kept", BYTES, offsetof(struct config, settings.events_kept), 1024, 1e9 },
     { "lease_s", NANOSECONDS, offsetof(struct config, settings.lease_ns), 0.5, 3600 },
+    { "windows_elsewhere_s", NANOSECONDS, offsetof(struct config, settings.windows_elsewhere_ns), 0,
+      60 },
     { "run_limit_s", NANOSECONDS, offsetof(struct config, settings.run_limit_ns), 0, 1e8 },
     { "result_age_s", NANOSECONDS, offsetof(struct config, settings.result_age_ns), 1, 3e9 },
     { "input_age_s", NANOSECONDS, offsetof(struct config, settings.input_age_ns), 1, 3e9 },

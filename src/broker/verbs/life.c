@@ -109,7 +109,7 @@ static void load_inputs(struct core *c, struct job *job, const struct job_record
 static void count_loaded(struct core *c, struct job *job)
 {
     c->jobs->state_counts[job->state]++;
-    job->user->queued += job->state == JOB_QUEUED;
+    job_count_queued(job, job->state == JOB_QUEUED);
     job->user->running += job->state == JOB_RUNNING;
     if (job->state != JOB_DONE || job->cached)
         return;

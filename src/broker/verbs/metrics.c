@@ -40,14 +40,17 @@ static void count_states(const struct core *c, const struct user *user, bool all
             out[user->jobs[i]->state]++;
 }
 
-/* What all queued jobs are expected to take, by the mean of each user's: who sizes a pool of
- * workers reads it, and learns of nobody's jobs. */
-static double expected_s(const struct core *c)
+/* What all queued jobs are expected to take, by the mean of each user's, or (ELSEWHERE) those that
+ * may go to workers elsewhere: who sizes a pool reads it, and learns of nobody's jobs. */
+static double expected_s(const struct core *c, bool elsewhere)
 {
     double all_s = 0;
 
-    for (size_t i = 0; i < c->user_count; i++)
-        all_s += (double)c->user_list[i]->queued * c->user_list[i]->cost_s;
+    for (size_t i = 0; i < c->user_count; i++) {
+        const struct user *user = c->user_list[i];
+        int64_t stay = elsewhere && !slots_link_pays(c, user) ? user->queued_large : 0;
+        all_s += (double)(user->queued - stay) * user->cost_s;
+    }
     return all_s;
 }
 
@@ -63,7 +66,8 @@ void stats_write(const struct core *c, const struct user *user, bool all, cJSON 
     part = cJSON_AddObjectToObject(object, "queue");
     cJSON_AddNumberToObject(part, "most", (double)c->settings.queue_jobs);
     cJSON_AddNumberToObject(part, "oldest_s", oldest_s(c, all ? NULL : user));
-    cJSON_AddNumberToObject(part, "cpu_s", expected_s(c));
+    cJSON_AddNumberToObject(part, "cpu_s", expected_s(c, false));
+    cJSON_AddNumberToObject(part, "elsewhere_s", expected_s(c, true));
     for (int i = slot_after(c, -1); i >= 0; i = slot_after(c, i)) {
         const struct slot *s = &c->slots->at[i];
         busy += s->state == SLOT_BUSY;

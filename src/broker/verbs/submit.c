@@ -270,7 +270,7 @@ static void enter(struct core *c, struct submission *s, struct job *source)
     transaction_join(t, after);
     c->jobs->state_counts[job->state]++;
     if (job->state == JOB_QUEUED)
-        s->user->queued++;
+        job_count_queued(job, 1);
     core_commit(c, t);
 }
 

@@ -234,10 +234,15 @@ void window_recalled(struct core *c, struct task *task);
 void window_offer(struct core *c, struct stream *s);
 /* A window that is due to the idle worker of SLOT; false: none is. */
 bool window_start(struct core *c, int slot);
+/* Windows go first, unless they have had more than half: of the workers in slots FROM to END that
+ * are busy, or, where these are as many, of the time since both waited. */
+bool windows_first(const struct core *c, int from, int end);
 /* M, DONE or FAILED, is the end of SLOT's window. */
 void window_end(struct core *c, int slot, const struct wire_message *m);
 /* The worker of SLOT died under its window: once more on another, unless the window is to blame. */
 void window_died(struct core *c, int slot);
+/* The worker of SLOT gives its window back: it is due again, and nothing is said against it. */
+void window_back(struct core *c, int slot);
 /* Has WORKER had its window longer than one may take? */
 bool window_late(const struct core *c, const struct slot *worker);
 

@@ -8,8 +8,10 @@
  * waits gets a window before anybody gets two, so that no stream has more than its share, whatever
  * the order within a round.  That is free, and a window goes rather to the worker that had the one
  * before: that gets only what is new.  Another takes it once the next one is due.  Windows go
- * before jobs, being small, unless these have had less than half of the workers.  One that kills
- * its worker goes to another, LIVE_DEATHS_MOST times.
+ * before jobs, being small, unless these have had less than half of the workers.  To a worker
+ * elsewhere they go where the configuration lets them and the way is short (slot_takes_windows).
+ * One that kills its worker goes to another, LIVE_DEATHS_MOST times; one that is given back goes
+ * to another as well, and that is no death.
  */
 #include "broker/core/slots.h"
 #include "broker/verbs/streams.h"
@@ -277,7 +279,7 @@ static bool is_awaited(const struct core *c, const struct stream *s)
     const int slot = s->window.slot;
     const struct slot *own = slot >= 0 ? &c->slots->at[slot] : NULL;
 
-    return own != NULL && has_window(c, s, slot)
+    return own != NULL && has_window(c, s, slot) && slot_takes_windows(c, slot)
         && (own->state == SLOT_IDLE || own->state == SLOT_TAKEN || own->live != NULL);
 }
 
@@ -415,6 +417,17 @@ static cJSON *run_header(const struct stream *s, int attempt, uint64_t first)
     return header;
 }
 
+bool windows_first(const struct core *c, int from, int end)
+{
+    int windows = 0, jobs = 0;
+
+    for (int slot = from; slot < end; slot++) {
+        windows += c->slots->at[slot].live != NULL;
+        jobs += c->slots->at[slot].job != NULL;
+    }
+    return windows < jobs || (windows == jobs && c->slots->windows_ns <= c->slots->jobs_ns);
+}
+
 bool window_start(struct core *c, int slot)
 {
     struct slot *worker = &c->slots->at[slot];
@@ -431,7 +444,7 @@ bool window_start(struct core *c, int slot)
     w->slot = slot;
     w->process = worker->process;
     worker->live = s;
-    worker->state = SLOT_BUSY;
+    slot_set(c, slot, SLOT_BUSY);
     worker->attempt = ++c->slots->windows;
     worker->jobs++;
     worker->started_ns = worker->heard_ns = c->now.mono_ns;
@@ -692,13 +705,26 @@ void window_died(struct core *c, int slot)
     window_offer(c, s);
 }
 
+void window_back(struct core *c, int slot)
+{
+    struct stream *s = c->slots->at[slot].live;
+
+    c->slots->at[slot].live = NULL;
+    s->window.running = false;
+    s->window.slot = -1;
+    try_again(c, s);
+}
+
 void window_end(struct core *c, int slot, const struct wire_message *m)
 {
     struct stream *s = c->slots->at[slot].live;
     const cJSON *told = cJSON_GetObjectItemCaseSensitive(m->header, "error");
     struct modal_error err;
     cJSON *error = NULL;
+    double cpu_s = 0;
 
+    json_get_number(m->header, "", "cpu_s", 0, LIVE_LIMIT_S, &cpu_s, NULL);
+    slot_window_back(c, slot, cpu_s);
     c->slots->at[slot].live = NULL;
     c->slots->at[slot].state = SLOT_TAKEN;
     c->slots->windows_ns += c->now.mono_ns - c->slots->at[slot].started_ns;

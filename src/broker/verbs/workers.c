@@ -129,34 +129,41 @@ static bool job_start(struct core *c, int slot)
     return job != NULL;
 }
 
-/* Windows go first, unless they have had more than half: of the workers that are busy, or, where
- * these are as many, of the time since both waited. */
-static bool windows_first(const struct core *c)
+/* A window or a job to the idle worker of SLOT, of those in slots FROM to END; false: neither. */
+static bool give(struct core *c, int slot, int from, int end)
 {
-    int windows = 0, jobs = 0;
+    const bool first = windows_first(c, from, end);
 
-    for (int slot = 0; slot < c->slots->count; slot++) {
-        windows += c->slots->at[slot].live != NULL;
-        jobs += c->slots->at[slot].job != NULL;
-    }
-    return windows < jobs || (windows == jobs && c->slots->windows_ns <= c->slots->jobs_ns);
+    if (first ? window_start(c, slot) : job_start(c, slot))
+        return true;
+    c->slots->windows_ns = c->slots->jobs_ns = 0;          /* the others do not wait */
+    return first ? job_start(c, slot) : window_start(c, slot);
 }
 
-/* Jobs to workers elsewhere, after this host's; live windows stay where their samples are.  Who
- * has no more memory and time than one that found no job finds none. */
+/* To workers elsewhere, after this host's.  Where one found no window, the others find those alone
+ * that they are to go on with; who has no more memory and time than one that found no job finds
+ * none. */
 static void schedule_remotes(struct core *c)
 {
     const int end = SLOTS_MOST + c->slots->remotes;
     uint64_t memory = 0;
     int64_t end_ns = INT64_MIN;
+    bool any = true;
 
     for (int slot = SLOTS_MOST; c->slots->remotes_idle > 0 && slot < end; slot++) {
         const struct slot *s = &c->slots->at[slot];
 
-        if (s->state != SLOT_IDLE || (s->remote->memory <= memory && s->remote->end_ns <= end_ns)
-            || job_start(c, slot))
+        if (s->state != SLOT_IDLE)
             continue;
-        if (c->jobs->state_counts[JOB_QUEUED] == 0)
+        if (c->slots->due_count > 0 && (any || s->remote->way_told_ns != 0)
+            && slot_takes_windows(c, slot)) {
+            if (give(c, slot, SLOTS_MOST, end))
+                continue;
+            any = false;
+        } else if ((s->remote->memory <= memory && s->remote->end_ns <= end_ns)
+                   || job_start(c, slot))
+            continue;
+        if (c->jobs->state_counts[JOB_QUEUED] == 0 && c->slots->due_count == 0)
             return;
         memory = s->remote->memory;
         end_ns = s->remote->end_ns;
@@ -167,20 +174,9 @@ void workers_schedule(struct core *c)
 {
     if (c->draining || c->terminating || c->now.mono_ns < c->disk.hold_until)
         return;
-    for (int slot = 0; slot < c->slots->count; slot++) {
-        bool first;
-
-        if (c->slots->at[slot].state != SLOT_IDLE)
-            continue;
-        first = windows_first(c);
-        if (first ? window_start(c, slot) : job_start(c, slot))
-            continue;
-        c->slots->windows_ns = c->slots->jobs_ns = 0;      /* the others do not wait */
-        if (first)
-            job_start(c, slot);
-        else
-            window_start(c, slot);
-    }
+    for (int slot = 0; slot < c->slots->count; slot++)
+        if (c->slots->at[slot].state == SLOT_IDLE)
+            give(c, slot, 0, c->slots->count);
     schedule_remotes(c);
 }
 
@@ -679,6 +675,8 @@ void worker_dismiss(struct core *c, int slot)
 {
     if (c->slots->at[slot].job != NULL)
         give_back(c, slot);
+    else if (c->slots->at[slot].live != NULL)
+        window_back(c, slot);
     c->slots->at[slot].remote->leaving = true;
     worker_kill(c, slot);
 }
@@ -714,6 +712,12 @@ static void on_stderr(struct core *c, int slot, const struct wire_message *m, st
     text_clean(remote->said, m->body_bytes);
 }
 
+static void on_window(struct core *c, int slot, const struct wire_message *m, struct blob **body)
+{
+    (void)body;
+    window_end(c, slot, m);
+}
+
 static void on_input(struct core *c, int slot, const struct wire_message *m, struct blob **body)
 {
     const char *wrong = piece_request(c, slot, m);
@@ -747,17 +751,19 @@ static bool is_current(const struct core *c, const struct slot *s, const struct 
 
 void worker_message(struct core *c, const struct event *e)
 {
+    typedef void said(struct core *, int, const struct wire_message *, struct blob **);
     static const struct {
         const char *verb;
-        bool on_job, ends;   /* believed only of the current job and attempt; the last word on it */
+        bool on_job;         /* believed only of the current job, or window, and attempt */
         bool elsewhere;      /* of those alone */
-        void (*run)(struct core *, int, const struct wire_message *, struct blob **);
+        said *run, *window;  /* window: of a live one; NULL: nothing */
     } verbs[] = {
-        { "READY", false, false, false, on_ready }, { "BEAT", false, false, false, on_beat },
-        { "PROGRESS", true, false, false, on_progress }, { "PART", true, false, false, on_part },
-        { "DONE", true, true, false, on_done }, { "FAILED", true, true, false, on_failed },
-        { "INPUT", true, false, true, on_input }, { "RELEASE", true, false, true, on_release },
-        { "STDERR", false, false, true, on_stderr }, { "LEAVE", false, false, true, on_leave },
+        { "READY", false, false, on_ready, NULL }, { "BEAT", false, false, on_beat, NULL },
+        { "PROGRESS", true, false, on_progress, NULL }, { "PART", true, false, on_part, NULL },
+        { "DONE", true, false, on_done, on_window },
+        { "FAILED", true, false, on_failed, on_window },
+        { "INPUT", true, true, on_input, NULL }, { "RELEASE", true, true, on_release, on_release },
+        { "STDERR", false, true, on_stderr, NULL }, { "LEAVE", false, true, on_leave, NULL },
     };
     const struct wire_message *m = e->message;
     const int slot = e->slot;
@@ -777,8 +783,8 @@ void worker_message(struct core *c, const struct event *e)
             tell_late(c, slot, m->verb);
         else if (!verbs[i].on_job || s->live == NULL)
             verbs[i].run(c, slot, m, e->body);
-        else if (verbs[i].ends)
-            window_end(c, slot, m);
+        else if (verbs[i].window != NULL)
+            verbs[i].window(c, slot, m, e->body);
         return;
     }
     bad_worker(c, slot, "an unknown verb");

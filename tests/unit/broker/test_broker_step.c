@@ -125,10 +125,12 @@ struct world {
         uint64_t peer;           /* 0: not connected */
         bool joined, cut, busy, leaving, stopped;
         bool stranger;           /* its key is a client's */
+        bool small;              /* it has no memory for a window */
         char job[9], old_job[9];
         int attempt, old_attempt;
     } remotes[REMOTES];
-    long documents, foreign;     /* of remotes: published; said of what is not theirs */
+    /* of remotes: published; said of what is not theirs; live windows that they had */
+    long documents, foreign, windows;
     char acked[2][KEYS][9];      /* by user and key: the job it was told */
     int acked_variant[2][KEYS];
     bool expired[2][KEYS];
@@ -154,7 +156,7 @@ static double sample_of(uint64_t index, uint64_t twist)
     return (double)index + 1000.0 * (double)twist;
 }
 
-static long total_documents, total_foreign;
+static long total_documents, total_foreign, total_windows;
 static long total_states, total_restarts, total_gone, total_violations[11];
 
 static uint32_t roll(uint32_t below)
@@ -638,6 +640,11 @@ static void to_remote(const struct action *a)
     if (n < REMOTES && strcmp(a->verb, "RUN") == 0) {
         if (!w->remotes[n].joined || w->remotes[n].busy || w->remotes[n].stranger || w->revoked)
             violate(4, "RUN to a worker elsewhere that may not have it");
+        if (cJSON_HasObjectItem(header, "live")) {
+            w->windows++;
+            if (w->settings.windows_elsewhere_ns == 0 || w->remotes[n].small)
+                violate(4, "a live window to a worker elsewhere that may not have it");
+        }
         copy(w->remotes[n].job, 9, cJSON_GetObjectItem(header, "job")->valuestring);
         w->remotes[n].attempt = (int)cJSON_GetObjectItem(header, "attempt")->valuedouble;
         w->remotes[n].busy = true;
@@ -993,11 +1000,12 @@ static void remote_joins(int n)
 
     w->remotes[n].peer = ++w->last_peer;
     w->remotes[n].stranger = roll(10) == 0;
+    w->remotes[n].small = roll(4) == 0;
     if (roll(3) == 0)
         snprintf(left, sizeof left, ",\"left_s\":%u", roll(30));
     snprintf(header, sizeof header,
              "{\"version\":\"%s\",\"name\":\"n%d\",\"node\":\"x\",\"memory_bytes\":%d%s}",
-             roll(20) == 0 ? "0" : MODALD_VERSION, n / 2, roll(4) == 0 ? 8 : 1 << 20, left);
+             roll(20) == 0 ? "0" : MODALD_VERSION, n / 2, w->remotes[n].small ? 8 : 1 << 20, left);
     remote_says(n, "JOIN", header, NULL);
     if (w->remotes[n].joined)
         remote_says(n, "READY", "{}", NULL);
@@ -1516,11 +1524,12 @@ static void open_world(uint64_t seed, bool verbose, bool elsewhere)
     w->elsewhere = elsewhere;
     w->settings = (struct settings) { .accounts = w->account,
                                      .account_count = elsewhere ? 3 : 2,
-                                     .workers = WORKERS,
+                                     .workers = elsewhere && seed % 2 == 1 ? 1 : WORKERS,
                                      .queue_jobs = 20,
                                      .input_bytes = 1 << 20,
                                      .window_bytes = 1 << 20,
                                      .lease_ns = 5 * SECOND,
+                                     .windows_elsewhere_ns = seed % 4 == 0 ? 0 : 2 * SECOND,
                                      .result_age_ns = 3600 * SECOND,
                                      .input_age_ns = 60 * SECOND,
                                      .tombstone_age_ns = 86400 * SECOND,
@@ -1539,6 +1548,7 @@ static void close_world(void)
     total_gone += w->told_gone;
     total_documents += w->documents;
     total_foreign += w->foreign;
+    total_windows += w->windows;
     for (int p = 0; p < 11; p++)
         total_violations[p] += w->violations[p];
     free(w);
@@ -1572,10 +1582,12 @@ static void run_worlds(bool elsewhere)
                seeds, total_restarts, total_states, total_violations[p]);
         violations += total_violations[p];
     }
+    printf("simulator: %ld live windows were elsewhere\n", total_windows);
     CHECK(violations == 0);
     /* Uploads were aborted, or refused for their hash. */
     CHECK(one != NULL || seeds < 100 || total_gone > 0);
-    CHECK(one != NULL || seeds < 100 || !elsewhere || (total_documents > 0 && total_foreign > 0));
+    CHECK(one != NULL || seeds < 100 || !elsewhere ||
+          (total_documents > 0 && total_foreign > 0 && total_windows > 0));
 }
 
 TEST(no_promise_is_violated_in_any_world_of_a_thousand_seeds)

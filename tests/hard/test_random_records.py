@@ -36,3 +36,21 @@ def test_a_search_that_does_not_settle_is_not_left_for_one_that_explains_far_les
     assert len(apart) == 8
     assert all(min(abs(f - z) for f in found) * record < 0.1 for z in apart)
     assert document["stability"]["stable"] is None
+
+
+@pytest.mark.parametrize("seed, least", [(777156, 1), (920014, 8), (790158, 8), (920050, 8)],
+                         ids=["two that live for a thirtieth of one channel",
+                              "a close pair that lives for a twentieth",
+                              "a pole that stands for two",
+                              "two that no search could tell colour what is left"])
+def test_every_mode_that_pays_three_times_its_price_is_found_and_no_other(seed, least,
+                                                                         monkeypatch):
+    monkeypatch.setattr(drawn, "CTL", str(BUILD / "bin" / "modalctl"))
+    r = drawn.record(seed, least, 14)
+    price = drawn.pair_price(*r["y"].shape)
+    document, _ = drawn.identify(r["y"], r["dt"])
+    pairs = drawn.match(document["modes"], r["exponents"], len(r["y"]) * r["dt"])
+    found = {i for i, _ in pairs}
+    shown = {i for i, x in enumerate(drawn.losses(r)) if x >= drawn.DETECTABLE * price}
+    assert shown <= found
+    assert len(pairs) == len(document["modes"])

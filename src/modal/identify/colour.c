@@ -100,7 +100,7 @@ bool colour_white(const struct matrix *E)
 {
     static const double none[COLOUR_LAGS] = { 0 };
 
-    return colour_white_about(E, none);
+    return colour_white_about(E, none, 0);
 }
 
 /* Autocorrelations of a column, over its square, times its rows, to r; chunk by chunk, so that a
@@ -117,17 +117,18 @@ static void add_lags(const double *e, int L, double norm, double *r)
         }
 }
 
-/* Box and Pierce's test of R, sums over NUMBERS of which MEAN was to be expected. */
-static bool lags_white(const double *r, double numbers, const double *mean)
+/* Box and Pierce's test of R, sums over NUMBERS of which MEAN was to be expected, with HIDDEN
+ * beside the noise. */
+static bool lags_white(const double *r, double numbers, const double *mean, double hidden)
 {
     double sum = 0;
 
     for (int l = 0; l < COLOUR_LAGS && numbers > 0; l++)
         sum += (r[l] / numbers - mean[l]) * (r[l] / numbers - mean[l]);
-    return numbers * sum <= COLOUR_LIMIT;
+    return numbers * numbers * sum <= numbers * COLOUR_LIMIT + COLOUR_LAGS * hidden * hidden;
 }
 
-bool colour_white_about(const struct matrix *E, const double *mean)
+bool colour_white_about(const struct matrix *E, const double *mean, double hidden)
 {
     double n = 0, r[COLOUR_LAGS] = { 0 };
 
@@ -138,12 +139,12 @@ bool colour_white_about(const struct matrix *E, const double *mean)
         if (norm > 0)
             add_lags(e, E->m, norm, r);
     }
-    return lags_white(r, n, mean);
+    return lags_white(r, n, mean, hidden);
 }
 
-bool colour_sum_white(const struct colour_sum *sum, const double *mean)
+bool colour_sum_white(const struct colour_sum *sum, const double *mean, double hidden)
 {
-    return lags_white(sum->r, sum->numbers, mean);
+    return lags_white(sum->r, sum->numbers, mean, hidden);
 }
 
 enum modal_status colour_add(const double *e, int rows, struct colour_sum *sum,

@@ -41,9 +41,10 @@ bool colour_white(const struct matrix *E);
 /*
  * The same where E is what a fit of q columns leaves of L rows, which takes as much from white
  * noise near its poles: the unit autocorrelation at lag l is then MEAN[l - 1] = -sum rho^l / (L -
- * q) over the q multipliers, COLOUR_LAGS of them.
+ * q) over the q multipliers, COLOUR_LAGS of them. A motion that nothing could tell from noise, of
+ * at most chi-squared HIDDEN, turns r_l by HIDDEN / n at most, and may.
  */
-bool colour_white_about(const struct matrix *E, const double *mean);
+bool colour_white_about(const struct matrix *E, const double *mean, double hidden);
 
 /*
  * The same sums of a very long record, column by column: autocorrelations, each column of unit
@@ -59,7 +60,7 @@ struct colour_sum {
 enum modal_status colour_add(const double *e, int rows, struct colour_sum *sum,
                              struct modal_error *err);
 /* As colour_white_about. */
-bool colour_sum_white(const struct colour_sum *sum, const double *mean);
+bool colour_sum_white(const struct colour_sum *sum, const double *mean, double hidden);
 
 /* That mean, of COUNT exponents' fit to ROWS rows, TAU apart (exponents.h); a multiplier that grows
  * is seen from its end. */

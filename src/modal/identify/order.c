@@ -32,18 +32,21 @@
  * signal subspace comes first: the poles of all singular values above the edge of the noise
  * (pencil.h) and a few more, without those that do not pay for half of themselves (trim.c), all
  * refined at once, and weeded until each pays its price; what that leaves is searched by the same
- * pencil until no line in it could pay for a pair (remainder.c). Where the model holds, the
- * minimum that this reaches is the global one in practice: it holds every mode above the edge,
- * any mode below stands out of a white remainder, and what does not pay has been left out with
- * all others refitted. Where no constant modes and white noise are the truth (a driven or
- * nonlinear response) poles from above draw the noise, one beside the other. So the answer counts
- * as `clean` only where the fit converged and what it leaves is white (colour.c), and as
- * `crowded` where two of its poles are nearer than half a beat over the record, as those are that
- * draw a mode whose frequency drifts. What is not clean, or crowded, goes to the ladder, which is
- * sparing; a crowd is believed where the ladder leaves much more (ORDER_WORSE).
+ * pencil, and by filters for any decay where it sees nothing, until no more stands out of noise
+ * (remainder.c). Where the model holds, the minimum that this reaches is the global one in
+ * practice: it holds every mode above the edge, any mode below stands out of a white remainder,
+ * and what does not pay has been left out with all others refitted. Where no constant modes and
+ * white noise are the truth (a driven or nonlinear response) poles from above draw the noise, one
+ * beside the other. So the answer counts as `clean` only where the fit converged and what it
+ * leaves is white (colour.c), but for a pair that would not pay, and as `crowded` where two of its
+ * poles are nearer than half a beat over the record, as those are that draw a mode whose frequency
+ * drifts. What is not clean, or crowded, goes to the ladder, which is sparing; a crowd is believed
+ * where the ladder leaves much more (ORDER_WORSE).
  *
  * Work is counted, never timed.  Each pass ends where `work` is spent, so that a long record of
  * many modes ends with the best so far.
+ *
+ * [LM00] Laurent and Massart, Ann. Statist. 28 (2000) 1302-1338.
  */
 #include "modal/identify/order.h"
 #include "modal/identify/colour.h"
@@ -377,38 +380,50 @@ static double pair_price(const struct climb *c, const struct refined *fit)
          - criterion_price(&k, fit->order, fit->parameters);
 }
 
-/* Poles in what the best leaves, joined to its own: a candidate, weeded and refined. */
-static enum modal_status add_poles(struct climb *c, int *best, bool *better,
-                                   struct modal_error *err)
+/* COUNT poles in c->lambda: a candidate, weeded and refined, and the best where it is better. */
+static enum modal_status join_poles(struct climb *c, int count, int *best, bool *better,
+                                    struct modal_error *err)
 {
-    const struct refined *fit = &c->choice.candidates[*best].fit;
-    int count = fit->poles, more = 0, at, room = order_most(c) - fit->order;
-    struct matrix E = { 0 };
+    int at;
     enum modal_status rc;
 
-    *better = false;
-    if (room < 1 || count + MORE_MOST > c->poles_most)
-        return MODAL_OK;
-    rc = remainder_of(c->data, fit, &E, err);
-    if (rc != MODAL_OK || E.x == NULL)
-        return rc;
-    memcpy(c->lambda, fit->lambda, (size_t)count * sizeof *c->lambda);
-    rc = remainder_poles(&E, c->data->tau, room < MORE_MOST ? room : MORE_MOST, c->lambda + count,
-                         &more, err);
-    free(E.x);
-    count += more;
-    while (count > fit->poles && poles_order(c->lambda, count, c->data->tau) > order_most(c))
-        count--;
-    if (rc == MODAL_OK)
-        rc = trim(c, c->lambda, &count, SHARE_LOOK, 0, 0, err);
-    if (rc == MODAL_OK)
-        rc = try_poles(c, 0, c->lambda, count, NULL, false, 0, &at, err);
+    rc = try_poles(c, 0, c->lambda, count, NULL, false, 0, &at, err);
     if (rc != MODAL_OK || at < 0)
         return rc;
     rc = ripen(c, &at, err);
     if (rc == MODAL_OK && bic_of(c, at) < bic_of(c, *best))
         *best = at, *better = true;
     return rc;
+}
+
+/* Poles in what the best leaves, E: those that a pencil shows; where they are no good the one that
+ * E shows most of, PEAK. */
+static enum modal_status add_poles(struct climb *c, const struct matrix *E, double complex peak,
+                                   int *best, bool *better, struct modal_error *err)
+{
+    const struct refined *fit = &c->choice.candidates[*best].fit;
+    int count = fit->poles, more = 0, room = order_most(c) - fit->order;
+    enum modal_status rc;
+
+    if (room < 1 || count + MORE_MOST > c->poles_most)
+        return MODAL_OK;
+    rc = remainder_poles(E, c->data->tau, room < MORE_MOST ? room : MORE_MOST, c->lambda + count,
+                         &more, err);
+    more += count;
+    memcpy(c->lambda, fit->lambda, (size_t)count * sizeof *c->lambda);
+    while (more > count && poles_order(c->lambda, more, c->data->tau) > order_most(c))
+        more--;
+    if (rc == MODAL_OK)
+        rc = trim(c, c->lambda, &more, SHARE_LOOK, 0, 0, err);
+    if (rc == MODAL_OK && (more != count
+                           || memcmp(c->lambda, fit->lambda, (size_t)more * sizeof *c->lambda)))
+        rc = join_poles(c, more, best, better, err);
+    fit = &c->choice.candidates[*best].fit;
+    if (rc != MODAL_OK || *better || fit->order + pole_order(peak, c->data->tau) > order_most(c))
+        return rc;
+    memcpy(c->lambda, fit->lambda, (size_t)count * sizeof *c->lambda);
+    c->lambda[count] = peak;
+    return join_poles(c, count + 1, best, better, err);
 }
 
 /* c->rest is that of candidate AT. */
@@ -424,38 +439,47 @@ static enum modal_status look_at_rest(struct climb *c, int at, struct modal_erro
     return rc;
 }
 
-/* The largest line in what candidate AT leaves. */
-static enum modal_status line_left(struct climb *c, int at, double *chi2, struct modal_error *err)
+/* What must be seen of another pole before it is tried: half of its price, or more than white noise
+ * shows in COUNT places. Chi-squared of d degrees of freedom is above d + 2 sqrt(d x) + 2 x with
+ * less than e^-x [LM00], here 1 / COUNT. What it then pays is another matter. */
+static double worth_looking(const struct climb *c, const struct refined *fit, double count)
 {
-    struct matrix E = { 0 };
-    enum modal_status rc;
+    double d = 2.0 * c->data->Y->n, x = log(fmax(count, 2));
 
-    *chi2 = 0;
-    if (c->data->blocks != NULL) {
-        rc = look_at_rest(c, at, err);
-        *chi2 = rc == MODAL_OK ? c->rest.chi2 : 0;
+    return fmin(SHARE_LOOK * pair_price(c, fit), d + 2 * sqrt(d * x) + 2 * x);
+}
+
+/* Poles in what the best leaves, if that could pay for a pair. */
+static enum modal_status search_once(struct climb *c, int *best, bool *better,
+                                     struct modal_error *err)
+{
+    const struct refined *fit = &c->choice.candidates[*best].fit;
+    double least = worth_looking(c, fit, REMAINDER_FILTERS * c->data->Y->m), chi2 = 0;
+    double complex peak = 0;
+    struct matrix E = { 0 };
+    enum modal_status rc = MODAL_OK;
+
+    if (c->data->blocks != NULL && ((rc = look_at_rest(c, *best, err)) != MODAL_OK
+                                    || !(c->rest.chi2 > least)))
         return rc;
-    }
-    rc = remainder_of(c->data, &c->choice.candidates[at].fit, &E, err);
+    rc = remainder_of(c->data, fit, &E, err);
     if (rc == MODAL_OK && E.x != NULL)
-        rc = remainder_peak(&E, chi2, err);
+        rc = remainder_peak(&E, c->data->tau, &peak, &chi2, err);
+    if (rc == MODAL_OK && chi2 > least)
+        rc = add_poles(c, &E, peak, best, better, err);
     free(E.x);
     return rc;
 }
 
-/* As long as something is left that could pay for a pair. */
+/* As long as there are any. */
 static enum modal_status search_remainder(struct climb *c, int *best, struct modal_error *err)
 {
     bool better = true;
     enum modal_status rc = MODAL_OK;
 
     while (rc == MODAL_OK && better && !spent(c, 1)) {
-        const struct refined *fit = &c->choice.candidates[*best].fit;
-        double chi2;
         better = false;
-        rc = line_left(c, *best, &chi2, err);
-        if (rc == MODAL_OK && chi2 > SHARE_LOOK * pair_price(c, fit))
-            rc = add_poles(c, best, &better, err);
+        rc = search_once(c, best, &better, err);
     }
     return rc;
 }
@@ -569,7 +593,7 @@ static enum modal_status split_pole(struct climb *c, const struct matrix *E, int
         chi2 = c->rest.beside[j];
     else if (E != NULL)
         rc = remainder_split(E, c->data->tau, lambda, &chi2, err);
-    if (rc != MODAL_OK || !(chi2 > SHARE_LOOK * pair_price(c, fit)))
+    if (rc != MODAL_OK || !(chi2 > worth_looking(c, fit, n)))
         return rc;
     memcpy(c->lambda, fit->lambda, (size_t)n * sizeof *c->lambda);
     c->lambda[j] = lambda - I * apart, c->lambda[n] = lambda + I * apart;
@@ -751,12 +775,13 @@ static bool unresolved(const struct climb *c, const struct refined *fit)
     return false;
 }
 
-/* Is the best one set of modes, and what it leaves white noise? */
+/* Is the best one set of modes, and what it leaves white noise, or no further from it than one pair
+ * that does not pay makes it? */
 static enum modal_status is_clean(struct climb *c, int best, bool *clean, struct modal_error *err)
 {
     const struct refined *fit = &c->choice.candidates[best].fit;
     struct matrix E = { 0 };
-    double mean[COLOUR_LAGS];
+    double mean[COLOUR_LAGS], hidden = pair_price(c, fit);
     enum modal_status rc;
 
     *clean = false;
@@ -765,11 +790,12 @@ static enum modal_status is_clean(struct climb *c, int best, bool *clean, struct
     colour_left_by(fit->lambda, fit->poles, c->data->tau, c->data->Y->m, mean);
     if (c->data->blocks != NULL) {
         rc = look_at_rest(c, best, err);
-        *clean = rc == MODAL_OK && c->rest.known && colour_sum_white(&c->rest.colour, mean);
+        *clean = rc == MODAL_OK && c->rest.known
+              && colour_sum_white(&c->rest.colour, mean, hidden);
         return rc;
     }
     rc = remainder_of(c->data, fit, &E, err);
-    *clean = rc == MODAL_OK && E.x != NULL && colour_white_about(&E, mean);
+    *clean = rc == MODAL_OK && E.x != NULL && colour_white_about(&E, mean, hidden);
     free(E.x);
     return rc;
 }

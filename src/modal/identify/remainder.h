@@ -16,11 +16,13 @@ double remainder_unit(const struct refine_data *data, const struct refined *fit,
                       const struct projected *p, int c);
 
 /*
- * Is there a line in E? Of the periodograms of its first L, L/2, L/4, ... rows (a mode that
- * decays fast is in the first rows only), each summed over the columns, twice the largest
- * ordinate is the chi-squared of one undamped pair there.
+ * The undamped, decaying or growing pole that E shows most of, of a grid (remainder.c), in 1/s, and
+ * the chi-squared of its amplitudes in all columns: 0.6 and more of that of the best of all poles,
+ * and, beside others that were fitted, less than fitting it with them would take.
  */
-enum modal_status remainder_peak(const struct matrix *E, double *chi2, struct modal_error *err);
+enum { REMAINDER_FILTERS = 4 };        /* ordinates that it looks at, of independent ones, a row */
+enum modal_status remainder_peak(const struct matrix *E, double tau, double complex *lambda,
+                                 double *chi2, struct modal_error *err);
 
 /* Poles of E by the pencil, at most `most` of them, into LAMBDA: those above the edge of noise,
  * but two directions at least. */

@@ -67,7 +67,7 @@ static enum modal_status adequate(const struct trend_input *in, bool *answer, do
     if (rc == MODAL_OK) {
         colour_leave_out(&E, in->X, EXACT);
         colour_left_by(in->lambda, in->count, in->tau, in->X->m, mean);
-        *answer = fit.residual <= EXACT * sqrt(total) || colour_white_about(&E, mean);
+        *answer = fit.residual <= EXACT * sqrt(total) || colour_white_about(&E, mean, 0);
     }
     synthesis_done(&fit);
     free(E.x);

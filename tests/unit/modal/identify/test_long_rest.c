@@ -39,6 +39,7 @@ static void scene_done(struct scene *s)
     free(s->Y.x);
 }
 
+/* Half way between two bins, and without a filter for its decay, a mode shows 0.4 of itself. */
 TEST(one_reading_says_of_a_remainder_what_many_say)
 {
     struct scene s = scene_of(40);
@@ -46,17 +47,18 @@ TEST(one_reading_says_of_a_remainder_what_many_say)
     struct long_rest rest;
     struct matrix E = { 0 };
     double chi2, mean[COLOUR_LAGS] = { 0 };
+    double complex peak;
 
     CHECK(long_rest_look(&data, &s.fit, L, &rest, NULL) == MODAL_OK && rest.known);
     CHECK(remainder_of(&data, &s.fit, &E, NULL) == MODAL_OK);
-    CHECK(remainder_peak(&E, &chi2, NULL) == MODAL_OK);
-    CHECK(rest.chi2 > 100 && rest.chi2 <= chi2 * (1 + 1e-9) && rest.chi2 > 0.5 * chi2);
+    CHECK(remainder_peak(&E, s.d.dt, &peak, &chi2, NULL) == MODAL_OK);
+    CHECK(rest.chi2 > 100 && rest.chi2 <= chi2 * (1 + 1e-9) && rest.chi2 > 0.3 * chi2);
     for (int j = 0; j < 2; j++) {
         CHECK(remainder_split(&E, s.d.dt, s.fit.lambda[j], &chi2, NULL) == MODAL_OK);
         CHECK_NEAR(rest.beside[j] / chi2, 1, 1e-6);
     }
     CHECK(rest.beside[0] > 100 && rest.beside[1] < 30);
-    CHECK(!colour_sum_white(&rest.colour, mean) && !colour_white_about(&E, mean));
+    CHECK(!colour_sum_white(&rest.colour, mean, 0) && !colour_white_about(&E, mean, 0));
     compressed_free(data.blocks);
     long_rest_done(&rest);
     free(E.x);
@@ -97,7 +99,7 @@ TEST(of_exact_signals_nothing_is_left)
 
     CHECK(refine_poles(&data, s.d.lambda, 4, NULL, NULL, &fit, NULL) == MODAL_OK);
     CHECK(long_rest_look(&data, &fit, L, &rest, NULL) == MODAL_OK && rest.known);
-    CHECK(rest.chi2 == 0 && colour_sum_white(&rest.colour, mean));
+    CHECK(rest.chi2 == 0 && colour_sum_white(&rest.colour, mean, 0));
     colour_factors_of(rest.colour.power, COLOUR_ROWS, &theta, 1, &factor);
     CHECK(factor == 1);
     compressed_free(data.blocks);

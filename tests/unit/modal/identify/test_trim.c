@@ -110,18 +110,19 @@ TEST(a_mode_that_a_fit_lacks_stands_out_of_what_it_leaves_and_its_pole_is_found_
         struct refine_data d = { .Y = &Y, .tau = 1 };
         struct refined fit;
         double complex found[16];
+        double complex peak;
         double chi2, nearest = HUGE_VAL;
         int count;
 
         CHECK(refine_poles(&d, truth, 3, NULL, NULL, &fit, NULL) == MODAL_OK);
         CHECK(remainder_of(&d, &fit, &E, NULL) == MODAL_OK);
-        CHECK(remainder_peak(&E, &chi2, NULL) == MODAL_OK);
+        CHECK(remainder_peak(&E, 1, &peak, &chi2, NULL) == MODAL_OK);
         CHECK(chi2 < 50);
         refined_done(&fit), free(E.x);
         CHECK(refine_poles(&d, truth, 2, NULL, NULL, &fit, NULL) == MODAL_OK);
         CHECK(remainder_of(&d, &fit, &E, NULL) == MODAL_OK);
-        CHECK(remainder_peak(&E, &chi2, NULL) == MODAL_OK);
-        CHECK(chi2 > 100);
+        CHECK(remainder_peak(&E, 1, &peak, &chi2, NULL) == MODAL_OK);
+        CHECK(chi2 > 100 && cabs(peak - truth[2]) < 0.02);
         CHECK(remainder_poles(&E, 1, 16, found, &count, NULL) == MODAL_OK);
         CHECK(count >= 1 && count <= 16);
         for (int j = 0; j < count; j++)
@@ -225,4 +226,30 @@ TEST(beside_a_pole_that_hardly_turns_anything_could_be)
 
     CHECK(remainder_split(&E, 1, CMPLX(0, 2e-6), &chi2, NULL) == MODAL_OK);
     CHECK(chi2 == HUGE_VAL);
+}
+
+/* All that one pole alone makes of a record is its chi-squared, where it turns in its life. */
+TEST(of_any_pole_that_lives_for_samples_or_for_records_the_filters_show_three_fifths)
+{
+    struct random rng = { 17 };
+
+    for (int draw = 0; draw < 300; draw++) {
+        double life = exp(log(10) + random_uniform(&rng) * log(10000)), turn = 2 * M_PI / L;
+        double edge = fmax(4 * turn, 10 / life);
+        double complex z = CMPLX((draw % 2 == 0 ? -1 : 1) / life,
+                                 edge + (M_PI - 2 * edge) * random_uniform(&rng)), peak;
+        double all = 0, chi2, size = creal(z) > 0 ? creal(z) * L : 0;
+        struct matrix E = { L, 2, L, y };
+
+        for (int c = 0; c < 2; c++) {
+            double complex B = cexp(2 * M_PI * I * random_uniform(&rng));
+            for (int l = 0; l < L; l++) {
+                double e = y[l + c * L] = creal(B * cexp(z * l - size));
+                all += e * e;
+            }
+        }
+        CHECK(remainder_peak(&E, 0.5, &peak, &chi2, NULL) == MODAL_OK);
+        CHECK(chi2 > 0.6 * all && chi2 < 1.1 * all);
+        CHECK(fabs(cimag(peak) * 0.5 - cimag(z)) < turn + fabs(creal(z)));
+    }
 }

@@ -26,6 +26,7 @@
 #include "modal/steady/cycle.h"
 #include "modal/steady/estimate.h"
 #include "modal/steady/path.h"
+#include "modal/steady/reduction.h"
 #include "modal/steady/solve.h"
 #include "modal/steady/stability.h"
 
@@ -190,9 +191,11 @@ static enum modal_status add_point(struct curve *c, double value, double fractio
                                    struct modal_error *err)
 {
     cJSON *doc = NULL;
-    enum modal_status rc = steady_print(c->s, c->here, c->settings, point,
-                                        c->settings->stability && point->converged ? st : NULL,
-                                        &doc, err);
+    enum modal_status rc = reduction_error(c->s, point, err);
+
+    if (rc == MODAL_OK)
+        rc = steady_print(c->s, c->here, c->settings, point,
+                          c->settings->stability && point->converged ? st : NULL, &doc, err);
 
     if (rc != MODAL_OK)
         return rc;
@@ -574,6 +577,7 @@ enum modal_status curve_run(const struct job_request *request, struct program *p
         plan = plan_print(p, counted ? "sweep" : "continuation");
         cJSON_AddNumberToObject(plan, "ffts", (double)c.ffts);
         cJSON_AddNumberToObject(plan, "iterations", c.iterations);
+        plan_add_reduction(plan, c.s != NULL ? steady_reduction(c.s) : NULL);
         cJSON_AddItemToObject(out, "plan", plan);
         *doc = out;
         out = NULL;

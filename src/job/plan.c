@@ -1,6 +1,8 @@
 /* plan.c - see plan.h; tested by tests/unit/job/test_scene_jobs.c */
 #include "job/plan.h"
+#include <math.h>
 #include <time.h>
+#include "modal/scene/craig_bampton.h"
 
 enum {
     CALIBRATION_CALLS = 2000,        /* of some 10 ns each: well above the clock's grain, far below
@@ -65,4 +67,17 @@ cJSON *plan_print(const struct program *p, const char *integrator)
         cJSON_AddItemToArray(effects, row);
     }
     return plan;
+}
+
+void plan_add_reduction(cJSON *plan, const struct craig_bampton *r)
+{
+    cJSON *o;
+
+    if (r == NULL)
+        return;
+    o = cJSON_AddObjectToObject(plan, "reduction");
+    cJSON_AddNumberToObject(o, "kept", r->kept);
+    cJSON_AddNumberToObject(o, "modes", r->modes);
+    json_set_number(o, "highest", r->highest);
+    json_set_number(o, "next", isfinite(r->next) ? r->next : NAN);
 }

@@ -12,4 +12,9 @@
  */
 cJSON *plan_print(const struct program *p, const char *integrator);
 
+struct craig_bampton;
+
+/* "reduction": {"kept", "modes", "highest", "next"} of R into PLAN; NULL: nothing. */
+void plan_add_reduction(cJSON *plan, const struct craig_bampton *r);
+
 #endif

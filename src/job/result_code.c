@@ -99,6 +99,8 @@ const struct result_code result_codes[] = {
       "follow it from elsewhere with --continue, or give `start`" },
     { "target_not_met", "steady", "the error is above target.error",
       "give `harmonics`, as it says" },
+    { "reduction_coarse", "steady", "what reduce leaves out is more than target.error, or unknown",
+      "give `reduce` more modes, or leave it out" },
     { "error_unknown", "steady", "the derivative is singular at the solution",
       "take the motion without an error, or move the parameter" },
     { "stability_unknown", "steady", "it was not computed, and why", "see the reason" },

@@ -32,6 +32,14 @@ static const struct result_key effect_keys[] = {
     { 0 },
 };
 
+static const struct result_key reduction_keys[] = {
+    { "kept", RESULT_WHOLE, .means = "dofs of laws, loads, sensors and reports" },
+    { "modes", RESULT_WHOLE, .means = "in place of the others: as asked for, or all" },
+    { "highest", RESULT_NUMBER, .unit = "rad/s", .means = "of the last of them" },
+    { "next", RESULT_NUMBER, .unit = "rad/s", .null = "none is", .means = "of the first left out" },
+    { 0 },
+};
+
 static const struct result_key plan_keys[] = {
     { "class", RESULT_TEXT, .means = "linear-constant, linear-periodic or nonlinear" },
     { "states", RESULT_NUMBER, .means = "twice the dofs, and those that effects add" },
@@ -43,6 +51,8 @@ static const struct result_key plan_keys[] = {
       .means = "fast Fourier transforms; 0 where the scene is linear" },
     { "iterations", RESULT_NUMBER, .absent = "but for steady states and curves",
       .means = "of the balance, all points together" },
+    { "reduction", RESULT_OBJECT, .absent = "without reduce", .members = reduction_keys,
+      .means = "of the linear part" },
     { 0 },
 };
 
@@ -364,8 +374,7 @@ static const struct result_key equation_keys[] = {
     { "rms_residual", RESULT_NUMBER, .unit = "N", .null = UNKNOWN,
       .means = "of the equation of motion in time, with the laws as they are" },
     { "max_residual", RESULT_NUMBER, .unit = "N", .null = UNKNOWN, .means = "its largest" },
-    { "relative_residual", RESULT_NUMBER, .null = UNKNOWN,
-      .means = "that over the largest force" },
+    { "relative_residual", RESULT_NUMBER, .null = UNKNOWN, .means = "that over the largest force" },
     { 0 },
 };
 
@@ -419,9 +428,10 @@ static const struct result_key steady_keys[] = {
       .means = "that more samples would remove" },
     { "solver_error", RESULT_NUMBER, .unit = "the dofs'", .null = UNKNOWN,
       .means = "that more iterations would remove" },
-    { "total_error", RESULT_NUMBER, .unit = "the dofs'", .null = UNKNOWN,
-      .means = "of all three together, over time and reported dofs; with a free tone at equal "
-      "phases of it" },
+    { "reduction_error", RESULT_NUMBER, .unit = "the dofs'", .null = UNKNOWN,
+      .absent = "without reduce", .means = "that more modes would remove" },
+    { "total_error", RESULT_NUMBER, .unit = "the dofs'", .null = UNKNOWN, .means = "of all these, "
+      "over time and reported dofs; with a free tone at equal phases of it" },
     { "tone_error", RESULT_NUMBER, .unit = "rad/s", .null = UNKNOWN,
       .absent = "where no tone is free", .means = "of the free tone's frequency" },
     { "reconstruction", RESULT_OBJECT, .members = equation_keys,

@@ -11,6 +11,7 @@
 #include "job/steady_settings.h"
 #include "job/torus_job.h"
 #include "modal/scene/scene.h"
+#include "modal/steady/reduction.h"
 #include "modal/steady/solve.h"
 #include "modal/steady/stability.h"
 
@@ -89,6 +90,8 @@ static enum modal_status print_point(struct steady *s, struct program *p,
 
     cost_stage(cost, "stability");
     if (rc == MODAL_OK)
+        rc = reduction_error(s, point, err);
+    if (rc == MODAL_OK)
         rc = steady_print(s, p, settings, point, wanted ? known : NULL, doc, err);
     if (rc == MODAL_OK)
         steady_count(p, point);
@@ -125,6 +128,7 @@ static enum modal_status one_state(struct program *p, struct steady_settings *se
 
         if (list != NULL)
             cJSON_AddItemToObject(*doc, "solutions", list);
+        plan_add_reduction(plan, steady_reduction(s));
         cJSON_AddNumberToObject(plan, "ffts", (double)points[0].ffts);
         cJSON_AddNumberToObject(plan, "iterations", points[0].iterations);
         cJSON_AddItemToObject(*doc, "plan", plan);

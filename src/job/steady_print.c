@@ -149,6 +149,28 @@ static void print_offsets(const struct program *p, const struct steady_point *po
              "as its strength allows", which);
 }
 
+/* A reduction that is too coarse for the error asked for, or of which that is not known. */
+static void print_reduction(const struct steady_settings *settings,
+                            const struct steady_point *point, cJSON *list)
+{
+    double target = settings->opt.target_error;
+    char text[200];
+
+    if (!point->converged || settings->opt.reduce == 0)
+        return;
+    if (isnan(point->reduction))
+        snprintf(text, sizeof text, "could not be estimated: with twice the modes no like motion "
+                 "was found");
+    else if (point->reduction > target * point->amplitude && point->amplitude > 0)
+        snprintf(text, sizeof text, "is %.3g of the amplitude, %.3g times target.error %.3g",
+                 point->reduction / point->amplitude,
+                 point->reduction / point->amplitude / target, target);
+    else
+        return;
+    diagnose(list, "reduction_coarse", "the error of the reduction %s: give reduce more modes, or "
+             "leave it out", text);
+}
+
 /* That there is no motion is said only where it is certain. */
 static void print_failure(const struct program *p, const struct steady_point *point, cJSON *list)
 {
@@ -179,9 +201,11 @@ static void print_diagnostics(const struct program *p, const struct steady_setti
         print_failure(p, point, list);
     print_offsets(p, point, list);
     if (point->converged && settings->opt.harmonics == 0
-        && point->error > target * point->amplitude)
+        && point->error - point->reduction > target * point->amplitude)
         print_missed(list, point, target);
-    if (point->converged && point->laws > 0 && !(point->error >= 0))
+    print_reduction(settings, point, list);
+    if (point->converged && point->laws > 0 && !(point->error >= 0)
+        && !isnan(point->reduction))
         diagnose(list, "error_unknown",
                  "the error could not be estimated: the derivative is singular at the solution%s",
                  "");
@@ -213,6 +237,8 @@ enum modal_status steady_print(struct steady *s, const struct program *p,
     json_set_number(doc, "truncation_error", known ? point->truncation : NAN);
     json_set_number(doc, "sampling_error", known ? point->sampling : NAN);
     json_set_number(doc, "solver_error", known ? point->solver : NAN);
+    if (settings->opt.reduce > 0)
+        json_set_number(doc, "reduction_error", known ? point->reduction : NAN);
     json_set_number(doc, "total_error", known ? point->error : NAN);
     r = cJSON_AddObjectToObject(doc, "reconstruction");
     json_set_number(r, "rms_residual", known ? point->tail_rms : NAN);

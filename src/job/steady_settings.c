@@ -16,6 +16,7 @@ enum {
     ITERATIONS_MOST = 1000000,       /* days of iteration: who wants more has mistyped */
     REPORTED_ALL = 1000,             /* dofs up to which all are reported unasked */
     SUBHARMONICS_MOST = 64,          /* motions of higher order are not met in practice */
+    REDUCE_MOST = 2000,              /* modes: their dense matrices take minutes */
     THREADS_MOST = 256,              /* as identify */
     START_HARMONICS = 512            /* of a given start: more than a converged answer has */
 };
@@ -52,13 +53,17 @@ const struct key_row steady_option_rows[] = {
       .meaning = "of direct iteration (default 1)", .example = "0.5" },
     { "subharmonic", KEY_WHOLE, AT(subharmonic), .low = 1, .high = SUBHARMONICS_MOST,
       .initial = "1", .meaning = "the fundamental is omega / N", .example = "3" },
+    { "reduce", KEY_WHOLE, KEY_SHOWN_IF_SET, AT(opt.reduce), .low = 1, .high = REDUCE_MOST,
+      .meaning = "modes in place of the dofs that have no law, load or sensor and are not reported "
+      "(Craig-Bampton); their error is told", .example = "40" },
     { "target.error", KEY_NUMBER, AT(opt.target_error), .low = 1e-14, .high = 1, .initial = "1e-6",
       .meaning = "that default harmonics reach, relative to the largest motion",
       .example = "1e-3" },
     { "time", KEY_OWN, .low = 1, .high = ORBIT_SAMPLES_MOST, .form = "true|N",
       .meaning = "the waveform too, in N samples", .example = "64" },
     { "dofs", KEY_OWN, .form = "A,B",
-      .meaning = "those reported (default all; of more than 1000 those of laws, loads, sensors)",
+      .meaning = "those reported (default all; of more than 1000, and with reduce, those of laws, "
+      "loads, sensors)",
       .example = "x1,x2" },
     { "start", KEY_OWN, .form = "{\"A\":{\"k\":[1],\"re\":[1],\"im\":[0]}}",
       .meaning = "where to begin", .example = "{\"x1\":{\"k\":[1],\"re\":[1],\"im\":[0]}}" },
@@ -287,6 +292,10 @@ static enum modal_status check_curve(const struct steady_settings *s, struct mod
     if ((s->sweep != NULL) + (s->follow != NULL) + (s->backbone != NULL) > 1)
         return modal_fail_field(err, MODAL_BAD_INPUT, s->follow != NULL ? "continue" : "backbone",
                                 "sweep, continue and backbone exclude each other");
+    if (s->opt.reduce > 0 && (s->tones_count > 0 || s->backbone != NULL))
+        return modal_fail_field(err, MODAL_BAD_INPUT, "reduce",
+                                "reduce does not go with %s: leave one of them out",
+                                s->backbone != NULL ? "backbone" : "tones");
     return MODAL_OK;
 }
 
@@ -305,22 +314,30 @@ static void mark_ends(const struct program *p, bool *of)
                 of[p->output[o].terms[t].j] = true;
 }
 
-/* Without `dofs`, all; of more than REPORTED_ALL those of laws, loads and sensors. */
+/* Without `dofs`, all; of more than REPORTED_ALL, and with reduce, those of laws, loads and
+ * sensors: these and `dofs` are what a reduction keeps. */
 static enum modal_status report_all(const struct program *p, struct steady_settings *s,
                                     struct modal_error *err)
 {
-    bool *ends = calloc((size_t)p->n + 1, sizeof *ends);
+    bool *ends = calloc((size_t)p->n + 1, sizeof *ends), given = s->dofs != NULL,
+         all = p->n <= REPORTED_ALL && s->opt.reduce == 0;
 
-    s->dofs = calloc((size_t)p->n + 1, sizeof *s->dofs);
-    if (s->dofs == NULL || ends == NULL) {
+    if (!given)
+        s->dofs = calloc((size_t)p->n + 1, sizeof *s->dofs);
+    s->keep = calloc((size_t)p->n + 1, sizeof *s->keep);
+    if (s->dofs == NULL || s->keep == NULL || ends == NULL) {
         free(ends);
         return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory for dofs");
     }
-    if (p->n > REPORTED_ALL)
-        mark_ends(p, ends);
-    for (int i = 0; i < p->n; i++)
-        if (p->n <= REPORTED_ALL || ends[i])
+    mark_ends(p, ends);
+    for (int i = 0; i < p->n && !given; i++)
+        if (all || ends[i])
             s->dofs[s->dofs_count++] = i;
+    for (int i = 0; given && i < s->dofs_count; i++)
+        ends[s->dofs[i]] = true;
+    for (int i = 0; i < p->n; i++)
+        if (ends[i])
+            s->keep[s->keep_count++] = i;
     free(ends);
     return MODAL_OK;
 }
@@ -340,7 +357,7 @@ enum modal_status steady_settings_read(const struct job_request *request, const 
         rc = read_from(request->options, "", steady_curve_rows, p, out, err);
     if (rc == MODAL_OK)
         rc = check_curve(out, err);
-    if (rc == MODAL_OK && out->dofs == NULL)
+    if (rc == MODAL_OK)
         rc = report_all(p, out, err);
     if (rc != MODAL_OK) {
         steady_settings_done(out);
@@ -349,6 +366,8 @@ enum modal_status steady_settings_read(const struct job_request *request, const 
     out->opt.unlocated = !out->located;
     out->opt.dofs = out->dofs;
     out->opt.dofs_count = out->dofs_count;
+    out->opt.keep = out->keep;
+    out->opt.keep_count = out->keep_count;
     *shown = cJSON_CreateObject();
     if (out->tones_count > 0)
         cJSON_AddItemToObject(*shown, "tones", show_tones(out));
@@ -368,10 +387,12 @@ enum modal_status steady_settings_start(const struct steady_settings *settings, 
     X = calloc((size_t)q * (size_t)K + 1, sizeof *X);
     if (X == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory for a start");
-    for (int i = 0; i < q; i++)
-        memcpy(X + i * K,
-               settings->start + (size_t)condense_dofs(steady_condense(s))[i] * (size_t)K,
-               (size_t)K * sizeof *X);
+    for (int i = 0; i < q; i++) {
+        int dof = steady_dof(s, condense_dofs(steady_condense(s))[i]);
+
+        if (dof >= 0)
+            memcpy(X + i * K, settings->start + (size_t)dof * (size_t)K, (size_t)K * sizeof *X);
+    }
     *start = (struct steady_start) { q, settings->start_H, X };
     return MODAL_OK;
 }
@@ -388,6 +409,8 @@ void steady_settings_done(struct steady_settings *s)
 {
     free(s->dofs);
     free(s->start);
+    free(s->keep);
+    s->keep = NULL;
     s->dofs = NULL;
     s->start = NULL;
 }

@@ -21,6 +21,7 @@ struct steady_settings {
     int time;                         /* samples of the waveform to print; 0: none; -1: as many as
                                          were solved with */
     int *dofs, dofs_count;            /* reported; opt.dofs points here */
+    int *keep, keep_count;            /* opt.keep */
     double complex *start;            /* n x (start_H + 1) by the program's dofs, or NULL */
     int start_H;
     double tones[PROGRAM_TONES_MOST];     /* rad/s, of several without a common period */

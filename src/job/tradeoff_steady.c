@@ -3,7 +3,8 @@
  *
  * Errors are max over time and dofs of |x - ref| / max |ref|, the reference being the steady state
  * of REFERENCE_H harmonics (fewer for many dofs), itself orders finer than any rung.  Seconds are
- * those of the solution alone, each rung from rest.
+ * those of the solution alone, each rung from rest; of a reduction with its modes, and its error
+ * is that of the dofs which it keeps.
  */
 #include "job/tradeoff_steady.h"
 #include <math.h>
@@ -22,7 +23,7 @@ enum {
     REFERENCE_H = 384,               /* harmonics: three times the finest rung's */
     REFERENCE_H_LEAST = 64,          /* below it rungs would be as fine as the reference */
     REFERENCE_UNKNOWNS = 1600,       /* of its balance: a Jacobian of 20 MB, factored in a second */
-    RUNGS_MOST = 48                  /* room for the table of rungs (27) and some more */
+    RUNGS_MOST = 48                  /* room for the table of rungs (31) and some more */
 };
 
 static const struct rung {
@@ -30,22 +31,24 @@ static const struct rung {
     int harmonics, samples;
     bool sampled;                 /* located: false */
     double cutoff, tolerance;
+    int reduce;                   /* modes, where there are more dofs to reduce */
 } ladder_rungs[] = {
-    { STEADY_AUTO, 4, 0, false, 0, 0 }, { STEADY_AUTO, 8, 0, false, 0, 0 },
-    { STEADY_AUTO, 16, 0, false, 0, 0 }, { STEADY_AUTO, 32, 0, false, 0, 0 },
-    { STEADY_AUTO, 64, 0, false, 0, 0 }, { STEADY_AUTO, 128, 0, false, 0, 0 },
-    { STEADY_NEWTON, 16, 0, false, 1e-3, 0 }, { STEADY_NEWTON, 64, 0, false, 1e-3, 0 },
-    { STEADY_DIRECT, 16, 0, false, 0, 1e-6 }, { STEADY_DIRECT, 64, 0, false, 0, 1e-8 },
-    { STEADY_DIRECT, 31, 64, true, 0, 1e-6 }, { STEADY_DIRECT, 127, 256, true, 0, 1e-6 },
-    { STEADY_NEWTON, 31, 64, true, 0, 0 }, { STEADY_NEWTON, 31, 256, true, 0, 0 },
-    { STEADY_NEWTON, 63, 128, true, 0, 0 },
-    { STEADY_NEWTON, 63, 1024, true, 0, 0 }, { STEADY_NEWTON, 63, 4096, true, 0, 0 },
-    { STEADY_RK4, 0, 64, false, 0, 0 }, { STEADY_RK4, 0, 256, false, 0, 0 },
-    { STEADY_RK4, 0, 1024, false, 0, 0 }, { STEADY_RK4, 0, 4096, false, 0, 0 },
-    { STEADY_ADAPTIVE, 0, 256, false, 0, 1e-4 }, { STEADY_ADAPTIVE, 0, 256, false, 0, 1e-6 },
-    { STEADY_ADAPTIVE, 0, 256, false, 0, 1e-8 },
-    { STEADY_SHOOTING, 0, 256, false, 0, 0 }, { STEADY_SHOOTING, 0, 1024, false, 0, 0 },
-    { STEADY_SHOOTING, 0, 4096, false, 0, 0 },
+    { STEADY_AUTO, 4, 0, false, 0, 0, 0 }, { STEADY_AUTO, 8, 0, false, 0, 0, 0 },
+    { STEADY_AUTO, 16, 0, false, 0, 0, 0 }, { STEADY_AUTO, 32, 0, false, 0, 0, 0 },
+    { STEADY_AUTO, 64, 0, false, 0, 0, 0 }, { STEADY_AUTO, 128, 0, false, 0, 0, 0 },
+    { STEADY_AUTO, 32, 0, false, 0, 0, 10 }, { STEADY_AUTO, 32, 0, false, 0, 0, 20 },
+    { STEADY_AUTO, 32, 0, false, 0, 0, 40 }, { STEADY_AUTO, 32, 0, false, 0, 0, 80 },
+    { STEADY_NEWTON, 16, 0, false, 1e-3, 0, 0 }, { STEADY_NEWTON, 64, 0, false, 1e-3, 0, 0 },
+    { STEADY_DIRECT, 16, 0, false, 0, 1e-6, 0 }, { STEADY_DIRECT, 64, 0, false, 0, 1e-8, 0 },
+    { STEADY_DIRECT, 31, 64, true, 0, 1e-6, 0 }, { STEADY_DIRECT, 127, 256, true, 0, 1e-6, 0 },
+    { STEADY_NEWTON, 31, 64, true, 0, 0, 0 }, { STEADY_NEWTON, 31, 256, true, 0, 0, 0 },
+    { STEADY_NEWTON, 63, 128, true, 0, 0, 0 }, { STEADY_NEWTON, 63, 1024, true, 0, 0, 0 },
+    { STEADY_NEWTON, 63, 4096, true, 0, 0, 0 }, { STEADY_RK4, 0, 64, false, 0, 0, 0 },
+    { STEADY_RK4, 0, 256, false, 0, 0, 0 }, { STEADY_RK4, 0, 1024, false, 0, 0, 0 },
+    { STEADY_RK4, 0, 4096, false, 0, 0, 0 }, { STEADY_ADAPTIVE, 0, 256, false, 0, 1e-4, 0 },
+    { STEADY_ADAPTIVE, 0, 256, false, 0, 1e-6, 0 }, { STEADY_ADAPTIVE, 0, 256, false, 0, 1e-8, 0 },
+    { STEADY_SHOOTING, 0, 256, false, 0, 0, 0 }, { STEADY_SHOOTING, 0, 1024, false, 0, 0, 0 },
+    { STEADY_SHOOTING, 0, 4096, false, 0, 0, 0 },
 };
 static const char *const names[] = { "auto", "direct", "newton", "rk4", "adaptive", "shooting" };
 
@@ -54,7 +57,8 @@ struct tradeoff {
     struct steady_options base;
     const struct rung *rung[RUNGS_MOST];
     int rungs, H;
-    double complex *reference;             /* n x (H+1) */
+    double complex *reference;             /* of each reported dof, H+1 */
+    bool *kept;                            /* of each of them, by a reduction */
     double scale;
     const struct job_request *request;
 };
@@ -70,6 +74,11 @@ static struct steady_options options_of(const struct tradeoff *t, const struct r
     opt.cutoff = r->cutoff;
     opt.tolerance = r->tolerance > 0 ? r->tolerance : opt.tolerance;
     opt.estimate_later = true;
+    opt.reduce = r->reduce;
+    if (r->reduce > 0) {
+        opt.dofs = opt.keep;
+        opt.dofs_count = opt.keep_count;
+    }
     return opt;
 }
 
@@ -82,6 +91,8 @@ static cJSON *print_rung(const struct rung *r)
         cJSON_AddNumberToObject(o, "harmonics", r->harmonics);
     if (r->samples > 0)
         cJSON_AddNumberToObject(o, "samples", r->samples);
+    if (r->reduce > 0)
+        cJSON_AddNumberToObject(o, "reduce", r->reduce);
     if (r->sampled)
         cJSON_AddBoolToObject(o, "located", false);
     if (r->cutoff > 0)
@@ -102,7 +113,8 @@ static double peak(const double complex *X, int H, struct orbit_grid *g, double 
     return most;
 }
 
-/* Solve with OPT; every dof's harmonics into X, n x (t->H + 1). */
+/* Solve with OPT; every reported dof's harmonics, of a reduction those kept, into X, t->H + 1
+ * each. */
 static enum modal_status solve(const struct tradeoff *t, const struct steady_options *opt,
                                double complex *X, bool *converged, struct modal_error *err)
 {
@@ -116,11 +128,12 @@ static enum modal_status solve(const struct tradeoff *t, const struct steady_opt
     if (rc == MODAL_OK)
         steady_count(t->p, &point);
     *converged = rc == MODAL_OK && point.converged;
-    for (int i = 0; X != NULL && *converged && i < t->p->n && rc == MODAL_OK; i++) {
+    for (int i = 0; X != NULL && *converged && i < t->base.dofs_count && rc == MODAL_OK; i++) {
         double complex *own = calloc((size_t)point.H + 1, sizeof *own);
 
         rc = own == NULL ? modal_fail(err, MODAL_NO_MEMORY, "tradeoff: no memory")
-                         : steady_recover(s, &point, i, own, err);
+             : opt->reduce > 0 && !t->kept[i] ? MODAL_OK
+                         : steady_recover(s, &point, t->base.dofs[i], own, err);
         memset(X + (size_t)i * (size_t)K, 0, (size_t)K * sizeof *X);
         for (int k = 0; rc == MODAL_OK && k <= point.H && k < K; k++)
             X[(size_t)i * (size_t)K + (size_t)k] = own[k];
@@ -131,8 +144,8 @@ static enum modal_status solve(const struct tradeoff *t, const struct steady_opt
     return rc;
 }
 
-static enum modal_status error_of(const struct tradeoff *t, const double complex *X, double *error,
-                                  struct modal_error *err)
+static enum modal_status error_of(const struct tradeoff *t, bool reduced, const double complex *X,
+                                  double *error, struct modal_error *err)
 {
     int K = t->H + 1;
     double *x = malloc((size_t)(4 * K) * sizeof *x);
@@ -143,11 +156,12 @@ static enum modal_status error_of(const struct tradeoff *t, const double complex
                                : orbit_grid_new(4 * K, &g, err);
 
     *error = 0;
-    for (int i = 0; rc == MODAL_OK && i < t->p->n; i++) {
+    for (int i = 0; rc == MODAL_OK && i < t->base.dofs_count; i++) {
         for (int k = 0; k < K; k++)
             d[k] = X[(size_t)i * (size_t)K + (size_t)k]
                    - t->reference[(size_t)i * (size_t)K + (size_t)k];
-        *error = fmax(*error, peak(d, t->H, g, x) / t->scale);
+        if (!reduced || t->kept[i])
+            *error = fmax(*error, peak(d, t->H, g, x) / t->scale);
     }
     free(x);
     free(d);
@@ -159,7 +173,7 @@ static enum modal_status climb(void *context, int i, double *error, struct modal
 {
     struct tradeoff *t = context;
     struct steady_options opt = options_of(t, t->rung[i]);
-    double complex *X = calloc((size_t)t->p->n * ((size_t)t->H + 1), sizeof *X);
+    double complex *X = calloc((size_t)t->base.dofs_count * ((size_t)t->H + 1), sizeof *X);
     bool converged = false;
     enum modal_status rc = X == NULL ? modal_fail(err, MODAL_NO_MEMORY, "tradeoff: no memory")
                                      : solve(t, &opt, X, &converged, err);
@@ -167,7 +181,7 @@ static enum modal_status climb(void *context, int i, double *error, struct modal
     if (rc == MODAL_BAD_INPUT || rc == MODAL_OVERFLOW || (rc == MODAL_OK && !converged))
         rc = modal_fail(err, MODAL_NO_CONVERGENCE, "this rung has no answer");
     if (rc == MODAL_OK)
-        rc = error_of(t, X, error, err);
+        rc = error_of(t, opt.reduce > 0, X, error, err);
     free(X);
     return rc;
 }
@@ -204,9 +218,22 @@ static void choose_rungs(struct tradeoff *t)
         const struct rung *r = &ladder_rungs[i];
         bool fits = r->harmonics == 0 ? 2 * load < r->samples : r->harmonics >= load;
 
-        if (fits && (t->p->laws > 0 || t->rungs == 0))
+        fits &= r->reduce == 0 || r->reduce < t->p->n - t->base.keep_count;
+        if (fits && (t->p->laws > 0 || t->rungs == 0 || r->reduce > 0))
             t->rung[t->rungs++] = r;
     }
+}
+
+/* Which of the reported dofs a reduction keeps. */
+static enum modal_status find_kept(struct tradeoff *t, struct modal_error *err)
+{
+    const struct steady_options *o = &t->base;
+
+    t->kept = calloc((size_t)o->dofs_count + 1, sizeof *t->kept);
+    for (int i = 0; t->kept != NULL && i < o->dofs_count; i++)
+        for (int j = 0; j < o->keep_count && !t->kept[i]; j++)
+            t->kept[i] = o->keep[j] == o->dofs[i];
+    return t->kept != NULL ? MODAL_OK : modal_fail(err, MODAL_NO_MEMORY, "tradeoff: no memory");
 }
 
 static enum modal_status find_reference(struct tradeoff *t, struct modal_error *err)
@@ -227,7 +254,7 @@ static enum modal_status find_reference(struct tradeoff *t, struct modal_error *
     opt.samples = 0;
     opt.method = STEADY_AUTO;
     opt.estimate_later = true;
-    t->reference = calloc((size_t)t->p->n * K, sizeof *t->reference);
+    t->reference = calloc((size_t)t->base.dofs_count * K, sizeof *t->reference);
     x = malloc(4 * K * sizeof *x);
     rc = t->reference == NULL || x == NULL ? modal_fail(err, MODAL_NO_MEMORY, "tradeoff: no memory")
                                            : orbit_grid_new((int)(4 * K), &g, err);
@@ -236,7 +263,7 @@ static enum modal_status find_reference(struct tradeoff *t, struct modal_error *
     if (rc == MODAL_OK && !converged)
         rc = modal_fail(err, MODAL_NO_CONVERGENCE,
                         "tradeoff: no periodic solution was found to measure errors against");
-    for (int i = 0; rc == MODAL_OK && i < t->p->n; i++)
+    for (int i = 0; rc == MODAL_OK && i < t->base.dofs_count; i++)
         t->scale = fmax(t->scale, peak(t->reference + (size_t)i * K, t->H, g, x));
     if (rc == MODAL_OK && !(t->scale > 0))
         rc = modal_fail(err, MODAL_NO_CONVERGENCE,
@@ -325,7 +352,9 @@ enum modal_status tradeoff_steady(const struct job_request *request, struct job_
     t.base = settings.opt;
     choose_rungs(&t);
     steady_count_start(p);
-    rc = find_reference(&t, err);
+    rc = find_kept(&t, err);
+    if (rc == MODAL_OK)
+        rc = find_reference(&t, err);
     cost_stage(&cost, "reference");
     if (rc == MODAL_OK)
         rc = run(&t, wishes.target, wishes.seconds, wishes.repetitions, &doc, err);
@@ -339,6 +368,7 @@ enum modal_status tradeoff_steady(const struct job_request *request, struct job_
     out->result = doc;
 out:
     free(t.reference);
+    free(t.kept);
     cJSON_Delete(shown);
     steady_settings_done(&settings);
     program_free(p);

@@ -1,5 +1,6 @@
 /* sparse.c - see sparse.h */
 #include "modal/linalg/sparse.h"
+#include <math.h>
 #include <stdlib.h>
 
 struct ordered { struct triplet t; int rank; };
@@ -78,4 +79,29 @@ void sparse_add_to_dense(const struct sparse *a, double alpha, struct matrix *ou
     for (int i = 0; i < a->m; i++)
         for (int k = a->start[i]; k < a->start[i + 1]; k++)
             out->x[i + (size_t)a->index[k] * (size_t)out->ld] += alpha * a->value[k];
+}
+
+/* The value at (i, j), whose columns ascend; 0 where there is none. */
+static double value_at(const struct sparse *a, int i, int j)
+{
+    int low = a->start[i], high = a->start[i + 1];
+
+    while (low < high) {
+        int middle = (low + high) / 2;
+
+        if (a->index[middle] < j)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return low < a->start[i + 1] && a->index[low] == j ? a->value[low] : 0;
+}
+
+bool sparse_symmetric(const struct sparse *a, double tolerance)
+{
+    for (int i = 0; a->start != NULL && i < a->m; i++)
+        for (int e = a->start[i]; e < a->start[i + 1]; e++)
+            if (fabs(value_at(a, a->index[e], i) - a->value[e]) > tolerance * fabs(a->value[e]))
+                return false;
+    return true;
 }

@@ -2,6 +2,7 @@
  */
 #ifndef MODAL_SPARSE_H
 #define MODAL_SPARSE_H
+#include <stdbool.h>
 #include "base/error.h"
 #include "modal/linalg/matrix.h"
 
@@ -26,4 +27,6 @@ void sparse_done(struct sparse *a);
 void sparse_multiply_add(const struct sparse *a, double alpha, const double *x, double *y);
 /* The entries added, times alpha, into a dense m x n matrix. */
 void sparse_add_to_dense(const struct sparse *a, double alpha, struct matrix *out);
+/* Whether A = A^T entry by entry, to the part TOLERANCE of each. */
+bool sparse_symmetric(const struct sparse *a, double tolerance);
 #endif

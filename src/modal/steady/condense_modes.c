@@ -156,22 +156,6 @@ static void spread(const struct condense *c, int t, double *A, double *B)
         }
 }
 
-/* Whether A = A^T entry by entry; columns ascend in a row. */
-static bool symmetric(const struct sparse *a)
-{
-    for (int i = 0; i < a->m; i++)
-        for (int e = a->start[i]; e < a->start[i + 1]; e++) {
-            int j = a->index[e], low = a->start[j], high = a->start[j + 1];
-
-            while (low < high && a->index[low] < i)
-                low++;
-            if (low == high || a->index[low] != i
-                || fabs(a->value[low] - a->value[e]) > SYMMETRIC * fabs(a->value[e]))
-                return false;
-        }
-    return true;
-}
-
 /* C = alpha M + beta K entry by entry, on the whole structure. */
 static bool proportional(const struct condense *c, double *alpha, double *beta)
 {
@@ -301,7 +285,8 @@ enum modal_status condense_reduce(struct condense *c, bool *done, struct modal_e
 
     *done = c->reduced;
     if (c->reduced || c->r < 1 || c->q < 1 || c->r > MODES_MOST || c->p->n_linear > 0
-        || !symmetric(&c->p->constant[PROGRAM_M]) || !symmetric(&c->p->constant[PROGRAM_K])
+        || !sparse_symmetric(&c->p->constant[PROGRAM_M], SYMMETRIC)
+        || !sparse_symmetric(&c->p->constant[PROGRAM_K], SYMMETRIC)
         || !proportional(c, &alpha, &c->beta))
         return MODAL_OK;
     K = calloc(r * r, sizeof *K);

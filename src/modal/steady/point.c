@@ -16,6 +16,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/scene/craig_bampton.h"
 #include "modal/scene/program.h"
 #include "modal/steady/aft.h"
 #include "modal/steady/balance.h"
@@ -265,6 +266,13 @@ enum modal_status steady_point_of(struct steady *s, struct balance *b, const dou
     return rc;
 }
 
+const struct craig_bampton *steady_reduction(const struct steady *s) { return s->reduction; }
+
+int steady_dof(const struct steady *s, int i)
+{
+    return s->reduction == NULL ? i : i < s->reduction->kept ? s->reduction->dofs[i] : -1;
+}
+
 double steady_target(const struct steady *s)
 {
     return s->opt.target_error > 0 ? s->opt.target_error : TARGET;
@@ -273,6 +281,8 @@ double steady_target(const struct steady *s)
 enum modal_status steady_recover(struct steady *s, const struct steady_point *point, int dof,
                                  double complex *X, struct modal_error *err)
 {
-    return condense_recover(point->linear != NULL ? point->linear : s->c, dof, point->H, point->X,
+    int own = s->reduction == NULL ? dof : craig_bampton_find(s->reduction, dof);
+
+    return condense_recover(point->linear != NULL ? point->linear : s->c, own, point->H, point->X,
                             point->H, X, err);
 }

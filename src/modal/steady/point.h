@@ -9,6 +9,7 @@
 
 struct balance;
 struct condense;
+struct craig_bampton;
 struct program;
 
 /* the last three: march.h */
@@ -35,6 +36,11 @@ struct steady_options {
     bool estimate_later;      /* at given H: leave the errors to steady_estimate_point */
     const int *dofs;          /* those whose errors count, `dofs_count` of them; NULL: all */
     int dofs_count;
+    int reduce;               /* modes of craig_bampton.h in place of all dofs but `keep`, among
+                               * which `dofs` are, and those of laws and loads; 0: none */
+    const int *keep;
+    int keep_count;
+    bool reduced;             /* the program is one of craig_bampton.h */
     bool (*cancelled)(void *context);
     void *context;
 };
@@ -63,7 +69,8 @@ struct steady_point {
     double residual, step;    /* relative */
     double truncation, sampling, solver;      /* max over time and dofs of the error each makes,
                                                * in the unit of x */
-    double error;             /* of all three together */
+    double error;             /* of all three together, and `reduction` where it was asked for */
+    double reduction;         /* what the modes left out make (reduction.h); 0: none are */
     double tail_rms, tail_max, load_max;      /* equation residual in time, N, at the kept dofs
                                                * (linear: at all); and the scale of it */
     double amplitude;         /* max |x(t)| over the dofs that count */
@@ -109,7 +116,12 @@ int steady_first_order(const struct steady *s);
 /* Frees what POINT holds, and makes it 0. */
 void steady_point_done(struct steady_point *point);
 
-/* X of dof DOF, harmonics 0 .. H of the point. */
+/* The reduction that the options ask for; NULL: none. */
+const struct craig_bampton *steady_reduction(const struct steady *s);
+/* Which of the program's dofs the session's I-th is, -1: a mode of a reduction. */
+int steady_dof(const struct steady *s, int i);
+
+/* X of dof DOF, harmonics 0 .. H of the point; of a reduction one that is kept. */
 enum modal_status steady_recover(struct steady *s, const struct steady_point *point, int dof,
                                  double complex *X, struct modal_error *err);
 #endif

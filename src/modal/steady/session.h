@@ -11,7 +11,10 @@ enum { BALANCES = 24 };
 
 /* A session: one program, its linear part, and a balance for each order tried. */
 struct steady {
-    const struct program *p;
+    const struct program *p;    /* as given, or reduced */
+    struct craig_bampton *reduction;    /* NULL: none was asked for */
+    int *counted;               /* of it: opt.dofs */
+    struct steady *finer;       /* its other program's session (reduction.c); NULL: not yet */
     struct steady_options opt;  /* as given: 0 is resolved where it is used */
     struct condense *c;         /* of the laws' dofs, or of all where these resonate */
     bool exact, linear;         /* every law has pieces; there is none */

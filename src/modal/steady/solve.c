@@ -16,6 +16,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/scene/craig_bampton.h"
 #include "modal/scene/orbit.h"
 #include "modal/scene/program.h"
 #include "modal/steady/aft.h"
@@ -100,7 +101,7 @@ static enum modal_status check_options(const struct steady *s, struct modal_erro
  * others are better taken out. */
 static bool sparse_pays(const struct program *p, const struct steady_options *opt, int kept)
 {
-    return p->n_linear == 0 && !opt->by_differences && kept >= SPARSE_LEAST
+    return p->n_linear == 0 && !opt->by_differences && !opt->reduced && kept >= SPARSE_LEAST
         && p->n <= SPARSE_LINEAR * kept;
 }
 
@@ -110,6 +111,25 @@ static enum condense_keep structure(const struct program *p, const struct steady
     int kept = condense_nonlinear(p);
 
     return sparse_pays(p, opt, kept) ? CONDENSE_SPARSE : CONDENSE_LINEAR;
+}
+
+/* The program reduced takes its place, and its numbers those of dofs. */
+static enum modal_status reduce(struct steady *s, struct modal_error *err)
+{
+    enum modal_status rc = craig_bampton_new(s->p, s->opt.keep, s->opt.keep_count, s->opt.reduce,
+                                             &s->reduction, err);
+
+    if (rc != MODAL_OK)
+        return rc;
+    s->counted = calloc((size_t)s->opt.dofs_count + 1, sizeof *s->counted);
+    if (s->counted == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory");
+    for (int i = 0; i < s->opt.dofs_count; i++)
+        s->counted[i] = craig_bampton_find(s->reduction, s->opt.dofs[i]);
+    s->p = &s->reduction->reduced;
+    s->opt.dofs = s->counted;
+    s->opt.reduced = true;
+    return MODAL_OK;
 }
 
 enum modal_status steady_new(const struct program *p, const struct steady_options *opt,
@@ -123,9 +143,11 @@ enum modal_status steady_new(const struct program *p, const struct steady_option
     s->p = p;
     s->opt = *opt;
     classify(s);
-    rc = condense_new(p, structure(p, opt), &s->c, err);
-    if (rc == MODAL_OK && opt->dofs != NULL)
-        condense_want(s->c, opt->dofs, opt->dofs_count);
+    rc = opt->reduce > 0 ? reduce(s, err) : MODAL_OK;
+    if (rc == MODAL_OK)
+        rc = condense_new(s->p, structure(s->p, &s->opt), &s->c, err);
+    if (rc == MODAL_OK && s->opt.dofs != NULL)
+        condense_want(s->c, s->opt.dofs, s->opt.dofs_count);
     if (rc == MODAL_OK)
         rc = check_options(s, err);
     if (rc != MODAL_OK) {
@@ -150,6 +172,9 @@ void steady_free(struct steady *s)
         balance_free(s->balance[i]);
     condense_free(s->c);
     at_rest_free(s->rest);
+    steady_free(s->finer);
+    craig_bampton_free(s->reduction);
+    free(s->counted);
     free(s);
 }
 

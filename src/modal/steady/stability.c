@@ -25,6 +25,7 @@
 #include "modal/steady/disturbance.h"
 #include "modal/steady/large_stability.h"
 #include "modal/steady/monodromy.h"
+#include "modal/steady/reduction.h"
 #include "modal/steady/session.h"
 
 static const double TWO_PI = 6.283185307179586477;   /* a period of theta */
@@ -243,8 +244,9 @@ static enum modal_status nonlinear_stability(struct disturbance *u, struct stabi
     return rc == MODAL_OK && large ? large_stability(u, out, err) : rc;
 }
 
-enum modal_status stability_of(struct steady *s, const struct steady_point *point,
-                               struct stability *out, struct modal_error *err)
+/* Of S's own program. */
+static enum modal_status stability_alone(struct steady *s, const struct steady_point *point,
+                                         struct stability *out, struct modal_error *err)
 {
     struct disturbance u = { .s = s, .p = steady_program(s), .point = point, .budget = &s->budget };
     enum modal_status rc;
@@ -272,6 +274,38 @@ enum modal_status stability_of(struct steady *s, const struct steady_point *poin
     }
     disturbance_done(&u);
     return rc;
+}
+
+/* The error that a reduction leaves in the largest multiplier, by the like of a finer one. */
+static enum modal_status add_reduction(struct steady *s, const struct steady_point *point,
+                                       struct stability *out, struct modal_error *err)
+{
+    struct stability st = { 0 };
+    struct steady_point other;
+    struct steady *finer;
+    enum modal_status rc = reduction_solve(s, point, &finer, &other, err);
+
+    if (rc == MODAL_OK && other.converged)
+        rc = stability_alone(finer, &other, &st, err);
+    if (rc == MODAL_OK && st.verdict != STABILITY_UNKNOWN) {
+        out->error += fabs(st.largest - out->largest);
+        judge(out);
+    } else if (rc == MODAL_OK) {
+        out->verdict = STABILITY_UNKNOWN;
+        out->reason = "its reduction's error could not be estimated";
+    }
+    stability_done(&st);
+    steady_point_done(&other);
+    return rc;
+}
+
+enum modal_status stability_of(struct steady *s, const struct steady_point *point,
+                               struct stability *out, struct modal_error *err)
+{
+    enum modal_status rc = stability_alone(s, point, out, err);
+
+    return rc == MODAL_OK && steady_reduction(s) != NULL && out->verdict != STABILITY_UNKNOWN
+        ? add_reduction(s, point, out, err) : rc;
 }
 
 void stability_done(struct stability *s)

@@ -288,7 +288,11 @@ def test_a_worker_cannot_name_anothers_job_or_attempt(site):
 
 def test_two_workers_of_one_name_are_two(site):
     it = site()
+    assert it.client("rob").ask("STATS").body == []
     one, two = it.hand(name="same"), it.hand("wim", name="same")
+    assert json.loads(it.client("rob").ask("STATS").body[0]) == ["same", "same"]
+    with user(it, "rob") as rob:
+        assert rob.stats()["workers"]["names"] == ["same", "same"]
     ann = it.client("ann")
     jobs = {submit(ann, phase=p)["job"] for p in (0.1, 0.2)}
     assert {one.run()[1]["job"], two.run()[1]["job"]} == jobs and it.elsewhere() == 2

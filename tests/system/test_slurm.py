@@ -49,10 +49,10 @@ class Stand:
 
     def __init__(self, folder, monkeypatch, cpu_s):
         self.folder = folder
-        for name in ("squeue", "sbatch"):
+        for name in ("squeue", "sbatch", "scancel"):
             path = folder / name
             path.write_text(f"#!/bin/sh\necho \"$@\" >> {folder}/{name}.asked\n"
-                            f"[ {name} = squeue ] || cat > {folder}/script\n"
+                            f"[ {name} != sbatch ] || cat > {folder}/script\n"
                             f"cat {folder}/{name}.says; exit $(cat {folder}/{name}.exit)\n")
             path.chmod(0o755)
             self.says(name, "")
@@ -62,7 +62,8 @@ class Stand:
             ["--pool", "lab", "--most", "4", "--wait", "10", "--connect", "tcp://lab:7418",
              "--worker-keyfile", "/home/lab/it's.key", "--", "-p", "long"])
         self.scaler = self.program.Scaler(self.options)
-        self.scaler.stats = lambda: {"queue": {"elsewhere_s": cpu_s}}
+        self.joined = []
+        self.scaler.stats = lambda: {"queue": {"elsewhere_s": cpu_s}, "workers": {"names": self.joined}}
         self.clock = [1000.0]
         monkeypatch.setattr(self.program.time, "monotonic", lambda: self.clock[0])
 
@@ -82,10 +83,11 @@ def stand(tmp_path, monkeypatch):
 
 def test_what_is_missing_is_one_array_and_what_is_there_is_asked_of_slurm_each_round(stand):
     it = stand(35)
-    it.says("squeue", "7_1|RUNNING|3:02|N/A\n7_2|PENDING|0:00|N/A\n6_1|COMPLETED|1:00|2026-01-01T00:00:00\n")
+    it.says("squeue", "7_1|RUNNING|3:02|N/A|None|N/A\n7_2|PENDING|0:00|N/A|Resources|N/A\n"
+            "6_1|COMPLETED|1:00|2026-01-01T00:00:00|None|N/A\n")
     assert it.scaler.step()
     assert it.asked("sbatch") == ["--parsable -J md-lab --array=1-2 -n1 -p long"]
-    it.says("squeue", "".join(f"7_{i}|RUNNING|3:02|N/A\n" for i in range(4)))
+    it.says("squeue", "".join(f"7_{i}|RUNNING|3:02|N/A|None|N/A\n" for i in range(4)))
     assert it.scaler.step() and len(it.asked("sbatch")) == 1 and len(it.asked("squeue")) == 2
     text = (it.folder / "script").read_text()
     assert subprocess.run(["bash", "-n"], input=text, text=True).returncode == 0
@@ -111,14 +113,47 @@ def test_a_failing_sbatch_is_tried_ever_less_often_and_a_good_one_makes_good(sta
 def test_pilots_that_fail_fast_are_held_back_and_preempted_ones_are_not(stand):
     it = stand(10)
     now = it.program.time.strftime("%Y-%m-%dT%H:%M:%S")
-    it.says("squeue", "".join(f"{i}|FAILED|0:05|{now}\n" for i in range(9)))
+    it.says("squeue", "".join(f"{i}|FAILED|0:05|{now}|None|N/A\n" for i in range(9)))
     assert it.scaler.step() and it.asked("sbatch") == []
     it.clock[0] += 1000
-    for ended in (f"1|PREEMPTED|0:05|{now}\n", f"1|CANCELLED|0:05|{now}\n", f"1|TIMEOUT|1:00|{now}\n",
-                  f"1|FAILED|1-02:03:04|{now}\n"):
-        it.says("squeue", ended)
+    for ended in (f"1|PREEMPTED|0:05|{now}", f"1|CANCELLED|0:05|{now}", f"1|TIMEOUT|1:00|{now}",
+                  f"1|FAILED|1-02:03:04|{now}"):
+        it.says("squeue", ended + "|None|N/A\n")
         before = len(it.asked("sbatch"))
         assert it.scaler.step() and len(it.asked("sbatch")) == before + 1, ended
+
+
+def test_a_pilot_that_does_not_join_counts_until_its_patience_is_over_and_is_cancelled_then(stand):
+    it = stand(35)
+    it.says("squeue", "".join(f"7_{i}|{state}|3:02|N/A|None|N/A\n" for i, state in
+                              enumerate(("RUNNING", "RUNNING", "PENDING", "SUSPENDED"))))
+    it.joined = ["7_0", "7_1"]
+    for seconds in (0, 1000, 134):
+        it.clock[0] += seconds
+        assert it.scaler.step() and it.asked("sbatch") == it.asked("scancel") == []
+        it.joined = ["7_0"] if seconds == 1000 else it.joined
+    it.joined = ["7_0", "7_1"]
+    assert it.scaler.step()                               # it was away for less: it is there again
+    it.joined = ["7_0", "7_3", "of another pool"]
+    assert it.scaler.step()
+    it.clock[0] += 136                                    # --idle 120 and 15
+    assert it.scaler.step()
+    assert it.asked("scancel") == ["7_1"]
+    assert it.asked("sbatch") == ["--parsable -J md-lab --array=1-1 -n1 -p long"]
+
+
+@pytest.mark.parametrize("reason", ["JobHeldAdmin", "launch failed requeued held"])
+def test_a_pilot_that_is_held_for_good_is_none_and_holds_back_the_next_as_a_failed_one(stand, reason):
+    it = stand(35)
+    line = f"7_{{}}|PENDING|0:00|N/A|{reason}|{{}}\n"
+    now = it.program.time.strftime("%Y-%m-%dT%H:%M:%S")
+    it.says("squeue", "".join(line.format(i, now) for i in range(4)))
+    assert it.scaler.step() and it.asked("sbatch") == []
+    it.clock[0] += 1000
+    it.says("squeue", "".join(line.format(i, "2026-01-01T00:00:00") for i in range(4)))
+    assert it.scaler.step()
+    assert it.asked("sbatch") == ["--parsable -J md-lab --array=1-4 -n1 -p long"]
+    assert it.asked("scancel") == []
 
 
 def test_a_slurm_or_a_daemon_that_does_not_answer_ends_the_round_and_not_the_program(stand):
@@ -293,6 +328,39 @@ def test_a_controller_that_is_killed_delays_pilots_and_nothing_else(broken_pool)
         for job in then:
             job.result(PATIENCE_S)
         assert {ann.status(job.id)["attempts"] for job in first + then} == {1}
+
+
+def test_a_pilot_that_slurm_holds_for_good_is_no_pilot(pool):
+    it = pool("--idle", "2", "--least", "1", "--dry-run")
+    it.slurm.ask("sbatch", "--hold", "--array=1-1", "-J", f"md-{it.pool}", "--output=/dev/null",
+                 "--wrap=true")
+    until(lambda: it.slurm.ask("squeue", "-h", "-r", "-n", f"md-{it.pool}"))
+
+    def asked():
+        return subprocess.run(it.words, env=it.env, capture_output=True, text=True).stdout
+    until(lambda: "--array=1-1" not in asked())
+    for job in it.slurm.ask("squeue", "-h", "-n", f"md-{it.pool}", "-o", "%F").split():
+        it.slurm.ask("scontrol", "release", job)
+        it.slurm.ask("scontrol", "hold", job)              # by root: the admin's hold
+    assert "JobHeldAdmin" in it.slurm.ask("squeue", "-h", "-r", "-n", f"md-{it.pool}", "-o", "%r")
+    until(lambda: "--array=1-1" in asked())                # once the hold of a failed one is over
+
+
+@LONG
+def test_a_controller_killed_at_the_start_of_its_pilots_leaves_none_that_count_and_never_come(
+        broken_pool):
+    it = broken_pool("--idle", "5", "--least", "2")
+    it.slurm.ask("sbatch", "--array=1-2", "-J", f"md-{it.pool}", "--output=/dev/null",
+                 "--wrap=sleep 10000")                    # as what is left of pilots: no worker
+    until(lambda: len(it.slurm.pilots(it.pool)) == 2)
+    gone = set(it.slurm.pilots(it.pool))
+    it.slurm.kill_controller()
+    it.scale()
+    it.slurm.start_controller()
+    with user(it) as ann:
+        ann.submit("identify", batch(400, 2)).result(PATIENCE_S)
+    until(lambda: it.elsewhere() == 2)
+    assert "event=lost" in it.scaled() and not gone & set(it.slurm.pilots(it.pool))
 
 
 @LONG

@@ -601,8 +601,11 @@ class Client:
         return self.ask("HELLO", {"versions": ["MODALD1"], "client": "python 0.1.0"})[0]
 
     def stats(self) -> Document:
-        """Counts and sizes of the service."""
-        return self.ask("STATS")[0]
+        """Counts and sizes of the service; `["workers"]["names"]`: of workers of other hosts."""
+        stats, body = self.ask("STATS")
+        if body:
+            stats["workers"]["names"] = wire.loads(body[0])
+        return stats
 
     def whoami(self) -> Document:
         """User, role, limits and use."""

@@ -6,6 +6,7 @@
 #include "wire/frame.h"
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 /* A worker elsewhere says BEAT three times in its lease, and a host that fails is noticed in it. */
 #define REMOTE_LEASE_NS (3 * SECOND)
@@ -84,6 +85,19 @@ int workers_elsewhere(const struct core *c)
     for (int slot = slot_after(c, -1); slot >= 0; slot = slot_after(c, slot))
         elsewhere += c->slots->at[slot].remote != NULL;
     return elsewhere;
+}
+
+struct blob *workers_names(const struct core *c)
+{
+    cJSON *names = cJSON_CreateArray();
+    char *text;
+
+    for (int slot = slot_after(c, SLOTS_MOST - 1); slot >= 0; slot = slot_after(c, slot))
+        if (c->slots->at[slot].remote != NULL && c->slots->at[slot].remote->heard)
+            cJSON_AddItemToArray(names, cJSON_CreateString(c->slots->at[slot].remote->name));
+    text = cJSON_GetArraySize(names) > 0 ? json_print(names) : NULL;
+    cJSON_Delete(names);
+    return text == NULL ? NULL : blob_take(text, strlen(text));
 }
 
 bool workers_idle(const struct core *c)

@@ -469,6 +469,8 @@ bool worker_is_finishing(const struct core *c, int slot);
 int workers_busy(const struct core *c);
 /* Workers of other hosts that have joined. */
 int workers_elsewhere(const struct core *c);
+/* Their names, as JSON; NULL: there are none. */
+struct blob *workers_names(const struct core *c);
 /* Has no worker a job? */
 bool workers_idle(const struct core *c);
 /* A worker's ERROR, with a code of this protocol whatever it sent. */

@@ -327,7 +327,7 @@ static void on_stats(struct core *c, const struct request *q)
     cJSON *header = answer_new(&q->reply);
 
     stats_write(c, q->user, q->user->account->role == WIRE_ROLE_ADMIN, header);
-    answer_send(c, &q->reply, header, NULL);
+    answer_send(c, &q->reply, header, workers_names(c));
 }
 
 static void on_metrics(struct core *c, const struct request *q)

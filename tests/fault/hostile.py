@@ -296,8 +296,11 @@ def hangups(endpoint):
 
 def fleeting(endpoint):
     """Connections that ask once, subscribe, wait, and are gone."""
-    asked = b"".join(b"\x01\x07MODALD1\x01" + bytes([len(verb)]) + verb + b"\x00" + bytes([len(header)]) + header
-                     for verb, header in ((b"HELLO", b'{"id":1}'), (b"EVENTS", b'{"id":2}'), (b"WAIT", b'{"id":3,"job":"key:known","timeout_s":3600}')))
+    asked = b"".join(b"\x01\x07MODALD1\x01" + bytes([len(verb)]) + verb + b"\x00"
+                     + bytes([len(header)]) + header
+                     for verb, header in ((b"HELLO", b'{"id":1}'), (b"EVENTS", b'{"id":2}'),
+                                          (b"WAIT",
+                                           b'{"id":3,"job":"key:known","timeout_s":3600}')))
     while True:
         with contextlib.suppress(OSError), shaken(endpoint) as one:
             one.sendall(asked)

@@ -13,7 +13,8 @@ import tempfile
 
 import pytest
 
-KEEPER = 'trap "" HUP INT TERM; mount -t tmpfs -o "$1" modald-test "$2" && echo mounted; cat >/dev/null; umount -l "$2"; rmdir "$2"'
+KEEPER = ('trap "" HUP INT TERM; mount -t tmpfs -o "$1" modald-test "$2" && echo mounted; cat '
+          '>/dev/null; umount -l "$2"; rmdir "$2"')
 
 
 def unmount_stale():

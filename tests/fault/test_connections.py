@@ -19,17 +19,21 @@ import sanitized  # noqa: E402
 from lab import Lab  # noqa: E402
 from wire import VERSION, Client, Daemon, ring_down, submit, until  # noqa: E402
 
-GREETING = b"\xff" + bytes(8) + b"\x7f\x03\x00NULL" + bytes(16 + 1 + 31)      # of ZMTP 3.0, without security
+# of ZMTP 3.0, without security
+GREETING = b"\xff" + bytes(8) + b"\x7f\x03\x00NULL" + bytes(16 + 1 + 31)
 
 
 def ready(identity=b"", kind=b"DEALER"):
     """The READY command of ZMTP's NULL mechanism (RFC 23)."""
-    body = b"\x05READY\x0bSocket-Type" + struct.pack(">I", len(kind)) + kind + b"\x08Identity" + struct.pack(">I", len(identity)) + identity
-    return (b"\x04" + bytes([len(body)]) if len(body) < 256 else b"\x06" + struct.pack(">Q", len(body))) + body
+    body = (b"\x05READY\x0bSocket-Type" + struct.pack(">I", len(kind)) + kind + b"\x08Identity"
+            + struct.pack(">I", len(identity)) + identity)
+    return (b"\x04" + bytes([len(body)]) if len(body) < 256 else b"\x06"
+            + struct.pack(">Q", len(body))) + body
 
 
 def frame(body, more=False):
-    return bytes([more, len(body)]) + body if len(body) < 256 else bytes([2 | more]) + struct.pack(">Q", len(body)) + body
+    return (bytes([more, len(body)]) + body if len(body) < 256 else bytes([2 | more])
+            + struct.pack(">Q", len(body)) + body)
 
 
 def message(*frames):
@@ -45,7 +49,8 @@ def reach(daemon):
     tcp = daemon.endpoint.startswith("tcp")
     made = socket.socket(socket.AF_INET if tcp else socket.AF_UNIX)
     made.settimeout(20)
-    made.connect(("127.0.0.1", int(daemon.endpoint.rsplit(":", 1)[1])) if tcp else daemon.endpoint.removeprefix("ipc://"))
+    made.connect(("127.0.0.1", int(daemon.endpoint.rsplit(":", 1)[1])) if tcp
+                 else daemon.endpoint.removeprefix("ipc://"))
     return made
 
 
@@ -58,7 +63,8 @@ def read_until(connection, what):
 
 
 def connect(daemon):
-    """A raw connection that has shaken hands: libzmq takes no message before it has sent its own READY."""
+    """A raw connection that has shaken hands: libzmq takes no message before it has sent its own
+    READY."""
     made = reach(daemon)
     made.sendall(GREETING + ready())
     read_until(made, b"\x08Identity\0\0\0\0")
@@ -67,7 +73,8 @@ def connect(daemon):
 
 def metric(client, name):
     text = client.ask("METRICS").body[0].decode()
-    return next(float(line.split()[1]) for line in text.splitlines() if line.startswith(f"modald_{name} "))
+    return next(float(line.split()[1]) for line in text.splitlines()
+                if line.startswith(f"modald_{name} "))
 
 
 def free_port():
@@ -90,27 +97,33 @@ def memory_mb(daemon, what):
 
 @contextlib.contextmanager
 def serving(tmp_path, security, **users):
-    """A daemon without keys, or with those of USERS, and who makes clients of it: `made(name, identity)`."""
+    """A daemon without keys, or with those of USERS, and who makes clients of it: `made(name,
+    identity)`."""
     if security == "null":
         with Daemon(workers=0) as d:
             yield d, lambda _, identity=None: Client(d.endpoint, identity=identity)
         return
     lab = Lab(tmp_path, users, workers=0)
     with lab.daemon as d:
-        yield d, lambda name, identity=None: Client(d.endpoint, keys=(lab.server[0], *lab.pairs[name]), identity=identity)
+        yield d, lambda name, identity=None: Client(d.endpoint,
+                                                    keys=(lab.server[0], *lab.pairs[name]),
+                                                    identity=identity)
 
 
 @pytest.mark.parametrize("scheme", ["ipc", "tcp"])
 def test_who_hangs_up_behind_a_stopped_input_ends_nothing(scheme):
-    """More requests than the pipe to the loop holds, a PING among them, and gone: libzmq answers it with an assertion where it hears of the
-    hang-up while its input is stopped.  Here it is kept from it 200 times; a few dozen connections ended the daemon."""
-    with Daemon(workers=0, endpoint=f"tcp://127.0.0.1:{free_port()}" if scheme == "tcp" else None) as d:
+    """More requests than the pipe to the loop holds, a PING among them, and gone: libzmq answers it
+    with an assertion where it hears of the hang-up while its input is stopped.  Here it is kept
+    from it 200 times; a few dozen connections ended the daemon."""
+    with Daemon(workers=0, endpoint=f"tcp://127.0.0.1:{free_port()}" if scheme == "tcp"
+                else None) as d:
         honest, made, kept = d.client(), 0, 0
         while kept < 200 and made < 20000:
             group = [connect(d) for _ in range(25)]
             for i, s in enumerate(group):
                 with contextlib.suppress(OSError):
-                    s.sendall((LIST * (5, 18, 40, 100)[i % 4] + PING) * (1, 3, 10)[i % 3] + LIST * 20)
+                    s.sendall((LIST * (5, 18, 40, 100)[i % 4] + PING) * (1, 3, 10)[i % 3]
+                              + LIST * 20)
                     if i % 2:
                         s.shutdown(socket.SHUT_RDWR)
             for s in group:
@@ -118,13 +131,15 @@ def test_who_hangs_up_behind_a_stopped_input_ends_nothing(scheme):
                 made += 1
             assert d.process.poll() is None, d.text()[-400:]
             kept = metric(honest, "hangups_kept_total")
-        print(f"\nP6: {scheme}: {made} connections hung up behind their requests, {kept:.0f} hang-ups kept from a stopped input")
+        print(f"\nP6: {scheme}: {made} connections hung up behind their requests, {kept:.0f} "
+              "hang-ups kept from a stopped input")
         assert kept >= 200 and honest.ask("HELLO").ok
         until_alone(honest)                      # none of them is kept for ever
 
 
-def test_each_connection_that_is_ended_for_what_it_sends_is_counted_and_the_log_has_a_line_a_second_at_most():
-    """Those of another protocol, and one whose message does not end; who speaks properly and leaves is none of them."""
+def test_each_connection_ended_for_what_it_sends_is_counted_and_the_log_has_a_line_a_second():
+    """Those of another protocol, and one whose message does not end; who speaks properly and leaves
+    is none of them."""
     with Daemon(workers=0) as d:
         honest, begin, strangers = d.client(), time.monotonic(), 60
         connect(d).close()
@@ -148,17 +163,20 @@ def test_each_connection_that_is_ended_for_what_it_sends_is_counted_and_the_log_
 
 
 def test_what_is_asked_and_left_behind_is_not_answered_and_what_is_submitted_is_done():
-    """Else who comes and goes leaves thousands of questions, and everybody else waits for their turns."""
+    """Else who comes and goes leaves thousands of questions, and everybody else waits for their
+    turns."""
     data, described = ring_down(samples=16)
     with Daemon(workers=0) as d:
         honest, left = d.client(), 300
         for i in range(left):
-            header = json.dumps({"id": 2, "kind": "identify", "input": described, "key": f"k{i}"}).encode()
+            header = json.dumps({"id": 2, "kind": "identify", "input": described,
+                                 "key": f"k{i}"}).encode()
             s = connect(d)
             s.sendall(LIST * 100 + message(b"MODALD1", b"SUBMIT", header, data) + LIST * 40)
             s.close()
         until_alone(honest)
-        until(lambda: honest.ask("STATS")["jobs"]["queued"] == left, "submissions are lost")       # a job counts once it is committed
+        # a job counts once it is committed
+        until(lambda: honest.ask("STATS")["jobs"]["queued"] == left, "submissions are lost")
         answered = metric(honest, "replies_total")
         print(f"\nP6: {left * 140} questions left behind: {answered:.0f} answered")
         assert answered < left * 140 / 2
@@ -167,7 +185,8 @@ def test_what_is_asked_and_left_behind_is_not_answered_and_what_is_submitted_is_
 @pytest.mark.parametrize("identity", [b"rig", b"\0\1\2\3\4"])
 @pytest.mark.parametrize("security", ["null", "curve"])
 def test_a_routing_id_of_a_client_s_own_is_not_used(tmp_path, security, identity):
-    """Whoever has it: a second connection with it is served beside the first, and after the first has gone."""
+    """Whoever has it: a second connection with it is served beside the first, and after the first
+    has gone."""
     with serving(tmp_path, security, ann="ann submit", bob="bob read") as (d, made):
         first, second = made("ann", identity), made("bob", identity)
         assert first.ask("HELLO").ok and second.ask("HELLO").ok and first.ask("HELLO").ok
@@ -177,7 +196,8 @@ def test_a_routing_id_of_a_client_s_own_is_not_used(tmp_path, security, identity
 
 
 def test_subscriptions_and_waits_end_with_their_connections():
-    """4160 subscriptions and 4096 waits are a user's; those of connections that are gone are nobody's."""
+    """4160 subscriptions and 4096 waits are a user's; those of connections that are gone are
+    nobody's."""
     with Daemon(workers=0) as d:
         honest = d.client()
         job = submit(honest)["job"]
@@ -194,7 +214,8 @@ def test_subscriptions_and_waits_end_with_their_connections():
             assert client.ask("WHOAMI").ok
             client.close()
         until_alone(honest)
-        assert honest.ask("EVENTS", stream="never").ok and honest.ask("WAIT", job=job, timeout_s=0.01)["state"] == "queued"
+        assert (honest.ask("EVENTS", stream="never").ok
+                and honest.ask("WAIT", job=job, timeout_s=0.01)["state"] == "queued")
 
 
 def test_a_user_may_have_a_subscription_a_stream_and_64_beside_and_not_one_more():
@@ -252,7 +273,8 @@ def test_connections_that_come_and_go_leave_no_memory_and_no_descriptors_behind(
 
 @pytest.mark.parametrize("size, count", [(1 << 20, 300), (250, 500000), (0, 4000000)])
 def test_a_message_without_an_end_ends_its_connection(size, count):
-    """libzmq keeps frames until the last: 300 of 1 MiB were 300 MiB of memory.  A message may hold 8 of them."""
+    """libzmq keeps frames until the last: 300 of 1 MiB were 300 MiB of memory.  A message may hold
+    8 of them."""
     with Daemon(workers=0) as d:
         honest = d.client()
         assert honest.ask("HELLO").ok
@@ -269,7 +291,8 @@ def test_a_message_without_an_end_ends_its_connection(size, count):
 
 @pytest.mark.skipif(not zmq.has("curve"), reason="this pyzmq has no CURVE")
 def test_a_message_without_an_end_is_bounded_under_curve_too(tmp_path):
-    """Which frame is the last is hidden there: what the pipe may hold of whole messages is the bound, 16 of 5 MiB and one that comes."""
+    """Which frame is the last is hidden there: what the pipe may hold of whole messages is the
+    bound, 16 of 5 MiB and one that comes."""
     with serving(tmp_path, "curve", ann="ann submit", bob="bob read") as (d, made):
         honest = made("ann")
         assert honest.ask("HELLO").ok
@@ -277,14 +300,16 @@ def test_a_message_without_an_end_is_bounded_under_curve_too(tmp_path):
         assert bomb.ask("HELLO").ok
         bomb.raw(VERSION, b"HELLO", b'{"id":1}', *[part] * 400)
         end = time.monotonic() + 60
-        while metric(honest, "connections") == 2:          # it is ended; libzmq sends none of the rest again
+        # it is ended; libzmq sends none of the rest again
+        while metric(honest, "connections") == 2:
             assert time.monotonic() < end, "its connection is not ended"
         assert memory_mb(d, "VmHWM") - before < 150 and honest.ask("HELLO").ok
 
 
 @pytest.mark.parametrize("security", ["null", "curve"])
 def test_messages_of_the_greatest_size_are_answered_however_many_are_pipelined(tmp_path, security):
-    """Section 2 of PROTOCOL.md: five body frames of 1 MiB; HELLO has no use for them, and says so."""
+    """Section 2 of PROTOCOL.md: five body frames of 1 MiB; HELLO has no use for them, and says
+    so."""
     with serving(tmp_path, security, ann="ann submit") as (d, made):
         client, part = made("ann"), bytes(1 << 20)
         sent = [client.send("HELLO", [part] * 5) for _ in range(30)]

@@ -257,7 +257,8 @@ def test_a_kill_at_the_nth_call_loses_nothing_acknowledged(call, tmp_path):
         for key, job in acks.items():
             done = c.ask("WAIT", job=f"key:{key}", timeout_s=250)
             assert done.ok and done["job"] == job and done["state"] == "done", (key, job, done)
-    print(f"\nP1 P5: {call}: {killed} kills, {len(acks)} jobs and {uploads['present']} bytes acknowledged, 0 violations")
+    print(f"\nP1 P5: {call}: {killed} kills, {len(acks)} jobs and {uploads['present']} bytes "
+          "acknowledged, 0 violations")
 
 
 @needs_strace

@@ -114,7 +114,8 @@ def test_a_stream_and_an_upload_outlive_a_full_disk(tmp_path):
               "the host's record is not its log")
         assert submit(c, key="after").ok
         assert d.stop() == 0
-    print(f"\nP8: a stream and an upload over a full disk: {sent} samples and {size} bytes, all there")
+    print(f"\nP8: a stream and an upload over a full disk: {sent} samples and {size} bytes, all "
+          "there")
 
 
 def gauge(client):

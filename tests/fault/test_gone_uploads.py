@@ -1,4 +1,5 @@
-"""An upload that was answered `gone`, or ended by a wrong hash, stays so over kill -9, and fsck finds nothing wrong (PROTOCOL.md, P1 and P5)."""
+"""An upload that was answered `gone`, or ended by a wrong hash, stays so over kill -9, and fsck
+finds nothing wrong (PROTOCOL.md, P1 and P5)."""
 import pathlib
 import subprocess
 import sys
@@ -11,7 +12,8 @@ ROUNDS, DATA = 30, bytes(range(256)) * 2
 
 
 def fsck(folder):
-    return subprocess.run([BUILD / "bin" / "modalctl", "fsck", folder], capture_output=True, text=True)
+    return subprocess.run([BUILD / "bin" / "modalctl", "fsck", folder], capture_output=True,
+                          text=True)
 
 
 def test_what_was_told_to_be_gone_does_not_come_back_over_a_kill():
@@ -19,13 +21,16 @@ def test_what_was_told_to_be_gone_does_not_come_back_over_a_kill():
         back, damaged = [], []
         for k in range(ROUNDS):
             client = daemon.client()
-            upload = client.ask("UPLOAD", op="begin", content="batch", samples=64, channels=1, dt=0.1, key=f"k{k}")["upload"]
-            assert client.ask("UPLOAD", [DATA], op="chunk", upload=upload, offset=0, crc32c=crc32c(DATA)).ok
+            upload = client.ask("UPLOAD", op="begin", content="batch", samples=64, channels=1,
+                                dt=0.1, key=f"k{k}")["upload"]
+            assert client.ask("UPLOAD", [DATA], op="chunk", upload=upload, offset=0,
+                              crc32c=crc32c(DATA)).ok
             if k % 2:
                 assert client.ask("UPLOAD", op="abort", upload=upload)["state"] == "gone"
             else:
                 reply = client.ask("UPLOAD", op="seal", upload=upload, sha256="0" * 64)
-                assert reply.code == "bad_input" and reply["error"]["field"] == "sha256" and len(reply["error"]["detail"]["found"]) == 64
+                assert (reply.code == "bad_input" and reply["error"]["field"] == "sha256"
+                        and len(reply["error"]["detail"]["found"]) == 64)
             time.sleep(k % 5 * 2e-4)
             daemon.kill()
             client.close()
@@ -39,17 +44,21 @@ def test_what_was_told_to_be_gone_does_not_come_back_over_a_kill():
                 back.append(answer)
             client.close()
         assert back == [] and damaged == []
-        assert list((daemon.folder / "data" / "spool").iterdir()) == [], "files without rows go at the start"
+        assert (list((daemon.folder / "data" / "spool").iterdir())
+                == []), "files without rows go at the start"
 
 
 def test_a_seal_that_waits_is_answered_when_its_upload_is_aborted_and_the_key_begins_anew():
     with Daemon(workers=0) as daemon:
         client = daemon.client()
-        first = client.ask("UPLOAD", op="begin", content="batch", samples=64, channels=1, dt=0.1, key="k")["upload"]
-        chunk = client.send("UPLOAD", [DATA], op="chunk", upload=first, offset=0, crc32c=crc32c(DATA))
+        first = client.ask("UPLOAD", op="begin", content="batch", samples=64, channels=1, dt=0.1,
+                           key="k")["upload"]
+        chunk = client.send("UPLOAD", [DATA], op="chunk", upload=first, offset=0,
+                            crc32c=crc32c(DATA))
         sealing = client.send("UPLOAD", op="seal", upload=first, sha256="0" * 64)
         aborting = client.send("UPLOAD", op="abort", upload=first)
-        again = client.send("UPLOAD", op="begin", content="batch", samples=64, channels=1, dt=0.1, key="k")
+        again = client.send("UPLOAD", op="begin", content="batch", samples=64, channels=1, dt=0.1,
+                            key="k")
         assert client.answer(chunk).ok and client.answer(sealing).code in ("not_found", "bad_input")
         assert client.answer(aborting).get("state") == "gone"
         reply = client.answer(again)

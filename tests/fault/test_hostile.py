@@ -1,4 +1,5 @@
-"""P6: bad peers (hostile.py) leave honest clients served, and cost the daemon bounded memory; what they cost in time tests/bench/bench_hostile.py says."""
+"""P6: bad peers (hostile.py) leave honest clients served, and cost the daemon bounded memory; what
+they cost in time tests/bench/bench_hostile.py says."""
 import contextlib
 import pathlib
 import socket
@@ -28,7 +29,8 @@ def ask_much(client):
         assert client.ask("STATUS", job="key:known").ok
 
 
-@pytest.mark.parametrize("probe", ["oversize", "garbage", "taken", "deaf", "malformed", "hangups", "fleeting", "endless"])
+@pytest.mark.parametrize("probe", ["oversize", "garbage", "taken", "deaf", "malformed", "hangups",
+                                   "fleeting", "endless"])
 def test_a_bad_peer_leaves_honest_clients_served(probe):
     with Daemon(config=FAKE, endpoint=f"tcp://127.0.0.1:{free_port()}") as d:
         client = Client(d.endpoint, identity=b"honest")
@@ -37,7 +39,8 @@ def test_a_bad_peer_leaves_honest_clients_served(probe):
             with attack(probe, d):
                 ask_much(client)
                 assert submit(Client(d.endpoint)).ok             # who comes new is served too
-        assert client.ask("WAIT", job="key:known", timeout_s=250)["state"] == "done" and client.ask("STATS")["draining"] is False
+        assert (client.ask("WAIT", job="key:known", timeout_s=250)["state"] == "done"
+                and client.ask("STATS")["draining"] is False)
         print(f"\nP6: {probe}: {3 * ASKED} questions answered, RSS at most {memory_mb(d):.0f} MB")
         assert memory_mb(d) < 200
 
@@ -61,14 +64,17 @@ def seconds_of_cpu(daemon):
 
 
 def test_100_silent_connections_at_64_descriptors_stop_nobody_for_longer_than_the_handshake():
-    """F9: who was connected goes on, jobs too; who comes new is served once the silent are dropped; accept does not spin, and afterwards all is as before."""
-    with Daemon(config=FAKE, endpoint=f"tcp://127.0.0.1:{free_port()}", wrap=["prlimit", "--nofile=64"]) as d:
+    """F9: who was connected goes on, jobs too; who comes new is served once the silent are dropped;
+    accept does not spin, and afterwards all is as before."""
+    with Daemon(config=FAKE, endpoint=f"tcp://127.0.0.1:{free_port()}",
+                wrap=["prlimit", "--nofile=64"]) as d:
         client = d.client()
         assert submit(client, key="known").ok
         with attack("silent", d) as silent:
             begin, cpu_s = time.monotonic(), seconds_of_cpu(d)
             ask_much(client)
-            assert client.ask("WAIT", job=submit(client, key="meanwhile", phase=0.1)["job"], timeout_s=250)["state"] == "done"
+            assert client.ask("WAIT", job=submit(client, key="meanwhile", phase=0.1)["job"],
+                              timeout_s=250)["state"] == "done"
             newcomer = Client(d.endpoint)
             assert newcomer.ask("HELLO").ok and silent.poll() is None
             waited, cpu_s = time.monotonic() - begin, seconds_of_cpu(d) - cpu_s
@@ -76,26 +82,36 @@ def test_100_silent_connections_at_64_descriptors_stop_nobody_for_longer_than_th
         begin, before = time.monotonic(), woken(d.pid)
         ask_much(client)
         rounds = (woken(d.pid) - before - 20 * (time.monotonic() - begin)) / ASKED
-        print(f"\nP6: silent: newcomer served after {waited:.1f} s, {cpu_s / waited:.2f} cores meanwhile, then {rounds:.1f} rounds a question, RSS at most {memory_mb(d):.0f} MB")
-        assert cpu_s < 0.5 * waited + 0.5 and rounds < 8 and memory_mb(d) < 200      # a question and its answer pass four threads' sleeps
+        print(f"\nP6: silent: newcomer served after {waited:.1f} s, {cpu_s / waited:.2f} cores "
+              f"meanwhile, then {rounds:.1f} rounds a question, RSS at most {memory_mb(d):.0f} MB")
+        # a question and its answer pass four threads' sleeps
+        assert cpu_s < 0.5 * waited + 0.5 and rounds < 8 and memory_mb(d) < 200
 
 
 def metric(client, name):
     text = client.ask("METRICS").body[0].decode()
-    return next(float(line.split()[1]) for line in text.splitlines() if line.startswith(f"modald_{name} "))
+    return next(float(line.split()[1]) for line in text.splitlines()
+                if line.startswith(f"modald_{name} "))
 
 
-@pytest.mark.parametrize("scheme, given, most, wrap", [("tcp", 8, 8, []), ("ipc", 8, 8, []), ("ipc", 60000, 48, ["prlimit", "--nofile=96"])])
-def test_connections_past_their_limit_are_closed_and_counted_and_those_there_go_on(scheme, given, most, wrap):
-    """Of 96 descriptors half are for connections, whatever the configuration says; its own are a third."""
-    with Daemon(config=FAKE + f"connections = {given}\n", endpoint=f"tcp://127.0.0.1:{free_port()}" if scheme == "tcp" else None, wrap=wrap) as d:
+@pytest.mark.parametrize("scheme, given, most, wrap",
+                         [("tcp", 8, 8, []), ("ipc", 8, 8, []),
+                          ("ipc", 60000, 48, ["prlimit", "--nofile=96"])])
+def test_connections_past_their_limit_are_closed_and_counted_and_those_there_go_on(scheme, given,
+                                                                                   most, wrap):
+    """Of 96 descriptors half are for connections, whatever the configuration says; its own are a
+    third."""
+    with Daemon(config=FAKE + f"connections = {given}\n", endpoint=f"tcp://127.0.0.1:{free_port()}"
+                if scheme == "tcp" else None, wrap=wrap) as d:
         client = d.client()
-        assert submit(client, key="known").ok and metric(client, "connections") == 1 and metric(client, "connections_refused_total") == 0
+        assert (submit(client, key="known").ok and metric(client, "connections") == 1
+                and metric(client, "connections_refused_total") == 0)
         flood = []
         for _ in range(60):
             s = socket.socket(socket.AF_INET if scheme == "tcp" else socket.AF_UNIX)
             s.settimeout(120)
-            s.connect(("127.0.0.1", int(d.endpoint.rsplit(":", 1)[1])) if scheme == "tcp" else d.endpoint.removeprefix("ipc://"))
+            s.connect(("127.0.0.1", int(d.endpoint.rsplit(":", 1)[1])) if scheme == "tcp"
+                      else d.endpoint.removeprefix("ipc://"))
             flood.append(s)
         closed = 0
         for s in flood:                          # greeted (ZMTP's first byte), or closed as it came
@@ -104,18 +120,24 @@ def test_connections_past_their_limit_are_closed_and_counted_and_those_there_go_
                     continue
             closed += 1
         assert closed == 60 - (most - 1)
-        assert client.ask("WAIT", job=submit(client, key="meanwhile", phase=0.1)["job"], timeout_s=250)["state"] == "done"
-        assert metric(client, "connections") <= most and metric(client, "connections_refused_total") >= closed
+        assert client.ask("WAIT", job=submit(client, key="meanwhile", phase=0.1)["job"],
+                          timeout_s=250)["state"] == "done"
+        assert (metric(client, "connections") <= most
+                and metric(client, "connections_refused_total") >= closed)
         for s in flood:
             s.close()
         assert d.client().ask("HELLO").ok
-        until(lambda: metric(client, "connections") <= 2, "connections that ended are still counted")
-        print(f"\nP6: {scheme}: 60 connections at connections = {given}: {closed} closed as they came")
+        until(lambda: metric(client, "connections") <= 2,
+              "connections that ended are still counted")
+        print(f"\nP6: {scheme}: 60 connections at connections = {given}: {closed} closed as they "
+              "came")
 
 
 def test_a_multipart_bomb_ends_its_own_connection_and_loses_nothing():
-    """libzmq bounds no number of parts, the daemon their bytes: within an address space that the message would fill it lives on."""
-    with Daemon(config=FAKE, endpoint=f"tcp://127.0.0.1:{free_port()}", wrap=["prlimit", "--as=400000000"]) as d:
+    """libzmq bounds no number of parts, the daemon their bytes: within an address space that the
+    message would fill it lives on."""
+    with Daemon(config=FAKE, endpoint=f"tcp://127.0.0.1:{free_port()}",
+                wrap=["prlimit", "--as=400000000"]) as d:
         client, acks, deaths, peak = d.client(timeout_s=3), {}, 0, 0.0
         end = time.monotonic() + 8
         with attack("bomb", d):
@@ -134,6 +156,8 @@ def test_a_multipart_bomb_ends_its_own_connection_and_loses_nothing():
         if d.process.poll() is not None:
             d.start()
         client = d.client()
-        lost = [key for key, job in acks.items() if client.ask("STATUS", job=f"key:{key}").get("job") != job]
-        print(f"\nP6: bomb: {len(acks)} jobs acknowledged under it, RSS at most {peak:.0f} MB, {deaths} restarts, {len(lost)} lost")
+        lost = [key for key,
+                job in acks.items() if client.ask("STATUS", job=f"key:{key}").get("job") != job]
+        print(f"\nP6: bomb: {len(acks)} jobs acknowledged under it, RSS at most {peak:.0f} MB, "
+              f"{deaths} restarts, {len(lost)} lost")
         assert acks and not lost and peak < 400 and deaths == 0

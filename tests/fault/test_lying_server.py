@@ -1,7 +1,9 @@
-"""No server ends a simulation, and none takes its memory: neither one that lies (lying_server.py) nor an honest one that is killed while it speaks.
+"""No server ends a simulation, and none takes its memory: neither one that lies (lying_server.py)
+nor an honest one that is killed while it speaks.
 
-The host (hosts.c) runs for longer than any heartbeat of the library's, and its output and exit status are those of a run without a stream.
-MODALD_HOST_KILLS: how often the honest server is killed (12; 200 with MODALD_LONG=1).
+The host (hosts.c) runs for longer than any heartbeat of the library's, and its output and exit
+status are those of a run without a stream. MODALD_HOST_KILLS: how often the honest server is killed
+(12; 200 with MODALD_LONG=1).
 """
 import contextlib
 import os
@@ -20,8 +22,10 @@ import sanitized  # noqa: E402
 from conftest import BUILD, PATIENCE, environment  # noqa: E402
 
 HOSTS = pathlib.Path(os.environ.get("MODALD_HOSTS", BUILD / "fault" / "hosts"))
-KILLS = int(os.environ.get("MODALD_HOST_KILLS", "200" if os.environ.get("MODALD_LONG") == "1" else "12"))
-STEPS, PACE = 16000, 0.0004                     # 7 s or more: the hang-up that a heartbeat of 5 s finds
+KILLS = int(os.environ.get("MODALD_HOST_KILLS", "200" if os.environ.get("MODALD_LONG") == "1"
+                           else "12"))
+# 7 s or more: the hang-up that a heartbeat of 5 s finds
+STEPS, PACE = 16000, 0.0004
 TOGETHER = 8                                    # hosts
 
 
@@ -30,15 +34,19 @@ class Host:
 
     def __init__(self, folder, steps=STEPS, pace=PACE, **env):
         self.out, self.err = tempfile.TemporaryFile(dir=folder), tempfile.TemporaryFile(dir=folder)
-        self.process = subprocess.Popen([str(HOSTS), "plain", str(steps), str(pace)], stdout=self.out, stderr=self.err,
-                                        env=environment(MODALD_SPILL=folder, MODALD_CLOSE_WAIT="0.5", MODALD_WINDOW="64", **env))
+        self.process = subprocess.Popen([str(HOSTS), "plain", str(steps), str(pace)],
+                                        stdout=self.out, stderr=self.err,
+                                        env=environment(MODALD_SPILL=folder,
+                                                        MODALD_CLOSE_WAIT="0.5", MODALD_WINDOW="64",
+                                                        **env))
         self.most_mb = 0
 
     def runs(self):
         """Is it still there?  The most memory it had is kept."""
         with contextlib.suppress(OSError):
             with open(f"/proc/{self.process.pid}/status") as f:
-                self.most_mb = max([self.most_mb, *(int(line.split()[1]) / 1024 for line in f if line.startswith("VmHWM"))])
+                self.most_mb = max([self.most_mb, *(int(line.split()[1]) / 1024
+                                                    for line in f if line.startswith("VmHWM"))])
         return self.process.poll() is None
 
     def end(self):
@@ -66,9 +74,11 @@ def plain(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def ends(tmp_path_factory):
-    """Of each trick: how often it was played, and the host's end.  All at once, for each takes its time."""
+    """Of each trick: how often it was played, and the host's end.  All at once, for each takes its
+    time."""
     folder = tmp_path_factory.mktemp("tricks")
-    servers = {trick: lying_server.Server(folder / str(i), trick) for i, trick in enumerate(lying_server.TRICKS)}
+    servers = {trick: lying_server.Server(folder / str(i), trick) for i,
+               trick in enumerate(lying_server.TRICKS)}
     hosts = {trick: Host(folder, MODALD_URL=server.url) for trick, server in servers.items()}
     out = {trick: host.end() for trick, host in hosts.items()}
     for server in servers.values():
@@ -86,7 +96,8 @@ def test_no_lie_of_a_server_is_seen_in_the_host(trick, ends, plain):
 
 @pytest.mark.parametrize("flood", lying_server.FLOODS, ids=lambda flood: flood.__name__)
 def test_a_server_that_speaks_without_end_costs_the_host_bounded_memory(flood, plain, tmp_path):
-    """4 MiB is what is taken of a link before it is hung up on; libzmq may read a few times as fast as we do.  Without a bound: 2.3 GB."""
+    """4 MiB is what is taken of a link before it is hung up on; libzmq may read a few times as fast
+    as we do.  Without a bound: 2.3 GB."""
     server = lying_server.Server(tmp_path / "flood", flood)
     host = Host(tmp_path, MODALD_URL=server.url)
     while host.runs():
@@ -117,9 +128,12 @@ def ask_by_python(url, seconds, folder):
 
 
 def ask_by_modalctl(url, seconds, folder):
-    """It goes on watching whatever is said, and ends by itself: by its own time, or by an answer that is none."""
-    return ["sh", "-c", f'end=$(($(date +%s) + {seconds})); while [ $(date +%s) -lt $end ]; do timeout -s KILL {2 * seconds} "$0" --server "$1" --timeout {seconds} '
-            f'watch >{folder}/said 2>&1; rc=$?; [ $rc -le 5 ] || exit $rc; sleep 0.05; done; echo lived', str(BUILD / "bin" / "modalctl"), url], 0, "lived\n"
+    """It goes on watching whatever is said, and ends by itself: by its own time, or by an answer
+    that is none."""
+    return ["sh", "-c", f'end=$(($(date +%s) + {seconds})); while [ $(date +%s) -lt $end ]; do '
+                        f'timeout -s KILL {2 * seconds} "$0" --server "$1" --timeout {seconds} '
+            f'watch >{folder}/said 2>&1; rc=$?; [ $rc -le 5 ] || exit $rc; sleep 0.05; done; echo '
+            'lived', str(BUILD / "bin" / "modalctl"), url], 0, "lived\n"
 
 
 QUESTIONS = [t for t in lying_server.TRICKS if t is not lying_server.all_is_busy]
@@ -127,20 +141,25 @@ QUESTIONS = [t for t in lying_server.TRICKS if t is not lying_server.all_is_busy
 
 @pytest.fixture(scope="module", params=[ask_by_python, ask_by_modalctl], ids=["python", "modalctl"])
 def clients(request, tmp_path_factory):
-    """The same tricks for who asks, in place of who pushes: of each, how often it was played and how the client ended."""
+    """The same tricks for who asks, in place of who pushes: of each, how often it was played and
+    how the client ended."""
     folder = tmp_path_factory.mktemp("asked")
-    servers = {trick: lying_server.Server(folder / str(i), trick, streams=False) for i, trick in enumerate(QUESTIONS)}
+    servers = {trick: lying_server.Server(folder / str(i), trick, streams=False) for i,
+               trick in enumerate(QUESTIONS)}
     runs = {}
     for i, (trick, server) in enumerate(servers.items()):
         own = folder / f"client-{i}"
         own.mkdir()
         words, status, out = request.param(server.url, 7, own)
-        runs[trick] = (subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-                                        env=environment(PYTHONPATH=HERE.parents[1] / "clients" / "python")), status, out)
+        runs[trick] = (subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                                        text=True,
+                                        env=environment(PYTHONPATH=HERE.parents[1] / "clients"
+                                                        / "python")), status, out)
     ends = {}
     for trick, (run, status, out) in runs.items():
         said, err = run.communicate(timeout=PATIENCE)
-        ends[trick] = (servers[trick].played, (run.returncode, said) == (status, out), run.returncode, said[-300:], err[-600:])
+        ends[trick] = (servers[trick].played, (run.returncode, said) == (status, out),
+                       run.returncode, said[-300:], err[-600:])
         servers[trick].stop()
     return ends
 
@@ -171,16 +190,19 @@ while True:
         peer, _, _, header, *_ = s.recv_multipart()
         hosts.add(peer)
         asked = json.loads(header)
-        send(peer, b"REPLY", json.dumps({{"id": asked["id"], "verb": "STREAM", "stream": "abcd1234", "name": "plain", "epoch": 0,
-                                          "next": asked.get("first", 0) + asked.get("count", 0), "credit": 1000000}}).encode())
+        send(peer, b"REPLY", json.dumps({{
+            "id": asked["id"], "verb": "STREAM", "stream": "abcd1234", "name": "plain", "epoch": 0,
+            "next": asked.get("first", 0) + asked.get("count", 0), "credit": 1000000}}).encode())
     for peer in list(hosts):
         send(peer, b"EVENT", {lying_server.EVENT!r})
 """
 
 
 def test_hosts_outlive_an_honest_server_killed_in_the_midst_of_its_live_results(tmp_path):
-    """Each kill cuts a flood of whole messages at some byte of some frame, for eight hosts at once."""
-    url, kills, steps = f"ipc://{tmp_path}/honest", 0, 3000 * KILLS        # of a second and a half each
+    """Each kill cuts a flood of whole messages at some byte of some frame, for eight hosts at
+    once."""
+    # of a second and a half each
+    url, kills, steps = f"ipc://{tmp_path}/honest", 0, 3000 * KILLS
     plain = plain_run(tmp_path, steps)
     hosts = [Host(tmp_path, steps, MODALD_URL=url) for _ in range(TOGETHER)]
     while all(host.runs() for host in hosts):

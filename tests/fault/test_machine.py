@@ -50,7 +50,8 @@ def test_a_slow_disk_delays_only_what_needs_it(tmp_path):
         stop.set()
         thread.join(120)
         assert "event=lease" not in d.text()
-        print(f"\nF8: 1 s a sync: 100 reads while {meanwhile} times 20 submissions were acknowledged, each time after {min(acked):.2f} s or more")
+        print(f"\nF8: 1 s a sync: 100 reads while {meanwhile} times 20 submissions were "
+              f"acknowledged, each time after {min(acked):.2f} s or more")
         # a read that waited for a sync would see one of these a read
         assert meanwhile < 25 and min(acked) > 1
 

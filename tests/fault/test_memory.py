@@ -117,7 +117,8 @@ def test_the_nth_allocation_of_the_daemon_fails_and_nothing_acknowledged_is_lost
         check(d, acks)
         assert use(d.client(), acks)
     with capsys.disabled():
-        print(f"\nP6: allocation n of the daemon fails: {tried} of {most} tried, {reached} reached, {unstarted} did not start, {ended} ended, "
+        print(f"\nP6: allocation n of the daemon fails: {tried} of {most} tried, {reached} "
+              f"reached, {unstarted} did not start, {ended} ended, "
               f"{len(acks)} acknowledged, 0 lost")
     assert acks and reached > 0
 
@@ -132,7 +133,9 @@ def test_the_nth_allocation_of_a_worker_fails_and_the_job_still_ends(tmp_path, c
         if time.monotonic() - begin > SECONDS_MOST:
             break
         mark, n = tmp_path / f"reached{i}", 1 + i * i * 4
-        wrapper.write_text(f"#!/bin/sh\nMALLOC_FAIL={n} MALLOC_PROGRAM=modald-worker MALLOC_MARK={mark} LD_PRELOAD={SHIM} exec {BUILD}/bin/modald-worker \"$@\"\n")
+        wrapper.write_text(f"#!/bin/sh\nMALLOC_FAIL={n} MALLOC_PROGRAM=modald-worker "
+                           f"MALLOC_MARK={mark} LD_PRELOAD={SHIM} exec {BUILD}/bin/modald-worker "
+                           "\"$@\"\n")
         wrapper.chmod(0o755)
         with Daemon(workers=1, config=f"worker_path = {wrapper}\nsandbox = off\n") as d:
             client = d.client()
@@ -150,5 +153,6 @@ def test_the_nth_allocation_of_a_worker_fails_and_the_job_still_ends(tmp_path, c
             tried += 1
             reached += mark.exists()
     with capsys.disabled():
-        print(f"\nP4: allocation n of the worker fails: {tried} tried, {reached} reached, jobs {ends}, daemon alive each time")
+        print(f"\nP4: allocation n of the worker fails: {tried} tried, {reached} reached, jobs "
+              f"{ends}, daemon alive each time")
     assert reached > 0

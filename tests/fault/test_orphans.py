@@ -41,7 +41,8 @@ def none_left(folder, but_of=None):
 
 def test_a_worker_that_had_not_begun_when_its_daemon_was_killed_does_not_serve_the_next(tmp_path):
     script = tmp_path / "worker"
-    script.write_text(f"#!/bin/sh\nuntil [ -e {tmp_path}/go ]; do sleep 0.05; done\nexec {BUILD}/bin/modald-worker \"$@\"\n")
+    script.write_text(f"#!/bin/sh\nuntil [ -e {tmp_path}/go ]; do sleep 0.05; done\nexec "
+                      f"{BUILD}/bin/modald-worker \"$@\"\n")
     script.chmod(0o755)
     with Daemon(folder=tmp_path, config=f"worker_path = {script}\n", workers=3) as daemon:
         # not a shell's child of a moment

@@ -1,4 +1,5 @@
-"""F16: the network between a client and the daemon breaks: two network namespaces, one pair of interfaces, ZMTP between.
+"""F16: the network between a client and the daemon breaks: two network namespaces, one pair of
+interfaces, ZMTP between.
 
 The daemon's namespace lives as long as a process in it, so that no end of a test leaves one behind.
 """
@@ -29,13 +30,17 @@ class Wire:
 
     def __init__(self):
         number = os.getpid() % 65536
-        self.here, self.there, self.net = f"mda{number}", f"mdb{number}", f"10.{number >> 8}.{number & 255}"
-        self.holder = subprocess.Popen(["unshare", "-n", "sh", "-c", "echo there; cat"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+        self.here, self.there, self.net = (f"mda{number}", f"mdb{number}",
+                                           f"10.{number >> 8}.{number & 255}")
+        self.holder = subprocess.Popen(["unshare", "-n", "sh", "-c", "echo there; cat"],
+                                       stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+                                       stderr=subprocess.DEVNULL, text=True)
         self.inside = ["nsenter", "-t", str(self.holder.pid), "-n"]
         try:
             if self.holder.stdout.readline() != "there\n":
                 raise OSError("unshare -n")
-            self.ip("link", "add", self.here, "type", "veth", "peer", "name", self.there, "netns", str(self.holder.pid))
+            self.ip("link", "add", self.here, "type", "veth", "peer", "name", self.there, "netns",
+                    str(self.holder.pid))
             self.ip("addr", "add", f"{self.net}.1/24", "dev", self.here)
             self.ip("addr", "add", f"{self.net}.2/24", "dev", self.there, wrap=self.inside)
             self.ip("link", "set", self.there, "up", wrap=self.inside)
@@ -72,19 +77,23 @@ def wire():
 
 @pytest.fixture
 def lab(wire, tmp_path):
-    made = Lab(tmp_path, {"ann": "ann submit", "eva": "eva admin"}, endpoint=f"tcp://{wire.net}.2:{PORT}", wrap=wire.inside, workers=2)
+    made = Lab(tmp_path, {"ann": "ann submit", "eva": "eva admin"},
+               endpoint=f"tcp://{wire.net}.2:{PORT}", wrap=wire.inside, workers=2)
     yield made
     made.daemon.__exit__()
 
 
 def connections(lab):
-    """The established ones that the daemon's side knows, by /proc/net/tcp of its namespace: state 01."""
-    rows = [line.split() for line in pathlib.Path(f"/proc/{lab.daemon.pid}/net/tcp").read_text().splitlines()[1:]]
+    """The established ones that the daemon's side knows, by /proc/net/tcp of its namespace: state
+    01."""
+    rows = [line.split() for line
+            in pathlib.Path(f"/proc/{lab.daemon.pid}/net/tcp").read_text().splitlines()[1:]]
     return sum(row[3] == "01" and int(row[1].split(":")[1], 16) == PORT for row in rows)
 
 
 def test_a_partition_loses_and_doubles_no_submission(wire, lab):
-    """The interface goes down and comes up five times under a client that repeats whatever was not answered."""
+    """The interface goes down and comes up five times under a client that repeats whatever was not
+    answered."""
     acks, errors = {}, []
 
     def submitter():
@@ -92,7 +101,8 @@ def test_a_partition_loses_and_doubles_no_submission(wire, lab):
         try:
             for i in range(400):
                 data, described = ring_down(samples=16, phase=i * 1e-3)
-                acks[f"k{i}"] = patiently(client, "SUBMIT", [data], kind="identify", input=described, key=f"k{i}")["job"]
+                acks[f"k{i}"] = patiently(client, "SUBMIT", [data], kind="identify",
+                                          input=described, key=f"k{i}")["job"]
         except BaseException as error:
             errors.append(error)
         finally:
@@ -114,7 +124,8 @@ def test_a_partition_loses_and_doubles_no_submission(wire, lab):
 
 
 def test_half_open_connections_are_ended_by_heartbeats(wire, lab):
-    """Twenty clients vanish without a word: their side is cut off first, so that no FIN ever arrives."""
+    """Twenty clients vanish without a word: their side is cut off first, so that no FIN ever
+    arrives."""
     before = connections(lab)
     clients = [lab.client("ann") for _ in range(20)]
     assert all(client.ask("HELLO").ok for client in clients)
@@ -123,17 +134,20 @@ def test_half_open_connections_are_ended_by_heartbeats(wire, lab):
     for client in clients:
         client.close()
     begin = time.monotonic()
-    until(lambda: connections(lab) <= before, "half-open connections live on")         # TCP by itself would keep them for a quarter of an hour
+    # TCP by itself would keep them for a quarter of an hour
+    until(lambda: connections(lab) <= before, "half-open connections live on")
     waited = time.monotonic() - begin
     wire.up()
     assert lab.client("ann").ask("HELLO").ok
-    print(f"\nP6: 20 half-open connections gone after {waited:.1f} s; {3 * HEARTBEAT_S} are promised")
+    print(f"\nP6: 20 half-open connections gone after {waited:.1f} s; {3 * HEARTBEAT_S} are "
+          "promised")
 
 
 def test_a_job_runs_on_while_its_client_is_cut_off_and_the_answer_is_there_afterwards(wire, lab):
     client = lab.client("ann", timeout_s=1)
     data, described = ring_down()
-    asked = patiently(client, "SUBMIT", [data], kind="identify", input=described, key="long", options={"sleep": 2})
+    asked = patiently(client, "SUBMIT", [data], kind="identify", input=described, key="long",
+                      options={"sleep": 2})
     wire.down()
     with contextlib.suppress(zmq.Again):
         client.ask("WAIT", job=asked["job"], timeout_s=1)
@@ -144,7 +158,8 @@ def test_a_job_runs_on_while_its_client_is_cut_off_and_the_answer_is_there_after
 
 
 def test_a_daemon_that_stands_still_is_a_silence_and_no_loss(lab):
-    """SIGSTOP for longer than the client's patience: the same key asked again is the same job, once it goes on."""
+    """SIGSTOP for longer than the client's patience: the same key asked again is the same job, once
+    it goes on."""
     client = lab.client("ann", timeout_s=0.5)
     data, described = ring_down()
     first = client.send("SUBMIT", [data], kind="identify", input=described, key="still")

@@ -8,7 +8,8 @@ import time
 
 from small_disk import small_disk, unmount_stale
 
-HOLDS = "import sys, time; sys.path.insert(0, sys.argv[1])\nfrom small_disk import small_disk\nwith small_disk('size=64k') as d: print(d, flush=True); time.sleep(600)"
+HOLDS = ("import sys, time; sys.path.insert(0, sys.argv[1])\nfrom small_disk import small_disk\n"
+         "with small_disk('size=64k') as d: print(d, flush=True); time.sleep(600)")
 
 
 def mounted(folder):

@@ -26,7 +26,8 @@ from test_durability import patiently  # noqa: E402
 from wire import BUILD, Client, Daemon, crc32c, identity, ring_down, scene_job  # noqa: E402
 
 SECONDS = float(os.environ.get("MODALD_SOAK_SECONDS", 60))
-CONFIG = "result_age_s = 3\ninput_age_s = 3\ntombstone_age_s = 6\nevents_kept = 1024\nqueue_jobs = 1000\n"
+CONFIG = ("result_age_s = 3\ninput_age_s = 3\ntombstone_age_s = 6\nevents_kept = 1024\nqueue_jobs "
+          "= 1000\n")
 FIXED = {"rank.fixed": 2}
 
 
@@ -211,8 +212,12 @@ def test_a_mixed_load_for_a_while_loses_nothing_and_leaks_nothing():
                                            timeout=120).stdout)
         was = {what: typical(samples, what, 0.5, 0.7) for what in samples[0]}
         now = {what: typical(samples, what, 0.8, 1) for what in samples[0]}
-        print(f"\nsoak of {SECONDS:.0f} s: " + ", ".join(f"{load.done} {load.name}" for load in loads) + ", " + ", ".join(f"{n} {what}" for what, n in counts.items())
-              + f"; jobs left {states}; " + ", ".join(f"{what} {was[what]:.0f} -> {now[what]:.0f}" for what in was) + f"; fsck: {len(report['problems'])} problems")
+        print(f"\nsoak of {SECONDS:.0f} s: "
+              + ", ".join(f"{load.done} {load.name}" for load in loads) + ", "
+              + ", ".join(f"{n} {what}" for what, n in counts.items())
+              + f"; jobs left {states}; " + ", ".join(f"{what} {was[what]:.0f} -> {now[what]:.0f}"
+                                                      for what in was)
+              + f"; fsck: {len(report['problems'])} problems")
         assert report["problems"] == []
         assert all(load.done > 3 for load in loads) and counts["kills"] > 0
         ended = sum(load.done for load in loads if load.name not in ("streams", "looks"))

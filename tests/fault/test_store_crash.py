@@ -73,7 +73,8 @@ class Checker:
         self.process.wait()
         self.process.stdout.close()
         for promise, text in PROMISES.items():
-            print(f"{promise} ({text}), {name}: states {self.tried}, violations {len(self.violations[promise])}")
+            print(f"{promise} ({text}), {name}: states {self.tried}, violations "
+                  f"{len(self.violations[promise])}")
         found = [line for lines in self.violations.values() for line in lines]
         assert not found, "\n".join(found[:10])
 

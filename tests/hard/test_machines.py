@@ -125,7 +125,8 @@ def test_the_rotor_moves_as_the_reference_does(tmp_path, frame, name):
 @pytest.mark.parametrize("model", INFLOW)
 @pytest.mark.parametrize("density", DENSITY)
 def test_the_wing_has_the_exponents_of_the_reference_up_to_flutter(tmp_path, model, density):
-    flutter = json.loads((REFERENCE / "wing/flutter_speeds.json").read_text())[density]["flutter"][model]["U_F_ft_s"]
+    flutter = json.loads(
+        (REFERENCE / "wing/flutter_speeds.json").read_text())[density]["flutter"][model]["U_F_ft_s"]
     for row in table(f"wing/{density}_{model}.csv"):
         speed = float(row["U_ft_s"])
         if speed > 1.05 * flutter or speed % 40 > 0:
@@ -148,7 +149,8 @@ def growth(tmp_path, speed, density, model):
 @pytest.mark.parametrize("model", INFLOW)
 @pytest.mark.parametrize("density", DENSITY)
 def test_flutter_speeds_are_the_reference_s(tmp_path, model, density):
-    expected = json.loads((REFERENCE / "wing/flutter_speeds.json").read_text())[density]["flutter"][model]["U_F_ft_s"]
+    expected = json.loads(
+        (REFERENCE / "wing/flutter_speeds.json").read_text())[density]["flutter"][model]["U_F_ft_s"]
     assert (growth(tmp_path, expected - 0.1, DENSITY[density], model) < 0
             < growth(tmp_path, expected + 0.1, DENSITY[density], model))
 

@@ -53,7 +53,9 @@ def test_the_friction_dampers_error_falls_as_its_series_does(tmp_path):
     """A force with corners: k^-4 in the motion's spectrum, so N^-3 in its largest error; corners
     between samples leave N^-2.
     """
-    rows = {r[0]: r[2] for r in regenerate(tmp_path, "friction_damper")["Cameron and Griffin's friction damper: figures 4 to 6"]["rows"]}
+    rows = {r[0]: r[2]
+            for r in regenerate(tmp_path, "friction_damper")["Cameron and Griffin's friction "
+                                                             "damper: figures 4 to 6"]["rows"]}
     assert float(rows["the same with reversals located"]) == pytest.approx(-3, abs=0.15)
     assert -2.5 < float(rows["exponent of the error, N = 64 to 256, sampled (10)"]) < -1.5
     assert (tmp_path / "friction_damper.svg").exists()

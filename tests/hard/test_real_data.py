@@ -88,7 +88,8 @@ def found(row):
 def test_free_decays_reproduce_their_references_within_the_stated_spread(row, capsys):
     hz, damping = found(row)
     with capsys.disabled():
-        print(f"\n{row[0][0]:34s} {row[1]:10.4f} Hz +- {row[2]:<7g} found {hz:10.4f}   {row[3]:13s} {row[4]:8.5f} +- {row[5]:<8g} found {damping:8.5f}", end="")
+        print(f"\n{row[0][0]:34s} {row[1]:10.4f} Hz +- {row[2]:<7g} found {hz:10.4f}   "
+              f"{row[3]:13s} {row[4]:8.5f} +- {row[5]:<8g} found {damping:8.5f}", end="")
     assert abs(hz - row[1]) <= row[2]
     assert abs(damping - row[4]) <= row[5]
 
@@ -127,8 +128,10 @@ def test_what_defaults_give_of_a_file_is_right_or_wrong_as_written(name, capsys)
         mode = near(result, hz)
         found_ = -mode["exponent"][0] if what == "decay" else mode["damping_ratio"]
         with capsys.disabled():
-            print(f"\n{name:34s} {hz:10.4f} Hz +- {hz_spread:<7g} found {mode['frequency_hz']:10.4f} (was {hz_then:10.4f})   "
-                  f"{what:13s} {damping:8.5f} +- {spread:<8g} found {found_:8.5f} (was {damping_then:8.5f})", end="")
+            print(f"\n{name:34s} {hz:10.4f} Hz +- {hz_spread:<7g} found "
+                  f"{mode['frequency_hz']:10.4f} (was {hz_then:10.4f})   "
+                  f"{what:13s} {damping:8.5f} +- {spread:<8g} found {found_:8.5f} (was "
+                  f"{damping_then:8.5f})", end="")
         assert ((abs(mode["frequency_hz"] - hz) <= hz_spread and abs(found_ - damping) <= spread)
                 == right), (hz, mode["frequency_hz"], found_)
 

@@ -195,9 +195,11 @@ def functions_run(scene, tmp_path):
     """Functions that executed at least one instruction, by file and name."""
     file, out = tmp_path / "scene.json", tmp_path / "callgrind.out"
     file.write_text(json.dumps(scene))
-    subprocess.run(["valgrind", "--tool=callgrind", f"--callgrind-out-file={out}", "--compress-strings=no", "--compress-pos=no", CTL, "--local", "--json",
-                    "simulate", file, "-O", tmp_path / "out.h5"], check=True, capture_output=True, env={**os.environ, "OPENBLAS_CORETYPE": "Haswell",
-                                                                                                       "OPENBLAS_NUM_THREADS": "1"})
+    subprocess.run(["valgrind", "--tool=callgrind", f"--callgrind-out-file={out}",
+                    "--compress-strings=no", "--compress-pos=no", CTL, "--local", "--json",
+                    "simulate", file, "-O", tmp_path / "out.h5"], check=True, capture_output=True,
+                   env={**os.environ, "OPENBLAS_CORETYPE": "Haswell",
+                        "OPENBLAS_NUM_THREADS": "1"})
     run_, at = set(), ""
     for line in out.read_text().splitlines():
         if line.startswith(("fl=", "fi=", "fe=")):

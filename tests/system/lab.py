@@ -17,7 +17,9 @@ class Lab:
     def __init__(self, folder, users, config=FAKE, **options):
         self.folder, self.pairs = folder, {}
         self.server = zmq.curve_keypair()
-        self.write(folder / "server.key", f'public-key = "{self.server[0].decode()}"\nsecret-key = "{self.server[1].decode()}"\n')
+        self.write(folder / "server.key",
+                   f'public-key = "{self.server[0].decode()}"\nsecret-key = '
+                   f'"{self.server[1].decode()}"\n')
         for name, rest in users.items():
             self.pairs[name] = zmq.curve_keypair()
         self.users = dict(users)

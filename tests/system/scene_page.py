@@ -1,4 +1,5 @@
-"""modald-scene(5) as its reader has it: structures, effects, loads, sensors, their keys, examples and laws."""
+"""modald-scene(5) as its reader has it: structures, effects, loads, sensors, their keys, examples
+and laws."""
 import json
 import re
 
@@ -20,7 +21,8 @@ class Part:
     def __init__(self, text):
         head, self.law, *lines = text.splitlines()
         self.law = self.law.strip()
-        self.list, self.type, on = re.fullmatch(r'(\w+)(?: of type "(\w+)")?(?: on (.*))?', head).groups()
+        self.list, self.type, on = re.fullmatch(r'(\w+)(?: of type "(\w+)")?(?: on (.*))?',
+                                                head).groups()
         self.structures = on.split(", ") if on else None
         self.keys = [Key(*re.match(r"    (\w+): (.*)", name).groups(), says)
                      for name, says in zip(lines, lines[1:]) if re.match(r"    \w", name)]
@@ -29,7 +31,8 @@ class Part:
         """Keys that are needed and those that the law names, with their examples."""
         made = {"type": self.type}
         for key in self.keys:
-            wanted = (key.needed and (key.unless is None or key.unless not in made)) or re.search(rf"\b{key.name}\b", self.law)
+            wanted = ((key.needed and (key.unless is None or key.unless not in made))
+                      or re.search(rf"\b{key.name}\b", self.law))
             if key.name in given or (wanted and key.name != "type" and key.example is not None):
                 made[key.name] = given.get(key.name, key.example)
         return made
@@ -45,7 +48,8 @@ PAGE = read_page()
 EFFECTS = {p.type: p for p in PAGE if p.list == "effects"}
 STRUCTURES = {p.type: p for p in PAGE if p.list == "structure"}
 LOADS = {p.type: p for p in PAGE if p.list == "excitation"}
-SENSORS = {", ".join(p.structures or ["any"]) + (" by " + p.keys[0].name): p for p in PAGE if p.list == "sensors"}
+SENSORS = {", ".join(p.structures or ["any"]) + (" by " + p.keys[0].name): p for p in PAGE if p.list
+           == "sensors"}
 
 
 # what a law calls; `force`: the function of a lua effect's source

@@ -80,7 +80,8 @@ class Slurm:
             (self.folder / name).mkdir()
         host = socket.gethostname().split(".")[0]
         ctl, *ports = free_ports(1 + nodes)
-        lines = [f"NodeName=n{i + 1} NodeHostname={host} NodeAddr=127.0.0.1 Port={port} CPUs={cpus} "
+        lines = [f"NodeName=n{i + 1} NodeHostname={host} NodeAddr=127.0.0.1 Port={port} "
+                 f"CPUs={cpus} "
                  "RealMemory=500 State=UNKNOWN" for i, port in enumerate(ports)]
         (self.folder / "slurm.conf").write_text(
             CONF.format(d=folder, host=host, ctl=ctl, nodes="\n".join(lines)))

@@ -1,6 +1,8 @@
-"""A stand-in for the daemon's streams, proto/PROTOCOL.md section 11, that a test can stop, hush and bring back.
+"""A stand-in for the daemon's streams, proto/PROTOCOL.md section 11, that a test can stop, hush and
+bring back.
 
-What was acknowledged is kept over `stop` and `start`, as the daemon's disk keeps it; what was not is lost.
+What was acknowledged is kept over `stop` and `start`, as the daemon's disk keeps it; what was not
+is lost.
 """
 import threading
 
@@ -66,7 +68,8 @@ class Peer:
             self.send(peer, "REPLY", {**reply, "version": "MODALD1"})
         elif verb == "EVENTS":
             self.events.append((peer, header["stream"], str(len(self.events))))
-            self.send(peer, "REPLY", {**reply, "subscription": str(len(self.events) - 1), "next": 1})
+            self.send(peer, "REPLY", {**reply, "subscription": str(len(self.events) - 1),
+                                      "next": 1})
         elif verb == "STREAM":
             getattr(self, header["op"])(peer, header, body, reply)
 
@@ -74,36 +77,47 @@ class Peer:
         name = header["name"]
         self.opens[name] = header
         epochs = self.streams.setdefault(name, [Epoch(header["channels"], 0)])
-        self.send(peer, "REPLY", {**reply, "stream": "id-" + name, "name": name, "epoch": len(epochs) - 1, "next": epochs[-1].next, "credit": self.credit})
+        self.send(peer, "REPLY", {**reply, "stream": "id-" + name, "name": name,
+                                  "epoch": len(epochs) - 1, "next": epochs[-1].next,
+                                  "credit": self.credit})
 
     def push(self, peer, header, body, reply):
         name = header["stream"][3:]
         epoch, n = self.streams[name][-1], self.streams[name][-1].channels
-        assert wire.crc32c(body[0]) == header["crc32c"] and len(body[0]) == 8 * n * header["count"] <= 1 << 20
+        assert (wire.crc32c(body[0]) == header["crc32c"] and len(body[0]) == 8 * n * header["count"]
+                <= 1 << 20)
         rows = [body[0][8 * n * i:8 * n * (i + 1)] for i in range(header["count"])]
         if any(epoch.rows.get(header["first"] + i, row) != row for i, row in enumerate(rows)):
-            epoch = Epoch(n, header["first"])                    # other bytes at an index: a new epoch
+            # other bytes at an index: a new epoch
+            epoch = Epoch(n, header["first"])
             self.streams[name].append(epoch)
         if header["first"] > epoch.next:
             epoch.gaps.append([epoch.next, header["first"]])
         epoch.rows.update((header["first"] + i, row) for i, row in enumerate(rows))
-        self.send(peer, "REPLY", {**reply, "stream": header["stream"], "epoch": len(self.streams[name]) - 1, "next": epoch.next, "credit": self.credit})
+        self.send(peer, "REPLY", {**reply, "stream": header["stream"],
+                                  "epoch": len(self.streams[name]) - 1, "next": epoch.next,
+                                  "credit": self.credit})
         for to, subscribed, number in self.events:
             if self.event and subscribed == name:
                 for event in [self.event, *self.behind]:
-                    self.send(to, "EVENT", {"subscription": number, "number": 1, "event": "modes", "stream": name, "to": epoch.next - 1, **event})
+                    self.send(to, "EVENT", {"subscription": number, "number": 1, "event": "modes",
+                                            "stream": name, "to": epoch.next - 1, **event})
 
     def close(self, peer, header, body, reply):
         name = header["stream"][3:]
         self.closes.append((name, header.get("broken", False)))
-        self.send(peer, "REPLY", {**reply, "stream": header["stream"], "samples": len(self.streams[name][-1].rows), "gaps": [], "sha256": "0" * 64})
+        self.send(peer, "REPLY", {**reply, "stream": header["stream"],
+                                  "samples": len(self.streams[name][-1].rows), "gaps": [],
+                                  "sha256": "0" * 64})
 
-    # -- what a test asks -----------------------------------------------------------------------------------------
+    # -- what a test asks
+    # -----------------------------------------------------------------------------------------
 
     def record(self, name, epoch=-1):
         """All rows of an epoch as numbers."""
         kept = self.streams[name][epoch]
-        return np.frombuffer(b"".join(kept.rows[i] for i in sorted(kept.rows)), dtype="<f8").reshape(-1, kept.channels)
+        return np.frombuffer(b"".join(kept.rows[i] for i in sorted(kept.rows)),
+                             dtype="<f8").reshape(-1, kept.channels)
 
     def wait(self, true, seconds=120):
         with self.changed:

@@ -16,7 +16,9 @@ EXAMPLE = BUILD / "examples" / "example_ziegler"
 SEEDS = int(os.environ.get("MODALD_SEEDS", "100"))
 DT, WINDOW, HOP, START = 0.1, 1200, 300, 1e-5
 
-pytestmark = pytest.mark.skipif(not EXAMPLE.exists(), reason="example_ziegler was not built: Debian package libsimbody-dev")
+pytestmark = pytest.mark.skipif(not EXAMPLE.exists(),
+                                reason="example_ziegler was not built: Debian package "
+                                       "libsimbody-dev")
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +73,8 @@ def test_below_the_limit_no_noise_seed_is_ever_said_to_be_unstable(daemon, tmp_p
     assert wrong == []
 
 
-def test_above_the_limit_unstable_is_said_before_the_tip_exceeds_a_hundredth_of_the_length(daemon, tmp_path):
+def test_above_the_limit_unstable_is_said_before_the_tip_exceeds_a_hundredth_of_the_length(
+        daemon, tmp_path):
     y = column(1.60, 3000, tmp_path)
     tip = np.abs(np.sin(y).sum(axis=1))
     for seed in range(SEEDS):

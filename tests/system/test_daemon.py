@@ -60,7 +60,8 @@ def test_a_worker_that_falls_silent_loses_its_lease_and_the_job_runs_elsewhere()
 
 def test_the_children_of_a_killed_worker_are_gone_too(tmp_path):
     script = tmp_path / "parent.sh"
-    script.write_text(f"#!/bin/sh\n[ -e {tmp_path}/child ] || {{ sleep 100 & echo $! > {tmp_path}/child; }}\nexec {HERE / 'fake_worker.py'} \"$@\"\n")
+    script.write_text(f"#!/bin/sh\n[ -e {tmp_path}/child ] || {{ sleep 100 & echo $! > "
+                      f"{tmp_path}/child; }}\nexec {HERE / 'fake_worker.py'} \"$@\"\n")
     script.chmod(0o755)
     with Daemon(config=f"worker_path = {script}\n", workers=1) as d:
         c = d.client()
@@ -99,7 +100,8 @@ def test_the_metrics_file_is_written_whole(tmp_path):
 def test_version_and_check_config(tmp_path):
     assert re.fullmatch(r"modald \d+\.\d+\.\d+\n", run("--version").stdout)
     good, bad = tmp_path / "good", tmp_path / "bad"
-    good.write_text(f"# a comment\ndata = {tmp_path}/d\nbind = \"ipc://{tmp_path}/s\"\nworkers = 3\nresult_bytes = 2G\n")
+    good.write_text(f"# a comment\ndata = {tmp_path}/d\nbind = \"ipc://{tmp_path}/s\"\nworkers = "
+                    "3\nresult_bytes = 2G\n")
     assert run("--config", str(good), "--check-config").returncode == 0
     for line, said in (("workers = many", "workers"), ("wrokers = 3", "wrokers"),
                        ("workers", "key = value"), ("bind = tcp://*:1", "without keys"),
@@ -120,7 +122,8 @@ def in_group(name, gid, tmp_path):
     groups = [line for line in pathlib.Path("/etc/group").read_text().splitlines()
               if line.split(":")[0] != name]
     (tmp_path / "group").write_text("\n".join(groups) + f"\n{name}:x:{gid}:\n")
-    script = f'mount --bind {tmp_path}/group /etc/group && exec setpriv --regid={gid} --clear-groups "$@"'
+    script = (f'mount --bind {tmp_path}/group /etc/group && exec setpriv --regid={gid} '
+              '--clear-groups "$@"')
     return ["unshare", "-m", "sh", "-c", script, "sh"]
 
 

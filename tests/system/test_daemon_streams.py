@@ -1,4 +1,5 @@
-"""Streams in the daemon (PROTOCOL.md, section 11): durable by index, repeats, epochs, gaps, resumption, sealing, live windows."""
+"""Streams in the daemon (PROTOCOL.md, section 11): durable by index, repeats, epochs, gaps,
+resumption, sealing, live windows."""
 # Tests as well: live_windows.c windows.c
 import json
 import math
@@ -20,11 +21,14 @@ def daemon():
 
 
 def rows(first, count, channels=2, factor=1.0):
-    return struct.pack(f"<{count * channels}d", *[factor * math.sin(0.37 * i + ch) for i in range(first, first + count) for ch in range(channels)])
+    return struct.pack(f"<{count * channels}d",
+                       *[factor * math.sin(0.37 * i + ch) for i in range(first, first + count)
+                         for ch in range(channels)])
 
 
 def push(client, stream, epoch, first, data, channels=2):
-    return client.ask("STREAM", [data], op="push", stream=stream, epoch=epoch, first=first, count=len(data) // 8 // channels, crc32c=crc32c(data))
+    return client.ask("STREAM", [data], op="push", stream=stream, epoch=epoch, first=first,
+                      count=len(data) // 8 // channels, crc32c=crc32c(data))
 
 
 def begin(client, name, **more):
@@ -43,7 +47,8 @@ def test_a_pushed_stream_is_sealed_into_the_batch_of_its_samples(client):
     assert closed["sha256"] == identity(at, 2, 0.01, rows(0, at), units="m", names=["a", "b"])
     job = client.ask("SUBMIT", kind="identify", input={"sha256": closed["sha256"]})["job"]
     assert client.ask("WAIT", job=job, timeout_s=250)["state"] == "done"
-    assert client.ask("RESULT", job=job, part="input", offset=160, length=320).body[0] == rows(10, 20)
+    assert client.ask("RESULT", job=job, part="input", offset=160,
+                      length=320).body[0] == rows(10, 20)
     assert client.ask("STREAM", op="close", stream=s["stream"])["sha256"] == closed["sha256"]
     assert push(client, s["stream"], 0, at, rows(at, 1)).code == "conflict"
 
@@ -54,7 +59,8 @@ def test_the_same_index_with_the_same_bytes_is_ignored(client):
     assert push(client, s, 0, 40, rows(40, 30))["next"] == 100
     reply = push(client, s, 0, 90, rows(90, 30))
     assert (reply["next"], reply["epoch"]) == (120, 0)
-    assert client.ask("STREAM", op="close", stream=s)["sha256"] == identity(120, 2, 0.01, rows(0, 120))
+    assert client.ask("STREAM", op="close",
+                      stream=s)["sha256"] == identity(120, 2, 0.01, rows(0, 120))
 
 
 def test_the_same_index_with_other_bytes_begins_an_epoch(client):
@@ -63,19 +69,22 @@ def test_the_same_index_with_other_bytes_begins_an_epoch(client):
     reply = push(client, s, 0, 50, rows(50, 20, factor=-1))
     assert (reply["epoch"], reply["next"]) == (1, 70)
     closed = client.ask("STREAM", op="close", stream=s)
-    assert closed["samples"] == 20 and closed["sha256"] == identity(20, 2, 0.01, rows(50, 20, factor=-1))
+    assert (closed["samples"] == 20 and closed["sha256"]
+            == identity(20, 2, 0.01, rows(50, 20, factor=-1)))
 
 
 def test_samples_of_a_gap_that_come_late_are_refused_and_not_acknowledged_away(client):
     s = begin(client, "late")["stream"]
     assert push(client, s, 0, 0, rows(0, 10)).ok and push(client, s, 0, 20, rows(20, 10)).ok
     late = push(client, s, 0, 12, rows(12, 4))
-    assert (late["error"]["code"], late["error"]["field"], late["error"]["detail"]["expected"]) == ("conflict", "first", 30)
-    assert push(client, s, 0, 0, rows(0, 10))["next"] == 30          # what is there is ignored as ever
+    assert (late["error"]["code"], late["error"]["field"],
+            late["error"]["detail"]["expected"]) == ("conflict", "first", 30)
+    # what is there is ignored as ever
+    assert push(client, s, 0, 0, rows(0, 10))["next"] == 30
     assert client.ask("STREAM", op="close", stream=s)["gaps"] == [[10, 20]]
 
 
-def test_a_checkpoint_from_before_a_restart_of_the_daemon_begins_an_epoch_and_the_same_samples_do_not():
+def test_a_checkpoint_from_before_a_restart_begins_an_epoch_and_the_same_samples_do_not():
     """The daemon has no checksums of its life before: it looks into the file."""
     with Daemon(config=FAKE, workers=1) as d:
         c = d.client()
@@ -86,13 +95,15 @@ def test_a_checkpoint_from_before_a_restart_of_the_daemon_begins_an_epoch_and_th
         c = d.client()
         again = begin(c, "again")
         assert (again["stream"], again["epoch"], again["next"]) == (s, 0, 600)
-        assert push(c, s, 0, 200, rows(200, 300))["epoch"] == 0                  # a repeat over two segments
+        # a repeat over two segments
+        assert push(c, s, 0, 200, rows(200, 300))["epoch"] == 0
         assert push(c, s, 0, 500, rows(500, 300))["next"] == 800                 # half a repeat
         other = push(c, s, 0, 450, rows(450, 60, factor=2.0))
         assert (other["epoch"], other["next"]) == (1, 510)
         assert push(c, s, 1, 510, rows(510, 10, factor=2.0))["next"] == 520
         closed = c.ask("STREAM", op="close", stream=s)
-        assert closed["samples"] == 70 and closed["sha256"] == identity(70, 2, 0.01, rows(450, 70, factor=2.0))
+        assert (closed["samples"] == 70 and closed["sha256"]
+                == identity(70, 2, 0.01, rows(450, 70, factor=2.0)))
 
 
 def test_an_index_beyond_the_next_is_a_gap_that_the_record_shows(client):
@@ -104,7 +115,8 @@ def test_an_index_beyond_the_next_is_a_gap_that_the_record_shows(client):
     job = client.ask("SUBMIT", kind="identify", input={"sha256": closed["sha256"]})["job"]
     client.ask("WAIT", job=job, timeout_s=250)
     part = client.ask("RESULT", job=job, part="input")
-    assert part["batch"]["attributes"]["gaps"] == [[10, 25]] and part["batch"]["attributes"]["broken_off"] is True
+    assert (part["batch"]["attributes"]["gaps"] == [[10, 25]]
+            and part["batch"]["attributes"]["broken_off"] is True)
     assert part.body[0][:160] == rows(0, 10) and part.body[0][400:] == rows(25, 10)
     assert all(math.isnan(x) for x in struct.unpack("<30d", part.body[0][160:400]))
 
@@ -121,14 +133,17 @@ def test_open_again_resumes_at_the_last_acknowledged_sample_after_a_kill():
         again = begin(c, "rig5")
         assert again["stream"] == s and again["next"] == 5000 and again["epoch"] == 0
         assert push(c, s, 0, 4500, rows(4500, 1000))["next"] == 5500
-        assert c.ask("STREAM", op="close", stream=s)["sha256"] == identity(5500, 2, 0.01, rows(0, 5500))
+        assert c.ask("STREAM", op="close",
+                     stream=s)["sha256"] == identity(5500, 2, 0.01, rows(0, 5500))
 
 
-@pytest.mark.parametrize("change, field", [({"crc32c": 5}, "crc32c"), ({"count": 9}, "body"), ({"epoch": 3}, "epoch")])
+@pytest.mark.parametrize("change, field", [({"crc32c": 5}, "crc32c"), ({"count": 9}, "body"),
+                                           ({"epoch": 3}, "epoch")])
 def test_a_wrong_push_names_what_is_wrong_and_harms_nothing(client, change, field):
     s = begin(client, "rig6" + field)["stream"]
     data = rows(0, 10)
-    header = {"op": "push", "stream": s, "epoch": 0, "first": 0, "count": 10, "crc32c": crc32c(data), **change}
+    header = {"op": "push", "stream": s, "epoch": 0, "first": 0, "count": 10,
+              "crc32c": crc32c(data), **change}
     reply = client.ask("STREAM", [data], **header)
     assert reply.code in ("bad_input", "conflict") and reply["error"]["field"] == field
     assert push(client, s, 0, 0, data)["next"] == 10
@@ -141,13 +156,16 @@ def test_a_stream_of_nobody_is_not_found_and_other_channels_conflict(client):
 
 
 def test_live_windows_come_as_numbered_events_with_modes_and_verdict():
-    """x'' + 2 z w x' + w^2 x = 0 sampled: f = 31 / 2 pi Hz, z = 0.02; each window of 200 samples, every 100, must show it."""
+    """x'' + 2 z w x' + w^2 x = 0 sampled: f = 31 / 2 pi Hz, z = 0.02; each window of 200 samples,
+    every 100, must show it."""
     z, w, dt = 0.02, 31.0, 0.01
-    data = [math.exp(-z * w * dt * i) * math.cos(w * math.sqrt(1 - z * z) * dt * i) for i in range(600)]
+    data = [math.exp(-z * w * dt * i) * math.cos(w * math.sqrt(1 - z * z) * dt * i)
+            for i in range(600)]
     with Daemon(workers=1) as d:
         c = d.client()
         assert c.ask("EVENTS", stream="live").ok
-        s = c.ask("STREAM", op="open", name="live", channels=1, dt=dt, window={"samples": 200, "hop": 100, "options": {"rank.fixed": 2}})["stream"]
+        s = c.ask("STREAM", op="open", name="live", channels=1, dt=dt,
+                  window={"samples": 200, "hop": 100, "options": {"rank.fixed": 2}})["stream"]
         events = []
         for at in range(0, 600, 100):
             piece = struct.pack("<100d", *data[at:at + 100])
@@ -159,12 +177,14 @@ def test_live_windows_come_as_numbered_events_with_modes_and_verdict():
                         events.append(reply.header)
         assert [(e["from"], e["to"]) for e in events] == [(k, k + 199) for k in range(0, 500, 100)]
         for e in events:
-            assert e["event"] == "modes" and e["stream"] == "live" and e["stream_id"] == s and e["epoch"] == 0 and e["number"] > 0, e
+            assert (e["event"] == "modes" and e["stream"] == "live" and e["stream_id"] == s
+                    and e["epoch"] == 0 and e["number"] > 0), e
             assert len(e["modes"]) == 1 and e["stability"]["stable"] is True
             flat, mode = ("frequency_hz", "damping_ratio"), e["modes"][0]
             assert e["verdict"] == "stable" and [e[k] for k in flat] == [mode[k] for k in flat]
             assert [e[k + "_std"] for k in flat] == [mode["std"][k] for k in flat]
-            assert abs(e["modes"][0]["frequency_rad_s"] - w) < 1e-6 * w and abs(e["modes"][0]["damping_ratio"] - z) < 1e-6
+            assert (abs(e["modes"][0]["frequency_rad_s"] - w) < 1e-6 * w
+                    and abs(e["modes"][0]["damping_ratio"] - z) < 1e-6)
 
 
 def windows_told(client, until):
@@ -177,47 +197,58 @@ def windows_told(client, until):
     return told
 
 
-def test_streams_that_ask_for_more_windows_than_there_can_be_get_them_in_turn_and_what_is_left_out_is_counted():
-    """Ten streams push 960 samples each as fast as they can; a window of 256 is due every 8, which makes 89 a stream: far more than one worker does
-    meanwhile.  Between two windows of a stream no other has more than two, and told and skipped are the 89.  On the code of before whoever was opened
-    last had all of them, and nothing was counted."""
+def test_streams_that_ask_for_too_many_windows_get_them_in_turn_and_what_is_left_out_is_counted():
+    """Ten streams push 960 samples each as fast as they can; a window of 256 is due every 8, which
+    makes 89 a stream: far more than one worker does meanwhile.  Between two windows of a stream no
+    other has more than two, and told and skipped are the 89.  On the code of before whoever was
+    opened last had all of them, and nothing was counted."""
     streams, samples, window, hop, channels = 10, 960, 256, 8, 4
     due = (samples - window) // hop + 1
     with Daemon(workers=1) as d:
         c, sender = d.client(), d.client()
         assert c.ask("EVENTS", kinds=["modes"]).ok
-        open_ = {f"turn{k}": c.ask("STREAM", op="open", name=f"turn{k}", channels=channels, dt=0.01, window={"samples": window, "hop": hop})["stream"]
+        open_ = {f"turn{k}": c.ask("STREAM", op="open", name=f"turn{k}", channels=channels, dt=0.01,
+                                   window={"samples": window, "hop": hop})["stream"]
                  for k in range(streams)}
         asked = []
         for at in range(0, samples, hop):
             for k, s in enumerate(open_.values()):
                 data = rows(at + 100 * k, hop, channels=channels)
-                asked.append(sender.send("STREAM", [data], op="push", stream=s, epoch=0, first=at, count=hop, crc32c=crc32c(data)))
-            while len(asked) > (0 if at + hop == samples else 400):      # fewer than may wait for one connection
+                asked.append(sender.send("STREAM", [data], op="push", stream=s, epoch=0, first=at,
+                                         count=hop, crc32c=crc32c(data)))
+            # fewer than may wait for one connection
+            while len(asked) > (0 if at + hop == samples else 400):
                 assert sender.answer(asked.pop(0)).ok
-        told = windows_told(c, lambda told: len({e["stream"] for e in told if e["to"] >= samples - 1}) == streams)
+        told = windows_told(c,
+                            lambda told: len({e["stream"] for e in told if e["to"] >= samples - 1})
+                            == streams)
         for name in open_:
             mine = [e for e in told if e["stream"] == name]
             assert sum(1 + e["skipped"] for e in mine) == due
             for one, next_ in zip(mine, mine[1:]):
-                between = [e["stream"] for e in told if one["number"] < e["number"] < next_["number"]]
+                between = [e["stream"] for e in told if one["number"] < e["number"]
+                           < next_["number"]]
                 assert all(between.count(other) <= 2 for other in open_)
         stats = c.ask("STATS")["streams"]
-        assert stats["windows"] == len(told) and stats["skipped"] == sum(e["skipped"] for e in told) == streams * due - len(told)
+        assert (stats["windows"] == len(told) and stats["skipped"]
+                == sum(e["skipped"] for e in told) == streams * due - len(told))
 
 
 def test_jobs_are_done_while_streams_ask_for_more_windows_than_there_can_be():
-    """One worker, and a stream whose windows never end: on the code of before no job began until they did."""
+    """One worker, and a stream whose windows never end: on the code of before no job began until
+    they did."""
     window, hop = 256, 1
     with Daemon(workers=1) as d:
         c, sender = d.client(), d.client()
         assert c.ask("EVENTS", kinds=["modes"]).ok
-        s = [c.ask("STREAM", op="open", name=f"greedy{k}", channels=8, dt=0.01, window={"samples": window, "hop": hop})["stream"] for k in range(3)]
+        s = [c.ask("STREAM", op="open", name=f"greedy{k}", channels=8, dt=0.01,
+                   window={"samples": window, "hop": hop})["stream"] for k in range(3)]
         job = None
         for at in range(0, 4096, 8):
             for one in s:
                 data = rows(at, 8, channels=8)
-                assert sender.ask("STREAM", [data], op="push", stream=one, epoch=0, first=at, count=8, crc32c=crc32c(data)).ok
+                assert sender.ask("STREAM", [data], op="push", stream=one, epoch=0, first=at,
+                                  count=8, crc32c=crc32c(data)).ok
             if at == 512:
                 job = submit(sender)["job"]
             if job is not None and sender.ask("STATUS", job=job)["state"] == "done":
@@ -227,13 +258,15 @@ def test_jobs_are_done_while_streams_ask_for_more_windows_than_there_can_be():
 
 
 def test_windows_go_on_after_a_restart_from_the_samples_that_are_durable():
-    """A window of 64 every 16 of 1,000 samples, killed at 500 with samples in between: the first window after it begins in those from before, and no window
-    that was due is untold but those counted.  On the code of before 64 new samples had to come."""
+    """A window of 64 every 16 of 1,000 samples, killed at 500 with samples in between: the first
+    window after it begins in those from before, and no window that was due is untold but those
+    counted.  On the code of before 64 new samples had to come."""
     window, hop, kill, end = 64, 16, 500, 520
     with Daemon(workers=1) as d:
         c = d.client()
         assert c.ask("EVENTS", kinds=["modes"]).ok
-        s = c.ask("STREAM", op="open", name="again", channels=2, dt=0.01, window={"samples": window, "hop": hop})["stream"]
+        s = c.ask("STREAM", op="open", name="again", channels=2, dt=0.01,
+                  window={"samples": window, "hop": hop})["stream"]
         for at in range(0, kill, 20):
             assert push(c, s, 0, at, rows(at, 20)).ok
         before = windows_told(c, lambda told: told and told[-1]["to"] >= kill - 1 - hop)
@@ -241,7 +274,8 @@ def test_windows_go_on_after_a_restart_from_the_samples_that_are_durable():
         d.start()
         c = d.client()
         assert c.ask("EVENTS", kinds=["modes"], **{"from": 1}).ok
-        assert c.ask("STREAM", op="open", name="again", channels=2, dt=0.01, window={"samples": window, "hop": hop})["next"] == kill
+        assert c.ask("STREAM", op="open", name="again", channels=2, dt=0.01,
+                     window={"samples": window, "hop": hop})["next"] == kill
         assert push(c, s, 0, kill, rows(kill, end - kill)).ok
         told = windows_told(c, lambda told: told and told[-1]["to"] >= end - 1)
         first = told[len(before)]
@@ -250,14 +284,16 @@ def test_windows_go_on_after_a_restart_from_the_samples_that_are_durable():
 
 
 def decays(samples, dt, seed):
-    """Three modes in three channels, amplitudes and phases without a pattern, white noise 40 dB below."""
+    """Three modes in three channels, amplitudes and phases without a pattern, white noise 40 dB
+    below."""
     import numpy as np
     rng, t = np.random.default_rng(seed), np.arange(samples) * dt
     y = np.zeros((samples, 3))
     for f, z in ((1.0, 2e-4), (2.3, 1e-4), (4.1, 1e-4)):
         w = 2 * np.pi * f
         for c in range(3):
-            y[:, c] += rng.uniform(0.4, 1) * np.exp(-z * w * t) * np.cos(w * np.sqrt(1 - z * z) * t + rng.uniform(0, 6))
+            y[:, c] += rng.uniform(0.4, 1) * np.exp(-z * w * t) * np.cos(w * np.sqrt(1 - z * z) * t
+                                                                         + rng.uniform(0, 6))
     return y + 0.01 * np.sqrt(np.mean(y * y)) * rng.standard_normal(y.shape)
 
 
@@ -265,7 +301,8 @@ def live_events(d, name, y, dt, window, hop):
     """The events of a stream pushed hop by hop, each waited for."""
     c, events = d.client(), []
     assert c.ask("EVENTS", stream=name).ok
-    s = c.ask("STREAM", op="open", name=name, channels=y.shape[1], dt=dt, window={"samples": window, "hop": hop})["stream"]
+    s = c.ask("STREAM", op="open", name=name, channels=y.shape[1], dt=dt,
+              window={"samples": window, "hop": hop})["stream"]
     for at in range(0, len(y), hop):
         push(c, s, 0, at, y[at:at + hop].tobytes(), channels=y.shape[1])
         while at + hop >= window and len(events) < (at + hop - window) // hop + 1:
@@ -278,7 +315,8 @@ def live_events(d, name, y, dt, window, hop):
 
 @pytest.mark.parametrize("workers", [1, 3])
 def test_a_live_result_is_the_batch_job_on_the_same_window(workers, tmp_path):
-    """To 1e-9, as PROTOCOL.md says; and all but the first come from an update, whichever worker is free."""
+    """To 1e-9, as PROTOCOL.md says; and all but the first come from an update, whichever worker is
+    free."""
     import subprocess
     from conftest import BUILD, write_batch
     dt, window, hop = 0.05, 1000, 200
@@ -288,37 +326,54 @@ def test_a_live_result_is_the_batch_job_on_the_same_window(workers, tmp_path):
     assert [e["update"]["updated"] for e in events] == [False] + [True] * 8
     for e in events[::3]:
         file = write_batch(tmp_path / f"{e['from']}.h5", y[e["from"]:e["to"] + 1], dt=dt)
-        batch = json.loads(subprocess.run([str(BUILD / "bin" / "modalctl"), "--local", "--json", "identify", str(file)], capture_output=True, check=True).stdout)
-        assert len(e["modes"]) == len(batch["modes"]) == 3 and e["stability"]["stable"] == batch["stability"]["stable"]
+        batch = json.loads(subprocess.run([str(BUILD / "bin" / "modalctl"), "--local", "--json",
+                                           "identify", str(file)], capture_output=True,
+                                          check=True).stdout)
+        assert (len(e["modes"]) == len(batch["modes"]) == 3 and e["stability"]["stable"]
+                == batch["stability"]["stable"])
         for ours, theirs in zip(e["modes"], batch["modes"]):
-            for key in ("frequency_hz", "frequency_rad_s", "damped_frequency_rad_s", "damping_ratio", "amplitude"):
+            for key in ("frequency_hz", "frequency_rad_s", "damped_frequency_rad_s",
+                        "damping_ratio", "amplitude"):
                 assert ours[key] == pytest.approx(theirs[key], rel=1e-9, abs=0)
-            for a, b in zip(ours["exponent"] + ours["multiplier"], theirs["exponent"] + theirs["multiplier"]):
+            for a, b in zip(ours["exponent"] + ours["multiplier"],
+                            theirs["exponent"] + theirs["multiplier"]):
                 assert a == pytest.approx(b, rel=1e-9, abs=0)
 
 
 @pytest.mark.parametrize("stream, window, field", [
-    ({}, {}, "window.samples"), ({}, {"samples": 7}, "window.samples"), ({}, {"samples": 20.5}, "window.samples"), ({}, {"samples": "x"}, "window.samples"),
-    ({}, {"samples": 131073}, "window.samples"), ({}, {"samples": 20, "periods": 1}, "window.samples"), ({}, {"samples": 20, "hop": 0}, "window.hop"),
-    ({}, {"samples": 20, "hop": 0.5}, "window.hop"), ({}, {"samples": 20, "misspelt": 1}, "window.misspelt"), ({}, {"samples": 20, "options": 3}, "window.options"),
+    ({}, {}, "window.samples"), ({}, {"samples": 7}, "window.samples"),
+    ({}, {"samples": 20.5}, "window.samples"), ({}, {"samples": "x"}, "window.samples"),
+    ({}, {"samples": 131073}, "window.samples"),
+    ({}, {"samples": 20, "periods": 1}, "window.samples"),
+    ({}, {"samples": 20, "hop": 0}, "window.hop"),
+    ({}, {"samples": 20, "hop": 0.5}, "window.hop"),
+    ({}, {"samples": 20, "misspelt": 1}, "window.misspelt"),
+    ({}, {"samples": 20, "options": 3}, "window.options"),
     ({}, {"periods": 3}, "window.periods"), ({"period": 0.03}, {"periods": 20}, "window.periods"),
-    ({"period": 0.3, "dt": 1.0}, {"periods": 100, "hop": 1}, "window.hop"), ({"period": 1e300, "dt": 1e-300}, {"periods": 2}, "window.periods"),
-    ({"period": 1e300, "dt": 1e-300}, {"periods": 0}, "window.periods"), ({"period": 1.0, "dt": 1e-9}, {"periods": 1e6}, "window.periods")])
+    ({"period": 0.3, "dt": 1.0}, {"periods": 100, "hop": 1}, "window.hop"),
+    ({"period": 1e300, "dt": 1e-300}, {"periods": 2}, "window.periods"),
+    ({"period": 1e300, "dt": 1e-300}, {"periods": 0}, "window.periods"),
+    ({"period": 1.0, "dt": 1e-9}, {"periods": 1e6}, "window.periods")])
 def test_a_window_that_cannot_be_kept_is_refused_by_its_member(client, stream, window, field):
-    """A hop that rounds to no sample would never move on, a length beyond 2^64 bytes would be none."""
-    reply = client.ask("STREAM", op="open", name="window", channels=1, **{"dt": 0.1, **stream}, window=window)
-    assert reply.code in ("bad_input", "too_large") and reply["error"]["field"] == field and "accepted" in reply["error"]["message"], reply
+    """A hop that rounds to no sample would never move on, a length beyond 2^64 bytes would be
+    none."""
+    reply = client.ask("STREAM", op="open", name="window", channels=1, **{"dt": 0.1, **stream},
+                       window=window)
+    assert (reply.code in ("bad_input", "too_large") and reply["error"]["field"] == field
+            and "accepted" in reply["error"]["message"]), reply
 
 
 def test_a_gap_costs_no_memory_and_none_makes_a_batch_that_no_input_may_be():
-    """The limit input_bytes holds for what a stream seals; 10^8 samples of 4 bytes of checksum each would be 400 MB."""
+    """The limit input_bytes holds for what a stream seals; 10^8 samples of 4 bytes of checksum each
+    would be 400 MB."""
     with Daemon(workers=0, config="input_bytes = 900000000\n") as d:
         c = d.client()
         s = c.ask("STREAM", op="open", name="gap", channels=1, dt=0.01)["stream"]
         piece = struct.pack("<20d", *range(20))
         assert push(c, s, 0, 0, piece, channels=1).ok
         refused = push(c, s, 0, 2**50, piece, channels=1)
-        assert refused.code == "too_large" and refused["error"]["field"] == "first" and "accepted" in refused["error"]["message"]
+        assert (refused.code == "too_large" and refused["error"]["field"] == "first"
+                and "accepted" in refused["error"]["message"])
         reply = push(c, s, 0, 10**8, piece, channels=1)
         assert reply.ok and reply["next"] == 10**8 + 20
         again = push(c, s, 0, 10**8, piece, channels=1)
@@ -357,7 +412,8 @@ def test_a_gap_is_paid_for_like_the_samples_it_stands_for_and_stays_so_over_a_re
         closed = c.ask("STREAM", op="close", stream=s)
         assert closed["samples"] == 100002 and closed["gaps"] == [[2, 100001]]
         assert c.ask("WHOAMI")["used"]["bytes"] == 8 * 100002
-        assert sum(path.stat().st_size for path in (d.folder / "data" / "spool").iterdir()) < 1 << 20
+        assert sum(path.stat().st_size
+                   for path in (d.folder / "data" / "spool").iterdir()) < 1 << 20
 
 
 def test_an_epoch_that_is_given_up_gives_back_what_its_gaps_cost(tmp_path):
@@ -381,26 +437,31 @@ def test_gaps_are_at_most_64_mib_or_as_long_as_what_was_sent_where_users_have_ke
             return push(c, s, 0, first, sample, channels=8192)
         assert at(0).ok
         over = at(1 + most + 1)
-        assert over.code == "too_large" and over["error"]["field"] == "first" and over["error"]["detail"]["expected"] == 1, over
-        assert f"samples 1 to {most + 1} would be missing" in over["error"]["message"] and "67108864" in over["error"]["message"]
+        assert (over.code == "too_large" and over["error"]["field"] == "first"
+                and over["error"]["detail"]["expected"] == 1), over
+        assert (f"samples 1 to {most + 1} would be missing" in over["error"]["message"]
+                and "67108864" in over["error"]["message"])
         assert at(1).ok and at(2 + most).ok, "the limit itself"
         assert at(2 + most + 2).code == "too_large", "the sum of all counts"
         assert at(3 + most).ok and c.ask("STREAM", op="close", stream=s)["samples"] == most + 4
 
 
 def test_a_gap_counts_for_the_rate_of_uploads_but_waits_for_none(tmp_path):
-    """As many bytes as it stands for would take two seconds at 4 MiB a second: the gap passes at once, what comes next does not."""
+    """As many bytes as it stands for would take two seconds at 4 MiB a second: the gap passes at
+    once, what comes next does not."""
     lab = gap_lab(tmp_path, "upload_bytes_s=4M")
     with lab.daemon:
         c = lab.client("ann")
         s = c.ask("STREAM", op="open", name="gap", channels=1, dt=0.1)["stream"]
         assert one(c, s, 0).ok and one(c, s, 3 << 20).ok
         later = one(c, s, (3 << 20) + 1)
-        assert later.code == "quota" and later["error"]["detail"]["limit"] == "upload_bytes_s" and later["error"]["detail"]["retry_after_s"] > 3, later
+        assert (later.code == "quota" and later["error"]["detail"]["limit"] == "upload_bytes_s"
+                and later["error"]["detail"]["retry_after_s"] > 3), later
 
 
 def test_samples_that_wait_to_be_compared_are_no_gap(tmp_path):
-    """A run taken up from its beginning after a restart, in one go: 100 kB is all it has ever taken of its 128."""
+    """A run taken up from its beginning after a restart, in one go: 100 kB is all it has ever taken
+    of its 128."""
     lab = gap_lab(tmp_path, "bytes=128k")
     with lab.daemon as d:
         c = lab.client("ann")
@@ -411,7 +472,8 @@ def test_samples_that_wait_to_be_compared_are_no_gap(tmp_path):
         d.kill()
         d.start()
         c = lab.client("ann")
-        sent = [c.send("STREAM", [part], op="push", stream=s, epoch=0, first=1000 * k, count=1000, crc32c=crc32c(part)) for k, part in enumerate(parts)]
+        sent = [c.send("STREAM", [part], op="push", stream=s, epoch=0, first=1000 * k, count=1000,
+                       crc32c=crc32c(part)) for k, part in enumerate(parts)]
         for number in sent:
             assert c.answer(number).ok
         closed = c.ask("STREAM", op="close", stream=s)
@@ -421,30 +483,36 @@ def test_samples_that_wait_to_be_compared_are_no_gap(tmp_path):
 def test_many_gaps_are_counted_and_the_first_told_so_that_answers_and_jobs_fit_a_header(client):
     s = client.ask("STREAM", op="open", name="holes", channels=1, dt=0.1)["stream"]
     one = struct.pack("<d", 1.5)
-    for number in [client.send("STREAM", [one], op="push", stream=s, epoch=0, first=2 * k, count=1, crc32c=crc32c(one)) for k in range(600)]:
+    for number in [client.send("STREAM", [one], op="push", stream=s, epoch=0, first=2 * k, count=1,
+                               crc32c=crc32c(one)) for k in range(600)]:
         assert client.answer(number).ok
     closed = client.ask("STREAM", op="close", stream=s)
-    assert closed["gaps"] == [[2 * k + 1, 2 * k + 2] for k in range(256)] and closed["gap_count"] == 599 and closed["samples"] == 1199
+    assert (closed["gaps"] == [[2 * k + 1, 2 * k + 2] for k in range(256)] and closed["gap_count"]
+            == 599 and closed["samples"] == 1199)
     assert len(json.dumps(closed.header)) < 16384
     job = client.ask("SUBMIT", kind="identify", input={"sha256": closed["sha256"]})["job"]
     assert client.ask("WAIT", job=job, timeout_s=250)["state"] == "done"
 
 
 def test_a_window_that_kills_three_workers_is_told_of_and_the_next_goes_on():
-    """PROTOCOL.md, section 13: three times at most; who watches sees worker_died in place of modes, not silence."""
+    """PROTOCOL.md, section 13: three times at most; who watches sees worker_died in place of modes,
+    not silence."""
     fake = pathlib.Path(__file__).resolve().parent / "fake_worker.py"
     with Daemon(workers=1, config=f"worker_path = {fake}\n") as d:
         c = d.client()
         assert c.ask("EVENTS", stream="bad").ok
-        s = c.ask("STREAM", op="open", name="bad", channels=1, dt=0.1, window={"samples": 20, "hop": 10, "options": {"die": True}})["stream"]
+        s = c.ask("STREAM", op="open", name="bad", channels=1, dt=0.1,
+                  window={"samples": 20, "hop": 10, "options": {"die": True}})["stream"]
         seen = []
         for at in (0, 10, 20):
-            push(c, s, 0, at, struct.pack("<10d", *[math.sin(k) for k in range(at, at + 10)]), channels=1)
+            push(c, s, 0, at, struct.pack("<10d", *[math.sin(k) for k in range(at, at + 10)]),
+                 channels=1)
             while at >= 10 and len(seen) < at // 10:
                 reply = c.early.pop(0) if c.early else c.receive()
                 if reply.verb == "EVENT":
                     seen.append(reply.header)
-        assert [(e["from"], e["to"], e["error"]["code"]) for e in seen] == [(0, 19, "worker_died"), (10, 29, "worker_died")]
+        assert [(e["from"], e["to"], e["error"]["code"])
+                for e in seen] == [(0, 19, "worker_died"), (10, 29, "worker_died")]
         assert all("modes" not in e and e["number"] > 0 for e in seen)
         assert c.ask("STATS")["workers"]["deaths"] == 6
 
@@ -457,7 +525,8 @@ def test_a_worker_killed_between_windows_costs_one_found_from_nothing():
     with Daemon(workers=1) as d:
         c, events = d.client(), []
         assert c.ask("EVENTS", stream="killed").ok
-        s = c.ask("STREAM", op="open", name="killed", channels=3, dt=dt, window={"samples": window, "hop": hop})["stream"]
+        s = c.ask("STREAM", op="open", name="killed", channels=3, dt=dt,
+                  window={"samples": window, "hop": hop})["stream"]
         for at in range(0, 1200, hop):
             push(c, s, 0, at, y[at:at + hop].tobytes(), channels=3)
             while at + hop >= window and len(events) < (at + hop - window) // hop + 1:
@@ -467,38 +536,48 @@ def test_a_worker_killed_between_windows_costs_one_found_from_nothing():
             if at == 800:
                 for pid in d.children():
                     os.kill(pid, signal.SIGKILL)
-        assert [e["update"]["updated"] for e in events] == [False, True, True, True, False, True, True]
+        assert [e["update"]["updated"] for e in events] == [False, True, True, True, False, True,
+                                                            True]
         assert all(len(e["modes"]) == 3 for e in events)
 
 
 def alarms_of(events):
-    return [(e["number"], e["from"], e["rule"], e["state"]) for e in events if e["event"] == "alarm"]
+    return [(e["number"], e["from"], e["rule"], e["state"]) for e in events if e["event"]
+            == "alarm"]
 
 
 def test_alarms_are_numbered_events_behind_their_window_and_are_replayed_after_a_restart():
-    """0.3 Hz at zeta 0.002 from the start, 1.1 Hz that grows from sample 400 on, in noise: windows of 200 every 100, dt 0.1."""
+    """0.3 Hz at zeta 0.002 from the start, 1.1 Hz that grows from sample 400 on, in noise: windows
+    of 200 every 100, dt 0.1."""
     import numpy as np
     rng, t, window, hop = np.random.default_rng(5), np.arange(1400) * 0.1, 200, 100
     late = np.where(t >= 40, t - 40, 0)
-    y = np.exp(-0.002 * 2 * np.pi * 0.3 * t) * np.cos(2 * np.pi * 0.3 * t) + 0.3 * (t >= 40) * np.exp(0.01 * late) * np.sin(2 * np.pi * 1.1 * late)
+    y = (np.exp(-0.002 * 2 * np.pi * 0.3 * t) * np.cos(2 * np.pi * 0.3 * t) + 0.3 * (t >= 40)
+         * np.exp(0.01 * late) * np.sin(2 * np.pi * 1.1 * late))
     y = (y + 0.005 * rng.standard_normal(len(t))).reshape(-1, 1)
     with Daemon(workers=1) as d:
         c, events = d.client(), []
         assert c.ask("EVENTS", stream="alarmed").ok
         rules = {"damping_below": 0.005, "growth": True, "new_mode": True}
-        s = c.ask("STREAM", op="open", name="alarmed", channels=1, dt=0.1, window={"samples": window, "hop": hop, "alarms": rules})["stream"]
+        s = c.ask("STREAM", op="open", name="alarmed", channels=1, dt=0.1,
+                  window={"samples": window, "hop": hop, "alarms": rules})["stream"]
         for at in range(0, len(y), hop):
             push(c, s, 0, at, y[at:at + hop].tobytes(), channels=1)
-            while at + hop >= window and sum(e["event"] == "modes" for e in events) < (at + hop - window) // hop + 1:
+            while at + hop >= window and sum(e["event"] == "modes"
+                                             for e in events) < (at + hop - window) // hop + 1:
                 reply = c.early.pop(0) if c.early else c.receive()
                 if reply.verb == "EVENT":
                     events.append(reply.header)
-        assert [e["number"] for e in events] == list(range(events[0]["number"], events[0]["number"] + len(events)))
+        assert ([e["number"] for e in events]
+                == list(range(events[0]["number"], events[0]["number"] + len(events))))
         told = alarms_of(events)
         low = next(a for a in told if a[2] == "damping_below")
-        assert low[1] == 200 and low[3] == "raised"                           # counts in the third window
-        assert sum(a[2] == "new_mode" for a in told) == 1 and 500 <= next(a for a in told if a[2] == "new_mode")[1] <= 700
-        assert [a[3] for a in told if a[2] == "growth"] == ["raised"] and 300 <= next(a for a in told if a[2] == "growth")[1] <= 800
+        # counts in the third window
+        assert low[1] == 200 and low[3] == "raised"
+        assert (sum(a[2] == "new_mode" for a in told) == 1
+                and 500 <= next(a for a in told if a[2] == "new_mode")[1] <= 700)
+        assert ([a[3] for a in told if a[2] == "growth"] == ["raised"]
+                and 300 <= next(a for a in told if a[2] == "growth")[1] <= 800)
         d.kill()
         d.start()
         again, c = [], d.client()
@@ -507,7 +586,9 @@ def test_alarms_are_numbered_events_behind_their_window_and_are_replayed_after_a
             reply = c.early.pop(0) if c.early else c.receive()
             if reply.verb == "EVENT":
                 again.append(reply.header)
-        assert [{**e, "subscription": 0} for e in again] == [{**e, "subscription": 0} for e in events]       # to the time
+        # to the time
+        assert [{**e, "subscription": 0} for e in again] == [{**e, "subscription": 0}
+                                                             for e in events]
 
 
 def track_of(event, hz):
@@ -517,17 +598,21 @@ def track_of(event, hz):
     return mode["track"]
 
 
-def test_a_mode_keeps_its_track_when_its_index_changes_and_the_daemon_is_killed_and_a_new_one_is_born():
-    """0.3 Hz decays past 1.1 Hz, so that their order changes; 2.3 Hz begins at sample 800.  Noise a thousandth, windows of 200 every 100, dt 0.1."""
+def test_a_mode_keeps_its_track_when_its_index_changes_the_daemon_is_killed_and_one_is_born():
+    """0.3 Hz decays past 1.1 Hz, so that their order changes; 2.3 Hz begins at sample 800.  Noise a
+    thousandth, windows of 200 every 100, dt 0.1."""
     import numpy as np
     rng, t, window, hop = np.random.default_rng(8), np.arange(1600) * 0.1, 200, 100
     late = np.where(t >= 80, t - 80, 0)
-    y = np.exp(-0.02 * 2 * np.pi * 0.3 * t) * np.cos(2 * np.pi * 0.3 * t) + 0.3 * np.exp(-0.003 * t) * np.cos(2 * np.pi * 1.1 * t)
-    y = (y + (t >= 80) * np.exp(-0.003 * late) * np.sin(2 * np.pi * 2.3 * late) + 0.001 * rng.standard_normal(len(t))).reshape(-1, 1)
+    y = (np.exp(-0.02 * 2 * np.pi * 0.3 * t) * np.cos(2 * np.pi * 0.3 * t)
+         + 0.3 * np.exp(-0.003 * t) * np.cos(2 * np.pi * 1.1 * t))
+    y = (y + (t >= 80) * np.exp(-0.003 * late) * np.sin(2 * np.pi * 2.3 * late)
+         + 0.001 * rng.standard_normal(len(t))).reshape(-1, 1)
     with Daemon(workers=1) as d:
         c, events = d.client(), []
         assert c.ask("EVENTS", stream="tracked").ok
-        s = c.ask("STREAM", op="open", name="tracked", channels=1, dt=0.1, window={"samples": window, "hop": hop})["stream"]
+        s = c.ask("STREAM", op="open", name="tracked", channels=1, dt=0.1,
+                  window={"samples": window, "hop": hop})["stream"]
         for at in range(0, len(y), hop):
             if at in (500, 1200):
                 c.close()
@@ -537,8 +622,10 @@ def test_a_mode_keeps_its_track_when_its_index_changes_and_the_daemon_is_killed_
                 assert c.ask("EVENTS", stream="tracked").ok
             push(c, s, 0, at, y[at:at + hop].tobytes(), channels=1)
             # windows go on once as many samples are there again as one has
-            due = at + hop >= window and not any(at + hop < began + window for began in (500, 1200) if at >= began)
-            while due and not any(e["event"] == "modes" and e["to"] == at + hop - 1 for e in events):
+            due = at + hop >= window and not any(at + hop < began + window for began in (500, 1200)
+                                                 if at >= began)
+            while due and not any(e["event"] == "modes" and e["to"] == at + hop - 1
+                                  for e in events):
                 reply = c.early.pop(0) if c.early else c.receive()
                 if reply.verb == "EVENT":
                     events.append(reply.header)
@@ -546,16 +633,20 @@ def test_a_mode_keeps_its_track_when_its_index_changes_and_the_daemon_is_killed_
             events.append((c.early.pop(0) if c.early else c.receive()).header)
         told = [e for e in events if e["event"] == "modes"]
         assert all(len({m["track"] for m in e["modes"]}) == len(e["modes"]) for e in told)
-        steady = [e for e in told if e["to"] < 800 or e["from"] >= 800]         # in between a window shows what none is
+        # in between a window shows what none is
+        steady = [e for e in told if e["to"] < 800 or e["from"] >= 800]
         assert {track_of(e, 1.1) for e in steady} == {track_of(told[0], 1.1)}
         early = [e for e in told if e["to"] < 600]
         assert {track_of(e, 0.3) for e in early} == {track_of(told[0], 0.3)}
-        first = [min(range(len(e["modes"])), key=lambda i: abs(e["modes"][i]["frequency_hz"] - 1.1)) for e in steady]
-        assert len(set(first)) > 1                                             # the index does change
+        first = [min(range(len(e["modes"])), key=lambda i: abs(e["modes"][i]["frequency_hz"] - 1.1))
+                 for e in steady]
+        # the index does change
+        assert len(set(first)) > 1
         new = {track_of(e, 2.3) for e in told if e["from"] >= 800}
         assert len(new) == 1 and not new & {m["track"] for e in early for m in e["modes"]}
         born = [e for e in events if e["event"] == "track" and e["track"] in new]
-        assert [e["state"] for e in born][:1] == ["born"] and abs(born[0]["frequency_hz"] - 2.3) < 0.05 and born[0]["stream_id"] == s
+        assert ([e["state"] for e in born][:1] == ["born"] and abs(born[0]["frequency_hz"] - 2.3)
+                < 0.05 and born[0]["stream_id"] == s)
         only = d.client()
         assert only.ask("EVENTS", stream="tracked", kinds=["track"], **{"from": 1}).ok
         assert (only.early.pop(0) if only.early else only.receive()).header["event"] == "track"
@@ -564,19 +655,23 @@ def test_a_mode_keeps_its_track_when_its_index_changes_and_the_daemon_is_killed_
 
 
 def test_exact_growth_in_three_modes_is_unstable_in_every_window():
-    """Each grows by 0.15 per second in windows of 6 s, without noise: what fits to rounding needs no other proof."""
+    """Each grows by 0.15 per second in windows of 6 s, without noise: what fits to rounding needs
+    no other proof."""
     import numpy as np
     t = np.arange(600) * 0.025
-    y = sum(np.exp(0.15 * t) * np.cos(2 * np.pi * f * t + f) for f in (1.0, 1.61, 2.22)).reshape(-1, 1)
+    y = sum(np.exp(0.15 * t) * np.cos(2 * np.pi * f * t + f)
+            for f in (1.0, 1.61, 2.22)).reshape(-1, 1)
     with Daemon(workers=1) as d:
         events = live_events(d, "grows", y, 0.025, 240, 60)
         assert len(events) == 7 and [e["verdict"] for e in events] == ["unstable"] * 7
 
 
 def test_alarm_rules_that_are_none_are_refused_by_name(client):
-    bad = client.ask("STREAM", op="open", name="rig-alarm", channels=1, dt=0.1, window={"samples": 200, "alarms": {"damping": 0.1}})
+    bad = client.ask("STREAM", op="open", name="rig-alarm", channels=1, dt=0.1,
+                     window={"samples": 200, "alarms": {"damping": 0.1}})
     assert bad.code == "bad_input" and bad["error"]["field"] == "window.alarms.damping"
-    bad = client.ask("STREAM", op="open", name="rig-alarm", channels=1, dt=0.1, window={"samples": 200, "alarms": {"damping_below": 7}})
+    bad = client.ask("STREAM", op="open", name="rig-alarm", channels=1, dt=0.1,
+                     window={"samples": 200, "alarms": {"damping_below": 7}})
     assert bad.code == "bad_input" and bad["error"]["field"] == "window.alarms.damping_below"
 
 
@@ -589,13 +684,15 @@ def test_a_subscriber_is_told_the_kinds_of_events_that_it_asked_for_live_and_in_
 
         for kinds, ear in ears.items():
             hear(ear, kinds)
-        s = c.ask("STREAM", op="open", name="live", channels=1, dt=0.05, window={"samples": 100})["stream"]
+        s = c.ask("STREAM", op="open", name="live", channels=1, dt=0.05,
+                  window={"samples": 100})["stream"]
         data = struct.pack("<100d", *(math.exp(-0.02 * k) * math.cos(0.4 * k) for k in range(100)))
         assert push(c, s, 0, 0, data, channels=1).ok
         assert ears["modes",].receive()["event"] == "modes"
         c.ask("WAIT", job=submit(c)["job"], timeout_s=20)
         told = [ears["state", "alarm"].receive() for _ in range(3)]
-        assert [t["event"] for t in told] == ["state"] * 3 and [t["state"] for t in told] == ["queued", "running", "done"]
+        assert ([t["event"] for t in told] == ["state"] * 3 and [t["state"] for t in told]
+                == ["queued", "running", "done"])
         numbered = [t for t in (ears[()].receive() for _ in range(4)) if "number" in t.header]
         assert [t["event"] for t in numbered] == ["modes", "state", "state", "state"]
         again = d.client()

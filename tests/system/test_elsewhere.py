@@ -238,7 +238,8 @@ def test_the_vectors_of_workers_are_answered_as_they_say_and_meet_their_schemas(
         assert answer.verb == vector["answer"], vector["name"]
         jsonschema.validate(answer.header, schemas[answer.verb])
         if answer.verb == "NO":
-            assert (answer["error"]["code"], answer["error"]["field"]) == (vector["code"], vector["field"])
+            assert (answer["error"]["code"],
+                    answer["error"]["field"]) == (vector["code"], vector["field"])
         if vector.get("code") == "bad_input":
             with pytest.raises(jsonschema.ValidationError):
                 jsonschema.validate(header, schemas["JOIN"])
@@ -273,7 +274,8 @@ def test_a_worker_cannot_name_anothers_job_or_attempt(site):
     ann = it.client("ann")
     jobs = [submit(ann, phase=p)["job"] for p in (0.1, 0.2)]
     (_, one), (_, two) = good.run(), bad.run()
-    for of in (one, {**two, "attempt": 2}, {**one, "attempt": 2}, {"job": "00000000", "attempt": 1}):
+    for of in (one, {**two, "attempt": 2}, {**one, "attempt": 2},
+               {"job": "00000000", "attempt": 1}):
         bad.say("DONE", [b'{"by":"bad"}'], cpu_s=0, **of)
         bad.say("RELEASE", why="drain", **of)
         bad.say("FAILED", cpu_s=0, error={"code": "internal", "message": "bad"}, **of)
@@ -309,7 +311,8 @@ def test_a_large_input_is_pulled_in_pieces_with_their_checksums(site):
         ann.submit("identify", data)
         run, of = hand.run()
         told = run["input"]
-        assert (told["samples"], told["channels"]) == (3000, 60) and told["pull"] is True and "file" not in told
+        assert ((told["samples"], told["channels"]) == (3000, 60) and told["pull"] is True
+                and "file" not in told)
         assert told["crc32c"] == crc32c(raw) and told["sha256"] == identity(3000, 60, 0.01, raw)
         got = bytearray(len(raw))
         for at in range(0, len(raw), 1 << 20):
@@ -322,8 +325,10 @@ def test_a_large_input_is_pulled_in_pieces_with_their_checksums(site):
 
 
 @pytest.mark.parametrize("pulls", [
-    [{"offset": 0, "length": 0}], [{"offset": 0, "length": (1 << 20) + 1}], [{"offset": -1, "length": 1}],
-    [{"offset": 1439993, "length": 8}], [{"offset": 2 ** 53, "length": 1 << 20}], [{"offset": 0.5, "length": 1}],
+    [{"offset": 0, "length": 0}], [{"offset": 0, "length": (1 << 20) + 1}],
+    [{"offset": -1, "length": 1}],
+    [{"offset": 1439993, "length": 8}], [{"offset": 2 ** 53, "length": 1 << 20}],
+    [{"offset": 0.5, "length": 1}],
     [{"length": 1}], [{"offset": 0, "length": 1 << 20}] * 64])
 def test_who_pulls_what_is_not_there_or_past_his_credit_is_stopped(site, pulls):
     it = site()
@@ -443,7 +448,8 @@ def test_a_running_job_says_who_has_it_and_where(site):
     assert "worker" not in ann.ask("WAIT", job=job, timeout_s=200).header
 
 
-# ---- live windows ---------------------------------------------------------------------------------
+# ---- live windows
+# ---------------------------------------------------------------------------------
 
 class Rig:
     """A stream of ann's, and what is told of it."""
@@ -494,7 +500,8 @@ def test_live_windows_of_a_real_worker_elsewhere_are_those_of_one_here(site):
         for _ in range(4):
             rig.push()
             told.append(rig.told())
-        answers.append([[(m["frequency_hz"], m["damping_ratio"], m["track"]) for m in event["modes"]]
+        answers.append([[(m["frequency_hz"], m["damping_ratio"], m["track"])
+                         for m in event["modes"]]
                         for event in told])
         assert [event["update"]["updated"] for event in told] == [False, True, True, True]
         it.end()
@@ -605,7 +612,8 @@ def test_the_last_words_of_a_real_worker_reach_the_daemon_whatever_ends_it(site)
     assert words.endswith('the pool said "no"\n?[31mred\nmodald-worker: ended by signal 06\n')
     line = next(line for line in it.daemon.text().splitlines() if "event=worker_exit" in line)
     assert len(line) < 1300 and "ended by signal 06" in line and "\x1b" not in line
-    assert it.said(worker).endswith("ended by signal 06\n") and it.said(worker).count("x") >= 200_000
+    assert (it.said(worker).endswith("ended by signal 06\n") and it.said(worker).count("x")
+            >= 200_000)
 
 
 @unwatched
@@ -624,7 +632,7 @@ def test_what_a_worker_said_before_stands_ahead_of_what_it_dies_of(site):
     assert words == "a warning of long ago\nmodald-worker: ended by signal 11\n"
 
 
-def test_a_silent_worker_is_lost_no_sooner_than_after_three_seconds_and_what_it_says_later_is_not_believed(site):
+def test_a_silent_worker_is_lost_after_three_seconds_and_what_it_says_later_is_not_believed(site):
     it = site()
     ann = it.client("ann")
     hand = it.hand(beats=False)
@@ -719,7 +727,8 @@ def test_a_key_file_that_others_can_read_is_no_key_file(site):
     it = site()
     path = pathlib.Path(it.keyfile("wes"))
     path.chmod(0o644)
-    done = subprocess.run([WORKER, "--connect", it.port, "--keyfile", str(path)], capture_output=True,
+    done = subprocess.run([WORKER, "--connect", it.port, "--keyfile", str(path)],
+                          capture_output=True,
                           text=True)
     assert done.returncode == 2 and "0600" in done.stderr
 

@@ -1,5 +1,6 @@
-"""identify -o response=forced against scipy's simulation: its errors against the Cramer-Rao bound, computed here from
-derivatives of that simulation; what it says of records that are none; what it refuses.
+"""identify -o response=forced against scipy's simulation: its errors against the Cramer-Rao bound,
+computed here from derivatives of that simulation; what it says of records that are none; what it
+refuses.
 """
 import json
 
@@ -14,16 +15,19 @@ FORCED = ("-o", "response=forced", "-o", "inputs=force")
 
 
 class System:
-    """Two modes, two responses to one force, on exact steps of a force that is straight between samples.
+    """Two modes, two responses to one force, on exact steps of a force that is straight between
+    samples.
 
-    p: two frequencies, two damping ratios, the responses' weights of displacement and velocity of each mode (complex
-    shapes, of which the system's own are the real ones), the initial state, the direct terms.
+    p: two frequencies, two damping ratios, the responses' weights of displacement and velocity of
+    each mode (complex shapes, of which the system's own are the real ones), the initial state, the
+    direct terms.
     """
 
     def __init__(self, seed, noise=0.03):
         rng = np.random.default_rng(seed)
         self.p = np.concatenate([[6, 6 * rng.uniform(1.02, 3)], 10 ** rng.uniform(-2.3, -1.3, 2),
-                                 (rng.standard_normal((4, 1)) * [1, 0]).ravel(), rng.standard_normal(4) * 0.05,
+                                 (rng.standard_normal((4, 1)) * [1, 0]).ravel(),
+                                 rng.standard_normal(4) * 0.05,
                                  rng.standard_normal(2)])
         t = np.arange(SAMPLES) * DT
         kind = seed % 3
@@ -52,13 +56,15 @@ class System:
         return signal.lsim(system, self.u, np.arange(SAMPLES) * DT, X0=x0)[1]
 
     def bound(self):
-        """Of both frequencies and both damping ratios; an offset in each response is unknown too."""
+        """Of both frequencies and both damping ratios; an offset in each response is unknown
+        too."""
         columns = []
         for j in range(len(self.p)):
             step = 1e-6 * max(1, abs(self.p[j]))
             d = np.zeros_like(self.p)
             d[j] = step
-            columns.append(((self.simulate(self.p + d) - self.simulate(self.p - d)) / (2 * step) / self.sigma).T.ravel())
+            columns.append(((self.simulate(self.p + d) - self.simulate(self.p - d)) / (2 * step)
+                            / self.sigma).T.ravel())
         for i in range(2):
             columns.append(np.repeat(np.eye(2)[i], SAMPLES))
         J = np.array(columns).T
@@ -66,16 +72,19 @@ class System:
         return (np.sqrt(np.diag(np.linalg.inv((J / size).T @ (J / size)))) / size)[:4]
 
     def write(self, path):
-        return write_batch(path, np.column_stack([self.u, self.y]), dt=DT, channels=["force", "a", "b"])
+        return write_batch(path, np.column_stack([self.u, self.y]), dt=DT,
+                           channels=["force", "a", "b"])
 
 
 def test_frequency_and_damping_are_at_the_bound_with_errors_that_cover(ctl, tmp_path):
-    """Of 30 records with 4 values each the mean square over the bound has a standard deviation of 0.13."""
+    """Of 30 records with 4 values each the mean square over the bound has a standard deviation of
+    0.13."""
     ratios, within = [], []
     for seed in range(30):
         s = System(seed)
         said = ctl("identify", s.write(tmp_path / "a.h5"), *FORCED)
-        assert said.status == 0 and said.document["response"] == "forced" and len(said.document["modes"]) == 2
+        assert (said.status == 0 and said.document["response"] == "forced"
+                and len(said.document["modes"]) == 2)
         modes = sorted(said.document["modes"], key=lambda m: m["frequency_hz"])
         got = [m["frequency_hz"] for m in modes] + [m["damping_ratio"] for m in modes]
         std = [m["std"]["frequency_hz"] for m in modes] + [m["std"]["damping_ratio"] for m in modes]
@@ -101,15 +110,20 @@ def test_without_noise_the_systems_own_numbers_come_back(ctl, tmp_path):
 
 
 def test_a_lag_of_first_order_is_one_real_exponent_beside_the_mode(ctl, tmp_path):
-    """1/(0.05 s + 1) + 1/(s^2/400 + s/1000 + 1): the exponent is -20, and the mode is not disturbed."""
+    """1/(0.05 s + 1) + 1/(s^2/400 + s/1000 + 1): the exponent is -20, and the mode is not
+    disturbed."""
     rng = np.random.default_rng(2)
     t, u = np.arange(2000) * DT, rng.standard_normal(2000)
-    y = sum(signal.lsim(signal.TransferFunction([1], below), u, t)[1] for below in ([0.05, 1], [1 / 400, 1 / 1000, 1]))
+    y = sum(signal.lsim(signal.TransferFunction([1], below), u, t)[1]
+            for below in ([0.05, 1], [1 / 400, 1 / 1000, 1]))
     y += rng.standard_normal(2000) * 0.02
-    said = ctl("identify", write_batch(tmp_path / "a.h5", np.column_stack([u, y]), dt=DT, channels=["force", "a"]), *FORCED).document
+    said = ctl("identify", write_batch(tmp_path / "a.h5", np.column_stack([u, y]), dt=DT,
+                                       channels=["force", "a"]), *FORCED).document
     mode, lag = said["modes"]
-    assert said["stability"]["stable"] is True and [d["code"] for d in said["diagnostics"]] == ["broad_poles"]
-    assert lag["exponent"][1] == 0 and abs(lag["exponent"][0] + 20) < 4 * lag["std"]["exponent"][0] < 1
+    assert (said["stability"]["stable"] is True and [d["code"] for d in said["diagnostics"]]
+            == ["broad_poles"])
+    assert (lag["exponent"][1] == 0 and abs(lag["exponent"][0] + 20) < 4 * lag["std"]["exponent"][0]
+            < 1)
     assert abs(mode["frequency_hz"] - 10 / np.pi) < 4 * mode["std"]["frequency_hz"]
     assert abs(mode["damping_ratio"] - 0.01) < 4 * mode["std"]["damping_ratio"]
 
@@ -119,13 +133,16 @@ def test_an_unstable_system_that_is_driven_is_unstable(ctl, tmp_path):
     t, u = np.arange(2000) * DT, rng.standard_normal(2000)
     y = signal.lsim(signal.TransferFunction([100], [1, -0.1, 100]), u, t)[1]
     y += rng.standard_normal(2000) * 0.01 * y.std()
-    said = ctl("identify", write_batch(tmp_path / "a.h5", np.column_stack([u, y]), dt=DT, channels=["force", "a"]), *FORCED).document
-    assert said["stability"]["stable"] is False and said["modes"][0]["damping_ratio"] == pytest.approx(-0.005, rel=0.01)
+    said = ctl("identify", write_batch(tmp_path / "a.h5", np.column_stack([u, y]), dt=DT,
+                                       channels=["force", "a"]), *FORCED).document
+    assert (said["stability"]["stable"] is False and said["modes"][0]["damping_ratio"]
+            == pytest.approx(-0.005, rel=0.01))
 
 
 def test_frequency_responses_are_scipys_within_errors_that_cover(ctl, tmp_path):
-    """Of a complex error, over the standard deviation of its modulus, the mean square is 1 whatever its shape is; 20 records
-    of four curves are 40 or so independent numbers.  The truth is that of the samples: steps of a force that is straight.
+    """Of a complex error, over the standard deviation of its modulus, the mean square is 1 whatever
+    its shape is; 20 records of four curves are 40 or so independent numbers.  The truth is that of
+    the samples: steps of a force that is straight.
     """
     squares = []
     for seed in range(20):
@@ -135,11 +152,13 @@ def test_frequency_responses_are_scipys_within_errors_that_cover(ctl, tmp_path):
         hertz = np.array(frf["frequency_hz"])
         assert np.all(np.diff(hertz) > 0) and np.min(np.abs(hertz - s.p[0])) < 0.01 * s.p[0]
         discrete = signal.cont2discrete(s.matrices(s.p)[:4], DT, method="foh")
-        truth = np.array([discrete[2] @ np.linalg.solve(z * np.eye(4) - discrete[0], discrete[1]) + discrete[3]
+        truth = np.array([discrete[2] @ np.linalg.solve(z * np.eye(4) - discrete[0], discrete[1])
+                          + discrete[3]
                           for z in np.exp(2j * np.pi * hertz * DT)])[:, :, 0]
         within = hertz < 25 if seed % 3 == 1 else hertz > 0                 # where the sweep was
         for i, curve in enumerate(frf["curves"]):
-            error = np.abs(np.array(curve["value"]) @ [1, 1j] - truth[:, i]) / np.array(curve["std"])
+            error = np.abs(np.array(curve["value"]) @ [1, 1j]
+                           - truth[:, i]) / np.array(curve["std"])
             squares.append(np.mean(error[within] ** 2))
     assert 0.6 < np.mean(squares) < 1.5
 
@@ -164,15 +183,19 @@ def test_a_free_response_says_so_and_counts_no_cycles(ctl, tmp_path):
     (["response=forced", "inputs=force,a,b"], "inputs", "at least one must be a response"),
     (["response=forced", "inputs=force", "signals=force,a"], "signals", "is an input too"),
     (["response=forced", "inputs=force", "rank.fixed=3"], "rank.fixed", "two a pair"),
-    (["response=forced", "inputs=force", "target.error=0.1"], "target.error", "says nothing of response=forced"),
-    (["response=forced", "inputs=force", "window=auto"], "window", "accepted with response=forced: T0,T1"),
+    (["response=forced", "inputs=force", "target.error=0.1"], "target.error",
+     "says nothing of response=forced"),
+    (["response=forced", "inputs=force", "window=auto"], "window",
+     "accepted with response=forced: T0,T1"),
 ])
 def test_what_cannot_be_asked_is_refused_with_what_can(ctl, tmp_path, options, field, words):
     more = [word for option in options for word in ("-o", option)]
     said = ctl("identify", System(0).write(tmp_path / "a.h5"), *more)
-    assert said.status == 2 and said.document["error"]["field"] == field and words in said.document["error"]["message"]
+    assert (said.status == 2 and said.document["error"]["field"] == field
+            and words in said.document["error"]["message"])
 
 
 def test_a_tradeoff_of_forced_responses_is_refused(ctl, tmp_path):
     said = ctl("tradeoff", "identify", System(0).write(tmp_path / "a.h5"), *FORCED)
-    assert said.status == 2 and said.document["error"]["field"] == "response", json.dumps(said.document)
+    assert (said.status == 2 and said.document["error"]["field"]
+            == "response"), json.dumps(said.document)

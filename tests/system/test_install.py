@@ -14,7 +14,8 @@ from conftest import BUILD, TOP, environment
 # for the build that is shipped.
 shipped = pytest.mark.skipif(b"__asan_init" in (BUILD / "bin" / "modalctl").read_bytes(),
                              reason="a build with sanitizers is not installed")
-PAGES = ["clients/ctl/modalctl.1", "systemd/modald.8", "systemd/modald-worker.8", "clients/slurm/modald-slurm.8",
+PAGES = ["clients/ctl/modalctl.1", "systemd/modald.8", "systemd/modald-worker.8",
+         "clients/slurm/modald-slurm.8",
          "systemd/modald-web.8",
          "clients/c/modald_stream.3", "clients/c/examples/modald-rosco-bridge.1",
          "clients/c/examples/modald-mbdyn-listener.1"]
@@ -45,7 +46,8 @@ def test_everything_is_where_debian_expects_it(installed):
                  "lib/sysusers.d/modald.conf", "lib/tmpfiles.d/modald.conf",
                  "share/man/man1/modalctl.1", "share/man/man8/modald.8",
                  "share/man/man8/modald-worker.8", "share/man/man8/modald-slurm.8",
-                 "bin/modald-slurm", "lib/systemd/system/modald-slurm@.service", "share/man/man3/modald_stream.3",
+                 "bin/modald-slurm", "lib/systemd/system/modald-slurm@.service",
+                 "share/man/man3/modald_stream.3",
                  "share/man/man8/modald-web.8", "sbin/modald-web",
                  "lib/systemd/system/modald-web.service",
                  "share/man/man5/modald-scene.5", "share/man/man5/modald-result.5",
@@ -97,7 +99,11 @@ int main(void) { sparse_lu_free(NULL); puts("linked"); return 0; }
 def test_libmodal_is_usable_alone(installed, tmp_path):
     source = '''#include <stdio.h>
 #include "base/error.h"
-int main(void) { puts(modal_status_code(MODAL_BAD_INPUT)); return modal_status_exit(MODAL_TIMEOUT); }
+int main(void)
+{
+    puts(modal_status_code(MODAL_BAD_INPUT));
+    return modal_status_exit(MODAL_TIMEOUT);
+}
 '''
     done = compile_and_run(installed, tmp_path, ".c", source, "modal", ["cc", "-std=c11"])
     assert done.stdout == "bad_input\n" and done.returncode == 5
@@ -110,10 +116,24 @@ def test_the_client_headers_serve_old_c_and_cpp(suffix, compiler, installed, tmp
     if shutil.which(compiler[0]) is None:
         pytest.skip(f"no {compiler[0]}")
     stream = '''#include "modald_stream.h"
-int main(void) { double y[2] = { 1, 2 }; modald_stream *s = modald_open("a", 2, 0.1); modald_push(s, y); modald_close(s); return modald_verdict(s); }
+int main(void)
+{
+    double y[2] = { 1, 2 };
+    modald_stream *s = modald_open("a", 2, 0.1);
+    modald_push(s, y);
+    modald_close(s);
+    return modald_verdict(s);
+}
 '''
     client = '''#include "modald.h"
-int main(void) { struct modald *m = 0; struct modald_error e; int status = modald_connect("nonsense", 0, &m, &e); modald_disconnect(m); return status; }
+int main(void)
+{
+    struct modald *m = 0;
+    struct modald_error e;
+    int status = modald_connect("nonsense", 0, &m, &e);
+    modald_disconnect(m);
+    return status;
+}
 '''
     assert (compile_and_run(installed, tmp_path, suffix, stream, "modald-stream",
                             compiler).returncode == 0)
@@ -216,12 +236,14 @@ def test_the_page_s_manual_shows_an_installed_picture_in_html_and_names_it_elsew
         pytest.skip("no groff that writes HTML: the package groff")
 
     def shown(device):
-        return subprocess.run(["groff", f"-T{device}", "-P-l" if device == "html" else "-P-c", "-man",
+        return subprocess.run(["groff", f"-T{device}", "-P-l" if device == "html" else "-P-c",
+                               "-man",
                                "-ww", str(installed / "share/man/man8/modald-web.8")],
                               capture_output=True, text=True, check=True).stdout
     picture = re.search(r'<img src="file:///usr/(\S+\.png)" alt="[^"]+">', shown("html"))[1]
     assert (installed / picture).read_bytes().startswith(b"\x89PNG")
-    assert re.sub(".\b", "", shown("ascii")).count(f"/usr/{picture}") == 2 and "<img" not in shown("ascii")
+    assert (re.sub(".\b", "", shown("ascii")).count(f"/usr/{picture}") == 2
+            and "<img" not in shown("ascii"))
 
 
 def test_the_daemons_options_stand_in_its_man_page():
@@ -283,7 +305,8 @@ def test_the_examples_are_built_by_pkg_config_from_what_is_installed(installed, 
 def test_the_installed_python_client_finds_the_library_that_was_installed_with_it(installed,
                                                                                   tmp_path):
     package = next(installed.glob("lib/python3*/dist-packages"))
-    text = "import modald\nwith modald.stream('x', 1, 0.1) as s: s.push([[1.0], [2.0]]); print(s.report.pushed, modald.streaming._load()._name)"
+    text = ("import modald\nwith modald.stream('x', 1, 0.1) as s: s.push([[1.0], [2.0]]); "
+            "print(s.report.pushed, modald.streaming._load()._name)")
     env = {k: v for k, v in environment(PYTHONPATH=package, MODALD_URL=f"ipc://{tmp_path}/nobody",
                                         MODALD_SPILL=tmp_path, MODALD_CLOSE_WAIT="0.1").items()
            if k not in ("MODALD_BUILD", "LD_LIBRARY_PATH")}
@@ -310,7 +333,8 @@ _modalctl; printf '%s\\n' "${{COMPREPLY[@]}}"'''
 
 
 def in_zsh(line):
-    """Its builtins for completion work in its line editor alone: here they say what they are given."""
+    """Its builtins for completion work in its line editor alone: here they say what they are
+    given."""
     words = line.split(" ")
     return f'''compadd() {{ [[ $1 == -S ]] && shift 2; [[ $1 == -- ]] && shift
 for one in $@; do [[ $one == {words[-1]}* ]] && print -r -- $one; done; true }}

@@ -58,7 +58,8 @@ def test_an_open_stream_and_the_record_of_a_closed_one_are_listed_the_newest_fir
         assert names(listed) == [("quiet", "open"), ("rig7", "open"), ("rig7", "sealed")]
         assert listed["next"] is None
         _, live, kept = listed["streams"]
-        assert (live["stream"], live["samples"], live["channels"], live["dt"]) == (second, 100, 2, DT)
+        assert (live["stream"], live["samples"], live["channels"],
+                live["dt"]) == (second, 100, 2, DT)
         assert (kept["sha256"], kept["samples"]) == (sealed, ROWS)
         assert "verdict" not in live and 0 < kept["kept_s"] <= 86400
         assert names(page(client, name="quiet")) == [("quiet", "open")]
@@ -246,7 +247,8 @@ def test_a_record_without_a_window_has_no_verdict_and_what_was_noted_goes_with_t
             return ledger.execute("SELECT topic, name FROM notes").fetchall()
     with Daemon(folder=tmp_path, config=FAKE + "input_age_s = 1\n") as d:
         until(lambda: page(d.client())["streams"] == [], "records stay")
-        until(lambda: noted() == [], "notes stay")        # a record is told no more before it is gone
+        # a record is told no more before it is gone
+        until(lambda: noted() == [], "notes stay")
 
 
 def test_export_of_a_file_to_a_missing_folder_is_bad_input_by_its_field(tmp_path, ctl):

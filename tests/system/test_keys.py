@@ -97,8 +97,10 @@ def test_the_jobs_of_another_are_an_admins_to_list(lab):
     assert [j["job"] for j in json.loads(eva.ask("LIST", user="ann").body[0])["jobs"]] == [job]
     assert json.loads(eva.ask("LIST").body[0])["jobs"] == []
     assert [j["job"] for j in json.loads(ann.ask("LIST", user="ann").body[0])["jobs"]] == [job]
-    assert ben.ask("LIST", user="ann").header["error"] == {**ben.ask("LIST", user="nobody").header["error"]}
-    assert ben.ask("LIST", user="ann").code == "denied" and eva.ask("LIST", user="nobody").code == "not_found"
+    assert ben.ask("LIST",
+                   user="ann").header["error"] == {**ben.ask("LIST", user="nobody").header["error"]}
+    assert (ben.ask("LIST", user="ann").code == "denied" and eva.ask("LIST", user="nobody").code
+            == "not_found")
 
 
 def test_a_revoked_key_is_denied_from_the_reload_on(lab):
@@ -196,7 +198,9 @@ def test_a_stream_beyond_the_upload_rate_has_no_hole(lab, tmp_path):
     """Pushes behind one that was refused are refused with it: the record is the log."""
     it = lab({"ann": "ann submit upload_bytes_s=1500000"})
     public, secret = (key.decode() for key in it.pairs["ann"])
-    it.write(tmp_path / "mine", f'public-key = "{public}"\nsecret-key = "{secret}"\nserver-key = "{it.server[0].decode()}"\n')
+    it.write(tmp_path / "mine",
+             f'public-key = "{public}"\nsecret-key = "{secret}"\nserver-key = '
+             f'"{it.server[0].decode()}"\n')
     done = subprocess.run([str(BUILD / "examples" / "example_loop"), "fast", "200000"],
                           capture_output=True, timeout=PATIENCE,
                           env=environment(MODALD_URL=it.daemon.endpoint,
@@ -332,7 +336,8 @@ def test_a_user_with_10_jobs_waits_no_longer_than_his_fair_share(lab):
     meanwhile = sum(begin < doc["started"] < end
                     for doc in json.loads(ann.ask("LIST", state="done",
                                                   limit=1000).body[0])["jobs"])
-    print(f"\nfair share: the last of the second user's 10 jobs started {end - begin:.2f} s after it came, while {meanwhile} of the first's 10000 did")
+    print(f"\nfair share: the last of the second user's 10 jobs started {end - begin:.2f} s after "
+          f"it came, while {meanwhile} of the first's 10000 did")
     # 10 by the shares, and what one quantum and the waiting let through
     assert meanwhile <= 25
 

@@ -109,7 +109,8 @@ def test_a_table_is_linear_between_its_points_and_0_outside(lists, tmp_path):
 
 def test_noise_has_the_printed_density_and_is_linear_between_its_values(tmp_path):
     part, dt = LOADS["noise"], 0.01
-    density, = (text.removeprefix("of density ") for text in part.law.replace("; ", ", ").split(", ")
+    density, = (text.removeprefix("of density ")
+                for text in part.law.replace("; ", ", ").split(", ")
                 if text.startswith("of density"))
     assert "linear between values each dt" in part.law
     load = part.build(dof="x1", corner=20, start=0)
@@ -154,7 +155,8 @@ def net_force(y, plane):
 def test_a_load_on_a_shaft_keeps_its_direction_on_the_axes_it_names(frame, tmp_path):
     load = LOADS["half_sine"].build(dof="y1", start=0.01, frame=frame)
     t, y = record(tmp_path, {"structure": {**SHAFT, "speed": SPEED}, "excitation": [load],
-                             "sensors": accelerations("fixed"), "time": {"dt": 5e-4, "duration": 0.1}})
+                             "sensors": accelerations("fixed"),
+                             "time": {"dt": 5e-4, "duration": 0.1}})
     p, turned = law_of(load)[0](t), SPEED * t * (frame == "rotating")
     assert net_force(y, "y") == pytest.approx(p * np.cos(turned), abs=1e-7 * p.max())
     assert net_force(y, "z") == pytest.approx(p * np.sin(turned), abs=1e-7 * p.max())
@@ -229,7 +231,8 @@ def test_a_sensor_reads_a_dof_and_its_rates_and_names_its_channel(tmp_path):
     assert SENSORS["any by dof"].law == "x, x' or x'' of a dof"
     w, x0, v0 = 11.0, 0.3, -2.0
     body = {"type": "chain", "masses": [MASS], "springs": [MASS * w**2, 0]}
-    read = [{"dof": "x1", "derivative": n} for n in (1, 2)] + [{"dof": "x1"}, {"dof": "x1", "name": "gauge"}]
+    read = [{"dof": "x1", "derivative": n}
+            for n in (1, 2)] + [{"dof": "x1"}, {"dof": "x1", "name": "gauge"}]
     t, y = record(tmp_path, {"structure": body, "initial": {"x": {"x1": x0}, "v": {"x1": v0}},
                              "sensors": read, "time": {"dt": 0.003, "duration": 2}})
     x = x0 * np.cos(w * t) + v0 / w * np.sin(w * t)
@@ -241,7 +244,8 @@ def test_a_sensor_reads_a_dof_and_its_rates_and_names_its_channel(tmp_path):
 @pytest.mark.parametrize("own, frames", [("rotating", ["rotating", "fixed"]), ("fixed", ["fixed"])])
 def test_a_sensor_on_a_shaft_reads_on_the_axes_it_names(own, frames, tmp_path):
     """A free shaft flies straight on fixed axes; e2, e3 turn from e2 to e3."""
-    assert SENSORS["shaft by dof"].law == "a dof or a coordinate without mass, on turning or on fixed axes"
+    assert (SENSORS["shaft by dof"].law
+            == "a dof or a coordinate without mass, on turning or on fixed axes")
     place, velocity = np.array([0.02, -0.01]), np.array([0.5, 0.7])
     relative = velocity - (own == "rotating") * SPEED * np.array([-place[1], place[0]])
     start = {key: {f"{c}{i}": float(u) for c, u in zip("yz", of) for i in NODES}
@@ -305,7 +309,8 @@ BEND, TWIST = ((0.01, 0.002), (0.02, -0.004, 0.0003)), ((0.5, -0.03), (-0.3, 0.1
 def flown(tmp_path, air, dt=1e-4, duration=0.05):
     """The record at every station: lift, moment, w, phi and their rates, arrays station by time."""
     x, v = (bent(tmp_path, *of)[0] for of in (BEND, TWIST))
-    read = [{"station": s, "quantity": q} for q in ("lift", "moment") for s in range(len(stations()[0]))]
+    read = [{"station": s, "quantity": q} for q in ("lift", "moment")
+            for s in range(len(stations()[0]))]
     read += [{"position": y, "quantity": q, "derivative": n, "name": f"{q}{n} {s}"}
              for q in ("w", "phi") for n in range(3) for s, y in enumerate(stations()[0])]
     t, y = record(tmp_path, {"structure": WING, "effects": [air], "sensors": read,
@@ -326,7 +331,8 @@ def symbols(air):
     defined = dict(text.split(" = ") for text in law[2].split(", "))
     for name in ("b", "e", "h", "A"):
         names[name] = evaluate(defined[name], **names)
-    return law[0].removeprefix("per length up "), law[1].removeprefix("nose-up "), defined["Lc"], names
+    return (law[0].removeprefix("per length up "), law[1].removeprefix("nose-up "), defined["Lc"],
+            names)
 
 
 def wash(rows, names, law):
@@ -346,7 +352,8 @@ def circulatory(air, rows):
     _, _, _, names = symbols(air)
     lift, moment = expected_loads(air, rows, 0)
     Lc = rows["lift"] - lift
-    assert rows["moment"] - moment == pytest.approx(-air["x_qc"] * Lc, abs=1e-9 * np.abs(rows["moment"]).max())
+    assert rows["moment"] - moment == pytest.approx(-air["x_qc"] * Lc,
+                                                    abs=1e-9 * np.abs(rows["moment"]).max())
     return Lc, names["a0"] * names["rho"] * names["U"] * names["b"]
 
 
@@ -369,7 +376,8 @@ def test_the_wing_is_read_at_a_place_along_the_span(tmp_path):
 
 
 def test_a_station_reads_the_printed_lift_and_moment(tmp_path):
-    assert SENSORS["wing by station"].law == "what the airloads put on a station, a Gauss point of the span"
+    assert (SENSORS["wing by station"].law
+            == "what the airloads put on a station, a Gauss point of the span")
     t, rows = flown(tmp_path, AIR)
     _, _, law, names = symbols(AIR)
     Lc = names["a0"] * names["rho"] * names["U"] * names["b"] * wash(rows, names, law)
@@ -379,7 +387,8 @@ def test_a_station_reads_the_printed_lift_and_moment(tmp_path):
 
 
 def ritz(air, count=8):
-    """M, C, K of polynomials over the span, of the printed T and V; the air's added at its stations."""
+    """M, C, K of polynomials over the span, of the printed T and V; the air's added at its
+    stations."""
     L, series = WING["length"], np.polynomial.Legendre
     legendre, up = [series.basis(i, [0, L]) for i in range(count)], series([0.5, 0.5], [0, L])
     w, phi = [up * up * p for p in legendre], [up * p for p in legendre]
@@ -392,17 +401,20 @@ def ritz(air, count=8):
     none = np.zeros((count, count))
     M = np.block([[m * over(w, w), -m * x_cg * over(w, phi)],
                   [-m * x_cg * over(phi, w), WING["I_rho"] * over(phi, phi)]])
-    K = np.block([[WING["EI"] * over(second, second), none], [none, WING["GJ"] * over(first, first)]])
+    K = np.block([[WING["EI"] * over(second, second), none],
+                  [none, WING["GJ"] * over(first, first)]])
     C = np.zeros_like(M)
     if air is None:
         return M, C, K
     _, _, law, names = symbols(air)
     steady = names["a0"] * names["rho"] * names["U"] * names["b"]
     for y, weight in zip(*stations(air["stations"])):
-        rw, rp = np.array([p(y) for p in w] + [0] * count), np.array([0] * count + [p(y) for p in phi])
+        rw, rp = (np.array([p(y) for p in w] + [0] * count),
+                  np.array([0] * count + [p(y) for p in phi]))
         for n, matrix in enumerate((K, C, M)):
             zero = np.zeros(2 * count)
-            rows = {f"{q}{k}": (r if k == n else zero) for q, r in (("w", rw), ("phi", rp)) for k in range(3)}
+            rows = {f"{q}{k}": (r if k == n else zero) for q, r in (("w", rw), ("phi", rp))
+                    for k in range(3)}
             lift, moment = expected_loads(air, rows, steady * wash(rows, names, law))
             matrix -= weight * (np.outer(rw, lift) + np.outer(rp, moment))
     return M, C, K
@@ -411,7 +423,8 @@ def ritz(air, count=8):
 # so many stations that they are the integral along the span to either shape
 @pytest.mark.parametrize("air", [None, AIR | {"stations": 64}], ids=["still", "stream"])
 def test_a_wing_has_the_exponents_of_the_printed_energies_and_airloads(air, tmp_path):
-    answer = run(tmp_path, "floquet", {"structure": {**WING, "elements": 24}, "effects": [air] if air else []},
+    answer = run(tmp_path, "floquet",
+                 {"structure": {**WING, "elements": 24}, "effects": [air] if air else []},
                  "-o", "hill=false")
     M, C, K = ritz(air)
     none, one = np.zeros_like(M), np.eye(len(M))
@@ -419,7 +432,8 @@ def test_a_wing_has_the_exponents_of_the_printed_energies_and_airloads(air, tmp_
 
     def lowest(of):
         return np.array(sorted((z for z in of if z.imag > 0), key=abs)[:5])
-    assert lowest(complex(*z) for z in answer["exponents"]) == pytest.approx(lowest(values), rel=1e-4)
+    assert lowest(complex(*z)
+                  for z in answer["exponents"]) == pytest.approx(lowest(values), rel=1e-4)
 
 
 def wagner(air):
@@ -434,7 +448,8 @@ def delayed(air, t, v):
     """Duhamel's integral of the printed function, rates of v constant over a step."""
     law = wagner(air)
     middle = law((t[:-1] + t[1:]) / 2)
-    return np.array([row[0] * law(t) + np.concatenate([[0], np.convolve(np.diff(row), middle)[:len(t) - 1]])
+    return np.array([row[0] * law(t)
+                     + np.concatenate([[0], np.convolve(np.diff(row), middle)[:len(t) - 1]])
                      for row in v])
 
 
@@ -461,7 +476,8 @@ def test_peters_inflow_of_a_section_is_near_wagners(states, tmp_path):
 
 
 def lifting_line(air, twist, terms=40):
-    """Glauert's series of the wing and its mirror image: the lift of one half for angles twist(y)."""
+    """Glauert's series of the wing and its mirror image: the lift of one half for angles
+    twist(y)."""
     names = symbols(air)[3]
     span, theta = 2 * WING["length"], np.arange(1, terms + 1) * np.pi / (2 * terms)
     n, mu = np.arange(1, 2 * terms, 2), WING["chord"] * names["a0"] / (4 * 2 * WING["length"])

@@ -151,8 +151,10 @@ def test_lintian_finds_no_error(packages):
 
 def test_modalctl_depends_on_the_libraries_that_it_loads_itself(packages):
     deb = next(packages.glob("modalctl_*.deb"))
-    told = subprocess.run(["dpkg-deb", "-f", str(deb), "Depends"], capture_output=True, text=True, check=True).stdout
-    assert {"libfftw3-double3", "libhdf5-103-1", "liblapacke", "libopenblas0", "libsndfile1", "libsqlite3-0", "libssl3",
+    told = subprocess.run(["dpkg-deb", "-f", str(deb), "Depends"], capture_output=True, text=True,
+                          check=True).stdout
+    assert {"libfftw3-double3", "libhdf5-103-1", "liblapacke", "libopenblas0", "libsndfile1",
+            "libsqlite3-0", "libssl3",
             "libumfpack5", "libzmq5"} <= {word.split()[0] for word in told.split(", ")}
 
 
@@ -213,7 +215,10 @@ DAEMON = """
 install -d -o modald -g modald -m 750 /run/modald
 setpriv --reuid modald --regid modald --clear-groups modald --config /etc/modald/modald.conf \
   2>/tmp/log & daemon=$!
-for i in $(seq 100); do modalctl hello >/dev/null 2>&1 && break; kill -0 $daemon || cat /tmp/log; done
+for i in $(seq 100); do
+    modalctl hello >/dev/null 2>&1 && break
+    kill -0 $daemon || cat /tmp/log
+done
 """
 # A job's page and its picture; and what the scaler would do, by a Slurm that has nothing.
 BESIDE = r"""

@@ -353,7 +353,8 @@ def requests_of_a_fuzzer(seed, count):
     dice = random.Random(seed)
     whole = [b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n",
              b"GET /jobs/key:a%20b.svg HTTP/1.1\r\nHost: [::1]:80\r\nLast-Event-ID: 7\r\n\r\n",
-             b"GET /streams/%e2%82%ac?from=1&stream=x&kinds=a,b HTTP/1.1\r\nHost: localhost\r\n\r\n",
+             b"GET /streams/%e2%82%ac?from=1&stream=x&kinds=a,b HTTP/1.1\r\nHost: localhost\r\n"
+             b"\r\n",
              b"GET /events?from=99999999999999999999&job=%00 HTTP/1.0\r\nHost: localhost\r\n\r\n",
              b"POST /jobs/a/cancel HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n"
              b"\r\n5\r\nabcde\r\n0\r\n\r\n",
@@ -378,7 +379,8 @@ def requests_of_a_fuzzer(seed, count):
 
 def test_bytes_of_any_kind_leave_the_page_and_the_daemon_as_they_were(own_page, daemon, job):
     page = own_page(daemon.endpoint, "--actions").ready()
-    for data in requests_of_a_fuzzer(int(os.environ.get("MODALD_SEED", "1")), 3000 if LONG else 300):
+    for data in requests_of_a_fuzzer(int(os.environ.get("MODALD_SEED", "1")),
+                                     3000 if LONG else 300):
         with socket.create_connection(("127.0.0.1", page.port), timeout=PATIENCE_S) as s:
             with contextlib.suppress(ConnectionError):
                 s.sendall(data)
@@ -876,7 +878,8 @@ SWEPT = {"verb": "floquet", "scene": {**OSCILLATOR, "omega": 1.0},
     ("steady", DRIVEN, {"sweep": "omega=0.5:0.9:5"}, True, "points"),
     ("steady", DRIVEN, {"continue": "omega=0.5:1.5"}, True, "points"),
     ("simulate", FREE, None, False, "integrator"), ("sweep", SWEPT, None, True, "stability"),
-    ("tradeoff", DRIVEN, None, True, "error"), ("identify", BATCH, {"rank.fixed": -1}, False, "bad_input")])
+    ("tradeoff", DRIVEN, None, True, "error"),
+    ("identify", BATCH, {"rank.fixed": -1}, False, "bad_input")])
 def test_a_browser_shows_what_each_kind_of_job_gave(window, page, daemon, kind, given, options,
                                                     drawn, shown):
     with daemon.client() as client:
@@ -904,10 +907,12 @@ def tab_to(window, wanted):
 def follow(window, href):
     tab_to(window, f"(e.getAttribute('href') ?? '') === {json.dumps(href)}")
     window.key("Enter", 13)
-    window.wait(f"location.pathname === {json.dumps(href)} && document.querySelector('h1') !== null")
+    window.wait(f"location.pathname === {json.dumps(href)} && document.querySelector('h1') !== "
+                "null")
 
 
-def test_by_keyboard_alone_one_goes_to_each_page_and_back_and_deletes_a_job(own_page, window, daemon):
+def test_by_keyboard_alone_one_goes_to_each_page_and_back_and_deletes_a_job(own_page, window,
+                                                                            daemon):
     """By what has the focus and Enter, without a pointer or an address typed."""
     page = own_page(daemon.endpoint, "--actions").ready()
     stream = Stream(daemon, "typed").tell(3)

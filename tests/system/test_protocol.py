@@ -602,7 +602,9 @@ def test_metrics_are_prometheus_text_without_duplicate_series(client):
     assert ({"modald_submit_seconds", "modald_commit_seconds", "modald_commit_transactions"}
             <= histograms)
     for line in lines:                                # the text format: HELP, TYPE, then samples
-        assert re.fullmatch(r'# HELP [a-z_]+ \S.*|# TYPE [a-z_]+ (gauge|counter|histogram)|[a-z_]+(\{[a-z]+="[^"\\]*"\})? \S+', line), line
+        assert re.fullmatch(r'# HELP [a-z_]+ \S.*|# TYPE [a-z_]+ '
+                            r'(gauge|counter|histogram)|[a-z_]+(\{[a-z]+="[^"\\]*"\})? \S+',
+                            line), line
     names = {s.split("{")[0] for s in series}
     wanted = {"jobs", "jobs_kind", "queue_oldest_seconds", "submit_seconds", "commit_seconds",
               "commit_transactions", "ledger_bytes", "stored_bytes", "attempts_total",
@@ -942,17 +944,25 @@ WRONG = [None, True, 0, -1, 1.5, 1e308, -1e308, 2**53, 2**53 + 2, "", "x", "x" *
          "a\u0001", "key:", "key:x", [], [1], {}, {"a": 1},
          {"content": "batch"}, {"upload": "x"}, {"sha256": "0" * 64}, "\u00e9" * 100]
 MEMBERS = {
-    "HELLO": ({}, "versions client"), "STATUS": ({"job": "key:a"}, "job"), "WAIT": ({"job": "key:a", "timeout_s": 0}, "job timeout_s result"),
-    "RESULT": ({"job": "key:a"}, "job upload part offset length"), "CANCEL": ({"job": "key:a"}, "job"), "RETRY": ({"job": "key:a"}, "job"),
-    "DELETE": ({"job": "key:z"}, "job"), "LIST": ({}, "state kind limit after"), "EVENTS": ({}, "op from job stream subscription"),
+    "HELLO": ({}, "versions client"), "STATUS": ({"job": "key:a"}, "job"),
+    "WAIT": ({"job": "key:a", "timeout_s": 0}, "job timeout_s result"),
+    "RESULT": ({"job": "key:a"}, "job upload part offset length"),
+    "CANCEL": ({"job": "key:a"}, "job"), "RETRY": ({"job": "key:a"}, "job"),
+    "DELETE": ({"job": "key:z"}, "job"), "LIST": ({}, "state kind limit after"),
+    "EVENTS": ({}, "op from job stream subscription"),
     "STATS": ({}, ""), "METRICS": ({}, ""), "WHOAMI": ({}, ""),
     "STREAMS": ({}, "name user limit after"),
-    "SUBMIT": ({"kind": "identify", "options": {}}, "kind options input key priority run_limit_s deadline_s not_before max_attempts fresh"),
+    "SUBMIT": ({"kind": "identify", "options": {}},
+               "kind options input key priority run_limit_s deadline_s not_before max_attempts "
+               "fresh"),
     "UPLOAD begin": ({"op": "begin", "content": "batch", "samples": 100, "channels": 2, "dt": 0.1},
-                     "op content key sha256 samples channels dt period names units attributes bytes"),
+                     "op content key sha256 samples channels dt period names units attributes "
+                     "bytes"),
     "UPLOAD chunk": ({"op": "chunk", "offset": 0, "crc32c": 0}, "upload offset crc32c"),
-    "STREAM open": ({"op": "open", "name": "n", "channels": 1, "dt": 0.1}, "op name channels dt period names units attributes window"),
-    "STREAM push": ({"op": "push", "epoch": 0, "first": 0, "count": 10, "crc32c": 0}, "stream epoch first count crc32c"),
+    "STREAM open": ({"op": "open", "name": "n", "channels": 1, "dt": 0.1},
+                    "op name channels dt period names units attributes window"),
+    "STREAM push": ({"op": "push", "epoch": 0, "first": 0, "count": 10, "crc32c": 0},
+                    "stream epoch first count crc32c"),
 }
 BODIES = {"SUBMIT": [[ring_down()[0]]],
           "UPLOAD chunk": [[], [b""], [b"x"], [b"x" * 300000], [b"x", b"y"]],

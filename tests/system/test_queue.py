@@ -52,7 +52,8 @@ def test_cancel_of_a_queued_job_never_starts_it(own_daemon, slow_batch, batch):
         until(client, "running", busy.id)
         waiting = client.submit("identify", modald.Batch.read(batch))
         assert waiting.state == "queued" and waiting.document["position"] == 0
-        assert waiting.cancel() and waiting.state == "cancelled" and waiting.document["attempts"] == 0
+        assert (waiting.cancel() and waiting.state == "cancelled" and waiting.document["attempts"]
+                == 0)
         busy.cancel()
         assert waiting.status().document["attempts"] == 0
 
@@ -239,7 +240,8 @@ def test_a_line_that_was_changed_or_torn_in_the_journal_is_sent_by_resume(daemon
 KILLS = int(os.environ.get("MODALD_KILLS", "4"))
 
 
-def test_10000_jobs_are_each_there_once_though_their_submission_is_killed_and_resumed_again_and_again(own_daemon, batch, tmp_path):
+def test_10000_jobs_are_each_there_once_though_their_submission_is_killed_again_and_again(
+        own_daemon, batch, tmp_path):
     """KILLS kills of modalctl, each at a random place; what it printed or not, the last run ends 0
     and every line is one job.
     """
@@ -483,10 +485,12 @@ def listed_keys(said):
     return [job["key"] for job in said.document["jobs"]]
 
 
-def test_a_list_is_of_the_newest_first_page_by_page_and_of_keys_that_begin_so(own_daemon, ctl, batch):
+def test_a_list_is_of_the_newest_first_page_by_page_and_of_keys_that_begin_so(own_daemon, ctl,
+                                                                              batch):
     daemon = own_daemon(workers=1)
     for i in range(7):
-        assert ctl("submit", "identify", batch, "--key", f"{'even' if i % 2 == 0 else 'odd'}-{i}", "--wait", server=daemon).status == 0
+        assert ctl("submit", "identify", batch, "--key", f"{'even' if i % 2 == 0 else 'odd'}-{i}",
+                   "--wait", server=daemon).status == 0
     everything = [f"{'even' if i % 2 == 0 else 'odd'}-{i}" for i in range(7)]
     assert listed_keys(ctl("list", server=daemon)) == everything
     assert listed_keys(ctl("list", "--newest", server=daemon)) == everything[::-1]
@@ -498,19 +502,24 @@ def test_a_list_is_of_the_newest_first_page_by_page_and_of_keys_that_begin_so(ow
             break
         after = ["--after", page.document["next"]]
     assert walked == everything[::-1]
-    assert listed_keys(ctl("list", "--newest", "--key", "odd-", server=daemon)) == ["odd-5", "odd-3", "odd-1"]
+    assert listed_keys(ctl("list", "--newest", "--key", "odd-",
+                           server=daemon)) == ["odd-5", "odd-3", "odd-1"]
     assert listed_keys(ctl("list", "--key", "odd-", "--state", "failed", server=daemon)) == []
-    assert listed_keys(ctl("list", "--newest", "--key", "even-", "--limit", 2, server=daemon)) == ["even-6", "even-4"]
+    assert listed_keys(ctl("list", "--newest", "--key", "even-", "--limit", 2,
+                           server=daemon)) == ["even-6", "even-4"]
 
 
 def test_a_list_is_of_what_was_submitted_since(own_daemon, ctl, client, batch):
     daemon = own_daemon(workers=1)
-    submitted = [ctl("submit", "identify", batch, "--key", f"k{i}", "--wait", server=daemon).document["submitted"] for i in range(3)]
+    submitted = [ctl("submit", "identify", batch, "--key", f"k{i}", "--wait",
+                     server=daemon).document["submitted"] for i in range(3)]
     with contextlib.closing(wire.Client(daemon.endpoint)) as asked:
         for i, since in enumerate(submitted):
             reply = asked.ask("LIST", since=since - 1e-4)
-            assert [job["key"] for job in json.loads(reply.body[0])["jobs"]] == [f"k{n}" for n in range(i, 3)]
-    assert listed_keys(ctl("list", "--since", "1d", server=daemon)) == ["k0", "k1", "k2"] == listed_keys(ctl("list", "--since", "2020-02-29T12:00", server=daemon))
+            assert [job["key"]
+                    for job in json.loads(reply.body[0])["jobs"]] == [f"k{n}" for n in range(i, 3)]
+    assert (listed_keys(ctl("list", "--since", "1d", server=daemon)) == ["k0", "k1", "k2"]
+            == listed_keys(ctl("list", "--since", "2020-02-29T12:00", server=daemon)))
     assert listed_keys(ctl("list", "--since", "2999-01-01", server=daemon)) == []
     for wrong in ("yesterday", "12", "-3h", "2026-13-01", "1w"):
         said = ctl("list", "--since", wrong, server=daemon)

@@ -62,7 +62,8 @@ def write(folder, document, name="sweep.json"):
 
 def signals(path, seed=0):
     samples = decay() + 1e-3 * np.random.default_rng(seed).standard_normal((400, 2))
-    np.savetxt(path, np.column_stack([np.arange(400) * 0.05, samples]), delimiter=",", header="t,a,b",
+    np.savetxt(path, np.column_stack([np.arange(400) * 0.05, samples]), delimiter=",",
+               header="t,a,b",
                comments="", fmt="%.17g")
     return str(path)
 

@@ -1,5 +1,5 @@
-"""Structures of many entries: what a file of matrices or scipy gives is the same job here and in the
-daemon, whose 16 MiB of JSON would not hold it.
+"""Structures of many entries: what a file of matrices or scipy gives is the same job here and in
+the daemon, whose 16 MiB of JSON would not hold it.
 """
 # Tests as well: scene_arrays.c scene_file.c matrix_market.c serve.c
 import hashlib

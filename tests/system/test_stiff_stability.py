@@ -1,4 +1,5 @@
-"""Stability of steady motions of stiff beams with smooth laws, beside the whole map over a period by products of exponentials."""
+"""Stability of steady motions of stiff beams with smooth laws, beside the whole map over a period
+by products of exponentials."""
 
 import numpy as np
 import pytest
@@ -10,9 +11,11 @@ STEPS = 2048
 
 
 def scene(elements, force, omega, *laws):
-    return {"structure": {"type": "beam", "length": LENGTH, "elements": elements, "supports": ["clamped", "free"], "EI": EI, "mass_per_length": MASS},
+    return {"structure": {"type": "beam", "length": LENGTH, "elements": elements,
+                          "supports": ["clamped", "free"], "EI": EI, "mass_per_length": MASS},
             "effects": [{"type": "rayleigh_damping", "alpha": ALPHA, "beta": BETA}, *laws],
-            "excitation": [{"type": "harmonic", "dof": f"w{elements}", "cos": force, "k": 1}], "omega": omega}
+            "excitation": [{"type": "harmonic", "dof": f"w{elements}", "cos": force, "k": 1}],
+            "omega": omega}
 
 
 def cubic(element, coefficient):
@@ -23,8 +26,10 @@ def beam(elements):
     """M and K of Euler and Bernoulli's, its first node clamped."""
     h, n = LENGTH / elements, 2 * (elements + 1)
     M, K = np.zeros((n, n)), np.zeros((n, n))
-    m = [[156, 22 * h, 54, -13 * h], [22 * h, 4 * h * h, 13 * h, -3 * h * h], [54, 13 * h, 156, -22 * h], [-13 * h, -3 * h * h, -22 * h, 4 * h * h]]
-    k = [[12, 6 * h, -12, 6 * h], [6 * h, 4 * h * h, -6 * h, 2 * h * h], [-12, -6 * h, 12, -6 * h], [6 * h, 2 * h * h, -6 * h, 4 * h * h]]
+    m = [[156, 22 * h, 54, -13 * h], [22 * h, 4 * h * h, 13 * h, -3 * h * h],
+         [54, 13 * h, 156, -22 * h], [-13 * h, -3 * h * h, -22 * h, 4 * h * h]]
+    k = [[12, 6 * h, -12, 6 * h], [6 * h, 4 * h * h, -6 * h, 2 * h * h], [-12, -6 * h, 12, -6 * h],
+         [6 * h, 2 * h * h, -6 * h, 4 * h * h]]
     for i in range(0, n - 2, 2):
         M[i:i + 4, i:i + 4] += MASS * h / 420 * np.array(m)
         K[i:i + 4, i:i + 4] += EI / h**3 * np.array(k)
@@ -38,7 +43,8 @@ def multipliers(of, answer):
     orbits = []
     for law in of["effects"][1:]:
         row = rows[law["dof"]]
-        orbits.append((law, V[2 * int(law["dof"][1:]) - 2], np.array(row["re"]) + 1j * np.array(row["im"]), 1j * np.array(row["k"])))
+        orbits.append((law, V[2 * int(law["dof"][1:]) - 2],
+                       np.array(row["re"]) + 1j * np.array(row["im"]), 1j * np.array(row["k"])))
 
     def matrix(theta):
         K, C = np.diag(square), np.diag(ALPHA + BETA * square)
@@ -70,8 +76,11 @@ def check(of, answer, stable):
 
 @pytest.mark.parametrize("of", [
     scene(12, 1, 20, cubic(12, 1e5)),
-    scene(12, 2, 20, cubic(12, 1e4), {"type": "polynomial_damper", "dof": "w5", "coefficients": [0.1, 0, 50]})], ids=["a spring", "and a damper"])
-def test_the_leading_multipliers_of_a_stiff_beam_with_smooth_laws_are_those_of_its_whole_map(tmp_path, of):
+    scene(12, 2, 20, cubic(12, 1e4), {"type": "polynomial_damper", "dof": "w5",
+                                      "coefficients": [0.1, 0, 50]})],
+                         ids=["a spring", "and a damper"])
+def test_the_leading_multipliers_of_a_stiff_beam_with_smooth_laws_are_those_of_its_whole_map(
+        tmp_path, of):
     check(of, run(tmp_path, "steady", of), True)
 
 
@@ -90,7 +99,9 @@ def test_an_undamped_stiff_beam_is_neither_stable_nor_unstable(tmp_path):
 
 
 def test_a_finer_mesh_does_not_take_the_verdict_away(tmp_path):
-    coarse, fine = (run(tmp_path, "steady", scene(n, 1, 20, cubic(n, 1e5)))["stability"] for n in (12, 100))
+    coarse, fine = (run(tmp_path, "steady", scene(n, 1, 20, cubic(n, 1e5)))["stability"]
+                    for n in (12, 100))
     assert fine["stable"] is True
-    # the first mode's frequency changes by less than (pi / 2 / 12)^4 / 720 of itself: the modulus by far less
+    # the first mode's frequency changes by less than (pi / 2 / 12)^4 / 720 of itself: the modulus
+    # by far less
     assert abs(fine["max_multiplier"] - coarse["max_multiplier"]) < 1e-6

@@ -1,6 +1,8 @@
-"""A simulation beside the real daemon under every fault: its output and exit status stay its own, and its record is its log.
+"""A simulation beside the real daemon under every fault: its output and exit status stay its own,
+and its record is its log.
 
-MODALD_KILLS: how many kills of each kind (4); 50 were run once.  MODALD_SAMPLES: samples pushed at a dead server (2000000); 10^8 were run once.
+MODALD_KILLS: how many kills of each kind (4); 50 were run once.  MODALD_SAMPLES: samples pushed at
+a dead server (2000000); 10^8 were run once.
 """
 import contextlib
 import json
@@ -25,12 +27,14 @@ STEPS, DT = 12000, 1e-3
 
 
 def run(name, *more, **env):
-    done = subprocess.run([str(LOOP), name, *map(str, more)], capture_output=True, timeout=PATIENCE, env=environment(**env))
+    done = subprocess.run([str(LOOP), name, *map(str, more)], capture_output=True, timeout=PATIENCE,
+                          env=environment(**env))
     return done.returncode, done.stdout
 
 
 def begin(name, *more, **env):
-    return subprocess.Popen([str(LOOP), name, *map(str, more)], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=environment(**env))
+    return subprocess.Popen([str(LOOP), name, *map(str, more)], stdout=subprocess.PIPE,
+                            stderr=subprocess.DEVNULL, env=environment(**env))
 
 
 def wait(true):
@@ -49,9 +53,11 @@ def arrived(daemon, name):
         c.close()
 
 
-# -- requirement 2 ---------------------------------------------------------------------------------------------------------
+# -- requirement 2
+# --------------------------------------------------------------------------------------------------
 
-@pytest.mark.parametrize("fault", ["absent", "killed", "stopped", "disk full", "wrong key", "not a number"])
+@pytest.mark.parametrize("fault", ["absent", "killed", "stopped", "disk full", "wrong key",
+                                   "not a number"])
 def test_the_hosts_output_and_exit_status_are_unchanged(fault, tmp_path):
     words = [3000, "nan" if fault == "not a number" else 2, 0.0002]
     plain = run("host", *words[:2])
@@ -62,23 +68,32 @@ def test_the_hosts_output_and_exit_status_are_unchanged(fault, tmp_path):
     if fault == "wrong key":
         lab = Lab(tmp_path, {"ann": "ann submit"})
         public, secret = zmq.curve_keypair()
-        lab.write(tmp_path / "mine", f'public-key = "{public.decode()}"\nsecret-key = "{secret.decode()}"\nserver-key = "{lab.server[0].decode()}"\n')
+        lab.write(tmp_path / "mine",
+                  f'public-key = "{public.decode()}"\nsecret-key = "{secret.decode()}"\nserver-key '
+                  f'= "{lab.server[0].decode()}"\n')
         try:
-            assert run("host", *words, MODALD_URL=lab.daemon.endpoint, MODALD_KEYFILE=tmp_path / "mine", **env) == plain
+            assert run("host", *words, MODALD_URL=lab.daemon.endpoint,
+                       MODALD_KEYFILE=tmp_path / "mine", **env) == plain
         finally:
             lab.daemon.__exit__()
         return
     with Daemon(workers=1) as daemon:
         if fault == "not a number":
-            assert run("host", *words, MODALD_URL=daemon.endpoint, MODALD_WINDOW=500, MODALD_HOP=100, **env) == plain
+            assert run("host", *words, MODALD_URL=daemon.endpoint, MODALD_WINDOW=500,
+                       MODALD_HOP=100, **env) == plain
             return
-        if fault == "disk full":                 # what the ring cannot hold has no room either: a spill on a file system of 16 kB
+        # what the ring cannot hold has no room either: a spill on a file system of 16 kB
+        if fault == "disk full":
             (tmp_path / "small").mkdir()
-            mount = ["unshare", "-m", "sh", "-c", f'mount -t tmpfs -o size=16k none {tmp_path}/small && exec "$0" "$@"']
+            mount = ["unshare", "-m", "sh", "-c",
+                     f'mount -t tmpfs -o size=16k none {tmp_path}/small && exec "$0" "$@"']
             if subprocess.run([*mount, "true"], capture_output=True).returncode != 0:
                 pytest.skip("no mount namespaces here")
-            done = subprocess.run([*mount, str(LOOP), "host", "30000", "2"], capture_output=True, timeout=PATIENCE,
-                                  env=environment(MODALD_URL=f"ipc://{tmp_path}/nobody", MODALD_SPILL=tmp_path / "small", MODALD_RING=65536, MODALD_CLOSE_WAIT="0.5"))
+            done = subprocess.run([*mount, str(LOOP), "host", "30000", "2"], capture_output=True,
+                                  timeout=PATIENCE,
+                                  env=environment(MODALD_URL=f"ipc://{tmp_path}/nobody",
+                                                  MODALD_SPILL=tmp_path / "small",
+                                                  MODALD_RING=65536, MODALD_CLOSE_WAIT="0.5"))
             assert (done.returncode, done.stdout) == run("host", 30000, 2)
             return
         with begin("host", *words, MODALD_URL=daemon.endpoint, **env) as host:
@@ -88,23 +103,30 @@ def test_the_hosts_output_and_exit_status_are_unchanged(fault, tmp_path):
             assert (host.returncode, out) == plain
 
 
-# -- requirement 3 ---------------------------------------------------------------------------------------------------------
+# -- requirement 3
+# --------------------------------------------------------------------------------------------------
 
 def test_memory_stays_bounded_with_a_dead_server(tmp_path):
-    """8 MiB of ring and what the process is anyway, by much more with sanitizers; 2 x 10^6 samples of 16 bytes would be 32 MB more, 10^8 of them 1.6 GB."""
+    """8 MiB of ring and what the process is anyway, by much more with sanitizers; 2 x 10^6 samples
+    of 16 bytes would be 32 MB more, 10^8 of them 1.6 GB."""
     bound_mb = 40 if sanitized.SANITIZED else 20
-    out = subprocess.Popen([str(LOOP), "dead", str(SAMPLES)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-                           env=environment(MODALD_URL=f"ipc://{tmp_path}/nobody", MODALD_SPILL=tmp_path, MODALD_SPILL_MAX="1000000", MODALD_CLOSE_WAIT="0.2"))
+    out = subprocess.Popen([str(LOOP), "dead", str(SAMPLES)], stdout=subprocess.DEVNULL,
+                           stderr=subprocess.DEVNULL,
+                           env=environment(MODALD_URL=f"ipc://{tmp_path}/nobody",
+                                           MODALD_SPILL=tmp_path, MODALD_SPILL_MAX="1000000",
+                                           MODALD_CLOSE_WAIT="0.2"))
     most = 0
     while out.poll() is None:
         with contextlib.suppress(OSError, StopIteration):
-            most = max(most, next(int(line.split()[1]) for line in open(f"/proc/{out.pid}/status") if line.startswith("VmHWM")))
+            most = max(most, next(int(line.split()[1]) for line in open(f"/proc/{out.pid}/status")
+                                  if line.startswith("VmHWM")))
         time.sleep(0.02)
     assert out.returncode == 0 and 0 < most < bound_mb * 1024    # kB
     assert sum(f.stat().st_size for f in tmp_path.iterdir() if f.is_file()) < 1100000
 
 
-# -- requirement 4 ---------------------------------------------------------------------------------------------------------
+# -- requirement 4
+# --------------------------------------------------------------------------------------------------
 
 def is_sealed_as(daemon, name, log):
     """Is there a batch of exactly these samples?  By its SHA-256, which a job may name."""
@@ -120,7 +142,8 @@ def test_the_record_is_the_log_though_the_daemon_is_killed_again_and_again(tmp_p
     plain = run("long", STEPS)[1]
     dice = random.Random(1)
     with Daemon(workers=1) as daemon:
-        with begin("long", STEPS, 2, 0.0004, MODALD_URL=daemon.endpoint, MODALD_RING_FILE=tmp_path / "ring-%s", MODALD_SPILL=tmp_path, MODALD_CLOSE_WAIT="120") as host:
+        with begin("long", STEPS, 2, 0.0004, MODALD_URL=daemon.endpoint, MODALD_RING_FILE=tmp_path
+                   / "ring-%s", MODALD_SPILL=tmp_path, MODALD_CLOSE_WAIT="120") as host:
             killed = 0
             for _ in range(KILLS):
                 time.sleep(dice.uniform(0.01, 0.08))
@@ -134,21 +157,27 @@ def test_the_record_is_the_log_though_the_daemon_is_killed_again_and_again(tmp_p
 
 
 def test_the_record_is_the_log_though_the_host_is_killed_again_and_again(tmp_path):
-    """Each time the ring's file is replayed by another process: the record is the log's beginning bit for bit, and lacks nothing that the host had written."""
+    """Each time the ring's file is replayed by another process: the record is the log's beginning
+    bit for bit, and lacks nothing that the host had written."""
     plain = run("again", STEPS)[1]
     dice = random.Random(2)
     with Daemon(workers=1) as daemon:
         for i in range(KILLS):
             name = f"again-{i}"
-            with begin(name, STEPS, 2, 0.0004, MODALD_URL=daemon.endpoint, MODALD_RING_FILE=tmp_path / "ring-%s", MODALD_SPILL=tmp_path) as host:
+            with begin(name, STEPS, 2, 0.0004, MODALD_URL=daemon.endpoint,
+                       MODALD_RING_FILE=tmp_path / "ring-%s", MODALD_SPILL=tmp_path) as host:
                 head = host.stdout.read(4096)                     # it is at work
                 time.sleep(dice.uniform(0, 0.3))
                 host.kill()
                 had = len(head + host.stdout.read()) // 16
             sent = arrived(daemon, name)
-            done = subprocess.run([str(BUILD / "bin" / "modalctl"), "--server", daemon.endpoint, "--json", "replay", str(tmp_path / f"ring-{name}")], capture_output=True,
+            done = subprocess.run([str(BUILD / "bin" / "modalctl"), "--server", daemon.endpoint,
+                                   "--json", "replay", str(tmp_path / f"ring-{name}")],
+                                  capture_output=True,
                                   text=True, env=environment(), timeout=PATIENCE)
             assert done.returncode == 0, done.stdout + done.stderr
-            most = sent + json.loads(done.stdout)["samples"]      # what was replayed may have been there already
+            # what was replayed may have been there already
+            most = sent + json.loads(done.stdout)["samples"]
             assert max(sent, had) <= most
-            assert any(is_sealed_as(daemon, name, plain[:16 * n]) for n in range(most, max(sent, had) - 1, -1))
+            assert any(is_sealed_as(daemon, name, plain[:16 * n])
+                       for n in range(most, max(sent, had) - 1, -1))

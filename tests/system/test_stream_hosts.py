@@ -1,7 +1,8 @@
-"""Hosts that live dangerously (tests/fault/hosts.c), and hosts in other languages, with a stream and without: the same output, the same exit status.
+"""Hosts that live dangerously (tests/fault/hosts.c), and hosts in other languages, with a stream
+and without: the same output, the same exit status.
 
-Each runs beside no daemon at all, beside one that listens, and with its ring in a file; where nothing that the host does can disturb it, the stream's
-record is the host's log bit for bit.
+Each runs beside no daemon at all, beside one that listens, and with its ring in a file; where
+nothing that the host does can disturb it, the stream's record is the host's log bit for bit.
 """
 import contextlib
 import os
@@ -25,9 +26,13 @@ HOSTS = BUILD / "fault" / "hosts"
 LIBRARY = BUILD / "lib" / "libmodald-stream.so.0"
 HABITS = subprocess.run([str(HOSTS)], capture_output=True, text=True).stderr.splitlines()
 STEPS, PACE = 1200, 0.0001
-STREAMS = {"plain": "plain", "has handlers and masks": "signals", "counts its descriptors": "counts", "has few descriptors later": "fewer", "closes a pipe": "pipe",
-           "changes folder": "folder", "becomes nobody": "nobody", "uses zmq": "zmq", "changes its environment": "environment", "forks children": "forks",
-           "closes all descriptors": "closer", "pushes after close": "closed", "speaks with a comma": "comma"}
+STREAMS = {"plain": "plain", "has handlers and masks": "signals",
+           "counts its descriptors": "counts", "has few descriptors later": "fewer",
+           "closes a pipe": "pipe",
+           "changes folder": "folder", "becomes nobody": "nobody", "uses zmq": "zmq",
+           "changes its environment": "environment", "forks children": "forks",
+           "closes all descriptors": "closer", "pushes after close": "closed",
+           "speaks with a comma": "comma"}
 
 
 @pytest.fixture(scope="module")
@@ -41,13 +46,16 @@ def german(tmp_path_factory):
     """A folder with a language whose numbers have a comma."""
     folder = tmp_path_factory.mktemp("locale")
     if shutil.which("localedef"):
-        subprocess.run(["localedef", "-i", "de_DE", "-f", "UTF-8", str(folder / "de_DE.UTF-8")], capture_output=True)
+        subprocess.run(["localedef", "-i", "de_DE", "-f", "UTF-8", str(folder / "de_DE.UTF-8")],
+                       capture_output=True)
     return folder
 
 
 def begin(habit, folder, german, **env):
-    more = {"MODALD_SPILL": folder, "MODALD_CLOSE_WAIT": "0.2", "HOSTS_LIBRARY": LIBRARY, "LOCPATH": german}
-    return subprocess.Popen([str(HOSTS), habit, str(STEPS), str(PACE)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=folder,
+    more = {"MODALD_SPILL": folder, "MODALD_CLOSE_WAIT": "0.2", "HOSTS_LIBRARY": LIBRARY,
+            "LOCPATH": german}
+    return subprocess.Popen([str(HOSTS), habit, str(STEPS), str(PACE)], stdout=subprocess.PIPE,
+                            stderr=subprocess.PIPE, cwd=folder,
                             env=environment(**{**more, **env}))
 
 
@@ -77,7 +85,8 @@ def test_a_host_that_lives_dangerously_runs_as_without_a_stream(habit, daemon, g
     tmp_path.chmod(0o777)
     nobody, rings = f"ipc://{tmp_path}/nobody", tmp_path / "ring-%s"
     plain, absent, live, ring = (begin(habit, tmp_path, german, **env) for env in (
-        {}, {"MODALD_URL": nobody}, {"MODALD_URL": daemon.endpoint, "MODALD_CLOSE_WAIT": "120"}, {"MODALD_URL": nobody, "MODALD_RING_FILE": rings}))
+        {}, {"MODALD_URL": nobody}, {"MODALD_URL": daemon.endpoint, "MODALD_CLOSE_WAIT": "120"},
+        {"MODALD_URL": nobody, "MODALD_RING_FILE": rings}))
     status, out = end(plain)
     assert status == 7 and (len(out) >= 16 * STEPS or habit == "opens and closes")
     if b"no such language here" in out:
@@ -88,7 +97,8 @@ def test_a_host_that_lives_dangerously_runs_as_without_a_stream(habit, daemon, g
     if habit in STREAMS:
         log = log_of(habit, out)
         if habit == "speaks with a comma":
-            assert is_sealed_under(daemon, identity(len(log) // 16, 2, 0.0025, log, period=0.125, units="m"))
+            assert is_sealed_under(daemon, identity(len(log) // 16, 2, 0.0025, log, period=0.125,
+                                                    units="m"))
         else:
             assert is_sealed_as(daemon, STREAMS[habit], log)
 
@@ -109,22 +119,29 @@ def test_relative_paths_are_those_of_the_folder_where_the_stream_was_opened(germ
 
 
 def test_a_ring_file_that_the_disk_has_no_room_for_does_not_end_the_host(german, tmp_path):
-    """A page of a mapped file that cannot be stored is a SIGBUS: 16 kB of disk for a ring of 8 MiB."""
+    """A page of a mapped file that cannot be stored is a SIGBUS: 16 kB of disk for a ring of 8
+    MiB."""
     small = tmp_path / "small"
     small.mkdir()
-    mount = ["unshare", "-m", "sh", "-c", f'mount -t tmpfs -o size=16k none {small} && exec "$0" "$@"']
+    mount = ["unshare", "-m", "sh", "-c",
+             f'mount -t tmpfs -o size=16k none {small} && exec "$0" "$@"']
     if subprocess.run([*mount, "true"], capture_output=True).returncode != 0:
         pytest.skip("no mount namespaces here")
     plain = end(begin("plain", tmp_path, german))
-    done = subprocess.run([*mount, str(HOSTS), "plain", str(STEPS)], capture_output=True, timeout=PATIENCE, cwd=tmp_path,
-                          env=environment(MODALD_URL=f"ipc://{tmp_path}/nobody", MODALD_SPILL=tmp_path, MODALD_RING_FILE=small / "ring", MODALD_CLOSE_WAIT="0.2"))
+    done = subprocess.run([*mount, str(HOSTS), "plain", str(STEPS)], capture_output=True,
+                          timeout=PATIENCE, cwd=tmp_path,
+                          env=environment(MODALD_URL=f"ipc://{tmp_path}/nobody",
+                                          MODALD_SPILL=tmp_path, MODALD_RING_FILE=small / "ring",
+                                          MODALD_CLOSE_WAIT="0.2"))
     assert (done.returncode, done.stdout) == plain
     assert b"the ring's file cannot be used" in done.stderr
 
 
-@pytest.mark.skipif(sanitized.SANITIZED or shutil.which("prlimit") is None, reason="sanitizers need all addresses, or no prlimit")
+@pytest.mark.skipif(sanitized.SANITIZED or shutil.which("prlimit") is None,
+                    reason="sanitizers need all addresses, or no prlimit")
 def test_a_host_at_any_memory_limit_runs_as_without_a_stream(daemon, german, tmp_path):
-    """Address space that ends somewhere in the ring, the threads or libzmq, which ends the process where it gets no thread."""
+    """Address space that ends somewhere in the ring, the threads or libzmq, which ends the process
+    where it gets no thread."""
     plain, least = end(begin("plain", tmp_path, german)), 0
     for megabytes in range(8, 72, 2):
         words = ["prlimit", f"--as={megabytes << 20}", str(HOSTS), "plain", str(STEPS)]
@@ -132,22 +149,30 @@ def test_a_host_at_any_memory_limit_runs_as_without_a_stream(daemon, german, tmp
         if alone.returncode != 7:
             continue
         least = least or megabytes
-        with_stream = subprocess.run(words, capture_output=True, cwd=tmp_path, env=environment(MODALD_URL=daemon.endpoint, MODALD_SPILL=tmp_path, MODALD_CLOSE_WAIT="5"))
-        assert (with_stream.returncode, with_stream.stdout) == plain, (megabytes, with_stream.stderr)
+        with_stream = subprocess.run(words, capture_output=True, cwd=tmp_path,
+                                     env=environment(MODALD_URL=daemon.endpoint,
+                                                     MODALD_SPILL=tmp_path, MODALD_CLOSE_WAIT="5"))
+        assert (with_stream.returncode,
+                with_stream.stdout) == plain, (megabytes, with_stream.stderr)
     assert 0 < least < 40
 
 
 def test_a_ring_file_has_one_stream_at_a_time(daemon, german, tmp_path):
-    """Two runs of one name: the second's samples must not be written over the first's; nor does a replay send what a run still writes."""
+    """Two runs of one name: the second's samples must not be written over the first's; nor does a
+    replay send what a run still writes."""
     env = {"MODALD_URL": f"ipc://{tmp_path}/nobody", "MODALD_RING_FILE": tmp_path / "ring-%s"}
-    first = subprocess.Popen([str(HOSTS), "plain", "100000", "0.001"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment(**env), cwd=tmp_path)
+    first = subprocess.Popen([str(HOSTS), "plain", "100000", "0.001"], stdout=subprocess.DEVNULL,
+                             stderr=subprocess.DEVNULL, env=environment(**env), cwd=tmp_path)
     try:
         until = time.monotonic() + PATIENCE
-        while not (tmp_path / "ring-plain").exists() or (tmp_path / "ring-plain").stat().st_size < 1 << 20:
+        while (not (tmp_path / "ring-plain").exists() or (tmp_path / "ring-plain").stat().st_size
+               < 1 << 20):
             assert time.monotonic() < until
         said = begin("plain", tmp_path, german, **env).communicate(timeout=PATIENCE)[1]
         assert b"another stream has the ring's file" in said
-        replay = subprocess.run([str(BUILD / "bin" / "modalctl"), "--server", daemon.endpoint, "--json", "replay", str(tmp_path / "ring-plain")], capture_output=True,
+        replay = subprocess.run([str(BUILD / "bin" / "modalctl"), "--server", daemon.endpoint,
+                                 "--json", "replay", str(tmp_path / "ring-plain")],
+                                capture_output=True,
                                 text=True, env=environment(), timeout=PATIENCE)
         assert replay.returncode == 2 and "a run still has it" in replay.stdout
     finally:
@@ -167,13 +192,16 @@ def test_a_run_is_told_that_another_pushes_under_its_name(daemon, german, tmp_pa
         if opened.get("next", 0) > 0:
             break
         assert time.monotonic() < until
-    other.ask("STREAM", [bytes(16)], op="push", stream=opened["stream"], epoch=opened["epoch"], first=0, count=1, crc32c=crc32c(bytes(16)))
+    other.ask("STREAM", [bytes(16)], op="push", stream=opened["stream"], epoch=opened["epoch"],
+              first=0, count=1, crc32c=crc32c(bytes(16)))
     out, err = host.communicate(timeout=PATIENCE)
     other.close()
-    assert (host.returncode, out) == (7, log) and b"another run pushes to a stream of this name" in err
+    assert ((host.returncode, out) == (7, log) and b"another run pushes to a stream of this name"
+            in err)
 
 
-# -- Fortran and Python ------------------------------------------------------------------------------------------------------
+# -- Fortran and Python
+# --------------------------------------------------------------------------------------------------
 
 PYTHON = """
 import sys
@@ -182,7 +210,8 @@ import modald, math
 rows = []
 with modald.stream("host", 2, 1e-3) as s:
     for i in range(20000):
-        y = [math.exp(-1e-4 * i) * math.cos(0.1 * i), math.sin(0.1 * i) if {fault!r} != "not a number" or i % 7 else math.nan]
+        y = [math.exp(-1e-4 * i) * math.cos(0.1 * i),
+             math.sin(0.1 * i) if {fault!r} != "not a number" or i % 7 else math.nan]
         s.push(y)
         if {fault!r} == "wrong shape" and i % 100 == 0:
             s.push([1.0, 2.0, 3.0])
@@ -196,7 +225,8 @@ s.close()
 print(rows)
 raise SystemExit(7)
 """
-FAULTS = ["absent", "killed", "stopped", "wrong name", "wrong key", "no library", "not a number", "wrong shape"]
+FAULTS = ["absent", "killed", "stopped", "wrong name", "wrong key", "no library", "not a number",
+          "wrong shape"]
 
 
 def command(language, fault):
@@ -207,7 +237,8 @@ def command(language, fault):
 
 
 def fault_environment(fault, tmp_path, stack):
-    env = {"MODALD_SPILL": tmp_path, "MODALD_SPILL_MAX": "10000000", "MODALD_CLOSE_WAIT": "0.3", "MODALD_URL": f"ipc://{tmp_path}/nobody"}
+    env = {"MODALD_SPILL": tmp_path, "MODALD_SPILL_MAX": "10000000", "MODALD_CLOSE_WAIT": "0.3",
+           "MODALD_URL": f"ipc://{tmp_path}/nobody"}
     if fault == "wrong name":
         env["MODALD_URL"] = "tcp://nobody.invalid:4711"
     if fault == "no library":
@@ -216,7 +247,9 @@ def fault_environment(fault, tmp_path, stack):
         lab = Lab(tmp_path, {"ann": "ann submit"})
         stack.callback(lab.daemon.__exit__)
         public, secret = zmq.curve_keypair()
-        lab.write(tmp_path / "mine", f'public-key = "{public.decode()}"\nsecret-key = "{secret.decode()}"\nserver-key = "{lab.server[0].decode()}"\n')
+        lab.write(tmp_path / "mine",
+                  f'public-key = "{public.decode()}"\nsecret-key = "{secret.decode()}"\nserver-key '
+                  f'= "{lab.server[0].decode()}"\n')
         env |= {"MODALD_URL": lab.daemon.endpoint, "MODALD_KEYFILE": tmp_path / "mine"}
     return env
 
@@ -236,11 +269,13 @@ def test_a_host_in_another_language_runs_as_without_a_stream(language, fault, tm
         if fault in ("killed", "stopped", "not a number", "wrong shape"):
             daemon = stack.enter_context(Daemon(workers=1))
             env["MODALD_URL"] = daemon.endpoint
-        with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment(**env)) as host:
+        with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                              env=environment(**env)) as host:
             if fault in ("killed", "stopped"):
                 c = daemon.client()
                 until = time.monotonic() + PATIENCE
-                while host.poll() is None and c.ask("STREAM", op="open", name="host", channels=2, dt=1e-3).get("next", 0) == 0:
+                while host.poll() is None and c.ask("STREAM", op="open", name="host", channels=2,
+                                                    dt=1e-3).get("next", 0) == 0:
                     assert time.monotonic() < until
                 c.close()
                 daemon.process.send_signal(signal.SIGKILL if fault == "killed" else signal.SIGSTOP)

@@ -144,7 +144,8 @@ def test_a_timeout_of_one_leaves_the_others_and_the_client_as_they_were(client):
 
 
 def script(text, *words, **more):
-    code = "import os, signal, sys, threading, time\nimport modald\nc = modald.connect(sys.argv[1], timeout=20)\n" + text
+    code = ("import os, signal, sys, threading, time\nimport modald\nc = "
+            "modald.connect(sys.argv[1], timeout=20)\n" + text)
     import pathlib
     return subprocess.Popen(["/usr/bin/python3", "-c", code, *words], stdout=subprocess.PIPE,
                             stderr=subprocess.PIPE, text=True,
@@ -176,7 +177,8 @@ print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), sorted(c.whoami())[0],
 
 def test_an_interrupt_ends_the_wait_and_not_the_client(daemon):
     run = script("""
-job = c.submit("identify", modald.Batch([1.0, 2.0, 1.0] * 20, 0.01), not_before=time.time() + 3600, fresh=True, key="interrupted")
+job = c.submit("identify", modald.Batch([1.0, 2.0, 1.0] * 20, 0.01), key="interrupted",
+               not_before=time.time() + 3600, fresh=True)
 print("waits", flush=True)
 try:
     job.wait()
@@ -191,7 +193,8 @@ except KeyboardInterrupt:
 
 
 def test_an_interpreter_that_ends_with_clients_open_ends(daemon):
-    run = script("c.whoami()\nthreading.Thread(target=lambda: c.whoami()).start()\nd = modald.connect(sys.argv[1])\n", daemon.endpoint)
+    run = script("c.whoami()\nthreading.Thread(target=lambda: c.whoami()).start()\nd = "
+                 "modald.connect(sys.argv[1])\n", daemon.endpoint)
     out, err = run.communicate(timeout=PATIENCE)
     assert (out, err, run.returncode) == ("", "", 0)
 

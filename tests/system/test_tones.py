@@ -19,7 +19,8 @@ def run(verb, scene, tmp_path, *options):
     path = pathlib.Path(tmp_path) / "scene.json"
     path.write_text(json.dumps(scene))
     done = subprocess.run([str(BUILD / "bin" / "modalctl"), "--local", "--json", verb, str(path),
-                           *options], capture_output=True, text=True, env=environment(), timeout=120)
+                           *options], capture_output=True, text=True, env=environment(),
+                          timeout=120)
     return done.returncode, json.loads(done.stdout)
 
 

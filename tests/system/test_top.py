@@ -1,4 +1,5 @@
-"""`modalctl top`: a live screen that gives the terminal back, and one picture where there is none."""
+"""`modalctl top`: a live screen that gives the terminal back, and one picture where there is
+none."""
 # Tests as well: top.c screen.c streams.c job_line.c progress.c
 import contextlib
 import fcntl

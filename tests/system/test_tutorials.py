@@ -1,4 +1,5 @@
-"""The tutorials of section 7 are sessions of a shell: each is typed as it stands, and prints what the page says."""
+"""The tutorials of section 7 are sessions of a shell: each is typed as it stands, and prints what
+the page says."""
 import contextlib
 import math
 import os
@@ -14,7 +15,8 @@ import sanitized
 from conftest import BUILD, PATIENCE, TOP, environment
 
 PAGES = sorted((TOP / "clients" / "ctl").glob("*.7"))
-ROUNDING = 1e-9                          # what is below is rounding, of other digits on other processors
+# what is below is rounding, of other digits on other processors
+ROUNDING = 1e-9
 
 
 def lines(page):
@@ -64,7 +66,8 @@ class Shell:
 
     def __init__(self, folder, env):
         self.said = open(folder / ".stderr", "w+")
-        self.process = subprocess.Popen(["bash"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self.said,
+        self.process = subprocess.Popen(["bash"], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+                                        stderr=self.said,
                                         text=True, cwd=folder, env=env, start_new_session=True)
 
     def run(self, command):
@@ -103,7 +106,8 @@ class Shell:
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory):
     prefix = tmp_path_factory.mktemp("install") / "usr"
-    subprocess.run(["cmake", "--install", str(BUILD), "--prefix", str(prefix)], check=True, capture_output=True)
+    subprocess.run(["cmake", "--install", str(BUILD), "--prefix", str(prefix)], check=True,
+                   capture_output=True)
     return next(path.parent for path in prefix.glob("lib/**/libmodal.a"))
 
 
@@ -112,7 +116,8 @@ def surroundings(page, request, tmp_path_factory):
     """The environment that PAGE is typed in: our programs, and where it compiles, our libraries."""
     tools = tmp_path_factory.mktemp("bin")
     (tools / "python3").symlink_to(sys.executable)
-    env = environment(PATH=f"{tools}:{BUILD / 'bin'}:{os.environ['PATH']}", PYTHONPATH=TOP / "clients" / "python")
+    env = environment(PATH=f"{tools}:{BUILD / 'bin'}:{os.environ['PATH']}",
+                      PYTHONPATH=TOP / "clients" / "python")
     if "pkg-config" in "\n".join(lines(page)):
         if sanitized.SANITIZED:
             pytest.skip("what links our libraries would need the sanitizers' own runtime")
@@ -152,4 +157,5 @@ def test_a_tutorial_prints_what_its_page_says(page, tmp_path, surroundings):
 
 
 def test_the_pages_are_there_and_lead_to_files_that_they_make():
-    assert {p.name for p in PAGES} >= {f"modald-{name}.7" for name in ("identify", "steady", "live", "lab")}
+    assert {p.name for p in PAGES} >= {f"modald-{name}.7"
+                                       for name in ("identify", "steady", "live", "lab")}

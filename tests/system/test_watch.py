@@ -1,4 +1,5 @@
-"""`modalctl watch STREAM`: trend, lag and gaps beside the modes, as lines, as JSON and as Prometheus text (streaming.md, section 5, requirement 10)."""
+"""`modalctl watch STREAM`: trend, lag and gaps beside the modes, as lines, as JSON and as
+Prometheus text (streaming.md, section 5, requirement 10)."""
 import json
 import re
 import subprocess
@@ -14,7 +15,8 @@ WINDOW, DT, HZ = 200, 0.1, 0.5
 
 
 def gauges(path):
-    """Prometheus text as {(name, mode or None): value}; every sample's name has its TYPE before it."""
+    """Prometheus text as {(name, mode or None): value}; every sample's name has its TYPE before
+    it."""
     out, typed = {}, set()
     for line in path.read_text().splitlines():
         if line.startswith("# TYPE "):
@@ -30,17 +32,21 @@ def gauges(path):
 
 @pytest.fixture(scope="module")
 def changing():
-    """A daemon that has seen 0.5 Hz with zeta 0.02 for three windows, then 0.005, noise 1e-5; a gap of 50 samples before the fifth."""
+    """A daemon that has seen 0.5 Hz with zeta 0.02 for three windows, then 0.005, noise 1e-5; a gap
+    of 50 samples before the fifth."""
     rng, t, first = np.random.default_rng(3), DT * np.arange(WINDOW), 0
     with Daemon(workers=1) as d:
         c = d.client()
         c.ask("EVENTS", stream="changing")
-        s = c.ask("STREAM", op="open", name="changing", channels=1, dt=DT, window={"samples": WINDOW, "hop": WINDOW, "options": {"rank.fixed": 2}})["stream"]
+        s = c.ask("STREAM", op="open", name="changing", channels=1, dt=DT,
+                  window={"samples": WINDOW, "hop": WINDOW, "options": {"rank.fixed": 2}})["stream"]
         for k in range(5):
             zeta, w = (0.02 if k < 3 else 0.005), 2 * np.pi * HZ
-            y = np.exp(-zeta * w * t) * np.cos(w * np.sqrt(1 - zeta**2) * t) + 1e-5 * rng.standard_normal(WINDOW)
+            y = np.exp(-zeta * w * t) * np.cos(w * np.sqrt(1 - zeta**2)
+                                               * t) + 1e-5 * rng.standard_normal(WINDOW)
             first += 50 if k == 4 else 0
-            assert c.ask("STREAM", [y.tobytes()], op="push", stream=s, epoch=0, first=first, count=WINDOW, crc32c=crc32c(y.tobytes())).ok
+            assert c.ask("STREAM", [y.tobytes()], op="push", stream=s, epoch=0, first=first,
+                         count=WINDOW, crc32c=crc32c(y.tobytes())).ok
             assert (c.early.pop(0) if c.early else c.receive()).header["to"] == first + WINDOW - 1
             first += WINDOW
         yield d
@@ -50,28 +56,35 @@ def changing():
 def five_windows(changing, *words, until=lambda: True):
     def modes(lines):
         return [line for line in lines if line.get("event") == "modes"]
-    return modes(watched(changing, "changing", *words, until=lambda lines: len(modes(lines)) == 5 and until()))
+    return modes(watched(changing, "changing", *words, until=lambda lines: len(modes(lines)) == 5
+                         and until()))
 
 
 def test_a_watcher_sees_damping_fall_and_the_gaps_and_the_lag_of_each_window(changing):
     lines = five_windows(changing)
-    assert [line["modes"][0]["trend"] for line in lines] == ["new", "steady", "steady", "falling", "steady"]
-    assert [line["gaps"] for line in lines] == [{"count": 0, "samples": 0}] * 4 + [{"count": 1, "samples": 50}]
+    assert [line["modes"][0]["trend"] for line in lines] == ["new", "steady", "steady", "falling",
+                                                             "steady"]
+    assert [line["gaps"]
+            for line in lines] == [{"count": 0, "samples": 0}] * 4 + [{"count": 1, "samples": 50}]
     assert all(line["lag"] == {"samples": 0, "bytes": 0} for line in lines)
 
 
 def test_trend_and_gauges_follow_the_track_when_modes_change_places(tmp_path):
-    """0.3 Hz decays past 1.1 Hz within six windows: the first mode of a window is another one then, and neither is ever new again."""
+    """0.3 Hz decays past 1.1 Hz within six windows: the first mode of a window is another one then,
+    and neither is ever new again."""
     rng, t, file = np.random.default_rng(4), DT * np.arange(6 * WINDOW), tmp_path / "a.prom"
-    y = np.exp(-0.02 * 2 * np.pi * 0.3 * t) * np.cos(2 * np.pi * 0.3 * t) + 0.3 * np.exp(-0.003 * t) * np.cos(2 * np.pi * 1.1 * t)
+    y = (np.exp(-0.02 * 2 * np.pi * 0.3 * t) * np.cos(2 * np.pi * 0.3 * t)
+         + 0.3 * np.exp(-0.003 * t) * np.cos(2 * np.pi * 1.1 * t))
     y += 1e-4 * rng.standard_normal(len(t))
     with Daemon(workers=1) as d:
         c = d.client()
         c.ask("EVENTS", stream="changing", kinds=["modes"])
-        s = c.ask("STREAM", op="open", name="changing", channels=1, dt=DT, window={"samples": WINDOW, "hop": WINDOW, "options": {"rank.fixed": 4}})["stream"]
+        s = c.ask("STREAM", op="open", name="changing", channels=1, dt=DT,
+                  window={"samples": WINDOW, "hop": WINDOW, "options": {"rank.fixed": 4}})["stream"]
         for k in range(6):
             piece = y[k * WINDOW:(k + 1) * WINDOW].tobytes()
-            assert c.ask("STREAM", [piece], op="push", stream=s, epoch=0, first=k * WINDOW, count=WINDOW, crc32c=crc32c(piece)).ok
+            assert c.ask("STREAM", [piece], op="push", stream=s, epoch=0, first=k * WINDOW,
+                         count=WINDOW, crc32c=crc32c(piece)).ok
             assert (c.early.pop(0) if c.early else c.receive()).header["event"] == "modes"
         c.close()
         last = 6 * WINDOW - 1
@@ -93,16 +106,20 @@ def test_trend_and_gauges_follow_the_track_when_modes_change_places(tmp_path):
 def test_a_window_says_when_it_ended_in_seconds(changing):
     """On its line too: the last sample of the first window, DT apart from one to the next."""
     assert all(line["dt"] == DT for line in five_windows(changing))
-    done = subprocess.run([str(BUILD / "bin" / "modalctl"), "--server", changing.endpoint, "watch", "changing", "--timeout", "2"],
+    done = subprocess.run([str(BUILD / "bin" / "modalctl"), "--server", changing.endpoint, "watch",
+                           "changing", "--timeout", "2"],
                           capture_output=True, text=True, env=environment())
-    assert f" {DT * (WINDOW - 1):.6g} s " in next(line for line in done.stdout.splitlines() if f" to {WINDOW - 1} " in line)
+    assert f" {DT * (WINDOW - 1):.6g} s " in next(line for line in done.stdout.splitlines()
+                                                  if f" to {WINDOW - 1} " in line)
 
 
-@pytest.mark.parametrize("words, why", [(["nosuch"], ", and no job has that id"), (["--name", "nosuch"], "")])
+@pytest.mark.parametrize("words, why", [(["nosuch"], ", and no job has that id"),
+                                        (["--name", "nosuch"], "")])
 def test_who_watches_what_is_not_there_is_told_what_is_waited_for(words, why, changing, ctl):
     """On stderr, once; what is there is not announced."""
     said = ctl("watch", *words, "--timeout", 5, server=changing, one=False)
-    assert said.err == f'modalctl: watch: nothing of a stream "nosuch" so far{why}; waiting for it\n'
+    assert (said.err == f'modalctl: watch: nothing of a stream "nosuch" so far{why}; waiting for '
+                        'it\n')
     said = ctl("watch", "changing", "--timeout", 3, server=changing, one=False)
     assert said.err == ""
 
@@ -115,15 +132,19 @@ def test_the_last_window_is_a_file_of_gauges_that_is_replaced_whole(changing, tm
         return True
     told = five_windows(changing, "--prometheus", file, until=written)[-1]
     last = gauges(file)
-    assert last["damping_ratio", "0"] == told["modes"][0]["damping_ratio"] and abs(last["damping_ratio", "0"] - 0.005) < 1e-5
+    assert (last["damping_ratio", "0"] == told["modes"][0]["damping_ratio"]
+            and abs(last["damping_ratio", "0"] - 0.005) < 1e-5)
     assert last["frequency_std_hertz", "0"] == told["modes"][0]["std"]["frequency_hz"]
-    assert f'mode="{told["modes"][0]["track"]}",track="{told["modes"][0]["track"]}"' in file.read_text()
-    assert (last["verdict", None], last["last_sample", None], last["gaps", None], last["gap_samples", None], last["lag_samples", None]) == (1, 1049, 1, 50, 0)
+    assert (f'mode="{told["modes"][0]["track"]}",track="{told["modes"][0]["track"]}"'
+            in file.read_text())
+    assert (last["verdict", None], last["last_sample", None], last["gaps", None],
+            last["gap_samples", None], last["lag_samples", None]) == (1, 1049, 1, 50, 0)
     assert not list(tmp_path.glob("*.new"))
 
 
 def test_gauges_of_no_stream_are_refused(ctl, changing, tmp_path):
-    said = ctl("watch", "--timeout", "1", "--prometheus", tmp_path / "a.prom", server=changing.endpoint)
+    said = ctl("watch", "--timeout", "1", "--prometheus", tmp_path / "a.prom",
+               server=changing.endpoint)
     assert said.status == 2 and said.document["error"]["field"] == "prometheus"
 
 
@@ -136,7 +157,8 @@ def test_a_stream_from_the_command_line_prints_what_watch_prints_of_it(json_line
     with Daemon(workers=1) as d:
         ctl = [str(BUILD / "bin" / "modalctl"), "--server", d.endpoint, *json_lines]
         said = subprocess.run(
-            [*ctl, "stream", path, "--name", "pushed", "--window", str(WINDOW), "-o", "rank.fixed=4"],
+            [*ctl, "stream", path, "--name", "pushed", "--window", str(WINDOW), "-o",
+             "rank.fixed=4"],
             capture_output=True, text=True, timeout=120, env=environment()).stdout.splitlines()
         with subprocess.Popen([*ctl, "watch", "pushed"], stdout=subprocess.PIPE, text=True,
                               env=environment()) as watch:

@@ -383,8 +383,9 @@ def test_a_lua_force_reaches_neither_files_nor_programs_nor_the_network(daemon):
         assert daemon.process.poll() is None
 
 
-@pytest.mark.skipif(b"__asan_init" in WORKER.read_bytes(), reason="a sanitizer's shadow is larger than any limit")
-def test_a_job_that_wants_more_memory_than_its_worker_may_have_fails_with_the_limit_and_the_worker_lives():
+@pytest.mark.skipif(b"__asan_init" in WORKER.read_bytes(),
+                    reason="a sanitizer's shadow is larger than any limit")
+def test_a_job_that_wants_more_memory_than_it_may_have_fails_with_the_limit_and_the_worker_lives():
     daemon = Daemon("--memory", str(400 << 20))
     for _ in range(2):
         daemon.next("READY")

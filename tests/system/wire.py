@@ -101,7 +101,8 @@ class Client:
         if identity:
             self.socket.setsockopt(zmq.IDENTITY, identity)
         if keys:
-            self.socket.curve_serverkey, self.socket.curve_publickey, self.socket.curve_secretkey = keys
+            (self.socket.curve_serverkey, self.socket.curve_publickey,
+             self.socket.curve_secretkey) = keys
         self.socket.connect(endpoint)
         self.number = 0
         self.early = []

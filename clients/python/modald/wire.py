@@ -145,8 +145,8 @@ def dumps(value: Any) -> bytes:
 
 
 def scene_bytes(scene: Any) -> bytes:
-    """A scene, a sweep of one, or a list with some, as it is sent: strict JSON and, where matrices of its structure
-    are scipy.sparse, a zero byte and their arrays.
+    """A scene, a sweep of one, or a list with some, as it is sent: strict JSON and, where matrices
+    of its structure are scipy.sparse, a zero byte and their arrays.
     """
     behind = bytearray()
 

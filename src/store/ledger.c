@@ -48,6 +48,7 @@ struct ledger {
     struct tape_pieces pieces;           /* that go to their files; none: `changes` is NULL */
     size_t next_piece;                   /* those before it are there, and have rows */
     uint64_t pieces_end;                 /* they are all that the tape has before it */
+    uint64_t asked_end;                  /* the tape's, when streams were last asked for */
     int group_pages;           /* as log_pages, 0 before a group and where it wrote nothing */
     int log_pages;             /* of the write-ahead log after the last commit */
     bool deleted;              /* rows, since free pages were counted */
@@ -515,20 +516,26 @@ static enum modal_status open_tape(struct ledger *ledger, struct modal_error *er
 }
 
 /* What CHANGES ask to be in files goes there.  Hundreds of other streams' files are not synced for
- * the sake of a few; more than are open at once wait for all. */
+ * the sake of a few, while groups of those streams would wait for that.  Where nothing came since
+ * streams were last asked for, as when a host closes one after the other, all goes at once: nobody
+ * waits, and the tape is not read once a stream.  More than are open at once wait for all. */
 static enum modal_status settle_wanted(struct ledger *ledger, const struct ledger_change *changes,
                                        size_t count, struct modal_error *err)
 {
+    const bool rests = ledger->tape.end == ledger->asked_end;
     int64_t streams[SAMPLES_FILES];
     size_t wanted = 0;
 
     for (size_t i = 0; i < count; i++)
         if (changes[i].verb == LEDGER_SAMPLES_SETTLE) {
-            if (changes[i].id == 0 || wanted == SAMPLES_FILES)
+            if (changes[i].id == 0 || wanted == SAMPLES_FILES || rests)
                 return settle_tape(ledger, err);
             streams[wanted++] = changes[i].id;
         }
-    return wanted > 0 ? settle_streams(ledger, streams, wanted, err) : MODAL_OK;
+    if (wanted == 0)
+        return MODAL_OK;
+    ledger->asked_end = ledger->tape.end;
+    return settle_streams(ledger, streams, wanted, err);
 }
 
 enum modal_status ledger_commit(struct ledger *ledger, struct ledger_change *changes, size_t count,

@@ -518,6 +518,33 @@ TEST(the_samples_of_one_stream_of_forty_go_to_its_file_alone_and_never_again_onc
     }
 }
 
+/* Else the tape would be read once for each stream that a host closes. */
+TEST(a_second_stream_that_is_asked_for_brings_all_to_their_files_where_nothing_came_meanwhile)
+{
+    static struct ledger_change changes[1040];
+    const double x[3] = { 2.385, -1, 7 };
+    struct ledger_change settle = { .verb = LEDGER_SAMPLES_SETTLE, .id = 3 },
+                         more = segment_put(9, 600, x, 24);
+    struct ledger *ledger = start();
+    const size_t empty = tape_size();
+    char names[40][12];
+
+    make_pushes(changes, names);
+    CHECK(ledger_commit(ledger, changes, 1040, NULL) == MODAL_OK);
+    CHECK(ledger_commit(ledger, &settle, 1, NULL) == MODAL_OK);
+    CHECK(ledger_commit(ledger, &more, 1, NULL) == MODAL_OK);
+    settle.id = 4;
+    CHECK(ledger_commit(ledger, &settle, 1, NULL) == MODAL_OK);
+    CHECK(load(ledger).segments == 2 && tape_size() > empty);
+    settle.id = 5;
+    CHECK(ledger_commit(ledger, &settle, 1, NULL) == MODAL_OK);
+    CHECK(load(ledger).segments == 40 && tape_size() == empty);
+    settle.id = 6;                                 /* nothing is left to do */
+    CHECK(ledger_commit(ledger, &settle, 1, NULL) == MODAL_OK);
+    CHECK(load(ledger).segments == 40);
+    stop(ledger);
+}
+
 /* A tape is long after two groups at least (TAPE_MOST), and not more than twice as long after one
  * more. */
 #if MODALD_FAULTS

@@ -284,6 +284,27 @@ def test_the_second_tone_begins_at_the_neimark_sacker_point(tmp_path):
     assert min(abs(second - told), abs(point["omega"] - second - told)) < 1e-3
 
 
+# Tones 2 to 1 march to twice their period: no line of theirs, and their own motion is unstable.
+@pytest.mark.parametrize("law, p, q, least", [("gap", 2, 1, 1.5e-2), ("gap", 3, 2, 2e-6),
+                                              ("friction", 5, 3, 2e-6)])
+def test_a_law_with_events_under_tones_of_a_common_period_moves_as_under_one(law, p, q, least,
+                                                                             tmp_path):
+    effect = {"gap": {"type": "gap", "dof": "x", "stiffness": 2, "clearance": 0.2},
+              "friction": {"type": "friction", "dof": "x", "stiffness": 0.5, "limit": 0.2}}[law]
+    two = oscillator([effect], [0.8, 0.8 * p / q])
+    one = {**two, "omega": 0.8 / q, "steady": {},
+           "excitation": [{"dof": "x", "k": q, "cos": 0.2}, {"dof": "x", "k": p, "cos": 0.2}]}
+    a, b = run("steady", one, tmp_path)[1], run("steady", two, tmp_path)[1]
+    assert a["converged"] and b["converged"]
+    t = np.linspace(0, 2 * np.pi * q / 0.8, 500)
+    rows = a["harmonics"][0]
+    x = (np.exp(0.8j / q * np.outer(t, rows["k"]))
+         @ (np.array(rows["re"]) + 1j * np.array(rows["im"]))).real
+    assert np.abs(x - motion(b, t)).max() <= 3 * (a["total_error"] + b["total_error"])
+    assert b["total_error"] <= least * np.abs(x).max()
+    assert (b["stability"]["stable"] is False) == (p == 2)
+
+
 def exponents(stiffness, damping, until, start):
     """Lyapunov's, of y'' + damping(t) y' + stiffness(t) y = 0, by marching two disturbances."""
     y, grown, count = np.eye(2), np.zeros(2), 0

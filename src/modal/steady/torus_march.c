@@ -43,6 +43,7 @@ enum {
                                 * tones have as many lines */
     OTHERS_OF_TWO_MOST = 12,   /* of two */
     NUMBERS_MOST = 20000000,   /* of a record: 160 MB */
+    ORDERS_MOST = 1024,        /* beyond all of the sheet: SAMPLES_MOST and OTHERS_MOST twice */
 };
 static const double TOLERANCE = 1e-9;     /* of a step, relative: below what lines are told to;
                                            * what it comes to is measured (check_steps) */
@@ -50,10 +51,14 @@ static const double STEP = 4e3;           /* budget.h: a step of few states, mea
 static const double SPLIT = 0.2;          /* of the steps have an event, and a map of their own */
 static const double MAP = 30;             /* products of a map: an exponential's */
 static const double WAVE = 20;            /* budget.h: of a sample and an s, five passes */
-static const double FEW = 1e-3;           /* of a motion that no balance was found for: where its
+static const double FEW = 1e-3;           /* of a motion that is not the one balanced: where its
                                            * lines leave more of it, it is none of these tones */
 static const double LEFT = 0.3;           /* of the error asked for, as in torus_solve.c */
 static const double LAST = 0.125;         /* of the lines below N / 2, as in torus_error.c */
+static const double SAME = 1e-6;          /* turns of the record between lines that coincide: a
+                                           * million records would not tell them */
+static const double HALVED = 0.5;         /* of what a shorter record left: a longer one that leaves
+                                           * more has what no line explains */
 static const double AGREE = 3;            /* errors of a balance that its motion may be off */
 
 /* A record and what its lines are told by.  Its outputs are the dofs that iterate, then those
@@ -72,6 +77,8 @@ struct march {
     int count;
     struct torus_index *index;            /* lines told, the mean first, by rising order */
     double complex *X;                    /* [output count + m] */
+    double nearest[ORDERS_MOST];          /* of each order's combinations that have no line: to one
+                                           * that has, in turns of the record; B: all have */
 };
 
 /* A line of the sheet of (1): its combination with the sign of torus.h's (1), size and place. */
@@ -241,45 +248,76 @@ static int sheet(const struct march *a, struct line *list, double complex *sum,
     return count;
 }
 
-/* Of apart(): two lines are never in one, for it is as wide as they are apart at least. */
+/* Of claim(): two lines are never in one, for it is as wide as they are apart at least. */
 static int cells_of(const struct march *a) { return a->N * a->turns / (2 * BINS) + 3; }
 
-/* Whether FREQUENCY, in turns, is B of the record's or more from all that are taken, one a cell of
- * as many at most: it is then among them. */
-static bool apart(const struct march *a, double frequency, double *taken)
+/* How far FREQUENCY, in turns, is from the nearest that is taken, one a cell of as many at most, in
+ * turns of the record; from B on it is then among them. */
+static double claim(const struct march *a, double frequency, double *taken)
 {
-    double least = (double)BINS / a->turns;
+    double least = (double)BINS / a->turns, nearest = BINS;
     int cell = 1 + (int)(frequency / least);
 
     for (int c = cell - 1; c <= cell + 1; c++)
-        if (taken[c] >= 0 && fabs(taken[c] - frequency) < least)
-            return false;
-    taken[cell] = frequency;
-    return true;
+        if (taken[c] >= 0)
+            nearest = fmin(nearest, fabs(taken[c] - frequency) * a->turns);
+    if (nearest >= BINS)
+        taken[cell] = frequency;
+    return nearest;
 }
 
 /* Of ALL lines those to keep at the front of LIST, by row: apart from each other, and so many that
  * the rest sum to less than LEAVE; the mean always. */
-static int keep(const struct march *a, struct line *list, int all, double leave, double *taken)
+static int keep(struct march *a, struct line *list, int all, double leave, double *taken)
 {
     int most = (TORUS_UNKNOWNS_MOST / a->s->q + 1) / 2, count = 0;
     double sum = 0;
 
     for (int c = 0; c < cells_of(a); c++)
         taken[c] = -1;
+    for (int o = 0; o < ORDERS_MOST; o++)
+        a->nearest[o] = BINS;
     for (int l = 0; l < all; l++)
         if (torus_order(list[l].k) == 0)
             list[l].size = HUGE_VAL;
     qsort(list, (size_t)all, sizeof *list, by_claim);
-    for (int l = 0; l < all; l++)
-        if (apart(a, turns_of(a, list[l].k), taken))
+    for (int l = 0; l < all; l++) {
+        int order = torus_order(list[l].k);
+        double far = claim(a, turns_of(a, list[l].k), taken);
+
+        if (far >= BINS)
             list[count++] = list[l];
+        else if (far > SAME && order < ORDERS_MOST)
+            a->nearest[order] = fmin(a->nearest[order], far);
+    }
     qsort(list, (size_t)count, sizeof *list, by_size);
     while (count > 1 && sum + list[count - 1].size <= leave)
         sum += list[--count].size;
     count = count < most ? count : most;
     qsort(list, (size_t)count, sizeof *list, by_row);
     return count;
+}
+
+/*
+ * What a line may hide of another that the record does not tell from it, in m.  F turns of the
+ * record away they drift apart by pi F to its ends, and LEFT is the most that is seen there; and it
+ * is no larger than the lines kept of its order and above.
+ */
+static double hidden(const struct march *a, const struct line *list, double left)
+{
+    double most = 0;
+
+    for (int order = 0; order < ORDERS_MOST; order++) {
+        double size = 0;
+
+        if (a->nearest[order] >= BINS)
+            continue;
+        for (int l = 0; l < a->count; l++)
+            size = torus_order(list[l].k) >= order && isfinite(list[l].size)
+                       ? fmax(size, list[l].size) : size;
+        most = fmax(most, fmin(2 * size, left / fmin(1, M_PI / 2 * a->nearest[order])));
+    }
+    return most;
 }
 
 /* X += the lines at LIST of what is left of the record, and they are taken out of it. */
@@ -372,6 +410,8 @@ static enum modal_status read_record(struct march *a, double wanted, struct toru
         read_lines(a, list, more, sum, turn);
     for (int i = 0; i < a->outputs; i++)
         e->truncation = fmax(e->truncation, a->reported[i] ? largest(a, a->left, i) : 0);
+    e->change = e->truncation;
+    e->truncation = fmax(e->truncation, hidden(a, list, e->truncation));
     for (int l = 0; l < a->count; l++)
         e->sampling += 2 * turns_of(a, list[l].k) > (1 - LAST) * a->N ? list[l].size : 0;
     budget_add(a->s->work, WAVE * (double)a->rows * (double)numbers * a->outputs);
@@ -533,66 +573,92 @@ static enum modal_status make_window(struct march *a, struct modal_error *err)
     return rc;
 }
 
-/* Whether the lines at the balance's combinations are its own, within its ERROR and theirs. */
-static bool agrees(const struct march *a, double error)
+/* What the balance has of dof I where the record has line L: of all combinations that it does not
+ * tell from that. */
+static double complex balanced_at(const struct march *a, int i, int l)
 {
     const struct torus_solver *s = a->s;
+    double at = turns_of(a, a->index[l]);
+    double complex X = 0;
 
-    for (int m = 0; m < s->count; m++) {
-        int l = 0;
+    for (int m = 0; m < s->count; m++)
+        if (fabs(turns_of(a, s->index[m]) - at) < (double)BINS / a->turns)
+            X += s->X[(size_t)i * (size_t)s->count + (size_t)m];
+    return l == 0 ? creal(X) : X;
+}
 
-        while (l < a->count && !torus_equal(a->index[l], s->index[m]))
-            l++;
-        for (int i = 0; i < s->q; i++) {
-            double complex X = l < a->count ? a->X[(size_t)i * (size_t)a->count + (size_t)l] : 0;
-
-            if (cabs(X - s->X[(size_t)i * (size_t)s->count + (size_t)m]) > AGREE * error)
+/* Whether the lines are those of the balance, within its ERROR and more. */
+static bool agrees(const struct march *a, double error)
+{
+    for (int i = 0; i < a->s->q; i++)
+        for (int l = 0; l < a->count; l++)
+            if (cabs(a->X[(size_t)i * (size_t)a->count + (size_t)l] - balanced_at(a, i, l))
+                > AGREE * error)
                 return false;
-        }
-    }
     return true;
 }
 
-/* The record's lines as the solver's set and motion.  Its linear parts are none any more, for only
- * a balance asks for them: a thousand lines would be as many factorizations. */
-static enum modal_status adopt(struct march *a, const struct torus_errors *e, double amplitude,
-                               double wanted, struct torus_point *out, struct modal_error *err)
+void torus_lines_done(struct torus_lines *lines)
 {
-    struct torus_solver *s = a->s;
-    size_t K = (size_t)a->count;
+    free(lines->index), free(lines->X);
+    *lines = (struct torus_lines) { 0 };
+}
+
+void torus_adopt(struct torus_solver *s, struct torus_lines *lines, double wanted,
+                 struct torus_point *out)
+{
+    for (int m = 0; s->linear != NULL && m < s->count; m++)
+        torus_linear_done(&s->linear[m]);
+    free(s->linear), free(s->index), free(s->X);
+    s->linear = NULL;
+    s->index = lines->index, s->X = lines->X, s->count = lines->count;
+    s->marched = lines->samples;
+    s->residual = NAN;
+    out->converged = true;
+    out->amplitude = lines->amplitude;
+    out->truncation = lines->e.truncation, out->sampling = lines->e.sampling;
+    out->solver = lines->e.solver;
+    out->error = lines->error;
+    out->wanting = out->error > wanted * out->amplitude;
+    *lines = (struct torus_lines) { 0 };
+}
+
+/* The record's lines, read with the errors E, into OUT. */
+static enum modal_status keep_lines(const struct march *a, const struct torus_errors *e,
+                                    double amplitude, struct torus_lines *out,
+                                    struct modal_error *err)
+{
+    size_t K = (size_t)a->count, q = (size_t)a->s->q;
     struct torus_index *index = malloc(K * sizeof *index);
-    double complex *X = malloc((size_t)s->q * K * sizeof *X);
+    double complex *X = malloc(q * K * sizeof *X);
 
     if (index == NULL || X == NULL) {
         free(index), free(X);
         return modal_fail(err, MODAL_NO_MEMORY, "torus: no memory for %d combinations", a->count);
     }
-    for (int m = 0; s->linear != NULL && m < s->count; m++)
-        torus_linear_done(&s->linear[m]);
-    free(s->linear), free(s->index), free(s->X);
-    s->linear = NULL;
     memcpy(index, a->index, K * sizeof *index);
-    memcpy(X, a->X, (size_t)s->q * K * sizeof *X);
-    s->index = index, s->X = X, s->count = a->count;
-    s->marched = a->N * a->turns;
-    s->residual = NAN;
-    out->converged = true;
-    out->amplitude = amplitude;
-    out->truncation = e->truncation, out->sampling = e->sampling, out->solver = e->solver;
-    out->error = e->truncation + e->sampling + e->solver;
-    out->wanting = out->error > wanted * amplitude;
+    memcpy(X, a->X, q * K * sizeof *X);
+    torus_lines_done(out);
+    *out = (struct torus_lines) { .count = a->count, .samples = a->N * a->turns, .index = index,
+                                  .X = X, .e = *e, .amplitude = amplitude,
+                                  .error = e->truncation + e->sampling + e->solver };
     return MODAL_OK;
 }
 
-/* One record: adopted where its error is less than the answer's.  A march that fails is none.  It
- * may have left an unstable motion for another: that is not the one balanced, whose error then
- * stands, and more combinations are the way on. */
+/*
+ * One record: its lines are kept where their error is less than POINT's, the balance's, and in
+ * place of a shorter record's: what drifts slowly is seen in the longest.  A march may leave an
+ * unstable motion for another.  Where its lines explain that well it is the answer; else it is
+ * none, POINT's error stands, and more combinations are the way on.  A march that fails is none
+ * either.
+ */
 static enum modal_status march_once(struct march *a, double wanted, struct torus_errors *e,
-                                    struct torus_point *out, bool *ended, struct modal_error *err)
+                                    const struct torus_point *point, struct torus_lines *best,
+                                    bool *ended, struct modal_error *err)
 {
     struct modal_error own = { 0 };
     struct scene_time time = times_of(a, a->N, (long)a->N * a->turns, a->start);
-    double amplitude = 0, least;
+    double amplitude = 0, least, error;
     enum modal_status rc = make_window(a, err);
 
     if (rc != MODAL_OK)
@@ -607,18 +673,22 @@ static enum modal_status march_once(struct march *a, double wanted, struct torus
         return rc == MODAL_CANCELLED ? rc : MODAL_OK;
     }
     rc = read_record(a, wanted, e, &amplitude, err);
-    least = out->converged ? out->error : FEW * amplitude;
-    *ended = e->truncation + e->sampling + e->solver <= wanted * amplitude;
-    if (rc == MODAL_OK && e->truncation + e->sampling + e->solver < least
-        && (!out->converged || a->s->marched > 0 || agrees(a, out->error)))
-        rc = adopt(a, e, amplitude, wanted, out, err);
+    error = e->truncation + e->sampling + e->solver;
+    least = FEW * amplitude;
+    if (point->converged && agrees(a, point->error))
+        least = point->error;
+    *ended = error <= wanted * amplitude;
+    if (rc == MODAL_OK && error < least)
+        rc = keep_lines(a, e, amplitude, best, err);
     return rc;
 }
 
-enum modal_status torus_march(struct torus_solver *s, double wanted, struct torus_point *out,
+enum modal_status torus_march(struct torus_solver *s, double wanted,
+                              const struct torus_point *point, struct torus_lines *best,
                               struct modal_error *err)
 {
     int N = SAMPLES, turns = TURNS, tried = 0;
+    double left = HUGE_VAL;
     bool ended = false;
     enum modal_status rc = MODAL_OK;
 
@@ -626,14 +696,17 @@ enum modal_status torus_march(struct torus_solver *s, double wanted, struct toru
         struct march a = { .s = s };
         struct torus_errors e = { 0 };
 
-        rc = set_out(&a, out->converged, err);
+        rc = set_out(&a, point->converged, err);
         while (rc == MODAL_OK && !ended && !size_record(&a, N, turns)) {
             turns /= 2;
             ended = turns <= tried;
         }
         if (rc == MODAL_OK && !ended)
-            rc = march_once(&a, wanted, &e, out, &ended, err);
+            rc = march_once(&a, wanted, &e, point, best, &ended, err);
         workspace_free(&a.space);
+        if (turns == LONGER * tried && e.change > HALVED * left)
+            break;
+        left = e.change;
         tried = turns;
         if (e.truncation < e.sampling + e.solver)
             N *= 2, tried = 0;

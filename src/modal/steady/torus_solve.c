@@ -21,11 +21,6 @@ static const double BESIDE = 0.1;         /* of truncation: sampling that more l
                                            * while for */
 static const double TARGET_USUAL = 1e-6;  /* as with one tone */
 
-static double target_of(const struct torus_solver *s)
-{
-    return s->opt->target_error > 0 ? s->opt->target_error : TARGET_USUAL;
-}
-
 /* How many of LIST to take: so that what is left sums to less than LEAVE, no more than there are.
  * */
 static int choose(const struct torus_solver *s, const struct torus_candidate *list, int count,
@@ -101,7 +96,8 @@ static enum modal_status moved(struct torus_solver *s, double *most, struct moda
 static enum modal_status solve_grown(struct torus_solver *s, struct torus_point *out,
                                      struct modal_error *err)
 {
-    double target = target_of(s), before = 0;
+    double target = s->opt->target_error > 0 ? s->opt->target_error : TARGET_USUAL, before = 0;
+    struct torus_lines lines = { 0 };
     struct torus_candidate *list = malloc(TORUS_CANDIDATES_MOST * sizeof *list);
     double complex *room = malloc(((size_t)s->q * TORUS_CANDIDATES_MOST + 1) * sizeof *room);
     enum modal_status rc = list == NULL || room == NULL
@@ -129,9 +125,9 @@ static enum modal_status solve_grown(struct torus_solver *s, struct torus_point 
         out->error = out->truncation + e.sampling + e.solver;
         out->wanting = out->error > wanted;
         if (round == 0 && out->wanting && torus_march_takes(s))
-            rc = torus_march(s, target, out, err);
-        if (!out->wanting || s->marched > 0 || s->opt->order > 0
-            || s->work->spent > GROWTH * s->work->most)
+            rc = torus_march(s, target, out, &lines, err);
+        if (!out->wanting || (lines.count > 0 && lines.error <= target * lines.amplitude)
+            || s->opt->order > 0 || s->work->spent > GROWTH * s->work->most)
             break;
         take = out->truncation > HALF * wanted ? choose(s, list, count, LEFT * wanted / missed) : 0;
         more_lines = e.sampling > fmax(LEFT * wanted, BESIDE * out->truncation)
@@ -141,6 +137,11 @@ static enum modal_status solve_grown(struct torus_solver *s, struct torus_point 
         s->finer += more_lines;
         rc = take_in(s, list, take, err);
     }
+    if (rc == MODAL_OK && !out->converged && lines.count == 0 && torus_march_takes(s))
+        rc = torus_march(s, target, out, &lines, err);
+    if (rc == MODAL_OK && lines.count > 0 && (!out->converged || lines.error < out->error))
+        torus_adopt(s, &lines, target, out);
+    torus_lines_done(&lines);
     free(list), free(room);
     return rc;
 }
@@ -261,8 +262,6 @@ enum modal_status torus_solve(const struct program *p, const double *omega, int 
         out->converged = true;
     else if (rc == MODAL_OK && begun)
         rc = solve_grown(s, out, err);
-    if (rc == MODAL_OK && begun && !out->converged && torus_march_takes(s))
-        rc = torus_march(s, target_of(s), out, err);
     if (rc == MODAL_OK && out->converged && opt->stability)
         rc = torus_judge(s, condense_place(s->condense[0]), &out->stability, err);
     if (rc == MODAL_OK) {

@@ -77,6 +77,15 @@ struct torus_candidate { struct torus_index k; double size; double complex *X; }
 /* Of X, in m: left out, as torus_error.c has it; what that makes of itself; of samples. */
 struct torus_errors { double truncation, change, sampling, solver, tone; };  /* tone: rad/s */
 
+/* A motion read from a march: as s->index and s->X, errors in m. */
+struct torus_lines {
+    int count, samples;                   /* 0: none */
+    struct torus_index *index;
+    double complex *X;
+    struct torus_errors e;                /* change: what is seen of the truncation */
+    double error, amplitude;              /* of all together; of the reported dofs */
+};
+
 /* ---- torus_tone.c ---- */
 
 /* The place among the set's motion that its frequency takes; a tone is free. */
@@ -154,13 +163,20 @@ enum modal_status torus_fit(const struct torus_tones *t, int count, const struct
  * and the set is not given. */
 bool torus_march_takes(const struct torus_solver *s);
 /*
- * The motion marched from where OUT has it, or from the scene's start where that has not converged,
- * and its lines read, until their error is WANTED of the amplitude or the work allowed is spent:
- * s->index and s->X are theirs, s->marched tells, and OUT has the errors; all as they were where
- * that is no better, or not the motion balanced.  s->linear is gone with the set.
+ * The motion marched from where POINT has it, or from the scene's start where that has not
+ * converged, and its lines read, until their error is WANTED of the amplitude or the work allowed
+ * is spent: those of the longest record into BEST, none where they are no better than POINT, or a
+ * motion that lines of these tones do not explain.
  */
-enum modal_status torus_march(struct torus_solver *s, double wanted, struct torus_point *out,
+enum modal_status torus_march(struct torus_solver *s, double wanted,
+                              const struct torus_point *point, struct torus_lines *best,
                               struct modal_error *err);
+/* LINES as s->index and s->X, and their errors as OUT's; LINES is empty then.  S has no linear
+ * parts any more, for only a balance asks for them: a thousand lines would be as many
+ * factorizations. */
+void torus_adopt(struct torus_solver *s, struct torus_lines *lines, double wanted,
+                 struct torus_point *out);
+void torus_lines_done(struct torus_lines *lines);
 
 /* ---- torus_begin.c ---- */
 

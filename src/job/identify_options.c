@@ -34,6 +34,9 @@ const struct key_row identify_option_rows[] = {
     { "inputs", KEY_OWN, .form = "A,B",
       .meaning = "channels that hold the measured excitation, with response=forced",
       .example = "force" },
+    { "azimuth", KEY_OWN, .form = "CH",
+      .meaning = "channel of a rotor's angle in place of a period, with response=ambient",
+      .example = "Azimuth" },
     { "frf", KEY_TRUTH, AT(opt.frf), .initial = "false",
       .meaning = "frequency responses by the modes found, with response=forced",
       .example = "true" },
@@ -235,6 +238,27 @@ static enum modal_status read_inputs(const cJSON *o, const struct batch *b,
     return rc;
 }
 
+static enum modal_status read_azimuth(const cJSON *o, const struct batch *b,
+                                      struct identify_settings *out, struct modal_error *err)
+{
+    const cJSON *item = cJSON_GetObjectItemCaseSensitive(o, "azimuth");
+    int count = 1;
+    enum modal_status rc;
+
+    if (item == NULL)
+        return MODAL_OK;
+    if (out->opt.response != RESPONSE_AMBIENT)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "azimuth", "azimuth beside response=%s says "
+                                "nothing; accepted with response=ambient",
+                                identify_response_names[out->opt.response]);
+    rc = read_channels("azimuth", item, b, &out->azimuth, &count, err);
+    out->opt.azimuth = out->azimuth;
+    return rc == MODAL_OK && count > 1
+               ? modal_fail_field(err, MODAL_BAD_INPUT, "azimuth", "azimuth names %d channels; "
+                                  "accepted: one", count)
+               : rc;
+}
+
 /* What was given decides the rule where it was not named: a fixed rank, an energy, a threshold. */
 static enum rank_rule rule_given(const cJSON *o)
 {
@@ -278,6 +302,8 @@ enum modal_status identify_options_read(const cJSON *options, const struct batch
         rc = read_signals(o, batch, out, err);
     if (rc == MODAL_OK)
         rc = read_inputs(o, batch, out, err);
+    if (rc == MODAL_OK)
+        rc = read_azimuth(o, batch, out, err);
     if (cJSON_HasObjectItem(o, "refine"))
         out->opt.refine = out->refine ? CHOICE_YES : CHOICE_NO;
     if (cJSON_HasObjectItem(o, "period") && out->opt.period == 0)
@@ -291,7 +317,7 @@ enum modal_status identify_options_read(const cJSON *options, const struct batch
 
 void identify_settings_done(struct identify_settings *s)
 {
-    free(s->channels), free(s->inputs);
+    free(s->channels), free(s->inputs), free(s->azimuth);
     *s = (struct identify_settings) { 0 };
 }
 
@@ -299,6 +325,7 @@ cJSON *identify_options_write(const struct identify_options *used, const cJSON *
 {
     const cJSON *signals = cJSON_GetObjectItemCaseSensitive(asked, "signals");
     const cJSON *inputs = cJSON_GetObjectItemCaseSensitive(asked, "inputs");
+    const cJSON *azimuth = cJSON_GetObjectItemCaseSensitive(asked, "azimuth");
     struct identify_settings s = { .opt = *used, .threads = threads,
                                    .refine = used->refine == CHOICE_YES };
     struct rank_options *rank = &s.opt.rank;
@@ -314,6 +341,8 @@ cJSON *identify_options_write(const struct identify_options *used, const cJSON *
                                           : cJSON_CreateString("pod"));
     if (inputs != NULL)
         cJSON_AddItemToObject(o, "inputs", cJSON_Duplicate(inputs, true));
+    if (azimuth != NULL)
+        cJSON_AddItemToObject(o, "azimuth", cJSON_Duplicate(azimuth, true));
     key_table_write(identify_option_rows, &s, o);
     return o;
 }

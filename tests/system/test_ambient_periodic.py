@@ -10,6 +10,7 @@ import pytest
 
 from conftest import write_batch
 
+scipy = pytest.importorskip("scipy")
 pytest.importorskip("scipy.signal")
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "bench"))
 import bench_ambient_periodic as bench
@@ -113,7 +114,7 @@ def test_a_free_response_of_a_periodic_system_is_told(ctl, tmp_path):
 
 
 @pytest.mark.parametrize("options, field, words", [
-    (["band=0,0.3"], "band", "one of the two"),
+    (["band=0,0.3"], "band", "one of them"),
     (["window=0,200"], "signals", "needs at least 256"),
     (["period=-1"], "period", "period"),
 ])
@@ -148,3 +149,70 @@ def test_a_simulated_rotor_under_noise_has_the_multipliers_that_floquet_has(ctl,
         error = np.log(complex(*mode["multiplier"]) / true) / np.pi
         assert np.all(np.abs([error.real, error.imag]) < 3 * np.array(mode["std"]["exponent"]))
     assert said["stability"]["margin"] == pytest.approx(-np.log(max(map(abs, truth))) / np.pi, abs=3 * said["stability"]["margin_std"])
+
+
+def wandering(seed, periods=800, phases=bench.PHASES, fine=8, stiffness=0.35, hertz=0.37, zeta=0.02):
+    """The oscillator of mathieu() whose cosine turns at a speed of 1 that wanders by 1 % within 5 turns: x with 5 % of noise, the
+    angle in turns, and the multiplier at the mean speed."""
+    rng, w, h, n = np.random.default_rng(seed), 2 * np.pi * hertz, 1 / (phases * fine), periods * phases * fine
+    keep = np.exp(-h / 5)
+    speed = 1 + scipy.signal.lfilter([0.01 * np.sqrt(1 - keep ** 2)], [1, -keep], rng.standard_normal(n))
+    angle = np.cumsum(speed) * h - speed[0] * h
+
+    def steps(angle, h):
+        A = np.zeros((len(angle), 2, 2))
+        A[:, 0, 1], A[:, 1, 1] = 1, -2 * zeta * w
+        A[:, 1, 0] = -w ** 2 * (1 + stiffness * np.cos(2 * np.pi * angle))
+        return np.eye(2) + A * h + A @ A * h ** 2 / 2 + A @ A @ A * h ** 3 / 6 + A @ A @ A @ A * h ** 4 / 24
+
+    F, kick = steps(angle + h / 2, h), rng.standard_normal(n) * np.sqrt(h)
+    x, Y = np.zeros(2), np.empty(n // fine)
+    for k in range(n):
+        if k % fine == 0:
+            Y[k // fine] = x[0]
+        x = F[k] @ x + [0, kick[k]]
+    turn, M = (n - 1) * h / (angle[-1] - angle[0]), np.eye(2)
+    for step in steps((np.arange(400) + 0.5) / 400, turn / 400):
+        M = step @ M
+    return Y + 0.05 * Y.std() * rng.standard_normal(len(Y)), angle[::fine], max(np.linalg.eigvals(M), key=np.imag)
+
+
+@pytest.mark.parametrize("unit, least", [(360, 0), (2 * np.pi, -0.5), (-1, 0)])
+def test_an_azimuth_says_what_a_period_is_where_the_speed_wanders(ctl, tmp_path, unit, least):
+    """In degrees, in radians about 0, and in turns that fall."""
+    Y, angle, truth = wandering(8)
+    azimuth = unit * (np.mod(angle - least, 1) + least)
+    path = write_batch(tmp_path / "a.h5", np.column_stack([Y, azimuth]), dt=1 / bench.PHASES)
+    said = ctl("identify", path, *AMBIENT, "-o", "azimuth=1").document
+    mode, = said["modes"]
+    span = -np.log(abs(complex(*mode["multiplier"]))) / -mode["exponent"][0]
+    error = np.log(complex(*mode["multiplier"]) / truth) / span
+    assert span == pytest.approx(1, abs=0.01) and mode["resolved_k"] == 0
+    assert np.all(np.abs([error.real, error.imag]) < 4 * np.array(mode["std"]["exponent"]))
+    assert [s["name"] for s in said["reconstruction"]["signals"]] == ["ch0"] and said["provenance"]["options"]["azimuth"] == 1
+
+
+def test_a_period_of_no_whole_number_of_samples_is_taken(ctl, tmp_path):
+    """Every second one of 25 samples a period: 12.5."""
+    s = mathieu(phases=25)
+    Y = s.samples(1000, np.random.default_rng(9))[::2]
+    mode, = identify(ctl, tmp_path / "a.h5", Y, phases=12.5).document["modes"]
+    error = np.log(complex(*mode["multiplier"]) / s.mu[0])
+    assert np.all(np.abs([error.real, error.imag]) < 3.5 * np.array(mode["std"]["exponent"]))
+
+
+@pytest.mark.parametrize("options, field, words", [
+    (["response=ambient", "azimuth=1", "period=1"], "azimuth", "one of the two"),
+    (["response=ambient", "azimuth=0"], "azimuth", "begins anew each turn"),
+    (["response=ambient", "azimuth=7"], "azimuth", "accepted: channels by name or index below 2"),
+    (["response=ambient", "azimuth=[0,1]"], "azimuth", "accepted: one"),
+    (["response=ambient", "azimuth=1", "signals=1"], "azimuth", "at least one beside it"),
+    (["azimuth=1"], "azimuth", "accepted with response=ambient"),
+    (["response=ambient", "azimuth=1", "band=0,2"], "band", "one of them"),
+])
+def test_an_azimuth_that_is_none_is_refused(ctl, tmp_path, options, field, words):
+    Y = mathieu().samples(300, np.random.default_rng(10))
+    Y = np.column_stack([Y, np.mod(np.arange(len(Y)) / bench.PHASES, 1) * 360])
+    path = write_batch(tmp_path / "a.h5", Y, dt=1 / bench.PHASES)
+    said = ctl("identify", path, *(word for option in options for word in ("-o", option)))
+    assert said.status == 2 and said.document["error"]["field"] == field and words in said.document["error"]["message"]

@@ -31,6 +31,7 @@
 #include "modal/identify/pod.h"
 #include "modal/identify/record.h"
 #include "modal/identify/response.h"
+#include "modal/identify/turns.h"
 #include "modal/identify/verdict.h"
 #include "modal/linalg/svd.h"
 
@@ -73,8 +74,8 @@ struct work {
 };
 
 static const struct response_limits accepted = {
-    .beside = "window, band, period, detrend, scale, signals, pod.energy, pod.rank, shapes, "
-              "rank.fixed, rank.most, threads",
+    .beside = "window, band, period, azimuth, detrend, scale, signals, pod.energy, pod.rank, "
+              "shapes, rank.fixed, rank.most, threads",
     .signals_most = WHITTLE_CHANNELS_MOST, .modes_most = WHITTLE_MODES_MOST, .periodic = true
 };
 
@@ -116,18 +117,20 @@ static enum modal_status take_lines(struct work *w, struct modal_error *err)
 }
 
 /* A period of whole samples; what repeats with it is an orbit, no mode. */
-static enum modal_status read_period(struct work *w, struct modal_error *err)
+static enum modal_status read_period(struct work *w, const struct batch *batch,
+                                     struct modal_error *err)
 {
-    w->phases = 1;
-    w->sample = w->rec.step, w->span = w->rec.dt;
-    w->periodic = w->rec.period > 0;
+    enum modal_status rc = MODAL_OK;
+
+    w->periodic = w->rec.period > 0 || w->opt.azimuth != NULL;
+    if (w->opt.azimuth != NULL || (w->periodic && w->rec.per_period == 0))
+        rc = turns_even(&w->rec, batch, w->opt.azimuth, err);
+    if (rc != MODAL_OK)
+        return rc;
+    w->phases = w->periodic ? w->rec.per_period : 1;
+    w->sample = w->rec.step, w->span = w->periodic ? w->rec.period : w->rec.dt;
     if (!w->periodic)
         return MODAL_OK;
-    if (w->rec.per_period == 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "period", "period is %.9g s, %.9g samples; "
-                                "accepted with response=ambient: a whole number of samples",
-                                w->rec.period, w->rec.period / w->rec.step);
-    w->phases = w->rec.per_period, w->span = w->rec.period;
     ambient_lift_settle(&w->rec.Y, w->phases);
     return record_cut(&w->rec, w->rec.Y.m, w->opt.scale, err);
 }
@@ -137,19 +140,22 @@ static enum modal_status read_record(struct work *w, const struct batch *batch,
                                      struct modal_error *err)
 {
     struct identify_options cut = w->opt;
-    enum modal_status rc;
+    int *list;
+    enum modal_status rc = turns_leave_azimuth(batch, &cut, &list, err);
 
     cut.band[0] = cut.band[1] = 0;
     if (cut.detrend == DETREND_NONE)
         cut.detrend = w->opt.detrend = DETREND_MEAN;
-    rc = record_make(batch, &cut, &w->rec, err);
+    if (rc == MODAL_OK)
+        rc = record_make(batch, &cut, &w->rec, err);
+    free(list);
     if (rc == MODAL_OK && w->rec.wide)
         rc = modal_fail_field(err, MODAL_TOO_LARGE, "signals", "%d samples of %d channels are not "
                               "taken with response=ambient; name channels by `signals`, or give "
                               "`window`", w->rec.Y.m, w->rec.channels);
     if (rc == MODAL_OK) {
         drop_constant(w, batch);
-        rc = read_period(w, err);
+        rc = read_period(w, batch, err);
     }
     if (rc == MODAL_OK && w->rec.Y.m / w->phases < SAMPLES_LEAST)
         rc = modal_fail_field(err, MODAL_BAD_INPUT, "signals", "signals: %d %s; response=ambient "
@@ -664,7 +670,7 @@ static enum modal_status report_rank(struct work *w, struct identify_result *out
     out->freedom = 2 * w->spectrum.lines - whittle_unknowns(w->found.model);
     w->opt.refine = CHOICE_YES;
     out->used = w->opt;
-    out->used.channels = NULL, out->used.clock = NULL;
+    out->used.channels = NULL, out->used.azimuth = NULL, out->used.clock = NULL;
     out->used.cancelled = NULL, out->used.context = NULL;
     return MODAL_OK;
 }

@@ -71,6 +71,8 @@ struct identify_options {
     enum identify_response response;
     const int *inputs;            /* the measured excitation, channels of the batch; forced only */
     int input_count;
+    const int *azimuth;           /* the channel that holds the angle of a periodic system, in place
+                                   * of its period; NULL: none; ambient only */
     bool frf;                     /* frequency responses beside the modes; forced only */
     double pod_energy;            /* 0: rounding or noise floor */
     int pod_rank;                 /* 0: by energy */

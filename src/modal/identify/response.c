@@ -40,10 +40,16 @@ enum modal_status response_check(const struct batch *batch, const struct identif
         return modal_fail_field(err, MODAL_BAD_INPUT, "period", "period is %g s, but response=%s "
                                 "takes constant systems only; accepted: period=0, constant "
                                 "coefficients", period, response);
-    if (period > 0 && o->band[1] > 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "band", "band beside a period of %g s: modes "
-                                "of a periodic system move in many bands; accepted with "
-                                "response=%s: one of the two, or period=0", period, response);
+    if (o->azimuth != NULL && !limits->periodic)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "azimuth", "azimuth says nothing of "
+                                "response=%s; accepted beside it: %s", response, limits->beside);
+    if (o->azimuth != NULL && o->period != 0)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "azimuth", "azimuth beside `period`: the "
+                                "angle says what a period is; accepted: one of the two");
+    if ((period > 0 || o->azimuth != NULL) && o->band[1] > 0)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "band", "band beside a period or an azimuth: "
+                                "modes of a periodic system move in many bands; accepted with "
+                                "response=%s: one of them, or period=0", response);
     if (o->pod_rank > limits->signals_most)
         return modal_fail_field(err, MODAL_BAD_INPUT, "pod.rank", "pod.rank is %d; accepted with "
                                 "response=%s: 1 to %d", o->pod_rank, response,

@@ -15,6 +15,34 @@
 #include "modal/steady/solve.h"
 #include "modal/steady/stability.h"
 
+/* POINT, unstable, and what is KNOWN of it become the motion that attracts from rest, where one is
+ * found that is not unstable as well; *DONE: they did. */
+static enum modal_status take_attractor(struct steady *s, struct steady_point *point,
+                                        struct stability *known, bool *done,
+                                        struct modal_error *err)
+{
+    struct steady_point other;
+    struct stability st = { 0 };
+    bool found;
+    enum modal_status rc = steady_solve_attractor(s, point, &other, &found, err);
+
+    if (rc == MODAL_OK && found)
+        rc = stability_of(s, &other, &st, err);
+    *done = rc == MODAL_OK && found && st.verdict != STABILITY_UNSTABLE;
+    if (*done) {
+        struct steady_point last = *point;
+        struct stability was = *known;
+
+        *point = other;
+        *known = st;
+        other = last;
+        st = was;
+    }
+    stability_done(&st);
+    steady_point_done(&other);
+    return rc;
+}
+
 /* A motion found from rest that is unstable is not what a machine does: a stable one is sought
  * among all, and given if there is.  *KNOWN is the stability of the one given. */
 static enum modal_status prefer_stable(struct steady *s, const struct program *p,
@@ -24,14 +52,18 @@ static enum modal_status prefer_stable(struct steady *s, const struct program *p
     struct stability st = { 0 };
     struct steady_point *points = NULL;
     int count = 0, stable = -1;
+    bool done = false;
     double spent = 0;
     enum modal_status rc = stability_of(s, point, known, err);
 
     if (rc != MODAL_OK || known->verdict != STABILITY_UNSTABLE)
         return rc;
+    rc = take_attractor(s, point, known, &done, err);
+    if (rc != MODAL_OK || done)
+        return rc;
     rc = steady_solve_all(s, p->omega, NULL, point, &points, &count, err);
-    /* Looking for it may cost as much as the one verdict may. */
-    for (int i = 0; rc == MODAL_OK && i < count && stable < 0 && spent <= known->work.most; i++) {
+    /* Looking for it may cost as much as the one verdict may; the first is what is known. */
+    for (int i = 1; rc == MODAL_OK && i < count && stable < 0 && spent <= known->work.most; i++) {
         rc = points[i].converged ? stability_of(s, &points[i], &st, err) : MODAL_OK;
         spent += st.work.spent;
         if (rc == MODAL_OK && points[i].converged && st.verdict == STABILITY_STABLE)

@@ -19,13 +19,21 @@ class Period:
         m = scene["structure"]
         self.Minv, self.C, self.K = (np.linalg.inv(m["M"]), np.array(m["C"]), np.array(m["K"]))
         self.n, self.omega, self.steps, self.load = len(self.Minv), scene["omega"], steps, scene["excitation"]
-        self.effects = [(e, int(e["dof"][1:]) - 1) for e in scene["effects"]]
+        self.effects = [(e, self.across(e)) for e in scene["effects"]]
         self.sliders = [(e, i) for e, i in self.effects if e["type"] == "friction"]
         self.states = 2 * self.n + len(self.sliders)
 
+    def across(self, effect):
+        """The row that takes displacements to what the effect sees."""
+        row = np.zeros(self.n)
+        row[int(effect["dof"][1:]) - 1] = 1
+        if "to" in effect:
+            row[int(effect["to"][1:]) - 1] = -1
+        return row
+
     def held(self, x, before, force):
-        return np.array([np.clip(f + e["stiffness"] * (x[i] - b[i]), -e["limit"], e["limit"])
-                         for (e, i), f, b in zip(self.sliders, force, [before] * len(force))]).reshape(force.shape)
+        return np.array([np.clip(f + e["stiffness"] * (row @ x - row @ before), -e["limit"], e["limit"])
+                         for (e, row), f in zip(self.sliders, force)]).reshape(force.shape)
 
     def rate(self, t, y, before, force):
         x, v = y[:self.n], y[self.n:]
@@ -33,14 +41,20 @@ class Period:
         for row in self.load:
             i, phase = int(row["dof"][1:]) - 1, row["k"] * self.omega * t
             f[i] += row["cos"] * np.cos(phase) + row.get("sin", 0) * np.sin(phase)
-        for e, i in self.effects:
+        for e, row in self.effects:
+            d, rate, pushed = row @ x, row @ v, 0 * (row @ x)
             if e["type"] == "gap":
-                into = np.maximum(x[i] - e["clearance"], 0)
-                f[i] -= np.maximum(e["stiffness"] * into * (1 + e.get("dissipation", 0) * v[i]), 0)
+                into = np.maximum(d - e["clearance"], 0)
+                pushed = np.maximum(e["stiffness"] * into * (1 + e.get("dissipation", 0) * rate), 0)
             if e["type"] == "parametric_stiffness":
-                f[i] -= e["stiffness"] * np.cos(e["k"] * self.omega * t + e["phase"]) * x[i]
-        for (e, i), g in zip(self.sliders, self.held(x, before, force)):
-            f[i] -= g
+                pushed = e["stiffness"] * np.cos(e["k"] * self.omega * t + e["phase"]) * d
+            if e["type"] == "cubic_spring":
+                pushed = e["coefficient"] * d ** 3
+            if e["type"] == "regularised_coulomb":
+                pushed = e["limit"] * np.tanh(rate / e["velocity"])
+            f -= np.multiply.outer(row, pushed)
+        for (e, row), g in zip(self.sliders, self.held(x, before, force)):
+            f -= np.multiply.outer(row, g)
         return np.concatenate([v, self.Minv @ f])
 
     def __call__(self, u):
@@ -118,6 +132,29 @@ def test_what_the_balance_does_not_reach_from_rest_is_found_in_time(tmp_path, na
     assert answer["total_error"] < 1e-3 * np.abs(path).max()
     assert abs(answer["stability"]["max_multiplier"] - largest) < 0.02 * largest + 0.05
     assert answer["stability"]["stable"] is (None if abs(largest - 1) < 0.01 else bool(largest < 1))
+
+
+def test_a_motion_that_settles_after_hundreds_of_periods_is_found(tmp_path):
+    """A free body: in time it takes 500 periods, and no balance leads to it from rest."""
+    scene = json.loads((SCENES / "settles_after_hundreds_of_periods.json").read_text())
+    answer, x, path, left, multipliers = answered(tmp_path, scene, 2048)
+    assert left < 1e-7
+    assert np.abs(multipliers).max() < 1 and answer["stability"]["stable"]
+    assert np.abs(x - path).max() < 2 * answer["total_error"] + 1e-4 * np.abs(path).max()
+
+
+def test_a_motion_that_attracts_is_given_for_an_unstable_one(tmp_path):
+    """A free body's motion near rest repeats but is unstable; from rest it goes to another, far away, within 30 periods."""
+    scene = json.loads((SCENES / "attracted_far_from_rest.json").read_text())
+    answer, steps = run(tmp_path, "steady", scene, "-o", "stability=true"), 256
+    period = Period(scene, steps)
+    u = np.zeros((period.states, 1))
+    for _ in range(40):
+        u, marched = period(u)
+    X = harmonics(answer)
+    x = (X @ np.exp(2j * np.pi * np.outer(np.arange(X.shape[1]), np.arange(steps)) / steps)).real
+    assert answer["converged"] and answer["stability"]["stable"] is not False
+    assert np.abs(x - marched).max() < 2 * answer["total_error"] + 1e-3 * np.abs(marched).max()
 
 
 @pytest.mark.parametrize("stiffness", [1e4])

@@ -181,6 +181,8 @@ enum modal_status rk4_stepper_new(const struct statespace *ss, const struct sour
         for (size_t i = 0; i < sizeof all / sizeof *all; i++)
             *all[i].x = workspace_zeros(&s->space, all[i].count, sizeof **all[i].x);
         rc = workspace_check(&s->space, "stepping: out of memory", err);
+        s->face.memory = s->memory;
+        s->face.memories = s->ports->memory;
     }
     if (rc == MODAL_OK)
         *out = &s->face;

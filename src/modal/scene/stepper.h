@@ -39,8 +39,8 @@ struct stepper {
     int64_t maps;                /* exponentials computed */
     int64_t steps, rejected;     /* of an adaptive one */
     double tolerance;            /* nonlinear: of a step; may be changed between two calls */
-    /* Nonlinear: what laws remember, MEMORIES numbers, between two calls; to begin another motion
-     * write its own there and set `anew`. */
+    /* Nonlinear and rk4: what laws remember, MEMORIES numbers, between two calls; to begin another
+     * motion write its own there and set `anew`. */
     double *memory;
     int memories;
     bool anew;

@@ -35,6 +35,9 @@ static const double FOLDS = 7;
 /* Of the budget, what a motion sought in time may cost: it serves the balances of all orders, which
  * have the rest. */
 static const double SHARE_OF_TIME = 0.25;
+/* The same of one sought beside an unstable answer: an attractor is near within some tens of
+ * periods, or transients are too long. */
+static const double SHARE_OF_STABLE = 0.1;
 enum {
     H_CYCLE_MOST = 1024,    /* an eighth of the samples: what folds onto them is small */
     H_LEAST = 8,   /* as solve.c begins */
@@ -272,14 +275,16 @@ struct settled {
     struct cycle motion;
 };
 
-/* s->settled, from START or from rest. */
+/* s->settled, from START or from rest; ATTRACTED: settle.h. */
 static enum modal_status search_in_time(struct steady *s, double omega,
-                                        const struct steady_start *start, struct modal_error *err)
+                                        const struct steady_start *start, bool attracted,
+                                        struct modal_error *err)
 {
     struct cycle_options opt = { s->opt.cancelled, s->opt.context, &s->budget };
-    double *x = calloc(2 * (size_t)s->p->n + 1, sizeof *x), most = SHARE_OF_TIME * s->budget.most;
+    double *x = calloc(2 * (size_t)s->p->n + 1, sizeof *x), most;
     enum modal_status rc = MODAL_OK;
 
+    most = (attracted ? SHARE_OF_STABLE : SHARE_OF_TIME) * s->budget.most;
     s->settled = calloc(1, sizeof *s->settled);
     if (x == NULL || s->settled == NULL)
         rc = modal_fail(err, MODAL_NO_MEMORY, "steady: no memory");
@@ -291,42 +296,9 @@ static enum modal_status search_in_time(struct steady *s, double omega,
     if (rc == MODAL_OK && s->settled->search != NULL && start != NULL)
         rc = state_of_start(s, omega, start, x, x + s->p->n, err);
     if (rc == MODAL_OK && s->settled->search != NULL)
-        rc = settle_find(s->settled->search, x, x + s->p->n, most, &s->settled->motion, err);
+        rc = settle_find(s->settled->search, x, x + s->p->n, most, attracted,
+                         &s->settled->motion, err);
     free(x);
-    return rc;
-}
-
-enum modal_status time_start(struct steady *s, const struct balance *b,
-                             const struct steady_start *start, double complex *X, bool *found,
-                             struct modal_error *err)
-{
-    struct orbit_grid *g = NULL;
-    enum modal_status rc =
-        s->settled != NULL ? MODAL_OK : search_in_time(s, b->omega, start, err);
-
-    *found = rc == MODAL_OK && s->settled->motion.closed;
-    if (*found)
-        rc = orbit_grid_new(CYCLE_SAMPLES, &g, err);
-    for (int i = 0; rc == MODAL_OK && *found && i < b->q; i++)
-        orbit_analyze(g, s->settled->motion.x + (size_t)condense_dofs(s->c)[i] * CYCLE_SAMPLES,
-                      b->H, X + i * (b->H + 1));
-    orbit_grid_free(g);
-    return rc;
-}
-
-enum modal_status time_answer(struct steady *s, double omega, struct steady_point *point,
-                              struct modal_error *err)
-{
-    enum modal_status rc = MODAL_OK;
-
-    if (s->settled == NULL || !s->settled->motion.closed)
-        return MODAL_OK;
-    rc = settle_multipliers(s->settled->search, SHARE_OF_TIME * s->budget.most,
-                            &s->settled->motion, err);
-    if (rc == MODAL_OK)
-        rc = cycle_point(s, &s->settled->motion, omega, point, err);
-    if (rc == MODAL_OK)
-        describe(s, &s->settled->motion, point);
     return rc;
 }
 
@@ -338,4 +310,64 @@ void time_forget(struct steady *s)
     cycle_done(&s->settled->motion);
     free(s->settled);
     s->settled = NULL;
+}
+
+/* X of B's kept dofs from s->settled, as far as it is near; *FOUND: it is. */
+static enum modal_status start_of_motion(struct steady *s, const struct balance *b,
+                                         double complex *X, bool *found, struct modal_error *err)
+{
+    const struct cycle *c = &s->settled->motion;
+    struct orbit_grid *g = NULL;
+    enum modal_status rc = MODAL_OK;
+
+    *found = s->settled->search != NULL && c->closure <= SETTLE_NEAR;
+    if (*found)
+        rc = orbit_grid_new(CYCLE_SAMPLES, &g, err);
+    for (int i = 0; rc == MODAL_OK && *found && i < b->q; i++)
+        orbit_analyze(g, c->x + (size_t)condense_dofs(s->c)[i] * CYCLE_SAMPLES, b->H,
+                      X + i * (b->H + 1));
+    orbit_grid_free(g);
+    return rc;
+}
+
+enum modal_status time_start(struct steady *s, const struct balance *b,
+                             const struct steady_start *start, double complex *X, bool *found,
+                             struct modal_error *err)
+{
+    enum modal_status rc =
+        s->settled != NULL ? MODAL_OK : search_in_time(s, b->omega, start, false, err);
+
+    *found = false;
+    return rc == MODAL_OK ? start_of_motion(s, b, X, found, err) : rc;
+}
+
+enum modal_status time_attractor(struct steady *s, const struct balance *b, double complex *X,
+                                 bool *found, struct modal_error *err)
+{
+    enum modal_status rc = search_in_time(s, b->omega, NULL, true, err);
+
+    *found = false;
+    if (rc == MODAL_OK)
+        rc = start_of_motion(s, b, X, found, err);
+    time_forget(s);
+    return rc;
+}
+
+enum modal_status time_answer(struct steady *s, double omega, struct steady_point *point,
+                              struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+
+    if (s->settled == NULL || !s->settled->motion.closed)
+        return MODAL_OK;
+    rc = settle_close(s->settled->search, SHARE_OF_TIME * s->budget.most, &s->settled->motion, err);
+    if (rc != MODAL_OK || !s->settled->motion.closed)
+        return rc;
+    rc = settle_multipliers(s->settled->search, SHARE_OF_TIME * s->budget.most,
+                            &s->settled->motion, err);
+    if (rc == MODAL_OK)
+        rc = cycle_point(s, &s->settled->motion, omega, point, err);
+    if (rc == MODAL_OK)
+        describe(s, &s->settled->motion, point);
+    return rc;
 }

@@ -32,6 +32,9 @@ enum modal_status time_start(struct steady *s, const struct balance *b,
  * and attempts stay.  Fails as time_start does. */
 enum modal_status time_answer(struct steady *s, double omega, struct steady_point *point,
                               struct modal_error *err);
+/* As time_start, of a motion from rest that attracts; it is not kept. */
+enum modal_status time_attractor(struct steady *s, const struct balance *b, double complex *X,
+                                 bool *found, struct modal_error *err);
 /* Frees it. */
 void time_forget(struct steady *s);
 #endif

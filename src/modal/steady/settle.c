@@ -14,6 +14,11 @@
  * or where that is less by what such a rate makes of s_i q_i in a radian of omega, as little holds
  * soft modes and nothing rigid ones; z by the largest displacement that a law sees.
  *
+ * A start need not be that good: it is found with the fixed steps of rk4_stepper.c, whose map is of
+ * a motion near and repeats to rounding.  They are halved until half of them change nothing that
+ * matters; where they come to cost more than the stepper's own, as of stiff contacts, that is
+ * taken, roughly and then to the end.  The answer (settle_close) is always the stepper's.
+ *
  * [B65] Broyden, Math. Comp. 19 (1965) 577-593.
  */
 #include "modal/steady/settle.h"
@@ -38,6 +43,11 @@ static const double TWO_PI = 6.283185307179586477;   /* a period of theta */
  * period's errors and the map's curvature.  A fifth of the fine steps serves until it is near. */
 struct stage { double tolerance, closed, difference; };
 static const struct stage ROUGH = { 1e-6, 1e-3, 1e-3 };
+static const struct stage QUICK = { 0, 1e-6, 1e-5 };    /* of fixed steps */
+/* Of the work allowed, what the quick steps may take, which come far with it. */
+static const double SHARE_OF_QUICK = 0.3;
+/* What halved steps may change of a period, of a state's unit: a start for the balance. */
+static const double QUICK_ENOUGH = 1e-2;
 static const struct stage FINE = { 1e-11, 1e-9, 1e-5 };
 /* The same of displacements, as shares of what moves most. */
 static const double CLOSED_IN_TIME = 1e-7;
@@ -45,6 +55,9 @@ static const double CLOSED_IN_TIME = 1e-7;
 static const double LONGER = 4;
 /* A period that takes so many times the steps of those before is given up: contacts accumulate. */
 static const double HARD = 20;
+/* What an attracting motion leaves open of a period once it is near: Newton's method that sets out
+ * from there stays there. */
+static const double ATTRACTS = 1e-2;
 /* Of what a period leaves open, a share that no step explains: what nothing holds moves on. */
 static const double DRIFTS = 0.5;
 /* Singular values below this share of the largest are 0, to what differences tell. */
@@ -59,9 +72,18 @@ static const double LAMBDA_LEAST = 0.1;
 enum {
     STEPS = 64,            /* parts of a period; the longest step is one */
     STEPS_FIRST = 1024,    /* of a period, before any was marched */
+    QUICK_STEPS = 4,       /* rk4's of such a part, to begin with */
     PERIODS_FIRST = 12,    /* marched, so that fast transients are gone */
     TRIES_MOST = 400000,   /* steps in all, whatever they cost */
+    QUICK_CALLS = 150,     /* operations of a stage that its calls take, whatever the size */
     SVD_ROOM = 8           /* dgelss: 5 of the order at least */
+};
+
+/* A stepper and its work. */
+struct pace {
+    struct stepper *by;
+    double try_work, map_work;        /* of one, operations of budget.h */
+    int64_t tries, maps;              /* counted so far */
 };
 
 struct settle {
@@ -70,7 +92,7 @@ struct settle {
     struct statespace *ss;
     struct sources *src;
     struct ports *ports;              /* for their R alone */
-    struct stepper *stepper;
+    struct pace quick, own, *pace;    /* rk4's fixed steps; the stepper's own; the one at hand */
     int n, N, order;                  /* dofs; of y; of u */
     double T;                         /* s: one period */
     double *u, *end, *r;              /* a start, P of it, their difference in units; order each */
@@ -78,13 +100,13 @@ struct settle {
     double *J, *work, *svd, *singular;    /* I - dP/du in units, order^2; scratch */
     double *probes;                   /* 2 probes: what laws see at y */
     double size_y, size_z;            /* the largest so far */
-    double try_work, map_work;        /* of one, operations of budget.h */
+    double *from;                     /* the state that is marched from */
     double most;                      /* operations, allowed; */
     double spent;                     /* so far */
-    int64_t tries, maps;              /* of the stepper, counted so far */
     int64_t tries_of_map;             /* at which a period is given up */
     const struct stage *stage;
     int periods, svd_size;
+    bool attracted;                   /* what is near may be closed, not what is far */
     bool drifts;                      /* what nothing holds moves on by as much each period */
     bool *acts;
     struct workspace space;           /* of the arrays */
@@ -93,15 +115,15 @@ struct settle {
 /* The stepper's work since the last call. */
 static void count_work(struct settle *s)
 {
-    const struct stepper *by = s->stepper;
-    int64_t tries = by->steps + by->rejected;
-    double work = (double)(tries - s->tries) * s->try_work
-                  + (double)(by->maps - s->maps) * s->map_work;
+    struct pace *pace = s->pace;
+    int64_t tries = pace->by->steps + pace->by->rejected;
+    double work = (double)(tries - pace->tries) * pace->try_work
+                  + (double)(pace->by->maps - pace->maps) * pace->map_work;
 
     budget_add(s->opt.budget, work);
     s->spent += work;
-    s->tries = tries;
-    s->maps = by->maps;
+    pace->tries = tries;
+    pace->maps = pace->by->maps;
 }
 
 /* Whether the caller wants no answer any more. */
@@ -113,7 +135,7 @@ static bool cancelled(const struct settle *s)
 /* Whether the work is done, or no answer is wanted. */
 static bool is_over(const struct settle *s)
 {
-    return s->spent >= s->most || s->tries > TRIES_MOST || cancelled(s);
+    return s->spent >= s->most || s->own.tries > TRIES_MOST || cancelled(s);
 }
 
 /* Asked by the stepper now and then, and between its calls: whether to give up the period. */
@@ -122,7 +144,7 @@ static bool leaves_off(void *context)
     struct settle *s = context;
 
     count_work(s);
-    return is_over(s) || s->tries > s->tries_of_map;
+    return is_over(s) || s->pace->tries > s->tries_of_map;
 }
 
 /* A step was accepted: which laws act. */
@@ -160,9 +182,9 @@ static void measure(struct settle *s, const double *u)
 static void begin_at(struct settle *s, const double *from, double *y)
 {
     memcpy(y, from, (size_t)s->order * sizeof *y);
-    if (s->stepper->memories > 0)
-        memcpy(s->stepper->memory, from + s->N, (size_t)s->stepper->memories * sizeof *from);
-    s->stepper->anew = true;
+    if (s->pace->by->memories > 0)
+        memcpy(s->pace->by->memory, from + s->N, (size_t)s->pace->by->memories * sizeof *from);
+    s->pace->by->anew = true;
     memset(s->acts, 0, (size_t)s->p.laws * sizeof *s->acts);
 }
 
@@ -171,19 +193,21 @@ static void begin_at(struct settle *s, const double *from, double *y)
 static enum modal_status map(struct settle *s, const double *from, double *to, double *r,
                              struct modal_error *err)
 {
-    size_t N = (size_t)s->N, memories = (size_t)s->stepper->memories;
+    size_t N = (size_t)s->N, memories = (size_t)s->pace->by->memories;
     enum modal_status rc = MODAL_OK;
 
     begin_at(s, from, to);
-    s->tries_of_map = s->tries
-                      + (int64_t)(HARD * (double)(s->tries + STEPS_FIRST) / (s->periods + 1));
+    s->tries_of_map = s->pace->tries
+                      + (int64_t)(HARD * (double)(s->pace->tries + STEPS_FIRST) / (s->periods + 1));
+    if (s->pace == &s->quick)
+        s->tries_of_map = INT64_MAX;                    /* as many each period */
     for (int i = 0; rc == MODAL_OK && i < STEPS; i++) {
-        rc = s->stepper->advance(s->stepper, i * s->T / STEPS, s->T / STEPS, to, err);
+        rc = s->pace->by->advance(s->pace->by, i * s->T / STEPS, s->T / STEPS, to, err);
         if (rc == MODAL_OK && leaves_off(s))
             rc = MODAL_CANCELLED;
     }
     if (memories > 0)
-        memcpy(to + N, s->stepper->memory, memories * sizeof *to);
+        memcpy(to + N, s->pace->by->memory, memories * sizeof *to);
     s->periods++;
     if (rc == MODAL_OK)
         measure(s, to);
@@ -313,6 +337,12 @@ static bool unexplained(struct settle *s)
     return largest(s->work, order) > DRIFTS * largest(s->r, order);
 }
 
+/* Whether differences and a step leave half of the work. */
+static bool affords_newton(const struct settle *s)
+{
+    return s->spent / s->periods * s->order < (s->most - s->spent) / 2;
+}
+
 /* Newton's method from here, until it closes or no step helps. */
 static enum modal_status close_by_newton(struct settle *s, struct modal_error *err)
 {
@@ -322,12 +352,14 @@ static enum modal_status close_by_newton(struct settle *s, struct modal_error *e
     while (rc == MODAL_OK && largest(s->r, s->order) > s->stage->closed) {
         bool fresh = left > SLOW;     /* the matrix is of differences right here */
 
+        if (fresh && !affords_newton(s))
+            break;
         if (fresh)
             rc = differences(s, s->stage->difference, err);
         if (rc == MODAL_OK)
             rc = take_step(s, &left, err);
         if (rc == MODAL_OK && left == 1 && fresh) {
-            s->drifts = s->stage == &FINE && unexplained(s);
+            s->drifts = s->stage != &ROUGH && unexplained(s);
             break;
         }
     }
@@ -342,27 +374,102 @@ static enum modal_status close_up(struct settle *s, const struct stage *stage,
     int more = PERIODS_FIRST;
 
     s->stage = stage;
-    s->stepper->tolerance = stage->tolerance;
+    s->pace->by->tolerance = stage->tolerance;
     rc = march_on(s, 1, err);                           /* as well as is asked from here on */
     if (rc == MODAL_OK && stage == &FINE)
         rc = close_by_newton(s, err);
     for (; rc == MODAL_OK && !s->drifts && largest(s->r, s->order) > stage->closed; more *= 2) {
         rc = march_on(s, more, err);
-        if (rc == MODAL_OK)
+        if (rc == MODAL_OK && !(s->attracted && largest(s->r, s->order) > ATTRACTS))
             rc = close_by_newton(s, err);
     }
     return rc;
 }
 
-/* A motion near, then the motion itself. */
-static enum modal_status close_twice(struct settle *s, struct cycle *out, struct modal_error *err)
+/* rk4 with COUNT steps a part of a period, at hand; false: they cost more than the stepper's own,
+ * or than is left. */
+static enum modal_status set_quick(struct settle *s, int count, bool *serves,
+                                   struct modal_error *err)
 {
-    enum modal_status rc = close_up(s, &ROUGH, err);
+    struct stepper_options how = { .dt = s->T / STEPS, .substeps = count };
+    double work, stages = 4, N = s->N, probes = 2.0 * s->ports->probes;
 
-    if (rc == MODAL_OK)
-        rc = close_up(s, &FINE, err);
+    if (s->quick.by != NULL)
+        s->quick.by->free(s->quick.by);
+    s->quick = (struct pace){ 0 };
+    work = stages * (QUICK_CALLS + s->p.laws * BUDGET_SAMPLE
+                     + 2 * N * (N + s->src->nw + probes + s->ports->channels) / BUDGET_DENSE);
+    *serves = STEPS * count * work < STEPS_FIRST * s->own.try_work
+           && STEPS * count * work * PERIODS_FIRST < s->most - s->spent;
+    s->pace = &s->quick;
+    s->quick.try_work = work;
+    s->periods = 0;
+    return *serves ? rk4_stepper_new(s->ss, s->src, &how, &s->quick.by, err) : MODAL_OK;
+}
+
+/* Whether COUNT steps were enough: twice as many, at hand after this, end the period from s->u
+ * where they did; *SERVES as set_quick's. */
+static enum modal_status are_enough(struct settle *s, int count, bool *enough, bool *serves,
+                                    struct modal_error *err)
+{
+    enum modal_status rc = set_quick(s, 2 * count, serves, err);
+
+    *enough = !*serves;
+    if (rc != MODAL_OK || !*serves)
+        return rc;
+    rc = map(s, s->u, s->trial_end, s->trial_r, err);
+    *enough = rc == MODAL_OK;
+    for (int i = 0; i < s->order; i++)
+        *enough &= !(s->unit[i] > 0)
+                || fabs(s->trial_end[i] - s->end[i]) <= QUICK_ENOUGH * s->unit[i];
+    return rc == MODAL_NO_CONVERGENCE ? MODAL_OK : rc;
+}
+
+/* From s->from, with steps that are enough where they end; *SERVES false: none are. */
+static enum modal_status close_quickly(struct settle *s, bool *serves, struct modal_error *err)
+{
+    bool enough = false;
+    enum modal_status rc = set_quick(s, QUICK_STEPS, serves, err);
+
+    for (int count = QUICK_STEPS; rc == MODAL_OK && *serves && !enough; count *= 2) {
+        s->drifts = false;
+        s->size_y = s->size_z = 0;
+        memcpy(s->end, s->from, (size_t)s->order * sizeof *s->end);
+        s->stage = &QUICK;
+        rc = march_on(s, PERIODS_FIRST, err);           /* steps too long are told soon */
+        if (rc == MODAL_OK)
+            rc = are_enough(s, count, &enough, serves, err);
+        if (rc == MODAL_OK && enough && *serves)
+            rc = close_up(s, &QUICK, err);
+        else if (rc == MODAL_NO_CONVERGENCE && !is_over(s)) {
+            enough = false;                             /* grown without bound */
+            rc = set_quick(s, 2 * count, serves, err);
+        }
+    }
+    return rc;
+}
+
+/* A motion near by the quick steps; where they do not serve, roughly and then the motion itself. */
+static enum modal_status close_near(struct settle *s, struct cycle *out, struct modal_error *err)
+{
+    double most = s->most, began = s->spent;
+    bool serves = false;
+    enum modal_status rc;
+
+    s->most = began + SHARE_OF_QUICK * (most - began);
+    rc = close_quickly(s, &serves, err);
+    s->most = most;
+    if (rc == MODAL_OK && !serves) {
+        s->pace = &s->own;
+        s->periods = 0;
+        s->drifts = false;
+        memcpy(s->end, s->from, (size_t)s->order * sizeof *s->end);
+        rc = close_up(s, &ROUGH, err);
+        if (rc == MODAL_OK)
+            rc = close_up(s, &FINE, err);
+    }
     out->closure = largest(s->r, s->order);
-    out->closed = rc == MODAL_OK && !s->drifts;
+    out->closed = rc == MODAL_OK && !s->drifts && out->closure <= s->stage->closed;
     return rc == MODAL_NO_CONVERGENCE ? MODAL_OK : rc;
 }
 
@@ -400,13 +507,14 @@ static enum modal_status sample(struct settle *s, struct cycle *out, struct moda
         statespace_motion(s->ss, s->trial, one, NULL);
         for (size_t i = 0; i < n; i++)
             out->x[i * CYCLE_SAMPLES + j] = one[i];
-        rc = s->stepper->advance(s->stepper, (double)j * s->T / CYCLE_SAMPLES,
-                                 s->T / CYCLE_SAMPLES, s->trial, err);
+        rc = s->pace->by->advance(s->pace->by, (double)j * s->T / CYCLE_SAMPLES,
+                                  s->T / CYCLE_SAMPLES, s->trial, err);
     }
     count_work(s);
     if (rc == MODAL_OK)
         statespace_motion(s->ss, s->trial, one, NULL);
-    out->closed = rc == MODAL_OK && repeats(out->x, one, s->n);
+    /* quick steps of another length close at another place, which a start may */
+    out->closed &= rc == MODAL_OK && (s->pace == &s->quick || repeats(out->x, one, s->n));
     return rc;
 }
 
@@ -415,8 +523,9 @@ static enum modal_status allocate(struct settle *s, struct modal_error *err)
 {
     size_t order = (size_t)s->order;
     struct { double **x; size_t count; } all[] = {
-        { &s->u, order }, { &s->end, order }, { &s->r, order }, { &s->trial, order },
-        { &s->trial_end, order }, { &s->trial_r, order }, { &s->step, order }, { &s->unit, order },
+        { &s->u, order }, { &s->from, order }, { &s->end, order }, { &s->r, order },
+        { &s->trial, order }, { &s->trial_end, order }, { &s->trial_r, order },
+        { &s->step, order }, { &s->unit, order },
         { &s->J, order * order }, { &s->work, order * order }, { &s->singular, order },
         { &s->svd, (size_t)s->svd_size }, { &s->probes, 2 * (size_t)s->ports->probes } };
 
@@ -463,12 +572,12 @@ enum modal_status settle_new(const struct program *p, double omega, const struct
     if (rc == MODAL_OK)
         rc = ports_new(s->ss, &s->ports, err);
     if (rc == MODAL_OK)
-        rc = nonlinear_stepper_new(s->ss, s->src, &how, &s->stepper, err);
+        rc = nonlinear_stepper_new(s->ss, s->src, &how, &s->own.by, err);
     if (rc == MODAL_OK) {
         s->N = s->ss->N;
-        s->order = s->N + s->stepper->memories;
+        s->order = s->N + s->own.by->memories;
         s->svd_size = SVD_ROOM * (s->order + SVD_ROOM);
-        cycle_price(s->ports, s->src->nw, &s->try_work, &s->map_work);
+        cycle_price(s->ports, s->src->nw, &s->own.try_work, &s->own.map_work);
         rc = allocate(s, err);
     }
     if (rc != MODAL_OK) {
@@ -483,8 +592,10 @@ void settle_free(struct settle *s)
 {
     if (s == NULL)
         return;
-    if (s->stepper != NULL)
-        s->stepper->free(s->stepper);
+    if (s->own.by != NULL)
+        s->own.by->free(s->own.by);
+    if (s->quick.by != NULL)
+        s->quick.by->free(s->quick.by);
     ports_free(s->ports);
     sources_free(s->src);
     statespace_free(s->ss);
@@ -493,7 +604,7 @@ void settle_free(struct settle *s)
 }
 
 enum modal_status settle_find(struct settle *s, const double *x0, const double *v0, double most,
-                              struct cycle *out, struct modal_error *err)
+                              bool attracted, struct cycle *out, struct modal_error *err)
 {
     size_t n = (size_t)s->n;
     double *rest = calloc(n + 1, sizeof *rest);
@@ -508,20 +619,44 @@ enum modal_status settle_find(struct settle *s, const double *x0, const double *
     if (rc == MODAL_OK) {
         s->p.x0 = x0 != NULL ? (double *)x0 : rest;     /* read only, by statespace_start */
         s->p.v0 = v0 != NULL ? (double *)v0 : rest;
-        statespace_start(s->ss, s->end);
+        statespace_start(s->ss, s->from);
         s->most = s->spent + most;
-        rc = close_twice(s, out, err);
+        s->attracted = attracted;
+        rc = close_near(s, out, err);
     }
-    if (rc == MODAL_OK && out->closed)
+    if (rc == MODAL_OK && out->closure <= SETTLE_NEAR)
         rc = sample(s, out, err);
     if (rc == MODAL_OK) {
         memcpy(out->acts, s->acts, (size_t)s->p.laws * sizeof *out->acts);
         out->periods = s->periods;
-        out->evaluations = (long)s->stepper->steps;
+        out->evaluations = (long)s->pace->by->steps;
     } else
         cycle_done(out);
     free(rest);
     return rc;
+}
+
+enum modal_status settle_close(struct settle *s, double most, struct cycle *out,
+                               struct modal_error *err)
+{
+    enum modal_status rc;
+
+    if (s->pace == &s->own)
+        return MODAL_OK;                                /* it is as good as can be */
+    s->pace = &s->own;
+    s->periods = 0;
+    s->most = s->spent + most;
+    memcpy(s->end, s->u, (size_t)s->order * sizeof *s->end);
+    rc = close_up(s, &FINE, err);
+    out->closure = largest(s->r, s->order);
+    out->closed = rc == MODAL_OK && !s->drifts && out->closure <= FINE.closed;
+    if (out->closed)
+        rc = sample(s, out, err);
+    if (rc == MODAL_OK) {
+        memcpy(out->acts, s->acts, (size_t)s->p.laws * sizeof *out->acts);
+        out->evaluations = (long)s->own.by->steps;
+    }
+    return rc == MODAL_NO_CONVERGENCE ? MODAL_OK : rc;
 }
 
 /* Eigenvalues of I - J, J by differences of STEP. */

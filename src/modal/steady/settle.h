@@ -14,6 +14,9 @@ struct cycle_options;
 struct program;
 struct settle;                /* one search */
 
+/* Of a motion's size, what a period may leave open of one that is a start still. */
+#define SETTLE_NEAR 0.1
+
 /* Whether P is of the kind that is followed here: laws that a state determines, none rigid and none
  * a user's, and few states. */
 bool settle_takes(const struct program *p);
@@ -26,13 +29,19 @@ enum modal_status settle_new(const struct program *p, double omega, const struct
 void settle_free(struct settle *s);
 
 /*
- * The motion that is reached from displacements X0 and rates V0 by dof, sliders at zero (NULL: from
- * rest), into OUT, without forces and multipliers; cycle_done frees it.  MOST: operations of
- * budget.h that closing it may cost.  Not to close is an answer.  Fails with MODAL_NO_MEMORY or
- * MODAL_CANCELLED.
+ * A motion near the one that is reached from displacements X0 and rates V0 by dof, sliders at zero
+ * (NULL: from rest), into OUT, without forces and multipliers; cycle_done frees it.  MOST:
+ * operations of budget.h that closing it may cost.  Not to close is an answer: where it leaves
+ * SETTLE_NEAR open at most the last period is given all the same.  ATTRACTED: what marching alone
+ * comes near to, as an unstable motion is not.  Fails with MODAL_NO_MEMORY or MODAL_CANCELLED.
  */
 enum modal_status settle_find(struct settle *s, const double *x0, const double *v0, double most,
-                              struct cycle *out, struct modal_error *err);
+                              bool attracted, struct cycle *out, struct modal_error *err);
+
+/* The motion itself, to 1e-9, in place of that of settle_find, in OUT; not closed where that costs
+ * more than MOST.  Fails as settle_find. */
+enum modal_status settle_close(struct settle *s, double most, struct cycle *out,
+                               struct modal_error *err);
 
 /* The multipliers of the motion found, what laws remember among its states, and their error, into
  * OUT; it has none where that would cost more than MOST.  Fails as settle_find. */

@@ -717,3 +717,42 @@ enum modal_status steady_solve(struct steady *s, double omega, const struct stea
         steady_point_done(point);
     return rc;
 }
+
+enum modal_status steady_solve_attractor(struct steady *s, const struct steady_point *like,
+                                         struct steady_point *point, bool *found,
+                                         struct modal_error *err)
+{
+    struct iterate_options opt = steady_iterate_options(s);
+    struct iterate_report r = { 0 };
+    struct balance *b;
+    double complex *X = NULL;
+    enum modal_status rc = steady_balance(s, like->H, &b, err);
+
+    *found = false;
+    memset(point, 0, sizeof *point);
+    steady_allow_work(s);
+    if (rc == MODAL_OK)
+        X = calloc((size_t)b->q * ((size_t)b->H + 1) + 1, sizeof *X);
+    if (rc == MODAL_OK)
+        rc = X == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory")
+                       : balance_set(b, like->omega, 1, err);
+    if (rc == MODAL_OK)
+        rc = time_attractor(s, b, X, found, err);
+    if (rc == MODAL_OK && *found)
+        rc = iterate_newton(b, &opt, X, &r, err);
+    *found = *found && rc == MODAL_OK && r.converged;
+    if (*found)
+        rc = steady_point_of(s, b, X, point, err);
+    if (rc == MODAL_OK && *found) {
+        point->method = "newton";
+        point->attempts = 1;
+        point->iterations = r.iterations;
+        point->step = r.step;
+        point->work = s->budget;
+        rc = estimate_errors(s, b, point, err);
+    }
+    if (rc == MODAL_OK)
+        rc = balance_set(b, like->omega, 1, err);       /* recovery at this order */
+    free(X);
+    return rc;
+}

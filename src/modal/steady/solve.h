@@ -43,4 +43,13 @@ enum modal_status steady_solve_all(struct steady *s, double omega, const struct 
                                        int *count,
                                    struct modal_error *err);
 
+/*
+ * The motion of S from rest that attracts, if time integration comes near it (settle.h), into
+ * POINT, at the omega and the order of LIKE; *FOUND false: none, and POINT is empty.  Fails as
+ * steady_solve.
+ */
+enum modal_status steady_solve_attractor(struct steady *s, const struct steady_point *like,
+                                         struct steady_point *point, bool *found,
+                                         struct modal_error *err);
+
 #endif

@@ -31,7 +31,8 @@ def run(Y, dt, *options):
         path = os.path.join(folder, "ambient.h5")
         with h5py.File(path, "w") as f:
             f.create_dataset("signals", data=Y).attrs["dt"] = dt
-        done = subprocess.run([CTL, "--local", "--json", "identify", path, "-o", "response=ambient", *options],
+        done = subprocess.run([CTL, "--local", "--json", "identify", path, "-o", "response=ambient",
+                               *options],
                               capture_output=True, text=True)
     return json.loads(done.stdout)
 
@@ -42,7 +43,8 @@ def root(P):
 
 
 class System:
-    """q' = lam q + B u with white u, y = 2 Re Phi q and white noise: its exact samples and their spectra."""
+    """q' = lam q + B u with white u, y = 2 Re Phi q and white noise: its exact samples and their
+    spectra."""
 
     def __init__(self, lam, Phi, B, dt, noise):
         self.lam, self.Phi, self.dt = lam, Phi, dt
@@ -61,7 +63,8 @@ class System:
 
     def samples(self, N, rng):
         p = len(self.lam)
-        W, x = rng.standard_normal((N, 2 * p)) @ self.step.T, self.start @ rng.standard_normal(2 * p)
+        W, x = (rng.standard_normal((N, 2 * p)) @ self.step.T,
+                self.start @ rng.standard_normal(2 * p))
         Y = rng.standard_normal((N, len(self.R0))) * self.sigma
         for k in range(p):
             first = np.array([self.mu[k] * (x[k] + 1j * x[p + k])])
@@ -70,7 +73,8 @@ class System:
         return Y
 
     def bins(self, N):
-        """Middles and numbers of lines of bins that are a sixth as wide as the nearest pole is far."""
+        """Middles and numbers of lines of bins that are a sixth as wide as the nearest pole is
+        far."""
         w, lam = 2 * np.pi * np.arange(1, (N - 1) // 2 + 1) / N, np.log(self.mu)
         near = np.min(np.hypot(lam.real, w[:, None] - lam.imag), 1) / 6 * N / (2 * np.pi)
         width, edge = np.clip(near.astype(int), 1, len(w) // 100 + 1), [0]
@@ -133,14 +137,17 @@ def random_system(rng):
         f[k] = f[k - 1] * 1.02
     f, zeta = np.sort(f), np.exp(rng.uniform(np.log(0.002), np.log(0.05), p))
     w = 2 * np.pi * f
-    Phi, B = rng.standard_normal((l, p)), rng.standard_normal((p, max(2, p))) / (2j * np.sqrt(1 - zeta ** 2))[:, None]
+    Phi, B = (rng.standard_normal((l, p)),
+              rng.standard_normal((p, max(2, p))) / (2j * np.sqrt(1 - zeta ** 2))[:, None])
     cycles = np.exp(rng.uniform(np.log(300), np.log(3000)))
     rate, noise = f.max() * rng.uniform(2.5, 6), 10 ** rng.uniform(-2, -1)
-    return System(-zeta * w + 1j * w * np.sqrt(1 - zeta ** 2), Phi, B, 1 / rate, noise), int(cycles / f.min() * rate)
+    return System(-zeta * w + 1j * w * np.sqrt(1 - zeta ** 2), Phi, B, 1 / rate,
+                  noise), int(cycles / f.min() * rate)
 
 
 def compare(system, N, said):
-    """Of each mode found: its bound over its damping; errors over the bound, over std; std over the bound."""
+    """Of each mode found: its bound over its damping; errors over the bound, over std; std over the
+    bound."""
     decay, turn = system.bound(N)
     found = np.array([complex(*m["exponent"]) for m in said["modes"]])
     rows = []
@@ -151,13 +158,16 @@ def compare(system, N, said):
         relative = decay[k] / -np.log(system.mu[k]).real
         zeta = -lam.real / abs(lam)
         error = (abs(found[i]) - abs(lam)) / (2 * np.pi), -found[i].real / abs(found[i]) - zeta
-        bound, bar = (turn[k] / system.dt / (2 * np.pi), relative * zeta), (std["frequency_hz"], std["damping_ratio"])
-        rows.append([relative, *np.divide(error, bound), *np.divide(error, bar), *np.divide(bar, bound)])
+        bound, bar = (turn[k] / system.dt / (2 * np.pi),
+                      relative * zeta), (std["frequency_hz"], std["damping_ratio"])
+        rows.append([relative, *np.divide(error, bound), *np.divide(error, bar),
+                     *np.divide(bar, bound)])
     return rows
 
 
 def say(case, value, unit="1", **more):
-    print(json.dumps({"bench": "ambient", "case": case, "value": float(value), "unit": unit, **more}), flush=True)
+    print(json.dumps({"bench": "ambient", "case": case, "value": float(value), "unit": unit,
+                      **more}), flush=True)
 
 
 def many(first, last, verbose):
@@ -166,14 +176,16 @@ def many(first, last, verbose):
         rng = np.random.default_rng(seed)
         system, N = random_system(rng)
         said = run(system.samples(N, rng), system.dt)
-        assert "error" not in said and said["stability"]["stable"] is not False, f"seed {seed}: {said}"
+        assert ("error" not in said and said["stability"]["stable"]
+                is not False), f"seed {seed}: {said}"
         detectable = np.all(system.bound(N)[0] < -DETECTABLE * np.log(system.mu).real)
         told += detectable
         right += detectable and len(said["modes"]) == len(system.lam)
         cpu.append(said["cost"]["cpu_s"])
         rows += compare(system, N, said)
         if verbose:
-            print(seed, len(system.lam), "modes,", len(said["modes"]), "found,", len(system.R0), "channels,", N, "samples,",
+            print(seed, len(system.lam), "modes,", len(said["modes"]), "found,", len(system.R0),
+                  "channels,", N, "samples,",
                   cpu[-1], "s", flush=True)
     r = np.array([row for row in rows if row[0] <= POOLED])
     for j, name in enumerate(("frequency", "damping")):
@@ -185,7 +197,8 @@ def many(first, last, verbose):
 
 
 def subspaces(Y, lags=30, order=10):
-    """Exponents a sample from the data: the future's projection on the past, by an LQ decomposition of both; no errors."""
+    """Exponents a sample from the data: the future's projection on the past, by an LQ decomposition
+    of both; no errors."""
     l, N = Y.shape[1], len(Y) - 2 * lags
     H = np.vstack([Y[k:k + N].T for k in range(2 * lags)])
     R = np.linalg.qr(H.T, mode="r").T

@@ -1,12 +1,15 @@
 #!/usr/bin/python3
-"""Random systems with periodic stiffness under noise that nobody measured, against the bound of their lifted spectrum.
+"""Random systems with periodic stiffness under noise that nobody measured, against the bound of
+their lifted spectrum.
 
     MODALD_BUILD=build tests/bench/bench_ambient_periodic.py [FIRST] [LAST] [-v]
 
-Each record, by turns: Mathieu's oscillator, and two degrees of freedom; stiffness parts of 10 to 40 % that vary once or twice a
-period, damping 0.5 to 3 %, one channel, or two, 500 to 3,000 periods of PHASES samples, white noise of 1 to 10 % on each channel;
-defaults and `period`.  The samples of each period are one vector, the lifted signal, whose spectral matrix is that of a constant
-system: the bound is the inverse of its Whittle likelihood's information at the truth (bench_ambient.py), nothing of it reduced.
+Each record, by turns: Mathieu's oscillator, and two degrees of freedom; stiffness parts of 10 to 40
+% that vary once or twice a period, damping 0.5 to 3 %, one channel, or two, 500 to 3,000 periods of
+PHASES samples, white noise of 1 to 10 % on each channel; defaults and `period`.  The samples of
+each period are one vector, the lifted signal, whose spectral matrix is that of a constant system:
+the bound is the inverse of its Whittle likelihood's information at the truth (bench_ambient.py),
+nothing of it reduced.
 """
 import sys
 import numpy as np
@@ -27,12 +30,14 @@ def step_of(A, B, h):
 
 
 class Periodic(bench_ambient.System):
-    """x' = A(t) x + B u, period 1, y = C x and white noise, PHASES samples a period: its lifted signal, exactly."""
+    """x' = A(t) x + B u, period 1, y = C x and white noise, PHASES samples a period: its lifted
+    signal, exactly."""
 
     def __init__(self, A, B, C, noise, phases=PHASES):
         n, c = C.T.shape
         F, O, P = np.eye(n), [], np.zeros((n, n))
-        past = np.zeros((0, n))                                  # E Y x(t)^T of what was driven within the period
+        # E Y x(t)^T of what was driven within the period
+        past = np.zeros((0, n))
         E = np.zeros((0, 0))
         for j in range(phases):
             O.append(C @ F)
@@ -46,7 +51,8 @@ class Periodic(bench_ambient.System):
         self.mean = scipy.linalg.solve_discrete_lyapunov(F, P)
         self.drive = root(np.block([[P, past.T], [past, E]]))
         still = self.O @ self.mean @ self.O.T + E
-        if np.max(abs(np.linalg.eigvals(F))) >= 1:               # nothing lasts; who draws asks for another
+        # nothing lasts; who draws asks for another
+        if np.max(abs(np.linalg.eigvals(F))) >= 1:
             self.all = np.linalg.eigvals(F)
             return
         sigma = noise * np.sqrt(np.diag(still).reshape(-1, c).mean(0))
@@ -79,11 +85,13 @@ def random_periodic(rng, dofs, channels=None, phases=PHASES):
         parts = []
         for k in (1, 2):
             S = rng.standard_normal((dofs, dofs))
-            parts.append((S + S.T) / np.linalg.norm(S + S.T, 2) * w.mean() ** 2 * rng.uniform(0.1, 0.4) / k)
+            parts.append((S + S.T) / np.linalg.norm(S + S.T, 2) * w.mean() ** 2
+                         * rng.uniform(0.1, 0.4) / k)
         phase = rng.uniform(0, 2 * np.pi, 2)
 
         def A(t):
-            varying = sum(p * np.cos(2 * np.pi * (k + 1) * t + phase[k]) for k, p in enumerate(parts))
+            varying = sum(p * np.cos(2 * np.pi * (k + 1) * t + phase[k]) for k,
+                          p in enumerate(parts))
             return np.block([[np.zeros((dofs, dofs)), np.eye(dofs)], [-K - varying, -D]])
 
         B = np.vstack([np.zeros((dofs, dofs)), rng.standard_normal((dofs, dofs))])
@@ -95,8 +103,9 @@ def random_periodic(rng, dofs, channels=None, phases=PHASES):
 
 
 def compare(system, periods, said):
-    """Of each mode found: its bound over its decay; errors of decay and turn a period over the bound, over std; std over the
-    bound; the components of the multiplier's error over half its variance."""
+    """Of each mode found: its bound over its decay; errors of decay and turn a period over the
+    bound, over std; std over the bound; the components of the multiplier's error over half its
+    variance."""
     decay, turn = system.bound(periods)
     found = np.array([complex(*m["multiplier"]) for m in said["modes"]])
     rows = []
@@ -108,7 +117,8 @@ def compare(system, periods, said):
         error, bar = np.array([error.real, error.imag]), np.array(std["exponent"])
         bound = np.array([decay[k], turn[k]])
         part = (found[i] - system.mu[k]) / (std["multiplier"] / np.sqrt(2))
-        rows.append([decay[k] / -np.log(abs(system.mu[k])), *error / bound, *error / bar, *bar / bound, part.real, part.imag])
+        rows.append([decay[k] / -np.log(abs(system.mu[k])), *error / bound, *error / bar,
+                     *bar / bound, part.real, part.imag])
     return rows
 
 
@@ -118,20 +128,26 @@ def many(first, last, verbose, ask):
         rng = np.random.default_rng(seed)
         system, periods = random_periodic(rng, 1 + seed % 2)
         said = ask(system, system.samples(periods, rng))
-        assert "error" not in said and said["stability"]["stable"] is not False, f"seed {seed}: {said}"
+        assert ("error" not in said and said["stability"]["stable"]
+                is not False), f"seed {seed}: {said}"
         own = compare(system, periods, said)
         right += len(said["modes"]) == len(system.mu)
         missed += len(system.mu) - len(own)
         rows += own
         if verbose:
-            print(seed, len(system.mu), "modes,", len(said["modes"]), "found,", len(system.R0), "lifted,", periods, "periods,",
-                  "%.2f s" % said["cost"]["cpu_s"], np.round(own, 2).tolist(), [d["code"] for d in said["diagnostics"]], flush=True)
-    for name, r in (("", np.array(rows)), (" (bound below 15 %)", np.array([r for r in rows if r[0] <= 0.15]))):
+            print(seed, len(system.mu), "modes,", len(said["modes"]), "found,", len(system.R0),
+                  "lifted,", periods, "periods,",
+                  "%.2f s" % said["cost"]["cpu_s"], np.round(own, 2).tolist(),
+                  [d["code"] for d in said["diagnostics"]], flush=True)
+    for name, r in (("", np.array(rows)),
+                    (" (bound below 15 %)", np.array([r for r in rows if r[0] <= 0.15]))):
         for j, what in enumerate(("decay", "turn")):
-            say(f"{what}: mean squared error over the bound{name}", np.mean(r[:, 1 + j] ** 2), n=len(r))
+            say(f"{what}: mean squared error over the bound{name}", np.mean(r[:, 1 + j] ** 2),
+                n=len(r))
             say(f"{what}: covered by 1.96 std{name}", np.mean(abs(r[:, 3 + j]) < 1.96), n=len(r))
             say(f"{what}: std over the bound{name}", np.mean(r[:, 5 + j]), n=len(r))
-        say(f"multiplier's components: covered by 1.96 std over sqrt(2){name}", np.mean(abs(r[:, 7:]) < 1.96), n=2 * len(r))
+        say(f"multiplier's components: covered by 1.96 std over sqrt(2){name}",
+            np.mean(abs(r[:, 7:]) < 1.96), n=2 * len(r))
     say("as many modes as there are", right / (last - first), n=last - first)
     say("modes without errors", missed)
 
@@ -142,4 +158,5 @@ def ask(system, Y):
 
 if __name__ == "__main__":
     numbers = [int(x) for x in sys.argv[1:] if x.isdigit()]
-    many(numbers[0] if numbers else 0, numbers[1] if len(numbers) > 1 else 20, "-v" in sys.argv, ask)
+    many(numbers[0] if numbers else 0, numbers[1] if len(numbers) > 1 else 20, "-v" in sys.argv,
+         ask)

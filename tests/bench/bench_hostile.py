@@ -33,7 +33,8 @@ def median_ms(client):
 def main():
     for probe in ("oversize", "garbage", "taken", "deaf", "malformed", "hangups", "fleeting",
                   "endless", "silent"):
-        with Daemon(config=FAKE, endpoint=f"tcp://127.0.0.1:{free_port()}") as here, Daemon(config=FAKE, endpoint=f"tcp://127.0.0.1:{free_port()}") as there:
+        with Daemon(config=FAKE, endpoint=f"tcp://127.0.0.1:{free_port()}") as here, Daemon(
+            config=FAKE, endpoint=f"tcp://127.0.0.1:{free_port()}") as there:
             client = Client(here.endpoint, identity=b"honest")
             assert submit(client, key="known").ok
             usual, attacked = [], []

@@ -151,7 +151,9 @@ def main():
             judged += 1
             right += lost == 0 and more == 0
         if lost or more:
-            wrong.append((s, f"{len(seen)} modes {sum(seen)} detectable, {S} ch x {n}, {r['snr'] and round(r['snr'])} dB: missed {lost} spurious {more}", [x["code"] for x in d["diagnostics"]]))
+            wrong.append((s, f"{len(seen)} modes {sum(seen)} detectable, {S} ch x {n}, "
+                             f"{r['snr'] and round(r['snr'])} dB: missed {lost} spurious {more}",
+                          [x["code"] for x in d["diagnostics"]]))
         for i, k in pairs if r["noise"] > 0 else []:
             m = d["modes"][k]
             if seen[i] and m["std"]["exponent"][0] is not None:
@@ -160,8 +162,11 @@ def main():
                 errors += 2
     for w in wrong:
         print(*w)
-    print(f"{count} records from seed {seed}: order right {right} of {judged} with every mode detectable, missed {missed} of {detectable} detectable modes, "
-          f"{spurious} records with a spurious mode, {refused} refused, {inside / max(errors, 1):.3f} of {errors} components within 1.96 std, {seconds:.1f} s CPU")
+    print(f"{count} records from seed {seed}: order right {right} of {judged} with every mode "
+          f"detectable, missed {missed} of {detectable} detectable modes, "
+          f"{spurious} records with a spurious mode, {refused} refused, "
+          f"{inside / max(errors, 1):.3f} of {errors} components within 1.96 std, {seconds:.1f} s "
+          "CPU")
 
 
 if __name__ == "__main__":

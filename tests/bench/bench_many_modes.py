@@ -1,9 +1,11 @@
-"""Free responses of many lightly damped modes, the order found by itself, beside ESPRIT in numpy that is told the order.
+"""Free responses of many lightly damped modes, the order found by itself, beside ESPRIT in numpy
+that is told the order.
 
-One JSON line a figure; `ratio` is the peer's processor time over ours.  Ours is all of `modalctl --local`, errors included; the
-peer's one eigendecomposition of the Gram matrix of a block Hankel matrix and one of the shift, without errors, amplitudes or
-refinement.  A mode counts where its bound on frequency is below a third of the distance to the next; it is hit within three
-bounds in both parts of the exponent, and a mode of ours that is nearest to none of the truth is spurious.
+One JSON line a figure; `ratio` is the peer's processor time over ours.  Ours is all of `modalctl
+--local`, errors included; the peer's one eigendecomposition of the Gram matrix of a block Hankel
+matrix and one of the shift, without errors, amplitudes or refinement.  A mode counts where its
+bound on frequency is below a third of the distance to the next; it is hit within three bounds in
+both parts of the exponent, and a mode of ours that is nearest to none of the truth is spurious.
 """
 import json, os, resource, subprocess, sys, tempfile, time
 import h5py
@@ -33,7 +35,8 @@ def bounds(poles, shapes, noise, n):
     centre = 1 / np.maximum(2 / (n * DT), -poles.real)
     E = np.exp(t * poles)
     D = E * t / centre
-    basis = np.stack([E.real, -E.imag], 2).reshape(n, 2 * m), np.stack([D.real, -D.imag], 2).reshape(n, 2 * m)
+    basis = (np.stack([E.real, -E.imag], 2).reshape(n, 2 * m),
+             np.stack([D.real, -D.imag], 2).reshape(n, 2 * m))
     R = np.linalg.qr(np.hstack(basis), "r")[2 * m:, 2 * m:]
     normal, i = R.T @ R, np.arange(m)
     fisher = np.zeros((2 * m, 2 * m))
@@ -51,7 +54,8 @@ def ours(y, folder):
     with h5py.File(path, "w") as file:
         file.create_dataset("signals", data=y).attrs["dt"] = DT
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    answer = json.loads(subprocess.run([MODALCTL, "--local", "--json", "identify", path], capture_output=True, check=True).stdout)
+    answer = json.loads(subprocess.run([MODALCTL, "--local", "--json", "identify", path],
+                                       capture_output=True, check=True).stdout)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     found = np.array([complex(*mode["exponent"]) for mode in answer["modes"]])
     return found, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
@@ -93,9 +97,11 @@ def main():
             for what, value, peer in (("modes that count", counts, counts),
                                       ("hits", hits, score(told, poles, bound)[1]),
                                       ("spurious", spurious, score(told, poles, bound)[2])):
-                print(json.dumps({"bench": "many_modes", "case": f"{case}: {what}", "value": value, "unit": "modes", "peer": peer,
+                print(json.dumps({"bench": "many_modes", "case": f"{case}: {what}", "value": value,
+                                  "unit": "modes", "peer": peer,
                                   "ratio": None, "n": 1}))
-            print(json.dumps({"bench": "many_modes", "case": case, "value": round(seconds, 3), "unit": "s", "peer": round(peer_seconds, 3),
+            print(json.dumps({"bench": "many_modes", "case": case, "value": round(seconds, 3),
+                              "unit": "s", "peer": round(peer_seconds, 3),
                               "ratio": round(peer_seconds / seconds, 3), "n": 1}), flush=True)
 
 

@@ -1,5 +1,5 @@
-"""What the page costs its daemon: processor time of the daemon for 1,000 jobs, with modald-web and 50
-readers who hear all of it, and without (the peer), in turns; one JSON line.
+"""What the page costs its daemon: processor time of the daemon for 1,000 jobs, with modald-web and
+50 readers who hear all of it, and without (the peer), in turns; one JSON line.
 
 What each reader heard is checked, and the page's memory is told beside.
 """
@@ -32,7 +32,9 @@ def turn(seed, watched):
                 readers = [page.events("/events?from=0&kinds=state") for _ in range(READERS)]
             with daemon.client() as client:
                 before = cpu_s(daemon.process.pid)
-                jobs = client.submit_many([("identify", modald.Batch(decay() * (1 + i + JOBS * seed), 0.05), None, f"k{i}")
+                jobs = client.submit_many([("identify",
+                                            modald.Batch(decay() * (1 + i + JOBS * seed), 0.05),
+                                            None, f"k{i}")
                                            for i in range(JOBS)])
                 for job in jobs:
                     job.result()
@@ -50,9 +52,12 @@ def turn(seed, watched):
 def main():
     pairs = [(turn(seed, True), turn(seed, False)) for seed in range(TURNS)]
     value, peer = (statistics.median(pair[i][0] for pair in pairs) for i in (0, 1))
-    print(json.dumps({"bench": "page", "case": f"the daemon's CPU, {JOBS} jobs and {READERS} readers", "value": round(value, 3),
-                      "unit": "s", "peer": round(peer, 3), "ratio": round(value / peer, 3), "n": TURNS}), flush=True)
-    print(json.dumps({"bench": "page", "case": "memory of the page", "value": max(pair[0][1] for pair in pairs),
+    print(json.dumps({"bench": "page", "case": f"the daemon's CPU, {JOBS} jobs and {READERS} "
+                                               "readers", "value": round(value, 3),
+                      "unit": "s", "peer": round(peer, 3), "ratio": round(value / peer, 3),
+                      "n": TURNS}), flush=True)
+    print(json.dumps({"bench": "page", "case": "memory of the page",
+                      "value": max(pair[0][1] for pair in pairs),
                       "unit": "kB", "peer": None, "ratio": None, "n": TURNS}), flush=True)
 
 

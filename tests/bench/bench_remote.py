@@ -1,9 +1,9 @@
 """Workers elsewhere over those of the daemon's own, on loopback; and what 500 idle ones take of it.
 
-One JSON line a figure.  Small jobs: those of a second, submitted together, of one worker here and of
-one elsewhere in turn; the peer is the one here.  Pieces: 100 MB that a real worker pulls by INPUT
-and CHUNK, as the daemon measures it (event=link); the peer is bench_pieces.c, ZeroMQ alone with
-pieces of the same size over CURVE, as many under way.  The state of each job is checked, and a
+One JSON line a figure.  Small jobs: those of a second, submitted together, of one worker here and
+of one elsewhere in turn; the peer is the one here.  Pieces: 100 MB that a real worker pulls by
+INPUT and CHUNK, as the daemon measures it (event=link); the peer is bench_pieces.c, ZeroMQ alone
+with pieces of the same size over CURVE, as many under way.  The state of each job is checked, and a
 worker checks the sum of its input, before a figure is told.
 """
 import json

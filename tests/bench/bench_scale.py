@@ -227,7 +227,8 @@ def leading_of_scipy(n):
 
 
 def large_spectra(folder):
-    """`settled`: how many of the peer's ten have; those must be among ours where ours are leading."""
+    """`settled`: how many of the peer's ten have; those must be among ours where ours are
+    leading."""
     for n in (400, 1000, 5000):
         spent, ours = multipliers(n, folder)
         theirs, w = leading_of_scipy(n) if n <= 1000 else (math.nan, [])

@@ -2,7 +2,8 @@
 """What a start of modalctl costs: processor time beside /bin/true's, of processes started in turns.
 
     version    all of `modalctl --version`
-    identify   `modalctl --local identify` of a small file, less what the job itself took (cost.cpu_s):
+    identify   `modalctl --local identify` of a small file, less what the job itself took
+    (cost.cpu_s):
                loading, reading the file, printing
 
 Medians of MODALD_BENCH_STARTS (101) starts of each.
@@ -41,9 +42,12 @@ def main():
     with tempfile.NamedTemporaryFile("w", suffix=".csv") as file:
         for i in range(400):
             t = 0.01 * i
-            file.write(f"{t:.2f},{math.exp(-0.2 * t) * math.cos(7 * t):.9f},{math.exp(-0.2 * t) * math.sin(7 * t):.9f}\n")
+            file.write(
+                f"{t:.2f},{math.exp(-0.2 * t) * math.cos(7 * t):.9f},"
+                f"{math.exp(-0.2 * t) * math.sin(7 * t):.9f}\n")
         file.flush()
-        kinds = {"true": lambda: start(["/bin/true"])[0], "version": lambda: start([CTL, "--version"])[0],
+        kinds = {"true": lambda: start(["/bin/true"])[0],
+                 "version": lambda: start([CTL, "--version"])[0],
                  "identify": lambda: identify(file.name)}
         spent = {kind: [] for kind in kinds}
         for _ in range(STARTS):
@@ -52,7 +56,8 @@ def main():
     least = statistics.median(spent.pop("true"))
     for kind, times in spent.items():
         value = statistics.median(times)
-        print(json.dumps({"bench": "start", "case": kind, "value": round(value, 3), "unit": "ms", "peer": round(least, 3),
+        print(json.dumps({"bench": "start", "case": kind, "value": round(value, 3), "unit": "ms",
+                          "peer": round(least, 3),
                           "ratio": round(value / least, 2), "n": STARTS}), flush=True)
 
 

@@ -62,8 +62,11 @@ def main():
         theirs = peers[name]
         far = max(abs(a - b) / b for a, b in zip(amplitude, theirs[1:], strict=True))
         assert far < 20 * (6.2832 / samples) ** 2, f"{name}: amplitudes differ by {far}"
-        print(json.dumps({"bench": "steady", "case": f"{name} friction, a swept point, H={scene['steady']['harmonics']} N={samples}", "value": ms,
-                          "unit": "ms/point", "peer": "NLvib under Octave", "ratio": theirs[0] / ms, "n": len(amplitude)}), flush=True)
+        print(json.dumps({"bench": "steady", "case": f"{name} friction, a swept point, "
+                                                     f"H={scene['steady']['harmonics']} "
+                                                     f"N={samples}", "value": ms,
+                          "unit": "ms/point", "peer": "NLvib under Octave", "ratio": theirs[0] / ms,
+                          "n": len(amplitude)}), flush=True)
 
 
 main()

@@ -1,12 +1,16 @@
 #!/usr/bin/python3
 """Streams through the daemon: how fast they are made durable, and what a live result costs.
 
-    rate    64 channels x 1 kHz x 10 minutes pushed by the client library as fast as credit allows, until the last sample is acknowledged as
-            durable, in MB/s; over the least of (a) the same bytes in the client's frames through raw ZeroMQ, every frame answered,
-            (b) write and fdatasync, a megabyte a time, (c) their SHA-256
-    live    CPU of a live result after a hop, in ms, over an `identify` job of the same window in the same daemon's worker
+    rate    64 channels x 1 kHz x 10 minutes pushed by the client library as fast as credit allows,
+    until the last sample is acknowledged as
+            durable, in MB/s; over the least of (a) the same bytes in the client's frames through
+            raw ZeroMQ, every frame answered, (b) write and fdatasync, a megabyte a time, (c) their
+            SHA-256
+    live    CPU of a live result after a hop, in ms, over an `identify` job of the same window in
+    the same daemon's worker
 
-Every record is compared with what was pushed before a figure counts.  Rounds of ours and the peers' alternate; medians.
+Every record is compared with what was pushed before a figure counts.  Rounds of ours and the peers'
+alternate; medians.
 """
 import hashlib
 import json
@@ -27,28 +31,34 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "system"
 from wire import Daemon, crc32c, identity    # noqa: E402
 import modald                                # noqa: E402
 
-CHANNELS, DT, SAMPLES, FRAME, ROUNDS = 64, 1e-3, int(os.environ.get("MODALD_BENCH_SAMPLES", "600000")), 131072, 3
+CHANNELS, DT, SAMPLES, FRAME, ROUNDS = (64, 1e-3,
+                                        int(os.environ.get("MODALD_BENCH_SAMPLES", "600000")),
+                                        131072, 3)
 WINDOW, HOP = 1000, 100
 
 
 def say(case, value, unit, peer, ratio, n):
-    print(json.dumps({"bench": "stream_rate", "case": case, "value": round(value, 3), "unit": unit, "peer": peer, "ratio": round(ratio, 3), "n": n}), flush=True)
+    print(json.dumps({"bench": "stream_rate", "case": case, "value": round(value, 3), "unit": unit,
+                      "peer": peer, "ratio": round(ratio, 3), "n": n}), flush=True)
 
 
 def ours(daemon, data, name):
-    os.environ.update(MODALD_URL=daemon.endpoint, MODALD_SPILL=str(daemon.folder), MODALD_CLOSE_WAIT="120", MODALD_RING=str(64 << 20))
+    os.environ.update(MODALD_URL=daemon.endpoint, MODALD_SPILL=str(daemon.folder),
+                      MODALD_CLOSE_WAIT="120", MODALD_RING=str(64 << 20))
     start = time.perf_counter()
     with modald.stream(name, CHANNELS, DT) as s:
         for at in range(0, len(data), 4096):
             s.push(data[at:at + 4096])
-            while s.report.pushed - s.report.acknowledged > 32768:      # a quarter of the ring: nothing is spilled
+            # a quarter of the ring: nothing is spilled
+            while s.report.pushed - s.report.acknowledged > 32768:
                 time.sleep(0.0005)
         while s.report.acknowledged < len(data):
             time.sleep(0.0005)
         took = time.perf_counter() - start
         assert s.report.dropped == 0 and s.report.spilled == 0
     c = daemon.client(timeout_s=60)
-    job = c.ask("SUBMIT", kind="identify", options={"rank.fixed": 2}, input={"sha256": identity(len(data), CHANNELS, DT, data.tobytes())})
+    job = c.ask("SUBMIT", kind="identify", options={"rank.fixed": 2},
+                input={"sha256": identity(len(data), CHANNELS, DT, data.tobytes())})
     assert job.ok                                       # a batch of exactly these samples is there
     c.ask("CANCEL", job=job["job"])
     c.close()
@@ -116,7 +126,8 @@ def rate():
     for k in median:
         if k != "ours":
             say(f"rate of {k}", mb / median[k], "MB/s", "", 1, ROUNDS)
-    say(f"rate {CHANNELS} channels {SAMPLES} samples", mb / median["ours"], "MB/s", slowest, median[slowest] / median["ours"], ROUNDS)
+    say(f"rate {CHANNELS} channels {SAMPLES} samples", mb / median["ours"], "MB/s", slowest,
+        median[slowest] / median["ours"], ROUNDS)
 
 
 def decays(samples, channels):
@@ -133,10 +144,12 @@ def live(daemon, channels, window, hop, hops=20):
     y, name, cpu, batch = decays(window + hops * hop, channels), f"live-{channels}-{window}", [], []
     c = daemon.client(timeout_s=60)
     c.ask("EVENTS", stream=name)
-    s = c.ask("STREAM", op="open", name=name, channels=channels, dt=0.05, window={"samples": window, "hop": hop})["stream"]
+    s = c.ask("STREAM", op="open", name=name, channels=channels, dt=0.05,
+              window={"samples": window, "hop": hop})["stream"]
     for at in range(0, len(y), hop):
         data = y[at:at + hop].tobytes()
-        assert c.ask("STREAM", [data], op="push", stream=s, epoch=0, first=at, count=hop, crc32c=crc32c(data)).ok
+        assert c.ask("STREAM", [data], op="push", stream=s, epoch=0, first=at, count=hop,
+                     crc32c=crc32c(data)).ok
         while at + hop >= window and len(cpu) + len(batch) < (at + hop - window) // hop + 1:
             reply = c.early.pop(0) if c.early else c.receive()
             if reply.verb == "EVENT":
@@ -147,13 +160,16 @@ def live(daemon, channels, window, hop, hops=20):
         path = daemon.folder / "window.h5"
         with h5py.File(path, "w") as f:
             f.create_dataset("signals", data=part).attrs["dt"] = 0.05
-        out = subprocess.run([str(pathlib.Path(os.environ["MODALD_BUILD"]) / "bin" / "modalctl"), "--server", daemon.endpoint, "--json", "submit", "identify", str(path), "--wait"],
+        out = subprocess.run([str(pathlib.Path(os.environ["MODALD_BUILD"]) / "bin" / "modalctl"),
+                              "--server", daemon.endpoint, "--json", "submit", "identify",
+                              str(path), "--wait"],
                              capture_output=True, check=True)
         jobs.append(json.loads(out.stdout)["result"]["cost"]["cpu_s"])
     c.close()
     assert len(cpu) >= 0.8 * hops
     ours_s, theirs = statistics.median(cpu), statistics.median(jobs)
-    say(f"live {channels} channels window {window} hop {hop}", 1e3 * ours_s, "ms", "identify job of the window", theirs / ours_s, len(cpu))
+    say(f"live {channels} channels window {window} hop {hop}", 1e3 * ours_s, "ms",
+        "identify job of the window", theirs / ours_s, len(cpu))
 
 
 def main():

@@ -38,7 +38,7 @@ def march(periods, steps):
     return out, x - begun
 
 
-def test_a_free_mass_that_a_slider_alone_holds_moves_as_time_marching_says_about_a_mean_that_is_told_to_be_free():
+def test_a_free_mass_that_a_slider_alone_holds_moves_as_time_marching_says_about_a_free_mean():
     answer = run("free_mass_one_tone", "-o", "harmonics=63")
     samples, drift = march(200, 4000)
     first = 2 * numpy.mean(samples * numpy.exp(-2j * numpy.pi * numpy.arange(4000) / 4000))

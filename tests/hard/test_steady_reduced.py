@@ -61,7 +61,8 @@ def apart(one, other):
         X = numpy.zeros(n, complex)
         X[:len(a[dof])] += a[dof]
         X[:len(b[dof])] -= b[dof]
-        phases = numpy.exp(2j * numpy.pi * numpy.outer(numpy.arange(4 * n), numpy.arange(n)) / 4 / n)
+        phases = numpy.exp(2j * numpy.pi * numpy.outer(numpy.arange(4 * n), numpy.arange(n)) / 4
+                           / n)
         most = max(most, abs((phases @ X).real).max())
     return most
 

@@ -608,7 +608,8 @@ def test_bad_input_is_refused_by_name(tmp_path, change, field):
 
 @pytest.mark.parametrize("source,words", [
     ("function force(t, x, v, memory)\n while true do end\nend", "instructions"),
-    ("function force(t, x, v, memory)\n local a = {}\n for i = 1, 1e7 do a[i] = i end\n return 0\nend", ""),
+    ("function force(t, x, v, memory)\n local a = {}\n for i = 1, 1e7 do a[i] = i end\n return 0\n"
+     "end", ""),
     ("function force(t, x, v, memory)\n return 'soft'\nend", "number"),
     ("function force(t, x, v, memory)\n return os.time()\nend", "2")])
 def test_a_users_law_that_misbehaves_fails_by_itself(tmp_path, source, words):
@@ -678,7 +679,8 @@ def test_the_papers_figures_are_drawn_beside_runge_kutta(tmp_path):
                          ids=lambda r: str(len(r["regimes"])) + "_regimes")
 def test_contact_with_friction_moves_as_its_regimes_followed_one_by_one(tmp_path, row):
     expected = numpy.array([row["x1"], row["x2"]])
-    assert {"open", "stick"} < {regime for _, regime in row["regimes"]}, "the scene parts, closes, sticks and slips"
+    assert {"open", "stick"} < {regime for _, regime
+                                in row["regimes"]}, "the scene parts, closes, sticks and slips"
     r = run(tmp_path, row["scene"], "-o", "harmonics=400")
     theta = 2 * math.pi * numpy.arange(expected.shape[1]) / expected.shape[1]
     waveform = [numpy.real(numpy.exp(1j * numpy.outer(theta, range(401))) @ spectrum(r, dof))

@@ -183,8 +183,8 @@ def marched(scene, periods, x, v):
 
 
 def test_a_stable_orbit_beside_an_unstable_one_is_given_where_stability_is_asked(tmp_path):
-    """Two orbits: an unstable one, and one that stays where it is for 20 periods when marched.  With
-    few harmonics both are found; from 16 of them to 256 at once Newton's method does not lead.
+    """Two orbits: an unstable one, and one that stays where it is for 20 periods when marched.
+    With few harmonics both are found; from 16 of them to 256 at once Newton's method does not lead.
     """
     scene = json.loads((TOP / "tests" / "data" / "steady" / "random_scene_109.json").read_text())
     answer = run(tmp_path, scene, "-o", "stability=true")

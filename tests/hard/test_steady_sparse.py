@@ -32,7 +32,8 @@ def springs(n, free):
 
 
 def structure(folder, rows, columns, free):
-    """A chain or a membrane, numbered at random: M, K, C, the dofs of the contacts, and one more."""
+    """A chain or a membrane, numbered at random: M, K, C, the dofs of the contacts, and one
+    more."""
     across, along = springs(columns, free), springs(rows, free)
     K = scipy.sparse.kron(scipy.sparse.eye(rows), across)
     if rows > 1:
@@ -140,7 +141,8 @@ def test_of_many_dofs_those_of_laws_and_loads_are_reported_and_others_where_aske
 
 @pytest.mark.parametrize("text, said", [
     ("1 1 1\n1 1 2\n", "first line"),
-    ("%%MatrixMarket matrix coordinate complex general\n1 1 1\n1 1 2 0\n", "accepted: coordinate or array"),
+    ("%%MatrixMarket matrix coordinate complex general\n1 1 1\n1 1 2 0\n",
+     "accepted: coordinate or array"),
     ("%%MatrixMarket matrix coordinate real general\n2 3 1\n1 1 2\n", "accepted: square"),
     ("%%MatrixMarket matrix coordinate real general\n% a comment\n2 2 2\n1 1 2\n3 1 1\n",
      "line 5: (3, 1) is outside"),
@@ -151,7 +153,8 @@ def test_of_many_dofs_those_of_laws_and_loads_are_reported_and_others_where_aske
     ("%%MatrixMarket matrix coordinate real general\n1 1 1\n1 1 nan\n", "is wanted"),
     ("%%MatrixMarket matrix coordinate real general\n1e300 1e300 1\n", "accepted: square"),
 ])
-def test_a_matrix_market_file_that_is_wrong_is_refused_at_its_key_with_its_line(tmp_path, text, said):
+def test_a_matrix_market_file_that_is_wrong_is_refused_at_its_key_with_its_line(tmp_path, text,
+                                                                                said):
     (tmp_path / "K.mtx").write_text(text)
     scene = {"structure": {"type": "matrices", "M": [[1]], "K": "K.mtx"}, "omega": 1,
              "excitation": [{"dof": "x1", "k": 1, "cos": 1}]}
@@ -175,6 +178,7 @@ def test_every_form_of_a_matrix_market_file_is_the_matrix_it_says(tmp_path, text
              "excitation": [{"dof": "x1", "k": 1, "cos": 1}]}
     code, answer = steady(tmp_path, scene)
     assert code == 0, answer
-    X = numpy.linalg.solve(numpy.array(K) + 0.13j * numpy.eye(2) - 1.69 * numpy.diag([1, 2]), [1, 0])
+    X = numpy.linalg.solve(numpy.array(K) + 0.13j * numpy.eye(2) - 1.69 * numpy.diag([1, 2]),
+                           [1, 0])
     found = numpy.array([row["re"][-1] + 1j * row["im"][-1] for row in answer["harmonics"]])
     assert abs(found - X).max() < 1e-13

@@ -1,5 +1,6 @@
-"""identify -o response=ambient: systems under noise that nobody measured, simulated exactly, against the bound of the Whittle
-likelihood (both by tests/bench/bench_ambient.py, in numpy); what it says of records that are none; what it refuses.
+"""identify -o response=ambient: systems under noise that nobody measured, simulated exactly,
+against the bound of the Whittle likelihood (both by tests/bench/bench_ambient.py, in numpy); what
+it says of records that are none; what it refuses.
 """
 import pathlib
 import sys
@@ -20,7 +21,8 @@ AMBIENT = ("-o", "response=ambient")
 def system(seed, hertz=(2.0, 2.06, 5.5), zeta=(0.012, 0.015, 0.02), channels=3, noise=0.05):
     rng, w, zeta = np.random.default_rng(seed), 2 * np.pi * np.array(hertz), np.array(zeta)
     drive = rng.standard_normal((len(w), len(w))) / 1j
-    return bench_ambient.System(w * (-zeta + 1j * np.sqrt(1 - zeta ** 2)), rng.standard_normal((channels, len(w))), drive, DT, noise)
+    return bench_ambient.System(w * (-zeta + 1j * np.sqrt(1 - zeta ** 2)),
+                                rng.standard_normal((channels, len(w))), drive, DT, noise)
 
 
 def record(seed, samples=20000, **more):
@@ -35,14 +37,16 @@ def codes(document):
     return [d["code"] for d in document["diagnostics"]]
 
 
-def test_frequency_and_damping_are_at_the_bound_with_errors_that_cover_and_the_order_is_found(ctl, tmp_path):
-    """Of 24 records with 6 values each the mean square over the bound has a standard deviation of 0.12, what 1.96 standard
-    errors cover one of 0.02.
+def test_frequency_and_damping_are_at_the_bound_with_errors_that_cover_and_the_order_is_found(
+        ctl, tmp_path):
+    """Of 24 records with 6 values each the mean square over the bound has a standard deviation of
+    0.12, what 1.96 standard errors cover one of 0.02.
     """
     rows = []
     for seed in range(24):
         s = system(seed)
-        said = identify(ctl, tmp_path / "a.h5", s.samples(20000, np.random.default_rng(seed + 1000))).document
+        said = identify(ctl, tmp_path / "a.h5",
+                        s.samples(20000, np.random.default_rng(seed + 1000))).document
         assert said["response"] == "ambient" and len(said["modes"]) == 3, seed
         assert said["stability"]["stable"] is not False
         rows += bench_ambient.compare(s, 20000, said)
@@ -52,9 +56,11 @@ def test_frequency_and_damping_are_at_the_bound_with_errors_that_cover_and_the_o
 
 
 def test_amplitudes_are_the_rms_of_each_part_and_shapes_its_own(ctl, tmp_path):
-    """A mode alone: all of the motion but 1 % is its own, and of that the rms over channels of unit rms is 1."""
+    """A mode alone: all of the motion but 1 % is its own, and of that the rms over channels of unit
+    rms is 1."""
     s = system(5, hertz=(3.0,), zeta=(0.02,), noise=0.01)
-    mode, = identify(ctl, tmp_path / "a.h5", s.samples(20000, np.random.default_rng(6)), "-o", "shapes=true").document["modes"]
+    mode, = identify(ctl, tmp_path / "a.h5", s.samples(20000, np.random.default_rng(6)), "-o",
+                     "shapes=true").document["modes"]
     shape = np.array(mode["shape"]) @ [1, 1j]
     assert mode["amplitude"] == pytest.approx(1, abs=0.02)
     assert mode["cycles"] == pytest.approx(mode["frequency_hz"] * 20000 * DT)
@@ -80,7 +86,8 @@ def test_channels_that_say_nothing_new_change_nothing(ctl, tmp_path):
     more = np.column_stack([Y, Y[:, 0], Y[:, 1] + Y[:, 2], np.full(len(Y), 5.0)])
     said = identify(ctl, tmp_path / "a.h5", more).document
     assert np.allclose(sorted(plain), sorted(m["frequency_hz"] for m in said["modes"]), rtol=1e-3)
-    assert [(d["code"], d["channel"]) for d in said["diagnostics"] if d["channel"] is not None] == [("zero_channel", 5)]
+    assert [(d["code"], d["channel"]) for d in said["diagnostics"] if d["channel"]
+            is not None] == [("zero_channel", 5)]
 
 
 def test_a_band_leaves_the_others_out(ctl, tmp_path):
@@ -92,12 +99,15 @@ def test_a_band_leaves_the_others_out(ctl, tmp_path):
 
 def test_white_noise_has_no_modes(ctl, tmp_path):
     for channels in (1, 4, 12):
-        said = identify(ctl, tmp_path / "a.h5", np.random.default_rng(channels).standard_normal((8000, channels))).document
-        assert said["modes"] == [] and said["stability"]["stable"] is None and codes(said) == ["no_modes"]
+        said = identify(ctl, tmp_path / "a.h5",
+                        np.random.default_rng(channels).standard_normal((8000, channels))).document
+        assert (said["modes"] == [] and said["stability"]["stable"] is None and codes(said)
+                == ["no_modes"])
 
 
 def test_coloured_excitation_is_said_and_is_no_mode(ctl, tmp_path):
-    """Beside the modes a motion that never swings, as turbulence has it: three exponents of -2 rad/s."""
+    """Beside the modes a motion that never swings, as turbulence has it: three exponents of -2
+    rad/s."""
     rng, Y = np.random.default_rng(11), record(10, hertz=(2.0, 5.5), zeta=(0.015, 0.02))
     slow = np.zeros_like(Y)
     for k in range(1, len(Y)):
@@ -111,7 +121,8 @@ def test_coloured_excitation_is_said_and_is_no_mode(ctl, tmp_path):
 def test_lines_of_constant_amplitude_are_told_from_modes_and_do_not_disturb_them(ctl, tmp_path):
     Y, t = record(14), np.arange(20000)[:, None] * DT
     plain = identify(ctl, tmp_path / "a.h5", Y).document
-    lines = 3 * np.sin(2 * np.pi * 3.3137 * t + 0.3) * [1, -0.5, 0.8] + 2 * np.sin(4 * np.pi * 3.3137 * t) * [0.2, 1, 0.4]
+    lines = 3 * np.sin(2 * np.pi * 3.3137 * t
+                       + 0.3) * [1, -0.5, 0.8] + 2 * np.sin(4 * np.pi * 3.3137 * t) * [0.2, 1, 0.4]
     said = identify(ctl, tmp_path / "a.h5", Y + lines).document
     assert codes(said).count("narrow_line") == 2 and "not_ambient" not in codes(said)
     assert said["stability"]["stable"] is None
@@ -123,10 +134,13 @@ def test_lines_of_constant_amplitude_are_told_from_modes_and_do_not_disturb_them
 
 
 def test_the_mains_are_told_and_the_verdict_stands(ctl, tmp_path):
-    s = bench_ambient.System(np.array([-0.8 + 30j, -1.2 + 90j]), np.array([[1, 0.5], [0.4, -1.0]]), np.eye(2) * 1.0, 1 / 130, 0.03)
-    Y = s.samples(30000, np.random.default_rng(3)) + 2 * np.sin(2 * np.pi * 50 / 130 * np.arange(30000))[:, None]
+    s = bench_ambient.System(np.array([-0.8 + 30j, -1.2 + 90j]), np.array([[1, 0.5], [0.4, -1.0]]),
+                             np.eye(2) * 1.0, 1 / 130, 0.03)
+    Y = (s.samples(30000, np.random.default_rng(3))
+         + 2 * np.sin(2 * np.pi * 50 / 130 * np.arange(30000))[:, None])
     said = ctl("identify", write_batch(tmp_path / "a.h5", Y, dt=1 / 130), *AMBIENT).document
-    assert "mains_line" in codes(said) and said["stability"]["stable"] is True and len(said["modes"]) == 2
+    assert ("mains_line" in codes(said) and said["stability"]["stable"] is True
+            and len(said["modes"]) == 2)
 
 
 def test_a_record_of_nothing_but_a_line_is_refused(ctl, tmp_path):
@@ -136,21 +150,25 @@ def test_a_record_of_nothing_but_a_line_is_refused(ctl, tmp_path):
 
 
 def test_a_free_decay_is_told_from_an_ambient_record(ctl, tmp_path):
-    said = ctl("identify", write_batch(tmp_path / "a.h5", decay(2000, modes=((2.3, 0.02, 1.0),))), *AMBIENT).document
+    said = ctl("identify", write_batch(tmp_path / "a.h5", decay(2000, modes=((2.3, 0.02, 1.0),))),
+               *AMBIENT).document
     assert "not_ambient" in codes(said) and said["stability"]["stable"] is None
     assert all(m["std"]["frequency_hz"] is None for m in said["modes"])
 
 
 @pytest.mark.parametrize("channels, modes", [
-    (1, ((2.3, 1e-4),)), (3, ((2.3, 1e-4), (5.1, 1e-4), (9.7, 1e-4))), (1, ((2.3, 1e-3),)), (3, ((2.3, 3e-3), (5.1, 3e-3), (9.7, 3e-3))),
+    (1, ((2.3, 1e-4),)), (3, ((2.3, 1e-4), (5.1, 1e-4), (9.7, 1e-4))), (1, ((2.3, 1e-3),)),
+    (3, ((2.3, 3e-3), (5.1, 3e-3), (9.7, 3e-3))),
     (1, ((2.3, -3e-3),)), (2, ((2.3, -3e-4),)), (6, ((2.3, -1e-3), (6.0, 1e-3), (8.0, 4e-3))),
 ])
 def test_slow_decays_and_growth_are_told_from_an_ambient_record(ctl, tmp_path, channels, modes):
-    """What is left of lines, and modes no wider than the record, is where only free responses are: 1 / 1000 is noise."""
+    """What is left of lines, and modes no wider than the record, is where only free responses are:
+    1 / 1000 is noise."""
     rng, t, Y = np.random.default_rng(5), np.arange(5000) * 0.01, np.zeros((5000, channels))
     for hertz, zeta in modes:
         w = 2 * np.pi * hertz
-        Y += np.exp(-zeta * w * t)[:, None] * np.cos(w * t[:, None] + rng.uniform(0, 6, channels)) * rng.uniform(0.5, 2, channels)
+        Y += (np.exp(-zeta * w * t)[:, None] * np.cos(w * t[:, None] + rng.uniform(0, 6, channels))
+              * rng.uniform(0.5, 2, channels))
     Y += 1e-3 * np.abs(Y).max() * rng.standard_normal(Y.shape)
     said = ctl("identify", write_batch(tmp_path / "a.h5", Y, dt=0.01), *AMBIENT).document
     assert "not_ambient" in codes(said) and said["stability"]["stable"] is None
@@ -175,7 +193,8 @@ def test_an_ambient_record_taken_for_free_is_flagged_and_says_what_to_give(ctl, 
     (2, 1500, (2.0, 5.5, 6.5), (0.003, 0.004, 0.02), 2),
     (4, 2500, (2.0, 2.06, 5.5), (0.003, 0.004, 0.004), 3),
 ])
-def test_a_short_ambient_record_that_many_modes_can_draw_is_not_taken_for_free(ctl, tmp_path, seed, samples, hertz, zeta, channels):
+def test_a_short_ambient_record_that_many_modes_can_draw_is_not_taken_for_free(
+        ctl, tmp_path, seed, samples, hertz, zeta, channels):
     """They leave 20 to 26 % of it; its energy rises and falls, as no free response's does."""
     Y = record(seed, samples, hertz=hertz, zeta=zeta, channels=channels)
     said = ctl("identify", write_batch(tmp_path / "a.h5", Y, dt=DT)).document
@@ -185,7 +204,8 @@ def test_a_short_ambient_record_that_many_modes_can_draw_is_not_taken_for_free(c
 
 
 def test_few_cycles_are_said_with_how_many_are_enough(ctl, tmp_path):
-    said = identify(ctl, tmp_path / "a.h5", record(12, 3000, hertz=(2.0, 5.5), zeta=(0.01, 0.02))).document
+    said = identify(ctl, tmp_path / "a.h5",
+                    record(12, 3000, hertz=(2.0, 5.5), zeta=(0.01, 0.02))).document
     assert "too_few_cycles" in codes(said)
 
 
@@ -210,5 +230,7 @@ def test_a_change_of_level_is_said(ctl, tmp_path):
     (["window=0,2"], "signals", "at least"),
 ])
 def test_what_cannot_be_asked_is_refused_with_what_can(ctl, tmp_path, options, field, words):
-    said = identify(ctl, tmp_path / "a.h5", record(0, 3000), *(word for option in options for word in ("-o", option)))
-    assert said.status == 2 and said.document["error"]["field"] == field and words in said.document["error"]["message"]
+    said = identify(ctl, tmp_path / "a.h5", record(0, 3000),
+                    *(word for option in options for word in ("-o", option)))
+    assert (said.status == 2 and said.document["error"]["field"] == field
+            and words in said.document["error"]["message"])

@@ -1,5 +1,5 @@
-"""modald-slurm: its rounds on stand-ins of Slurm's commands, and pilots on a real Slurm of two nodes
-(the longer trials with MODALD_LONG).
+"""modald-slurm: its rounds on stand-ins of Slurm's commands, and pilots on a real Slurm of two
+nodes (the longer trials with MODALD_LONG).
 """
 import importlib.machinery
 import importlib.util
@@ -63,7 +63,8 @@ class Stand:
              "--worker-keyfile", "/home/lab/it's.key", "--", "-p", "long"])
         self.scaler = self.program.Scaler(self.options)
         self.joined = []
-        self.scaler.stats = lambda: {"queue": {"elsewhere_s": cpu_s}, "workers": {"names": self.joined}}
+        self.scaler.stats = lambda: {"queue": {"elsewhere_s": cpu_s},
+                                     "workers": {"names": self.joined}}
         self.clock = [1000.0]
         monkeypatch.setattr(self.program.time, "monotonic", lambda: self.clock[0])
 
@@ -143,7 +144,8 @@ def test_a_pilot_that_does_not_join_counts_until_its_patience_is_over_and_is_can
 
 
 @pytest.mark.parametrize("reason", ["JobHeldAdmin", "launch failed requeued held"])
-def test_a_pilot_that_is_held_for_good_is_none_and_holds_back_the_next_as_a_failed_one(stand, reason):
+def test_a_pilot_that_is_held_for_good_is_none_and_holds_back_the_next_as_a_failed_one(
+        stand, reason):
     it = stand(35)
     line = f"7_{{}}|PENDING|0:00|N/A|{reason}|{{}}\n"
     now = it.program.time.strftime("%Y-%m-%dT%H:%M:%S")
@@ -168,7 +170,8 @@ def test_a_slurm_or_a_daemon_that_does_not_answer_ends_the_round_and_not_the_pro
     assert not it.scaler.step() and it.asked("sbatch") == []
 
 
-@pytest.mark.parametrize("words", [["--most", "0"], ["--wait", "0"], ["--pool", "a b"], ["--least", "9"],
+@pytest.mark.parametrize("words", [["--most", "0"], ["--wait", "0"], ["--pool", "a b"],
+                                   ["--least", "9"],
                                    ["--wait", "nan"], ["--idle", "-1"]])
 def test_what_cannot_be_meant_is_refused(words):
     usual = ["--pool", "lab", "--most", "8", "--connect", "tcp://x:1", "--worker-keyfile", "k"]
@@ -213,9 +216,11 @@ class Pool(Site):
     def __init__(self, folder, slurm, *words, sbatch=()):
         super().__init__(folder)
         self.slurm, self.pool = slurm, folder.name
-        self.words = [str(PROGRAM), "--pool", self.pool, "--server", self.daemon.endpoint, "--keyfile",
+        self.words = [str(PROGRAM), "--pool", self.pool, "--server", self.daemon.endpoint,
+                      "--keyfile",
                       self.keyfile("rob"), "--connect", self.port, "--worker-keyfile",
-                      self.keyfile("wes"), "--worker", str(BUILD / "bin" / "modald-worker"), "--most",
+                      self.keyfile("wes"), "--worker", str(BUILD / "bin" / "modald-worker"),
+                      "--most",
                       "4", "--wait", "1", *words, "--", f"--chdir={folder}",
                       f"--output={folder}/pilot.%A_%a", *sbatch]
         self.env = {**slurm.env, "PYTHONPATH": str(TOP / "clients" / "python")}

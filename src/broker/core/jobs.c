@@ -95,7 +95,8 @@ static void job_unindex(struct core *c, struct job *job)
 
 /* ---- moves ----------------------------------------------------------------------------------- */
 
-struct failure *failure_new(const struct modal_error *err, cJSON *detail)
+/* Of ERR; DETAIL (or NULL) is taken. */
+static struct failure *failure_new(const struct modal_error *err, cJSON *detail)
 {
     struct failure *f = grab(sizeof *f);
 

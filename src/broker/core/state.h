@@ -316,8 +316,6 @@ void jobs_retain(struct core *c);
 void document_keep(struct core *c, struct job *job, struct blob *document);
 /* All documents leave memory. */
 void documents_drop(struct core *c);
-/* Of ERR; DETAIL (or NULL) is taken. */
-struct failure *failure_new(const struct modal_error *err, cJSON *detail);
 /* Accepts NULL. */
 void failure_free(struct failure *failure);
 

@@ -17,7 +17,7 @@
 enum { MOMENTS = 4, BLOCK_MOST = 1024 };
 static const double LEAK = 1e-11;     /* of |lambda|: what the anchor's span may cost an exponent */
 
-void poles_free(struct poles_of *p)
+static void poles_free(struct poles_of *p)
 {
     free(p->lambda);
     *p = (struct poles_of) { 0 };

@@ -87,7 +87,6 @@ struct job {
 
 /* Poles copied; false where there is no memory. */
 bool poles_take(struct poles_of *to, const double complex *lambda, int count);
-void poles_free(struct poles_of *p);
 
 /* Sample number I (of all), which must be held. */
 const double *moving_sample(const struct moving *m, uint64_t i);

@@ -174,30 +174,37 @@ static void set_energy(struct work *w)
     }
 }
 
+/* Of data that were checked. */
+static struct work work_of(const struct refine_data *data, int count, const bool *fixed, bool look)
+{
+    int phases = data->phases > 0 ? data->phases : 1;
+
+    return (struct work) { .data = data, .Y = data->Y, .L = data->Y->m, .S = data->Y->n,
+                           .count = count, .fixed = fixed, .phases = phases,
+                           .groups = data->Y->n / phases, .look = look };
+}
+
+static enum modal_status no_memory(const struct work *w, struct modal_error *err)
+{
+    return modal_fail(err, MODAL_NO_MEMORY, "refine: no memory for %d x %d, order %d", w->L, w->S,
+                      w->order);
+}
+
 enum modal_status refine_poles(const struct refine_data *data, const double complex *start,
                                int count, const bool *fixed, const struct refine_options *options,
                                struct refined *out, struct modal_error *err)
 {
     struct refine_options opt = options != NULL ? *options : (struct refine_options) { 0 };
-    struct work w = { .data = data,
-                      .Y = data->Y,
-                      .L = data->Y->m,
-                      .S = data->Y->n,
-                      .count = count,
-                      .fixed = fixed,
-                      .phases = data->phases > 0 ? data->phases : 1,
-                      .look = opt.iterations < 0 };
+    struct work w = work_of(data, count, fixed, opt.iterations < 0);
     struct search s = { 0 };
     struct refined r = { 0 };
     enum modal_status rc = refine_check(data, start, count, err);
 
     if (rc != MODAL_OK)
         return rc;
-    w.groups = w.S / w.phases;
     if (!refine_layout(&w, start) || !refine_allocate(&w, true) || !refine_search_new(&s, &w)
         || !refined_new(&r, &w)) {
-        rc = modal_fail(err, MODAL_NO_MEMORY, "refine: no memory for %d x %d, order %d", w.L, w.S,
-                        w.order);
+        rc = no_memory(&w, err);
         goto out;
     }
     set_energy(&w);
@@ -263,20 +270,16 @@ enum modal_status refine_project(const struct refine_data *data, const double co
                                  int count, const bool *fixed,
                                  struct projected *out, struct modal_error *err)
 {
-    struct work w = { .data = data, .Y = data->Y, .L = data->Y->m, .S = data->Y->n, .count = count,
-                      .fixed = fixed,
-                      .phases = data->phases > 0 ? data->phases : 1, .look = true };
+    struct work w = work_of(data, count, fixed, true);
     struct search s = { 0 };
     struct projected p = { 0 };
     enum modal_status rc = refine_check(data, lambda, count, err);
 
     if (rc != MODAL_OK)
         return rc;
-    w.groups = w.S / w.phases;
     if (!refine_layout(&w, lambda) || !refine_allocate(&w, true) || !refine_search_new(&s, &w)
         || !projected_new(&p, &w)) {
-        rc = modal_fail(err, MODAL_NO_MEMORY, "refine: no memory for %d x %d, order %d", w.L, w.S,
-                        w.order);
+        rc = no_memory(&w, err);
         goto out;
     }
     set_energy(&w);

@@ -28,8 +28,9 @@
 
 enum { BLOCK = 64 };   /* channels at a time */
 
-void synthesis_basis(const double complex *lambda, int count, double tau, struct matrix *basis,
-                     double *reference)
+/* The real basis, L x order, columns scaled; real and (minus) imaginary part of a pair adjacent. */
+static void synthesis_basis(const double complex *lambda, int count, double tau,
+                            struct matrix *basis, double *reference)
 {
     int column = 0, L = basis->m;
 

@@ -26,10 +26,6 @@ struct synthesis {
     double residual;              /* Frobenius norm of Y - fit */
 };
 
-/* The real basis, L x order, columns scaled; real and (minus) imaginary part of a pair adjacent. */
-void synthesis_basis(const double complex *lambda, int count, double tau, struct matrix *basis,
-                     double *reference);
-
 /* Fit Y (L x channels, kept).  *out is the caller's to synthesis_done.  FIT, L x channels, may be
  * NULL. */
 enum modal_status synthesis_fit(const double complex *lambda, int count, double tau,

@@ -202,27 +202,11 @@ static void pass(struct krylov *k, int b)
     k->count = all;
 }
 
-/* Z outside K becomes the next block; R its size.  Twice is enough. */
-static enum modal_status next_block(struct krylov *k, int b, int *next, struct modal_error *err)
+/* B columns X less their parts in K. */
+static void leave_outside(const struct krylov *k, int b, double *X)
 {
-    double *X = k->K + (size_t)k->count * (size_t)k->near, *work = k->scaled;
-    struct matrix Q = { k->near, b, k->near, X }, R = { b, b, b, k->R };
-    enum modal_status rc;
+    double *work = k->scaled;
 
-    memcpy(X, k->Z, sizeof *X * (size_t)k->near * (size_t)b);
-    for (int twice = 0; twice < 2; twice++)
-        for (int j = 0; j < k->count; j += BLOCK) {
-            int n = k->count - j < BLOCK ? k->count - j : BLOCK;
-            double *Kj = k->K + (size_t)j * (size_t)k->near;
-            cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, n, b, k->near, 1, Kj, k->near, X,
-                        k->near, 0, work, n);
-            cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, k->near, b, n, -1, Kj, k->near,
-                        work, n, 1, X, k->near);
-        }
-    rc = qr_orthonormal(&Q, &R, err);
-    if (rc != MODAL_OK)
-        return rc;
-    /* columns that were rounding are orthonormal, but not to K: once more */
     for (int j = 0; j < k->count; j += BLOCK) {
         int n = k->count - j < BLOCK ? k->count - j : BLOCK;
         double *Kj = k->K + (size_t)j * (size_t)k->near;
@@ -231,6 +215,22 @@ static enum modal_status next_block(struct krylov *k, int b, int *next, struct m
         cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, k->near, b, n, -1, Kj, k->near, work,
                     n, 1, X, k->near);
     }
+}
+
+/* Z outside K becomes the next block; R its size.  Twice is enough. */
+static enum modal_status next_block(struct krylov *k, int b, int *next, struct modal_error *err)
+{
+    double *X = k->K + (size_t)k->count * (size_t)k->near;
+    struct matrix Q = { k->near, b, k->near, X }, R = { b, b, b, k->R };
+    enum modal_status rc;
+
+    memcpy(X, k->Z, sizeof *X * (size_t)k->near * (size_t)b);
+    for (int twice = 0; twice < 2; twice++)
+        leave_outside(k, b, X);
+    rc = qr_orthonormal(&Q, &R, err);
+    if (rc != MODAL_OK)
+        return rc;
+    leave_outside(k, b, X);    /* columns that were rounding are orthonormal, but not to K */
     struct matrix none = { b, b, b, NULL };
     rc = qr_orthonormal(&Q, &none, err);
     *next = k->room - k->count < b ? k->room - k->count : b;

@@ -31,7 +31,8 @@ void leap_init(struct leap *l, struct dofwise *of, double *stage, struct workspa
         l->part[i] = workspace_zeros(space, states, sizeof **l->part);
 }
 
-bool leap_holds(const struct leap *l, int dof)
+/* Is DOF in the leap's set? */
+static bool leap_holds(const struct leap *l, int dof)
 {
     int low = 0, high = l->set->runs;
 
@@ -158,7 +159,8 @@ static enum modal_status make_stages(struct leap *l, int from, int to, const dou
     return rc;
 }
 
-enum modal_status leap_end(struct leap *l, const double *memory, struct modal_error *err)
+/* From `from` and slope[0] at t over h: `to`, and the slopes as far as there. */
+static enum modal_status leap_end(struct leap *l, const double *memory, struct modal_error *err)
 {
     fill_rim(l, l->t, l->from);
     dofwise_watch(l->of, l->set, l->from, l->from + l->of->n);
@@ -176,22 +178,26 @@ enum modal_status leap_make(struct leap *l, const double *memory, struct modal_e
     return rc;
 }
 
-double leap_error(const struct leap *l, const double *weight, const int *apart)
+/* The largest error by an embedded formula of those whose laws are not APART. */
+static double largest(const struct leap *l, const double *formula, const double *weight,
+                      const int *apart)
 {
     int n = l->of->n;
-    double third = 0, fifth = 0;
+    double most = 0;
 
-    combine_set(l, dormand_prince_error3, DORMAND_PRINCE_END + 1, NULL, l->stage);
+    combine_set(l, formula, DORMAND_PRINCE_END + 1, NULL, l->stage);
     for (int r = 0; r < l->set->runs; r++)
         for (int i = l->set->run[r].from; i < l->set->run[r].to; i++)
             if (apart == NULL || apart[i] < 0)
-                third = fmax(third, fmax(fabs(l->stage[i]) * weight[i],
-                                         fabs(l->stage[n + i]) * weight[n + i]));
-    combine_set(l, dormand_prince_error5, DORMAND_PRINCE_END + 1, NULL, l->stage);
-    for (int r = 0; r < l->set->runs; r++)
-        for (int i = l->set->run[r].from; i < l->set->run[r].to; i++)
-            if (apart == NULL || apart[i] < 0)
-                fifth = fmax(fifth, fmax(fabs(l->stage[i]) * weight[i],
-                                         fabs(l->stage[n + i]) * weight[n + i]));
+                most = fmax(most, fmax(fabs(l->stage[i]) * weight[i],
+                                       fabs(l->stage[n + i]) * weight[n + i]));
+    return most;
+}
+
+double leap_error(const struct leap *l, const double *weight, const int *apart)
+{
+    double third = largest(l, dormand_prince_error3, weight, apart),
+           fifth = largest(l, dormand_prince_error5, weight, apart);
+
     return fifth == 0 ? 0 : fifth * fifth / hypot(fifth, sqrt(THIRD_ORDER_SHARE) * third);
 }

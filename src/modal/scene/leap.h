@@ -32,9 +32,8 @@ void leap_init(struct leap *l, struct dofwise *of, double *stage, struct workspa
 enum modal_status leap_slope(const struct leap *l, double t, double *y, const double *memory,
                              double *slope, struct modal_error *err);
 
-/* From `from` and slope[0] at t over h: `to`, and the slopes as far as there. */
-enum modal_status leap_end(struct leap *l, const double *memory, struct modal_error *err);
-/* The same and the interpolant: all other arrays.  MEMORY is that of t. */
+/* From `from` and slope[0] at t over h: `to`, the slopes as far as there, and the interpolant: all
+ * other arrays.  MEMORY is that of t. */
 enum modal_status leap_make(struct leap *l, const double *memory, struct modal_error *err);
 
 /* Component I (dof, or n + dof) of the state at t + theta h; I is in the set or the leap is the
@@ -42,8 +41,6 @@ enum modal_status leap_make(struct leap *l, const double *memory, struct modal_e
 double leap_at(const struct leap *l, int i, double theta);
 /* The same at T of any dof of the set or its rim: what lies outside is asked of the leap around. */
 double leap_value(const struct leap *l, int i, double t);
-/* Is DOF in the leap's set? */
-bool leap_holds(const struct leap *l, int dof);
 
 /* The largest error of the leap's end, each component times WEIGHT (2 n), those of dofs with APART
  * (n, or NULL) set left out. */

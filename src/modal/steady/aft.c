@@ -280,4 +280,3 @@ long aft_events(const struct aft *w)
 long aft_evaluations(const struct aft *w, int law) { return w->law[law].evaluations; }
 bool aft_acts(const struct aft *w, int law) { return w->law[law].acts; }
 bool aft_undetermined(const struct aft *w, int law) { return w->law[law].undetermined; }
-bool aft_sampled(const struct aft *w, int law) { return !w->law[law].exact; }

@@ -53,8 +53,6 @@ long aft_evaluations(const struct aft *w, int law);
 bool aft_acts(const struct aft *w, int law);
 /* Whether what law LAW held in the last force is one of many: a slider that never slips. */
 bool aft_undetermined(const struct aft *w, int law);
-/* Whether law LAW is sampled, which has an error of its own; else its pieces are exact. */
-bool aft_sampled(const struct aft *w, int law);
 /* Largest slope of any law's force in the last one, N/m: the gain's numerator. */
 double aft_slope(const struct aft *w);
 

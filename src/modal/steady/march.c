@@ -176,6 +176,14 @@ static enum modal_status rate(struct march *w, double t, const double *y, double
     return rc;
 }
 
+/* What the laws compare with at a step's start follows from y. */
+static void note_start(struct march *w)
+{
+    for (int l = 0; l < w->p->laws; l++)
+        for (int j = 0; j < w->p->law[l].kind->inputs; j++)
+            w->start_d[l * LAW_INPUTS_MOST + j] = law_sees(&w->p->law[l], j, w->y);
+}
+
 /* The step's end: memory from its start to now, at the new y. */
 static enum modal_status commit(struct march *w, double t, struct modal_error *err)
 {
@@ -183,9 +191,7 @@ static enum modal_status commit(struct march *w, double t, struct modal_error *e
 
     /* Stages saw the memory at the step's start; now it is that of its end. */
     memcpy(w->m, w->m_next, (size_t)w->memory * sizeof *w->m);
-    for (int l = 0; l < w->p->laws; l++)
-        for (int j = 0; j < w->p->law[l].kind->inputs; j++)
-            w->start_d[l * LAW_INPUTS_MOST + j] = law_sees(&w->p->law[l], j, w->y);
+    note_start(w);
     for (int i = 0; rc == MODAL_OK && i < w->states; i++)
         if (!isfinite(w->y[i]))
             return modal_fail(err, MODAL_OVERFLOW,
@@ -329,14 +335,12 @@ static void get_state(const struct march *w, double *s)
     memcpy(s + w->states, w->m, (size_t)w->memory * sizeof *s);
 }
 
-/* Back: what the laws compare with at the step's start follows from y. */
+/* Back. */
 static void put_state(struct march *w, const double *s)
 {
     memcpy(w->y, s, (size_t)w->states * sizeof *s);
     memcpy(w->m, s + w->states, (size_t)w->memory * sizeof *s);
-    for (int l = 0; l < w->p->laws; l++)
-        for (int j = 0; j < w->p->law[l].kind->inputs; j++)
-            w->start_d[l * LAW_INPUTS_MOST + j] = law_sees(&w->p->law[l], j, w->y);
+    note_start(w);
 }
 
 /* Newton's method on the period map, after two periods of marching. */

@@ -81,7 +81,8 @@ double peters_he_K(struct peters_he_index i)
     return 2 / M_PI * H(i);
 }
 
-double peters_he_phi(struct peters_he_index i, double r)                               /* (5) */
+/* Radial function phi_n^m(r), 0 <= r <= 1, times cos(m pi/2). */
+static double peters_he_phi(struct peters_he_index i, double r)                        /* (5) */
 {
     double sum = 0;
 

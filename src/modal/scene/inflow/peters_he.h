@@ -20,7 +20,5 @@ int peters_he_order(int states);
 double peters_he_K(struct peters_he_index i);
 /* Edgewise flow, X = tan(chi/2) = 1. */
 double peters_he_L(struct peters_he_index row, struct peters_he_index column);
-/* Radial function phi_n^m(r), 0 <= r <= 1, times cos(m pi/2). */
-double peters_he_phi(struct peters_he_index i, double r);
 
 #endif

@@ -198,22 +198,27 @@ static enum modal_status read_loads(struct condense *c, struct modal_error *err)
     return rc;
 }
 
-/* Sparse factors of L_rr, and every dof wanted. */
-static enum modal_status sparse_new(struct condense *c, struct modal_error *err)
+/* Room for sparse factors of L_rr, when the first is made: who inherits all harmonics makes none,
+ * and on many dofs the pattern alone takes a part of a factorization. */
+static enum modal_status sparse_begin(struct condense *c, struct modal_error *err)
 {
     enum modal_status rc = pattern_new(c->p, c->spot, c->r, false, &c->linear, err);
 
     if (rc == MODAL_OK)
         rc = sparse_lu_new(c->r, c->linear->start, c->linear->index, true, &c->factors, err);
-    if (rc != MODAL_OK)
-        return rc;
-    c->value = workspace_zeros(&c->space, (size_t)pattern_entries(c->linear), sizeof *c->value);
-    c->column = workspace_zeros(&c->space, (size_t)c->order, sizeof *c->column);
-    c->seat = workspace_zeros(&c->space, (size_t)c->n, sizeof *c->seat);
-    if (c->space.failed)
-        return modal_fail(err, MODAL_NO_MEMORY, "condense: no memory for %d dofs", c->n);
-    condense_want(c, NULL, c->n);
-    return MODAL_OK;
+    if (rc == MODAL_OK) {
+        c->value = workspace_zeros(&c->space, (size_t)pattern_entries(c->linear),
+                                   sizeof *c->value);
+        c->column = workspace_zeros(&c->space, (size_t)c->order, sizeof *c->column);
+        rc = workspace_check(&c->space, "condense: no memory for sparse factors", err);
+    }
+    if (rc == MODAL_OK)
+        return MODAL_OK;
+    pattern_free(c->linear);
+    sparse_lu_free(c->factors);
+    c->linear = NULL;
+    c->factors = NULL;
+    return rc;
 }
 
 void condense_want(struct condense *c, const int *dofs, int count)
@@ -256,14 +261,11 @@ enum modal_status condense_new(const struct program *p, enum condense_keep keep,
         return modal_fail(err, MODAL_NO_MEMORY, "condense: no memory for %d dofs", p->n);
     }
     choose_kept(c, keep);
-    if (c->r >= SPARSE_LEAST && p->n_linear == 0)
-        rc = sparse_new(c, err);
-    else
+    c->sparse = c->r >= SPARSE_LEAST && p->n_linear == 0;
+    if (!c->sparse)
         band_of(c);
-    if (rc != MODAL_OK) {
-        condense_free(c);
-        return rc;
-    }
+    else if ((c->seat = workspace_zeros(&c->space, (size_t)c->n, sizeof *c->seat)) != NULL)
+        condense_want(c, NULL, c->n);
     c->band = workspace_zeros(&c->space, (size_t)c->ld * (size_t)c->order, sizeof *c->band);
     c->right = workspace_zeros(&c->space, (size_t)c->order * ((size_t)c->q + 1), sizeof *c->right);
     c->pivot = workspace_zeros(&c->space, (size_t)c->order, sizeof *c->pivot);
@@ -302,12 +304,13 @@ const int *condense_dofs(const struct condense *c) { return c->kept; }
 const int *condense_place(const struct condense *c) { return c->place; }
 const struct pattern *condense_pattern(const struct condense *c) { return c->pattern; }
 double condense_work(const struct condense *c) { return c->work; }
+bool condense_factors(const struct condense *c) { return c->sparse; }
 int condense_highest_load(const struct condense *c) { return c->highest; }
 
 /* L_rr(i, j) += value: in LAPACK's band storage, with room for fill above, or sparse. */
 static void set_band(struct condense *c, int i, int j, double complex value)
 {
-    if (c->linear != NULL)
+    if (c->sparse)
         c->value[pattern_find(c->linear, i, j)] += value;
     else
         c->band[(size_t)j * (size_t)c->ld + (size_t)(c->lower + c->upper + i - j)] += value;
@@ -438,7 +441,7 @@ static enum modal_status solve_band(struct condense *c, int k, struct modal_erro
 
     if (c->order == 0 || all_zero(c->right, c->order * columns))
         return MODAL_OK;
-    if (c->linear != NULL) {
+    if (c->sparse) {
         info = !solve_sparse(c);
         goto out;
     }
@@ -471,9 +474,11 @@ static enum modal_status factor_at(struct condense *c, int k, double s, double c
     size_t size = (size_t)c->order * ((size_t)c->q + 1);
     enum modal_status rc;
 
-    /* dgbtrf destroyed the last one */
+    if (c->sparse && c->factors == NULL && (rc = sparse_begin(c, err)) != MODAL_OK)
+        return rc;
+    /* dgbtrf destroyed the last one; sparse values are added up in place */
     memset(c->band, 0, (size_t)c->ld * (size_t)c->order * sizeof *c->band);
-    if (c->linear != NULL)
+    if (c->sparse)
         memset(c->value, 0, (size_t)pattern_entries(c->linear) * sizeof *c->value);
     memset(c->right, 0, size * sizeof *c->right);
     for (int t = 0; t < 3; t++)
@@ -573,7 +578,7 @@ enum modal_status condense_at(struct condense *c, double omega, double level, in
     int m;
     enum modal_status rc = turns_a_period(c, omega, &m, err);
 
-    if (rc == MODAL_OK && !c->reduced && c->linear == NULL)
+    if (rc == MODAL_OK && !c->reduced && !c->sparse)
         rc = need_room(c, H, err);
     c->omega = omega;
     c->level = level;
@@ -583,7 +588,7 @@ enum modal_status condense_at(struct condense *c, double omega, double level, in
     memset(p, 0, q * ((size_t)H + 1) * sizeof *p);
     if (c->reduced)
         condense_reduced_at(c, H, S, p);
-    else if (rc == MODAL_OK && c->linear != NULL)
+    else if (rc == MODAL_OK && c->sparse)
         return recall(c, H, S, p, err);
     for (int k = 0; rc == MODAL_OK && !c->reduced && k <= H; k++)
         rc = factor_at(c, k, k * c->omega, S + (size_t)k * entries, p + (size_t)k * q, err);
@@ -608,7 +613,7 @@ static enum modal_status solve_for_recovery(struct condense *c, struct modal_err
 enum modal_status condense_recover(struct condense *c, int dof, int Hq, const double complex *Xq,
                                    int H, double complex *X, struct modal_error *err)
 {
-    bool sparse = c->linear != NULL;
+    bool sparse = c->sparse;
     size_t order = (size_t)(sparse ? c->seats : c->order);
     int row = sparse ? c->seat[dof] : c->spot[dof];
     enum modal_status rc;
@@ -640,7 +645,7 @@ static void unknowns_at(const struct condense *c, int k, const double complex *X
                         double complex *x)
 {
     size_t order = (size_t)c->order;
-    const double complex *Y = c->linear != NULL ? c->right
+    const double complex *Y = c->sparse ? c->right
         : c->order > 0 ? c->kept_right + (size_t)k * order * ((size_t)c->q + 1) : NULL;
 
     for (int i = 0; i < c->n + c->p->n_linear; i++) {
@@ -740,7 +745,7 @@ enum modal_status condense_residual(struct condense *c, const double complex *Xq
     if (rc == MODAL_OK && !c->solved && c->order > 0)
         rc = solve_for_recovery(c, err);
     for (int k = 0; rc == MODAL_OK && k <= c->H; k++) {
-        if (c->linear != NULL
+        if (c->sparse
             && (rc = factor_at(c, k, k * c->omega, S, S + entries, err)) != MODAL_OK)
             break;
         unknowns_at(c, k, Xq, x);

@@ -55,6 +55,9 @@ void condense_want(struct condense *c, const int *dofs, int count);
 /* Operations (budget.h) of sparse factors and their solutions so far. */
 double condense_work(const struct condense *c);
 
+/* Whether the linear dofs are so many that each harmonic takes sparse factors, known or not. */
+bool condense_factors(const struct condense *c);
+
 /* q, how many dofs are kept. */
 int condense_kept(const struct condense *c);
 /* The q kept dofs, ascending; C owns them, as what the next two give. */

@@ -63,7 +63,7 @@ static bool same_matrix(const struct sparse *a, const struct sparse *b)
 static bool same_linear_part(const struct condense *a, const struct condense *b)
 {
     size_t n = (size_t)a->n;
-    bool same = a->linear != NULL && b->linear != NULL && a->n == b->n && a->q == b->q
+    bool same = a->sparse && b->sparse && a->n == b->n && a->q == b->q
                 && pattern_entries(a->pattern) == pattern_entries(b->pattern)
                 && memcmp(a->place, b->place, n * sizeof *a->place) == 0
                 && memcmp(a->seat, b->seat, n * sizeof *a->seat) == 0;

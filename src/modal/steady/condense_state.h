@@ -27,7 +27,8 @@ struct condense {
     size_t kept_size;
     struct workspace space;          /* of the other arrays */
     /* sparse: no band; harmonics 0 .. known - 1 of `known_at` are kept, for loads of level 1 */
-    struct pattern *linear;          /* of L_rr; NULL: a band */
+    bool sparse;
+    struct pattern *linear;          /* of L_rr; NULL: none was factored */
     struct sparse_lu *factors;
     double complex *value, *column;  /* of `linear`; order, of a solution */
     int *seat, seats;                /* of each dof among those recovered, or -1 */

@@ -202,7 +202,7 @@ static void estimate_done(struct estimate *e)
 static enum modal_status estimate_init(struct steady *s, const struct balance *b,
                                        struct estimate *e, struct modal_error *err)
 {
-    int H = b->H, H2 = H < WIDE_FEW && condense_work(s->c) == 0 ? WIDE_LEAST
+    int H = b->H, H2 = H < WIDE_FEW && !condense_factors(s->c) ? WIDE_LEAST
                        : WIDEN * H < ORBIT_HARMONICS_MOST / 2 ? WIDEN * H
                                                               : H + WIDE_MORE;
     long sampled = b->aft != NULL ? 2L * aft_samples(b->aft) : 0;

@@ -1,4 +1,11 @@
-/* reduction.c - see reduction.h; tested by tests/unit/modal/scene/test_craig_bampton.c */
+/*
+ * reduction.c - see reduction.h; tested by tests/unit/modal/scene/test_craig_bampton.c
+ *
+ * What the modes left out answer at s = k omega is a sum over them of s^4 m m^T / (lambda - s^2);
+ * finer has its terms of lambda up to reach^2 and 1 / lambda of the others.  These lack s^2 /
+ * (lambda - s^2) of themselves, at most all where s^2 <= reach^2 / 2: so far finer knows the error
+ * to a factor of two at the worst, and past it nothing is claimed.
+ */
 #include "modal/steady/reduction.h"
 #include <math.h>
 #include <stdlib.h>
@@ -68,6 +75,7 @@ enum modal_status reduction_solve(struct steady *s, const struct steady_point *p
 static enum modal_status apart(struct steady *s, struct steady_point *a, struct steady *finer,
                                const struct steady_point *b, double *out, struct modal_error *err)
 {
+    /* the last s at which finer's statics are off by no more than they are */
     double known = s->reduction->reach / sqrt(2), amplitude = 0;
     size_t K = (size_t)a->H + 1;
     double complex *x = calloc(2 * K, sizeof *x), *y = x + K;
@@ -83,6 +91,7 @@ static enum modal_status apart(struct steady *s, struct steady_point *a, struct 
         if (rc == MODAL_OK)
             rc = condense_recover(b->linear != NULL ? b->linear : finer->c, s->opt.dofs[i], b->H,
                                   b->X, a->H, y, err);
+        /* over time at most the sum over harmonics */
         for (int k = 0; k <= a->H; k++) {
             sum += cabs(x[k] - y[k]) + (k * a->omega > known ? cabs(y[k]) : 0);
             size += cabs(x[k]);

@@ -7,6 +7,7 @@
 #include "modal/scene/program.h"
 #include "modal/steady/condense.h"
 #include "modal/steady/pattern.h"
+#include "modal/steady/solve.h"
 #include "scene_text.h"
 
 enum { MASSES = 2101, HARMONICS = 3, ROOM = 64 * MASSES };
@@ -117,4 +118,36 @@ TEST(another_structure_is_factored_anew)
 {
     check_work(chain(1, 2, (double[]) { 1, 2, 3 }), chain(1, 1, (double[]) { 1, 2, 3 }),
                HARMONICS + 1);
+}
+
+/* The work of a session of P at so few harmonics that the estimate looks at many more, after
+ * BEFORE's (NULL: alone), which is then freed. */
+static double work_of_point(const struct program *p, struct steady *before, struct steady **out)
+{
+    static const int seen = 0;
+    const struct steady_options opt = { .harmonics = 3, .dofs = &seen, .dofs_count = 1 };
+    struct modal_error err = { 0 };
+    struct steady_point point;
+
+    CHECK(steady_new(p, &opt, out, &err) == MODAL_OK);
+    if (before != NULL)
+        steady_inherit(*out, before);
+    steady_free(before);
+    CHECK(steady_solve(*out, OMEGA, NULL, &point, &err) == MODAL_OK && point.converged);
+    CHECK(point.error > 0);
+    steady_point_done(&point);
+    return condense_work(steady_condense(*out));
+}
+
+TEST(a_point_with_its_error_factors_nothing_after_one_on_the_same_structure)
+{
+    struct program *p = chain(1, 1, (double[]) { 1, 2, 3 }),
+                   *next = chain(2, 1, (double[]) { 1, 2, 3 });
+    struct steady *first, *second;
+
+    CHECK(work_of_point(p, NULL, &first) > 0);
+    CHECK(work_of_point(next, first, &second) == 0);
+    steady_free(second);
+    program_free(p);
+    program_free(next);
 }

@@ -243,6 +243,20 @@ static int mains_of(const struct work *w, double hertz)
     return 0;
 }
 
+/* The mains as a pair, too weak to be taken off first: it is left out of the modes, and told with
+ * the lines. */
+static bool take_mains(struct work *w, const struct whittle_mode *q, const struct identify_mode *m)
+{
+    double hertz = cabs(m->resolved) / (2 * M_PI);
+
+    if (w->periodic || (is_sound(w, q) && !is_line(w, q->lambda)) || mains_of(w, hertz) == 0
+        || w->line_count == AMBIENT_LINES_MOST)
+        return false;
+    w->line[w->line_count++] = (struct ambient_line) { hertz * w->sample,
+                                                       m->amplitude * m->amplitude };
+    return true;
+}
+
 /* The columns, channels of unit rms or their phases, that a mode moves, from its row over the
  * signals. */
 static void to_columns(const struct work *w, const double complex *x, double complex *y)
@@ -335,7 +349,8 @@ static enum modal_status report_modes(struct work *w, struct identify_result *ou
             .std_im = is_sound(w, q) ? q->std_turn / dt : NAN, .runner_up = NAN };
         rc = resolve(w, q, moved, m, err);
         w->broad += !has_peak(m->resolved);
-        if (rc != MODAL_OK || (has_peak(m->resolved) && is_asked(w, m->resolved)))
+        if (rc != MODAL_OK || (has_peak(m->resolved) && is_asked(w, m->resolved)
+                               && !take_mains(w, q, m)))
             out->mode_count++;
         else
             free(m->harmonics), free(m->shape);
@@ -487,8 +502,8 @@ static void about_lines(const struct work *w, struct identify_result *r)
         int mains = mains_of(w, hertz);
         if (mains > 0)
             identify_diagnose(r, "mains_line", -1, "a line of %.6g Hz, a multiple of %d Hz, %.2g "
-                              "%% of the channels' mean square: mains, not a mode; it was taken "
-                              "off first", hertz, mains, share);
+                              "%% of the channels' mean square: mains, not a mode; it is left "
+                              "out", hertz, mains, share);
         else
             identify_diagnose(r, "narrow_line", -1, "a line of %.6g Hz and constant amplitude, "
                               "%.2g %% of the channels' mean square: a rotating part or a limit "

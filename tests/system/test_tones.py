@@ -284,6 +284,20 @@ def test_the_second_tone_begins_at_the_neimark_sacker_point(tmp_path):
     assert min(abs(second - told), abs(point["omega"] - second - told)) < 1e-3
 
 
+def test_a_smooth_motion_of_its_own_phases_alone_is_found_and_exact(tmp_path):
+    spring = [{"type": "cubic_spring", "dof": "x", "coefficient": 0.5}]
+    two = oscillator(spring, [0.8, 1.2], 0.3)
+    one = {**two, "omega": 0.4, "steady": {},
+           "excitation": [{"dof": "x", "k": k, "cos": 0.3} for k in (2, 3)]}
+    a = run("steady", one, tmp_path, "-o", "target.error=1e-11")[1]
+    b = run("steady", two, tmp_path, "-o", "target.error=1e-11")[1]
+    assert a["converged"] and b["converged"]
+    t, rows = np.linspace(0, 5 * np.pi, 500), a["harmonics"][0]
+    x = (np.exp(0.4j * np.outer(t, rows["k"]))
+         @ (np.array(rows["re"]) + 1j * np.array(rows["im"]))).real
+    assert np.abs(x - motion(b, t)).max() <= 1e-10 * np.abs(x).max()
+
+
 # Tones 2 to 1 march to twice their period: no line of theirs, and their own motion is unstable.
 @pytest.mark.parametrize("law, p, q, least", [("gap", 2, 1, 1.5e-2), ("gap", 3, 2, 2e-6),
                                               ("friction", 5, 3, 2e-6)])

@@ -84,9 +84,10 @@ struct march {
 /* A line of the sheet of (1): its combination with the sign of torus.h's (1), size and place. */
 struct line { struct torus_index k; double size; int row, lead; bool flipped; };
 
-bool torus_march_takes(const struct torus_solver *s)
+bool torus_march_takes(const struct torus_solver *s, bool balanced)
 {
-    bool takes = s->tone.index < 0 && s->opt->order == 0 && s->q > 0 && !torus_smooth(s->laws);
+    bool takes = s->tone.index < 0 && s->opt->order == 0 && s->q > 0
+        && !(balanced && torus_smooth(s->laws));
 
     for (int l = 0; l < s->p->laws; l++)
         takes = takes && !torus_undetermined(s->laws, l);

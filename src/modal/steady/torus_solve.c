@@ -124,7 +124,7 @@ static enum modal_status solve_grown(struct torus_solver *s, struct torus_point 
         out->tone_error = missed * e.tone;
         out->error = out->truncation + e.sampling + e.solver;
         out->wanting = out->error > wanted;
-        if (round == 0 && out->wanting && torus_march_takes(s))
+        if (round == 0 && out->wanting && torus_march_takes(s, true))
             rc = torus_march(s, target, out, &lines, err);
         if (!out->wanting || (lines.count > 0 && lines.error <= target * lines.amplitude)
             || s->opt->order > 0 || s->work->spent > GROWTH * s->work->most)
@@ -137,7 +137,7 @@ static enum modal_status solve_grown(struct torus_solver *s, struct torus_point 
         s->finer += more_lines;
         rc = take_in(s, list, take, err);
     }
-    if (rc == MODAL_OK && !out->converged && lines.count == 0 && torus_march_takes(s))
+    if (rc == MODAL_OK && !out->converged && lines.count == 0 && torus_march_takes(s, false))
         rc = torus_march(s, target, out, &lines, err);
     if (rc == MODAL_OK && lines.count > 0 && (!out->converged || lines.error < out->error))
         torus_adopt(s, &lines, target, out);

@@ -159,9 +159,10 @@ enum modal_status torus_fit(const struct torus_tones *t, int count, const struct
 
 /* ---- torus_march.c ---- */
 
-/* Whether a march may know more than a balance: laws with events, no tone free, all sliders move,
- * and the set is not given. */
-bool torus_march_takes(const struct torus_solver *s);
+/* Whether a march may know more than a balance: of laws with events, and of any where none was
+ * found (BALANCED false: tones of a common period may have a motion at their own phases and none at
+ * others); no tone is free, all sliders move, and the set is not given. */
+bool torus_march_takes(const struct torus_solver *s, bool balanced);
 /*
  * The motion marched from where POINT has it, or from the scene's start where that has not
  * converged, and its lines read, until their error is WANTED of the amplitude or the work allowed

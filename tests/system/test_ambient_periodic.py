@@ -1,5 +1,6 @@
-"""identify -o response=ambient with a period: systems of periodic stiffness under noise that nobody measured, simulated exactly,
-against the bound of their lifted spectrum (both by tests/bench/bench_ambient_periodic.py, in numpy).
+"""identify -o response=ambient with a period: systems of periodic stiffness under noise that nobody
+measured, simulated exactly, against the bound of their lifted spectrum (both by
+tests/bench/bench_ambient_periodic.py, in numpy).
 """
 import json
 import pathlib
@@ -23,13 +24,16 @@ def mathieu(stiffness=0.35, hertz=0.37, zeta=0.02, noise=0.05, phases=bench.PHAS
     w = 2 * np.pi * hertz
 
     def A(t):
-        return np.array([[0, 1], [-w ** 2 * (1 + stiffness * np.cos(2 * np.pi * t)), -2 * zeta * w]])
+        return np.array([[0, 1], [-w ** 2 * (1 + stiffness * np.cos(2 * np.pi * t)),
+                                  -2 * zeta * w]])
 
     return bench.Periodic(A, np.array([[0.0], [1.0]]), np.array([[1.0, 0.0]]), noise, phases)
 
 
 def identify(ctl, path, Y, *options, phases=bench.PHASES, period=1.0):
-    return ctl("identify", write_batch(path, Y, dt=1 / phases, **({"period": period} if period else {})), *AMBIENT, *options)
+    return ctl("identify",
+               write_batch(path, Y, dt=1 / phases, **({"period": period} if period else {})),
+               *AMBIENT, *options)
 
 
 def codes(document):
@@ -41,8 +45,9 @@ def nearest(modes, multiplier):
 
 
 def test_multipliers_are_at_the_bound_with_errors_that_cover(ctl, tmp_path):
-    """Of 10 oscillators and 10 systems of two degrees of freedom, 500 to 3,000 periods: some 30 modes, 60 components, of whose
-    mean square over the bound the standard deviation is 0.18 and of what 1.96 standard errors cover 0.03."""
+    """Of 10 oscillators and 10 systems of two degrees of freedom, 500 to 3,000 periods: some 30
+    modes, 60 components, of whose mean square over the bound the standard deviation is 0.18 and of
+    what 1.96 standard errors cover 0.03."""
     rows = []
     for seed in range(500, 520):
         rng = np.random.default_rng(seed)
@@ -57,10 +62,12 @@ def test_multipliers_are_at_the_bound_with_errors_that_cover(ctl, tmp_path):
 
 
 def test_mathieus_oscillator_is_found_where_it_moves(ctl, tmp_path):
-    """Its multipliers are -0.6681 +- 0.6818i, by an integration of its own (the exponential of 192 steps)."""
+    """Its multipliers are -0.6681 +- 0.6818i, by an integration of its own (the exponential of 192
+    steps)."""
     s = mathieu()
     assert s.mu[0] == pytest.approx(-0.6681 + 0.6818j, abs=1e-3)
-    mode, = identify(ctl, tmp_path / "a.h5", s.samples(2000, np.random.default_rng(1)), "-o", "shapes=true").document["modes"]
+    mode, = identify(ctl, tmp_path / "a.h5", s.samples(2000, np.random.default_rng(1)), "-o",
+                     "shapes=true").document["modes"]
     error = np.log(complex(*mode["multiplier"]) / s.mu[0])
     assert np.all(np.abs([error.real, error.imag]) < 3.5 * np.array(mode["std"]["exponent"]))
     assert mode["resolved_k"] == 0 and mode["frequency_hz"] == pytest.approx(0.374, abs=0.01)
@@ -69,9 +76,11 @@ def test_mathieus_oscillator_is_found_where_it_moves(ctl, tmp_path):
 
 
 def test_frequencies_beyond_half_of_the_period_s_are_resolved(ctl, tmp_path):
-    """1.23 and -1.23 Hz are 0.23 and -0.23 by multipliers alone; with little stiffness that varies the mode moves at 1.23."""
+    """1.23 and -1.23 Hz are 0.23 and -0.23 by multipliers alone; with little stiffness that varies
+    the mode moves at 1.23."""
     s = mathieu(stiffness=0.05, hertz=1.23, zeta=0.01)
-    mode, = identify(ctl, tmp_path / "a.h5", s.samples(1500, np.random.default_rng(2))).document["modes"]
+    mode, = identify(ctl, tmp_path / "a.h5",
+                     s.samples(1500, np.random.default_rng(2))).document["modes"]
     assert mode["resolved_k"] == 1 and mode["frequency_hz"] == pytest.approx(1.23, abs=0.005)
     assert mode["damping_ratio"] == pytest.approx(0.01, abs=4 * mode["std"]["damping_ratio"])
     assert abs(mode["exponent"][1]) < np.pi
@@ -90,7 +99,8 @@ def test_what_turns_with_the_period_changes_nothing(ctl, tmp_path):
 def test_a_line_that_does_not_turn_with_the_period_is_told(ctl, tmp_path):
     Y = mathieu().samples(1000, np.random.default_rng(4))
     t = np.arange(len(Y))[:, None] / bench.PHASES
-    said = identify(ctl, tmp_path / "a.h5", Y + 3 * Y.std() * np.sin(2 * np.pi * 2.3137 * t)).document
+    said = identify(ctl, tmp_path / "a.h5",
+                    Y + 3 * Y.std() * np.sin(2 * np.pi * 2.3137 * t)).document
     line, = [d["message"] for d in said["diagnostics"] if d["code"] == "narrow_line"]
     assert "2.3137 Hz" in line and len(said["modes"]) == 1
 
@@ -108,7 +118,8 @@ def test_a_free_response_of_a_periodic_system_is_told(ctl, tmp_path):
         rows.append(s.O @ x)
         x = s.F @ x
     Y = np.concatenate(rows)[:, None]
-    said = identify(ctl, tmp_path / "a.h5", Y + 1e-3 * np.random.default_rng(5).standard_normal(Y.shape)).document
+    said = identify(ctl, tmp_path / "a.h5",
+                    Y + 1e-3 * np.random.default_rng(5).standard_normal(Y.shape)).document
     assert "not_ambient" in codes(said) and said["stability"]["stable"] is None
     assert all(m["std"]["multiplier"] is None for m in said["modes"])
 
@@ -120,23 +131,29 @@ def test_a_free_response_of_a_periodic_system_is_told(ctl, tmp_path):
 ])
 def test_what_cannot_be_asked_is_refused_with_what_can(ctl, tmp_path, options, field, words):
     Y = mathieu().samples(300, np.random.default_rng(6))
-    said = identify(ctl, tmp_path / "a.h5", Y, *(word for option in options for word in ("-o", option)))
-    assert said.status == 2 and said.document["error"]["field"] == field and words in said.document["error"]["message"]
+    said = identify(ctl, tmp_path / "a.h5", Y,
+                    *(word for option in options for word in ("-o", option)))
+    assert (said.status == 2 and said.document["error"]["field"] == field
+            and words in said.document["error"]["message"])
 
 
 def test_period_0_takes_it_for_constant_whatever_the_file_says(ctl, tmp_path):
-    said = identify(ctl, tmp_path / "a.h5", mathieu().samples(300, np.random.default_rng(7)), "-o", "period=0").document
+    said = identify(ctl, tmp_path / "a.h5", mathieu().samples(300, np.random.default_rng(7)), "-o",
+                    "period=0").document
     assert "resolved_k" not in said["modes"][0]
 
 
 def test_a_simulated_rotor_under_noise_has_the_multipliers_that_floquet_has(ctl, tmp_path):
-    """Two coordinates whose stiffness turns, 2,000 periods of 16 samples; floquet integrates the same scene without noise."""
+    """Two coordinates whose stiffness turns, 2,000 periods of 16 samples; floquet integrates the
+    same scene without noise."""
     scene = {
-        "structure": {"type": "matrices", "M": [[1, 0], [0, 1]], "K": [[1.3, -0.2], [-0.2, 6]], "C": [[0.03, 0], [0, 0.06]],
+        "structure": {"type": "matrices", "M": [[1, 0], [0, 1]], "K": [[1.3, -0.2], [-0.2, 6]],
+                      "C": [[0.03, 0], [0, 0.06]],
                       "dofs": ["flap", "lag"]},
         "omega": 2, "effects": [{"type": "parametric_stiffness", "dof": "flap", "stiffness": 0.4},
                                 {"type": "parametric_stiffness", "dof": "lag", "stiffness": 1.5}],
-        "excitation": [{"dof": "flap", "type": "noise", "psd": 1, "seed": 1}, {"dof": "lag", "type": "noise", "psd": 1, "seed": 2}],
+        "excitation": [{"dof": "flap", "type": "noise", "psd": 1, "seed": 1},
+                       {"dof": "lag", "type": "noise", "psd": 1, "seed": 2}],
         "time": {"dt": np.pi / 16, "duration": 2005 * np.pi},
     }
     (tmp_path / "rotor.json").write_text(json.dumps(scene))
@@ -148,22 +165,27 @@ def test_a_simulated_rotor_under_noise_has_the_multipliers_that_floquet_has(ctl,
         mode = nearest(said["modes"], true)
         error = np.log(complex(*mode["multiplier"]) / true) / np.pi
         assert np.all(np.abs([error.real, error.imag]) < 3 * np.array(mode["std"]["exponent"]))
-    assert said["stability"]["margin"] == pytest.approx(-np.log(max(map(abs, truth))) / np.pi, abs=3 * said["stability"]["margin_std"])
+    assert said["stability"]["margin"] == pytest.approx(-np.log(max(map(abs, truth))) / np.pi,
+                                                        abs=3 * said["stability"]["margin_std"])
 
 
-def wandering(seed, periods=800, phases=bench.PHASES, fine=8, stiffness=0.35, hertz=0.37, zeta=0.02):
-    """The oscillator of mathieu() whose cosine turns at a speed of 1 that wanders by 1 % within 5 turns: x with 5 % of noise, the
-    angle in turns, and the multiplier at the mean speed."""
-    rng, w, h, n = np.random.default_rng(seed), 2 * np.pi * hertz, 1 / (phases * fine), periods * phases * fine
+def wandering(seed, periods=800, phases=bench.PHASES, fine=8, stiffness=0.35, hertz=0.37,
+              zeta=0.02):
+    """The oscillator of mathieu() whose cosine turns at a speed of 1 that wanders by 1 % within 5
+    turns: x with 5 % of noise, the angle in turns, and the multiplier at the mean speed."""
+    rng, w, h, n = (np.random.default_rng(seed), 2 * np.pi * hertz, 1 / (phases * fine),
+                    periods * phases * fine)
     keep = np.exp(-h / 5)
-    speed = 1 + scipy.signal.lfilter([0.01 * np.sqrt(1 - keep ** 2)], [1, -keep], rng.standard_normal(n))
+    speed = 1 + scipy.signal.lfilter([0.01 * np.sqrt(1 - keep ** 2)], [1, -keep],
+                                     rng.standard_normal(n))
     angle = np.cumsum(speed) * h - speed[0] * h
 
     def steps(angle, h):
         A = np.zeros((len(angle), 2, 2))
         A[:, 0, 1], A[:, 1, 1] = 1, -2 * zeta * w
         A[:, 1, 0] = -w ** 2 * (1 + stiffness * np.cos(2 * np.pi * angle))
-        return np.eye(2) + A * h + A @ A * h ** 2 / 2 + A @ A @ A * h ** 3 / 6 + A @ A @ A @ A * h ** 4 / 24
+        return (np.eye(2) + A * h + A @ A * h ** 2 / 2 + A @ A @ A * h ** 3 / 6 + A @ A @ A
+                @ A * h ** 4 / 24)
 
     F, kick = steps(angle + h / 2, h), rng.standard_normal(n) * np.sqrt(h)
     x, Y = np.zeros(2), np.empty(n // fine)
@@ -174,7 +196,8 @@ def wandering(seed, periods=800, phases=bench.PHASES, fine=8, stiffness=0.35, he
     turn, M = (n - 1) * h / (angle[-1] - angle[0]), np.eye(2)
     for step in steps((np.arange(400) + 0.5) / 400, turn / 400):
         M = step @ M
-    return Y + 0.05 * Y.std() * rng.standard_normal(len(Y)), angle[::fine], max(np.linalg.eigvals(M), key=np.imag)
+    return (Y + 0.05 * Y.std() * rng.standard_normal(len(Y)), angle[::fine],
+            max(np.linalg.eigvals(M), key=np.imag))
 
 
 @pytest.mark.parametrize("unit, least", [(360, 0), (2 * np.pi, -0.5), (-1, 0)])
@@ -189,7 +212,8 @@ def test_an_azimuth_says_what_a_period_is_where_the_speed_wanders(ctl, tmp_path,
     error = np.log(complex(*mode["multiplier"]) / truth) / span
     assert span == pytest.approx(1, abs=0.01) and mode["resolved_k"] == 0
     assert np.all(np.abs([error.real, error.imag]) < 4 * np.array(mode["std"]["exponent"]))
-    assert [s["name"] for s in said["reconstruction"]["signals"]] == ["ch0"] and said["provenance"]["options"]["azimuth"] == 1
+    assert ([s["name"] for s in said["reconstruction"]["signals"]] == ["ch0"]
+            and said["provenance"]["options"]["azimuth"] == 1)
 
 
 def test_a_period_of_no_whole_number_of_samples_is_taken(ctl, tmp_path):
@@ -215,4 +239,5 @@ def test_an_azimuth_that_is_none_is_refused(ctl, tmp_path, options, field, words
     Y = np.column_stack([Y, np.mod(np.arange(len(Y)) / bench.PHASES, 1) * 360])
     path = write_batch(tmp_path / "a.h5", Y, dt=1 / bench.PHASES)
     said = ctl("identify", path, *(word for option in options for word in ("-o", option)))
-    assert said.status == 2 and said.document["error"]["field"] == field and words in said.document["error"]["message"]
+    assert (said.status == 2 and said.document["error"]["field"] == field
+            and words in said.document["error"]["message"])

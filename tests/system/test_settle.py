@@ -1,5 +1,6 @@
-"""Steady motions that harmonic balance does not reach from afar, beside the orbit that Newton's method closes on the map of a
-period made here: Runge and Kutta's fixed steps in numpy, which know nothing of harmonics, events or pieces of laws."""
+"""Steady motions that harmonic balance does not reach from afar, beside the orbit that Newton's
+method closes on the map of a period made here: Runge and Kutta's fixed steps in numpy, which know
+nothing of harmonics, events or pieces of laws."""
 # Tests as well: settle.c
 
 import json
@@ -18,7 +19,8 @@ class Period:
     def __init__(self, scene, steps):
         m = scene["structure"]
         self.Minv, self.C, self.K = (np.linalg.inv(m["M"]), np.array(m["C"]), np.array(m["K"]))
-        self.n, self.omega, self.steps, self.load = len(self.Minv), scene["omega"], steps, scene["excitation"]
+        self.n, self.omega, self.steps, self.load = (len(self.Minv), scene["omega"], steps,
+                                                     scene["excitation"])
         self.effects = [(e, self.across(e)) for e in scene["effects"]]
         self.sliders = [(e, i) for e, i in self.effects if e["type"] == "friction"]
         self.states = 2 * self.n + len(self.sliders)
@@ -32,7 +34,8 @@ class Period:
         return row
 
     def held(self, x, before, force):
-        return np.array([np.clip(f + e["stiffness"] * (row @ x - row @ before), -e["limit"], e["limit"])
+        return np.array([np.clip(f + e["stiffness"] * (row @ x - row @ before), -e["limit"],
+                                 e["limit"])
                          for (e, row), f in zip(self.sliders, force)]).reshape(force.shape)
 
     def rate(self, t, y, before, force):
@@ -59,7 +62,8 @@ class Period:
 
     def __call__(self, u):
         """P(u) of the columns of u, and the displacements of the first on the way."""
-        y, force, h, path = u[:2 * self.n].copy(), u[2 * self.n:].copy(), 2 * np.pi / self.omega / self.steps, []
+        y, force, h, path = (u[:2 * self.n].copy(), u[2 * self.n:].copy(),
+                             2 * np.pi / self.omega / self.steps, [])
         for j in range(self.steps):
             t, x = j * h, y[:self.n].copy()
             path.append(x[:, 0])
@@ -72,7 +76,8 @@ class Period:
         return np.concatenate([y, force]), np.array(path).T
 
     def orbit(self, u, rounds=4):
-        """The displacements of the orbit that is closed from u, what it leaves open, and its multipliers."""
+        """The displacements of the orbit that is closed from u, what it leaves open, and its
+        multipliers."""
         slope = np.zeros((self.states, self.states))
         for _ in range(rounds):
             unit = np.where(np.abs(u) > 0, np.abs(u).max(), 1) * 1e-6
@@ -86,7 +91,8 @@ class Period:
 
 
 def answered(tmp_path, scene, steps, *words):
-    """The answer, its displacements, and the orbit from its state at t = 0, as `Period.orbit` has it."""
+    """The answer, its displacements, and the orbit from its state at t = 0, as `Period.orbit` has
+    it."""
     answer = run(tmp_path, "steady", scene, *words)
     assert answer["converged"], answer["diagnostics"]
     return closed(answer, scene, steps)
@@ -98,15 +104,16 @@ def closed(answer, scene, steps):
     k = np.arange(X.shape[1])
     turns = np.exp(2j * np.pi * np.outer(k, np.arange(steps)) / steps)
     x, force = (X @ turns).real, np.zeros(len(period.sliders))
-    for j in range(2 * steps):                                           # what sliders hold, from a period before
+    # what sliders hold, from a period before
+    for j in range(2 * steps):
         force = period.held(x[:, j % steps], x[:, j % steps - 1], force)
     start = np.concatenate([X.sum(axis=1).real, (1j * scene["omega"] * X @ k).real, force])
     return answer, x, *period.orbit(start)
 
 
 def first_found(tmp_path, scene, tries):
-    """What rounding decides: the first answer of scenes that differ by less than it, none of which may say that a motion is
-    one where it is none."""
+    """What rounding decides: the first answer of scenes that differ by less than it, none of which
+    may say that a motion is one where it is none."""
     for i in range(tries):
         near = {**scene, "omega": scene["omega"] * (1 + 1e-13 * i)}
         answer = run(tmp_path, "steady", near, "-o", "stability=true")
@@ -115,12 +122,14 @@ def first_found(tmp_path, scene, tries):
     raise AssertionError(answer["diagnostics"])
 
 
-@pytest.mark.parametrize("name, steps", [("random_scene_47", 4096), ("random_scene_12", 4096), ("random_scene_3", 8192), ("stiff_slider", 8192),
+@pytest.mark.parametrize("name, steps", [("random_scene_47", 4096), ("random_scene_12", 4096),
+                                         ("random_scene_3", 8192), ("stiff_slider", 8192),
                                          ("free_body_on_a_stop", 4096)])
 def test_what_the_balance_does_not_reach_from_rest_is_found_in_time(tmp_path, name, steps):
-    """A gap that is always closed beside a pulsating spring; one that closes at rest; a free body between stops held by a
-    slider; a slider a thousand times as stiff as its spring; a free body beside a pulsating spring, which nothing keeps from
-    going far and back, so that what it does not come back by is little beside where it is."""
+    """A gap that is always closed beside a pulsating spring; one that closes at rest; a free body
+    between stops held by a slider; a slider a thousand times as stiff as its spring; a free body
+    beside a pulsating spring, which nothing keeps from going far and back, so that what it does not
+    come back by is little beside where it is."""
     scene = json.loads((SCENES / f"{name}.json").read_text())
     answer, x, path, left, multipliers = closed(first_found(tmp_path, scene, 8), scene, steps)
     largest = np.abs(multipliers).max()
@@ -144,7 +153,8 @@ def test_a_motion_that_settles_after_hundreds_of_periods_is_found(tmp_path):
 
 
 def test_a_motion_that_attracts_is_given_for_an_unstable_one(tmp_path):
-    """A free body's motion near rest repeats but is unstable; from rest it goes to another, far away, within 30 periods."""
+    """A free body's motion near rest repeats but is unstable; from rest it goes to another, far
+    away, within 30 periods."""
     scene = json.loads((SCENES / "attracted_far_from_rest.json").read_text())
     answer, steps = run(tmp_path, "steady", scene, "-o", "stability=true"), 256
     period = Period(scene, steps)
@@ -159,7 +169,8 @@ def test_a_motion_that_attracts_is_given_for_an_unstable_one(tmp_path):
 
 @pytest.mark.parametrize("stiffness", [1e4])
 def test_a_stiff_slider_moves_as_friction_without_stiffness_does(tmp_path, stiffness):
-    """Two programs for one motion: what sticks bends by limit / stiffness, and no more is between them."""
+    """Two programs for one motion: what sticks bends by limit / stiffness, and no more is between
+    them."""
     scene = json.loads((SCENES / "stiff_slider.json").read_text())
     rigid = json.loads(json.dumps(scene))
     rigid["effects"] = [{"type": "coulomb", "dof": "x1", "limit": 0.6}]
@@ -172,8 +183,10 @@ def test_a_stiff_slider_moves_as_friction_without_stiffness_does(tmp_path, stiff
 
 
 def test_a_body_that_friction_cannot_hold_is_no_periodic_motion(tmp_path):
-    """Its mean load is above the slider's limit: it goes on and on, and an answer that closes would be a wrong one."""
-    scene = {"structure": {"type": "matrices", "M": [[1.0]], "K": [[0.0]], "C": [[0.1]]}, "omega": 1.0,
+    """Its mean load is above the slider's limit: it goes on and on, and an answer that closes would
+    be a wrong one."""
+    scene = {"structure": {"type": "matrices", "M": [[1.0]], "K": [[0.0]], "C": [[0.1]]},
+             "omega": 1.0,
              "effects": [{"type": "friction", "dof": "x1", "stiffness": 10.0, "limit": 0.3}],
              "excitation": [{"dof": "x1", "k": 1, "cos": 1.0}, {"dof": "x1", "k": 0, "cos": 0.5}]}
     assert not run(tmp_path, "steady", scene)["converged"]

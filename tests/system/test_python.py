@@ -419,7 +419,8 @@ def test_the_verdict_stays_when_the_stream_is_closed(daemon, monkeypatch, tmp_pa
     monkeypatch.setenv("MODALD_URL", daemon.endpoint)
     monkeypatch.setenv("MODALD_SPILL", str(tmp_path))
     y = decay(400, 0.05)
-    with modald.stream("kept", 2, 0.05, window=200, hop=100) as s:
+    with modald.stream("kept", 2, 0.05, window=200, hop=100,
+                       options={"rank.fixed": 4}) as s:
         s.push(y)
         end = time.monotonic() + PATIENCE
         while s.verdict == "unknown":

@@ -14,12 +14,13 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import ctypes.util
+import json
 import os
 import pathlib
 import sys
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Sequence
+from typing import Any, Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -104,7 +105,8 @@ class Stream:
 
     def __init__(self, name: str, channels: int | Sequence[str], dt: float, *,
                  units: str | None = None, period: float = 0.0,
-                 window: int | None = None, hop: int | None = None, options: str | None = None):
+                 window: int | None = None, hop: int | None = None,
+                 options: str | Mapping[str, Any] | None = None):
         """As `stream`."""
         names = None if isinstance(channels, int) else list(channels)
         self.channels = channels if isinstance(channels, int) else len(channels)
@@ -125,7 +127,8 @@ class Stream:
             self._lib.modald_describe(self._handle, array, units.encode() if units else None,
                                       period)
         if self._handle and window:
-            self._lib.modald_window(self._handle, window, hop or window, options.encode() if options
+            text = json.dumps(dict(options)) if isinstance(options, Mapping) else options
+            self._lib.modald_window(self._handle, window, hop or window, text.encode() if text
                                     else None)
 
     def _samples(self, y: npt.ArrayLike, one: bool = False) -> npt.NDArray[np.float64]:
@@ -226,11 +229,12 @@ class Stream:
 
 def stream(name: str, channels: int | Sequence[str], dt: float, *, units: str | None = None,
            period: float = 0.0, window: int | None = None, hop: int | None = None,
-           options: str | None = None) -> Stream:
+           options: str | Mapping[str, Any] | None = None) -> Stream:
     """Open a stream: `with modald.stream(name, channels, dt) as s`.
 
     `channels`: how many, or their names; `dt` [s] between samples, `period` [s] of a periodic
-    system; windows of `window` samples each `hop` samples, identified with `options` (JSON text).
+    system; windows of `window` samples each `hop` samples, identified with `options`,
+    a dictionary or its JSON text.
     """
     return Stream(name, channels, dt, units=units, period=period, window=window, hop=hop,
                   options=options)

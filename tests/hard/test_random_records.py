@@ -9,6 +9,7 @@ import pytest
 
 BUILD = pathlib.Path(os.environ.get("MODALD_BUILD", pathlib.Path(__file__).parents[2] / "build"))
 sys.path.insert(0, str(pathlib.Path(__file__).parents[1] / "bench"))
+import bench_identify_periodic as turning
 import bench_identify_random as drawn
 
 
@@ -54,3 +55,12 @@ def test_every_mode_that_pays_three_times_its_price_is_found_and_no_other(seed, 
     shown = {i for i, x in enumerate(drawn.losses(r)) if x >= drawn.DETECTABLE * price}
     assert shown <= found
     assert len(pairs) == len(document["modes"])
+
+
+def test_ten_pairs_of_multipliers_in_one_channel_of_39_periods_are_all_found(monkeypatch):
+    """Twenty states: what a pencil of so few rows begins with does not converge at their order."""
+    monkeypatch.setattr(turning, "CTL", str(BUILD / "bin" / "modalctl"))
+    r = turning.record(103, 20)
+    hit, besides = turning.match(turning.identify(r), r)
+    assert len(hit) == len(r["multipliers"]) == 10
+    assert besides == 0

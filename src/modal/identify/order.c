@@ -18,7 +18,8 @@
  *        reach = ORDER_REACH per datum.                                                         (1)
  *
  *    With few rows that bound fails (noise in H moves a pencil's poles by many standard errors):
- *    `thorough` refines all.
+ *    `thorough` refines all, and then searches what the best leaves as below, from above: where the
+ *    right order begins too far off to converge a lesser one leads there.
  * 3. Split: two poles much closer than the record resolves share one triplet, and the pencil finds
  *    one.  A pole lambda stands for a pair of neighbours where lambda +- i / (2 record), which span
  *    e^{lambda t} and, nearly, t e^{lambda t}, fit well enough to be worth refining.  A real pole
@@ -67,6 +68,9 @@ static const double LOOK_SHARE = 0.5;      /* of the work, for pass 1 */
 enum { STEPS_BEFORE = 8, MORE_MOST = 16, AROUND = 20 };
 /* Of a pole's price that it must pay before it is refined: what is left then is more than noise. */
 static const double SHARE_LOOK = 0.5;
+/* Of -2 ln(likelihood): models that differ by less are equally likely, and a search that brings no
+ * more has ended. */
+static const double NO_BETTER = 1;
 /* Evaluations that the refinement from above may be expected to take. */
 static const double EVALUATIONS = 16;
 
@@ -391,7 +395,7 @@ static enum modal_status join_poles(struct climb *c, int count, int *best, bool 
     if (rc != MODAL_OK || at < 0)
         return rc;
     rc = ripen(c, &at, err);
-    if (rc == MODAL_OK && bic_of(c, at) < bic_of(c, *best))
+    if (rc == MODAL_OK && bic_of(c, at) < bic_of(c, *best) - NO_BETTER)
         *best = at, *better = true;
     return rc;
 }
@@ -890,6 +894,8 @@ enum modal_status order_choose(const struct refine_data *data, const struct orde
         c.opt->cut > 0 && best >= 0 && c.choice.candidates[best].r + ORDER_AHEAD > c.opt->cut;
     if (rc == MODAL_OK && best >= 0 && !c.choice.cut)
         rc = refine_ladder(&c, &best, err);
+    if (rc == MODAL_OK && best >= 0 && c.opt->thorough && c.opt->fixed == 0)
+        rc = search_remainder(&c, &best, err);
     if (rc == MODAL_OK && best >= 0 && !c.choice.cut)
         rc = improve(&c, false, &best, err);
     if (rc == MODAL_OK && best >= 0)

@@ -145,12 +145,14 @@ def test_the_mains_are_told_and_the_verdict_stands(ctl, tmp_path):
 
 def test_mains_too_weak_to_be_taken_off_first_are_no_mode(ctl, tmp_path):
     """3 % and 1 % of the rms, at a phase at which a narrow pair draws them."""
-    s = bench_ambient.System(np.array([-0.8 + 30j, -1.2 + 90j]), np.array([[1, 0.5], [0.4, -1.0]]), np.eye(2) * 1.0, 1 / 130, 0.03)
+    s = bench_ambient.System(np.array([-0.8 + 30j, -1.2 + 90j]), np.array([[1, 0.5], [0.4, -1.0]]),
+                             np.eye(2) * 1.0, 1 / 130, 0.03)
     for share in (0.03, 0.01):
         Y = s.samples(30000, np.random.default_rng(4))
         Y += share * Y.std() * np.sin(2 * np.pi * 50 / 130 * np.arange(30000))[:, None]
         said = ctl("identify", write_batch(tmp_path / "a.h5", Y, dt=1 / 130), *AMBIENT).document
-        assert codes(said) == ["mains_line"] and said["stability"]["stable"] is True and len(said["modes"]) == 2
+        assert (codes(said) == ["mains_line"] and said["stability"]["stable"] is True
+                and len(said["modes"]) == 2)
 
 
 def test_a_record_of_nothing_but_a_line_is_refused(ctl, tmp_path):

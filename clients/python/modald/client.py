@@ -636,7 +636,8 @@ class Client:
         """
         for name in limits:
             if name not in LIMITS:
-                raise Error("bad_input", f"{name} is no keyword here; accepted: {', '.join(LIMITS)}; "
+                raise Error("bad_input",
+                            f"{name} is no keyword here; accepted: {', '.join(LIMITS)}; "
                             f"of the job's own: options={{\"{name}\": ...}}", name)
         limits.setdefault("key", "python-" + secrets.token_hex(16))
         return self.submit(kind, value, options, **limits).result(timeout)
@@ -677,10 +678,13 @@ class Client:
             _same_step(dt, signals.dt, "the batch")
         elif not isinstance(signals, str) or not signals.startswith("stream:"):
             if isinstance(signals, (str, os.PathLike)):
-                raise Error("bad_input", f"{str(signals)!r} is no signals; accepted: an array with its dt, "
-                            "a Batch, as modald.read(path) makes of a file, or \"stream:NAME\"", "signals")
+                raise Error("bad_input",
+                            f"{str(signals)!r} is no signals; accepted: an array with its dt, "
+                            "a Batch, as modald.read(path) makes of a file, or \"stream:NAME\"",
+                            "signals")
             if dt is None:
-                raise Error("bad_input", "dt is needed: seconds between samples, 1 over the rate", "dt")
+                raise Error("bad_input", "dt is needed: seconds between samples, 1 over the rate",
+                            "dt")
             signals = Batch(_array(signals), dt, period, names)
         return self.run("identify", signals, options, timeout, **limits)
 

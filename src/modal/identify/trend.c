@@ -7,12 +7,13 @@
  * linear system beat, and watched through windows as one they would seem to drift, but their fit is
  * adequate.
  *
- * Each window is identified on its own (pencil.c, order.c with few orders); its strongest
- * oscillating mode is compared over the windows.  A change counts where it exceeds CHANGE and six
- * times its own standard errors.  The sign of every step agreeing with that of the amplitude's
- * (Kendall's tau >= TAU_LEAST) makes it amplitude dependence; anything else is a change of the
- * system, unless the fit is adequate: among modes that decay at rates of their own another may be
- * the strongest in each window.
+ * Each window is identified on its own (pencil.c, order.c with few orders), to CHANGE of its rms
+ * and no further: what changes by less is no matter, and without noise poles beyond would make up
+ * for the change within the window.  Its strongest oscillating mode is compared over the windows.
+ * A change counts where it exceeds CHANGE and six times its own standard errors.  The sign of every
+ * step agreeing with that of the amplitude's (Kendall's tau >= TAU_LEAST) makes it amplitude
+ * dependence; anything else is a change of the system, unless the fit is adequate: among modes that
+ * decay at rates of their own another may be the strongest in each window.
  */
 #include "modal/identify/trend.h"
 #include <cblas.h>
@@ -241,38 +242,42 @@ static enum modal_status strongest_alone(const struct refine_data *data, const s
     return rc;
 }
 
-/* The best fit of few orders to the rows of Y, into CHOICE. */
-static enum modal_status fit_part(const struct trend_input *in, const struct matrix *Y,
+/* The best fit of few orders to DATA, into CHOICE. */
+static enum modal_status fit_part(const struct trend_input *in, const struct refine_data *data,
                                   struct order_choice *choice, struct modal_error *err)
 {
-    struct refine_data data = { .Y = Y, .tau = in->tau, .phases = 1 };
     struct source s = { .tau = in->tau };
     struct order_source source = { .poles = poles_of, .context = &s };
     struct order_options opt = { .refine = { .iterations = 30 },
                                  .cancelled = in->cancelled,
                                  .context = in->context };
-    enum modal_status rc = pencil_new(Y, &(struct pencil_options) { 0, ORDERS }, &s.pencil, err);
+    const struct pencil_options few = { 0, ORDERS };
+    enum modal_status rc = pencil_new(data->Y, &few, &s.pencil, err);
 
     source.most = s.pencil.count;
     if (rc == MODAL_OK)
-        rc = order_choose(&data, &source, &opt, choice, err);
+        rc = order_choose(data, &source, &opt, choice, err);
     pencil_done(&s.pencil);
     return rc;
 }
 
-static enum modal_status look_at(const struct trend_input *in, int first, int rows,
+/* LEAST has room for a number a signal. */
+static enum modal_status look_at(const struct trend_input *in, int first, int rows, double *least,
                                  struct window *w, struct modal_error *err)
 {
     struct matrix Y = { rows, in->X->n, in->X->ld, in->X->x + first };
-    struct refine_data data = { .Y = &Y, .tau = in->tau, .phases = 1 };
+    struct refine_data data = { .Y = &Y, .tau = in->tau, .phases = 1, .least = least };
     struct order_choice choice = { .chosen = -1 };
-    enum modal_status rc = fit_part(in, &Y, &choice, err);
+    enum modal_status rc;
 
     *w = (struct window) { .t = in->t0 + (first + 0.5 * rows) * in->tau, .left = 1 };
     for (int c = 0; c < Y.n; c++) {
         const double *y = Y.x + (size_t)c * (size_t)Y.ld;
-        w->energy += cblas_ddot(rows, y, 1, y, 1) / rows;
+        least[c] = cblas_ddot(rows, y, 1, y, 1) / rows;
+        w->energy += least[c];
+        least[c] *= CHANGE * CHANGE;
     }
+    rc = fit_part(in, &data, &choice, err);
     if (rc == MODAL_OK && choice.chosen >= 0)
         rc = strongest_alone(&data, &choice.candidates[choice.chosen].fit, w, err);
     order_done(&choice);
@@ -360,9 +365,10 @@ static enum modal_status parts_that_grow(const struct trend_input *in, int parts
     *count = 0;
     for (int i = 0; i < parts && rows >= ROWS_LEAST; i++) {
         struct matrix Y = { rows, in->X->n, in->X->ld, in->X->x + (size_t)i * (size_t)rows };
+        struct refine_data data = { .Y = &Y, .tau = in->tau, .phases = 1 };
         struct order_choice choice = { .chosen = -1 };
         int sign = 0;
-        enum modal_status rc = fit_part(in, &Y, &choice, err);
+        enum modal_status rc = fit_part(in, &data, &choice, err);
         if (rc == MODAL_OK && choice.chosen >= 0)
             rc = part_grows(in, &Y, &choice.candidates[choice.chosen].fit, frequency, &sign, err);
         order_done(&choice);
@@ -544,18 +550,23 @@ static enum modal_status watch(const struct trend_input *in, bool good, double l
     int most = in->X->m > LONG ? TREND_WINDOWS_LONG : TREND_WINDOWS;
     int n = in->X->m / ROWS_LEAST < most ? in->X->m / ROWS_LEAST : most, rows, count = 0;
     enum modal_status rc = MODAL_OK;
+    double *least;
 
     if (n < 3)
         return MODAL_OK;
+    least = malloc(sizeof *least * (size_t)in->X->n);
+    if (least == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "trend: no memory for %d signals", in->X->n);
     rows = in->X->m / n;
     for (int i = 0; i < n && rc == MODAL_OK; i++) {
-        rc = look_at(in, i * rows, rows, &all[i], err);
+        rc = look_at(in, i * rows, rows, least, &all[i], err);
         if (rc == MODAL_NO_CONVERGENCE)
             rc = MODAL_OK;
         all[i].frequency += in->hertz;
         if (all[i].found && all[i].left < WELL)
             found[count++] = all[i];
     }
+    free(least);
     if (rc != MODAL_OK)
         return rc;
     if (!is_driven(all, n, good, left, result) && count >= 3)

@@ -185,6 +185,68 @@ TEST(frequency_and_damping_that_follow_the_amplitude_are_called_so)
     identify_result_done(&res);
 }
 
+/* x'' + c x' + w^2 (x + e x^3) = 0. */
+struct hardening { double w, e, c; };
+
+static void hardening_step(const struct hardening *h, double u[2], double dt)
+{
+    double k[4][2], at[2];
+
+    for (int i = 0; i < 4; i++) {
+        for (int j = 0; j < 2; j++)
+            at[j] = u[j] + (i > 0 ? (i < 3 ? 0.5 : 1) * dt * k[i - 1][j] : 0);
+        k[i][0] = at[1];
+        k[i][1] = -h->c * at[1] - h->w * h->w * (at[0] + h->e * at[0] * at[0] * at[0]);
+    }
+    for (int j = 0; j < 2; j++)
+        u[j] += dt / 6 * (k[0][j] + 2 * k[1][j] + 2 * k[2][j] + k[3][j]);
+}
+
+/* Hz of the undamped motion with the energy of U: its quarter is a complete elliptic integral,
+ * of the modulus by the arithmetic-geometric mean. */
+static double hardening_hertz(const struct hardening *h, const double u[2])
+{
+    double w2 = h->w * h->w, x2 = u[0] * u[0],
+           energy = u[1] * u[1] / 2 + w2 * (x2 / 2 + h->e * x2 * x2 / 4),
+           a2 = (sqrt(1 + 4 * h->e * energy / w2) - 1) / h->e, stiff = 1 + h->e * a2,
+           a = 1, g = sqrt(1 - h->e * a2 / (2 * stiff));
+
+    for (int i = 0; i < 8; i++) {
+        double mean = (a + g) / 2;
+        g = sqrt(a * g), a = mean;
+    }
+    return h->w * sqrt(stiff) * a / (2 * M_PI);
+}
+
+TEST(a_hardening_spring_without_noise_is_one_mode_that_follows_its_amplitude)
+{
+    static const double hard[] = { 0.03, 0.1, 0.3 }, damping[] = { 0.05, 0.2 };
+    enum { ROWS = 2000, FINE = 20 };
+
+    for (int i = 0; i < 6; i++) {
+        struct hardening h = { 2 * M_PI, hard[i / 2], damping[i % 2] };
+        struct batch b = batch_of(ROWS, 1, 0.01);
+        struct identify_options opt = { 0 };
+        struct identify_result r;
+        double u[2] = { 1, 0 }, hertz[ROWS];
+        for (int k = 0; k < ROWS; k++) {
+            x[k] = u[0], hertz[k] = hardening_hertz(&h, u);
+            for (int j = 0; j < FINE; j++)
+                hardening_step(&h, u, b.dt / FINE);
+        }
+        CHECK(modal_identify(&b, &opt, &r, NULL) == MODAL_OK);
+        CHECK(has(&r, "amplitude_dependent") && r.trend_count >= 3);
+        for (int j = 0; j < r.trend_count; j++) {
+            int half = ROWS / TREND_PARTS / 2, at = (int)lround(r.trend[j].t / b.dt);
+            int last = at + half < ROWS ? at + half : ROWS - 1;
+            if (r.trend[j].std_frequency_hz < 2e-4)
+                CHECK(r.trend[j].frequency_hz < hertz[at - half] + 2e-3
+                      && r.trend[j].frequency_hz > hertz[last] - 2e-3);
+        }
+        identify_result_done(&r);
+    }
+}
+
 /* Struck every 4 s; the stiffness steps up and down between. */
 TEST(a_system_that_changes_in_mid_record_is_called_so)
 {

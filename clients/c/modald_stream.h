@@ -74,6 +74,10 @@ void modald_describe(modald_stream *s, const char *const *names, const char *uni
  * JSON object, or NULL). */
 void modald_window(modald_stream *s, long samples, long hop, const char *options);
 
+/* Optional, before the first push: RULES over the windows' modes, a JSON object
+ * (proto/PROTOCOL.md, section 11), in place of MODALD_ALARMS. */
+void modald_alarms(modald_stream *s, const char *rules);
+
 /* The INDEX that the next push has, for a run that continues from a checkpoint; the same index
  * again is a repeat. */
 void modald_seek(modald_stream *s, double index);

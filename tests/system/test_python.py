@@ -432,6 +432,24 @@ def test_the_verdict_stays_when_the_stream_is_closed(daemon, monkeypatch, tmp_pa
         pytest.approx(1.0, rel=1e-3))
 
 
+@in_python
+def test_alarms_of_a_stream_are_rules_in_a_dictionary(daemon, client, monkeypatch, tmp_path):
+    monkeypatch.setenv("MODALD_URL", daemon.endpoint)
+    monkeypatch.setenv("MODALD_SPILL", str(tmp_path))
+    monkeypatch.delenv("MODALD_ALARMS", raising=False)
+    with modald.stream("ruled", 2, 0.05, window=200, hop=100,
+                       alarms={"damping_below": 0.9}) as s:
+        y, end = decay(600, 0.05), time.monotonic() + PATIENCE
+        for k in range(0, 600, 100):
+            s.push(y[k:k + 100])
+            while k > 0 and (s.estimate is None or s.estimate.sample < k + 99):
+                assert time.monotonic() < end
+                time.sleep(0.01)
+    told = [event.header for event in client.events(start=1, stream="ruled", timeout=1.0)]
+    assert ("damping_below", "raised") in [(e["rule"], e["state"]) for e in told
+                                           if e["event"] == "alarm"]
+
+
 # -- the manual and the types ---------------------------------------------------------------------
 
 def members(thing, name):

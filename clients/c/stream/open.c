@@ -414,6 +414,14 @@ void modald_window(modald_stream *s, long samples, long hop, const char *options
     }
 }
 
+void modald_alarms(modald_stream *s, const char *rules)
+{
+    if (s == NULL || is_dead(s))
+        return;
+    free(s->alarms);
+    s->alarms = rules != NULL ? strdup(rules) : NULL;
+}
+
 static void end_stream(modald_stream *s, int how)
 {
     double until;

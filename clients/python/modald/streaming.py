@@ -87,6 +87,7 @@ def _load() -> ctypes.CDLL:
             ("modald_open", pointer, [text, ctypes.c_int, number]),
             ("modald_describe", None, [pointer, ctypes.POINTER(text), text, number]),
             ("modald_window", None, [pointer, ctypes.c_long, ctypes.c_long, text]),
+            ("modald_alarms", None, [pointer, text]),
             ("modald_seek", None, [pointer, number]),
             ("modald_push_block", None, [pointer, pointer, ctypes.c_size_t]),
             ("modald_push_at", None, [pointer, number, pointer]),
@@ -100,13 +101,20 @@ def _load() -> ctypes.CDLL:
     return lib
 
 
+def _json(given: str | Mapping[str, Any] | None) -> bytes | None:
+    """A dictionary or its JSON text, as C takes it."""
+    text = json.dumps(dict(given)) if isinstance(given, Mapping) else given
+    return text.encode() if text else None
+
+
 class Stream:
     """See the module.  `channels`: how many, or their names."""
 
     def __init__(self, name: str, channels: int | Sequence[str], dt: float, *,
                  units: str | None = None, period: float = 0.0,
                  window: int | None = None, hop: int | None = None,
-                 options: str | Mapping[str, Any] | None = None):
+                 options: str | Mapping[str, Any] | None = None,
+                 alarms: str | Mapping[str, Any] | None = None):
         """As `stream`."""
         names = None if isinstance(channels, int) else list(channels)
         self.channels = channels if isinstance(channels, int) else len(channels)
@@ -127,9 +135,9 @@ class Stream:
             self._lib.modald_describe(self._handle, array, units.encode() if units else None,
                                       period)
         if self._handle and window:
-            text = json.dumps(dict(options)) if isinstance(options, Mapping) else options
-            self._lib.modald_window(self._handle, window, hop or window, text.encode() if text
-                                    else None)
+            self._lib.modald_window(self._handle, window, hop or window, _json(options))
+        if self._handle and alarms:
+            self._lib.modald_alarms(self._handle, _json(alarms))
 
     def _samples(self, y: npt.ArrayLike, one: bool = False) -> npt.NDArray[np.float64]:
         """Whole samples, or ONE of them, or none and a word on stderr.
@@ -229,12 +237,14 @@ class Stream:
 
 def stream(name: str, channels: int | Sequence[str], dt: float, *, units: str | None = None,
            period: float = 0.0, window: int | None = None, hop: int | None = None,
-           options: str | Mapping[str, Any] | None = None) -> Stream:
+           options: str | Mapping[str, Any] | None = None,
+           alarms: str | Mapping[str, Any] | None = None) -> Stream:
     """Open a stream: `with modald.stream(name, channels, dt) as s`.
 
     `channels`: how many, or their names; `dt` [s] between samples, `period` [s] of a periodic
     system; windows of `window` samples each `hop` samples, identified with `options`,
-    a dictionary or its JSON text.
+    a dictionary or its JSON text; `alarms`, likewise, are rules over the windows' modes, such as
+    {"damping_below": 0.02}.
     """
     return Stream(name, channels, dt, units=units, period=period, window=window, hop=hop,
-                  options=options)
+                  options=options, alarms=alarms)

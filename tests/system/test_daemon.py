@@ -86,6 +86,20 @@ def test_a_workers_last_words_are_one_line_of_the_log():
                                         for line in lines))
 
 
+def test_the_log_says_where_a_job_came_from_and_what_it_took():
+    with Daemon(config=FAKE, workers=1) as d:
+        c = d.client()
+        job = submit(c, options={"sleep": 0.3})["job"]
+        assert c.ask("WAIT", job=job, timeout_s=PATIENCE_S)["state"] == "done"
+        edge = f"event=edge job={job} "
+        until(lambda: d.text().count(edge) == 3)
+        edges = [line for line in d.text().splitlines() if edge in line]
+        assert edges[0].endswith(f" peer=pid:{os.getpid()}")
+        took = re.search(r" to=done attempts=1 wall_s=([0-9.]+) cpu_s=([0-9.]+)$", edges[2])
+        assert took and 0.3 <= float(took[1]) < PATIENCE_S and float(took[2]) < PATIENCE_S
+        assert not any("wall_s" in line or "peer=" in line for line in edges[1:2])
+
+
 def test_the_metrics_file_is_written_whole(tmp_path):
     file = tmp_path / "modald.prom"
     with Daemon(config=FAKE + f"metrics_file = {file}\nmetrics_s = 0.2\n", workers=1) as d:

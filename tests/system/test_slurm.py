@@ -365,7 +365,10 @@ def test_a_controller_killed_at_the_start_of_its_pilots_leaves_none_that_count_a
     with user(it) as ann:
         ann.submit("identify", batch(400, 2)).result(PATIENCE_S)
     until(lambda: it.elsewhere() == 2)
-    assert "event=lost" in it.scaled() and not gone & set(it.slurm.pilots(it.pool))
+    said = it.scaled()
+    # Slurm may call them running for ever, or have failed at once what it began anew
+    assert "event=lost" in said or "failed_fast=2" in said, said
+    assert not gone & set(it.slurm.pilots(it.pool))
 
 
 @LONG

@@ -161,7 +161,7 @@ enum action_type {
                        slot -1: to be closed */
     ACT_SPAWN,      /* slot: start a process; EVENT_EXIT will follow some day */
     ACT_KILL,       /* slot: end its process group now */
-    ACT_LOG,        /* header: a logfmt line without its time */
+    ACT_LOG,        /* header: a logfmt line without its time; peer: to tell the address of, or 0 */
     ACT_STOP,       /* end the daemon; slot is the exit status */
 };
 

@@ -249,27 +249,40 @@ void job_note_end(struct core *c, struct job *job)
     c->jobs->ended[c->jobs->ended_count++] = job->id;
 }
 
+/* What the last attempt of JOB took, where it had one: seconds from its start to its end. */
+static void write_cost(const struct job *job, char *text, size_t size)
+{
+    *text = 0;
+    if (job->started_ns > 0 && job->finished_ns >= job->started_ns && !job->cached)
+        snprintf(text, size, " wall_s=%.3f cpu_s=%.3f",
+                 (double)(job->finished_ns - job->started_ns) / SECOND,
+                 (double)job->cpu_ns / SECOND);
+}
+
 /* The line that is written most often: put together, not formatted. */
-void job_log_edge(struct core *c, const struct job *job, const char *from, enum job_state to)
+void job_log_edge(struct core *c, const struct job *job, const char *from, enum job_state to,
+                  uint64_t peer)
 {
     const bool failed = job_state_final(to) && job->failure != NULL;
-    char ident[9], attempts[16];
+    char ident[9], attempts[16], cost[64] = "";
     const char *const parts[] = {
         "level=info event=edge job=", ident, " user=", job->user->name, " kind=", job->kind,
-        " from=", from, " to=", job_states[to], " attempts=", attempts, failed ? " code=" : "",
-        failed ? modal_status_code(job->failure->status) : "" };
+        " from=", from, " to=", job_states[to], " attempts=", attempts, cost,
+        failed ? " code=" : "", failed ? modal_status_code(job->failure->status) : "" };
     enum { PARTS = sizeof parts / sizeof *parts };
     size_t lengths[PARTS], length = 1;
     char *line, *end;
 
     job_ident(c, job, ident);
     snprintf(attempts, sizeof attempts, "%d", job->attempts);
+    if (job_state_final(to))
+        write_cost(job, cost, sizeof cost);
     for (int i = 0; i < PARTS; i++)
         length += lengths[i] = strlen(parts[i]);
     line = end = grab(length);
     for (int i = 0; i < PARTS; i++)
         end = mempcpy(end, parts[i], lengths[i]);
-    core_act(c, (struct action) { .type = ACT_LOG, .header = line });
+    core_act(c, (struct action) { .type = ACT_LOG, .header = line, .peer = peer });
 }
 
 void job_shown(struct core *c, const struct after *after)
@@ -278,7 +291,7 @@ void job_shown(struct core *c, const struct after *after)
 
     job->shown = after->to;
     job->shown_attempts = after->attempts;
-    job_log_edge(c, job, job_states[after->from], after->to);
+    job_log_edge(c, job, job_states[after->from], after->to, 0);
     if (job->shown == JOB_DONE && !job->cached) {
         c->jobs->result_total += (int64_t)job->result_bytes;
         job->user->bytes += (int64_t)job->result_bytes;

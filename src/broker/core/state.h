@@ -304,7 +304,8 @@ struct job *job_cached(struct core *c, struct user *user, const uint8_t content[
 /* It ended now, for the order of retention. */
 void job_note_end(struct core *c, struct job *job);
 /* The line of an edge that is committed. */
-void job_log_edge(struct core *c, const struct job *job, const char *from, enum job_state to);
+void job_log_edge(struct core *c, const struct job *job, const char *from, enum job_state to,
+                  uint64_t peer);
 /* The numbered event of the edge to TO, with T. */
 void job_event(struct core *c, struct job *job, struct transaction *t,
                const struct failure *failure, enum job_state to);

@@ -175,6 +175,19 @@ static void to_client(struct daemon *d, struct action *a)
         peer_changed(d, a->peer, change);
 }
 
+static void log_for(struct daemon *d, struct action *a)
+{
+    char address[PEER_ADDRESS_MOST];
+    char *line = a->header;
+
+    if (a->peer != 0 && peers_address(&d->clients, a->peer, address, sizeof address)) {
+        line = grab_format("%s peer=%s", a->header, address);
+        free(a->header);
+    }
+    write_line(line);
+    free(line);
+}
+
 static void carry_out(struct daemon *d, struct action *a)
 {
     switch (a->type) {
@@ -186,7 +199,7 @@ static void carry_out(struct daemon *d, struct action *a)
     case ACT_HAND:   hand_over(d, a); break;
     case ACT_SPAWN:  spawn(d, a->slot); break;
     case ACT_KILL:   pool_kill(&d->pool, a->slot); break;
-    case ACT_LOG:    write_line(a->header); free(a->header); break;
+    case ACT_LOG:    log_for(d, a); break;
     case ACT_STOP:   d->stop = true; d->status = a->slot; break;
     }
 }

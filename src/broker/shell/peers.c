@@ -7,8 +7,11 @@
  */
 #include "broker/shell/peers.h"
 #include <errno.h>
+#include <netdb.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/socket.h>
 #include <zmq.h>
 
 /* Messages that wait while a peer is told full, and under which it is ready again: apart, so that
@@ -41,6 +44,29 @@ static bool has_fd(const void *value, const void *key)
 struct peer *peers_by_number(const struct peers *peers, uint64_t number)
 {
     return map_find(&peers->by_number, map_hash_number(number), has_number, &number);
+}
+
+bool peers_address(const struct peers *peers, uint64_t number, char *text, size_t size)
+{
+    const struct peer *peer = peers_by_number(peers, number);
+    struct sockaddr_storage from;
+    socklen_t length = sizeof from, credentials = sizeof(struct ucred);
+    char host[64], port[8];
+    struct ucred who;
+
+    if (peer == NULL || getpeername(peer->fd, (struct sockaddr *)&from, &length) != 0)
+        return false;
+    if (from.ss_family == AF_UNIX) {
+        if (getsockopt(peer->fd, SOL_SOCKET, SO_PEERCRED, &who, &credentials) != 0)
+            return false;
+        snprintf(text, size, "pid:%d", (int)who.pid);
+        return true;
+    }
+    if (getnameinfo((struct sockaddr *)&from, length, host, sizeof host, port, sizeof port,
+                    NI_NUMERICHOST | NI_NUMERICSERV) != 0)
+        return false;
+    snprintf(text, size, from.ss_family == AF_INET6 ? "[%s]:%s" : "%s:%s", host, port);
+    return true;
 }
 
 struct peer *peers_by_routing(struct peers *peers, const void *data, size_t size, int fd)

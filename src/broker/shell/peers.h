@@ -54,6 +54,11 @@ struct peers {
 struct peer *peers_by_routing(struct peers *peers, const void *routing, size_t size, int fd);
 /* NULL: it is gone. */
 struct peer *peers_by_number(const struct peers *peers, uint64_t number);
+
+enum { PEER_ADDRESS_MOST = 80 };     /* an IPv6 address, its zone and its port */
+/* Where NUMBER's connection comes from: an address and its port, or the process of this host that
+ * made it (pid:N).  False: it is gone, or nobody knows. */
+bool peers_address(const struct peers *peers, uint64_t number, char *text, size_t size);
 /* Send, or queue; takes HEADER and BODY in every case.  PEER_GONE: libzmq no longer knows it, and
  * it is freed. */
 enum peer_change peers_send(struct peers *peers, struct peer *peer, const char *verb, char *header,

@@ -88,7 +88,7 @@ static void entered(struct core *c, struct after *after)
                   (double)(c->now.mono_ns - after->value) / 1e9);
     job->committed = job->input->committed = true;
     job->shown = after->to;
-    job_log_edge(c, job, "-", after->to);
+    job_log_edge(c, job, "-", after->to, after->reply.peer);
     answer_doc(c, &after->reply, job, false, NULL);
     input_trim(c, job->input);
     if (job_state_final(job->shown)) {

@@ -304,9 +304,12 @@ static void add_error(cJSON *point, enum modal_status rc, const struct modal_err
         cJSON_AddStringToObject(e, "field", err->field);
 }
 
-enum modal_status sweep_run_points(struct sweep *s, int first, int count,
-                                   const struct job_request *request, cJSON *points,
-                                   struct modal_error *err)
+/* Points FIRST .. FIRST + COUNT - 1, appended to the array POINTS: {"index", "stability", ...}, or
+ * {"index", "error"} where the point's own scene is at fault.  Where REQUEST is cancelled POINTS
+ * has those before. */
+static enum modal_status run_points(struct sweep *s, int first, int count,
+                                    const struct job_request *request, cJSON *points,
+                                    struct modal_error *err)
 {
     for (int p = first; p < first + count; p++) {
         struct modal_error why = { 0 };
@@ -371,7 +374,7 @@ static enum modal_status run_share(struct sweep *s, int first, int share,
         cJSON *chunk = cJSON_CreateArray();
         int count = size < share - done ? size : share - done;
         double start = now();
-        rc = sweep_run_points(s, first + done, count, request, chunk, err);
+        rc = run_points(s, first + done, count, request, chunk, err);
         done += count;
         if (rc == MODAL_OK)
             report(request, chunk, done, share, first + done - count, count);

@@ -26,18 +26,9 @@ enum modal_status sweep_new(const cJSON *document, struct sweep **out, struct mo
 void sweep_free(struct sweep *s);
 int sweep_points(const struct sweep *s);
 
-/*
- * Points FIRST .. FIRST + COUNT - 1, appended to the array POINTS: {"index", "stability", ...}, or
- * {"index", "error"} where the point's own scene is at fault.  Every share of the grid gives the
- * same points, so that shares can be computed anywhere and put together.  REQUEST lends
- * `cancelled`; a cancelled call returns MODAL_CANCELLED with what it has.
- */
-enum modal_status sweep_run_points(struct sweep *s, int first, int count,
-                                   const struct job_request *request, cJSON *points,
-                                   struct modal_error *err);
-
 /* The kind `sweep`.  Options: first, count (a share of the grid; default all), threads.  A
- * progress event per chunk: {"fraction", "done", "total", "first", "count", "points"}. */
+ * progress event per chunk: {"fraction", "done", "total", "first", "count", "points"}.  Every share
+ * of the grid gives the same points, so that shares can be computed anywhere and put together. */
 enum modal_status sweep_run(const struct job_request *request, struct job_result *out,
                             struct modal_error *err);
 

@@ -413,8 +413,9 @@ static bool all_texts(const cJSON *list, uint64_t channels, size_t *bytes)
     return cJSON_IsArray(list) && count == channels;
 }
 
-enum modal_status ledger_names_read(const char *text, uint64_t channels, const char *const **names,
-                                    struct modal_error *err)
+/* Names from the text of ledger_names_text(), as one block to free. */
+static enum modal_status ledger_names_read(const char *text, uint64_t channels,
+                                           const char *const **names, struct modal_error *err)
 {
     cJSON *list = NULL;
     const cJSON *item;

@@ -39,11 +39,8 @@ enum modal_status ledger_db_load(sqlite3 *db, const struct ledger_visitor *visit
 #define LEDGER_SEGMENT_COLUMNS "stream, epoch, first, count, offset, length, crc"
 struct segment_record ledger_segment_of(sqlite3_stmt *row);
 
-/* Names of an input's channels as a JSON list's text (NULL: none), and back as one block to
- * free. */
+/* Names of an input's channels as a JSON list's text (NULL: none). */
 enum modal_status ledger_names_text(const struct input_shape *shape, char **text,
-                                    struct modal_error *err);
-enum modal_status ledger_names_read(const char *text, uint64_t channels, const char *const **names,
                                     struct modal_error *err);
 
 /*

@@ -484,45 +484,6 @@ enum modal_status spool_list(const char *dir, found_file *found, void *context,
     return rc == MODAL_OK ? list_one(dir, true, found, context, err) : rc;
 }
 
-static void add_blocks(uint64_t *used, const char *path)
-{
-    struct stat known;
-
-    if (lstat(path, &known) == 0)
-        *used += (uint64_t)known.st_blocks * 512;
-}
-
-static void add_found(void *context, enum spool_file what, int64_t id, uint64_t bytes,
-                      const char *path)
-{
-    (void)what;
-    (void)id;
-    (void)bytes;
-    add_blocks(context, path);
-}
-
-enum modal_status spool_usage(const char *dir, uint64_t *used, uint64_t *available,
-                              struct modal_error *err)
-{
-    static const char *const ledger[] = { "ledger.db", "ledger.db-wal", "ledger.db-shm" };
-    char path[4200];
-    struct statvfs known;
-    uint64_t sum = 0;
-    enum modal_status rc = spool_list(dir, add_found, &sum, err);
-
-    if (rc != MODAL_OK)
-        return rc;
-    for (size_t i = 0; i < sizeof ledger / sizeof *ledger; i++) {
-        snprintf(path, sizeof path, "%s/%s", dir, ledger[i]);
-        add_blocks(&sum, path);
-    }
-    if (statvfs(dir, &known) < 0)
-        return modal_fail(err, MODAL_IO, "%s: %s", dir, strerror(errno));
-    *used = sum;
-    *available = (uint64_t)known.f_bavail * known.f_frsize;
-    return MODAL_OK;
-}
-
 /* --- mapping --- */
 
 /* The checksum of what is mapped; pages beyond the memory limit are not kept. */
@@ -559,19 +520,6 @@ enum modal_status spool_map_open(int fd, const char *path, uint64_t offset, uint
     madvise(map.base, map.mapped, MADV_NORMAL);
     *out = map;
     return MODAL_OK;
-}
-
-enum modal_status spool_map(const char *path, uint64_t offset, uint64_t length, uint32_t crc,
-                            struct mapping *out, struct modal_error *err)
-{
-    int fd = -1;
-    enum modal_status rc = file_open(path, O_RDONLY, 0, &fd, err);
-
-    if (rc == MODAL_OK) {
-        rc = spool_map_open(fd, path, offset, length, crc, out, err);
-        close(fd);
-    }
-    return rc == MODAL_NOT_FOUND ? modal_fail(err, MODAL_CORRUPT, "%s is missing", path) : rc;
 }
 
 /* --- the reserve --- */

@@ -91,17 +91,11 @@ enum modal_status spool_list(const char *dir,
                              void (*found)(void *context, enum spool_file what, int64_t id,
                                            uint64_t bytes, const char *path),
                              void *context, struct modal_error *err);
-/* Bytes of spool, results and ledger on disk, and bytes free for us on the file system. */
-enum modal_status spool_usage(const char *dir, uint64_t *used, uint64_t *available,
-                              struct modal_error *err);
 
 /* The data of a sealed input, mapped read-only for a worker, from its open file FD, which stays the
  * caller's and is PATH in messages.  The whole of it is checked against CRC: MODAL_CORRUPT. */
 enum modal_status spool_map_open(int fd, const char *path, uint64_t offset, uint64_t length,
                                  uint32_t crc, struct mapping *out, struct modal_error *err);
-/* The same from the file of PATH. */
-enum modal_status spool_map(const char *path, uint64_t offset, uint64_t length, uint32_t crc,
-                            struct mapping *out, struct modal_error *err);
 
 /* Keep BYTES of DIR/RESERVE in hand, more or less than there were, or give them up when the disk is
  * full, so that results and deletes still pass.  Holding more takes a quarter of BYTES of room

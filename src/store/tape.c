@@ -126,7 +126,8 @@ static enum modal_status write_label(struct tape *tape, struct modal_error *err)
     return file_write(tape->fd, &label, sizeof label, 0, err);
 }
 
-enum modal_status tape_clear(struct tape *tape, struct modal_error *err)
+/* Nothing is on it any more; it has a label. */
+static enum modal_status tape_clear(struct tape *tape, struct modal_error *err)
 {
     enum modal_status rc = file_truncate(tape->fd, tape->start, err);
 

@@ -55,8 +55,6 @@ enum modal_status tape_revert(struct tape *tape, uint64_t end, struct modal_erro
 enum modal_status tape_read(const struct tape *tape, const int64_t *streams, size_t count,
                             struct tape_pieces *out, struct modal_error *err);
 void tape_pieces_done(struct tape_pieces *pieces);
-/* Nothing is on it any more; it has a label. */
-enum modal_status tape_clear(struct tape *tape, struct modal_error *err);
 /* Its groups before END, of those that it had, are not on TAPE any more, which is DIR's; where
  * there are others behind it is another file then.  MODAL_STORAGE_FULL: it is as it was. */
 enum modal_status tape_drop(struct tape *tape, const char *dir, uint64_t end,

@@ -9,9 +9,9 @@
 #include "wire/frame.h"
 #include "wire/protocol.h"
 
-const char *const wire_contents[] = { "batch", "scene", NULL };
+static const char *const wire_contents[] = { "batch", "scene", NULL };
 const char *const wire_parts[] = { "document", "batch", "input", "stderr", NULL };
-const char *const wire_states[] = {
+static const char *const wire_states[] = {
     "queued", "running", "done", "failed", "cancelled", "dead", NULL
 };
 const char *const wire_roles[] = { "none", "read", "submit", "admin", "worker", NULL };

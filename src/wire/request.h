@@ -28,11 +28,9 @@ enum wire_content { WIRE_BATCH, WIRE_SCENE };
 enum wire_part { WIRE_DOCUMENT, WIRE_SIGNALS, WIRE_INPUT, WIRE_STDERR };
 
 /* The words, in the order of the enums; NULL ends each. */
-extern const char *const wire_contents[];   /* batch, scene */
 /* what an EVENT may be: "state", "progress", ...; ended by NULL */
 extern const char *const wire_events[];
 extern const char *const wire_parts[];      /* document, batch, input, stderr */
-extern const char *const wire_states[];     /* queued, running, done, failed, cancelled, dead */
 extern const char *const wire_roles[];      /* none, read, submit, admin, worker */
 
 /* What an input is.  Texts and lists stay the header's. */

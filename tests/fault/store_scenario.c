@@ -515,9 +515,13 @@ static void check_sealed(struct found *found, const struct input_record *input)
     struct modal_error err;
     uint8_t digest[32];
     char path[PATH];
+    int fd;
 
     spool_path(path, dir, input->id);
-    if (spool_map(path, input->offset, BYTES, input->crc, &map, &err) != MODAL_OK)
+    fd = open(path, O_RDONLY);
+    if (fd < 0)
+        problem(found, "P5 sealed input %" PRId64 " is missing", input->id);
+    else if (spool_map_open(fd, path, input->offset, BYTES, input->crc, &map, &err) != MODAL_OK)
         problem(found, "P5 sealed input %" PRId64 ": %s", input->id, err.message);
     else if (!same_data(map.data, input->id, BYTES))
         problem(found, "P5 sealed input %" PRId64 " is not what was sent", input->id);
@@ -525,6 +529,8 @@ static void check_sealed(struct found *found, const struct input_record *input)
              memcmp(digest, input->sha256, 32) != 0)
         problem(found, "P5 sealed input %" PRId64 " has another identity", input->id);
     mapping_close(&map);
+    if (fd >= 0)
+        close(fd);
 }
 
 struct chunks { struct chunk_record list[64]; size_t count; };

@@ -236,15 +236,6 @@ void core_connections(struct core *core, int64_t open, int64_t refused, int64_t 
 /* When EVENT_TIME is wanted at the latest, monotonic; INT64_MAX: never. */
 int64_t core_next_ns(const struct core *core);
 
-/* For the watchdog and the tests. */
-struct core_counts {
-    int64_t states[JOB_STATE_COUNT];
-    int64_t busy_workers, uncommitted, tasks;
-    bool draining;
-};
-/* The counts now, into OUT. */
-void core_count(const struct core *core, struct core_counts *out);
-
 /* With all its texts and what was to follow; accepts NULL. */
 void transaction_free(struct transaction *transaction);
 /* With all it brought; its upload stays.  Accepts NULL. */

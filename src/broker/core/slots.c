@@ -40,6 +40,16 @@ void worker_go(struct core *c, int slot)
     worker_send(c, slot, "GO", header, NULL);
 }
 
+/* The worker of SLOT has nothing more to say; what it said stays. */
+static void slot_unhear(struct core *c, int slot)
+{
+    struct remote *remote = c->slots->at[slot].remote;
+
+    if (remote->heard)
+        map_remove(&c->slots->peers, map_hash_number(remote->peer), remote);
+    remote->heard = false;
+}
+
 void worker_kill(struct core *c, int slot)
 {
     if (slot < 0 || c->slots->at[slot].state == SLOT_KILLED
@@ -187,15 +197,6 @@ struct remote *slot_join(struct core *c, uint64_t peer)
     if (!map_put(&c->slots->peers, map_hash_number(peer), remote))
         abort();
     return remote;
-}
-
-void slot_unhear(struct core *c, int slot)
-{
-    struct remote *remote = c->slots->at[slot].remote;
-
-    if (remote->heard)
-        map_remove(&c->slots->peers, map_hash_number(remote->peer), remote);
-    remote->heard = false;
 }
 
 void slot_leave(struct core *c, int slot)

@@ -65,8 +65,6 @@ struct slots {
 int slot_of_peer(const struct core *c, uint64_t peer);
 /* A slot for the worker of PEER, which is STARTING; NULL: there is none. */
 struct remote *slot_join(struct core *c, uint64_t peer);
-/* The worker of SLOT has nothing more to say; what it said stays. */
-void slot_unhear(struct core *c, int slot);
 /* The worker elsewhere is gone from SLOT, which is EMPTY. */
 void slot_leave(struct core *c, int slot);
 /* S, of SLOT, becomes IDLE, or what it becomes then. */

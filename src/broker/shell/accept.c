@@ -46,7 +46,9 @@ static int taken_up = NONE;                  /* the loop's part of it */
 static atomic_int open_now, left_behind, most_open, wake_fd = NONE;
 static atomic_long refused;
 
-int accept_default(void)
+/* Of the descriptors of this process, those that clients may have: the rest is for files, workers
+ * and ourselves. */
+static int accept_default(void)
 {
     struct rlimit limit = { 0, 0 };
     long most;

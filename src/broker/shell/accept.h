@@ -8,14 +8,10 @@
 enum { CONNECTIONS_TRACKED = 65536 };
 
 /* From now on connections beyond MOST, 0: any number, are closed as they come, and those beyond
- * what the descriptor limit leaves (accept_default).  Those of workers are neither counted nor
- * closed. */
+ * what the descriptor limit leaves.  Those of workers are neither counted nor closed. */
 void accept_most(int most);
 /* From now on 1 is added to the eventfd WAKE where a connection ends. */
 void accept_wake(int wake);
-/* Of the descriptors of this process, those that clients may have: the rest is for files, workers
- * and ourselves. */
-int accept_default(void);
 
 /* Connections of clients now. */
 int accept_open(void);

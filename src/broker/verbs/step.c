@@ -374,11 +374,3 @@ int64_t core_next_ns(const struct core *c)
 
     return least == NULL ? INT64_MAX : least->key;
 }
-
-void core_count(const struct core *c, struct core_counts *out)
-{
-    *out = (struct core_counts) {
-        .busy_workers = workers_busy(c), .uncommitted = c->uncommitted, .tasks = c->tasks,
-        .draining = c->draining || c->terminating };
-    memcpy(out->states, c->jobs->state_counts, sizeof out->states);
-}

@@ -117,7 +117,7 @@ static void leave(struct core *c, struct input *input)
 }
 
 /* Whatever the upload has to do next, once nothing is under way. */
-void upload_quiet(struct core *c, struct input *input)
+static void upload_quiet(struct core *c, struct input *input)
 {
     struct filling *f = input->filling;
 

@@ -43,8 +43,6 @@ void upload_task_done(struct core *c, struct task *task);
 void upload_gone(struct core *c, struct input *input);
 /* AFTER_BEGIN, CHUNK or SEAL is committed. */
 void upload_after(struct core *c, struct after *after);
-/* Whatever the upload has to do next, once nothing is under way. */
-void upload_quiet(struct core *c, struct input *input);
 /* One that the ledger has: its user may go on with it. */
 void upload_load(struct input *input, const struct input_record *r);
 /* What it was begun with. */

@@ -53,7 +53,8 @@ enum { GRID_LOOK = 24 };                         /* samples */
 /* times the variance of rounding; identify_signals.c's own question is asked at 2 */
 static const double GRID_NEAR = 4;
 
-const char *const moving_reasons[] = {
+/* In the order of enum reason. */
+static const char *const moving_reasons[] = {
     "first",          "options",   "not_settled",  "order_less", "order_more",
     "pole_splits",    "offset",    "undetermined", "not_white",  "channels_by_noise",
     "parts_disagree", "weak_mode", "quantised",    NULL

@@ -21,11 +21,10 @@ struct moving_options {
 /* How a result came about. */
 struct moving_cost {
     bool updated;                      /* from the result before; false: from nothing, as a batch */
-    const char *why;            /* where it was from nothing: a word of moving_reasons; else NULL */
+    const char *why;            /* where it was from nothing: a word of moving.c; else NULL */
     double work;                    /* multiplications of the update's fits; 0 where from nothing */
     uint64_t updates, batches;            /* of this window so far */
 };
-extern const char *const moving_reasons[];         /* NULL-terminated */
 
 struct moving;
 

@@ -10,7 +10,7 @@
 #include "modal/identify/moving_fit.h"
 #include "modal/linalg/window_qr.h"
 
-/* Rows of moving_reasons; GOOD: the update is the answer. */
+/* Words of moving.c; GOOD: the update is the answer. */
 enum reason {
     FIRST,
     OPTIONS,

@@ -53,13 +53,6 @@ static double power_sum(const double *s, int count, int power)
     return sum;
 }
 
-double rank_energy_kept(const double *s, int count, int r)
-{
-    double all = count > 0 ? power_sum(s, count, 1) : 0;
-
-    return all > 0 ? power_sum(s, r < count ? r : count, 1) / all : 1;
-}
-
 static int by_energy(const double *s, int count, double energy, int power)
 {
     double all = power_sum(s, count, power);

@@ -36,7 +36,4 @@ int rank_estimate(const double *s, int count, int m, int n, const struct rank_op
 
 /* Those above max(m,n) DBL_EPSILON s[0]. */
 int rank_above_rounding(const double *s, int count, int m, int n);
-
-/* sum_{i<=r} s_i / sum s_i, 1 for an all-zero s. */
-double rank_energy_kept(const double *s, int count, int r);
 #endif

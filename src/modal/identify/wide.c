@@ -375,6 +375,49 @@ out:
     return rc;
 }
 
+/* The operator keeps no work of its own: scaling goes through the vectors. */
+static enum modal_status operator_apply(void *context, const double *x, double *y,
+                                        struct modal_error *err)
+{
+    const struct wide *w = context;
+    double *scaled = malloc(sizeof *scaled * (size_t)w->S);
+
+    if (scaled == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "pod: no memory for %d channels", w->S);
+    memcpy(scaled, x, sizeof *x * (size_t)w->S);
+    scale_rows(w, 0, w->S, 1, scaled, w->S);
+    for (int k = 0, most = w->by_rows ? panel_rows(w) : w->L; k < w->L; k += most) {
+        int l = w->L - k < most ? w->L - k : most;
+        cblas_dgemv(CblasColMajor, CblasTrans, w->S, l, 1, w->x + (size_t)k * w->stride,
+                    (int)w->stride, scaled, 1, 0, y + k, 1);
+        give_back(w, k, l);
+    }
+    free(scaled);
+    return MODAL_OK;
+}
+
+static enum modal_status operator_transpose(void *context, const double *y, double *x,
+                                            struct modal_error *err)
+{
+    const struct wide *w = context;
+
+    (void)err;
+    for (int k = 0, most = w->by_rows ? panel_rows(w) : w->L; k < w->L; k += most) {
+        int l = w->L - k < most ? w->L - k : most;
+        cblas_dgemv(CblasColMajor, CblasNoTrans, w->S, l, 1, w->x + (size_t)k * w->stride,
+                    (int)w->stride, y + k, 1, k > 0, x, 1);
+        give_back(w, k, l);
+    }
+    scale_rows(w, 0, w->S, 1, x, w->S);
+    return MODAL_OK;
+}
+
+/* The scaled data as an operator, L x S; `w` is borrowed. */
+static struct linear_operator wide_operator(const struct wide *w)
+{
+    return (struct linear_operator) { w->L, w->S, (void *)w, operator_apply, operator_transpose };
+}
+
 /* The graded case: triplets of A itself, down to rounding. */
 static enum modal_status by_lanczos(const struct wide *w, const struct pod_options *opt,
                                     struct pod *pod, struct wide_cost *cost,
@@ -489,48 +532,6 @@ out:
     pod_done(&pod);
     krylov_done(&k);
     return rc;
-}
-
-/* The operator keeps no work of its own: scaling goes through the vectors. */
-static enum modal_status operator_apply(void *context, const double *x, double *y,
-                                        struct modal_error *err)
-{
-    const struct wide *w = context;
-    double *scaled = malloc(sizeof *scaled * (size_t)w->S);
-
-    if (scaled == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "pod: no memory for %d channels", w->S);
-    memcpy(scaled, x, sizeof *x * (size_t)w->S);
-    scale_rows(w, 0, w->S, 1, scaled, w->S);
-    for (int k = 0, most = w->by_rows ? panel_rows(w) : w->L; k < w->L; k += most) {
-        int l = w->L - k < most ? w->L - k : most;
-        cblas_dgemv(CblasColMajor, CblasTrans, w->S, l, 1, w->x + (size_t)k * w->stride,
-                    (int)w->stride, scaled, 1, 0, y + k, 1);
-        give_back(w, k, l);
-    }
-    free(scaled);
-    return MODAL_OK;
-}
-
-static enum modal_status operator_transpose(void *context, const double *y, double *x,
-                                            struct modal_error *err)
-{
-    const struct wide *w = context;
-
-    (void)err;
-    for (int k = 0, most = w->by_rows ? panel_rows(w) : w->L; k < w->L; k += most) {
-        int l = w->L - k < most ? w->L - k : most;
-        cblas_dgemv(CblasColMajor, CblasNoTrans, w->S, l, 1, w->x + (size_t)k * w->stride,
-                    (int)w->stride, y + k, 1, k > 0, x, 1);
-        give_back(w, k, l);
-    }
-    scale_rows(w, 0, w->S, 1, x, w->S);
-    return MODAL_OK;
-}
-
-struct linear_operator wide_operator(const struct wide *w)
-{
-    return (struct linear_operator) { w->L, w->S, (void *)w, operator_apply, operator_transpose };
 }
 
 void wide_project(const struct wide *w, const double *Q, int k, double *Z)

@@ -81,9 +81,6 @@ void wide_passed(const struct wide *w, int k);
 /* Root mean square of channel c, unscaled; scale or rms is given. */
 double wide_rms(const struct wide *w, int c);
 
-/* The scaled data as an operator, L x S; `w` is borrowed. */
-struct linear_operator wide_operator(const struct wide *w);
-
 /*
  * All channels at once at given poles, in one pass: one Gauss-Newton step from START with every
  * channel weighted by its own residual, which from an efficient start on a part of the data (the

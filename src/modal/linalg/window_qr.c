@@ -76,11 +76,6 @@ void window_qr_clear(struct window_qr *q)
     memset(q->back, 0, sizeof *q->back * size_of(q));
 }
 
-int window_qr_blocks(const struct window_qr *q)
-{
-    return q->blocks.count + q->front.count;
-}
-
 /* Room for one more; its place, or NULL. */
 static double *grow(const struct window_qr *q, struct stack *s)
 {

@@ -24,9 +24,6 @@ enum modal_status window_qr_push(struct window_qr *q, struct matrix *rows, struc
 /* The oldest block leaves; nothing happens where there is none.  Fails with MODAL_NO_MEMORY. */
 enum modal_status window_qr_pop(struct window_qr *q, struct modal_error *err);
 
-/* The blocks in the queue. */
-int window_qr_blocks(const struct window_qr *q);
-
 /* R: n x n, zeros below the diagonal; all zero where the queue is empty.  MORE (m x n, kept; may be
  * NULL): rows that count beside the queue's. */
 enum modal_status window_qr_factor(const struct window_qr *q, const struct matrix *more, double *R,

@@ -59,10 +59,3 @@ void hermite_shape(double h, double xi, double n[4], double slope[4], double cur
         curvature[3] = (6 * xi - 2) / h;
     }
 }
-
-void hermite_add(const double element[16], int first, struct matrix *out)
-{
-    for (int i = 0; i < 4; i++)
-        for (int j = 0; j < 4; j++)
-            out->x[first + i + (size_t)(first + j) * (size_t)out->ld] += element[4 * i + j];
-}

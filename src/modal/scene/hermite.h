@@ -20,10 +20,4 @@ void hermite_slope(double h, double g[16]);
 /* N and, where not NULL, N' and N'' at x = xi h, 0 <= xi <= 1. */
 void hermite_shape(double h, double xi, double n[4], double slope[4], double curvature[4]);
 
-/* Add a 4 x 4 element matrix into a dense column-major matrix at dofs first, first + 1, ...
- * first + 3. */
-struct matrix;
-/* Room for 4 rows and columns from FIRST on is the caller's to see to. */
-void hermite_add(const double element[16], int first, struct matrix *out);
-
 #endif

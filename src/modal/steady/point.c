@@ -60,7 +60,8 @@ static int short_product(long least)
     return N / 4 * 3 >= least && N > N_LEAST ? N / 4 * 3 : N;  /* a radix of 3 beside 2 */
 }
 
-int steady_samples(const struct steady *s, int H)
+/* Samples that H harmonics of these laws need, where the options name none. */
+static int steady_samples(const struct steady *s, int H)
 {
     long least = N_LEAST;
 

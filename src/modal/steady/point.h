@@ -102,9 +102,6 @@ const struct program *steady_program(const struct steady *s);
 enum modal_status steady_balance(struct steady *s, int H, struct balance **out,
                                  struct modal_error *err);
 
-/* Samples that H harmonics of these laws need, where the options name none. */
-int steady_samples(const struct steady *s, int H);
-
 /* A point of X, the kept dofs' solution of balance B of this session, with its counts; errors are
  * left to steady_estimate_point. */
 enum modal_status steady_point_of(struct steady *s, struct balance *b, const double complex *X,

@@ -145,7 +145,8 @@ double torus_grid_phase(const struct torus_grid *g, int line, int j)
     return 2 * M_PI * place_of(g, line, j) / g->size[j];
 }
 
-bool torus_grid_holds(const struct torus_grid *g, struct torus_index k)
+/* Whether (1)'s combination K is one that the grid tells from the others. */
+static bool torus_grid_holds(const struct torus_grid *g, struct torus_index k)
 {
     for (int j = 0; j < g->tones.count; j++)
         if (2 * abs(k.k[j]) >= g->size[j])

@@ -57,8 +57,6 @@ int torus_grid_samples(const struct torus_grid *g);         /* N */
 int torus_grid_lines(const struct torus_grid *g);           /* in all */
 /* phi_j of line LINE, 0 for the lead. */
 double torus_grid_phase(const struct torus_grid *g, int line, int j);
-/* Whether (1)'s combination K is one that the grid tells from the others. */
-bool torus_grid_holds(const struct torus_grid *g, struct torus_index k);
 /* All combinations that it holds, as (1) tells them, into OUT, room for as many as the grid has
  * points; how many. */
 int torus_grid_indices(const struct torus_grid *g, struct torus_index *out);

@@ -20,8 +20,9 @@ static const double LOOKING = 2e8;        /* budget.h: what linear parts of a lo
 static const double SLOW = 0.15;          /* chosen: slow combinations are looked at to orders
                                            * some seven times as high as fast ones */
 
-void torus_spread(const struct torus_solver *s, const double complex *X, size_t K, size_t m, int at,
-                        double complex *one)
+/* Kept dofs' combination M of X, of K, as harmonic AT, 0 or 1, of condense_recover's motion. */
+static void torus_spread(const struct torus_solver *s, const double complex *X, size_t K, size_t m,
+                         int at, double complex *one)
 {
     for (size_t i = 0; i < (size_t)s->q; i++) {
         one[(size_t)(at + 1) * i] = 0;

@@ -193,9 +193,6 @@ enum modal_status torus_judge(struct torus_solver *s, const int *place, struct t
 
 /* ---- torus_error.c ---- */
 
-/* Kept dofs' combination M of X, of K, as harmonic AT, 0 or 1, of condense_recover's motion. */
-void torus_spread(const struct torus_solver *s, const double complex *X, size_t K, size_t m, int at,
-                  double complex *one);
 /* X[i count + m] of COUNT dofs DOFS, kept or reported, of the set's motion and its loads, into
  * X. */
 enum modal_status torus_recover(struct torus_solver *s, int count, const int *dofs,

@@ -27,6 +27,7 @@
 #include "base/sha256.h"
 #include "broker/core/core.h"
 #include "broker/core/inputs.h"
+#include "broker/core/jobs.h"
 #include "broker/core/state.h"
 #include "broker/kit/map.h"
 #include "wire/frame.h"
@@ -1415,13 +1416,14 @@ static void something_happens(void)
 /* With no more faults everything that was acknowledged comes to an end. */
 static void settle(void)
 {
-    struct core_counts n;
+    const struct core *c;
+    const int64_t *states;
 
     w->full = false;
     for (int round = 0; round < 3000; round++) {
-        core_count(w->core, &n);
-        if (n.states[JOB_QUEUED] == 0 && n.states[JOB_RUNNING] == 0 && n.uncommitted == 0 &&
-            n.tasks == 0)
+        c = w->core, states = c->jobs->state_counts;
+        if (states[JOB_QUEUED] == 0 && states[JOB_RUNNING] == 0 && c->uncommitted == 0 &&
+            c->tasks == 0)
             return;
         for (int slot = 0; slot < WORKERS; slot++) {
             if (w->workers[slot].silent)

@@ -98,7 +98,6 @@ TEST(every_rank_rule_gives_its_definition_on_hc5s_singular_values)
           7);
     CHECK(rank_estimate(s, 11, 16, 11, &(struct rank_options){ .rule = RANK_FIXED, .fixed = 70 }) ==
           11);
-    CHECK_NEAR(rank_energy_kept(s, 11, 2), 1.333 / 1.4008, 1e-12);
 }
 
 TEST(clean_singular_values_have_an_exact_rank_by_every_rule_and_zeros_have_none)

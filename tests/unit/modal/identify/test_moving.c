@@ -38,7 +38,6 @@ TEST(a_million_rows_leave_the_triangle_of_the_window_as_orthogonal_as_one_factor
         if (b >= BLOCKS)
             CHECK(window_qr_pop(q, NULL) == MODAL_OK);
     }
-    CHECK(window_qr_blocks(q) == BLOCKS);
     CHECK(window_qr_factor(q, NULL, R, NULL) == MODAL_OK);
     for (int i = 0; i < N; i++)
         for (int j = 0; j <= i; j++) {
@@ -64,7 +63,7 @@ TEST(an_empty_queue_has_a_zero_triangle_and_no_columns_are_bad_input)
 
     CHECK(window_qr_new(0, &q, NULL) == MODAL_BAD_INPUT && q == NULL);
     CHECK(window_qr_new(2, &q, NULL) == MODAL_OK);
-    CHECK(window_qr_pop(q, NULL) == MODAL_OK && window_qr_blocks(q) == 0);
+    CHECK(window_qr_pop(q, NULL) == MODAL_OK);
     CHECK(window_qr_factor(q, NULL, R, NULL) == MODAL_OK);
     CHECK(R[0] == 0 && R[1] == 0 && R[2] == 0 && R[3] == 0);
     window_qr_free(q);

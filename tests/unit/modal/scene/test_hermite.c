@@ -60,17 +60,3 @@ TEST(the_matrices_are_the_integrals_of_the_shape_functions)
         CHECK_NEAR(g[i], G[i], 1e-13);
     }
 }
-
-TEST(an_element_is_added_where_it_belongs)
-{
-    double x[36] = { 0 }, e[16];
-    struct matrix a = { 6, 6, 6, x };
-
-    for (int i = 0; i < 16; i++)
-        e[i] = i + 0.5;
-    hermite_add(e, 2, &a);
-    hermite_add(e, 0, &a);
-    CHECK_NEAR(x[2 + 6 * 2], e[0] + e[10], 0);
-    CHECK_NEAR(x[5 + 6 * 3], e[13], 0);
-    CHECK_NEAR(x[0 + 6 * 5], 0, 0);
-}

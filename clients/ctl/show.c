@@ -251,18 +251,30 @@ static void show_backbone(const cJSON *result)
     }
 }
 
+/* |X_1| of the first dof; of several TONES the largest |X_k| beside its mean. */
+static double size_of(const cJSON *point, bool tones)
+{
+    const cJSON *first = cJSON_GetArrayItem(get(point, "harmonics"), 0);
+    double most = hypot(part(get(first, "re"), 1), part(get(first, "im"), 1));
+
+    for (int i = 2; tones && i < cJSON_GetArraySize(get(first, "re")); i++)
+        most = fmax(most, hypot(part(get(first, "re"), i), part(get(first, "im"), i)));
+    return most;
+}
+
 static void show_points(const cJSON *result)
 {
     const char *parameter = text(result, "parameter");
     const cJSON *point, *special;
+    bool tones = get(cJSON_GetArrayItem(get(result, "points"), 0), "tones") != NULL;
 
-    printf("%16s %10s %12s %12s\n", parameter, "converged", "|X_1|", "stability");
+    printf("%16s %10s %12s %12s\n", parameter, "converged", tones ? "max |X_k|" : "|X_1|",
+           "stability");
     cJSON_ArrayForEach(point, get(result, "points")) {
-        const cJSON *first = cJSON_GetArrayItem(get(point, "harmonics"), 0);
         printf("%16.9g %10s",
                number(point, cJSON_HasObjectItem(point, "value") ? "value" : "omega"),
                cJSON_IsTrue(get(point, "converged")) ? "yes" : "no");
-        cell(12, "%.6g", hypot(part(get(first, "re"), 1), part(get(first, "im"), 1)));
+        cell(12, "%.6g", size_of(point, tones));
         printf(" %12s\n", verdict(get(point, "stability")));
     }
     cJSON_ArrayForEach(special, get(result, "folds"))

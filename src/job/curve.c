@@ -55,9 +55,7 @@ struct curve {
     struct steady_settings *settings;
     struct cost *cost;
     struct program *p;             /* of the scene as given: counts and names */
-    char path[128];
-    double from, to;
-    int count;
+    struct curve_range range;
     bool omega;                    /* the parameter is omega: one session for all */
     cJSON *scene;                  /* a copy to change */
     struct program *here;          /* lowered at the parameter; p itself for omega */
@@ -74,35 +72,50 @@ struct curve {
     int iterations, done;
 };
 
-static enum modal_status parse(struct curve *c, const char *text, const char *field, bool counted,
-                               struct modal_error *err)
+enum modal_status curve_range_read(const char *text, const char *field, bool counted,
+                                   struct curve_range *range, struct modal_error *err)
 {
     const char *equals = strchr(text, '=');
     char *end = NULL, *rest = NULL;
     long count = counted ? 2 : FROM_TO_USUAL;
 
-    if (equals == NULL || equals == text || (size_t)(equals - text) >= sizeof c->path)
+    if (equals == NULL || equals == text || (size_t)(equals - text) >= sizeof range->path)
         return modal_fail_field(err, MODAL_BAD_INPUT, field, "\"%.60s\": accepted: PATH=A:B%s",
                                 text, counted ? ":N" : "");
-    memcpy(c->path, text, (size_t)(equals - text));
-    c->from = strtod(equals + 1, &end);
-    c->to = *end == ':' ? strtod(end + 1, &rest) : NAN;
+    *range = (struct curve_range) { 0 };
+    memcpy(range->path, text, (size_t)(equals - text));
+    range->from = strtod(equals + 1, &end);
+    range->to = *end == ':' ? strtod(end + 1, &rest) : NAN;
     if (counted && rest != NULL && *rest == ':')
         count = strtol(rest + 1, &rest, 10);
     else if (counted)
         rest = NULL;
-    if (rest == NULL || *rest != '\0' || !isfinite(c->from) || !isfinite(c->to) || count < 2
-        || count > POINTS_MOST || (!counted && c->from == c->to))
+    if (rest == NULL || *rest != '\0' || !isfinite(range->from) || !isfinite(range->to) || count < 2
+        || count > POINTS_MOST || (!counted && range->from == range->to))
         return modal_fail_field(err, MODAL_BAD_INPUT, field,
                                 "\"%.60s\": accepted: PATH=A:B%s, finite, %s", text,
                                 counted ? ":N" : "",
                                 counted ? "2 to 20000 points" : "A and B different");
-    c->count = (int)count;
-    c->omega = strcmp(c->path, "omega") == 0;
-    if (c->omega && (c->from <= 0 || c->to <= 0))
-        return modal_fail_field(err, MODAL_BAD_INPUT, field, "omega from %g to %g; accepted: > 0",
-                                c->from, c->to);
+    range->count = (int)count;
     return MODAL_OK;
+}
+
+double curve_range_at(const struct curve_range *range, int i)
+{
+    return i == range->count - 1
+               ? range->to : range->from + (range->to - range->from) * i / (range->count - 1);
+}
+
+static enum modal_status parse(struct curve *c, const char *text, const char *field, bool counted,
+                               struct modal_error *err)
+{
+    enum modal_status rc = curve_range_read(text, field, counted, &c->range, err);
+
+    c->omega = rc == MODAL_OK && strcmp(c->range.path, "omega") == 0;
+    if (c->omega && (c->range.from <= 0 || c->range.to <= 0))
+        return modal_fail_field(err, MODAL_BAD_INPUT, field, "omega from %g to %g; accepted: > 0",
+                                c->range.from, c->range.to);
+    return rc;
 }
 
 /* The scene at VALUE lowered, c->here. */
@@ -114,7 +127,7 @@ static enum modal_status lower_at(struct curve *c, double value, struct modal_er
 
     c->here = NULL;
     cost_stage(c->cost, "solve");
-    rc = scene_path_set(c->scene, c->path, value, field, err);
+    rc = scene_path_set(c->scene, c->range.path, value, field, err);
     if (rc == MODAL_OK)
         rc = scene_lower(c->scene, &with, &c->here, err);
     cost_stage(c->cost, "lower");
@@ -149,7 +162,7 @@ static enum modal_status session_at(struct curve *c, double value, double *omega
         steady_inherit(c->s, before);
     steady_free(before);
     program_free(was);
-    return rc == MODAL_OK && c->omega && c->count > 2 ? steady_reduce(c->s, err) : rc;
+    return rc == MODAL_OK && c->omega && c->range.count > 2 ? steady_reduce(c->s, err) : rc;
 }
 
 static void set_last(struct curve *c, const struct steady_point *point)
@@ -175,7 +188,7 @@ static void report_point(const struct curve *c, double fraction, double value,
         return;
     event = cJSON_CreateObject();
     json_set_number(event, "fraction", fraction);
-    cJSON_AddStringToObject(event, "parameter", c->path);
+    cJSON_AddStringToObject(event, "parameter", c->range.path);
     json_set_number(event, "value", value);
     cJSON_AddBoolToObject(event, "converged", point->converged);
     json_set_number(event, "amplitude", point->amplitude);
@@ -238,15 +251,15 @@ static enum modal_status sweep(struct curve *c, struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
 
-    for (int i = 0; rc == MODAL_OK && i < c->count; i++) {
-        double value = i == c->count - 1 ? c->to : c->from + (c->to - c->from) * i / (c->count - 1),
-               omega = 0;
+    for (int i = 0; rc == MODAL_OK && i < c->range.count; i++) {
+        double value = curve_range_at(&c->range, i), omega = 0;
         struct steady_start start;
         struct steady_point point = { 0 };
         struct stability st = { 0 };
 
         if (cancelled(c))
-            return modal_fail(err, MODAL_CANCELLED, "cancelled at point %d of %d", i, c->count);
+            return modal_fail(err, MODAL_CANCELLED, "cancelled at point %d of %d", i,
+                              c->range.count);
         rc = session_at(c, value, &omega, err);
         if (rc == MODAL_OK && i == 0)
             rc = set_out(c, err);
@@ -260,7 +273,7 @@ static enum modal_status sweep(struct curve *c, struct modal_error *err)
         cost_stage(c->cost, "solve");
         if (rc == MODAL_OK) {
             set_last(c, &point);
-            rc = add_point(c, value, (i + 1.0) / c->count, &point, &st, err);
+            rc = add_point(c, value, (i + 1.0) / c->range.count, &point, &st, err);
         }
         stability_done(&st);
         steady_point_done(&point);
@@ -318,17 +331,17 @@ static enum modal_status refine(struct curve *c, double value, const double comp
                                 const struct stability *st, struct modal_error *err)
 {
     double a = c->last_value, b = value, where = NAN, there = NAN;
+    double least = REFINED * fabs(c->range.to - c->range.from);
     int base = unstable(&c->before) < unstable(st) ? unstable(&c->before) : unstable(st);
     bool rises = unstable(st) > unstable(&c->before);
     size_t size = (size_t)c->last_q * ((size_t)c->last_H + 1);
     double complex *Y = malloc((size + 1) * sizeof *Y), mu = changed(&c->before, st);
-    enum modal_status rc = Y == NULL ? modal_fail(err, MODAL_NO_MEMORY, "curve: no memory")
-                                     : MODAL_OK;
+    enum modal_status rc =
+        Y != NULL ? MODAL_OK : modal_fail(err, MODAL_NO_MEMORY, "curve: no memory");
     const char *type;
     cJSON *event;
 
-    for (int i = 0;
-         rc == MODAL_OK && i < REFINE_MOST && fabs(b - a) > REFINED * fabs(c->to - c->from); i++) {
+    for (int i = 0; rc == MODAL_OK && i < REFINE_MOST && fabs(b - a) > least; i++) {
         double middle = 0.5 * (a + b), share = (middle - c->last_value) / (value - c->last_value),
                omega = 0;
         struct steady_start start = { c->last_q, c->last_H, Y };
@@ -368,7 +381,7 @@ static enum modal_status refine(struct curve *c, double value, const double comp
     c->lone_branch = type[0] == 'b' ? c->number : -NEAR;
     event = cJSON_CreateObject();
     cJSON_AddStringToObject(event, "type", type);
-    json_set_number(event, c->path, isnan(where) ? 0.5 * (c->last_value + value) : 0.5 * (a + b));
+    json_set_number(event, c->range.path, isnan(where) ? (c->last_value + value) / 2 : (a + b) / 2);
     if (type[0] == 'n' && there > 0)                   /* arg mu over a period */
         json_set_number(event, "second_tone", fabs(carg(mu)) * there / (2 * M_PI));
     cJSON_AddItemToArray(c->bifurcations, event);
@@ -395,7 +408,8 @@ static enum modal_status on_point(void *context, const struct path_point *path, 
     struct curve *c = context;
     struct steady_point point = { 0 };
     struct stability st = { 0 };
-    double fraction = fmin(1, fmax(0, (path->lambda - c->from) / (c->to - c->from)));
+    double fraction = fmin(1, fmax(0, (path->lambda - c->range.from)
+                                          / (c->range.to - c->range.from)));
     enum modal_status rc;
 
     (void)stop;
@@ -442,7 +456,7 @@ static enum modal_status on_special(void *context, enum path_special kind,
     if (kind != PATH_FOLD)
         return MODAL_OK;                    /* branch points show in the multipliers */
     event = cJSON_CreateObject();
-    json_set_number(event, c->path, path->lambda);
+    json_set_number(event, c->range.path, path->lambda);
     cJSON_AddItemToArray(c->folds, event);
     return MODAL_OK;
 }
@@ -452,12 +466,13 @@ static bool path_cancelled(void *context) { return cancelled(context); }
 static enum modal_status follow(struct curve *c, cJSON *doc, struct modal_error *err)
 {
     struct path_problem problem = { .at = balance_at, .point = on_point, .special = on_special,
-                                    .cancelled = path_cancelled, .context = c, .from = c->from,
-                                    .to = c->to, .points_most = PATH_POINTS_MOST };
+                                    .cancelled = path_cancelled, .context = c,
+                                    .from = c->range.from,
+                                    .to = c->range.to, .points_most = PATH_POINTS_MOST };
     struct path_report report = { 0 };
     struct steady_point first = { 0 };
     double omega = 0;
-    enum modal_status rc = session_at(c, c->from, &omega, err);
+    enum modal_status rc = session_at(c, c->range.from, &omega, err);
 
     if (rc == MODAL_OK)
         rc = set_out(c, err);
@@ -470,7 +485,7 @@ static enum modal_status follow(struct curve *c, cJSON *doc, struct modal_error 
         struct stability none = { 0 };
 
         report.reason = "there is no solution where the branch should set out";
-        rc = add_point(c, c->from, 1, &first, &none, err);
+        rc = add_point(c, c->range.from, 1, &first, &none, err);
     } else if (rc == MODAL_OK) {
         struct balance *b;
         /* laws that rest at the start act further on */
@@ -517,7 +532,7 @@ static enum modal_status march(struct curve *c, cJSON *doc, struct modal_error *
     const cJSON *point;
     bool complete = true;
 
-    c->count = MARCHED;
+    c->range.count = MARCHED;
     rc = sweep(c, err);
     cJSON_ArrayForEach(point, c->points)
         complete &= cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(point, "converged"));
@@ -559,7 +574,7 @@ enum modal_status curve_run(const struct job_request *request, struct program *p
 
     settings->opt.estimate_later = settings->opt.harmonics > 0;
     cJSON_AddStringToObject(out, "kind", "curve");
-    cJSON_AddStringToObject(out, "parameter", c.path);
+    cJSON_AddStringToObject(out, "parameter", c.range.path);
     c.points = cJSON_AddArrayToObject(out, "points");
     c.folds = cJSON_AddArrayToObject(out, "folds");
     c.bifurcations = cJSON_AddArrayToObject(out, "bifurcations");

@@ -9,6 +9,7 @@
 #include "job/plan.h"
 #include "job/steady_print.h"
 #include "job/steady_settings.h"
+#include "job/torus_curve.h"
 #include "job/torus_job.h"
 #include "modal/scene/scene.h"
 #include "modal/steady/reduction.h"
@@ -202,7 +203,9 @@ enum modal_status steady_run(const struct job_request *request, struct job_resul
     steady_subharmonic(p, settings.subharmonic);
     steady_count_start(p);
     cost_stage(&cost, "lower");
-    rc = settings.tones_count > 0 ? torus_run(p, &settings, &cost, &doc, err)
+    rc = settings.tones_count > 0 && settings.sweep != NULL
+             ? torus_curve(request, p, &settings, &cost, &doc, err)
+         : settings.tones_count > 0 ? torus_run(p, &settings, &cost, &doc, err)
          : settings.sweep != NULL || settings.follow != NULL
              ? curve_run(request, p, &settings, &cost, &doc, err)
          : settings.backbone != NULL ? backbone_run(request, p, &settings, &cost, &doc, err)

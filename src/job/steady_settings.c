@@ -79,7 +79,8 @@ const struct key_row steady_option_rows[] = {
 /* Those of the job alone. */
 const struct key_row steady_curve_rows[] = {
     { "sweep", KEY_TEXT, KEY_SHOWN_IF_SET, AT(sweep), .form = "PATH=A:B:N",
-      .meaning = "a solution at each of N values of omega, or of a number of the scene",
+      .meaning = "a solution at each of N values of omega, of tones[J], or of a number of the "
+      "scene",
       .example = "omega=0.5:2:31" },
     { "continue", KEY_TEXT, KEY_SHOWN_IF_SET, AT(follow), .form = "PATH=A:B",
       .meaning = "the curve of solutions from A to B, around its folds", .example = "omega=0.5:2" },

@@ -9,10 +9,7 @@
 #include "modal/scene/program.h"
 #include "modal/steady/torus_solve.h"
 
-/* Commensurate to this much of the largest tone, with small whole numbers: one period, and no
- * several tones. */
-static const double COMMENSURATE = 1e-9;
-enum { RATIO_MOST = 5 };
+static const double ALIKE = 1e-9;         /* of a tone: another is the same, and one they are */
 
 static enum modal_status refuse(const char *option, struct modal_error *err)
 {
@@ -20,12 +17,11 @@ static enum modal_status refuse(const char *option, struct modal_error *err)
                             "%s is not accepted with tones, whose motion has no period", option);
 }
 
-/* Options that are of one period. */
-static enum modal_status check_options(const struct steady_settings *s, struct modal_error *err)
+enum modal_status torus_check(const struct steady_settings *s, struct modal_error *err)
 {
     const struct { bool given; const char *option; } others[] = {
-        { s->sweep != NULL, "sweep" },        { s->follow != NULL, "continue" },
-        { s->backbone != NULL, "backbone" },  { s->solutions == 1, "solutions" },
+        { s->follow != NULL, "continue" },    { s->backbone != NULL, "backbone" },
+        { s->solutions == 1, "solutions" },
         { s->start != NULL, "start" },        { s->subharmonic > 1, "subharmonic" },
         { s->opt.samples > 0, "samples" },    { s->opt.cutoff > 0, "cutoff" },
         { s->time != 0, "time" },             { s->opt.unlocated, "located" },
@@ -39,7 +35,7 @@ static enum modal_status check_options(const struct steady_settings *s, struct m
     return MODAL_OK;
 }
 
-static const char *method_of(const struct program *p, const struct torus_point *point)
+const char *torus_method(const struct program *p, const struct torus_point *point)
 {
     return point->marched ? "march" : p->laws > 0 ? "newton" : "linear";
 }
@@ -164,8 +160,8 @@ static void print_errors(const struct steady_settings *settings, const struct to
     print_stability(point, cJSON_AddObjectToObject(doc, "stability"));
 }
 
-static cJSON *print_point(const struct program *p, const struct steady_settings *settings,
-                          const struct torus_point *point)
+cJSON *torus_print(const struct program *p, const struct steady_settings *settings,
+                   const struct torus_point *point)
 {
     cJSON *doc = cJSON_CreateObject();
     int highest = 0;
@@ -177,7 +173,7 @@ static cJSON *print_point(const struct program *p, const struct steady_settings 
     cJSON_AddNullToObject(doc, "omega");
     cJSON_AddItemToObject(doc, "tones",
                           json_numbers(point->tones.omega, (size_t)point->tones.count));
-    cJSON_AddStringToObject(doc, "method", method_of(p, point));
+    cJSON_AddStringToObject(doc, "method", torus_method(p, point));
     cJSON_AddNumberToObject(doc, "iterations", point->iterations);
     cJSON_AddNumberToObject(doc, "H", highest);
     cJSON_AddNumberToObject(doc, "N", point->samples);
@@ -187,21 +183,18 @@ static cJSON *print_point(const struct program *p, const struct steady_settings 
     return doc;
 }
 
-/* Two tones in the ratio of small whole numbers have a common period: one omega says it, exactly.
- * */
-static enum modal_status check_ratios(const struct steady_settings *s, struct modal_error *err)
+bool torus_alike(const struct steady_settings *s)
 {
     for (int i = 0; i < s->tones_count; i++)
         for (int j = 0; j < i; j++)
-            if (fabs(s->tones[i] - s->tones[j]) <= COMMENSURATE * s->tones[i] && s->tones[i] > 0)
-                return modal_fail_field(err, MODAL_BAD_INPUT, "tones",
-                                        "tones: %g is given twice; accepted: two or three tones "
-                                        "that differ", s->tones[i]);
-    return MODAL_OK;
+            if (fabs(s->tones[i] - s->tones[j]) <= ALIKE * s->tones[i] && s->tones[i] > 0)
+                return true;
+    return false;
 }
 
-enum modal_status torus_run(struct program *p, const struct steady_settings *settings,
-                            struct cost *cost, cJSON **doc, struct modal_error *err)
+enum modal_status torus_at(struct program *p, const struct steady_settings *settings,
+                           const struct torus_point *start, struct torus_point *point,
+                           struct modal_error *err)
 {
     const struct torus_options opt = { .order = settings->opt.harmonics,
                                        .tolerance = settings->opt.tolerance,
@@ -209,32 +202,45 @@ enum modal_status torus_run(struct program *p, const struct steady_settings *set
                                        .target_error = settings->opt.target_error,
                                        .stability = settings->stability,
                                        .free = settings->free_tone,
+                                       .start = start,
                                        .dofs = settings->dofs,
                                        .dofs_count = settings->dofs_count,
                                        .cancelled = settings->opt.cancelled,
                                        .context = settings->opt.context };
-    struct torus_point point = { 0 };
-    cJSON *plan;
-    enum modal_status rc = check_options(settings, err);
 
-    if (rc == MODAL_OK)
-        rc = check_ratios(settings, err);
-    for (int j = 0; rc == MODAL_OK && j < settings->tones_count; j++)
+    for (int j = 0; j < settings->tones_count; j++)
         p->tones[j] = settings->tones[j];
+    return torus_solve(p, settings->tones, settings->tones_count, &opt, point, err);
+}
+
+void torus_count(struct program *p, const struct torus_point *point)
+{
+    for (int l = 0; l < p->laws && l < point->laws; l++) {
+        struct program_effect *e = &p->effect[p->law[l].effect];
+
+        e->evaluations += point->evaluations[l];
+        e->active |= point->acts[l];
+    }
+}
+
+enum modal_status torus_run(struct program *p, const struct steady_settings *settings,
+                            struct cost *cost, cJSON **doc, struct modal_error *err)
+{
+    struct torus_point point = { 0 };
+    enum modal_status rc = torus_check(settings, err);
+
+    if (rc == MODAL_OK && torus_alike(settings))
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "tones",
+                              "tones: two of them are the same; accepted: two or three tones that "
+                              "differ");
     if (rc == MODAL_OK)
-        rc = torus_solve(p, settings->tones, settings->tones_count, &opt, &point, err);
+        rc = torus_at(p, settings, NULL, &point, err);
     cost_stage(cost, "solve");
     if (rc != MODAL_OK)
         return rc;
-    for (int l = 0; l < p->laws; l++) {
-        struct program_effect *e = &p->effect[p->law[l].effect];
-
-        e->evaluations += point.evaluations[l];
-        e->active |= point.acts[l];
-    }
-    *doc = print_point(p, settings, &point);
-    plan = plan_print(p, method_of(p, &point));
-    cJSON_AddItemToObject(*doc, "plan", plan);
+    torus_count(p, &point);
+    *doc = torus_print(p, settings, &point);
+    cJSON_AddItemToObject(*doc, "plan", plan_print(p, torus_method(p, &point)));
     torus_point_done(&point);
     cost_stage(cost, "print");
     return MODAL_OK;

@@ -1,6 +1,6 @@
 """Steady states under several tones, through `modalctl --local`: against time marching, against one
 tone where the tones have a period after all, and what is refused."""
-# Tests as well: torus_job.c
+# Tests as well: torus_job.c torus_curve.c
 import json
 import math
 import pathlib
@@ -367,6 +367,91 @@ def test_a_slider_leaves_the_stability_of_a_torus_unknown(tmp_path):
     result = run("steady", scene, tmp_path, "-o", "target.error=0.1")[1]
     assert result["converged"] and result["stability"]["stable"] is None
     assert "stability_unknown" in [d["code"] for d in result["diagnostics"]]
+
+
+SPRING = [{"type": "cubic_spring", "dof": "x", "coefficient": 0.5}]
+
+
+@pytest.mark.parametrize("path,values", [("tones[1]", [1.2, 1.4]), ("steady.tones[0]", [0.5, 0.7]),
+                                         ("excitation[1].cos", [0.05, 0.15])])
+def test_points_of_a_sweep_are_the_motions_found_alone(path, values, tmp_path):
+    scene = oscillator(SPRING, [0.7, 0.7 * GOLDEN], 0.05)
+    tight = ["-o", "target.error=1e-8"]
+    status, curve = run("steady", scene, tmp_path, "--sweep", f"{path}={values[0]}:{values[1]}:3",
+                        *tight)
+    assert status == 0 and curve["kind"] == "curve" and len(curve["points"]) == 3
+    t = np.linspace(0, 300, 500)
+    for point in curve["points"]:
+        alone = json.loads(json.dumps(scene))
+        if path.startswith("excitation"):
+            alone["excitation"][1]["cos"] = point["value"]
+        else:
+            alone["steady"]["tones"][int(path[-2])] = point["value"]
+        assert point["converged"] and point["tones"] == alone["steady"]["tones"]
+        one = run("steady", alone, tmp_path, *tight)[1]
+        assert np.abs(motion(point, t) - motion(one, t)).max() <= 3 * (point["total_error"]
+                                                                       + one["total_error"])
+
+
+def test_a_sweep_stays_on_the_branch_that_it_came_by(tmp_path):
+    """Hardening, hardly damped: near its resonance large and small motions stand side by side."""
+    scene = oscillator([{"type": "cubic_spring", "dof": "x", "coefficient": 1}], [1.2, 0.31], 0.15,
+                       0.04)
+    scene["excitation"][1]["cos"] = 0.02
+    up, down = (run("steady", scene, tmp_path, "--sweep", f"tones[0]={ends}", "-o",
+                    "stability=false")[1]["points"] for ends in ("1:1.6:25", "1.6:1:25"))
+    size = lambda p: np.abs(motion(p, np.linspace(0, 200, 2000))).max()
+    large, small = size(up[16]), size(down[8])
+    assert up[16]["value"] == pytest.approx(down[8]["value"]) and up[16]["converged"]
+    assert down[8]["converged"] and large > 2 * small
+
+
+def test_a_free_tone_is_swept_over_a_number_of_the_scene(tmp_path):
+    scene = van_der_pol(0.5)
+    path = "effects[0].coefficients[0]"
+    status, curve = run("steady", scene, tmp_path, "--sweep", f"{path}=-0.5:-2:4", "-o",
+                        "tones=free")
+    assert status == 0
+    for point in curve["points"]:
+        scene["effects"][0]["coefficients"][0] = point["value"]
+        alone = run("steady", scene, tmp_path, "-o", "tones=free")[1]
+        assert point["converged"]
+        assert point["tones"][0] == pytest.approx(alone["tones"][0], rel=1e-8)
+        assert maxima(point) == pytest.approx(maxima(alone), rel=1e-5)
+
+
+def test_where_two_tones_meet_a_sweep_has_no_answer_and_goes_on(tmp_path):
+    status, curve = run("steady", oscillator(SPRING, [0.7, 1]), tmp_path, "--sweep",
+                        "tones[1]=0.6:0.8:3")
+    assert status == 0
+    assert [p["converged"] for p in curve["points"]] == [True, False, True]
+    assert "same" in curve["points"][1]["diagnostics"][0]["message"]
+
+
+def test_a_map_over_a_tone_and_an_amplitude_is_that_of_its_points(tmp_path):
+    scene = oscillator(SPRING, [0.7, 0.7 * GOLDEN], 0.2)
+    document = {"verb": "steady", "scene": scene, "options": {"stability": False},
+                "grid": [{"path": "steady.tones[1]", "values": [1.0, 1.3]},
+                         {"path": "excitation[0].cos", "values": [0.1, 0.2]}]}
+    points = run("sweep", document, tmp_path)[1]["points"]
+    assert len(points) == 4 and all(p["converged"] for p in points)
+    scene["steady"]["tones"][1], scene["excitation"][0]["cos"] = 1.3, 0.1
+    t = np.linspace(0, 200, 300)
+    alone = run("steady", scene, tmp_path)[1]
+    assert np.abs(motion(points[2], t) - motion(alone, t)).max() < 1e-9
+
+
+@pytest.mark.parametrize("sweep", ["omega=1:2:3", "tones[2]=1:2:3", "tones[1]=-1:2:3",
+                                   "tones[0]=1:2:3", "excitation[9].cos=1:2:3"])
+def test_a_sweep_over_what_is_no_tone_is_refused(sweep, tmp_path):
+    scene = oscillator(SPRING, [0.7, 1])
+    free = sweep.startswith("tones[0]")
+    if free:
+        scene["excitation"] = scene["excitation"][1:]
+    status, said = run("steady", scene, tmp_path, "--sweep", sweep,
+                       *(["-o", "tones=free,1"] if free else []))
+    assert status == 2 and said["error"]["code"] == "bad_input"
+    assert said["error"]["field"].startswith("sweep")
 
 
 def test_a_motion_locked_to_its_load_has_no_second_tone(tmp_path):

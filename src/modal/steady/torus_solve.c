@@ -157,9 +157,9 @@ static enum modal_status report(struct torus_solver *s, struct torus_point *out,
     if (out->X == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "torus: no memory");
     rc = torus_recover(s, dofs, s->opt->dofs, out->X, err);
-    out->count = s->count;
-    out->index = s->index;
-    s->index = NULL;
+    out->count = s->count, out->q = s->q;
+    out->index = s->index, out->start = s->X;
+    s->index = NULL, s->X = NULL;
     return rc;
 }
 
@@ -194,18 +194,28 @@ static void solver_done(struct torus_solver *s)
     free(s);
 }
 
+/* Whether the start given is one of a system like this. */
+static bool has_start(const struct torus_solver *s)
+{
+    const struct torus_point *start = s->opt->start;
+
+    return start != NULL && start->converged && s->q > 0 && start->q == s->q
+        && start->tones.count == s->tones.count;
+}
+
 /* The first set, or that of the order asked for, and with a free tone a motion on it; *BEGUN. */
 static enum modal_status begin(struct torus_solver *s, bool *begun, struct modal_error *err)
 {
+    int order = s->q == 0 ? 0 : s->opt->order > 0 ? s->opt->order : FIRST_ORDER;
     enum modal_status rc = MODAL_OK;
 
     *begun = true;
+    if (has_start(s))
+        return torus_begin_from(s, order, err);
     if (s->tone.index >= 0 && s->q > 0)
         rc = torus_begin(s, begun, err);
     if (rc == MODAL_OK && (s->tone.index < 0 || s->opt->order > 0))
-        rc = torus_grow_to_order(s, s->q == 0           ? 0
-                                    : s->opt->order > 0 ? s->opt->order
-                                                        : FIRST_ORDER, err);
+        rc = torus_grow_to_order(s, order, err);
     return rc;
 }
 
@@ -236,12 +246,14 @@ enum modal_status torus_solve(const struct program *p, const double *omega, int 
 {
     struct torus_solver *s = calloc(1, sizeof *s);
     double tones[TORUS_TONES_MOST] = { 0 };
-    bool begun = false;
+    bool begun = false, known = opt->start != NULL && opt->start->tones.count == count;
     enum modal_status rc;
 
     memcpy(tones, omega, (size_t)count * sizeof *omega);
     if (opt->free > 0)                     /* slower than any other until it is known */
-        tones[opt->free - 1] = count > 1 ? 1e-3 * omega[opt->free > 1 ? 0 : 1] : 1;
+        tones[opt->free - 1] = known       ? opt->start->tones.omega[opt->free - 1]
+                               : count > 1 ? 1e-3 * omega[opt->free > 1 ? 0 : 1]
+                                           : 1;
     *out = (struct torus_point) { .tones = torus_tones_of(tones, count),
                                   .work = { .most = WORK_MOST },
                                   .evaluations = calloc((size_t)p->laws + 1, sizeof(long)),
@@ -278,6 +290,6 @@ enum modal_status torus_solve(const struct program *p, const double *omega, int 
 void torus_point_done(struct torus_point *point)
 {
     free(point->index), free(point->X), free(point->evaluations), free(point->acts);
-    free(point->undetermined);
+    free(point->undetermined), free(point->start);
     *point = (struct torus_point) { 0 };
 }

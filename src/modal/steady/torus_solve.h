@@ -17,6 +17,7 @@
 #include "modal/steady/torus.h"
 
 struct program;
+struct torus_point;
 
 struct torus_options {
     int order;                /* all combinations of at most this order; 0: grown */
@@ -25,6 +26,8 @@ struct torus_options {
     bool stability;           /* wanted */
     double target_error;      /* relative to the largest motion; 0: 1e-6 */
     int free;                 /* 1 + the tone whose frequency is the motion's own; 0: none */
+    const struct torus_point *start;      /* a motion near by, of as many tones and dofs of laws,
+                                           * where it begins; NULL: at rest */
     const int *dofs;          /* those reported, `dofs_count` of them */
     int dofs_count;
     bool (*cancelled)(void *context);
@@ -49,6 +52,8 @@ struct torus_point {
     int count, iterations;
     struct torus_index *index;       /* the combinations, k = 0 first, by rising order */
     double complex *X;        /* of the reported dofs, [i count + m], m */
+    int q;                    /* dofs of laws, which iterate */
+    double complex *start;    /* their motion, as X: where one near by may begin */
     double residual;          /* relative to the largest force of (1); NAN: marched */
     double truncation, sampling, solver, error;   /* max over time and reported dofs, in m */
     double tone_error;        /* of the free tone's frequency, rad/s */

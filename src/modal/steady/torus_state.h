@@ -1,5 +1,5 @@
 /* torus_state.h - what torus_tone.c, torus_set.c, torus_newton.c, torus_begin.c, torus_error.c,
- * torus_march.c, torus_stability.c and torus_solve.c share */
+ * torus_march.c, torus_from.c, torus_stability.c and torus_solve.c share */
 #ifndef MODAL_TORUS_STATE_H
 #define MODAL_TORUS_STATE_H
 #include "modal/scene/program.h"
@@ -184,6 +184,12 @@ void torus_lines_done(struct torus_lines *lines);
 /* Of a free tone: its frequency, the first set and a motion near one that balances it; *BEGUN
  * false: none was found, with s->reason. */
 enum modal_status torus_begin(struct torus_solver *s, bool *begun, struct modal_error *err);
+
+/* ---- torus_from.c ---- */
+
+/* The set of at most ORDER, with what opt->start has beside unless that order was asked for, and
+ * the start's motion on it; a free tone is where the start has it. */
+enum modal_status torus_begin_from(struct torus_solver *s, int order, struct modal_error *err);
 
 /* ---- torus_stability.c ---- */
 

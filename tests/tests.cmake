@@ -52,6 +52,8 @@ if(CMAKE_C_COMPILER_ID MATCHES Clang)
     list(APPEND fuzz_names ${name})
   endforeach()
   add_custom_target(fuzzers DEPENDS ${fuzz_names})
+  # what loops of numbers count and compare tells a fuzzer nothing, and was six tenths of its time
+  target_compile_options(modal PRIVATE -fno-sanitize-coverage=trace-cmp)
 endif()
 
 # Tests of faults: every tests/fault/lib*.c is a library to preload, every other tests/fault/*.c a program driven by a

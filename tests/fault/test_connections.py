@@ -271,6 +271,30 @@ def test_connections_that_come_and_go_leave_no_memory_and_no_descriptors_behind(
         assert grown < 5 or sanitized.SANITIZED          # which keeps what was freed
 
 
+@pytest.mark.skipif(sanitized.SANITIZED, reason="AddressSanitizer keeps what was freed")
+def test_what_was_freed_goes_back_to_the_system_though_the_daemon_is_never_at_rest():
+    """A burst under an attack: 56 MiB of messages begun by eight connections, which are gone then,
+    while somebody asks again and again."""
+    with Daemon(workers=0) as d:
+        honest = d.client()
+        assert honest.ask("LIST").ok
+        before, group = memory_mb(d, "VmRSS"), [connect(d) for _ in range(8)]
+        for s in group:
+            for _ in range(7):
+                s.sendall(frame(bytes(1 << 20), True))
+        end = time.monotonic() + 120
+
+        def asked_until(enough, what):
+            while not enough(memory_mb(d, "VmRSS") - before):
+                assert time.monotonic() < end, what
+                assert honest.ask("LIST").ok
+                time.sleep(0.05)
+        asked_until(lambda grown: grown > 50, "nothing is kept of a message that has begun")
+        for s in group:
+            s.close()
+        asked_until(lambda grown: grown < 15, "memory stays as it was at its most")
+
+
 @pytest.mark.parametrize("size, count", [(1 << 20, 300), (250, 500000), (0, 4000000)])
 def test_a_message_without_an_end_ends_its_connection(size, count):
     """libzmq keeps frames until the last: 300 of 1 MiB were 300 MiB of memory.  A message may hold

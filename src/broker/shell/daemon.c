@@ -424,7 +424,9 @@ int daemon_run(struct config *config, config_again *again, void *context)
     int status = 1;
 
     setvbuf(stderr, NULL, _IOFBF, 1 << 16);
-    mallopt(M_ARENA_MAX, 2);
+    /* malloc_trim gives back the top of the first arena alone (glibc 2.36): up to the threshold
+     * below stayed in any other */
+    mallopt(M_ARENA_MAX, 1);
     /* frames come from the heap again and again, not from fresh zeroed pages */
     mallopt(M_MMAP_THRESHOLD, 4 << 20);
     mallopt(M_TRIM_THRESHOLD, 64 << 20);

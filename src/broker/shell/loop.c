@@ -28,6 +28,8 @@
 
 #define FLUSH_LEAST_NS 1000000          /* ns, between two tries of full pipes: no busy loop */
 #define TRIM_AFTER_NS (2 * SECOND)      /* of rest: when the ledger has had its own */
+#define TRIM_EVERY_NS (10 * SECOND)     /* of work: as often as what is past its age is freed */
+enum { TRIM_SHARE = 1000 };             /* of the loop's time at most one part, in trimming */
 #define MS INT64_C(1000000)              /* ns */
 #define WAIT_MOST_MS 60000               /* a look now and then, though nothing is due */
 #define STRANGERS_NS SECOND             /* between two lines on keys or connections refused */
@@ -611,6 +613,25 @@ static bool is_blocked(const struct daemon *d)
     return d->clients.blocked != NULL || d->workers.blocked != NULL || d->remotes.blocked != NULL;
 }
 
+/* Memory that was freed goes back to the system, at rest and every so often: left to itself it is
+ * the process's where anything above it is in use, and who is never at rest, being attacked, say,
+ * would keep the most that he ever had at one time. */
+static void give_back(struct daemon *d, int64_t now)
+{
+    int64_t begin;
+
+    if (d->trim_ns == 0 || (now < d->trim_ns && now < d->next_trim_ns))
+        return;
+    if (now >= d->trim_ns) {
+        d->trim_ns = 0;
+        step(d, &(struct event) { .type = EVENT_REST });
+    }
+    begin = clock_ns(CLOCK_THREAD_CPUTIME_ID);
+    malloc_trim(0);
+    d->next_trim_ns = now + TRIM_EVERY_NS
+                    + TRIM_SHARE * (clock_ns(CLOCK_THREAD_CPUTIME_ID) - begin);
+}
+
 static void on_time(struct daemon *d)
 {
     int64_t now = clock_ns(CLOCK_MONOTONIC);
@@ -647,11 +668,7 @@ static void on_time(struct daemon *d)
         d->next_metrics_ns = now + (int64_t)(d->config->metrics_s * 1e9);
         write_metrics(d);
     }
-    if (d->trim_ns != 0 && now >= d->trim_ns) {
-        d->trim_ns = 0;
-        step(d, &(struct event) { .type = EVENT_REST });
-        malloc_trim(0);
-    }
+    give_back(d, now);
     if (d->terminating && now >= d->drain_until_ns) {
         loop_log("level=notice event=stop reason=\"drain time is over; running jobs start again at "
                  "the next start\"");

@@ -24,7 +24,9 @@ struct daemon {
     char worker_endpoint[PATH_ROOM], worker_folder[PATH_ROOM], program[PATH_ROOM];
     bool stop, terminating, ready;
     int status;
-    int64_t trim_ns;              /* when to give memory back; 0: nothing happened since */
+    int64_t trim_ns;              /* when rest begins, at which memory is given back; 0: nothing
+                                   * happened since it began */
+    int64_t next_trim_ns;         /* when it is given back at work */
     int64_t watchdog_ns, next_ping_ns, drain_until_ns, next_flush_ns, next_metrics_ns,
         next_strangers_ns, flush_wait_ns;
     struct zap_refused strangers;  /* not told yet */

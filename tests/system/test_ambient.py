@@ -2,6 +2,7 @@
 against the bound of the Whittle likelihood (both by tests/bench/bench_ambient.py, in numpy); what
 it says of records that are none; what it refuses.
 """
+# Tests as well: ambient_free.c response.c
 import pathlib
 import sys
 

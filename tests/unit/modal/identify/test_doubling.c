@@ -1,6 +1,7 @@
 /* The QR by doubling against the basis itself, row by row in extended precision: with M = [Phi D]
  * and Z = Q^T y, R^T Z = M^T y, R^T R = M^T M and |y|^2 = |Z|^2 + rest.  Tolerances: rounding of L
  * sums and of phases up to pi L, relative to the norms of what is multiplied. */
+/* Tests as well: compressed.c */
 #include "modal/identify/doubling.h"
 #include <float.h>
 #include <math.h>

@@ -1,4 +1,5 @@
 /* Forced responses of systems that are known, simulated here mode by mode: x' = rho x + b u. */
+/* Tests as well: forced_order.c lines.c transfer.c */
 #include "modal/identify/identify.h"
 #include <complex.h>
 #include <stdlib.h>

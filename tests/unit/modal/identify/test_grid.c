@@ -1,5 +1,6 @@
 /* Recordings of few digits: the grid that a converter rounds to is found, and what the rounding
  * leaves is not taken for modes. */
+/* Tests as well: digits.c */
 #include "modal/identify/grid.h"
 #include "modal/identify/identify.h"
 #include "check.h"

@@ -1,5 +1,6 @@
 /* The order by BIC: right on clean and noisy decays, none in noise alone, a constant told from a
  * slow decay. */
+/* Tests as well: order_above.c order_climb.c order_improve.c */
 #include "modal/identify/order.h"
 #include "modal/identify/exponents.h"
 #include "modal/identify/pencil.h"

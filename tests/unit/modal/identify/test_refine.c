@@ -1,5 +1,6 @@
 /* Variable projection against closed forms, and against the Cramer-Rao bound computed apart
  * (signals.h). */
+/* Tests as well: refine_evaluate.c refine_search.c */
 #include "modal/identify/refine.h"
 #include <float.h>
 #include "check.h"

@@ -1,6 +1,6 @@
 /* Proper orthogonal modes of data read in panels, against the dense SVD; the step over all
  * channels, against a full refinement. */
-/* Tests as well: merge.c parts.c polish.c screen.c widen.c */
+/* Tests as well: merge.c parts.c polish.c refine_wide.c screen.c widen.c */
 #include "modal/identify/identify.h"
 #include "modal/identify/record.h"
 #include "modal/identify/wide.h"

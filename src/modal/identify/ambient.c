@@ -47,7 +47,7 @@ static const double
     ENOUGH = 0.15,               /* of a damping ratio: so far its errors are symmetric, nearly */
     NARROW = 1,                  /* decay over the record: no wider than a line of it */
     SOUND = 0.5,                 /* of the least error that theory knows */
-    NYQUIST = 0.95,
+    NYQUIST = 0.95,              /* of it: what turns faster may have folded there */
     GRID[] = { 50, 60 },         /* Hz */
     UNSTEADY = 40,               /* chi-squared of 7 degrees of freedom: 1e-6 */
     SHORT = 0.25,                /* a part of the record as short as this, */

@@ -4,6 +4,7 @@
 #include "base/error.h"
 #include "modal/linalg/matrix.h"
 
+/* In one record: two sources with a dozen harmonics each. */
 enum { AMBIENT_LINES_MOST = 24 };
 
 /* One line: cycles a sample, and what it was of the columns' mean square. */

@@ -25,13 +25,14 @@ enum {
     LADDER = 30,                 /* pairs whose poles the ladder's bins suit */
     PAST_BEST = 10,              /* orders, of two each, beyond the best so far */
     WIDEST = 48,                 /* the spectrum between the modes in so many bins at least */
-    STEPS_TRIAL = 20, STEPS_MOST = 60,
+    STEPS_TRIAL = 20,            /* of a fit that is one of many */
+    STEPS_MOST = 60,             /* of the answer's */
     ABOVE = 2,                   /* orders that are fitted beyond the best of the ladder's */
     ROUNDS = 12,                 /* of pairs that leave */
     CORRECTIONS = 3              /* of what is seen; each leaves less than a tenth of the last */
 };
 static const double
-    ALARM = 0.01,
+    ALARM = 0.01,                /* probability of a pair too many in a record, (1) */
     SHARE = 1. / 3,              /* of the distance to a pole: a bin's width; 1 % of what its lines
                                     tell is lost, for what varies within it is (share^2)/12 */
     GAIN_TRIAL = 0.5,            /* a step of less is not what a pair pays with */

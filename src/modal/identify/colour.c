@@ -23,8 +23,12 @@
 #include "modal/identify/pencil.h"
 #include "modal/linalg/svd.h"
 
-enum { ROWS_LEAST = 64, HALF_LEAST = 8 };
-static const double RATIO_LEAST = 2;
+enum {
+    ROWS_LEAST = 64,                /* of fewer the 17 bins that are averaged are half of all */
+    HALF_LEAST = 8,                 /* h of the text, */
+    HALF_PART = 64                  /* and what part of N it is where that is more */
+};
+static const double RATIO_LEAST = 2;    /* four deviations off */
 
 /* Add the periodogram of one column over its NORM, padded to N, to power[0 .. N/2]. */
 static void add_periodogram(const double *e, int L, int N, double norm, double *x, fftw_complex *X,
@@ -57,7 +61,7 @@ static double ratio_at(const double *power, int bins, double theta, int half)
 void colour_factors_of(const double *power, int rows, const double *theta, int count,
                        double *factor)
 {
-    int half = rows / 64 > HALF_LEAST ? rows / 64 : HALF_LEAST;
+    int half = rows / HALF_PART > HALF_LEAST ? rows / HALF_PART : HALF_LEAST;
 
     for (int j = 0; j < count; j++) {
         double ratio = rows < ROWS_LEAST ? 1 : ratio_at(power, rows / 2 + 1, theta[j], half);
@@ -107,7 +111,7 @@ bool colour_white(const struct matrix *E)
  * chunk is read from memory once. */
 static void add_lags(const double *e, int L, double norm, double *r)
 {
-    enum { CHUNK = 4096 };
+    enum { CHUNK = 4096 };          /* rows: 32 kB, a first cache */
     double unit = 1 / norm;
 
     for (int at = 0; at < L; at += CHUNK)

@@ -22,8 +22,13 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { TERMS = 3, BLOCK_LEAST = 64, WIDE = 4, CHUNK = 1 << 14 };
-static const double REACH = 3e-4;
+enum {
+    TERMS = 3,                      /* of (1) */
+    BLOCK_LEAST = 64,               /* rows: below, the calls cost more than the sums */
+    WIDE = 4,                       /* rows a column: a block shrinks to a quarter at least */
+    CHUNK = 1 << 14                 /* rows at once: 128 kB, in a second cache */
+};
+static const double REACH = 3e-4;   /* of delta w: (1) is then cut below 1e-11 */
 
 void compressed_free(struct compressed *c)
 {

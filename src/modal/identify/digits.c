@@ -20,7 +20,7 @@
 #include <math.h>
 #include <stdlib.h>
 
-enum { NUMBERS_MOST = 1 << 20 };
+enum { NUMBERS_MOST = 1 << 20 };     /* looked at; of more, rows spread over all */
 
 struct rows {
     int count, every;

@@ -38,7 +38,14 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { LEVELS_MOST = 31, BLOCK_LEAST = 64, TABLE = 16, WIDE = 4, PANEL = 16 };
+enum {
+    LEVELS_MOST = 31,               /* an int counts rows */
+    BLOCK_LEAST = 64,               /* rows: below, the calls cost more than the sums */
+    TABLE = 16,                     /* rows of a block that are made one by one */
+    WIDE = 4,                       /* rows a column in the first block at least: Q' has two, and
+                                     * then weighs little beside it */
+    PANEL = 16                      /* columns of the compact form */
+};
 
 /* One factorisation: reflectors V, of m rows, whose last `flat` are upper trapezoidal, and T of the
  * compact form.  The first block's stand alone; all others' are those of rows below a triangle. */

@@ -32,9 +32,9 @@ static const double
     CHANCE = 4,                  /* standard deviations of noise about a pole */
     NO_PEAK = M_SQRT1_2,         /* damping ratio from which a response has no peak */
     UNEXPLAINED = 0.5,           /* of the responses' rms */
-    SIGMAS = 3,
-    FEW_CYCLES = 2,
-    NYQUIST = 0.95;
+    SIGMAS = 3,                  /* a decay within so many of its errors may be none */
+    FEW_CYCLES = 2,              /* in the record: their beginning and end is all there is */
+    NYQUIST = 0.95;              /* of it: what turns faster may have folded there */
 
 struct work {
     struct identify_options opt;

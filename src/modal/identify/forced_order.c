@@ -21,17 +21,17 @@
 enum {
     STEPS_EACH = 12,             /* of a fit on the way */
     STEPS_LAST = 60,             /* of the answer's */
-    GRADES = 3,
+    GRADES = 3,                  /* of damping: ratios of 0.003 to 0.05 */
     TURNS = 24,                  /* of the power iteration: a second one is nearly as good */
     AGAIN = 3                    /* candidates that may fail one after another */
 };
 static const double
     DAMPING_FIRST = 0.003,       /* ratio of the first grade */
-    GRADE = 4,
+    GRADE = 4,                   /* a damping off by 2 shows 8 / 9 of a mode */
     RATE = 1.5,                  /* of a real one over that before it */
     NO_PEAK = M_SQRT1_2,         /* damping ratio from which a response has no peak */
     ENOUGH_EACH = 0.1,           /* of ln likelihood, where 1 is the chance */
-    ENOUGH_LAST = 1e-6,
+    ENOUGH_LAST = 1e-6,          /* a thousandth of a standard error */
     REACH = 6,                   /* 90 % of a mode's energy */
     PATIENCE = 1000,             /* of 2 ln likelihood: what neighbours may make up for */
     APART = 0.7;                 /* of a line: no band is narrower than that */

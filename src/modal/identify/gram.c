@@ -37,7 +37,10 @@
 
 /* Fewer columns than this cost little either way, and a QR serves exact data too. */
 enum { ORDER_LEAST = 64 };
-enum { BLOCK_LEAST = 64, TERMS = 20 };
+enum {
+    BLOCK_LEAST = 64,               /* rows: below, the calls cost more than the sums */
+    TERMS = 20                      /* of the series: the next is (SERIES / 2)^20 / 20!, 4e-19 */
+};
 static const double COLUMN_LEAST = 1e-5;     /* of a column, that no other explains */
 static const double REST_LEAST = 1e-9;       /* of a signal, left: below, the QR tells more */
 static const double SERIES = 2;              /* |L x| up to which (2) is not used */

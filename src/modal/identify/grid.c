@@ -24,12 +24,21 @@
 
 /* samples: nearly all signals are of the continuum, and so few say it */
 enum { FIRST_LOOK = 64 };
-/* 13: twice the rounding of double precision is then below a fiftieth of a step, and what eight
- * numbers of the continuum are within has odds of 10^-11 */
-enum { DIGITS_MOST = 13, BITS_OF_SINGLE = 24 };
-static const double CLEARLY = 1.5;         /* between one step of single precision and the next */
-static const double LEAST = 1e-10, SLACK = 2, CLEAR = 40, DOUBLE = 4 * DBL_EPSILON,
-                    SINGLE = 0x1p-23, UNKNOWN = -1;
+enum {
+    /* twice the rounding of double precision is then below a fiftieth of a step, and what eight
+     * numbers of the continuum are within has odds of 10^-11 */
+    DIGITS_MOST = 13,
+    BITS_OF_SINGLE = 24             /* of a significand, the first one implied */
+};
+static const double
+    CLEARLY = 1.5,                  /* between one step of single precision and the next */
+    LEAST = 1e-10,                  /* of the range: no finer grid is looked for */
+    SLACK = 2,                      /* (1): both differences may be off by as much */
+    CLEAR = 40,                     /* a step over its error: (1) then lets pass 4 of 10 numbers of
+                                     * the continuum at most, and GRID_VALUES_LEAST must pass */
+    DOUBLE = 4 * DBL_EPSILON,       /* of a number: its own rounding and what it went through */
+    SINGLE = 0x1p-23,               /* the same of single precision: two roundings */
+    UNKNOWN = -1;                   /* of no step: there are too few values */
 
 struct divisor { double q, error, delta; };
 

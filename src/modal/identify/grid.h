@@ -4,7 +4,10 @@
 #include <stdbool.h>
 #include <stddef.h>
 
-enum { GRID_VALUES_LEAST = 8, GRID_SAMPLES = 4096 };
+enum {
+    GRID_VALUES_LEAST = 8,          /* steps between values: fewer lie on some grid by chance */
+    GRID_SAMPLES = 4096             /* looked at: they are sorted */
+};
 
 /*
  * The largest q such that all of x[0], x[stride], .. (L of them) differ by whole multiples of q, to

@@ -6,6 +6,7 @@
 #include "base/error.h"
 #include "modal/identify/identify.h"
 
+/* The strongest of each mode. */
 enum { HARMONICS_REPORTED = 12 };
 
 /*

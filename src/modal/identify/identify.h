@@ -51,12 +51,12 @@ enum identify_response { RESPONSE_FREE, RESPONSE_AMBIENT, RESPONSE_FORCED, RESPO
 extern const char *const identify_response_names[RESPONSE_COUNT + 1];
 
 enum {
-    IDENTIFY_SAMPLES_LEAST = 8,
+    IDENTIFY_SAMPLES_LEAST = 8,          /* of a window, of a record, of what a band leaves of it */
     IDENTIFY_ORDER_MOST = 1600,          /* exponents looked for */
-    IDENTIFY_CHANNELS_MOST = 10000000,
-    IDENTIFY_INPUTS_MOST = 16,
-    IDENTIFY_DIAGNOSTICS_MOST = 64,
-    IDENTIFY_STAGES = 12
+    IDENTIFY_CHANNELS_MOST = 10000000,   /* of a batch */
+    IDENTIFY_INPUTS_MOST = 16,           /* measured, of a forced response */
+    IDENTIFY_DIAGNOSTICS_MOST = 64,      /* of a result: what comes after is not added */
+    IDENTIFY_STAGES = 12                 /* whose seconds are told */
 };
 
 /* window[0]: the first of the words that may stand for an interval (base/key_table.h) */

@@ -9,8 +9,8 @@ enum { COMPLETE_SIDE = 600 };           /* complete decompositions up to this */
 /* What is searched from above: at most so many signals, found for so many multiplications; and
  * where many modes are seen to be there. */
 enum {
-    SIGNALS_MOST = 256,
-    MANY_MOST = 1024,
+    SIGNALS_MOST = 256,                 /* before many modes are seen */
+    MANY_MOST = 1024,                   /* once they are: 300 pairs, and what noise adds to them */
     LAG = 5                             /* of the triplets one in so many: the last have not
                                          * converged */
 };
@@ -81,7 +81,7 @@ static bool affords(const struct work *w, int rows, int triplets)
  * more; it has room for FOLD times the triplets. */
 static int rows_of_many(const struct work *w, int triplets)
 {
-    enum { FOLD = 4 };
+    enum { FOLD = 4 };              /* room beside the signals for their noise */
     int L = w->X->m, S = w->X->n, rows = L / (S + 1), least = FOLD * triplets / S + 1;
 
     if (w->opt.rows > 0 || triplets <= TRIPLETS_MOST

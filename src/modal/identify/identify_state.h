@@ -28,7 +28,7 @@ enum {
  * out of what it leaves. */
 enum {
     HEAD = 16384,                   /* rows */
-    GROW = 8
+    GROW = 8                        /* the errors of frequencies fall by 23 from one to the next */
 };
 
 struct work {

@@ -23,7 +23,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { BESIDE = 3, ENDS = 2 };      /* direct columns of an input; of the record's ends */
+enum {
+    BESIDE = 3,                     /* direct columns of an input: a sample, two of those beside */
+    ENDS = 2                        /* of the record's ends: 1 and z */
+};
 
 void lines_done(struct lines *l)
 {

@@ -39,5 +39,8 @@ void lines_done(struct lines *l);
  * numbers. */
 void lines_direct(const struct lines *l, double complex z, int input, double complex *row);
 
-enum { LINES_LEAST = 8, LINES_DRIVES_MOST = 17 };
+enum {
+    LINES_LEAST = 8,                        /* of a band */
+    LINES_DRIVES_MOST = 17                  /* IDENTIFY_INPUTS_MOST, and the beginning */
+};
 #endif

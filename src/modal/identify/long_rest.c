@@ -22,7 +22,10 @@
 #include "modal/identify/powers.h"
 #include "modal/identify/remainder.h"
 
-enum { CHUNK = 1 << 14, SHORTER = 4 };
+enum {
+    CHUNK = 1 << 14,                /* rows at once: 128 kB a channel, in a second cache */
+    SHORTER = 4                     /* from one part of the record to the next: 0.82 is seen */
+};
 
 struct model {
     const struct compressed *blocks;

@@ -19,6 +19,7 @@
 #include "modal/identify/exponents.h"
 #include "modal/identify/synthesis.h"
 
+/* Of its frequency: so far a mode is taken to wander. */
 static const double CLOSE = 0.05;
 
 /* The windows' extremes. */

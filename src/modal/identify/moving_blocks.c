@@ -14,7 +14,10 @@
 #include "modal/linalg/qr.h"
 #include "modal/linalg/svd.h"
 
-enum { MOMENTS = 4, BLOCK_MOST = 1024 };
+enum {
+    MOMENTS = 4,                    /* of each pole: its column, and three for where it moves to */
+    BLOCK_MOST = 1024               /* rows */
+};
 static const double LEAK = 1e-11;     /* of |lambda|: what the anchor's span may cost an exponent */
 
 static void poles_free(struct poles_of *p)

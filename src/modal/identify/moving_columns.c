@@ -19,8 +19,8 @@
 #include <stdlib.h>
 
 enum { POWERS = 16 };                               /* a table's */
-enum { TERMS = 8, KEPT = TERMS + MOVING_MOMENTS - 1 };
-static const double NEAR = 0.05;
+enum { TERMS = 8, KEPT = TERMS + MOVING_MOMENTS - 1 };       /* of (1); P_i that they need */
+static const double NEAR = 0.05;    /* (1) is then cut below 1e-15 */
 
 int moving_rows_count(const struct moving_rows *r)
 {

@@ -37,13 +37,17 @@
 #include "modal/linalg/qr.h"
 
 /* gradients in standard errors: wanted; good enough where rounding allows no less */
-static const double SETTLED = 1e-10, NEAR = 1e-6;
+static const double SETTLED = 1e-10;
+static const double NEAR = 1e-6;
 static const double SCARCE_MOST = 0.95;             /* as refine.c */
 /* a step that is this part of every real and imaginary part is the last */
 static const double CLOSE = 1e-10;
 static const double STEP_MOST = 30;                /* a longer first step: the start was not near */
-static const double SPAN = 4e-5;
-enum { STEPS = 14, FREEDOM_LEAST = 30 };            /* FREEDOM_LEAST: as refine.c */
+static const double SPAN = 4e-5;                   /* x: x^2 / 2 is then 1e-9 of a standard error */
+enum {
+    STEPS = 14,                     /* a fit that has not settled then is none */
+    FREEDOM_LEAST = 30              /* as refine.c */
+};
 
 /* ---- one evaluation ---- */
 

@@ -15,8 +15,8 @@
 #include "modal/identify/order.h"
 #include "modal/identify/parts.h"
 
-static const double LIKELY = 0.5;
-enum { EDGE_SAMPLES = 2 };
+static const double LIKELY = 0.5;       /* of a pair's price: refined, it may pay */
+enum { EDGE_SAMPLES = 2 };              /* at either end, which have no line in a spectrum */
 /* of a parameter's price: a constant that might rather decay; its gain is known to first order */
 static const double MOVES = 0.8;
 /* times what rounding leaves of a sum of squares: four in amplitude */

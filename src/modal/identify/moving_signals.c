@@ -17,9 +17,11 @@
 #include "modal/linalg/qr.h"
 #include "modal/linalg/svd.h"
 
-/* of orthogonal iteration; between looks at the residual */
-enum { STEPS_MOST = 24, STEPS_LOOK = 3 };
-enum { TILE = 16 };
+enum {
+    STEPS_MOST = 24,                /* of orthogonal iteration; then the window is decomposed */
+    STEPS_LOOK = 3                  /* between looks at the residual */
+};
+enum { TILE = 16 };                     /* samples and channels that are turned at once */
 /* least diagonal of a triangle of unit channels that single precision is enough for */
 static const double SINGLE = 1e-4;
 static const double FAR = 0.3;          /* the first value of the rest over the last that is kept */

@@ -23,7 +23,7 @@
 #include <string.h>
 #include "modal/identify/compressed.h"
 
-enum { ITERATIONS = 20 };
+enum { ITERATIONS = 20 };                /* from the poles of the whole, which are near */
 static const double WORK = 1e9;          /* multiplications a half may take (refine.h) */
 
 struct half {

@@ -33,7 +33,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { WANTED = 16 };
+enum { WANTED = 16 };              /* triplets where the options name no number */
 
 struct hankel_operator {
     int L, S, m, n, N;

@@ -24,7 +24,10 @@
 #include "modal/linalg/qr.h"
 #include "modal/linalg/svd.h"
 
-enum { DENSE_SIDE = 64, TALL = 1 << 15 };
+enum {
+    DENSE_SIDE = 64,                /* up to it all triplets are made, without iteration */
+    TALL = 1 << 15                  /* rows from which on a triangle is made first */
+};
 
 struct triplets { int count; double *s; struct matrix V, UT; };   /* Y = V diag(s) UT */
 

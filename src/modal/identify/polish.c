@@ -20,7 +20,7 @@
 #include <string.h>
 #include "modal/identify/exponents.h"
 
-enum { ITERATIONS = 40 };
+enum { ITERATIONS = 40 };                 /* from the nine digits of a fit in double precision */
 static const double COST_MOST = 2e7;      /* L S P^2 of one evaluation */
 
 struct work {

@@ -10,7 +10,7 @@
 #include "modal/identify/powers.h"
 #include <math.h>
 
-enum { TABLE = 64 };
+enum { TABLE = 64 };              /* rows for which one exponential is multiplied out */
 static const double STEEP = 700.0 / TABLE;     /* e^709 is the last */
 
 /* e^{i b l}. */

@@ -31,7 +31,7 @@
 #include "modal/linalg/least_squares.h"
 #include "modal/linalg/svd.h"
 
-enum { DENSE_SIDE = 128 };
+enum { DENSE_SIDE = 128 };        /* up to it all triplets are made, without iteration */
 
 void projection_done(struct projection *p)
 {

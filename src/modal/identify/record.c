@@ -41,7 +41,7 @@
 #include "modal/identify/rounding.h"
 #include "modal/linalg/svd.h"
 
-enum { LAGRANGE = 10 };
+enum { LAGRANGE = 10 };             /* points of the interpolation between samples */
 static const double ATTENUATION = 90;    /* dB */
 static const double INTEGER = 1e-6;      /* |T/dt - p| <= INTEGER * p counts as an integer */
 

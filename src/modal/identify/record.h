@@ -36,7 +36,10 @@ struct record {
 
 /* A batch is left where it lies from this many samples times channels on, where nothing is asked
  * that needs a copy. */
-enum { RECORD_WIDE_CHANNELS = 256, RECORD_WIDE_ENTRIES = 1 << 22 };
+enum {
+    RECORD_WIDE_CHANNELS = 256,         /* fewer are no work beside their samples */
+    RECORD_WIDE_ENTRIES = 1 << 22       /* 32 MB, what a last cache holds */
+};
 
 /* Seconds between samples that are taken: exponents of 1/dt and their squares stay finite. */
 #define RECORD_STEP_LEAST 1e-100

@@ -10,7 +10,10 @@
 
 struct compressed;
 
-enum { REFINE_ORDER_MOST = 1600, REFINE_ITERATIONS_MOST = 200 };
+enum {
+    REFINE_ORDER_MOST = 1600,           /* exponents: a triangle of 3200 columns is 80 MB */
+    REFINE_ITERATIONS_MOST = 200        /* that the options may ask for */
+};
 
 /*
  * The data: Y, L rows a step tau apart, S columns, with the model of synthesis.h.  A periodic

@@ -17,7 +17,7 @@ enum {
     ITERATIONS = 60,                /* where the options name none */
     FAILURES_MOST = 12,             /* of steps in a row */
     ROUNDING_FAILURES = 3,          /* after so many F's rounding is looked at */
-    SETTLE_STEPS = 16,
+    SETTLE_STEPS = 16,              /* to the minimum itself: the gradient falls with each */
     FREEDOM_LEAST = 30,             /* of a signal: of less it tells no noise of its own */
     ROUNDS = 30                     /* of weights */
 };

@@ -84,7 +84,10 @@ out:
  * Weights that decay end after RATE_FIRST / a rows. As many zeros after the rows let no frequency
  * lie so far between two bins that less than 0.81 of it shows.
  */
-enum { RATE_FIRST = 4, RATE_RATIO = 8 };
+enum {
+    RATE_FIRST = 4,                  /* of a L, as above */
+    RATE_RATIO = 8                   /* from one to the next */
+};
 
 struct filter {
     const struct matrix *E;
@@ -194,7 +197,10 @@ enum modal_status remainder_poles(const struct matrix *E, double tau, int most,
  * x = e^{lambda l}, s = l / width at the block's first row l: their products and those with E are
  * sums over blocks, and no column is formed.
  */
-enum { BLOCK = 1024, COLUMNS = 6 };
+enum {
+    BLOCK = 1024,                    /* rows of a table of COLUMNS: 48 kB */
+    COLUMNS = 6                      /* Re and -Im of z, u z, u^2 z */
+};
 
 static const double COLUMN_LEAST = 1e-6;     /* of a column, that those before it do not explain */
 

@@ -21,8 +21,11 @@
 #include "modal/identify/pencil.h"
 #include "modal/linalg/svd.h"
 
-enum { MODES = 12, ROWS_MOST = 512 };
-static const double NOISE = 1e-3;
+enum {
+    MODES = 12,                     /* triplets */
+    ROWS_MOST = 512                 /* of the record that are asked: its beginning */
+};
+static const double NOISE = 1e-3;   /* of the energy: 30 dB */
 
 /* |H|_F^2 of a column with `rows` rows in the Hankel matrix: sample k is in as many entries as its
  * antidiagonal has. */

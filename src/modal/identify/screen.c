@@ -15,7 +15,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { HELD = 3, PLATEAUS = 2, ROWS = 64 };
+enum {
+    HELD = 3,                               /* equal extremes that are a plateau */
+    PLATEAUS = 2,                           /* that are a finding, as above */
+    ROWS = 64                               /* of a file mapped that are held at a time */
+};
 static const double GRID_LEAST = 1e-4;      /* of the rms */
 
 static int runs_at(const double *x, int L, double value)

@@ -3,7 +3,10 @@
 #define MODAL_SCREEN_H
 #include "modal/identify/identify.h"
 
-enum { SCREEN_CHANNELS = 16, SCREEN_SAMPLES = 20000 };
+enum {
+    SCREEN_CHANNELS = 16,       /* the first: one converter is behind many */
+    SCREEN_SAMPLES = 20000      /* of each: they are sorted */
+};
 
 /*
  * Look at the first SCREEN_CHANNELS of the channels chosen (result->channel) and SCREEN_SAMPLES

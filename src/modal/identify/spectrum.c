@@ -15,11 +15,12 @@ void spectrum_done(struct spectrum *s)
  * jump from its end to its beginning is one random vector seen at all lines at once, which the
  * likelihood of independent lines would take for a broad pole. */
 static const double
-    FADED = 0.05,
+    FADED = 0.05,                /* as above */
     BEYOND = 1.25,               /* of the end: what lies there shows that it does */
-    SQUARE = 3. / 8, FOURTH = 35. / 128;  /* means of the second and fourth power of that cosine */
+    SQUARE = 3. / 8,             /* mean of the second power of that cosine */
+    FOURTH = 35. / 128;          /* and of the fourth */
 
-enum { LINES_FEW = 64 };
+enum { LINES_FEW = 64 };         /* of a spectrum that can be asked */
 
 /* The weight of sample k. */
 static double fade(int k, int N)

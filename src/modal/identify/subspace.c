@@ -28,14 +28,14 @@
 enum {
     SIDE_MOST = 300,             /* of H: its decomposition takes a tenth of a second */
     LAGS_MOST = 100,             /* in a past */
-    LAGS_LEAST = 2,
+    LAGS_LEAST = 2,              /* in a past: it is told by what a sample changes */
     SAMPLES_EACH = 8,            /* of the record for each row of H at least */
-    ORDER_MOST = 2 * WHITTLE_MODES_MOST,
-    RIDGES = 8
+    ORDER_MOST = 2 * WHITTLE_MODES_MOST,     /* two poles a mode */
+    RIDGES = 8                   /* that are tried: none, and RIDGE_FIRST to 1e-7 */
 };
 static const double
     RIDGE_FIRST = 1e-13,         /* of unit variance: white noise added where rounding is more */
-    RIDGE_FACTOR = 10,
+    RIDGE_FACTOR = 10,           /* from one to the next */
     DECAY_LEAST = 1e-9,          /* a sample, where rounding makes a pole slower */
     BESIDE = 0.5;                /* of its decay rate: how far a real pole's pair turns */
 

@@ -30,6 +30,7 @@ struct transfer {
     bool converged, exact;       /* exact: nothing but rounding is left over, anywhere */
 };
 
+/* Of one model, each a pair or real. */
 enum { TRANSFER_POLES_MOST = 40 };
 
 struct transfer_limits {

@@ -29,14 +29,24 @@
 #include "modal/identify/synthesis.h"
 #include "modal/identify/verdict.h"
 
-enum { ORDERS = 12, ROWS_LEAST = 48, LONG = 20000 };
+enum {
+    ORDERS = 12,                   /* of a window: six pairs, of which the strongest is watched */
+    ROWS_LEAST = 48,               /* of a window: four for each of those */
+    LONG = 20000                   /* rows from which on there are TREND_WINDOWS_LONG */
+};
 enum { CROWD_MOST = 32 };          /* poles of one mode that changes: work, and stack */
 /* Of a crowd's energy, the least share of its one shape: as in identify_doubt.c's of two poles. */
 static const double ONE_SHAPE = 0.9;
 /* Exponents times rows below which the geometric series loses more digits than this. */
 static const double SERIES_LEAST = 1e-8;
-static const double EXACT = 1e-9, CHANGE = 1e-3, DAMPING_CHANGE = 0.25, TAU_LEAST = 0.7,
-                    WELL = 0.15, POOR = 0.4, CLOSE = 0.05;
+static const double
+    EXACT = 1e-9,                  /* of the signals: what is left there is rounding */
+    CHANGE = 1e-3,                 /* of a frequency, and of a window's rms: less is no matter */
+    DAMPING_CHANGE = 0.25,         /* of a damping ratio */
+    TAU_LEAST = 0.7,               /* of 8 windows: 1.4 % of chance orders have more */
+    WELL = 0.15,                   /* of a window's rms is left where decaying modes rebuild it, */
+    POOR = 0.4,                    /* of the record's where they do not */
+    CLOSE = 0.05;                  /* of a frequency: so far a mode is taken to wander */
 
 struct window {
     double t, frequency, damping, std_frequency, std_damping, amplitude, left;
@@ -286,10 +296,12 @@ static enum modal_status look_at(const struct trend_input *in, int first, int ro
 
 /* ---- growth in a part ---- */
 
-enum { GROWING_MOST = 2 };
-static const double GROWS = 3, WEAK = 1e-3;       /* of a standard error; of the energy */
-/* A harmonic of a nonlinearity: energy of its mode's, and of its frequency. */
-static const double HARMONIC_WEAK = 0.05, HARMONIC_NEAR = 5e-3;
+enum { GROWING_MOST = 2 };         /* poles: more make up for something else */
+static const double
+    GROWS = 3,                     /* of a standard error */
+    WEAK = 1e-3,                   /* of the energy */
+    HARMONIC_WEAK = 0.05,          /* a harmonic of a nonlinearity: of its mode's energy, */
+    HARMONIC_NEAR = 5e-3;          /* and off its frequency */
 /* Coincidences that a record of independent modes may be expected to have: one in twenty. */
 static const double HARMONIC_CHANCE = 0.05;
 

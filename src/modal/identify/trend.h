@@ -7,7 +7,10 @@
 #include "modal/identify/identify.h"
 #include "modal/linalg/matrix.h"
 
-enum { TREND_WINDOWS = 8, TREND_WINDOWS_LONG = 28 };    /* a long record has room for more */
+enum {
+    TREND_WINDOWS = 8,               /* equal parts of a record */
+    TREND_WINDOWS_LONG = 28          /* a long record has room for more */
+};
 
 struct trend_input {
     const struct matrix *X;          /* the signals that were fitted, borrowed */

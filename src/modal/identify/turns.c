@@ -11,7 +11,7 @@
 #include <math.h>
 #include <stdlib.h>
 
-enum { POINTS = 8 };
+enum { POINTS = 8 };              /* rows of one interpolation: of degree 7 */
 static const double
     TURN[] = { 1, 2 * M_PI, 360 },
     BEYOND = 1e-3,               /* of a turn: how far rounding and noise may go */

@@ -25,7 +25,10 @@
 #include <string.h>
 #include "modal/identify/exponents.h"
 
-static const double ROUNDING = 1e-12, CANCELLATION = 4, APART = 3;
+static const double
+    ROUNDING = 1e-12,               /* of a multiplier, as above */
+    CANCELLATION = 4,               /* of (1), where both parts are twice what they make */
+    APART = 3;                      /* errors, together, between members that are resolved */
 /* rad over the record: rounding e of the data splits a Jordan block by sqrt(e), 1e-8, times some
  * hundreds for the record's sensitivity, whatever the fit is to. */
 static const double SPLIT = 1e-4;
@@ -35,11 +38,13 @@ static double span_of(const struct identify_result *r)
     return r->period > 0 ? r->period : r->dt / (r->decimation > 0 ? r->decimation : 1);
 }
 
-enum { FREEDOM_LEAST = 3 };
-static const double SIGMAS = 3;
-/* Of the modes' energy; energy over energy; rad over the record, one and a half turns; growth over
- * the record, e^3 = 20; share of the orders. */
-static const double FAR_STRONGER = 30, SLOW = 3 * M_PI, RISE = 3, PERSISTENT = 0.5;
+enum { FREEDOM_LEAST = 3 };         /* with fewer equations to spare a residual is no noise */
+static const double
+    SIGMAS = 3,                     /* b of the text, of normal errors 0.3 % lie outside */
+    FAR_STRONGER = 30,              /* energy over energy */
+    SLOW = 3 * M_PI,                /* rad over the record: one and a half turns */
+    RISE = 3,                       /* growth over the record, e^3 = 20 */
+    PERSISTENT = 0.5;               /* share of the orders */
 
 static double cluster_radius(const struct identify_result *r, int mode)
 {

@@ -64,9 +64,11 @@ enum { V_SR, V_SI, V_QR, V_QI, V_PHI, V_PHIC, V_K, V_KC };
 static const double
     DAMPING_FIRST = 1e-3,        /* of Levenberg and Marquardt, in the scale of J's diagonal */
     DAMPING_MOST = 1e8,          /* no step gains: the summit, to rounding */
-    DAMPING_LEAST = 1e-12,
-    SMALL = 1e-6,
-    HELD_FIRST = 1e-14, HELD_FACTOR = 100, HELD_MOST = 1e-8,    /* in that scale */
+    DAMPING_LEAST = 1e-12,       /* as good as none */
+    SMALL = 1e-6,                /* of 1 - x^2: there the limit of 0 / 0, which is off by as much */
+    HELD_FIRST = 1e-14,          /* what holds an unknown that nothing tells, in that scale; */
+    HELD_FACTOR = 100,           /* more, until the information has a factor, */
+    HELD_MOST = 1e-8,            /* and no more than half of the digits */
     DECAY_LEAST = 0.1,           /* over the record: what is slower is a line, whatever it is */
     LOG_STEP = 1;                /* of a decay rate's logarithm in one step: a factor of e */
 

@@ -4,7 +4,10 @@
 #include <stdbool.h>
 #include "modal/identify/spectrum.h"
 
-enum { WHITTLE_CHANNELS_MOST = 12, WHITTLE_MODES_MOST = 60 };
+enum {
+    WHITTLE_CHANNELS_MOST = 12,     /* after their reduction: each line takes their cube */
+    WHITTLE_MODES_MOST = 60         /* of one spectrum: each step takes their cube */
+};
 
 /* One pair of the model (1) of whittle.c. */
 struct whittle_mode {

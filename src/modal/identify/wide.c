@@ -34,7 +34,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { BLOCK = 16, BLOCKS_MOST = 12, PANEL_BYTES = 1 << 21 };
+enum {
+    BLOCK = 16,                     /* vectors that one pass over the data multiplies */
+    BLOCKS_MOST = 12,               /* of K */
+    PANEL_BYTES = 1 << 21           /* of the data, in a cache at a time */
+};
 static const double GUARD = 1e-6;      /* least s_i / s_1 that (2) is trusted with */
 /* margin over the edge of white noise: scaled channels carry unequal noise, whose edge lies higher
  * */

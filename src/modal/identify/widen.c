@@ -35,8 +35,10 @@
 #include "modal/identify/parts.h"
 #include "modal/linalg/svd.h"
 
-/* of the signals: what is left is rounding */
-static const double RIVAL = 6, CLEAR = 3, ROUNDING = 1e-12;
+static const double
+    RIVAL = 6,                      /* of BIC: odds of 20 to 1 [KR95] */
+    CLEAR = 3,                      /* standard errors, as above */
+    ROUNDING = 1e-12;               /* of the signals: what is left there is rounding */
 
 static bool at_rounding(const struct refine_data *d, double residual)
 {

@@ -35,7 +35,7 @@ enum modal_status torus_check(const struct steady_settings *s, struct modal_erro
     return MODAL_OK;
 }
 
-const char *torus_method(const struct program *p, const struct torus_point *point)
+static const char *method_of(const struct program *p, const struct torus_point *point)
 {
     return point->marched ? "march" : p->laws > 0 ? "newton" : "linear";
 }
@@ -173,7 +173,7 @@ cJSON *torus_print(const struct program *p, const struct steady_settings *settin
     cJSON_AddNullToObject(doc, "omega");
     cJSON_AddItemToObject(doc, "tones",
                           json_numbers(point->tones.omega, (size_t)point->tones.count));
-    cJSON_AddStringToObject(doc, "method", torus_method(p, point));
+    cJSON_AddStringToObject(doc, "method", method_of(p, point));
     cJSON_AddNumberToObject(doc, "iterations", point->iterations);
     cJSON_AddNumberToObject(doc, "H", highest);
     cJSON_AddNumberToObject(doc, "N", point->samples);
@@ -240,7 +240,7 @@ enum modal_status torus_run(struct program *p, const struct steady_settings *set
         return rc;
     torus_count(p, &point);
     *doc = torus_print(p, settings, &point);
-    cJSON_AddItemToObject(*doc, "plan", plan_print(p, torus_method(p, &point)));
+    cJSON_AddItemToObject(*doc, "plan", plan_print(p, method_of(p, &point)));
     torus_point_done(&point);
     cost_stage(cost, "print");
     return MODAL_OK;

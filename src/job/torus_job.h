@@ -18,11 +18,10 @@ bool torus_alike(const struct steady_settings *s);
 enum modal_status torus_at(struct program *p, const struct steady_settings *settings,
                            const struct torus_point *start, struct torus_point *point,
                            struct modal_error *err);
-/* Its document, the caller's; what P's effects did is added to theirs; its method. */
+/* Its document, the caller's; what P's effects did is added to theirs. */
 cJSON *torus_print(const struct program *p, const struct steady_settings *settings,
                    const struct torus_point *point);
 void torus_count(struct program *p, const struct torus_point *point);
-const char *torus_method(const struct program *p, const struct torus_point *point);
 
 /* The document of P's steady state under SETTINGS' tones.  MODAL_BAD_INPUT, field the option, for
  * what several tones do not take; else as torus_solve. */

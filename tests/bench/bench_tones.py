@@ -159,7 +159,7 @@ def leaves(a, result, march, finer=1):
                          capture_output=True, check=True).stdout
     rows = np.frombuffer(out).reshape(-1, a["n"] + 1)
     told = (np.exp(1j * np.outer(rows[:, 0], w)) @ X.T).real
-    settled = rows[:, 0] > rows[-1, 0] / 2           # rates of a march's lines are rougher than they
+    settled = rows[:, 0] > rows[-1, 0] / 2          # the rates of a march's lines are rougher
     return np.abs(rows[:, 1:] - told)[settled].max(), np.abs(told).max()
 
 

@@ -361,10 +361,42 @@ def test_a_limit_cycle_is_told_stable_or_not(coefficients, stable, tmp_path):
     assert bool(decays > 0) is stable
 
 
-def test_a_slider_leaves_the_stability_of_a_torus_unknown(tmp_path):
-    scene = oscillator([{"type": "friction", "dof": "x", "stiffness": 0.5, "limit": 0.2}],
+def growth_of_friction(tones, until=1200.0, start=150.0, h=0.02, apart=1e-5):
+    """Mean growth, 1/s, of the distance of two motions of test_disturbances_..., brought back to
+    APART each second."""
+    def step(t, x, v, z):
+        def acceleration(x, v, t):
+            return (0.2 * sum(math.cos(w * t) for w in tones) - 0.1 * v - x
+                    - slide(x, z, 0.5, 0.2)[0])
+        a1 = acceleration(x, v, t)
+        a2 = acceleration(x + h / 2 * v, v + h / 2 * a1, t + h / 2)
+        a3 = acceleration(x + h / 2 * (v + h / 2 * a1), v + h / 2 * a2, t + h / 2)
+        a4 = acceleration(x + h * (v + h / 2 * a2), v + h * a3, t + h)
+        x, v = x + h * v + h * h / 6 * (a1 + a2 + a3), v + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
+        return x, v, slide(x, z, 0.5, 0.2)[1]
+    a, b, grown = (0.0, 0.0, 0.0), (apart, 0.0, 0.0), 0.0
+    for n in range(round(until / h)):
+        a, b = step(n * h, *a), step(n * h, *b)
+        if n % 50 == 49:
+            size = math.dist(a, b)
+            grown += math.log(size / apart) if n * h >= start else 0
+            b = tuple(p + (q - p) * apart / size for p, q in zip(a, b))
+    return grown / (until - start)
+
+
+def test_disturbances_beside_a_slider_decay_as_two_marches_say(tmp_path):
+    tones = [0.8, 0.8 * 2 ** 0.5]
+    scene = oscillator([{"type": "friction", "dof": "x", "stiffness": 0.5, "limit": 0.2}], tones)
+    stability = run("steady", scene, tmp_path, "-o", "target.error=1e-3")[1]["stability"]
+    assert stability["stable"] is True and stability["margin_std"] < 0.01
+    assert stability["exponents"][0] == pytest.approx(growth_of_friction(tones),
+                                                      abs=3 * stability["margin_std"])
+
+
+def test_a_slider_at_rest_leaves_the_stability_of_a_torus_unknown(tmp_path):
+    scene = oscillator([{"type": "friction", "dof": "x", "stiffness": 0.5, "limit": 5}],
                        [0.8, 0.8 * GOLDEN])
-    result = run("steady", scene, tmp_path, "-o", "target.error=0.1")[1]
+    result = run("steady", scene, tmp_path)[1]
     assert result["converged"] and result["stability"]["stable"] is None
     assert "stability_unknown" in [d["code"] for d in result["diagnostics"]]
 

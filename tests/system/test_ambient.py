@@ -4,12 +4,14 @@ it says of records that are none; what it refuses.
 """
 # Tests as well: ambient_free.c response.c
 import pathlib
+import subprocess
 import sys
 
 import numpy as np
 import pytest
 
-from conftest import decay, write_batch
+import sanitized
+from conftest import BUILD, decay, environment, write_batch
 
 pytest.importorskip("scipy.signal")
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "bench"))
@@ -199,6 +201,24 @@ def test_an_ambient_record_taken_for_free_is_flagged_and_says_what_to_give(ctl, 
     advice, = [d["message"] for d in said["diagnostics"] if d["code"] == "not_free_decay"]
     assert "response=ambient" in advice and said["stability"]["stable"] is None
     assert all(m["std"]["damping_ratio"] is None for m in said["modes"])
+
+
+# Started from a small process: what runs a program counts among its memory.
+PEAK = ("import resource, subprocess, sys; subprocess.run(sys.argv[1:], check=True, stdout=-3); "
+        "print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)")
+
+
+@pytest.mark.skipif(sanitized.SANITIZED, reason="the sanitizers' own memory is counted, too")
+def test_an_ambient_record_taken_for_free_takes_little_more_memory_than_a_short_one(tmp_path):
+    """Searched as if it had modes without end it takes ten times as much."""
+    peak = []
+    for samples in 1000, 8000:
+        path = write_batch(tmp_path / "a.h5", record(0, samples, noise=0.01), dt=DT)
+        said = subprocess.run([sys.executable, "-c", PEAK, BUILD / "bin" / "modalctl", "--local",
+                               "identify", path], env=environment(), check=True,
+                              stdout=subprocess.PIPE)
+        peak.append(int(said.stdout))
+    assert peak[1] < 3 * peak[0], peak
 
 
 @pytest.mark.parametrize("seed, samples, hertz, zeta, channels", [

@@ -8,6 +8,7 @@
  *              rms  record.h
  *   pod        many channels to few signals s_i v_i^T  pod.h
  *   hankel     the pair (14), (18)  hankel.h
+ *   ragged     whether noise drives it, before more than few signals are looked for  ragged.h
  *   rank       candidates for the order  rank.h
  *   transition multipliers of Q, Qhat, B or Bhat                                       transition.h
  *   exponents  corrected (10)  exponents.h

@@ -3,6 +3,7 @@
 #include "modal/identify/identify_state.h"
 #include <stdlib.h>
 #include "modal/identify/hankel.h"
+#include "modal/identify/ragged.h"
 
 enum { COMPLETE_SIDE = 600 };           /* complete decompositions up to this */
 
@@ -121,11 +122,22 @@ static bool can_double(const struct work *w, const struct pencil *p)
     return p->count < w->X->m / 4 && affords(w, rows > 0 ? rows : p->rows, more);
 }
 
+/* Once TRIPLETS_MOST are filled, and before more are made at the square of their cost: does noise
+ * drive the response? */
+static enum modal_status ask_driven(struct work *w, const struct pencil *all, bool *driven,
+                                    struct modal_error *err)
+{
+    if (all->count != TRIPLETS_MOST)
+        return MODAL_OK;
+    w->many = leaves_much(all);
+    return signals_fill(w, all) ? ragged_spectrum(searched(w), driven, err) : MODAL_OK;
+}
+
 /* A response that noise drives has no end of signals: of those not even many are searched. Where
  * they end, more than TRIPLETS_MOST are many, however little the first of them leave. */
-static void drop_endless(struct work *w, struct pencil *all)
+static void drop_endless(struct work *w, bool driven, struct pencil *all)
 {
-    bool endless = signals_fill(w, all), many = w->many;
+    bool endless = driven || signals_fill(w, all), many = driven || w->many;
 
     w->many = !endless && (many || pencil_signals(all) > TRIPLETS_MOST);
     if (!endless || !many)
@@ -138,23 +150,24 @@ static void drop_endless(struct work *w, struct pencil *all)
 /* *all: a pencil of as many triplets as there are signals, w->pencil where that has them. */
 enum modal_status work_pencil_of_all(struct work *w, struct pencil *all, struct modal_error *err)
 {
+    bool driven = false;
     enum modal_status rc = MODAL_OK;
 
     *all = w->pencil;
     w->many = false;
-    while (rc == MODAL_OK && signals_fill(w, all) && can_double(w, all)) {
+    while (rc == MODAL_OK && !driven && signals_fill(w, all) && can_double(w, all)) {
         struct pencil_options opt = { rows_of_many(w, 2 * all->count), 2 * all->count };
         struct pencil more = { 0 };
         rc = pencil_new(searched(w), &opt, &more, err);
         if (all->s != w->pencil.s)
             pencil_done(all);
         *all = rc == MODAL_OK ? more : w->pencil;
-        if (all->count == TRIPLETS_MOST)
-            w->many = leaves_much(all);
+        if (rc == MODAL_OK)
+            rc = ask_driven(w, all, &driven, err);
         if (more.count < opt.wanted)
             break;
     }
-    drop_endless(w, all);
+    drop_endless(w, driven, all);
     return rc;
 }
 

@@ -105,6 +105,7 @@ enum modal_status balance_set(struct balance *b, double omega, double level,
 {
     b->omega = omega;
     b->level = level;
+    b->damping = 0;
     b->factored = false;                                /* J is of another frequency */
     stiffness_set(b->stiffness, b->S);
     return condense_at(b->c, omega, level, b->H, b->S, b->load, err);
@@ -118,6 +119,23 @@ void balance_set_level(struct balance *b, double level)
         b->load[i] *= by;
     b->level = level;
     condense_set_level(b->c, level);
+}
+
+void balance_set_damping(struct balance *b, double share)
+{
+    size_t entries = (size_t)pattern_entries(b->pattern);
+    double more = share - b->damping;
+
+    for (int i = 0; i < b->q; i++) {
+        double complex *S = b->S + pattern_find(b->pattern, i, i);
+        double own = fmax(fabs(creal(S[0])), b->H > 0 ? fabs(creal(S[entries])) : 0);
+
+        for (int k = 1; k <= b->H; k++)
+            S[(size_t)k * entries] += CMPLX(0, k * more * own);
+    }
+    b->damping = share;
+    b->factored = false;
+    stiffness_set(b->stiffness, b->S);
 }
 
 void balance_pack(const struct balance *b, const double complex *X, double *u)

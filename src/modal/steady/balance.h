@@ -28,7 +28,8 @@ struct balance {
     int q, H, order;                 /* order = q (2H + 1) */
     double omega, level;             /* rad/s; what loads are multiplied by */
     const struct pattern *pattern;   /* of S */
-    double complex *S, *load;        /* as condense_at gives them */
+    double complex *S, *load;        /* as condense_at gives them, with damping of */
+    double damping;                  /* balance_set_damping in S */
     struct stiffness *stiffness;     /* S_k factored, those that were asked for */
     double complex *F;               /* F + T of the last residual, [i (H+1) + k] */
     double *R, *J, *row;             /* residual, derivative (then its factors), row scales */
@@ -55,6 +56,9 @@ enum modal_status balance_set(struct balance *b, double omega, double level,
                               struct modal_error *err);
 /* Another level at the same frequency: loads only. */
 void balance_set_level(struct balance *b, double level);
+/* Dampers to the ground beside those of the structure, until balance_set: each kept dof's has at
+ * omega SHARE of the dof's own stiffness, the larger of |S_0| and |S_1|. */
+void balance_set_damping(struct balance *b, double share);
 /* b->R of X, of any order; with DERIVATIVE b->J or b->blocks too, not yet factored:
  * MODAL_TOO_LARGE past 12000 unknowns of a full pattern. */
 enum modal_status balance_residual(struct balance *b, const double complex *X, bool derivative,

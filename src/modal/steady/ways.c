@@ -15,7 +15,12 @@
  * A ramp scales p by a level e^a, a from log LEVEL_LOW or log LEVEL_HIGH to 0, and begins each
  * level at the last one's X.  With a changed by s a motion in proportion to its load changes by e^s
  * - 1 of itself; one that changes by LEAP times that is on another branch, and the step is taken
- * again, shorter.
+ * again, shorter.  Laws whose forces grow in proportion are the same at every level.  Dampers to
+ * the ground (balance.h) part them: with those of DAMPING_MOST waves that come back from far ends
+ * and contacts that wake others are gone, and little is left but (1); they are taken away in
+ * proportion down to DAMPING_LEAST,
+ *
+ *     damping = DAMPING_LEAST (e^a - 1),    a from log(DAMPING_MOST / DAMPING_LEAST) to 0.      (2)
  *
  * To many harmonics the way is gone with few first: H_ROUGH, three times as many, and so on,
  * roughly, each the start of the next.  A short matrix is small in the cube, and what it leaves out
@@ -56,6 +61,10 @@ static const double GAIN_DIRECT = 0.3;
  * lost beside the loads. */
 static const double LEVEL_LOW = 1e-3;
 static const double LEVEL_HIGH = 1e3;
+/* Dampers of balance_set_damping with which a ramp sets out: ten times a dof's stiffness leaves the
+ * laws little to do; and those that are as good as none. */
+static const double DAMPING_MOST = 10;
+static const double DAMPING_LEAST = 1e-4;
 /* The relative tolerance of a level on the way: the next begins further from its own solution. */
 static const double ON_THE_WAY = 1e-3;
 /* What the step of log(level) is multiplied by after a quick solution and after a failure. */
@@ -151,9 +160,19 @@ static bool leaps(const double complex *X, const double complex *good, size_t si
     return far > LEAP * expm1(fabs(step)) * scale;
 }
 
-/* From level FROM to 1, each from the last; the step of log(level) halves on failure and grows on
- * success. */
-static enum modal_status ramp(struct steady *s, struct balance *b, double from, double complex *X,
+/* e^AT of the loads. */
+static void set_level(struct balance *b, double at) { balance_set_level(b, exp(at)); }
+
+/* The dampers of (2) at a = AT. */
+static void set_damping(struct balance *b, double at)
+{
+    balance_set_damping(b, DAMPING_LEAST * expm1(at));
+}
+
+/* From a = log FROM to 0, each from the last, SET what a stands for; the step of a shrinks on
+ * failure and grows on success. */
+static enum modal_status ramp(struct steady *s, struct balance *b, double from,
+                              void (*set)(struct balance *b, double at), double complex *X,
                               struct steady_point *point, struct modal_error *err)
 {
     struct iterate_options opt = steady_iterate_options(s);
@@ -167,12 +186,11 @@ static enum modal_status ramp(struct steady *s, struct balance *b, double from, 
         return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory for a ramp");
     memset(X, 0, size * sizeof *X);
     if (from > 1) {
-        rc = balance_set(b, b->omega, from, err);
-        if (rc == MODAL_OK)
-            laws_left_out(b, X);
+        set(b, at);
+        laws_left_out(b, X);
     }
     for (int i = 0; rc == MODAL_OK && i < LEVELS_MOST; i++) {
-        balance_set_level(b, exp(at));                  /* p scaled */
+        set(b, at);
         opt.rough = at != 0 && !b->pattern->full;       /* on the way nothing is an answer */
         opt.tolerance = opt.rough ? ON_THE_WAY : s->opt.tolerance;
         if ((rc = iterate_newton(b, &opt, X, &r, err)) != MODAL_OK)
@@ -241,7 +259,9 @@ static enum modal_status from_low(struct steady *s, struct balance *b, double co
     low.converged = false;
     low.residual = -1;                                  /* no iterate yet */
     s->budget.most = fmin(most, s->budget.spent + SHARE_OF_WALK * most);
-    rc = b->pattern->full ? MODAL_OK : ramp(s, b, LEVEL_LOW, X, &low, err);
+    rc = b->pattern->full ? MODAL_OK : ramp(s, b, LEVEL_LOW, set_level, X, &low, err);
+    if (rc == MODAL_OK && !low.converged && !b->pattern->full)
+        rc = ramp(s, b, DAMPING_MOST / DAMPING_LEAST, set_damping, X, &low, err);
     if (rc == MODAL_OK && !low.converged)
         rc = along_levels(s, b, X, &low, err);
     s->budget.most = most;
@@ -404,6 +424,7 @@ struct attempt {
     struct steady_point *point;
     bool ended;                         /* nothing is tried after this way */
     bool timed;                         /* a motion in time was sought */
+    bool ramped;                        /* loads were ramped up and dampers down */
 };
 
 /* The ways that are gone until one has converged. */
@@ -457,6 +478,7 @@ static bool may_have_leapt(const struct attempt *a)
 static enum modal_status branch_from_low(struct attempt *a, struct modal_error *err)
 {
     a->s->current = false;
+    a->ramped = !a->b->pattern->full;
     return from_low(a->s, a->b, a->X, a->point, err);
 }
 
@@ -517,16 +539,28 @@ static enum modal_status from_time(struct attempt *a, struct modal_error *err)
     return rc;
 }
 
+/* Neither ramp was gone. */
+static bool may_ramp(const struct attempt *a) { return goes_round(a) && !a->ramped; }
+
+/* Of few dofs the motion in time was sought already, which leads to as many. */
+static bool may_damp(const struct attempt *a) { return may_ramp(a) && !a->b->pattern->full; }
+
+/* With dampers that are taken away again, */
+static enum modal_status damp_down(struct attempt *a, struct modal_error *err)
+{
+    return ramp(a->s, a->b, DAMPING_MOST / DAMPING_LEAST, set_damping, a->X, a->point, err);
+}
+
 /* Level by level from loads that leave the laws linear, */
 static enum modal_status ramp_up(struct attempt *a, struct modal_error *err)
 {
-    return ramp(a->s, a->b, LEVEL_LOW, a->X, a->point, err);
+    return ramp(a->s, a->b, LEVEL_LOW, set_level, a->X, a->point, err);
 }
 
 /* from loads beside which the laws are lost, */
 static enum modal_status ramp_down(struct attempt *a, struct modal_error *err)
 {
-    return ramp(a->s, a->b, LEVEL_HIGH, a->X, a->point, err);
+    return ramp(a->s, a->b, LEVEL_HIGH, set_level, a->X, a->point, err);
 }
 
 /* and along the branch, around its folds (path.h). */
@@ -548,7 +582,8 @@ static const struct {
     { unsolved,           newton_without_laws },  /* [CG89], section 3.1 */
     { is_small,           from_time },            /* settle.h */
     { has_many_harmonics, from_fewer },
-    { goes_round,         ramp_up },
+    { may_damp,           damp_down },            /* cheap, and of any law */
+    { may_ramp,           ramp_up },
     { goes_round,         ramp_down },
     { is_free,            from_time },
     { goes_round,         over_levels },

@@ -6,6 +6,14 @@
 #include "modal/identify/exponents.h"
 #include "modal/identify/rounding.h"
 
+static const double
+    FADES = 4,                      /* 2 % are left a row later */
+    NYQUIST = 0.95,                 /* of it: what turns faster may have folded there */
+    TIE = 0.8,                      /* of the strongest harmonic: noise may have decided */
+    ALIASED = 0.3,                  /* of it: a mode of its own may be there */
+    POOR = 0.7;                     /* of a signal's rms: hardly half of its energy is rebuilt */
+enum { TOLD = 3 };                  /* channels of one code: more say the same */
+
 void identify_diagnose(struct identify_result *result, const char *code, int channel,
                        const char *format, ...)
 {
@@ -67,7 +75,7 @@ static void about_mode(struct identify_result *r, const struct diagnose_facts *f
     const struct identify_mode *m = &r->modes[i];
     double turn = fabs(cimag(m->exponent)) * f->tau, decay = -creal(m->exponent) * f->tau;
 
-    if (decay > 4)
+    if (decay > FADES)
         identify_diagnose(
             r, "fast_decay", -1,
             "mode %d decays by exp(-%.3g) from one row to the next: it is gone after a few; its "
@@ -78,17 +86,17 @@ static void about_mode(struct identify_result *r, const struct diagnose_facts *f
                           "mode %d grows by exp(%.3g) over the record: whatever did not grow with "
                           "it is below its rounding errors; use a shorter window to see the rest",
                           i, -decay * f->rows);
-    if (r->period == 0 && r->decimation == 1 && r->shift == 1 && turn > 0.95 * M_PI)
+    if (r->period == 0 && r->decimation == 1 && r->shift == 1 && turn > NYQUIST * M_PI)
         identify_diagnose(r, "near_nyquist", -1,
                           "mode %d lies at %.3g of the Nyquist frequency: a faster mode may have "
                           "folded there; sample faster",
                           i, turn / M_PI);
-    if (r->period > 0 && m->runner_up >= 0.8)
+    if (r->period > 0 && m->runner_up >= TIE)
         identify_diagnose(r, "near_tie", -1,
                           "mode %d: two harmonics are nearly equally strong (ratio %.3g), so the "
                           "integer %d that resolves its frequency is not certain",
                           i, m->runner_up, m->resolved_k);
-    if (r->period > 0 && m->runner_up >= 0.3 && m->harmonic_count > 1)
+    if (r->period > 0 && m->runner_up >= ALIASED && m->harmonic_count > 1)
         identify_diagnose(r, "aliases", -1,
                           "mode %d has strong harmonics %d and %d: one multiplier, or several "
                           "modes whose frequencies differ by multiples of 1/period; the signals "
@@ -147,8 +155,8 @@ static void about_channels(struct identify_result *r)
                           "the modes leave %.0f %% of the signals unexplained: noise, a forced "
                           "response, or too low a rank",
                           100 * r->total_relative_error);
-    for (int c = 0; c < r->channel_count && said < 3 && r->total_relative_error <= 0.5; c++)
-        if (r->relative_error[c] > 0.7 && r->relative_error[c] > 3 * r->total_relative_error) {
+    for (int c = 0; c < r->channel_count && said < TOLD && r->total_relative_error <= 0.5; c++)
+        if (r->relative_error[c] > POOR && r->relative_error[c] > 3 * r->total_relative_error) {
             identify_diagnose(r, "dominated_signal", r->channel[c],
                               "channel %d is rebuilt to %.0f %% only while all together are to "
                               "%.2g %%: others dominate it; raise the rank, or identify it alone",
@@ -162,7 +170,7 @@ static void about_rounding(struct identify_result *r, const struct diagnose_fact
 {
     int said = 0;
 
-    for (int c = 0; c < r->channel_count && f->below != NULL && said < 3; c++)
+    for (int c = 0; c < r->channel_count && f->below != NULL && said < TOLD; c++)
         if (f->below[c]) {
             identify_diagnose(
                 r, "below_rounding", r->channel[c],

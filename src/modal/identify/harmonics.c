@@ -14,6 +14,11 @@
 #include <string.h>
 #include "modal/identify/exponents.h"
 
+static const double
+    SAME = 1e-9,                    /* of 1 / period: frequencies, to rounding and a few digits */
+    TIED = 1e-6,                    /* of a magnitude: partners' differ by the fit's rounding */
+    TOP_MOST = 300;                 /* ln of a growth whose square, e^600, is finite */
+
 static int by_magnitude(const void *a, const void *b)
 {
     const struct identify_harmonic *p = a, *q = b;
@@ -34,7 +39,7 @@ static bool same_frequency(double complex lambda, double period, int j, int k)
     double a = fabs(signed_frequency(lambda, period, j)),
            b = fabs(signed_frequency(lambda, period, k));
 
-    return fabs(a - b) < 1e-9 * 2 * M_PI / period;
+    return fabs(a - b) < SAME * 2 * M_PI / period;
 }
 
 void harmonics_choose(struct identify_harmonic *list, int count, double complex lambda,
@@ -44,7 +49,7 @@ void harmonics_choose(struct identify_harmonic *list, int count, double complex 
 
     qsort(list, count, sizeof *list, by_magnitude);
     *resolved = 0, *runner_up = 0;
-    for (int i = 1; i < count && list[i].magnitude >= (1 - 1e-6) * list[0].magnitude; i++) {
+    for (int i = 1; i < count && list[i].magnitude >= (1 - TIED) * list[0].magnitude; i++) {
         double f = fabs(signed_frequency(lambda, period, list[i].k)),
                g = fabs(signed_frequency(lambda, period, list[best].k));
         bool same = same_frequency(lambda, period, list[i].k, list[best].k);
@@ -71,7 +76,7 @@ static void add_power(const double complex *b, size_t stride, int p, double comp
     for (int n = 0; n < p; n++)
         a[n] = b[n * stride] * exp(growth * n - top) * CMPLX(cos(turn * n), sin(turn * n)) / p;
     fftw_execute(plan);
-    top = top < 300 ? exp(top) : 1;
+    top = top < TOP_MOST ? exp(top) : 1;
     for (int k = 0; k < p; k++)
         power[k] += (creal(a[k]) * creal(a[k]) + cimag(a[k]) * cimag(a[k])) * top * top;
 }

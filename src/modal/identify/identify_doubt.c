@@ -13,7 +13,8 @@
 static const double
     NEIGHBOUR = 0.05,                   /* of the frequency: poles this near may be one mode that
                                          * changes (merge.c) */
-    SAME_SHAPE = 0.9;                   /* the square of the cosine between two of one mode */
+    SAME_SHAPE = 0.9,                   /* the square of the cosine between two of one mode */
+    ORBIT_LEAST = 0.01;                 /* of the energy: less may be what others leave */
 
 /* A multiplier of 1 that is no offset, in a periodic system: the orbit itself. */
 static bool has_orbit(const struct work *w, const struct identify_result *r)
@@ -28,8 +29,8 @@ static bool has_orbit(const struct work *w, const struct identify_result *r)
                                    * (isfinite(m->std_multiplier) ? m->std_multiplier
                                           : isfinite(m->bar)      ? m->bar
                                                                   : 0)));
-        found |=
-            fabs(creal(m->multiplier) - 1) <= bar && cimag(m->multiplier) == 0 && m->energy > 0.01;
+        found |= fabs(creal(m->multiplier) - 1) <= bar && cimag(m->multiplier) == 0
+            && m->energy > ORBIT_LEAST;
     }
     return found;
 }

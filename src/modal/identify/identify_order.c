@@ -16,7 +16,10 @@ enum {
                                          * triplets is not refined before they are doubled; it is
                                          * thrown away, and costs seconds */
 };
-static const double SPARING = 0.6;      /* of the independent numbers */
+static const double
+    SPARING = 0.6,                      /* of the independent numbers */
+    LOW_BIC = 20,                       /* odds of e^10 that more poles are there, */
+    LOW_LEFT = 0.7;                     /* which leave half of the energy that fewer did */
 
 /* Multiplications (refine.h). */
 static const double
@@ -496,7 +499,8 @@ enum modal_status work_look_above(struct work *w, struct modal_error *err)
         reals += pole_order(fit->lambda[j], w->tau) == 1;
     for (int j = 0; j < count; j++)
         more += pole_order(lambda[j], w->tau) == 1;
-    w->facts.rank_low = above.bic < fit->bic - 20 && above.residual < 0.7 * fit->residual;
+    w->facts.rank_low = above.bic < fit->bic - LOW_BIC
+        && above.residual < LOW_LEFT * fit->residual;
     w->facts.cut_pair = w->facts.rank_low && more < reals;
     refined_done(&above);
     return MODAL_OK;

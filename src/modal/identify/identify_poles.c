@@ -16,7 +16,11 @@ static const double
                                          * channels of much noise spoilt the start, are repeated
                                          * while they shrink */
     STEP_MOST = 1e4;                    /* past it they are not believed */
-enum { STEPS = 4 };                     /* passes at most */
+enum {
+    STEPS = 4,                          /* passes at most */
+    TENTHS = 10                         /* of the columns, one is left out (projection.h) */
+};
+static const double KNOWN = 1e-9;       /* of a pole: nine digits, as below */
 
 /* Steps over all channels until one is short; the last leaves its start in p->lambda and its end in
  * step->lambda.  Where they do not shrink the standard deviations are as long as the step that was
@@ -94,7 +98,7 @@ static bool ill_determined(const struct work *w)
     bool ill = false;
 
     for (int j = 0; j < p->count; j++)
-        ill |= p->lambda[j] != 0 && !(p->std_re[j] <= 1e-9 * cabs(p->lambda[j]));
+        ill |= p->lambda[j] != 0 && !(p->std_re[j] <= KNOWN * cabs(p->lambda[j]));
     return ill && w->refine && !w->rec.wide
         && w->choice.candidates[w->choice.chosen].fit.residual
         <= WORK_ROUNDING * safe_matrix_norm(w->data.Y);
@@ -128,7 +132,8 @@ enum modal_status work_take_poles(struct work *w, struct modal_error *err)
     if (ill_determined(w))
         rc = polish_poles(&w->data, p->lambda, n, p->std_re, p->std_im, err);
     if (rc == MODAL_OK && w->projected && n > 0) {
-        int columns = w->shift > 1 || w->projection.n < 20 ? 1 : w->projection.n / 10;
+        int columns = w->shift > 1 || w->projection.n < 2 * TENTHS ? 1
+            : w->projection.n / TENTHS;
         rc = projection_bars(&w->projection, r, columns, w->tau, p->lambda, n, p->bar, err);
     }
     if (w->rec.wide && rc == MODAL_OK)

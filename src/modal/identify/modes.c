@@ -42,6 +42,9 @@
 /* How far two poles may be apart modulo i Omega and still be one mode, in units of Omega, beside
  * five standard deviations. */
 static const double FOLD_APART = 2e-3;
+/* An offset is the same at all phases. */
+static const double OFFSET_EXACT = 1e-6;    /* of it, where there is no noise, */
+static const double OFFSET_SIGMAS = 6;      /* errors of its coefficients, where there is */
 
 struct work {
     const struct record *rec;
@@ -175,7 +178,8 @@ static bool same_at_all_phases(const struct work *w, int j)
             size += mean * mean;
         }
     }
-    return sqrt(spread) <= 1e-6 * sqrt(size) + 6 * noise * sqrt((double)w->rec->channels * p);
+    return sqrt(spread) <= OFFSET_EXACT * sqrt(size)
+        + OFFSET_SIGMAS * noise * sqrt((double)w->rec->channels * p);
 }
 
 /* The one real pole that is zero within its error, if nothing else is near it; -1: none. */

@@ -43,6 +43,8 @@ static const double SCARCE_MOST = 0.95;             /* as refine.c */
 /* a step that is this part of every real and imaginary part is the last */
 static const double CLOSE = 1e-10;
 static const double STEP_MOST = 30;                /* a longer first step: the start was not near */
+static const double TURN_MOST = 3;                 /* rad over the window: half of refine.c's */
+static const double TURN_LEAST = 1e-12;            /* rad a row: a pair that turns less is none */
 static const double SPAN = 4e-5;                   /* x: x^2 / 2 is then 1e-9 of a standard error */
 enum {
     STEPS = 14,                     /* a fit that has not settled then is none */
@@ -189,8 +191,7 @@ static void set_weights(struct work *w)
 static bool regular(const struct work *w)
 {
     for (int j = 0; j < w->q; j++)
-        if (!(fabs(w->T[j + j * w->ld])
-              > 32 * DBL_EPSILON * cblas_dnrm2(j + 1, w->T + j * w->ld, 1)))
+        if (qr_dependent(w->T + j * w->ld, j))
             return false;
     return true;
 }
@@ -359,7 +360,7 @@ static bool newton(struct work *w)
     memcpy(w->delta, w->J + (size_t)w->P * (size_t)P, sizeof(double) * (size_t)w->P);
     cblas_dtrsv(CblasColMajor, CblasUpper, CblasNoTrans, CblasNonUnit, w->P, w->J, P, w->delta, 1);
     for (int i = 0; i < w->P; i++)
-        if (!isfinite(w->delta[i]) || fabs(w->delta[i]) * w->L > 3)
+        if (!isfinite(w->delta[i]) || fabs(w->delta[i]) * w->L > TURN_MOST)
             return false;
     return true;
 }
@@ -376,7 +377,7 @@ static bool take_step(const struct work *w, double complex *lambda)
             continue;
         if (w->kind[j] == POLE_PAIR)
             im += w->delta[p + 1] / tau;
-        if (w->kind[j] == POLE_PAIR && !(im * tau > 1e-12 && im * tau < M_PI))
+        if (w->kind[j] == POLE_PAIR && !(im * tau > TURN_LEAST && im * tau < M_PI))
             return false;
         lambda[j] = CMPLX(creal(lambda[j]) + w->delta[p] / tau, im);
     }

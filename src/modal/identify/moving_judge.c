@@ -16,7 +16,11 @@
 #include "modal/identify/parts.h"
 
 static const double LIKELY = 0.5;       /* of a pair's price: refined, it may pay */
-enum { EDGE_SAMPLES = 2 };              /* at either end, which have no line in a spectrum */
+enum {
+    EDGE_SAMPLES = 2,                   /* at either end, which have no line in a spectrum */
+    PART_LEAST = 8                      /* samples that have a spectrum */
+};
+static const double MOVED = 3;          /* rad or e-foldings over the window, as order_improve.c */
 /* of a parameter's price: a constant that might rather decay; its gain is known to first order */
 static const double MOVES = 0.8;
 /* times what rounding leaves of a sum of squares: four in amplitude */
@@ -31,7 +35,7 @@ enum reason judge_fit(const struct job *j, const struct moving_fit *f)
         return NOT_SETTLED;
     for (int i = 0; i < f->poles; i++) {
         double size = cabs(f->lambda[i]), error = hypot(f->std_re[i], f->std_im[i]);
-        if (!isfinite(error) || (size * record > 3 && error > 0.5 * size))
+        if (!isfinite(error) || (size * record > MOVED && error > 0.5 * size))
             return UNDETERMINED;
         if (pole_kind(f->lambda[i], j->m->opt.dt) == POLE_REAL && f->lambda[i] != 0
             && fabs(creal(f->lambda[i])) < 8 * f->std_re[i])
@@ -203,7 +207,7 @@ static bool plans(struct moving *m)
     if (m->x == NULL)
         m->x = fftw_alloc_real((size_t)m->L), m->X = fftw_alloc_complex((size_t)m->L / 2 + 1);
     for (int i = 0, n = m->L; m->x != NULL && m->X != NULL && i < 3; i++, n /= 4)
-        if (m->plan[i] == NULL && n >= 8)
+        if (m->plan[i] == NULL && n >= PART_LEAST)
             m->plan[i] = fftw_plan_dft_r2c_1d(n, m->x, m->X, FFTW_ESTIMATE);
     return m->plan[0] != NULL;
 }
@@ -349,7 +353,7 @@ static bool wants_a_pair(const struct job *j, const struct moving_fit *f, const 
         if (gain_of_samples(j, f, E, 0, count) > limit
             || gain_of_samples(j, f, E, m->L - count, count) > limit)
             return true;
-    for (int i = 0, n = m->L; i < 3 && n >= 8; i++, n /= 4)
+    for (int i = 0, n = m->L; i < 3 && n >= PART_LEAST; i++, n /= 4)
         for (int first = 0; first <= m->L - n; first += i > 0 ? m->L - n : 1)
             if (largest_gain(j, f, E, first, n, m->plan[i], true, gains, i == 0 ? power : NULL)
                     > limit

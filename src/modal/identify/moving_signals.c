@@ -21,6 +21,7 @@ enum {
     STEPS_MOST = 24,                /* of orthogonal iteration; then the window is decomposed */
     STEPS_LOOK = 3                  /* between looks at the residual */
 };
+static const double SHRINKS = 0.3;      /* in STEPS_LOOK, or all of STEPS_MOST would not do */
 enum { TILE = 16 };                     /* samples and channels that are turned at once */
 /* least diagonal of a triangle of unit channels that single precision is enough for */
 static const double SINGLE = 1e-4;
@@ -239,7 +240,7 @@ static enum modal_status iterate(const struct matrix *A, struct matrix *V, doubl
         if (rc == MODAL_OK)
             rc = ritz(A, V, &U, s, &residual, err);
         *done = residual <= SETTLED;
-        if (!*done && !(residual < 0.3 * before))
+        if (!*done && !(residual < SHRINKS * before))
             break;
     }
     free(U.x);

@@ -7,6 +7,9 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* rad or e-foldings over the record: a pole that moves less is known by its size, not its share */
+static const double MOVED = 3;
+
 /* Is candidate AT a better fit than the best, its pole J still what a real pole could stand for? A
  * pair that turns by a whole circle in its life 1 / |a| shows two columns to a pencil: one that
  * ends there went to a mode that is in the fit already, and splits it. */
@@ -146,7 +149,7 @@ static int undetermined(const struct climb *c, const struct refined *fit)
 
     for (int j = 0; j < fit->poles; j++) {
         double size = cabs(fit->lambda[j]), error = hypot(fit->std_re[j], fit->std_im[j]);
-        if (size * record > 3 && error > size
+        if (size * record > MOVED && error > size
             && (worst < 0 || error > hypot(fit->std_re[worst], fit->std_im[worst])))
             worst = j;
     }

@@ -22,6 +22,10 @@
 
 enum { ITERATIONS = 40 };                 /* from the nine digits of a fit in double precision */
 static const double COST_MOST = 2e7;      /* L S P^2 of one evaluation */
+static const long double
+    DAMPING_FIRST = 1e-3L,                /* of Levenberg and Marquardt: it begins near */
+    DAMPING_MOST = 1e6L,                  /* no step gains: the minimum, to rounding */
+    FALL_LEAST = 1e-9L;                   /* of F: so much for another step */
 
 struct work {
     const struct matrix *Y;
@@ -232,12 +236,12 @@ static bool move(struct work *w, long double mu, const long double *x, long doub
 /* Down from x, in place; the sum of squares there, N as of x. */
 static long double descend(struct work *w, long double *x, long double *trial)
 {
-    long double F = evaluate(w, x), mu = 1e-3L;
+    long double F = evaluate(w, x), mu = DAMPING_FIRST;
 
-    for (int i = 0; i < ITERATIONS && F < HUGE_VALL && mu < 1e6L; i++) {
+    for (int i = 0; i < ITERATIONS && F < HUGE_VALL && mu < DAMPING_MOST; i++) {
         long double next = move(w, mu, x, trial) ? evaluate(w, trial) : HUGE_VALL;
         if (next < F) {
-            bool settled = F - next <= 1e-9L * F;
+            bool settled = F - next <= FALL_LEAST * F;
             memcpy(x, trial, sizeof(long double) * 2 * (size_t)w->count);
             F = next, mu /= 8;
             if (settled)

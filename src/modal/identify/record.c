@@ -42,7 +42,11 @@
 #include "modal/linalg/svd.h"
 
 enum { LAGRANGE = 10 };             /* points of the interpolation between samples */
-static const double ATTENUATION = 90;    /* dB */
+enum { TILE = 32 };                 /* samples and channels that are turned at once */
+static const double
+    ATTENUATION = 90,               /* dB */
+    ATTENUATION_LEAST = 30,         /* of a short record's filter: what is outside leaks by 3 % */
+    KAISER_STEEP = 50;              /* from there on beta is linear in it [OS89] */
 static const double INTEGER = 1e-6;      /* |T/dt - p| <= INTEGER * p counts as an integer */
 
 const char *const identify_detrend_names[DETREND_COUNT + 1] = { "none", "mean", "linear", NULL };
@@ -220,16 +224,16 @@ static enum modal_status copy_columns(const struct batch *b, size_t first, size_
     if (r->Y.x == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "record: no memory for %d samples of %d channels",
                           L, r->channels);
-    for (int k0 = 0; k0 < L; k0 += 32) {
-        for (int c0 = 0; c0 < r->channels; c0 += 32)
-            for (int c = c0; c < r->channels && c < c0 + 32; c++)
-                for (int k = k0; k < L && k < k0 + 32; k++)
+    for (int k0 = 0; k0 < L; k0 += TILE) {
+        for (int c0 = 0; c0 < r->channels; c0 += TILE)
+            for (int c = c0; c < r->channels && c < c0 + TILE; c++)
+                for (int k = k0; k < L && k < k0 + TILE; k++)
                     r->Y.x[k + (size_t)c * L] =
                         b->signals[(first + k) * b->channels + r->channel[c]];
-        rows += L - k0 < 32 ? (size_t)(L - k0) : 32;
-        if (rows >= most || k0 + 32 >= L)
-            give_back(b, first + (size_t)k0 + (L - k0 < 32 ? (size_t)(L - k0) : 32), rows),
-                rows = 0;
+        size_t tall = L - k0 < TILE ? (size_t)(L - k0) : TILE;
+        rows += tall;
+        if (rows >= most || k0 + TILE >= L)
+            give_back(b, first + (size_t)k0 + tall, rows), rows = 0;
     }
     return MODAL_OK;
 }
@@ -363,14 +367,14 @@ static enum modal_status plan_zoom(const double band[2], double fs, int L, struc
     z->taps = (int)fmin(taps, most);
     if (taps > most) {
         A = 2.285 * 2 * M_PI * z->transition / fs * (most - 1) + 7.95;
-        if (A < 30)
+        if (A < ATTENUATION_LEAST)
             return modal_fail_field(err, MODAL_BAD_INPUT, "band",
                                     "band [%g, %g] Hz: %d samples are too few to filter it out; "
                                     "accepted: a wider band or a longer record",
                                     band[0], band[1], L);
     }
     z->attenuation = A;
-    beta = A > 50 ? 0.1102 * (A - 8.7) : 0.5842 * pow(A - 21, 0.4) + 0.07886 * (A - 21);
+    beta = A > KAISER_STEEP ? 0.1102 * (A - 8.7) : 0.5842 * pow(A - 21, 0.4) + 0.07886 * (A - 21);
     z->w = malloc(sizeof *z->w * z->taps);
     if (z->w == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "record: no memory for a filter of %d samples",

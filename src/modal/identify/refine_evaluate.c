@@ -10,7 +10,8 @@
 #include "modal/linalg/qr.h"
 
 enum {
-    PANEL_ENTRIES = 1 << 16,        /* of Y at a time */
+    PANEL_ENTRIES = 1 << 16,        /* of Y at a time, */
+    PANEL_LEAST = 4,                /* but so many columns: one read of Q serves all of them */
     REFLECT = 64,                   /* columns of a block of LAPACK's QR */
     TALL = 4096                     /* rows from which a triangle is made by blocks of them */
 };
@@ -71,7 +72,7 @@ static bool work_plan(struct work *w, bool whole)
     double L = w->L;
 
     w->panel = PANEL_ENTRIES / w->L;
-    w->panel = w->panel < 4 ? 4 : w->panel;
+    w->panel = w->panel < PANEL_LEAST ? PANEL_LEAST : w->panel;
     w->panel = w->panel > S ? S : w->panel;
     w->doubled = whole && doubling_pays(w->L, n, S);
     if (w->doubled) {
@@ -161,10 +162,8 @@ void refine_fill_basis(struct work *w, const struct point *at)
 /* Is Phi numerically of full rank? */
 bool refine_regular(const struct work *w)
 {
-    int k = w->most_columns;
-
     for (int j = 0; j < w->order; j++)
-        if (!(fabs(w->R[j + j * k]) > 32 * DBL_EPSILON * cblas_dnrm2(j + 1, w->R + j * k, 1)))
+        if (qr_dependent(w->R + j * w->most_columns, j))
             return false;
     return true;
 }

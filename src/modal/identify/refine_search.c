@@ -12,7 +12,10 @@ static const double
                                      * finite */
     DECAY_MOST = 36,                /* ln of the fastest decay in one step: below it a column is its
                                      * first entry */
-    SETTLED = 1e-10;                /* standard errors between a settled answer and the minimum */
+    SETTLED = 1e-10,                /* standard errors between a settled answer and the minimum */
+    TURN_MOST = 6,                  /* rad over the record in a step: one line of its spectrum */
+    FALL_LEAST = 1e-9,              /* of F: what falls by less may be rounding */
+    WEIGHTS_SETTLED = 0.02;         /* of a weight, from one round to the next */
 enum {
     ITERATIONS = 60,                /* where the options name none */
     FAILURES_MOST = 12,             /* of steps in a row */
@@ -155,7 +158,7 @@ void refine_take_step(const struct work *w, const struct point *from, const doub
 
     for (int i = 0; i < w->parameters; i++)
         most = fmax(most, fabs(delta[i]) * w->L);
-    scale = most > 6 ? 6 / most : 1;
+    scale = most > TURN_MOST ? TURN_MOST / most : 1;
     for (int j = 0; j < w->count; j++) {
         int p = w->first[j];
         to->a[j] = from->a[j], to->b[j] = from->b[j];
@@ -319,7 +322,7 @@ static enum modal_status try_step(struct work *w, struct search *s, struct dampi
         damp_more(d);
         return MODAL_OK;
     }
-    *still = fall <= 1e-9 * s->now.F && is_rounding(w, &s->next);
+    *still = fall <= FALL_LEAST * s->now.F && is_rounding(w, &s->next);
     swap_in(s);
     damp_less(d, fall / promise);
     return MODAL_OK;
@@ -403,7 +406,7 @@ enum modal_status refine_search(struct work *w, struct search *s,
     if (opt->gain > 0)
         opt->rival = r->start_bic - opt->gain;
     for (int round = 0; round < ROUNDS; round++) {
-        if (set_weights(w, s->now.rss, opt->equal_noise) < 0.02 && round > 0)
+        if (set_weights(w, s->now.rss, opt->equal_noise) < WEIGHTS_SETTLED && round > 0)
             break;
         if (w->parameters == 0 || w->look) {
             *end = w->look ? REFINE_LOOKED : REFINE_CONVERGED;

@@ -20,7 +20,14 @@ enum {
     PLATEAUS = 2,                           /* that are a finding, as above */
     ROWS = 64                               /* of a file mapped that are held at a time */
 };
-static const double GRID_LEAST = 1e-4;      /* of the rms */
+static const double
+    GRID_LEAST = 1e-4,                      /* of the rms */
+    APART = 1e-9,                           /* of the range: less is the rounding of one value */
+    OFF = 1e-3;                             /* of a step, or of many: no multiple, as above */
+enum {
+    STEPS_LEAST = 3,                        /* that a grid has: two make one by chance */
+    SAMPLES_LEAST = 3                       /* that have anything wrong */
+};
 
 static int runs_at(const double *x, int L, double value)
 {
@@ -66,16 +73,16 @@ static bool look_for_grid(const double *x, int L, double rms, int channel,
     int off = 0, steps = 0;
 
     for (int k = 1; k < L; k++)
-        if (x[k] - x[k - 1] > 1e-9 * range)
+        if (x[k] - x[k - 1] > APART * range)
             step = fmin(step, x[k] - x[k - 1]);
     if (!(step > GRID_LEAST * rms) || !(range > 0))
         return false;
     for (int k = 1; k < L; k++) {
         double turns = (x[k] - x[k - 1]) / step;
         steps += turns > 0.5;
-        off += fabs(turns - nearbyint(turns)) > 1e-3 * fmax(1, turns);
+        off += fabs(turns - nearbyint(turns)) > OFF * fmax(1, turns);
     }
-    if (off > 0 || steps < 3)
+    if (off > 0 || steps < STEPS_LEAST)
         return false;
     identify_diagnose(
         result, "quantised", channel,
@@ -111,7 +118,7 @@ void screen_samples(const struct batch *b, struct identify_result *result)
         double most = read_channel(b, c, L, x), sum = 0;
         for (int k = 0; k < L && most > 0; k++)
             sum += (x[k] / most) * (x[k] / most);
-        if (L < 3 || most < DBL_MIN / DBL_EPSILON)
+        if (L < SAMPLES_LEAST || most < DBL_MIN / DBL_EPSILON)
             continue;
         memcpy(sorted, x, (size_t)L * sizeof *x);
         qsort(sorted, (size_t)L, sizeof *x, by_value);

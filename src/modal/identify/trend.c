@@ -34,7 +34,11 @@ enum {
     ROWS_LEAST = 48,               /* of a window: four for each of those */
     LONG = 20000                   /* rows from which on there are TREND_WINDOWS_LONG */
 };
-enum { CROWD_MOST = 32 };          /* poles of one mode that changes: work, and stack */
+enum {
+    CROWD_LEAST = 3,               /* poles near one another: a pair may be two modes */
+    CROWD_MOST = 32,               /* poles of one mode that changes: work, and stack */
+    WATCHED_LEAST = 3              /* windows that show how something goes on */
+};
 /* Of a crowd's energy, the least share of its one shape: as in identify_doubt.c's of two poles. */
 static const double ONE_SHAPE = 0.9;
 /* Exponents times rows below which the geometric series loses more digits than this. */
@@ -43,6 +47,8 @@ static const double
     EXACT = 1e-9,                  /* of the signals: what is left there is rounding */
     CHANGE = 1e-3,                 /* of a frequency, and of a window's rms: less is no matter */
     DAMPING_CHANGE = 0.25,         /* of a damping ratio */
+    DECAYS = 0.7,                  /* of the first window's amplitude is left in the last */
+    WANDERS = 0.2,                 /* of a frequency: what goes further is no amplitude's doing */
     TAU_LEAST = 0.7,               /* of 8 windows: 1.4 % of chance orders have more */
     WELL = 0.15,                   /* of a window's rms is left where decaying modes rebuild it, */
     POOR = 0.4,                    /* of the record's where they do not */
@@ -98,7 +104,7 @@ static bool crowd_about(const struct trend_input *in, double complex lambda)
 
     for (int j = 0; j < in->count; j++)
         near += in_crowd(in->lambda[j], lambda);
-    return near >= 3;
+    return near >= CROWD_LEAST;
 }
 
 /* sum_k conj(z_i^k) z_j^k of the columns of a fit, by the geometric series. */
@@ -301,7 +307,13 @@ static const double
     GROWS = 3,                     /* of a standard error */
     WEAK = 1e-3,                   /* of the energy */
     HARMONIC_WEAK = 0.05,          /* a harmonic of a nonlinearity: of its mode's energy, */
-    HARMONIC_NEAR = 5e-3;          /* and off its frequency */
+    HARMONIC_NEAR = 5e-3,          /* off its frequency, */
+    HARMONIC_DECAY = 0.3,          /* and off its decay rate */
+    MAINS_NEAR = 1e-3,             /* off a frequency of the mains: as far as grids let it go */
+    MAINS_DAMPING = 2e-4,          /* ratio: less than structures have */
+    DRIFT_SLOW = 1.5,              /* rad over the record: a quarter of a turn */
+    DRIFT_LEAST = 0.01;            /* of the energy */
+enum { MAINS_HARMONICS = 5 };      /* of the mains' frequency */
 /* Coincidences that a record of independent modes may be expected to have: one in twenty. */
 static const double HARMONIC_CHANCE = 0.05;
 
@@ -483,7 +495,7 @@ static void judge(const struct window *w, int n, bool good, struct identify_resu
          z = changes(w, n, damping_at, true, DAMPING_CHANGE);
     double tau_f = fabs(kendall(w, n, frequency_at)), tau_z = fabs(kendall(w, n, damping_at)),
            range = 0;
-    bool decays = w[n - 1].amplitude < 0.7 * w[0].amplitude;
+    bool decays = w[n - 1].amplitude < DECAYS * w[0].amplitude;
     char table[240];
 
     if (!f && !z)
@@ -491,7 +503,8 @@ static void judge(const struct window *w, int n, bool good, struct identify_resu
     for (int i = 1; i < n; i++)
         range = fmax(range, fabs(w[i].frequency - w[0].frequency) / w[0].frequency);
     write_table(w, n, table, sizeof table);
-    *follows = decays && range < 0.2 && ((f && tau_f >= TAU_LEAST) || (z && tau_z >= TAU_LEAST));
+    *follows = decays && range < WANDERS
+        && ((f && tau_f >= TAU_LEAST) || (z && tau_z >= TAU_LEAST));
     if (good && !*follows)
         return;
     if (f || decays)
@@ -564,7 +577,7 @@ static enum modal_status watch(const struct trend_input *in, bool good, double l
     enum modal_status rc = MODAL_OK;
     double *least;
 
-    if (n < 3)
+    if (n < WATCHED_LEAST)
         return MODAL_OK;
     least = malloc(sizeof *least * (size_t)in->X->n);
     if (least == NULL)
@@ -581,7 +594,7 @@ static enum modal_status watch(const struct trend_input *in, bool good, double l
     free(least);
     if (rc != MODAL_OK)
         return rc;
-    if (!is_driven(all, n, good, left, result) && count >= 3)
+    if (!is_driven(all, n, good, left, result) && count >= WATCHED_LEAST)
         judge(found, count, good, result, follows);
     return MODAL_OK;
 }
@@ -651,7 +664,7 @@ static int harmonic_of(const struct chance *c, const struct identify_mode *b,
 {
     int n = is_weak(b, a) ? multiple_of(b->exponent, a->exponent) : 0;
 
-    return n > 0 && fabs(creal(b->exponent) / creal(a->exponent) / n - 1) < 0.3
+    return n > 0 && fabs(creal(b->exponent) / creal(a->exponent) / n - 1) < HARMONIC_DECAY
         && by_chance(c, b, a, n) < HARMONIC_CHANCE ? n : 0;
 }
 
@@ -687,8 +700,8 @@ static void look_for_mains(struct identify_result *r)
     for (int i = 0; i < r->mode_count; i++)
         for (int m = 0; m < 2; m++) {
             double hz = cimag(r->modes[i].exponent) / (2 * M_PI), n = nearbyint(hz / mains[m]);
-            if (n >= 1 && n <= 5 && fabs(hz - n * mains[m]) < 1e-3 * mains[m]
-                && fabs(damping_ratio_of(r->modes[i].exponent)) < 2e-4)
+            if (n >= 1 && n <= MAINS_HARMONICS && fabs(hz - n * mains[m]) < MAINS_NEAR * mains[m]
+                && fabs(damping_ratio_of(r->modes[i].exponent)) < MAINS_DAMPING)
                 identify_diagnose(
                     r, "mains_line", -1,
                     "%.5g Hz is an undamped line at %g times %g Hz: mains, not a mode", hz, n,
@@ -720,7 +733,7 @@ static void look_for_drift(struct identify_result *r, double record)
     for (int i = 0; i < r->mode_count; i++)
         vibrates |= cimag(r->modes[i].exponent) * record > 4 * M_PI;
     for (int i = 0; i < r->mode_count && vibrates; i++)
-        if (cabs(r->modes[i].exponent) * record < 1.5 && r->modes[i].energy > 0.01) {
+        if (cabs(r->modes[i].exponent) * record < DRIFT_SLOW && r->modes[i].energy > DRIFT_LEAST) {
             identify_diagnose(r, "drift", -1,
                               "%.2g of the energy moves more slowly than the record of %g s: drift "
                               "or a rigid motion; its exponent says little, "

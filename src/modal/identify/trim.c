@@ -19,6 +19,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/linalg/qr.h"
 
 struct trim {
     const struct refine_data *data;
@@ -124,9 +125,7 @@ static int cheapest(struct trim *t, const struct trim_options *opt)
 /* Is column J in the span of those before it? */
 static bool dependent(const struct projected *p, int j)
 {
-    const double *column = p->R + (size_t)j * (size_t)p->order;
-
-    return !(fabs(column[j]) > 32 * DBL_EPSILON * cblas_dnrm2(j + 1, column, 1));
+    return qr_dependent(p->R + (size_t)j * (size_t)p->order, j);
 }
 
 /* Poles whose columns those before them span are dropped, one stays; how many were. */

@@ -37,8 +37,13 @@
 enum {
     BLOCK = 16,                     /* vectors that one pass over the data multiplies */
     BLOCKS_MOST = 12,               /* of K */
-    PANEL_BYTES = 1 << 21           /* of the data, in a cache at a time */
+    PANEL_BYTES = 1 << 21,          /* of the data, in a cache at a time, */
+    PANEL_LEAST = 16,               /* but so many rows or channels at least: as many as vectors */
+    SCALED_AT_ONCE = 512            /* channels: with BLOCK of them 64 kB on the stack */
 };
+static const double
+    PLAIN_LEAST = 1e-250,           /* of a sum of squares, that is no underflow */
+    PLAIN_MOST = 1e250;             /* and none that overflows once multiplied */
 static const double GUARD = 1e-6;      /* least s_i / s_1 that (2) is trusted with */
 /* margin over the edge of white noise: scaled channels carry unequal noise, whose edge lies higher
  * */
@@ -67,7 +72,7 @@ static int panel_rows(const struct wide *w)
 {
     int most = PANEL_BYTES / (int)sizeof(double) / w->S;
 
-    return most < 16 ? 16 : most;
+    return most < PANEL_LEAST ? PANEL_LEAST : most;
 }
 
 /* Rows k .. k+l-1 are read. */
@@ -92,7 +97,7 @@ static void gram_on_samples(const struct wide *w, const double *X, int b, double
 {
     int most = PANEL_BYTES / (int)sizeof(double) / w->L;
 
-    most = most < 16 ? 16 : most;
+    most = most < PANEL_LEAST ? PANEL_LEAST : most;
     memset(Z, 0, sizeof *Z * (size_t)w->L * (size_t)b);
     for (int c = 0; c < w->S; c += most) {
         int n = w->S - c < most ? w->S - c : most;
@@ -104,9 +109,9 @@ static void gram_on_samples(const struct wide *w, const double *X, int b, double
                         (int)w->stride, T + c, w->S, 1, Z, w->L);
             continue;
         }
-        double twice[BLOCK * 512];
-        for (int c2 = 0; c2 < n; c2 += 512) {
-            int n2 = n - c2 < 512 ? n - c2 : 512;
+        double twice[BLOCK * SCALED_AT_ONCE];
+        for (int c2 = 0; c2 < n; c2 += SCALED_AT_ONCE) {
+            int n2 = n - c2 < SCALED_AT_ONCE ? n - c2 : SCALED_AT_ONCE;
             for (int j = 0; j < b; j++)
                 memcpy(twice + j * n2, T + c + c2 + (size_t)j * (size_t)w->S,
                        (size_t)n2 * sizeof *twice);
@@ -645,7 +650,7 @@ enum modal_status wide_scales(const struct wide *w, double *scale, bool *varies,
     square_sums(w, NULL, scale);
     for (int c = 0; c < w->S; c++) {
         /* false for NaN, infinity, and what squares to nothing */
-        plain &= scale[c] > 1e-250 && scale[c] < 1e250;
+        plain &= scale[c] > PLAIN_LEAST && scale[c] < PLAIN_MOST;
     }
     *varies = has_variation(w);
     if (!plain)

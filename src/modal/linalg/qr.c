@@ -1,14 +1,17 @@
 /* qr.c - Householder QR by dgeqrf and dorgqr: backward stable, no Gram matrix */
 #include "modal/linalg/qr.h"
 #include <cblas.h>
+#include <float.h>
 #include <lapacke.h>
-#include <stdbool.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include "modal/linalg/svd.h"
 
 /* rows of a panel: with its triangle above it, it fits the second cache for some 100 columns */
 enum { PANEL_LEAST = 256 };
+/* of a column's length: a QR's rounding, and its bound's modest factor */
+static const double DEPENDENT = 32 * DBL_EPSILON;
 
 /* tau (n numbers, the caller frees) of the factored A, or NULL with ERR and *RC set. */
 static double *factor(struct matrix *A, enum modal_status *rc, struct modal_error *err)
@@ -132,4 +135,9 @@ void qr_reflect(struct matrix *A, int k, double *work)
         memset(v, 0, sizeof *v * (size_t)rows);   /* v has done its work: the column is beta e_1 */
         v[0] = beta;
     }
+}
+
+bool qr_dependent(const double *column, int j)
+{
+    return !(fabs(column[j]) > DEPENDENT * cblas_dnrm2(j + 1, column, 1));
 }

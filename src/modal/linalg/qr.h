@@ -1,6 +1,7 @@
 /* qr.h - Householder QR of a tall matrix */
 #ifndef MODAL_QR_H
 #define MODAL_QR_H
+#include <stdbool.h>
 #include "base/error.h"
 #include "modal/linalg/matrix.h"
 
@@ -24,4 +25,8 @@ enum modal_status qr_triangle(struct matrix *A, struct matrix *R, struct modal_e
  * preparations.  WORK has room for n numbers.
  */
 void qr_reflect(struct matrix *A, int k, double *work);
+
+/* Does column J of a triangle, its j + 1 entries COLUMN, lie in the span of those before it, to the
+ * rounding of its own length? */
+bool qr_dependent(const double *column, int j);
 #endif

@@ -36,6 +36,8 @@
 
 /* STATESPACE_RIGID and its rounding: a mode that was put there, and not one that is there */
 static const double RIGID_SEEN = 1.0001e-7;
+/* of a squared frequency, over the largest */
+static const double RIGID_ROUNDING = 8 * DBL_EPSILON;
 static const double WORK_FIRST = 3e8;   /* operations on vectors carried before windows: chosen */
 static const double WORK_ALL = 1e9;     /* the same, on as many vectors as there are states */
 enum {
@@ -105,7 +107,7 @@ static double rigid_rounding(const struct statespace *ss)
         largest = fmax(largest, ss->s[i]);
         least = fmin(least, ss->s[i]);
     }
-    return least <= RIGID_SEEN * largest ? 8 * DBL_EPSILON * largest * largest : 0;
+    return least <= RIGID_SEEN * largest ? RIGID_ROUNDING * largest * largest : 0;
 }
 
 /* Each 2 x 2 block [[0, s], [-a, -b]] has the roots of its own quadratic. */
@@ -189,19 +191,36 @@ static double complex exponent_of(double complex rho, double period)
     return CMPLX(log_modulus / period, angle / period);
 }
 
+/* What rigid modes' stiffness, which is 0 but for rounding, does in a period to an eigenvector X
+ * of the map: it stands in A over a scale that is small. */
+static double rigid_share(const struct statespace *ss, double period, const double complex *x)
+{
+    double square = 0, share = 0;
+
+    for (int i = 0; i < ss->n; i++)
+        square = fmax(square, ss->s[i] * ss->s[i]);
+    for (int i = 0; i < ss->n; i++) {
+        double k = fabs(ss->A[(size_t)(ss->n + i) + (size_t)i * (size_t)ss->N]) * ss->s[i];
+        if (k <= RIGID_ROUNDING * square)
+            share += cabs(x[i]) * (k + DBL_EPSILON * square) / ss->s[i] * period;
+    }
+    return share;
+}
+
 /* Eigenvalues of the monodromy matrix, mapped by Magnus steps. */
 static enum modal_status periodic(const struct statespace *ss, double period,
                                   const struct floquet_options *opt, struct floquet *f,
                                   struct modal_error *err)
 {
     size_t count = (size_t)ss->N * (size_t)ss->N;
-    double *Phi = malloc(count * sizeof *Phi + 1),
-           *condition = malloc((size_t)ss->N * sizeof *condition + 1), norm = 0, e = 0;
+    struct workspace space = { 0 };
+    double *Phi = workspace_zeros(&space, count, sizeof *Phi),
+           *condition = workspace_zeros(&space, (size_t)ss->N, sizeof *condition), norm = 0, e = 0;
+    double complex *V = workspace_zeros(&space, count, sizeof *V);
     struct matrix A = { ss->N, ss->N, ss->N, Phi };
     struct magnus *m = NULL;
     double tolerance = opt != NULL && opt->tolerance > 0 ? opt->tolerance : 1e-12;
-    enum modal_status rc =
-        Phi != NULL && condition != NULL ? magnus_new(ss, NULL, &m, err) : no_memory(err);
+    enum modal_status rc = space.failed ? no_memory(err) : magnus_new(ss, NULL, &m, err);
 
     f->substeps = 16;
     if (rc == MODAL_OK)
@@ -212,10 +231,12 @@ static enum modal_status periodic(const struct statespace *ss, double period,
     if (rc == MODAL_OK) {
         norm = norm_of(ss->N, Phi);
         e = fmax(f->error, DBL_EPSILON) * norm;  /* what Phi is off by */
-        rc = eigen_general(&A, f->multiplier, condition, NULL, err);
+        rc = eigen_general(&A, f->multiplier, condition, V, err);
     }
     for (int i = 0; rc == MODAL_OK && i < ss->N; i++) {
-        f->bar[i] = fmin(condition[i] * e, sqrt(e * norm));  /* as the opening has it */
+        double off = e + rigid_share(ss, period, V + (size_t)i * (size_t)ss->N);
+
+        f->bar[i] = fmin(condition[i] * off, sqrt(off * norm));  /* as the opening has it */
         /* else its logarithm is of rounding */
         f->resolved[i] = cabs(f->multiplier[i]) > f->bar[i];
         f->exponent[i] = f->resolved[i] ? exponent_of(f->multiplier[i], period) : 0;
@@ -223,8 +244,7 @@ static enum modal_status periodic(const struct statespace *ss, double period,
     f->periodic = true;
     f->period = period;
     magnus_free(m);
-    free(Phi);
-    free(condition);
+    workspace_free(&space);
     return rc;
 }
 

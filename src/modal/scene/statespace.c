@@ -49,8 +49,27 @@ static double *congruence(const struct statespace *ss, const struct sparse *X, d
     return x;
 }
 
+/* What pulsates of mode I's stiffness, all parts at their largest. */
+static double pulsating_stiffness(const struct statespace *ss, int i)
+{
+    const double *phi = ss->phi + (size_t)i * (size_t)ss->n;
+    double all = 0;
+
+    for (int h = 0; h < 2 * ss->p->harmonics; h++) {
+        const struct program_harmonic *a = &ss->p->harmonic[h / 2];
+        const struct sparse *K = h % 2 == 0 ? &a->cosine[PROGRAM_K] : &a->sine[PROGRAM_K];
+        double part = 0;
+        for (int r = 0; r < K->m; r++)
+            for (int e = K->start[r]; e < K->start[r + 1]; e++)
+                part += phi[r] * K->value[e] * phi[K->index[e]];
+        all += fabs(part);
+    }
+    return all;
+}
+
 /* Phi of the symmetric part of K, M-orthonormal, and the scales s: a rigid mode's, whose
- * frequency is 0, is a small share of the largest. */
+ * frequency is 0, is a small share of the largest, or what pulsates on it: else that over s
+ * were beyond all other entries of A. */
 static enum modal_status find_modes(struct statespace *ss, struct modal_error *err)
 {
     int n = ss->n, info;
@@ -77,7 +96,10 @@ static enum modal_status find_modes(struct statespace *ss, struct modal_error *e
     for (int i = 0; i < n; i++)
         largest = fmax(largest, sqrt(fabs(ss->s[i])));
     for (int i = 0; i < n; i++)
-        ss->s[i] = largest > 0 ? fmax(sqrt(fabs(ss->s[i])), STATESPACE_RIGID * largest) : 1;
+        ss->s[i] = fmax(fmax(sqrt(fabs(ss->s[i])), STATESPACE_RIGID * largest),
+                        sqrt(pulsating_stiffness(ss, i)));
+    for (int i = 0; i < n; i++)
+        ss->s[i] = ss->s[i] > 0 ? ss->s[i] : 1;
     return MODAL_OK;
 }
 

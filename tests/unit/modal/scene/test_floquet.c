@@ -459,6 +459,43 @@ TEST(a_period_of_more_steps_than_are_paid_for_is_answered_and_what_is_alike_is_s
     free(text);
 }
 
+/* Multipliers by DOP853 of scipy at 1e-13: what holds the chain pulsates about nothing. */
+TEST(a_pulsating_spring_alone_holds_a_chain_and_its_period_is_mapped)
+{
+    const double complex w[] = { -59.0904664826, 0.6142201909136 + 0.1484851752534 * I,
+                                 -0.1332869061359 + 0.4236530352663 * I,
+                                 -0.0571162112723 + 0.1307114920460 * I, -0.0136828197478 };
+    struct floquet f = floquet_text(
+        "{'structure':{'type':'chain','masses':[0.12,0.17,0.155,0.14],'springs':[0,1730,5520,5680,"
+        "0],'dampers':[0.5,0.4,1.2,1.3,0]},'omega':40,'effects':[{'type':'parametric_stiffness',"
+        "'dof':'x1','stiffness':1558,'k':1}]}");
+    const int place[] = { 0, 1, 3, 5, 7 };
+
+    CHECK(f.count == 8 && f.stable == FLOQUET_UNSTABLE);
+    for (int i = 0; i < 5; i++)
+        CHECK_NEAR(cabs(f.multiplier[place[i]] - w[i]), 0, 1e-9);
+    floquet_done(&f);
+}
+
+/* 1 is a double multiplier with one vector: rounding e parts it by sqrt(e), and its bars say so. */
+TEST(rigid_motion_of_a_small_chain_is_a_double_multiplier_of_one_within_its_bars)
+{
+    struct floquet f = floquet_text(
+        "{'structure':{'type':'chain','masses':[0.7,1.3,0.9,2.1],'springs':[0,1.1,3.7,0.6,0],"
+        "'dampers':[0,0.02,0.05,0.01,0]},'omega':1.3,'effects':[{'type':'parametric_stiffness',"
+        "'dof':'x2','to':'x3','stiffness':0.2,'k':1}]}");
+    int near = 0;
+
+    for (int i = 0; i < f.count; i++)
+        if (cabs(f.multiplier[i] - 1) < 1e-5) {
+            CHECK(cabs(f.multiplier[i] - 1) <= f.bar[i] && f.bar[i] < 1e-5);
+            near++;
+        } else
+            CHECK(f.bar[i] < 1e-10);
+    CHECK(near == 2 && f.stable == FLOQUET_UNDECIDED);
+    floquet_done(&f);
+}
+
 /* A chain that nothing holds keeps its place and its speed: 1 is a double multiplier with one
  * vector, which rounding parts. */
 TEST(rigid_motion_of_a_large_chain_is_a_double_multiplier_of_one)

@@ -295,6 +295,27 @@ def test_what_was_freed_goes_back_to_the_system_though_the_daemon_is_never_at_re
         asked_until(lambda grown: grown < 15, "memory stays as it was at its most")
 
 
+@pytest.mark.parametrize("body", [b"\x04PING", b"\x04PING\0"])
+@pytest.mark.parametrize("pieces", [1, 2, 7])
+def test_a_ping_that_is_cut_short_is_answered_with_nothing_of_the_daemons_memory(body, pieces):
+    """libzmq echoes 16 bytes behind it, which may be an address.  A whole PING is answered by what
+    came with it, a PONG by nothing, and neither ends the connection."""
+    with Daemon(workers=0) as d, connect(d) as s:
+        s.sendall(b"\x04\x0b\x04PING\0\x0aecho")
+        read_until(s, b"\x04\x09\x04PONGecho")
+        s.sendall(b"\x04\x05\x04PONG" + HELLO)
+        read_until(s, b'"store"')
+        cut = b"\x04" + bytes([len(body)]) + body
+        seen, size = b"", -(-len(cut) // pieces)
+        with contextlib.suppress(ConnectionResetError, BrokenPipeError):
+            for at in range(0, len(cut), size):
+                s.sendall(cut[at:at + size])
+                time.sleep(0.01)                 # each a read of its own
+            while more := s.recv(4096):
+                seen += more
+        assert b"PONG" not in seen and d.client().ask("HELLO").ok
+
+
 @pytest.mark.parametrize("size, count", [(1 << 20, 300), (250, 500000), (0, 4000000)])
 def test_a_message_without_an_end_ends_its_connection(size, count):
     """libzmq keeps frames until the last: 300 of 1 MiB were 300 MiB of memory.  A message may hold

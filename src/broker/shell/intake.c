@@ -1,5 +1,6 @@
 /*
- * intake.c - see intake.h: recv as libzmq's I/O thread calls it, and crypto_box_open
+ * intake.c - see intake.h: recv as libzmq's I/O thread calls it, crypto_box_open and
+ * crypto_box_open_afternm
  *
  * A ROUTER knows a connection by its routing id, which the other end may choose (the property
  * Identity of ZMTP's handshake).  Who chose that of another was then not heard, got what was still
@@ -16,6 +17,10 @@
  * that, so that there the count begins anew when the loop takes a message: up to INTAKE_WAITING of
  * them may wait beside the one that comes.  What never reaches the loop are heartbeats:
  * FORGIVEN is what one a second may take.
+ *
+ * A PING that ends before its time does is answered by libzmq with 16 bytes of its own memory
+ * behind it, addresses among them (4.3.4, process_heartbeat_message: the length of what is to be
+ * echoed wraps around).  Its connection is ended as well.
  */
 #include "broker/shell/intake.h"
 #include "broker/shell/accept.h"
@@ -49,6 +54,10 @@ enum {
     WAITING_MOST = INTAKE_WAITING * VALID_MOST + MESSAGE_MOST,
 };
 
+/* How a PING begins: its name behind the name's length.  Two bytes of a time follow (RFC 37). */
+static const unsigned char ping[] = { 4, 'P', 'I', 'N', 'G' };
+enum { PING_LEAST = sizeof ping + 2, NO_PING = 255 };
+
 /* Properties of a handshake: a byte of length, the name, four bytes of length, the value. */
 struct properties {
     enum { COMMAND, NAME_LENGTH, NAME, VALUE_LENGTH, VALUE } stage;
@@ -59,6 +68,8 @@ struct properties {
 struct intake {
     enum { UNKNOWN, GREETING, FLAGS, LENGTH, BODY, ENDED } stage;
     bool curve, first, more;                    /* first: the handshake's first frame */
+    /* of `ping` so far, in a frame that is too short for one; NO_PING: it is none such */
+    unsigned char pinged;
     unsigned char have;           /* bytes of the greeting; of the length, those that are missing */
     uint64_t left;                              /* of the frame */
     struct properties properties;
@@ -164,10 +175,19 @@ static void end_frame(struct intake *in)
 static void begin_frame(struct intake *in, unsigned char flags)
 {
     in->more = (flags & 1) != 0;
+    in->pinged = (flags & 4) != 0 ? 0 : NO_PING;
     in->have = (flags & 2) != 0 ? 8 : 1;
     in->left = 0;
     in->stage = LENGTH;
     in->held += FRAME_COST;
+}
+
+/* SIZE bytes more of a command that is too short for a PING; false: it is one all the same. */
+static bool is_no_ping(struct intake *in, const unsigned char *at, size_t size)
+{
+    for (; size > 0 && in->pinged < sizeof ping; at++, size--)
+        in->pinged = *at == ping[in->pinged] ? in->pinged + 1 : NO_PING;
+    return in->pinged != sizeof ping;
 }
 
 /* What there is of a frame's body; the bytes used. */
@@ -191,17 +211,22 @@ static bool follow(struct intake *in, unsigned char *at, size_t size)
 
     for (; size > 0; at += used, size -= used) {
         used = 1;
-        if (in->stage == BODY)
+        if (in->stage == BODY) {
+            if (!is_no_ping(in, at, size < in->left ? size : in->left))
+                return false;
             used = follow_body(in, at, size);
-        else if (in->stage == FLAGS)
+        } else if (in->stage == FLAGS)
             begin_frame(in, *at);
         else if (in->stage == GREETING) {
             if (!greeted(in, *at))
                 return false;
         } else {
             in->left = in->left << 8 | *at;
-            if (--in->have == 0)
+            if (--in->have == 0) {
                 in->stage = BODY;
+                if (in->left >= PING_LEAST)
+                    in->pinged = NO_PING;
+            }
             if (in->have == 0 && in->left == 0)
                 end_frame(in);
         }
@@ -269,4 +294,29 @@ int crypto_box_open(unsigned char *plain, const unsigned char *box, unsigned lon
     if (rc == 0 && size > BOX_ZEROS + VOUCHED)
         hide_identity(&properties, plain + BOX_ZEROS + VOUCHED, size - BOX_ZEROS - VOUCHED);
     return rc;
+}
+
+enum { INNER_COMMAND = 2 };                     /* of the flags before a MESSAGE's plain text */
+
+typedef int box_open_afternm(unsigned char *plain, const unsigned char *box,
+                             unsigned long long size, const unsigned char *nonce,
+                             const unsigned char *key);
+box_open_afternm crypto_box_open_afternm;
+
+int crypto_box_open_afternm(unsigned char *plain, const unsigned char *box,
+                            unsigned long long size, const unsigned char *nonce,
+                            const unsigned char *key)
+{
+    static box_open_afternm *sodium;
+    const unsigned char *flags = plain + BOX_ZEROS;
+
+    if (sodium == NULL)
+        *(void **)&sodium = dlsym(RTLD_NEXT, "crypto_box_open_afternm");
+    assert(sodium != NULL);
+    if (sodium(plain, box, size, nonce, key) != 0)
+        return -1;
+    if (size > BOX_ZEROS + sizeof ping && size < BOX_ZEROS + 1 + PING_LEAST
+        && (*flags & INNER_COMMAND) != 0 && memcmp(flags + 1, ping, sizeof ping) == 0)
+        return -1;                              /* as if it were forged */
+    return 0;
 }

@@ -14,16 +14,21 @@ static double seconds(clockid_t clock)
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
+double cost_cpu_s(void)
+{
+    return seconds(CLOCK_PROCESS_CPUTIME_ID);
+}
+
 void cost_start(struct cost *c)
 {
     memset(c, 0, sizeof *c);
     c->wall = seconds(CLOCK_MONOTONIC);
-    c->cpu = c->mark = seconds(CLOCK_PROCESS_CPUTIME_ID);
+    c->cpu = c->mark = cost_cpu_s();
 }
 
 void cost_stage(struct cost *c, const char *name)
 {
-    double now = seconds(CLOCK_PROCESS_CPUTIME_ID);
+    double now = cost_cpu_s();
     int i = 0;
 
     while (i < c->stages && strcmp(c->stage[i].name, name) != 0)
@@ -43,7 +48,7 @@ cJSON *cost_print(const struct cost *c)
     struct rusage use;
 
     json_set_number(cost, "wall_s", seconds(CLOCK_MONOTONIC) - c->wall);
-    json_set_number(cost, "cpu_s", seconds(CLOCK_PROCESS_CPUTIME_ID) - c->cpu);
+    json_set_number(cost, "cpu_s", cost_cpu_s() - c->cpu);
     stages = cJSON_AddObjectToObject(cost, "stages");
     for (int i = 0; i < c->stages; i++)
         json_set_number(stages, c->stage[i].name, c->stage[i].seconds);

@@ -14,6 +14,9 @@ struct cost {
     struct { const char *name; double seconds; } stage[COST_STAGES_MOST];
 };
 
+/* Processor seconds of this process so far. */
+double cost_cpu_s(void);
+
 /* The clocks of C from here on; no stage yet. */
 void cost_start(struct cost *c);
 /* What was done since the last mark belongs to stage NAME (a literal); a name that comes again adds

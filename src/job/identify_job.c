@@ -4,10 +4,9 @@
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
-#include <sys/resource.h>
-#include <time.h>
 #include <unistd.h>
 #include "job/blas_core.h"
+#include "job/cost.h"
 #include "job/identify_ladder.h"
 #include "modal/identify/exponents.h"
 
@@ -258,29 +257,16 @@ static cJSON *print_diagnostics(const struct identify_result *r)
 
 /* ---- cost and provenance ---- */
 
-struct meter { double wall, cpu; const struct job_request *request; };
-
-static double seconds(clockid_t clock)
+/* Its stages are the identification's own. */
+static cJSON *print_cost(const struct identify_result *r, struct cost *cost)
 {
-    struct timespec t;
-
-    clock_gettime(clock, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
-
-static cJSON *print_cost(const struct identify_result *r, const struct meter *start)
-{
-    cJSON *o = cJSON_CreateObject(), *stages;
-    struct rusage usage;
-
-    json_set_number(o, "wall_s", seconds(CLOCK_MONOTONIC) - start->wall);
-    json_set_number(o, "cpu_s", seconds(CLOCK_PROCESS_CPUTIME_ID) - start->cpu);
-    stages = cJSON_AddObjectToObject(o, "stages");
-    for (int i = 0; i < r->stage_count; i++)
-        json_set_number(stages, r->stages[i].name, r->stages[i].seconds);
-    getrusage(RUSAGE_SELF, &usage);
-    json_set_number(o, "peak_bytes", 1024.0 * (double)usage.ru_maxrss);
-    return o;
+    _Static_assert((int)IDENTIFY_STAGES <= (int)COST_STAGES_MOST, "room for all");
+    cost->stages = r->stage_count;
+    for (int i = 0; i < r->stage_count; i++) {
+        cost->stage[i].name = r->stages[i].name;
+        cost->stage[i].seconds = r->stages[i].seconds;
+    }
+    return cost_print(cost);
 }
 
 static cJSON *print_provenance(const struct job_request *q, const struct identify_result *r,
@@ -329,7 +315,7 @@ static cJSON *print_modes(const struct identify_result *r)
 }
 
 static cJSON *print_result(const struct job_request *q, const struct identify_result *r,
-                           const struct meter *start, int threads)
+                           struct cost *cost, int threads)
 {
     cJSON *o = print_modes(r);
 
@@ -346,7 +332,7 @@ static cJSON *print_result(const struct job_request *q, const struct identify_re
     cJSON_AddItemToObject(o, "proposed_window",
                           r->proposed[1] > 0 ? json_numbers(r->proposed, 2) : cJSON_CreateNull());
     cJSON_AddItemToObject(o, "diagnostics", print_diagnostics(r));
-    cJSON_AddItemToObject(o, "cost", print_cost(r, start));
+    cJSON_AddItemToObject(o, "cost", print_cost(r, cost));
     cJSON_AddItemToObject(o, "provenance", print_provenance(q, r, threads));
     return o;
 }
@@ -386,7 +372,7 @@ static enum modal_status climb(void *context, int i, double *error, struct modal
 static double cpu_seconds(void *context)
 {
     (void)context;
-    return seconds(CLOCK_PROCESS_CPUTIME_ID);
+    return cost_cpu_s();
 }
 
 static bool climb_stopped(void *context)
@@ -494,10 +480,11 @@ enum modal_status identify_by(const struct identify_settings *settings,
                               const struct job_request *request, struct job_result *out,
                               struct modal_error *err)
 {
-    struct meter start = { seconds(CLOCK_MONOTONIC), seconds(CLOCK_PROCESS_CPUTIME_ID), request };
     struct own_ladder *ladder = calloc(1, sizeof *ladder);
+    struct cost cost;
     enum modal_status rc;
 
+    cost_start(&cost);
     if (ladder == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for the ladder");
     ladder->request = request;
@@ -506,7 +493,7 @@ enum modal_status identify_by(const struct identify_settings *settings,
         struct identify_result *r = &ladder->answer[ladder->chosen];
         r->used.target_error = settings->opt.target_error,
         r->used.target_seconds = settings->opt.target_seconds;
-        out->result = print_result(request, r, &start, settings->threads);
+        out->result = print_result(request, r, &cost, settings->threads);
         cJSON_AddItemToObject(out->result, "ladder", print_ladder(ladder));
     }
     for (int i = 0; i < ladder->count; i++) {

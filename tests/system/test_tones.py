@@ -486,6 +486,63 @@ def test_a_sweep_over_what_is_no_tone_is_refused(sweep, tmp_path):
     assert said["error"]["field"].startswith("sweep")
 
 
+def test_what_balanced_before_a_set_grew_too_large_is_the_answer_with_its_error(tmp_path):
+    """A strong cubic between two masses of four: growth ends at some 300 combinations."""
+    M = np.diag([0.0196, 0.0118, 0.00205, 0.00719])
+    C = [[0.0044, -0.000409, 0, 0], [-0.000409, 0.00257, -0.000616, 0],
+         [0, -0.000616, 0.00262, -0.00174], [0, 0, -0.00174, 0.00268]]
+    K = [[1, -0.223, 0, 0], [-0.223, 0.559, -0.336, 0], [0, -0.336, 1.28, -0.946],
+         [0, 0, -0.946, 0.946]]
+    tones = [1, 2 ** 0.5]
+    scene = {"structure": {"type": "matrices", "M": M.tolist(), "C": C, "K": K,
+                           "dofs": ["x0", "x1", "x2", "x3"]},
+             "effects": [{"type": "cubic_spring", "dof": "x1", "to": "x3",
+                          "coefficient": 0.0198}],
+             "excitation": [{"dof": "x2", "k": [1, 0], "cos": 1},
+                            {"dof": "x2", "k": [0, 1], "cos": 0.834, "sin": -0.13}],
+             "steady": {"tones": tones, "stability": False}}
+    result = run("steady", scene, tmp_path)[1]
+    assert result["converged"] and result["diagnostics"][0]["code"] == "target_not_met"
+    each = lambda t, d: np.array([motion({**result, "harmonics": [h]}, np.array([t]), d)[0]
+                                  for h in result["harmonics"]])
+
+    def rate(t, y):
+        x, v = y[:4], y[4:]
+        f = np.array([0, -0.0198 * (x[1] - x[3]) ** 3, math.cos(t) + 0.834 * math.cos(tones[1] * t)
+                      - 0.13 * math.sin(tones[1] * t), 0.0198 * (x[1] - x[3]) ** 3])
+        return np.concatenate([v, (f - C @ v - K @ x) / M.diagonal()])
+    C, K = np.array(C), np.array(K)
+    marched = solve_ivp(rate, (0, 60), np.concatenate([each(0, 0), each(0, 1)]), "DOP853",
+                        [40, 50, 60], rtol=1e-9, atol=1e-9).y[:4].T
+    most = max(np.abs(x).max() for x in marched)
+    for t, x in zip([40, 50, 60], marched):
+        assert np.abs(x - each(t, 0)).max() <= 3 * result["total_error"] < 0.05 * most
+
+
+def test_ten_cubic_springs_of_a_chain_are_balanced_within_the_work_allowed(tmp_path):
+    scene = {"structure": {"type": "chain", "masses": [1] * 10, "springs": [1] * 10 + [0],
+                           "dampers": [0.05] * 10 + [0]},
+             "effects": [{"type": "cubic_spring", "dof": f"x{i + 1}", "coefficient": 0.3}
+                         for i in range(10)],
+             "excitation": [{"dof": "x1", "k": [1, 0], "cos": 0.3},
+                            {"dof": "x6", "k": [0, 1], "cos": 0.3}],
+             "steady": {"tones": [0.5, 0.5 * GOLDEN], "stability": False}}
+    result = run("steady", scene, tmp_path, "-o", "target.error=1e-3")[1]
+    assert result["converged"] and result["diagnostics"] == []
+    t, left = np.linspace(0, 300, 300), 0
+    x, v, a = ([motion({**result, "harmonics": [h]}, t, d) for h in result["harmonics"]]
+               for d in range(3))
+    for i in range(10):
+        force = 0.3 * np.cos(0.5 * t) * (i == 0) + 0.3 * np.cos(0.5 * GOLDEN * t) * (i == 5)
+        for j in [i - 1, i + 1]:
+            if j < 10:
+                other = x[j] if j >= 0 else 0 * t
+                rate = v[j] if j >= 0 else 0 * t
+                force += (other - x[i]) + 0.05 * (rate - v[i])
+        left = max(left, np.abs(a[i] + 0.3 * x[i] ** 3 - force).max())
+    assert left < 0.02 * 0.3
+
+
 def test_a_motion_locked_to_its_load_has_no_second_tone(tmp_path):
     result = run("steady", forced_van_der_pol(1.2), tmp_path, "-o", "tones=1.2,free")[1]
     assert not result["converged"] and "locked" in result["diagnostics"][0]["message"]

@@ -47,9 +47,7 @@ enum {
 };
 static const double TOLERANCE = 1e-9;     /* of a step, relative: below what lines are told to;
                                            * what it comes to is measured (check_steps) */
-static const double STEP = 4e3;           /* budget.h: a step of few states, measured */
-static const double SPLIT = 0.2;          /* of the steps have an event, and a map of their own */
-static const double MAP = 30;             /* products of a map: an exponential's */
+static const double SPLIT = 0.2;          /* of the steps have an event, and are two */
 static const double WAVE = 20;            /* budget.h: of a sample and an s, five passes */
 static const double FEW = 1e-3;           /* of a motion that is not the one balanced: where its
                                            * lines leave more of it, it is none of these tones */
@@ -419,14 +417,6 @@ static enum modal_status read_record(struct march *a, double wanted, struct toru
     return sort_lines(a, list, more, err);
 }
 
-/* What a step costs: products with its map, which is made anew where an event cuts the step. */
-static double step_price(const struct torus_solver *s)
-{
-    double states = 2.0 * s->p->n + s->p->n_linear;
-
-    return STEP + 2 * states * states + SPLIT * MAP * pow(states, 3) / BUDGET_DENSE;
-}
-
 /* The program's motion from the start over the outputs, into SIGNALS. */
 static enum modal_status record(struct march *a, struct scene_time *time, double *signals,
                                 struct modal_error *err)
@@ -452,9 +442,10 @@ static enum modal_status record(struct march *a, struct scene_time *time, double
         term[i] = (struct triplet) { 0, a->dofs[i], 1 };
         view.output[i] = (struct program_output) { view.dofs[a->dofs[i]], &term[i], 1 };
     }
-    how.steps_most = (int64_t)fmax((s->work->most - s->work->spent) / step_price(s), 1);
+    how.steps_most = (int64_t)fmax((s->work->most - s->work->spent) / torus_step_work(s), 1);
     rc = simulate(&view, time, &how, signals, &done, err);
-    budget_add(s->work, (double)(rc == MODAL_OK ? done.steps : how.steps_most) * step_price(s));
+    budget_add(s->work, torus_step_work(s)
+                            * (double)(rc == MODAL_OK ? done.steps : how.steps_most));
     return rc;
 }
 
@@ -548,7 +539,7 @@ static bool size_record(struct march *a, int N, int turns)
     wide = 2 * a->highest + 1;
     a->rows = t->count > 2 ? (wide * wide + 1) / 2 : a->highest + 1;
     a->start = turns / SETTLING * 2 * M_PI / t->omega[t->lead];
-    work = (all + 3.0 * CHECKED * N) * (1 + SPLIT) * step_price(a->s)
+    work = (all + 3.0 * CHECKED * N) * (1 + SPLIT) * torus_step_work(a->s)
         + WAVE * a->rows * samples * a->outputs;
     return samples * a->outputs <= NUMBERS_MOST && a->s->work->spent + work <= a->s->work->most;
 }

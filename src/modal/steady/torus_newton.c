@@ -469,10 +469,6 @@ static enum modal_status newton(struct torus_solver *s, bool *converged, struct 
     return rc;
 }
 
-/* What a step of a march costs, in budget.h's units: of few states 100 us where
- * each has a length of its own. */
-static double step_work(double states) { return 1e5 + 20 * states * states; }
-
 enum modal_status torus_record(struct torus_solver *s, struct scene_time *time, double *signals,
                                struct modal_error *err)
 {
@@ -480,8 +476,7 @@ enum modal_status torus_record(struct torus_solver *s, struct scene_time *time, 
     const int *kept = condense_dofs(s->condense[0]);
     struct simulate_options how = { .tolerance = MARCH_TOLERANCE, .cancelled = s->opt->cancelled,
                                     .context = s->opt->context,
-                                    .steps_most = (int64_t)(MARCH_WORK
-                                                            / step_work(program_states(s->p))) };
+                                    .steps_most = (int64_t)(MARCH_WORK / torus_step_work(s)) };
     struct simulate_result done = { 0 };
     struct triplet *term = calloc((size_t)s->q + 1, sizeof *term);
     enum modal_status rc;
@@ -500,8 +495,7 @@ enum modal_status torus_record(struct torus_solver *s, struct scene_time *time, 
         view.output[i] = (struct program_output) { view.dofs[kept[i]], &term[i], 1 };
     }
     rc = simulate(&view, time, &how, signals, &done, err);
-    budget_add(s->work, rc == MODAL_OK ? (double)done.steps * step_work(program_states(s->p))
-                                       : MARCH_WORK);
+    budget_add(s->work, rc == MODAL_OK ? (double)done.steps * torus_step_work(s) : MARCH_WORK);
     free(term);
     free(view.output);
     return rc;

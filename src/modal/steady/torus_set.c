@@ -10,6 +10,9 @@
 #include "modal/steady/torus_laws.h"
 
 static const double CONDENSING = 100;     /* budget.h's units, a dof and a column: measured */
+static const double STEP = 4e3;           /* budget.h: a step of few states, measured */
+static const double MAPS = 6;             /* products a step: an exponential's 30 for a map, of the
+                                           * fifth of all steps that an event cuts */
 
 enum modal_status torus_read_loads(struct torus_solver *s, struct modal_error *err)
 {
@@ -161,6 +164,13 @@ void torus_linear_solve(const struct torus_solver *s, const struct torus_linear 
 {
     if (s->q > 0 && l->pivot[0] > 0)
         LAPACKE_zgetrs_work(LAPACK_COL_MAJOR, 'N', s->q, 1, l->LU, s->q, l->pivot, x, s->q);
+}
+
+double torus_step_work(const struct torus_solver *s)
+{
+    double states = 2.0 * s->p->n + s->p->n_linear, maps = torus_smooth(s->laws) ? 0 : MAPS;
+
+    return STEP + 2 * states * states + maps * pow(states, 3) / BUDGET_DENSE;
 }
 
 bool torus_in_set(const struct torus_solver *s, struct torus_index k)

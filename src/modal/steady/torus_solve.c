@@ -81,6 +81,22 @@ static enum modal_status take_in(struct torus_solver *s, const struct torus_cand
     return rc;
 }
 
+/* Where a grown set led nowhere: what balanced before it grew, whose errors OUT still has, with its
+ * RESIDUAL and its free tone at OMEGA. */
+static enum modal_status go_back(struct torus_solver *s, double residual, double omega,
+                                 struct torus_point *out, struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+
+    memcpy(s->X, s->was, (size_t)s->q * (size_t)s->count * sizeof *s->X);
+    s->residual = residual;
+    if (s->tone.index >= 0)
+        rc = torus_tone_move(s, omega, 0, err);
+    torus_tone_keep(s);
+    out->converged = out->error < out->amplitude;      /* else nothing is known of it */
+    return rc;
+}
+
 /* How far the solution moved as the set grew last: what its truncation was before. */
 static enum modal_status moved(struct torus_solver *s, double *most, struct modal_error *err)
 {
@@ -107,10 +123,15 @@ static enum modal_status solve_grown(struct torus_solver *s, struct torus_point 
     for (int round = 0; rc == MODAL_OK && round < ROUNDS_MOST; round++) {
         struct torus_errors e = { 0 };
         double wanted, missed, went = 0;
+        double residual = s->residual, omega = s->tone.omega_kept;
         int count = 0, take;
         bool more_lines;
 
         rc = solve_round(s, list, &count, room, &e, out, err);
+        if (rc == MODAL_OK && !out->converged && round > 0) {
+            rc = go_back(s, residual, omega, out, err);
+            break;
+        }
         if (rc == MODAL_OK && out->converged && round > 0)
             rc = moved(s, &went, err);
         if (rc != MODAL_OK || !out->converged)

@@ -291,8 +291,8 @@ static void run_streams(int workers, int streams, double load, int hops)
     }
 }
 
-/* Of the windows that a stream had of MEASURED hops the least and the most, and how many of all were
- * gone on with, once each has had one. */
+/* The least and the most windows that a stream had in MEASURED hops, and how many of all were gone
+ * on with, once each has had one. */
 static void measure_turns(int workers, int streams, double load, int *least, int *most,
                           double *kept)
 {

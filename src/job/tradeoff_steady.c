@@ -325,6 +325,10 @@ static enum modal_status read_scene(const struct job_request *request, struct pr
     scene_only.options = NULL;
     if (rc == MODAL_OK)
         rc = steady_settings_read(&scene_only, *p, settings, shown, err);
+    if (rc == MODAL_OK && settings->tones_count > 0)
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "tones",
+                              "tones: no rung is of several tones; steady with target.error tells "
+                              "what each error costs");
     if (rc == MODAL_OK && !((*p)->omega > 0))
         rc = modal_fail_field(err, MODAL_BAD_INPUT, "omega",
                               "a steady state needs the scene's omega > 0");

@@ -18,8 +18,8 @@ GOLDEN = (1 + 5 ** 0.5) / 2
 def run(verb, scene, tmp_path, *options):
     path = pathlib.Path(tmp_path) / "scene.json"
     path.write_text(json.dumps(scene))
-    done = subprocess.run([str(BUILD / "bin" / "modalctl"), "--local", "--json", verb, str(path),
-                           *options], capture_output=True, text=True, env=environment(),
+    done = subprocess.run([str(BUILD / "bin" / "modalctl"), "--local", "--json", *verb.split(),
+                           str(path), *options], capture_output=True, text=True, env=environment(),
                           timeout=120)
     return done.returncode, json.loads(done.stdout)
 
@@ -546,6 +546,13 @@ def test_ten_cubic_springs_of_a_chain_are_balanced_within_the_work_allowed(tmp_p
 def test_a_motion_locked_to_its_load_has_no_second_tone(tmp_path):
     result = run("steady", forced_van_der_pol(1.2), tmp_path, "-o", "tones=1.2,free")[1]
     assert not result["converged"] and "locked" in result["diagnostics"][0]["message"]
+
+
+@pytest.mark.parametrize("more", [{}, {"omega": 1}])
+def test_a_tradeoff_does_not_take_tones_for_one_period(more, tmp_path):
+    status, said = run("tradeoff steady", {**oscillator(SPRING, [0.7, 1]), **more}, tmp_path)
+    assert status == 2 and said["error"]["field"] == "tones"
+    assert "several tones" in said["error"]["message"]
 
 
 @pytest.mark.parametrize("change,field", [

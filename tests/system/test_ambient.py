@@ -14,6 +14,8 @@ import sanitized
 from conftest import BUILD, decay, environment, write_batch
 
 pytest.importorskip("scipy.signal")
+import scipy.linalg
+import scipy.signal
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "bench"))
 import bench_ambient
 
@@ -56,6 +58,35 @@ def test_frequency_and_damping_are_at_the_bound_with_errors_that_cover_and_the_o
     rows = np.array(rows)
     assert 0.6 < np.mean(rows[:, 1:3] ** 2) < 1.45 and np.mean(np.abs(rows[:, 3:5]) < 1.96) > 0.88
     assert 0.9 < np.mean(rows[:, 5:7]) < 1.2
+
+
+@pytest.mark.parametrize("quantity", ["displacement", "velocity", "acceleration"])
+@pytest.mark.parametrize("noise", [0, 0.001, 0.1])
+def test_one_force_and_channels_without_noise_of_their_own_are_no_more_modes_than_there_are(
+        ctl, tmp_path, quantity, noise):
+    """Two masses, a white force held over each sample on the first of them: its acceleration has
+    the force itself in it.  A damping's error over its own std is 1, of 12 numbers; spectra of one
+    force are singular, and what the record's ends add is not.
+    """
+    K, hertz, errors = np.array([[3000., -1000], [-1000, 1000]]), [], []
+    w2, V = np.linalg.eigh(K)
+    C = V @ np.diag(0.02 * np.sqrt(w2)) @ V.T
+    A = np.block([[np.zeros((2, 2)), np.eye(2)], [-K, -C]])
+    both = scipy.linalg.expm(np.c_[np.r_[A, np.zeros((1, 4))], [0, 0, 1, 0, 0]] * 0.01)
+    row = {"displacement": np.eye(4)[:2], "velocity": np.eye(4)[2:],
+           "acceleration": A[2:]}[quantity]
+    direct = np.array([[quantity == "acceleration"], [0]])
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        _, Y, _ = scipy.signal.dlsim((both[:4, :4], both[:4, 4:], row, direct, 0.01),
+                                     rng.standard_normal(21000))
+        Y = Y[1000:] + noise * Y.std(0) * rng.standard_normal((20000, 2))
+        said = ctl("identify", write_batch(tmp_path / "a.h5", Y, dt=0.01), *AMBIENT).document
+        hertz.append([m["frequency_hz"] for m in said["modes"]])
+        errors += [(m["damping_ratio"] - 0.01) / m["std"]["damping_ratio"] for m in said["modes"]]
+    assert [len(h) for h in hertz] == [2, 2, 2], hertz
+    assert np.allclose(np.sort(hertz), np.sqrt(w2) / (2 * np.pi), rtol=0.01)
+    assert np.mean(np.square(errors)) < 3
 
 
 def test_amplitudes_are_the_rms_of_each_part_and_shapes_its_own(ctl, tmp_path):

@@ -249,8 +249,8 @@ static bool take_mains(struct work *w, const struct whittle_mode *q, const struc
 {
     double hertz = cabs(m->resolved) / (2 * M_PI);
 
-    if (w->periodic || (is_sound(w, q) && !is_line(w, q->lambda)) || mains_of(w, hertz) == 0
-        || w->line_count == AMBIENT_LINES_MOST)
+    if (w->periodic || (is_sound(w, q) && !is_line(w, m->exponent * w->step))
+        || mains_of(w, hertz) == 0 || w->line_count == AMBIENT_LINES_MOST)
         return false;
     w->line[w->line_count++] = (struct ambient_line) { hertz * w->sample,
                                                        m->amplitude * m->amplitude };
@@ -341,11 +341,11 @@ static enum modal_status report_modes(struct work *w, struct identify_result *ou
     for (int k = 0; rc == MODAL_OK && k < fit->count; k++) {
         const struct whittle_mode *q = &fit->mode[k];
         struct identify_mode *m = &out->modes[out->mode_count];
-        double complex lambda = CMPLX(creal(q->lambda), fabs(cimag(q->lambda))) / dt;
+        double complex lambda = whittle_exponent(q, w->spectrum.samples) / dt;
         *m = (struct identify_mode) {
             .exponent = lambda, .resolved = lambda, .multiplier = multiplier_of(lambda, w->span),
             .amplitude = amplitude_of(w, q->phi, v.row[k]), .persistence = NAN, .residual = NAN,
-            .std_re = is_line(w, q->lambda) || !is_sound(w, q) ? NAN : q->std_decay / dt,
+            .std_re = is_line(w, lambda * dt) || !is_sound(w, q) ? NAN : q->std_decay / dt,
             .std_im = is_sound(w, q) ? q->std_turn / dt : NAN, .runner_up = NAN };
         rc = resolve(w, q, moved, m, err);
         w->broad += !has_peak(m->resolved);
@@ -448,8 +448,7 @@ static enum modal_status report_orders(struct work *w, struct identify_result *o
             2 * r->count, price - 2 * r->likelihood, NAN, true, r->converged,
             r->count == a->model->count };
         for (int k = 0; k < r->count; k++) {
-            double complex z = CMPLX(creal(r->mode[k].lambda), fabs(cimag(r->mode[k].lambda)));
-            z /= w->step;
+            double complex z = whittle_exponent(&r->mode[k], w->spectrum.samples) / w->step;
             out->poles[out->pole_count++] = (struct identify_pole) { 2 * r->count, z, NAN, NAN,
                                                                      nearest_mode(out, z) };
         }

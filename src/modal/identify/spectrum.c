@@ -11,40 +11,24 @@ void spectrum_done(struct spectrum *s)
     memset(s, 0, sizeof *s);
 }
 
-/* Of the record's length, half of it at each end, where it is faded in and out by a cosine.  The
- * jump from its end to its beginning is one random vector seen at all lines at once, which the
- * likelihood of independent lines would take for a broad pole. */
 static const double
-    FADED = 0.05,                /* as above */
     BEYOND = 1.25,               /* of the end: what lies there shows that it does */
-    SQUARE = 3. / 8,             /* mean of the second power of that cosine */
-    FOURTH = 35. / 128;          /* and of the fourth */
+    FLOOR = 1e-3;                /* of a bin's energy, and so much of what it tells at most; above
+                                    what its width leaves where S is singular; see whittle.c */
 
 enum { LINES_FEW = 64 };         /* of a spectrum that can be asked */
-
-/* The weight of sample k. */
-static double fade(int k, int N)
-{
-    double part = fmin(k + 0.5, N - k - 0.5) / (FADED / 2 * N);
-
-    return part < 1 ? (1 - cos(M_PI * part)) / 2 : 1;
-}
 
 /* Of one channel after the other: the lines that are kept, over sqrt(samples). */
 static enum modal_status transform(const struct matrix *Y, struct spectrum *s,
                                    struct modal_error *err)
 {
     int N = Y->m;
-    double *x = fftw_alloc_real((size_t)N), scale = 0;
+    double *x = fftw_alloc_real((size_t)N), scale = 1 / sqrt(N);
     fftw_complex *X = fftw_alloc_complex((size_t)N / 2 + 1);
     fftw_plan plan = x != NULL && X != NULL ? fftw_plan_dft_r2c_1d(N, x, X, FFTW_ESTIMATE) : NULL;
 
-    for (int k = 0; k < N; k++)
-        scale += fade(k, N) * fade(k, N);
-    scale = 1 / sqrt(scale);
     for (int c = 0; plan != NULL && c < s->channels; c++) {
-        for (int k = 0; k < N; k++)
-            x[k] = fade(k, N) * Y->x[k + (size_t)c * Y->ld];
+        memcpy(x, Y->x + (size_t)c * Y->ld, sizeof *x * (size_t)N);
         fftw_execute(plan);
         for (int j = 0; j < s->lines; j++)
             s->F[(size_t)j * s->channels + c] = CMPLX(X[s->first + j][0] * scale,
@@ -61,7 +45,6 @@ enum modal_status spectrum_make(const struct matrix *Y, double end, struct spect
                                 struct modal_error *err)
 {
     int N = Y->m, last = (N - 1) / 2, samples = N;
-    double flat = 1 - FADED, square = flat + FADED * SQUARE, fourth = flat + FADED * FOURTH;
     enum modal_status rc;
 
     if (end > 0) {
@@ -72,8 +55,7 @@ enum modal_status spectrum_make(const struct matrix *Y, double end, struct spect
         return modal_fail_field(err, MODAL_BAD_INPUT, end > 0 ? "band" : "signals",
                                 "%d lines of the spectrum are left; at least %d are needed",
                                 last, LINES_FEW);
-    *out = (struct spectrum) { Y->n, samples, 1, last, FADED / 2 * samples,
-                               fourth / (square * square), NULL };
+    *out = (struct spectrum) { Y->n, samples, 1, last, NULL };
     out->F = malloc(sizeof *out->F * (size_t)out->lines * (size_t)out->channels);
     rc = out->F != NULL ? transform(Y, out, err)
                         : modal_fail(err, MODAL_NO_MEMORY, "spectrum: no memory for %d lines of %d "
@@ -87,7 +69,8 @@ enum modal_status spectrum_make(const struct matrix *Y, double end, struct spect
 
 void bins_done(struct bins *b)
 {
-    free(b->first), free(b->lines), free(b->from), free(b->to), free(b->mean), free(b->seen);
+    free(b->first), free(b->lines), free(b->from), free(b->to), free(b->mean), free(b->floor);
+    free(b->seen);
     memset(b, 0, sizeof *b);
 }
 
@@ -103,19 +86,27 @@ static int width_at(const struct spectrum *s, int j, const double complex *poles
     return (int)fmin(fmax(fmin(near, most), 1), s->lines - j);
 }
 
-static void average(const struct spectrum *s, int first, int lines, double complex *mean)
+/* The mean of bin B, its floor, and both as they are seen. */
+static void average(const struct spectrum *s, struct bins *out, int b)
 {
     int l = s->channels;
+    double complex *mean = out->mean + (size_t)b * l * l, *seen = out->seen + (size_t)b * l * l;
 
     memset(mean, 0, sizeof *mean * l * l);
-    for (int j = first; j < first + lines; j++) {
+    for (int j = out->first[b]; j < out->first[b] + out->lines[b]; j++) {
         const double complex *f = s->F + (size_t)j * l;
         for (int c = 0; c < l; c++)
             for (int r = 0; r < l; r++)
                 mean[r + l * c] += f[r] * conj(f[c]);
     }
     for (int i = 0; i < l * l; i++)
-        mean[i] /= lines;
+        mean[i] /= out->lines[b];
+    out->floor[b] = 0;
+    for (int i = 0; i < l; i++)
+        out->floor[b] += FLOOR / l * creal(mean[i * (l + 1)]);
+    memcpy(seen, mean, sizeof *seen * l * l);
+    for (int i = 0; i < l; i++)
+        seen[i * (l + 1)] += out->floor[b];
 }
 
 enum modal_status bins_make(const struct spectrum *s, const double complex *poles, int count,
@@ -127,13 +118,13 @@ enum modal_status bins_make(const struct spectrum *s, const double complex *pole
 
     for (int j = 0; j < s->lines; n++)
         j += width_at(s, j, poles, count, share, most);
-    *out = (struct bins) { n, s->channels, s->samples, s->fade, s->loss, malloc(sizeof(int) * n),
+    *out = (struct bins) { n, s->channels, s->samples, malloc(sizeof(int) * n),
                            malloc(sizeof(int) * n), malloc(sizeof(double) * n),
                            malloc(sizeof(double) * n),
-                           malloc(sizeof(double complex) * n * l2),
+                           malloc(sizeof(double complex) * n * l2), malloc(sizeof(double) * n),
                            malloc(sizeof(double complex) * n * l2) };
     if (out->first == NULL || out->lines == NULL || out->from == NULL || out->to == NULL
-        || out->mean == NULL || out->seen == NULL) {
+        || out->mean == NULL || out->floor == NULL || out->seen == NULL) {
         bins_done(out);
         return modal_fail(err, MODAL_NO_MEMORY, "spectrum: no memory for %d bins", n);
     }
@@ -142,9 +133,8 @@ enum modal_status bins_make(const struct spectrum *s, const double complex *pole
         out->lines[b] = width_at(s, j, poles, count, share, most);
         out->from[b] = (s->first + j - 0.5) * line;
         out->to[b] = out->from[b] + out->lines[b] * line;
-        average(s, j, out->lines[b], out->mean + (size_t)b * l2);
+        average(s, out, b);
         j += out->lines[b];
     }
-    memcpy(out->seen, out->mean, sizeof *out->seen * n * l2);
     return MODAL_OK;
 }

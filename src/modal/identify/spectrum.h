@@ -13,8 +13,6 @@
  */
 struct spectrum {
     int channels, samples, first, lines;
-    double fade;                          /* samples at each end that were faded in, and out */
-    double loss;                          /* factor of variances by that */
     double complex *F;                    /* owned */
 };
 
@@ -29,11 +27,11 @@ void spectrum_done(struct spectrum *s);
  * its Hermitian matrix by columns. */
 struct bins {
     int count, channels, samples;
-    double fade, loss;
     int *first, *lines;
     double *from, *to;                    /* rad a sample: half a line beyond its own lines */
     double complex *mean;
-    double complex *seen;                 /* as mean; corrected for the ends of the record */
+    double *floor;                        /* on every channel: a share of their energy */
+    double complex *seen;                 /* mean and floor; see whittle_correct() */
 };
 
 /*

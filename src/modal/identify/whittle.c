@@ -13,17 +13,20 @@
  * form that is not lets the likelihood grow without end where a bin holds fewer lines than there
  * are channels.
  *
- * A record of N samples shows not S but S smeared by the ends of the record: its covariances
- * R_0, C A^(j-1) G are weighted by 1 - j/N.  At the lines of the discrete transform, z^N = 1,
+ * A record of N samples is taken as if it repeated.  With z^N = 1 and its state x_0 at the
+ * beginning, x_N at the end, its transform is H times that of the innovations and
  *
- *     S_N = R_0 + X + X^H,    X = sum phi_k g_k^T f_N(mu_k) + conjugates',
- *     f_N = 1 / (z - mu)  -  (1 - mu^N) z / (N (z - mu)^2),                                    (2)
+ *     C (z - A)^-1 z (x_0 - x_N),                                                              (2)
  *
- * exactly [SOLH19], were its ends not faded (spectrum.h): that leaves of the second part of f_N,
- * at a distance d from the pole, the transform squared of half a period of a sine, as long as the
- * fading of one end is.  With it no mode looks wider than it is.  A bin's mean of (2) is an
- * integral in closed form, for -i/mu log(1 - mu/z) and i/(z - mu) are antiderivatives: bins may be
- * as wide as a part of a peak without a bias.  G and R_0 follow from (1):
+ * the answer to one jump: an excitation as flat as the others, and by it no pole more.  A window
+ * would make the jump a short random motion instead, seen at many lines alike, which fills the
+ * directions that no force drives and looks like poles.  But x_N knows the innovations before it:
+ * the covariances R_0, C A^(j-1) G are weighted by 1 - j/N, or exp(-j/N) for the lags that
+ * matter, so each pole is found to decay by 1/N faster than it does (whittle_exponent).
+ *
+ * A bin's mean of S is an integral in closed form, for -i/mu log(1 - mu/z) is an antiderivative of
+ * f: bins may be as wide as a part of a peak without a bias.  S = R_0 + X + X^H, X the sum of
+ * phi_k g_k^T f(mu_k) and their conjugates', and G and R_0 follow from (1):
  *
  *     P = A P A^H + K R K^H,   G = A P C^H + K R,   R_0 = C P C^H + R.                          (3)
  *
@@ -34,17 +37,17 @@
  *     d log p = sum_b n_b tr(S^-1 (I - S) S^-1 dS),                                            (5)
  *     J_ij = sum_b n_b tr(S^-1 dS_i S^-1 dS_j),                                                (6)
  *
- * J the information.  S_N = C_N C_N^H is near S = C C^H at the middle of a bin: for a while it is
- * taken as T S T^H with a constant T = C_N C^-1, which in (4) is the same as S itself and
- * T^-1 I T^-H in place of I, seen[] (whittle_correct); then T is found anew.  Every dS is
+ * J the information.  A bin's S = W W^H is near S = C C^H at its middle: for a while it is
+ * taken as T S T^H with a constant T = W C^-1, which in (4) is the same as S itself and
+ * T^-1 I T^-H in place of I, seen[] (whittle_correct); then T is found anew.  Where forces are
+ * fewer than channels and noise is little, S is nearly singular and (4) would be ruled by what S
+ * has least, (2) and the width of bins.  A share FLOOR of each bin's energy, added to S and I alike
+ * (add_floor), keeps (4) to what is told: the mean of I is S still.  Every dS is
  * c a b^H + its adjoint, or a sum of two such, with vectors a, b from a short list; after C^-1, (6)
  * needs their Gram matrix only, which makes a bin's cost that of J's entries, not times l^2.  Steps
- * are damped after Levenberg and Marquardt in the scale of J's diagonal.  Fading tells less, as
- * neighbouring lines are no longer independent: by bins.loss in variance.
+ * are damped after Levenberg and Marquardt in the scale of J's diagonal.
  *
  * [Kai68] Kailath, IEEE Trans. AC 13 (1968) 646-655.  [Whi53] Whittle, Ark. Mat. 2 (1953) 423-434.
- * [SOLH19] Sykulski, Olhede, Guillaumin, Lilly, Early, The debiased Whittle likelihood, Biometrika
- * 106 (2019) 251-266.
  *
  * Tested by tests/unit/modal/identify/test_ambient.c.
  */
@@ -65,7 +68,6 @@ static const double
     DAMPING_FIRST = 1e-3,        /* of Levenberg and Marquardt, in the scale of J's diagonal */
     DAMPING_MOST = 1e8,          /* no step gains: the summit, to rounding */
     DAMPING_LEAST = 1e-12,       /* as good as none */
-    SMALL = 1e-6,                /* of 1 - x^2: there the limit of 0 / 0, which is off by as much */
     HELD_FIRST = 1e-14,          /* what holds an unknown that nothing tells, in that scale; */
     HELD_FACTOR = 100,           /* more, until the information has a factor, */
     HELD_MOST = 1e-8,            /* and no more than half of the digits */
@@ -80,6 +82,13 @@ int whittle_unknowns_of_mode(int channels)
 int whittle_unknowns(const struct whittle *m)
 {
     return m->count * whittle_unknowns_of_mode(m->channels) + m->channels * (m->channels + 1) / 2;
+}
+
+double complex whittle_exponent(const struct whittle_mode *q, int samples)
+{
+    double decay = fmax(-creal(q->lambda) - 1. / samples, DECAY_LEAST / samples);
+
+    return CMPLX(-decay, fabs(cimag(q->lambda)));
 }
 
 /* ---- the model ---- */
@@ -98,31 +107,15 @@ static double middle_of(const struct bins *s, int b)
     return (s->from[b] + s->to[b]) / 2;
 }
 
-/* What the fading leaves of the leakage at a distance, rad a sample, from a pole. */
-static double leakage(const struct bins *s, double distance)
+/* f, its mean over bin B. */
+static double complex mean_peak(double complex lambda, const struct bins *s, int b)
 {
-    double x = distance * s->fade / M_PI, below = 1 - x * x;
-    double k = fabs(below) > SMALL ? cos(M_PI / 2 * x) / below : M_PI / 4;
+    double complex mu = cexp(lambda), z1 = cexp(CMPLX(0, s->from[b])),
+                   z2 = cexp(CMPLX(0, s->to[b]));
 
-    return k * k;
-}
-
-/* (2), its mean over bin B. */
-static double complex smeared(double complex lambda, const struct bins *s, int b)
-{
-    double h = s->to[b] - s->from[b];
-    int N = s->samples;
-    double complex mu = cexp(lambda), lost = 1 - cexp(N * lambda);
-
-    lost *= leakage(s, middle_of(s, b) - cimag(lambda));
-
-    if (s->lines[b] == 1) {
-        double complex z = cexp(CMPLX(0, middle_of(s, b))), u = 1 / (z - mu);
-        return u - lost * z * u * u / N;
-    }
-    double complex z1 = cexp(CMPLX(0, s->from[b])), z2 = cexp(CMPLX(0, s->to[b]));
-    double complex plain = clog((1 - mu / z2) / (1 - mu / z1)) / (I * mu);
-    return (plain - lost * I * (1 / (z2 - mu) - 1 / (z1 - mu)) / N) / h;
+    return s->lines[b] == 1 ? peak_at(lambda, middle_of(s, b)).f
+                            : clog((1 - mu / z2) / (1 - mu / z1)) / (I * mu)
+                                  / (s->to[b] - s->from[b]);
 }
 
 static void add_outer(double complex *S, int l, double complex f, const double complex *a,
@@ -242,8 +235,9 @@ void whittle_spectrum(const struct whittle *m, const struct whittle_covariances 
     int l = m->channels;
 
     for (int k = 0; k < m->count; k++) {
-        add_outer(X, l, smeared(m->mode[k].lambda, s, b), m->mode[k].phi, v->g[k], false);
-        add_outer(X, l, smeared(conj(m->mode[k].lambda), s, b), m->mode[k].phi, v->g[k], true);
+        const struct whittle_mode *q = &m->mode[k];
+        add_outer(X, l, mean_peak(q->lambda, s, b), q->phi, v->g[k], false);
+        add_outer(X, l, mean_peak(conj(q->lambda), s, b), q->phi, v->g[k], true);
     }
     for (int c = 0; c < l; c++)
         for (int r = 0; r < l; r++)
@@ -275,43 +269,46 @@ static void whiten(int l, const double complex *C, const double complex *A, doub
                 l, E, l);
 }
 
-/* E = C^-1 (I - S_N) C^-H of bin B, S_N = C C^H; false where that is not positive. */
-static bool residual_of(const struct whittle *m, const struct whittle_covariances *v,
-                        const struct bins *s, int b, double complex *E)
+/* The floor of bin B on a spectrum of it. */
+static void add_floor(const struct bins *s, int b, double complex *S)
 {
-    double complex C[L * L];
+    for (int i = 0; i < s->channels; i++)
+        S[i + s->channels * i] += s->floor[b];
+}
+
+/* T^-1 I T^-H of bin B in place of I; C C^H is S in its middle, W W^H over its width. */
+static void correct_bin(const struct whittle *m, const struct whittle_covariances *v,
+                        const struct bins *s, int b, double complex *seen)
+{
+    const double complex one = 1;
+    double complex C[L * L], W[L * L], E[L * L];
     int l = m->channels;
 
-    whittle_spectrum(m, v, s, b, C);
-    if (isnan(factor(l, C)))
-        return false;
-    whiten(l, C, s->mean + (size_t)b * l * l, E);
-    for (int i = 0; i < l; i++)
-        E[i + l * i] -= 1;
-    return true;
+    spectrum_at(m, middle_of(s, b), C);
+    whittle_spectrum(m, v, s, b, W);
+    add_floor(s, b, C), add_floor(s, b, W);
+    if (isnan(factor(l, C)) || isnan(factor(l, W)))
+        return;
+    whiten(l, W, seen, E);
+    cblas_ztrmm(CblasColMajor, CblasLeft, CblasLower, CblasNoTrans, CblasNonUnit, l, l, &one, C, l,
+                E, l);
+    cblas_ztrmm(CblasColMajor, CblasRight, CblasLower, CblasConjTrans, CblasNonUnit, l, l, &one, C,
+                l, E, l);
+    memcpy(seen, E, sizeof *seen * l * l);
 }
 
 void whittle_correct(const struct whittle *m, struct bins *s)
 {
-    const double complex one = 1;
     struct whittle_covariances v;
-    double complex C[L * L];
     int l = m->channels;
 
     whittle_covariances(m, &v);
     for (int b = 0; b < s->count; b++) {
         double complex *seen = s->seen + (size_t)b * l * l;
-        spectrum_at(m, middle_of(s, b), C);
-        if (isnan(factor(l, C)) || !residual_of(m, &v, s, b, seen)) {
-            memcpy(seen, s->mean + (size_t)b * l * l, sizeof *seen * l * l);
-            continue;
-        }
-        for (int i = 0; i < l; i++)
-            seen[i + l * i] += 1;
-        cblas_ztrmm(CblasColMajor, CblasLeft, CblasLower, CblasNoTrans, CblasNonUnit, l, l, &one,
-                    C, l, seen, l);
-        cblas_ztrmm(CblasColMajor, CblasRight, CblasLower, CblasConjTrans, CblasNonUnit, l, l,
-                    &one, C, l, seen, l);
+        memcpy(seen, s->mean + (size_t)b * l * l, sizeof *seen * l * l);
+        add_floor(s, b, seen);
+        if (s->lines[b] > 1)
+            correct_bin(m, &v, s, b, seen);
     }
 }
 
@@ -324,6 +321,7 @@ static double residual_seen(const struct whittle *m, const struct bins *s, int b
     int l = m->channels;
 
     spectrum_at(m, middle_of(s, b), C);
+    add_floor(s, b, C);
     determinant = factor(l, C);
     if (isnan(determinant))
         return NAN;
@@ -683,7 +681,7 @@ static bool step_up(struct scoring *w, struct whittle *m, const struct bins *s, 
 }
 
 /* The covariance of each exponent: its two columns of J's inverse. */
-static void report_errors(struct scoring *w, const struct bins *s, struct whittle *m)
+static void report_errors(struct scoring *w, struct whittle *m)
 {
     int n = w->unknowns, each = whittle_unknowns_of_mode(m->channels);
     bool known = factor_information(w, 0);
@@ -702,8 +700,8 @@ static void report_errors(struct scoring *w, const struct bins *s, struct whittl
             LAPACKE_dpotrs_work(LAPACK_COL_MAJOR, 'L', n, 1, w->factor, n, w->step, n);
             v[part] = w->step[at + part] * w->scale[at + part];
         }
-        q->std_decay = -creal(q->lambda) * sqrt(v[0] * s->loss);
-        q->std_turn = sqrt(v[1] * s->loss);
+        q->std_decay = -creal(q->lambda) * sqrt(v[0]);
+        q->std_turn = sqrt(v[1]);
     }
 }
 
@@ -727,7 +725,7 @@ enum modal_status whittle_fit(struct whittle *m, const struct bins *s,
     }
     if (rc == MODAL_OK && limits->errors && m->converged) {
         inform(&w, m, s);
-        report_errors(&w, s, m);
+        report_errors(&w, m);
     }
     workspace_free(&w.memory);
     return rc;

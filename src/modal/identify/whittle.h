@@ -30,6 +30,9 @@ struct whittle {
 int whittle_unknowns(const struct whittle *m);
 int whittle_unknowns_of_mode(int channels);
 
+/* The exponent a sample of the system whose record of SAMPLES shows mode Q: its turn positive. */
+double complex whittle_exponent(const struct whittle_mode *q, int samples);
+
 /* What (3) of whittle.c makes of a model: R_0, G, and each mode's row of P C^H, with which its part
  * of R_0 is phi row^T + its conjugate. */
 struct whittle_covariances {
@@ -40,11 +43,11 @@ struct whittle_covariances {
 /* *OUT: that of M. */
 void whittle_covariances(const struct whittle *m, struct whittle_covariances *out);
 
-/* What bin B should hold by M, whose covariances are V: channels x channels by columns. */
+/* What bin B should hold by M, whose covariances are V: channels x channels by columns */
 void whittle_spectrum(const struct whittle *m, const struct whittle_covariances *v,
                       const struct bins *bins, int b, double complex *S);
 
-/* BINS as a record without ends would show them in the middle of each bin, by M: seen[]. */
+/* BINS as they would show in the middle of each by M: seen[]. */
 void whittle_correct(const struct whittle *m, struct bins *bins);
 
 /* The logarithm of the likelihood at M of what is seen; -HUGE_VAL where it is none. */

@@ -228,12 +228,24 @@ static void project(struct making *m, int t)
     sparse_add_to_dense(&m->bb[t], 1, &(struct matrix){ .m = c, .n = c, .ld = c, .x = m->G });
 }
 
+/* Damping below this that modes share is rounding of their products, of r terms each. */
+static double shared_rounding(const struct making *m)
+{
+    size_t c = (size_t)m->columns;
+    double largest = 0;
+
+    for (size_t i = (size_t)m->b; i < (size_t)(m->b + m->modes); i++)
+        largest = fmax(largest, fabs(m->G[i * c + i]));
+    return (64 + m->r) * DBL_EPSILON * largest;
+}
+
 /* What rounding left of what is exact goes: symmetry, that statics and modes share no stiffness,
- * and modes neither that nor mass. */
+ * and modes neither that nor mass, nor damping where theirs is Rayleigh's. */
 static void clean(struct making *m, int t)
 {
     size_t c = (size_t)m->columns, b = (size_t)m->b, modes = b + (size_t)m->modes;
     bool symmetric = sparse_symmetric(&m->p->constant[t], SYMMETRIC);
+    double shared = t == PROGRAM_C ? shared_rounding(m) : HUGE_VAL;
 
     for (size_t j = 0; j < c; j++)
         for (size_t i = 0; i < j; i++) {
@@ -241,7 +253,8 @@ static void clean(struct making *m, int t)
 
             if (symmetric)
                 *above = *below = (*above + *below) / 2;
-            if ((t == PROGRAM_K && i < b && j >= b) || (t != PROGRAM_C && i >= b && j < modes))
+            if ((t == PROGRAM_K && i < b && j >= b)
+                || (i >= b && j < modes && fmax(fabs(*above), fabs(*below)) <= shared))
                 *above = *below = 0;
         }
 }

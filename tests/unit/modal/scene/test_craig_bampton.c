@@ -32,7 +32,8 @@ static struct program *chain(const char *effects)
     return p;
 }
 
-static const char CUBIC[] = "{'type':'cubic_spring','dof':'x21','coefficient':0.05}";
+#define CUBIC_TEXT "{'type':'cubic_spring','dof':'x21','coefficient':0.05}"
+static const char CUBIC[] = CUBIC_TEXT;
 
 /* Between fixed ends and a middle held fast M masses have omega_j = 2 sin(j pi / (2 (M + 1))), and
  * both halves the same: every frequency is there twice. */
@@ -54,6 +55,40 @@ TEST(frequencies_of_two_like_halves_are_there_twice)
     }
     p->loads = 1;
     program_free(p);
+}
+
+/* Numbers of damping that modes of Q share, of which B dofs were kept. */
+static int shared_damping(const struct program *q, int b, int modes)
+{
+    const struct sparse *C = &q->constant[PROGRAM_C];
+    int shared = 0;
+
+    for (int i = b; i < b + modes; i++)
+        for (int e = C->start[i]; e < C->start[i + 1]; e++)
+            shared += C->index[e] >= b && C->index[e] < b + modes && C->index[e] != i;
+    return shared;
+}
+
+/* The dampers are 0.03 of the springs: modes share none of them, and what rounding leaves would
+ * make a dense matrix of it, dear in every step of the stability.  One to the ground they share. */
+TEST(modes_share_no_damping_but_what_is_not_as_the_springs)
+{
+    static const char *const effects[] = { CUBIC_TEXT,
+        CUBIC_TEXT ",{'type':'damper','dof':'x21','to':'x5','coefficient':0.1}" };
+    enum { MODES = 12 };
+
+    for (int i = 0; i < 2; i++) {
+        struct modal_error err = { 0 };
+        struct program *p = chain(effects[i]);
+        struct craig_bampton *a;
+
+        if (craig_bampton_new(p, NULL, 0, MODES, &a, &err) != MODAL_OK)
+            fail_msg("%s", err.message);
+        CHECK((shared_damping(&a->reduced, a->kept, MODES) == 0) == (i == 0));
+        CHECK((shared_damping(&a->finer, a->kept, 2 * MODES) == 0) == (i == 0));
+        craig_bampton_free(a);
+        program_free(p);
+    }
 }
 
 static struct steady_options options(int reduce)

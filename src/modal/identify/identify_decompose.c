@@ -124,20 +124,20 @@ static bool can_double(const struct work *w, const struct pencil *p)
 
 /* Once TRIPLETS_MOST are filled, and before more are made at the square of their cost: does noise
  * drive the response? */
-static enum modal_status ask_driven(struct work *w, const struct pencil *all, bool *driven,
+static enum modal_status ask_driven(struct work *w, const struct pencil *all,
                                     struct modal_error *err)
 {
     if (all->count != TRIPLETS_MOST)
         return MODAL_OK;
     w->many = leaves_much(all);
-    return signals_fill(w, all) ? ragged_spectrum(searched(w), driven, err) : MODAL_OK;
+    return signals_fill(w, all) ? ragged_spectrum(searched(w), &w->ragged, err) : MODAL_OK;
 }
 
 /* A response that noise drives has no end of signals: of those not even many are searched. Where
  * they end, more than TRIPLETS_MOST are many, however little the first of them leave. */
-static void drop_endless(struct work *w, bool driven, struct pencil *all)
+static void drop_endless(struct work *w, struct pencil *all)
 {
-    bool endless = driven || signals_fill(w, all), many = driven || w->many;
+    bool endless = w->ragged || signals_fill(w, all), many = w->ragged || w->many;
 
     w->many = !endless && (many || pencil_signals(all) > TRIPLETS_MOST);
     if (!endless || !many)
@@ -150,12 +150,11 @@ static void drop_endless(struct work *w, bool driven, struct pencil *all)
 /* *all: a pencil of as many triplets as there are signals, w->pencil where that has them. */
 enum modal_status work_pencil_of_all(struct work *w, struct pencil *all, struct modal_error *err)
 {
-    bool driven = false;
     enum modal_status rc = MODAL_OK;
 
     *all = w->pencil;
     w->many = false;
-    while (rc == MODAL_OK && !driven && signals_fill(w, all) && can_double(w, all)) {
+    while (rc == MODAL_OK && !w->ragged && signals_fill(w, all) && can_double(w, all)) {
         struct pencil_options opt = { rows_of_many(w, 2 * all->count), 2 * all->count };
         struct pencil more = { 0 };
         rc = pencil_new(searched(w), &opt, &more, err);
@@ -163,11 +162,11 @@ enum modal_status work_pencil_of_all(struct work *w, struct pencil *all, struct 
             pencil_done(all);
         *all = rc == MODAL_OK ? more : w->pencil;
         if (rc == MODAL_OK)
-            rc = ask_driven(w, all, &driven, err);
+            rc = ask_driven(w, all, err);
         if (more.count < opt.wanted)
             break;
     }
-    drop_endless(w, driven, all);
+    drop_endless(w, all);
     return rc;
 }
 

@@ -83,6 +83,16 @@ static double white_left(const struct work *w)
     return w->choice.candidates[w->choice.chosen].fit.residual / safe_matrix_norm(w->X);
 }
 
+/* What noise drives for so long that no pole is worth its price. */
+static void say_driven(struct identify_result *out)
+{
+    out->driven = true;
+    identify_diagnose(out, "not_free_decay", -1, "no modes draw what stands above the noise, and "
+                      "its spectrum is ragged: the response is driven; give response=ambient where "
+                      "nobody measured the excitation, response=forced and its channels as inputs "
+                      "where it was measured, or window a part after it has ended");
+}
+
 /* Is one set of exponents the right model?  A mode that follows its amplitude is reported as one,
  * not as the crowd of poles that makes up for it. */
 enum modal_status work_doubt(struct work *w, struct identify_result *out, struct modal_error *err)
@@ -100,6 +110,8 @@ enum modal_status work_doubt(struct work *w, struct identify_result *out, struct
     bool follows, beat;
     enum modal_status rc;
 
+    if (w->ragged && p->count == 0)
+        say_driven(out);
     if (!w->refine || w->shift > 1 || w->rec.period > 0 || work_is_explained(w, out))
         return MODAL_OK;
     rc = neighbours_beat(w, &beat, err);

@@ -143,12 +143,14 @@ static bool cut_off(const struct work *w)
         > ORDER_POOR * safe_matrix_norm(w->data.Y);
 }
 
-/* Is this a very long record that begins with what is no free response? Then there is no set of
- * modes for a search to end at, what drives it has signals without end, and all of the work there
- * may be was spent on them. */
+/* Is this a very long record that begins with what is no free response, or that noise drives? Then
+ * there is no set of modes for a search to end at, what drives it has signals without end, and all
+ * of the work there may be was spent on them. */
 static bool driven(const struct work *w)
 {
-    return w->rec.proposed[1] > 0 && w->opt.window[0] != WINDOW_AUTO && w->X->m > VERY_LONG;
+    bool begins = w->rec.proposed[1] > 0 && w->opt.window[0] != WINDOW_AUTO;
+
+    return (begins || w->ragged) && w->X->m > VERY_LONG;
 }
 
 /* The ladder within what is left of the work; a rank that was given is refined to its end. */

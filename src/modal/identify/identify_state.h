@@ -56,6 +56,7 @@ struct work {
     double spent;                   /* work of the ladders so far */
     bool trial;                     /* this search has WORK_TRIAL only */
     bool many;                      /* modes, to judge by TRIPLETS_MOST triplets */
+    bool ragged;                    /* its spectrum is that of a driven response (ragged.h) */
     bool known;                     /* the last search found one set of modes: out->unweighed */
     struct identify_chosen seen;    /* modes of the first rows of a long record; count 0: none */
     struct order_choice choice;

@@ -3,6 +3,7 @@
 #include "signals.h"
 #include <complex.h>
 #include <stdlib.h>
+#include "modal/identify/identify.h"
 #include "modal/identify/ragged.h"
 
 enum { ROWS_MOST = 20000, WIDTH = 3 };
@@ -140,4 +141,26 @@ TEST(a_dead_channel_does_not_hide_a_driven_response)
         y[k] = random_normal(&r);
     CHECK(ragged(y, 12000, WIDTH));
     free(y);
+}
+
+/* So long that no pole pays for itself: it is said what it is all the same. */
+TEST(a_long_record_that_noise_drives_is_no_free_decay)
+{
+    const double turns[] = { 0.0038, 0.0099, 0.0655 };
+    enum { ROWS = 150000 };
+    struct random r = { 75 };
+    double *y = calloc((size_t)ROWS * WIDTH, sizeof *y), *x = calloc((size_t)ROWS * WIDTH, 8);
+    struct batch b = { .samples = ROWS, .channels = WIDTH, .signals = x, .dt = 1 };
+    struct identify_result result;
+    bool said = false;
+
+    drive(&r, ROWS, 3, turns, 0.01, 0.05, y);
+    for (int k = 0; k < ROWS * WIDTH; k++)
+        x[k] = y[k / WIDTH + (size_t)(k % WIDTH) * ROWS];
+    CHECK(modal_identify(&b, NULL, &result, NULL) == MODAL_OK);
+    for (int i = 0; i < result.diagnostic_count; i++)
+        said |= strcmp(result.diagnostics[i].code, "not_free_decay") == 0;
+    CHECK(said && result.driven && result.verdict == VERDICT_UNDECIDED);
+    identify_result_done(&result);
+    free(x), free(y);
 }

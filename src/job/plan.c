@@ -33,21 +33,28 @@ static double unit_cost(const struct law *law)
            / CALIBRATION_CALLS;
 }
 
-static double seconds_of(const struct program *p, int effect)
+/* One law's cost: of a thousand contacts one is timed. */
+struct timed { const struct law_class *kind; double each; };
+
+static double seconds_of(const struct program *p, int effect, struct timed *last)
 {
     const struct program_effect *e = &p->effect[effect];
 
     if (e->seconds > 0 || e->evaluations == 0)
         return e->seconds;
     for (int i = 0; i < p->laws; i++)
-        if (p->law[i].effect == effect)
-            return (double)e->evaluations * unit_cost(&p->law[i]);
+        if (p->law[i].effect == effect) {
+            if (p->law[i].kind != last->kind)
+                *last = (struct timed){ p->law[i].kind, unit_cost(&p->law[i]) };
+            return (double)e->evaluations * last->each;
+        }
     return 0;
 }
 
 cJSON *plan_print(const struct program *p, const char *integrator)
 {
     cJSON *plan = cJSON_CreateObject(), *effects;
+    struct timed last = { 0 };
 
     cJSON_AddStringToObject(plan, "class", program_class_name(program_class(p)));
     cJSON_AddNumberToObject(plan, "states", program_states(p));
@@ -62,7 +69,7 @@ cJSON *plan_print(const struct program *p, const char *integrator)
         cJSON_AddStringToObject(row, "type", e->type);
         cJSON_AddNumberToObject(row, "states", e->states);
         cJSON_AddNumberToObject(row, "evaluations", (double)does->evaluations);
-        json_set_number(row, "seconds", seconds_of(p, (int)(does - p->effect)));
+        json_set_number(row, "seconds", seconds_of(p, (int)(does - p->effect), &last));
         cJSON_AddBoolToObject(row, "active", does->active);
         cJSON_AddItemToArray(effects, row);
     }

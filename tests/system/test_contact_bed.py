@@ -254,3 +254,16 @@ def test_what_is_no_node_is_refused_by_its_place(nodes, field, says, tmp_path):
     assert code == 2
     assert answer["error"]["field"] == f"effects[0].{field}"
     assert says in answer["error"]["message"]
+
+
+def test_of_a_hundred_contacts_one_is_timed_for_the_plan(tmp_path):
+    n = 100
+    answer = run(tmp_path, "steady", {
+        "structure": {"type": "chain", "masses": [1] * n, "springs": [1] * (n + 1),
+                      "dampers": [0.03] * (n + 1)}, "omega": 0.3,
+        "effects": [{"type": "gap", "dof": f"x{i + 1}", "stiffness": 1.0, "clearance": 1e3}
+                    for i in range(n)],
+        "excitation": [{"dof": "x1", "k": 1, "cos": 0.5}], "steady": {"stability": False}})
+    rows = answer["plan"]["effects"]
+    assert len(rows) == n and not any(row["active"] for row in rows)
+    assert len({row["seconds"] / row["evaluations"] for row in rows}) == 1

@@ -5,9 +5,11 @@ missed, spurious ones, false verdicts.
     MODALCTL=build/bin/modalctl tests/bench/bench_identify_periodic.py [count] [seed] [states]
 
 Each record: pairs and real multipliers of either sign, one time in five a growing one, each with up
-to four harmonics of the period in 1 to 12 channels; 24 to 240 samples a period, 30 to 60 periods,
-20 to 80 dB of white noise or none.  A multiplier is *detectable* where the criterion (criterion.h)
-loses three times its price without it, the amplitudes of the others fitted anew.
+to four harmonics of the period in 1 to 12 channels; 24 to 240 samples a period, 30 to 60 periods
+(60 to 90 of 40 states), 20 to 80 dB of white noise or none.  A multiplier is *detectable* where
+chi-squared expected without it, the amplitudes of the others fitted anew, is three times its price
+(criterion.c, (3)), and found where one of the answer is within TOLERANCE of its Cramer-Rao bound or
+1 / periods.  What is left of the answer is spurious.  All is of the truth, never of a fit.
 """
 import math
 import os
@@ -19,12 +21,13 @@ import tempfile
 import numpy as np
 
 CTL = os.environ.get("MODALCTL", "modalctl")
-DETECTABLE = 3
+DETECTABLE, TOLERANCE, WIDEST = 3, 4, 0.2
 
 
 def record(seed, states):
     rng = np.random.default_rng(seed)
     p, periods = int(rng.choice([24, 48, 96, 240])), int(rng.integers(30, 61))
+    periods += max(0, 3 * (states - 20) // 2)        # more than there are states
     S, reals = int(rng.integers(1, 13)), int(rng.integers(0, 2))
     t = np.arange(periods * p) / p
     lam = [complex(-rng.uniform(0.05, 3) * 1.5 / periods * rng.choice([1, 4]),
@@ -44,30 +47,57 @@ def record(seed, states):
     snr = rng.uniform(20, 80) if rng.random() > 0.1 else None
     noise = 0 if snr is None else np.sqrt(np.mean(y ** 2)) * 10 ** (-snr / 20)
     multiplier = np.exp(np.array(lam))
-    return dict(y=y + noise * rng.normal(size=y.shape), p=p, periods=periods, snr=snr,
+    return dict(y=y + noise * rng.normal(size=y.shape), p=p, periods=periods, snr=snr, clean=y,
+                noise=max(noise, 1e-13 * np.sqrt(np.mean(y ** 2))),
                 multipliers=multiplier.real + 1j * np.where(abs(multiplier.imag) < 1e-9, 0,
                                                             abs(multiplier.imag)))
 
 
 def columns(multipliers, periods):
     """Of each its one or two real columns over the periods, none above 1."""
-    powers = [m ** np.arange(periods) / max(1, abs(m) ** (periods - 1)) for m in multipliers]
+    late = [np.arange(periods) - (periods - 1 if abs(m) > 1 else 0) for m in multipliers]
+    powers = [m ** k.astype(float) for m, k in zip(multipliers, late)]
     return [np.column_stack([v.real, v.imag]) if m.imag else v.real[:, None]
             for m, v in zip(multipliers, powers)]
 
 
+def price(r, width):
+    """What a multiplier of WIDTH columns pays, of chi-squared."""
+    S = r["y"].shape[1] * r["p"]
+    x = math.log(4 * r["periods"] / 1e-3)
+    alarm = width * (S + 1) + 2 * math.sqrt(width * S * x) + 2 * x
+    return min(alarm, width * (S + 1 + 1 / S) * math.log(r["y"].size))
+
+
 def losses(r):
-    """What the criterion loses without each multiplier, in prices."""
-    y = r["y"].reshape(r["periods"], -1)
+    """Chi-squared expected without each multiplier, over its price."""
+    y = r["clean"].reshape(r["periods"], -1)
     basis = columns(r["multipliers"], r["periods"])
 
     def left(parts):
         q = np.linalg.qr(np.column_stack(parts))[0]
-        return max(((y - q @ (q.T @ y)) ** 2).sum(), 1e-26 * (y ** 2).sum())
-    n, least = y.size, left(basis)
-    return [n * math.log(left(basis[:j] + basis[j + 1:]) / least)
-            / (b.shape[1] * (y.shape[1] + 1 + 1 / y.shape[1]) * math.log(n))
-            for j, b in enumerate(basis)]
+        return ((y - q @ (q.T @ y)) ** 2).sum() / r["noise"] ** 2
+    return [left(basis[:j] + basis[j + 1:]) / price(r, b.shape[1]) for j, b in enumerate(basis)]
+
+
+def bounds(r):
+    """Standard deviations of the exponents over a period by the Cramer-Rao bound: real part and,
+    of a pair, imaginary part."""
+    y = r["clean"].reshape(r["periods"], -1)
+    parts = columns(r["multipliers"], r["periods"])
+    basis = np.column_stack(parts)
+    q, triangle = np.linalg.qr(basis)
+    amplitudes = np.linalg.solve(triangle, q.T @ y)
+    slopes, at = [], 0
+    for m, part in zip(r["multipliers"], parts):
+        late = (np.arange(r["periods"]) * part.T).T
+        c = amplitudes[at:at + part.shape[1]]
+        turns = [c, np.array([c[1], -c[0]])] if m.imag else [c]
+        slopes += [late @ t - q @ (q.T @ (late @ t)) for t in turns]
+        at += part.shape[1]
+    J = np.array([s.ravel() for s in slopes]) / r["noise"]
+    std = iter(np.sqrt(np.diag(np.linalg.inv(J @ J.T))))
+    return [(next(std), next(std)) if m.imag else (next(std), 0) for m in r["multipliers"]]
 
 
 def identify(r):
@@ -80,22 +110,38 @@ def identify(r):
 
 
 def match(document, r):
-    """Which multipliers are found, the largest first, each once, and how many are besides."""
+    """Of each multiplier that is found the mode, the nearest in units of what it may be off first;
+    how many are besides."""
     found = [complex(*m["multiplier"]) for m in document["modes"]]
     found = [complex(z.real, abs(z.imag)) for z in found]
-    hit = set()
-    for i in np.argsort(-abs(r["multipliers"])):
-        z = r["multipliers"][i]
-        near = min(found, key=lambda f: abs(f - z), default=None)
-        if near is not None and abs(near - z) < max(0.3 * abs(math.log(abs(z))), 1 / r["periods"]):
-            found.remove(near)
-            hit.add(int(i))
-    return hit, len(found)
+    may = [max(min(TOLERANCE * abs(m) * math.hypot(*b), WIDEST), 1 / r["periods"])
+           for m, b in zip(r["multipliers"], bounds(r))]
+    off = {(i, j): abs(f - m) / may[i] for i, m in enumerate(r["multipliers"])
+           for j, f in enumerate(found)}
+    hit = {}
+    for i, j in sorted(off, key=off.get):
+        if off[i, j] < 1 and i not in hit and j not in hit.values():
+            hit[i] = j
+    return hit, len(found) - len(hit)
+
+
+def covered(document, r, hit):
+    """Components of the exponents found, and those within 1.96 of their standard deviations."""
+    parts = within = 0
+    for i, j in hit.items():
+        mode, truth = document["modes"][j], np.log(complex(r["multipliers"][i]))
+        z, std = mode["exponent"], mode["std"]["exponent"]
+        if abs(truth.imag) > 1e-9 and std[1] and abs(abs(z[1]) - np.pi) > 1e-9:
+            parts, within = parts + 1, within + (abs(abs(z[1]) - abs(truth.imag)) < 1.96 * std[1])
+        if std[0]:
+            parts, within = parts + 1, within + (abs(z[0] - truth.real) < 1.96 * std[0])
+    return parts, within
 
 
 def main():
     count, seed, states = (int(x) for x in (sys.argv[1:] + ["40", "1", "10"][len(sys.argv) - 1:]))
-    largest = false = detectable = missed = spurious = 0
+    largest = false = detectable = missed = spurious = whole = right = parts = within = 0
+    began = os.times()
     for s in range(seed, seed + count):
         r = record(s, states)
         seen, document = [x >= DETECTABLE for x in losses(r)], identify(r)
@@ -106,12 +152,19 @@ def main():
         largest += abs(found / truth - 1) <= 0.05
         false += stable is not None and stable != (truth < 1)
         detectable, missed, spurious = detectable + sum(seen), missed + lost, spurious + (more > 0)
+        whole, right = whole + all(seen), right + (all(seen) and not lost and not more)
+        if r["snr"] is not None:
+            p, w = covered(document, r, {i: j for i, j in hit.items() if seen[i]})
+            parts, within = parts + p, within + w
         if lost or more:
             print(s, f"{len(seen)} multipliers, {sum(seen)} detectable, {r['periods']} x {r['p']} "
-                  f"in {r['y'].shape[1]} channels: missed {lost}, spurious {more}")
+                  f"in {r['y'].shape[1]} channels: missed {lost}, spurious {more}", flush=True)
+    cpu = os.times().children_user - began.children_user
     print(f"{count} records of {states} states from seed {seed}: largest within 5 % in {largest}, "
           f"missed {missed} of {detectable} detectable multipliers, {spurious} records with a "
-          f"spurious one, {false} false verdicts")
+          f"spurious one, order right in {right} of {whole} with all detectable, {within} of "
+          f"{parts} components of detectable ones within 1.96 standard deviations, "
+          f"{false} false verdicts, {cpu:.1f} s of CPU")
 
 
 if __name__ == "__main__":

@@ -5,6 +5,7 @@ import os
 import pathlib
 import sys
 
+import numpy as np
 import pytest
 
 BUILD = pathlib.Path(os.environ.get("MODALD_BUILD", pathlib.Path(__file__).parents[2] / "build"))
@@ -64,3 +65,23 @@ def test_ten_pairs_of_multipliers_in_one_channel_of_39_periods_are_all_found(mon
     hit, besides = turning.match(turning.identify(r), r)
     assert len(hit) == len(r["multipliers"]) == 10
     assert besides == 0
+
+
+@pytest.mark.parametrize("seed, states", [(3001, 20), (3003, 20), (3013, 20), (5001, 40)])
+def test_detectable_multipliers_of_many_states_are_found_and_no_other(seed, states, monkeypatch):
+    """31 to 67 periods, 24 to 240 samples each: the price of each sample's amplitude hid some."""
+    monkeypatch.setattr(turning, "CTL", str(BUILD / "bin" / "modalctl"))
+    r = turning.record(seed, states)
+    hit, besides = turning.match(turning.identify(r), r)
+    shown = {i for i, x in enumerate(turning.losses(r)) if x >= turning.DETECTABLE}
+    assert len(shown) > 4 and shown <= set(hit)
+    assert besides == 0
+
+
+@pytest.mark.parametrize("samples, channels, seed", [(2, 3, 0), (8, 1, 5), (24, 1, 1), (24, 4, 2)])
+def test_noise_has_no_multipliers(samples, channels, seed, monkeypatch):
+    """8 samples, seed 5: 40 columns interpolate 45 periods to rounding."""
+    monkeypatch.setattr(turning, "CTL", str(BUILD / "bin" / "modalctl"))
+    rng = np.random.default_rng(seed * 100 + samples)
+    y = rng.normal(size=(int(rng.integers(30, 61)) * samples, channels))
+    assert turning.identify(dict(y=y, p=samples))["modes"] == []

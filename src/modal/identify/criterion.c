@@ -13,12 +13,29 @@
  *     h = -ln(1 - u/n) / (u/n),                                                    (2)
  *
  * which is 1 for records much longer than their model.
+ *
+ * Of a periodic system each sample of a period has an amplitude of its own, and ln n for each of S
+ * of those is many times what keeps noise out: of S columns of white noise k given ones of the
+ * basis take chi-squared of k S degrees of freedom, more than k S + 2 sqrt(k S x) + 2 x with less
+ * than e^-x [LM00], and with e^-x = FALSE_ALARM / PLACES L the best of the poles in L rows does so
+ * in a share FALSE_ALARM of records at most. One of k columns that comes where m numbers are left
+ * free lowers -2 ln(likelihood) by noise by less than
+ *
+ *     -n ln(1 - (k (S + 1) + 2 sqrt(k S x) + 2 x) / m),                             (3)
+ *
+ * no matter how few rows are left. Such a model pays (3) for each of its poles, the pairs first,
+ * where that is less than what (1) asks.
+ *
+ * [LM00] Laurent and Massart, Ann. Statist. 28 (2000) 1302-1338.
  */
 #include "modal/identify/criterion.h"
 #include <float.h>
 #include <math.h>
 
-static const double SCARCE_MOST = 0.95;     /* of the numbers, for (2) */
+static const double
+    SCARCE_MOST = 0.95,         /* of the numbers, for (2) */
+    PLACES = 4,                 /* where a pole may be told from the others, a row (remainder.h) */
+    FALSE_ALARM = 1e-3;         /* of records, for (3) */
 
 /* (2). */
 static double scarcity(double unknowns, double numbers)
@@ -28,24 +45,53 @@ static double scarcity(double unknowns, double numbers)
     return x > 0 ? -log1p(-x) / x : 1;
 }
 
-double criterion_price(const struct criterion *c, int order, int parameters)
+/* What noise gives a pole of K columns of S amplitudes, of so many NUMBERS, at most. */
+static double noise_most(double S, double numbers, int k)
 {
-    double used = 0, live = 0;
+    double x = log(PLACES * numbers / S / FALSE_ALARM);
+
+    return k * (S + 1) + 2 * sqrt(k * S * x) + 2 * x;
+}
+
+int criterion_order_told(double columns, double numbers)
+{
+    return (int)fmax((numbers - noise_most(columns, numbers, 2)) / (columns + 1), 0);
+}
+
+/* (3) for the first POLES, each of K columns of S amplitudes, after USED ones. */
+static double false_alarm(double S, double numbers, int poles, int k, int used)
+{
+    double most = noise_most(S, numbers, k), sum = 0;
+
+    for (int j = 0; j < poles; j++) {
+        double left = numbers - (used + j * k) * (S + 1);
+        sum -= log(fmax(1 - most / fmax(left, 1), 1 / numbers));
+    }
+    return numbers * sum;
+}
+
+double criterion_price(const struct criterion *c, int poles, int order, int parameters)
+{
+    double used = 0, live = 0, bayes;
+    int pairs = order - poles;
 
     for (int g = 0; g < c->groups; g++)
         if (c->energy[g] > 0)
             used += c->own, live += c->phases;
-    return scarcity(live * order + parameters, used)
-         * (live * order + (1 + 1 / fmax(live, 1)) * parameters) * log(fmax(used, 2));
+    bayes = scarcity(live * order + parameters, used)
+          * (live * order + (1 + 1 / fmax(live, 1)) * parameters) * log(fmax(used, 2));
+    return c->phases == 1 || c->exact || live == 0 ? bayes
+         : fmin(bayes, false_alarm(live, used, pairs, 2, 0)
+                       + false_alarm(live, used, poles - pairs, 1, 2 * pairs));
 }
 
-double criterion_of(const struct criterion *c, const double *rss, double factor, int order,
-                    int parameters)
+double criterion_of(const struct criterion *c, const double *rss, double factor, int poles,
+                    int order, int parameters)
 {
     double sum = 0;
 
     for (int g = 0; g < c->groups; g++)
         if (c->energy[g] > 0)
             sum += c->own * log(fmax(factor * rss[g] / c->numbers, fmax(c->floor2[g], DBL_MIN)));
-    return sum + criterion_price(c, order, parameters);
+    return sum + criterion_price(c, poles, order, parameters);
 }

@@ -2,23 +2,30 @@
  * compared */
 #ifndef MODAL_CRITERION_H
 #define MODAL_CRITERION_H
+#include <stdbool.h>
 
 /* The signals that models are compared on. */
 struct criterion {
     int groups, phases;          /* signals; columns of each */
     double numbers;              /* of a signal: rows x phases */
     double own;                  /* of those, independent ones: a filter leaves a share */
+    bool exact;                  /* what is left is rounding, not white: (3) of criterion.c is */
     const double *energy;        /* borrowed, per signal: sum of squares; 0: it is not there */
     const double *floor2;        /* borrowed, per signal: variance below which nothing is signal */
 };
 
 /*
- * (1) of criterion.c for a model of ORDER columns and PARAMETERS exponents that leaves the sum of
- * squares FACTOR times RSS[g] in signal g. Less is better; only differences mean anything.
+ * (1) of criterion.c for a model of POLES in ORDER columns with PARAMETERS exponents that leaves
+ * the sum of squares FACTOR times RSS[g] in signal g. Less is better; only differences mean
+ * anything.
  */
-double criterion_of(const struct criterion *c, const double *rss, double factor, int order,
-                    int parameters);
+double criterion_of(const struct criterion *c, const double *rss, double factor, int poles,
+                    int order, int parameters);
 
 /* The part of it that a model pays for its size. */
-double criterion_price(const struct criterion *c, int order, int parameters);
+double criterion_price(const struct criterion *c, int poles, int order, int parameters);
+
+/* Of a periodic system of so many COLUMNS, NUMBERS in all: the order after which noise could give a
+ * pair all that is left. */
+int criterion_order_told(double columns, double numbers);
 #endif

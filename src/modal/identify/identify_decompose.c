@@ -34,9 +34,7 @@ bool work_wants_projection(const struct work *w)
         || (w->opt.rank.rule != RANK_AUTO && w->opt.rank.rule != RANK_FIXED);
 }
 
-/* What the poles are looked for in: few channels weighed by their noise, though each is fitted as
- * it is, with its own noise. */
-static const struct matrix *searched(const struct work *w)
+const struct matrix *work_searched(const struct work *w)
 {
     return w->pod.count == 0 && w->weighted.x != NULL ? &w->weighted : w->X;
 }
@@ -44,7 +42,7 @@ static const struct matrix *searched(const struct work *w)
 static enum modal_status project(struct work *w, struct identify_result *out,
                                  struct modal_error *err)
 {
-    struct hankel h = { searched(w), 0, w->opt.rows, w->opt.columns, w->shift };
+    struct hankel h = { work_searched(w), 0, w->opt.rows, w->opt.columns, w->shift };
     bool all = w->opt.rank.rule > RANK_FIXED;
     int side, wanted = w->opt.rank.rule == RANK_FIXED ? w->opt.rank.fixed + 4 : TRIPLETS;
     enum modal_status rc;
@@ -130,7 +128,7 @@ static enum modal_status ask_driven(struct work *w, const struct pencil *all,
     if (all->count != TRIPLETS_MOST)
         return MODAL_OK;
     w->many = leaves_much(all);
-    return signals_fill(w, all) ? ragged_spectrum(searched(w), &w->ragged, err) : MODAL_OK;
+    return signals_fill(w, all) ? ragged_spectrum(work_searched(w), &w->ragged, err) : MODAL_OK;
 }
 
 /* A response that noise drives has no end of signals: of those not even many are searched. Where
@@ -157,7 +155,7 @@ enum modal_status work_pencil_of_all(struct work *w, struct pencil *all, struct 
     while (rc == MODAL_OK && !w->ragged && signals_fill(w, all) && can_double(w, all)) {
         struct pencil_options opt = { rows_of_many(w, 2 * all->count), 2 * all->count };
         struct pencil more = { 0 };
-        rc = pencil_new(searched(w), &opt, &more, err);
+        rc = pencil_new(work_searched(w), &opt, &more, err);
         if (all->s != w->pencil.s)
             pencil_done(all);
         *all = rc == MODAL_OK ? more : w->pencil;
@@ -180,7 +178,7 @@ static enum modal_status pencil(struct work *w, struct identify_result *out,
     if (fixed > most)
         return modal_fail_field(err, MODAL_BAD_INPUT, "rank.fixed",
                                 "rank %d of %d samples; accepted: 1 to %d", fixed, w->X->m, most);
-    rc = pencil_new(searched(w), &opt, &w->pencil, err);
+    rc = pencil_new(work_searched(w), &opt, &w->pencil, err);
     out->rows = w->pencil.rows, out->columns = w->X->m - w->pencil.rows;
     return rc;
 }

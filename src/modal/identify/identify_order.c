@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/identify/exponents.h"
+#include "modal/identify/fold.h"
 #include "modal/linalg/svd.h"
 
 enum {
@@ -104,12 +105,14 @@ static double bic_of_nothing(const struct refine_data *d)
 }
 
 /* The order whose unknowns are SPARING of the independent numbers: S rows of them to fit, S + 1
- * unknowns for each order. */
+ * unknowns for each order. Of a periodic system noise says how many. */
 static int sparing_order(const struct work *w)
 {
     double rows = w->data.Y->m * (w->data.share > 0 ? w->data.share : 1), S = w->data.Y->n;
-    int order = (int)(SPARING * rows * S / (S + 1)), least = w->data.Y->m > 2 ? 2 : 1;
+    int order = (int)(SPARING * rows * S / (S + 1)), least = w->data.Y->m > 2 ? 2 : 1,
+        told = w->shift > 1 ? criterion_order_told(S, rows * S) : 0;
 
+    order = order > told ? order : told;
     return order > least ? order : least;
 }
 
@@ -313,6 +316,97 @@ static enum modal_status put_found(struct work *w, struct found *f, struct ident
     return work_report_values(w, out, err);
 }
 
+/* ---- periodic systems ---- */
+
+/* Of -2 ln(likelihood): searches that end no further apart ended at the same. */
+static const double SAME = 1;
+
+static double bic_chosen(const struct order_choice *k)
+{
+    return k->chosen < 0 ? HUGE_VAL : k->candidates[k->chosen].fit.bic;
+}
+
+static bool at_rounding(const struct work *w, const struct order_choice *k)
+{
+    return k->chosen >= 0
+        && k->candidates[k->chosen].fit.residual <= WORK_ROUNDING * safe_matrix_norm(w->data.Y);
+}
+
+/* Periods are few and each has many samples: a pencil of a few periods' height, whose columns are
+ * nearly as many as the periods, sees all multipliers at once. One height errs where another does
+ * not, and poles from too many directions where fewer lead: (height, share of directions). */
+static const struct { double height, directions; } STARTS[] = {
+    { 0, 1 }, { 1 / 8.0, 1 }, { 1 / 4.0, 1 }, { 0, 5 / 6.0 }, { 1 / 8.0, 5 / 6.0 },
+    { 1 / 4.0, 5 / 6.0 }, { 0, 2 / 3.0 }, { 1 / 8.0, 2 / 3.0 }, { 1 / 4.0, 2 / 3.0 }
+};
+
+/* From w->pencil, of which ALL triplets there are were asked, downwards. */
+static enum modal_status descend_folded(struct work *w, bool all, double directions,
+                                        struct order_choice *choice, struct modal_error *err)
+{
+    int count = all ? w->pencil.count : pencil_signals(&w->pencil) + ORDER_AHEAD;
+    struct order_options opt = { .order_most = rows_allow(w), .many = true,
+                                 .cancelled = w->opt.cancelled, .context = w->opt.context };
+    struct order_source source = { .poles = pencil_source, .context = w };
+    enum modal_status rc;
+
+    if (!w->data.exact && sparing_order(w) < opt.order_most)
+        opt.order_most = sparing_order(w);
+    count = count < w->pencil.count ? count : w->pencil.count;
+    count = count < opt.order_most ? count : opt.order_most;
+    source.most = (int)ceil(directions * count);
+    opt.work = w->trial ? fmax(WORK_TRIAL - w->spent, DBL_MIN)
+             : fmax(WORK_MOST - w->spent, WORK_LEAST);
+    rc = order_from_above(&w->data, &source, &opt, choice, err);
+    w->spent += rc == MODAL_OK ? choice->work : 0;
+    return rc;
+}
+
+/* The better of two searches into *BEST; *again: both ended at the same. */
+static void keep_better(struct order_choice *best, struct order_choice *other, bool *again)
+{
+    double gain = bic_chosen(best) - bic_chosen(other);
+    struct order_choice worse = *other;
+
+    *again = isfinite(gain) && fabs(gain) < SAME;
+    if (gain > 0)
+        worse = *best, *best = *other;
+    order_done(&worse);
+    *other = (struct order_choice) { .chosen = -1 };
+}
+
+/* Periodic systems from above, from one start after another until two of them end at the same best,
+ * or the signals are explained to rounding. */
+static enum modal_status choose_folded(struct work *w, struct order_choice *best,
+                                       struct modal_error *err)
+{
+    struct matrix Y = { 0 };
+    struct pencil kept = w->pencil;
+    bool ended = false;
+    enum modal_status rc = fold(work_searched(w), w->shift, &Y, err);
+
+    w->data.exact = w->facts.full_rank < w->projection.count;
+    for (size_t i = 0; i < sizeof STARTS / sizeof *STARTS && rc == MODAL_OK && !ended; i++) {
+        int height = fmax(2, STARTS[i].height * Y.m), all = Y.m - height;
+        struct pencil_options how = { height, all < TRIPLETS_MOST ? all : TRIPLETS_MOST };
+        struct order_choice other = { .chosen = -1 };
+        rc = pencil_new(&Y, &how, &w->pencil, err);
+        if (rc == MODAL_OK)
+            rc = descend_folded(w, all <= TRIPLETS_MOST, STARTS[i].directions, &other, err);
+        pencil_done(&w->pencil);
+        if (rc == MODAL_OK)
+            keep_better(best, &other, &ended);
+        ended = (ended || at_rounding(w, best)) && best->clean;
+    }
+    if (rc == MODAL_OK && bic_chosen(best) >= bic_of_nothing(&w->data)) {
+        order_done(best);
+        *best = (struct order_choice) { .chosen = -1 };
+    }
+    w->pencil = kept;
+    free(Y.x);
+    return rc;
+}
+
 /* Constant systems from above.  What interpolates noise is left out: above->choice is empty. */
 static enum modal_status choose_from_above(struct work *w, struct identify_result *out,
                                            struct found *above, struct modal_error *err)
@@ -320,8 +414,12 @@ static enum modal_status choose_from_above(struct work *w, struct identify_resul
     struct pencil few = w->pencil, all;
     enum modal_status rc;
 
-    if (w->projected || !w->refine || w->opt.rank.rule != RANK_AUTO || w->opt.rank.most > 0
-        || driven(w))
+    if (!w->refine || w->opt.method != IDENTIFY_AUTO || w->opt.rank.rule != RANK_AUTO
+        || w->opt.rank.most > 0 || driven(w))
+        return MODAL_OK;
+    if (w->shift > 1)
+        return choose_folded(w, &above->choice, err);
+    if (w->projected)
         return MODAL_OK;
     all = w->pencil;
     rc = begins_at(w, out) != NULL ? MODAL_OK : work_pencil_of_all(w, &all, err);
@@ -458,17 +556,20 @@ static bool explains_more(const struct work *w, const struct order_choice *above
                > worse * above->candidates[above->chosen].fit.residual;
 }
 
-/* From above, and where that does not settle it by the ladder. */
+/* From above, and where that does not settle it by the ladder. Of a periodic system the better of
+ * the two counts: poles that rounding hides are found by many starts. */
 enum modal_status work_choose_order(struct work *w, struct identify_result *out,
                                     struct modal_error *err)
 {
     struct found above = { .choice = { .chosen = -1 } };
     enum modal_status rc = choose_from_above(w, out, &above, err);
-    bool put = rc == MODAL_OK && above.choice.clean && !above.choice.crowded;
+    bool put = rc == MODAL_OK && above.choice.clean
+            && (w->shift > 1 ? !w->data.exact : !above.choice.crowded);
 
     if (rc == MODAL_OK && !put) {
         rc = climb_all(w, out, err);
-        put = rc == MODAL_OK && explains_more(w, &above.choice);
+        put = rc == MODAL_OK && (w->shift > 1 ? bic_chosen(&above.choice) < bic_chosen(&w->choice)
+                                              : explains_more(w, &above.choice));
     }
     if (put)
         rc = put_found(w, &above, out, err);

@@ -106,6 +106,9 @@ void work_report_grids(const struct work *w, struct identify_result *out);
 
 /* Which of the two decompositions the options ask for. */
 bool work_wants_projection(const struct work *w);
+/* What the poles are looked for in: few channels weighed by their noise, though each is fitted as
+ * it is, with its own noise. */
+const struct matrix *work_searched(const struct work *w);
 /* w->pencil or w->projection of the signals, and its singular values for the answer. */
 enum modal_status work_decompose(struct work *w, struct identify_result *out,
                                  struct modal_error *err);

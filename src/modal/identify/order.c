@@ -44,6 +44,11 @@
  * drifts. What is not clean, or crowded, goes to the ladder, which is sparing; a crowd is believed
  * where the ladder leaves much more (ORDER_WORSE).
  *
+ * Of a periodic system (phases) rows are few, poles are near each other for all that, and none of
+ * this settles the order at once: identify_order.c goes down from several pencils until two agree.
+ * A pole more than there are may end beside one of them and share its amplitude; the least told
+ * from its neighbour is left out and the rest refined, kept so where the criterion falls.
+ *
  * Work is counted, never timed.  Each pass ends where `work` is spent, so that a long record of
  * many modes ends with the best so far.
  *

@@ -9,6 +9,7 @@
 
 /* rad or e-foldings over the record: a pole that moves less is known by its size, not its share */
 static const double MOVED = 3;
+static const double TOLD = 5;       /* standard errors between two poles that are no doubt two */
 
 /* Is candidate AT a better fit than the best, its pole J still what a real pole could stand for? A
  * pair that turns by a whole circle in its life 1 / |a| shows two columns to a pencil: one that
@@ -177,6 +178,40 @@ static enum modal_status drop_undetermined(struct climb *c, int *best, struct mo
     }
 }
 
+/* The pole that is told least from its nearest neighbour; -1: all are told by TOLD standard errors
+ * or more. */
+static int least_told(const struct refined *fit)
+{
+    double most = 1 / TOLD;
+    int at = -1;
+
+    for (int j = 0; j < fit->poles; j++) {
+        double error = hypot(fit->std_re[j], fit->std_im[j]);
+        for (int k = 0; k < fit->poles; k++)
+            if (k != j && error > most * cabs(fit->lambda[j] - fit->lambda[k]))
+                most = error / cabs(fit->lambda[j] - fit->lambda[k]), at = j;
+    }
+    return at;
+}
+
+/* Pass 4: a pole more than there are sits beside one of them, with much of its amplitude: left out
+ * it costs far more than its price until its neighbours are refined. */
+static enum modal_status drop_beside(struct climb *c, int *best, struct modal_error *err)
+{
+    for (;;) {
+        const struct refined *fit = &c->choice.candidates[*best].fit;
+        int drop = least_told(fit), n, at;
+        enum modal_status rc;
+        if (drop < 0 || fit->poles < 2 || climb_spent(c, 1))
+            return MODAL_OK;
+        n = without(c, *best, drop, c->lambda);
+        rc = climb_try(c, 0, c->lambda, n, NULL, true, climb_bic(c, *best), &at, err);
+        if (rc != MODAL_OK || at < 0 || !(climb_bic(c, at) < climb_bic(c, *best)))
+            return rc;
+        *best = at;
+    }
+}
+
 /* Pass 4: the slowest real pole as a constant. */
 static enum modal_status pin_offset(struct climb *c, int *best, struct modal_error *err)
 {
@@ -213,6 +248,8 @@ enum modal_status climb_improve(struct climb *c, bool above, int *best, struct m
         rc = simplify(c, best, err);
     if (rc == MODAL_OK && !fixed && c->choice.candidates[*best].refined)
         rc = drop_undetermined(c, best, err);
+    if (rc == MODAL_OK && above && !fixed && c->choice.candidates[*best].refined)
+        rc = drop_beside(c, best, err);
     if (rc == MODAL_OK && !c->opt->no_offset)
         rc = pin_offset(c, best, err);
     return rc;

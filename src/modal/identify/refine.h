@@ -29,6 +29,7 @@ struct refine_data {
                                   * < share <= 1; 0: 1, white */
     const double *least;         /* borrowed, per signal (S / phases): variance that the samples'
                                   * own grid has, below which nothing is signal; NULL: none */
+    bool exact;                  /* what no model explains is rounding, which is not white */
     int before;  /* rows of the record before these: rounding of a phase grows from its beginning */
     struct compressed *blocks;   /* borrowed, of Y (compressed.h): a fit reads it in place of Y, and
                                   * makes it hold where it does not; NULL: Y itself is read */

@@ -35,8 +35,8 @@ struct criterion refine_criterion(const struct work *w)
 {
     double n = (double)w->L * w->phases;
 
-    return (struct criterion) { w->groups, w->phases, n, rows(w) * w->phases, w->energy,
-                                w->lowest };
+    return (struct criterion) { w->groups, w->phases, n, rows(w) * w->phases, w->data->exact,
+                                w->energy, w->lowest };
 }
 
 double refine_freedom(const struct work *w)
@@ -217,7 +217,7 @@ double refine_worth(const struct work *w, const double *rss, double factor)
 {
     struct criterion c = refine_criterion(w);
 
-    return criterion_of(&c, rss, factor, w->order, w->parameters);
+    return criterion_of(&c, rss, factor, w->count, w->order, w->parameters);
 }
 
 /* Is a signal left with little but the poles' errors?  Its residual may fall by any factor, and its

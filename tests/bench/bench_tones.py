@@ -25,7 +25,7 @@ HERE = pathlib.Path(__file__).parent
 KINDS = ["cubic_spring", "gap", "friction", "polynomial_damper", "regularised_coulomb"]
 LATE = 5                  # s
 BEFORE, AFTER = 100, 100  # turns of the fastest tone: what sliders follow, what is compared
-HIGHEST = 2e6             # steps of a march
+HIGHEST = 4e6             # steps of a march
 OWN = 1e-6                # of the amplitude: its error
 
 
@@ -178,7 +178,7 @@ def judge(seed, folder, march):
     off, most = leaves(a, result, march)
     stated = result["total_error"]
     if off > 3 * stated:                             # the reference's own error is a part of it
-        off = min(off, leaves(a, result, march, 4)[0])
+        off = min(off, leaves(a, result, march, 16)[0])
     said.update(true=off / most if most > 0 else off, stated=stated / most if most > 0 else stated,
                 stable=result["stability"]["stable"])
     limit = 3 * stated + OWN * most

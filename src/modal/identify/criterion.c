@@ -23,7 +23,7 @@
  *
  *     -n ln(1 - (k (S + 1) + 2 sqrt(k S x) + 2 x) / m),                             (3)
  *
- * no matter how few rows are left. Such a model pays (3) for each of its poles, the pairs first,
+ * no matter how few rows are left. Such a model pays (3) for its columns, two by two and the last,
  * where that is less than what (1) asks.
  *
  * [LM00] Laurent and Massart, Ann. Statist. 28 (2000) 1302-1338.
@@ -70,10 +70,10 @@ static double false_alarm(double S, double numbers, int poles, int k, int used)
     return numbers * sum;
 }
 
-double criterion_price(const struct criterion *c, int poles, int order, int parameters)
+double criterion_price(const struct criterion *c, int order, int parameters)
 {
     double used = 0, live = 0, bayes;
-    int pairs = order - poles;
+    int pairs = order / 2;         /* two real poles may be one pair: they cost the same */
 
     for (int g = 0; g < c->groups; g++)
         if (c->energy[g] > 0)
@@ -82,16 +82,16 @@ double criterion_price(const struct criterion *c, int poles, int order, int para
           * (live * order + (1 + 1 / fmax(live, 1)) * parameters) * log(fmax(used, 2));
     return c->phases == 1 || c->exact || live == 0 ? bayes
          : fmin(bayes, false_alarm(live, used, pairs, 2, 0)
-                       + false_alarm(live, used, poles - pairs, 1, 2 * pairs));
+                       + false_alarm(live, used, order % 2, 1, 2 * pairs));
 }
 
-double criterion_of(const struct criterion *c, const double *rss, double factor, int poles,
-                    int order, int parameters)
+double criterion_of(const struct criterion *c, const double *rss, double factor, int order,
+                    int parameters)
 {
     double sum = 0;
 
     for (int g = 0; g < c->groups; g++)
         if (c->energy[g] > 0)
             sum += c->own * log(fmax(factor * rss[g] / c->numbers, fmax(c->floor2[g], DBL_MIN)));
-    return sum + criterion_price(c, poles, order, parameters);
+    return sum + criterion_price(c, order, parameters);
 }

@@ -15,15 +15,15 @@ struct criterion {
 };
 
 /*
- * (1) of criterion.c for a model of POLES in ORDER columns with PARAMETERS exponents that leaves
+ * (1) of criterion.c for a model of ORDER columns and PARAMETERS exponents that leaves
  * the sum of squares FACTOR times RSS[g] in signal g. Less is better; only differences mean
  * anything.
  */
-double criterion_of(const struct criterion *c, const double *rss, double factor, int poles,
-                    int order, int parameters);
+double criterion_of(const struct criterion *c, const double *rss, double factor, int order,
+                    int parameters);
 
 /* The part of it that a model pays for its size. */
-double criterion_price(const struct criterion *c, int poles, int order, int parameters);
+double criterion_price(const struct criterion *c, int order, int parameters);
 
 /* Of a periodic system of so many COLUMNS, NUMBERS in all: the order after which noise could give a
  * pair all that is left. */

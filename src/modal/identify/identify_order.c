@@ -362,20 +362,20 @@ static enum modal_status descend_folded(struct work *w, bool all, double directi
     return rc;
 }
 
-/* The better of two searches into *BEST; *again: both ended at the same. */
-static void keep_better(struct order_choice *best, struct order_choice *other, bool *again)
+/* The better of two searches into *BEST; *again: how often others ended at the same. */
+static void keep_better(struct order_choice *best, struct order_choice *other, int *again)
 {
     double gain = bic_chosen(best) - bic_chosen(other);
     struct order_choice worse = *other;
 
-    *again = isfinite(gain) && fabs(gain) < SAME;
+    *again = isfinite(gain) && fabs(gain) < SAME ? *again + 1 : gain > 0 ? 0 : *again;
     if (gain > 0)
         worse = *best, *best = *other;
     order_done(&worse);
     *other = (struct order_choice) { .chosen = -1 };
 }
 
-/* Periodic systems from above, from one start after another until two of them end at the same best,
+/* Periodic systems from above, from one start after another until three end at the same best,
  * or the signals are explained to rounding. */
 static enum modal_status choose_folded(struct work *w, struct order_choice *best,
                                        struct modal_error *err)
@@ -383,6 +383,7 @@ static enum modal_status choose_folded(struct work *w, struct order_choice *best
     struct matrix Y = { 0 };
     struct pencil kept = w->pencil;
     bool ended = false;
+    int again = 0;
     enum modal_status rc = fold(work_searched(w), w->shift, &Y, err);
 
     w->data.exact = w->facts.full_rank < w->projection.count;
@@ -395,8 +396,8 @@ static enum modal_status choose_folded(struct work *w, struct order_choice *best
             rc = descend_folded(w, all <= TRIPLETS_MOST, STARTS[i].directions, &other, err);
         pencil_done(&w->pencil);
         if (rc == MODAL_OK)
-            keep_better(best, &other, &ended);
-        ended = (ended || at_rounding(w, best)) && best->clean;
+            keep_better(best, &other, &again);
+        ended = (again > 1 || at_rounding(w, best)) && best->clean;
     }
     if (rc == MODAL_OK && bic_chosen(best) >= bic_of_nothing(&w->data)) {
         order_done(best);

@@ -195,7 +195,8 @@ static int least_told(const struct refined *fit)
 }
 
 /* Pass 4: a pole more than there are sits beside one of them, with much of its amplitude: left out
- * it costs far more than its price until its neighbours are refined. */
+ * it costs far more than its price until its neighbours are refined. Of a periodic system: of a
+ * constant one neighbours may be a Jordan block, which two poles nearer than that stand for. */
 static enum modal_status drop_beside(struct climb *c, int *best, struct modal_error *err)
 {
     for (;;) {
@@ -248,7 +249,8 @@ enum modal_status climb_improve(struct climb *c, bool above, int *best, struct m
         rc = simplify(c, best, err);
     if (rc == MODAL_OK && !fixed && c->choice.candidates[*best].refined)
         rc = drop_undetermined(c, best, err);
-    if (rc == MODAL_OK && above && !fixed && c->choice.candidates[*best].refined)
+    if (rc == MODAL_OK && above && !fixed && c->data->phases > 1
+        && c->choice.candidates[*best].refined)
         rc = drop_beside(c, best, err);
     if (rc == MODAL_OK && !c->opt->no_offset)
         rc = pin_offset(c, best, err);

@@ -217,7 +217,7 @@ double refine_worth(const struct work *w, const double *rss, double factor)
 {
     struct criterion c = refine_criterion(w);
 
-    return criterion_of(&c, rss, factor, w->count, w->order, w->parameters);
+    return criterion_of(&c, rss, factor, w->order, w->parameters);
 }
 
 /* Is a signal left with little but the poles' errors?  Its residual may fall by any factor, and its

@@ -111,8 +111,8 @@ static int cheapest(struct trim *t, const struct trim_options *opt)
                 t->inverse, ld, t->C, ld);
     for (int j = 0, i = 0; j < t->count; j++) {
         int n = pole_order(t->lambda[j], t->data->tau), fixed = t->fixed != NULL && t->fixed[j];
-        double price = criterion_price(k, t->count, q, t->p.parameters)
-                     - criterion_price(k, t->count - 1, q - n, t->p.parameters - n), excess;
+        double price = criterion_price(k, q, t->p.parameters)
+                     - criterion_price(k, q - n, t->p.parameters - n), excess;
         rise_of(t, i, n, t->rise);
         i += n;
         excess = loss_of(k, t->p.rss, t->rise) - opt->share * price - opt->reach;

@@ -714,7 +714,7 @@ def test_a_journal_that_rattles_beyond_the_harmonics_is_given_up_in_seconds(tmp_
                                                                             most):
     """Contact rings at sqrt(15e6 / 0.05) = 17 krad/s, the 866th harmonic: of H and 2H that fail, 4H
     is not tried at eight times the work.  Where eight harmonics balance nonetheless, their error is
-    said to be larger than the motion, of some millimetres.
+    larger than the motion, which is no answer.
     """
     effects = [{"type": "bearing", "at": "left", "transverse": 2e4, "damping": 3},
                {"type": "coupling", "at": "left", "transverse": 1e8, "rotational": 10},
@@ -726,8 +726,7 @@ def test_a_journal_that_rattles_beyond_the_harmonics_is_given_up_in_seconds(tmp_
                            "speed": 20, "model": model, "frame": frame, "mass_per_length": 0.00475},
              "omega": 20, "effects": effects, "excitation": [{"dof": "y3", "k": 1, "cos": 2.5}]}
     r = run(tmp_path, scene)
-    assert r["H"] <= most and (not r["converged"] or r["total_error"] > 0.01)
-    assert any(d["code"] == ("target_not_met" if r["converged"] else "not_converged")
-               for d in r["diagnostics"])
+    assert (not r["converged"] and r["H"] <= most
+            and any(d["code"] == "not_converged" for d in r["diagnostics"]))
     # 3 and 6 s of CPU; 12 and 28 by every way round at every order
     assert r["iterations"] <= 3200

@@ -55,8 +55,8 @@ struct steady_point {
     bool converged;
     const char *method;       /* "linear", "direct", "newton", ...: what found it */
     const char *reason;       /* where not converged */
-    bool fewer;               /* not converged, for with more harmonics it does not close; its
-                               * errors are known */
+    bool fewer;               /* not converged, for with more harmonics it does not close, or its
+                               * error is larger than the motion; its errors are known */
     bool open;                /* nothing holds its mean (or some other direction), which is one
                                * of many; without error */
     bool wanting;             /* target_error asks for more work than is allowed */

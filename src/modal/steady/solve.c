@@ -531,6 +531,11 @@ static enum modal_status solve_to_target(struct steady *s, double omega,
             rc = give_best(s, &best, point, err);
     }
     steady_point_done(&best);
+    if (rc == MODAL_OK && point->converged && point->error > point->amplitude) {
+        point->converged = false;                       /* it tells nothing of the motion */
+        point->fewer = true;
+        point->reason = "it closes, but its error is larger than the motion";
+    }
     return rc;
 }
 

@@ -24,7 +24,12 @@
  *     -n ln(1 - (k (S + 1) + 2 sqrt(k S x) + 2 x) / m),                             (3)
  *
  * no matter how few rows are left. Such a model pays (3) for its columns, two by two and the last,
- * where that is less than what (1) asks.
+ * where that is less than what (1) asks. Noise that is not white along a row has other variances w
+ * in its S directions, of mean 1; chi-squared is then less than k S + 2 sqrt(k x sum w^2) + 2 x
+ * max w [LM00]. What share of them is as good as free, s = S / sum w^2, says the largest too, for
+ * noise that is forgotten at one rate: correlated by a^j over j samples it has
+ *
+ *     s = (1 - a^2) / (1 + a^2),    max w = (1 + a) / (1 - a).
  *
  * [LM00] Laurent and Massart, Ann. Statist. 28 (2000) 1302-1338.
  */
@@ -46,22 +51,23 @@ static double scarcity(double unknowns, double numbers)
 }
 
 /* What noise gives a pole of K columns of S amplitudes, of so many NUMBERS, at most. */
-static double noise_most(double S, double numbers, int k)
+static double noise_most(double S, double white, double numbers, int k)
 {
     double x = log(PLACES * numbers / S / FALSE_ALARM);
+    double a = sqrt((1 - white) / (1 + white));
 
-    return k * (S + 1) + 2 * sqrt(k * S * x) + 2 * x;
+    return k * (S + 1) + 2 * sqrt(k * S / white * x) + 2 * x * (1 + a) / (1 - a);
 }
 
 int criterion_order_told(double columns, double numbers)
 {
-    return (int)fmax((numbers - noise_most(columns, numbers, 2)) / (columns + 1), 0);
+    return (int)fmax((numbers - noise_most(columns, 1, numbers, 2)) / (columns + 1), 0);
 }
 
 /* (3) for the first POLES, each of K columns of S amplitudes, after USED ones. */
-static double false_alarm(double S, double numbers, int poles, int k, int used)
+static double false_alarm(double S, double white, double numbers, int poles, int k, int used)
 {
-    double most = noise_most(S, numbers, k), sum = 0;
+    double most = noise_most(S, white, numbers, k), sum = 0;
 
     for (int j = 0; j < poles; j++) {
         double left = numbers - (used + j * k) * (S + 1);
@@ -72,7 +78,7 @@ static double false_alarm(double S, double numbers, int poles, int k, int used)
 
 double criterion_price(const struct criterion *c, int order, int parameters)
 {
-    double used = 0, live = 0, bayes;
+    double used = 0, live = 0, bayes, white = c->white > 0 ? c->white : 1;
     int pairs = order / 2;         /* two real poles may be one pair: they cost the same */
 
     for (int g = 0; g < c->groups; g++)
@@ -81,8 +87,8 @@ double criterion_price(const struct criterion *c, int order, int parameters)
     bayes = scarcity(live * order + parameters, used)
           * (live * order + (1 + 1 / fmax(live, 1)) * parameters) * log(fmax(used, 2));
     return c->phases == 1 || c->exact || live == 0 ? bayes
-         : fmin(bayes, false_alarm(live, used, pairs, 2, 0)
-                       + false_alarm(live, used, order % 2, 1, 2 * pairs));
+         : fmin(bayes, false_alarm(live, white, used, pairs, 2, 0)
+                       + false_alarm(live, white, used, order % 2, 1, 2 * pairs));
 }
 
 double criterion_of(const struct criterion *c, const double *rss, double factor, int order,

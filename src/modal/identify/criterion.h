@@ -12,6 +12,7 @@ struct criterion {
     bool exact;                  /* what is left is rounding, not white: (3) of criterion.c is */
     const double *energy;        /* borrowed, per signal: sum of squares; 0: it is not there */
     const double *floor2;        /* borrowed, per signal: variance below which nothing is signal */
+    double white;                /* share of its columns that are free in noise, for (3); 0: 1 */
 };
 
 /*

@@ -1,12 +1,14 @@
 /* identify_order.c - from a decomposition to the poles of an order: from above, by the ladder, and
  * of a very long record from its head on */
 #include "modal/identify/identify_state.h"
+#include <cblas.h>
 #include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include "modal/identify/exponents.h"
 #include "modal/identify/fold.h"
+#include "modal/identify/remainder.h"
 #include "modal/linalg/svd.h"
 
 enum {
@@ -318,8 +320,12 @@ static enum modal_status put_found(struct work *w, struct found *f, struct ident
 
 /* ---- periodic systems ---- */
 
-/* Of -2 ln(likelihood): searches that end no further apart ended at the same. */
-static const double SAME = 1;
+static const double
+    SAME = 1,                   /* of -2 ln(likelihood): searches no further apart ended at one */
+    CHANCE = 6;                 /* over m: three standard errors, in white_share() */
+
+enum { ANEW_MOST = 3 };          /* searches beside the first: the third saw the noise as it is in
+                                  * all records tried */
 
 static double bic_chosen(const struct order_choice *k)
 {
@@ -375,10 +381,50 @@ static void keep_better(struct order_choice *best, struct order_choice *other, i
     *other = (struct order_choice) { .chosen = -1 };
 }
 
+/*
+ * The share of its S columns in which what FIT leaves, E of m free rows, is free: (sum w)^2 / sum
+ * w^2 over S, of the variances w of its directions. Of the Wishart matrix A = E E^T
+ *
+ *     E tr A = m sum w,    E (tr A^2 - (tr A)^2 / m) = (m - 1) (m + 2) sum w^2,
+ *
+ * and chance moves the second by 2 / m of it. 1 where chance may be all; next to nothing where rows
+ * are too few to tell.
+ */
+static enum modal_status white_share(const struct work *w, const struct refined *fit, double *share,
+                                     struct modal_error *err)
+{
+    struct matrix E = { 0 };
+    int m = w->data.Y->m - fit->order, S = w->data.Y->n;
+    double trace = 0, squares = 0, *A = NULL;
+    enum modal_status rc = remainder_of(&w->data, fit, &E, err);
+
+    *share = 1;
+    if (rc != MODAL_OK || E.x == NULL)
+        return rc;
+    A = calloc((size_t)E.m * (size_t)E.m, sizeof *A);
+    if (A == NULL)
+        rc = modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d periods", E.m);
+    else
+        cblas_dsyrk(CblasColMajor, CblasLower, CblasNoTrans, E.m, S, 1, E.x, E.ld, 0, A, E.m);
+    for (int c = 0; A != NULL && c < E.m; c++) {
+        trace += A[c + (size_t)c * E.m];
+        for (int r = c; r < E.m; r++)
+            squares += (r > c ? 2 : 1) * A[r + (size_t)c * E.m] * A[r + (size_t)c * E.m];
+    }
+    if (trace > 0 && m > CHANCE) {
+        double spread = (squares - trace * trace / m) / ((m - 1.) * (m + 2)) * S * m * m
+                      / (trace * trace);
+        *share = (spread - 1) * m > CHANCE ? 1 / spread : 1;
+    } else if (trace > 0)
+        *share = DBL_EPSILON;
+    free(A), free(E.x);
+    return rc;
+}
+
 /* Periodic systems from above, from one start after another until three end at the same best,
  * or the signals are explained to rounding. */
-static enum modal_status choose_folded(struct work *w, struct order_choice *best,
-                                       struct modal_error *err)
+static enum modal_status descend_all_folded(struct work *w, struct order_choice *best,
+                                            struct modal_error *err)
 {
     struct matrix Y = { 0 };
     struct pencil kept = w->pencil;
@@ -389,6 +435,8 @@ static enum modal_status choose_folded(struct work *w, struct order_choice *best
     w->data.exact = w->facts.full_rank < w->projection.count;
     for (size_t i = 0; i < sizeof STARTS / sizeof *STARTS && rc == MODAL_OK && !ended; i++) {
         int height = fmax(2, STARTS[i].height * Y.m), all = Y.m - height;
+        if (all < 1)
+            break;                            /* periods too few for any; the ladder says so */
         struct pencil_options how = { height, all < TRIPLETS_MOST ? all : TRIPLETS_MOST };
         struct order_choice other = { .chosen = -1 };
         rc = pencil_new(&Y, &how, &w->pencil, err);
@@ -405,6 +453,27 @@ static enum modal_status choose_folded(struct work *w, struct order_choice *best
     }
     w->pencil = kept;
     free(Y.x);
+    return rc;
+}
+
+/* Noise is taken for white in all columns first: a model too large leaves what shows that it is
+ * not.  Then the search is begun anew with what it is, the better seen the less of it is drawn. */
+static enum modal_status choose_folded(struct work *w, struct order_choice *best,
+                                       struct modal_error *err)
+{
+    double share = 1, before = 1, spent = w->spent;
+    enum modal_status rc = descend_all_folded(w, best, err);
+
+    for (int i = 0; i < ANEW_MOST && rc == MODAL_OK && best->chosen >= 0 && !w->data.exact; i++) {
+        rc = white_share(w, &best->candidates[best->chosen].fit, &share, err);
+        if (rc != MODAL_OK || share >= before)
+            break;
+        w->data.white = before = share;
+        order_done(best);
+        *best = (struct order_choice) { .chosen = -1 };
+        w->spent = spent;                            /* what a wrong price cost is no search */
+        rc = descend_all_folded(w, best, err);
+    }
     return rc;
 }
 
@@ -557,6 +626,17 @@ static bool explains_more(const struct work *w, const struct order_choice *above
                > worse * above->candidates[above->chosen].fit.residual;
 }
 
+static bool converged(const struct order_choice *k)
+{
+    return k->chosen >= 0 && refined_converged(&k->candidates[k->chosen].fit);
+}
+
+/* By the criterion, but no fit that did not converge before one that did. */
+static bool is_better(const struct order_choice *a, const struct order_choice *b)
+{
+    return bic_chosen(a) < bic_chosen(b) && (converged(a) || !converged(b));
+}
+
 /* From above, and where that does not settle it by the ladder. Of a periodic system the better of
  * the two counts: poles that rounding hides are found by many starts. */
 enum modal_status work_choose_order(struct work *w, struct identify_result *out,
@@ -565,11 +645,12 @@ enum modal_status work_choose_order(struct work *w, struct identify_result *out,
     struct found above = { .choice = { .chosen = -1 } };
     enum modal_status rc = choose_from_above(w, out, &above, err);
     bool put = rc == MODAL_OK && above.choice.clean
-            && (w->shift > 1 ? !w->data.exact : !above.choice.crowded);
+            && (w->shift > 1 ? !w->data.exact && converged(&above.choice)
+                             : !above.choice.crowded);
 
     if (rc == MODAL_OK && !put) {
         rc = climb_all(w, out, err);
-        put = rc == MODAL_OK && (w->shift > 1 ? bic_chosen(&above.choice) < bic_chosen(&w->choice)
+        put = rc == MODAL_OK && (w->shift > 1 ? is_better(&above.choice, &w->choice)
                                               : explains_more(w, &above.choice));
     }
     if (put)

@@ -157,7 +157,7 @@ double climb_pair_price(const struct climb *c, const struct refined *fit)
     int phases = d->phases > 0 ? d->phases : 1;
     double n = (double)d->Y->m * phases;
     struct criterion k = { fit->groups, phases, n, n * (d->share > 0 ? d->share : 1), d->exact,
-                           fit->noise, fit->floor };
+                           fit->noise, fit->floor, d->white };
 
     return criterion_price(&k, fit->order + 2, fit->parameters + 2)
          - criterion_price(&k, fit->order, fit->parameters);

@@ -33,6 +33,8 @@ struct refine_data {
     int before;  /* rows of the record before these: rounding of a phase grows from its beginning */
     struct compressed *blocks;   /* borrowed, of Y (compressed.h): a fit reads it in place of Y, and
                                   * makes it hold where it does not; NULL: Y itself is read */
+    double white;                /* of a periodic system: share of the columns that noise is free in
+                                  * (criterion.c); 0: 1 */
 };
 
 struct refine_options {

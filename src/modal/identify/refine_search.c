@@ -36,7 +36,7 @@ struct criterion refine_criterion(const struct work *w)
     double n = (double)w->L * w->phases;
 
     return (struct criterion) { w->groups, w->phases, n, rows(w) * w->phases, w->data->exact,
-                                w->energy, w->lowest };
+                                w->energy, w->lowest, w->data->white };
 }
 
 double refine_freedom(const struct work *w)

@@ -35,7 +35,7 @@ TEST(clean_signals_give_back_their_exponents_to_rounding_from_a_start_a_thousand
 {
     struct decay d = three(1200, 1);
     struct matrix Y = signals_of(&d);
-    struct refine_data data = { &Y, d.dt, 0, 0, NULL, false, 0, NULL };
+    struct refine_data data = { &Y, d.dt, 0, 0, NULL, false, 0, NULL, 0 };
     double complex start[3];
     struct refined r;
 
@@ -57,7 +57,7 @@ TEST(standard_errors_are_the_cramer_rao_bound)
     struct random rng = { 3 };
     struct matrix Y = signals_of(&d);
     double sd = decay_noise(&d, y, 1200, 40, &rng), re[3], im[3];
-    struct refine_data data = { &Y, d.dt, 0, 0, NULL, false, 0, NULL };
+    struct refine_data data = { &Y, d.dt, 0, 0, NULL, false, 0, NULL, 0 };
     struct refined r;
 
     decay_bound(&d, sd, re, im);
@@ -81,7 +81,7 @@ TEST(a_noisy_channel_weighs_less)
     struct decay d = three(800, 4), two = d;
     struct random rng = { 5 };
     struct matrix Y = signals_of(&d);
-    struct refine_data data = { &Y, d.dt, 0, 0, NULL, false, 0, NULL };
+    struct refine_data data = { &Y, d.dt, 0, 0, NULL, false, 0, NULL, 0 };
     double re[3], im[3];
     struct refined r;
 
@@ -103,7 +103,7 @@ TEST(growing_decaying_and_alternating_real_poles_are_refined_too)
 {
     enum { L = 60 };
     struct matrix Y = { L, 1, L, y };
-    struct refine_data data = { &Y, 1, 0, 0, NULL, false, 0, NULL };
+    struct refine_data data = { &Y, 1, 0, 0, NULL, false, 0, NULL, 0 };
     double complex truth[3] = { 0.15, CMPLX(-0.05, M_PI), CMPLX(-0.1, 1.1) }, start[3];
     struct refined r;
 
@@ -123,7 +123,7 @@ TEST(growth_over_six_hundred_e_foldings_does_not_overflow)
 {
     enum { L = 200 };
     struct matrix Y = { L, 1, L, y };
-    struct refine_data data = { &Y, 1, 0, 0, NULL, false, 0, NULL };
+    struct refine_data data = { &Y, 1, 0, 0, NULL, false, 0, NULL, 0 };
     double complex start[1] = { 3.001 };
     struct refined r;
 
@@ -139,7 +139,7 @@ TEST(a_fixed_pole_stays_and_costs_no_parameter)
 {
     struct decay d = three(400, 6);
     struct matrix Y = signals_of(&d);
-    struct refine_data data = { &Y, d.dt, 0, 0, NULL, false, 0, NULL };
+    struct refine_data data = { &Y, d.dt, 0, 0, NULL, false, 0, NULL, 0 };
     double complex start[4] = { 0, d.lambda[0] * 1.0005, d.lambda[1] * 1.0003, d.lambda[2] };
     bool fixed[4] = { true };
     struct refined r;
@@ -159,7 +159,7 @@ TEST(phases_of_a_periodic_signal_share_one_multiplier_and_one_noise_level)
     enum { L = 30, P = 8 };
     struct random rng = { 7 };
     struct matrix Y = { L, P, L, y };
-    struct refine_data data = { &Y, 1, P, 0, NULL, false, 0, NULL };
+    struct refine_data data = { &Y, 1, P, 0, NULL, false, 0, NULL, 0 };
     double complex rho = 0.9 * cexp(1.1 * I), start[1] = { clog(rho) * 1.01 };
     struct refined r;
 
@@ -210,7 +210,7 @@ TEST(two_equal_poles_are_degenerate_and_nothing_is_not_a_number_in_the_poles)
 {
     struct decay d = three(100, 8);
     struct matrix Y = signals_of(&d);
-    struct refine_data data = { &Y, d.dt, 0, 0, NULL, false, 0, NULL };
+    struct refine_data data = { &Y, d.dt, 0, 0, NULL, false, 0, NULL, 0 };
     double complex start[2] = { d.lambda[0], d.lambda[0] };
     struct refined r;
 
@@ -223,7 +223,7 @@ TEST(two_equal_poles_are_degenerate_and_nothing_is_not_a_number_in_the_poles)
 TEST(zero_signals_do_not_divide_by_zero)
 {
     struct matrix Y = { 50, 2, 50, y };
-    struct refine_data data = { &Y, 0.1, 0, 0, NULL, false, 0, NULL };
+    struct refine_data data = { &Y, 0.1, 0, 0, NULL, false, 0, NULL, 0 };
     double complex start[1] = { CMPLX(-0.1, 3) };
     struct refined r;
 
@@ -236,7 +236,7 @@ TEST(zero_signals_do_not_divide_by_zero)
 TEST(more_unknowns_than_rows_or_a_pole_that_is_not_finite_is_bad_input)
 {
     struct matrix Y = { 4, 1, 4, y };
-    struct refine_data data = { &Y, 1, 0, 0, NULL, false, 0, NULL };
+    struct refine_data data = { &Y, 1, 0, 0, NULL, false, 0, NULL, 0 };
     double complex two[2] = { CMPLX(-0.1, 1), CMPLX(-0.1, 2) }, nan_pole[1] = { NAN };
     struct refined r = { .poles = 77 };
 
@@ -276,7 +276,7 @@ TEST(a_settled_answer_does_not_tell_where_the_search_began)
         struct decay d = three(400, 50 + snr);
         struct random rng = { 60 + snr };
         struct matrix Y = signals_of(&d);
-        struct refine_data data = { &Y, d.dt, 0, 0, NULL, false, 0, NULL };
+        struct refine_data data = { &Y, d.dt, 0, 0, NULL, false, 0, NULL, 0 };
         struct refine_options opt = { .settle = true };
         double complex start[3];
         struct refined a, b;

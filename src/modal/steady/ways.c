@@ -191,9 +191,11 @@ static enum modal_status ramp(struct steady *s, struct balance *b, double from,
     }
     for (int i = 0; rc == MODAL_OK && i < LEVELS_MOST; i++) {
         set(b, at);
+        if (at == 0 && set == set_damping)              /* none, to the last bit */
+            rc = balance_set(b, b->omega, 1, err);
         opt.rough = at != 0 && !b->pattern->full;       /* on the way nothing is an answer */
         opt.tolerance = opt.rough ? ON_THE_WAY : s->opt.tolerance;
-        if ((rc = iterate_newton(b, &opt, X, &r, err)) != MODAL_OK)
+        if (rc != MODAL_OK || (rc = iterate_newton(b, &opt, X, &r, err)) != MODAL_OK)
             break;
         point->iterations += r.iterations;
         if (r.converged && !isnan(level_done) && leaps(X, good, size, at - level_done))

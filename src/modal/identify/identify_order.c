@@ -324,8 +324,12 @@ static const double
     SAME = 1,                   /* of -2 ln(likelihood): searches no further apart ended at one */
     CHANCE = 6;                 /* over m: three standard errors, in white_share() */
 
-enum { ANEW_MOST = 3 };          /* searches beside the first: the third saw the noise as it is in
+enum {
+    FOLDED_MOST = 4 * TRIPLETS_MOST,    /* directions that are asked for whole: their decomposition
+                                         * is as dear as some steps of a refinement */
+    ANEW_MOST = 3                /* searches beside the first: the third saw the noise as it is in
                                   * all records tried */
+};
 
 static double bic_chosen(const struct order_choice *k)
 {
@@ -440,6 +444,11 @@ static enum modal_status descend_all_folded(struct work *w, struct order_choice 
         struct pencil_options how = { height, all < TRIPLETS_MOST ? all : TRIPLETS_MOST };
         struct order_choice other = { .chosen = -1 };
         rc = pencil_new(&Y, &how, &w->pencil, err);
+        if (rc == MODAL_OK && all <= FOLDED_MOST && pencil_signals(&w->pencil) > how.wanted / 2) {
+            how.wanted = all;                      /* many states: there may be more */
+            pencil_done(&w->pencil);
+            rc = pencil_new(&Y, &how, &w->pencil, err);
+        }
         if (rc == MODAL_OK)
             rc = descend_folded(w, all <= TRIPLETS_MOST, STARTS[i].directions, &other, err);
         pencil_done(&w->pencil);

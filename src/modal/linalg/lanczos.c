@@ -100,10 +100,10 @@ static void fill(double *x, int n, uint32_t seed)
     }
 }
 
-/* A unit vector orthogonal to the basis; its length stays 0 where the basis spans everything. */
-static double fresh(const struct basis *b, double *x, double *work)
+/* The basis's next vector: any unit vector orthogonal to it; false where it spans everything. */
+static bool fresh(const struct basis *b, double *work)
 {
-    double norm;
+    double norm, *x = b->x + (size_t)b->count * (size_t)b->length;
 
     fill(x, b->length, (uint32_t)b->count);
     norm = cblas_dnrm2(b->length, x, 1);
@@ -111,48 +111,50 @@ static double fresh(const struct basis *b, double *x, double *work)
     orthogonalise(b, x, work);
     norm = cblas_dnrm2(b->length, x, 1);
     if (b->count >= b->length || norm < LEAST_REST)
-        return 0;
+        return false;
     cblas_dscal(b->length, 1 / norm, x, 1);
-    return norm;
+    return true;
 }
 
-static double floor_of(const struct lanczos *L)
+/*
+ * (1), or (2) by A^T: one side's next vector and its coefficient out of the other side's last; the
+ * coefficient is 0 where what is left is rounding, max(m, n) eps of the largest so far, for then
+ * so is its direction.
+ */
+static enum modal_status next_vector(struct lanczos *L, const struct linear_operator *A,
+                                     bool transposed, double *work, struct modal_error *err)
 {
-    int n = L->U.length > L->V.length ? L->U.length : L->V.length;
-    return n * DBL_EPSILON * L->scale;
-}
+    const struct basis *from = transposed ? &L->U : &L->V;
+    struct basis *to = transposed ? &L->V : &L->U;
+    double *norm = &(transposed ? L->beta : L->alpha)[from->count - 1], *x = basis_next(to);
+    enum modal_status rc;
 
-static void note_scale(struct lanczos *L, double length)
-{
-    if (length > L->scale)
-        L->scale = length;
+    if (x == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "lanczos: no memory for %d vectors of %d",
+                          to->count + 1, to->length);
+    rc = (transposed ? A->apply_transpose : A->apply)(
+        A->context, from->x + (size_t)(from->count - 1) * (size_t)from->length, x, err);
+    if (rc != MODAL_OK)
+        return rc;
+    orthogonalise(to, x, work);       /* takes the other side's coefficient off as well */
+    *norm = cblas_dnrm2(to->length, x, 1);
+    L->scale = fmax(L->scale, *norm);
+    if (*norm > fmax(A->m, A->n) * DBL_EPSILON * L->scale)
+        cblas_dscal(to->length, 1 / *norm, x, 1);
+    else
+        *norm = 0;
+    return MODAL_OK;
 }
 
 /* (1): u_k from v_k.  Where A maps a fresh v_k to nothing, the rank is exhausted. */
 static enum modal_status step_left(struct lanczos *L, const struct linear_operator *A,
                                    bool restarted, double *work, struct modal_error *err)
 {
-    int k = L->V.count - 1;
-    const double *v = L->V.x + (size_t)k * L->V.length;
-    double *u = basis_next(&L->U);
-    enum modal_status rc;
+    enum modal_status rc = next_vector(L, A, false, work, err);
 
-    if (u == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "lanczos: no memory for %d vectors of %d",
-                          L->U.count + 1, L->U.length);
-    rc = A->apply(A->context, v, u, err);
     if (rc != MODAL_OK)
         return rc;
-    orthogonalise(&L->U, u, work);              /* takes beta_{k-1} u_{k-1} off as well */
-    L->alpha[k] = cblas_dnrm2(A->m, u, 1);
-    note_scale(L, L->alpha[k]);
-    if (L->alpha[k] > floor_of(L)) {            /* else its direction is rounding */
-        cblas_dscal(A->m, 1 / L->alpha[k], u, 1);
-    } else {
-        L->alpha[k] = 0;
-        if (restarted || fresh(&L->U, u, work) == 0)
-            L->exhausted = true;
-    }
+    L->exhausted = L->alpha[L->V.count - 1] == 0 && (restarted || !fresh(&L->U, work));
     L->U.count += !L->exhausted;
     L->V.count -= L->exhausted;                 /* v_k is no part of the answer then */
     return MODAL_OK;
@@ -162,28 +164,12 @@ static enum modal_status step_left(struct lanczos *L, const struct linear_operat
 static enum modal_status step_right(struct lanczos *L, const struct linear_operator *A,
                                     bool *restarted, double *work, struct modal_error *err)
 {
-    int k = L->U.count - 1;
-    const double *u = L->U.x + (size_t)k * L->U.length;
-    double *v = basis_next(&L->V);
-    enum modal_status rc;
+    enum modal_status rc = next_vector(L, A, true, work, err);
 
-    if (v == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "lanczos: no memory for %d vectors of %d",
-                          L->V.count + 1, L->V.length);
-    rc = A->apply_transpose(A->context, u, v, err);
     if (rc != MODAL_OK)
         return rc;
-    orthogonalise(&L->V, v, work);              /* takes alpha_k v_k off as well */
-    L->beta[k] = cblas_dnrm2(A->n, v, 1);
-    note_scale(L, L->beta[k]);
-    *restarted = !(L->beta[k] > floor_of(L));
-    if (!*restarted) {
-        cblas_dscal(A->n, 1 / L->beta[k], v, 1);
-    } else {
-        L->beta[k] = 0;
-        if (fresh(&L->V, v, work) == 0)
-            L->exhausted = true;
-    }
+    *restarted = L->beta[L->U.count - 1] == 0;
+    L->exhausted = *restarted && !fresh(&L->V, work);
     L->V.count += !L->exhausted;
     return MODAL_OK;
 }
@@ -286,21 +272,20 @@ enum modal_status lanczos_svd(const struct linear_operator *A, const struct lanc
     struct lanczos L = { .U = { .length = T.m }, .V = { .length = T.n }, .most = T.n };
     struct lanczos_result found = { 0, 0, 0 };
     struct small B = { 0, NULL, NULL, NULL };
-    double *work = NULL, *v;
+    double *work = NULL;
     enum modal_status rc = MODAL_OK;
 
     if (T.n > 0 && opt->wanted > 0) {
         if (opt->steps > 0 && opt->steps < L.most)
             L.most = opt->steps;
         work = calloc((size_t)3 * L.most + 3, sizeof *work);
-        v = basis_next(&L.V);
-        if (work == NULL || v == NULL) {
+        if (work == NULL || basis_next(&L.V) == NULL) {
             rc = modal_fail(err, MODAL_NO_MEMORY, "lanczos: no memory for %d steps, %d x %d",
                             L.most, A->m, A->n);
             goto out;
         }
         L.alpha = work + L.most + 1, L.beta = L.alpha + L.most;
-        fresh(&L.V, v, work);
+        fresh(&L.V, work);
         L.V.count = 1;
         rc = iterate(&L, &T, opt, work, &B, &found, err);
     }

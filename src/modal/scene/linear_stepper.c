@@ -191,19 +191,16 @@ static enum modal_status advance(struct stepper *face, double t, double h, doubl
     return MODAL_OK;
 }
 
-/* B P w: a linear program's loads at t. */
+/* A linear program's loads alone. */
 static enum modal_status force(struct stepper *face, double t, const double *y, double *F,
                                struct modal_error *err)
 {
     struct linear_stepper *s = (struct linear_stepper *)face;
-    int N = s->ss->N, nw = s->src->nw;
 
     (void)y;
     (void)err;
-    memset(F, 0, (size_t)N * sizeof *F);
-    sources_at(s->src, t, s->w);
-    if (nw > 0)
-        cblas_dgemv(CblasColMajor, CblasNoTrans, N, nw, 1, s->BP, N, s->w, 1, 0, F, 1);
+    memset(F, 0, (size_t)s->ss->N * sizeof *F);
+    stepper_add_loads(s->src, s->BP, s->ss->N, t, s->w, F);
     return MODAL_OK;
 }
 
@@ -226,6 +223,14 @@ double *stepper_source_matrix(const struct statespace *ss, const struct sources 
         cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, ss->N, src->nw, ss->n, 1, ss->B,
                     ss->N, src->P, ss->n, 0, BP, ss->N);
     return BP;
+}
+
+void stepper_add_loads(const struct sources *src, const double *BP, int N, double t, double *w,
+                       double *F)
+{
+    sources_at(src, t, w);
+    if (src->nw > 0)
+        cblas_dgemv(CblasColMajor, CblasNoTrans, N, src->nw, 1, BP, N, w, 1, 1, F, 1);
 }
 
 enum modal_status linear_stepper_new(const struct statespace *ss, const struct sources *src,

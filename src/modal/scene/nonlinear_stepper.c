@@ -693,16 +693,10 @@ static enum modal_status force(struct stepper *face, double t, const double *y, 
     return rc;
 }
 
-/* Counters of the laws into the effects' rows. */
+/* stepper.report */
 static void report(struct stepper *face, struct program *p)
 {
-    struct nonlinear_stepper *s = (struct nonlinear_stepper *)face;
-
-    for (int i = 0; i < s->ports->laws; i++) {
-        struct program_effect *e = &p->effect[p->law[i].effect];
-        e->evaluations += s->ports->law[i].evaluations;
-        e->active = e->active || s->ports->law[i].acted;
-    }
+    ports_report(((struct nonlinear_stepper *)face)->ports, p);
 }
 
 /* stepper.free; also of one half made. */

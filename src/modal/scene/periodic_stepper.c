@@ -104,7 +104,7 @@ static enum modal_status advance(struct stepper *face, double t, double h, doubl
                                  struct modal_error *err)
 {
     struct periodic_stepper *s = (struct periodic_stepper *)face;
-    int N = s->ss->N, nw = s->src->nw, slot = slot_of(s, t, h);
+    int N = s->ss->N, slot = slot_of(s, t, h);
     size_t count = (size_t)N * (size_t)s->magnus->size;
     double *map = slot >= 0 ? s->kept[slot] : NULL, *fresh = NULL;
     enum modal_status rc = MODAL_OK;
@@ -120,11 +120,9 @@ static enum modal_status advance(struct stepper *face, double t, double h, doubl
         }
     }
     if (rc == MODAL_OK) {
-        sources_at(s->src, t, s->w);
         cblas_dgemv(CblasColMajor, CblasNoTrans, N, N, 1, map, N, y, 1, 0, s->next, 1);
-        if (nw > 0)
-            cblas_dgemv(CblasColMajor, CblasNoTrans, N, nw, 1, map + (size_t)N * (size_t)N, N, s->w,
-                        1, 1, s->next, 1);
+        /* the map's last columns are G of linear_stepper.c (1) */
+        stepper_add_loads(s->src, map + (size_t)N * (size_t)N, N, t, s->w, s->next);
         memcpy(y, s->next, (size_t)N * sizeof *y);
         face->products++;
     }
@@ -132,19 +130,16 @@ static enum modal_status advance(struct stepper *face, double t, double h, doubl
     return rc;
 }
 
-/* B P w: a linear program's loads at t. */
+/* A linear program's loads alone. */
 static enum modal_status force(struct stepper *face, double t, const double *y, double *F,
                                struct modal_error *err)
 {
     struct periodic_stepper *s = (struct periodic_stepper *)face;
-    int N = s->ss->N, nw = s->src->nw;
 
     (void)y;
     (void)err;
-    memset(F, 0, (size_t)N * sizeof *F);
-    sources_at(s->src, t, s->w);
-    if (nw > 0)
-        cblas_dgemv(CblasColMajor, CblasNoTrans, N, nw, 1, s->BP, N, s->w, 1, 0, F, 1);
+    memset(F, 0, (size_t)s->ss->N * sizeof *F);
+    stepper_add_loads(s->src, s->BP, s->ss->N, t, s->w, F);
     return MODAL_OK;
 }
 

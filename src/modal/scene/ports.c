@@ -236,3 +236,12 @@ enum modal_status ports_force(struct ports *p, double t, const double *probe, co
         pulsating_part(p, t, probe, force, slope);
     return rc;
 }
+
+void ports_report(const struct ports *p, struct program *program)
+{
+    for (int i = 0; i < p->laws; i++) {
+        struct program_effect *e = &program->effect[program->law[i].effect];
+        e->evaluations += p->law[i].evaluations;
+        e->active |= p->law[i].acted;
+    }
+}

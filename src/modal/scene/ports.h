@@ -59,4 +59,6 @@ enum modal_status ports_law(struct ports *p, int law, double t, const double *d,
                             const double *d_before, const double *memory, double *after,
                             int *regime, struct modal_error *err);
 
+/* Adds what laws counted to the rows of their effects in PROGRAM. */
+void ports_report(const struct ports *p, struct program *program);
 #endif

@@ -53,12 +53,10 @@ static enum modal_status add_laws(struct rk4_stepper *s, double t, const double 
 static enum modal_status derivative(struct rk4_stepper *s, double t, const double *y, double *out,
                                     struct modal_error *err)
 {
-    int N = s->ss->N, nw = s->src->nw;
+    int N = s->ss->N;
 
     cblas_dgemv(CblasColMajor, CblasNoTrans, N, N, 1, s->ss->A, N, y, 1, 0, out, 1);
-    sources_at(s->src, t, s->w);
-    if (nw > 0)
-        cblas_dgemv(CblasColMajor, CblasNoTrans, N, nw, 1, s->BP, N, s->w, 1, 1, out, 1);
+    stepper_add_loads(s->src, s->BP, N, t, s->w, out);
     return add_laws(s, t, y, NULL, out, err);
 }
 
@@ -116,26 +114,19 @@ static enum modal_status force(struct stepper *face, double t, const double *y, 
                                struct modal_error *err)
 {
     struct rk4_stepper *s = (struct rk4_stepper *)face;
-    int N = s->ss->N, nw = s->src->nw, r = 2 * s->ports->probes;
+    int N = s->ss->N, r = 2 * s->ports->probes;
 
     memset(F, 0, (size_t)N * sizeof *F);
-    sources_at(s->src, t, s->w);
-    if (nw > 0)
-        cblas_dgemv(CblasColMajor, CblasNoTrans, N, nw, 1, s->BP, N, s->w, 1, 0, F, 1);
+    stepper_add_loads(s->src, s->BP, N, t, s->w, F);
     if (r > 0)
         cblas_dgemv(CblasColMajor, CblasNoTrans, r, N, 1, s->ports->R, r, y, 1, 0, s->before, 1);
     return add_laws(s, t, y, NULL, F, err);
 }
 
-/* Counters of the laws into the effects' rows. */
+/* stepper.report */
 static void report(struct stepper *face, struct program *p)
 {
-    struct rk4_stepper *s = (struct rk4_stepper *)face;
-
-    for (int i = 0; i < s->ports->laws; i++) {
-        p->effect[p->law[i].effect].evaluations += s->ports->law[i].evaluations;
-        p->effect[p->law[i].effect].active |= s->ports->law[i].acted;
-    }
+    ports_report(((struct rk4_stepper *)face)->ports, p);
 }
 
 /* stepper.free; also of one half made. */

@@ -70,4 +70,7 @@ enum modal_status rk4_stepper_new(const struct statespace *ss, const struct sour
 double *stepper_source_matrix(const struct statespace *ss, const struct sources *src,
                               struct workspace *space);
 
+/* F += BP w(t), N rows by columns; W becomes the sources at t, s. */
+void stepper_add_loads(const struct sources *src, const double *BP, int N, double t, double *w,
+                       double *F);
 #endif

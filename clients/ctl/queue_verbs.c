@@ -60,36 +60,6 @@ static enum modal_status print_job(struct session *s)
     return MODAL_OK;
 }
 
-/* status, cancel, delete */
-static int run_plain(const struct args *args, const char *protocol_verb)
-{
-    struct session s;
-    enum modal_status rc = begin(&s, args);
-
-    if (rc == MODAL_OK)
-        rc = client_do(s.link, protocol_verb, args->word[1], remote_answer_by(s.deadline), &s.doc,
-                       &s.detail, &s.err);
-    if (rc == MODAL_OK)
-        rc = print_job(&s);
-    return end(&s, rc, 0);
-}
-
-int run_status(const struct verb *verb, const struct args *args)
-{
-    (void)verb;
-    return run_plain(args, "STATUS");
-}
-int run_cancel(const struct verb *verb, const struct args *args)
-{
-    (void)verb;
-    return run_plain(args, "CANCEL");
-}
-int run_delete(const struct verb *verb, const struct args *args)
-{
-    (void)verb;
-    return run_plain(args, "DELETE");
-}
-
 /* Why a document has no result: its own error, and where the daemon has none, one made from the
  * state. */
 static void add_error(cJSON *doc, const struct modal_error *err, const cJSON *detail)
@@ -140,15 +110,14 @@ int run_wait(const struct verb *verb, const struct args *args)
     return end(&s, rc, status);
 }
 
-int run_retry(const struct verb *verb, const struct args *args)
+int run_queue(const struct verb *verb, const struct args *args)
 {
     struct session s;
     int status = 0;
     enum modal_status rc = begin(&s, args);
 
-    (void)verb;
     if (rc == MODAL_OK)
-        rc = client_do(s.link, "RETRY", args->word[1], remote_answer_by(s.deadline), &s.doc,
+        rc = client_do(s.link, verb->asks, args->word[1], remote_answer_by(s.deadline), &s.doc,
                        &s.detail, &s.err);
     if (rc == MODAL_OK && args->wait)
         rc = wait_for(&s, args->word[1], &status);
@@ -371,45 +340,19 @@ static void show_lines(const cJSON *object, int indent)
     }
 }
 
-static int run_header(const struct args *args, const char *protocol_verb)
+int run_service(const struct verb *verb, const struct args *args)
 {
     struct session s;
     enum modal_status rc = begin(&s, args);
 
     if (rc == MODAL_OK)
-        rc = client_ask(s.link, protocol_verb, cJSON_CreateObject(), remote_answer_by(s.deadline),
+        rc = client_ask(s.link, verb->asks, cJSON_CreateObject(), remote_answer_by(s.deadline),
                         &s.doc, NULL, &s.detail, &s.err);
     if (rc == MODAL_OK && args->json)
         rc = outcome_json(s.doc, &s.err);
     else if (rc == MODAL_OK)
         show_lines(s.doc, 0);
     return end(&s, rc, 0);
-}
-
-int run_hello(const struct verb *verb, const struct args *args)
-{
-    (void)verb;
-    return run_header(args, "HELLO");
-}
-int run_stats(const struct verb *verb, const struct args *args)
-{
-    (void)verb;
-    return run_header(args, "STATS");
-}
-int run_whoami(const struct verb *verb, const struct args *args)
-{
-    (void)verb;
-    return run_header(args, "WHOAMI");
-}
-int run_drain(const struct verb *verb, const struct args *args)
-{
-    (void)verb;
-    return run_header(args, "DRAIN");
-}
-int run_undrain(const struct verb *verb, const struct args *args)
-{
-    (void)verb;
-    return run_header(args, "UNDRAIN");
 }
 
 int run_metrics(const struct verb *verb, const struct args *args)

@@ -10,6 +10,7 @@ struct verb {
     unsigned takes;                       /* groups of args.h */
     int (*run)(const struct verb *verb, const struct args *args); /* gives the exit status,
                                                                      everything said */
+    const char *asks;                     /* run_queue, run_service: the verb of PROTOCOL.md */
 };
 
 /* The kinds of jobs as verbs (run.c): read the input, run it here or on the server, show the
@@ -18,21 +19,16 @@ int run_job(const struct verb *verb, const struct args *args);
 
 /* The queue (queue_verbs.c). */
 int run_submit(const struct verb *verb, const struct args *args);
-int run_status(const struct verb *verb, const struct args *args);
 int run_wait(const struct verb *verb, const struct args *args);
 int run_result(const struct verb *verb, const struct args *args);
 int run_mac(const struct verb *verb, const struct args *args);            /* mac.c */
 int run_stderr(const struct verb *verb, const struct args *args);
-int run_cancel(const struct verb *verb, const struct args *args);
-int run_retry(const struct verb *verb, const struct args *args);
-int run_delete(const struct verb *verb, const struct args *args);
 int run_list(const struct verb *verb, const struct args *args);
-int run_hello(const struct verb *verb, const struct args *args);
-int run_stats(const struct verb *verb, const struct args *args);
-int run_whoami(const struct verb *verb, const struct args *args);
+/* The question that VERB asks: of one job, whose state is the answer (with --wait its end), or of
+ * the service. */
+int run_queue(const struct verb *verb, const struct args *args);
+int run_service(const struct verb *verb, const struct args *args);
 int run_metrics(const struct verb *verb, const struct args *args);
-int run_drain(const struct verb *verb, const struct args *args);
-int run_undrain(const struct verb *verb, const struct args *args);
 
 /* Submit PATH as a job of KIND (OF: of a tradeoff, or NULL), say its document; the exit status. */
 int submit_one(const char *kind, const char *of, const char *path, const struct args *args);

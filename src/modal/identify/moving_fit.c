@@ -73,28 +73,15 @@ struct work {
     double *weight, *energy, *rss, *floor2;
     double F, gradient, spent;
     bool look;
+    struct workspace space;      /* of all these arrays */
 };
-
-static void work_done(struct work *w)
-{
-    free(w->kind), free(w->column), free(w->first), free(w->scratch), free(w->spare), free(w->base),
-        free(w->reference), free(w->centre), free(w->A);
-    free(w->B), free(w->below), free(w->C), free(w->V), free(w->stack), free(w->J), free(w->tau),
-        free(w->delta), free(w->weight), free(w->energy);
-    free(w->rss), free(w->floor2);
-}
-
-static double *numbers(size_t m, size_t n)
-{
-    return calloc(m * n + 1, sizeof(double));
-}
 
 static bool layout(struct work *w, const double complex *lambda)
 {
-    w->kind = malloc(sizeof *w->kind * (size_t)w->count),
-    w->column = malloc(sizeof *w->column * (size_t)w->count);
-    w->first = malloc(sizeof *w->first * (size_t)w->count);
-    if (w->kind == NULL || w->column == NULL || w->first == NULL)
+    w->kind = workspace_room(&w->space, (size_t)w->count, sizeof *w->kind);
+    w->column = workspace_room(&w->space, (size_t)w->count, sizeof *w->column);
+    w->first = workspace_room(&w->space, (size_t)w->count, sizeof *w->first);
+    if (w->space.failed)
         return false;
     for (int j = 0; j < w->count; j++) {
         w->kind[j] = pole_kind(lambda[j], w->rows->tau);
@@ -109,22 +96,23 @@ static bool layout(struct work *w, const double complex *lambda)
 static bool allocate(struct work *w)
 {
     size_t m = (size_t)w->m, q = (size_t)w->q, r = (size_t)w->r, P = (size_t)w->P + 1,
-           most = w->look ? 1 : MOVING_MOMENTS;
+           most = w->look ? 1 : MOVING_MOMENTS, count = (size_t)w->count;
+    const struct { double **x; size_t count; } filled[] = {
+        { &w->scratch, moving_columns_scratch(w->rows) }, { &w->spare, most * m },
+        { &w->A, m * (most * q + r) }, { &w->B, most * q * (2 * q + r) },
+    }, zeros[] = {
+        { &w->reference, count }, { &w->centre, count }, { &w->below, r }, { &w->C, q * r },
+        { &w->V, q * q }, { &w->stack, (q * r + P) * P }, { &w->J, P * P },
+        { &w->tau, (2 * q + r) * most }, { &w->delta, P }, { &w->weight, r }, { &w->energy, r },
+        { &w->rss, r }, { &w->floor2, r },
+    };
 
-    w->scratch = malloc(sizeof *w->scratch * moving_columns_scratch(w->rows)),
-    w->spare = malloc(sizeof *w->spare * most * m);
-    w->base = malloc(sizeof *w->base * (size_t)w->count),
-    w->reference = numbers((size_t)w->count, 1), w->centre = numbers((size_t)w->count, 1);
-    w->A = malloc(sizeof *w->A * m * (most * q + r)),
-    w->B = malloc(sizeof *w->B * most * q * (2 * q + r)), w->below = numbers(r, 1);
-    w->C = numbers(q, r), w->V = numbers(q, q), w->stack = numbers(q * r + P, P),
-    w->J = numbers(P, P), w->tau = numbers(2 * q + r, most);
-    w->delta = numbers(P, 1), w->weight = numbers(r, 1), w->energy = numbers(r, 1),
-    w->rss = numbers(r, 1), w->floor2 = numbers(r, 1);
-    return w->scratch != NULL && w->spare != NULL && w->base != NULL && w->reference != NULL
-        && w->centre != NULL && w->A != NULL && w->B != NULL && w->below != NULL && w->C != NULL
-        && w->V != NULL && w->stack != NULL && w->J != NULL && w->tau != NULL && w->delta != NULL
-        && w->weight != NULL && w->energy != NULL && w->rss != NULL && w->floor2 != NULL;
+    w->base = workspace_room(&w->space, count, sizeof *w->base);
+    for (size_t i = 0; i < sizeof filled / sizeof *filled; i++)
+        *filled[i].x = workspace_room(&w->space, filled[i].count, sizeof(double));
+    for (size_t i = 0; i < sizeof zeros / sizeof *zeros; i++)
+        *zeros[i].x = workspace_zeros(&w->space, zeros[i].count, sizeof(double));
+    return !w->space.failed;
 }
 
 static double freedom(const struct work *w)
@@ -548,18 +536,19 @@ static bool fit_new(struct moving_fit *f, const struct work *w)
 
     *f = (struct moving_fit) { .poles = w->count, .order = w->q, .signals = w->r,
                                .parameters = w->P };
-    f->lambda = malloc(sizeof *f->lambda * (count + 1));
-    f->std_re = numbers(count, 1), f->std_im = numbers(count, 1);
-    f->C = numbers((size_t)w->q, r), f->rss = numbers(r, 1), f->floor2 = numbers(r, 1),
-    f->energy = numbers(r, 1);
-    return f->lambda != NULL && f->std_re != NULL && f->std_im != NULL && f->C != NULL
-        && f->rss != NULL && f->floor2 != NULL && f->energy != NULL;
+    f->lambda = workspace_zeros(&f->space, count, sizeof *f->lambda);
+    f->std_re = workspace_numbers(&f->space, count, 1);
+    f->std_im = workspace_numbers(&f->space, count, 1);
+    f->C = workspace_numbers(&f->space, (size_t)w->q, r);
+    f->rss = workspace_numbers(&f->space, r, 1);
+    f->floor2 = workspace_numbers(&f->space, r, 1);
+    f->energy = workspace_numbers(&f->space, r, 1);
+    return !f->space.failed;
 }
 
 void moving_fit_done(struct moving_fit *f)
 {
-    free(f->lambda), free(f->std_re), free(f->std_im), free(f->C), free(f->rss), free(f->floor2),
-        free(f->energy);
+    workspace_free(&f->space);
     *f = (struct moving_fit) { 0 };
 }
 
@@ -619,7 +608,7 @@ static enum modal_status run(const struct moving_rows *rows, const struct moving
     f = (struct moving_fit) { 0 };
 out:
     moving_fit_done(&f);
-    work_done(&w);
+    workspace_free(&w.space);
     return rc;
 }
 

@@ -7,6 +7,7 @@
 #include "base/error.h"
 #include "modal/identify/moving_columns.h"
 #include "modal/linalg/matrix.h"
+#include "modal/linalg/workspace.h"
 
 /* One list of signals on such rows. */
 struct moving_signals {
@@ -32,6 +33,7 @@ struct moving_fit {
     double price, pair_price;    /* what one more parameter, one more pair costs in BIC */
     double work;        /* multiplications, about: rows x columns^2 an evaluation, as in refine.h */
     bool settled;                /* at the minimum, as refine_options.settle means it */
+    struct workspace space;      /* of the arrays */
 };
 
 /*

@@ -43,9 +43,10 @@ static enum modal_status fit_steps(struct climb *c, const double complex *lambda
         opt.iterations = steps;
 
     opt.rival = rival;
+    /* 0 would be no limit */
     opt.work = c->opt->work > 0 ? fmax(c->opt->work - c->choice.work, DBL_MIN) : 0;
     if (!refine)
-        opt.iterations = -1;
+        opt.iterations = -1;        /* an evaluation, no step: the fit as these poles have it */
     rc = refine_poles(c->data, lambda, count, fixed, &opt, fit, err);
     if (rc == MODAL_OK) {
         c->choice.work += fit->work;
@@ -98,6 +99,7 @@ enum modal_status climb_refine(struct climb *c, int i, double rival, struct moda
         return MODAL_OK;
     if (c->opt->cancelled != NULL && c->opt->cancelled(c->opt->context))
         return modal_fail(err, MODAL_CANCELLED, "cancelled at order %d", k->r);
+    /* no pole is fixed: an offset is pinned last, by order_improve.c */
     rc = climb_fit(c, k->fit.lambda, k->fit.poles, NULL, true, rival, &fit, err);
     if (rc != MODAL_OK)
         return rc;
@@ -140,11 +142,13 @@ enum modal_status climb_weed(struct climb *c, double reach, int most, int *best,
         if (climb_spent(c, 1))
             return MODAL_OK;
         memcpy(c->lambda, fit->lambda, (size_t)count * sizeof *c->lambda);
+        /* share 1: the whole price, where looking asks for half */
         rc = climb_trim(c, c->lambda, &count, 1, reach, most, err);
         if (rc != MODAL_OK || count == fit->poles)
             return rc;
         rc = climb_try(c, 0, c->lambda, count, NULL, true, reach > 0 ? climb_bic(c, *best) : 0, &at,
                        err);
+        /* not <= : NAN does not win, nor a tie, which would go round for ever */
         if (rc != MODAL_OK || at < 0 || !(climb_bic(c, at) < climb_bic(c, *best)))
             return rc;
         *best = at;
@@ -155,10 +159,12 @@ double climb_pair_price(const struct climb *c, const struct refined *fit)
 {
     const struct refine_data *d = c->data;
     int phases = d->phases > 0 ? d->phases : 1;
+    /* samples of a signal: each phase of a period is a column */
     double n = (double)d->Y->m * phases;
     struct criterion k = { fit->groups, phases, n, n * (d->share > 0 ? d->share : 1), d->exact,
                            fit->noise, fit->floor, d->white };
 
+    /* a pair has two columns, and two real exponents */
     return criterion_price(&k, fit->order + 2, fit->parameters + 2)
          - criterion_price(&k, fit->order, fit->parameters);
 }
@@ -182,5 +188,6 @@ double climb_worth_looking(const struct climb *c, const struct refined *fit, dou
 {
     double d = 2.0 * c->data->Y->n, x = log(fmax(count, 2));
 
+    /* d: a pair takes two numbers of each column, its amplitude */
     return fmin(SHARE_LOOK * climb_pair_price(c, fit), d + 2 * sqrt(d * x) + 2 * x);
 }

@@ -33,11 +33,12 @@ static enum modal_status turn_pole(struct climb *c, int j, int *best, struct mod
     bool worth;
     enum modal_status rc;
 
+    /* too slow to turn within the record, too fast for samples to show it */
     if (rate * record < M_PI || rate * c->data->tau > M_PI_2
         || fit->order + 1 > climb_order_most(c))
         return MODAL_OK;
     memcpy(c->lambda, fit->lambda, (size_t)n * sizeof *c->lambda);
-    c->lambda[j] += I * rate;
+    c->lambda[j] += I * rate;       /* a radian in its life */
     rc = climb_fit(c, c->lambda, n, NULL, false, 0, &looked, err);
     if (rc != MODAL_OK)
         return rc;
@@ -66,6 +67,7 @@ static enum modal_status split_pole(struct climb *c, const struct matrix *E, int
 
     if (pole_kind(lambda, c->data->tau) == POLE_REAL)
         return turn_pole(c, j, best, err);
+    /* beside 0 or Nyquist one of the two would meet its own conjugate */
     if (cimag(lambda) <= 2 * apart || cimag(lambda) >= nyquist - 2 * apart
         || fit->order + 2 > climb_order_most(c) || n + 1 > c->poles_most)
         return MODAL_OK;
@@ -76,7 +78,10 @@ static enum modal_status split_pole(struct climb *c, const struct matrix *E, int
     if (rc != MODAL_OK || !(chi2 > climb_worth_looking(c, fit, n)))
         return rc;
     memcpy(c->lambda, fit->lambda, (size_t)n * sizeof *c->lambda);
+    /* e^{lambda t} cos and sin of t / (2 record): the span of e^{lambda t} and nearly t
+     * e^{lambda t} */
     c->lambda[j] = lambda - I * apart, c->lambda[n] = lambda + I * apart;
+    /* as they are put, before a step: what of the remainder they explain */
     rc = climb_fit(c, c->lambda, n + 1, NULL, false, 0, &looked, err);
     if (rc != MODAL_OK)
         return rc;
@@ -150,6 +155,7 @@ static int undetermined(const struct climb *c, const struct refined *fit)
 
     for (int j = 0; j < fit->poles; j++) {
         double size = cabs(fit->lambda[j]), error = hypot(fit->std_re[j], fit->std_im[j]);
+        /* slower ones may be constants, which pin_offset tells */
         if (size * record > MOVED && error > size
             && (worst < 0 || error > hypot(fit->std_re[worst], fit->std_im[worst])))
             worst = j;
@@ -228,7 +234,7 @@ static enum modal_status pin_offset(struct climb *c, int *best, struct modal_err
     if (slow < 0 || !(fabs(creal(fit->lambda[slow])) <= fmax(4 * fit->std_re[slow], 1e-9 / record))
         || climb_spent(c, 1))
         return MODAL_OK;
-    c->lambda[0] = 0;
+    c->lambda[0] = 0;               /* the null exponent of an offset, first and fixed */
     n = 1 + without(c, *best, slow, c->lambda + 1);
     memset(c->fixed, 0, (size_t)n * sizeof *c->fixed);
     c->fixed[0] = true;

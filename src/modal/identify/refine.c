@@ -69,20 +69,19 @@ static bool refined_new(struct refined *r, const struct work *w)
 
     *r = (struct refined) { .poles = w->count, .order = w->order, .parameters = w->parameters,
                             .groups = w->groups };
-    r->lambda = calloc(count, sizeof *r->lambda);
-    r->first = calloc(count, sizeof *r->first);
-    r->covariance = refine_numbers(n, n);
-    r->std_re = refine_numbers(count, 1), r->std_im = refine_numbers(count, 1);
-    r->noise = refine_numbers(groups, 1), r->floor = refine_numbers(groups, 1);
-    return r->lambda != NULL && r->first != NULL && r->covariance != NULL && r->std_re != NULL
-        && r->std_im != NULL && r->noise != NULL && r->floor != NULL;
+    r->lambda = workspace_zeros(&r->space, count, sizeof *r->lambda);
+    r->first = workspace_zeros(&r->space, count, sizeof *r->first);
+    r->covariance = workspace_numbers(&r->space, n, n);
+    r->std_re = workspace_numbers(&r->space, count, 1);
+    r->std_im = workspace_numbers(&r->space, count, 1);
+    r->noise = workspace_numbers(&r->space, groups, 1);
+    r->floor = workspace_numbers(&r->space, groups, 1);
+    return !r->space.failed;
 }
 
 void refined_done(struct refined *r)
 {
-    free(r->lambda), free(r->first), free(r->covariance), free(r->std_re), free(r->std_im),
-        free(r->noise);
-    free(r->floor);
+    workspace_free(&r->space);
     *r = (struct refined) { 0 };
 }
 
@@ -190,6 +189,26 @@ static enum modal_status no_memory(const struct work *w, struct modal_error *err
                       w->order);
 }
 
+/* The poles, checked; room for their fit, *S at LAMBDA.  The caller frees W, on failure
+ * too. */
+static enum modal_status begin(struct work *w, struct search *s, const double complex *lambda,
+                               struct modal_error *err)
+{
+    enum modal_status rc = refine_check(w->data, lambda, w->count, err);
+
+    if (rc != MODAL_OK)
+        return rc;
+    if (!refine_layout(w, lambda) || !refine_allocate(w, true) || !refine_search_new(s, w))
+        return no_memory(w, err);
+    set_energy(w);
+    for (int j = 0; j < w->count; j++) {
+        double a = creal(lambda[j]) * w->data->tau;
+        s->at.a[j] = w->first[j] < 0 ? a : refine_guard(w, a);
+        s->at.b[j] = cimag(lambda[j]) * w->data->tau;
+    }
+    return MODAL_OK;
+}
+
 enum modal_status refine_poles(const struct refine_data *data, const double complex *start,
                                int count, const bool *fixed, const struct refine_options *options,
                                struct refined *out, struct modal_error *err)
@@ -198,22 +217,13 @@ enum modal_status refine_poles(const struct refine_data *data, const double comp
     struct work w = work_of(data, count, fixed, opt.iterations < 0);
     struct search s = { 0 };
     struct refined r = { 0 };
-    enum modal_status rc = refine_check(data, start, count, err);
+    enum modal_status rc = begin(&w, &s, start, err);
 
-    if (rc != MODAL_OK)
-        return rc;
-    if (!refine_layout(&w, start) || !refine_allocate(&w, true) || !refine_search_new(&s, &w)
-        || !refined_new(&r, &w)) {
+    if (rc == MODAL_OK && !refined_new(&r, &w))
         rc = no_memory(&w, err);
+    if (rc != MODAL_OK)
         goto out;
-    }
-    set_energy(&w);
-    for (int j = 0; j < count; j++) {
-        double a = creal(start[j]) * data->tau;
-        s.at.a[j] = w.first[j] < 0 ? a : refine_guard(&w, a);
-        s.at.b[j] = cimag(start[j]) * data->tau;
-        r.lambda[j] = start[j];
-    }
+    memcpy(r.lambda, start, (size_t)count * sizeof *start);
     rc = refine_search(&w, &s, &opt, &r, &r.end, err);
     if (rc != MODAL_OK)
         goto out;
@@ -222,7 +232,6 @@ enum modal_status refine_poles(const struct refine_data *data, const double comp
     r = (struct refined) { 0 };
 out:
     refined_done(&r);
-    refine_search_done(&s);
     refine_free(&w);
     return rc;
 }
@@ -237,7 +246,7 @@ double refine_work(const struct refine_data *data, int order)
 
 void projected_done(struct projected *p)
 {
-    free(p->R), free(p->Z), free(p->rss), free(p->energy), free(p->lowest);
+    workspace_free(&p->space);
     *p = (struct projected) { 0 };
 }
 
@@ -246,10 +255,12 @@ static bool projected_new(struct projected *p, const struct work *w)
     size_t q = (size_t)w->order, groups = (size_t)w->groups;
 
     *p = (struct projected) { .order = w->order, .parameters = w->parameters, .columns = w->S };
-    p->R = refine_numbers(q, q), p->Z = refine_numbers(q, (size_t)w->S);
-    p->rss = refine_numbers(groups, 1);
-    p->energy = refine_numbers(groups, 1), p->lowest = refine_numbers(groups, 1);
-    return p->R != NULL && p->Z != NULL && p->rss != NULL && p->energy != NULL && p->lowest != NULL;
+    p->R = workspace_numbers(&p->space, q, q);
+    p->Z = workspace_numbers(&p->space, q, (size_t)w->S);
+    p->rss = workspace_numbers(&p->space, groups, 1);
+    p->energy = workspace_numbers(&p->space, groups, 1);
+    p->lowest = workspace_numbers(&p->space, groups, 1);
+    return !p->space.failed;
 }
 
 /* What the evaluation left, into *p. */
@@ -273,23 +284,14 @@ enum modal_status refine_project(const struct refine_data *data, const double co
     struct work w = work_of(data, count, fixed, true);
     struct search s = { 0 };
     struct projected p = { 0 };
-    enum modal_status rc = refine_check(data, lambda, count, err);
+    enum modal_status rc = begin(&w, &s, lambda, err);
 
-    if (rc != MODAL_OK)
-        return rc;
-    if (!refine_layout(&w, lambda) || !refine_allocate(&w, true) || !refine_search_new(&s, &w)
-        || !projected_new(&p, &w)) {
+    if (rc == MODAL_OK && !projected_new(&p, &w))
         rc = no_memory(&w, err);
+    if (rc != MODAL_OK)
         goto out;
-    }
-    set_energy(&w);
     for (int g = 0; g < w.groups; g++)
         w.weight[g] = 1;
-    for (int j = 0; j < count; j++) {
-        double a = creal(lambda[j]) * data->tau;
-        s.at.a[j] = w.first[j] < 0 ? a : refine_guard(&w, a);
-        s.at.b[j] = cimag(lambda[j]) * data->tau;
-    }
     w.all = p.Z;
     rc = refine_evaluate(&w, &s.at, &s.now, err);
     if (rc != MODAL_OK)
@@ -299,7 +301,6 @@ enum modal_status refine_project(const struct refine_data *data, const double co
     p = (struct projected) { 0 };
 out:
     projected_done(&p);
-    refine_search_done(&s);
     refine_free(&w);
     return rc;
 }

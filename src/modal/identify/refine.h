@@ -7,6 +7,7 @@
 #include "base/error.h"
 #include "modal/identify/criterion.h"
 #include "modal/linalg/matrix.h"
+#include "modal/linalg/workspace.h"
 
 struct compressed;
 
@@ -86,6 +87,7 @@ struct refined {
                                   * each, or 2 rows x columns x S (doubling.h); it depends on sizes
                                   * and steps, not on the machine */
     enum refine_end end;
+    struct workspace space;      /* of the arrays */
 };
 
 /*
@@ -117,6 +119,7 @@ struct projected {
     struct criterion criterion;
     bool degenerate;             /* Phi has not its full rank: Z and rss mean nothing */
     double work;                 /* as in struct refined */
+    struct workspace space;      /* of the arrays */
 };
 
 /* One evaluation at LAMBDA; arguments and failures as refine_poles has them. The caller frees

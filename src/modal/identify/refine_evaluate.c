@@ -21,31 +21,22 @@ static void work_release(struct work *w)
 {
     doubling_free(w->doubling), gram_free(w->gram);
     w->doubling = NULL, w->gram = NULL;
-    free(w->basis), free(w->triangle), free(w->tau), free(w->R), free(w->Z), free(w->C);
-    free(w->rest), free(w->stack), free(w->reflect);
-    w->basis = w->triangle = w->tau = w->R = w->Z = w->C = NULL;
-    w->rest = w->stack = w->reflect = NULL;
+    workspace_free(&w->space);
 }
 
 void refine_free(struct work *w)
 {
-    free(w->kind), free(w->column), free(w->first);
     work_release(w);
-    free(w->weight), free(w->energy), free(w->floor2), free(w->lowest);
-}
-
-double *refine_numbers(size_t m, size_t n)
-{
-    return calloc(m * n > 0 ? m * n : 1, sizeof(double));
+    workspace_free(&w->held);
 }
 
 /* Columns and parameters of each pole; false: no memory. */
 bool refine_layout(struct work *w, const double complex *lambda)
 {
-    w->kind = malloc((size_t)w->count * sizeof *w->kind);
-    w->column = malloc((size_t)w->count * sizeof *w->column);
-    w->first = malloc((size_t)w->count * sizeof *w->first);
-    if (w->kind == NULL || w->column == NULL || w->first == NULL)
+    w->kind = workspace_zeros(&w->held, (size_t)w->count, sizeof *w->kind);
+    w->column = workspace_zeros(&w->held, (size_t)w->count, sizeof *w->column);
+    w->first = workspace_zeros(&w->held, (size_t)w->count, sizeof *w->first);
+    if (w->held.failed)
         return false;
     for (int j = 0; j < w->count; j++) {
         w->kind[j] = pole_kind(lambda[j], w->data->tau);
@@ -72,6 +63,7 @@ static bool work_plan(struct work *w, bool whole)
     double L = w->L;
 
     w->panel = PANEL_ENTRIES / w->L;
+    /* of a long record more than the cache holds, rather than Q once for each column */
     w->panel = w->panel < PANEL_LEAST ? PANEL_LEAST : w->panel;
     w->panel = w->panel > S ? S : w->panel;
     w->doubled = whole && doubling_pays(w->L, n, S);
@@ -79,8 +71,9 @@ static bool work_plan(struct work *w, bool whole)
         w->blocks = w->data->blocks;
         return w->blocks != NULL || begin_doubling(w);
     }
-    w->join = S <= JOIN_MOST && n + S <= w->L;
+    w->join = S <= JOIN_MOST && n + S <= w->L;  /* rows enough that [Phi D Y] has a triangle */
     w->panel = w->join ? S : w->panel;
+    /* Householder's QR of n columns: L n^2; Q^T Y and P Y: L S (k + q) */
     w->cost = w->join ? L * (n + S) * (n + S) : L * n * n + L * S * (w->most_columns + w->order);
     return true;
 }
@@ -89,51 +82,51 @@ static bool work_plan(struct work *w, bool whole)
 static bool allocate_rows(struct work *w, bool whole)
 {
     int q = w->order, P = w->parameters + 1;
-    size_t L = (size_t)w->L;
+    size_t L = (size_t)w->L, joined = (size_t)(w->columns + w->S);
+    struct workspace *space = &w->space;
 
     if (!work_plan(w, whole))
         return false;
+    /* R_J so far, and R22 K_c of (4) for each column */
     w->stack_rows = P + w->panel * (w->most_columns - q);
-    w->basis =
-        refine_numbers(w->doubled ? 0 : L, (size_t)w->columns + (w->join ? (size_t)w->S : 0));
-    if (w->join && w->L > TALL) {
-        w->triangle = refine_numbers((size_t)(w->columns + w->S), (size_t)(w->columns + w->S));
-        if (w->triangle == NULL)
-            return false;
-    }
-    w->tau = refine_numbers((size_t)w->columns + (size_t)w->panel, 1);
-    w->R = refine_numbers((size_t)w->most_columns, (size_t)w->columns);
-    w->Z = refine_numbers((size_t)w->most_columns, (size_t)w->panel),
-    w->C = refine_numbers((size_t)q, (size_t)w->panel);
-    w->rest = refine_numbers(w->join ? 0 : w->doubled ? 1 : L, (size_t)w->panel);
-    w->stack = refine_numbers((size_t)w->stack_rows, (size_t)P);
-    w->reflect = refine_numbers(REFLECT, (size_t)(w->columns + w->panel + P));
-    return w->basis != NULL && w->tau != NULL && w->R != NULL && w->Z != NULL && w->C != NULL
-        && w->rest != NULL && w->stack != NULL && w->reflect != NULL;
+    w->basis = workspace_numbers(space, w->doubled ? 0 : L,
+                                 (size_t)w->columns + (w->join ? (size_t)w->S : 0));
+    w->triangle = w->join && w->L > TALL ? workspace_numbers(space, joined, joined) : NULL;
+    w->tau = workspace_numbers(space, (size_t)w->columns + (size_t)w->panel, 1);
+    w->R = workspace_numbers(space, (size_t)w->most_columns, (size_t)w->columns);
+    w->Z = workspace_numbers(space, (size_t)w->most_columns, (size_t)w->panel);
+    w->C = workspace_numbers(space, (size_t)q, (size_t)w->panel);
+    w->rest = workspace_numbers(space, w->join ? 0 : w->doubled ? 1 : L, (size_t)w->panel);
+    w->stack = workspace_numbers(space, (size_t)w->stack_rows, (size_t)P);
+    w->reflect = workspace_numbers(space, REFLECT, (size_t)(w->columns + w->panel + P));
+    return !w->space.failed;
 }
 
 /* For sums in closed form; rest is each column's weight, then what it leaves. */
 static bool allocate_sums(struct work *w)
 {
     size_t S = (size_t)w->S, K = (size_t)w->columns;
+    struct workspace *space = &w->space;
 
     w->gram = gram_new(w->L, w->count, w->order);
-    w->R = refine_numbers(K, K), w->Z = refine_numbers(K, S);
-    w->C = refine_numbers((size_t)w->order, S);
-    w->rest = refine_numbers(S, 2);
+    w->R = workspace_numbers(space, K, K), w->Z = workspace_numbers(space, K, S);
+    w->C = workspace_numbers(space, (size_t)w->order, S);
+    /* of each column of Y: what is left of it, and its weight */
+    w->rest = workspace_numbers(space, S, 2);
     w->cost = gram_work(w->L, w->order, w->S);
-    return w->gram != NULL && w->R != NULL && w->Z != NULL && w->C != NULL && w->rest != NULL;
+    return w->gram != NULL && !w->space.failed;
 }
 
 bool refine_allocate(struct work *w, bool whole)
 {
+    double **each[] = { &w->weight, &w->energy, &w->floor2, &w->lowest };
     size_t groups = (size_t)w->groups;
 
-    w->columns = w->look ? w->order : 2 * w->order;
+    w->columns = w->look ? w->order : 2 * w->order;  /* D has as many columns as Phi */
     w->most_columns = w->L < w->columns ? w->L : w->columns;
-    w->weight = refine_numbers(groups, 1), w->energy = refine_numbers(groups, 1);
-    w->floor2 = refine_numbers(groups, 1), w->lowest = refine_numbers(groups, 1);
-    if (w->weight == NULL || w->energy == NULL || w->floor2 == NULL || w->lowest == NULL)
+    for (size_t i = 0; i < sizeof each / sizeof *each; i++)
+        *each[i] = workspace_numbers(&w->held, groups, 1);
+    if (w->held.failed)
         return false;
     return whole && gram_pays(w->L, w->order, w->S) ? allocate_sums(w) : allocate_rows(w, whole);
 }
@@ -147,6 +140,7 @@ void refine_fill_basis(struct work *w, const struct point *at)
     for (int j = 0; j < w->count; j++) {
         double *x = w->basis + (size_t)w->column[j] * (size_t)L;
         double a = at->a[j];
+        /* where e^{al} weighs: 1 / |a| from the end that it is large at, the middle at most */
         double centre = a == 0 ? 0.5 * (L - 1)
             : a > 0            ? L - 1 - fmin(0.5 * L, 1 / a)
                                : fmin(0.5 * L, -1 / a);
@@ -163,6 +157,7 @@ void refine_fill_basis(struct work *w, const struct point *at)
 bool refine_regular(const struct work *w)
 {
     for (int j = 0; j < w->order; j++)
+        /* Phi alone: D may depend on it where rows are few */
         if (qr_dependent(w->R + j * w->most_columns, j))
             return false;
     return true;
@@ -215,7 +210,7 @@ void refine_channel_rows(struct work *w, int c, double weight, int row)
         const double *d1 = R22 + i * k, *d2 = d1 + k;
         for (int l = 0; l < rows; l++) {
             if (w->kind[j] != POLE_PAIR) {
-                x[l] = weight * C[i] * d1[l];
+                x[l] = weight * C[i] * d1[l];  /* d/d(Re) of (3) is all that a real pole has */
             } else {
                 x[l] = weight * (C[i] * d1[l] + C[i + 1] * d2[l]);                         /* (3) */
                 x[l + ld] = weight * (C[i] * d2[l] - C[i + 1] * d1[l]);
@@ -223,6 +218,7 @@ void refine_channel_rows(struct work *w, int c, double weight, int row)
         }
     }
     for (int l = 0; l < rows; l++)
+        /* (4)'s right side, Q2^T y_c */
         w->stack[row + l + (P - 1) * ld] = weight * w->Z[q + l + c * k];
 }
 
@@ -242,6 +238,7 @@ enum modal_status refine_reduce_stack(struct work *w, int rows, double *T, struc
     memset(T, 0, (size_t)P * (size_t)P * sizeof *T);
     for (int j = 0; j < P; j++)
         for (int i = 0; i <= j && i < n; i++)
+            /* row by row a panel is forgotten: R^T R adds up, and is never formed */
             T[i + j * P] = w->stack[i + j * w->stack_rows];
     return MODAL_OK;
 }
@@ -262,9 +259,11 @@ static void project_joined(struct work *w, struct evaluation *e)
 
     for (int c = 0; c < w->S; c++) {
         const double *x = w->basis + (size_t)(w->columns + c) * (size_t)w->L;
+        /* the triangle ends at row columns + c: what is left of y_c lies above that */
         double r = cblas_dnrm2(k + c + 1 - q, x + q, 1);
         memcpy(w->Z + c * k, x, (size_t)k * sizeof *x);
         e->rss[c / w->phases] += r * r;
+        /* |Q2^T y|^2, all that a step of (4) can take away */
         e->near[c / w->phases] += cblas_ddot(k - q, x + q, 1, x + q, 1);
     }
 }
@@ -278,6 +277,7 @@ static enum modal_status project_doubled(struct work *w, int c0, int n, struct e
 
     for (int c = 0; c < n; c++) {
         double near = cblas_ddot(k - q, w->Z + c * k + q, 1, w->Z + c * k + q, 1);
+        /* |P y|^2 = |Q2^T y|^2 and what neither Phi nor D holds */
         e->rss[(c0 + c) / w->phases] += near + w->rest[c];
         e->near[(c0 + c) / w->phases] += near;
     }
@@ -293,6 +293,7 @@ static void project_panel(struct work *w, int c0, int n, struct evaluation *e)
     cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, k, n, L, 1, w->basis, L, Y, w->Y->ld, 0,
                 w->Z, k);
     for (int c = 0; c < n; c++)
+        /* residuals from the rows: |y|^2 - |Q1^T y|^2 would have half of the digits */
         memcpy(w->rest + (size_t)c * (size_t)L, Y + (size_t)c * (size_t)w->Y->ld,
                (size_t)L * sizeof *Y);
     cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, L, n, q, -1, w->basis, L, w->Z, k, 1,
@@ -324,6 +325,7 @@ static enum modal_status panel_pass(struct work *w, int c0, int n, struct evalua
         return rc;
     for (int c = 0; c < n; c++)
         memcpy(w->C + c * q, w->Z + c * k, (size_t)q * sizeof *w->C);
+    /* C = R11^{-1} Q1^T Y */
     cblas_dtrsm(CblasColMajor, CblasLeft, CblasUpper, CblasNoTrans, CblasNonUnit, q, n, 1, w->R, k,
                 w->C, q);
     for (int c = 0; c < n; c++)
@@ -336,7 +338,7 @@ static void weigh(const struct work *w, struct evaluation *e)
 {
     e->F = 0;
     for (int g = 0; g < w->groups; g++)
-        e->F += w->weight[g] * w->weight[g] * e->rss[g];
+        e->F += w->weight[g] * w->weight[g] * e->rss[g];  /* (1) */
 }
 
 /* One evaluation by sums; false where they do not tell enough. */
@@ -346,6 +348,7 @@ static bool evaluate_sums(struct work *w, const struct doubling_poles *poles,
     int q = w->order, K = w->columns, S = w->S;
     double *rest = w->rest, *weight = w->rest + S;
 
+    /* known to the square of the condition only: where that is too little, rows decide */
     if (!gram_factor(w->gram, poles, w->look, w->R)
         || !gram_project(w->gram, w->Y, w->R, w->C, w->Z, rest))
         return false;
@@ -371,6 +374,7 @@ static enum modal_status hold(struct work *w, const struct doubling_poles *poles
         enum modal_status rc = compressed_about(w->blocks, poles, err);
         if (rc != MODAL_OK)
             return rc;
+        /* counted by sizes, so that work ends alike on every machine */
         w->spent += (double)w->L * w->S * w->columns;
         doubling_free(w->doubling), w->doubling = NULL;
     }

@@ -173,34 +173,22 @@ void refine_take_step(const struct work *w, const struct point *from, const doub
     }
 }
 
-static bool point_new(struct point *p, int count)
+bool refine_search_new(struct search *s, struct work *w)
 {
-    p->a = refine_numbers((size_t)count, 1), p->b = refine_numbers((size_t)count, 1);
-    return p->a != NULL && p->b != NULL;
-}
+    size_t n = (size_t)w->parameters, poles = (size_t)w->count, groups = (size_t)w->groups;
+    struct point *points[] = { &s->at, &s->trial };
+    struct evaluation *evaluations[] = { &s->now, &s->next };
+    struct workspace *held = &w->held;
 
-static bool evaluation_new(struct evaluation *e, const struct work *w)
-{
-    e->rss = refine_numbers((size_t)w->groups, 1), e->near = refine_numbers((size_t)w->groups, 1);
-    e->T = refine_numbers((size_t)w->parameters + 1, (size_t)w->parameters + 1);
-    return e->rss != NULL && e->near != NULL && e->T != NULL;
-}
-
-bool refine_search_new(struct search *s, const struct work *w)
-{
-    size_t n = (size_t)w->parameters;
-
-    s->A = refine_numbers(2 * n, n), s->delta = refine_numbers(2 * n, 1);
-    return point_new(&s->at, w->count) && point_new(&s->trial, w->count)
-        && evaluation_new(&s->now, w) && evaluation_new(&s->next, w) && s->A != NULL
-        && s->delta != NULL;
-}
-
-void refine_search_done(struct search *s)
-{
-    free(s->at.a), free(s->at.b), free(s->trial.a), free(s->trial.b);
-    free(s->now.rss), free(s->now.near), free(s->now.T), free(s->next.rss), free(s->next.near),
-        free(s->next.T), free(s->A), free(s->delta);
+    s->A = workspace_numbers(held, 2 * n, n), s->delta = workspace_numbers(held, 2 * n, 1);
+    for (int i = 0; i < 2; i++) {
+        points[i]->a = workspace_numbers(held, poles, 1);
+        points[i]->b = workspace_numbers(held, poles, 1);
+        evaluations[i]->rss = workspace_numbers(held, groups, 1);
+        evaluations[i]->near = workspace_numbers(held, groups, 1);
+        evaluations[i]->T = workspace_numbers(held, n + 1, n + 1);
+    }
+    return !held->failed;
 }
 
 static void swap_in(struct search *s)

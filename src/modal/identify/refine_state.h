@@ -45,6 +45,7 @@ struct work {
     double *stack;               /* rows of (4) of one panel below the triangle so far */
     int stack_rows;
     double *reflect;             /* workspace of LAPACK's QR, REFLECT blocks of columns */
+    struct workspace space, held;   /* of an evaluation's arrays; of poles' and groups' */
     double *weight;              /* per group */
     double *energy;              /* per group: sum of squares of Y */
     double *floor2;              /* per group: (6)^2 */
@@ -69,8 +70,6 @@ struct search {
 
 /* ---- refine_evaluate.c ---- */
 
-/* M x N zeros; NULL: no memory. */
-double *refine_numbers(size_t m, size_t n);
 /* Columns and parameters of each pole; false: no memory. */
 bool refine_layout(struct work *w, const double complex *lambda);
 /* What evaluations need; WHOLE: all rows of Y are there.  False: no memory. */
@@ -96,9 +95,8 @@ enum modal_status refine_reduce_stack(struct work *w, int rows, double *T,
 
 /* ---- refine_search.c ---- */
 
-/* Room for a search of W; false: no memory. */
-bool refine_search_new(struct search *s, const struct work *w);
-void refine_search_done(struct search *s);
+/* Room for a search of W, given back with it; false: no memory. */
+bool refine_search_new(struct search *s, struct work *w);
 /* Descend from s->at, weigh anew, until the weights settle: *end; r->start and start_bic. */
 enum modal_status refine_search(struct work *w, struct search *s,
                                 const struct refine_options *asked, struct refined *r,

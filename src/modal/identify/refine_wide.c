@@ -26,7 +26,7 @@ static bool rest_by_energies(const struct work *w, const struct wide *d, int cha
     double rms = wide_rms(d, channel), energy = w->L * rms * rms;
     double sum = cblas_ddot(w->order, z, 1, z, 1);
 
-    *rest2 = energy - sum;
+    *rest2 = energy - sum;          /* Pythagoras: Z are products with an orthonormal basis */
     return *rest2 > CANCELS * energy;
 }
 
@@ -77,6 +77,7 @@ static enum modal_status wide_panel(struct work *w, const struct wide *d,
                                     struct wide_step *out, struct modal_error *err)
 {
     int q = w->order, k = w->most_columns, P = w->parameters + 1, live = 0;
+    /* (6), the fastest phase a step in floor2[0] */
     double floor = (4 + w->floor2[0] * w->L / 4) * DBL_EPSILON;
 
     if (all->Z != NULL)
@@ -86,20 +87,23 @@ static enum modal_status wide_panel(struct work *w, const struct wide *d,
                     (int)d->stride, 0, w->Z, k);
     for (int c = 0; c < n; c++)
         memcpy(w->C + c * q, w->Z + c * k, (size_t)q * sizeof *w->C);
+    /* C = R11^{-1} Q1^T Y */
     cblas_dtrsm(CblasColMajor, CblasLeft, CblasUpper, CblasNoTrans, CblasNonUnit, q, n, 1, w->R, k,
                 w->C, q);
     for (int c = 0; c < n; c++) {
         double rms = d->scale[c0 + c] > 0 ? wide_rms(d, c0 + c) : 0, least = floor * rms;
         double rss = rms > 0 ? wide_rest(w, d, all, c0, c) : 0;
+        /* each channel's own, profiled out: what it leaves in its free rows, and no less than
+         * rounding */
         double variance = fmax(rss / fmax(w->L - q, 1), least * least);
         out->rest[c0 + c] = sqrt(rss / w->L);
         for (int j = 0; out->coefficient != NULL && j < w->count; j++)
             out->coefficient[j + (size_t)(c0 + c) * (size_t)w->count] =
                 CMPLX(w->C[w->column[j] + c * q],
                       w->kind[j] == POLE_PAIR ? w->C[w->column[j] + 1 + c * q] : 0);
-        if (variance <= 0)
+        if (variance <= 0)          /* a zero channel tells nothing */
             continue;
-        e->F += rss / variance;
+        e->F += rss / variance;     /* (1) with w_c = 1 / sigma_c */
         refine_channel_rows(w, c, 1 / sqrt(variance), P + live++ * (k - q));
     }
     if (w->parameters == 0 || k == q || live == 0)
@@ -150,12 +154,12 @@ enum modal_status wide_refine(const struct wide *d, double tau, const double com
     if (rc != MODAL_OK)
         return rc;
     if (!refine_layout(&w, start) || !refine_allocate(&w, false) || !refine_search_new(&s, &w)
-        || (cov = refine_numbers((size_t)w.parameters, (size_t)w.parameters)) == NULL) {
+        || (cov = workspace_numbers(&w.held, (size_t)w.parameters, (size_t)w.parameters)) == NULL) {
         rc = modal_fail(err, MODAL_NO_MEMORY, "refine: no memory for order %d of %d channels",
                         w.order, d->S);
         goto out;
     }
-    w.S = d->S;
+    w.S = d->S;  /* the shape had columns enough that Y does not join; residuals are of these */
     for (int j = 0; j < count; j++) {
         s.at.a[j] = creal(start[j]) * tau, s.at.b[j] = cimag(start[j]) * tau;
         w.floor2[0] = fmax(w.floor2[0], fabs(s.at.b[j]));         /* the fastest phase, for (6) */
@@ -163,6 +167,8 @@ enum modal_status wide_refine(const struct wide *d, double tau, const double com
     rc = wide_evaluate(&w, d, &s.at, &s.now, out, err);
     if (rc != MODAL_OK)
         goto out;
+    /* |R_J delta| / s of (5), as g = R_J delta where nothing damps: the step in standard errors
+     * of all parameters at once */
     step = cblas_dnrm2(w.parameters, s.now.T + w.parameters * (w.parameters + 1), 1)
         / sqrt(fmax(s.now.F / fmax(refine_freedom(&w), 1), DBL_MIN));
     out->length = step;
@@ -180,8 +186,6 @@ enum modal_status wide_refine(const struct wide *d, double tau, const double com
         out->std_im[j] = p < 0 || w.kind[j] != POLE_PAIR ? 0 : sqrt(cov[p + 1 + (p + 1) * P]);
     }
 out:
-    free(cov);
-    refine_search_done(&s);
     refine_free(&w);
     return rc;
 }

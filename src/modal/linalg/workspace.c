@@ -9,7 +9,7 @@
 
 enum { ROOM_FIRST = 16 };         /* pieces: most owners have fewer, and the list never grows */
 
-void *workspace_zeros(struct workspace *w, size_t count, size_t size)
+static void *keep(struct workspace *w, size_t count, size_t size, bool zeros)
 {
     if (w->count == w->room) {
         size_t room = w->room > 0 ? 2 * w->room : ROOM_FIRST;
@@ -22,10 +22,26 @@ void *workspace_zeros(struct workspace *w, size_t count, size_t size)
         w->held = held;
         w->room = room;
     }
-    void *x = calloc(count + 1, size);    /* one more: calloc(0) may be NULL */
+    /* one more: calloc(0) may be NULL */
+    void *x = zeros ? calloc(count + 1, size) : reallocarray(NULL, count + 1, size);
 
     w->failed |= x == NULL;
     return w->held[w->count++] = x;
+}
+
+void *workspace_zeros(struct workspace *w, size_t count, size_t size)
+{
+    return keep(w, count, size, true);
+}
+
+void *workspace_room(struct workspace *w, size_t count, size_t size)
+{
+    return keep(w, count, size, false);
+}
+
+double *workspace_numbers(struct workspace *w, size_t m, size_t n)
+{
+    return workspace_zeros(w, m * n, sizeof(double));
 }
 
 enum modal_status workspace_check(const struct workspace *w, const char *text,

@@ -15,6 +15,12 @@ struct workspace {                /* zeros: nothing yet */
  * W has failed. */
 void *workspace_zeros(struct workspace *w, size_t count, size_t size);
 
+/* The same, of any content: for what is filled at once. */
+void *workspace_room(struct workspace *w, size_t count, size_t size);
+
+/* M x N zeros that are numbers. */
+double *workspace_numbers(struct workspace *w, size_t m, size_t n);
+
 /* MODAL_OK, or MODAL_NO_MEMORY with TEXT where W has failed. */
 enum modal_status workspace_check(const struct workspace *w, const char *text,
                                   struct modal_error *err);

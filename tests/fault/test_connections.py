@@ -16,6 +16,7 @@ import zmq
 HERE = pathlib.Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent / "system"))
 import sanitized  # noqa: E402
+import curve_peer  # noqa: E402
 from lab import Lab  # noqa: E402
 from wire import VERSION, Client, Daemon, ring_down, submit, until  # noqa: E402
 
@@ -314,6 +315,59 @@ def test_a_ping_that_is_cut_short_is_answered_with_nothing_of_the_daemons_memory
             while more := s.recv(4096):
                 seen += more
         assert b"PONG" not in seen and d.client().ask("HELLO").ok
+
+
+@contextlib.contextmanager
+def peer_by_hand(tmp_path, security):
+    """A daemon, an honest client, and a connection that has shaken hands: `(daemon, honest, socket,
+    command)`, the last making the bytes of a command."""
+    if security == "null":
+        with Daemon(workers=0) as d, connect(d) as s:
+            yield d, d.client(), s, lambda body: curve_peer.frame(body, 4)
+        return
+    lab = Lab(tmp_path, {"ann": "ann submit", "eve": "eve submit"}, workers=0)
+    with lab.daemon as d, reach(d) as s:
+        one = curve_peer.Session(s, lab.server[0], *lab.pairs["eve"])
+        yield d, lab.client("ann"), s, lambda body: one.message(body, 2)
+
+
+COMMANDS = [b"\x04PING\xff\xffand what is echoed", b"\x04PONG", b"\x09SUBSCRIBEall",
+            b"\x06CANCELall", b"\x05ERROR\x03400", b"\x04JOINall", b"\x07UNKNOWN", b"", b"\xffx"]
+
+
+@pytest.mark.parametrize("body", COMMANDS, ids=lambda body: body[1:6].hex())
+@pytest.mark.parametrize("security", ["null", "curve"])
+def test_a_flood_of_commands_ends_its_connection_and_nobody_elses(tmp_path, security, body):
+    """Each is libzmq's own work, in the one thread that reads for all: no full pipe stops them.
+    Under CURVE subscriptions are requests of a wrong shape, as which they wait in the pipe."""
+    if security == "curve" and body[1:2] in b"SC":
+        pytest.skip("no command of libzmq's")
+    with peer_by_hand(tmp_path, security) as (d, honest, s, command):
+        ended = metric(honest, "connections_ended_total")
+        sent = 0
+        with pytest.raises(OSError):
+            while sent < 200000:
+                s.sendall(b"".join(command(body) for _ in range(500)))
+                sent += 500
+        assert sent < 200000
+        until(lambda: metric(honest, "connections_ended_total") == ended + 1,
+              "what was ended is not counted")
+        assert d.process.poll() is None
+
+
+@pytest.mark.parametrize("security", ["null", "curve"])
+def test_who_sends_heartbeats_after_a_long_silence_and_between_many_requests_is_heard(
+        tmp_path, security):
+    """200 that a stopped network held back, each answered; then one beside every request."""
+    with peer_by_hand(tmp_path, security) as (d, honest, s, command):
+        s.sendall(b"".join(command(b"\x04PING\0\x0a%04d" % i) for i in range(200)))
+        count, seen = 0, b""
+        while count < 200:
+            assert (more := s.recv(4096)), f"closed after {count}"
+            seen += more
+            count = (seen.count(b"\x04PONG") if security == "null"
+                     else seen.count(b"\x07MESSAGE"))
+        assert metric(honest, "connections_ended_total") == 0
 
 
 @pytest.mark.parametrize("size, count", [(1 << 20, 300), (250, 500000), (0, 4000000)])

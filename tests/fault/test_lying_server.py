@@ -20,6 +20,7 @@ sys.path.insert(0, str(HERE.parent / "system"))
 import lying_server  # noqa: E402
 import sanitized  # noqa: E402
 from conftest import BUILD, PATIENCE, environment  # noqa: E402
+from wire import until  # noqa: E402
 
 HOSTS = pathlib.Path(os.environ.get("MODALD_HOSTS", BUILD / "fault" / "hosts"))
 KILLS = int(os.environ.get("MODALD_HOST_KILLS", "200" if os.environ.get("MODALD_LONG") == "1"
@@ -169,6 +170,38 @@ def test_no_lie_of_a_server_ends_who_asks_it(trick, clients):
     played, good, *told = clients[trick]
     assert played > 0
     assert good, told
+
+
+@pytest.mark.parametrize("cut", [b"\x04PING", b"\x04PING\0"])
+@pytest.mark.parametrize("piece", [1, 3, 64])
+def test_a_server_that_cuts_a_ping_short_is_told_nothing_of_modalctls_memory(cut, piece, tmp_path):
+    """libzmq echoes 16 bytes behind it.  A whole PING is answered by what came with it."""
+    came = []                                    # of each connection
+    whole = lying_server.frame(b"\x04PONGecho", lying_server.COMMAND)
+
+    def trick(c, played):
+        c.shake_hands()
+        own = bytearray()
+        came.append(own)
+        c.send(lying_server.frame(b"\x04PING\0\0echo", lying_server.COMMAND))
+        while whole not in own:
+            own.extend(c.take(1))
+        text = lying_server.frame(cut, lying_server.COMMAND)
+        played()
+        for at in range(0, len(text), piece):
+            c.send(text[at:at + piece])
+            time.sleep(0.01)                     # each a read of its own
+        while True:
+            own.extend(c.take(1))
+
+    server = lying_server.Server(tmp_path / "s", trick, streams=False)
+    with subprocess.Popen([BUILD / "bin" / "modalctl", "--server", server.url, "stats"],
+                          stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as asks:
+        # it is answered, or hangs up and comes again
+        until(lambda: server.played > 1 or any(own.count(b"PONG") > 1 for own in came), "no PING")
+        asks.kill()
+    server.stop()
+    assert all(own.count(b"PONG") <= 1 for own in came)
 
 
 HONEST = f"""

@@ -20,6 +20,10 @@ if(CMAKE_SYSTEM_PROCESSOR STREQUAL x86_64)
   target_sources(modalctl PRIVATE ${lazy_calls})
   target_link_options(modalctl PRIVATE "-Wl,--export-dynamic-symbol=H5*_g")     # HDF5's objects: one for it and the program
 
+  foreach(guarded connect recv crypto_box_open_afternm)                         # the program's for libzmq too, which is not linked
+    target_link_options(modalctl PRIVATE -Wl,--export-dynamic-symbol=${guarded})
+  endforeach()
+
   # For dpkg-shlibdeps: what modalctl would be linked with.
   add_library(lazy_needs MODULE ${lazy_calls})
   set_target_properties(lazy_needs PROPERTIES LINKER_LANGUAGE C PREFIX "")

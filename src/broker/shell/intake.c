@@ -1,6 +1,5 @@
 /*
- * intake.c - see intake.h: recv as libzmq's I/O thread calls it, crypto_box_open and
- * crypto_box_open_afternm
+ * intake.c - see intake.h: recv as libzmq's I/O thread calls it, and crypto_box_open
  *
  * A ROUTER knows a connection by its routing id, which the other end may choose (the property
  * Identity of ZMTP's handshake).  Who chose that of another was then not heard, got what was still
@@ -18,13 +17,19 @@
  * them may wait beside the one that comes.  What never reaches the loop are heartbeats:
  * FORGIVEN is what one a second may take.
  *
- * A PING that ends before its time does is answered by libzmq with 16 bytes of its own memory
- * behind it, addresses among them (4.3.4, process_heartbeat_message: the length of what is to be
- * echoed wraps around).  Its connection is ended as well.
+ * Nor has libzmq a limit for commands, which its one I/O thread does itself: a full pipe stops
+ * requests, nothing stops a flood of PINGs, each of which costs an answer, and everybody else waits
+ * meanwhile.  So a connection has COMMANDS_MOST at once and as many again each second: heartbeats
+ * of a client that was held up for a while, or sends hundreds.  In CURVE a command is a frame that
+ * belongs to no message: of frames those are taken off that the messages had which the loop took,
+ * and FRAMES_WAITING may be on their way there.
+ *
+ * A PING that is cut short ends its connection as well (zmtp.h).
  */
 #include "broker/shell/intake.h"
 #include "broker/shell/accept.h"
 #include "wire/protocol.h"
+#include "wire/zmtp.h"
 #include <assert.h>
 #include <dlfcn.h>
 #include <stdatomic.h>
@@ -36,15 +41,7 @@
 #include <time.h>
 #include <unistd.h>
 
-/* Bytes of ZMTP 3.1 (RFC 37): the greeting, and where in it is what. */
-enum {
-    GREETING_SIZE = 64,  /* signature, version, mechanism, as-server, filler */
-    MECHANISM = 12,      /* behind the version, two bytes */
-    REVISION = 10,       /* the version's first byte */
-    SIGNATURE_END = 9,   /* 0xff, eight bytes, 0x7f */
-    READY_NAME = 6,      /* "READY" behind its length */
-    REVISION_LEAST = 3,  /* before it there were no mechanisms */
-};
+enum { READY_NAME = 6 };                        /* "READY" behind its length */
 enum { FRAME_COST = 64 };                       /* of zmq_msg_t, which the smallest frame takes */
 enum { FORGIVEN = 256 };                        /* bytes a second */
 enum {
@@ -54,9 +51,10 @@ enum {
     WAITING_MOST = INTAKE_WAITING * VALID_MOST + MESSAGE_MOST,
 };
 
-/* How a PING begins: its name behind the name's length.  Two bytes of a time follow (RFC 37). */
-static const unsigned char ping[] = { 4, 'P', 'I', 'N', 'G' };
-enum { PING_LEAST = sizeof ping + 2, NO_PING = 255 };
+enum { BATCH = 8192 };         /* bytes that libzmq reads at once (config.hpp, in_batch_size) */
+enum { BOXED_LEAST = 2 + 8 + 8 + 17 };  /* CURVE: flags, length, MESSAGE, number, a byte's box */
+enum { FRAMES_WAITING = (INTAKE_WAITING + 1) * WIRE_FRAMES_MOST + BATCH / BOXED_LEAST };
+enum { COMMANDS_MOST = 256 };           /* at once, and a second; PROTOCOL.md, section 8 */
 
 /* Properties of a handshake: a byte of length, the name, four bytes of length, the value. */
 struct properties {
@@ -66,16 +64,13 @@ struct properties {
 };
 
 struct intake {
-    enum { UNKNOWN, GREETING, FLAGS, LENGTH, BODY, ENDED } stage;
-    bool curve, first, more;                    /* first: the handshake's first frame */
-    /* of `ping` so far, in a frame that is too short for one; NO_PING: it is none such */
-    unsigned char pinged;
-    unsigned char have;           /* bytes of the greeting; of the length, those that are missing */
-    uint64_t left;                              /* of the frame */
+    struct zmtp zmtp;
+    bool ended, first;                          /* first: the handshake's first frame */
     struct properties properties;
     int64_t seconds;                            /* when heartbeats were last forgiven */
     int64_t held;                               /* bytes of frames, and what frames take */
-    atomic_bool taken;          /* by the loop, since the last look; all else is the I/O thread's */
+    int64_t commands;                           /* lately; in CURVE of all frames */
+    atomic_int taken;           /* messages, by the loop; all else is the I/O thread's */
 };
 
 static struct intake intakes[CONNECTIONS_TRACKED];
@@ -96,13 +91,14 @@ void intake_begin(int fd)
     memset(in, 0, sizeof *in);
     in->seconds = seconds_now();
     in->properties.left = READY_NAME;
-    in->stage = GREETING;
+    in->first = true;
+    zmtp_begin(&in->zmtp);
 }
 
 void intake_taken(int fd)
 {
     if (fd >= 0 && fd < CONNECTIONS_TRACKED)
-        atomic_store_explicit(&intakes[fd].taken, true, memory_order_relaxed);
+        atomic_fetch_add_explicit(&intakes[fd].taken, 1, memory_order_relaxed);
 }
 
 long intake_ended(void)
@@ -148,108 +144,65 @@ static void hide_identity(struct properties *p, unsigned char *at, size_t size)
         }
 }
 
-/* A byte of the greeting; false: of a protocol that is not spoken here. */
-static bool greeted(struct intake *in, unsigned char byte)
+static void begin_frame(struct intake *in)
 {
-    unsigned char at = in->have++;
-
-    if (at == MECHANISM)
-        in->curve = byte == 'C';
-    if (in->have == GREETING_SIZE) {
-        in->stage = FLAGS;
-        in->first = true;
-    }
-    return at == 0 ? byte == 0xff
-         : at == SIGNATURE_END ? (byte & 1) != 0
-         : at == REVISION ? byte >= REVISION_LEAST : true;
+    in->held += FRAME_COST;
+    in->commands += in->zmtp.curve || in->zmtp.command;
 }
 
 static void end_frame(struct intake *in)
 {
     in->first = false;
-    in->stage = FLAGS;
-    if (!in->curve && !in->more)
+    if (!in->zmtp.curve && !in->zmtp.more)
         in->held = 0;
-}
-
-static void begin_frame(struct intake *in, unsigned char flags)
-{
-    in->more = (flags & 1) != 0;
-    in->pinged = (flags & 4) != 0 ? 0 : NO_PING;
-    in->have = (flags & 2) != 0 ? 8 : 1;
-    in->left = 0;
-    in->stage = LENGTH;
-    in->held += FRAME_COST;
-}
-
-/* SIZE bytes more of a command that is too short for a PING; false: it is one all the same. */
-static bool is_no_ping(struct intake *in, const unsigned char *at, size_t size)
-{
-    for (; size > 0 && in->pinged < sizeof ping; at++, size--)
-        in->pinged = *at == ping[in->pinged] ? in->pinged + 1 : NO_PING;
-    return in->pinged != sizeof ping;
-}
-
-/* What there is of a frame's body; the bytes used. */
-static size_t follow_body(struct intake *in, unsigned char *at, size_t size)
-{
-    if (size > in->left)
-        size = in->left;
-    if (in->first && !in->curve)
-        hide_identity(&in->properties, at, size);
-    in->held += (int64_t)size;
-    in->left -= size;
-    if (in->left == 0)
-        end_frame(in);
-    return size;
 }
 
 /* A flow of SIZE bytes; false: it must end. */
 static bool follow(struct intake *in, unsigned char *at, size_t size)
 {
-    size_t used;
+    struct zmtp *z = &in->zmtp;
 
-    for (; size > 0; at += used, size -= used) {
-        used = 1;
-        if (in->stage == BODY) {
-            if (!is_no_ping(in, at, size < in->left ? size : in->left))
-                return false;
-            used = follow_body(in, at, size);
-        } else if (in->stage == FLAGS)
-            begin_frame(in, *at);
-        else if (in->stage == GREETING) {
-            if (!greeted(in, *at))
-                return false;
-        } else {
-            in->left = in->left << 8 | *at;
-            if (--in->have == 0) {
-                in->stage = BODY;
-                if (in->left >= PING_LEAST)
-                    in->pinged = NO_PING;
-            }
-            if (in->have == 0 && in->left == 0)
-                end_frame(in);
-        }
+    while (size > 0 && !z->strange && !z->cut_ping) {
+        int stage = z->stage;
+        size_t used = zmtp_next(z, at, size);
+        if (stage == ZMTP_FLAGS)
+            begin_frame(in);
+        if (stage == ZMTP_BODY && in->first && !z->curve)
+            hide_identity(&in->properties, at, used);
+        if (stage == ZMTP_BODY)
+            in->held += (int64_t)used;
+        if (stage >= ZMTP_LENGTH && z->stage == ZMTP_FLAGS)
+            end_frame(in);
+        at += used;
+        size -= used;
     }
-    return true;
+    return !z->strange && !z->cut_ping;
+}
+
+/* COUNT less by what is forgiven. */
+static int64_t less(int64_t count, int64_t forgiven)
+{
+    return count > forgiven ? count - forgiven : 0;
 }
 
 static bool within_bounds(struct intake *in)
 {
-    int64_t now;
+    int64_t now, held_most = in->zmtp.curve ? WAITING_MOST : MESSAGE_MOST,
+            commands_most = in->zmtp.curve ? COMMANDS_MOST + FRAMES_WAITING : COMMANDS_MOST;
+    int taken = in->zmtp.curve ? atomic_exchange_explicit(&in->taken, 0, memory_order_relaxed) : 0;
 
-    if (!in->curve)
-        return in->held <= MESSAGE_MOST;
-    if (atomic_load_explicit(&in->taken, memory_order_relaxed)) {
-        atomic_store_explicit(&in->taken, false, memory_order_relaxed);
+    if (taken > 0) {
         in->held = 0;
+        in->commands = less(in->commands, (int64_t)taken * WIRE_FRAMES_MOST);
     }
-    if (in->held <= WAITING_MOST)
+    if (in->held <= held_most && in->commands <= commands_most)
         return true;
     now = seconds_now();
-    in->held -= (now - in->seconds) * FORGIVEN;
+    if (in->zmtp.curve)
+        in->held = less(in->held, (now - in->seconds) * FORGIVEN);
+    in->commands = less(in->commands, (now - in->seconds) * COMMANDS_MOST);
     in->seconds = now;
-    return in->held <= WAITING_MOST;
+    return in->held <= held_most && in->commands <= commands_most;
 }
 
 ssize_t recv(int fd, void *buffer, size_t size, int flags)
@@ -257,13 +210,13 @@ ssize_t recv(int fd, void *buffer, size_t size, int flags)
     ssize_t got = syscall(SYS_recvfrom, fd, buffer, size, flags, NULL, NULL);
     struct intake *in = &intakes[fd >= 0 && fd < CONNECTIONS_TRACKED ? fd : 0];
 
-    if (got <= 0 || fd < 0 || fd >= CONNECTIONS_TRACKED || in->stage == UNKNOWN)
+    if (got <= 0 || fd < 0 || fd >= CONNECTIONS_TRACKED || in->zmtp.stage == ZMTP_NOTHING)
         return got;
-    if (in->stage != ENDED && follow(in, buffer, (size_t)got) && within_bounds(in))
+    if (!in->ended && follow(in, buffer, (size_t)got) && within_bounds(in))
         return got;
-    if (in->stage != ENDED)
+    if (!in->ended)
         atomic_fetch_add_explicit(&ended, 1, memory_order_relaxed);
-    in->stage = ENDED;
+    in->ended = true;
     return 0;
 }
 
@@ -294,29 +247,4 @@ int crypto_box_open(unsigned char *plain, const unsigned char *box, unsigned lon
     if (rc == 0 && size > BOX_ZEROS + VOUCHED)
         hide_identity(&properties, plain + BOX_ZEROS + VOUCHED, size - BOX_ZEROS - VOUCHED);
     return rc;
-}
-
-enum { INNER_COMMAND = 2 };                     /* of the flags before a MESSAGE's plain text */
-
-typedef int box_open_afternm(unsigned char *plain, const unsigned char *box,
-                             unsigned long long size, const unsigned char *nonce,
-                             const unsigned char *key);
-box_open_afternm crypto_box_open_afternm;
-
-int crypto_box_open_afternm(unsigned char *plain, const unsigned char *box,
-                            unsigned long long size, const unsigned char *nonce,
-                            const unsigned char *key)
-{
-    static box_open_afternm *sodium;
-    const unsigned char *flags = plain + BOX_ZEROS;
-
-    if (sodium == NULL)
-        *(void **)&sodium = dlsym(RTLD_NEXT, "crypto_box_open_afternm");
-    assert(sodium != NULL);
-    if (sodium(plain, box, size, nonce, key) != 0)
-        return -1;
-    if (size > BOX_ZEROS + sizeof ping && size < BOX_ZEROS + 1 + PING_LEAST
-        && (*flags & INNER_COMMAND) != 0 && memcmp(flags + 1, ping, sizeof ping) == 0)
-        return -1;                              /* as if it were forged */
-    return 0;
 }

@@ -13,6 +13,11 @@
  * prior.  The order that pays best is fitted, and those above it; then any pair that is not worth
  * its price, the rest fitted anew, leaves.
  *
+ * Of two modes that overlap the likelihood has a second summit, near a double pole, lower by as
+ * little as 10 and with bars many times as long.  Then models of more pairs are brought down to as
+ * many, and the highest summit is the answer.  Bins that suit the poles of one are too wide to
+ * tell: what a model does not explain within a bin it is not charged with.
+ *
  * [LM00] Laurent and Massart, Annals of Statistics 28 (2000) 1302-1338.
  */
 #include "modal/identify/ambient_order.h"
@@ -24,6 +29,7 @@
 enum {
     LADDER = 30,                 /* pairs whose poles the ladder's bins suit */
     PAST_BEST = 10,              /* orders, of two each, beyond the best so far */
+    FINER = 8,                   /* times, where likelihoods far apart are compared */
     WIDEST = 48,                 /* the spectrum between the modes in so many bins at least */
     STEPS_TRIAL = 20,            /* of a fit that is one of many */
     STEPS_MOST = 60,             /* of the answer's */
@@ -188,14 +194,15 @@ static enum modal_status climb_on(struct search *w, struct ambient_search *a,
 }
 
 /* To the summit, and again as the ends of the record are seen by what was found. */
-static enum modal_status settle(struct search *w, struct ambient_search *a, struct modal_error *err)
+static enum modal_status settle(struct search *w, struct whittle *m, struct bins *bins,
+                                struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
 
     for (int i = 0; rc == MODAL_OK && i < CORRECTIONS; i++) {
-        rc = bins_for(w, a->model, a->model, &a->bins, err);
+        rc = bins_for(w, m, m, bins, err);
         if (rc == MODAL_OK)
-            rc = fit(w, a->model, &a->bins, true, err);
+            rc = fit(w, m, bins, true, err);
     }
     return rc;
 }
@@ -229,6 +236,89 @@ static enum modal_status shrink(struct search *w, struct ambient_search *a, bool
     return rc;
 }
 
+/* ---- round ---- */
+
+/* Do two modes lie within their widths of each other? */
+static bool overlaps(const struct whittle *m)
+{
+    for (int k = 0; k < m->count; k++)
+        for (int i = 0; i < k; i++)
+            if (cabs(m->mode[k].lambda - m->mode[i].lambda)
+                < -creal(m->mode[k].lambda + m->mode[i].lambda))
+                return true;
+    return false;
+}
+
+/* *more: of the logarithm of the likelihood, of T than of M, in bins fine for both. */
+static enum modal_status weigh(const struct search *w, const struct whittle *m,
+                               const struct whittle *t, double *more, struct modal_error *err)
+{
+    double complex poles[2 * WHITTLE_MODES_MOST];
+    struct bins fine;
+    enum modal_status rc;
+
+    for (int k = 0; k < m->count; k++)
+        poles[k] = m->mode[k].lambda;
+    for (int k = 0; k < t->count; k++)
+        poles[m->count + k] = t->mode[k].lambda;
+    rc = bins_make(w->s, poles, m->count + t->count, SHARE / FINER, WIDEST * FINER, &fine, err);
+    if (rc == MODAL_OK) {
+        *more = whittle_likelihood(t, &fine) - whittle_likelihood(m, &fine);
+        bins_done(&fine);
+    }
+    return rc;
+}
+
+/* The pair of M that tells least leaves; LESS: room for a model. */
+static void drop_least(const struct bins *bins, struct whittle *m, struct whittle *less)
+{
+    double best = -HUGE_VAL;
+    int least = 0;
+
+    for (int k = 0; k < m->count; k++) {
+        double left;
+        *less = *m;
+        leave_out(less, k);
+        left = whittle_likelihood(less, bins);
+        if (left > best)
+            best = left, least = k;
+    }
+    leave_out(m, least);
+}
+
+/* From the model of ORDER, of more pairs, down to as many: another summit may be higher. */
+static enum modal_status descend(struct search *w, struct ambient_search *a, int order,
+                                 struct modal_error *err)
+{
+    struct whittle *m = a->model, *t = w->trial, less;
+    double more;
+    enum modal_status rc = try_order(w, a, order, &more, err);
+
+    if (rc != MODAL_OK || !isfinite(more))
+        return rc;
+    while (rc == MODAL_OK && t->count > m->count) {
+        drop_least(&a->bins, t, &less);
+        rc = fit(w, t, &a->bins, false, err);
+    }
+    if (rc == MODAL_OK)
+        rc = settle(w, t, &a->bins, err);
+    if (rc == MODAL_OK)
+        rc = weigh(w, m, t, &more, err);
+    if (rc == MODAL_OK && t->converged && more > GAIN_TRIAL)
+        *m = *t;
+    return rc;
+}
+
+static enum modal_status go_round(struct search *w, struct ambient_search *a,
+                                  struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+
+    for (int more = 1; rc == MODAL_OK && more <= ABOVE; more++)
+        rc = descend(w, a, 2 * (a->model->count + more), err);
+    return rc == MODAL_OK ? bins_for(w, a->model, a->model, &a->bins, err) : rc;
+}
+
 static enum modal_status run(struct search *w, struct ambient_search *a, struct modal_error *err)
 {
     bool changed = true;
@@ -242,7 +332,7 @@ static enum modal_status run(struct search *w, struct ambient_search *a, struct 
         return modal_fail_field(err, MODAL_BAD_INPUT, "rank.fixed", "no model of the record has %d "
                                 "pairs; give less, or record longer", w->limits->fixed);
     if (w->limits->fixed > 0)
-        return settle(w, a, err);
+        return settle(w, a->model, &a->bins, err);
     subspace_model(&w->from, w->order, a->model);
     rc = bins_for(w, a->model, a->model, &a->bins, err);
     if (rc == MODAL_OK)
@@ -250,11 +340,11 @@ static enum modal_status run(struct search *w, struct ambient_search *a, struct 
     if (rc == MODAL_OK)
         rc = climb_on(w, a, err);
     for (int i = 0; rc == MODAL_OK && changed && i < ROUNDS; i++) {
-        rc = settle(w, a, err);
+        rc = settle(w, a->model, &a->bins, err);
         if (rc == MODAL_OK)
             rc = shrink(w, a, &changed, err);
     }
-    return rc;
+    return rc == MODAL_OK && overlaps(a->model) ? go_round(w, a, err) : rc;
 }
 
 enum modal_status ambient_search(const struct spectrum *s, const struct ambient_limits *limits,

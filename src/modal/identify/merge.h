@@ -3,6 +3,7 @@
 #define MODAL_MERGE_H
 #include "base/error.h"
 #include "modal/identify/modes.h"
+#include "modal/identify/refine.h"
 
 /*
  * POLES of a fit to DATA crowd about a mode that TREND, COUNT windows, shows to follow its

@@ -7,7 +7,6 @@
 #include "base/error.h"
 #include "modal/identify/grid.h"
 #include "modal/identify/pod.h"
-#include "modal/identify/refine.h"
 #include "modal/linalg/lanczos.h"
 
 /*

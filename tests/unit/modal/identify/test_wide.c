@@ -3,6 +3,7 @@
 /* Tests as well: merge.c parts.c polish.c refine_wide.c screen.c widen.c */
 #include "modal/identify/identify.h"
 #include "modal/identify/record.h"
+#include "modal/identify/refine.h"
 #include "modal/identify/wide.h"
 #include <float.h>
 #include "modal/linalg/svd.h"

@@ -1,4 +1,7 @@
 /* linearised.h - a program whose laws are their slopes along a motion, each by its Fourier series
+ *
+ * What stability looks at: a periodic linear program without laws or loads, whose multipliers
+ * floquet.h and hill.h find.  Exact but for where the series of slopes are cut.
  */
 #ifndef MODAL_LINEARISED_H
 #define MODAL_LINEARISED_H
@@ -9,7 +12,8 @@
 
 struct period_channel;
 
-/* D(theta) = Re sum_k harmonic_k e^(ik theta), k = 0 .. top, seen and pushed by CHANNEL. */
+/* D(theta) = Re sum_k harmonic_k e^(ik theta), k = 0 .. top, theta = Omega t: of a force that
+ * CHANNEL pushes, by what it sees; N/m of a place, N s/m of a rate. */
 struct linearised_slope {
     const struct period_channel *channel;
     int top;                     /* 0: the mean alone */
@@ -22,8 +26,9 @@ struct linearised {
 };
 
 /*
- * Of P and COUNT slopes, no channel of which is of a held number.  Fails with MODAL_NO_MEMORY;
- * linearised_done frees either way.
+ * The program of P, whose matrices are borrowed, with COUNT slopes among its K and C at their
+ * harmonics.  No channel sees a held number (period_map.h).  *out is the caller's, to
+ * linearised_done, also where it fails: MODAL_NO_MEMORY.
  */
 enum modal_status linearised_make(const struct program *p, const struct linearised_slope *slope,
                                   int count, struct linearised *out, struct modal_error *err);

@@ -49,9 +49,7 @@ enum modal_status ambient_lift(const struct matrix *Y, int rows, int phases, str
 {
     int periods = rows / phases;
 
-    *out = (struct matrix) { periods, phases * Y->n, periods,
-                             malloc(sizeof(double) * (size_t)periods * (size_t)phases
-                                    * (size_t)Y->n) };
+    *out = matrix_new(periods, phases * Y->n);
     if (out->x == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d x %d", rows, Y->n);
     for (int c = 0; c < Y->n; c++)

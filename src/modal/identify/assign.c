@@ -26,6 +26,7 @@ static double cost(const struct search *s, int i, int j)
 {
     double worth = j < s->n ? s->worth[i * s->n + j] : 0;
 
+    /* columns past n stand for "to none", worth nothing */
     return worth > 0 || j >= s->n ? -worth : HUGE_VAL;
 }
 
@@ -37,6 +38,7 @@ static int next_column(struct search *s, int j)
 
     s->done[j] = true;
     for (int k = 1; k <= columns; k++) {
+        /* the reduced cost, never negative: the shortest path is Dijkstra's */
         double c = cost(s, s->row[j] - 1, k - 1) - s->u[s->row[j]] - s->v[k];
         if (s->done[k])
             continue;
@@ -47,6 +49,7 @@ static int next_column(struct search *s, int j)
     }
     for (int k = 0; k <= columns; k++)
         if (s->done[k])
+            /* potentials follow, so that costs on the tree stay 0 */
             s->u[s->row[k]] += step, s->v[k] -= step;
         else
             s->least[k] -= step;
@@ -64,6 +67,7 @@ static void bring_in(struct search *s, int i)
         j = next_column(s, j);
     while (s->row[j] != 0);
     for (; j != 0; j = s->before[j])
+        /* the path turned over: each column takes the row of the one before */
         s->row[j] = s->row[s->before[j]];
 }
 

@@ -35,7 +35,7 @@ static void add_periodogram(const double *e, int L, int N, double norm, double *
                             fftw_plan plan, double *power)
 {
     for (int l = 0; l < L && norm > 0; l++)
-        x[l] = e[l] / norm;
+        x[l] = e[l] / norm;         /* every column counts alike: its variance is its own */
     memset(x + L, 0, sizeof *x * (size_t)(N - L));
     if (norm == 0)
         return;
@@ -47,7 +47,7 @@ static void add_periodogram(const double *e, int L, int N, double norm, double *
 /* The mean over the bins within `half` of theta, over that of all. */
 static double ratio_at(const double *power, int bins, double theta, int half)
 {
-    int at = (int)lround(theta / M_PI * (bins - 1)), count = 0;
+    int at = (int)lround(theta / M_PI * (bins - 1)), count = 0;  /* the nearest bin, 0 to Nyquist */
     double near = 0, all = 0;
 
     for (int k = 0; k < bins; k++) {
@@ -65,6 +65,7 @@ void colour_factors_of(const double *power, int rows, const double *theta, int c
 
     for (int j = 0; j < count; j++) {
         double ratio = rows < ROWS_LEAST ? 1 : ratio_at(power, rows / 2 + 1, theta[j], half);
+        /* variance by the spectrum at its line over white noise's */
         factor[j] = ratio > RATIO_LEAST ? sqrt(ratio) : 1;
     }
 }
@@ -117,6 +118,7 @@ static void add_lags(const double *e, int L, double norm, double *r)
     for (int at = 0; at < L; at += CHUNK)
         for (int l = 1; l <= COLOUR_LAGS && at + l < L; l++) {
             int n = L - l - at < CHUNK ? L - l - at : CHUNK;
+            /* weighed by rows: divided by all of them at the end */
             r[l - 1] += L * (cblas_ddot(n, e + at, 1, e + at + l, 1) * unit * unit);
         }
 }
@@ -129,6 +131,7 @@ static bool lags_white(const double *r, double numbers, const double *mean, doub
 
     for (int l = 0; l < COLOUR_LAGS && numbers > 0; l++)
         sum += (r[l] / numbers - mean[l]) * (r[l] / numbers - mean[l]);
+    /* chi-squared of COLOUR_LAGS for white noise */
     return numbers * numbers * sum <= numbers * COLOUR_LIMIT + COLOUR_LAGS * hidden * hidden;
 }
 
@@ -182,6 +185,7 @@ void colour_left_by(const double complex *lambda, int count, double tau, int row
     for (int l = 1; l <= COLOUR_LAGS; l++) {
         mean[l - 1] = 0;
         for (int j = 0; j < count; j++)
+            /* a fit takes the part in its columns out: I - Q Q^T has these lags */
             mean[l - 1] -= pole_order(lambda[j], tau) * exp(-fabs(creal(lambda[j])) * tau * l)
                          * cos(cimag(lambda[j]) * tau * l) / left;
     }
@@ -191,6 +195,7 @@ void colour_leave_out(struct matrix *E, const struct matrix *Y, double ratio)
 {
     for (int c = 0; c < E->n; c++) {
         double *e = E->x + (size_t)c * (size_t)E->ld;
+        /* rounding is not white, and no noise either */
         if (safe_norm(e, E->m) <= ratio * safe_norm(Y->x + (size_t)c * (size_t)Y->ld, Y->m))
             memset(e, 0, sizeof *e * (size_t)E->m);
     }

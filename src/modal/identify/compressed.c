@@ -46,6 +46,7 @@ static void measure(const double *y, int L, double *energy, double *swing)
 
     for (; l + 4 <= L; l += 4)
         for (int i = 0; i < 4; i++) {
+            /* four sums at once: the adder is filled, and rounding grows with L / 4 */
             double d = y[l + i] - y[l + i - 1];
             square[i] += y[l + i] * y[l + i], step[i] += d * d;
         }
@@ -76,6 +77,7 @@ struct compressed *compressed_new(const struct matrix *Y)
 
 static double width_of(const struct compressed *c, double a)
 {
+    /* where e^{a l} has its weight: its life, half a block at most */
     return fabs(a) * c->block > 2 ? 1 / fabs(a) : 0.5 * c->block;
 }
 
@@ -102,6 +104,7 @@ static void cut_blocks(struct compressed *c, int columns)
 {
     int L = c->Y.m, least = (int)sqrt((double)L);
 
+    /* and no fewer rows than sqrt(L): blocks and their number balance */
     least = least > WIDE * columns ? least : WIDE * columns;
     least = least > BLOCK_LEAST ? least : BLOCK_LEAST;
     for (c->levels = 0; L >> (c->levels + 1) >= least;)
@@ -120,6 +123,7 @@ static int fill_pole(const struct compressed *c, enum pole_kind kind, double a, 
     powers_of(kind, a, b, B, x, B);
     for (int i = n; i < TERMS * n; i++)
         for (int l = 0; l < B; l++)
+            /* (1): powers of a number of order 1 */
             x[l + i * B] = (l - centre) / w * x[l + (i - n) * B];
     for (int i = 0; i < TERMS * n; i++) {
         double norm = cblas_dnrm2(B, x + i * B, 1);
@@ -136,7 +140,7 @@ static enum modal_status orthonormalise(struct compressed *c, int n, struct moda
     int B = c->block;
     bool made;
 
-    c->rows = n < B ? n : B;
+    c->rows = n < B ? n : B;        /* no more directions than rows */
     made = tau != NULL && LAPACKE_dgeqrf(LAPACK_COL_MAJOR, B, n, c->Q, B, tau) == 0
         && LAPACKE_dorgqr(LAPACK_COL_MAJOR, B, c->rows, c->rows, c->Q, B, tau) == 0;
     free(tau);
@@ -160,6 +164,7 @@ static double project_blocks(struct compressed *c, int k, int t, int end, double
         memcpy(rest, from, (size_t)some * (size_t)B * sizeof *rest);
         cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, B, some, n, -1, c->Q, B, to, n, 1,
                     rest, B);
+        /* from the rest itself: |y|^2 - |Q^T y|^2 would cancel */
         sum += cblas_ddot(some * B, rest, 1, rest, 1);
     }
     return sum;

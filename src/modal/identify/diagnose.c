@@ -115,7 +115,7 @@ static void about_length(struct identify_result *r, const struct diagnose_facts 
         double cycles = cimag(m->exponent) * f->record / (2 * M_PI);
         if (r->period > 0 || m->energy < STRONG || cimag(m->exponent) == 0)
             continue;
-        if (cycles < 2)
+        if (cycles < 2)             /* an offset and a slope look like what is left of less */
             identify_diagnose(
                 r, "short_record", -1,
                 "mode %d turns %.2g times in the record: its damping, and the standard errors, "

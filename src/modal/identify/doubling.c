@@ -71,6 +71,7 @@ struct doubling {
 /* Blocks long enough that few rows are left over and the small factors weigh little. */
 static int block_least(int L, int n)
 {
+    /* the leaf's factor costs B n^2, the levels n^3 each */
     int root = (int)sqrt((double)L), wide = WIDE * n;
 
     root = root > BLOCK_LEAST ? root : BLOCK_LEAST;
@@ -154,14 +155,10 @@ void doubling_free(struct doubling *d)
     free(d);
 }
 
-static double centre_of(double a, int N)
-{
-    return a == 0 ? 0.5 * (N - 1) : a > 0 ? N - 1 - fmin(0.5 * N, 1 / a) : fmin(0.5 * N, -1 / a);
-}
-
 /* e^{i b l} with the phase exact to its rounded b. */
 static void turn(double b, double l, double *C, double *S)
 {
+    /* high + low = b l exactly, low < eps high */
     double high = b * l, low = fma(b, l, -high), c = cos(high), s = sin(high);
 
     *C = c - low * s, *S = s + low * c;
@@ -173,7 +170,7 @@ static void turn_columns(const double *x, int ldx, int m, bool pair, double s, d
 {
     for (int i = 0; i < m; i++) {
         double re = x[i], im = pair ? x[i + ldx] : 0;
-        y[i] = s * (C * re + S * im);
+        y[i] = s * (C * re + S * im);  /* columns Re and -Im: (re - i im) e^{i b l} */
         if (pair)
             y[i + ldy] = s * (C * im - S * re);
     }
@@ -197,6 +194,7 @@ static void fill_pole(const struct doubling *d, enum pole_kind kind, double a, d
     for (int l = TABLE; l < B; l *= 2) {
         if (pair)
             turn(b, l, &C, &S);
+        /* rows 0 .. l-1 again, l rows on: log2(B) exponentials a pole */
         turn_columns(x, B, l < B - l ? l : B - l, pair, exp(a * l), C, S, x + l, B);
     }
 }
@@ -207,16 +205,14 @@ static void fill_block(struct doubling *d, const struct doubling_poles *p)
     double *V = d->table;
 
     for (int j = 0; j < p->count; j++) {
-        double *x = V + (size_t)p->column[j] * (size_t)B, centre = centre_of(p->a[j], B);
+        double *x = V + (size_t)p->column[j] * (size_t)B, centre = powers_centre(p->a[j], B);
         fill_pole(d, p->kind[j], p->a[j], p->b[j], x);
         for (int c = 0; d->n > p->order && c < (p->kind[j] == POLE_PAIR ? 2 : 1); c++)
             for (int l = 0; l < B; l++)
                 x[l + (size_t)(p->order + c) * (size_t)B] =
                     (l - centre) * x[l + (size_t)c * (size_t)B];
     }
-    for (int j = 0; j < d->n; j++)
-        memcpy(d->head + (size_t)j * (size_t)d->left, V + (size_t)j * (size_t)B,
-               (size_t)d->left * sizeof *V);
+    matrix_copy(d->left, d->n, V, B, d->head, d->left);
     if (d->blocks == NULL)
         return;
     memset(d->level[0].V, 0, (size_t)d->rows * (size_t)d->n * sizeof *V);
@@ -257,12 +253,12 @@ static void stack(const struct doubling *d, const struct doubling_poles *p, cons
     bool derivatives = d->n > p->order;
 
     for (int j = 0; j < p->count; j++) {
-        double a = p->a[j], c = centre_of(a, N + M), C, S;
+        double a = p->a[j], c = powers_centre(a, N + M), C, S;
         rotation(p, j, N, &C, &S);
         shift_pole(p, j, derivatives, x, to->m, to->m, a > 0 ? exp(a * (K - M)) : exp(a * N), C, S,
-                   N + centre_of(a, K) - c, to->V, to->m);
+                   N + powers_centre(a, K) - c, to->V, to->m);
         shift_pole(p, j, derivatives, d->R, d->n, d->n, a > 0 ? exp(-a * M) : 1, 1, 0,
-                   centre_of(a, N) - c, d->R, d->n);
+                   powers_centre(a, N) - c, d->R, d->n);
     }
 }
 
@@ -357,6 +353,7 @@ static void drop_rest(struct doubling *d, int m, int S, int each, double *rest2)
     double *to = d->data;
 
     for (int c = 0; c < S; c++)
+        /* each pair of blocks is one at the next level */
         for (int k = 0; k < each; k++, to += n) {
             const double *x = d->data + ((size_t)c * (size_t)each + (size_t)k) * (size_t)m;
             rest2[c] += cblas_ddot(m - n, x + n, 1, x + n, 1);

@@ -154,6 +154,7 @@ static int strongest(const struct scan *s)
  * M others, and that they have the same. */
 static double ratio(double n, double v, double m)
 {
+    /* Gaussian: -2 ln L is N ln(variance), pooled less apart */
     return (n + m) * log((n * v + m) / (n + m)) - n * log(v);
 }
 
@@ -173,7 +174,7 @@ static int quiet_rows(const struct scan *s, int end)
     for (int k = 1; k < end; k++) {
         before += s->energy[k - 1];
         double low = fmax(before / k, DBL_MIN), high = (all - before) / (end - k);
-        double gain = high > low ? ratio(end - k, high / low, k) : 0;
+        double gain = high > low ? ratio(end - k, high / low, k) : 0;  /* a fall is no onset */
         if (gain > best)
             best = gain, at = k;
     }
@@ -208,7 +209,7 @@ static double rotate_in(double *triangle, double *x, int p)
     for (int i = 0; i < p; i++) {
         double *r = triangle + (size_t)i * (size_t)(p + 1);
         double size = sqrt(r[i] * r[i] + x[i] * x[i]), c, d;
-        if (!(size > 0))
+        if (!(size > 0))            /* nothing to rotate: the row has a zero there */
             continue;
         c = r[i] / size, d = x[i] / size;
         for (int j = i; j <= p; j++) {
@@ -230,6 +231,7 @@ static void residuals(struct scan *s, int c, int least, int end)
 
     memset(s->triangle, 0, (size_t)p * (size_t)(p + 1) * sizeof(double));
     for (int i = 0; i < p; i++) {
+        /* regular from the first row; far below any sample's part */
         s->triangle[(size_t)i * (size_t)(p + 1) + (size_t)i] = DBL_EPSILON;
         size += z[end - p + i] * z[end - p + i];
     }
@@ -244,6 +246,7 @@ static void residuals(struct scan *s, int c, int least, int end)
         s->w[k + c * s->L] = w;
         sum[k] = sum[k + 1] + w * w;
         over[k] = over[k + 1] + w * w / fmax(size, DBL_MIN);
+        /* the energy of the p rows that predict, and of the row itself */
         size -= z[k + p] * z[k + p];
     }
 }
@@ -262,7 +265,7 @@ static double independent_numbers(const struct scan *s)
             double aabb = cblas_ddot((int)n, a, 1, a, 1) * cblas_ddot((int)n, b, 1, b, 1);
             all += c == d ? 1 : aabb > 0 ? ab * ab / aabb : 0;
         }
-    return s->S * s->S / all;
+    return s->S * s->S / all;       /* S where they are independent, 1 where they are one */
 }
 
 /* The variance of WINDOW rows from K on, over that of the rows after them. */
@@ -281,6 +284,7 @@ static double rise(const struct scan *s, const double *sum, int k, int window)
 /* How much likelier it is that the variance rises at row K + W, the window beginning at K. */
 static double evidence(const struct scan *s, int k, int w)
 {
+    /* also over the motion's own energy: multiplicative errors grow with it */
     double v = fmin(rise(s, s->sum[0], k, w), rise(s, s->sum[1], k, w));
 
     return v > 1 ? ratio(w * s->independent, v, s->reference * s->independent) : 0;
@@ -298,7 +302,7 @@ static int free_from(struct scan *s, int least, int end)
         residuals(s, c, least, end);
     s->independent = independent_numbers(s);
     for (int w = 1; w <= s->reference; w *= 2)
-        windows++;
+        windows++;                  /* every place and every length is a chance of a false alarm */
     most = threshold((double)windows * (end - least));
     for (int k = s->from - s->reference; k >= least && k > seen - s->reference; k--)
         for (int w = 1; w <= s->reference && k + w + s->reference <= s->from + 1; w *= 2) {

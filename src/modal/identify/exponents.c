@@ -47,7 +47,7 @@ double log_modulus(double complex rho)
         t = a, a = b, b = t;
     if (a > 2 || a < 0.5)
         return log(hypot(a, b));
-    excess = (a - 1) * (a + 1) + b * b;
+    excess = (a - 1) * (a + 1) + b * b;  /* (2) */
     return fabs(excess) < 0.5 ? 0.5 * log1p(excess) : log(hypot(a, b));
 }
 
@@ -59,6 +59,7 @@ double complex exponent_of(double complex rho, double tau)
         return CMPLX(-HUGE_VAL, 0);
     re = log_modulus(rho) / tau;
     if (im == 0)
+        /* the principal branch: a negative multiplier turns by pi a step */
         return CMPLX(re, creal(rho) > 0 ? 0 : M_PI / tau);
     return CMPLX(re, carg(rho) / tau);
 }
@@ -104,9 +105,10 @@ int poles_of_multipliers(const double complex *rho, int count, double tau, doubl
     int poles = 0, lost = 0;
 
     for (int i = 0; i < count; i++) {
+        /* ln of it is rounding */
         if (!(cabs(rho[i]) > floor) || !isfinite(creal(rho[i])) || !isfinite(cimag(rho[i])))
             lost++;
-        else if (cimag(rho[i]) >= 0)
+        else if (cimag(rho[i]) >= 0)  /* of a pair the one above: real matrices have both */
             lambda[poles++] = exponent_of(rho[i], tau);
     }
     qsort(lambda, poles, sizeof *lambda, by_modulus);

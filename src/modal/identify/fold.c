@@ -14,6 +14,8 @@ enum modal_status fold(const struct matrix *Y, int p, struct matrix *out, struct
     for (int s = 0; s < Y->n; s++)
         for (int k = 0; k < p; k++)
             for (int l = 0; l < L; l++)
+                /* (14): at one phase a periodic system is a constant one, of the same
+                 * multipliers */
                 x[l + (k + (size_t)p * s) * L] = Y->x[k + (size_t)l * p + (size_t)s * Y->ld];
     *out = (struct matrix) { L, (int)columns, L > 0 ? L : 1, x };
     return MODAL_OK;

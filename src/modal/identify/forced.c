@@ -180,7 +180,7 @@ static enum modal_status read_inputs(struct work *w, struct modal_error *err)
     size_t first = (size_t)llround(w->rec.t0 / b->dt);
     int L = w->rec.Y.m, count = w->opt.input_count;
 
-    w->inputs = (struct matrix) { L, count, L, malloc(sizeof(double) * (size_t)L * (size_t)count) };
+    w->inputs = matrix_new(L, count);
     if (w->inputs.x == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d inputs", count);
     for (int j = 0; j < count; j++)

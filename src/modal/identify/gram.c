@@ -92,6 +92,7 @@ struct gram *gram_new(int L, int count, int order)
     if (g == NULL)
         return NULL;
     g->L = L, g->count = count, g->order = order;
+    /* sqrt(L) rows make the table and the starts as long: least memory, and products of level 3 */
     g->block = root > BLOCK_LEAST ? root : BLOCK_LEAST;
     g->block = g->block < L ? g->block : L;
     g->blocks = (L + g->block - 1) / g->block;
@@ -128,6 +129,7 @@ static double complex grown(double complex x)
 {
     double s = sin(0.5 * cimag(x)), e = exp(creal(x));
 
+    /* cos y = 1 - 2 sin^2(y/2): no cancelling near 0 */
     return CMPLX(expm1(creal(x)) - 2 * e * s * s, e * sin(cimag(x)));
 }
 
@@ -159,7 +161,7 @@ static void moments_of(const struct gram *g, double complex x, double complex M[
         return;
     }
     e = grown(x), ex = 1 + e, last = cexp(L * x);
-    M[0] = grown(L * x) / e;
+    M[0] = grown(L * x) / e;        /* (2) */
     M[1] = (L * last - M[0] * ex) / e;
     M[2] = (L * L * last - (2 * M[1] + M[0]) * ex) / e;
 }
@@ -171,7 +173,7 @@ static void moments(const struct gram *g, double re, double im, double scale,
     double last = g->L - 1;
     double complex f, N[3];
 
-    im = remainder(im, 2 * M_PI);
+    im = remainder(im, 2 * M_PI);   /* z^l has the same values, and e^x - 1 loses no digits */
     if (re <= 0) {
         moments_of(g, CMPLX(re, im), M);
         for (int p = 0; p < 3; p++)
@@ -179,6 +181,7 @@ static void moments(const struct gram *g, double re, double im, double scale,
         return;
     }
     moments_of(g, CMPLX(-re, -im), N);
+    /* l -> L - 1 - l: (1) of -x, shifted by the last row */
     f = cexp(CMPLX(re * last + scale, im * last));
     M[0] = f * N[0];
     M[1] = f * (last * N[0] - N[1]);
@@ -226,16 +229,13 @@ static void products(struct gram *g, int j, int k)
 
 static void take_poles(struct gram *g, const struct doubling_poles *p)
 {
-    double L = g->L;
-
     for (int j = 0; j < g->count; j++) {
         double a = p->a[j];
         g->a[j] = a;
         g->b[j] = p->kind[j] == POLE_PAIR ? p->b[j] : p->kind[j] == POLE_NEGATIVE ? M_PI : 0;
         g->pair[j] = p->kind[j] == POLE_PAIR;
         g->first_column[j] = p->column[j];
-        g->centre[j] = a == 0 ? 0.5 * (L - 1) : a > 0 ? L - 1 - fmin(0.5 * L, 1 / a)
-                     : fmin(0.5 * L, -1 / a);
+        g->centre[j] = powers_centre(a, g->L);
     }
 }
 
@@ -281,7 +281,7 @@ bool gram_factor(struct gram *g, const struct doubling_poles *poles, bool look, 
         double *to = R + (size_t)j * (size_t)K;
         memcpy(to, from, (size_t)(j + 1) * sizeof *to);
         memset(to + j + 1, 0, (size_t)(K - 1 - j) * sizeof *to);
-        well &= from[j] > COLUMN_LEAST * norm[j];
+        well &= from[j] > COLUMN_LEAST * norm[j];  /* the sine of its angle to those before */
     }
     return well;
 }
@@ -299,6 +299,7 @@ static void turn(const struct gram *g, int j, bool derivatives, double complex *
         double complex u = g->start[j + (size_t)t * (size_t)n], h = CMPLX(p[0], -p[1]);
         *sum += u * h;
         if (derivatives)
+            /* l = t B + i */
             *late += u * ((double)t * g->block * h + CMPLX(p[2 * n], -p[2 * n + 1]));
     }
 }
@@ -371,6 +372,7 @@ bool gram_project(struct gram *g, const struct matrix *Y, const double *R, doubl
         double left, all = cblas_dnrm2(g->L, y, 1);
         subtract(g, y, C + (size_t)c * (size_t)q);
         left = cblas_dnrm2(g->L, g->rest, 1);
+        /* amplitudes from sums have half of the digits, and the rest of a fit to rounding none */
         noisy &= all == 0 || left > REST_LEAST * all;
         rest2[c] = left * left;
         project(g, g->rest, !g->look, Z + (size_t)c * (size_t)K);
@@ -378,6 +380,7 @@ bool gram_project(struct gram *g, const struct matrix *Y, const double *R, doubl
     solve(R, K, K, CblasTrans, Z, K, S);
     for (int c = 0; c < S; c++) {                       /* what the sums lost */
         double *z = Z + (size_t)c * (size_t)K, *x = C + (size_t)c * (size_t)q;
+        /* what Phi still holds of the rest: the correction of [B87] */
         rest2[c] -= cblas_ddot(q, z, 1, z, 1);
         cblas_dtrsv(CblasColMajor, CblasUpper, CblasNoTrans, CblasNonUnit, q, R, K, z, 1);
         cblas_daxpy(q, 1, z, 1, x, 1);
@@ -400,6 +403,7 @@ static void normal_of(const struct gram *g, int j, int k, const double *M, const
     double w12 = pk ? w[q] : 0, w21 = pj ? w[1] : 0, w22 = pj && pk ? w[1 + q] : 0;
     double *a = A + r + (size_t)s * (size_t)n;
 
+    /* K^T M K by (3) of refine.c, summed over channels in W */
     a[0] = m[0] * w[0] + m12 * w12 + m21 * w21 + m22 * w22;
     if (pk)
         a[n] = m12 * w[0] - m[0] * w12 + m22 * w21 - m21 * w22;
@@ -418,6 +422,7 @@ static void slope_of(const struct gram *g, int j, const double *C, const double 
     for (int c = 0; c < S; c++) {
         const double *x = C + i + (size_t)c * (size_t)q, *v = V + i + (size_t)c * (size_t)q;
         double w = weight[c] * weight[c];
+        /* K_c^T R22^T Q2^T y_c, K_c of (3) */
         b[0] += w * (x[0] * v[0] + (g->pair[j] ? x[1] * v[1] : 0));
         if (g->pair[j])
             b[1] += w * (x[0] * v[1] - x[1] * v[0]);
@@ -431,16 +436,14 @@ static void step_products(const struct gram *g, const double *R, const double *C
     int q = g->order, K = g->K;
     const double *R22 = R + q + (size_t)q * (size_t)K;
 
-    for (int j = 0; j < q; j++)
-        memcpy(M + (size_t)j * (size_t)q, R22 + (size_t)j * (size_t)K, (size_t)q * sizeof *M);
+    matrix_copy(q, q, R22, K, M, q);
     cblas_dtrmm(CblasColMajor, CblasLeft, CblasUpper, CblasTrans, CblasNonUnit, q, q, 1, R22, K, M,
                 q);
     for (int c = 0; c < S; c++)
         for (int i = 0; i < q; i++)
             V[i + (size_t)c * (size_t)q] = weight[c] * C[i + (size_t)c * (size_t)q];
     cblas_dgemm(CblasColMajor, CblasNoTrans, CblasTrans, q, q, S, 1, V, q, V, q, 0, W, q);
-    for (int c = 0; c < S; c++)
-        memcpy(V + (size_t)c * (size_t)q, Z + q + (size_t)c * (size_t)K, (size_t)q * sizeof *V);
+    matrix_copy(q, S, Z + q, K, V, q);
     cblas_dtrmm(CblasColMajor, CblasLeft, CblasUpper, CblasTrans, CblasNonUnit, q, S, 1, R22, K, V,
                 q);
 }

@@ -82,7 +82,7 @@ static double divisor_of(const double *sorted, int n, double *difference, double
     int count = 0;
 
     for (int k = 1; k < n; k++)
-        if (sorted[k] - sorted[k - 1] > delta)
+        if (sorted[k] - sorted[k - 1] > delta)  /* closer ones are one value, rounded twice */
             difference[count++] = sorted[k] - sorted[k - 1];
     if (count < GRID_VALUES_LEAST - 1)
         return UNKNOWN;
@@ -96,6 +96,7 @@ static double divisor_of(const double *sorted, int n, double *difference, double
     for (int k = 1; k < n; k++)         /* longer and longer spans: the last digits of q */
         if (sorted[k] - sorted[0] > delta && !take_difference(&g, sorted[k] - sorted[0], least))
             return 0;
+    /* the least step that explains every difference within what rounding leaves of it */
     return g.q;
 }
 
@@ -114,6 +115,7 @@ static double divisor_of_some(const double *x, size_t stride, int L, int n, doub
                               double *scratch)
 {
     for (int k = 0; k < n; k++)
+        /* spread evenly: a quiet end alone would show few of the values */
         scratch[k] = x[(size_t)((double)k * (L - 1) / (n - 1)) * stride];
     qsort(scratch, (size_t)n, sizeof *scratch, by_value);
     return divisor_of(scratch, n, scratch + n,

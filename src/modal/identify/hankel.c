@@ -31,6 +31,7 @@ void hankel_default_sizes(int samples, int shift, int *rows, int *columns)
     if (*rows <= 0 && *columns > 0 && left > 0)
         *rows = (int)left;
     else if (*rows <= 0)
+        /* of a periodic system one period: columns then lie whole periods apart */
         *rows = shift > 1 ? shift : (samples + 2) / 3;
     if (*columns <= 0)
         *columns = (samples - *rows) / shift;
@@ -78,6 +79,7 @@ void hankel_apply_transpose(const struct hankel *h, int offset, const double *y,
             continue;
         }
         for (int l = 0; l < h->columns; l++)
+            /* columns overlap: no leading dimension is that short */
             x[l] += cblas_ddot(h->rows, b + (size_t)l * h->shift, 1, at, 1);
     }
 }

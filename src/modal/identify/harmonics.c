@@ -53,6 +53,7 @@ void harmonics_choose(struct identify_harmonic *list, int count, double complex 
         double f = fabs(signed_frequency(lambda, period, list[i].k)),
                g = fabs(signed_frequency(lambda, period, list[best].k));
         bool same = same_frequency(lambda, period, list[i].k, list[best].k);
+        /* of equal ones the lowest frequency; of one frequency's two signs the positive k */
         if ((same && list[i].k > list[best].k) || (!same && f < g))
             best = i;
     }
@@ -70,6 +71,7 @@ void harmonics_choose(struct identify_harmonic *list, int count, double complex 
 static void add_power(const double complex *b, size_t stride, int p, double complex lambda,
                       double period, double complex *a, fftw_plan plan, double *power)
 {
+    /* (1) takes e^{-lambda t} out, which may overflow: its largest factor apart */
     double growth = -creal(lambda) * period / p, top = growth > 0 ? growth * (p - 1) : 0,
            turn = -cimag(lambda) * period / p;
 
@@ -101,6 +103,7 @@ enum modal_status harmonics_of(const double complex *b, size_t stride, int p, in
     for (int s = 0; s < signals; s++)
         add_power(b + (size_t)s * p * stride, stride, p, lambda, period, a, plan, power);
     for (int k = 0; k < p; k++)
+        /* bins past the middle are negative k */
         all[k] = (struct identify_harmonic) { 2 * k < p ? k : k - p, sqrt(power[k]) };
     harmonics_choose(all, p, lambda, period, resolved, runner_up);
     *count = p < HARMONICS_REPORTED ? p : HARMONICS_REPORTED;

@@ -155,7 +155,7 @@ static enum modal_status choose_shift(struct work *w, struct modal_error *err)
         return modal_fail_field(err, MODAL_BAD_INPUT, "stride",
                                 "a stride of %d in %d samples; accepted: 1 to %d", w->shift, r->Y.m,
                                 r->Y.m / 2);
-    w->tau = w->shift * r->step;
+    w->tau = w->shift * r->step;  /* of one shift of the Hankel pair: exponents are ln rho / tau */
     w->opt.stride = w->shift;
     return MODAL_OK;
 }
@@ -178,8 +178,8 @@ static enum modal_status check_pod_rank(const struct work *w, struct modal_error
 static enum modal_status stage_order(struct work *w, struct identify_result *out,
                                      struct modal_error *err)
 {
-    note_stage(out, "eig", w->eigenvalues);
-    w->clock += w->eigenvalues;
+    note_stage(out, "eig", w->eigenvalues);  /* timed within the search, told apart from it */
+    w->clock += w->eigenvalues;     /* taken off the search, which goes on being timed */
     w->eigenvalues = 0;
     return stage(w, w->refine ? "refine" : "eig", out, err);
 }
@@ -256,6 +256,7 @@ static enum modal_status analyse_weighed(struct work *w, struct identify_result 
         w->trial = false;
         if (round == 0)
             rc = work_keep_chosen(w, &out->unweighed, err);
+        /* poles to begin with: other weights move them by little */
         w->known = round == 0 && w->choice.clean && !w->choice.crowded;
         if (rc != MODAL_OK)
             return rc;
@@ -308,7 +309,7 @@ static void report_settings(struct work *w, struct identify_result *out)
     out->decimation = w->rec.decimation;
     out->shift = w->shift;
     out->samples = w->shift > 1 ? w->data.Y->m * w->shift : w->rec.Y.m;
-    out->freedom = w->data.Y->m - w->facts.order;
+    out->freedom = w->data.Y->m - w->facts.order;  /* of each signal: rows less its amplitudes */
     out->rule = w->opt.rank.rule;
     w->opt.rows = out->rows, w->opt.columns = out->columns;
     w->opt.refine = w->refine ? CHOICE_YES : CHOICE_NO;

@@ -71,6 +71,7 @@ static bool affords(const struct work *w, int rows, int triplets)
     bool many = w->many && w->X->m < GROW * HEAD;
     double k = triplets, side = (double)rows * w->X->n + w->X->m - rows;
 
+    /* each Lanczos vector is orthogonalised against all before it: side k^2 */
     return k <= (many ? MANY_MOST : SIGNALS_MOST)
         && side * k * k <= (many ? MANY_WORK : SIGNALS_WORK);
 }
@@ -81,6 +82,7 @@ static bool affords(const struct work *w, int rows, int triplets)
 static int rows_of_many(const struct work *w, int triplets)
 {
     enum { FOLD = 4 };              /* room beside the signals for their noise */
+    /* S rows = L - rows: the block Hankel matrix is square */
     int L = w->X->m, S = w->X->n, rows = L / (S + 1), least = FOLD * triplets / S + 1;
 
     if (w->opt.rows > 0 || triplets <= TRIPLETS_MOST
@@ -98,6 +100,7 @@ static bool leaves_much(const struct pencil *p)
 
     for (int i = 0; i < p->count; i++)
         rest -= p->s[i] * p->s[i];
+    /* squares: the part of the norm that a ladder calls poor */
     return rest > ORDER_POOR * ORDER_POOR * p->energy;
 }
 

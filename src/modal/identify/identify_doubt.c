@@ -29,6 +29,7 @@ static bool has_orbit(const struct work *w, const struct identify_result *r)
                                    * (isfinite(m->std_multiplier) ? m->std_multiplier
                                           : isfinite(m->bar)      ? m->bar
                                                                   : 0)));
+        /* the orbit repeats after a period: its multiplier is 1 */
         found |= fabs(creal(m->multiplier) - 1) <= bar && cimag(m->multiplier) == 0
             && m->energy > ORBIT_LEAST;
     }
@@ -53,6 +54,7 @@ static bool shapes_differ(const struct synthesis *f, const double complex *lambd
         if (j == at || fabs(cimag(lambda[j]) / cimag(lambda[at]) - 1) > NEIGHBOUR)
             continue;
         cblas_zdotc_sub(f->channels, f->coefficient + at, n, f->coefficient + j, n, &ab);
+        /* the modal assurance criterion of two shapes */
         one = fmin(one, creal(ab * conj(ab)) / (aa * bb * bb));
     }
     return one < SAME_SHAPE;
@@ -80,6 +82,7 @@ static double white_left(const struct work *w)
 {
     if (!w->choice.clean || !w->choice.rest.known)
         return 0;
+    /* trend_watch() need not read the rows again */
     return w->choice.candidates[w->choice.chosen].fit.residual / safe_matrix_norm(w->X);
 }
 
@@ -171,7 +174,7 @@ static bool at_rounding_of_parts(const struct work *w, const struct identify_res
     double parts = 0;
 
     for (int i = 0; i < r->mode_count; i++)
-        parts += r->modes[i].amplitude * r->modes[i].amplitude;
+        parts += r->modes[i].amplitude * r->modes[i].amplitude;  /* as if they did not cancel */
     return w->choice.chosen >= 0 && w->choice.candidates[w->choice.chosen].fit.residual
         <= ROUNDINGS * DBL_EPSILON * sqrt(parts) * safe_matrix_norm(w->data.Y);
 }

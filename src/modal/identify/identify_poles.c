@@ -36,10 +36,11 @@ static enum modal_status step_wide(struct work *w, const bool *fixed, struct wid
         rc = wide_refine(&w->rec.view, p->tau, p->lambda, p->count, fixed, most, step, err);
         if (rc != MODAL_OK || !step->taken || step->length <= STEP_SHORT)
             break;
-        most = step->length / 2;
+        most = step->length / 2;    /* a step that does not halve does not converge within STEPS */
         memcpy(p->lambda, step->lambda, sizeof *p->lambda * p->count);
     }
     for (int j = 0; j < p->count && rc == MODAL_OK && w->refine && !step->taken; j++) {
+        /* the distance to where the model points, at least */
         step->std_re[j] *= fmax(1, step->length);
         step->std_im[j] *= fmax(1, step->length);
     }
@@ -78,6 +79,7 @@ static enum modal_status refine_wide(struct work *w, struct modal_error *err)
         double over = w->rec.scale[c] > 0 ? 1 / w->rec.scale[c] : 0;
         for (int j = 0; j < n; j++)
             f->coefficient[j + (size_t)c * n] *= over;
+        /* a norm of a channel of unit rms, from an rms in its unit */
         f->channel_residual[c] = rest[c] * over * sqrt(f->rows);
         all += f->channel_residual[c] * f->channel_residual[c];
     }
@@ -124,9 +126,10 @@ enum modal_status work_take_poles(struct work *w, struct modal_error *err)
         return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d poles", n);
     for (int j = 0; j < n; j++) {
         p->lambda[j] = fit->lambda[j];
+        /* the paper's procedure has no errors; its bars are p->bar */
         p->std_re[j] = w->refine ? fit->std_re[j] : NAN;
         p->std_im[j] = w->refine ? fit->std_im[j] : NAN;
-        p->bar[j] = NAN;
+        p->bar[j] = NAN;            /* nothing left out yet */
         p->angle[j] = projection_angle(VT, r, fit->lambda[j], w->tau);
     }
     if (ill_determined(w))
@@ -159,6 +162,7 @@ static void doubt_growth_below_grid(struct work *w, const struct synthesis *f)
     struct poles *p = &w->poles;
 
     for (int j = 0; j < p->count; j++)
+        /* half a step is what rounding alone may make */
         if (creal(p->lambda[j]) > 0 && below_grid(w, f, j))
             p->growth[j] = GROWTH_BELOW_GRID;
 }
@@ -229,6 +233,7 @@ static int mode_of_pole(const struct work *w, const struct identify_result *r,
         double std = m->std_re > 0 ? 5 * hypot(m->std_re, m->std_im) : 0,
                d = pole_distance(m->exponent, lambda);
         if (Omega > 0 && w->shift == 1) {
+            /* exponents of a periodic system modulo i Omega */
             double im = remainder(cimag(lambda), Omega);
             d = pole_distance(m->exponent, CMPLX(creal(lambda), im));
         }
@@ -277,6 +282,7 @@ enum modal_status work_report_ladder(struct work *w, struct identify_result *out
             all++;
             shown += here;
         }
+        /* orders below the chosen one may lack it, and rightly */
         out->modes[m].persistence = all > 1 ? (double)shown / all : NAN;
     }
     return MODAL_OK;

@@ -70,6 +70,7 @@ enum modal_status work_reduce(struct work *w, struct identify_result *out,
     out->energy = 1;
     if (!w->opt.signals_all && (asked || w->rec.channels > POD_CHANNELS_FEW)) {
         /* refined on all channels afterwards */
+        /* of s_1: a start for refining, or the answer itself */
         struct wide_options wide = { opt, w->refine ? 1e-4 : 1e-9 };
         if (w->pod.count == 0)
             rc = w->rec.wide
@@ -166,6 +167,7 @@ static bool weights_differ(const struct work *w, const double *noise)
         if (!(w->rec.scale[c] > 0))
             continue;
         least = fmin(least, noise[c]), most = fmax(most, noise[c]);
+        /* residuals never rise for better poles: noise falls round by round, and ends */
         fell |= w->noise != NULL && noise[c] < w->noise[c] / WEIGH_FALL;
     }
     bool doubtful = w->pod.count > 0 || w->facts.work_limit;
@@ -179,7 +181,7 @@ static enum modal_status divide_by_noise(struct work *w, struct modal_error *err
     double least = HUGE_VAL;
 
     if (w->weighted.x == NULL) {
-        w->weighted = (struct matrix) { Y->m, Y->n, Y->m, malloc(sizeof(double) * Y->m * Y->n) };
+        w->weighted = matrix_new(Y->m, Y->n);
         w->weight = malloc(sizeof *w->weight * (size_t)w->rec.channels);
     }
     if (w->weighted.x == NULL || w->weight == NULL)
@@ -188,7 +190,7 @@ static enum modal_status divide_by_noise(struct work *w, struct modal_error *err
     for (int c = 0; c < Y->n; c++)
         least = w->rec.scale[c] > 0 ? fmin(least, w->noise[c]) : least;
     for (int c = 0; c < Y->n; c++) {
-        w->weight[c] = least / w->noise[c];
+        w->weight[c] = least / w->noise[c];  /* the quietest stays as it is: no sample grows */
         for (int l = 0; l < Y->m; l++)
             w->weighted.x[l + (size_t)c * Y->m] = Y->x[l + (size_t)c * Y->ld] * w->weight[c];
     }
@@ -209,6 +211,7 @@ enum modal_status work_weigh_channels(struct work *w, bool *again, struct modal_
     for (int c = 0; c < w->rec.channels && rc == MODAL_OK; c++)
         most = fmax(most, noise[c]);
     for (int c = 0; c < w->rec.channels && rc == MODAL_OK; c++)
+        /* a channel that is fitted to rounding would outweigh all others */
         noise[c] = fmax(noise[c], fmax(WEIGH_RANGE * most, NOISE_QUIETEST));
     *again = rc == MODAL_OK && weights_differ(w, noise);
     if (*again) {
@@ -264,6 +267,7 @@ static bool leaves_grid(const struct work *w, const struct refined *fit)
 
     for (int g = 0; g < fit->groups && w->least != NULL && fit->noise != NULL; g++) {
         double left = fit->noise[g] * fit->noise[g];
+        /* `least` is the most that a grid makes (grid.h): more is motion, far less is exact */
         any |= left > EXACT * w->least[g] && left < BELOW * w->least[g];
     }
     return any;

@@ -44,6 +44,7 @@ static void transform_column(const struct transform *t, const struct matrix *x, 
     memcpy(t->x, x->x + (size_t)c * x->ld, sizeof *t->x * (size_t)x->m);
     fftw_execute(t->plan);
     for (int n = 0; n < count; n++)
+        /* Parseval: squares of lines are those of samples */
         out[n] = t->X[first + n] / sqrt(x->m);
 }
 
@@ -61,8 +62,8 @@ static double to_unit(double complex *x, int count, double unit)
 static void set_beside(double complex z, double complex u, double complex *x, size_t stride)
 {
     x[0] = u;
-    x[stride] = I * cimag(z) * u;
-    x[2 * stride] = 2 * (creal(z) - 1) * u;
+    x[stride] = I * cimag(z) * u;   /* (z - 1/z) / 2: the difference of the samples beside it */
+    x[2 * stride] = 2 * (creal(z) - 1) * u;  /* z - 2 + 1/z: the second difference */
 }
 
 static void make_direct(struct lines *l, int inputs)
@@ -84,7 +85,7 @@ void lines_direct(const struct lines *l, double complex z, int input, double com
     memset(row, 0, sizeof *row * (size_t)l->direct);
     set_beside(z, 1 / l->size[input], row + BESIDE * input, 1);
     for (int c = BESIDE * input; c < BESIDE * (input + 1); c++)
-        row[c] = l->norm[c] > 0 ? row[c] / l->norm[c] : 0;
+        row[c] = l->norm[c] > 0 ? row[c] / l->norm[c] : 0;  /* as X's columns were scaled */
 }
 
 static enum modal_status make_room(struct lines *l, struct transform *t, struct modal_error *err)
@@ -130,6 +131,7 @@ enum modal_status lines_make(const struct matrix *responses, const struct matrix
     rc = make_room(&l, &t, err);
     if (rc == MODAL_OK) {
         for (int n = 0; n < l.count; n++)
+            /* a line's place on the unit circle */
             l.z[n] = cexp(CMPLX(0, 2 * M_PI * (first + n) / N));
         for (int c = 0; c < l.responses; c++) {
             transform_column(&t, responses, c, first, l.count, l.Y + (size_t)c * l.count);

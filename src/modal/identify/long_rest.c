@@ -84,6 +84,7 @@ static void fill_tables(struct model *m, double tau)
         }
         for (int t = 0; t < m->count; t++) {
             double l = (double)t * m->B, size = exp(a * (l - (a > 0 ? last : 0)));
+            /* z^{tB}: block t of a pole's columns is the first one turned and shrunk */
             m->turn[2 * j + t * m->n] = size * cos(b * l);
             m->turn[2 * j + 1 + t * m->n] = size * sin(b * l);
         }
@@ -116,7 +117,7 @@ static void turn_column(struct model *m, int c)
     for (int t = 0; t < m->count; t++)
         for (int j = 0; j < m->n; j += 2) {
             const double *u = m->turn + j + t * m->n;
-            m->X[j + t * m->n] = C[j] * u[0] - C[j + 1] * u[1];
+            m->X[j + t * m->n] = C[j] * u[0] - C[j + 1] * u[1];  /* (b_r + i b_i) z^{tB} */
             m->X[j + 1 + t * m->n] = C[j] * u[1] + C[j + 1] * u[0];
         }
 }
@@ -175,6 +176,7 @@ static void add_ordinates(struct model *m, int rows, int n, fftw_plan plan)
     memset(m->x + rows, 0, (size_t)(n - rows) * sizeof *m->x);
     fftw_execute(plan);
     for (int k = 0; k <= n / 2; k++) {
+        /* real bins have one number, the others two */
         double half = k == 0 || 2 * k == n ? 0.5 : 1;
         m->power[k] +=
             (float)(half * (creal(X[k]) * creal(X[k]) + cimag(X[k]) * cimag(X[k])) / rows);
@@ -202,6 +204,7 @@ static enum modal_status look_at_rows(struct model *m, int rows, struct long_res
     }
     fftw_destroy_plan(plan);
     for (int k = 0; k <= n / 2 && rc == MODAL_OK; k++)
+        /* unit variance: twice an ordinate is chi-squared of two numbers a column */
         out->chi2 = fmax(out->chi2, 2 * m->power[k]);
     return rc;
 }

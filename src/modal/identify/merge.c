@@ -36,6 +36,7 @@ static struct range range_of(const struct identify_window *w, int count, double 
     struct range r = { HUGE_VAL, 0, HUGE_VAL, -HUGE_VAL };
 
     for (int i = 0; i < count; i++) {
+        /* the data's frequency: a band was shifted, decay rates were not */
         double decay = w[i].damping_ratio * 2 * M_PI * (w[i].frequency_hz - hertz);
         r.low = fmin(r.low, w[i].frequency_hz - hertz),
         r.high = fmax(r.high, w[i].frequency_hz - hertz);
@@ -55,6 +56,7 @@ static enum modal_status energies(const struct refine_data *d, const struct pole
         double a = creal(p->lambda[j]) * p->tau, weight = 0;
         energy[j] = 0;
         for (int k = 0; k < d->Y->m; k++)
+            /* the half of cos^2 is the same for all */
             weight += exp(2 * (a * k - f.reference[j]));
         for (int c = 0; c < f.channels; c++) {
             double complex b = f.coefficient[j + (size_t)c * (size_t)f.poles];
@@ -111,18 +113,21 @@ static struct crowd describe(const struct poles *p, const double *energy, const 
 
     for (int j = 0; j < p->count; j++)
         if (crowd[j] == which) {
+            /* by energy: a weak sideband moves it by little */
             c.mean += energy[j] * p->lambda[j], all += energy[j], c.members++;
             c.re = p->std_re[j], c.im = p->std_im[j];
         }
     c.mean /= all;
     for (int j = 0; j < p->count && c.members > 1; j++)
         if (crowd[j] == which) {
+            /* their scatter is the error: each of them describes the same mode */
             re += energy[j] / all * pow(creal(p->lambda[j]) - creal(c.mean), 2);
             im += energy[j] / all * pow(cimag(p->lambda[j]) - cimag(c.mean), 2);
         }
     if (c.members > 1)
         c.re = sqrt(re), c.im = sqrt(im);
     if (c.members > 1 && watched(r, c.mean))
+        /* half of what its windows range over: 2 pi / 2 */
         c.re = (r->fast - r->slow) / 2, c.im = M_PI * (r->high - r->low);
     return c;
 }
@@ -169,7 +174,7 @@ enum modal_status merge_crowds(const struct refine_data *data, const struct iden
     for (int i = 0; i < n; i++) {
         crowds[i] = describe(p, energy, &r, crowd, i);
         lambda[i] = crowds[i].mean;
-        fixed[i] = lambda[i] == 0;
+        fixed[i] = lambda[i] == 0;  /* the constant stays one */
     }
     if (n == p->count)
         goto out;

@@ -90,7 +90,7 @@ static enum modal_status work_start(struct work *w, struct modal_error *err)
     w->mode = calloc(p->count + 1, sizeof *w->mode);
     w->harmonic = calloc(p->count + 1, sizeof *w->harmonic);
     w->flipped = calloc(p->count + 1, sizeof *w->flipped);
-    w->products = (struct matrix) { n, n, n, malloc(sizeof(double) * ((size_t)n * (size_t)n + 1)) };
+    w->products = matrix_new(n, n);
     if (w->column == NULL || w->mode == NULL || w->harmonic == NULL || w->flipped == NULL
         || w->products.x == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "modes: no memory for %d poles", p->count);
@@ -141,6 +141,7 @@ static double energy_of(const struct work *w, int which)
         }
         for (int i = 0; i < n; i++)
             for (int k = 0; k < n; k++)
+                /* |Phi b|^2 = b^T Phi^T Phi b: the energy without the rows */
                 sum += b[i] * G[i + k * n] * b[k];
     }
     free(index), free(G);
@@ -166,6 +167,7 @@ static bool same_at_all_phases(const struct work *w, int j)
 {
     int p = w->poles->shift;
     double spread = 0, size = 0,
+           /* of a constant: the residual's rms over sqrt(rows) */
            noise = w->fit.residual / sqrt((double)w->Y->m * w->Y->n) / sqrt(w->Y->m);
 
     for (int s = 0; s < w->rec->channels; s++) {
@@ -234,10 +236,12 @@ static bool folds_onto(const struct work *w, int j, double complex lambda, doubl
 {
     double Omega = 2 * M_PI / w->rec->period;
 
+    /* of a pair one is listed, Im > 0: the other may be the one that folds */
     for (int sign = 1; sign >= -1; sign -= 2) {
         double im = sign * cimag(line(w, j)) - cimag(lambda), turns = nearbyint(im / Omega);
         double apart = hypot(creal(w->poles->lambda[j]) - creal(lambda), im - turns * Omega);
         double own = w->poles->std_re[j] > 0 ? hypot(w->poles->std_re[j], w->poles->std_im[j]) : 0;
+        /* exponents of a periodic system are known modulo i Omega only */
         if (apart <= FOLD_APART * Omega + 5 * hypot(std, own)) {
             *k = (int)turns;
             *flipped = sign < 0;
@@ -287,7 +291,7 @@ static double complex principal(double complex lambda, double Omega, double erro
     double im = cimag(lambda), turns = ceil(im / Omega - 0.5);
 
     im -= turns * Omega;
-    *k = (int)turns;
+    *k = (int)turns;                /* e^{lambda T} is the same for all of lambda + i k Omega */
     *flipped = im < 0;
     im = fabs(im);
     if (im < error)
@@ -312,6 +316,7 @@ static double complex mean_pole(const struct work *w, int which, double *std_re,
         double weight = weight_of(w, j), a, b, at;
         if (w->mode[j] != which)
             continue;
+        /* the mean of least variance, where variances are known */
         a = known ? 1 / (p->std_re[j] * p->std_re[j]) : weight;
         b = known && p->std_im[j] > 0 ? 1 / (p->std_im[j] * p->std_im[j]) : known ? a : weight;
         at = (w->flipped[j] ? -cimag(line(w, j)) : cimag(line(w, j))) - w->harmonic[j] * Omega;
@@ -385,6 +390,7 @@ static double complex component(const struct work *w, int j, int c, const struct
         return w->fit.coefficient[j + (size_t)c * p->shift * p->count];
     for (int k = 0; k < p->shift; k++) {
         double t = k * w->rec->period / p->shift,
+               /* e^{-lambda t} leaves the periodic part, of which one harmonic is taken */
                turn = -(cimag(p->lambda[j]) * t + 2 * M_PI * m->resolved_k * k / p->shift);
         sum += w->fit.coefficient[j + (size_t)(k + p->shift * c) * p->count]
             * exp(-creal(p->lambda[j]) * t) * CMPLX(cos(turn), sin(turn)) / p->shift;
@@ -415,7 +421,7 @@ void modes_scale_shape(struct identify_mode *m, int count)
             largest = c;
     unit = m->shape[largest];
     for (int c = 0; c < count && cabs(unit) > 0; c++)
-        m->shape[c] = c == largest ? 1 : m->shape[c] / unit;
+        m->shape[c] = c == largest ? 1 : m->shape[c] / unit;  /* 1 exactly, not to rounding */
     m->mpc = modes_mpc(m->shape, count);
 }
 
@@ -430,6 +436,7 @@ static enum modal_status shape_of(const struct work *w, int j, struct identify_m
     if (m->shape == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "modes: no memory for a shape of %d channels", S);
     for (int c = 0; c < S; c++)
+        /* channels had unit rms */
         m->shape[c] = component(w, j, c, m) * (w->rec->scale[c] / most);
     modes_scale_shape(m, S);
     return MODAL_OK;
@@ -448,10 +455,13 @@ void modes_spread_std(struct identify_mode *m, double span, double record)
     if (m->std_im > 0)
         m->std_im = fmax(m->std_im, least);
 
+    /* |d rho| = |rho| T |d lambda| */
     m->std_multiplier = hypot(m->std_re, m->std_im) * span * exp(a * span);
+    /* d|lambda| = (a da + b db) / |lambda| */
     m->std_frequency_hz = omega > 0 ? hypot(a * m->std_re, b * m->std_im) / omega / (2 * M_PI)
                                     : m->std_re / (2 * M_PI);
     m->std_damping_ratio =
+        /* d zeta = b (a db - b da) / |lambda|^3 */
         omega > 0 ? fabs(b) / (omega * omega) * hypot(b * m->std_re, a * m->std_im) / omega : NAN;
 }
 
@@ -498,6 +508,7 @@ static enum modal_status report_mode(const struct work *w, int which, struct ide
     m->multiplier = rec->period > 0 || rec->decimation == 1 ? multiplier_of(m->exponent, span)
                   : cexp(CMPLX(creal(m->exponent) * span, cimag(m->exponent) * span));
     modes_spread_std(m, span, w->Y->m * p->tau);
+    /* of a multiplier over a shift to one over a sample, to first order */
     m->bar = p->bar[head] * (rec->period > 0 ? 1 : span / p->tau);
     if (w->opt->shapes) {
         int at = head;
@@ -524,6 +535,7 @@ static enum modal_status report_reconstruction(const struct work *w, struct iden
         return modal_fail(err, MODAL_NO_MEMORY, "modes: no memory for %d channels", S);
     for (int s = 0; s < S; s++) {
         double rest = safe_norm(w->fit.channel_residual + (size_t)s * p, p);
+        /* of what was identified: a window, without its mean */
         double size = w->rec->wide ? record_wide_size(w->rec, s) * sqrt(w->Y->m)
                     : safe_norm(w->rec->Y.x + (size_t)s * w->rec->Y.ld, (size_t)w->Y->m * p);
         r->channel[s] = w->rec->channel[s];
@@ -561,7 +573,7 @@ static void drop_leakage(const struct work *w, struct identify_result *r)
     int kept = 0;
 
     for (int i = 0; i < r->mode_count; i++) {
-        if (r->modes[i].amplitude > w->rec->leak) {
+        if (r->modes[i].amplitude > w->rec->leak) {  /* both are of channels of unit rms */
             r->modes[kept++] = r->modes[i];
             continue;
         }

@@ -100,6 +100,7 @@ static enum modal_status reduce_block(struct moving *m, uint64_t i, struct modal
     for (int l = 0; l < B; l++)
         for (int c = 0; c < S; c++)
             Y[l + (size_t)c * (size_t)B] = y[(size_t)l * (size_t)S + (size_t)c];
+    /* E = Y - Q Q^T Y by rows: norms alone would lose half of its digits */
     memcpy(E, Y, sizeof *Y * (size_t)B * (size_t)S);
     cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, k, S, B, 1, m->Q, B, Y, B, 0, block.C, k);
     cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, B, S, k, -1, m->Q, B, block.C, k, 1, E,
@@ -142,6 +143,7 @@ static enum modal_status keep_blocks(struct moving *m, struct modal_error *err)
 
     if (B == 0)
         return MODAL_OK;
+    /* blocks lie on a grid of their own: a sample is in the same block in every window */
     first = (from + B - 1) / B * B;
     while (m->count > 0 && m->block_from < first && rc == MODAL_OK)
         rc = drop_oldest(m, err);
@@ -156,6 +158,7 @@ static bool all_finite(const double *x, size_t count)
     double sum = 0;
 
     for (size_t i = 0; i < count; i++)
+        /* 0 unless a sample is infinite or NAN; vectorises, as isfinite() does not */
         sum += 0 * x[i];
     return sum == 0;
 }
@@ -199,12 +202,13 @@ static int gcd(int a, int b)
  * begin. */
 static double mean_rows(const struct moving *m, int B, int k)
 {
+    /* a window begins at multiples of the hop, modulo B at multiples of this */
     int step = gcd(B, m->opt.hop > 0 ? m->opt.hop : 1), phases = B / step;
     double sum = 0;
 
     for (int p = 0; p < phases; p++) {
         int lead = p * step, blocks = (m->L - lead) / B;
-        sum += m->L - blocks * (B - k);
+        sum += m->L - blocks * (B - k);  /* a whole block of B samples has k rows */
     }
     return sum / phases;
 }
@@ -213,6 +217,7 @@ static double mean_rows(const struct moving *m, int B, int k)
  * window. */
 static int block_length(const struct moving *m, int k)
 {
+    /* shorter than 2 k a block saves less than half of its rows */
     int least = 2 * k > m->S ? 2 * k : m->S, most = m->L / 3 < BLOCK_MOST ? m->L / 3 : BLOCK_MOST,
         best = 0;
     double fewest = 0.8 * m->L;
@@ -251,6 +256,7 @@ enum modal_status anchor_set(struct moving *m, const struct poles_of *p, struct 
     drop_blocks(m);
     free(m->Q), free(m->table);
     m->Q = m->table = NULL;
+    /* room for poles to move: to third order in their step, about the block's middle */
     m->k = MOMENTS * q;
     m->B = block_length(m, m->k);
     if (p->lambda != m->anchor.lambda) {

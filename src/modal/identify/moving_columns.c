@@ -17,6 +17,7 @@
 #include <math.h>
 #include <stdbool.h>
 #include <stdlib.h>
+#include "modal/identify/powers.h"
 
 enum { POWERS = 16 };                               /* a table's */
 enum { TERMS = 8, KEPT = TERMS + MOVING_MOMENTS - 1 };       /* of (1); P_i that they need */
@@ -38,9 +39,11 @@ struct power { double a, b, reference; };
 /* z^l over the reference. */
 static double complex power(const struct power *p, double l)
 {
+    /* b l is high + low exactly */
     double high = p->b * l, low = fma(p->b, l, -high), e = exp(p->a * l - p->reference), s, c;
 
     s = sin(high), c = cos(high);
+    /* cos and sin of the sum, to first order in low */
     return CMPLX(e * (c - low * s), e * (s + low * c));
 }
 
@@ -66,6 +69,7 @@ static void powers(const struct power *p, const struct table *t, double first, i
         double x = creal(head), y = cimag(head);
         int n = count - at < POWERS ? count - at : POWERS;
         for (int i = 0; i < n; i++)
+            /* columns are Re z^l and -Im z^l */
             re[at + i] = x * t->re[i] - y * t->im[i], im[at + i] = -(x * t->im[i] + y * t->re[i]);
     }
 }
@@ -154,6 +158,7 @@ static void coefficients(double complex step, double h, int moments, double *K)
     double raise = 1;
 
     for (int i = 1; i < TERMS; i++)
+        /* e^x by its series, x at most NEAR: the first term left out is NEAR^8 / 8! = 1e-15 */
         term[i] = term[i - 1] * step / i;
     for (int i = 0; i < 2 * KEPT * 2 * moments; i++)
         K[i] = 0;
@@ -191,6 +196,7 @@ static void put_block(int k, int moments, const struct moving_column *c, int row
     double x = creal(head), y = cimag(head);
 
     for (int m = 0; m < moments; m++) {
+        /* (u + o)^m by the binomials */
         double w[MOVING_MOMENTS] = { m == 0 ? 1 : m == 1 ? o : o * o, m == 1 ? 1 : 2 * o, 1 };
         double *re = c->re[m] + row, *im = c->im[m] + row;
         for (int i = 0; i < k; i++) {
@@ -216,9 +222,7 @@ void moving_columns(const struct moving_rows *r, double complex lambda, int mome
     struct table t;
 
     p.reference = c->reference = moving_reference(r, lambda);
-    c->centre = p.a == 0 ? 0.5 * (L - 1)
-        : p.a > 0        ? L - 1 - fmin(0.5 * L, 1 / p.a)
-                         : fmin(0.5 * L, -1 / p.a);
+    c->centre = powers_centre(p.a, L);
     if (r->lead + r->trail > 0)
         fill_table(&p, &t);
     if (r->lead > 0)
@@ -228,7 +232,7 @@ void moving_columns(const struct moving_rows *r, double complex lambda, int mome
     if (r->blocks == 0)
         return;
     over = project(r, lambda, moments, scratch);
-    p.reference -= over;
+    p.reference -= over;            /* what project() has divided by already */
     for (int j = 0; j < r->blocks; j++) {
         double at = r->lead + j * r->length + middle;
         put_block(r->k, moments, c, r->lead + j * r->k, power(&p, at), at - c->centre, scratch);

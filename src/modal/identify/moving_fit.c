@@ -146,7 +146,7 @@ static void set_floor(struct work *w, const double complex *lambda)
     double most = 0;
 
     for (int j = 0; j < w->count; j++)
-        most = fmax(most,
+        most = fmax(most,           /* the fastest phase, or decay, a row */
                     (w->kind[j] == POLE_PAIR ? cimag(lambda[j]) : fabs(creal(lambda[j])))
                         * w->rows->tau);
     for (int g = 0; g < w->r; g++) {
@@ -210,6 +210,7 @@ static void factor(struct work *w, const double complex *lambda, int moments)
     w->depth = depth;
     for (int g = 0; g < w->r; g++) {
         const double *x = w->X + (size_t)g * m + depth;
+        /* what neither the moments nor Q hold: the same at every lambda in their span */
         w->below[g] = w->y->outside2[g] + cblas_ddot(w->m - depth, x, 1, x, 1);
     }
 }
@@ -243,9 +244,10 @@ static void factor_near(struct work *w, const double complex *lambda)
         double complex d = (lambda[j] - w->base[j]) * w->rows->tau,
                        scale = cexp(d * w->centre[j]
                                     - (moving_reference(w->rows, lambda[j]) - w->reference[j])),
+                       /* e^{dc} times the series of e^{d(t - c)}; the columns' own sizes apart */
                        k[3] = { scale, scale * d, 0.5 * scale * d * d };
         combine(w, j, k, 3, 0, w->column[j]);
-        combine(w, j, k, 2, 1, q + w->column[j]);
+        combine(w, j, k, 2, 1, q + w->column[j]);  /* D about the centre: (t - c) e^{lambda t} */
     }
     for (int g = 0; g < w->r; g++)
         memcpy(w->B + (size_t)(2 * q + g) * (size_t)depth,
@@ -259,6 +261,7 @@ static void factor_near(struct work *w, const double complex *lambda)
 static bool in_span(const struct work *w, const double complex *lambda)
 {
     for (int j = 0; j < w->count && w->moments == MOVING_MOMENTS; j++)
+        /* x at the row that is farthest from the centre */
         if (!(cabs(lambda[j] - w->base[j]) * w->rows->tau
                   * fmax(w->centre[j], w->L - 1 - w->centre[j])
               <= SPAN))
@@ -274,7 +277,7 @@ static void solve(struct work *w)
     for (int g = 0; g < w->r; g++) {
         const double *x = w->X + (size_t)g * (size_t)w->ld;
         memcpy(w->C + (size_t)g * (size_t)q, x, sizeof(double) * (size_t)q);
-        w->rss[g] = cblas_ddot(w->depth - q, x + q, 1, x + q, 1) + w->below[g];
+        w->rss[g] = cblas_ddot(w->depth - q, x + q, 1, x + q, 1) + w->below[g];  /* (a) */
     }
     cblas_dtrsm(CblasColMajor, CblasLeft, CblasUpper, CblasNoTrans, CblasNonUnit, q, w->r, 1, w->T,
                 w->ld, w->C, q);
@@ -314,9 +317,7 @@ static void linearise(struct work *w)
     for (int g = 0; g < w->r; g++)
         signal_rows(w, g);
     qr_reflect(&A, w->P, w->tau);
-    for (int p = 0; p < P; p++)
-        memcpy(w->J + (size_t)p * (size_t)P, w->stack + (size_t)p * (size_t)ld,
-               sizeof(double) * (size_t)P);
+    matrix_copy(P, P, w->stack, ld, w->J, P);
     w->gradient = cblas_dnrm2(w->P, w->J + (size_t)w->P * (size_t)P, 1) / sqrt(variance(w));
 }
 
@@ -343,7 +344,7 @@ static bool newton(struct work *w)
     int P = w->P + 1;
 
     for (int i = 0; i < w->P; i++)
-        if (!(fabs(w->J[i + i * P]) > DBL_MIN))
+        if (!(fabs(w->J[i + i * P]) > DBL_MIN))  /* a parameter that no signal feels */
             return false;
     memcpy(w->delta, w->J + (size_t)w->P * (size_t)P, sizeof(double) * (size_t)w->P);
     cblas_dtrsv(CblasColMajor, CblasUpper, CblasNoTrans, CblasNonUnit, w->P, w->J, P, w->delta, 1);
@@ -408,6 +409,7 @@ static void descend(struct work *w, struct moving_fit *f)
             || (w->gradient >= before && (w->gradient <= NEAR || at_rounding(w)));
         if (f->settled || w->gradient >= before || i == STEPS - 1 || !newton(w))
             return;
+        /* quadratic near the end: what follows a step of 1e-10 is rounding */
         f->settled = is_last(w, f->lambda);
         if (!take_step(w, f->lambda) || f->settled)
             return;
@@ -428,6 +430,7 @@ static void errors(struct work *w, struct moving_fit *f)
         for (int i = 0; i < 2; i++) {
             int p = w->first[j] + i;
             double *to = i == 0 ? &f->std_re[j] : &f->std_im[j];
+            /* a row of R_J^{-1}, which is what (5) has on its diagonal */
             *to = w->first[j] < 0 || (i == 1 && w->kind[j] != POLE_PAIR) ? 0
                 : !good ? NAN
                         : s * cblas_dnrm2(w->P - p, w->J + p + (size_t)p * (size_t)P, P);
@@ -446,6 +449,7 @@ static double share_of(const struct work *w, int j, int g)
     b = cblas_ddot(q, w->V + i, q, w->V + i + 1, q),
     d = cblas_ddot(q, w->V + i + 1, q, w->V + i + 1, q);
     e = a * d - b * b;
+    /* the 2 x 2 inverse written out */
     return (c[0] * c[0] * d - 2 * c[0] * c[1] * b + c[1] * c[1] * a) / e;
 }
 
@@ -471,7 +475,7 @@ static double could_gain(const struct work *w)
 
     for (int i = 0; i < w->r; i++)
         sum += gain(w, i, w->rss[i], left > 0 ? left * w->rss[i] : 0);
-    return left > 0 ? sum : HUGE_VAL;
+    return left > 0 ? sum : HUGE_VAL;  /* the model promises more than there is: it says nothing */
 }
 
 /* (8) of refine.c. */
@@ -493,7 +497,7 @@ static double gain_if_free(const struct work *w, int j)
         double x = w->weight[g] * w->C[w->column[j] + (size_t)g * (size_t)w->q] * d;
         num += x * w->weight[g] * w->X[i + (size_t)g * (size_t)w->ld], den += x * x;
     }
-    return den > 0 ? num * num / den : 0;
+    return den > 0 ? num * num / den : 0;  /* a least-squares problem of one unknown */
 }
 
 static void weigh_poles(struct work *w, struct moving_fit *f)
@@ -507,9 +511,7 @@ static void weigh_poles(struct work *w, struct moving_fit *f)
     f->price = scarcity((double)live * q + w->P, (double)w->L * live) * ln_n;
     f->pair_price = f->price * 2 * (live + 1 + 1 / fmax(live, 1));
     f->least_drop = HUGE_VAL;
-    for (int j = 0; j < q; j++)
-        memcpy(w->V + (size_t)j * (size_t)q, w->T + (size_t)j * (size_t)w->ld,
-               sizeof(double) * (size_t)q);
+    matrix_copy(q, q, w->T, w->ld, w->V, q);
     if (LAPACKE_dtrtri_work(LAPACK_COL_MAJOR, 'U', 'N', q, w->V, q) != 0)
         f->settled = false;
     for (int j = 0; j < w->count; j++) {

@@ -41,11 +41,12 @@ enum reason judge_fit(const struct job *j, const struct moving_fit *f)
             && fabs(creal(f->lambda[i])) < 8 * f->std_re[i])
             return OFFSET;
     }
-    if (chosen && f->least_drop < reach)
+    if (chosen && f->least_drop < reach)  /* simplify() of order_improve.c would try without it */
         return ORDER_LESS;
+    /* the constant might decay: one parameter more than it costs */
     if (f->most_free > MOVES * f->price)
         return OFFSET;
-    if (chosen && f->most_split > LIKELY * f->pair_price)
+    if (chosen && f->most_split > LIKELY * f->pair_price)  /* order.c, pass 3 */
         return POLE_SPLITS;
     return GOOD;
 }
@@ -153,10 +154,7 @@ static enum modal_status residual_of(const struct job *j, const struct moving_fi
                     f->order, 1, left->E, L);
     }
     if (ok && left->rows > 0 && (ok = basis_on(&j->rows, f, Phi))) {
-        for (int g = 0; g < r; g++)
-            memcpy(left->inside + (size_t)g * (size_t)left->rows,
-                   j->X.x + j->rows.lead + (size_t)g * (size_t)j->X.ld,
-                   sizeof(double) * (size_t)left->rows);
+        matrix_copy(left->rows, r, j->X.x + j->rows.lead, j->X.ld, left->inside, left->rows);
         cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, left->rows, r, f->order, -1,
                     Phi + j->rows.lead, whole, f->C, f->order, 1, left->inside, left->rows);
     }
@@ -194,6 +192,7 @@ static double largest_gain(const struct job *j, const struct moving_fit *f, cons
             power[k] += (creal(m->X[k]) * creal(m->X[k]) + cimag(m->X[k]) * cimag(m->X[k])) / norm2;
         for (int k = 0; k <= n / 2 && counts; k++) {
             double share = fmin(square_at(m->X, k, n) / own, 1 - DBL_EPSILON);
+            /* L ln(rss / (rss - |X_k|^2)): what a line at bin k would gain */
             gains[k] += m->L * (bound ? share / (1 - share) : -log1p(-share));
         }
     }
@@ -270,6 +269,7 @@ static void half_signals(const struct job *j, const struct residual *left, int f
         memcpy(X->x + half->lead + (size_t)g * (size_t)X->ld,
                j->X.x + j->rows.lead + from + (size_t)g * (size_t)j->X.ld,
                sizeof *e * (size_t)rows);
+        /* Q is orthonormal in each block: squares of e = those in Q + those outside */
         outside2[g] -= cblas_ddot(rows, e, 1, e, 1);
     }
     for (int g = 0; g < j->r; g++)
@@ -283,7 +283,7 @@ static enum modal_status ask_half(struct job *j, const struct moving_fit *f,
     int block;
     struct moving_rows half = half_rows(j, first, count, &block);
     int n = moving_rows_count(&half);
-    struct matrix X = { n, j->r, n, malloc(sizeof(double) * (size_t)n * (size_t)j->r) };
+    struct matrix X = matrix_new(n, j->r);
     double *outside2 = malloc(sizeof *outside2 * (size_t)j->r), parameters = f->parameters;
     struct moving_signals y = { X, outside2 };
     struct moving_fit own = { 0 };
@@ -294,7 +294,7 @@ static enum modal_status ask_half(struct job *j, const struct moving_fit *f,
     if (rc == MODAL_OK)
         half_signals(j, left, first, &half, block, &X, outside2);
     if (rc == MODAL_OK && n < 2 * f->order + j->r)
-        *why = PARTS;
+        *why = PARTS;               /* too few rows for a fit of their own */
     else if (rc == MODAL_OK)
         rc = moving_probe(&half, &y, f->lambda, f->poles, &own, err);
     j->work += own.work;
@@ -335,6 +335,7 @@ static double gain_of_samples(const struct job *j, const struct moving_fit *f, c
     for (int g = 0; g < j->r; g++) {
         const double *e = E + first + (size_t)g * (size_t)j->m->L;
         if (f->rss[g] > j->m->L * f->floor2[g])
+            /* white noise: -2 ln(likelihood) is L ln(rss), and less by this without the samples */
             sum -=
                 j->m->L * log1p(-fmin(cblas_ddot(count, e, 1, e, 1) / f->rss[g], 1 - DBL_EPSILON));
     }

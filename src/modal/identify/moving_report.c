@@ -24,6 +24,7 @@ static double energy_of(const struct job *j, const struct moving_fit *f, int i, 
     double sum = 0, G[3];
 
     moving_columns(&j->rows, f->lambda[i], 1, &e, x + 2 * n);
+    /* Gram matrix of the pole's columns, on compressed rows: Q keeps inner products */
     G[0] = cblas_ddot(n, x, 1, x, 1), G[1] = cblas_ddot(n, x, 1, x + n, 1),
     G[2] = cblas_ddot(n, x + n, 1, x + n, 1);
     for (int c = 0; c < f->signals; c++) {
@@ -86,7 +87,7 @@ static enum modal_status report_modes(const struct job *j, struct identify_resul
     for (int i = 0, column = 0; i < f->poles && rc == MODAL_OK;
          column += pole_order(f->lambda[i], dt), i++) {
         struct identify_mode *mode = &out->modes[out->mode_count];
-        if (f->lambda[i] == 0) {
+        if (f->lambda[i] == 0) {    /* fixed: the constant, which is no mode */
             rc = report_offset(j, all, column, out, err);
             continue;
         }
@@ -100,6 +101,7 @@ static enum modal_status report_modes(const struct job *j, struct identify_resul
                                         .std_re = f->std_re[i],
                                         .std_im = f->std_im[i],
                                         .growth = j->growth[i] };
+        /* rms over samples and living channels, as modes.c */
         mode->amplitude = sqrt(energy_of(j, all, i, column, x) / (j->m->L * live));
         modes_spread_std(mode, dt, j->m->L * dt);
         if (j->m->opt.identify.shapes)
@@ -127,7 +129,7 @@ static enum modal_status report_channels(const struct job *j, struct identify_re
         double r = sqrt(f->rss[c] / L);
         out->channel[c] = c;
         out->rms_error[c] = j->scale[c] * r;
-        out->relative_error[c] = j->scale[c] > 0 ? r : NAN;
+        out->relative_error[c] = j->scale[c] > 0 ? r : NAN;  /* channels have unit rms here */
         rest += f->rss[c], all += j->scale[c] > 0 ? L : 0;
     }
     out->total_relative_error = all > 0 ? sqrt(rest / all) : NAN;
@@ -141,7 +143,7 @@ static void report_settings(const struct job *j, struct identify_result *out)
     out->pod_rank = moving_reduced(m) ? j->r : m->S;
     out->hankel_rank = j->own.order;
     out->rule = m->opt.identify.rank.rule;
-    out->energy = 1;
+    out->energy = 1;                /* nothing was cut off by singular values */
     out->dt = m->opt.dt;
     out->samples = m->L;
     out->decimation = out->shift = 1;

@@ -55,6 +55,7 @@ static double norm_of_channel(const struct job *j, int c, bool left, double *x)
 
     for (int b = 0; b < m->count; b++)
         x[b] = left ? m->blocks[b].left[c] : m->blocks[b].norm[c];
+    /* loose rows are whole: Q leaves nothing of them out */
     x[m->count] = left ? 0 : quick_norm(y, (size_t)j->rows.lead);
     x[m->count + 1] = left ? 0 : quick_norm(y + j->Y.m - j->rows.trail, (size_t)j->rows.trail);
     return safe_norm(x, (size_t)m->count + 2);
@@ -96,12 +97,12 @@ enum modal_status job_take(struct job *j, struct modal_error *err)
                                      m->table != NULL ? m->anchor.count : 0, m->anchor.lambda,
                                      m->table };
     n = moving_rows_count(&j->rows);
-    j->Y = (struct matrix) { n, S, n, malloc(sizeof(double) * (size_t)n * columns) };
+    j->Y = matrix_new(n, S);
     j->R = malloc(sizeof(double) * columns * columns), j->left = malloc(sizeof(double) * columns);
     j->scale = calloc(columns, sizeof(double)), j->weight = calloc(columns, sizeof(double));
     j->W = malloc(sizeof(double) * columns * columns),
     j->outside2 = malloc(sizeof(double) * columns);
-    j->X = (struct matrix) { n, S, n, malloc(sizeof(double) * (size_t)n * columns) };
+    j->X = matrix_new(n, S);
     norms = malloc(sizeof *norms * ((size_t)m->count + 2));
     if (j->Y.x == NULL || j->R == NULL || j->left == NULL || j->scale == NULL || j->weight == NULL
         || j->W == NULL || j->outside2 == NULL || j->X.x == NULL || norms == NULL) {
@@ -111,9 +112,7 @@ enum modal_status job_take(struct job *j, struct modal_error *err)
     copy_samples(j, from, lead, 0);
     copy_samples(j, last, trail, n - trail);
     for (int b = 0; b < m->count; b++)
-        for (int c = 0; c < S; c++)
-            memcpy(j->Y.x + lead + b * m->k + (size_t)c * (size_t)n,
-                   m->blocks[b].C + (size_t)c * (size_t)m->k, sizeof(double) * (size_t)m->k);
+        matrix_copy(m->k, S, m->blocks[b].C, m->k, j->Y.x + lead + b * m->k, n);
     for (int c = 0; c < S; c++) {
         j->scale[c] = norm_of_channel(j, c, false, norms) / sqrt(m->L),
         j->left[c] = norm_of_channel(j, c, true, norms);
@@ -128,22 +127,13 @@ static double channel_factor(const struct job *j, int c)
     return j->scale[c] > 0 ? j->weight[c] / j->scale[c] : 0;
 }
 
-/* (1) of pod.c: what singular value k, the first of the rest, must pass to stand out of it; REST:
- * the rest's sum of squares. */
-static double edge_of(const struct moving *m, int k, double rest)
-{
-    double L = m->L, S = m->S;
-
-    return 1.02 * sqrt(fmax(rest, 0) / ((L - k) * (S - k))) * (sqrt(L - k) + sqrt(S - k));
-}
-
 /* How many of the first MOST singular values stand out of the rest; TOTAL: the sum of squares of
  * all.  *rest: that of the others. */
 static int above_rest(const struct moving *m, const double *s, int most, double total, double *rest)
 {
     *rest = total;
     for (int k = 0; k < most && k < m->S; k++) {
-        if (s[k] <= edge_of(m, k, *rest))
+        if (s[k] <= pod_edge(m->L - k, m->S - k, *rest))
             return k;
         *rest -= s[k] * s[k];
     }
@@ -163,7 +153,7 @@ static int above_rounding(const struct job *j, const double *s)
     int k = 0;
 
     while (k < j->m->S && s[k] > j->m->L * DBL_EPSILON * s[0])
-        k++;
+        k++;                        /* as pod.c on clean data */
     return k;
 }
 
@@ -172,7 +162,7 @@ static enum modal_status all_triplets(struct matrix *A, double *s, struct matrix
                                       struct modal_error *err)
 {
     int S = A->n;
-    struct matrix U = { S, S, S, malloc(sizeof(double) * (size_t)S * (size_t)S) };
+    struct matrix U = matrix_new(S, S);
     enum modal_status rc = U.x == NULL
         ? modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d channels", S)
         : svd_thin(A, s, &U, VT, err);
@@ -206,6 +196,7 @@ static enum modal_status ritz(const struct matrix *A, struct matrix *V, struct m
     *residual = 0;
     for (int i = 0; i < r && rc == MODAL_OK; i++) {
         cblas_daxpy(S, -s[i], V->x + (size_t)i * (size_t)S, 1, x + (size_t)i * (size_t)S, 1);
+        /* |A^T u - s v| bounds the error of s; A v = s u holds by construction */
         *residual = fmax(*residual, cblas_dnrm2(S, x + (size_t)i * (size_t)S, 1) / s[0]);
     }
     free(x);
@@ -221,7 +212,7 @@ static enum modal_status iterate(const struct matrix *A, struct matrix *V, doubl
                                  struct modal_error *err)
 {
     int S = A->n, r = V->n;
-    struct matrix U = { S, r, S, malloc(sizeof(double) * (size_t)S * (size_t)r) };
+    struct matrix U = matrix_new(S, r);
     double residual = HUGE_VAL, before;
     enum modal_status rc = U.x == NULL
         ? modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d channels", S)
@@ -240,6 +231,7 @@ static enum modal_status iterate(const struct matrix *A, struct matrix *V, doubl
         if (rc == MODAL_OK)
             rc = ritz(A, V, &U, s, &residual, err);
         *done = residual <= SETTLED;
+        /* at this rate STEPS_MOST do not reach SETTLED */
         if (!*done && !(residual < SHRINKS * before))
             break;
     }
@@ -267,6 +259,7 @@ static enum modal_status rest_is_below(const struct matrix *A, const struct matr
     cblas_dsyrk(CblasColMajor, CblasUpper, CblasTrans, S, S, -1, B, S, 0, G, S);
     for (int i = 0; i < S; i++)
         G[i + (size_t)i * (size_t)S] += edge * edge;
+    /* definite: |B x| < edge |x| for every x */
     *below = edge > 0 && LAPACKE_dpotrf_work(LAPACK_COL_MAJOR, 'U', S, G, S) == 0;
     free(B);
     return MODAL_OK;
@@ -288,6 +281,7 @@ static void add_lags(const struct matrix *E, double sign, double *lags)
         const double *e = E->x + (size_t)c * (size_t)E->ld;
         double square = cblas_ddot(E->m, e, 1, e, 1);
         for (int l = 1; l <= COLOUR_LAGS && square > 0; l++)
+            /* biased, as a spectrum's: it is definite */
             lags[l - 1] += sign * (cblas_ddot(E->m - l, e, 1, e + l, 1) / square);
     }
 }
@@ -390,7 +384,7 @@ static enum modal_status take_modes(struct job *j, const struct matrix *VT, int 
     int S = j->m->S, L = j->m->L;
 
     free(j->full.x);
-    j->full = (struct matrix) { L, r, L, malloc(sizeof(double) * (size_t)L * (size_t)r + 1) };
+    j->full = matrix_new(L, r);
     if (j->full.x == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d x %d", L, r);
     j->r = r;
@@ -418,7 +412,7 @@ static enum modal_status rest_is_white(struct job *j, const struct matrix *VT, i
         add_lags(&j->full, -1, lags);
     for (int l = 0; l < COLOUR_LAGS; l++)
         sum += lags[l] / (S - r) * (lags[l] / (S - r));
-    *white = n * sum <= COLOUR_LIMIT;
+    *white = n * sum <= COLOUR_LIMIT;  /* each lag of white noise has variance 1/n: colour.h */
     return rc;
 }
 
@@ -447,7 +441,7 @@ static enum modal_status leading_triplets(struct job *j, const struct matrix *A,
     if (rc != MODAL_OK || !*enough
         || above_rest(j->m, s, r, square_of(A->x, (size_t)S * (size_t)S), &rest) != r)
         return *enough = false, rc;
-    s[r] = edge_of(j->m, r, rest);           /* no more than this, if it is */
+    s[r] = pod_edge(j->m->L - r, j->m->S - r, rest);           /* no more than this, if it is */
     if (s[r] < s[r - 1])
         rc = rest_is_below(A, VT, r, s[r], enough, err);
     if (rc == MODAL_OK && *enough && s[r] < s[r - 1])
@@ -463,7 +457,7 @@ static enum modal_status every_triplet(struct job *j, const struct matrix *A, do
                                        struct matrix *VT, struct modal_error *err)
 {
     size_t size = (size_t)A->n * (size_t)A->n;
-    struct matrix copy = { A->n, A->n, A->n, malloc(sizeof(double) * size) };
+    struct matrix copy = matrix_new(A->n, A->n);
     bool white = false;
     double rest;
     int most, k;
@@ -550,10 +544,7 @@ static enum modal_status project(struct job *j, struct modal_error *err)
                 j->Y.ld, j->W, j->m->S, 0, j->X.x, j->X.ld);
     memset(j->outside2, 0, sizeof *j->outside2 * (size_t)j->r);
     for (int b = 0; b < r->blocks; b++) {
-        for (int g = 0; g < j->r; g++)
-            memcpy(e + (size_t)g * (size_t)r->length,
-                   j->full.x + r->lead + b * r->length + (size_t)g * (size_t)L,
-                   sizeof *e * (size_t)r->length);
+        matrix_copy(r->length, j->r, j->full.x + r->lead + b * r->length, L, e, r->length);
         cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, r->length, j->r, r->k, -1, r->Q,
                     r->length, j->X.x + r->lead + b * r->k, j->X.ld, 1, e, r->length);
         for (int g = 0; g < j->r; g++)
@@ -581,7 +572,7 @@ static enum modal_status plain_signals(struct job *j, struct modal_error *err)
     const double *y = moving_sample(j->m, j->m->next - (uint64_t)L);
 
     free(j->full.x);
-    j->full = (struct matrix) { L, S, L, malloc(sizeof(double) * (size_t)L * (size_t)S) };
+    j->full = matrix_new(L, S);
     if (j->full.x == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d x %d", L, S);
     j->r = j->X.n = S;

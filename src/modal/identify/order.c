@@ -113,6 +113,7 @@ static enum modal_status look(struct climb *c, int *least, struct modal_error *e
         }
         if (rc == MODAL_OK)
             rc = climb_try(c, r, c->lambda, count, NULL, false, 0, &at, err);
+        /* of equal ones the lesser order */
         if (rc == MODAL_OK && at >= 0 && climb_bic(c, at) < climb_bic(c, *least)) {
             *least = at, best_r = r;
             if (c->opt->refine.iterations >= 0 && uneven(&c->choice.candidates[at].fit))
@@ -138,6 +139,7 @@ static enum modal_status refine_side(struct climb *c, int looked, int step, int 
             break;
         rc = climb_refine(c, i, climb_bic(c, *best), err);
         bool wins = rc == MODAL_OK && climb_bic(c, i) < climb_bic(c, *best);
+        /* one rung may lose to its neighbour by an odd pole alone: two end it */
         lost = wins ? 0 : lost + 1;
         *best = wins ? i : *best;
     }
@@ -180,6 +182,7 @@ static enum modal_status refine_ladder(struct climb *c, int *best, struct modal_
 static enum modal_status settle(struct climb *c, int best, struct modal_error *err)
 {
     struct order_candidate *k = &c->choice.candidates[best];
+    /* no work limit, no rival: the answer is the minimum, the same from every start */
     struct refine_options opt = { .equal_noise = c->opt->refine.equal_noise, .settle = true };
     struct refined fit;
     enum modal_status rc;
@@ -205,7 +208,7 @@ static bool unresolved(const struct climb *c, const struct refined *fit)
     for (int i = 0; i < fit->poles; i++)
         for (int j = 0; j < i; j++)
             if (cimag(fit->lambda[i]) != 0 && cimag(fit->lambda[j]) != 0
-                && cabs(fit->lambda[i] - fit->lambda[j]) * record < M_PI)
+                && cabs(fit->lambda[i] - fit->lambda[j]) * record < M_PI)  /* half a beat */
                 return true;
     return false;
 }
@@ -300,6 +303,7 @@ enum modal_status order_from_above(const struct refine_data *data,
     if (rc == MODAL_OK) {
         c.choice.chosen = best, c.choice.clean = clean, c.choice.crowded = clean
             && unresolved(&c, &c.choice.candidates[best].fit);
+        /* what work cut off is no loss where nothing is left to find */
         c.choice.limited &= !clean;
         c.choice.rest = c.rest, c.rest = (struct long_rest) { 0 };
         *out = c.choice;

@@ -22,6 +22,7 @@ static enum modal_status look_at(struct climb *c, int r, int *at, struct modal_e
     *at = -1;
     if (rc == MODAL_NO_CONVERGENCE)             /* as in the ladder: no candidate */
         return MODAL_OK;
+    /* listed by decay: the fastest go first */
     while (count > 1 && poles_order(c->lambda, count, c->data->tau) > climb_order_most(c))
         count--;
     if (rc == MODAL_OK && count > 0)
@@ -50,6 +51,7 @@ static enum modal_status join_poles(struct climb *c, int count, int *best, bool 
     if (rc != MODAL_OK || at < 0)
         return rc;
     rc = ripen(c, &at, err);
+    /* a margin, or rounding of two equal fits would go on */
     if (rc == MODAL_OK && climb_bic(c, at) < climb_bic(c, *best) - NO_BETTER)
         *best = at, *better = true;
     return rc;
@@ -124,7 +126,7 @@ enum modal_status climb_search_remainder(struct climb *c, int *best, struct moda
  * of a system that is not linear: those take a QR. */
 static double evaluation_work(const struct climb *c, int order)
 {
-    double columns = 2.0 * order + c->data->Y->n;
+    double columns = 2.0 * order + c->data->Y->n;  /* [Phi D Y] of refine.c */
 
     return c->opt->many ? refine_work(c->data, order) : c->data->Y->m * columns * columns;
 }
@@ -159,6 +161,7 @@ enum modal_status climb_descend(struct climb *c, int *best, struct modal_error *
     }
     if (rc != MODAL_OK || *best < 0 || c->opt->refine.iterations < 0)
         return rc;
+    /* nothing is begun that work would cut off half done */
     expected = EVALUATIONS * evaluation_work(c, c->choice.candidates[*best].fit.order);
     if (c->opt->work > 0 && c->choice.work + expected > c->opt->work)
         return MODAL_OK;                        /* more than there is to spend */

@@ -50,7 +50,7 @@ static enum modal_status fit_steps(struct climb *c, const double complex *lambda
     rc = refine_poles(c->data, lambda, count, fixed, &opt, fit, err);
     if (rc == MODAL_OK) {
         c->choice.work += fit->work;
-        c->choice.limited |= fit->end == REFINE_STOPPED;
+        c->choice.limited |= fit->end == REFINE_STOPPED;  /* work ended it, not the fit */
     }
     return rc;
 }

@@ -61,6 +61,7 @@ static enum modal_status half_init(const struct refine_data *data, bool later, s
         first = L - h->Y.m;
     }
     h->data.Y = &h->Y;
+    /* phases of later rows are known less well: (6) of refine.c */
     h->data.before += later ? first : 0;
     return MODAL_OK;
 }
@@ -70,6 +71,7 @@ static enum modal_status fit_half(const double complex *lambda, int count, const
 {
     struct refine_options own = { .iterations = ITERATIONS,
                                   .work = WORK,
+                                  /* descended only where it could contradict */
                                   .gain = allowed(2.0 * count) };
 
     return refine_poles(&h->data, lambda, count, fixed, &own, &h->own, err);
@@ -80,6 +82,7 @@ static double strength_of(const struct half *h)
 {
     if (h->own.end == REFINE_DEGENERATE || !isfinite(h->own.bic))
         return 0;
+    /* the prices cancel: what is left is -2 ln of the likelihoods' ratio */
     return fmax(0, (h->own.start_bic - h->own.bic) / allowed(h->own.parameters));
 }
 
@@ -99,6 +102,7 @@ static void compare(const struct half *h, const double complex *lambda, int coun
     for (int j = 0; j < count && h->own.poles > 0; j++) {
         double complex own = h->own.lambda[j];
         if (counts) {
+            /* the whole's own error is less than a half's: left out */
             say[j].re = fmax(say[j].re, differs(creal(own), creal(lambda[j]), h->own.std_re[j]));
             say[j].im = fmax(say[j].im, differs(cimag(own), cimag(lambda[j]), h->own.std_im[j]));
         }

@@ -113,6 +113,7 @@ static enum modal_status apply_transpose(void *context, const double *y, double 
     (void)err;
     for (int s = 0; s < h->S; s++) {
         transform(h, y + (size_t)s * (size_t)h->m, h->m);
+        /* H^T y is a sum over signals, added as spectra: one transform back */
         correlate(h, s, s > 0);
     }
     fftw_execute(h->backward);
@@ -148,6 +149,7 @@ enum modal_status hankel_operator_new(const struct matrix *Y, int rows,
                           Y->m);
     }
     for (int s = 0; s < h->S; s++) {
+        /* N >= L: H's sums are correlations that do not wrap */
         transform(h, Y->x + (size_t)s * (size_t)Y->ld, h->L);
         for (size_t k = 0; k < half; k++)         /* 1/N of the transforms to come */
             h->Y[(size_t)s * half + k] = h->X[k] / h->N;
@@ -194,7 +196,7 @@ static double hankel_energy(const struct matrix *Y, int m, int n)
     for (int c = 0; c < Y->n; c++)
         for (int l = 0; l < Y->m; l++) {
             double y = Y->x[l + (size_t)c * (size_t)Y->ld];
-            int times = l + 1 < Y->m - l ? l + 1 : Y->m - l;
+            int times = l + 1 < Y->m - l ? l + 1 : Y->m - l;  /* the length of antidiagonal l */
             sum += y * y * (times < less ? times : less);
         }
     return sum;
@@ -207,7 +209,9 @@ int pencil_signals(const struct pencil *p)
 
     for (int i = 0; i < p->count; i++)
         rest -= p->s[i] * p->s[i];
+    /* mean square of what the triplets leave of H */
     rest = fmax(rest, 0) / ((double)p->height * p->columns);
+    /* pod.c's (1); a Hankel matrix of noise has dependent entries, and a margin for that */
     edge = PENCIL_EDGE * sqrt(rest) * (sqrt(p->height) + sqrt(p->columns));
     while (count < p->count && p->s[count] > edge)
         count++;
@@ -231,10 +235,9 @@ enum modal_status pencil_new(const struct matrix *Y, const struct pencil_options
     p.columns = op.n, p.height = op.m;
     p.energy = hankel_energy(Y, rows, op.n);
     wanted = wanted < op.m ? wanted : op.m;
-    wanted = wanted < op.n - 1 ? wanted : op.n - 1;
+    wanted = wanted < op.n - 1 ? wanted : op.n - 1;  /* (2) has a row less */
     wanted = wanted < 1 ? 1 : wanted;
-    VT = (struct matrix) { wanted, op.n, wanted,
-                           malloc(sizeof(double) * (size_t)wanted * (size_t)op.n) };
+    VT = matrix_new(wanted, op.n);
     p.s = calloc((size_t)wanted, sizeof *p.s);
     p.R = calloc((size_t)wanted * (size_t)wanted, sizeof *p.R),
     p.W = calloc((size_t)wanted * (size_t)wanted, sizeof *p.W);
@@ -283,8 +286,7 @@ enum modal_status pencil_multipliers(const struct pencil *p, int r, double compl
     Z.x = malloc(sizeof *Z.x * (size_t)r * (size_t)r);
     if (Z.x == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "pencil: no memory for order %d", r);
-    for (int j = 0; j < r; j++)
-        memcpy(Z.x + j * r, p->W + j * p->count, (size_t)r * sizeof *Z.x);
+    matrix_copy(r, r, p->W, p->count, Z.x, r);
     /* (3) */
     cblas_dtrsm(CblasColMajor, CblasLeft, CblasUpper, CblasNoTrans, CblasNonUnit, r, r, 1, p->R,
                 p->count, Z.x, r);

@@ -29,6 +29,9 @@ struct pod {
                               * Lanczos stopped early) */
 };
 
+/* (1) of pod.c: what no singular value of L x S white noise passes whose sum of squares is REST. */
+double pod_edge(double L, double S, double rest);
+
 /* Y: L x S, kept. */
 enum modal_status pod_reduce(const struct matrix *Y, const struct pod_options *opt, struct pod *out,
                              struct modal_error *err);

@@ -19,6 +19,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/identify/exponents.h"
+#include "modal/linalg/workspace.h"
 
 enum { ITERATIONS = 40 };                 /* from the nine digits of a fit in double precision */
 static const double COST_MOST = 2e7;      /* L S P^2 of one evaluation */
@@ -36,28 +37,21 @@ struct work {
     long double *Phi, *D, *Q, *R;     /* L x q; L x q, made orthogonal to Q; L x q; q x q */
     long double *C, *J, *e;           /* q; L x P; L: of one channel */
     long double *N, *A, *g, *step;    /* P x P, twice; P; P */
+    struct workspace space;           /* of all these */
 };
 
 static bool work_allocate(struct work *w)
 {
     size_t L = (size_t)w->L, q = (size_t)w->q, P = (size_t)w->P;
+    const struct { long double **x; size_t count; } all[] = {
+        { &w->Phi, L * q }, { &w->D, L * q }, { &w->Q, L * q }, { &w->R, q * q }, { &w->C, q },
+        { &w->J, L * P }, { &w->e, L }, { &w->N, P * P }, { &w->A, P * P }, { &w->g, P },
+        { &w->step, P },
+    };
 
-    w->Phi = calloc(L * q, sizeof(long double)), w->D = calloc(L * q, sizeof(long double)),
-    w->Q = calloc(L * q, sizeof(long double));
-    w->R = calloc(q * q, sizeof(long double)), w->C = calloc(q, sizeof(long double)),
-    w->J = calloc(L * P, sizeof(long double)), w->e = calloc(L, sizeof(long double));
-    w->N = calloc(P * P, sizeof(long double)), w->A = calloc(P * P, sizeof(long double)),
-    w->g = calloc(P, sizeof(long double)), w->step = calloc(P, sizeof(long double));
-    return w->Phi != NULL && w->D != NULL && w->Q != NULL && w->R != NULL && w->C != NULL
-        && w->J != NULL && w->e != NULL && w->N != NULL && w->A != NULL && w->g != NULL
-        && w->step != NULL;
-}
-
-static void work_done(struct work *w)
-{
-    free(w->kind), free(w->column), free(w->first);
-    free(w->Phi), free(w->D), free(w->Q), free(w->R), free(w->C), free(w->J), free(w->e),
-        free(w->N), free(w->A), free(w->g), free(w->step);
+    for (size_t i = 0; i < sizeof all / sizeof *all; i++)
+        *all[i].x = workspace_zeros(&w->space, all[i].count, sizeof(long double));
+    return !w->space.failed;
 }
 
 static long double dot(const long double *a, const long double *b, int n)
@@ -87,12 +81,15 @@ static void fill(struct work *w, const long double *x)
     }
     for (int i = 0; i < w->q; i++)
         for (int l = 0; l < w->L; l++)
+            /* not centred as refine.c's: e is orthogonal to Phi, so that a multiple of it
+             * changes nothing */
             w->D[l + (size_t)i * (size_t)w->L] = l * w->Phi[l + (size_t)i * (size_t)w->L];
 }
 
 /* v less its part in the first n columns of Q, which is added to r. */
 static void project_out(const struct work *w, int n, long double *v, long double *r)
 {
+    /* the second takes out what rounding of the first left: twice is enough */
     for (int pass = 0; pass < 2; pass++)
         for (int i = 0; i < n; i++) {
             const long double *Q = w->Q + (size_t)i * (size_t)w->L;
@@ -142,6 +139,7 @@ static void add_channel(struct work *w, int c)
         const long double *d1 = w->D + (size_t)i * (size_t)L, *d2 = d1 + L;
         for (int l = 0; l < L && p >= 0; l++) {
             bool pair = w->kind[j] == POLE_PAIR;
+            /* (3) of refine.c */
             w->J[l + (size_t)p * (size_t)L] = w->C[i] * d1[l] + (pair ? w->C[i + 1] * d2[l] : 0);
             if (pair)
                 w->J[l + (size_t)(p + 1) * (size_t)L] = w->C[i] * d2[l] - w->C[i + 1] * d1[l];
@@ -181,7 +179,7 @@ static bool cholesky(struct work *w, long double mu)
         for (int i = j; i < P; i++) {
             long double sum = w->N[i + (size_t)j * (size_t)P]
                     / sqrtl(w->N[i + (size_t)i * (size_t)P] * w->N[j + (size_t)j * (size_t)P])
-                + (i == j ? mu : 0);
+                + (i == j ? mu : 0);  /* columns scaled to 1, so that mu is a part of each */
             for (int k = 0; k < j; k++)
                 sum -= w->A[i + (size_t)k * (size_t)P] * w->A[j + (size_t)k * (size_t)P];
             if (i == j && !(sum > 0))
@@ -258,6 +256,7 @@ static long double descend(struct work *w, long double *x, long double *trial)
 static void report(struct work *w, long double F, const long double *x, double complex *lambda,
                    double *std_re, double *std_im)
 {
+    /* each channel has q amplitudes of its own */
     double freedom = fmax(1, (double)w->S * (w->L - w->q) - w->P);
 
     if (!cholesky(w, 0))
@@ -272,6 +271,7 @@ static void report(struct work *w, long double F, const long double *x, double c
             memset(w->step, 0, sizeof(long double) * (size_t)w->P);
             w->step[p] = 1;
             solve(w, w->step);
+            /* (5) of refine.c: the inverse's diagonal, entry by entry */
             std[k] = (double)(sqrtl(w->step[p] * F / freedom) / scale_of(w, p) / w->tau);
         }
         lambda[j] = CMPLX((double)x[2 * j],
@@ -308,14 +308,16 @@ enum modal_status polish_poles(const struct refine_data *data, double complex *l
     struct work w = {
         .Y = data->Y, .L = data->Y->m, .S = data->Y->n, .count = count, .tau = data->tau
     };
-    size_t n = (size_t)count + 1;
-    long double *x = calloc(2 * n, sizeof *x), *trial = calloc(2 * n, sizeof *trial), before, after;
-    enum modal_status rc = MODAL_OK;
+    size_t n = (size_t)count;
+    long double *x = workspace_zeros(&w.space, 2 * n, sizeof *x),
+                *trial = workspace_zeros(&w.space, 2 * n, sizeof *trial), before, after;
+    enum modal_status rc;
 
-    w.kind = calloc(n, sizeof *w.kind), w.column = calloc(n, sizeof *w.column),
-    w.first = calloc(n, sizeof *w.first);
-    if (x == NULL || trial == NULL || w.kind == NULL || w.column == NULL || w.first == NULL)
-        rc = modal_fail(err, MODAL_NO_MEMORY, "polish: no memory for %d poles", count);
+    w.kind = workspace_zeros(&w.space, n, sizeof *w.kind);
+    w.column = workspace_zeros(&w.space, n, sizeof *w.column);
+    w.first = workspace_zeros(&w.space, n, sizeof *w.first);
+    rc = workspace_check(&w.space, "polish: no memory for the poles", err);
+    /* no extended precision on this machine: nothing to gain */
     if (rc != MODAL_OK || LDBL_MANT_DIG <= DBL_MANT_DIG)
         goto out;
     lay_out(&w, lambda, x);
@@ -330,7 +332,6 @@ enum modal_status polish_poles(const struct refine_data *data, double complex *l
     if (after < before && inside(&w, x))
         report(&w, after, x, lambda, std_re, std_im);
 out:
-    work_done(&w);
-    free(x), free(trial);
+    workspace_free(&w.space);
     return rc;
 }

@@ -76,3 +76,8 @@ void powers_of(enum pole_kind kind, double a, double b, int L, double *x, int ld
     else
         real_powers(a, reference, kind == POLE_NEGATIVE, L, x);
 }
+
+double powers_centre(double a, int L)
+{
+    return a == 0 ? 0.5 * (L - 1) : a > 0 ? L - 1 - fmin(0.5 * L, 1 / a) : fmin(0.5 * L, -1 / a);
+}

@@ -18,4 +18,9 @@ struct doubling_poles {
  * nothing exceeds 1.  Phases are those of the rounded b, exact to a few DBL_EPSILON.
  */
 void powers_of(enum pole_kind kind, double a, double b, int L, double *x, int ld);
+
+/* The row of L about which e^{a l} has its weight: 1 / |a| from the end where it is large, the
+ * middle at most.  Derivatives diag(l - c) Phi are taken there, which changes them by a multiple of
+ * Phi and keeps them as independent of it as they can be. */
+double powers_centre(double a, int L);
 #endif

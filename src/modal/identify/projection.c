@@ -74,7 +74,7 @@ static double frobenius(const struct hankel *h)
 static enum modal_status decompose_dense(const struct hankel *h, struct projection *p,
                                          struct matrix *U, struct modal_error *err)
 {
-    struct matrix A = { p->m, p->n, p->m, malloc(sizeof(double) * ((size_t)p->m * p->n + 1)) };
+    struct matrix A = matrix_new(p->m, p->n);
     enum modal_status rc;
 
     if (A.x == NULL)
@@ -115,20 +115,20 @@ static enum modal_status project(const struct hankel *h, const struct matrix *U,
     int k = p->count, n = p->n;
     double *last = malloc(sizeof *last * (p->m + 1));
 
-    p->W = (struct matrix) { k, n, k > 0 ? k : 1, malloc(sizeof(double) * ((size_t)k * n + 1)) };
-    p->G = (struct matrix) { k, k, k > 0 ? k : 1, malloc(sizeof(double) * ((size_t)k * k + 1)) };
+    p->W = matrix_new(k, n);
+    p->G = matrix_new(k, k);
     if (last == NULL || p->W.x == NULL || p->G.x == NULL) {
         free(last);
         return modal_fail(err, MODAL_NO_MEMORY, "projection: no memory for rank %d", k);
     }
     for (int l = 0; l + 1 < n; l++)
         for (int i = 0; i < k; i++)
+            /* U^T H1 without its product: column l of H1 is column l + 1 of H0 */
             p->W.x[i + (size_t)l * k] = p->s[i] * p->VT.x[i + (size_t)(l + 1) * p->VT.ld];
-    for (int s = 0; s < h->Y->n; s++)
-        memcpy(last + (size_t)s * h->rows,
-               h->Y->x + (size_t)s * h->Y->ld + h->start + (size_t)n * h->shift,
-               sizeof *last * h->rows);
+    matrix_copy(h->rows, h->Y->n, h->Y->x + h->start + (size_t)n * h->shift, h->Y->ld, last,
+                h->rows);
     if (k > 0) {
+        /* but for H1's last column, which H0 has not */
         cblas_dgemv(CblasColMajor, CblasTrans, p->m, k, 1, U->x, U->ld, last, 1, 0,
                     p->W.x + (size_t)(n - 1) * k, 1);
         cblas_dgemm(CblasColMajor, CblasNoTrans, CblasTrans, k, k, n, 1, p->W.x, k, p->VT.x,
@@ -144,12 +144,11 @@ enum modal_status projection_make(const struct hankel *h, int wanted, struct pro
     int m = h->rows * h->Y->n, n = h->columns, side = m < n ? m : n,
         room = side <= DENSE_SIDE || wanted > side ? side : wanted;
     struct projection p = { .m = m, .n = n };
-    struct matrix U = { m, room, m, malloc(sizeof(double) * ((size_t)m * room + 1)) };
+    struct matrix U = matrix_new(m, room);
     enum modal_status rc = MODAL_OK;
 
     p.s = calloc((size_t)room + 1, sizeof *p.s);
-    p.VT = (struct matrix) { room, n, room > 0 ? room : 1,
-                             malloc(sizeof(double) * ((size_t)room * n + 1)) };
+    p.VT = matrix_new(room, n);
     if (U.x == NULL || p.s == NULL || p.VT.x == NULL)
         rc = modal_fail(err, MODAL_NO_MEMORY, "projection: no memory for %d triplets of %d x %d",
                         room, m, n);
@@ -179,6 +178,7 @@ enum modal_status projection_poles(const struct projection *p, enum identify_met
         return modal_fail(err, MODAL_NO_MEMORY, "projection: no memory for rank %d", r);
     rc = transition_multipliers(&t, method, r, rho, NULL, err);
     if (rc == MODAL_OK)
+        /* |rho| below eps^2 decays past rounding within a step */
         *count = poles_of_multipliers(rho, r, tau, DBL_EPSILON * DBL_EPSILON, lambda, dropped);
     free(rho);
     return rc;
@@ -235,9 +235,10 @@ static void widen(const double complex *rho, int r, bool inverse, const double c
         for (int i = 0; i < r; i++) {
             if (!isfinite(creal(rho[i])) || (inverse && rho[i] == 0))
                 continue;      /* no multiplier there: what has none near it is known to no digit */
+            /* spectra are compared as sets: no order survives another least squares */
             nearest = fmin(nearest, cabs((inverse ? 1 / rho[i] : rho[i]) - at));
         }
-        if (nearest > bar[j])
+        if (nearest > bar[j])       /* the worst of all three */
             bar[j] = nearest;
     }
 }
@@ -246,8 +247,7 @@ enum modal_status projection_bars(const struct projection *p, int r, int left_ou
                                   const double complex *lambda, int count, double *bar,
                                   struct modal_error *err)
 {
-    struct matrix SV = { p->count, p->n, p->count,
-                         malloc(sizeof(double) * ((size_t)p->count * p->n + 1)) };
+    struct matrix SV = matrix_new(p->count, p->n);
     double complex *rho = malloc(sizeof *rho * (r + 1));
     enum modal_status rc = MODAL_OK;
 
@@ -261,6 +261,8 @@ enum modal_status projection_bars(const struct projection *p, int r, int left_ou
     if (p->n - left_out < r)
         goto out;                            /* nothing can be left out: the bars stay unknown */
     if (rc == MODAL_OK) {
+        /* without the first columns, and below without the last: what moves with them is not
+         * known */
         rc = solve_pair(&SV, &p->W, r, left_out, p->n, rho, err);
         if (rc == MODAL_OK)
             widen(rho, r, false, lambda, count, tau, bar);
@@ -270,6 +272,7 @@ enum modal_status projection_bars(const struct projection *p, int r, int left_ou
             widen(rho, r, false, lambda, count, tau, bar);
     }
     if (rc == MODAL_OK)
+        /* the pair the other way round: eigenvalues 1 / rho, other errors from the same noise */
         rc = solve_pair(&p->W, &SV, r, 0, p->n, rho, err);
     if (rc == MODAL_OK)
         widen(rho, r, true, lambda, count, tau, bar);

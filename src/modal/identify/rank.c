@@ -49,6 +49,7 @@ static double power_sum(const double *s, int count, int power)
     double sum = 0;
 
     for (int i = 0; i < count && s[0] > 0; i++)
+        /* over s_1: squares neither overflow nor vanish */
         sum += power == 2 ? (s[i] / s[0]) * (s[i] / s[0]) : s[i] / s[0];
     return sum;
 }
@@ -68,6 +69,7 @@ static int gavish_donoho(const double *s, int count, int m, int n)
     int q = m < n ? m : n, middle = q / 2 < count ? q / 2 : count - 1;
     double b = (double)q / (m > n ? m : n);
 
+    /* Gavish and Donoho's omega(beta), times the median: unknown noise */
     return count_above(s, count, (((0.56 * b - 0.95) * b + 1.82) * b + 1.43) * s[middle]);
 }
 
@@ -79,9 +81,10 @@ static int description_length(const double *s, int count, int m, int n)
     /* tails from the end; the values beyond `count` are taken as the last known one */
     for (int r = q - 1; r >= 0; r--) {
         double a = s[r < count ? r : count - 1] / s[0], length;
-        a = a > floor ? a * a : floor * floor;
+        a = a > floor ? a * a : floor * floor;  /* rounding has no logarithm to speak of */
         sum += a;
         logs += log(a);
+        /* Wax and Kailath: arithmetic over geometric mean of the tail, and its free parameters */
         length = -N * (logs - (q - r) * log(sum / (q - r))) + 0.5 * r * (2.0 * q - r) * log(N);
         if (length < least && r <= count) {
             least = length;
@@ -121,6 +124,7 @@ int rank_estimate(const double *s, int count, int m, int n, const struct rank_op
         r = description_length(s, count, m, n);
         break;
     default:
+        /* poles too many cost little once they are refined, too few bias the rest */
         r = larger(gavish_donoho(s, count, m, n), description_length(s, count, m, n));
     }
     if (opt->most > 0 && r > opt->most)

@@ -141,6 +141,7 @@ static enum modal_status window_rows(const struct batch *b, const struct identif
                                      size_t *first, size_t *last, struct modal_error *err)
 {
     double end = (b->samples - 1) * b->dt, t0 = opt->window[0], t1 = opt->window[1],
+           /* seconds are written with some digits: 0.3 is a sample of dt = 0.1 */
            slack = 1e-9 * b->dt;
 
     *first = 0, *last = b->samples - 1;
@@ -220,7 +221,7 @@ static enum modal_status copy_columns(const struct batch *b, size_t first, size_
     int L = (int)(last - first + 1);
     size_t rows = 0, most = ((size_t)1 << 20) / (b->channels * sizeof(double)) + 1;
 
-    r->Y = (struct matrix) { L, r->channels, L, malloc(sizeof(double) * (size_t)L * r->channels) };
+    r->Y = matrix_new(L, r->channels);
     if (r->Y.x == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "record: no memory for %d samples of %d channels",
                           L, r->channels);
@@ -247,9 +248,9 @@ static void detrend_column(double *x, int L, enum identify_detrend what)
     if (most == 0 || what == DETREND_NONE)
         return;
     for (int k = 0; k < L; k++)
-        mean += x[k] / most / L;
+        mean += x[k] / most / L;    /* most first: sums of numbers near DBL_MAX do not overflow */
     for (int k = 0; k < L && what == DETREND_LINEAR; k++) {
-        double t = (k - 0.5 * (L - 1)) / L;
+        double t = (k - 0.5 * (L - 1)) / L;  /* about the middle, of order 1 */
         slope += t * (x[k] / most);
         moment += t * t;
     }
@@ -258,9 +259,7 @@ static void detrend_column(double *x, int L, enum identify_detrend what)
             * (x[k] / most - mean - (moment > 0 ? slope / moment * (k - 0.5 * (L - 1)) / L : 0));
 }
 
-/* Lagrange's weights for a point `at` among the nodes 0..count-1; exact selection where it is a
- * node. */
-static void lagrange(double at, int count, double *w)
+void record_lagrange(double at, int count, double *w)
 {
     for (int i = 0; i < count; i++) {
         w[i] = 1;
@@ -287,11 +286,12 @@ static enum modal_status difference(struct record *r, double period, struct moda
     if (near_integer(ratio, &p)) {
         from = p;
     } else {
+        /* between samples: an interpolating polynomial, symmetric about the place */
         count = LAGRANGE;
         from = (int)floor(ratio) - LAGRANGE / 2 + 1;
         if (from < 0)
             from = 0;
-        lagrange(ratio - from, LAGRANGE, w);
+        record_lagrange(ratio - from, LAGRANGE, w);
     }
     L = r->Y.m - from - count + 1;
     if (L < IDENTIFY_SAMPLES_LEAST)
@@ -346,6 +346,7 @@ static enum modal_status plan_zoom(const double band[2], double fs, int L, struc
         return modal_fail_field(err, MODAL_BAD_INPUT, "band", "band [%g, %g] Hz, %.3g Hz wide, "
                                 "would keep one of %d samples; accepted: a wider "
                                 "band or a longer record", band[0], band[1], width, L);
+    /* rate 4 widths: the band fills half of what is kept, the filter's edges the rest */
     z->decimation = (int)fmax(1, floor(fs / (4 * width)));
     fd = fs / z->decimation;
     if (centre - fd / 4 >= 0 && centre + fd / 4 <= fs / 2) {
@@ -447,6 +448,7 @@ static enum modal_status zoom_record(struct record *r, const double band[2],
     }
     s = c + z.taps;
     for (int m = 0; m < z.taps; m++) {
+        /* whole turns first: fmod is exact, a large angle's cosine is not */
         double angle = -2 * M_PI * fmod(z.centre * r->step * m, 1);
         c[m] = z.w[m] * cos(angle);
         s[m] = z.w[m] * sin(angle);
@@ -457,13 +459,16 @@ static enum modal_status zoom_record(struct record *r, const double band[2],
         zoom_column(x, rows, &z, r->step, c, s);
         after = safe_norm(x, rows) / sqrt(rows);
         if (after > 0)
+            /* what the stopband lets through, all of the record at its worst, over what is kept */
             r->leak = fmax(r->leak, pow(10, -z.attenuation / 20) * (before / after));
     }
     r->Y.m = rows;
     r->step *= z.decimation;
     r->decimation = z.decimation;
     r->shift_rad_s = 2 * M_PI * (z.centre - z.raise);
+    /* 2^2 for the factor of (1), half of it for the real part kept */
     r->gain = (z.centre > 0 ? 2 : 1) * noise_gain(&z);
+    /* the part of the kept band that white noise fills: so many rows are independent */
     r->share = fmin(z.decimation * r->gain, 1);
 out:
     free(c);
@@ -571,6 +576,7 @@ static void find_period(struct record *r, const struct identify_options *opt, co
 {
     int p;
 
+    /* 0 asks the batch, a negative one denies what it says */
     r->period = opt->period < 0 ? 0 : opt->period > 0 ? opt->period : b->period;
     if (r->period > 0 && near_integer(r->period / r->step, &p))
         r->per_period = p;

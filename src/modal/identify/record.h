@@ -51,6 +51,8 @@ enum modal_status record_make(const struct batch *batch, const struct identify_o
 /* Keep the first ROWS rows, scaled anew. */
 enum modal_status record_cut(struct record *r, int rows, enum identify_scale how,
                              struct modal_error *err);
+/* Lagrange's weights W for a point AT among the nodes 0 .. COUNT-1; of a node exactly its own. */
+void record_lagrange(double at, int count, double *w);
 /* Root mean square of channel c of a wide record, over its scale. */
 double record_wide_size(const struct record *r, int c);
 void record_done(struct record *r);

@@ -139,11 +139,7 @@ void refine_fill_basis(struct work *w, const struct point *at)
 
     for (int j = 0; j < w->count; j++) {
         double *x = w->basis + (size_t)w->column[j] * (size_t)L;
-        double a = at->a[j];
-        /* where e^{al} weighs: 1 / |a| from the end that it is large at, the middle at most */
-        double centre = a == 0 ? 0.5 * (L - 1)
-            : a > 0            ? L - 1 - fmin(0.5 * L, 1 / a)
-                               : fmin(0.5 * L, -1 / a);
+        double a = at->a[j], centre = powers_centre(a, L);
         powers_of(w->kind[j], a, at->b[j], L, x, L);
         for (int c = 0; !w->look && c < (w->kind[j] == POLE_PAIR ? 2 : 1); c++) {
             double *d = x + (size_t)(w->order + c) * (size_t)L, *p = x + (size_t)c * (size_t)L;
@@ -177,9 +173,7 @@ enum modal_status refine_factor(struct work *w, struct modal_error *err)
         enum modal_status rc = qr_triangle(&A, &T, err);
         if (rc != MODAL_OK)
             return rc;
-        for (int j = 0; j < n; j++)
-            memcpy(w->basis + (size_t)j * (size_t)L, T.x + (size_t)j * (size_t)n,
-                   (size_t)n * sizeof(double));
+        matrix_copy(n, n, T.x, n, w->basis, L);
     } else if (LAPACKE_dgeqrf_work(LAPACK_COL_MAJOR, L, n, w->basis, L, w->tau, w->reflect,
                                    REFLECT * n)
                != 0) {
@@ -247,8 +241,7 @@ void refine_triangle_to_stack(struct work *w, const double *T)
 {
     int P = w->parameters + 1;
 
-    for (int j = 0; j < P; j++)
-        memcpy(w->stack + j * w->stack_rows, T + j * P, (size_t)P * sizeof *T);
+    matrix_copy(P, P, T, P, w->stack, w->stack_rows);
 }
 
 /* Projections and residuals where Y joined the QR: the triangle has Q^T Y above row k and the rest
@@ -323,8 +316,7 @@ static enum modal_status panel_pass(struct work *w, int c0, int n, struct evalua
         memcpy(w->all + (size_t)(c0 + c) * (size_t)q, w->Z + c * k, (size_t)q * sizeof *w->all);
     if (rc != MODAL_OK || w->parameters == 0 || k == q)
         return rc;
-    for (int c = 0; c < n; c++)
-        memcpy(w->C + c * q, w->Z + c * k, (size_t)q * sizeof *w->C);
+    matrix_copy(q, n, w->Z, k, w->C, q);
     /* C = R11^{-1} Q1^T Y */
     cblas_dtrsm(CblasColMajor, CblasLeft, CblasUpper, CblasNoTrans, CblasNonUnit, q, n, 1, w->R, k,
                 w->C, q);

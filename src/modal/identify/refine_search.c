@@ -28,6 +28,7 @@ enum {
 /* Rows that are independent: all, unless a filter left the noise only a share of them. */
 static double rows(const struct work *w)
 {
+    /* for covariances and prices: correlated rows tell less */
     return w->L * (w->data->share > 0 ? w->data->share : 1);
 }
 
@@ -77,6 +78,7 @@ static double variance(const struct work *w, const struct evaluation *e)
         noisy += !at_rounding(w, e, g);
     if (noisy == 0 || noisy == w->groups)
         return e->F / fmax(refine_freedom(w), 1);
+    /* freedom in proportion: each signal has as many rows */
     return (e->F - rounding_part(w, e)) / fmax(refine_freedom(w) * noisy / w->groups, 1);
 }
 
@@ -92,6 +94,7 @@ static double set_weights(struct work *w, const double *rss, bool equal)
     }
     for (int g = 0; g < w->groups; g++) {
         double alone = fmax(rss[g], n * w->lowest[g]);
+        /* chi-squared of 30 has a spread of a quarter: less tells signals apart by chance */
         double rest = equal || own < FREEDOM_LEAST ? pooled / fmax(share, 1) : alone;
         double weight = w->energy[g] > 0 ? 1 / sqrt(fmax(rest / fmax(own, 1), DBL_MIN)) : 0;
         if (w->energy[g] > 0)
@@ -111,9 +114,11 @@ bool refine_damped_step(int n, const double *T, double mu, double *A, double *de
     for (int j = 0; j < n; j++) {
         memcpy(A + j * ld, T + j * P, (size_t)(j + 1) * sizeof *A);
         double norm = cblas_dnrm2(j + 1, T + j * P, 1);
+        /* Marquardt's scaling: mu is a part of each column's own square */
         A[n + j + j * ld] = sqrt(mu) * (norm > 0 ? norm : 1);
     }
     memcpy(delta, T + n * P, (size_t)n * sizeof *delta);
+    /* by QR of R_J over the damping: J^T J would square the condition */
     if (LAPACKE_dgels(LAPACK_COL_MAJOR, 'N', ld, n, 1, A, ld, delta, ld) != 0)
         return false;
     for (int i = 0; i < n; i++)
@@ -131,7 +136,7 @@ static double promised(int n, const double *T, const double *delta)
         double x = 0, g = T[i + n * (n + 1)];
         for (int j = i; j < n; j++)
             x += T[i + j * (n + 1)] * delta[j];
-        sum += x * (2 * g - x);
+        sum += x * (2 * g - x);     /* g^2 - (g - x)^2, without cancelling */
     }
     return sum;
 }
@@ -167,6 +172,7 @@ void refine_take_step(const struct work *w, const struct point *from, const doub
         to->a[j] = refine_guard(w, from->a[j] + scale * delta[p]);
         if (w->kind[j] == POLE_PAIR) {
             double b = fabs(from->b[j] + scale * delta[p + 1]);   /* conjugates are the same pair */
+            /* past Nyquist samples see the mirror */
             to->b[j] = fmin(b > M_PI ? fabs(2 * M_PI - b) : b, nextafter(M_PI, 0));
             to->b[j] = fmax(to->b[j], 1e-12);
         }
@@ -213,6 +219,7 @@ double refine_worth(const struct work *w, const double *rss, double factor)
 static bool collapses(const struct work *w, const struct evaluation *e)
 {
     for (int g = 0; g < w->groups; g++)
+        /* half and more of it lies in the derivatives' span: the poles' errors made it */
         if (e->near[g] > 0.5 * e->rss[g] && !at_rounding(w, e, g))
             return true;
     return false;
@@ -225,6 +232,7 @@ static bool collapses(const struct work *w, const struct evaluation *e)
 static bool hopeless(const struct work *w, const struct search *s, double rival)
 {
     int n = w->parameters;
+    /* twice: (2) leaves out a term of the residual's own size */
     double g = cblas_dnrm2(n, s->now.T + n * (n + 1), 1), left = 1 - 2 * g * g / s->now.F;
 
     return rival != 0 && left > 0 && !collapses(w, &s->now)
@@ -236,12 +244,14 @@ struct damping { double mu, grow; int failures; };
 
 static void damp_more(struct damping *d)
 {
+    /* doubling powers: 12 failures span 2^78 */
     d->mu = fmax(d->mu, 1e-12) * d->grow, d->grow *= 2, d->failures++;
 }
 
 /* GAIN: what F fell by over what was promised. */
 static void damp_less(struct damping *d, double gain)
 {
+    /* Nielsen: a continuous rule, no more than a ninth at once */
     d->mu *= fmax(1.0 / 9, 1 - pow(2 * fmin(gain, 1) - 1, 3)), d->grow = 2, d->failures = 0;
 }
 
@@ -272,6 +282,7 @@ static bool ended(const struct work *w, const struct search *s, const struct ref
     double step = opt->step > 0 ? opt->step : 1e-3;
 
     if (cblas_dnrm2(n, s->now.T + n * (n + 1), 1) <= step * sqrt(variance(w, &s->now)))
+        /* |R_J delta| <= 1e-3 s: a thousandth of a standard error in any direction */
         *end = REFINE_CONVERGED;
     else if (d->failures >= ROUNDING_FAILURES && below_rounding(w, &s->now))
         *end = at_rounding_end(w, &s->now);
@@ -306,7 +317,7 @@ static enum modal_status try_step(struct work *w, struct search *s, struct dampi
         return rc;
     promise = promised(n, s->now.T, s->delta);
     fall = s->now.F - s->next.F;
-    if (s->next.degenerate || !(fall > 0)) {
+    if (s->next.degenerate || !(fall > 0)) {  /* NAN too */
         damp_more(d);
         return MODAL_OK;
     }
@@ -321,7 +332,7 @@ static enum modal_status descend(struct work *w, struct search *s, const struct 
                                  enum refine_end *end, struct modal_error *err)
 {
     int most = opt->iterations > 0 ? opt->iterations : ITERATIONS;
-    struct damping d = { 1e-4, 2, 0 };
+    struct damping d = { 1e-4, 2, 0 };  /* starts come near: a hundredth of each column's length */
     bool still = false;
 
     *end = REFINE_STALLED;
@@ -358,6 +369,7 @@ static enum modal_status settle(struct work *w, struct search *s, bool equal,
     for (int i = 0; i < SETTLE_STEPS && now > SETTLED; i++) {
         enum modal_status rc;
         double next;
+        /* undamped: Gauss-Newton converges at the residual's rate near the minimum */
         if (!refine_damped_step(w->parameters, s->now.T, 0, s->A, s->delta))
             break;
         refine_take_step(w, &s->at, s->delta, &s->trial);
@@ -392,6 +404,7 @@ enum modal_status refine_search(struct work *w, struct search *s,
     r->start = sqrt(r->start);
     r->start_bic = refine_worth(w, s->now.rss, 1);
     if (opt->gain > 0)
+        /* given up where twice the promise does not reach it */
         opt->rival = r->start_bic - opt->gain;
     for (int round = 0; round < ROUNDS; round++) {
         if (set_weights(w, s->now.rss, opt->equal_noise) < WEIGHTS_SETTLED && round > 0)

@@ -85,8 +85,7 @@ static enum modal_status wide_panel(struct work *w, const struct wide *d,
     else
         cblas_dgemm(CblasColMajor, CblasTrans, CblasTrans, k, n, w->L, 1, w->basis, w->L, d->x + c0,
                     (int)d->stride, 0, w->Z, k);
-    for (int c = 0; c < n; c++)
-        memcpy(w->C + c * q, w->Z + c * k, (size_t)q * sizeof *w->C);
+    matrix_copy(q, n, w->Z, k, w->C, q);
     /* C = R11^{-1} Q1^T Y */
     cblas_dtrsm(CblasColMajor, CblasLeft, CblasUpper, CblasNoTrans, CblasNonUnit, q, n, 1, w->R, k,
                 w->C, q);

@@ -42,6 +42,7 @@ double remainder_unit(const struct refine_data *data, const struct refined *fit,
     double noise = fit->noise[g], rms = sqrt(p->energy[g] / ((double)L * phases));
     double parts = rms > 0 ? cblas_dnrm2(p->order, p->Z + (size_t)c * (size_t)p->order, 1) / rms
                            : 1;
+    /* cancelling amplitudes carry rounding that is larger than the signal's own */
     bool seen = noise > fmax(parts, 1) * sqrt(p->lowest[g]) && noise > ROUNDING * rms;
 
     return seen ? 1 / noise : 0;
@@ -60,9 +61,7 @@ enum modal_status remainder_of(const struct refine_data *data, const struct refi
         rc = modal_fail(err, MODAL_NO_MEMORY, "remainder: no memory for %d x %d", L, S);
     if (rc != MODAL_OK || p.degenerate)
         goto out;
-    for (int c = 0; c < S; c++)
-        memcpy(x + (size_t)c * (size_t)L, data->Y->x + (size_t)c * (size_t)data->Y->ld,
-               (size_t)L * sizeof *x);
+    matrix_copy(L, S, data->Y->x, data->Y->ld, x, L);
     *E = (struct matrix) { L, S, L, x };
     x = NULL;
     cblas_dtrsm(CblasColMajor, CblasLeft, CblasUpper, CblasNoTrans, CblasNonUnit, p.order, S, 1,
@@ -101,6 +100,7 @@ struct filter {
 static double weigh_rows(struct filter *f, int c)
 {
     const double *e = f->E->x + (size_t)c * (size_t)f->E->ld;
+    /* rows / RATE_FIRST is the filter's life */
     double z = exp(-fabs(f->rate)), weight = 1, sum = 0;
 
     for (int l = 0; l < f->rows; l++, weight *= z) {
@@ -124,6 +124,7 @@ static void filter_rows(struct filter *f, double *chi2, double complex *pole)
         double all = weigh_rows(f, c);
         fftw_execute(plan);
         for (int k = 0; k <= half; k++)
+            /* noise of unit variance: chi-squared of two columns has mean 2 */
             f->power[k] += (k == 0 || k == half ? 1 : 2) / all
                          * (creal(f->X[k]) * creal(f->X[k]) + cimag(f->X[k]) * cimag(f->X[k]));
     }
@@ -171,7 +172,7 @@ enum modal_status remainder_poles(const struct matrix *E, double tau, int most,
     if (rc != MODAL_OK)
         return rc;
     r = pencil_signals(&p);
-    r = r < 2 ? 2 : r;
+    r = r < 2 ? 2 : r;  /* a pair at least: one that the edge hides may pay for all that */
     r = r < p.count ? r : p.count;
     rho = malloc(((size_t)r + 1) * sizeof *rho);
     if (rho == NULL)
@@ -237,6 +238,7 @@ static void turn_block(const struct beside *k, double l, double last, double *A)
 {
     double s = l / k->width, size = exp(k->a * (l - (k->a > 0 ? last : 0)));
     double c = size * cos(k->b * l), d = size * sin(k->b * l);
+    /* (1): binomials of u0 + s */
     const double part[3][3] = { { 1, 0, 0 }, { s, 1, 0 }, { s * s, 2 * s, 1 } };
 
     for (int p = 0; p < 3; p++)
@@ -327,7 +329,7 @@ static struct beside *beside_new(int L, int block, int S, double tau, double com
     k->a = creal(lambda) * tau, k->b = cimag(lambda) * tau;
     k->centre = k->a == 0 ? 0.5 * L : k->a > 0 ? L - fmin(0.5 * L, 1 / k->a)
               : fmin(0.5 * L, -1 / k->a);
-    k->width = fmax(fmin(k->centre, L - k->centre), 1);
+    k->width = fmax(fmin(k->centre, L - k->centre), 1);  /* u of order 1 where z has its weight */
     fill_table(k);
     return k;
 }
@@ -345,10 +347,12 @@ static double beside_chi2(struct beside *k, int S)
 
     add_blocks(k, S);
     if (!factor_products(k))
+        /* not told: it has to be tried */
         return k->whole * (double)k->block + k->left >= COLUMNS ? HUGE_VAL : 0;
     cblas_dtrsm(CblasColMajor, CblasLeft, CblasUpper, CblasTrans, CblasNonUnit, COLUMNS, S, 1, k->G,
                 COLUMNS, k->Z, COLUMNS);
     for (int c = 0; c < S; c++)
+        /* u^2 z less its part in z and u z: the last two of Q^T e */
         sum += cblas_ddot(2, k->Z + 4 + c * COLUMNS, 1, k->Z + 4 + c * COLUMNS, 1);
     return sum;
 }

@@ -23,6 +23,7 @@ static enum modal_status transform(const struct matrix *Y, struct spectrum *s,
                                    struct modal_error *err)
 {
     int N = Y->m;
+    /* Parseval: |F|^2 of a line is then the signal's spectrum, whatever N */
     double *x = fftw_alloc_real((size_t)N), scale = 1 / sqrt(N);
     fftw_complex *X = fftw_alloc_complex((size_t)N / 2 + 1);
     fftw_plan plan = x != NULL && X != NULL ? fftw_plan_dft_r2c_1d(N, x, X, FFTW_ESTIMATE) : NULL;
@@ -49,6 +50,7 @@ enum modal_status spectrum_make(const struct matrix *Y, double end, struct spect
 
     if (end > 0) {
         last = (int)fmin(last, floor(fmin(BEYOND * end, 1) * N));
+        /* as if sampled at the rate that these lines need */
         samples = last < (N - 1) / 2 ? 2 * last + 2 : N;
     }
     if (last < LINES_FEW)
@@ -82,6 +84,7 @@ static int width_at(const struct spectrum *s, int j, const double complex *poles
 
     for (int k = 0; k < count; k++)
         near = fmin(near, cabs(CMPLX(0, w) - poles[k]));
+    /* a resonance is as wide as its pole is far from the axis */
     near *= share * s->samples / (2 * M_PI);
     return (int)fmin(fmax(fmin(near, most), 1), s->lines - j);
 }
@@ -97,12 +100,14 @@ static void average(const struct spectrum *s, struct bins *out, int b)
         const double complex *f = s->F + (size_t)j * l;
         for (int c = 0; c < l; c++)
             for (int r = 0; r < l; r++)
+                /* lines of a bin are independent: their sum is Wishart's */
                 mean[r + l * c] += f[r] * conj(f[c]);
     }
     for (int i = 0; i < l * l; i++)
         mean[i] /= out->lines[b];
     out->floor[b] = 0;
     for (int i = 0; i < l; i++)
+        /* a share of the mean eigenvalue, on every one of them */
         out->floor[b] += FLOOR / l * creal(mean[i * (l + 1)]);
     memcpy(seen, mean, sizeof *seen * l * l);
     for (int i = 0; i < l; i++)

@@ -100,12 +100,14 @@ static void correlate(struct work *w, int r, int c, fftw_complex *X, double *x, 
     for (int j = 0; j < s->lines; j++) {
         const double complex *f = s->F + (size_t)j * w->l;
         double complex p = f[r] * conj(f[c]);
+        /* Wiener and Khinchin: covariances are the cross spectrum's transform, circular over the
+         * record */
         X[s->first + j][0] = creal(p), X[s->first + j][1] = cimag(p);
     }
     fftw_execute(plan);
     for (int k = 0; k <= 2 * w->lags; k++) {
         w->R[l2 * k + r + w->l * c] = x[k] / N;
-        w->R[l2 * k + c + w->l * r] = x[(N - k) % N] / N;
+        w->R[l2 * k + c + w->l * r] = x[(N - k) % N] / N;  /* R(-k) = R(k)^T */
     }
 }
 
@@ -151,6 +153,7 @@ static bool factor_both(struct work *w)
         lay(w, 0, -1, 1, w->past);
         lay(w, 0, 1, -1, w->future);
         for (int j = 0; j < w->side; j++) {
+            /* as if so much white noise lay on every channel */
             w->past[j * (size_t)(w->side + 1)] += ridge;
             w->future[j * (size_t)(w->side + 1)] += ridge;
         }
@@ -197,6 +200,7 @@ static enum modal_status regress(struct work *w, struct subspace *out, struct mo
     lay(w, 1, -1, 1, w->next);
     cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, q, n, n, 1, w->K, q, w->next, n, 0,
                 w->KT, q);
+    /* E x(t+1) x(t)^T, and E x x^T = 1: the states are canonical */
     cblas_dgemm(CblasColMajor, CblasNoTrans, CblasTrans, q, q, n, 1, w->KT, q, w->K, q, 0, out->A,
                 q);
     lay(w, 1, 1, 1, w->H);                             /* its first rows are E y(t) Y-^T */
@@ -278,6 +282,7 @@ static void add_pair(const struct subspace *s, int n, const struct modal_form *f
     struct whittle_mode *m = &out->mode[out->count++];
     double complex lambda = clog(f->mu[j]);
     bool real = cimag(f->mu[j]) == 0;
+    /* a model of vibrations has pairs only: a real pole begins beside the axis */
     double decay = fmax(-creal(lambda), DECAY_LEAST), turn = fmin(BESIDE * decay, 1);
 
     if (real)
@@ -287,6 +292,7 @@ static void add_pair(const struct subspace *s, int n, const struct modal_form *f
     for (int c = 0; c < s->channels; c++) {
         for (int i = 0; i < n; i++)
             m->phi[c] += s->C[c + s->channels * i] * f->V[i + (size_t)n * j];
+        /* both of the pair take half of it */
         m->kappa[c] = f->Q[j + (size_t)n * c] / (real ? 2 : 1);
     }
 }

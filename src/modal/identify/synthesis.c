@@ -38,6 +38,7 @@ static void synthesis_basis(const double complex *lambda, int count, double tau,
         enum pole_kind kind = pole_kind(lambda[j], tau);
         double a = creal(lambda[j]) * tau, b = cimag(lambda[j]) * tau,
                *x = basis->x + (size_t)column * basis->ld;
+        /* ln of the largest entry, that the column is divided by: growth ends at 1 */
         reference[j] = a > 0 ? a * (L - 1) : 0;
         powers_of(kind, a, b, L, x, basis->ld);
         column += kind == POLE_PAIR ? 2 : 1;
@@ -74,8 +75,8 @@ static enum modal_status factorise(struct matrix *basis, int rows, struct factor
     double floor;
     enum modal_status rc;
 
-    f->P = (struct matrix) { L, k, L, malloc(sizeof(double) * ((size_t)L * k + 1)) };
-    f->W = (struct matrix) { n, k, n > 0 ? n : 1, malloc(sizeof(double) * ((size_t)n * k + 1)) };
+    f->P = matrix_new(L, k);
+    f->W = matrix_new(n, k);
     f->norm = malloc(sizeof(double) * (n + 1));
     f->s = malloc(sizeof(double) * (k + 1));
     ZT.x = f->zt = malloc(sizeof(double) * ((size_t)k * n + 1));
@@ -84,6 +85,7 @@ static enum modal_status factorise(struct matrix *basis, int rows, struct factor
                           L, n);
     for (int j = 0; j < n; j++) {
         double *a = basis->x + (size_t)j * basis->ld;
+        /* unit columns: equilibrated, their condition is within sqrt(n) of the least */
         f->norm[j] = safe_norm(a, L);
         for (int i = 0; i < L && f->norm[j] > 0; i++)
             a[i] /= f->norm[j];
@@ -91,6 +93,7 @@ static enum modal_status factorise(struct matrix *basis, int rows, struct factor
     rc = svd_thin(basis, f->s, &f->P, &ZT, err);
     if (rc != MODAL_OK || k == 0)
         return rc;
+    /* below it a direction of V is rounding, and its coefficient any number */
     floor = (rows > n ? rows : n) * DBL_EPSILON * f->s[0];
     for (out->rank = 0; out->rank < k && f->s[out->rank] > floor; )
         out->rank++;
@@ -98,6 +101,7 @@ static enum modal_status factorise(struct matrix *basis, int rows, struct factor
     for (int r = 0; r < out->rank; r++)
         for (int j = 0; j < n; j++)
             f->W.x[j + (size_t)r * f->W.ld] =
+                /* Z S^{-1} of (1), the columns' scale undone */
                 f->norm[j] > 0 ? f->zt[r + (size_t)j * k] / f->s[r] / f->norm[j] : 0;
     return MODAL_OK;
 }
@@ -110,6 +114,7 @@ static void store_coefficients(const double complex *lambda, double tau, const d
             const double *at = x + column + (size_t)c * ldx;
             bool pair = pole_kind(lambda[j], tau) == POLE_PAIR;
             out->coefficient[j + (size_t)(first + c) * out->poles] =
+                /* columns Re z^l and -Im z^l: b_r Re - b_i Im = Re(b z^l) */
                 pair ? CMPLX(at[0], at[1]) : at[0];
             column += pair ? 2 : 1;
         }
@@ -141,6 +146,7 @@ static void fit_block(const double complex *lambda, double tau, const struct mat
         if (fit != NULL)
             memcpy(fit->x + (size_t)(first + c) * fit->ld, e, sizeof *e * L);
         for (int l = 0; l < L; l++)
+            /* by the samples: |y|^2 - |P^T y|^2 would have half of the digits */
             e[l] = h[l] - e[l];
         out->channel_residual[first + c] = safe_norm(e, L);
     }
@@ -236,6 +242,7 @@ static enum modal_status fit_column(const double complex *lambda, double tau,
     cblas_dgemv(CblasColMajor, CblasNoTrans, n, r, 1, f->W.x, n, C, 1, 0, x, 1);
     cblas_dgemv(CblasColMajor, CblasNoTrans, n, r, -1, f->P.x, n, C, 1, 1, Z, 1);
     lost = cblas_dnrm2(n, Z, 1);                        /* what lies in parallel columns */
+    /* what Q does not hold, and what of Q^T y the factors do not */
     out->channel_residual[c] = hypot(sqrt(rest2), lost);
     store_coefficients(lambda, tau, x, n, c, 1, out);
     return MODAL_OK;
@@ -284,7 +291,7 @@ enum modal_status synthesis_products(const double complex *lambda, int count, do
         rc = modal_fail(err, MODAL_NO_MEMORY, "synthesis: no memory for %d poles", count);
     if (rc == MODAL_OK && !tall)
         synthesis_basis(lambda, count, tau, &basis, reference);
-    if (rc == MODAL_OK && n > 0)
+    if (rc == MODAL_OK && n > 0)    /* V^T V, for energies: of the triangle R^T R is the same sum */
         cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, n, n, basis.m, 1, basis.x, basis.ld,
                     basis.x, basis.ld, 0, G, n);
     if (!tall)
@@ -301,7 +308,7 @@ static enum modal_status fit_rows(const double complex *lambda, double tau, cons
                                   struct modal_error *err)
 {
     int n = s->order, L = Y->m;
-    struct matrix basis = { L, n, L, malloc(sizeof(double) * ((size_t)L * n + 1)) };
+    struct matrix basis = matrix_new(L, n);
     struct factors f = { { 0 }, { 0 }, NULL, NULL, NULL };
     double *work = malloc(sizeof *work * BLOCK * ((size_t)2 * n + L + 1));
     enum modal_status rc = MODAL_OK;

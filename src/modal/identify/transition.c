@@ -36,6 +36,7 @@ enum modal_status transition_multipliers(const struct transition *t, enum identi
     for (int j = 0; j < r; j++)
         for (int i = 0; i < r; i++)
             A.x[i + (size_t)j * r] =
+                /* (17) or (21): one spectrum, other rounding */
                 t->G[i + (size_t)j * t->count] / t->s[by_columns(method) ? j : i];
     rc = eigen_general(&A, rho, condition, NULL, err);
     free(A.x);

@@ -65,8 +65,7 @@ struct window {
 static enum modal_status adequate(const struct trend_input *in, bool *answer, double *left,
                                   struct modal_error *err)
 {
-    struct matrix E = { in->X->m, in->X->n, in->X->m,
-                        malloc(sizeof(double) * (size_t)in->X->m * (size_t)in->X->n + 1) };
+    struct matrix E = matrix_new(in->X->m, in->X->n);
     struct synthesis fit = { 0 };
     enum modal_status rc;
     double total = 0, mean[COLOUR_LAGS];
@@ -111,6 +110,7 @@ static bool crowd_about(const struct trend_input *in, double complex lambda)
 static double complex overlap(const struct synthesis *f, const struct trend_input *in, int i, int j)
 {
     double complex s = (conj(in->lambda[i]) + in->lambda[j]) * in->tau;
+    /* columns are divided by their largest entry */
     double scale = -f->reference[i] - f->reference[j];
 
     return cabs(s) * f->rows < SERIES_LEAST
@@ -140,7 +140,7 @@ static bool one_shape(const struct synthesis *f, const struct trend_input *in, c
     for (int i = 0; i < count; i++)
         for (int j = 0; j < count; j++) {
             one += i == j ? creal(P[i + count * i]) : 0;
-            two += creal(P[i + count * j] * P[j + count * i]);
+            two += creal(P[i + count * j] * P[j + count * i]);  /* tr P^2 */
         }
     return two >= (ONE_SHAPE * ONE_SHAPE + (1 - ONE_SHAPE) * (1 - ONE_SHAPE)) * one * one;
 }
@@ -198,6 +198,7 @@ static double energy_of(const struct synthesis *f, int j, double complex lambda,
         sum += 0.5 * (creal(b) * creal(b) + cimag(b) * cimag(b));
     }
     for (int k = 0; k < f->rows; k++)
+        /* the mean of cos^2 is a half: it stands before the sum over channels */
         weight += exp(2 * (a * k - reference)) / f->rows;
     return sum * weight;
 }
@@ -291,7 +292,7 @@ static enum modal_status look_at(const struct trend_input *in, int first, int ro
         const double *y = Y.x + (size_t)c * (size_t)Y.ld;
         least[c] = cblas_ddot(rows, y, 1, y, 1) / rows;
         w->energy += least[c];
-        least[c] *= CHANGE * CHANGE;
+        least[c] *= CHANGE * CHANGE;  /* a variance: what a fit need not explain */
     }
     rc = fit_part(in, &data, &choice, err);
     if (rc == MODAL_OK && choice.chosen >= 0)
@@ -320,6 +321,7 @@ static const double HARMONIC_CHANCE = 0.05;
 /* 2 or 3, where LAMBDA lies at so many times the frequency of BASE; else 0. */
 static int multiple_of(double complex lambda, double complex base)
 {
+    /* quadratic and cubic forces answer at twice and three times */
     double f = cimag(lambda) / cimag(base), n = nearbyint(f);
 
     return cimag(base) > 0 && (n == 2 || n == 3) && fabs(f - n) < HARMONIC_NEAR * n ? (int)n : 0;
@@ -348,6 +350,7 @@ static int growing(const struct refined *fit, const struct synthesis *f, double 
         total += energy[j] = energy_of(f, j, fit->lambda[j], tau);
     for (int j = 0; j < fit->poles; j++) {
         double complex z = fit->lambda[j];
+        /* rows resolve one beat over their length */
         bool strong = energy[j] > WEAK * total, at = fabs(cimag(z) - frequency) < beat;
         bool grows = strong && creal(z) > GROWS * fit->std_re[j] && !may_be_harmonic(fit, energy, j)
             && !verdict_slow(z, tau * f->rows);
@@ -396,7 +399,7 @@ static enum modal_status parts_that_grow(const struct trend_input *in, int parts
         if (rc == MODAL_OK && choice.chosen >= 0)
             rc = part_grows(in, &Y, &choice.candidates[choice.chosen].fit, frequency, &sign, err);
         order_done(&choice);
-        *count = sign < 0 ? 0 : *count + sign;
+        *count = sign < 0 ? 0 : *count + sign;  /* a part that decays ends what grew before it */
         if (rc != MODAL_OK && rc != MODAL_NO_CONVERGENCE)
             return rc;
     }
@@ -442,6 +445,7 @@ static double kendall(const struct window *w, int n, double (*x)(const struct wi
 
     for (int i = 0; i < n; i++)
         for (int j = 0; j < i; j++) {
+            /* > 0: both rise or both fall */
             double d = (x(&w[i]) - x(&w[j])) * (w[i].amplitude - w[j].amplitude);
             sum += (d > 0) - (d < 0);
             pairs++;
@@ -466,6 +470,7 @@ static bool changes(const struct window *w, int n, double (*x)(const struct wind
     }
     error = damping ? hypot(w[low].std_damping, w[high].std_damping)
                     : hypot(w[low].std_frequency, w[high].std_frequency);
+    /* six errors of a difference: what windows of one system range over by chance stays below */
     return x(&w[high]) - x(&w[low]) > fmax(least * size, 6 * error);
 }
 
@@ -649,11 +654,12 @@ static double by_chance(const struct chance *c, const struct identify_mode *b,
     double d = fabs(cimag(b->exponent) - n * cimag(a->exponent)), e = fabs(log(rate));
 
     if (b->std_im >= 0 && a->std_im >= 0) {
-        d = fmax(d, hypot(b->std_im, n * a->std_im));
+        d = fmax(d, hypot(b->std_im, n * a->std_im));  /* no nearer than errors tell */
         e = fmax(e, hypot(b->std_re / creal(b->exponent), a->std_re / creal(a->exponent)));
     }
     d = fmin(1, 2 * d / c->highest);
     e = c->range > 0 ? d * fmin(1, 2 * e / c->range) : d;
+    /* (1): P(p q <= e) of two uniform numbers is e (1 - ln e) */
     return c->looks * (c->range > 0 && e > 0 ? e * (1 - log(e)) : e);
 }
 
@@ -733,6 +739,7 @@ static void look_for_drift(struct identify_result *r, double record)
     for (int i = 0; i < r->mode_count; i++)
         vibrates |= cimag(r->modes[i].exponent) * record > 4 * M_PI;
     for (int i = 0; i < r->mode_count && vibrates; i++)
+        /* less than a quarter of a turn: offset, slope and curvature are all that is seen */
         if (cabs(r->modes[i].exponent) * record < DRIFT_SLOW && r->modes[i].energy > DRIFT_LEAST) {
             identify_diagnose(r, "drift", -1,
                               "%.2g of the energy moves more slowly than the record of %g s: drift "

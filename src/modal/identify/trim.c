@@ -50,6 +50,7 @@ static void drop_column(struct trim *t, int i)
         memcpy(R + j * ld, R + (j + 1) * ld, (size_t)(j + 2) * sizeof *R);
     for (int j = i; j < q - 1; j++) {
         double a = R[j + j * ld], b = R[j + 1 + j * ld], c, s;
+        /* without column i R is upper Hessenberg from there on: one rotation a row */
         cblas_drotg(&a, &b, &c, &s);
         R[j + j * ld] = a, R[j + 1 + j * ld] = 0;
         if (j + 1 < q - 1)
@@ -57,6 +58,7 @@ static void drop_column(struct trim *t, int i)
         cblas_drot(S, Z + j, ld, Z + j + 1, ld, c, s);
     }
     for (int c = 0; c < S; c++)
+        /* the direction that only the lost column had */
         t->p.rss[c / phases] += Z[q - 1 + (size_t)c * ld] * Z[q - 1 + (size_t)c * ld];
     t->p.order--;
 }
@@ -66,6 +68,7 @@ static void rise_of(const struct trim *t, int i, int n, double *rise)
 {
     int q = t->p.order, ld = t->ld, phases = t->p.criterion.phases;
     const double *B = t->inverse + i, *C = t->C + i;
+    /* [a b; b d] = V V^T, rows of R^{-1} begin at their diagonal */
     double a = cblas_ddot(q - i, B + i * ld, ld, B + i * ld, ld), b = 0, d = 1, det;
 
     if (n == 2) {
@@ -76,6 +79,7 @@ static void rise_of(const struct trim *t, int i, int n, double *rise)
     memset(rise, 0, (size_t)t->p.criterion.groups * sizeof *rise);
     for (int c = 0; c < t->p.columns; c++) {
         double x = C[(size_t)c * ld], y = n == 2 ? C[1 + (size_t)c * ld] : 0;
+        /* c^T (V V^T)^{-1} c */
         rise[c / phases] += det > 0 ? fmax((d * x * x - 2 * b * x * y + a * y * y) / det, 0) : 0;
     }
 }
@@ -86,6 +90,7 @@ static double loss_of(const struct criterion *k, const double *rss, const double
     double sum = 0;
 
     for (int g = 0; g < k->groups; g++) {
+        /* what is below rounding or the grid neither gains nor loses */
         double floor = fmax(k->floor2[g], DBL_MIN) * k->numbers;
         if (k->energy[g] > 0)
             sum += k->own * log(fmax(rss[g] + rise[g], floor) / fmax(rss[g], floor));
@@ -104,8 +109,7 @@ static int cheapest(struct trim *t, const struct trim_options *opt)
         memcpy(t->inverse + j * ld, t->p.R + j * ld, (size_t)(j + 1) * sizeof *t->inverse);
     if (LAPACKE_dtrtri(LAPACK_COL_MAJOR, 'U', 'N', q, t->inverse, ld) != 0)
         return -1;
-    for (int c = 0; c < t->p.columns; c++)
-        memcpy(t->C + (size_t)c * ld, t->p.Z + (size_t)c * ld, (size_t)q * sizeof *t->C);
+    matrix_copy(q, t->p.columns, t->p.Z, ld, t->C, ld);
     cblas_dtrmm(CblasColMajor, CblasLeft, CblasUpper, CblasNoTrans, CblasNonUnit, q, t->p.columns,
                 1,
                 t->inverse, ld, t->C, ld);
@@ -115,6 +119,7 @@ static int cheapest(struct trim *t, const struct trim_options *opt)
                      - criterion_price(k, q - n, t->p.parameters - n), excess;
         rise_of(t, i, n, t->rise);
         i += n;
+        /* < 0: its absence costs less than it */
         excess = loss_of(k, t->p.rss, t->rise) - opt->share * price - opt->reach;
         if (!fixed && excess < 0 && excess < least)
             least = excess, at = j;
@@ -135,6 +140,7 @@ static int drop_dependent(struct trim *t)
 
     for (int j = 0, column = 0; j < t->count && t->count > 1;) {
         int n = pole_order(t->lambda[j], t->data->tau);
+        /* of two that coincide the first stays */
         bool spanned = dependent(&t->p, column) || (n == 2 && dependent(&t->p, column + 1));
         column += n;
         if (spanned)

@@ -44,6 +44,8 @@ enum modal_status turns_read(const double *x, size_t stride, int rows, double *t
     turn[0] = 0;
     for (int k = 1; k < rows; k++) {
         double step = (x[(size_t)k * stride] - x[(size_t)(k - 1) * stride]) / whole;
+        /* of all whole turns the step nearest to none: more than two samples a turn make it the
+         * right one */
         turn[k] = turn[k - 1] + step - round(step);
     }
     sign = turn[rows - 1] < 0 ? -1 : 1;
@@ -63,17 +65,6 @@ double turns_rows_each(const double *turn, int rows)
     return (rows - 1) / (turn[rows - 1] - turn[0]);
 }
 
-/* The weights of POINTS rows at AT, counted from the first of them. */
-static void weigh(double at, double weight[POINTS])
-{
-    for (int i = 0; i < POINTS; i++) {
-        weight[i] = 1;
-        for (int j = 0; j < POINTS; j++)
-            if (j != i)
-                weight[i] *= (at - j) / (i - j);
-    }
-}
-
 enum modal_status turns_resample(struct matrix *Y, const double *turn, int phases,
                                  struct modal_error *err)
 {
@@ -87,10 +78,12 @@ enum modal_status turns_resample(struct matrix *Y, const double *turn, int phase
         int first;
         while (at < L - 2 && turn[at + 1] <= angle)
             at++;
+        /* the angle is straight between samples, the signals are not: they get degree 7 */
         row = turn[at + 1] > turn[at] ? at + (angle - turn[at]) / (turn[at + 1] - turn[at]) : at;
         first = at - POINTS / 2 + 1;
+        /* one-sided at the ends */
         first = first < 0 ? 0 : first > L - POINTS ? L - POINTS : first;
-        weigh(row - first, weight);
+        record_lagrange(row - first, POINTS, weight);
         for (int c = 0; c < Y->n; c++) {
             const double *y = Y->x + (size_t)c * Y->ld + first;
             double sum = 0;
@@ -121,7 +114,7 @@ enum modal_status turns_even(struct record *r, const struct batch *b, const int 
     if (rc == MODAL_OK) {
         each = turns_rows_each(turn, r->Y.m);
         r->period = each * r->step;
-        r->per_period = (int)lround(each);
+        r->per_period = (int)lround(each);  /* as many as before, evenly: nothing is decimated */
         rc = turns_resample(&r->Y, turn, r->per_period, err);
         r->step = r->period / r->per_period;
     }

@@ -66,7 +66,7 @@ static double half_width(const struct identify_result *r, int i)
     if (!(b > 0) || !isfinite(b))
         b = bar;
     else if (r->freedom < FREEDOM_LEAST)
-        b += bar;
+        b += bar;                   /* so few residuals tell their own variance badly */
     if (size > 0)
         b = fmax(b, 2 * cluster_radius(r, i) / size);
     return fmax(b, ROUNDING / span);
@@ -84,7 +84,8 @@ static double most_growth(const struct identify_result *r, int i)
     double span = span_of(r);
 
     if (cabs(m->multiplier) == 0 && m->bar >= 0)
-        return log(m->bar) / span;
+        return log(m->bar) / span;  /* rho = 0: all that is known is |rho| <= bar */
+    /* ln(|rho| (1 + span b)) / span */
     return creal(m->exponent) + log1p(span * half_width(r, i)) / span;
 }
 
@@ -124,6 +125,7 @@ static bool believed(const struct identify_result *r, int i, double duration)
 
 static bool spurious(const struct identify_mode *m)
 {
+    /* NAN is not less */
     return m->harmonic || (m->energy < VERDICT_WEAK && m->persistence < PERSISTENT);
 }
 
@@ -219,7 +221,7 @@ static bool cancels(const struct identify_mode *a, const struct identify_mode *b
 {
     double own = a->amplitude * a->amplitude + (b != NULL ? b->amplitude * b->amplitude : 0);
 
-    return own > CANCELLATION;
+    return own > CANCELLATION;      /* channels have unit rms: all of them together hold 1 */
 }
 
 static double apart(const struct identify_mode *a, const struct identify_mode *b)
@@ -240,6 +242,7 @@ static double reach(const struct identify_mode *m)
 
 static bool together(const struct identify_mode *a, const struct identify_mode *b, double duration)
 {
+    /* half a turn of one against the other in the record */
     double width = cabs(a->exponent - b->exponent);
 
     return apart(a, b) <= reach(a) + reach(b) || (width * duration < M_PI && cancels(a, b));
@@ -262,6 +265,7 @@ static bool meets_its_conjugate(const struct identify_result *r, const struct id
 static bool is_resolved(const struct identify_result *r, const struct identify_cluster *c, bool own,
                         double duration)
 {
+    /* a Jordan block's eigenvalues part by the root of what rounding does */
     double split = SPLIT * cabs(c->centroid) * span_of(r) / duration;
     bool yes = true;
 
@@ -291,7 +295,7 @@ static enum modal_status add_cluster(struct identify_result *r, const int *label
             c->members[c->member_count++] = i;
             sum += r->modes[i].multiplier;
         }
-    c->centroid = own ? creal(sum) / count : sum / count;
+    c->centroid = own ? creal(sum) / count : sum / count;  /* with its conjugate the mean is real */
     for (int i = 0; i < count; i++) {
         const struct identify_mode *m = &r->modes[c->members[i]];
         c->radius = fmax(c->radius, cabs(m->multiplier - c->centroid));

@@ -86,6 +86,7 @@ int whittle_unknowns(const struct whittle *m)
 
 double complex whittle_exponent(const struct whittle_mode *q, int samples)
 {
+    /* a record that repeats shows each pole as decaying by 1/N faster */
     double decay = fmax(-creal(q->lambda) - 1. / samples, DECAY_LEAST / samples);
 
     return CMPLX(-decay, fabs(cimag(q->lambda)));
@@ -97,6 +98,7 @@ struct peak { double complex f, slope; };        /* f, and its derivative by lam
 
 static struct peak peak_at(double complex lambda, double w)
 {
+    /* a pole at mu, seen from the circle at e^{iw} */
     double complex mu = cexp(lambda), u = 1 / (cexp(CMPLX(0, w)) - mu);
 
     return (struct peak) { u, mu * u * u };
@@ -114,6 +116,8 @@ static double complex mean_peak(double complex lambda, const struct bins *s, int
                    z2 = cexp(CMPLX(0, s->to[b]));
 
     return s->lines[b] == 1 ? peak_at(lambda, middle_of(s, b)).f
+                            /* the integral of 1 / (e^{iw} - mu) in closed form: a bin as wide as
+                             * the peak hides nothing of it */
                             : clog((1 - mu / z2) / (1 - mu / z1)) / (I * mu)
                                   / (s->to[b] - s->from[b]);
 }

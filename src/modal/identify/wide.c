@@ -95,6 +95,7 @@ void wide_passed(const struct wide *w, int k)
  * (S x b) = A^T X of the text. */
 static void gram_on_samples(const struct wide *w, const double *X, int b, double *Z, double *T)
 {
+    /* channels whose rows are read once for both products of (1) */
     int most = PANEL_BYTES / (int)sizeof(double) / w->L;
 
     most = most < PANEL_LEAST ? PANEL_LEAST : most;
@@ -109,12 +110,11 @@ static void gram_on_samples(const struct wide *w, const double *X, int b, double
                         (int)w->stride, T + c, w->S, 1, Z, w->L);
             continue;
         }
+        /* A = scale^-1 data: (1) needs the scale twice, T of the text once */
         double twice[BLOCK * SCALED_AT_ONCE];
         for (int c2 = 0; c2 < n; c2 += SCALED_AT_ONCE) {
             int n2 = n - c2 < SCALED_AT_ONCE ? n - c2 : SCALED_AT_ONCE;
-            for (int j = 0; j < b; j++)
-                memcpy(twice + j * n2, T + c + c2 + (size_t)j * (size_t)w->S,
-                       (size_t)n2 * sizeof *twice);
+            matrix_copy(n2, b, T + c + c2, w->S, twice, n2);
             scale_rows(w, c + c2, n2, b, twice, n2);
             cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, w->L, b, n2, 1, w->x + c + c2,
                         (int)w->stride, twice, n2, 1, Z, w->L);
@@ -234,6 +234,7 @@ static enum modal_status next_block(struct krylov *k, int b, int *next, struct m
     enum modal_status rc;
 
     memcpy(X, k->Z, sizeof *X * (size_t)k->near * (size_t)b);
+    /* after one pass rounding leaves eps |Z| of K, large beside a small rest */
     for (int twice = 0; twice < 2; twice++)
         leave_outside(k, b, X);
     rc = qr_orthonormal(&Q, &R, err);
@@ -242,6 +243,7 @@ static enum modal_status next_block(struct krylov *k, int b, int *next, struct m
     leave_outside(k, b, X);    /* columns that were rounding are orthonormal, but not to K */
     struct matrix none = { b, b, b, NULL };
     rc = qr_orthonormal(&Q, &none, err);
+    /* K fills the near side: beyond its length there is nothing */
     *next = k->room - k->count < b ? k->room - k->count : b;
     return rc;
 }
@@ -290,11 +292,13 @@ static int above_noise(const struct krylov *k, double energy, int most, bool *tr
     int n;
 
     for (n = 0; n < k->count && n < most; n++) {
+        /* pod.c's (1): the largest singular value of white noise of the variance that is left */
         edge = EDGE * sqrt(fmax(rest, 0) / fmax((L - n) * (S - n), 1)) * (sqrt(L) + sqrt(S));
         if (!(k->theta[n] > edge * edge) || !(k->theta[n] > GUARD * GUARD * k->theta[0]))
             break;
-        rest -= k->theta[n];
+        rest -= k->theta[n];        /* |A|_F^2 is the sum of all s^2 */
     }
+    /* noise itself is seen through squares only above sqrt(eps) s_1 */
     *trusted = edge > GUARD * sqrt(fmax(k->theta[0], 0));
     return n > 1 ? n : 1;
 }
@@ -352,8 +356,8 @@ static enum modal_status finish(struct krylov *k, int kept, struct pod *pod,
     double *v = malloc(sizeof *v * (size_t)near * (size_t)kept),
            *t = malloc(sizeof *t * (size_t)far * (size_t)kept);
     struct matrix T = { far, kept, far, t },
-                  Q = { far, kept, far, malloc(sizeof *t * (size_t)far * (size_t)kept) };
-    struct matrix PT = { kept, kept, kept, malloc(sizeof *t * (size_t)kept * (size_t)kept) };
+                  Q = matrix_new(far, kept);
+    struct matrix PT = matrix_new(kept, kept);
     double *rotated = malloc(sizeof *v * (size_t)near * (size_t)kept);
     enum modal_status rc = MODAL_OK;
 

@@ -50,7 +50,7 @@ static enum modal_status colour_of(const struct refine_data *d, const struct pol
                                    const double *theta, double *factor, struct modal_error *err)
 {
     const struct matrix *Y = d->Y;
-    struct matrix E = { Y->m, Y->n, Y->m, malloc(sizeof(double) * (size_t)Y->m * (size_t)Y->n) };
+    struct matrix E = matrix_new(Y->m, Y->n);
     struct synthesis s = { 0 };
     enum modal_status rc;
 
@@ -97,6 +97,7 @@ static enum modal_status for_colour(const struct refine_data *d, const struct or
 
 static void at_least(struct poles *p, int j, double re, double im)
 {
+    /* an error that a doubt widened no longer says that the mode decays */
     if (re > p->std_re[j] && p->growth[j] == GROWTH_NEVER)
         p->growth[j] = GROWTH_UNSEEN;
     p->std_re[j] = re > p->std_re[j] ? re : p->std_re[j];
@@ -123,6 +124,7 @@ static enum modal_status for_parts(const struct refine_data *d, struct poles *p,
         return modal_fail(err, MODAL_NO_MEMORY, "widen: no memory for %d poles", p->count);
     rc = parts_ask(d, p->lambda, p->count, say, strength, err);
     for (int j = 0; j < p->count && rc == MODAL_OK; j++) {
+        /* before its error is widened below */
         bool decays = creal(p->lambda[j]) + CLEAR * p->std_re[j] < 0;
         at_least(p, j, say[j].re, say[j].im);
         p->growth[j] = growth_of(&say[j], *strength, decays, factor[j]);
@@ -156,7 +158,7 @@ static bool for_rivals(const struct refine_data *d, const struct order_choice *c
                        struct poles *p)
 {
     const struct refined *own = &choice->candidates[choice->chosen].fit;
-    double width = M_PI / (d->tau * d->Y->m);
+    double width = M_PI / (d->tau * d->Y->m);  /* half a line of the record */
     bool any = false;
 
     for (int i = 0; i < choice->count; i++) {
@@ -168,6 +170,8 @@ static bool for_rivals(const struct refine_data *d, const struct order_choice *c
             int k = nearest_in(f, p->lambda[j], width);
             double re = k < 0 ? 0
                               : clear_of(creal(p->lambda[j]), creal(f->lambda[k]),
+                                         /* as if independent: the two fits share their data, and
+                                          * differ by less */
                                          hypot(p->std_re[j], f->std_re[k]));
             double im = k < 0 ? 0
                               : clear_of(cimag(p->lambda[j]), cimag(f->lambda[k]),
@@ -212,6 +216,7 @@ static void for_slow(const struct refine_data *d, const struct order_choice *cho
     double record = d->tau * d->Y->m, all = safe_matrix_norm(d->Y);
 
     for (int j = 0; j < p->count; j++)
+        /* less than a turn */
         if (cimag(p->lambda[j]) > 0 && cimag(p->lambda[j]) * record < 2 * M_PI)
             scatter(choice, all, p, j, M_PI / record);
 }
@@ -240,6 +245,7 @@ static enum modal_status doubt(const struct refine_data *d, const struct order_c
 
     for (int j = 0; j < p->count; j++)
         factor[j] = 1;
+    /* a band's filter colours what is left, and its rows are counted already */
     if (constant && !(d->share > 0))
         rc = for_colour(d, choice, p, factor, &out->colour, err);
     if (rc == MODAL_OK)

@@ -150,8 +150,7 @@ enum modal_status svd_thin(struct matrix *A, double *s, struct matrix *U, struct
     copy = malloc(sizeof *copy * A->m * A->n);
     if (copy == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "svd: no memory for %d x %d", A->m, A->n);
-    for (int j = 0; j < A->n; j++)
-        memcpy(copy + (size_t)j * A->m, A->x + (size_t)j * A->ld, sizeof *copy * A->m);
+    matrix_copy(A->m, A->n, A->x, A->ld, copy, A->m);
     info = decompose(A, s, vectors ? U : NULL, vectors ? VT : NULL, copy);
     free(copy);
     if (info == LAPACK_WORK_MEMORY_ERROR || info == LAPACK_TRANSPOSE_MEMORY_ERROR)

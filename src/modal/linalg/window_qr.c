@@ -100,9 +100,7 @@ static enum modal_status triangle_of(int n, const struct matrix *A, double *R,
 
     if (all.x == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "window_qr: no memory for %d x %d", ld, n);
-    for (int j = 0; j < n; j++)
-        memcpy(all.x + (size_t)j * (size_t)ld, A->x + (size_t)j * (size_t)A->ld,
-               sizeof(double) * (size_t)A->m);
+    matrix_copy(A->m, n, A->x, A->ld, all.x, ld);
     rc = qr_triangle(&all, &T, err);
     free(all.x);
     return rc;
@@ -120,8 +118,7 @@ static enum modal_status join(int n, const double *A, const struct matrix *B, bo
 
     if (x == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "window_qr: no memory for %d x %d", m, n);
-    for (int j = 0; j < n; j++)
-        memcpy(x + (size_t)j * (size_t)m, B->x + (size_t)j * (size_t)B->ld, sizeof *x * (size_t)m);
+    matrix_copy(m, n, B->x, B->ld, x, m);
     if (R != A)
         memcpy(R, A, sizeof *R * (size_t)n * (size_t)n);
     LAPACKE_dtpqrt_work(LAPACK_COL_MAJOR, m, n, tall ? 0 : n, nb, R, n, x, m, x + size, nb,

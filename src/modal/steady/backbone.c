@@ -347,9 +347,7 @@ static enum modal_status step(struct backbone *b, double a, double *omega, doubl
         return rc;
     /* The matrix of (2): rows R, amplitude, phase; columns u, omega, zeta. */
     memset(b->A, 0, (size_t)all * (size_t)all * sizeof *b->A);
-    for (int c = 0; c < order; c++)
-        memcpy(b->A + (size_t)c * (size_t)all, b->b->J + (size_t)c * (size_t)order,
-               (size_t)order * sizeof *b->A);
+    matrix_copy(order, order, b->b->J, order, b->A, all);
     /* last but one */
     memcpy(b->A + (size_t)order * (size_t)all, b->side, (size_t)order * sizeof *b->A);
     over_zeta(b, *omega, b->A + (size_t)(order + 1) * (size_t)all);  /* last column */

@@ -15,6 +15,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/linalg/matrix.h"
 #include "modal/scene/ports.h"
 
 enum {
@@ -89,8 +90,7 @@ static bool static_shifts(const struct statespace *ss, const struct ports *p, st
 
     memset(K, 0, (size_t)size * (size_t)size * sizeof *K);
     memset(h->shift, 0, (size_t)size * (size_t)c * sizeof *h->shift);
-    for (int j = 0; j < N; j++)
-        memcpy(K + (size_t)j * (size_t)size, ss->A + (size_t)j * (size_t)N, (size_t)N * sizeof *K);
+    matrix_copy(N, N, ss->A, N, K, size);
     for (int i = 0; i < c; i++) {
         int channel = p->law[h->law[i]].channel;
         const double *U = p->U + (size_t)channel * (size_t)N, *D = p->R + channel;

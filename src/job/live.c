@@ -53,10 +53,6 @@ enum modal_status live_new(const cJSON *options, const struct batch *shape, int 
     l->settings.opt.shapes |= shape->channels > 1;
     opt.identify = l->settings.opt;
     l->climbs = opt.identify.target_error > 0 || opt.identify.target_seconds > 0;
-    if (rc == MODAL_OK && opt.identify.response != RESPONSE_FREE)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "response", "response=%s is not for windows of "
-                              "a stream; accepted: free",
-                              identify_response_names[opt.identify.response]);
     if (rc == MODAL_OK)
         rc = moving_new(&opt, &l->window, err);
     if (rc != MODAL_OK)

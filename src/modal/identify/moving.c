@@ -93,9 +93,9 @@ static bool is_possible(const struct moving_options *o)
     bool whole = i->window[0] == 0 && i->window[1] == 0 && i->band[0] == 0 && i->band[1] == 0;
 
     return o->channels <= MOVING_CHANNELS_MOST && o->window > 2 * o->channels
-        && i->method == IDENTIFY_AUTO && i->channels == NULL && i->pod_energy == 0
-        && i->pod_rank == 0 && i->detrend == DETREND_NONE && i->scale == SCALE_RMS && i->rows == 0
-        && i->columns == 0 && i->stride <= 1 && whole
+        && i->response == RESPONSE_FREE && i->method == IDENTIFY_AUTO && i->channels == NULL
+        && i->pod_energy == 0 && i->pod_rank == 0 && i->detrend == DETREND_NONE
+        && i->scale == SCALE_RMS && i->rows == 0 && i->columns == 0 && i->stride <= 1 && whole
         && (i->period < 0 || (i->period == 0 && o->period == 0)) && !i->difference
         && i->refine != CHOICE_NO && (i->rank.rule == RANK_AUTO || i->rank.rule == RANK_FIXED)
         && i->target_error == 0 && i->target_seconds == 0;

@@ -162,6 +162,7 @@ enum ledger_verb {
     LEDGER_RESULT_PUT,       /* .result; before or in the same group as the move to done */
     LEDGER_TOMBSTONE_PUT,    /* .tombstone */
     LEDGER_TOMBSTONES_PRUNE, /* .id: UTC ns; those expired before it go */
+    LEDGER_TOMBSTONE_DROP,   /* .tombstone, by user and key */
     LEDGER_EVENT_PUT,        /* .event */
     LEDGER_EVENTS_PRUNE,     /* .id: numbers below it go */
     LEDGER_NOTE_PUT,         /* .note; text NULL deletes it */

@@ -236,6 +236,15 @@ static enum modal_status bind_tombstone(struct ledger_binder *to,
     return MODAL_OK;
 }
 
+static enum modal_status bind_key(struct ledger_binder *to, const struct ledger_change *change,
+                                  struct modal_error *err)
+{
+    (void)err;
+    bind_text(to, change->tombstone.user);
+    bind_text(to, change->tombstone.key);
+    return MODAL_OK;
+}
+
 static enum modal_status bind_event(struct ledger_binder *to, const struct ledger_change *change,
                                     struct modal_error *err)
 {
@@ -299,6 +308,8 @@ const struct ledger_verb_sql ledger_verbs[LEDGER_VERB_COUNT] = {
         { "INSERT OR REPLACE INTO tombstones VALUES(?1,?2,?3,?4,?5)" }, bind_tombstone, true },
     [LEDGER_TOMBSTONES_PRUNE] = {
         { "DELETE FROM tombstones WHERE expired<?1" }, bind_id, false, true },
+    [LEDGER_TOMBSTONE_DROP] = {
+        { "DELETE FROM tombstones WHERE user=?1 AND key=?2" }, bind_key, false, true },
     [LEDGER_EVENT_PUT] = { { "INSERT INTO events VALUES(?1,?2,?3,?4,?5,?6)" }, bind_event, true },
     [LEDGER_EVENTS_PRUNE] = { { "DELETE FROM events WHERE number<?1" }, bind_id, false, true },
     [LEDGER_NOTE_PUT] = {

@@ -12,10 +12,11 @@ enum {
     SIGNATURE_END = 9,   /* 0xff, eight bytes, 0x7f */
     REVISION_LEAST = 3,  /* before it there were no mechanisms */
 };
+/* A frame's flags. */
 enum {
-    MORE = 1,            /* a frame's flags */
-    LONG = 2,
-    COMMAND = 4,
+    MORE = 1,            /* of its message there are more */
+    LONG = 2,            /* its length has eight bytes */
+    COMMAND = 4,         /* it is none of a message */
 };
 
 /* How a PING begins: its name behind the name's length.  Two bytes of a time follow. */

@@ -303,12 +303,23 @@ def large_events_without_end(c, played):
         played()
 
 
+def commands_without_end(c, played):
+    """Those that libzmq answers, passes on as messages, or drops."""
+    c.opened()
+    block = b"".join(frame(body, COMMAND) for body in (
+        b"\x04PING\xff\xffand what is echoed", b"\x09SUBSCRIBEall", b"\x06CANCELall",
+        b"\x05ERROR\x03400", b"\x07UNKNOWN" + bytes(1000), b"")) * 500
+    while True:
+        c.send(block)
+        played()
+
+
 TRICKS = [busy_then_a_flood_then_gone, a_flood_with_pings_then_gone, pings_and_gone, odd_commands,
           gone_while_its_events_are_read, half_a_message_and_gone, half_a_frame_and_gone,
           a_frame_beyond_all_bounds, a_frame_of_2_MiB, messages_of_other_shapes, garbage,
           no_greeting_of_this_time, half_a_greeting_and_gone, a_handshake_that_fails,
           lies_in_headers, all_is_busy, refusal_in_control_signs]
-FLOODS = [events_without_end, large_events_without_end]
+FLOODS = [events_without_end, large_events_without_end, commands_without_end]
 
 
 class Server:

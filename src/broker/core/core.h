@@ -65,6 +65,7 @@ struct settings {
     int64_t lease_ns, result_age_ns, input_age_ns, tombstone_age_ns, upload_idle_ns;
     int64_t result_bytes;         /* results kept at most; the oldest go first */
     int64_t events_kept;
+    int64_t jobs_kept;            /* ended jobs of a user, and keys of such as are gone */
     int64_t run_limit_ns;         /* of a job that names none; 0: none */
     /* the longest way to a worker elsewhere and back that live windows go; 0: they go nowhere */
     int64_t windows_elsewhere_ns;

@@ -247,6 +247,7 @@ void job_note_end(struct core *c, struct job *job)
         c->jobs->ended_count = keep;
     }
     c->jobs->ended[c->jobs->ended_count++] = job->id;
+    job->user->ended += !job->hidden;
 }
 
 /* What the last attempt of JOB took, where it had one: seconds from its start to its end. */
@@ -397,9 +398,11 @@ void job_remove(struct core *c, struct job *job, const struct reply *reply)
         c->jobs->result_leaving += bytes_counted(job);
     }
     job_unindex(c, job);
+    job->user->ended -= !was_hidden;
     if (job->key != NULL && !was_hidden) {
         map_remove(&job->user->keys, map_hash_text(job->key), job);
-        user_bury(c, job->user, job->key, job->fingerprint, c->now.utc_ns);
+        user_bury(job->user, job->key, job->fingerprint, c->now.utc_ns);
+        tombstones_trim(c, job->user, t);
     }
     after = after_new(AFTER_DELETE, reply);
     after->job = job;
@@ -459,29 +462,57 @@ static bool may_stay(const struct core *c, const struct job *job)
         && c->jobs->result_total - c->jobs->result_leaving <= c->settings.result_bytes;
 }
 
-/* The oldest ended jobs go: past their age, or while results take more bytes than they may.  A
- * step stays short: what is left of them follows in the next, as soon as the disk has
- * taken these. */
-void jobs_retain(struct core *c)
+static void retire(struct core *c, struct job *job)
 {
-    int budget = c->uncommitted > RETAINED_A_STEP ? 0 : RETAINED_A_STEP;
+    core_log(c, "level=info event=retention user=%s kind=%s state=%s", job->user->name, job->kind,
+             job_states[job->shown]);
+    job_remove(c, job, NULL);
+}
 
-    while (c->jobs->ended_first < c->jobs->ended_count && budget-- > 0) {
+/* The oldest of all go, BUDGET at most; true: there are more. */
+static bool retain_oldest(struct core *c, int *budget)
+{
+    while (c->jobs->ended_first < c->jobs->ended_count && (*budget)-- > 0) {
         struct job *job = job_by_id(c, c->jobs->ended[c->jobs->ended_first]);
 
         if (job != NULL && (may_stay(c, job) || (job->last != NULL && !job->deleting)))
             /* too young, or its latest edge is not committed yet */
-            return;
+            return false;
         c->jobs->ended_first++;
-        if (job == NULL || job->deleting || job->hidden || !job_state_final(job->shown))
-            continue;
-        core_log(c, "level=info event=retention user=%s kind=%s state=%s", job->user->name,
-                 job->kind, job_states[job->shown]);
-        job_remove(c, job, NULL);
+        if (job != NULL && !job->deleting && !job->hidden && job_state_final(job->shown))
+            retire(c, job);
     }
-    if (c->jobs->ended_first < c->jobs->ended_count && !c->jobs->retaining)
+    return c->jobs->ended_first < c->jobs->ended_count;
+}
+
+/* The same of USER's, where they are more than are kept of each: nobody's make others' go. */
+static bool retain_of(struct core *c, struct user *user, int *budget)
+{
+    for (size_t i = 0; i < user->job_count && user->ended > c->settings.jobs_kept && *budget > 0;
+         i++) {
+        struct job *job = user->jobs[i];
+        if (job == NULL || job->deleting || job->hidden || !job_state_final(job->shown)
+            || job->last != NULL)
+            continue;
+        (*budget)--;
+        retire(c, job);
+    }
+    return user->ended > c->settings.jobs_kept;
+}
+
+/* The oldest ended jobs go: past their age, while results take more bytes than they may, or past
+ * what is kept of a user's.  A step stays short: what is left of them follows in the next, as soon
+ * as the disk has taken these. */
+void jobs_retain(struct core *c)
+{
+    int budget = c->uncommitted > RETAINED_A_STEP ? 0 : RETAINED_A_STEP;
+    bool more = retain_oldest(c, &budget);
+
+    for (size_t i = 0; i < c->user_count; i++)
+        more |= retain_of(c, c->user_list[i], &budget);
+    if (more && !c->jobs->retaining)
         core_timer(c, c->now.mono_ns + RETAIN_PAUSE_NS, TIMER_RETAIN, 0, 0);
-    c->jobs->retaining = c->jobs->ended_first < c->jobs->ended_count;
+    c->jobs->retaining |= more;
 }
 
 /* A committed job that is queued: ready, or at its time; its deadline is watched. */

@@ -72,7 +72,6 @@ struct after {
 /* What is left of a job that went: its key, which nobody may use for another. */
 struct tombstone {
     struct tombstone *next;
-    struct user *user;
     char *key;
     uint8_t fingerprint[32];
     int64_t expired_ns;
@@ -83,12 +82,14 @@ struct user {
     char name[NAME_MOST];
     struct account *account;              /* NULL: none any more */
     struct map keys, tombstones;          /* by key */
+    struct tombstone *stones, **stones_end;     /* the oldest first */
     /* sealed inputs by content; the youngest of each identity by sha256 */
     struct map inputs, identities;
     struct job **jobs; size_t job_count, job_room;      /* ascending ids; NULL where one has gone */
     struct input **open; int open_count;  /* uploads */
     struct heap ready;
     int64_t queued, queued_large, running, bytes;       /* large: input_is_large */
+    int64_t ended;                        /* jobs, but those on their way out */
     double deficit, cost_s;               /* deficit round robin; mean seconds of a job */
     double work_s_byte;                   /* mean seconds a byte of large inputs; 0: had none */
     bool competes;                        /* at the latest choice he had a job that might start */
@@ -155,7 +156,6 @@ struct core {
     struct map users; struct user **user_list; size_t user_count;
     size_t turn;                          /* whose turn it is among users */
     /* of all users, in the order in which they were put up */
-    struct tombstone *stones, **stones_end;
     struct answers *answers;
     struct region *region;                /* of jobs and inputs */
     struct disk disk;
@@ -349,10 +349,12 @@ const struct user *user_listed(struct core *c, const struct reply *reply,
 /* What is left of the job of KEY; NULL: nothing. */
 struct tombstone *user_tombstone(const struct user *user, const char *key);
 /* The job of KEY went at EXPIRED_NS of UTC. */
-void user_bury(struct core *c, struct user *user, const char *key, const uint8_t fingerprint[32],
+void user_bury(struct user *user, const char *key, const uint8_t fingerprint[32],
                int64_t expired_ns);
 /* As loaded, into the order of their age. */
 void tombstones_sort(struct core *c);
+/* USER's oldest go with T where there are more than are kept. */
+void tombstones_trim(struct core *c, struct user *user, struct transaction *t);
 /* Those past their age go, here and in the ledger. */
 void tombstones_retain(struct core *c);
 /* Which job starts next on the worker of SLOT, out of the queue; NULL: none. */

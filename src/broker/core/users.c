@@ -50,6 +50,7 @@ struct user *user_get(struct core *c, const char *name)
     user = grab(sizeof *user);
     snprintf(user->name, sizeof user->name, "%s", name);
     user->cost_s = cost_first_s;
+    user->stones_end = &user->stones;
     if (!map_put(&c->users, hash, user))
         abort();
     c->user_list = regrab(c->user_list, (c->user_count + 1) * sizeof *c->user_list);
@@ -202,7 +203,7 @@ struct tombstone *user_tombstone(const struct user *user, const char *key)
     return map_find(&user->tombstones, map_hash_text(key), has_key, key);
 }
 
-void user_bury(struct core *c, struct user *user, const char *key, const uint8_t fingerprint[32],
+void user_bury(struct user *user, const char *key, const uint8_t fingerprint[32],
                int64_t expired_ns)
 {
     struct tombstone *stone = user_tombstone(user, key);
@@ -212,10 +213,9 @@ void user_bury(struct core *c, struct user *user, const char *key, const uint8_t
         stone->key = grab_text(key);
         if (!map_put(&user->tombstones, map_hash_text(key), stone))
             abort();
-        *c->stones_end = stone;
-        c->stones_end = &stone->next;
+        *user->stones_end = stone;
+        user->stones_end = &stone->next;
     }
-    stone->user = user;
     stone->expired_ns = expired_ns;
     stone->committed = false;
     memcpy(stone->fingerprint, fingerprint, 32);
@@ -228,24 +228,27 @@ static int by_age(const void *a, const void *b)
     return (x->expired_ns > y->expired_ns) - (x->expired_ns < y->expired_ns);
 }
 
-void tombstones_sort(struct core *c)
+static void sort_stones(struct user *user)
 {
-    struct tombstone **all, *stone;
-    size_t count = 0, at = 0;
+    size_t count = user->tombstones.count, at = 0;
+    struct tombstone **all = grab((count + 1) * sizeof *all), *stone;
 
-    for (stone = c->stones; stone != NULL; stone = stone->next)
-        count++;
-    all = grab((count + 1) * sizeof *all);
-    for (stone = c->stones; stone != NULL; stone = stone->next)
+    for (stone = user->stones; stone != NULL; stone = stone->next)
         all[at++] = stone;
     qsort(all, count, sizeof *all, by_age);
-    c->stones_end = &c->stones;
+    user->stones_end = &user->stones;
     for (at = 0; at < count; at++) {
-        *c->stones_end = all[at];
-        c->stones_end = &all[at]->next;
+        *user->stones_end = all[at];
+        user->stones_end = &all[at]->next;
     }
-    *c->stones_end = NULL;
+    *user->stones_end = NULL;
     free(all);
+}
+
+void tombstones_sort(struct core *c)
+{
+    for (size_t i = 0; i < c->user_count; i++)
+        sort_stones(c->user_list[i]);
 }
 
 const struct user *user_listed(struct core *c, const struct reply *reply,
@@ -266,20 +269,47 @@ const struct user *user_listed(struct core *c, const struct reply *reply,
     return NULL;
 }
 
+/* USER's oldest is forgotten. */
+static void drop_oldest(struct user *user)
+{
+    struct tombstone *stone = user->stones;
+
+    user->stones = stone->next;
+    if (user->stones == NULL)
+        user->stones_end = &user->stones;
+    map_remove(&user->tombstones, map_hash_text(stone->key), stone);
+    free(stone->key);
+    free(stone);
+}
+
+void tombstones_trim(struct core *c, struct user *user, struct transaction *t)
+{
+    enum { A_TIME = 2 };        /* one comes: what is too many becomes less, in short steps */
+
+    for (int n = 0; n < A_TIME && (int64_t)user->tombstones.count > c->settings.jobs_kept
+                    && user->stones->committed; n++) {
+        struct ledger_change *change = transaction_add(t, LEDGER_TOMBSTONE_DROP);
+        change->tombstone = (struct tombstone_record) {
+            .user = transaction_text(t, user->name),
+            .key = transaction_text(t, user->stones->key) };
+        drop_oldest(user);
+    }
+}
+
 void tombstones_retain(struct core *c)
 {
     int64_t before_ns = c->now.utc_ns - c->settings.tombstone_age_ns;
-    struct tombstone *stone, *first = c->stones;
+    bool aged = false;
 
-    while ((stone = c->stones) != NULL && stone->committed && stone->expired_ns < before_ns) {
-        c->stones = stone->next;
-        map_remove(&stone->user->tombstones, map_hash_text(stone->key), stone);
-        free(stone->key);
-        free(stone);
+    for (size_t i = 0; i < c->user_count; i++) {
+        struct user *user = c->user_list[i];
+        while (user->stones != NULL && user->stones->committed
+               && user->stones->expired_ns < before_ns) {
+            drop_oldest(user);
+            aged = true;
+        }
     }
-    if (c->stones == NULL)
-        c->stones_end = &c->stones;
-    if (c->stones != first) {
+    if (aged) {
         struct transaction *t = transaction_new();
         transaction_add(t, LEDGER_TOMBSTONES_PRUNE)->id = before_ns;
         core_commit(c, t);

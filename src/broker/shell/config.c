@@ -64,6 +64,7 @@ static const struct row {
     { "window_bytes", BYTES, offsetof(struct config, settings.window_bytes), 262144, 1e12 },
     { "result_bytes", BYTES, offsetof(struct config, settings.result_bytes), 0, 1e15 },
     { "events_kept", BYTES, offsetof(struct config, settings.events_kept), 1024, 1e9 },
+    { "jobs_kept", BYTES, offsetof(struct config, settings.jobs_kept), 1000, 1e9 },
     { "lease_s", NANOSECONDS, offsetof(struct config, settings.lease_ns), 0.5, 3600 },
     { "windows_elsewhere_s", NANOSECONDS, offsetof(struct config, settings.windows_elsewhere_ns), 0,
       60 },
@@ -92,7 +93,8 @@ void config_init(struct config *c)
         .queue_jobs = 100000, .input_bytes = INT64_C(16) << 30, .window_bytes = 64 << 20,
         .lease_ns = 10 * INT64_C(1000000000), .run_limit_ns = NOT_SAID,
         .result_age_ns = 30 * DAY_NS, .input_age_ns = DAY_NS, .tombstone_age_ns = 365 * DAY_NS,
-        .upload_idle_ns = DAY_NS, .result_bytes = INT64_C(10) << 30, .events_kept = 100000 };
+        .upload_idle_ns = DAY_NS, .result_bytes = INT64_C(10) << 30, .events_kept = 100000,
+        .jobs_kept = 1000000 };
 }
 
 void config_done(struct config *c)

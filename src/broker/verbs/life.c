@@ -14,7 +14,6 @@ struct core *core_new(const struct settings *settings, struct moment now)
     c->settings = *settings;
     c->now = now;
     c->counts.started_ns = now.mono_ns;
-    c->stones_end = &c->stones;
     jobs_init(c);
     inputs_init(c);
     slots_init(c);
@@ -151,7 +150,7 @@ static enum modal_status load_tombstone(void *context, const struct tombstone_re
 
     struct user *user = user_get(c, r->user);
 
-    user_bury(c, user, r->key, r->fingerprint, r->expired_ns);
+    user_bury(user, r->key, r->fingerprint, r->expired_ns);
     user_tombstone(user, r->key)->committed = true;
     load_number(c, r->job);
     return MODAL_OK;

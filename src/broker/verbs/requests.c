@@ -125,6 +125,7 @@ static void on_retry(struct core *c, const struct request *q)
     failure_free(job->failure);
     job->failure = NULL;
     job->crashes = 0;
+    job->user->ended--;
     job_move(c, job, JOB_QUEUED, NULL);
     ask(job, &q->reply);
 }

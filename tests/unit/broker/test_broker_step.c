@@ -366,6 +366,12 @@ static void apply(struct ledger_change *change)
         w->stones[w->stone_count].expired_ns = change->tombstone.expired_ns;
         w->stones[w->stone_count++].job = change->tombstone.job;
         break;
+    case LEDGER_TOMBSTONE_DROP:
+        for (int i = 0; i < w->stone_count; i++)
+            if (strcmp(w->stones[i].key, change->tombstone.key) == 0
+                && strcmp(w->stones[i].user, change->tombstone.user) == 0)
+                w->stones[i--] = w->stones[--w->stone_count];
+        break;
     case LEDGER_TOMBSTONES_PRUNE:
         for (int i = 0; i < w->stone_count; i++)
             if (w->stones[i].expired_ns < change->id)
@@ -1537,7 +1543,7 @@ static void open_world(uint64_t seed, bool verbose, bool elsewhere)
                                      .tombstone_age_ns = 86400 * SECOND,
                                      .upload_idle_ns = 86400 * SECOND,
                                      .result_bytes = 1 << 30,
-                                     .events_kept = 1024,
+                                     .events_kept = 1024, .jobs_kept = 1 << 20,
                                      .secret = 0x1234567 };
     boot();
 }

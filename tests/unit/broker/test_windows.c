@@ -138,6 +138,7 @@ static void start_workers(int count)
         .window_bytes = 1 << 20, .lease_ns = 5 * SECOND, .result_age_ns = 3600 * SECOND,
         .input_age_ns = 60 * SECOND, .tombstone_age_ns = 86400 * SECOND,
         .upload_idle_ns = 86400 * SECOND, .result_bytes = 1 << 30, .events_kept = 1024,
+        .jobs_kept = 1 << 20,
         .secret = 0x1234567 };
 
     settings.workers = count;

@@ -986,6 +986,13 @@ TEST(deletes_and_prunes_remove_what_they_name)
     seen = load(ledger);
     CHECK(seen.jobs == 0 && seen.results == 0 && seen.tombstones == 0 && seen.events == 0);
     CHECK(one(ledger, job_put(3, "k")) == MODAL_OK);
+    for (int i = 0; i < 3; i++)
+        CHECK(one(ledger, (struct ledger_change) { .verb = LEDGER_TOMBSTONE_PUT, .tombstone =
+                  { .user = i < 2 ? "ada" : "bob", .key = i == 1 ? "new" : "old" } })
+              == MODAL_OK);
+    CHECK(one(ledger, (struct ledger_change) { .verb = LEDGER_TOMBSTONE_DROP,
+              .tombstone = { .user = "ada", .key = "new" } }) == MODAL_OK);
+    CHECK(load(ledger).tombstones == 2);
     stop(ledger);
 }
 

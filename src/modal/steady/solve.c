@@ -52,7 +52,9 @@ enum {
     ORDER_FAILED = 600,      /* unknowns of which a failure is costly */
     ORDER_AUTO_MOST = 3000,  /* unknowns of a full matrix that are tried unasked: 72 MB */
     H_SEARCH = 8,            /* the fewest harmonics that all solutions are sought with */
-    SEARCHES = 3600,         /* factorizations of such a search: starts times their steps, halved */
+    SEARCHES = 7200,         /* factorizations of such a search: starts times their steps */
+    SEARCH_SHARE = 8,        /* the budget over what these may cost: laws cost as much again, and
+                              * what is found is carried on */
     MARCH_SAMPLES = 512,     /* of time integration, unasked; and the harmonics taken from them */
     MARCH_HARMONICS = 256   /* half of the samples */
 };
@@ -148,6 +150,8 @@ enum modal_status steady_new(const struct program *p, const struct steady_option
         rc = condense_new(s->p, structure(s->p, &s->opt), &s->c, err);
     if (rc == MODAL_OK && s->opt.dofs != NULL)
         condense_want(s->c, s->opt.dofs, s->opt.dofs_count);
+    if (rc == MODAL_OK && s->opt.krylov > 0)
+        rc = condense_share(s->c, s->opt.krylov, err);
     if (rc == MODAL_OK)
         rc = check_options(s, err);
     if (rc != MODAL_OK) {
@@ -381,9 +385,9 @@ static enum modal_status search(struct steady *s, struct balance *b, const doubl
     enum modal_status rc = MODAL_OK;
 
     steady_allow_work(s);
-    while (H / 2 >= H_SEARCH && H / 2 > 2 * load
-           && SEARCHES * steady_factor_work(s, H) > s->budget.most)
-        H /= 2;                                      /* cheaper by eight where the matrix is full */
+    while ((H + 1) / 2 >= H_SEARCH && H / 2 > 2 * load
+           && (double)SEARCH_SHARE * SEARCHES * steady_factor_work(s, H) > s->budget.most)
+        H = (H + 1) / 2;                             /* cheaper by eight where the matrix is full */
     same = H == b->H || s->opt.samples > 0;
     if (X != NULL)
         solutions_add(found, b, X);

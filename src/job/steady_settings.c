@@ -56,6 +56,10 @@ const struct key_row steady_option_rows[] = {
     { "reduce", KEY_WHOLE, KEY_SHOWN_IF_SET, AT(opt.reduce), .low = 1, .high = REDUCE_MOST,
       .meaning = "modes in place of the dofs that have no law, load or sensor and are not reported "
       "(Craig-Bampton); their error is told", .example = "40" },
+    { "krylov", KEY_NUMBER, KEY_SHOWN_IF_SET, AT(opt.krylov), .low = 1e-14, .high = 0.1,
+      .meaning = "of 2000 linear dofs and more, harmonics and frequencies share a Krylov basis "
+      "with this error of their receptances, relative; default: 1e-10 along a curve over omega, "
+      "none at a point, where each harmonic is factored", .example = "1e-6" },
     { "target.error", KEY_NUMBER, AT(opt.target_error), .low = 1e-14, .high = 1, .initial = "1e-6",
       .meaning = "that default harmonics reach, relative to the largest motion",
       .example = "1e-3" },

@@ -17,13 +17,14 @@
 #include "job/tradeoff_print.h"
 #include "modal/scene/orbit.h"
 #include "modal/scene/scene.h"
+#include "modal/steady/condense.h"
 #include "modal/steady/solve.h"
 
 enum {
     REFERENCE_H = 384,               /* harmonics: three times the finest rung's */
     REFERENCE_H_LEAST = 64,          /* below it rungs would be as fine as the reference */
     REFERENCE_UNKNOWNS = 1600,       /* of its balance: a Jacobian of 20 MB, factored in a second */
-    RUNGS_MOST = 48                  /* room for the table of rungs (31) and some more */
+    RUNGS_MOST = 48                  /* room for the table of rungs (34) and some more */
 };
 
 static const struct rung {
@@ -32,23 +33,28 @@ static const struct rung {
     bool sampled;                 /* located: false */
     double cutoff, tolerance;
     int reduce;                   /* modes, where there are more dofs to reduce */
+    double krylov;                /* of a basis, where there are many linear dofs */
 } ladder_rungs[] = {
-    { STEADY_AUTO, 4, 0, false, 0, 0, 0 }, { STEADY_AUTO, 8, 0, false, 0, 0, 0 },
-    { STEADY_AUTO, 16, 0, false, 0, 0, 0 }, { STEADY_AUTO, 32, 0, false, 0, 0, 0 },
-    { STEADY_AUTO, 64, 0, false, 0, 0, 0 }, { STEADY_AUTO, 128, 0, false, 0, 0, 0 },
-    { STEADY_AUTO, 32, 0, false, 0, 0, 10 }, { STEADY_AUTO, 32, 0, false, 0, 0, 20 },
-    { STEADY_AUTO, 32, 0, false, 0, 0, 40 }, { STEADY_AUTO, 32, 0, false, 0, 0, 80 },
-    { STEADY_NEWTON, 16, 0, false, 1e-3, 0, 0 }, { STEADY_NEWTON, 64, 0, false, 1e-3, 0, 0 },
-    { STEADY_DIRECT, 16, 0, false, 0, 1e-6, 0 }, { STEADY_DIRECT, 64, 0, false, 0, 1e-8, 0 },
-    { STEADY_DIRECT, 31, 64, true, 0, 1e-6, 0 }, { STEADY_DIRECT, 127, 256, true, 0, 1e-6, 0 },
-    { STEADY_NEWTON, 31, 64, true, 0, 0, 0 }, { STEADY_NEWTON, 31, 256, true, 0, 0, 0 },
-    { STEADY_NEWTON, 63, 128, true, 0, 0, 0 }, { STEADY_NEWTON, 63, 1024, true, 0, 0, 0 },
-    { STEADY_NEWTON, 63, 4096, true, 0, 0, 0 }, { STEADY_RK4, 0, 64, false, 0, 0, 0 },
-    { STEADY_RK4, 0, 256, false, 0, 0, 0 }, { STEADY_RK4, 0, 1024, false, 0, 0, 0 },
-    { STEADY_RK4, 0, 4096, false, 0, 0, 0 }, { STEADY_ADAPTIVE, 0, 256, false, 0, 1e-4, 0 },
-    { STEADY_ADAPTIVE, 0, 256, false, 0, 1e-6, 0 }, { STEADY_ADAPTIVE, 0, 256, false, 0, 1e-8, 0 },
-    { STEADY_SHOOTING, 0, 256, false, 0, 0, 0 }, { STEADY_SHOOTING, 0, 1024, false, 0, 0, 0 },
-    { STEADY_SHOOTING, 0, 4096, false, 0, 0, 0 },
+    { STEADY_AUTO, 4, 0, false, 0, 0, 0, 0 }, { STEADY_AUTO, 8, 0, false, 0, 0, 0, 0 },
+    { STEADY_AUTO, 16, 0, false, 0, 0, 0, 0 }, { STEADY_AUTO, 32, 0, false, 0, 0, 0, 0 },
+    { STEADY_AUTO, 64, 0, false, 0, 0, 0, 0 }, { STEADY_AUTO, 128, 0, false, 0, 0, 0, 0 },
+    { STEADY_AUTO, 32, 0, false, 0, 0, 10, 0 }, { STEADY_AUTO, 32, 0, false, 0, 0, 20, 0 },
+    { STEADY_AUTO, 32, 0, false, 0, 0, 40, 0 }, { STEADY_AUTO, 32, 0, false, 0, 0, 80, 0 },
+    { STEADY_AUTO, 32, 0, false, 0, 0, 0, 1e-2 }, { STEADY_AUTO, 32, 0, false, 0, 0, 0, 1e-4 },
+    { STEADY_AUTO, 32, 0, false, 0, 0, 0, 1e-6 },
+    { STEADY_NEWTON, 16, 0, false, 1e-3, 0, 0, 0 }, { STEADY_NEWTON, 64, 0, false, 1e-3, 0, 0, 0 },
+    { STEADY_DIRECT, 16, 0, false, 0, 1e-6, 0, 0 }, { STEADY_DIRECT, 64, 0, false, 0, 1e-8, 0, 0 },
+    { STEADY_DIRECT, 31, 64, true, 0, 1e-6, 0, 0 },
+    { STEADY_DIRECT, 127, 256, true, 0, 1e-6, 0, 0 },
+    { STEADY_NEWTON, 31, 64, true, 0, 0, 0, 0 }, { STEADY_NEWTON, 31, 256, true, 0, 0, 0, 0 },
+    { STEADY_NEWTON, 63, 128, true, 0, 0, 0, 0 }, { STEADY_NEWTON, 63, 1024, true, 0, 0, 0, 0 },
+    { STEADY_NEWTON, 63, 4096, true, 0, 0, 0, 0 }, { STEADY_RK4, 0, 64, false, 0, 0, 0, 0 },
+    { STEADY_RK4, 0, 256, false, 0, 0, 0, 0 }, { STEADY_RK4, 0, 1024, false, 0, 0, 0, 0 },
+    { STEADY_RK4, 0, 4096, false, 0, 0, 0, 0 }, { STEADY_ADAPTIVE, 0, 256, false, 0, 1e-4, 0, 0 },
+    { STEADY_ADAPTIVE, 0, 256, false, 0, 1e-6, 0, 0 },
+    { STEADY_ADAPTIVE, 0, 256, false, 0, 1e-8, 0, 0 },
+    { STEADY_SHOOTING, 0, 256, false, 0, 0, 0, 0 }, { STEADY_SHOOTING, 0, 1024, false, 0, 0, 0, 0 },
+    { STEADY_SHOOTING, 0, 4096, false, 0, 0, 0, 0 },
 };
 static const char *const names[] = { "auto", "direct", "newton", "rk4", "adaptive", "shooting" };
 
@@ -75,6 +81,7 @@ static struct steady_options options_of(const struct tradeoff *t, const struct r
     opt.tolerance = r->tolerance > 0 ? r->tolerance : opt.tolerance;
     opt.estimate_later = true;
     opt.reduce = r->reduce;
+    opt.krylov = r->krylov;
     if (r->reduce > 0) {
         opt.dofs = opt.keep;
         opt.dofs_count = opt.keep_count;
@@ -93,6 +100,8 @@ static cJSON *print_rung(const struct rung *r)
         cJSON_AddNumberToObject(o, "samples", r->samples);
     if (r->reduce > 0)
         cJSON_AddNumberToObject(o, "reduce", r->reduce);
+    if (r->krylov > 0)
+        cJSON_AddNumberToObject(o, "krylov", r->krylov);
     if (r->sampled)
         cJSON_AddBoolToObject(o, "located", false);
     if (r->cutoff > 0)
@@ -219,6 +228,7 @@ static void choose_rungs(struct tradeoff *t)
         bool fits = r->harmonics == 0 ? 2 * load < r->samples : r->harmonics >= load;
 
         fits &= r->reduce == 0 || r->reduce < t->p->n - t->base.keep_count;
+        fits &= r->krylov == 0 || condense_many(t->p);
         if (fits && (t->p->laws > 0 || t->rungs == 0 || r->reduce > 0))
             t->rung[t->rungs++] = r;
     }

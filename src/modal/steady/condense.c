@@ -78,6 +78,11 @@ int condense_nonlinear(const struct program *p)
     return count;
 }
 
+bool condense_many(const struct program *p)
+{
+    return p->n_linear == 0 && p->n - condense_nonlinear(p) >= SPARSE_LEAST;
+}
+
 /* q and r, and where each dof is among the kept or the linear. */
 static void choose_kept(struct condense *c, enum condense_keep which)
 {
@@ -225,7 +230,7 @@ void condense_want(struct condense *c, const int *dofs, int count)
 {
     if (c->seat == NULL)
         return;
-    condense_forget(c);
+    condense_forget(c, 0);
     c->seats = 0;
     for (int i = 0; i < c->n; i++)
         c->seat[i] = -1;
@@ -261,7 +266,7 @@ enum modal_status condense_new(const struct program *p, enum condense_keep keep,
         return modal_fail(err, MODAL_NO_MEMORY, "condense: no memory for %d dofs", p->n);
     }
     choose_kept(c, keep);
-    c->sparse = c->r >= SPARSE_LEAST && p->n_linear == 0;
+    c->sparse = keep == CONDENSE_LINEAR && condense_many(p);
     if (!c->sparse)
         band_of(c);
     else if ((c->seat = workspace_zeros(&c->space, (size_t)c->n, sizeof *c->seat)) != NULL)
@@ -288,7 +293,8 @@ void condense_free(struct condense *c)
 {
     if (c == NULL)
         return;
-    condense_forget(c);
+    condense_forget(c, 0);
+    condense_basis_free(c);
     free(c->harmonic);
     pattern_free(c->linear);
     sparse_lu_free(c->factors);
@@ -511,8 +517,12 @@ static enum modal_status learn(struct condense *c, int k, struct modal_error *er
     struct condense_harmonic *h = &c->harmonic[k];
     enum modal_status rc;
 
+    h->stale = c->basis == NULL || !condense_basis_answer(c, k, h);
+    if (!h->stale)
+        return MODAL_OK;
     memset(h->S, 0, entries * sizeof *h->S);
     memset(h->p, 0, q * sizeof *h->p);
+    h->doubt = 0;
     c->level = 1;
     rc = factor_at(c, k, k * c->omega, h->S, h->p, err);
     c->level = level;
@@ -521,7 +531,24 @@ static enum modal_status learn(struct condense *c, int k, struct modal_error *er
             h->row[j * (size_t)c->seats + (size_t)c->seat[i]] =
                 c->right[j * (size_t)c->order + (size_t)c->spot[i]];
     h->stale = rc != MODAL_OK;
+    if (rc == MODAL_OK && c->basis != NULL)
+        condense_basis_join(c);
     return rc;
+}
+
+double condense_doubt(const struct condense *c, int k)
+{
+    return c->sparse && k < c->known ? c->harmonic[k].doubt : 0;
+}
+
+/* The least power of two above H. */
+static int stride_over(int H)
+{
+    int step = 1;
+
+    while (step <= H)
+        step *= 2;
+    return step;
 }
 
 /* S and p of harmonics 0 .. H from those known, the others learnt. */
@@ -532,15 +559,17 @@ static enum modal_status recall(struct condense *c, int H, double complex *S, do
     enum modal_status rc = MODAL_OK;
 
     if (c->known_at != c->omega)
-        condense_forget(c);
+        condense_forget(c, 1);                          /* at rest there is no omega */
     c->known_at = c->omega;
     while (rc == MODAL_OK && c->known <= H)
         rc = condense_add_harmonic(c, err);
-    for (int k = 0; rc == MODAL_OK && k <= H; k++)
-        if (c->harmonic[k].stale)
-            rc = learn(c, k, err);
+    /* H, its half, their quarters: a basis serves best between what it was made of. */
+    for (int step = stride_over(H); rc == MODAL_OK && step > 0; step /= 2)
+        for (int k = H; rc == MODAL_OK && k >= 0; k -= step)
+            if (c->harmonic[k].stale)
+                rc = learn(c, k, err);
     if (rc != MODAL_OK)
-        condense_forget(c);
+        condense_forget(c, 0);
     for (int k = 0; rc == MODAL_OK && k <= H; k++) {
         memcpy(S + (size_t)k * entries, c->harmonic[k].S, entries * sizeof *S);
         for (size_t i = 0; i < q; i++)

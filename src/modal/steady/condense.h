@@ -49,12 +49,21 @@ void condense_free(struct condense *c);
  */
 enum modal_status condense_reduce(struct condense *c, bool *done, struct modal_error *err);
 
+/* Of many linear dofs, few of them wanted, and symmetric matrices: harmonics and frequencies share
+ * a basis that leaves each S_k, p_k and row wanted an error of TOLERANCE at most, relative and by
+ * its own estimate; where it does not serve, condense_at factors as without. */
+enum modal_status condense_share(struct condense *c, double tolerance, struct modal_error *err);
+/* That estimate of harmonic K of the last condense_at; 0: it was factored. */
+double condense_doubt(const struct condense *c, int k);
+
 /* The dofs that condense_recover is asked for, COUNT of them (NULL: all): of many linear dofs only
  * theirs are held. */
 void condense_want(struct condense *c, const int *dofs, int count);
 /* Operations (budget.h) of sparse factors and their solutions so far. */
 double condense_work(const struct condense *c);
 
+/* Whether P has so many linear dofs, and no linear states. */
+bool condense_many(const struct program *p);
 /* Whether the linear dofs are so many that each harmonic takes sparse factors, known or not. */
 bool condense_factors(const struct condense *c);
 

@@ -11,14 +11,14 @@
 #include "modal/steady/condense_state.h"
 #include "modal/steady/pattern.h"
 
-void condense_forget(struct condense *c)
+void condense_forget(struct condense *c, int keep)
 {
-    for (int k = 0; k < c->known; k++) {
+    for (int k = keep; k < c->known; k++) {
         free(c->harmonic[k].S);
         free(c->harmonic[k].p);
         free(c->harmonic[k].row);
     }
-    c->known = 0;
+    c->known = c->known < keep ? c->known : keep;
 }
 
 enum modal_status condense_add_harmonic(struct condense *c, struct modal_error *err)

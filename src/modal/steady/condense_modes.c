@@ -110,8 +110,7 @@ static void modes_at(struct condense *c, int first, int H, double complex *S, do
     }
 }
 
-/* L_qq of harmonic s = k omega onto S. */
-static void kept_block(struct condense *c, double s, double complex *S)
+void condense_kept_block(struct condense *c, double s, double complex *S)
 {
     for (int t = 0; t < 3; t++)
         for (int i = 0; i < c->q; i++)
@@ -127,7 +126,7 @@ static void kept_block(struct condense *c, double s, double complex *S)
 void condense_reduced_at(struct condense *c, int H, double complex *S, double complex *p)
 {
     for (int k = 0; k <= H; k++)
-        kept_block(c, k * c->omega, S + (size_t)k * (size_t)c->q * (size_t)c->q);
+        condense_kept_block(c, k * c->omega, S + (size_t)k * (size_t)c->q * (size_t)c->q);
     for (int l = 0; l < c->loads; l++) {
         const struct condense_load *load = &c->load[l];
 

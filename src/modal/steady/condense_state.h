@@ -33,9 +33,14 @@ struct condense {
     double complex *value, *column;  /* of `linear`; order, of a solution */
     int *seat, seats;                /* of each dof among those recovered, or -1 */
     /* row: seats x (q+1); stale: to be learnt anew */
-    struct condense_harmonic { double complex *S, *p, *row; bool stale; } *harmonic;
+    struct condense_harmonic {
+        double complex *S, *p, *row;
+        double doubt;                /* relative, of what a basis made; 0: factored */
+        bool stale;
+    } *harmonic;
     int known, harmonics;            /* harmonics: places */
     double known_at, work;           /* rad/s; operations of budget.h so far */
+    struct condense_basis *basis;    /* condense_basis.c; NULL: each harmonic is factored */
     /* modes */
     bool reduced, massless;          /* massless: M_rq = 0, one sum a pair */
     bool solved;                     /* kept_right is that of the last condense_at */
@@ -53,12 +58,21 @@ static inline double complex factor_of(int t, double s)
     return t == PROGRAM_M ? -s * s : t == PROGRAM_C ? I * s : 1;
 }
 
-/* What is kept of the last omega goes. */
-void condense_forget(struct condense *c);
+/* What is kept of the last omega goes, but harmonics below KEEP. */
+void condense_forget(struct condense *c, int keep);
 /* Room for one more harmonic, which is stale.  Fails with MODAL_NO_MEMORY. */
 enum modal_status condense_add_harmonic(struct condense *c, struct modal_error *err);
 
 /* S and p, both 0 before, of all harmonics 0 .. H by (3) of condense_modes.c, once condense_reduce
  * is done. */
 void condense_reduced_at(struct condense *c, int H, double complex *S, double complex *p);
+/* L_qq at s onto S, q x q. */
+void condense_kept_block(struct condense *c, double s, double complex *S);
+
+/* Harmonic K by the basis into H; false: it does not serve there, and H is to be made anew. */
+bool condense_basis_answer(struct condense *c, int k, struct condense_harmonic *h);
+/* The solutions in c->right, which is lost, and those of the dofs wanted join the basis, which may
+ * give itself up. */
+void condense_basis_join(struct condense *c);
+void condense_basis_free(struct condense *c);       /* of none, too */
 #endif

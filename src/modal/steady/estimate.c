@@ -252,11 +252,52 @@ static enum modal_status move_by_tail(struct balance *b, struct estimate *e,
     return tail_of(e->wide, b->H, e->E, err);
 }
 
+/* What the receptances' own doubt makes of the motion: forces of that share of S_k X_k, their signs
+ * in turn, taken through J^-1; over time at most the sum over harmonics. */
+static enum modal_status doubt_of(struct balance *b, const struct steady_point *point, double *y,
+                                  double *out, struct modal_error *err)
+{
+    int K = b->H + 1, n = 2 * b->H + 1;
+    double complex *force = calloc((size_t)b->q + 1, sizeof *force);
+    double doubts = 0;
+
+    *out = 0;
+    if (force == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory for an estimate");
+    for (int k = 0; k < K; k++) {
+        double size = 0, doubt = condense_doubt(b->c, k);
+
+        memset(force, 0, (size_t)b->q * sizeof *force);
+        if (doubt > 0)
+            stiffness_multiply_add(b->pattern, b->S, k, point->X + k, K, force);
+        for (int i = 0; i < b->q; i++)
+            size = fmax(size, cabs(force[i]));
+        for (int i = 0; i < b->q; i++)
+            for (int r = k > 0 ? 2 * k - 1 : 0; r <= 2 * k; r++)
+                y[i * n + r] = ((i + r) % 2 == 0 ? 1 : -1) * doubt * size;
+        doubts = fmax(doubts, doubt);
+    }
+    free(force);
+    if (doubts == 0)
+        return MODAL_OK;
+    balance_solve(b, y, 1);
+    for (int i = 0; i < b->q; i++) {
+        double sum = 0;
+
+        for (int k = 0; k < K; k++)
+            sum += k == 0 ? fabs(y[i * n]) : hypot(y[i * n + 2 * k - 1], y[i * n + 2 * k]);
+        *out = fmax(*out, sum);
+    }
+    *out += doubts * point->amplitude;                  /* of what is recovered */
+    return MODAL_OK;
+}
+
 /* The point's errors: NAN where its derivative is singular or a step overflows. */
 enum modal_status estimate_errors(struct steady *s, struct balance *b, struct steady_point *point,
                                   struct modal_error *err)
 {
     struct estimate e;
+    double doubtful = 0;
     enum modal_status rc = estimate_init(s, b, &e, err);
 
     point->truncation = point->sampling = point->solver = point->error = NAN;
@@ -280,8 +321,10 @@ enum modal_status estimate_errors(struct steady *s, struct balance *b, struct st
     if (rc == MODAL_OK)
         /* what sampling does not explain */
         rc = peak_of_change(s, e.E, e.sampled, b->q, e.H2, &point->truncation, NULL, err);
+    if (rc == MODAL_OK)
+        rc = doubt_of(b, point, e.y, &doubtful, err);
     if (rc == MODAL_OK) {
-        point->solver = point->step * point->amplitude;
+        point->solver = point->step * point->amplitude + doubtful;
         point->error += point->solver;                  /* independent of both */
     }
 out:

@@ -26,6 +26,9 @@
 
 /* The error of a solution whose options name none: a millionth of the largest displacement. */
 static const double TARGET = 1e-6;
+/* What a basis may leave of receptances where nobody said: a hundredth of what answers by factors
+ * agree to (1e-8). */
+static const double SHARED = 1e-10;
 /* Operations that a solution of one dof may cost: seconds, at 1e9 of them in one. */
 static const double WORK = 3e9;
 /* Kept dofs that double it. */
@@ -89,7 +92,9 @@ enum modal_status steady_reduce(struct steady *s, struct modal_error *err)
 {
     bool done;
 
-    /* Modes cost an eigenproblem once, and pay over many frequencies. */
+    /* A basis or modes cost once, and pay over many frequencies. */
+    if (condense_factors(s->c))
+        return condense_share(s->c, s->opt.krylov > 0 ? s->opt.krylov : SHARED, err);
     return s->p->n - condense_kept(s->c) < REDUCE_LEAST ? MODAL_OK
                                                         : condense_reduce(s->c, &done, err);
 }

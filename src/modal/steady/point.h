@@ -36,6 +36,8 @@ struct steady_options {
     bool estimate_later;      /* at given H: leave the errors to steady_estimate_point */
     const int *dofs;          /* those whose errors count, `dofs_count` of them; NULL: all */
     int dofs_count;
+    double krylov;            /* condense_share; 0: none at a point, SHARED (point.c) along a
+                               * curve */
     int reduce;               /* modes of craig_bampton.h in place of all dofs but `keep`, among
                                * which `dofs` are, and those of laws and loads; 0: none */
     const int *keep;

@@ -14,7 +14,7 @@ import h5py
 import numpy as np
 
 CTL = os.environ.get("MODALCTL", "modalctl")
-MOST = 20
+MOST = 2
 
 
 def record(rows, quiet, seed, channels, modes, noise):

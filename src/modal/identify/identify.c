@@ -274,7 +274,7 @@ static enum modal_status analyse_again(struct work *w, struct identify_result *o
 {
     enum modal_status rc = analyse_weighed(w, out, err);
 
-    if (rc != MODAL_OK || !w->trial || !w->facts.work_limit)
+    if (rc != MODAL_OK || !w->trial || !w->facts.work_limit || w->ragged > 0)
         return rc;
     w->trial = false, w->spent = 0;
     forget_analysis(w, out);
@@ -284,21 +284,23 @@ static enum modal_status analyse_again(struct work *w, struct identify_result *o
 
 /* ---- the answer ---- */
 
-/* What is proposed, and that it was not used. */
+/* What is proposed, and whether it was used. */
 static void report_window(struct work *w, struct identify_result *out)
 {
     const double *t = w->rec.proposed;
-    bool automatic = w->opt.window[0] == WINDOW_AUTO;
+    bool asked = w->opt.window[0] == WINDOW_AUTO;
 
-    if (!automatic && work_is_explained(w, out))
+    if (!w->rec.parted && work_is_explained(w, out))
         return;
     memcpy(out->proposed, t, sizeof out->proposed);
-    if (automatic)
+    if (asked || w->rec.parted)
         memcpy(w->opt.window, t, sizeof w->opt.window);
-    if (!automatic && t[1] > 0)
+    if (!asked && t[1] > 0)
         identify_diagnose(out, "not_free_throughout", -1, "only %.6g to %.6g s of the record are "
-                          "one free response: what comes before is quiet, or driven; "
-                          "`-o window=auto` identifies that part alone", t[0], t[1]);
+                          "one free response: what comes before is quiet, or driven; %s", t[0],
+                          t[1], w->rec.parted ? "of so many samples that part alone was "
+                          "identified: name `window` for another"
+                          : "`-o window=auto` identifies that part alone");
 }
 
 static void report_settings(struct work *w, struct identify_result *out)

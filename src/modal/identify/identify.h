@@ -82,8 +82,8 @@ struct identify_options {
     enum identify_scale scale;
     int rows, columns;            /* of H0, per signal; 0: hankel_default_sizes */
     int stride;                   /* samples between columns, systems without period; 0: 1 */
-    double window[2];             /* s, [t0, t1]; both 0: the whole record; WINDOW_AUTO, 0: what
-                                     is proposed */
+    double window[2];             /* s, [t0, t1]; WINDOW_AUTO, 0: what is proposed; both 0: the
+                                     whole record, of a very long one what is proposed */
     double band[2];               /* Hz; both 0: all */
     double period;                /* s; 0: the batch's; < 0: none, whatever the batch says */
     bool difference;              /* h[k+p] - h[k]: a periodic orbit removed */

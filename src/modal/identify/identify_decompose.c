@@ -123,22 +123,28 @@ static bool can_double(const struct work *w, const struct pencil *p)
     return p->count < w->X->m / 4 && affords(w, rows > 0 ? rows : p->rows, more);
 }
 
-/* Once TRIPLETS_MOST are filled, and before more are made at the square of their cost: does noise
- * drive the response? */
+/* Once more triplets are filled than few modes do, and before those are refined, or more are made
+ * at the square of their cost: does noise drive the response? */
 static enum modal_status ask_driven(struct work *w, const struct pencil *all,
                                     struct modal_error *err)
 {
-    if (all->count != TRIPLETS_MOST)
+    bool ragged = false;
+    enum modal_status rc = MODAL_OK;
+
+    if (all->count != TRIPLETS && all->count != TRIPLETS_MOST)
         return MODAL_OK;
-    w->many = leaves_much(all);
-    return signals_fill(w, all) ? ragged_spectrum(work_searched(w), &w->ragged, err) : MODAL_OK;
+    w->many = all->count == TRIPLETS_MOST && leaves_much(all);
+    if (signals_fill(w, all))
+        rc = ragged_spectrum(work_searched(w), &ragged, err);
+    w->ragged = ragged ? w->X->m : 0;
+    return rc;
 }
 
 /* A response that noise drives has no end of signals: of those not even many are searched. Where
  * they end, more than TRIPLETS_MOST are many, however little the first of them leave. */
 static void drop_endless(struct work *w, struct pencil *all)
 {
-    bool endless = w->ragged || signals_fill(w, all), many = w->ragged || w->many;
+    bool endless = w->ragged > 0 || signals_fill(w, all), many = w->ragged > 0 || w->many;
 
     w->many = !endless && (many || pencil_signals(all) > TRIPLETS_MOST);
     if (!endless || !many)
@@ -155,7 +161,7 @@ enum modal_status work_pencil_of_all(struct work *w, struct pencil *all, struct 
 
     *all = w->pencil;
     w->many = false;
-    while (rc == MODAL_OK && !w->ragged && signals_fill(w, all) && can_double(w, all)) {
+    while (rc == MODAL_OK && w->ragged == 0 && signals_fill(w, all) && can_double(w, all)) {
         struct pencil_options opt = { rows_of_many(w, 2 * all->count), 2 * all->count };
         struct pencil more = { 0 };
         rc = pencil_new(work_searched(w), &opt, &more, err);

@@ -109,12 +109,12 @@ enum modal_status work_doubt(struct work *w, struct identify_result *out, struct
                               w->rec.shift_rad_s / (2 * M_PI),
                               w->opt.cancelled,
                               w->opt.context,
+                              w->ragged,
                               white_left(w) };
     bool follows, beat;
+    int said = out->diagnostic_count;
     enum modal_status rc;
 
-    if (w->ragged && p->count == 0)
-        say_driven(out);
     if (!w->refine || w->shift > 1 || w->rec.period > 0 || work_is_explained(w, out))
         return MODAL_OK;
     rc = neighbours_beat(w, &beat, err);
@@ -126,6 +126,8 @@ enum modal_status work_doubt(struct work *w, struct identify_result *out, struct
                           err);
     if (rc == MODAL_OK && follows)
         out->hankel_rank = poles_order(p->lambda, p->count, p->tau);
+    if (rc == MODAL_OK && w->ragged > 0 && p->count == 0 && out->diagnostic_count == said)
+        say_driven(out);
     return rc;
 }
 
@@ -147,7 +149,7 @@ static enum modal_status confirm_growth(struct work *w, struct identify_result *
 {
     struct trend_input in = { w->X, w->rec.step, w->rec.t0, w->poles.lambda, w->poles.count,
                               w->rec.shift_rad_s / (2 * M_PI), w->opt.cancelled, w->opt.context,
-                              0 };
+                              0, 0 };
     bool shown = true;
     enum modal_status rc = MODAL_OK;
 

@@ -148,14 +148,14 @@ static bool cut_off(const struct work *w)
         > ORDER_POOR * safe_matrix_norm(w->data.Y);
 }
 
-/* Is this a very long record that begins with what is no free response, or that noise drives? Then
- * there is no set of modes for a search to end at, what drives it has signals without end, and all
- * of the work there may be was spent on them. */
+/* Does noise drive this record, or begins a very long one with what is no free response? Then there
+ * is no set of modes for a search to end at, what drives it has signals without end, and all of the
+ * work there may be was spent on them. */
 static bool driven(const struct work *w)
 {
-    bool begins = w->rec.proposed[1] > 0 && w->opt.window[0] != WINDOW_AUTO;
+    bool begins = w->rec.proposed[1] > 0 && !w->rec.parted;
 
-    return (begins || w->ragged) && w->X->m > VERY_LONG;
+    return w->ragged > 0 || (begins && w->X->m > VERY_LONG);
 }
 
 /* The ladder within what is left of the work; a rank that was given is refined to its end. */
@@ -505,7 +505,9 @@ static enum modal_status choose_from_above(struct work *w, struct identify_resul
     w->pencil = all;
     if (rc == MODAL_OK)
         rc = work_report_values(w, out, err);
-    if (rc == MODAL_OK)
+    order_done(&w->choice);
+    w->choice = (struct order_choice) { .chosen = -1 };
+    if (rc == MODAL_OK && !driven(w))
         rc = descend(w, out, err);
     above->pencil = w->pencil, above->choice = w->choice;
     w->pencil = few, w->choice = (struct order_choice) { .chosen = -1 };
@@ -568,7 +570,8 @@ static enum modal_status search_on(struct work *w, struct identify_result *out, 
     return rc;
 }
 
-/* *found: one set of modes in white noise, in all rows; else nothing is. */
+/* *found: one set of modes in white noise, in all rows; or none, where noise drives the head. Else
+ * nothing is. */
 enum modal_status work_grow_from_head(struct work *w, struct identify_result *out, bool *found,
                                       struct modal_error *err)
 {
@@ -597,7 +600,8 @@ enum modal_status work_grow_from_head(struct work *w, struct identify_result *ou
         rc = put_found(w, &f, out, err);
     else
         pencil_done(&w->pencil);
-    if (!*found) {
+    *found |= rc == MODAL_OK && driven(w);
+    if (w->choice.chosen < 0) {
         compressed_free(w->blocks);
         w->data.blocks = w->blocks = NULL;
     }

@@ -56,7 +56,8 @@ struct work {
     double spent;                   /* work of the ladders so far */
     bool trial;                     /* this search has WORK_TRIAL only */
     bool many;                      /* modes, to judge by TRIPLETS_MOST triplets */
-    bool ragged;                    /* its spectrum is that of a driven response (ragged.h) */
+    int ragged;                     /* rows whose spectrum is that of a driven response (ragged.h);
+                                     * 0: none */
     bool known;                     /* the last search found one set of modes: out->unweighed */
     struct identify_chosen seen;    /* modes of the first rows of a long record; count 0: none */
     struct order_choice choice;
@@ -122,7 +123,8 @@ enum modal_status work_report_values(struct work *w, struct identify_result *out
 
 /* Is the record one that is searched by its head first? */
 bool work_begins_at_head(const struct work *w);
-/* *found: one set of modes in white noise, in all rows; else nothing is. */
+/* *found: one set of modes in white noise, in all rows; or none, where noise drives the head. Else
+ * nothing is. */
 enum modal_status work_grow_from_head(struct work *w, struct identify_result *out, bool *found,
                                       struct modal_error *err);
 /* w->choice: from above, and where that does not settle it by the ladder. */

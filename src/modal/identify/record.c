@@ -183,14 +183,14 @@ static enum modal_status choose_channels(const struct batch *b, const struct ide
 }
 
 /* The part of rows [*first, *last] that is one free response is told, and taken where it was asked
- * for. Periodic systems follow no recurrence of one sample to the next, and what is larger than
- * memory is not read once more. */
+ * for, or the record is very long. Periodic systems follow no recurrence of one sample to the next,
+ * and what is larger than memory is not read once more. */
 static enum modal_status propose(const struct batch *b, const struct identify_options *opt,
                                  struct record *r, size_t *first, size_t *last,
                                  struct modal_error *err)
 {
     struct event_rows whole = { *first, *last }, part;
-    bool cut;
+    bool named = opt->window[0] != 0 || opt->window[1] != 0, cut;
     enum modal_status rc;
 
     if (opt->period > 0 || (opt->period == 0 && b->period > 0) || b->release != NULL)
@@ -199,7 +199,9 @@ static enum modal_status propose(const struct batch *b, const struct identify_op
     if (rc != MODAL_OK || !cut)
         return rc;
     r->proposed[0] = (double)part.first * b->dt, r->proposed[1] = (double)part.last * b->dt;
-    if (opt->window[0] == WINDOW_AUTO)
+    r->parted = opt->window[0] == WINDOW_AUTO
+             || (!named && whole.last - whole.first >= RECORD_PARTED);
+    if (r->parted)
         *first = part.first, *last = part.last;
     return MODAL_OK;
 }

@@ -16,6 +16,7 @@ struct record {
     double t0;                  /* of row 0, s from the batch's first sample */
     double proposed[2];         /* s: where one free response begins and ends (event.h); both 0:
                                    with the rows that were asked for */
+    bool parted;                /* Y is what was proposed */
     double period;              /* s; 0: none */
     int per_period;             /* period / step where that is an integer; 0: it is not, or there is
                                  * no period */
@@ -40,6 +41,10 @@ enum {
     RECORD_WIDE_CHANNELS = 256,         /* fewer are no work beside their samples */
     RECORD_WIDE_ENTRIES = 1 << 22       /* 32 MB, what a last cache holds */
 };
+
+/* Rows from which on a record whose beginning is no free response is that response alone, unless
+ * a window is named: a search for modes in all of it has no end, and costs seconds. */
+enum { RECORD_PARTED = 32768 };
 
 /* Seconds between samples that are taken: exponents of 1/dt and their squares stay finite. */
 #define RECORD_STEP_LEAST 1e-100

@@ -577,7 +577,7 @@ static enum modal_status watch(const struct trend_input *in, bool good, double l
                                struct modal_error *err)
 {
     struct window all[TREND_WINDOWS_LONG], found[TREND_WINDOWS_LONG];
-    int most = in->X->m > LONG ? TREND_WINDOWS_LONG : TREND_WINDOWS;
+    int most = in->X->m > LONG && in->ragged == 0 ? TREND_WINDOWS_LONG : TREND_WINDOWS;
     int n = in->X->m / ROWS_LEAST < most ? in->X->m / ROWS_LEAST : most, rows, count = 0;
     enum modal_status rc = MODAL_OK;
     double *least;
@@ -589,7 +589,8 @@ static enum modal_status watch(const struct trend_input *in, bool good, double l
         return modal_fail(err, MODAL_NO_MEMORY, "trend: no memory for %d signals", in->X->n);
     rows = in->X->m / n;
     for (int i = 0; i < n && rc == MODAL_OK; i++) {
-        rc = look_at(in, i * rows, rows, least, &all[i], err);
+        rc = look_at(in, i * rows, in->ragged > 0 && in->ragged < rows ? in->ragged : rows, least,
+                     &all[i], err);
         if (rc == MODAL_NO_CONVERGENCE)
             rc = MODAL_OK;
         all[i].frequency += in->hertz;
@@ -753,12 +754,11 @@ static void look_for_drift(struct identify_result *r, double record)
 enum modal_status trend_watch(const struct trend_input *in, struct identify_result *result,
                               bool *follows, struct modal_error *err)
 {
-    bool good = true, crowd = false;
-    double left = 0;
+    bool none = in->count == 0 && in->ragged > 0, good = !none, crowd = false;
+    double left = none ? 1 : in->white;
     enum modal_status rc = MODAL_OK;
 
     *follows = false;
-    left = in->white;
     if (left == 0 && in->count > 0 && in->X->m > 2 * in->count + 2)
         rc = adequate(in, &good, &left, err);
     if (rc == MODAL_OK && good)

@@ -20,6 +20,8 @@ struct trend_input {
     double hertz;                    /* what a band shifted the frequencies by */
     bool (*cancelled)(void *context);
     void *context;
+    int ragged;                      /* rows that are known to be of a driven response, or of no
+                                      * constant modes: windows are no longer; 0: it is not known */
     double white;                    /* where what they leave is known to be white noise: its norm
                                       * over that of the signals; else 0 */
 };

@@ -171,6 +171,29 @@ TEST(a_very_long_record_is_cut_as_well)
     free(y);
 }
 
+/* All of it would be searched for modes without end. Named, a window is what it says. */
+TEST(of_a_very_long_record_that_begins_with_quiet_the_response_alone_is_identified)
+{
+    struct random rng = { 7 };
+    struct strike s = { .samples = 60000, .channels = 2, .modes = 2, .begin = 20000, .duration = 9,
+                        .noise = 0.01, .lambda = { CMPLX(-5e-5, 0.3), CMPLX(-9e-5, 0.7) },
+                        .shape = { { 1, 0.3 }, { 0.5, 0.8 } } };
+    double *y = strike_signals(&s, &rng);
+    struct identify_result r = identified(y, s.samples, s.channels, 0, 0);
+
+    CHECK(r.proposed[0] >= 20009 && r.proposed[0] < 22500 && told(&r) && r.mode_count == 2);
+    CHECK(r.used.window[0] == r.proposed[0] && r.used.window[1] == r.proposed[1]);
+    CHECK(shows(&r, s.lambda[0], 4) && shows(&r, s.lambda[1], 4));
+    CHECK(r.verdict == VERDICT_STABLE);
+    identify_result_done(&r);
+    struct batch b = { .samples = (size_t)s.samples, .channels = 2, .signals = y, .dt = 1 };
+    struct identify_options whole = { .window = { 0, s.samples } };
+    CHECK(modal_identify(&b, &whole, &r, NULL) == MODAL_OK);
+    CHECK(r.samples == s.samples && told(&r));
+    identify_result_done(&r);
+    free(y);
+}
+
 /* From where the amplitude is twice the noise to where it is a fifth of it. */
 TEST(what_is_proposed_ends_where_white_noise_is_left)
 {

@@ -98,6 +98,22 @@ static void release(struct random *r, enum kind kind, int rows, int modes, doubl
         y[k] += sd * random_normal(r);
 }
 
+/* One mode is no wider than two lines. */
+TEST(a_short_response_of_narrow_and_broad_modes_that_noise_drives_is_told)
+{
+    const double turns[] = { 0.024, 0.15, 0.33 };
+    double *y = room();
+    int told = 0;
+
+    for (int i = 0; i < 12; i++) {
+        struct random r = { 90 + (uint64_t)i };
+        drive(&r, 4000, 3, turns, 0.01, 0.05, y);
+        told += ragged(y, 4000, WIDTH);
+    }
+    CHECK(told >= 10);
+    free(y);
+}
+
 /* 1 to 200 modes, 10 dB to none. */
 TEST(no_free_response_is_taken_for_one_that_noise_drives)
 {
@@ -161,6 +177,7 @@ TEST(a_long_record_that_noise_drives_is_no_free_decay)
     for (int i = 0; i < result.diagnostic_count; i++)
         said |= strcmp(result.diagnostics[i].code, "not_free_decay") == 0;
     CHECK(said && result.driven && result.verdict == VERDICT_UNDECIDED);
+    CHECK(strstr(result.diagnostics[0].message, "windows") != NULL);
     identify_result_done(&result);
     free(x), free(y);
 }

@@ -120,6 +120,19 @@ def test_lines_of_a_law_with_events_are_those_of_a_long_march(law, ratio, tmp_pa
     assert np.abs(x[:2000] - motion(result, t[:2000])).max() <= 3 * result["total_error"] + 1e-6
 
 
+def test_an_error_of_a_hundredth_of_a_per_cent_needs_a_record_of_64_turns(tmp_path):
+    effect = {"type": "friction", "dof": "x", "stiffness": 0.5, "limit": 0.2}
+    result = run("steady", oscillator([effect], [0.8, 0.8 * 2 ** 0.5]), tmp_path, "-o",
+                 "target.error=1e-4")[1]
+    finer = run("steady", oscillator([effect], [0.8, 0.8 * 2 ** 0.5]), tmp_path, "-o",
+                "target.error=1e-6")[1]
+    assert result["method"] == "march" and result["N"] <= 64 * 64 and not result["diagnostics"]
+    t = np.linspace(0, 1000, 5000)
+    x = motion(finer, t)
+    assert result["total_error"] <= 1e-4 * np.abs(x).max()
+    assert np.abs(motion(result, t) - x).max() <= 3 * result["total_error"]
+
+
 def test_tones_with_a_common_period_answer_as_one(tmp_path):
     spring = [{"type": "cubic_spring", "dof": "x", "coefficient": 0.5}]
     one = oscillator(spring, [1.05, 0.7])

@@ -253,7 +253,7 @@ enum modal_status simulate(struct program *p, const struct scene_time *time,
         return modal_fail_field(err, MODAL_TOO_LARGE, "time",
                                 "%ld samples of %d channels are more than %d numbers",
                                 time->samples, p->outputs, SIMULATE_VALUES_MOST);
-    if (!opt->rk4 && sparse_motion_wins(p, time))
+    if (!opt->rk4 && (opt->leaps || sparse_motion_wins(p, time)))
         return sparse_motion(p, time, opt, signals, out, err);
     rc = p->harmonics > 0 ? program_turned(p, &turned, err) : MODAL_OK;
     if (rc == MODAL_OK)

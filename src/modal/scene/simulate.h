@@ -13,6 +13,7 @@ struct simulate_options {
     bool rk4;
     int substeps;
     int64_t steps_most;                        /* see stepper.h */
+    bool leaps;                                /* by sparse_motion.h, which serves */
     bool (*cancelled)(void *context);          /* asked every few thousand samples; may be NULL */
     void (*progress)(void *context, double fraction);    /* may be NULL */
     void *context;

@@ -609,3 +609,13 @@ bool sparse_motion_wins(const struct program *p, const struct scene_time *time)
         return false;
     return cheaper(p, time->dt, DENSE_STAGES * inputs);
 }
+
+bool sparse_motion_strides(const struct program *p, const struct scene_time *time)
+{
+    double frequency, decay;
+
+    if (!dofwise_serves(p))
+        return false;
+    dofwise_fastest(p, &frequency, &decay);
+    return fmax(frequency, decay) * time->dt < 1;        /* a leap is some three radians */
+}

@@ -436,6 +436,7 @@ static enum modal_status advance(struct torus_solver *s, double complex *work, d
     *converged = now <= FLOOR * norm(n, X)
         && (s->step <= tolerance || (s->step <= FLOOR && s->step > SHRINKS * last)
             || norm(n, X) == 0);
+    *converged |= s->rough > 0 && fmax(now, s->step * norm(n, X)) <= s->rough * norm(n, X);
     *goes_on = !(now >= size) && !*converged;
     return rc;
 }
@@ -575,7 +576,8 @@ enum modal_status torus_solve_set(struct torus_solver *s, bool *converged, struc
     enum modal_status rc = kept == NULL ? modal_fail(err, MODAL_NO_MEMORY, "torus: no memory")
                                         : newton(s, converged, err);
 
-    if (s->tone.index >= 0) {             /* other ways in may lead to the motion without it */
+    /* other ways in may lead to the motion without it, or are worth it later */
+    if (s->tone.index >= 0 || s->rough > 0) {
         bool turned = false;
 
         free(kept);

@@ -10,7 +10,8 @@
 #include "modal/steady/torus_laws.h"
 
 static const double CONDENSING = 100;     /* budget.h's units, a dof and a column: measured */
-static const double STEP = 4e3;           /* budget.h: a step of few states, measured */
+static const double STEP = 4e3;           /* budget.h: a step of few states and one law, measured;
+                                           * each more takes half of that again */
 static const double MAPS = 6;             /* products a step: an exponential's 30 for a map, of the
                                            * fifth of all steps that an event cuts */
 
@@ -170,7 +171,7 @@ double torus_step_work(const struct torus_solver *s)
 {
     double states = 2.0 * s->p->n + s->p->n_linear, maps = torus_smooth(s->laws) ? 0 : MAPS;
 
-    return STEP + 2 * states * states + maps * pow(states, 3) / BUDGET_DENSE;
+    return STEP * (1 + s->p->laws) / 2 + 2 * states * states + maps * pow(states, 3) / BUDGET_DENSE;
 }
 
 bool torus_in_set(const struct torus_solver *s, struct torus_index k)
@@ -298,6 +299,7 @@ static double size_grid(const struct torus_solver *s, int finer, int lines_finer
     int most[TORUS_TONES_MOST] = { 0 }, turns = s->tones.count > 2 ? 8 : 16;
     bool smooth = torus_smooth(s->laws);
     double highest = 0, points, factor = 1 << finer;
+    int share = s->rough > 0 ? 2 : 1;        /* of samples along each phase */
 
     for (int m = 0; m < s->count; m++) {
         highest = fmax(highest, torus_frequency(&s->tones, s->index[m])
@@ -307,13 +309,14 @@ static double size_grid(const struct torus_solver *s, int finer, int lines_finer
     }
     /* A kink's instant is found between samples by a cubic: eight a turn of what moves most. */
     *N = power_of_two(factor * fmax(samples_of(s, most[s->tones.lead]),
-                                    smooth ? 4 * highest : fmax(64, 8 * fmin(highest, turns))));
+                                    smooth ? 4 * highest
+                                           : fmax(64, 8 * fmin(highest, turns)) / share));
     points = *N;
     for (int j = 0; j < TORUS_TONES_MOST; j++) {
         lines[j] = 1;
         if (j < s->tones.count && j != s->tones.lead) {
             lines[j] = power_of_two(factor * (1 << lines_finer)
-                                    * fmax(samples_of(s, most[j]), smooth ? 8 : 32));
+                                    * fmax(samples_of(s, most[j]), smooth ? 8 : 32 / share));
             points *= lines[j];
         }
     }

@@ -20,6 +20,12 @@ static const double HALF = 0.5;           /* of it: truncation that growth is wo
 static const double BESIDE = 0.1;         /* of truncation: sampling that more lines are worth
                                            * while for */
 static const double TARGET_USUAL = 1e-6;  /* as with one tone */
+static const double BEHIND = 0.1;         /* of a balance's error: lines that have less it does not
+                                           * reach by growing two or three times */
+static const double ROUGH = 0.01;         /* of a motion that a march begins at: the first set
+                                           * leaves out as much */
+static const double FINE = 1e-3;          /* of targets: a first set of laws with events is no
+                                           * better (torus_march.c: FEW) */
 
 /* How many of LIST to take: so that what is left sums to less than LEAVE, no more than there are.
  * */
@@ -107,6 +113,54 @@ static enum modal_status moved(struct torus_solver *s, double *most, struct moda
     return torus_largest(s, s->grid, s->count, s->index, s->was, most, err);
 }
 
+/* Of laws with events: the first set's motion, roughly, and a march from there; *MET: its lines are
+ * the answer at TARGET. */
+static enum modal_status march_first(struct torus_solver *s, double target,
+                                     struct torus_lines *lines, struct torus_point *out, bool *met,
+                                     struct modal_error *err)
+{
+    enum modal_status rc;
+
+    s->rough = ROUGH;
+    rc = torus_grid_for(s, 0, 0, &s->grid, err);
+    if (rc == MODAL_OK)
+        rc = torus_solve_set(s, &out->converged, err);
+    s->rough = 0;
+    if (rc == MODAL_OK && out->converged && torus_march_takes(s, true))
+        rc = torus_march(s, target, true, lines, err);
+    *met = rc == MODAL_OK && lines->count > 0 && lines->error <= target * lines->amplitude;
+    if (*met)
+        torus_adopt(s, lines, target, out);
+    return rc;
+}
+
+/* E of a balance into OUT, whose truncation is taken to be MISSED times what was seen. */
+static void state_errors(const struct torus_errors *e, double missed, double wanted,
+                         struct torus_point *out)
+{
+    out->truncation = missed * e->truncation, out->sampling = e->sampling;
+    out->solver = e->solver;
+    out->tone_error = missed * e->tone;
+    out->error = out->truncation + e->sampling + e->solver;
+    out->wanting = out->error > wanted;
+}
+
+/* LINES where they are better than what was balanced, of a march from the scene's start where
+ * nothing was. */
+static enum modal_status take_lines(struct torus_solver *s, double target,
+                                    struct torus_lines *lines, struct torus_point *out,
+                                    struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+
+    if (!out->converged && lines->count == 0 && torus_march_takes(s, false))
+        rc = torus_march(s, target, false, lines, err);
+    if (rc == MODAL_OK && torus_lines_stand(s, lines, out)
+        && (!out->converged || lines->error < out->error))
+        torus_adopt(s, lines, target, out);
+    return rc;
+}
+
 /* Solve, estimate, grow, until the errors are small enough or no more is allowed.  What the
  * estimate of truncation missed in one round it is taken to miss in the next. */
 static enum modal_status solve_grown(struct torus_solver *s, struct torus_point *out,
@@ -119,8 +173,11 @@ static enum modal_status solve_grown(struct torus_solver *s, struct torus_point 
     enum modal_status rc = list == NULL || room == NULL
                                ? modal_fail(err, MODAL_NO_MEMORY, "torus: no memory")
                                : MODAL_OK;
+    bool met = false;
 
-    for (int round = 0; rc == MODAL_OK && round < ROUNDS_MOST; round++) {
+    if (rc == MODAL_OK && target <= FINE && torus_march_takes(s, true))
+        rc = march_first(s, target, &lines, out, &met, err);
+    for (int round = 0; rc == MODAL_OK && !met && round < ROUNDS_MOST; round++) {
         struct torus_errors e = { 0 };
         double wanted, missed, went = 0;
         double residual = s->residual, omega = s->tone.omega_kept;
@@ -140,14 +197,11 @@ static enum modal_status solve_grown(struct torus_solver *s, struct torus_point 
         missed = fmax(before > 0 ? went / before : 1,
                       e.truncation > 0 ? 1 + fmin(e.change / e.truncation, 1) : 1);
         before = e.truncation;
-        out->truncation = missed * e.truncation, out->sampling = e.sampling;
-        out->solver = e.solver;
-        out->tone_error = missed * e.tone;
-        out->error = out->truncation + e.sampling + e.solver;
-        out->wanting = out->error > wanted;
-        if (round == 0 && out->wanting && torus_march_takes(s, true))
-            rc = torus_march(s, target, out, &lines, err);
-        if (!out->wanting || (lines.count > 0 && lines.error <= target * lines.amplitude)
+        state_errors(&e, missed, wanted, out);
+        if (round == 0 && out->wanting && lines.count == 0 && torus_march_takes(s, true))
+            rc = torus_march(s, target, true, &lines, err);
+        if (!out->wanting
+            || (lines.error < BEHIND * out->error && torus_lines_stand(s, &lines, out))
             || s->opt->order > 0 || s->work->spent > GROWTH * s->work->most)
             break;
         take = out->truncation > HALF * wanted ? choose(s, list, count, LEFT * wanted / missed) : 0;
@@ -158,10 +212,8 @@ static enum modal_status solve_grown(struct torus_solver *s, struct torus_point 
         s->finer += more_lines;
         rc = take_in(s, list, take, err);
     }
-    if (rc == MODAL_OK && !out->converged && lines.count == 0 && torus_march_takes(s, false))
-        rc = torus_march(s, target, out, &lines, err);
-    if (rc == MODAL_OK && lines.count > 0 && (!out->converged || lines.error < out->error))
-        torus_adopt(s, &lines, target, out);
+    if (rc == MODAL_OK && !met)
+        rc = take_lines(s, target, &lines, out, err);
     torus_lines_done(&lines);
     free(list), free(room);
     return rc;

@@ -1,5 +1,5 @@
 /* torus_state.h - what torus_tone.c, torus_set.c, torus_newton.c, torus_begin.c, torus_error.c,
- * torus_march.c, torus_from.c, torus_stability.c and torus_solve.c share */
+ * torus_lines.c, torus_march.c, torus_from.c, torus_stability.c and torus_solve.c share */
 #ifndef MODAL_TORUS_STATE_H
 #define MODAL_TORUS_STATE_H
 #include "modal/scene/program.h"
@@ -67,6 +67,7 @@ struct torus_solver {
     int marched;                          /* samples of the record that X was read from; 0: X
                                            * balances its set */
     int iterations;
+    double rough;                         /* relative: where Newton may stop; 0: as opt asks */
     double step, residual;                /* the last, relative */
     const char *reason;                   /* why not converged */
 };
@@ -83,6 +84,7 @@ struct torus_lines {
     struct torus_index *index;
     double complex *X;
     struct torus_errors e;                /* change: what is seen of the truncation */
+    double apart;                         /* rad/s: nearer combinations are one line */
     double error, amplitude;              /* of all together; of the reported dofs */
 };
 
@@ -167,14 +169,16 @@ enum modal_status torus_fit(const struct torus_tones *t, int count, const struct
  * others); no tone is free, all sliders move, and the set is not given. */
 bool torus_march_takes(const struct torus_solver *s, bool balanced);
 /*
- * The motion marched from where POINT has it, or from the scene's start where that has not
- * converged, and its lines read, until their error is WANTED of the amplitude or the work allowed
- * is spent: those of the longest record into BEST, none where they are no better than POINT, or a
- * motion that lines of these tones do not explain.
+ * The motion marched from where s->X has it, BALANCED, or from the scene's start, and its lines
+ * read, until their error is WANTED of the amplitude, a longer record tells no more, or the work
+ * allowed is spent: those of the longest record into BEST.
  */
-enum modal_status torus_march(struct torus_solver *s, double wanted,
-                              const struct torus_point *point, struct torus_lines *best,
-                              struct modal_error *err);
+enum modal_status torus_march(struct torus_solver *s, double wanted, bool balanced,
+                              struct torus_lines *best, struct modal_error *err);
+/* Whether LINES are an answer: they explain what was marched, or POINT's motion, that of s->X,
+ * better than it does. */
+bool torus_lines_stand(const struct torus_solver *s, const struct torus_lines *lines,
+                       const struct torus_point *point);
 /* LINES as s->index and s->X, and their errors as OUT's; LINES is empty then.  S has no linear
  * parts any more, for only a balance asks for them: a thousand lines would be as many
  * factorizations. */

@@ -1,5 +1,5 @@
 /* Tests as well: torus_laws.c torus_set.c torus_tone.c torus_newton.c torus_begin.c torus_error.c
- * torus_march.c torus_from.c torus_stability.c torus_solve.c
+ * torus_lines.c torus_march.c torus_from.c torus_stability.c torus_solve.c
  *
  * Motions of several tones. */
 #include <math.h>
@@ -15,6 +15,7 @@
 #include "modal/scene/scene.h"
 #include "modal/steady/budget.h"
 #include "modal/steady/torus_laws.h"
+#include "modal/steady/torus_lines.h"
 #include "modal/steady/torus_solve.h"
 
 static const double W[3] = { 0.7, 1.1326237921249264, 0.43 };   /* the golden ratio, and one more */
@@ -286,6 +287,40 @@ static void test_a_slider_under_tones_one_per_cent_apart_moves_as_marching_says(
     program_free(p);
 }
 
+/* Of a sum of lines the lines; those of (1, 0) and (8, -5) are 1.6 turns of the record apart. */
+static void test_lines_less_than_two_turns_of_a_record_apart_are_told(void **state)
+{
+    const double w[2] = { 1, 1.4142135623730951 };
+    const struct torus_index k[] = { { { 0 } }, { { 1, 0 } }, { { 8, -5 } }, { { 0, 1 } } };
+    const double complex X[] = { 0.2, 1, 0.3 * cexp(I), 0.7 * I };
+    struct torus_options opt = { .dofs_count = 0 };
+    struct torus_solver s = { .tones = torus_tones_of(w, 2), .q = 1, .opt = &opt };
+    bool reported = true;
+    struct torus_sheet a = { .s = &s, .outputs = 1, .reported = &reported,
+                             .start = 16 * 2 * M_PI / w[1] };
+    struct torus_errors e = { 0 };
+    double amplitude, most = 0;
+
+    (void)state;
+    assert_true(torus_sheet_lay(&a, 64, 32, 1e-8));
+    assert_int_equal(torus_sheet_room(&a, NULL), MODAL_OK);
+    for (int n = 0; n < 64 * 32; n++)
+        for (int m = 0; m < 4; m++)
+            a.x[n] += creal(X[m] * cexp(I * torus_frequency(&s.tones, k[m])
+                                        * (a.start + 2 * M_PI / w[1] * n / 64)));
+    assert_int_equal(torus_sheet_read(&a, &e, &amplitude, NULL), MODAL_OK);
+    assert_true(e.truncation < 1e-8 * amplitude);
+    for (int m = 0; m < 4; m++) {
+        double off = HUGE_VAL;
+
+        for (int l = 0; l < a.count; l++)
+            off = torus_equal(a.index[l], k[m]) ? cabs(a.X[l] - X[m]) : off;
+        most = fmax(most, off);
+    }
+    assert_true(most < 1e-8 * amplitude);
+    workspace_free(&a.space);
+}
+
 static void test_laws_that_are_no_function_of_a_path_are_refused(void **state)
 {
     struct program *p = lower(
@@ -312,6 +347,7 @@ int main(void)
         cmocka_unit_test(test_a_cubic_spring_is_balanced_combination_by_combination),
         cmocka_unit_test(test_a_slider_that_never_slips_is_a_spring_of_undetermined_place),
         cmocka_unit_test(test_a_slider_under_tones_one_per_cent_apart_moves_as_marching_says),
+        cmocka_unit_test(test_lines_less_than_two_turns_of_a_record_apart_are_told),
         cmocka_unit_test(test_laws_that_are_no_function_of_a_path_are_refused),
     };
 

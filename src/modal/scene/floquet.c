@@ -11,6 +11,8 @@
  * Of a large or stiff periodic program the leading multipliers alone are asked for, each bar its
  * residual times kappa: of vectors carried over a period (leading.h), and where these do not settle
  * soon, as multipliers crowd or steps are too many, of windows of Hill's matrix (hill_leading.h).
+ * Windows alone may miss what is leading far from where they look: where vectors cost little they
+ * are carried until the leading ones are known to 1e-6, and small windows refine those.
  *
  * A shaft on fixed axes that is constant on turning ones (turning.h) has the exponents lambda of
  * those, and over a period T that holds m half turns rho = (-1)^m exp(lambda T), R(W T) being +-I:
@@ -40,14 +42,20 @@ static const double RIGID_SEEN = 1.0001e-7;
 static const double RIGID_ROUNDING = 8 * DBL_EPSILON;
 static const double WORK_FIRST = 3e8;   /* operations on vectors carried before windows: chosen */
 static const double WORK_ALL = 1e9;     /* the same, on as many vectors as there are states */
+static const double WORK_ROUGH = 4e10;  /* the same, where vectors are cheap: half a minute */
 enum {
     CARRIED_LEAST = 4,                  /* vectors a multiplier, before which none settles */
     LOOKS = 15,                         /* operations a cubed vector, all looks of arnoldi.c */
     DENSE = 4,                          /* dense operations in the time of one, as BUDGET_DENSE */
+    SETTLE = 8,                         /* leading ones of so many states take a vector at least */
+    BELOW = 4,                          /* multipliers past the last that show it is the last */
 };
 static const double WORK_WHOLE = 2e12;  /* of whole maps, dense: chosen, a minute */
 static const double MAGNUS_WORK = 40;   /* products a radian of the fastest, some 20 exponentials */
 static const double RESIDUAL = 1e-9;    /* of leading multipliers, over the largest of them */
+/* of those that windows refine: a third fewer vectors, where moduli differ by less they are not
+ * told apart: chosen */
+static const double ROUGH = 1e-6;
 
 /* The one text of it here. */
 static enum modal_status no_memory(struct modal_error *err)
@@ -287,6 +295,16 @@ static enum modal_status take_leading(int count, const double complex *w, const 
     return rc;
 }
 
+/* Is a vector carried for less than a product with a dense map takes, which is not so of what is
+ * stiff, and are enough of them paid for that leading multipliers settle roughly? */
+static bool is_cheap(const struct period_map *map)
+{
+    double states = period_map_states(map);
+
+    return period_map_work(map) <= states * states
+           && products_most(map, WORK_ROUGH) >= states / SETTLE;
+}
+
 /* What L has, as hints: not folded, by the frequency that each motion has most of. */
 static enum modal_status take_hints(const struct leading *l, double period,
                                     struct hill_hint **out, struct modal_error *err)
@@ -304,12 +322,14 @@ static enum modal_status take_hints(const struct leading *l, double period,
                                      : other * W - fabs(cimag(folded));
 
         (*out)[i] = (struct hill_hint){ CMPLX(creal(folded), im), l->found.w[i],
-                                        l->found.residual[i] };
+                                        l->found.residual[i]
+                                            * (l->found.settled ? l->found.condition[i] : 1) };
     }
     return *out != NULL ? MODAL_OK : no_memory(err);
 }
 
-/* By windows of Hill's matrix, each residual measured on MAP where there is one. */
+/* By windows of Hill's matrix, of what has settled in L alone, each residual measured on MAP where
+ * there is one. */
 static enum modal_status windows(const struct program *p, double period, int wanted,
                                  struct period_map *map, const struct leading *l,
                                  struct floquet *f, struct modal_error *err)
@@ -320,7 +340,9 @@ static enum modal_status windows(const struct program *p, double period, int wan
 
     if (rc == MODAL_OK)
         rc = hill_leading(p, period, &(struct hill_ask){ .wanted = wanted, .hint = hint,
-                                                         .hints = l->found.count }, &h, err);
+                                                         .hints = l->found.count,
+                                                         .only_hints = l->found.settled },
+                          &h, err);
     for (int i = 0; rc == MODAL_OK && map != NULL && i < h.count; i++)
         rc = leading_residual(map, h.multiplier[i], h.start + (size_t)i * 2 * (size_t)p->n,
                               &h.residual[i], err);
@@ -337,25 +359,52 @@ static enum modal_status windows(const struct program *p, double period, int wan
     return rc;
 }
 
+/* By vectors carried until leading ones are known ROUGHly, which windows then refine.  F has none
+ * where that leaves in doubt which of them are leading. */
+static enum modal_status roughly(const struct program *p, double period, int wanted,
+                                 struct period_map *map, struct leading *l, struct floquet *f,
+                                 struct modal_error *err)
+{
+    enum modal_status rc = leading_multipliers(map, wanted + BELOW, ROUGH,
+                                               products_most(map, WORK_ROUGH), l, err);
+
+    f->periods = l->periods;
+    if (rc != MODAL_OK || !l->found.settled)
+        return rc;
+    rc = windows(p, period, wanted, map, l, f, err);
+    if (rc == MODAL_OK && !f->unsettled)
+        return MODAL_OK;
+    floquet_done(f);
+    leading_done(l);
+    return rc == MODAL_TOO_LARGE || rc == MODAL_NO_CONVERGENCE ? MODAL_OK : rc;
+}
+
 /* By carrying vectors, or where these do not settle soon by windows. */
 static enum modal_status leading(const struct program *p, double period, int wanted,
                                  struct floquet *f, struct modal_error *err)
 {
     struct leading l = { 0 };
     struct period_map *map = NULL;
+    bool cheap = false;
     enum modal_status rc =
         period_map_new(p, NULL, period, WORK_FIRST / (CARRIED_LEAST * wanted), &map, err);
 
-    if (rc == MODAL_OK)
-        rc = leading_multipliers(map, wanted, RESIDUAL, first_products(map), &l, err);
-    if (rc == MODAL_OK && l.found.settled) {
+    if (rc == MODAL_OK && first_products(map) < period_map_states(map) && is_cheap(map)) {
+        cheap = true;
+        rc = roughly(p, period, wanted, map, &l, f, err);
+    }
+    if (rc == MODAL_OK && f->count == 0 && l.found.count == 0)
+        rc = leading_multipliers(map, wanted, RESIDUAL,
+                                 cheap ? products_most(map, WORK_ROUGH) : first_products(map), &l,
+                                 err);
+    if (rc == MODAL_OK && f->count == 0 && l.found.settled) {
         f->substeps = period_map_steps(map);
         rc = take_leading(l.found.count, l.found.w, l.found.residual, l.found.condition, period, f,
                           err);
-    } else if (rc == MODAL_OK || rc == MODAL_TOO_LARGE)
+    } else if ((rc == MODAL_OK && f->count == 0) || rc == MODAL_TOO_LARGE)
         rc = windows(p, period, wanted, map, &l, f, err);
     f->periodic = f->leading = true;
-    f->periods = l.periods;
+    f->periods = f->periods > l.periods ? f->periods : l.periods;
     f->period = period;
     period_map_free(map);
     leading_done(&l);

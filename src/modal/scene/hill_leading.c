@@ -8,7 +8,7 @@
  * may leave motions alone that are not slow.  Hints are followed where they are not among those
  * found.  A leading one at the rim of its window gets a window of its own.  Windows with leading
  * ones are searched twice, from different starts: a value that is double shows its second vector
- * then.
+ * then.  Where hints are all that is asked for, each has a small window of its own.
  */
 #include "modal/scene/hill_leading.h"
 #include <cblas.h>
@@ -30,6 +30,7 @@ enum {
     FEW = 4,                     /* windows that a search has, at least: chosen */
 };
 static const double OFF_AXIS = 1e-3;     /* of W: windows' middles; no exponent is there, mostly */
+static const double BESIDE = 1e-5;       /* of W: the same of a hint's own: others are farther */
 static const double NEAR = 0.5;          /* of W: a group's radius at most */
 static const double OVERLAP = 0.8;       /* of a radius, to the middle of the next stretch */
 static const double REACH = 0.7;         /* of what was looked at: leading ones may lie there */
@@ -44,6 +45,7 @@ struct found {
     double residual, condition, bar;
     double complex *start;
     int run;                             /* the search that it is of, or was seen in last */
+    bool taken;                          /* by a hint */
 };
 
 struct disc { double complex middle; double radius; int leading; };
@@ -147,7 +149,7 @@ static enum modal_status add_window(struct search *s, const struct hill_window *
     s->runs++;
     for (int i = 0; rc == MODAL_OK && i < h->count; i++) {
         struct found f = { h->exponent[i], cexp(h->exponent[i] * s->period), 0, h->condition[i], 0,
-                           h->start + (size_t)i * states, s->runs };
+                           h->start + (size_t)i * states, s->runs, false };
         double size = cabs(f.multiplier);
 
         if (abs(h->middle[i]) > 2 * s->reach || repeated(s, h, i) || !isfinite(size))
@@ -513,6 +515,50 @@ static enum modal_status follow(struct search *s, const struct hill_hint *hint, 
     return rc;
 }
 
+/* One of those found that no other hint has, where H says; NULL: there is none. */
+static struct found *own_of(struct search *s, const struct hill_hint *h)
+{
+    struct found *nearest = NULL;
+    double least = HUGE_VAL;
+
+    for (int i = 0; i < s->count; i++) {
+        struct found *f = &s->found[i];
+        double off = fmin(cabs(h->multiplier - f->multiplier),
+                          cabs(conj(h->multiplier) - f->multiplier));
+        if (!f->taken && off < least && off <= f->bar + h->residual + KNOWN) {
+            nearest = f;
+            least = off;
+        }
+    }
+    return nearest;
+}
+
+/* Small windows about hints, of pairs the upper one, that are in none yet; *SETTLED as only_hints
+ * has it. */
+static enum modal_status refine_hints(struct search *s, const struct hill_hint *hint, int hints,
+                                      bool *settled, struct modal_error *err)
+{
+    double rest = HUGE_VAL;
+    enum modal_status rc = MODAL_OK;
+
+    *settled = true;
+    for (int i = 0; rc == MODAL_OK && i < hints; i++) {
+        struct found *own;
+
+        rest = fmin(rest, cabs(hint[i].multiplier) + hint[i].residual);
+        if (cimag(hint[i].multiplier) < 0)
+            continue;
+        if (own_of(s, &hint[i]) == NULL && s->discs < WINDOWS_MOST)
+            rc = look(s, hint[i].exponent - (OFF_AXIS - BESIDE) * s->W, 1, 1, err);
+        own = own_of(s, &hint[i]);
+        *settled = *settled && own != NULL;
+        if (own != NULL)
+            own->taken = true;
+    }
+    *settled = *settled && (least_of(s) > rest || are_alike(s, leading_count(s)));
+    return rc;
+}
+
 /* The first LAST, both of each pair. */
 static enum modal_status report(struct search *s, int last, struct hill_leading *out,
                                 struct modal_error *err)
@@ -540,27 +586,33 @@ static enum modal_status report(struct search *s, int last, struct hill_leading 
     return MODAL_OK;
 }
 
+/* All that may be leading. */
+static enum modal_status find_all(struct search *s, const struct hill_ask *ask, bool *settled,
+                                  struct modal_error *err)
+{
+    enum modal_status rc = search_outwards(s, settled, err);
+
+    if (rc == MODAL_OK && *settled)
+        rc = spread(s, settled, err);
+    if (rc == MODAL_OK)
+        rc = follow(s, ask->hint, ask->hints, settled, err);
+    return rc == MODAL_OK ? repeat(s, err) : rc;
+}
+
 enum modal_status hill_leading(const struct program *p, double period, const struct hill_ask *ask,
                                struct hill_leading *out, struct modal_error *err)
 {
     struct search s = { .p = p, .period = period, .W = 2 * M_PI / period, .n = p->n,
                         .wanted = ask->wanted, .most = ask->most, .all_sums = ask->all_sums,
                         .reach = p->harmonics > 0 ? p->harmonic[p->harmonics - 1].k : 0 };
-    bool settled = true;
     int last;
     enum modal_status rc = count_pulsating(&s, err);
 
     *out = (struct hill_leading){ 0 };
     s.harmonics = ask->harmonics > 0 ? ask->harmonics : HARMONICS * s.reach;
     if (rc == MODAL_OK)
-        rc = search_outwards(&s, &out->settled, err);
-    if (rc == MODAL_OK && out->settled)
-        rc = spread(&s, &out->settled, err);
-    if (rc == MODAL_OK)
-        rc = follow(&s, ask->hint, ask->hints, &settled, err);
-    if (rc == MODAL_OK)
-        rc = repeat(&s, err);
-    out->settled = out->settled && settled;
+        rc = ask->only_hints ? refine_hints(&s, ask->hint, ask->hints, &out->settled, err)
+                             : find_all(&s, ask, &out->settled, err);
     last = leading_count(&s);
     if (rc == MODAL_OK && s.count == 0)
         rc = modal_fail(err, MODAL_NO_CONVERGENCE, "no multiplier was found");

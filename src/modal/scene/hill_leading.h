@@ -10,6 +10,7 @@
 #include "modal/linalg/workspace.h"
 #include "modal/scene/program.h"
 
+/* residual: how far the multiplier may be off */
 struct hill_hint { double complex exponent; double complex multiplier; double residual; };
 
 struct hill_ask {
@@ -20,6 +21,8 @@ struct hill_ask {
     double most;                 /* operations (budget.h), nearly; 0: no limit */
     const struct hill_hint *hint;/* that may be leading ones, to their residuals, with exponents */
     int hints;                   /* that are not folded */
+    bool only_hints;             /* nothing else is looked for; settled: each has one of its own, */
+                                 /* and what none is of is below the last that is wanted */
 };
 
 struct hill_leading {

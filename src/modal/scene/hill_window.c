@@ -412,24 +412,26 @@ static double refine(struct search *s, double complex *lambda)
     double missed = HUGE_VAL;
 
     memcpy(s->last, s->f, bytes);
-    for (int i = 0; i < REFINED && missed > EXACT; i++) {
+    for (int i = 0; i < REFINED; i++) {
         double size = cblas_dznrm2(s->N, s->f, 1), here;
 
         memcpy(s->kept, s->f, bytes);
         scale(s, true, s->kept);
-        solve_of(s, to, 1, s->kept, s->g);
-        cblas_zdotc_sub(s->N, s->f, 1, s->g, 1, &bottom);
         solve_of(s, to, 0, s->kept, s->g);
-        cblas_zdotc_sub(s->N, s->f, 1, s->g, 1, &top);
         here = s->period * cabs(to - s->sigma) * cblas_dznrm2(s->N, s->g, 1) / size;
         if (!(here <= missed / 2))
             break;
         missed = here;
         *lambda = to;
         memcpy(s->last, s->f, bytes);
-        to -= top / bottom;
+        if (missed <= EXACT)
+            break;
+        cblas_zdotc_sub(s->N, s->f, 1, s->g, 1, &top);
         for (int k = 0; k < s->N; k++)
             s->f[k] -= s->g[k];
+        solve_of(s, to, 1, s->kept, s->g);
+        cblas_zdotc_sub(s->N, s->last, 1, s->g, 1, &bottom);
+        to -= top / bottom;
     }
     memcpy(s->f, s->last, bytes);
     return missed;

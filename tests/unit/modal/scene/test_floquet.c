@@ -368,6 +368,42 @@ TEST(an_unstable_multiplier_of_many_states_is_found)
     free(text);
 }
 
+/* The five pairs of largest modulus of 1000 unit masses and springs with dampers 0.01, each 111th
+ * mass on a spring that pulsates: LAPACK's of numpy's whole map, a Taylor series of 46 terms in
+ * each of three steps.  The third pair is a combination resonance far above the others. */
+TEST(a_combination_resonance_apart_from_the_slow_motions_is_among_the_leading)
+{
+    enum { N = 1000, PAIRS = 5, APART = 111 };
+    static const double complex want[PAIRS] = {
+        0.9931236995 + 0.1209581260 * I, 0.9947014194 + 0.1060861472 * I,
+        0.9710126349 + 0.2402567084 * I, 0.9973872928 + 0.0758941175 * I,
+        0.9961190960 + 0.0909770584 * I };
+    static const char *const names[] = { "'masses':[1", "],'springs':[1,1",
+                                         "],'dampers':[0.01,0.01" };
+    char *text = malloc(20 * N + 2000), *at = text;
+
+    at += sprintf(at, "{'structure':{'type':'chain',");
+    for (int list = 0; list < 3; list++) {
+        at += sprintf(at, "%s", names[list]);
+        for (int i = 1; i < N; i++)
+            at += sprintf(at, list == 2 ? ",0.01" : ",1");
+    }
+    at += sprintf(at, "]},'omega':1.3,'effects':[");
+    for (int i = 0; i < N; i += APART)
+        at += sprintf(at, "%s{'type':'parametric_stiffness','dof':'x%d','stiffness':0.2,'k':1}",
+                      i > 0 ? "," : "", i + 1);
+    sprintf(at, "]}");
+    struct floquet f = floquet_text(text);
+
+    CHECK(f.leading && !f.unsettled && f.count == 2 * PAIRS && f.stable == FLOQUET_UNSTABLE);
+    for (int i = 0; i < f.count; i++) {
+        CHECK_NEAR(creal(f.multiplier[i]), creal(want[i / 2]), 1e-9);
+        CHECK_NEAR(fabs(cimag(f.multiplier[i])), cimag(want[i / 2]), 1e-9);
+    }
+    floquet_done(&f);
+    free(text);
+}
+
 /* COUNT masses between walls, springs of STIFFNESS with dampers BETA as much, all of which pulsate
  * by a tenth. */
 static char *breathing_chain(int count, double stiffness, double beta, double omega)

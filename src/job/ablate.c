@@ -268,7 +268,7 @@ static enum modal_status run_all(struct ablation *a, cJSON *list, struct modal_e
         cJSON *row = cJSON_CreateObject();
         cJSON_AddStringToObject(row, "type", a->program->effect[i].type);
         cJSON_AddItemToArray(list, row);
-        if (a->request->cancelled != NULL && a->request->cancelled(a->request->context))
+        if (job_cancelled(a->request))
             return modal_fail(err, MODAL_CANCELLED, "ablate: cancelled before effect %d of %d",
                               i + 1, count);
         rc = ablate_effect(a, i, row, err);

@@ -106,7 +106,7 @@ static enum modal_status follow(const struct job_request *request, struct progra
     for (int i = 0; rc == MODAL_OK && i < r->count; i++) {
         struct backbone_point point;
 
-        if (request->cancelled != NULL && request->cancelled(request->context))
+        if (job_cancelled(request))
             return modal_fail(err, MODAL_CANCELLED, "cancelled");
         rc = backbone_at(b,
                          i + 1 < r->count

@@ -230,11 +230,6 @@ static enum modal_status add_point(struct curve *c, double value, double fractio
     return MODAL_OK;
 }
 
-static bool cancelled(const struct curve *c)
-{
-    return c->request->cancelled != NULL && c->request->cancelled(c->request->context);
-}
-
 /* Before the first point: the given start stands for a point before it. */
 static enum modal_status set_out(struct curve *c, struct modal_error *err)
 {
@@ -257,7 +252,7 @@ static enum modal_status sweep(struct curve *c, struct modal_error *err)
         struct steady_point point = { 0 };
         struct stability st = { 0 };
 
-        if (cancelled(c))
+        if (job_cancelled(c->request))
             return modal_fail(err, MODAL_CANCELLED, "cancelled at point %d of %d", i,
                               c->range.count);
         rc = session_at(c, value, &omega, err);
@@ -461,7 +456,10 @@ static enum modal_status on_special(void *context, enum path_special kind,
     return MODAL_OK;
 }
 
-static bool path_cancelled(void *context) { return cancelled(context); }
+static bool path_cancelled(void *context)
+{
+    return job_cancelled(((const struct curve *)context)->request);
+}
 
 static enum modal_status follow(struct curve *c, cJSON *doc, struct modal_error *err)
 {

@@ -377,9 +377,7 @@ static double cpu_seconds(void *context)
 
 static bool climb_stopped(void *context)
 {
-    const struct job_request *q = ((struct own_ladder *)context)->request;
-
-    return q->cancelled != NULL && q->cancelled(q->context);
+    return job_cancelled(((struct own_ladder *)context)->request);
 }
 
 /* By what was asked alone, as the last rung, or the named procedure's. */

@@ -163,9 +163,7 @@ static double cpu(void *context)
 
 static bool stopped(void *context)
 {
-    const struct job_request *request = context;
-
-    return request->cancelled != NULL && request->cancelled(request->context);
+    return job_cancelled(context);
 }
 
 enum modal_status identify_answer(const struct job_request *request,

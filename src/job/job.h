@@ -37,6 +37,12 @@ struct job_request {
     void *context;
 };
 
+/* Is REQUEST to stop? */
+static inline bool job_cancelled(const struct job_request *request)
+{
+    return request->cancelled != NULL && request->cancelled(request->context);
+}
+
 struct job_result {
     cJSON *result;                /* the document of contracts.md */
     struct batch batch;           /* simulate: the signals, in what follows; samples 0: none */

@@ -315,7 +315,7 @@ static enum modal_status run_points(struct sweep *s, int first, int count,
         struct modal_error why = { 0 };
         cJSON *point = cJSON_CreateObject(), *index = cJSON_AddArrayToObject(point, "index");
         enum modal_status rc;
-        if (request->cancelled != NULL && request->cancelled(request->context)) {
+        if (job_cancelled(request)) {
             cJSON_Delete(point);
             return modal_fail(err, MODAL_CANCELLED, "sweep: cancelled at point %d of %d", p,
                               s->points);

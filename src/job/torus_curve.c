@@ -155,7 +155,7 @@ static enum modal_status sweep(struct torus_sweep *w, struct modal_error *err)
         struct program *here = NULL;
         struct torus_point point = { 0 };
 
-        if (w->request->cancelled != NULL && w->request->cancelled(w->request->context))
+        if (job_cancelled(w->request))
             return modal_fail(err, MODAL_CANCELLED, "cancelled at point %d of %d", i,
                               w->range.count);
         rc = lower_at(w, value, &here, err);

@@ -206,9 +206,7 @@ static void begins(void *context, int i)
 
 static bool stopped(void *context)
 {
-    const struct job_request *q = ((struct tradeoff_work *)context)->request;
-
-    return q->cancelled != NULL && q->cancelled(q->context);
+    return job_cancelled(((struct tradeoff_work *)context)->request);
 }
 
 /* Quickest first, as a reader climbs it. */

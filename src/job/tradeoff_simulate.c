@@ -148,7 +148,7 @@ static bool cancelled(void *context)
 {
     const struct work *w = context;
 
-    return w->request->cancelled != NULL && w->request->cancelled(w->request->context);
+    return job_cancelled(w->request);
 }
 
 struct wishes { double target_error, target_seconds; int repetitions, threads; };

@@ -206,7 +206,7 @@ static bool was_cancelled(void *context)
 {
     const struct tradeoff *t = context;
 
-    return t->request->cancelled != NULL && t->request->cancelled(t->request->context);
+    return job_cancelled(t->request);
 }
 
 /* The highest harmonic of a load as its dofs see it: one fixed in space, on axes that turn, reaches

@@ -42,8 +42,7 @@ static const double
     PLACES = 4,                 /* where a pole may be told from the others, a row (remainder.h) */
     FALSE_ALARM = 1e-3;         /* of records, for (3) */
 
-/* (2). */
-static double scarcity(double unknowns, double numbers)
+double criterion_scarcity(double unknowns, double numbers)
 {
     double x = fmin(numbers > 0 ? unknowns / numbers : 0, SCARCE_MOST);
 
@@ -84,7 +83,7 @@ double criterion_price(const struct criterion *c, int order, int parameters)
     for (int g = 0; g < c->groups; g++)
         if (c->energy[g] > 0)
             used += c->own, live += c->phases;
-    bayes = scarcity(live * order + parameters, used)
+    bayes = criterion_scarcity(live * order + parameters, used)
           * (live * order + (1 + 1 / fmax(live, 1)) * parameters) * log(fmax(used, 2));
     return c->phases == 1 || c->exact || live == 0 ? bayes
          : fmin(bayes, false_alarm(live, white, used, pairs, 2, 0)

@@ -23,6 +23,9 @@ struct criterion {
 double criterion_of(const struct criterion *c, const double *rss, double factor, int order,
                     int parameters);
 
+/* (2): what a parameter costs more where there are so many UNKNOWNS for so few NUMBERS. */
+double criterion_scarcity(double unknowns, double numbers);
+
 /* The part of it that a model pays for its size. */
 double criterion_price(const struct criterion *c, int order, int parameters);
 

@@ -28,16 +28,6 @@ const char *const identify_method_names[IDENTIFY_METHOD_COUNT + 1] = {
 
 enum { WEIGH_MOST = 5 };            /* rounds: each tells the channels' noise anew */
 
-static void poles_done(struct poles *p)
-{
-    free(p->lambda);
-    free(p->std_re);
-    free(p->std_im);
-    free(p->bar);
-    free(p->angle);
-    free(p->growth);
-}
-
 static void work_done(struct work *w)
 {
     record_done(&w->rec);
@@ -49,7 +39,7 @@ static void work_done(struct work *w)
     projection_done(&w->projection);
     order_done(&w->choice);
     free(w->seen.lambda);
-    poles_done(&w->poles);
+    workspace_free(&w->poles.space);
     synthesis_done(&w->all);
 }
 

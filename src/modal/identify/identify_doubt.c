@@ -10,11 +10,7 @@
 #include "modal/identify/verdict.h"
 #include "modal/linalg/svd.h"
 
-static const double
-    NEIGHBOUR = 0.05,                   /* of the frequency: poles this near may be one mode that
-                                         * changes (merge.c) */
-    SAME_SHAPE = 0.9,                   /* the square of the cosine between two of one mode */
-    ORBIT_LEAST = 0.01;                 /* of the energy: less may be what others leave */
+static const double ORBIT_LEAST = 0.01; /* of the energy: less may be what others leave */
 
 /* A multiplier of 1 that is no offset, in a periodic system: the orbit itself. */
 static bool has_orbit(const struct work *w, const struct identify_result *r)
@@ -51,13 +47,13 @@ static bool shapes_differ(const struct synthesis *f, const double complex *lambd
     for (int j = 0; j < n && at >= 0; j++) {
         double complex ab;
         double bb = cblas_dznrm2(f->channels, f->coefficient + j, n);
-        if (j == at || fabs(cimag(lambda[j]) / cimag(lambda[at]) - 1) > NEIGHBOUR)
+        if (j == at || fabs(cimag(lambda[j]) / cimag(lambda[at]) - 1) > TREND_CLOSE)
             continue;
         cblas_zdotc_sub(f->channels, f->coefficient + at, n, f->coefficient + j, n, &ab);
         /* the modal assurance criterion of two shapes */
         one = fmin(one, creal(ab * conj(ab)) / (aa * bb * bb));
     }
-    return one < SAME_SHAPE;
+    return one < TREND_ONE_SHAPE;
 }
 
 /* Lines that the record resolves, in white noise, with shapes of their own: no one mode changes. */

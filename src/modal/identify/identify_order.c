@@ -126,7 +126,7 @@ static bool overfitted(const struct work *w)
         w->choice.chosen >= 0 ? &w->choice.candidates[w->choice.chosen].fit : NULL;
 
     return fit != NULL && fit->order > sparing_order(w)
-        && fit->residual > WORK_ROUNDING * safe_matrix_norm(w->data.Y);
+        && fit->residual > REFINE_EXACT * safe_matrix_norm(w->data.Y);
 }
 
 /* Can the ladder be cut off by the number of triplets, so that more of them may help? */
@@ -196,7 +196,7 @@ static void note_chosen(struct work *w, struct identify_result *out)
     w->rank = c->r > 0 ? c->r : c->fit.order;
     w->facts.order = c->fit.order;
     w->facts.converged = !w->refine || refined_converged(&c->fit)
-        || c->fit.residual <= WORK_ROUNDING * safe_matrix_norm(w->data.Y);
+        || c->fit.residual <= REFINE_EXACT * safe_matrix_norm(w->data.Y);
     out->hankel_rank = c->fit.order;
 }
 
@@ -339,7 +339,7 @@ static double bic_chosen(const struct order_choice *k)
 static bool at_rounding(const struct work *w, const struct order_choice *k)
 {
     return k->chosen >= 0
-        && k->candidates[k->chosen].fit.residual <= WORK_ROUNDING * safe_matrix_norm(w->data.Y);
+        && k->candidates[k->chosen].fit.residual <= REFINE_EXACT * safe_matrix_norm(w->data.Y);
 }
 
 /* Periods are few and each has many samples: a pencil of a few periods' height, whose columns are

@@ -103,7 +103,7 @@ static bool ill_determined(const struct work *w)
         ill |= p->lambda[j] != 0 && !(p->std_re[j] <= KNOWN * cabs(p->lambda[j]));
     return ill && w->refine && !w->rec.wide
         && w->choice.candidates[w->choice.chosen].fit.residual
-        <= WORK_ROUNDING * safe_matrix_norm(w->data.Y);
+        <= REFINE_EXACT * safe_matrix_norm(w->data.Y);
 }
 
 enum modal_status work_take_poles(struct work *w, struct modal_error *err)
@@ -114,15 +114,17 @@ enum modal_status work_take_poles(struct work *w, struct modal_error *err)
     const struct matrix *VT = w->projected ? &w->projection.VT : &w->pencil.VT;
     struct poles *p = &w->poles;
     int n = fit->poles, r = w->rank < VT->m ? w->rank : VT->m;
+    size_t room = (size_t)n;
     enum modal_status rc = MODAL_OK;
 
     *p = (struct poles) { .count = n, .shift = w->shift, .tau = w->tau, .refined = w->refine };
-    p->lambda = malloc(sizeof *p->lambda * (n + 1));
-    p->std_re = malloc(sizeof(double) * (n + 1)), p->std_im = malloc(sizeof(double) * (n + 1));
-    p->bar = malloc(sizeof(double) * (n + 1)), p->angle = malloc(sizeof(double) * (n + 1));
-    p->growth = calloc((size_t)n + 1, sizeof *p->growth);
-    if (p->growth == NULL || p->lambda == NULL || p->std_re == NULL || p->std_im == NULL
-        || p->bar == NULL || p->angle == NULL)
+    p->lambda = workspace_room(&p->space, room, sizeof *p->lambda);
+    p->std_re = workspace_numbers(&p->space, room, 1);
+    p->std_im = workspace_numbers(&p->space, room, 1);
+    p->bar = workspace_numbers(&p->space, room, 1);
+    p->angle = workspace_numbers(&p->space, room, 1);
+    p->growth = workspace_zeros(&p->space, room, sizeof *p->growth);
+    if (p->space.failed)
         return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d poles", n);
     for (int j = 0; j < n; j++) {
         p->lambda[j] = fit->lambda[j];

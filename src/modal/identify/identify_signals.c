@@ -119,7 +119,7 @@ bool work_worth_weighing(const struct work *w)
 {
     return work_may_weigh(w) && w->choice.chosen >= 0
         && w->choice.candidates[w->choice.chosen].fit.residual
-        > WORK_ROUNDING * safe_matrix_norm(w->data.Y);
+        > REFINE_EXACT * safe_matrix_norm(w->data.Y);
 }
 
 /* The amplitudes of poles in the signals Y, by blocks where those are they. */

@@ -12,9 +12,6 @@
 #include "modal/identify/projection.h"
 #include "modal/identify/record.h"
 
-/* Of the signals' norm: where a fit leaves less, that is rounding. */
-#define WORK_ROUNDING 1e-12
-
 /* The pencil begins with few triplets and doubles them while the order is near their number. */
 enum {
     TRIPLETS = 32,                  /* values that the ladder looks at */

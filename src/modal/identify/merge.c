@@ -5,7 +5,7 @@
  * wanders, and none of them is a mode.  What can be said of such a mode is its mean over the record
  * and how far it goes:
  *
- *   members   strongest first, a pole takes every weaker one within its reach: CLOSE of the
+ *   members   strongest first, a pole takes every weaker one within its reach: TREND_CLOSE of the
  *             frequency of the mode that was watched, and elsewhere as much as that one wandered,
  *             relatively (other modes go through the same joints)
  *   start     the mean of the members, weighed by their energies, refined with all other poles
@@ -18,9 +18,7 @@
 #include <string.h>
 #include "modal/identify/exponents.h"
 #include "modal/identify/synthesis.h"
-
-/* Of its frequency: so far a mode is taken to wander. */
-static const double CLOSE = 0.05;
+#include "modal/identify/trend.h"
 
 /* The windows' extremes. */
 struct range { double low, high, slow, fast; };      /* Hz in the data; decay rates, 1/s */
@@ -81,7 +79,7 @@ static bool watched(const struct range *r, double complex lambda)
 {
     double hz = cimag(lambda) / (2 * M_PI);
 
-    return hz > r->low * (1 - CLOSE) && hz < r->high * (1 + CLOSE);
+    return hz > r->low * (1 - TREND_CLOSE) && hz < r->high * (1 + TREND_CLOSE);
 }
 
 /* crowd[j]: the number of pole j's crowd.  The count of crowds. */
@@ -94,8 +92,8 @@ static int form_crowds(const struct poles *p, const double *energy, const struct
     for (int j = 0; j < p->count; j++)
         crowd[j] = -1;
     while ((head = strongest(p, energy, crowd)) >= 0) {
-        double reach =
-            (watched(r, p->lambda[head]) ? fmax(CLOSE, wander) : wander) * cimag(p->lambda[head]);
+        double reach = cimag(p->lambda[head])
+                     * (watched(r, p->lambda[head]) ? fmax(TREND_CLOSE, wander) : wander);
         for (int j = 0; j < p->count; j++)
             if (crowd[j] < 0 && cimag(p->lambda[j]) > 0
                 && fabs(cimag(p->lambda[j]) - cimag(p->lambda[head])) <= reach)

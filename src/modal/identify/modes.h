@@ -7,6 +7,7 @@
 #include "modal/identify/identify.h"
 #include "modal/identify/record.h"
 #include "modal/identify/synthesis.h"
+#include "modal/linalg/workspace.h"
 
 /* The poles of the record, tau = shift * step apart, as the order was chosen. */
 struct poles {
@@ -20,6 +21,7 @@ struct poles {
     double tau;
     bool refined;                 /* standard deviations are from the Jacobian */
     struct synthesis *fit;  /* of all channels, where it is known already (taken over); else NULL */
+    struct workspace space;       /* of the arrays */
 };
 
 /*

@@ -44,7 +44,9 @@
 #include "modal/identify/grid.h"
 #include "modal/identify/modes.h"
 #include "modal/identify/pod.h"
+#include "modal/identify/refine.h"
 #include "modal/identify/rounding.h"
+#include "modal/identify/trend.h"
 #include "modal/identify/verdict.h"
 #include "modal/identify/widen.h"
 #include "modal/linalg/svd.h"
@@ -53,8 +55,6 @@ enum { GRID_LOOK = 24 };                         /* samples */
 /* times the variance of rounding; identify_signals.c's own question is asked at 2 */
 static const double GRID_NEAR = 4;
 static const double
-    EXACT = 1e-12,                  /* of the signals: what is left there is rounding */
-    CROWDED = 0.05,                 /* of a frequency, as trend.c's CLOSE */
     DRIFTS = 0.6,                   /* of |lambda| over the window: slow, twice CONSTANT */
     ONCE = 1.001,                   /* turns in the window: what turns less is slow (widen.c) */
     CONSTANT = 0.3;                 /* decay over the window: an offset, as modes.c has it */
@@ -168,7 +168,7 @@ static enum modal_status weigh_channels(struct job *j, const struct moving_fit *
         least = j->scale[c] > 0 ? fmin(least, noise) : least,
         most = j->scale[c] > 0 ? fmax(most, noise) : most;
     }
-    if (rc == MODAL_OK && sqrt(rest) > EXACT * sqrt(total) && most > NOISE_ALIKE * least) {
+    if (rc == MODAL_OK && sqrt(rest) > REFINE_EXACT * sqrt(total) && most > NOISE_ALIKE * least) {
         *weighed = j->weighed = true;
         for (int c = 0; c < S; c++)
             j->weight[c] = least / fmax(sqrt(look.rss[c] / j->m->L), NOISE_QUIETEST);
@@ -229,7 +229,7 @@ static bool special(const struct moving *m, const double complex *lambda, int co
         int near = 0;
         for (int j = 0; j < count; j++)
             near += cimag(lambda[j]) > 0
-                && fabs(cimag(lambda[j]) - cimag(lambda[i])) < CROWDED * cimag(lambda[i]);
+                && fabs(cimag(lambda[j]) - cimag(lambda[i])) < TREND_CLOSE * cimag(lambda[i]);
         constants += lambda[i] == 0, slow += lambda[i] != 0 && cabs(lambda[i]) * record < DRIFTS;
         if (cimag(lambda[i]) > 0 && cimag(lambda[i]) * record < ONCE * 2 * M_PI)
             return true;
@@ -309,7 +309,7 @@ static enum modal_status doubt(struct job *j, enum reason *why, struct modal_err
         return modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d poles", f->poles);
     for (int g = 0; g < f->signals; g++)
         rest += f->rss[g], all += f->energy[g];
-    j->exact = sqrt(rest) <= EXACT * sqrt(all);
+    j->exact = sqrt(rest) <= REFINE_EXACT * sqrt(all);
     for (int i = 0; i < f->poles; i++) {
         j->growth[i] = GROWTH_EXACT;
         f->std_re[i] *= j->exact ? WIDEN_ROUNDING : 1,

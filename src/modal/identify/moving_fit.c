@@ -34,22 +34,19 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/identify/exponents.h"
+#include "modal/identify/refine.h"
 #include "modal/linalg/qr.h"
 
 /* gradients in standard errors: wanted; good enough where rounding allows no less */
 static const double SETTLED = 1e-10;
 static const double NEAR = 1e-6;
-static const double SCARCE_MOST = 0.95;             /* as refine.c */
 /* a step that is this part of every real and imaginary part is the last */
 static const double CLOSE = 1e-10;
 static const double STEP_MOST = 30;                /* a longer first step: the start was not near */
 static const double TURN_MOST = 3;                 /* rad over the window: half of refine.c's */
 static const double TURN_LEAST = 1e-12;            /* rad a row: a pair that turns less is none */
 static const double SPAN = 4e-5;                   /* x: x^2 / 2 is then 1e-9 of a standard error */
-enum {
-    STEPS = 14,                     /* a fit that has not settled then is none */
-    FREEDOM_LEAST = 30              /* as refine.c */
-};
+enum { STEPS = 14 };                     /* a fit that has not settled then is none */
 
 /* ---- one evaluation ---- */
 
@@ -168,8 +165,8 @@ static void set_weights(struct work *w)
         live += w->energy[g] > 0;
     }
     for (int g = 0; g < w->r; g++) {
-        double rest =
-            own < FREEDOM_LEAST ? pooled / fmax(live, 1) : fmax(w->rss[g], w->L * w->floor2[g]);
+        double rest = own < REFINE_FREEDOM_LEAST ? pooled / fmax(live, 1)
+                                                  : fmax(w->rss[g], w->L * w->floor2[g]);
         w->weight[g] = w->energy[g] > 0 ? 1 / sqrt(fmax(rest / fmax(own, 1), DBL_MIN)) : 0;
         w->F += w->weight[g] * w->weight[g] * w->rss[g];
     }
@@ -478,14 +475,6 @@ static double could_gain(const struct work *w)
     return left > 0 ? sum : HUGE_VAL;  /* the model promises more than there is: it says nothing */
 }
 
-/* (8) of refine.c. */
-static double scarcity(double unknowns, double numbers)
-{
-    double x = fmin(numbers > 0 ? unknowns / numbers : 0, SCARCE_MOST);
-
-    return x > 0 ? -log1p(-x) / x : 1;
-}
-
 /* What -2 ln(likelihood) would fall by, to first order, if pole j, which is fixed, were free: one
  * number moves c_g t e^{lambda t} in all signals. */
 static double gain_if_free(const struct work *w, int j)
@@ -508,7 +497,7 @@ static void weigh_poles(struct work *w, struct moving_fit *f)
     for (int g = 0; g < w->r; g++)
         live += w->energy[g] > 0;
     ln_n = log(fmax((double)w->L * live, 2));
-    f->price = scarcity((double)live * q + w->P, (double)w->L * live) * ln_n;
+    f->price = criterion_scarcity((double)live * q + w->P, (double)w->L * live) * ln_n;
     f->pair_price = f->price * 2 * (live + 1 + 1 / fmax(live, 1));
     f->least_drop = HUGE_VAL;
     matrix_copy(q, q, w->T, w->ld, w->V, q);

@@ -20,7 +20,6 @@ enum {
     EDGE_SAMPLES = 2,                   /* at either end, which have no line in a spectrum */
     PART_LEAST = 8                      /* samples that have a spectrum */
 };
-static const double MOVED = 3;          /* rad or e-foldings over the window, as order_improve.c */
 /* of a parameter's price: a constant that might rather decay; its gain is known to first order */
 static const double MOVES = 0.8;
 /* times what rounding leaves of a sum of squares: four in amplitude */
@@ -35,7 +34,7 @@ enum reason judge_fit(const struct job *j, const struct moving_fit *f)
         return NOT_SETTLED;
     for (int i = 0; i < f->poles; i++) {
         double size = cabs(f->lambda[i]), error = hypot(f->std_re[i], f->std_im[i]);
-        if (!isfinite(error) || (size * record > MOVED && error > 0.5 * size))
+        if (!isfinite(error) || (size * record > ORDER_MOVED && error > 0.5 * size))
             return UNDETERMINED;
         if (pole_kind(f->lambda[i], j->m->opt.dt) == POLE_REAL && f->lambda[i] != 0
             && fabs(creal(f->lambda[i])) < 8 * f->std_re[i])

@@ -31,8 +31,8 @@ static const double SETTLED = 1e-13;             /* of the largest singular valu
 
 void job_done(struct job *j)
 {
-    free(j->Y.x), free(j->R), free(j->left), free(j->scale), free(j->weight), free(j->W),
-        free(j->outside2), free(j->X.x), free(j->full.x), free(j->growth);
+    free(j->Y.x), free(j->X.x), free(j->full.x), free(j->growth);
+    workspace_free(&j->space);
     moving_fit_done(&j->first), moving_fit_done(&j->own), moving_fit_done(&j->channels);
 }
 
@@ -91,24 +91,21 @@ enum modal_status job_take(struct job *j, struct modal_error *err)
     int S = m->S, lead = m->count > 0 ? (int)(m->block_from - from) : m->L,
         trail = (int)(m->next - last), n;
     size_t columns = (size_t)S;
-    double *norms;
+    double *norms, **each[] = { &j->left, &j->scale, &j->weight, &j->outside2 };
 
     j->rows = (struct moving_rows) { lead, m->count, trail, m->B, m->k, m->Q, m->opt.dt,
                                      m->table != NULL ? m->anchor.count : 0, m->anchor.lambda,
                                      m->table };
     n = moving_rows_count(&j->rows);
     j->Y = matrix_new(n, S);
-    j->R = malloc(sizeof(double) * columns * columns), j->left = malloc(sizeof(double) * columns);
-    j->scale = calloc(columns, sizeof(double)), j->weight = calloc(columns, sizeof(double));
-    j->W = malloc(sizeof(double) * columns * columns),
-    j->outside2 = malloc(sizeof(double) * columns);
     j->X = matrix_new(n, S);
-    norms = malloc(sizeof *norms * ((size_t)m->count + 2));
-    if (j->Y.x == NULL || j->R == NULL || j->left == NULL || j->scale == NULL || j->weight == NULL
-        || j->W == NULL || j->outside2 == NULL || j->X.x == NULL || norms == NULL) {
-        free(norms);
+    j->R = workspace_room(&j->space, columns * columns, sizeof *j->R);
+    j->W = workspace_room(&j->space, columns * columns, sizeof *j->W);
+    for (size_t i = 0; i < sizeof each / sizeof *each; i++)
+        *each[i] = workspace_numbers(&j->space, columns, 1);
+    norms = workspace_room(&j->space, (size_t)m->count + 2, sizeof *norms);
+    if (j->Y.x == NULL || j->X.x == NULL || j->space.failed)
         return modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d x %d", n, S);
-    }
     copy_samples(j, from, lead, 0);
     copy_samples(j, last, trail, n - trail);
     for (int b = 0; b < m->count; b++)
@@ -118,7 +115,6 @@ enum modal_status job_take(struct job *j, struct modal_error *err)
         j->left[c] = norm_of_channel(j, c, true, norms);
         j->weight[c] = 1;
     }
-    free(norms);
     return moving_reduced(m) ? triangle_of_window(j, err) : MODAL_OK;
 }
 

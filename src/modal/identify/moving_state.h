@@ -9,6 +9,7 @@
 #include "modal/identify/moving.h"
 #include "modal/identify/moving_fit.h"
 #include "modal/linalg/window_qr.h"
+#include "modal/linalg/workspace.h"
 
 /* Words of moving.c; GOOD: the update is the answer. */
 enum reason {
@@ -81,6 +82,7 @@ struct job {
     double work;
     enum growth *growth;          /* of each of own's poles */
     bool exact;                   /* what is left is rounding */
+    struct workspace space;       /* of R, W and the channels' numbers */
 };
 
 /* ---- moving_blocks.c ---- */

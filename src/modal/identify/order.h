@@ -12,6 +12,9 @@
 #define ORDER_SPLIT_REACH 60.0
 #define ORDER_SPLIT_HALF 0.5
 
+/* rad or e-foldings over the record: a pole that moves less is known by its size, not its share. */
+#define ORDER_MOVED 3.0
+
 enum { ORDER_AHEAD = 4 };       /* the ladder ends this many rungs past its best */
 
 /* A fit is much the worse where it leaves so many times more. */

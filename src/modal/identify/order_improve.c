@@ -7,9 +7,25 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* rad or e-foldings over the record: a pole that moves less is known by its size, not its share */
-static const double MOVED = 3;
 static const double TOLD = 5;       /* standard errors between two poles that are no doubt two */
+
+/* COUNT poles in c->lambda, refined into candidate *at where they come near the best's criterion as
+ * they are put, before a step; else -1. */
+static enum modal_status try_split(struct climb *c, int count, int best, int *at,
+                                   struct modal_error *err)
+{
+    struct refined looked;
+    bool worth;
+    enum modal_status rc = climb_fit(c, c->lambda, count, NULL, false, 0, &looked, err);
+
+    *at = -1;
+    if (rc != MODAL_OK)
+        return rc;
+    worth = looked.bic < climb_bic(c, best) + ORDER_SPLIT_REACH;
+    refined_done(&looked);
+    return worth ? climb_try(c, 0, c->lambda, count, NULL, true, climb_bic(c, best), at, err)
+                 : MODAL_OK;
+}
 
 /* Is candidate AT a better fit than the best, its pole J still what a real pole could stand for? A
  * pair that turns by a whole circle in its life 1 / |a| shows two columns to a pencil: one that
@@ -28,9 +44,7 @@ static enum modal_status turn_pole(struct climb *c, int j, int *best, struct mod
 {
     const struct refined *fit = &c->choice.candidates[*best].fit;
     double rate = fabs(creal(fit->lambda[j])), record = c->data->tau * c->data->Y->m;
-    struct refined looked;
     int n = fit->poles, at;
-    bool worth;
     enum modal_status rc;
 
     /* too slow to turn within the record, too fast for samples to show it */
@@ -39,14 +53,7 @@ static enum modal_status turn_pole(struct climb *c, int j, int *best, struct mod
         return MODAL_OK;
     memcpy(c->lambda, fit->lambda, (size_t)n * sizeof *c->lambda);
     c->lambda[j] += I * rate;       /* a radian in its life */
-    rc = climb_fit(c, c->lambda, n, NULL, false, 0, &looked, err);
-    if (rc != MODAL_OK)
-        return rc;
-    worth = looked.bic < climb_bic(c, *best) + ORDER_SPLIT_REACH;
-    refined_done(&looked);
-    if (!worth)
-        return MODAL_OK;
-    rc = climb_try(c, 0, c->lambda, n, NULL, true, climb_bic(c, *best), &at, err);
+    rc = try_split(c, n, *best, &at, err);
     if (rc == MODAL_OK && at >= 0 && better_turned(c, at, j, *best))
         *best = at;
     return rc;
@@ -59,10 +66,8 @@ static enum modal_status split_pole(struct climb *c, const struct matrix *E, int
     const struct refined *fit = &c->choice.candidates[*best].fit;
     double apart = ORDER_SPLIT_HALF / (c->data->tau * c->data->Y->m), nyquist = M_PI / c->data->tau;
     double complex lambda = fit->lambda[j];
-    struct refined looked;
     int n = fit->poles, at;
     double chi2 = HUGE_VAL;
-    bool worth;
     enum modal_status rc = MODAL_OK;
 
     if (pole_kind(lambda, c->data->tau) == POLE_REAL)
@@ -81,15 +86,7 @@ static enum modal_status split_pole(struct climb *c, const struct matrix *E, int
     /* e^{lambda t} cos and sin of t / (2 record): the span of e^{lambda t} and nearly t
      * e^{lambda t} */
     c->lambda[j] = lambda - I * apart, c->lambda[n] = lambda + I * apart;
-    /* as they are put, before a step: what of the remainder they explain */
-    rc = climb_fit(c, c->lambda, n + 1, NULL, false, 0, &looked, err);
-    if (rc != MODAL_OK)
-        return rc;
-    worth = looked.bic < climb_bic(c, *best) + ORDER_SPLIT_REACH;
-    refined_done(&looked);
-    if (!worth)
-        return MODAL_OK;
-    rc = climb_try(c, 0, c->lambda, n + 1, NULL, true, climb_bic(c, *best), &at, err);
+    rc = try_split(c, n + 1, *best, &at, err);
     if (rc == MODAL_OK && at >= 0 && climb_bic(c, at) < climb_bic(c, *best))
         *best = at;
     return rc;
@@ -156,7 +153,7 @@ static int undetermined(const struct climb *c, const struct refined *fit)
     for (int j = 0; j < fit->poles; j++) {
         double size = cabs(fit->lambda[j]), error = hypot(fit->std_re[j], fit->std_im[j]);
         /* slower ones may be constants, which pin_offset tells */
-        if (size * record > MOVED && error > size
+        if (size * record > ORDER_MOVED && error > size
             && (worst < 0 || error > hypot(fit->std_re[worst], fit->std_im[worst])))
             worst = j;
     }

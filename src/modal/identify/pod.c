@@ -144,6 +144,7 @@ static int above_rest(const struct triplets *t, const struct matrix *Y, int k_mo
         /* white in time too: a flat spectrum of singular values is noise only then */
         if (t->s[k] <= edge)
             return colour_white(&tail) ? k : k_most;
+        /* from the largest down: what is left of the energy is the others' */
         rest -= t->s[k] * t->s[k];
     }
     return k_most;

@@ -67,6 +67,12 @@ enum refine_end {
     REFINE_LOOKED     /* options.iterations < 0: the poles are the start, without standard errors */
 };
 
+/* Of the signals' norm: what a fit leaves below it is rounding. */
+#define REFINE_EXACT 1e-12
+
+/* Numbers of a signal that a fit leaves free: of fewer it tells no noise of its own. */
+enum { REFINE_FREEDOM_LEAST = 30 };
+
 struct refined {
     int poles, order;            /* entries of lambda; columns of the basis */
     int parameters;              /* real unknowns in the exponents that are not fixed */

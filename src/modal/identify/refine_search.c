@@ -21,7 +21,6 @@ enum {
     FAILURES_MOST = 12,             /* of steps in a row */
     ROUNDING_FAILURES = 3,          /* after so many F's rounding is looked at */
     SETTLE_STEPS = 16,              /* to the minimum itself: the gradient falls with each */
-    FREEDOM_LEAST = 30,             /* of a signal: of less it tells no noise of its own */
     ROUNDS = 30                     /* of weights */
 };
 
@@ -95,7 +94,7 @@ static double set_weights(struct work *w, const double *rss, bool equal)
     for (int g = 0; g < w->groups; g++) {
         double alone = fmax(rss[g], n * w->lowest[g]);
         /* chi-squared of 30 has a spread of a quarter: less tells signals apart by chance */
-        double rest = equal || own < FREEDOM_LEAST ? pooled / fmax(share, 1) : alone;
+        double rest = equal || own < REFINE_FREEDOM_LEAST ? pooled / fmax(share, 1) : alone;
         double weight = w->energy[g] > 0 ? 1 / sqrt(fmax(rest / fmax(own, 1), DBL_MIN)) : 0;
         if (w->energy[g] > 0)
             change = fmax(change, w->weight[g] > 0 ? fabs(weight / w->weight[g] - 1) : 1);

@@ -18,7 +18,6 @@
 #include <string.h>
 
 enum { ROWS_LEAST = 16 };        /* of the periodograms */
-static const double ROUNDING = 1e-12;      /* of a signal: what is left is rounding (widen.c) */
 
 /* E -= Phi C, pole by pole: basis has two columns. */
 static void subtract(const struct refine_data *data, const struct refined *fit, const double *C,
@@ -43,7 +42,7 @@ double remainder_unit(const struct refine_data *data, const struct refined *fit,
     double parts = rms > 0 ? cblas_dnrm2(p->order, p->Z + (size_t)c * (size_t)p->order, 1) / rms
                            : 1;
     /* cancelling amplitudes carry rounding that is larger than the signal's own */
-    bool seen = noise > fmax(parts, 1) * sqrt(p->lowest[g]) && noise > ROUNDING * rms;
+    bool seen = noise > fmax(parts, 1) * sqrt(p->lowest[g]) && noise > REFINE_EXACT * rms;
 
     return seen ? 1 / noise : 0;
 }

@@ -116,6 +116,7 @@ static void hold(const struct lines *l, struct transfer *t, int p)
     for (int j = 1; j < l->drives; j++)
         if (cabs(q[j]) > cabs(q[at]))
             at = j;
+    /* phi q^T is one product: a factor moves from one to the other, and one entry holds it */
     one = q[at];
     for (int j = 0; j < l->drives; j++)
         q[j] = one != 0 ? q[j] / one : j == at;
@@ -177,12 +178,12 @@ static void fill_columns(const struct lines *l, const struct transfer *t, int fi
         double complex r = cexp(t->s[p]), u = conj(r);
         for (int n = 0; n < rows; n++) {
             double complex z = l->z[first + n], a = 1 / (z - r), b = 1 / (z - u);
-            double complex da = r * a * a, db = u * b * b;
+            double complex da = r * a * a, db = u * b * b;  /* d/ds of 1 / (z - e^s) */
             for (int j = 0; j < l->drives; j++) {
                 double complex w = l->W[first + n + (size_t)j * l->count];
                 double *c = C + ld * PARTS * ((size_t)p * l->drives + j);
-                put(c, rows, n, w * (a + b));
-                put(c + ld, rows, n, I * w * (a - b));
+                put(c, rows, n, w * (a + b));  /* f + g of the text, by the real part of phi q */
+                put(c + ld, rows, n, I * w * (a - b));  /* and by the imaginary one */
                 put(c + 2 * ld, rows, n, w * (da + db));
                 put(c + 3 * ld, rows, n, I * w * (da - db));
             }
@@ -263,6 +264,7 @@ static enum modal_status invert(double *A, int n, struct modal_error *err)
         ? MODAL_OK : modal_fail(err, MODAL_NO_MEMORY, "transfer: no memory for %d unknowns", n);
 
     for (int i = 0; i < n && rc == MODAL_OK; i++)
+        /* units of columns are no condition */
         size[i] = A[i + (size_t)n * i] > 0 ? 1 / sqrt(A[i + (size_t)n * i]) : 0;
     for (int i = 0; i < n * n && rc == MODAL_OK; i++)
         V[i] = A[i] * size[i % n] * size[i / n];
@@ -271,6 +273,7 @@ static enum modal_status invert(double *A, int n, struct modal_error *err)
     if (rc == MODAL_OK) {
         memset(A, 0, sizeof *A * (size_t)n * n);
         for (int k = 0; k < n; k++)
+            /* a pseudoinverse: columns that others make get no amplitude of their own */
             if (w[k] > DEPENDENT * w[n - 1])
                 cblas_dger(CblasColMajor, n, n, 1 / w[k], V + (size_t)n * k, 1, V + (size_t)n * k,
                            1, A, n);
@@ -319,7 +322,9 @@ static void weigh(const struct lines *l, struct transfer *t, struct sums *s)
             continue;
         }
         t->exact = t->exact && t->rss[i] <= least;
+        /* each response has V numbers of its own, and its share of s and q */
         t->variance[i] = fmax(t->rss[i], least) / fmax(numbers - s->V - shared, 1);
+        /* over the energy: only differences count, and no overflow */
         t->likelihood -= l->count * log(fmax(t->rss[i], least) / l->energy[i]);
     }
 }
@@ -367,10 +372,12 @@ static void fill_T(const struct lines *l, const struct transfer *t, int i, int K
         for (int j = 0; j < l->drives; j++) {
             int c = PARTS * (p * l->drives + j);
             double complex k = phi * t->q[j + (size_t)p * l->drives];
+            /* moving s moves columns 2 and 3, its derivatives */
             at[c + 2] = creal(k), at[c + 3] = cimag(k);
             at[c + 2 + K] = -cimag(k), at[c + 3 + K] = creal(k);
             if (j == t->held[p])
                 continue;
+            /* moving q moves the columns themselves */
             free_q[c] = creal(phi), free_q[c + 1] = cimag(phi);
             free_q[c + K] = -cimag(phi), free_q[c + 1 + K] = creal(phi);
             free_q += 2 * (size_t)K;
@@ -391,6 +398,7 @@ static enum modal_status make_step(const struct lines *l, const struct transfer 
         return modal_fail(err, MODAL_NO_MEMORY, "transfer: no memory for %d unknowns", g);
     memcpy(P, s->G, sizeof *P * (size_t)K * K);
     cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, K, V, V, 1, s->GV, K, s->A, V, 0, AV, K);
+    /* C^T P C of (1) */
     cblas_dgemm(CblasColMajor, CblasNoTrans, CblasTrans, K, K, V, -1, AV, K, s->GV, K, 1, P, K);
     memset(s->S, 0, sizeof *s->S * (size_t)g * g);
     memset(s->d, 0, sizeof *s->d * (size_t)g);

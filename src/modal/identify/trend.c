@@ -39,8 +39,6 @@ enum {
     CROWD_MOST = 32,               /* poles of one mode that changes: work, and stack */
     WATCHED_LEAST = 3              /* windows that show how something goes on */
 };
-/* Of a crowd's energy, the least share of its one shape: as in identify_doubt.c's of two poles. */
-static const double ONE_SHAPE = 0.9;
 /* Exponents times rows below which the geometric series loses more digits than this. */
 static const double SERIES_LEAST = 1e-8;
 static const double
@@ -51,8 +49,7 @@ static const double
     WANDERS = 0.2,                 /* of a frequency: what goes further is no amplitude's doing */
     TAU_LEAST = 0.7,               /* of 8 windows: 1.4 % of chance orders have more */
     WELL = 0.15,                   /* of a window's rms is left where decaying modes rebuild it, */
-    POOR = 0.4,                    /* of the record's where they do not */
-    CLOSE = 0.05;                  /* of a frequency: so far a mode is taken to wander */
+    POOR = 0.4;                    /* of the record's where they do not */
 
 struct window {
     double t, frequency, damping, std_frequency, std_damping, amplitude, left;
@@ -92,10 +89,10 @@ static enum modal_status adequate(const struct trend_input *in, bool *answer, do
 
 static bool in_crowd(double complex pole, double complex about)
 {
-    return cimag(pole) > 0 && fabs(cimag(pole) - cimag(about)) < CLOSE * cimag(about);
+    return cimag(pole) > 0 && fabs(cimag(pole) - cimag(about)) < TREND_CLOSE * cimag(about);
 }
 
-/* Three or more vibrations within CLOSE of LAMBDA: what a mode that drifts is made of, to any
+/* Three or more vibrations within TREND_CLOSE of LAMBDA: what a mode that drifts is made of, to any
  * accuracy. */
 static bool crowd_about(const struct trend_input *in, double complex lambda)
 {
@@ -128,7 +125,7 @@ static bool one_shape(const struct synthesis *f, const struct trend_input *in, c
                       int count)
 {
     double complex P[CROWD_MOST * CROWD_MOST] = { 0 }, cc;
-    double one = 0, two = 0;
+    double one = 0, two = 0, e = TREND_ONE_SHAPE;
 
     for (int i = 0; i < count; i++)
         for (int j = 0; j < count; j++)
@@ -142,7 +139,7 @@ static bool one_shape(const struct synthesis *f, const struct trend_input *in, c
             one += i == j ? creal(P[i + count * i]) : 0;
             two += creal(P[i + count * j] * P[j + count * i]);  /* tr P^2 */
         }
-    return two >= (ONE_SHAPE * ONE_SHAPE + (1 - ONE_SHAPE) * (1 - ONE_SHAPE)) * one * one;
+    return two >= (e * e + (1 - e) * (1 - e)) * one * one;
 }
 
 /* Is there a crowd, of one shape as far as channels tell? */
@@ -246,7 +243,7 @@ static enum modal_status strongest_alone(const struct refine_data *data, const s
         rc = modal_fail(err, MODAL_NO_MEMORY, "trend: no memory for %d poles", fit->poles);
     for (int j = 0; j < fit->poles && rc == MODAL_OK && which >= 0; j++) {
         double im = cimag(fit->lambda[which]);
-        if (j == which || fabs(cimag(fit->lambda[j]) - im) > CLOSE * im)
+        if (j == which || fabs(cimag(fit->lambda[j]) - im) > TREND_CLOSE * im)
             lambda[n++] = fit->lambda[j];
     }
     if (rc == MODAL_OK && n > 0 && n < fit->poles) {

@@ -7,6 +7,11 @@
 #include "modal/identify/identify.h"
 #include "modal/linalg/matrix.h"
 
+/* Of its frequency: so far a mode is taken to wander; and the least share that one shape has of a
+ * crowd's energy, the square of the cosine between two shapes, where they are one mode. */
+#define TREND_CLOSE 0.05
+#define TREND_ONE_SHAPE 0.9
+
 enum {
     TREND_WINDOWS = 8,               /* equal parts of a record */
     TREND_WINDOWS_LONG = 28          /* a long record has room for more */

@@ -28,6 +28,7 @@
 #include "modal/linalg/eigen.h"
 #include "modal/linalg/qr.h"
 #include "modal/linalg/svd.h"
+#include "modal/linalg/workspace.h"
 #include <cblas.h>
 #include <float.h>
 #include <math.h>
@@ -154,27 +155,26 @@ struct krylov {
     double *R;                 /* BLOCK x BLOCK: |what is outside| */
     double *theta, *W;         /* eigenvalues descending, vectors as columns */
     int passes;
+    struct workspace space;    /* of all these */
 };
 
 static bool krylov_new(struct krylov *k, const struct wide *w)
 {
+    struct workspace *space = &k->space;
+
     k->w = w, k->channels = on_channels(w);
     k->near = k->channels ? w->S : w->L, k->far = k->channels ? w->L : w->S;
     k->room = BLOCK * BLOCKS_MOST < k->near ? BLOCK * BLOCKS_MOST : k->near;
     size_t n = (size_t)k->near, m = (size_t)k->room;
-    k->K = malloc(sizeof(double) * n * (m + BLOCK)),
-    k->T = malloc(sizeof(double) * (size_t)k->far * (m + BLOCK));
-    k->H = calloc((m + BLOCK) * (m + BLOCK), sizeof(double)), k->W = malloc(sizeof(double) * m * m);
-    k->Z = malloc(sizeof(double) * n * BLOCK), k->scaled = malloc(sizeof(double) * n * BLOCK);
-    k->R = calloc(BLOCK * BLOCK, sizeof(double)), k->theta = malloc(sizeof(double) * m);
-    return k->K != NULL && k->T != NULL && k->H != NULL && k->W != NULL && k->Z != NULL
-        && k->scaled != NULL && k->R != NULL && k->theta != NULL;
-}
-
-static void krylov_done(struct krylov *k)
-{
-    free(k->K), free(k->T), free(k->H), free(k->W), free(k->Z), free(k->scaled), free(k->R),
-        free(k->theta);
+    k->K = workspace_room(space, n * (m + BLOCK), sizeof *k->K);
+    k->T = workspace_room(space, (size_t)k->far * (m + BLOCK), sizeof *k->T);
+    k->H = workspace_numbers(space, m + BLOCK, m + BLOCK);
+    k->W = workspace_room(space, m * m, sizeof *k->W);
+    k->Z = workspace_room(space, n * BLOCK, sizeof *k->Z);
+    k->scaled = workspace_room(space, n * BLOCK, sizeof *k->scaled);
+    k->R = workspace_numbers(space, BLOCK, BLOCK);
+    k->theta = workspace_room(space, m, sizeof *k->theta);
+    return !space->failed;
 }
 
 /* A fixed start: the same answer every time. */
@@ -323,12 +323,14 @@ static int wanted(const struct krylov *k, const struct pod_options *opt, double 
 static enum modal_status iterate(struct krylov *k, const struct wide_options *opt, double energy,
                                  int *kept, bool *trusted, struct modal_error *err)
 {
+    /* of s^2: the vectors then turn by no more over the gap [HMT11] */
     double tolerance = opt->tolerance > 0 ? opt->tolerance : 1e-8;
     int b = BLOCK < k->near ? BLOCK : k->near, next = b;
     struct matrix X = { k->near, b, k->near, k->K }, none = { 0 };
     enum modal_status rc;
 
     fill(k->K, (size_t)k->near * (size_t)b);
+    /* random directions meet every singular vector but with probability 0 */
     rc = qr_orthonormal(&X, &none, err);
     *trusted = true;
     for (bool settled = false; rc == MODAL_OK && !settled && next > 0;) {
@@ -340,6 +342,7 @@ static enum modal_status iterate(struct krylov *k, const struct wide_options *op
         if (rc != MODAL_OK)
             return rc;
         *kept = wanted(k, &opt->pod, energy, trusted);
+        /* half a block past those kept: what stands above the edge has been looked for there */
         settled = *kept < k->count - b / 2 && k->count > b;
         for (int i = 0; i < *kept && settled; i++)
             settled = residual(k, i, b) <= tolerance * k->theta[i];
@@ -543,7 +546,7 @@ enum modal_status wide_pod(const struct wide *w, const struct wide_options *opti
         *cost = spent;
 out:
     pod_done(&pod);
-    krylov_done(&k);
+    workspace_free(&k.space);
     return rc;
 }
 

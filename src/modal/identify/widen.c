@@ -19,8 +19,8 @@
  *            alone; where one of the doubts above holds the model is not right, and either may be
  *            anywhere between them: the error is at least half their distance
  *
- * A difference counts from CLEAR standard errors on: in ordinary noise fewer than one pole in 300
- * has one.
+ * A difference counts from PARTS_CLEAR standard errors on: in ordinary noise fewer than one pole in
+ * 300 has one.
  *
  * [KR95] Kass and Raftery, J. Amer. Statist. Assoc. 90 (1995) 773-795.
  */
@@ -36,13 +36,11 @@
 #include "modal/linalg/svd.h"
 
 static const double
-    RIVAL = 6,                      /* of BIC: odds of 20 to 1 [KR95] */
-    CLEAR = 3,                      /* standard errors, as above */
-    ROUNDING = 1e-12;               /* of the signals: what is left there is rounding */
+    RIVAL = 6;                      /* of BIC: odds of 20 to 1 [KR95] */
 
 static bool at_rounding(const struct refine_data *d, double residual)
 {
-    return residual <= ROUNDING * safe_matrix_norm(d->Y);
+    return residual <= REFINE_EXACT * safe_matrix_norm(d->Y);
 }
 
 /* Of what the poles leave: a factor for each frequency THETA. */
@@ -61,7 +59,7 @@ static enum modal_status colour_of(const struct refine_data *d, const struct pol
     for (int c = 0; c < Y->n && rc == MODAL_OK; c++)
         for (int l = 0; l < Y->m; l++)
             E.x[l + (size_t)c * (size_t)E.ld] -= Y->x[l + (size_t)c * (size_t)Y->ld];
-    colour_leave_out(&E, Y, ROUNDING);
+    colour_leave_out(&E, Y, REFINE_EXACT);
     if (rc == MODAL_OK)
         rc = colour_factors(&E, theta, p->count, factor, err);
     synthesis_done(&s);
@@ -110,7 +108,7 @@ static enum growth growth_of(const struct part_say *say, double strength, bool d
     if (strength < 0)
         return GROWTH_EXACT;
     return say->grows                                          ? GROWTH_IN_HALF
-        : say->re > 0 && decays && say->decay > CLEAR * factor ? GROWTH_NEVER
+        : say->re > 0 && decays && say->decay > PARTS_CLEAR * factor ? GROWTH_NEVER
                                                                : GROWTH_UNSEEN;
 }
 
@@ -125,7 +123,7 @@ static enum modal_status for_parts(const struct refine_data *d, struct poles *p,
     rc = parts_ask(d, p->lambda, p->count, say, strength, err);
     for (int j = 0; j < p->count && rc == MODAL_OK; j++) {
         /* before its error is widened below */
-        bool decays = creal(p->lambda[j]) + CLEAR * p->std_re[j] < 0;
+        bool decays = creal(p->lambda[j]) + PARTS_CLEAR * p->std_re[j] < 0;
         at_least(p, j, say[j].re, say[j].im);
         p->growth[j] = growth_of(&say[j], *strength, decays, factor[j]);
     }
@@ -151,7 +149,7 @@ static double clear_of(double a, double b, double std)
 {
     double d = fabs(a - b);
 
-    return d > CLEAR * std ? d : 0;
+    return d > PARTS_CLEAR * std ? d : 0;
 }
 
 static bool for_rivals(const struct refine_data *d, const struct order_choice *choice,

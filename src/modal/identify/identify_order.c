@@ -60,6 +60,7 @@ static enum modal_status pencil_source(void *context, int r, double complex *lam
     enum modal_status rc = pencil_multipliers(&w->pencil, r, rho, err);
 
     if (rc == MODAL_OK)
+        /* denormal numbers have lost digits */
         *count = poles_of_multipliers(rho, r, w->tau, 1e-300, lambda, &w->facts.dropped);
     w->eigenvalues += work_clock(w) - start;
     return rc;
@@ -238,6 +239,7 @@ static enum modal_status choose_order(struct work *w, struct identify_result *ou
         rc = climb(w, &source, &opt, err);
     }
     if (rc == MODAL_OK && w->choice.chosen >= 0 && !w->choice.cut && w->opt.rank.rule == RANK_AUTO
+        /* modes must be worth more than none */
         && w->choice.candidates[w->choice.chosen].fit.bic >= bic_of_nothing(&w->data))
         w->choice.chosen = -1;                    /* order 0: no pole pays for itself */
     if (rc == MODAL_OK && w->choice.chosen >= 0)

@@ -171,6 +171,7 @@ static enum modal_status weigh_channels(struct job *j, const struct moving_fit *
     if (rc == MODAL_OK && sqrt(rest) > REFINE_EXACT * sqrt(total) && most > NOISE_ALIKE * least) {
         *weighed = j->weighed = true;
         for (int c = 0; c < S; c++)
+            /* as identify_signals.c: the quietest keeps its own */
             j->weight[c] = least / fmax(sqrt(look.rss[c] / j->m->L), NOISE_QUIETEST);
     }
     if (rc == MODAL_OK && !*weighed)
@@ -207,7 +208,7 @@ static enum modal_status fit_window(struct job *j, enum reason *why, struct moda
 
     if (rc == MODAL_OK && *why == GOOD && moving_reduced(m)) {
         rc = weigh_channels(j, before ? &j->first : &j->own, &weighed, err);
-        if (rc == MODAL_OK && weighed != before)
+        if (rc == MODAL_OK && weighed != before)  /* the choice itself is the batch's to make */
             *why = BY_NOISE;
         if (rc == MODAL_OK && *why == GOOD && before)
             rc = fit(j, &m->own, true, &j->own, why, err);
@@ -231,6 +232,7 @@ static bool special(const struct moving *m, const double complex *lambda, int co
             near += cimag(lambda[j]) > 0
                 && fabs(cimag(lambda[j]) - cimag(lambda[i])) < TREND_CLOSE * cimag(lambda[i]);
         constants += lambda[i] == 0, slow += lambda[i] != 0 && cabs(lambda[i]) * record < DRIFTS;
+        /* its error would be its scatter over orders, of which an update has one */
         if (cimag(lambda[i]) > 0 && cimag(lambda[i]) * record < ONCE * 2 * M_PI)
             return true;
         if (near >= CROWD
@@ -278,6 +280,7 @@ static enum modal_status update(struct job *j, enum reason *why, struct modal_er
 
     if (rc == MODAL_OK
         && moving_rows_count(&j->rows)
+            /* [Phi D X] needs as many rows */
             < 2 * poles_order(j->m->own.lambda, j->m->own.count, j->m->opt.dt) + j->m->S) {
         *why = OPTIONS;
         return MODAL_OK;
@@ -292,6 +295,7 @@ static bool below_rounding(const struct job *j)
     double most = largest_magnitude(j->scale, (size_t)j->m->S);
 
     for (int c = 0; c < j->m->S; c++)
+        /* a batch may make it a zero channel: ten times before it does */
         if (j->scale[c] > 0 && j->scale[c] < 10 * ROUNDING_RATIO * most)
             return true;
     return false;

@@ -150,6 +150,7 @@ static double duration(const struct track_window *w)
 /* (1) */
 static struct both_ways foresee(const struct track *t, const struct track_window *w)
 {
+    /* no further ahead than is remembered */
     double memory = MEMORY * duration(w), by = fmin((double)(w->to - t->last) * w->dt, memory);
     double weight = exp(-by / memory), turn = half_line(t->exponent, duration(w)) / duration(w);
     struct track_error re = { t->re.value / weight, 0, turn * turn };
@@ -166,6 +167,7 @@ static struct both_ways foresee(const struct track *t, const struct track_window
 
 static double variance(double std, double complex lambda, double line)
 {
+    /* no error: anywhere within its line */
     return isfinite(std) ? fmax(std * std, pow(ROUNDING * cabs(lambda), 2)) : line * line;
 }
 
@@ -194,6 +196,7 @@ static double ln_near(const struct track *t, const struct miss *x, double p)
 {
     double half = x->pair ? 1 : 0.5, a = t->freedom, b = t->misfit;
 
+    /* Student's density: normal, its variance known as a gamma's */
     return lgamma(a + half) - lgamma(a) - half * log(2 * M_PI * b)
         - (a + half) * log1p(distance2(x) / (2 * b))
         - 0.5 * (log(x->S_re) + (x->pair ? log(x->S_im) : 0)) + log((1 - ALPHA) * p);
@@ -215,7 +218,7 @@ static double ln_far(const struct miss *x)
 
 static double ln_sum(double a, double b)
 {
-    return fmax(a, b) + log1p(exp(-fabs(a - b)));
+    return fmax(a, b) + log1p(exp(-fabs(a - b)));  /* ln(e^a + e^b) without overflow */
 }
 
 /* ln o of (5) */
@@ -230,7 +233,9 @@ static double worth(const struct tracks *all, const struct track *t, const struc
 {
     double seconds = duration(w), ln_p;
     struct miss on = miss_of(&a->on, m, seconds), still = miss_of(&a->still, m, seconds);
+    /* Jeffreys' prior: of none seen half a one */
     double ln_beta = log((all->born + 0.5) / (all->windows + 1));
+    /* a mode that is new may be anywhere: its density is 1 over that */
     double ln_room = log(2 * on.line) + (on.pair ? log(M_PI / w->dt) : 0);
 
     if ((cimag(t->exponent) != 0) != on.pair)
@@ -246,6 +251,7 @@ static double worth(const struct tracks *all, const struct track *t, const struc
 /* Kalman's step: N, off what was foreseen with the variance E, seen with the variance R. */
 static double take_in(struct track_error *e, double n, double R, double *slope)
 {
+    /* two states, value and slope, of which the value is seen */
     double S = e->value + R, gain = e->value / S, slope_gain = e->both / S;
 
     *slope += slope_gain * n;

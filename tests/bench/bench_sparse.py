@@ -1,11 +1,12 @@
-"""Points of a curve over a law's number on membranes given by sparse matrices, ten cubic springs on
-them, through a daemon of its own: processor time of a point after the first, beside one sparse
-factorization of the linear part by scipy.
+"""Points of curves over a law's number, and over omega, on membranes given by sparse matrices, ten
+cubic springs on them, through a daemon of its own: processor time of a point after the first,
+beside one sparse factorization of the linear part by scipy.
 
 One JSON line a figure; `ratio` is the factorization's time over the point's.  A point's time is the
 solve stage of six points less that of two, over four; lowering, the same for every scene, is told
-apart.  A point must be what its scene has alone, to 1e-9, before a figure is told.  The sides of
-the membranes are the arguments, 100 and 316 without any.
+apart.  A point must be what its scene has alone, to 1e-9, before a figure is told.  Over omega it
+is the solve stage of twenty points, the first too, errors and all, over their number, and to 1e-8.
+The sides of the membranes are the arguments, 100 and 316 without any.
 """
 import sys
 import time
@@ -16,6 +17,7 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as sl
 
 OMEGA, CONTACTS = 0.31, 10
+SLOW, BAND, POINTS = 3.0, 1.2, 20     # omega over pi / side, its range, and the points in it
 PATH, FROM, TO = "effects[0].coefficient", 0.3, 0.4
 
 
@@ -35,9 +37,18 @@ def scene_of(M, K, C, dofs):
             "steady": {"harmonics": 3, "stability": False}}
 
 
-def same(point, alone):
+def over_omega(client, scene, side):
+    """Seconds a point of a curve over omega; None where its last is not what it is alone."""
+    slow = SLOW * np.pi / side
+    curve = client.steady(scene, {"sweep": f"omega={slow}:{BAND * slow}:{POINTS}"})
+    alone = client.steady({**scene, "omega": BAND * slow})
+    return (curve["cost"]["stages"]["solve"] / POINTS if same(curve["points"][-1], alone, 1e-8)
+            else None)
+
+
+def same(point, alone, within=1e-9):
     a, b = [np.array([[row["re"], row["im"]] for row in of["harmonics"]]) for of in (point, alone)]
-    return abs(a - b).max() < 1e-9 * abs(b).max()
+    return abs(a - b).max() < within * abs(b).max()
 
 
 def figure(case, value, peer, n):
@@ -65,6 +76,11 @@ def main():
                 figure(f"steady, membrane, {case}", max(spent, 1e-6), factored, side * side)
             figure("steady, membrane, the first two points", two["cost"]["stages"]["solve"],
                    factored, side * side)
+            spent = over_omega(client, scene, side)
+            if spent is None:
+                print(f"bench_sparse: {side} x {side} moves otherwise over omega", file=sys.stderr)
+            else:
+                figure("steady, membrane, a point over omega", spent, factored, side * side)
 
 
 if __name__ == "__main__":

@@ -3,6 +3,11 @@
 missed, spurious ones, false verdicts.
 
     MODALCTL=build/bin/modalctl tests/bench/bench_identify_periodic.py [count] [seed] [states]
+    MODALCTL=build/bin/modalctl tests/bench/bench_identify_periodic.py cost
+
+`cost`: three pairs in 1e-3 of noise, with periods, samples a period and channels doubled one after
+the other; CPU beside that of numpy's plain fit of the multipliers (its SVD of all periods but the
+last, of rank 6, told), on one thread.
 
 Each record: pairs and real multipliers of either sign, one time in five a growing one, each with up
 to four harmonics of the period in 1 to 12 channels; 24 to 240 samples a period, 30 to 60 periods
@@ -18,6 +23,7 @@ import sys
 import h5py
 import json
 import tempfile
+import time
 import numpy as np
 
 CTL = os.environ.get("MODALCTL", "modalctl")
@@ -138,6 +144,39 @@ def covered(document, r, hit):
     return parts, within
 
 
+def few(periods, p, S):
+    """Three pairs, each with four harmonics, in noise of 1e-3."""
+    rng = np.random.default_rng(periods + p + S)
+    t, k = np.arange(periods * p) / p, np.arange(-2, 3)
+    y = 1e-3 * rng.normal(size=(periods * p, S))
+    for z in (-2 / periods + 0.6j, -3 / periods + 1.7j, -1 / periods + 2.6j):
+        g = (rng.normal(size=(5, S)) + 1j * rng.normal(size=(5, S))) * (0.5 ** abs(k))[:, None]
+        y += (np.exp(z.real * t)[:, None]
+              * (np.exp(1j * np.outer(t, z.imag + 2 * np.pi * k)) @ g)).real
+    return dict(y=y, p=p)
+
+
+def plain(r):
+    """Multipliers from one period to the next in the span of the six strongest directions."""
+    rows = r["y"].reshape(len(r["y"]) // r["p"], -1)
+    u, s, vt = np.linalg.svd(rows[:-1].T, full_matrices=False)
+    return np.linalg.eigvals(u[:, :6].T @ rows[1:].T @ vt[:6].T / s[:6])
+
+
+def cost():
+    print("periods x samples x channels: CPU, that of numpy's fit, ratio; multipliers")
+    grown = {(60 * i, 24 * j, 2 * k) for n in (1, 2, 4, 8)
+             for i, j, k in ((n, 1, 1), (1, n, 1), (1, 1, n))}
+    for size in sorted(grown) + [(250, 96, 4), (257, 240, 8), (1000, 24, 4)]:
+        r, began = few(*size), os.times()
+        found = len(identify(r)["modes"])
+        ours, before = os.times().children_user - began.children_user, time.process_time()
+        plain(r)
+        theirs = time.process_time() - before
+        print(f"{' x '.join(map(str, size))}: {ours:.2f} s, {theirs:.3f} s, {ours / theirs:.1f}; "
+              f"{found}", flush=True)
+
+
 def main():
     count, seed, states = (int(x) for x in (sys.argv[1:] + ["40", "1", "10"][len(sys.argv) - 1:]))
     largest = false = detectable = missed = spurious = whole = right = parts = within = 0
@@ -168,4 +207,4 @@ def main():
 
 
 if __name__ == "__main__":
-    main()
+    cost() if sys.argv[1:] == ["cost"] else main()

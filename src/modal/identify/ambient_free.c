@@ -21,7 +21,7 @@ static enum modal_status fit(const struct matrix *Y, double step, int order, dou
     double complex *rho = malloc(2 * sizeof *rho * n);
     enum modal_status rc = rho == NULL
         ? modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d poles", order)
-        : pencil_new(Y, &(struct pencil_options) { 0, order }, &p, err);
+        : pencil_new(Y, &(struct pencil_options) { .wanted = order }, &p, err);
     int count = order < p.count ? order : p.count;
 
     if (rc == MODAL_OK && count > 0)

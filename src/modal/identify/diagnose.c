@@ -182,6 +182,22 @@ static void about_rounding(struct identify_result *r, const struct diagnose_fact
         }
 }
 
+static void about_colour(struct identify_result *r, const struct diagnose_facts *f)
+{
+    if (f->doubt.colour > 1)
+        identify_diagnose(
+            r, "coloured_residual", -1,
+            "what the modes leave is not white noise: standard errors were widened by up to %.2g; "
+            "the model may be missing something slow, driven or nonlinear",
+            f->doubt.colour);
+    if (f->told > 0)
+        identify_diagnose(
+            r, "coloured_residual", -1,
+            "the noise is not white within a period: neighbouring samples tell %.2g of its "
+            "variance, which was taken out; multipliers and standard errors are of what is left",
+            f->told);
+}
+
 void diagnose(struct identify_result *r, const struct diagnose_facts *f)
 {
     if (r->mode_count == 0)
@@ -218,12 +234,7 @@ void diagnose(struct identify_result *r, const struct diagnose_facts *f)
                 r->clusters[i].member_count,
                 r->clusters[i].member_count > 1 ? "s" : " and its conjugate", r->clusters[i].radius,
                 creal(r->clusters[i].centroid), cimag(r->clusters[i].centroid));
-    if (f->doubt.colour > 1)
-        identify_diagnose(
-            r, "coloured_residual", -1,
-            "what the modes leave is not white noise: standard errors were widened by up to %.2g; "
-            "the model may be missing something slow, driven or nonlinear",
-            f->doubt.colour);
+    about_colour(r, f);
     if (f->doubt.contradiction > 1)
         identify_diagnose(r, "parts_disagree", -1,
                           "halves of the record have other exponents than the whole (%.2g times "

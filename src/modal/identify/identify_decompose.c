@@ -162,7 +162,8 @@ enum modal_status work_pencil_of_all(struct work *w, struct pencil *all, struct 
     *all = w->pencil;
     w->many = false;
     while (rc == MODAL_OK && w->ragged == 0 && signals_fill(w, all) && can_double(w, all)) {
-        struct pencil_options opt = { rows_of_many(w, 2 * all->count), 2 * all->count };
+        struct pencil_options opt = { .rows = rows_of_many(w, 2 * all->count),
+                                      .wanted = 2 * all->count };
         struct pencil more = { 0 };
         rc = pencil_new(work_searched(w), &opt, &more, err);
         if (all->s != w->pencil.s)
@@ -181,7 +182,8 @@ static enum modal_status pencil(struct work *w, struct identify_result *out,
                                 struct modal_error *err)
 {
     int fixed = w->opt.rank.rule == RANK_FIXED ? w->opt.rank.fixed : 0, most = (w->X->m - 1) / 2;
-    struct pencil_options opt = { w->opt.rows, fixed > 0 ? fixed + 4 : w->triplets };
+    struct pencil_options opt = { .rows = w->opt.rows,
+                                  .wanted = fixed > 0 ? fixed + 4 : w->triplets };
     enum modal_status rc;
 
     if (fixed > most)

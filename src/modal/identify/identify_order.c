@@ -9,10 +9,10 @@
 #include "modal/identify/exponents.h"
 #include "modal/identify/fold.h"
 #include "modal/identify/remainder.h"
+#include "modal/identify/whiten.h"
 #include "modal/linalg/svd.h"
 
 enum {
-    FREEDOM = 3,                        /* rows over, at least */
     LONG = 4096,                        /* rows: a fit costs L r^2, so that triplets */
     TRIPLETS_LONG = 32,                 /* of longer records end earlier */
     VERY_LONG = 32768                   /* rows: a ladder of more that is near the number of
@@ -20,21 +20,12 @@ enum {
                                          * thrown away, and costs seconds */
 };
 static const double
-    SPARING = 0.6,                      /* of the independent numbers */
     LOW_BIC = 20,                       /* odds of e^10 that more poles are there, */
     LOW_LEFT = 0.7;                     /* which leave half of the energy that fewer did */
 
-/* Multiplications (refine.h). */
-static const double
-    WORK_MOST = 1.6e10,                 /* of all ladders of an answer, */
-    WORK_LONG = 5e9,                    /* those of very long records, */
-    WORK_LEAST = 5e8,                   /* and one that begins after they are spent: a second or
-                                         * two */
-    WORK_TRIAL = 1e9,                   /* of a first search among few channels that have not been
-                                         * weighed by their noise: if that differs much the search
-                                         * may find no end */
-    EVALUATIONS_MANY = 64;              /* where signals say that there are many modes: of all of
-                                         * them, as a search takes that begins near its end */
+/* Where signals say that there are many modes: evaluations of all of them, as a search takes that
+ * begins near its end. */
+static const double EVALUATIONS_MANY = 64;
 
 static enum modal_status projection_source(void *context, int r, double complex *lambda, int *count,
                                            struct modal_error *err)
@@ -51,31 +42,8 @@ static enum modal_status projection_source(void *context, int r, double complex 
     return rc;
 }
 
-static enum modal_status pencil_source(void *context, int r, double complex *lambda, int *count,
-                                       struct modal_error *err)
-{
-    struct work *w = context;
-    double complex rho[IDENTIFY_ORDER_MOST + TRIPLETS];
-    double start = work_clock(w);
-    enum modal_status rc = pencil_multipliers(&w->pencil, r, rho, err);
-
-    if (rc == MODAL_OK)
-        /* denormal numbers have lost digits */
-        *count = poles_of_multipliers(rho, r, w->tau, 1e-300, lambda, &w->facts.dropped);
-    w->eigenvalues += work_clock(w) - start;
-    return rc;
-}
-
-/* The order that leaves FREEDOM rows over, but a pair wherever it can be fitted at all. */
-static int rows_allow(const struct work *w)
-{
-    int L = w->data.Y->m;
-
-    return L - FREEDOM > 2 ? L - FREEDOM : L > 2 ? 2 : 1;
-}
-
 /* How far the ladder goes: no more than the singular values above rounding, the rows there are less
- * FREEDOM (with fewer left over, any exponents reconstruct noise), or what was allowed. */
+ * a few (with fewer left over, any exponents reconstruct noise), or what was allowed. */
 static int order_most(const struct work *w)
 {
     int most = w->projected ? w->projection.count : w->pencil.count;
@@ -84,39 +52,11 @@ static int order_most(const struct work *w)
         most = w->facts.full_rank;
     if (most > w->data.Y->m - 1)
         most = w->data.Y->m - 1;
-    if (w->opt.rank.rule == RANK_AUTO && most > rows_allow(w))
-        most = rows_allow(w);
+    if (w->opt.rank.rule == RANK_AUTO && most > work_rows_allow(w))
+        most = work_rows_allow(w);
     if (w->opt.rank.most > 0 && most > w->opt.rank.most)
         most = w->opt.rank.most;
     return most < IDENTIFY_ORDER_MOST ? most : IDENTIFY_ORDER_MOST;
-}
-
-/* The criterion (7) of refine.c for no poles at all. */
-static double bic_of_nothing(const struct refine_data *d)
-{
-    double n = (double)d->Y->m * d->phases, own = d->share > 0 ? d->share * n : n, sum = 0;
-
-    for (int g = 0; g < d->Y->n / d->phases; g++) {
-        double energy = 0;
-        for (int k = 0; k < d->phases; k++) {
-            double norm = safe_norm(d->Y->x + (size_t)(g * d->phases + k) * d->Y->ld, d->Y->m);
-            energy += norm * norm;
-        }
-        sum += energy > 0 ? own * log(fmax(energy / n, d->least != NULL ? d->least[g] : 0)) : 0;
-    }
-    return sum;
-}
-
-/* The order whose unknowns are SPARING of the independent numbers: S rows of them to fit, S + 1
- * unknowns for each order. Of a periodic system noise says how many. */
-static int sparing_order(const struct work *w)
-{
-    double rows = w->data.Y->m * (w->data.share > 0 ? w->data.share : 1), S = w->data.Y->n;
-    int order = (int)(SPARING * rows * S / (S + 1)), least = w->data.Y->m > 2 ? 2 : 1,
-        told = w->shift > 1 ? criterion_order_told(S, rows * S) : 0;
-
-    order = order > told ? order : told;
-    return order > least ? order : least;
 }
 
 /* BIC is an expansion for many data: where unknowns nearly exhaust them it prefers to interpolate
@@ -126,7 +66,7 @@ static bool overfitted(const struct work *w)
     const struct refined *fit =
         w->choice.chosen >= 0 ? &w->choice.candidates[w->choice.chosen].fit : NULL;
 
-    return fit != NULL && fit->order > sparing_order(w)
+    return fit != NULL && fit->order > work_sparing_order(w)
         && fit->residual > REFINE_EXACT * safe_matrix_norm(w->data.Y);
 }
 
@@ -167,8 +107,7 @@ static enum modal_status climb(struct work *w, const struct order_source *source
 
     opt->cut = w->data.Y->m > VERY_LONG && more_triplets(w) ? w->pencil.count : 0;
     opt->work = w->opt.rank.rule != RANK_AUTO ? 0
-              : w->trial || driven(w) ? fmax(WORK_TRIAL - w->spent, DBL_MIN)
-              : fmax((w->data.Y->m > VERY_LONG ? WORK_LONG : WORK_MOST) - w->spent, WORK_LEAST);
+              : work_left(w, w->trial || driven(w), w->data.Y->m > VERY_LONG);
     order_done(&w->choice);
     rc = order_choose(&w->data, source, opt, &w->choice, err);
     w->spent += w->choice.work;
@@ -206,7 +145,7 @@ static enum modal_status choose_order(struct work *w, struct identify_result *ou
 {
     struct order_source source = { .most = order_most(w), .context = w,
                                    .poles = w->projected ? projection_source
-                                                         : pencil_source };
+                                                         : work_pencil_source };
     struct order_options opt = { .refine = { .iterations = w->refine ? 0 : -1 },
                                  .cancelled = w->opt.cancelled,
                                  .context = w->opt.context };
@@ -229,10 +168,10 @@ static enum modal_status choose_order(struct work *w, struct identify_result *ou
     opt.look = before_gap(w);
     opt.no_offset = !w->refine;
     opt.thorough = w->shift > 1;
-    opt.order_most = w->opt.rank.rule == RANK_AUTO ? rows_allow(w) : 0;
+    opt.order_most = w->opt.rank.rule == RANK_AUTO ? work_rows_allow(w) : 0;
     rc = climb(w, &source, &opt, err);
     if (rc == MODAL_OK && w->opt.rank.rule == RANK_AUTO && overfitted(w)) {
-        opt.order_most = sparing_order(w);
+        opt.order_most = work_sparing_order(w);
         /* splitting poles may have gone beyond the triplets there are */
         if (source.most > opt.order_most)
             source.most = opt.order_most;
@@ -240,7 +179,7 @@ static enum modal_status choose_order(struct work *w, struct identify_result *ou
     }
     if (rc == MODAL_OK && w->choice.chosen >= 0 && !w->choice.cut && w->opt.rank.rule == RANK_AUTO
         /* modes must be worth more than none */
-        && w->choice.candidates[w->choice.chosen].fit.bic >= bic_of_nothing(&w->data))
+        && w->choice.candidates[w->choice.chosen].fit.bic >= work_bic_of_nothing(&w->data))
         w->choice.chosen = -1;                    /* order 0: no pole pays for itself */
     if (rc == MODAL_OK && w->choice.chosen >= 0)
         note_chosen(w, out);
@@ -263,10 +202,10 @@ static const struct identify_chosen *begins_at(const struct work *w,
 static enum modal_status descend(struct work *w, const struct identify_result *out,
                                  struct modal_error *err)
 {
-    struct order_options opt = { .order_most = rows_allow(w), .cancelled = w->opt.cancelled,
+    struct order_options opt = { .order_most = work_rows_allow(w), .cancelled = w->opt.cancelled,
                                  .context = w->opt.context };
     struct order_source source = { .most = order_most(w), .signals = pencil_signals(&w->pencil),
-                                   .poles = pencil_source, .context = w };
+                                   .poles = work_pencil_source, .context = w };
     const struct identify_chosen *begin = begins_at(w, out);
     int many = source.signals;
     enum modal_status rc;
@@ -278,8 +217,7 @@ static enum modal_status descend(struct work *w, const struct identify_result *o
     } else {
         opt.look = before_gap(w);
     }
-    opt.work = w->trial ? fmax(WORK_TRIAL - w->spent, DBL_MIN)
-             : fmax(WORK_MOST - w->spent, WORK_LEAST);
+    opt.work = work_left(w, w->trial, false);
     opt.many = w->many || source.known != NULL;
     opt.seen = w->seen_rows;
     if (opt.many)
@@ -287,7 +225,7 @@ static enum modal_status descend(struct work *w, const struct identify_result *o
     rc = order_from_above(&w->data, &source, &opt, &w->choice, err);
     if (rc != MODAL_OK || w->choice.chosen < 0)
         return rc;
-    if (w->choice.candidates[w->choice.chosen].fit.bic >= bic_of_nothing(&w->data)
+    if (w->choice.candidates[w->choice.chosen].fit.bic >= work_bic_of_nothing(&w->data)
         || overfitted(w)) {
         order_done(&w->choice);
         w->choice = (struct order_choice) { .chosen = -1 };
@@ -320,174 +258,6 @@ static enum modal_status put_found(struct work *w, struct found *f, struct ident
     return work_report_values(w, out, err);
 }
 
-/* ---- periodic systems ---- */
-
-static const double
-    SAME = 1,                   /* of -2 ln(likelihood): searches no further apart ended at one */
-    CHANCE = 6;                 /* over m: three standard errors, in white_share() */
-
-enum {
-    FOLDED_MOST = 4 * TRIPLETS_MOST,    /* directions that are asked for whole: their decomposition
-                                         * is as dear as some steps of a refinement */
-    ANEW_MOST = 3                /* searches beside the first: the third saw the noise as it is in
-                                  * all records tried */
-};
-
-static double bic_chosen(const struct order_choice *k)
-{
-    return k->chosen < 0 ? HUGE_VAL : k->candidates[k->chosen].fit.bic;
-}
-
-static bool at_rounding(const struct work *w, const struct order_choice *k)
-{
-    return k->chosen >= 0
-        && k->candidates[k->chosen].fit.residual <= REFINE_EXACT * safe_matrix_norm(w->data.Y);
-}
-
-/* Periods are few and each has many samples: a pencil of a few periods' height, whose columns are
- * nearly as many as the periods, sees all multipliers at once. One height errs where another does
- * not, and poles from too many directions where fewer lead: (height, share of directions). */
-static const struct { double height, directions; } STARTS[] = {
-    { 0, 1 }, { 1 / 8.0, 1 }, { 1 / 4.0, 1 }, { 0, 5 / 6.0 }, { 1 / 8.0, 5 / 6.0 },
-    { 1 / 4.0, 5 / 6.0 }, { 0, 2 / 3.0 }, { 1 / 8.0, 2 / 3.0 }, { 1 / 4.0, 2 / 3.0 }
-};
-
-/* From w->pencil, of which ALL triplets there are were asked, downwards. */
-static enum modal_status descend_folded(struct work *w, bool all, double directions,
-                                        struct order_choice *choice, struct modal_error *err)
-{
-    int count = all ? w->pencil.count : pencil_signals(&w->pencil) + ORDER_AHEAD;
-    struct order_options opt = { .order_most = rows_allow(w), .many = true,
-                                 .cancelled = w->opt.cancelled, .context = w->opt.context };
-    struct order_source source = { .poles = pencil_source, .context = w };
-    enum modal_status rc;
-
-    if (!w->data.exact && sparing_order(w) < opt.order_most)
-        opt.order_most = sparing_order(w);
-    count = count < w->pencil.count ? count : w->pencil.count;
-    count = count < opt.order_most ? count : opt.order_most;
-    source.most = (int)ceil(directions * count);
-    opt.work = w->trial ? fmax(WORK_TRIAL - w->spent, DBL_MIN)
-             : fmax(WORK_MOST - w->spent, WORK_LEAST);
-    rc = order_from_above(&w->data, &source, &opt, choice, err);
-    w->spent += rc == MODAL_OK ? choice->work : 0;
-    return rc;
-}
-
-/* The better of two searches into *BEST; *again: how often others ended at the same. */
-static void keep_better(struct order_choice *best, struct order_choice *other, int *again)
-{
-    double gain = bic_chosen(best) - bic_chosen(other);
-    struct order_choice worse = *other;
-
-    *again = isfinite(gain) && fabs(gain) < SAME ? *again + 1 : gain > 0 ? 0 : *again;
-    if (gain > 0)
-        worse = *best, *best = *other;
-    order_done(&worse);
-    *other = (struct order_choice) { .chosen = -1 };
-}
-
-/*
- * The share of its S columns in which what FIT leaves, E of m free rows, is free: (sum w)^2 / sum
- * w^2 over S, of the variances w of its directions. Of the Wishart matrix A = E E^T
- *
- *     E tr A = m sum w,    E (tr A^2 - (tr A)^2 / m) = (m - 1) (m + 2) sum w^2,
- *
- * and chance moves the second by 2 / m of it. 1 where chance may be all; next to nothing where rows
- * are too few to tell.
- */
-static enum modal_status white_share(const struct work *w, const struct refined *fit, double *share,
-                                     struct modal_error *err)
-{
-    struct matrix E = { 0 };
-    int m = w->data.Y->m - fit->order, S = w->data.Y->n;
-    double trace = 0, squares = 0, *A = NULL;
-    enum modal_status rc = remainder_of(&w->data, fit, &E, err);
-
-    *share = 1;
-    if (rc != MODAL_OK || E.x == NULL)
-        return rc;
-    A = calloc((size_t)E.m * (size_t)E.m, sizeof *A);
-    if (A == NULL)
-        rc = modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d periods", E.m);
-    else
-        cblas_dsyrk(CblasColMajor, CblasLower, CblasNoTrans, E.m, S, 1, E.x, E.ld, 0, A, E.m);
-    for (int c = 0; A != NULL && c < E.m; c++) {
-        trace += A[c + (size_t)c * E.m];
-        for (int r = c; r < E.m; r++)
-            squares += (r > c ? 2 : 1) * A[r + (size_t)c * E.m] * A[r + (size_t)c * E.m];
-    }
-    if (trace > 0 && m > CHANCE) {
-        double spread = (squares - trace * trace / m) / ((m - 1.) * (m + 2)) * S * m * m
-                      / (trace * trace);
-        *share = (spread - 1) * m > CHANCE ? 1 / spread : 1;
-    } else if (trace > 0)
-        *share = DBL_EPSILON;
-    free(A), free(E.x);
-    return rc;
-}
-
-/* Periodic systems from above, from one start after another until three end at the same best,
- * or the signals are explained to rounding. */
-static enum modal_status descend_all_folded(struct work *w, struct order_choice *best,
-                                            struct modal_error *err)
-{
-    struct matrix Y = { 0 };
-    struct pencil kept = w->pencil;
-    bool ended = false;
-    int again = 0;
-    enum modal_status rc = fold(work_searched(w), w->shift, &Y, err);
-
-    w->data.exact = w->facts.full_rank < w->projection.count;
-    for (size_t i = 0; i < sizeof STARTS / sizeof *STARTS && rc == MODAL_OK && !ended; i++) {
-        int height = fmax(2, STARTS[i].height * Y.m), all = Y.m - height;
-        if (all < 1)
-            break;                            /* periods too few for any; the ladder says so */
-        struct pencil_options how = { height, all < TRIPLETS_MOST ? all : TRIPLETS_MOST };
-        struct order_choice other = { .chosen = -1 };
-        rc = pencil_new(&Y, &how, &w->pencil, err);
-        if (rc == MODAL_OK && all <= FOLDED_MOST && pencil_signals(&w->pencil) > how.wanted / 2) {
-            how.wanted = all;                      /* many states: there may be more */
-            pencil_done(&w->pencil);
-            rc = pencil_new(&Y, &how, &w->pencil, err);
-        }
-        if (rc == MODAL_OK)
-            rc = descend_folded(w, all <= TRIPLETS_MOST, STARTS[i].directions, &other, err);
-        pencil_done(&w->pencil);
-        if (rc == MODAL_OK)
-            keep_better(best, &other, &again);
-        ended = (again > 1 || at_rounding(w, best)) && best->clean;
-    }
-    if (rc == MODAL_OK && bic_chosen(best) >= bic_of_nothing(&w->data)) {
-        order_done(best);
-        *best = (struct order_choice) { .chosen = -1 };
-    }
-    w->pencil = kept;
-    free(Y.x);
-    return rc;
-}
-
-/* Noise is taken for white in all columns first: a model too large leaves what shows that it is
- * not.  Then the search is begun anew with what it is, the better seen the less of it is drawn. */
-static enum modal_status choose_folded(struct work *w, struct order_choice *best,
-                                       struct modal_error *err)
-{
-    double share = 1, before = 1, spent = w->spent;
-    enum modal_status rc = descend_all_folded(w, best, err);
-
-    for (int i = 0; i < ANEW_MOST && rc == MODAL_OK && best->chosen >= 0 && !w->data.exact; i++) {
-        rc = white_share(w, &best->candidates[best->chosen].fit, &share, err);
-        if (rc != MODAL_OK || share >= before)
-            break;
-        w->data.white = before = share;
-        order_done(best);
-        *best = (struct order_choice) { .chosen = -1 };
-        w->spent = spent;                            /* what a wrong price cost is no search */
-        rc = descend_all_folded(w, best, err);
-    }
-    return rc;
-}
-
 /* Constant systems from above.  What interpolates noise is left out: above->choice is empty. */
 static enum modal_status choose_from_above(struct work *w, struct identify_result *out,
                                            struct found *above, struct modal_error *err)
@@ -499,7 +269,7 @@ static enum modal_status choose_from_above(struct work *w, struct identify_resul
         || w->opt.rank.most > 0 || driven(w))
         return MODAL_OK;
     if (w->shift > 1)
-        return choose_folded(w, &above->choice, err);
+        return work_choose_periodic(w, &above->choice, err);
     if (w->projected)
         return MODAL_OK;
     all = w->pencil;
@@ -649,7 +419,7 @@ static bool converged(const struct order_choice *k)
 /* By the criterion, but no fit that did not converge before one that did. */
 static bool is_better(const struct order_choice *a, const struct order_choice *b)
 {
-    return bic_chosen(a) < bic_chosen(b) && (converged(a) || !converged(b));
+    return work_bic_chosen(a) < work_bic_chosen(b) && (converged(a) || !converged(b));
 }
 
 /* From above, and where that does not settle it by the ladder. Of a periodic system the better of
@@ -689,7 +459,7 @@ enum modal_status work_look_above(struct work *w, struct modal_error *err)
         return MODAL_OK;
     rc = w->projected
         ? projection_poles(&w->projection, w->opt.method, r, w->tau, lambda, &count, NULL, err)
-        : pencil_source(w, r, lambda, &count, err);
+        : work_pencil_source(w, r, lambda, &count, err);
     if (rc != MODAL_OK || count < 1)
         return rc;
     rc = refine_poles(&w->data, lambda, count, NULL, &look, &above, err);

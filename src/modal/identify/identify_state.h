@@ -116,6 +116,23 @@ enum modal_status work_pencil_of_all(struct work *w, struct pencil *all, struct 
 enum modal_status work_report_values(struct work *w, struct identify_result *out,
                                      struct modal_error *err);
 
+/* ---- identify_limits.c ---- */
+
+/* Multiplications that a search may take (refine.h): a TRIAL, or one of a record LONGER than
+ * most. */
+double work_left(const struct work *w, bool trial, bool longer);
+/* The order that leaves a few rows over, but a pair wherever it can be fitted at all. */
+int work_rows_allow(const struct work *w);
+/* The order whose unknowns are a share of the independent numbers: S rows of them to fit, S + 1
+ * unknowns for each order. Of a periodic system noise says how many. */
+int work_sparing_order(const struct work *w);
+/* The criterion (7) of refine.c for no poles at all; that of the chosen candidate. */
+double work_bic_of_nothing(const struct refine_data *d);
+double work_bic_chosen(const struct order_choice *k);
+/* The poles of w->pencil, of w CONTEXT, as order_source has them. */
+enum modal_status work_pencil_source(void *context, int r, double complex *lambda, int *count,
+                                     struct modal_error *err);
+
 /* ---- identify_order.c ---- */
 
 /* Is the record one that is searched by its head first? */
@@ -132,6 +149,12 @@ enum modal_status work_look_above(struct work *w, struct modal_error *err);
 /* The chosen poles into TO, whose memory is the caller's to free. */
 enum modal_status work_keep_chosen(const struct work *w, struct identify_chosen *to,
                                    struct modal_error *err);
+
+/* ---- identify_periods.c ---- */
+
+/* *best, empty, of a periodic system: its multipliers, from above. */
+enum modal_status work_choose_periodic(struct work *w, struct order_choice *best,
+                                       struct modal_error *err);
 
 /* ---- identify_poles.c ---- */
 

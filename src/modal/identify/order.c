@@ -45,7 +45,7 @@
  * where the ladder leaves much more (ORDER_WORSE).
  *
  * Of a periodic system (phases) rows are few, poles are near each other for all that, and none of
- * this settles the order at once: identify_order.c goes down from pencils until three agree.
+ * this settles the order at once: identify_periods.c goes down from pencils until three agree.
  * A pole more than there are may end beside one of them and share its amplitude; the least told
  * from its neighbour is left out and the rest refined, kept so where the criterion falls.
  *

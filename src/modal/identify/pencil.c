@@ -17,6 +17,13 @@
  *
  *     Z_r = R_r^{-1} (Q^T V2)_r.                                                                (3)
  *
+ * Of few rows with many signals, as a record folded by its period has, the products of rows cost
+ * less: with K = Y Y^T
+ *
+ *     (H^T H)[l, k] = sum_{i=0..m-1} K[l + i, k + i],                                (4)
+ *
+ * n x n whatever S is, whose eigenvectors are V, and whose eigenvalues s^2.
+ *
  * Rounding in (1) is of the order DBL_EPSILON log2(N) |H|: singular values are right to that times
  * the largest, and a refinement on the signals themselves follows.
  *
@@ -33,7 +40,13 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { WANTED = 16 };              /* triplets where the options name no number */
+enum {
+    WANTED = 16,                   /* triplets where the options name no number */
+    PRODUCTS_ROWS = 1024,          /* of K at most: 8 MB, beyond the caches */
+    PRODUCTS_SHARE = 8,            /* rows over columns, at most, where products pay: a transform
+                                    * costs some ten times its length */
+    WHOLE_SHARE = 4                /* of one in so many eigenvectors all are had for less */
+};
 
 struct hankel_operator {
     int L, S, m, n, N;
@@ -121,6 +134,14 @@ static enum modal_status apply_transpose(void *context, const double *y, double 
     return MODAL_OK;
 }
 
+static enum modal_status check_rows(const struct matrix *Y, int rows, struct modal_error *err)
+{
+    if (Y->m < 2 || Y->n < 1 || rows < 1 || rows >= Y->m)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "rows",
+                                "%d rows of %d samples; accepted: 1 to %d", rows, Y->m, Y->m - 1);
+    return MODAL_OK;
+}
+
 enum modal_status hankel_operator_new(const struct matrix *Y, int rows,
                                       struct hankel_operator **out, struct linear_operator *op,
                                       struct modal_error *err)
@@ -128,9 +149,10 @@ enum modal_status hankel_operator_new(const struct matrix *Y, int rows,
     struct hankel_operator *h = NULL;
     size_t half;
 
-    if (Y->m < 2 || Y->n < 1 || rows < 1 || rows >= Y->m)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "rows",
-                                "%d rows of %d samples; accepted: 1 to %d", rows, Y->m, Y->m - 1);
+    enum modal_status rc = check_rows(Y, rows, err);
+
+    if (rc != MODAL_OK)
+        return rc;
     h = calloc(1, sizeof *h);
     if (h == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "pencil: no memory");
@@ -202,6 +224,112 @@ static double hankel_energy(const struct matrix *Y, int m, int n)
     return sum;
 }
 
+bool pencil_products_pay(int rows, int columns)
+{
+    return rows <= PRODUCTS_ROWS && rows <= PRODUCTS_SHARE * columns;
+}
+
+enum modal_status pencil_products(const struct matrix *Y, struct matrix *out,
+                                  struct modal_error *err)
+{
+    size_t L = (size_t)Y->m;
+
+    *out = (struct matrix) { Y->m, Y->m, Y->m, calloc(L * L + 1, sizeof *out->x) };
+    if (out->x == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "pencil: no memory for %d rows", Y->m);
+    cblas_dsyrk(CblasColMajor, CblasLower, CblasNoTrans, Y->m, Y->n, 1, Y->x, Y->ld, 0, out->x,
+                Y->m);
+    return MODAL_OK;
+}
+
+/* (4), both triangles; its trace is the energy of H. */
+static void sum_products(const struct matrix *K, int m, struct matrix *G)
+{
+    for (int d = 0; d < G->n; d++) {
+        double sum = 0;
+        for (int i = 0; i < m; i++)
+            sum += K->x[i + d + (size_t)i * (size_t)K->ld];
+        for (int l = 0; l + d < G->n; l++) {
+            size_t out = (size_t)l, in = (size_t)(l + m);
+            G->x[l + d + out * (size_t)G->ld] = G->x[out + (size_t)(l + d) * (size_t)G->ld] = sum;
+            if (l + d + 1 < G->n)
+                sum += K->x[in + (size_t)d + in * (size_t)K->ld]
+                     - K->x[out + (size_t)d + out * (size_t)K->ld];
+        }
+    }
+}
+
+/* The leading WANTED eigenvectors of G, destroyed, and the roots of their values. */
+static enum modal_status leading(struct matrix *G, int wanted, double *s, struct matrix *VT,
+                                 struct lanczos_result *found, struct modal_error *err)
+{
+    struct linear_operator op = dense_operator(G);
+    struct matrix none = { 0 };
+    int n = G->n;
+    double *all;
+    enum modal_status rc;
+
+    if (WHOLE_SHARE * wanted < n) {
+        rc = lanczos_svd(&op, &(struct lanczos_options){ .wanted = wanted, .tolerance = HUGE_VAL },
+                         s, &none, VT, found, err);
+        for (int j = 0; j < found->count && rc == MODAL_OK; j++)
+            s[j] = sqrt(s[j]);
+        return rc;
+    }
+    all = calloc((size_t)n, sizeof *all);
+    rc = all == NULL ? modal_fail(err, MODAL_NO_MEMORY, "pencil: no memory for %d values", n)
+                     : eigen_symmetric(G, all, err);
+    for (int j = 0; j < wanted && rc == MODAL_OK; j++) {
+        s[j] = sqrt(fmax(all[n - 1 - j], 0));
+        for (int l = 0; l < n; l++)
+            VT->x[j + (size_t)l * (size_t)VT->ld] = G->x[l + (size_t)(n - 1 - j) * (size_t)G->ld];
+    }
+    *found = (struct lanczos_result) { wanted, n, 0 };
+    free(all);
+    return rc;
+}
+
+/* The triplets by (4); *energy: that of H. */
+static enum modal_status triplets_of_products(const struct matrix *K, int m, int wanted,
+                                              struct pencil *p, struct matrix *VT,
+                                              struct lanczos_result *found,
+                                              struct modal_error *err)
+{
+    struct matrix G = { p->columns, p->columns, p->columns,
+                        malloc(sizeof(double) * (size_t)p->columns * (size_t)p->columns) };
+    enum modal_status rc;
+
+    if (G.x == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "pencil: no memory for %d columns", G.n);
+    sum_products(K, m, &G);
+    p->energy = 0;
+    for (int l = 0; l < G.n; l++)
+        p->energy += G.x[l + (size_t)l * (size_t)G.ld];
+    rc = leading(&G, wanted, p->s, VT, found, err);
+    free(G.x);
+    return rc;
+}
+
+/* The same by (1). Any tolerance is met at once: strong triplets have converged by then, and noise
+ * has none worth waiting for. */
+static enum modal_status triplets_of_signals(const struct matrix *Y, int m, int wanted,
+                                             struct pencil *p, struct matrix *VT,
+                                             struct lanczos_result *found,
+                                             struct modal_error *err)
+{
+    struct hankel_operator *h = NULL;
+    struct linear_operator op;
+    struct matrix none = { 0 };
+    enum modal_status rc = hankel_operator_new(Y, m, &h, &op, err);
+
+    p->energy = hankel_energy(Y, m, p->columns);
+    if (rc == MODAL_OK)
+        rc = lanczos_svd(&op, &(struct lanczos_options){ .wanted = wanted, .tolerance = HUGE_VAL },
+                         p->s, &none, VT, found, err);
+    hankel_operator_done(h);
+    return rc;
+}
+
 int pencil_signals(const struct pencil *p)
 {
     double rest = p->energy, edge;
@@ -222,34 +350,29 @@ enum modal_status pencil_new(const struct matrix *Y, const struct pencil_options
                              struct pencil *out, struct modal_error *err)
 {
     int rows = opt != NULL && opt->rows > 0 ? opt->rows : (Y->m + 2) / 3,
-        wanted = opt != NULL && opt->wanted > 0 ? opt->wanted : WANTED;
-    struct pencil p = { .rows = rows };
-    struct hankel_operator *h = NULL;
-    struct linear_operator op;
-    struct matrix VT = { 0 }, none = { 0 };
+        wanted = opt != NULL && opt->wanted > 0 ? opt->wanted : WANTED, n = Y->m - rows + 1;
+    const struct matrix *K = opt != NULL ? opt->products : NULL;
+    struct pencil p = { .rows = rows, .columns = n, .height = Y->n * rows };
+    struct matrix VT = { 0 };
     struct lanczos_result found;
-    enum modal_status rc = hankel_operator_new(Y, rows, &h, &op, err);
+    enum modal_status rc = check_rows(Y, rows, err);
 
     if (rc != MODAL_OK)
         return rc;
-    p.columns = op.n, p.height = op.m;
-    p.energy = hankel_energy(Y, rows, op.n);
-    wanted = wanted < op.m ? wanted : op.m;
-    wanted = wanted < op.n - 1 ? wanted : op.n - 1;  /* (2) has a row less */
+    wanted = wanted < p.height ? wanted : p.height;
+    wanted = wanted < n - 1 ? wanted : n - 1;        /* (2) has a row less */
     wanted = wanted < 1 ? 1 : wanted;
-    VT = matrix_new(wanted, op.n);
+    VT = matrix_new(wanted, n);
     p.s = calloc((size_t)wanted, sizeof *p.s);
     p.R = calloc((size_t)wanted * (size_t)wanted, sizeof *p.R),
     p.W = calloc((size_t)wanted * (size_t)wanted, sizeof *p.W);
     if (VT.x == NULL || p.s == NULL || p.R == NULL || p.W == NULL) {
         rc = modal_fail(err, MODAL_NO_MEMORY, "pencil: no memory for %d triplets of %d x %d",
-                        wanted, op.m, op.n);
+                        wanted, p.height, n);
         goto out;
     }
-    /* Any tolerance is met at once: strong triplets have converged by then, and noise has none
-     * worth waiting for. */
-    rc = lanczos_svd(&op, &(struct lanczos_options){ .wanted = wanted, .tolerance = HUGE_VAL }, p.s,
-                     &none, &VT, &found, err);
+    rc = K != NULL ? triplets_of_products(K, rows, wanted, &p, &VT, &found, err)
+                   : triplets_of_signals(Y, rows, wanted, &p, &VT, &found, err);
     if (rc != MODAL_OK)
         goto out;
     p.count = found.count, p.steps = found.steps;
@@ -265,7 +388,6 @@ enum modal_status pencil_new(const struct matrix *Y, const struct pencil_options
 out:
     pencil_done(&p);
     free(VT.x);
-    hankel_operator_done(h);
     return rc;
 }
 

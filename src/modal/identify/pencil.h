@@ -2,6 +2,7 @@
 #ifndef MODAL_PENCIL_H
 #define MODAL_PENCIL_H
 #include <complex.h>
+#include <stdbool.h>
 #include "base/error.h"
 #include "modal/linalg/lanczos.h"
 #include "modal/linalg/matrix.h"
@@ -9,6 +10,9 @@
 struct pencil_options {
     int rows;      /* of the Hankel matrix, per signal; 0: L/3 */
     int wanted;    /* leading singular triplets; 0: 16.  At most min(S rows, columns) are had */
+    /* Y Y^T (lower triangle read), where what is PENCIL_SQUARES of the largest and less may be
+     * lost; borrowed, NULL: Y itself is read */
+    const struct matrix *products;
 };
 
 struct pencil {
@@ -22,6 +26,15 @@ struct pencil {
     int height;    /* of H: S rows */
     double energy; /* Frobenius norm of H, squared */
 };
+
+/* Singular values that are known by their squares, of the largest: those round to DBL_EPSILON. */
+#define PENCIL_SQUARES 1e-7
+
+/* Of signals with this many rows and columns: do products cost less than transforms? */
+bool pencil_products_pay(int rows, int columns);
+/* Y Y^T, the lower triangle; the caller frees out->x. */
+enum modal_status pencil_products(const struct matrix *Y, struct matrix *out,
+                                  struct modal_error *err);
 
 /*
  * Y is L x S, kept: its block Hankel matrix H, (S rows) x (L - rows + 1), has the leading right

@@ -88,7 +88,7 @@ enum {
 };
 
 struct filter {
-    const struct matrix *E;
+    const struct matrix *E, *K;  /* K: E E^T, of few rows; x NULL: E itself is read */
     double rate;                 /* of decay, per row; < 0: growth */
     int rows, length;            /* that it weighs; of its transform */
     double *x, *power;
@@ -110,7 +110,49 @@ static double weigh_rows(struct filter *f, int c)
     return sum;
 }
 
-/* The largest of the sums over the columns, if above *chi2: it, and the pole per row. */
+/* Of few rows with many columns: the sums over the diagonals of the weighed products, whose
+ * transform is the sum over the columns. */
+static double weigh_products(struct filter *f)
+{
+    const struct matrix *K = f->K;
+    int n = f->rows, late = f->rate < 0 ? K->n - n : 0;
+    double z = exp(-fabs(f->rate)), sum = 0;
+
+    memset(f->x, 0, (size_t)f->length * sizeof *f->x);
+    for (int d = 0; d < n; d++) {
+        double part = 0, weight = pow(z, d);
+        for (int l = 0; l + d < n; l++, weight *= z * z) {
+            int row = late + (f->rate < 0 ? n - 1 - l - d : l);
+            part += weight * K->x[row + d + (size_t)row * (size_t)K->ld];
+            sum += d == 0 ? weight : 0;
+        }
+        f->x[d] = part;
+        if (d > 0)
+            f->x[f->length - d] = part;
+    }
+    return sum;
+}
+
+/* The sums over the columns at all frequencies. */
+static void sum_columns(struct filter *f, fftw_plan plan)
+{
+    int half = f->length / 2;
+    bool squares = f->K->x != NULL;
+
+    memset(f->power, 0, ((size_t)half + 1) * sizeof *f->power);
+    for (int c = 0; c < (squares ? 1 : f->E->n); c++) {
+        double all = squares ? weigh_products(f) : weigh_rows(f, c);
+        fftw_execute(plan);
+        for (int k = 0; k <= half; k++) {
+            double re = creal(f->X[k]), im = cimag(f->X[k]);
+            /* noise of unit variance: chi-squared of two columns has mean 2 */
+            f->power[k] += (k == 0 || k == half ? 1 : 2) / all
+                         * (squares ? re : re * re + im * im);
+        }
+    }
+}
+
+/* The largest of them, if above *chi2: it, and the pole per row. */
 static void filter_rows(struct filter *f, double *chi2, double complex *pole)
 {
     int half = f->length / 2;
@@ -118,32 +160,33 @@ static void filter_rows(struct filter *f, double *chi2, double complex *pole)
 
     if (plan == NULL)
         return;
-    memset(f->power, 0, ((size_t)half + 1) * sizeof *f->power);
-    for (int c = 0; c < f->E->n; c++) {
-        double all = weigh_rows(f, c);
-        fftw_execute(plan);
-        for (int k = 0; k <= half; k++)
-            /* noise of unit variance: chi-squared of two columns has mean 2 */
-            f->power[k] += (k == 0 || k == half ? 1 : 2) / all
-                         * (creal(f->X[k]) * creal(f->X[k]) + cimag(f->X[k]) * cimag(f->X[k]));
-    }
+    sum_columns(f, plan);
     for (int k = 0; k <= half; k++)
         if (f->power[k] > *chi2)
             *chi2 = f->power[k], *pole = CMPLX(-f->rate, M_PI * k / half);
     fftw_destroy_plan(plan);
 }
 
+/* E E^T where that pays; else K->x is NULL. */
+static enum modal_status products_of(const struct matrix *E, struct matrix *K,
+                                     struct modal_error *err)
+{
+    *K = (struct matrix) { 0 };
+    return pencil_products_pay(E->m, E->n) ? pencil_products(E, K, err) : MODAL_OK;
+}
+
 enum modal_status remainder_peak(const struct matrix *E, double tau, double complex *lambda,
                                  double *chi2, struct modal_error *err)
 {
     int L = E->m, most = transform_length(2 * L);
-    struct filter f = { E, 0, L, most, fftw_alloc_real((size_t)most),
+    struct matrix K;
+    struct filter f = { E, &K, 0, L, most, fftw_alloc_real((size_t)most),
                         fftw_alloc_real((size_t)most / 2 + 1),
                         fftw_alloc_complex((size_t)most / 2 + 1) };
-    enum modal_status rc = MODAL_OK;
+    enum modal_status rc = products_of(E, &K, err);
 
     *chi2 = 0, *lambda = 0;
-    if (f.x == NULL || f.X == NULL || f.power == NULL)
+    if (rc == MODAL_OK && (f.x == NULL || f.X == NULL || f.power == NULL))
         rc = modal_fail(err, MODAL_NO_MEMORY, "remainder: no memory for a transform of %d", most);
     if (rc == MODAL_OK)
         filter_rows(&f, chi2, lambda);
@@ -155,19 +198,25 @@ enum modal_status remainder_peak(const struct matrix *E, double tau, double comp
         filter_rows(&f, chi2, lambda);
     }
     *lambda = CMPLX(creal(*lambda) / tau, cimag(*lambda) / tau);
-    fftw_free(f.x), fftw_free(f.X), fftw_free(f.power);
+    fftw_free(f.x), fftw_free(f.X), fftw_free(f.power), free(K.x);
     return rc;
 }
 
 enum modal_status remainder_poles(const struct matrix *E, double tau, int most,
                                   double complex *lambda, int *count, struct modal_error *err)
 {
+    struct matrix K;
+    struct pencil_options how = { .wanted = most };
     struct pencil p;
     double complex *rho;
     int r;
-    enum modal_status rc = pencil_new(E, &(struct pencil_options) { .wanted = most }, &p, err);
+    enum modal_status rc = products_of(E, &K, err);
 
     *count = 0;
+    how.products = K.x != NULL ? &K : NULL;
+    if (rc == MODAL_OK)
+        rc = pencil_new(E, &how, &p, err);
+    free(K.x);
     if (rc != MODAL_OK)
         return rc;
     r = pencil_signals(&p);

@@ -48,7 +48,7 @@ static enum modal_status is_free_response(const double *x, int L, bool *yes,
     struct matrix Y = { L < ROWS_MOST ? L : ROWS_MOST, 1, L, (double *)x };
     struct pencil p = { 0 };
     double kept = 0, all;
-    enum modal_status rc = pencil_new(&Y, &(struct pencil_options) { 0, MODES }, &p, err);
+    enum modal_status rc = pencil_new(&Y, &(struct pencil_options) { .wanted = MODES }, &p, err);
 
     for (int i = 0; i < p.count && rc == MODAL_OK; i++)
         kept += p.s[i] * p.s[i];

@@ -265,7 +265,7 @@ static enum modal_status fit_part(const struct trend_input *in, const struct ref
     struct order_options opt = { .refine = { .iterations = 30 },
                                  .cancelled = in->cancelled,
                                  .context = in->context };
-    const struct pencil_options few = { 0, ORDERS };
+    const struct pencil_options few = { .wanted = ORDERS };
     enum modal_status rc = pencil_new(data->Y, &few, &s.pencil, err);
 
     source.most = s.pencil.count;

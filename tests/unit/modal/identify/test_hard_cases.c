@@ -5,8 +5,8 @@
  * ... 12 (193 samples), and the truth is the formula that makes it.  Noise is the deterministic
  * sequence x <- 1664525 x + 1013904223 mod 2^32, x / 2^32 - 1/2.
  */
-/* Tests as well: identify.c identify_decompose.c identify_order.c identify_poles.c
- * identify_signals.c */
+/* Tests as well: identify.c identify_decompose.c identify_limits.c identify_order.c
+ * identify_periods.c identify_poles.c identify_signals.c */
 #include "check.h"
 #include <complex.h>
 #include <float.h>

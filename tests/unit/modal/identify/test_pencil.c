@@ -106,3 +106,46 @@ TEST(a_zero_signal_has_no_triplet_above_zero)
     CHECK(p.count == 0 || p.s[0] == 0);
     pencil_done(&p);
 }
+
+/* Three pairs in 40 columns of 60 rows, in noise of 1e-4. */
+TEST(products_of_few_rows_give_the_triplets_and_multipliers_that_signals_give)
+{
+    const double complex z[3] = { CMPLX(-0.02, 0.7), CMPLX(-0.1, 1.9), CMPLX(-0.005, 2.8) };
+    enum { ROWS = 60, COLUMNS = 40 };
+    struct matrix Y = { ROWS, COLUMNS, ROWS, y }, K;
+    struct random r = { 7 };
+
+    for (int c = 0; c < COLUMNS; c++) {
+        double complex B[3];
+        for (int j = 0; j < 3; j++)
+            B[j] = CMPLX(random_normal(&r), random_normal(&r));
+        for (int l = 0; l < ROWS; l++) {
+            y[l + c * ROWS] = 1e-4 * random_normal(&r);
+            for (int j = 0; j < 3; j++)
+                y[l + c * ROWS] += creal(B[j] * cexp(z[j] * l));
+        }
+    }
+    CHECK(pencil_products_pay(ROWS, COLUMNS) && pencil_products(&Y, &K, NULL) == MODAL_OK);
+    for (int rows = 2; rows <= 30; rows += 14)
+        for (int wanted = 10; wanted <= 20; wanted += 10) {     /* Lanczos; all */
+            struct pencil_options how = { .rows = rows, .wanted = wanted };
+            struct pencil p, q;
+            double complex rho[20];
+            CHECK(pencil_new(&Y, &how, &p, NULL) == MODAL_OK);
+            how.products = &K;
+            CHECK(pencil_new(&Y, &how, &q, NULL) == MODAL_OK);
+            CHECK(q.count == wanted && pencil_signals(&q) >= 6 && pencil_signals(&p) >= 6);
+            CHECK_NEAR(q.energy / p.energy, 1, 1e-12);
+            for (int i = 0; i < 6; i++)
+                CHECK_NEAR(q.s[i] / p.s[i], 1, 1e-9);
+            CHECK(pencil_multipliers(&q, 6, rho, NULL) == MODAL_OK);
+            for (int j = 0; j < 3; j++) {
+                double best = 1;
+                for (int i = 0; i < 6; i++)
+                    best = fmin(best, cabs(rho[i] - cexp(z[j])));
+                CHECK_NEAR(best, 0, 1e-4);
+            }
+            pencil_done(&p), pencil_done(&q);
+        }
+    free(K.x);
+}

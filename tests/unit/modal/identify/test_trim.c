@@ -253,3 +253,26 @@ TEST(of_any_pole_that_lives_for_samples_or_for_records_the_filters_show_three_fi
         CHECK(fabs(cimag(peak) * 0.5 - cimag(z)) < turn + fabs(creal(z)));
     }
 }
+
+/* 24 columns of 200 rows are transformed, 25 multiplied: the last of those is zero. */
+TEST(products_of_rows_show_the_peak_that_transforms_of_columns_show)
+{
+    enum { ROWS = 200, COLUMNS = 25 };
+    static double e[ROWS * COLUMNS];
+    struct random rng = { 61 };
+
+    for (int draw = 0; draw < 12; draw++) {
+        double complex z = CMPLX((draw % 3 - 1) * pow(10, -2 + 0.1 * draw), 0.2 + 0.2 * draw);
+        double complex peak[2];
+        double chi2[2], size = creal(z) > 0 ? creal(z) * ROWS : 0;
+        for (int c = 0; c < COLUMNS - 1; c++)
+            for (int l = 0; l < ROWS; l++)
+                e[l + c * ROWS] = random_normal(&rng) + 3 * creal(cexp(z * l - size + I * c));
+        for (int few = 0; few < 2; few++) {
+            struct matrix E = { ROWS, COLUMNS - few, ROWS, e };
+            CHECK(remainder_peak(&E, 0.5, &peak[few], &chi2[few], NULL) == MODAL_OK);
+        }
+        CHECK(cabs(peak[0] - peak[1]) < 1e-12);
+        CHECK_NEAR(chi2[0] / chi2[1], 1, 1e-11);
+    }
+}

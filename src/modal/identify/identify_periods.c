@@ -1,0 +1,300 @@
+/* identify_periods.c - from periods to the multipliers of a periodic system: from above, from many
+ * starts, in noise made white within a period */
+#include "modal/identify/identify_state.h"
+#include <cblas.h>
+#include <float.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "modal/identify/remainder.h"
+#include "modal/identify/whiten.h"
+#include "modal/linalg/svd.h"
+
+static const double
+    SAME = 1,                   /* of -2 ln(likelihood): searches no further apart ended at one */
+    CHANCE = 6;                 /* over m: three standard errors, in white_share() */
+
+enum {
+    FOLDED_MOST = 4 * TRIPLETS_MOST,    /* directions that are asked for whole: their decomposition
+                                         * is as dear as some steps of a refinement */
+    MORE = 4,                    /* times as many directions: three pencils at most */
+    ANEW_MOST = 3                /* searches beside the first: the third saw the noise as it is in
+                                  * all records tried */
+};
+
+static bool at_rounding(const struct work *w, const struct order_choice *k)
+{
+    return k->chosen >= 0
+        && k->candidates[k->chosen].fit.residual <= REFINE_EXACT * safe_matrix_norm(w->data.Y);
+}
+
+/* Periods are few and each has many samples: a pencil of a few periods' height, whose columns are
+ * nearly as many as the periods, sees all multipliers at once. One height errs where another does
+ * not, and poles from too many directions where fewer lead: (height, share of directions). */
+static const struct { double height, directions; } STARTS[] = {
+    { 0, 1 }, { 1 / 8.0, 1 }, { 1 / 4.0, 1 }, { 0, 5 / 6.0 }, { 1 / 8.0, 5 / 6.0 },
+    { 1 / 4.0, 5 / 6.0 }, { 0, 2 / 3.0 }, { 1 / 8.0, 2 / 3.0 }, { 1 / 4.0, 2 / 3.0 }
+};
+
+/* From w->pencil, of which ALL triplets there are were asked, downwards. */
+static enum modal_status descend_folded(struct work *w, bool all, double directions,
+                                        struct order_choice *choice, struct modal_error *err)
+{
+    int count = all ? w->pencil.count : pencil_signals(&w->pencil) + ORDER_AHEAD;
+    struct order_options opt = { .order_most = work_rows_allow(w), .many = true,
+                                 .cancelled = w->opt.cancelled, .context = w->opt.context };
+    struct order_source source = { .poles = work_pencil_source, .context = w };
+    enum modal_status rc;
+
+    if (!w->data.exact && work_sparing_order(w) < opt.order_most)
+        opt.order_most = work_sparing_order(w);
+    count = count < w->pencil.count ? count : w->pencil.count;
+    count = count < opt.order_most ? count : opt.order_most;
+    source.most = (int)ceil(directions * count);
+    opt.work = work_left(w, false, false);
+    rc = order_from_above(&w->data, &source, &opt, choice, err);
+    w->spent += rc == MODAL_OK ? choice->work : 0;
+    return rc;
+}
+
+/* The better of two searches into *BEST; *again: how often others ended at the same. */
+static void keep_better(struct order_choice *best, struct order_choice *other, int *again)
+{
+    double gain = work_bic_chosen(best) - work_bic_chosen(other);
+    struct order_choice worse = *other;
+
+    *again = isfinite(gain) && fabs(gain) < SAME ? *again + 1 : gain > 0 ? 0 : *again;
+    if (gain > 0)
+        worse = *best, *best = *other;
+    order_done(&worse);
+    *other = (struct order_choice) { .chosen = -1 };
+}
+
+/*
+ * The share of its S columns in which what FIT leaves, E of m free rows, is free: (sum w)^2 / sum
+ * w^2 over S, of the variances w of its directions. Of the Wishart matrix A = E E^T
+ *
+ *     E tr A = m sum w,    E (tr A^2 - (tr A)^2 / m) = (m - 1) (m + 2) sum w^2,
+ *
+ * and chance moves the second by 2 / m of it. 1 where chance may be all; next to nothing where rows
+ * are too few to tell.
+ */
+static enum modal_status white_share(const struct work *w, const struct refined *fit, double *share,
+                                     struct modal_error *err)
+{
+    struct matrix E = { 0 };
+    int m = w->data.Y->m - fit->order, S = w->data.Y->n;
+    double trace = 0, squares = 0, *A = NULL;
+    enum modal_status rc = remainder_of(&w->data, fit, &E, err);
+
+    *share = 1;
+    if (rc != MODAL_OK || E.x == NULL)
+        return rc;
+    A = calloc((size_t)E.m * (size_t)E.m, sizeof *A);
+    if (A == NULL)
+        rc = modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d periods", E.m);
+    else
+        cblas_dsyrk(CblasColMajor, CblasLower, CblasNoTrans, E.m, S, 1, E.x, E.ld, 0, A, E.m);
+    for (int c = 0; A != NULL && c < E.m; c++) {
+        trace += A[c + (size_t)c * E.m];
+        for (int r = c; r < E.m; r++)
+            squares += (r > c ? 2 : 1) * A[r + (size_t)c * E.m] * A[r + (size_t)c * E.m];
+    }
+    if (trace > 0 && m > CHANCE) {
+        double spread = (squares - trace * trace / m) / ((m - 1.) * (m + 2)) * S * m * m
+                      / (trace * trace);
+        *share = (spread - 1) * m > CHANCE ? 1 / spread : 1;
+    } else if (trace > 0)
+        *share = DBL_EPSILON;
+    free(A), free(E.x);
+    return rc;
+}
+
+/* Is the least singular value there is more than squares lose? */
+static bool noise_shows(const struct work *w)
+{
+    const struct projection *p = &w->projection;
+
+    return p->count > 0 && p->s[p->count - 1] > PENCIL_SQUARES * p->s[0];
+}
+
+/* w->pencil of so much height: of many periods few directions are asked for first, MORE times as
+ * many as long as signals fill half of them. */
+static enum modal_status pencil_folded(struct work *w, const struct matrix *Y,
+                                       const struct matrix *products, int height,
+                                       struct modal_error *err)
+{
+    int all = Y->m - height, most = all <= FOLDED_MOST ? all : TRIPLETS_MOST;
+    struct pencil_options how = { height, all <= TRIPLETS_MOST ? all : TRIPLETS_FIRST, products };
+    enum modal_status rc = pencil_new(Y, &how, &w->pencil, err);
+
+    while (rc == MODAL_OK && how.wanted < most && pencil_signals(&w->pencil) > how.wanted / 2) {
+        how.wanted = MORE * how.wanted < most ? MORE * how.wanted : most;
+        pencil_done(&w->pencil);
+        rc = pencil_new(Y, &how, &w->pencil, err);
+    }
+    return rc;
+}
+
+/* The periods that a pencil reads: those that are fitted, few channels weighed by their noise
+ * (work_searched). */
+static enum modal_status searched_periods(const struct work *w, struct matrix *Y,
+                                          struct modal_error *err)
+{
+    const struct matrix *from = w->data.Y;
+    size_t L = (size_t)from->m;
+    bool weigh = work_searched(w) == &w->weighted;
+
+    *Y = (struct matrix) { from->m, from->n, from->m, malloc(L * (size_t)from->n * sizeof *Y->x) };
+    if (Y->x == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d periods", from->m);
+    for (int c = 0; c < from->n; c++) {
+        memcpy(Y->x + (size_t)c * L, from->x + (size_t)c * (size_t)from->ld, L * sizeof *Y->x);
+        cblas_dscal(from->m, weigh ? w->weight[c / w->shift] : 1, Y->x + (size_t)c * L, 1);
+    }
+    return MODAL_OK;
+}
+
+/* The signals are made white as far as what FIT leaves tells them not to be, by more than LEAST of
+ * -2 ln(likelihood) (whiten.h).  *changed: they were not. */
+static enum modal_status whiten_periods(struct work *w, const struct refined *fit, double least,
+                                        bool *changed, struct modal_error *err)
+{
+    struct matrix E = { 0 };
+    double told = 0;
+    enum modal_status rc = remainder_of(&w->data, fit, &E, err);
+
+    if (rc == MODAL_OK && E.x != NULL)
+        rc = whiten_rows(&E, w->shift, fit->order, least, &w->folded, &told, err);
+    free(E.x);
+    w->facts.told = 1 - (1 - w->facts.told) * (1 - told);
+    *changed = told > 0;
+    return rc;
+}
+
+/* Is what the best leaves not white within a period, by more than a pair of multipliers that do
+ * not pay could make it?  Then the signals are made so, and the best is none. */
+static enum modal_status begin_whiter(struct work *w, struct order_choice *best, bool *anew,
+                                      struct modal_error *err)
+{
+    double S = w->data.Y->n, least = criterion_noise_pair(S, S * w->data.Y->m);
+    enum modal_status rc = whiten_periods(w, &best->candidates[best->chosen].fit, least, anew, err);
+
+    if (*anew) {
+        order_done(best);
+        *best = (struct order_choice) { .chosen = -1 };
+    }
+    return rc;
+}
+
+/* What whitened the signals knew them by a fit with other poles, and errors go with the noise near
+ * them: both anew until they agree. */
+static enum modal_status settle_white(struct work *w, struct order_choice *best,
+                                      struct modal_error *err)
+{
+    struct refine_options opt = { .settle = true };
+    struct order_candidate *k = &best->candidates[best->chosen];
+    bool changed = true;
+    enum modal_status rc = MODAL_OK;
+
+    for (int i = 0; i < ANEW_MOST && rc == MODAL_OK && changed && !best->offset; i++) {
+        struct refined fit;
+        rc = whiten_periods(w, &k->fit, 0, &changed, err);
+        if (rc != MODAL_OK || !changed)
+            break;
+        rc = refine_poles(&w->data, k->fit.lambda, k->fit.poles, NULL, &opt, &fit, err);
+        if (rc != MODAL_OK)
+            break;
+        refined_done(&k->fit);
+        k->fit = fit;
+    }
+    return rc;
+}
+
+/* Has it as many multipliers as there may be?  That is noise for all but the first of them. */
+static bool fills_rows(const struct work *w, const struct order_choice *best)
+{
+    int most = work_rows_allow(w), sparing = work_sparing_order(w);
+
+    return best->chosen >= 0
+        && best->candidates[best->chosen].fit.order + 2 > (sparing < most ? sparing : most);
+}
+
+/* One start: a pencil of Y, products K, and from there downwards; *other is the better of both. */
+static enum modal_status start_folded(struct work *w, const struct matrix *Y,
+                                      const struct matrix *K, size_t i, struct order_choice *best,
+                                      int *again, struct modal_error *err)
+{
+    int height = fmax(2, STARTS[i].height * Y->m), all = Y->m - height;
+    struct order_choice other = { .chosen = -1 };
+    enum modal_status rc = pencil_folded(w, Y, K->x != NULL ? K : NULL, height, err);
+
+    if (rc == MODAL_OK)
+        rc = descend_folded(w, all <= TRIPLETS_MOST, STARTS[i].directions, &other, err);
+    pencil_done(&w->pencil);
+    if (rc == MODAL_OK)
+        keep_better(best, &other, again);
+    return rc;
+}
+
+/* Periodic systems from above, from one start after another until three end at the same best,
+ * or the signals are explained to rounding.  *anew, where it is asked: the noise was not white,
+ * and is now. */
+static enum modal_status descend_all_folded(struct work *w, struct order_choice *best, bool *anew,
+                                            struct modal_error *err)
+{
+    struct matrix Y = { 0 }, K = { 0 };
+    struct pencil kept = w->pencil;
+    bool ended = false, ask = *anew;
+    int again = 0;
+    enum modal_status rc = searched_periods(w, &Y, err);
+
+    *anew = false;
+    w->data.exact = w->facts.full_rank < w->projection.count;
+    if (rc == MODAL_OK && noise_shows(w) && pencil_products_pay(Y.m, Y.n))
+        rc = pencil_products(&Y, &K, err);
+    for (size_t i = 0; i < sizeof STARTS / sizeof *STARTS && rc == MODAL_OK && !ended; i++) {
+        if (Y.m - (int)fmax(2, STARTS[i].height * Y.m) < 1)
+            break;                            /* periods too few for any; the ladder says so */
+        rc = start_folded(w, &Y, &K, i, best, &again, err);
+        ended = (again > 1 || at_rounding(w, best)) && best->clean;
+        if (rc == MODAL_OK && ask && i == 0 && fills_rows(w, best) && !w->data.exact)
+            rc = begin_whiter(w, best, anew, err);
+        ended |= *anew;
+    }
+    if (rc == MODAL_OK && work_bic_chosen(best) >= work_bic_of_nothing(&w->data)) {
+        order_done(best);
+        *best = (struct order_choice) { .chosen = -1 };
+    }
+    w->pencil = kept;
+    free(Y.x), free(K.x);
+    return rc;
+}
+
+/* Noise is taken for white in all columns first: a model too large leaves what shows that it is
+ * not.  Then the search is begun anew with what it is, the better seen the less of it is drawn. */
+enum modal_status work_choose_periodic(struct work *w, struct order_choice *best,
+                                       struct modal_error *err)
+{
+    double share = 1, before = 1, spent = w->spent;
+    bool anew = true;
+    enum modal_status rc = descend_all_folded(w, best, &anew, err);
+
+    for (int i = 0; i < ANEW_MOST && rc == MODAL_OK && !w->data.exact; i++) {
+        if (!anew && best->chosen >= 0)
+            rc = begin_whiter(w, best, &anew, err);
+        if (rc == MODAL_OK && !anew && best->chosen >= 0)
+            rc = white_share(w, &best->candidates[best->chosen].fit, &share, err);
+        if (rc != MODAL_OK || (!anew && share >= before))
+            break;
+        w->data.white = before = anew ? 1 : share;
+        order_done(best);
+        *best = (struct order_choice) { .chosen = -1 };
+        w->spent = spent;                            /* what a wrong price cost is no search */
+        anew = i + 1 < ANEW_MOST;
+        rc = descend_all_folded(w, best, &anew, err);
+    }
+    if (rc == MODAL_OK && w->facts.told > 0 && best->chosen >= 0)
+        rc = settle_white(w, best, err);
+    return rc;
+}

@@ -42,12 +42,12 @@ static const double RIGID_SEEN = 1.0001e-7;
 static const double RIGID_ROUNDING = 8 * DBL_EPSILON;
 static const double WORK_FIRST = 3e8;   /* operations on vectors carried before windows: chosen */
 static const double WORK_ALL = 1e9;     /* the same, on as many vectors as there are states */
-static const double WORK_ROUGH = 4e10;  /* the same, where vectors are cheap: half a minute */
+static const double WORK_ROUGH = 1e10;  /* the same, where vectors are cheap: some eight seconds */
 enum {
     CARRIED_LEAST = 4,                  /* vectors a multiplier, before which none settles */
     LOOKS = 15,                         /* operations a cubed vector, all looks of arnoldi.c */
     DENSE = 4,                          /* dense operations in the time of one, as BUDGET_DENSE */
-    SETTLE = 8,                         /* leading ones of so many states take a vector at least */
+    SETTLE = 4,                         /* so many states a vector, before leading ones settle */
     BELOW = 4,                          /* multipliers past the last that show it is the last */
 };
 static const double WORK_WHOLE = 2e12;  /* of whole maps, dense: chosen, a minute */

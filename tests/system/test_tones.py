@@ -101,7 +101,7 @@ def test_lines_of_a_law_with_events_are_those_of_a_long_march(law, ratio, tmp_pa
     dt = 2 * np.pi / tones[1] / samples
     scene["time"] = {"dt": dt, "duration": dt * samples * turns}
     csv = tmp_path / "record.csv"
-    status, _ = run("simulate", scene, tmp_path, "-o", "integrator=rk4", "-o", "substeps=40", "-O",
+    status, _ = run("simulate", scene, tmp_path, "-o", "integrator=rk4", "-o", "substeps=24", "-O",
                     str(csv))
     x = np.loadtxt(csv, delimiter=",", skiprows=1, usecols=1)[200 * samples:-1]
     t = (np.arange(len(x)) + 200 * samples) * dt

@@ -12,6 +12,7 @@
 
 static const double
     SAME = 1,                   /* of -2 ln(likelihood): searches no further apart ended at one */
+    NEARLY = 0.8,               /* of the order there may be: one that noise drives goes there */
     CHANCE = 6;                 /* over m: three standard errors, in white_share() */
 
 enum {
@@ -211,13 +212,13 @@ static enum modal_status settle_white(struct work *w, struct order_choice *best,
     return rc;
 }
 
-/* Has it as many multipliers as there may be?  That is noise for all but the first of them. */
+/* Has it nearly as many multipliers as there may be?  That is noise for all but the first. */
 static bool fills_rows(const struct work *w, const struct order_choice *best)
 {
     int most = work_rows_allow(w), sparing = work_sparing_order(w);
 
-    return best->chosen >= 0
-        && best->candidates[best->chosen].fit.order + 2 > (sparing < most ? sparing : most);
+    return best->chosen >= 0 && best->candidates[best->chosen].fit.order
+                                    > NEARLY * (sparing < most ? sparing : most);
 }
 
 /* One start: a pencil of Y, products K, and from there downwards; *other is the better of both. */

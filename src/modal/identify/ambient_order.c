@@ -14,9 +14,10 @@
  * its price, the rest fitted anew, leaves.
  *
  * Of two modes that overlap the likelihood has a second summit, near a double pole, lower by as
- * little as 10 and with bars many times as long.  Then models of more pairs are brought down to as
- * many, and the highest summit is the answer.  Bins that suit the poles of one are too wide to
- * tell: what a model does not explain within a bin it is not charged with.
+ * little as 10 and with bars many times as long.  Where two are nearer than those errors, models of
+ * more pairs are brought down to as many, and the highest summit is the answer.  Bins that suit the
+ * poles of one are too wide to tell: what a model does not explain within a bin it is not charged
+ * with.
  *
  * [LM00] Laurent and Massart, Annals of Statistics 28 (2000) 1302-1338.
  */
@@ -238,13 +239,13 @@ static enum modal_status shrink(struct search *w, struct ambient_search *a, bool
 
 /* ---- round ---- */
 
-/* Do two modes lie within their widths of each other? */
-static bool overlaps(const struct whittle *m)
+/* Are two modes nearer each other than their own errors?  A double pole is not excluded then. */
+static bool is_near_double(const struct whittle *m)
 {
     for (int k = 0; k < m->count; k++)
         for (int i = 0; i < k; i++)
             if (cabs(m->mode[k].lambda - m->mode[i].lambda)
-                < -creal(m->mode[k].lambda + m->mode[i].lambda))
+                < m->mode[k].std_decay + m->mode[i].std_decay)
                 return true;
     return false;
 }
@@ -344,7 +345,7 @@ static enum modal_status run(struct search *w, struct ambient_search *a, struct 
         if (rc == MODAL_OK)
             rc = shrink(w, a, &changed, err);
     }
-    return rc == MODAL_OK && overlaps(a->model) ? go_round(w, a, err) : rc;
+    return rc == MODAL_OK && is_near_double(a->model) ? go_round(w, a, err) : rc;
 }
 
 enum modal_status ambient_search(const struct spectrum *s, const struct ambient_limits *limits,

@@ -8,7 +8,7 @@
 #include "job/blas_core.h"
 #include "job/cost.h"
 #include "job/identify_ladder.h"
-#include "modal/identify/exponents.h"
+#include "modal/identify/linear/exponents.h"
 
 static cJSON *print_std(const struct identify_mode *m)
 {

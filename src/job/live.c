@@ -13,8 +13,8 @@
 #include <time.h>
 #include "job/identify_job.h"
 #include "job/tracks_text.h"
-#include "modal/identify/exponents.h"
-#include "modal/identify/moving.h"
+#include "modal/identify/linear/exponents.h"
+#include "modal/identify/live/moving.h"
 
 struct live {
     struct moving *window;

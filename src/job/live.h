@@ -29,7 +29,7 @@ void live_skip(struct live *live);
 /*
  * COUNT samples more, the last of them number TO of EPOCH, then the modes of the last window as
  * identify's document has them: {"kind","modes","stability","diagnostics"}, each mode with the
- * number of its "track" (modal/identify/track.h), and
+ * number of its "track" (modal/identify/live/track.h), and
  *
  *   "update"       {"updated":bool,"why":text or null,"updates":n,"batches":n,"cpu_s":s}: whether
  *                  they were brought up to date or found from nothing, and why (moving.h)

@@ -3,7 +3,7 @@
 #ifndef JOB_TRACKS_TEXT_H
 #define JOB_TRACKS_TEXT_H
 #include "base/error.h"
-#include "modal/identify/track.h"
+#include "modal/identify/live/track.h"
 
 /* The caller frees; NULL: no memory. */
 char *tracks_text_write(const struct tracks *t);

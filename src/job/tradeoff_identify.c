@@ -8,7 +8,7 @@
 #include "job/identify_job.h"
 #include "job/identify_ladder.h"
 #include "job/tradeoff_print.h"
-#include "modal/identify/exponents.h"
+#include "modal/identify/linear/exponents.h"
 
 /* Exponents of a truth: twice the highest order that identify looks for, and some. */
 enum { TRUTH_MOST = 1000 };

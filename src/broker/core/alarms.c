@@ -4,7 +4,8 @@
  * Windows overlap, so that what noise put into one is in its neighbours too.  A vibration counts
  * once every window has shown it for as long as a window is: the last of them shares no sample
  * with the first.  Those of the first window count as there from the start; any other is a new
- * mode the moment it counts.  Modes are the same that are on one track (modal/identify/track.h).
+ * mode the moment it counts.  Modes are the same that are on one track
+ * (modal/identify/live/track.h).
  *
  *   damping_below  a mode that counts has zeta + SIGMAS std < limit; cleared where
  *                  zeta - SIGMAS std > limit, or no window has shown it for a window's length

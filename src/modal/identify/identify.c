@@ -13,12 +13,13 @@
  * of samples; where not, by one sample, and modes.c folds the exponents modulo i Omega.
  */
 #include "modal/identify/identify.h"
+#include "modal/identify/ask/diagnose.h"
 #include <math.h>
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
-#include "modal/identify/ambient.h"
-#include "modal/identify/forced.h"
+#include "modal/identify/ambient/ambient.h"
+#include "modal/identify/forced/forced.h"
 #include "modal/identify/identify_state.h"
 
 const char *const identify_method_names[IDENTIFY_METHOD_COUNT + 1] = {

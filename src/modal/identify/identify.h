@@ -1,217 +1,32 @@
 /* identify.h - modes of a free response: frequencies, damping, stability of constant or periodic
  * systems
  *
- * The whole way, one module each:
+ * Rooms, each of which calls only such as stand before it (tests/house):
  *
- *   event      the part of it that is one free response: after a strike, before noise  event.h
- *   record     the batch checked, cut (window, band, difference, detrend), scaled: L rows of unit
- *              rms  record.h
- *   pod        many channels to few signals s_i v_i^T  pod.h
- *   hankel     the pair (14), (18)  hankel.h
- *   ragged     whether noise drives it, before more than few signals are looked for  ragged.h
- *   rank       candidates for the order  rank.h
- *   transition multipliers of Q, Qhat, B or Bhat                                       transition.h
- *   exponents  corrected (10)  exponents.h
- *   refine     variable projection on the exponents, standard errors  refine.h
- *   order      BIC over the candidates  order.h
- *   synthesis  amplitudes, shapes, eq. (25), harmonics g_jk  synthesis.h, harmonics.h
- *   verdict    stable, unstable, undecided; clusters; diagnostics  verdict.h
+ *   result.h   what is asked and what is answered: types
+ *   linear/    Hankel pairs (14), (18) and pencils, their rank; the multipliers of Q, Qhat, B and
+ *              Bhat; corrected (10) exponents
+ *   fit/       variable projection on the exponents with standard errors; what a model is worth;
+ *              synthesis, eq. (25); whether what is left is white, and whether parts agree
+ *   order/     how many poles: from above, by what a fit leaves, less those a set does without
+ *   prepare/   from a batch to rows of unit rms: the free part (event), cut (window, band,
+ *              difference, detrend), turns, folds of a period; many channels to few signals
+ *   answer/    from poles to modes: amplitudes, shapes, harmonics g_jk
+ *   ask/       is the model right, and what follows: widen, merge, trend, verdict, diagnostics
+ *   ambient/   where noise drives: Whittle's likelihood of the spectral matrix
+ *   forced/    where the excitation was measured: its likelihood line by line
+ *   live/      windows of a stream: the same fit on compressed rows, and modes over time as tracks
  *
- * Poles, multipliers and exponents: conventions of exponents.h.  Damping ratio -Re/|lambda|:
+ * identify*.c is the way through a free response, stage by stage.
+ *
+ * Poles, multipliers and exponents: conventions of linear/exponents.h.  Damping ratio -Re/|lambda|:
  * positive decays.
  */
 #ifndef MODAL_IDENTIFY_H
 #define MODAL_IDENTIFY_H
-#include <complex.h>
-#include <stdbool.h>
-#include <stddef.h>
-#include "modal/batch.h"
 #include "base/error.h"
-#include "modal/identify/rank.h"
-
-enum identify_method {
-    IDENTIFY_AUTO,                    /* partial-floquet on candidates, refined */
-    IDENTIFY_PARTIAL_FLOQUET,         /* Qhat (17) */
-    IDENTIFY_PARTIAL_FLOQUET_FULL,    /* Q (16) */
-    IDENTIFY_AUTOREGRESSIVE,          /* Bhat (21) */
-    IDENTIFY_AUTOREGRESSIVE_FULL,     /* B (20) */
-    IDENTIFY_METHOD_COUNT
-};
-extern const char *const identify_method_names[IDENTIFY_METHOD_COUNT + 1];
-
-enum identify_choice { CHOICE_DEFAULT, CHOICE_NO, CHOICE_YES };
-enum identify_detrend { DETREND_NONE, DETREND_MEAN, DETREND_LINEAR, DETREND_COUNT };
-extern const char *const identify_detrend_names[DETREND_COUNT + 1];
-/* each channel to unit rms; all by one factor */
-enum identify_scale { SCALE_RMS, SCALE_COMMON, SCALE_COUNT };
-extern const char *const identify_scale_names[SCALE_COUNT + 1];
-
-/* What the record answers: an excitation that is over, one that nobody measured and that lasts, or
- * one that was measured. */
-enum identify_response { RESPONSE_FREE, RESPONSE_AMBIENT, RESPONSE_FORCED, RESPONSE_COUNT };
-extern const char *const identify_response_names[RESPONSE_COUNT + 1];
-
-enum {
-    IDENTIFY_SAMPLES_LEAST = 8,          /* of a window, of a record, of what a band leaves of it */
-    IDENTIFY_ORDER_MOST = 1600,          /* exponents looked for */
-    IDENTIFY_CHANNELS_MOST = 10000000,   /* of a batch */
-    IDENTIFY_INPUTS_MOST = 16,           /* measured, of a forced response */
-    IDENTIFY_DIAGNOSTICS_MOST = 64,      /* of a result: what comes after is not added */
-    IDENTIFY_STAGES = 12                 /* whose seconds are told */
-};
-
-/* window[0]: the first of the words that may stand for an interval (base/key_table.h) */
-#define WINDOW_AUTO -1.0
-
-/* Zero everywhere is the default procedure. */
-struct identify_options {
-    enum identify_method method;
-    bool signals_all;             /* no POD: the channels themselves */
-    const int *channels;          /* a choice of channels, in their order; NULL: all */
-    int channel_count;
-    enum identify_response response;
-    const int *inputs;            /* the measured excitation, channels of the batch; forced only */
-    int input_count;
-    const int *azimuth;           /* the channel that holds the angle of a periodic system, in place
-                                   * of its period; NULL: none; ambient only */
-    bool frf;                     /* frequency responses beside the modes; forced only */
-    double pod_energy;            /* 0: rounding or noise floor */
-    int pod_rank;                 /* 0: by energy */
-    struct rank_options rank;
-    enum identify_detrend detrend;
-    enum identify_scale scale;
-    int rows, columns;            /* of H0, per signal; 0: hankel_default_sizes */
-    int stride;                   /* samples between columns, systems without period; 0: 1 */
-    double window[2];             /* s, [t0, t1]; WINDOW_AUTO, 0: what is proposed; both 0: the
-                                     whole record, of a very long one what is proposed */
-    double band[2];               /* Hz; both 0: all */
-    double period;                /* s; 0: the batch's; < 0: none, whatever the batch says */
-    bool difference;              /* h[k+p] - h[k]: a periodic orbit removed */
-    enum identify_choice refine;  /* default: yes for IDENTIFY_AUTO, else no */
-    bool shapes;
-    double target_error;          /* stop the ladder here; 0: none */
-    double target_seconds;
-
-    /* CPU seconds, for the cost of each stage; and whether to stop.  Each may be NULL. */
-    double (*clock)(void *context);
-    bool (*cancelled)(void *context);
-    void *context;
-};
-
-struct identify_harmonic { int k; double magnitude; };
-
-/* Where Re(exponent) > 0: neither half of the record shows it alone; one does; the fit is exact, or
- * the halves were too short to ask.  NEVER: halves contradict the whole, but it and both of them
- * decay, each by three of its own standard errors.  BELOW_GRID: it never reaches half a step of the
- * grid that the samples lie on; what decays is rounded by ever more of itself, and that looks like
- * growth. */
-enum growth { GROWTH_UNSEEN, GROWTH_IN_HALF, GROWTH_EXACT, GROWTH_NEVER, GROWTH_BELOW_GRID };
-
-struct identify_mode {
-    double complex exponent;      /* principal value, Im >= 0 */
-    double complex resolved;      /* + i resolved_k 2 pi / period; Im >= 0 */
-    double complex multiplier;    /* over the period, or one sample as sent */
-    double amplitude;             /* rms of its part over the record, channels scaled to unit rms */
-    double energy;                /* its share of the modes' energy, 0..1 */
-    double persistence;           /* share of orders and windows that show it; NAN: not looked */
-    double residual;              /* sine of the angle between (1, rho, rho^2, ..) and the signals'
-                                   * subspace; NAN: unknown */
-    /* standard deviations; NAN: unknown */
-    double std_re, std_im;        /* of the exponent */
-    double std_multiplier, std_frequency_hz, std_damping_ratio;
-    enum growth growth;
-    bool harmonic;                /* of a stronger mode: it has no say in the verdict */
-    double bar;             /* on |multiplier|: the largest of Jacobian, jackknife, backward pair */
-    int resolved_k;
-    double runner_up;             /* magnitude of the second harmonic over the first; 1: a tie */
-    struct identify_harmonic *harmonics;   /* periodic systems, by descending magnitude */
-    int harmonic_count;
-    double complex *shape;        /* one number a channel chosen, largest 1; NULL: not asked */
-    double mpc;                   /* modal phase collinearity of the shape, 0..1 */
-    double cycles;                /* in the record, beside a forced response; 0: not told */
-};
-
-struct identify_candidate { int order; double bic, residual; bool refined, converged, chosen; };
-struct identify_pole {
-    int order;
-    double complex exponent;
-    double std_re, std_im;
-    int mode; /* -1: none */
-};
-struct identify_cluster {
-    double complex centroid;      /* mean multiplier */
-    double radius;
-    int *members; int member_count;        /* of modes */
-    bool near_defective;
-    bool resolved;         /* no two members' errors come near each other, however close they are */
-};
-struct identify_diagnostic { char code[40]; char message[320]; int channel; /* -1: none */ };
-/* The strongest vibration of one part of the record. */
-struct identify_window {
-    double t, frequency_hz, damping_ratio, std_frequency_hz, std_damping_ratio,
-        amplitude; /* t: its middle, s */
-};
-struct identify_stage { const char *name; double seconds; };
-/*
- * Frequency responses of the model: entry (f, i, j), response i to input j at hertz[f], is
- * value[f + count (i + responses j)], units of the channels over each other; std its standard
- * deviation, that of the distance in the complex plane.  count 0: not asked.
- */
-struct identify_frf {
-    int count, responses, inputs;
-    int *input;                   /* channels of the batch */
-    double *hertz;
-    double complex *value;
-    double *std;
-};
-/* Poles over one sample as the order was chosen, listed as in exponents.h; a constant is 0.
- * signals: how many were fitted. */
-struct identify_chosen { double complex *lambda; int count, signals; };
-
-struct identify_result {
-    struct identify_mode *modes; int mode_count;      /* by descending amplitude */
-    double *offset;        /* per channel in its unit, where a null exponent was found; else NULL */
-
-    enum { VERDICT_UNDECIDED, VERDICT_STABLE, VERDICT_UNSTABLE } verdict;
-    bool driven;                               /* not a free decay: see not_free_decay in trend.h */
-    double max_multiplier, margin, margin_std;        /* NAN where there is no mode */
-    int decides;                                  /* the mode that the verdict rests on; -1: none */
-
-    int pod_rank, hankel_rank;
-    enum rank_rule rule;          /* the one that chose */
-    double energy;                /* sum s_i kept by the POD or the Hankel matrix */
-    double *singular; int singular_count;             /* of H0, over the first; leading ones */
-
-    int channel_count;            /* chosen; their indices in the batch: */
-    int *channel;
-    double *rms_error;            /* per channel, its unit: (25) */
-    double *relative_error;       /* over the channel's rms; NAN for a zero channel */
-    double total_relative_error;
-
-    struct identify_candidate *candidates; int candidate_count;
-    struct identify_pole *poles; int pole_count;      /* stabilisation: every candidate's */
-    struct identify_chosen chosen, unweighed;         /* those of the answer; those before channels
-                                                       * were weighed by their noise (count 0: they
-                                                       * were not) */
-    struct identify_cluster *clusters; int cluster_count;
-    struct identify_frf frf;
-    /* where amplitude_dependent or changes_in_record is among the diagnostics */
-    struct identify_window *trend; int trend_count;
-    struct identify_diagnostic diagnostics[IDENTIFY_DIAGNOSTICS_MOST]; int diagnostic_count;
-
-    struct identify_stage stages[IDENTIFY_STAGES]; int stage_count;
-
-    double proposed[2];           /* s: the part of the record to use; both 0: all that was asked */
-
-    /* What the answer rests on, options after defaults. */
-    struct identify_options used; /* pointers NULL */
-    double period;                /* s, 0: none */
-    double dt;                    /* of the samples used */
-    int samples;                  /* rows used */
-    int decimation, shift, rows, columns;
-    bool at_grid;                 /* what is left is the rounding of the samples to their grid */
-    int freedom;                  /* L - r: equations less unknowns per phase and signal */
-};
+#include "modal/batch.h"
+#include "modal/identify/result.h"
 
 /*
  * Identify BATCH (borrowed), by options->response as a free response or as forced.h says.  *out is
@@ -223,8 +38,4 @@ struct identify_result {
 enum modal_status modal_identify(const struct batch *batch, const struct identify_options *options,
                                  struct identify_result *out, struct modal_error *err);
 void identify_result_done(struct identify_result *result);
-
-/* Add a diagnostic; more than IDENTIFY_DIAGNOSTICS_MOST are dropped. */
-void identify_diagnose(struct identify_result *result, const char *code, int channel,
-                       const char *format, ...) __attribute__((format(printf, 4, 5)));
 #endif

@@ -1,9 +1,10 @@
 /* identify_decompose.c - signals to the pair of matrices that poles are read from, by pencil or by
  * projection, with as many triplets as there are signals */
 #include "modal/identify/identify_state.h"
+#include "modal/identify/linear/rank.h"
 #include <stdlib.h>
-#include "modal/identify/hankel.h"
-#include "modal/identify/ragged.h"
+#include "modal/identify/linear/hankel.h"
+#include "modal/identify/prepare/ragged.h"
 
 enum { COMPLETE_SIDE = 600 };           /* complete decompositions up to this */
 

@@ -1,13 +1,14 @@
 /* identify_doubt.c - whether one set of exponents is the right model, and what is concluded */
+#include "modal/identify/ask/diagnose.h"
 #include "modal/identify/identify_state.h"
 #include <cblas.h>
 #include <float.h>
 #include <math.h>
-#include "modal/identify/exponents.h"
-#include "modal/identify/merge.h"
-#include "modal/identify/screen.h"
-#include "modal/identify/trend.h"
-#include "modal/identify/verdict.h"
+#include "modal/identify/ask/merge.h"
+#include "modal/identify/ask/screen.h"
+#include "modal/identify/ask/trend.h"
+#include "modal/identify/ask/verdict.h"
+#include "modal/identify/linear/exponents.h"
 #include "modal/linalg/svd.h"
 
 static const double ORBIT_LEAST = 0.01; /* of the energy: less may be what others leave */

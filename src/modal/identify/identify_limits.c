@@ -3,7 +3,7 @@
 #include "modal/identify/identify_state.h"
 #include <float.h>
 #include <math.h>
-#include "modal/identify/exponents.h"
+#include "modal/identify/linear/exponents.h"
 #include "modal/linalg/svd.h"
 
 enum { FREEDOM = 3 };                   /* rows over, at least */

@@ -1,15 +1,16 @@
 /* identify_order.c - from a decomposition to the poles of an order: from above, by the ladder, and
  * of a very long record from its head on */
 #include "modal/identify/identify_state.h"
+#include "modal/identify/linear/rank.h"
 #include <cblas.h>
 #include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include "modal/identify/exponents.h"
-#include "modal/identify/fold.h"
-#include "modal/identify/remainder.h"
-#include "modal/identify/whiten.h"
+#include "modal/identify/fit/whiten.h"
+#include "modal/identify/linear/exponents.h"
+#include "modal/identify/order/remainder.h"
+#include "modal/identify/prepare/fold.h"
 #include "modal/linalg/svd.h"
 
 enum {

@@ -6,8 +6,8 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include "modal/identify/remainder.h"
-#include "modal/identify/whiten.h"
+#include "modal/identify/fit/whiten.h"
+#include "modal/identify/order/remainder.h"
 #include "modal/linalg/svd.h"
 
 static const double

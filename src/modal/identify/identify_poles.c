@@ -3,10 +3,10 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include "modal/identify/digits.h"
-#include "modal/identify/exponents.h"
-#include "modal/identify/polish.h"
-#include "modal/identify/widen.h"
+#include "modal/identify/ask/digits.h"
+#include "modal/identify/ask/widen.h"
+#include "modal/identify/fit/polish.h"
+#include "modal/identify/linear/exponents.h"
 #include "modal/linalg/svd.h"
 
 /* A step over all channels, in standard errors of all parameters. */

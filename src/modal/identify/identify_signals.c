@@ -2,12 +2,13 @@
  * identify_signals.c - a record's channels as signals: reduced, weighed by their noise, and what a
  * grid of their numbers leaves of them
  */
+#include "modal/identify/ask/diagnose.h"
 #include "modal/identify/identify_state.h"
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include "modal/identify/fold.h"
-#include "modal/identify/screen.h"
+#include "modal/identify/ask/screen.h"
+#include "modal/identify/prepare/fold.h"
 #include "modal/linalg/svd.h"
 
 /* Records that end below the grid. */

@@ -1,16 +1,18 @@
 /* identify_state.h - what the stations of identify.c share: one record at work */
 #ifndef MODAL_IDENTIFY_STATE_H
 #define MODAL_IDENTIFY_STATE_H
-#include "modal/identify/compressed.h"
-#include "modal/identify/diagnose.h"
-#include "modal/identify/grid.h"
-#include "modal/identify/identify.h"
-#include "modal/identify/modes.h"
-#include "modal/identify/order.h"
-#include "modal/identify/pencil.h"
-#include "modal/identify/pod.h"
-#include "modal/identify/projection.h"
-#include "modal/identify/record.h"
+#include "base/error.h"
+#include "modal/batch.h"
+#include "modal/identify/answer/modes.h"
+#include "modal/identify/ask/diagnose.h"
+#include "modal/identify/fit/compressed.h"
+#include "modal/identify/linear/pencil.h"
+#include "modal/identify/linear/projection.h"
+#include "modal/identify/order/order.h"
+#include "modal/identify/prepare/grid.h"
+#include "modal/identify/prepare/pod.h"
+#include "modal/identify/prepare/record.h"
+#include "modal/identify/result.h"
 
 /* The pencil begins with few triplets and doubles them while the order is near their number. */
 enum {

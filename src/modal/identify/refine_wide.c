@@ -1,11 +1,11 @@
 /* refine_wide.c - one Gauss-Newton step over all channels of a wide batch; see wide.h */
-#include "modal/identify/refine_state.h"
+#include "modal/identify/fit/refine_state.h"
 #include <cblas.h>
 #include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include "modal/identify/wide.h"
+#include "modal/identify/prepare/wide.h"
 
 /* Of a channel's energy: what is left by difference has half of its digits. */
 static const double CANCELS = 1e-8;

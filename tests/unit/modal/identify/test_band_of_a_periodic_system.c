@@ -1,7 +1,7 @@
 /* A band of a periodic system shows some of a mode's lines, at lambda + i k Omega; demodulation
  * moves them by a known frequency, and folding undoes it. */
-#include "modal/identify/identify.h"
 #include "check.h"
+#include "modal/identify/identify.h"
 #include "signals.h"
 
 enum { SAMPLES = 4000 };

@@ -1,8 +1,8 @@
 /* Is the model right at all?  Signals made wrong in one known way get that diagnostic; right ones
  * get none. */
 /* Tests as well: identify_doubt.c */
+#include "modal/identify/ask/trend.h"
 #include "modal/identify/identify.h"
-#include "modal/identify/trend.h"
 #include <stdlib.h>
 #include "check.h"
 #include "signals.h"

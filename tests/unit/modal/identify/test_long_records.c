@@ -1,6 +1,6 @@
 /* test_long_records.c - records of some 10^5 samples: begun at their head, and told by all of it */
-#include "modal/identify/identify.h"
 #include "check.h"
+#include "modal/identify/identify.h"
 #include "signals.h"
 
 enum { ROWS = 150000, CHANNELS = 2 };

@@ -1,7 +1,7 @@
 /* test_many_modes.c - many modes in few channels: no order below theirs explains much, and the
  * ladder must not end before */
-#include "modal/identify/identify.h"
 #include "check.h"
+#include "modal/identify/identify.h"
 #include "signals.h"
 
 enum { SAMPLES = 192, CHANNELS = 2 };

@@ -1,7 +1,7 @@
 /* test_unequal_noise.c - channels exact to the last bit beside channels of noise: the exact ones
  * decide, and the answer says how well */
-#include "modal/identify/identify.h"
 #include "check.h"
+#include "modal/identify/identify.h"
 #include "signals.h"
 
 enum { SAMPLES = 600, CHANNELS = 20 };

@@ -1,0 +1,367 @@
+/*
+ * ambient_order.c - as many pairs as pay
+ *
+ * Subspaces give a model of every order (subspace.h), nearly the likeliest of that order.  A pair
+ * pays where its gain in the logarithm of the likelihood exceeds what chance alone would bring.
+ * Were its place known, twice that gain would be chi-squared with 4 l degrees of freedom; it is
+ * the best of as many places as there are lines.  With x = log(lines / ALARM),
+ *
+ *     P(chi2_d > d + 2 sqrt(d x) + 2 x) <= exp(-x)   [LM00, lemma 1],                           (1)
+ *
+ * so half of (1) is the price of a pair and ALARM the probability that a record gives one too many.
+ * BIC's price, 2 l log(lines), asks more and sees fewer: it is no bound on false alarms but a
+ * prior.  The order that pays best is fitted, and those above it; then any pair that is not worth
+ * its price, the rest fitted anew, leaves.
+ *
+ * Of two modes that overlap the likelihood has a second summit, near a double pole, lower by as
+ * little as 10 and with bars many times as long.  Where two are nearer than those errors, models of
+ * more pairs are brought down to as many, and the highest summit is the answer.  Bins that suit the
+ * poles of one are too wide to tell: what a model does not explain within a bin it is not charged
+ * with.
+ *
+ * [LM00] Laurent and Massart, Annals of Statistics 28 (2000) 1302-1338.
+ */
+#include "modal/identify/ambient/ambient_order.h"
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "modal/identify/ambient/subspace.h"
+
+enum {
+    LADDER = 30,                 /* pairs whose poles the ladder's bins suit */
+    PAST_BEST = 10,              /* orders, of two each, beyond the best so far */
+    FINER = 8,                   /* times, where likelihoods far apart are compared */
+    WIDEST = 48,                 /* the spectrum between the modes in so many bins at least */
+    STEPS_TRIAL = 20,            /* of a fit that is one of many */
+    STEPS_MOST = 60,             /* of the answer's */
+    ABOVE = 2,                   /* orders that are fitted beyond the best of the ladder's */
+    ROUNDS = 12,                 /* of pairs that leave */
+    CORRECTIONS = 3              /* of what is seen; each leaves less than a tenth of the last */
+};
+static const double
+    ALARM = 0.01,                /* probability of a pair too many in a record, (1) */
+    SHARE = 1. / 3,              /* of the distance to a pole: a bin's width; 1 % of what its lines
+                                    tell is lost, for what varies within it is (share^2)/12 */
+    GAIN_TRIAL = 0.5,            /* a step of less is not what a pair pays with */
+    GAIN_LAST = 1e-2,            /* a seventh of one standard error, all unknowns together */
+    WORK_MOST = 6e9,             /* of all fits, as whittle.h counts it: a third of a minute */
+    PATIENCE = 8;                /* prices: what a fit may make up for where a pair leaves */
+
+double ambient_price(int channels, int lines)
+{
+    double d = whittle_unknowns_of_mode(channels), x = log(lines / ALARM);
+
+    return (d + 2 * sqrt(d * x) + 2 * x) / 2;
+}
+
+void ambient_search_done(struct ambient_search *a)
+{
+    bins_done(&a->bins);
+    for (int i = 0; i < a->rungs; i++)
+        free(a->rung[i].mode);
+    free(a->model);
+    memset(a, 0, sizeof *a);
+}
+
+struct search {
+    const struct spectrum *s;
+    const struct ambient_limits *limits;
+    struct subspace from;
+    struct whittle *trial;
+    double price, work;
+    int order;                   /* the ladder's best */
+};
+
+/* The bins that suit the poles of M, as they are seen by BY (NULL: as they are). */
+static enum modal_status bins_for(const struct search *w, const struct whittle *m,
+                                  const struct whittle *by, struct bins *out,
+                                  struct modal_error *err)
+{
+    double complex poles[WHITTLE_MODES_MOST];
+    enum modal_status rc;
+
+    for (int k = 0; k < m->count; k++)
+        poles[k] = m->mode[k].lambda;
+    bins_done(out);
+    rc = bins_make(w->s, poles, m->count, SHARE, WIDEST, out, err);
+    if (rc == MODAL_OK && by != NULL)
+        whittle_correct(by, out);
+    return rc;
+}
+
+static enum modal_status fit(struct search *w, struct whittle *m, const struct bins *bins,
+                             bool last, struct modal_error *err)
+{
+    struct whittle_limits limits = { last ? GAIN_LAST : GAIN_TRIAL,
+                                     last ? STEPS_MOST : STEPS_TRIAL, last, &w->work,
+                                     w->limits->cancelled, w->limits->context };
+
+    return whittle_fit(m, bins, &limits, err);
+}
+
+static enum modal_status note(struct ambient_search *out, const struct whittle *m,
+                              struct modal_error *err)
+{
+    struct ambient_rung *r = &out->rung[out->rungs];
+
+    if (out->rungs > WHITTLE_MODES_MOST)
+        return MODAL_OK;
+    *r = (struct ambient_rung) { m->count, m->likelihood, NULL, m->converged };
+    r->mode = malloc(sizeof *r->mode * ((size_t)m->count + 1));
+    if (r->mode == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d modes", m->count);
+    memcpy(r->mode, m->mode, sizeof *r->mode * (size_t)m->count);
+    out->rungs++;
+    return MODAL_OK;
+}
+
+/* ---- up ---- */
+
+/* The ladder: the likelihood of every even order as subspaces have it, until it no longer pays. */
+static enum modal_status climb(struct search *w, struct ambient_search *a, struct modal_error *err)
+{
+    struct whittle *t = w->trial;
+    double best = -HUGE_VAL, score;
+    int most = w->from.order < 2 * w->limits->most ? w->from.order : 2 * w->limits->most;
+    enum modal_status rc = MODAL_OK;
+
+    if (subspace_model(&w->from, most < 2 * LADDER ? most : 2 * LADDER, t))
+        rc = bins_for(w, t, NULL, &a->bins, err);
+    else
+        rc = bins_make(w->s, NULL, 0, SHARE, WIDEST * WIDEST, &a->bins, err);
+    for (int n = 0; n <= most && rc == MODAL_OK && n <= w->order + 2 * PAST_BEST; n += 2) {
+        if (w->limits->cancelled != NULL && w->limits->cancelled(w->limits->context))
+            return modal_fail(err, MODAL_CANCELLED, "identify: cancelled");
+        if (!subspace_model(&w->from, n, t))
+            continue;
+        t->likelihood = whittle_likelihood(t, &a->bins);
+        score = t->likelihood - w->price * n / 2;
+        rc = note(a, t, err);
+        if (score > best)
+            best = score, w->order = n;
+    }
+    if (rc == MODAL_OK && !isfinite(best))
+        return modal_fail_field(err, MODAL_NO_CONVERGENCE, "signals", "no order of the subspaces "
+                                "of the record has a model; leave channels out that are sums of "
+                                "others");
+    return rc;
+}
+
+/* The order that was asked for: as many pairs of the least order that has them. */
+static bool take_fixed(struct search *w, struct whittle *m)
+{
+    int pairs = w->limits->fixed;
+
+    for (int n = pairs; n <= 2 * pairs && n <= w->from.order; n++)
+        if (subspace_model(&w->from, n, m) && m->count == pairs)
+            return true;
+    return false;
+}
+
+/* The model of ORDER fitted; *gain: over the model as it was, in the same bins. */
+static enum modal_status try_order(struct search *w, struct ambient_search *a, int order,
+                                   double *gain, struct modal_error *err)
+{
+    struct whittle *m = a->model, *t = w->trial;
+    enum modal_status rc;
+
+    *gain = -HUGE_VAL;
+    if (order > w->from.order || order > 2 * w->limits->most
+        || !subspace_model(&w->from, order, t))
+        return MODAL_OK;
+    rc = bins_for(w, t, m, &a->bins, err);
+    if (rc == MODAL_OK)
+        rc = fit(w, t, &a->bins, false, err);
+    if (rc == MODAL_OK)
+        *gain = t->likelihood - whittle_likelihood(m, &a->bins)
+              - w->price * (t->count - m->count);
+    return rc;
+}
+
+static enum modal_status climb_on(struct search *w, struct ambient_search *a,
+                                  struct modal_error *err)
+{
+    double gain;
+    enum modal_status rc = MODAL_OK;
+
+    for (int more = 1; rc == MODAL_OK && more <= ABOVE; more++) {
+        rc = try_order(w, a, w->order + 2 * more, &gain, err);
+        if (rc == MODAL_OK && gain > 0) {
+            *a->model = *w->trial;
+            w->order += 2 * more, more = 0;
+        }
+    }
+    return rc;
+}
+
+/* To the summit, and again as the ends of the record are seen by what was found. */
+static enum modal_status settle(struct search *w, struct whittle *m, struct bins *bins,
+                                struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+
+    for (int i = 0; rc == MODAL_OK && i < CORRECTIONS; i++) {
+        rc = bins_for(w, m, m, bins, err);
+        if (rc == MODAL_OK)
+            rc = fit(w, m, bins, true, err);
+    }
+    return rc;
+}
+
+/* ---- down ---- */
+
+static void leave_out(struct whittle *m, int k)
+{
+    m->count--;
+    memmove(m->mode + k, m->mode + k + 1, sizeof *m->mode * (size_t)(m->count - k));
+}
+
+/* One pair that does not pay leaves; *less: there was one. */
+static enum modal_status shrink(struct search *w, struct ambient_search *a, bool *less,
+                                struct modal_error *err)
+{
+    struct whittle *m = a->model, *t = w->trial;
+    enum modal_status rc = MODAL_OK;
+
+    *less = false;
+    for (int k = 0; rc == MODAL_OK && k < m->count && !*less; k++) {
+        *t = *m;
+        leave_out(t, k);
+        if (m->likelihood - whittle_likelihood(t, &a->bins) > PATIENCE * w->price)
+            continue;
+        rc = fit(w, t, &a->bins, false, err);
+        *less = m->likelihood - t->likelihood < w->price;
+    }
+    if (rc == MODAL_OK && *less)
+        *m = *t;
+    return rc;
+}
+
+/* ---- round ---- */
+
+/* Are two modes nearer each other than their own errors?  A double pole is not excluded then. */
+static bool is_near_double(const struct whittle *m)
+{
+    for (int k = 0; k < m->count; k++)
+        for (int i = 0; i < k; i++)
+            if (cabs(m->mode[k].lambda - m->mode[i].lambda)
+                < m->mode[k].std_decay + m->mode[i].std_decay)
+                return true;
+    return false;
+}
+
+/* *more: of the logarithm of the likelihood, of T than of M, in bins fine for both. */
+static enum modal_status weigh(const struct search *w, const struct whittle *m,
+                               const struct whittle *t, double *more, struct modal_error *err)
+{
+    double complex poles[2 * WHITTLE_MODES_MOST];
+    struct bins fine;
+    enum modal_status rc;
+
+    for (int k = 0; k < m->count; k++)
+        poles[k] = m->mode[k].lambda;
+    for (int k = 0; k < t->count; k++)
+        poles[m->count + k] = t->mode[k].lambda;
+    rc = bins_make(w->s, poles, m->count + t->count, SHARE / FINER, WIDEST * FINER, &fine, err);
+    if (rc == MODAL_OK) {
+        *more = whittle_likelihood(t, &fine) - whittle_likelihood(m, &fine);
+        bins_done(&fine);
+    }
+    return rc;
+}
+
+/* The pair of M that tells least leaves; LESS: room for a model. */
+static void drop_least(const struct bins *bins, struct whittle *m, struct whittle *less)
+{
+    double best = -HUGE_VAL;
+    int least = 0;
+
+    for (int k = 0; k < m->count; k++) {
+        double left;
+        *less = *m;
+        leave_out(less, k);
+        left = whittle_likelihood(less, bins);
+        if (left > best)
+            best = left, least = k;
+    }
+    leave_out(m, least);
+}
+
+/* From the model of ORDER, of more pairs, down to as many: another summit may be higher. */
+static enum modal_status descend(struct search *w, struct ambient_search *a, int order,
+                                 struct modal_error *err)
+{
+    struct whittle *m = a->model, *t = w->trial, less;
+    double more;
+    enum modal_status rc = try_order(w, a, order, &more, err);
+
+    if (rc != MODAL_OK || !isfinite(more))
+        return rc;
+    while (rc == MODAL_OK && t->count > m->count) {
+        drop_least(&a->bins, t, &less);
+        rc = fit(w, t, &a->bins, false, err);
+    }
+    if (rc == MODAL_OK)
+        rc = settle(w, t, &a->bins, err);
+    if (rc == MODAL_OK)
+        rc = weigh(w, m, t, &more, err);
+    if (rc == MODAL_OK && t->converged && more > GAIN_TRIAL)
+        *m = *t;
+    return rc;
+}
+
+static enum modal_status go_round(struct search *w, struct ambient_search *a,
+                                  struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+
+    for (int more = 1; rc == MODAL_OK && more <= ABOVE; more++)
+        rc = descend(w, a, 2 * (a->model->count + more), err);
+    return rc == MODAL_OK ? bins_for(w, a->model, a->model, &a->bins, err) : rc;
+}
+
+static enum modal_status run(struct search *w, struct ambient_search *a, struct modal_error *err)
+{
+    bool changed = true;
+    enum modal_status rc = subspace_make(w->s, &w->from, err);
+
+    if (rc == MODAL_OK)
+        rc = climb(w, a, err);
+    if (rc != MODAL_OK)
+        return rc;
+    if (w->limits->fixed > 0 && !take_fixed(w, a->model))
+        return modal_fail_field(err, MODAL_BAD_INPUT, "rank.fixed", "no model of the record has %d "
+                                "pairs; give less, or record longer", w->limits->fixed);
+    if (w->limits->fixed > 0)
+        return settle(w, a->model, &a->bins, err);
+    subspace_model(&w->from, w->order, a->model);
+    rc = bins_for(w, a->model, a->model, &a->bins, err);
+    if (rc == MODAL_OK)
+        rc = fit(w, a->model, &a->bins, false, err);
+    if (rc == MODAL_OK)
+        rc = climb_on(w, a, err);
+    for (int i = 0; rc == MODAL_OK && changed && i < ROUNDS; i++) {
+        rc = settle(w, a->model, &a->bins, err);
+        if (rc == MODAL_OK)
+            rc = shrink(w, a, &changed, err);
+    }
+    return rc == MODAL_OK && is_near_double(a->model) ? go_round(w, a, err) : rc;
+}
+
+enum modal_status ambient_search(const struct spectrum *s, const struct ambient_limits *limits,
+                                 struct ambient_search *out, struct modal_error *err)
+{
+    struct search w = { .s = s, .limits = limits, .trial = malloc(sizeof *w.trial),
+                        .price = ambient_price(s->channels, s->lines), .work = WORK_MOST };
+    enum modal_status rc;
+
+    memset(out, 0, sizeof *out);
+    out->model = calloc(1, sizeof *out->model);
+    rc = w.trial != NULL && out->model != NULL
+             ? run(&w, out, err)
+             : modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for a model of spectra");
+    out->limit = w.work <= 0 || w.order / 2 >= limits->most;
+    subspace_done(&w.from);
+    free(w.trial);
+    return rc;
+}

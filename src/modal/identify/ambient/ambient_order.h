@@ -1,0 +1,31 @@
+/* ambient_order.h - how many pairs the spectra of an ambient record show, and which */
+#ifndef MODAL_AMBIENT_ORDER_H
+#define MODAL_AMBIENT_ORDER_H
+#include "modal/identify/ambient/whittle.h"
+
+struct ambient_limits {
+    int fixed, most;                 /* pairs; fixed 0: as many as pay, at most `most` */
+    bool (*cancelled)(void *context);
+    void *context;
+};
+
+/* What the search saw: the fit of each number of pairs. */
+struct ambient_rung { int count; double likelihood; struct whittle_mode *mode; bool converged; };
+
+struct ambient_search {
+    struct whittle *model;           /* the answer, with its errors */
+    struct bins bins;                /* that it was fitted to */
+    struct ambient_rung rung[WHITTLE_MODES_MOST + 1];
+    int rungs;
+    bool limit;                      /* the search ended for want of work or pairs */
+};
+
+/* The gain in the logarithm of the likelihood that a pair must bring; see ambient_order.c. */
+double ambient_price(int channels, int lines);
+
+/* Fails with MODAL_NO_MEMORY, MODAL_NO_CONVERGENCE (the spectra are singular), MODAL_CANCELLED.
+ * The caller gives *OUT to ambient_search_done, whatever comes. */
+enum modal_status ambient_search(const struct spectrum *s, const struct ambient_limits *limits,
+                                 struct ambient_search *out, struct modal_error *err);
+void ambient_search_done(struct ambient_search *a);
+#endif

@@ -1,0 +1,23 @@
+/* screen.h - what is wrong with the samples themselves: clipped, quantised */
+#ifndef MODAL_SCREEN_H
+#define MODAL_SCREEN_H
+#include "modal/batch.h"
+#include "modal/identify/result.h"
+
+enum {
+    SCREEN_CHANNELS = 16,       /* the first: one converter is behind many */
+    SCREEN_SAMPLES = 20000      /* of each: they are sorted */
+};
+
+/*
+ * Look at the first SCREEN_CHANNELS of the channels chosen (result->channel) and SCREEN_SAMPLES
+ * samples as they were sent, and add diagnostics with the channel at fault:
+ *
+ *   clipped     the largest or smallest value is held for three samples or more, at least twice:
+ *               peaks are cut off
+ *   quantised   all values lie on a grid coarser than a ten-thousandth of the channel's rms
+ *
+ * Constant and zero channels have neither.  Out of memory it looks at nothing.
+ */
+void screen_samples(const struct batch *batch, struct identify_result *result);
+#endif

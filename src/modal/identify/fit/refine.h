@@ -1,0 +1,146 @@
+/* refine.h - exponents refined by variable projection, and their standard errors: the statistically
+ * efficient estimate */
+#ifndef MODAL_REFINE_H
+#define MODAL_REFINE_H
+#include <complex.h>
+#include <stdbool.h>
+#include "base/error.h"
+#include "modal/identify/fit/criterion.h"
+#include "modal/linalg/matrix.h"
+#include "modal/linalg/workspace.h"
+
+struct compressed;
+
+enum {
+    REFINE_ORDER_MOST = 1600,           /* exponents: a triangle of 3200 columns is 80 MB */
+    REFINE_ITERATIONS_MOST = 200        /* that the options may ask for */
+};
+
+/*
+ * The data: Y, L rows a step tau apart, S columns, with the model of synthesis.h.  A periodic
+ * system with Ns signals of p samples a period is L periods of Ns p columns and tau = T: column k +
+ * p s is sample k of signal s, and `phases` = p. `phases` columns in a row share one noise level; S
+ * is a multiple of it.
+ */
+struct refine_data {
+    const struct matrix *Y;    /* borrowed; scaled so that squares neither overflow nor underflow */
+    double tau;                  /* s */
+    int phases;                  /* 0: 1 */
+    double share;                /* noise that was filtered fills this share of the rows' freedom, 0
+                                  * < share <= 1; 0: 1, white */
+    const double *least;         /* borrowed, per signal (S / phases): variance that the samples'
+                                  * own grid has, below which nothing is signal; NULL: none */
+    bool exact;                  /* what no model explains is rounding, which is not white */
+    int before;  /* rows of the record before these: rounding of a phase grows from its beginning */
+    struct compressed *blocks;   /* borrowed, of Y (compressed.h): a fit reads it in place of Y, and
+                                  * makes it hold where it does not; NULL: Y itself is read */
+    double white;                /* of a periodic system: share of the columns that noise is free in
+                                  * (criterion.c); 0: 1 */
+};
+
+struct refine_options {
+    int iterations;              /* most Levenberg-Marquardt steps; 0: 60; < 0: none, only look:
+                                  * residual, noise, bic */
+    double step;                 /* converged once the next step is less than this times the
+                                  * standard errors; 0: 1e-3 */
+    double work;                 /* most multiplications (below) before another step; 0: no limit */
+    double rival;                /* give up where the BIC will hardly fall below this (beside a
+                                  * better candidate); 0: never */
+    double gain;                 /* the same against the start: where the BIC will hardly fall by so
+                                  * much below that of START; 0: never */
+    bool equal_noise;            /* one noise level for all columns; else one for each signal, from
+                                  * its own residual */
+    bool settle;                 /* once converged go on to the minimum itself, so that the answer
+                                  * does not tell where the search began */
+};
+
+enum refine_end {
+    /* the next step is below options.step standard errors, or what it promises below the rounding
+     * of signals that are exact */
+    REFINE_CONVERGED,
+    REFINE_ROUNDING,           /* the residual is rounding: as exact as the arithmetic lets it be */
+    REFINE_STALLED,              /* no step lowers the residual, or too many steps: not converged */
+    REFINE_BOUNDED,            /* a pole sits at the guard of growth or decay: the model is wrong */
+    REFINE_DEGENERATE,           /* two poles coincide, or there are more unknowns than rows */
+    REFINE_HOPELESS,             /* given up: options.rival */
+    REFINE_STOPPED,              /* options.work is spent: not converged */
+    REFINE_LOOKED     /* options.iterations < 0: the poles are the start, without standard errors */
+};
+
+/* Of the signals' norm: what a fit leaves below it is rounding. */
+#define REFINE_EXACT 1e-12
+
+/* Numbers of a signal that a fit leaves free: of fewer it tells no noise of its own. */
+enum { REFINE_FREEDOM_LEAST = 30 };
+
+struct refined {
+    int poles, order;            /* entries of lambda; columns of the basis */
+    int parameters;              /* real unknowns in the exponents that are not fixed */
+    double complex *lambda;      /* 1/s, as listed on the way in */
+    double *covariance;          /* parameters x parameters, (1/s)^2; NAN where degenerate */
+    int *first;            /* per pole: its first parameter (Re; then Im for a pair), -1 if fixed */
+    double *std_re, *std_im;     /* per pole, 1/s; 0 for what is fixed or exact by kind (Im of a
+                                  * real pole) */
+    int groups;                  /* signals: S / phases */
+    double *noise;       /* per signal: standard deviation of the residual, units of Y, unfloored */
+    double *floor;               /* per signal: what rounding alone leaves */
+    double residual, start;      /* Frobenius norm of Y - fit: at the end, at the start */
+    double start_bic;            /* of START */
+    double bic;                  /* Bayes information criterion of the fit, residuals floored at
+                                  * rounding; see refine.c */
+    int iterations, evaluations;
+    double work;                 /* multiplications of all evaluations, about: rows x columns^2
+                                  * each, or 2 rows x columns x S (doubling.h); it depends on sizes
+                                  * and steps, not on the machine */
+    enum refine_end end;
+    struct workspace space;      /* of the arrays */
+};
+
+/*
+ * Refine COUNT poles, listed as in exponents.h, from START.
+ *
+ *   fixed   COUNT flags, or NULL: poles that keep their value (the null exponent of an offset)
+ *   out     on success the caller's, to refined_done; lambda holds the best iterate, whatever `end`
+ *           says
+ *
+ * Everything is deterministic.  Fails with MODAL_BAD_INPUT (COUNT < 1, order past REFINE_ORDER_MOST
+ * or not below L; a pole that is not finite; an empty Y), MODAL_NO_MEMORY, MODAL_NO_CONVERGENCE
+ * (LAPACK).
+ */
+enum modal_status refine_poles(const struct refine_data *data, const double complex *start,
+                               int count, const bool *fixed, const struct refine_options *options,
+                               struct refined *out, struct modal_error *err);
+void refined_done(struct refined *r);
+
+/* Multiplications of one evaluation of ORDER columns with their derivatives, about. */
+double refine_work(const struct refine_data *data, int order);
+
+/* The data in the span of a set of poles: Phi = Q R, Z = Q^T Y, columns of Phi in the order of
+ * the poles. */
+struct projected {
+    int order, parameters, columns;   /* q, of the exponents that are not fixed, of Y */
+    double *R, *Z;               /* q x q, zeros below; q x columns */
+    double *rss;                 /* per signal: what the span leaves */
+    double *energy, *lowest;     /* per signal, for: */
+    struct criterion criterion;
+    bool degenerate;             /* Phi has not its full rank: Z and rss mean nothing */
+    double work;                 /* as in struct refined */
+    struct workspace space;      /* of the arrays */
+};
+
+/* One evaluation at LAMBDA; arguments and failures as refine_poles has them. The caller frees
+ * *out with projected_done. */
+enum modal_status refine_project(const struct refine_data *data, const double complex *lambda,
+                                 int count, const bool *fixed,
+                                 struct projected *out, struct modal_error *err);
+void projected_done(struct projected *p);
+
+/* Converged to the bound or to rounding? */
+bool refined_converged(const struct refined *r);
+
+/* Standard deviations that follow from a pole's 2 x 2 covariance: of |lambda| / 2 pi, of the
+ * damping ratio, and of the multiplier (its modulus times |std of lambda| tau).  Each pointer may
+ * be NULL. */
+void refined_std(const struct refined *r, int pole, double tau, double *frequency_hz,
+                 double *damping_ratio, double *multiplier);
+#endif

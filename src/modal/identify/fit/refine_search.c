@@ -1,0 +1,448 @@
+/* refine_search.c - the descent to the minimum of refine.c's (1), and its weights */
+#include "modal/identify/fit/refine_state.h"
+#include <cblas.h>
+#include <float.h>
+#include <lapacke.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+static const double
+    GROWTH_MOST = 700,              /* ln of the largest growth or decay over the record: e^700 is
+                                     * finite */
+    DECAY_MOST = 36,                /* ln of the fastest decay in one step: below it a column is its
+                                     * first entry */
+    SETTLED = 1e-10,                /* standard errors between a settled answer and the minimum */
+    TURN_MOST = 6,                  /* rad over the record in a step: one line of its spectrum */
+    FALL_LEAST = 1e-9,              /* of F: what falls by less may be rounding */
+    WEIGHTS_SETTLED = 0.02;         /* of a weight, from one round to the next */
+enum {
+    ITERATIONS = 60,                /* where the options name none */
+    FAILURES_MOST = 12,             /* of steps in a row */
+    ROUNDING_FAILURES = 3,          /* after so many F's rounding is looked at */
+    SETTLE_STEPS = 16,              /* to the minimum itself: the gradient falls with each */
+    ROUNDS = 30                     /* of weights */
+};
+
+/* Rows that are independent: all, unless a filter left the noise only a share of them. */
+static double rows(const struct work *w)
+{
+    /* for covariances and prices: correlated rows tell less */
+    return w->L * (w->data->share > 0 ? w->data->share : 1);
+}
+
+struct criterion refine_criterion(const struct work *w)
+{
+    double n = (double)w->L * w->phases;
+
+    return (struct criterion) { w->groups, w->phases, n, rows(w) * w->phases, w->data->exact,
+                                w->energy, w->lowest, w->data->white };
+}
+
+double refine_freedom(const struct work *w)
+{
+    return w->S * (rows(w) - w->order) - w->parameters;
+}
+
+static bool at_rounding(const struct work *w, const struct evaluation *e, int g)
+{
+    return e->rss[g] <= (double)w->L * w->phases * w->floor2[g];
+}
+
+static bool is_rounding(const struct work *w, const struct evaluation *e)
+{
+    for (int g = 0; g < w->groups; g++)
+        if (!at_rounding(w, e, g))
+            return false;
+    return true;
+}
+
+/* What signals at rounding have in F: the part of it that no step can lower, nor tell. */
+static double rounding_part(const struct work *w, const struct evaluation *e)
+{
+    double sum = 0;
+
+    for (int g = 0; g < w->groups; g++)
+        sum += at_rounding(w, e, g) ? w->weight[g] * w->weight[g] * e->rss[g] : 0;
+    return sum;
+}
+
+/* s^2 of (5).  Signals at rounding are weighed by a bound of it: beside noise they say nothing of
+ * the noise. */
+static double variance(const struct work *w, const struct evaluation *e)
+{
+    int noisy = 0;
+
+    for (int g = 0; g < w->groups; g++)
+        noisy += !at_rounding(w, e, g);
+    if (noisy == 0 || noisy == w->groups)
+        return e->F / fmax(refine_freedom(w), 1);
+    /* freedom in proportion: each signal has as many rows */
+    return (e->F - rounding_part(w, e)) / fmax(refine_freedom(w) * noisy / w->groups, 1);
+}
+
+/* Weights from residuals; an all-zero signal has none.  Returns the largest relative change. */
+static double set_weights(struct work *w, const double *rss, bool equal)
+{
+    double n = (double)w->L * w->phases, own = refine_freedom(w) / w->groups;
+    double change = 0, pooled = 0, share = 0;
+
+    for (int g = 0; g < w->groups; g++) {
+        pooled += fmax(rss[g], n * w->lowest[g]);
+        share += w->energy[g] > 0;
+    }
+    for (int g = 0; g < w->groups; g++) {
+        double alone = fmax(rss[g], n * w->lowest[g]);
+        /* chi-squared of 30 has a spread of a quarter: less tells signals apart by chance */
+        double rest = equal || own < REFINE_FREEDOM_LEAST ? pooled / fmax(share, 1) : alone;
+        double weight = w->energy[g] > 0 ? 1 / sqrt(fmax(rest / fmax(own, 1), DBL_MIN)) : 0;
+        if (w->energy[g] > 0)
+            change = fmax(change, w->weight[g] > 0 ? fabs(weight / w->weight[g] - 1) : 1);
+        w->weight[g] = weight;
+    }
+    return change;
+}
+
+/* The damped step: min |[R_J; sqrt(mu) diag] delta - [g; 0]|. False where it has no solution. */
+bool refine_damped_step(int n, const double *T, double mu, double *A, double *delta)
+{
+    int ld = 2 * n, P = n + 1;
+
+    memset(A, 0, (size_t)ld * (size_t)n * sizeof *A);
+    memset(delta, 0, (size_t)ld * sizeof *delta);
+    for (int j = 0; j < n; j++) {
+        memcpy(A + j * ld, T + j * P, (size_t)(j + 1) * sizeof *A);
+        double norm = cblas_dnrm2(j + 1, T + j * P, 1);
+        /* Marquardt's scaling: mu is a part of each column's own square */
+        A[n + j + j * ld] = sqrt(mu) * (norm > 0 ? norm : 1);
+    }
+    memcpy(delta, T + n * P, (size_t)n * sizeof *delta);
+    /* by QR of R_J over the damping: J^T J would square the condition */
+    if (LAPACKE_dgels(LAPACK_COL_MAJOR, 'N', ld, n, 1, A, ld, delta, ld) != 0)
+        return false;
+    for (int i = 0; i < n; i++)
+        if (!isfinite(delta[i]))
+            return false;
+    return true;
+}
+
+/* |g|^2 - |g - R_J delta|^2: what (4) promises. */
+static double promised(int n, const double *T, const double *delta)
+{
+    double sum = 0;
+
+    for (int i = 0; i < n; i++) {
+        double x = 0, g = T[i + n * (n + 1)];
+        for (int j = i; j < n; j++)
+            x += T[i + j * (n + 1)] * delta[j];
+        sum += x * (2 * g - x);     /* g^2 - (g - x)^2, without cancelling */
+    }
+    return sum;
+}
+
+double refine_guard(const struct work *w, double a)
+{
+    return fmin(fmax(a, -fmin(DECAY_MOST, GROWTH_MOST)), GROWTH_MOST / w->L);
+}
+
+static bool at_guard(const struct work *w, const struct point *at)
+{
+    for (int j = 0; j < w->count; j++)
+        if (w->first[j] >= 0 && (at->a[j] <= -DECAY_MOST || at->a[j] >= GROWTH_MOST / w->L))
+            return true;
+    return false;
+}
+
+/* No step turns a phase over the record by more than a few radians: another line is another
+ * minimum. */
+void refine_take_step(const struct work *w, const struct point *from, const double *delta,
+                      struct point *to)
+{
+    double most = 0, scale;
+
+    for (int i = 0; i < w->parameters; i++)
+        most = fmax(most, fabs(delta[i]) * w->L);
+    scale = most > TURN_MOST ? TURN_MOST / most : 1;
+    for (int j = 0; j < w->count; j++) {
+        int p = w->first[j];
+        to->a[j] = from->a[j], to->b[j] = from->b[j];
+        if (p < 0)
+            continue;
+        to->a[j] = refine_guard(w, from->a[j] + scale * delta[p]);
+        if (w->kind[j] == POLE_PAIR) {
+            double b = fabs(from->b[j] + scale * delta[p + 1]);   /* conjugates are the same pair */
+            /* past Nyquist samples see the mirror */
+            to->b[j] = fmin(b > M_PI ? fabs(2 * M_PI - b) : b, nextafter(M_PI, 0));
+            to->b[j] = fmax(to->b[j], 1e-12);
+        }
+    }
+}
+
+bool refine_search_new(struct search *s, struct work *w)
+{
+    size_t n = (size_t)w->parameters, poles = (size_t)w->count, groups = (size_t)w->groups;
+    struct point *points[] = { &s->at, &s->trial };
+    struct evaluation *evaluations[] = { &s->now, &s->next };
+    struct workspace *held = &w->held;
+
+    s->A = workspace_numbers(held, 2 * n, n), s->delta = workspace_numbers(held, 2 * n, 1);
+    for (int i = 0; i < 2; i++) {
+        points[i]->a = workspace_numbers(held, poles, 1);
+        points[i]->b = workspace_numbers(held, poles, 1);
+        evaluations[i]->rss = workspace_numbers(held, groups, 1);
+        evaluations[i]->near = workspace_numbers(held, groups, 1);
+        evaluations[i]->T = workspace_numbers(held, n + 1, n + 1);
+    }
+    return !held->failed;
+}
+
+static void swap_in(struct search *s)
+{
+    struct point p = s->at;
+    struct evaluation e = s->now;
+
+    s->at = s->trial, s->trial = p;
+    s->now = s->next, s->next = e;
+}
+
+/* The criterion, every residual times FACTOR. */
+double refine_worth(const struct work *w, const double *rss, double factor)
+{
+    struct criterion c = refine_criterion(w);
+
+    return criterion_of(&c, rss, factor, w->order, w->parameters);
+}
+
+/* Is a signal left with little but the poles' errors?  Its residual may fall by any factor, and its
+ * weight rise with it. */
+static bool collapses(const struct work *w, const struct evaluation *e)
+{
+    for (int g = 0; g < w->groups; g++)
+        /* half and more of it lies in the derivatives' span: the poles' errors made it */
+        if (e->near[g] > 0.5 * e->rss[g] && !at_rounding(w, e, g))
+            return true;
+    return false;
+}
+
+/*
+ * The linear model (4) promises to lower F by |g|^2.  Where twice as much would leave the BIC above
+ * the rival's, the rival has won.
+ */
+static bool hopeless(const struct work *w, const struct search *s, double rival)
+{
+    int n = w->parameters;
+    /* twice: (2) leaves out a term of the residual's own size */
+    double g = cblas_dnrm2(n, s->now.T + n * (n + 1), 1), left = 1 - 2 * g * g / s->now.F;
+
+    return rival != 0 && left > 0 && !collapses(w, &s->now)
+        && refine_worth(w, s->now.rss, left) > rival;
+}
+
+/* Levenberg-Marquardt's damping after Nielsen, and how often in a row it failed. */
+struct damping { double mu, grow; int failures; };
+
+static void damp_more(struct damping *d)
+{
+    /* doubling powers: 12 failures span 2^78 */
+    d->mu = fmax(d->mu, 1e-12) * d->grow, d->grow *= 2, d->failures++;
+}
+
+/* GAIN: what F fell by over what was promised. */
+static void damp_less(struct damping *d, double gain)
+{
+    /* Nielsen: a continuous rule, no more than a ninth at once */
+    d->mu *= fmax(1.0 / 9, 1 - pow(2 * fmin(gain, 1) - 1, 3)), d->grow = 2, d->failures = 0;
+}
+
+/* |g|^2, what (4) could lower F by, is no more than F is known to: no step can be told from
+ * another.  With the fit known to (6), e a number, and orthogonal to what it leaves, r, the square
+ * of r is known to 2 |r| e + n e^2. */
+static bool below_rounding(const struct work *w, const struct evaluation *e)
+{
+    int n = w->parameters;
+    double g = cblas_dnrm2(n, e->T + n * (n + 1), 1), known = rounding_part(w, e);
+
+    for (int i = 0; i < w->groups; i++)
+        known += w->weight[i] * w->weight[i]
+            * (2 * sqrt(e->rss[i] * w->floor2[i]) + (double)w->L * w->phases * w->floor2[i]);
+    return g * g <= known;
+}
+
+static enum refine_end at_rounding_end(const struct work *w, const struct evaluation *e)
+{
+    return is_rounding(w, e) ? REFINE_ROUNDING : REFINE_CONVERGED;
+}
+
+/* Is there a reason not to take another step? */
+static bool ended(const struct work *w, const struct search *s, const struct refine_options *opt,
+                  const struct damping *d, enum refine_end *end)
+{
+    int n = w->parameters;
+    double step = opt->step > 0 ? opt->step : 1e-3;
+
+    if (cblas_dnrm2(n, s->now.T + n * (n + 1), 1) <= step * sqrt(variance(w, &s->now)))
+        /* |R_J delta| <= 1e-3 s: a thousandth of a standard error in any direction */
+        *end = REFINE_CONVERGED;
+    else if (d->failures >= ROUNDING_FAILURES && below_rounding(w, &s->now))
+        *end = at_rounding_end(w, &s->now);
+    else if (d->failures > FAILURES_MOST)
+        *end = REFINE_STALLED;
+    else if (hopeless(w, s, opt->rival))
+        *end = REFINE_HOPELESS;
+    else if (opt->work > 0 && w->spent + w->cost > opt->work)
+        *end = REFINE_STOPPED;
+    else
+        return false;
+    return true;
+}
+
+/* The damped step tried, and taken where F falls.  *still: F fell by nothing that counts, and is
+ * rounding. */
+static enum modal_status try_step(struct work *w, struct search *s, struct damping *d, bool *still,
+                                  struct modal_error *err)
+{
+    int n = w->parameters;
+    double fall, promise;
+    enum modal_status rc;
+
+    s->iterations++, s->evaluations++;
+    if (!refine_damped_step(n, s->now.T, d->mu, s->A, s->delta)) {
+        damp_more(d);
+        return MODAL_OK;
+    }
+    refine_take_step(w, &s->at, s->delta, &s->trial);
+    rc = refine_evaluate(w, &s->trial, &s->next, err);
+    if (rc != MODAL_OK)
+        return rc;
+    promise = promised(n, s->now.T, s->delta);
+    fall = s->now.F - s->next.F;
+    if (s->next.degenerate || !(fall > 0)) {  /* NAN too */
+        damp_more(d);
+        return MODAL_OK;
+    }
+    *still = fall <= FALL_LEAST * s->now.F && is_rounding(w, &s->next);
+    swap_in(s);
+    damp_less(d, fall / promise);
+    return MODAL_OK;
+}
+
+/* Levenberg-Marquardt with the weights as they are. */
+static enum modal_status descend(struct work *w, struct search *s, const struct refine_options *opt,
+                                 enum refine_end *end, struct modal_error *err)
+{
+    int most = opt->iterations > 0 ? opt->iterations : ITERATIONS;
+    struct damping d = { 1e-4, 2, 0 };  /* starts come near: a hundredth of each column's length */
+    bool still = false;
+
+    *end = REFINE_STALLED;
+    while (s->iterations < most && !ended(w, s, opt, &d, end)) {
+        enum modal_status rc = try_step(w, s, &d, &still, err);
+        if (rc != MODAL_OK)
+            return rc;
+        if (still) {
+            *end = REFINE_ROUNDING;
+            break;
+        }
+    }
+    return MODAL_OK;
+}
+
+static double gradient(const struct work *w, const struct evaluation *e)
+{
+    int n = w->parameters;
+
+    return cblas_dnrm2(n, e->T + n * (n + 1), 1) / sqrt(variance(w, e));
+}
+
+/*
+ * To the minimum itself: whole steps, each with the weights of the residuals before it, until the
+ * gradient is as small as asked for or as rounding lets it be.  Near the minimum F no longer tells
+ * better from worse (its fall is the square of the step), the gradient does; weights and exponents
+ * settle by turns, so it is compared with the one before the last.
+ */
+static enum modal_status settle(struct work *w, struct search *s, bool equal,
+                                struct modal_error *err)
+{
+    double before = HUGE_VAL, now = HUGE_VAL;
+
+    for (int i = 0; i < SETTLE_STEPS && now > SETTLED; i++) {
+        enum modal_status rc;
+        double next;
+        /* undamped: Gauss-Newton converges at the residual's rate near the minimum */
+        if (!refine_damped_step(w->parameters, s->now.T, 0, s->A, s->delta))
+            break;
+        refine_take_step(w, &s->at, s->delta, &s->trial);
+        set_weights(w, s->now.rss, equal);
+        rc = refine_evaluate(w, &s->trial, &s->next, err);
+        s->evaluations++;
+        if (rc != MODAL_OK || s->next.degenerate || (next = gradient(w, &s->next)) >= before)
+            return rc;
+        before = now, now = next;
+        swap_in(s);
+    }
+    return MODAL_OK;
+}
+
+/* Descend, weigh anew, until the weights settle. */
+enum modal_status refine_search(struct work *w, struct search *s,
+                                const struct refine_options *asked, struct refined *r,
+                                enum refine_end *end, struct modal_error *err)
+{
+    struct refine_options own = *asked, *opt = &own;
+    enum modal_status rc;
+
+    for (int g = 0; g < w->groups; g++)
+        w->weight[g] = 1;
+    rc = refine_evaluate(w, &s->at, &s->now, err);
+    *end = REFINE_DEGENERATE;
+    if (rc != MODAL_OK || s->now.degenerate)
+        return rc;
+    r->start = 0;
+    for (int g = 0; g < w->groups; g++)
+        r->start += s->now.rss[g];
+    r->start = sqrt(r->start);
+    r->start_bic = refine_worth(w, s->now.rss, 1);
+    if (opt->gain > 0)
+        /* given up where twice the promise does not reach it */
+        opt->rival = r->start_bic - opt->gain;
+    for (int round = 0; round < ROUNDS; round++) {
+        if (set_weights(w, s->now.rss, opt->equal_noise) < WEIGHTS_SETTLED && round > 0)
+            break;
+        if (w->parameters == 0 || w->look) {
+            *end = w->look ? REFINE_LOOKED : REFINE_CONVERGED;
+            return MODAL_OK;
+        }
+        s->evaluations++;
+        rc = refine_evaluate(w, &s->at, &s->now, err);    /* the triangle under the new weights */
+        if (rc != MODAL_OK)
+            return rc;
+        rc = descend(w, s, opt, end, err);
+        if (rc != MODAL_OK || *end == REFINE_STALLED || *end == REFINE_HOPELESS
+            || *end == REFINE_STOPPED)
+            return rc;
+    }
+    if (at_guard(w, &s->at))
+        *end = REFINE_BOUNDED;
+    return opt->settle && *end == REFINE_CONVERGED ? settle(w, s, opt->equal_noise, err) : MODAL_OK;
+}
+
+/* (5): covariance = s2 R^{-1} R^{-T}, in 1/s^2; NAN where R is singular. */
+void refine_covariance(const struct work *w, const struct evaluation *e, double tau, double *cov)
+{
+    int n = w->parameters, P = n + 1;
+    double s2 = fmax(variance(w, e), DBL_MIN) / (tau * tau);
+    double *R = cov;              /* invert in place, then multiply up */
+
+    for (int j = 0; j < n; j++)
+        for (int i = 0; i < n; i++)
+            R[i + j * n] = i <= j ? e->T[i + j * P] : 0;
+    bool singular = n > 0 && LAPACKE_dtrtri(LAPACK_COL_MAJOR, 'U', 'N', n, R, n) != 0;
+    if (n > 0 && !singular)
+        singular = LAPACKE_dlauum(LAPACK_COL_MAJOR, 'U', n, R, n) != 0;
+    for (int j = 0; j < n; j++)
+        for (int i = 0; i <= j; i++)
+            R[i + j * n] = singular ? NAN : s2 * R[i + j * n];
+    for (int j = 0; j < n; j++)
+        for (int i = j + 1; i < n; i++)
+            R[i + j * n] = R[j + i * n];
+}

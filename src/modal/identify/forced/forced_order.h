@@ -1,0 +1,38 @@
+/* forced_order.h - how many modes answer to measured inputs, and where */
+#ifndef MODAL_FORCED_ORDER_H
+#define MODAL_FORCED_ORDER_H
+#include "modal/identify/forced/lines.h"
+#include "modal/identify/forced/transfer.h"
+
+/* One model on the way. */
+struct forced_rung {
+    int poles;
+    double bic, residual;        /* residual: relative, of all responses */
+    bool converged;
+    double complex *s;           /* poles; owned */
+    double *spread;              /* as transfer.h has it; owned */
+};
+
+struct forced_search {
+    struct transfer model;       /* the answer */
+    struct forced_rung rung[TRANSFER_POLES_MOST + 1];
+    int rungs;                   /* 0, 1, 2, .. poles, and the answer where poles were dropped */
+    bool limit;                  /* ended at the most that was allowed, though more would pay */
+};
+
+struct forced_limits {
+    int fixed;                   /* pairs; 0: by the criterion */
+    int most;
+    bool (*cancelled)(void *context);
+    void *context;
+};
+
+/*
+ * Pairs are added where what is left over answers most to an input, as long as the criterion of
+ * criterion.h falls, and dropped where it falls without them.  forced_search_done frees *OUT, of
+ * failures too.  Fails as transfer_fit does.
+ */
+enum modal_status forced_search(const struct lines *lines, const struct forced_limits *limits,
+                                struct forced_search *out, struct modal_error *err);
+void forced_search_done(struct forced_search *search);
+#endif

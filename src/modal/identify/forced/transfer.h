@@ -1,0 +1,78 @@
+/* transfer.h - responses to measured inputs as a sum of modes, fitted by maximum likelihood */
+#ifndef MODAL_TRANSFER_H
+#define MODAL_TRANSFER_H
+#include <complex.h>
+#include <stdbool.h>
+#include "base/error.h"
+#include "modal/identify/forced/lines.h"
+
+/*
+ * Response i at line z, drives W_j and direct columns X_k as in lines.h:
+ *
+ *   Y_i = sum_p sum_j [phi_ip q_jp / (z - e^s_p) + conj(phi_ip q_jp) / (z - e^conj(s_p))] W_j
+ *         + sum_k D_ik X_k + white noise of variance v_i.
+ *
+ * Of each pair p: s its exponent over a sample, Im in (0, pi); phi its shape; q how the drives
+ * reach it, 1 for the drive it is held by.  A pole that is real, s, phi and q too, is one of
+ * Im s = 0 that stays so.
+ */
+struct transfer {
+    int poles;
+    double complex *s;           /* poles */
+    double complex *q;           /* (j, p) at j + drives p */
+    int *held;                   /* poles: a drive */
+    double *x;                   /* (2 poles + direct) x responses: Re, Im of phi, then D */
+    double *rss;                 /* responses: sum of squares left over */
+    double *variance;            /* responses: v_i */
+    double *spread;              /* of Re s, Im s of each pole: standard deviations */
+    double *energy;              /* poles: sum over responses of |part|^2, over all lines */
+    double likelihood;           /* ln of it, but for a constant */
+    bool converged, exact;       /* exact: nothing but rounding is left over, anywhere */
+};
+
+/* Of one model, each a pair or real. */
+enum { TRANSFER_POLES_MOST = 40 };
+
+struct transfer_limits {
+    int steps;                   /* of Gauss and Newton */
+    double enough;               /* converged where a step promises no more ln likelihood */
+    bool (*cancelled)(void *context);    /* may be NULL */
+    void *context;
+};
+
+/* A model of no poles, the direct columns alone, not fitted; room for TRANSFER_POLES_MOST. */
+enum modal_status transfer_new(const struct lines *lines, struct transfer *out,
+                               struct modal_error *err);
+void transfer_done(struct transfer *t);
+void transfer_copy(const struct lines *lines, const struct transfer *from, struct transfer *to);
+
+/* One pole more, driven by Q; one less. */
+void transfer_add(const struct lines *lines, struct transfer *t, double complex s,
+                  const double complex *q);
+void transfer_drop(const struct lines *lines, struct transfer *t, int pole);
+
+/*
+ * From where *T is to the maximum of its likelihood, by Levenberg and Marquardt's steps on s and q,
+ * shapes and direct terms eliminated (Golub and Pereyra); at most LIMITS->steps.  Fails with
+ * MODAL_NO_MEMORY, MODAL_NO_CONVERGENCE, MODAL_CANCELLED.
+ */
+enum modal_status transfer_fit(const struct lines *lines, const struct transfer_limits *limits,
+                               struct transfer *t, struct modal_error *err);
+
+/* What is left over at all lines, count x responses, into R. */
+enum modal_status transfer_rest(const struct lines *lines, const struct transfer *t,
+                                double complex *R, struct modal_error *err);
+
+/*
+ * Frequency responses of the model at COUNT frequencies, radians a sample: entry (f, i, j),
+ * response i to a unit of input j, at f + count (i + responses j) of H; SPREAD, the same, the
+ * standard deviation of its distance from the true one, NAN where unknown.  *T is as transfer_fit
+ * left it.
+ */
+enum modal_status transfer_frf(const struct lines *lines, struct transfer *t, const double *turn,
+                               int count, double complex *H, double *spread,
+                               struct modal_error *err);
+
+/* Real unknowns of so many poles. */
+int transfer_unknowns(const struct lines *lines, int poles);
+#endif

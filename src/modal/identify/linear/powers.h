@@ -1,0 +1,26 @@
+/* powers.h - the columns that a pole has in a basis */
+#ifndef MODAL_POWERS_H
+#define MODAL_POWERS_H
+#include "modal/identify/linear/exponents.h"
+
+/* COUNT poles per step: a = Re lambda tau, b = Im lambda tau; their first columns in Phi, of ORDER
+ * columns. */
+struct doubling_poles {
+    int count, order;
+    const enum pole_kind *kind;
+    const int *column;
+    const double *a, *b;
+};
+
+/*
+ * e^{a l} times (cos b l, -sin b l) of a pair into x[l] and x[l + ld], 1 of a real multiplier or
+ * (-1)^l of a negative one into x[l], l = 0 .. L-1; growing ones are divided by their last, so that
+ * nothing exceeds 1.  Phases are those of the rounded b, exact to a few DBL_EPSILON.
+ */
+void powers_of(enum pole_kind kind, double a, double b, int L, double *x, int ld);
+
+/* The row of L about which e^{a l} has its weight: 1 / |a| from the end where it is large, the
+ * middle at most.  Derivatives diag(l - c) Phi are taken there, which changes them by a multiple of
+ * Phi and keeps them as independent of it as they can be. */
+double powers_centre(double a, int L);
+#endif

@@ -1,0 +1,213 @@
+/*
+ * trim.c - which poles a set does without
+ *
+ * With Phi = Q R and Z = Q^T Y the amplitudes of channel c are C = R^{-1} Z_c, and without the
+ * columns J of a pole, all others fitted anew, the sum of squares rises by
+ *
+ *     C_J^T (B B^T)^{-1} C_J,   B = rows J of R^{-1},                              (1)
+ *
+ * since B B^T is block J of (Phi^T Phi)^{-1}. All of them come from one inverse of a triangle.
+ * The pole that goes takes its columns out of R; rotations make it a triangle again, carry Z
+ * along, and leave in its last rows what (1) said. So the rows of the record are read once,
+ * however many poles go: each costs q^2 (q/3 + S) multiplications.
+ */
+#include "modal/identify/order/trim.h"
+#include "modal/identify/linear/exponents.h"
+#include <cblas.h>
+#include <float.h>
+#include <lapacke.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "modal/linalg/qr.h"
+
+struct trim {
+    const struct refine_data *data;
+    struct projected p;
+    int ld;                      /* of p.R, p.Z and below */
+    double *inverse, *C;         /* ld x ld, ld x columns */
+    double *rise;                /* per signal: (1) of a pole */
+    double complex *lambda; bool *fixed; int count;
+};
+
+static void drop_pole(struct trim *t, int j)
+{
+    size_t after = (size_t)(t->count - 1 - j);
+
+    memmove(t->lambda + j, t->lambda + j + 1, after * sizeof *t->lambda);
+    if (t->fixed != NULL)
+        memmove(t->fixed + j, t->fixed + j + 1, after * sizeof *t->fixed);
+    t->count--;
+}
+
+/* Column I out of R, and Z along. */
+static void drop_column(struct trim *t, int i)
+{
+    int q = t->p.order, ld = t->ld, S = t->p.columns, phases = t->p.criterion.phases;
+    double *R = t->p.R, *Z = t->p.Z;
+
+    for (int j = i; j < q - 1; j++)
+        memcpy(R + j * ld, R + (j + 1) * ld, (size_t)(j + 2) * sizeof *R);
+    for (int j = i; j < q - 1; j++) {
+        double a = R[j + j * ld], b = R[j + 1 + j * ld], c, s;
+        /* without column i R is upper Hessenberg from there on: one rotation a row */
+        cblas_drotg(&a, &b, &c, &s);
+        R[j + j * ld] = a, R[j + 1 + j * ld] = 0;
+        if (j + 1 < q - 1)
+            cblas_drot(q - 2 - j, R + j + (j + 1) * ld, ld, R + j + 1 + (j + 1) * ld, ld, c, s);
+        cblas_drot(S, Z + j, ld, Z + j + 1, ld, c, s);
+    }
+    for (int c = 0; c < S; c++)
+        /* the direction that only the lost column had */
+        t->p.rss[c / phases] += Z[q - 1 + (size_t)c * ld] * Z[q - 1 + (size_t)c * ld];
+    t->p.order--;
+}
+
+/* (1) in each signal for the pole whose N columns begin at I. */
+static void rise_of(const struct trim *t, int i, int n, double *rise)
+{
+    int q = t->p.order, ld = t->ld, phases = t->p.criterion.phases;
+    const double *B = t->inverse + i, *C = t->C + i;
+    /* [a b; b d] = V V^T, rows of R^{-1} begin at their diagonal */
+    double a = cblas_ddot(q - i, B + i * ld, ld, B + i * ld, ld), b = 0, d = 1, det;
+
+    if (n == 2) {
+        b = cblas_ddot(q - i, B + i * ld, ld, B + 1 + i * ld, ld);
+        d = cblas_ddot(q - i, B + 1 + i * ld, ld, B + 1 + i * ld, ld);
+    }
+    det = a * d - b * b;
+    memset(rise, 0, (size_t)t->p.criterion.groups * sizeof *rise);
+    for (int c = 0; c < t->p.columns; c++) {
+        double x = C[(size_t)c * ld], y = n == 2 ? C[1 + (size_t)c * ld] : 0;
+        /* c^T (V V^T)^{-1} c */
+        rise[c / phases] += det > 0 ? fmax((d * x * x - 2 * b * x * y + a * y * y) / det, 0) : 0;
+    }
+}
+
+/* By how much the criterion's first part rises with RISE. */
+static double loss_of(const struct criterion *k, const double *rss, const double *rise)
+{
+    double sum = 0;
+
+    for (int g = 0; g < k->groups; g++) {
+        /* what is below rounding or the grid neither gains nor loses */
+        double floor = fmax(k->floor2[g], DBL_MIN) * k->numbers;
+        if (k->energy[g] > 0)
+            sum += k->own * log(fmax(rss[g] + rise[g], floor) / fmax(rss[g], floor));
+    }
+    return sum;
+}
+
+/* The pole that may go and costs least; -1: none. */
+static int cheapest(struct trim *t, const struct trim_options *opt)
+{
+    const struct criterion *k = &t->p.criterion;
+    int q = t->p.order, ld = t->ld, at = -1;
+    double least = HUGE_VAL;
+
+    for (int j = 0; j < q; j++)
+        memcpy(t->inverse + j * ld, t->p.R + j * ld, (size_t)(j + 1) * sizeof *t->inverse);
+    if (LAPACKE_dtrtri(LAPACK_COL_MAJOR, 'U', 'N', q, t->inverse, ld) != 0)
+        return -1;
+    matrix_copy(q, t->p.columns, t->p.Z, ld, t->C, ld);
+    cblas_dtrmm(CblasColMajor, CblasLeft, CblasUpper, CblasNoTrans, CblasNonUnit, q, t->p.columns,
+                1,
+                t->inverse, ld, t->C, ld);
+    for (int j = 0, i = 0; j < t->count; j++) {
+        int n = pole_order(t->lambda[j], t->data->tau), fixed = t->fixed != NULL && t->fixed[j];
+        double price = criterion_price(k, q, t->p.parameters)
+                     - criterion_price(k, q - n, t->p.parameters - n), excess;
+        rise_of(t, i, n, t->rise);
+        i += n;
+        /* < 0: its absence costs less than it */
+        excess = loss_of(k, t->p.rss, t->rise) - opt->share * price - opt->reach;
+        if (!fixed && excess < 0 && excess < least)
+            least = excess, at = j;
+    }
+    return at;
+}
+
+/* Is column J in the span of those before it? */
+static bool dependent(const struct projected *p, int j)
+{
+    return qr_dependent(p->R + (size_t)j * (size_t)p->order, j);
+}
+
+/* Poles whose columns those before them span are dropped, one stays; how many were. */
+static int drop_dependent(struct trim *t)
+{
+    int dropped = 0;
+
+    for (int j = 0, column = 0; j < t->count && t->count > 1;) {
+        int n = pole_order(t->lambda[j], t->data->tau);
+        /* of two that coincide the first stays */
+        bool spanned = dependent(&t->p, column) || (n == 2 && dependent(&t->p, column + 1));
+        column += n;
+        if (spanned)
+            drop_pole(t, j), dropped++;
+        else
+            j++;
+    }
+    return dropped;
+}
+
+/* The factorisation, of poles that are independent. */
+static enum modal_status project(struct trim *t, double *work, struct modal_error *err)
+{
+    for (;;) {
+        enum modal_status rc = refine_project(t->data, t->lambda, t->count, t->fixed, &t->p, err);
+        if (rc != MODAL_OK)
+            return rc;
+        *work += t->p.work;
+        if (!t->p.degenerate || drop_dependent(t) == 0)
+            return MODAL_OK;
+        projected_done(&t->p);
+    }
+}
+
+static void leave_out(struct trim *t, const struct trim_options *opt)
+{
+    int start = t->count;
+
+    while (t->count > 1 && (opt->most == 0 || start - t->count < opt->most)) {
+        int j = cheapest(t, opt), first = 0, n;
+        if (j < 0)
+            return;
+        for (int i = 0; i < j; i++)
+            first += pole_order(t->lambda[i], t->data->tau);
+        n = pole_order(t->lambda[j], t->data->tau);
+        for (int i = n - 1; i >= 0; i--)
+            drop_column(t, first + i);
+        t->p.parameters -= n;
+        drop_pole(t, j);
+    }
+}
+
+enum modal_status trim_poles(const struct refine_data *data, double complex *lambda, int *count,
+                             bool *fixed, const struct trim_options *opt, double *work,
+                             struct modal_error *err)
+{
+    struct trim t = { .data = data, .lambda = lambda, .fixed = fixed, .count = *count };
+    double spent = 0;
+    enum modal_status rc = project(&t, &spent, err);
+    size_t q = (size_t)t.p.order, groups = (size_t)t.p.criterion.groups;
+
+    if (rc != MODAL_OK)
+        return rc;
+    t.ld = t.p.order;
+    t.inverse = calloc(q * q + 1, sizeof(double));
+    t.C = calloc(q * (size_t)t.p.columns + 1, sizeof(double));
+    t.rise = calloc(groups + 1, sizeof(double));
+    if (t.inverse == NULL || t.C == NULL || t.rise == NULL) {
+        rc = modal_fail(err, MODAL_NO_MEMORY, "trim: no memory for order %d", t.p.order);
+    } else {
+        if (!t.p.degenerate)
+            leave_out(&t, opt);
+        *count = t.count;
+        if (work != NULL)
+            *work += spent;
+    }
+    free(t.inverse), free(t.C), free(t.rise);
+    projected_done(&t.p);
+    return rc;
+}

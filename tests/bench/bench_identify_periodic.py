@@ -25,6 +25,7 @@ import json
 import tempfile
 import time
 import numpy as np
+import scipy.signal
 
 CTL = os.environ.get("MODALCTL", "modalctl")
 DETECTABLE, TOLERANCE, WIDEST = 3, 4, 0.2
@@ -144,11 +145,12 @@ def covered(document, r, hit):
     return parts, within
 
 
-def few(periods, p, S):
-    """Three pairs, each with four harmonics, in noise of 1e-3."""
+def few(periods, p, S, correlation=0):
+    """Three pairs, each with four harmonics, in noise of 1e-3 with CORRELATION."""
     rng = np.random.default_rng(periods + p + S)
     t, k = np.arange(periods * p) / p, np.arange(-2, 3)
     y = 1e-3 * rng.normal(size=(periods * p, S))
+    y = scipy.signal.lfilter([(1 - correlation ** 2) ** 0.5], [1, -correlation], y, axis=0)
     for z in (-2 / periods + 0.6j, -3 / periods + 1.7j, -1 / periods + 2.6j):
         g = (rng.normal(size=(5, S)) + 1j * rng.normal(size=(5, S))) * (0.5 ** abs(k))[:, None]
         y += (np.exp(z.real * t)[:, None]
@@ -164,10 +166,12 @@ def plain(r):
 
 
 def cost():
-    print("periods x samples x channels: CPU, that of numpy's fit, ratio; multipliers")
+    print("periods x samples x channels (x correlation of noise): CPU, that of numpy's fit, ratio; "
+          "multipliers")
     grown = {(60 * i, 24 * j, 2 * k) for n in (1, 2, 4, 8)
              for i, j, k in ((n, 1, 1), (1, n, 1), (1, 1, n))}
-    for size in sorted(grown) + [(250, 96, 4), (257, 240, 8), (1000, 24, 4)]:
+    for size in sorted(grown) + [(250, 96, 4), (257, 240, 8), (1000, 24, 4),
+                                 (60, 240, 6, 0.6), (60, 240, 6, 0.9)]:
         r, began = few(*size), os.times()
         found = len(identify(r)["modes"])
         ours, before = os.times().children_user - began.children_user, time.process_time()

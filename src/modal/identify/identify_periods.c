@@ -8,11 +8,11 @@
 #include <string.h>
 #include "modal/identify/fit/whiten.h"
 #include "modal/identify/order/remainder.h"
+#include "modal/linalg/eigen.h"
 #include "modal/linalg/svd.h"
 
 static const double
     SAME = 1,                   /* of -2 ln(likelihood): searches no further apart ended at one */
-    NEARLY = 0.8,               /* of the order there may be: one that noise drives goes there */
     CHANCE = 6;                 /* over m: three standard errors, in white_share() */
 
 enum {
@@ -52,7 +52,7 @@ static enum modal_status descend_folded(struct work *w, bool all, double directi
     count = count < w->pencil.count ? count : w->pencil.count;
     count = count < opt.order_most ? count : opt.order_most;
     source.most = (int)ceil(directions * count);
-    opt.work = work_left(w, false, false);
+    opt.work = work_left(w, false, w->brief);
     rc = order_from_above(&w->data, &source, &opt, choice, err);
     w->spent += rc == MODAL_OK ? choice->work : 0;
     return rc;
@@ -156,20 +156,71 @@ static enum modal_status searched_periods(const struct work *w, struct matrix *Y
     return MODAL_OK;
 }
 
-/* The signals are made white as far as what FIT leaves tells them not to be, by more than LEAST of
- * -2 ln(likelihood) (whiten.h).  *changed: they were not. */
-static enum modal_status whiten_periods(struct work *w, const struct refined *fit, double least,
-                                        bool *changed, struct modal_error *err)
+/* The signals are made white as far as E, of a fit of ORDER columns, tells them not to be, by more
+ * than LEAST of -2 ln(likelihood) (whiten.h).  *changed: they were not. */
+static enum modal_status whiten_periods(struct work *w, const struct matrix *E, int order,
+                                        double least, bool *changed, struct modal_error *err)
 {
-    struct matrix E = { 0 };
     double told = 0;
-    enum modal_status rc = remainder_of(&w->data, fit, &E, err);
+    enum modal_status rc = whiten_rows(E, w->shift, order, least, &w->folded, &told, err);
 
-    if (rc == MODAL_OK && E.x != NULL)
-        rc = whiten_rows(&E, w->shift, fit->order, least, &w->folded, &told, err);
-    free(E.x);
     w->facts.told = 1 - (1 - w->facts.told) * (1 - told);
     *changed = told > 0;
+    return rc;
+}
+
+/* The same by what FIT leaves. */
+static enum modal_status whiten_left(struct work *w, const struct refined *fit, double least,
+                                     bool *changed, struct modal_error *err)
+{
+    struct matrix E = { 0 };
+    enum modal_status rc = remainder_of(&w->data, fit, &E, err);
+
+    *changed = false;
+    if (rc == MODAL_OK && E.x != NULL)
+        rc = whiten_periods(w, &E, fit->order, least, changed, err);
+    free(E.x);
+    return rc;
+}
+
+/* -2 ln(likelihood) that a pair of multipliers must gain which are none. */
+static double least_gain(const struct work *w)
+{
+    double S = w->data.Y->n;
+
+    return criterion_noise_pair(S, S * w->data.Y->m);
+}
+
+/*
+ * Before any fit, by the lesser half of the left singular vectors: multipliers are fewer than half
+ * of the periods, or their weakest lie among noise, and of many more columns than that noise alone
+ * takes no direction for itself.  What is strongly correlated has few and does: what it leaves is
+ * whiter than it was, so fits are asked afterwards.  But a first search in noise taken for white,
+ * correlated by 0.9, ends only where all its work is spent.
+ */
+static enum modal_status begin_white(struct work *w, struct modal_error *err)
+{
+    const struct matrix *Y = w->data.Y;
+    int rest = Y->m - Y->m / 2;
+    struct matrix V = { 0 }, E = { rest, Y->n, rest, NULL };
+    double *squares = NULL;
+    bool changed;
+    enum modal_status rc = pencil_products(Y, &V, err);
+
+    if (rc == MODAL_OK) {
+        squares = malloc((size_t)Y->m * sizeof *squares);
+        E.x = malloc((size_t)rest * (size_t)Y->n * sizeof *E.x);
+        if (squares == NULL || E.x == NULL)
+            rc = modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d periods", Y->m);
+    }
+    if (rc == MODAL_OK)
+        rc = eigen_symmetric(&V, squares, err);
+    if (rc == MODAL_OK) {
+        cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, rest, Y->n, Y->m, 1, V.x, V.ld, Y->x,
+                    Y->ld, 0, E.x, rest);
+        rc = whiten_periods(w, &E, 0, least_gain(w), &changed, err);
+    }
+    free(V.x), free(E.x), free(squares);
     return rc;
 }
 
@@ -178,8 +229,8 @@ static enum modal_status whiten_periods(struct work *w, const struct refined *fi
 static enum modal_status begin_whiter(struct work *w, struct order_choice *best, bool *anew,
                                       struct modal_error *err)
 {
-    double S = w->data.Y->n, least = criterion_noise_pair(S, S * w->data.Y->m);
-    enum modal_status rc = whiten_periods(w, &best->candidates[best->chosen].fit, least, anew, err);
+    enum modal_status rc = whiten_left(w, &best->candidates[best->chosen].fit, least_gain(w), anew,
+                                       err);
 
     if (*anew) {
         order_done(best);
@@ -200,7 +251,7 @@ static enum modal_status settle_white(struct work *w, struct order_choice *best,
 
     for (int i = 0; i < ANEW_MOST && rc == MODAL_OK && changed && !best->offset; i++) {
         struct refined fit;
-        rc = whiten_periods(w, &k->fit, 0, &changed, err);
+        rc = whiten_left(w, &k->fit, 0, &changed, err);
         if (rc != MODAL_OK || !changed)
             break;
         rc = refine_poles(&w->data, k->fit.lambda, k->fit.poles, NULL, &opt, &fit, err);
@@ -210,15 +261,6 @@ static enum modal_status settle_white(struct work *w, struct order_choice *best,
         k->fit = fit;
     }
     return rc;
-}
-
-/* Has it nearly as many multipliers as there may be?  That is noise for all but the first. */
-static bool fills_rows(const struct work *w, const struct order_choice *best)
-{
-    int most = work_rows_allow(w), sparing = work_sparing_order(w);
-
-    return best->chosen >= 0 && best->candidates[best->chosen].fit.order
-                                    > NEARLY * (sparing < most ? sparing : most);
 }
 
 /* One start: a pencil of Y, products K, and from there downwards; *other is the better of both. */
@@ -239,19 +281,16 @@ static enum modal_status start_folded(struct work *w, const struct matrix *Y,
 }
 
 /* Periodic systems from above, from one start after another until three end at the same best,
- * or the signals are explained to rounding.  *anew, where it is asked: the noise was not white,
- * and is now. */
-static enum modal_status descend_all_folded(struct work *w, struct order_choice *best, bool *anew,
+ * or the signals are explained to rounding. */
+static enum modal_status descend_all_folded(struct work *w, struct order_choice *best,
                                             struct modal_error *err)
 {
     struct matrix Y = { 0 }, K = { 0 };
     struct pencil kept = w->pencil;
-    bool ended = false, ask = *anew;
+    bool ended = false;
     int again = 0;
     enum modal_status rc = searched_periods(w, &Y, err);
 
-    *anew = false;
-    w->data.exact = w->facts.full_rank < w->projection.count;
     if (rc == MODAL_OK && noise_shows(w) && pencil_products_pay(Y.m, Y.n))
         rc = pencil_products(&Y, &K, err);
     for (size_t i = 0; i < sizeof STARTS / sizeof *STARTS && rc == MODAL_OK && !ended; i++) {
@@ -259,9 +298,6 @@ static enum modal_status descend_all_folded(struct work *w, struct order_choice 
             break;                            /* periods too few for any; the ladder says so */
         rc = start_folded(w, &Y, &K, i, best, &again, err);
         ended = (again > 1 || at_rounding(w, best)) && best->clean;
-        if (rc == MODAL_OK && ask && i == 0 && fills_rows(w, best) && !w->data.exact)
-            rc = begin_whiter(w, best, anew, err);
-        ended |= *anew;
     }
     if (rc == MODAL_OK && work_bic_chosen(best) >= work_bic_of_nothing(&w->data)) {
         order_done(best);
@@ -278,22 +314,29 @@ enum modal_status work_choose_periodic(struct work *w, struct order_choice *best
                                        struct modal_error *err)
 {
     double share = 1, before = 1, spent = w->spent;
-    bool anew = true;
-    enum modal_status rc = descend_all_folded(w, best, &anew, err);
+    int L = w->data.Y->m, S = w->data.Y->n;
+    bool anew, brief;
+    enum modal_status rc = MODAL_OK;
 
-    for (int i = 0; i < ANEW_MOST && rc == MODAL_OK && !w->data.exact; i++) {
-        if (!anew && best->chosen >= 0)
-            rc = begin_whiter(w, best, &anew, err);
-        if (rc == MODAL_OK && !anew && best->chosen >= 0)
+    w->data.exact = w->facts.full_rank < w->projection.count;
+    if (!w->data.exact && noise_shows(w) && L <= S && pencil_products_pay(L, S))
+        rc = begin_white(w, err);
+    w->brief = brief = w->facts.told > 0;
+    if (rc == MODAL_OK)
+        rc = descend_all_folded(w, best, err);
+    w->brief = false;
+    for (int i = 0; i < ANEW_MOST && rc == MODAL_OK && best->chosen >= 0 && !w->data.exact; i++) {
+        rc = begin_whiter(w, best, &anew, err);
+        if (rc == MODAL_OK && !anew)
             rc = white_share(w, &best->candidates[best->chosen].fit, &share, err);
-        if (rc != MODAL_OK || (!anew && share >= before))
+        if (rc != MODAL_OK || (!anew && share >= before && (!brief || best->clean)))
             break;
+        brief = false;
         w->data.white = before = anew ? 1 : share;
         order_done(best);
         *best = (struct order_choice) { .chosen = -1 };
         w->spent = spent;                            /* what a wrong price cost is no search */
-        anew = i + 1 < ANEW_MOST;
-        rc = descend_all_folded(w, best, &anew, err);
+        rc = descend_all_folded(w, best, err);
     }
     if (rc == MODAL_OK && w->facts.told > 0 && best->chosen >= 0)
         rc = settle_white(w, best, err);

@@ -54,6 +54,7 @@ struct work {
     bool projected;                 /* which of the two was made */
     double spent;                   /* work of the ladders so far */
     bool trial;                     /* this search has WORK_TRIAL only */
+    bool brief;                     /* so has this one of periods, in coloured noise: WORK_LONG */
     bool many;                      /* modes, to judge by TRIPLETS_MOST triplets */
     int ragged;                     /* rows whose spectrum is that of a driven response (ragged.h);
                                      * 0: none */

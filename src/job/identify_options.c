@@ -74,7 +74,8 @@ const struct key_row identify_option_rows[] = {
       .unit = "samples", .meaning = "between two columns", .example = "2" },
     { "window", KEY_INTERVAL, AT(opt.window), .low = 0, .high = 1e300, .unit = "s",
       .words = window_words, .form = "auto|T0,T1",
-      .meaning = "part of the record to use; auto: the free response in it, as proposed_window",
+      .meaning = "part of the record to use; auto: the free response in it, as proposed_window; "
+                 "used unasked over 32768 rows",
       .example = "3,43" },
     { "band", KEY_INTERVAL, AT(opt.band), .low = 0, .high = 1e300, .unit = "Hz", .form = "F1,F2",
       .meaning = "demodulated, filtered and decimated first", .example = "3500,3700" },

@@ -84,7 +84,7 @@ const struct result_code result_codes[] = {
     { "ends_below_grid", "identify", "the rest of the record is rounded to nothing and is not used",
       "none is needed" },
     { "not_free_throughout", "identify", "the record begins with quiet, or with what drives it",
-      "give window=auto, which uses `proposed_window`" },
+      "give window=auto, which uses `proposed_window`, as over 32,768 rows is done unasked" },
     { "clipped", "identify", "a channel's peaks are cut off",
       "begin the window later, or measure with less gain" },
     { "growth_unconfirmed", "identify", "growth in the whole record that its parts do not show",

@@ -15,7 +15,9 @@
  *
  * whose products with L V are made with V: nothing of r entries is touched at an s that V serves.
  * Where (2) exceeds the tolerance L is factored, and its solutions join V.  A basis that is full
- * begins anew, from the frequency at hand; one that serves less often than it fails is given up.
+ * begins anew, from the frequency at hand; one that serves less often than it fails is given up,
+ * and so is one, half full, that holds every harmonic of a frequency and serves none of the next:
+ * among many resonances it would be full before it served, at four times the cost.
  *
  * [R84] Ruhe, Rational Krylov sequence methods for eigenvalue computation, Linear Algebra Appl. 58
  * (1984) 391-405.
@@ -49,6 +51,7 @@ struct condense_basis {
     int r, q, duals, columns;       /* columns of B: q + duals + 1 */
     int m, most;                    /* of V now, at most; most 0: not yet known */
     int served, failed;             /* harmonics, since V was empty */
+    int highest;                    /* asked for */
     double *V, *A[3], *B[3];        /* r x most; V^T A V, V^T A_rq: most rows */
     double *theta;                  /* SIGNS x r */
     double *seen[3], *right[3];     /* theta^T A V, theta^T A_rq: SIGNS rows */
@@ -288,6 +291,10 @@ void condense_basis_join(struct condense *c)
         condense_basis_free(c);
         return;
     }
+    if (b->served == 0 && b->failed > b->highest && b->m > b->most / 2) {
+        condense_basis_free(c);
+        return;
+    }
     b->failed++;
     for (int j = 0; j <= b->q; j++)
         wide = take(b, c->right + (size_t)j * (size_t)c->order, wide);
@@ -425,6 +432,7 @@ bool condense_basis_answer(struct condense *c, int k, struct condense_harmonic *
     struct condense_basis *b = c->basis;
     double s = k * c->omega, norm = 0, condition = 0, m = b->m;
 
+    b->highest = k > b->highest ? k : b->highest;
     if (k == 0 || b->m == 0)
         return false;
     project(c, k, s);

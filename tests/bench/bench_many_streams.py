@@ -23,6 +23,7 @@ Then the most of these streams, driven, from 1 host and from 40, with a hop by w
     told       streams that were told of a window, of all
     left out   windows, of those that were due; at 0.7 none, at 3 two thirds
     interval   s between a stream's windows, on average: the longest over the shortest of all
+    daemon     of a core, without its workers; workers and hosts, of them all
 
 $MODALD_STREAMS: the numbers, as `50 100`; $MODALD_SECONDS: how long each runs (20); $MODALD_LOADS,
 as `0.7`, and $MODALD_HOSTS, as `1`.  All of it takes some 7 minutes, on a machine that does nothing
@@ -124,6 +125,12 @@ def hear(client, until, heard):
                 heard.append((time.monotonic(), event["stream"], event["skipped"]))
 
 
+def used(daemon, hosts):
+    """s of a processor so far, of each."""
+    return {"daemon": cpu_s(daemon.process.pid), "workers": sum(map(cpu_s, daemon.children())),
+            "hosts": sum(cpu_s(host.pid) for host in hosts)}
+
+
 def share(hosts, n, load, cost_s):
     """N driven streams of HOSTS, whose windows cost COST_S each, and ask for LOAD of the workers.
     Figures are of what is told once each stream has had its turn, for four turns at least."""
@@ -144,6 +151,11 @@ def share(hosts, n, load, cost_s):
                    for of, host in zip(lines, running)]
         for reader in readers:
             reader.start()
+        hear(client, begun + 5, heard)
+        before, since = used(daemon, running), time.monotonic()
+        hear(client, begun + seconds - 1, heard)
+        cores = {of: (s - before[of]) / (time.monotonic() - since)
+                 for of, s in used(daemon, running).items()}
         hear(client, begun + seconds, heard)
         for reader in readers:
             reader.join()
@@ -166,6 +178,8 @@ def share(hosts, n, load, cost_s):
         say(case, "longest over shortest interval", n, max(intervals) / min(intervals), "ratio",
             each=False)
     say(case, "spilled", n, sum(one["spilled"] + one["dropped"] for one in last), "samples")
+    for of, each in cores.items():
+        say(case, of, n, each, "cores")
 
 
 cost = None

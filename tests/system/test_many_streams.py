@@ -4,6 +4,7 @@ serve them all, none waits for another, and a slow one takes little.
 import json
 import os
 import pathlib
+import re
 import subprocess
 import threading
 import time
@@ -73,6 +74,28 @@ def test_a_slow_ring_gives_back_what_was_read(tmp_path):
         lines = end(begin(10, 64, 160, 20, MODALD_URL=daemon.endpoint, MODALD_SPILL=tmp_path,
                           MODALD_CLOSE_WAIT="60"))
     assert lines[-2]["dropped"] == 0 and lines[-2]["rss_kb"] < 1600 * 10
+
+
+def waked(pid):
+    """How often its threads slept and went on, but for the first, which simulates."""
+    found = re.compile(r"^voluntary_ctxt_switches:\s*(\d+)", re.M)
+    return sum(int(found.search((task / "status").read_text())[1])
+               for task in pathlib.Path(f"/proc/{pid}/task").iterdir() if int(task.name) != pid)
+
+
+def test_frames_of_forty_slow_streams_leave_together(tmp_path):
+    """Twenty beats a second, and 200 looks at the rings.  Once each stream waked both threads by
+    itself: 1,200 times a second."""
+    with Daemon(workers=1) as daemon:
+        host = begin(STREAMS, CHANNELS, RATE, 5, MODALD_URL=daemon.endpoint, MODALD_SPILL=tmp_path,
+                     MODALD_CLOSE_WAIT="60")
+        told, times = [], []
+        for _ in range(4):
+            told.append(json.loads(host.stdout.readline()))
+            times.append(waked(host.pid))
+        end(host)
+    assert told[-1]["acknowledged"] > told[0]["acknowledged"] > 0
+    assert times[-1] - times[0] < 600 * (told[-1]["s"] - told[0]["s"])
 
 
 def test_samples_of_a_slow_stream_travel_more_than_one_to_a_frame(tmp_path):

@@ -167,12 +167,20 @@ static void end_resampling(modald_stream *s)
     s->points = 0;
 }
 
-/* Not where much is under way: frames of a few samples each would fill the window, and what came
- * behind them spill. */
-static bool is_due(const modald_stream *s)
+/* Not for its age where much is under way: frames of a few samples each would fill the window, and
+ * what came behind them spill. */
+static bool is_due(modald_stream *s)
 {
-    return bytes_of(s, s->build.count) >= FRAME_ENOUGH || overflows(s)
-        || (s->frames == 0 && now() > s->build_since + frame_age_most);
+    double t;
+
+    if (bytes_of(s, s->build.count) >= FRAME_ENOUGH || overflows(s))
+        return true;
+    if (s->frames > 0)
+        return false;
+    t = now();
+    if (t > s->build_since + frame_age_most)
+        s->link->beat = t;
+    return s->build_since < s->link->beat;
 }
 
 static bool send_due(modald_stream *s, bool all)

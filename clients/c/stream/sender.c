@@ -211,11 +211,17 @@ static bool look_at(modald_stream *s)
     return sent;
 }
 
+/* More of S than one frame waits for the daemon, or its opening does. */
+static bool presses(const modald_stream *s)
+{
+    return s->opening || s->frames > 1;
+}
+
 /* One turn: what came in, then a look at every stream, first at those that had no turn when all
- * was asked that may be.  The pause until the next. */
+ * was asked that may be.  The pause until the next: short only where it lets more out. */
 static double turn(struct link *l, double idle)
 {
-    bool moved = receive_all(l), closing = false;
+    bool moved = receive_all(l), closing = false, pressed = false;
     int streams = 0, first = l->start;
 
     l->start = 0;
@@ -226,13 +232,14 @@ static double turn(struct link *l, double idle)
         streams++;
         moved |= look_at(l->streams[slot]);
         closing |= l->streams[slot] != NULL && l->streams[slot]->until > 0;
+        pressed |= l->streams[slot] != NULL && presses(l->streams[slot]);
         if (l->start == 0 && l->asked >= ASKED_MOST)
             l->start = slot + 1;
     }
     while (l->slots > 0 && l->streams[l->slots - 1] == NULL)
         l->slots--;
     return closing ? moment
-         : fmax(streams * look_pause, moved ? moment : fmin(2 * idle, idle_most));
+         : fmax(streams * look_pause, moved && pressed ? moment : fmin(2 * idle, idle_most));
 }
 
 static void *sender(void *argument)

@@ -22,6 +22,8 @@
  *
  * Frames carry what there is: one leaves when FRAME_ENOUGH is there, else when its first sample is
  * frame_age_most old and all before it is acknowledged.  A slow stream has few, a slow daemon too.
+ * With the first of a link that leaves for its age go all that were begun: a beat of the link, for
+ * which libzmq, kernel and daemon are waked once, however many its streams are.
  *
  * Window: at most WINDOW frames built and not acknowledged.  A frame is sent once a connection, in
  * order, within the daemon's credit; a lost connection makes all of them unsent.  Repeats are
@@ -200,6 +202,7 @@ struct link {
     double begin_at, pause;     /* when the next connection begins; after which pause */
     double heard_at;            /* when the last message came */
     double moved_at;            /* when samples of a stream were taken last */
+    double beat;                /* frames that were begun before it leave */
     double vain_until;          /* no close waits before: one did, and nothing moved */
     int64_t questions;          /* asked so far */
     int asked;                  /* of them without an answer */

@@ -414,6 +414,79 @@ def test_a_slider_at_rest_leaves_the_stability_of_a_torus_unknown(tmp_path):
     assert "stability_unknown" in [d["code"] for d in result["diagnostics"]]
 
 
+def test_a_torus_that_its_structure_drives_away_is_unstable_beside_a_slider_at_rest(tmp_path):
+    scene = oscillator([{"type": "friction", "dof": "x", "stiffness": 0.5, "limit": 5}],
+                       [0.8, 0.8 * GOLDEN], damping=-0.05)
+    stability = run("steady", scene, tmp_path)[1]["stability"]
+    assert stability["stable"] is False                     # x'' - 0.05 x' + 1.5 x
+    assert stability["exponents"][0] == pytest.approx(0.025, abs=3 * stability["margin_std"])
+
+
+def chain(M, C, K, effects, loads, tones):
+    dofs = [f"x{i}" for i in range(len(M))]
+    return {"structure": {"type": "matrices", "M": np.diag(M).tolist(), "C": C.tolist(),
+                          "K": K.tolist(), "dofs": dofs},
+            "effects": effects, "steady": {"tones": tones},
+            "excitation": [{"dof": dofs[i], "k": k, "cos": c, "sin": s} for i, k, c, s in loads]}
+
+
+def all_motions(result, t, derivative=0):
+    return np.array([motion({**result, "harmonics": [rows]}, t, derivative)
+                     for rows in result["harmonics"]])
+
+
+def test_lines_beyond_the_highest_of_a_slow_tone_are_within_the_error_stated(tmp_path):
+    M = np.array([0.9, 0.4, 2.7, 2.1])
+    K = np.array([[2.7, -2.7, 0, 0], [-2.7, 6.3, -3.6, 0], [0, -3.6, 7.1, -3.5], [0, 0, -3.5, 3.5]])
+    C, w = 0.0027 * K + 0.013 * np.diag(M), [1.23, 0.0017]
+    scene = chain(M, C, K, [{"type": "cubic_spring", "dof": "x3", "coefficient": 0.8}],
+                  [(2, [1, 0], 1.4, 0), (1, [0, 1], 0.7, -0.9)], w)
+    result = run("steady", scene, tmp_path, "-o", "stability=false")[1]
+    t = np.linspace(0, 510, 2000)
+
+    def rate(at, y):
+        x, v = y[:4], y[4:]
+        force = np.array([0, 0.7 * np.cos(w[1] * at) - 0.9 * np.sin(w[1] * at),
+                          1.4 * np.cos(w[0] * at), -0.8 * x[3] ** 3])
+        return np.concatenate([v, (force - K @ x - C @ v) / M])
+    start = np.concatenate([all_motions(result, np.zeros(1))[:, 0],
+                            all_motions(result, np.zeros(1), 1)[:, 0]])
+    marched = solve_ivp(rate, (0, 510), start, "DOP853", t, rtol=1e-9, atol=1e-10).y[:4]
+    assert np.abs(marched - all_motions(result, t)).max() <= 3 * result["total_error"]
+
+
+def test_tones_that_no_record_tells_apart_leave_a_balance_its_work(tmp_path):
+    M, K = np.array([0.66, 2.4]), np.array([[1.0, -1], [-1, 1]])
+    C, w = np.array([[0.075, -0.033], [-0.033, 0.19]]), [1.2243, 1.2243 * 1.00001]
+    scene = chain(M, C, K,
+                  [{"type": "friction", "dof": "x0", "stiffness": 0.16, "limit": 0.04},
+                   {"type": "gap", "dof": "x1", "stiffness": 0.1, "clearance": 0.9}],
+                  [(1, [1, 0], 0.47, -0.5), (0, [0, 1], 0.5, 0)], w)
+    result = run("steady", scene, tmp_path, "-o", "stability=false")[1]
+    assert result["converged"]
+    h, z, worst = 2 * math.pi / w[0] / 200, 0.0, 0.0
+    t = h * np.arange(-2000, 2001)
+    told = all_motions(result, t)
+    for x in told[0, :2001]:
+        z = slide(x, z, 0.16, 0.04)[1]
+    x, v = told[:, 2000].copy(), all_motions(result, np.zeros(1), 1)[:, 0]
+
+    def acceleration(x, v, t):
+        force = np.array([0.5 * math.cos(w[1] * t) - slide(x[0], z, 0.16, 0.04)[0],
+                          0.47 * math.cos(w[0] * t) - 0.5 * math.sin(w[0] * t)
+                          - 0.1 * max(0, x[1] - 0.9)])
+        return (force - K @ x - C @ v) / M
+    for n in range(2000, 4000):
+        worst = max(worst, np.abs(x - told[:, n]).max())
+        a1 = acceleration(x, v, t[n])
+        a2 = acceleration(x + h / 2 * v, v + h / 2 * a1, t[n] + h / 2)
+        a3 = acceleration(x + h / 2 * (v + h / 2 * a1), v + h / 2 * a2, t[n] + h / 2)
+        a4 = acceleration(x + h * (v + h / 2 * a2), v + h * a3, t[n] + h)
+        x, v = x + h * v + h * h / 6 * (a1 + a2 + a3), v + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
+        z = slide(x[0], z, 0.16, 0.04)[1]
+    assert worst <= 3 * result["total_error"]
+
+
 SPRING = [{"type": "cubic_spring", "dof": "x", "coefficient": 0.5}]
 
 

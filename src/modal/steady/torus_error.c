@@ -146,9 +146,8 @@ static int look_at(const struct torus_solver *s, const struct torus_grid *g,
     for (int i = 0; i < known; i++) {
         double turns = torus_frequency(&s->tones, all[i]) / s->tones.omega[s->tones.lead];
 
-        if (serves(s, all[i]))
-            rank[ranks++] = (struct rank) { all[i], torus_order(all[i])
-                                                        * fmin(1, fmax(SLOW, turns * turns / 4)) };
+        rank[ranks++] = (struct rank) { all[i], torus_order(all[i])
+                                                    * fmin(1, fmax(SLOW, turns * turns / 4)) };
     }
     if (ranks > 0)
         qsort(rank, (size_t)ranks, sizeof *rank, by_key);
@@ -160,23 +159,28 @@ static int look_at(const struct torus_solver *s, const struct torus_grid *g,
     return count;
 }
 
-/* The motion in the last part of what grids serve, past which nothing is looked at: what decays
- * leaves out no more. */
+/* The motion past what grids serve, where nothing is looked at: as that of their last part and the
+ * part before falls on, by as much in each such part; at the least the last part itself. */
 static double beyond(const struct torus_solver *s)
 {
-    double sum = 0;
+    double part[2] = { 0 }, fall;
 
     for (int m = 0; m < s->count; m++) {
         double most = 0;
-        bool last = false;
+        int at = 2;
 
-        for (int j = 0; j < s->tones.count; j++)
-            last |= abs(s->index[m].k[j]) > (1 - LAST) * torus_highest(s, j);
-        for (int i = 0; last && i < s->q; i++)
+        for (int j = 0; j < s->tones.count; j++) {
+            double left = (1 - (double)abs(s->index[m].k[j]) / torus_highest(s, j)) / LAST;
+
+            at = (int)fmin(at, fmax(left, 0));
+        }
+        for (int i = 0; at < 2 && i < s->q; i++)
             most = fmax(most, cabs(s->X[(size_t)i * (size_t)s->count + (size_t)m]));
-        sum += most;
+        if (at < 2)
+            part[at] += most;
     }
-    return sum;
+    fall = part[1] > 0 ? fmin(part[0] / part[1], 1 - LAST) : 0;
+    return part[0] * fmax(1, fall / (1 - fall));
 }
 
 /* What a motion X says of the free tone, in rad/s, taken out of it. */
@@ -263,7 +267,7 @@ static enum modal_status left_out(struct torus_solver *s, int all, const struct 
             c->size = fmax(c->size, cabs(column[i]));
             X[i * (size_t)all + (size_t)a] = column[i];
         }
-        ++*count;
+        *count += serves(s, look[a]);
     }
     return MODAL_OK;
 }

@@ -25,6 +25,7 @@ struct torus_sheet {
     int highest, rows;                    /* most of |k_j|; sets of them, told once each: an s of
                                            * (1) a row */
     double start;                         /* s: of its first sample, whole turns */
+    double a_turn;                        /* what one was seen to cost, in budget.h's units */
     double *x, *left, *window;            /* [sample][output]; what no line explains; W */
     double *weighed, *wave, *sum;         /* of torus_lines.c: W x, waves, their sums */
     int count;

@@ -36,7 +36,7 @@ static const double TOLERANCE_LEAST = 1e-11;  /* near rounding */
 static const double FINER = 1.0 / 64;     /* of the tolerance: that measure's */
 static const double LEAP = 5e3;           /* budget.h: a leap of few states, measured */
 static const double SPLIT = 0.2;          /* of the steps have an event, and are two */
-static const double FEW = 1e-3;           /* of a motion that is not the one balanced: where its
+static const double FEW = 1e-2;           /* of a motion that is not the one balanced: where its
                                            * lines leave more of it, it is none of these tones */
 static const double HALVED = 0.5;         /* of what a shorter record left: a longer one that leaves
                                            * more has what no line explains */
@@ -92,6 +92,9 @@ static enum modal_status record(struct torus_sheet *a, struct scene_time *time, 
     how.steps_most = (int64_t)fmax((s->work->most - s->work->spent) / work, 1);
     rc = simulate(&view, time, &how, signals, &done, err);
     budget_add(s->work, work * (double)(rc == MODAL_OK ? done.steps : how.steps_most));
+    if (rc == MODAL_OK)
+        a->a_turn = work * (double)done.steps
+            / ((time->start + time->duration) * s->tones.omega[s->tones.lead] / (2 * M_PI));
     return rc;
 }
 
@@ -179,8 +182,9 @@ static bool size_record(struct torus_sheet *a, int N, int turns, double wanted)
 
     a->start = turns / SETTLING * 2 * M_PI / t->omega[t->lead];
     a->tolerance = fmax(TOLERANCE * wanted, TOLERANCE_LEAST);
-    work = all * (sparse_motion_strides(a->s->p, &time)
-                      ? LEAPS * leap_work(a->s->p) : N * (1 + SPLIT) * torus_step_work(a->s));
+    work = all * fmax(a->a_turn, sparse_motion_strides(a->s->p, &time)
+                                     ? LEAPS * leap_work(a->s->p)
+                                     : N * (1 + SPLIT) * torus_step_work(a->s));
     return fits && a->s->work->spent + work + torus_sheet_work(a) <= a->s->work->most;
 }
 
@@ -205,12 +209,14 @@ bool torus_lines_stand(const struct torus_solver *s, const struct torus_lines *l
 {
     if (lines->count == 0 || lines->error < FEW * lines->amplitude)
         return lines->count > 0;
-    for (int i = 0; point->converged && i < s->q; i++)
+    if (point == NULL || !point->converged)
+        return false;
+    for (int i = 0; i < s->q; i++)
         for (int l = 0; l < lines->count; l++)
             if (cabs(lines->X[(size_t)i * (size_t)lines->count + (size_t)l]
                      - balanced_at(s, lines, i, l)) > AGREE * point->error)
                 return false;
-    return point->converged && lines->error < point->error;
+    return lines->error < point->error;
 }
 
 void torus_lines_done(struct torus_lines *lines)
@@ -294,12 +300,12 @@ enum modal_status torus_march(struct torus_solver *s, double wanted, bool balanc
                               struct torus_lines *best, struct modal_error *err)
 {
     int N = SAMPLES, turns = TURNS, tried = 0;
-    double left = HUGE_VAL;
+    double left = HUGE_VAL, a_turn = 0;
     bool ended = false;
     enum modal_status rc = MODAL_OK;
 
     while (rc == MODAL_OK && !ended && N <= SAMPLES_MOST && turns <= TURNS_MOST) {
-        struct torus_sheet a = { .s = s };
+        struct torus_sheet a = { .s = s, .a_turn = a_turn };
         struct torus_errors e = { 0 };
 
         rc = set_out(&a, balanced, err);
@@ -309,6 +315,7 @@ enum modal_status torus_march(struct torus_solver *s, double wanted, bool balanc
         }
         if (rc == MODAL_OK && !ended)
             rc = march_once(&a, &e, best, &ended, err);
+        a_turn = a.a_turn;
         workspace_free(&a.space);
         if (turns == LONGER * tried && e.change > HALVED * left)
             break;

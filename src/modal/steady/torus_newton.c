@@ -432,10 +432,15 @@ static enum modal_status advance(struct torus_solver *s, double complex *work, d
     s->iterations++;
     s->step = factor * norm(n, step) / fmax(norm(n, X), 1e-300);
     rc = keep_or_leave(s, X, F, now < size, err);
-    /* A short step alone may be one that GMRES did not find: what is left must be little too. */
+    /* A short step alone may be one that GMRES did not find: what is left must be little too.
+     * Where nothing falls any more, the whole step is what is not known. */
     *converged = now <= FLOOR * norm(n, X)
         && (s->step <= tolerance || (s->step <= FLOOR && s->step > SHRINKS * last)
             || norm(n, X) == 0);
+    if (!*converged && now <= FLOOR * norm(n, X) && !(now < size)) {
+        s->step /= factor;
+        *converged = s->step < FAR;
+    }
     *converged |= s->rough > 0 && fmax(now, s->step * norm(n, X)) <= s->rough * norm(n, X);
     *goes_on = !(now >= size) && !*converged;
     return rc;

@@ -113,8 +113,9 @@ static enum modal_status moved(struct torus_solver *s, double *most, struct moda
     return torus_largest(s, s->grid, s->count, s->index, s->was, most, err);
 }
 
-/* Of laws with events: the first set's motion, roughly, and a march from there; *MET: its lines are
- * the answer at TARGET. */
+/* Of laws with events: the first set's motion, roughly, and a march from there, or from the scene's
+ * start where none was found; *MET: its lines are the answer, at TARGET or since other ways to a
+ * balance would cost more than is left. */
 static enum modal_status march_first(struct torus_solver *s, double target,
                                      struct torus_lines *lines, struct torus_point *out, bool *met,
                                      struct modal_error *err)
@@ -126,9 +127,12 @@ static enum modal_status march_first(struct torus_solver *s, double target,
     if (rc == MODAL_OK)
         rc = torus_solve_set(s, &out->converged, err);
     s->rough = 0;
-    if (rc == MODAL_OK && out->converged && torus_march_takes(s, true))
-        rc = torus_march(s, target, true, lines, err);
-    *met = rc == MODAL_OK && lines->count > 0 && lines->error <= target * lines->amplitude;
+    if (rc == MODAL_OK && torus_march_takes(s, true))
+        rc = torus_march(s, target, out->converged, lines, err);
+    *met = rc == MODAL_OK && lines->count > 0
+        && (lines->error <= target * lines->amplitude
+            || (!out->converged && s->work->spent > GROWTH * s->work->most
+                && torus_lines_stand(s, lines, NULL)));
     if (*met)
         torus_adopt(s, lines, target, out);
     return rc;

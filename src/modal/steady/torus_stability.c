@@ -361,6 +361,7 @@ enum modal_status torus_judge(struct torus_solver *s, const int *place, struct t
                            + (double)s->p->laws * (BUDGET_SAMPLE + 4.0 * s->count))
         + steps * BUDGET_SAMPLE * places_of(s->p);
     int turns = TURNS;
+    bool rests = false;
     enum modal_status rc;
 
     *out = (struct torus_stability) { 0 };
@@ -368,11 +369,10 @@ enum modal_status torus_judge(struct torus_solver *s, const int *place, struct t
         out->reason = "of so many dofs, laws and combinations disturbances are not followed";
     if (s->p->n_linear > 0)
         out->reason = "linear states are not followed beside a motion of tones";
-    for (int l = 0; l < s->p->laws; l++)
-        if (torus_undetermined(s->laws, l))
-            out->reason = "a slider comes to rest, and no disturbance of its place decays";
     if (out->reason != NULL)
         return MODAL_OK;
+    for (int l = 0; l < s->p->laws; l++)
+        rests = rests || torus_undetermined(s->laws, l);
     f.m = 2 * f.n < TORUS_EXPONENTS ? 2 * f.n : TORUS_EXPONENTS;
     rc = set_out(&f, place, err);
     for (int l = 0; rc == MODAL_OK && l <= LONGER_MOST && out->verdict == 0 && work <= WORK; l++) {
@@ -383,6 +383,11 @@ enum modal_status torus_judge(struct torus_solver *s, const int *place, struct t
             out->count = (int)f.m;
             sum_up(growth[0], growth[1], f.m, f.places == 0, out->exponent, out->errors);
             judge(s, out);
+        }
+        if (rests && out->verdict >= 0) {
+            *out = (struct torus_stability) {
+                .reason = "a slider comes to rest, and no disturbance of its place decays" };
+            break;
         }
         turns *= LONGER, work *= LONGER;
     }

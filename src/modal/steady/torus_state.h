@@ -176,7 +176,7 @@ bool torus_march_takes(const struct torus_solver *s, bool balanced);
 enum modal_status torus_march(struct torus_solver *s, double wanted, bool balanced,
                               struct torus_lines *best, struct modal_error *err);
 /* Whether LINES are an answer: they explain what was marched, or POINT's motion, that of s->X,
- * better than it does. */
+ * better than it does; POINT NULL: none. */
 bool torus_lines_stand(const struct torus_solver *s, const struct torus_lines *lines,
                        const struct torus_point *point);
 /* LINES as s->index and s->X, and their errors as OUT's; LINES is empty then.  S has no linear

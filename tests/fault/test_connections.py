@@ -18,7 +18,7 @@ sys.path.insert(0, str(HERE.parent / "system"))
 import sanitized  # noqa: E402
 import curve_peer  # noqa: E402
 from lab import Lab  # noqa: E402
-from wire import VERSION, Client, Daemon, ring_down, submit, until  # noqa: E402
+from wire import VERSION, Client, Daemon, crc32c, identity, ring_down, submit, until  # noqa: E402
 
 # of ZMTP 3.0, without security
 GREETING = b"\xff" + bytes(8) + b"\x7f\x03\x00NULL" + bytes(16 + 1 + 31)
@@ -386,6 +386,55 @@ def test_a_message_without_an_end_ends_its_connection(size, count):
         grown = memory_mb(d, "VmHWM") - before
         print(f"\nP6: a message of {count} frames of {size} bytes: RSS grew by {grown:.1f} MB")
         assert grown < 40 and honest.ask("HELLO").ok
+
+
+def test_messages_begun_by_many_connections_take_bounded_memory_together():
+    """80 of 6 MiB, none too long by itself, were 480 MiB; all together may have 256."""
+    with Daemon(workers=0) as d:
+        honest, group = d.client(), [connect(d) for _ in range(80)]
+        assert honest.ask("HELLO").ok
+        before = memory_mb(d, "VmHWM")
+        for s in group:
+            with contextlib.suppress(OSError):
+                s.sendall(frame(bytes(1 << 20), True) * 6)
+        assert honest.ask("HELLO").ok
+        assert memory_mb(d, "VmHWM") - before < 300
+        assert metric(honest, "connections_ended_total") >= 80 - 256 / 6 - 1
+        for s in group:
+            s.close()
+        until_alone(honest)                      # what they held is free for others
+        with connect(d) as s:
+            s.sendall(message(b"MODALD1", b"HELLO", b'{"id":1}', *[bytes(1 << 20)] * 5))
+            read_until(s, b"bad_input")
+
+
+def test_answers_that_nobody_reads_take_bounded_memory_of_a_connection_and_of_all():
+    """Bodies of 1 MiB: libzmq's pipe of 64 messages and 8 MiB before it were 46 MB a connection and
+    more."""
+    data = bytes(1 << 20)
+    with Daemon(workers=0) as d:
+        honest = d.client()
+        begun = honest.ask("UPLOAD", op="begin", content="batch", samples=len(data) // 8,
+                           channels=1, dt=0.1)
+        for at in range(0, len(data), 1 << 18):
+            assert honest.ask("UPLOAD", [data[at:at + (1 << 18)]], op="chunk", offset=at,
+                              upload=begun["upload"], crc32c=crc32c(data[:1 << 18])).ok
+        assert honest.ask("UPLOAD", op="seal", upload=begun["upload"],
+                          sha256=identity(len(data) // 8, 1, 0.1, data)).ok
+        asked = message(b"MODALD1", b"RESULT", json.dumps({
+            "id": 1, "upload": begun["upload"], "part": "input"}).encode())
+        before, group = memory_mb(d, "VmHWM"), [connect(d) for _ in range(40)]
+        for s in group:
+            s.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+            s.sendall(asked * 100)
+        for _ in range(3):                       # behind all that was asked before it
+            got = honest.ask("RESULT", upload=begun["upload"], part="input")
+            assert got.ok and got.body[0] == data
+        grown = memory_mb(d, "VmHWM") - before
+        print(f"\nP6: 4000 bodies of 1 MiB that nobody reads: RSS grew by {grown:.1f} MB")
+        assert grown < 400
+        for s in group:
+            s.close()
 
 
 @pytest.mark.skipif(not zmq.has("curve"), reason="this pyzmq has no CURVE")

@@ -169,6 +169,7 @@ int close(int fd)
     if (kind != CLIENT && kind != WORKER)
         return (int)syscall(SYS_close, fd);
     shutdown(fd, SHUT_RDWR);
+    intake_end(fd);
     if (atomic_load(&hung_up[fd]))
         atomic_fetch_sub(&left_behind, 1);
     atomic_store(&kinds[fd], kind == CLIENT ? ENDED_CLIENT : ENDED_WORKER);

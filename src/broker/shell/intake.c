@@ -24,6 +24,9 @@
  * belongs to no message: of frames those are taken off that the messages had which the loop took,
  * and FRAMES_WAITING may be on their way there.
  *
+ * Connections are many, and what each may hold is much: of all together HELD_MOST.  Past it those
+ * end that hold more than their share of it as they go on, so that who sends little is heard.
+ *
  * A PING that is cut short ends its connection as well (zmtp.h).
  */
 #include "broker/shell/intake.h"
@@ -51,6 +54,8 @@ enum {
     WAITING_MOST = INTAKE_WAITING * VALID_MOST + MESSAGE_MOST,
 };
 
+#define HELD_MOST (32LL * MESSAGE_MOST)          /* of all connections: of the longest so many */
+
 enum { BATCH = 8192 };         /* bytes that libzmq reads at once (config.hpp, in_batch_size) */
 enum { BOXED_LEAST = 2 + 8 + 8 + 17 };  /* CURVE: flags, length, MESSAGE, number, a byte's box */
 enum { FRAMES_WAITING = (INTAKE_WAITING + 1) * WIRE_FRAMES_MOST + BATCH / BOXED_LEAST };
@@ -75,6 +80,8 @@ struct intake {
 
 static struct intake intakes[CONNECTIONS_TRACKED];
 static atomic_long ended;
+/* The I/O thread's: all `held`, when that was last counted, and of how many. */
+static int64_t held_in_all, counted, connections;
 
 static int64_t seconds_now(void)
 {
@@ -88,11 +95,19 @@ void intake_begin(int fd)
 {
     struct intake *in = &intakes[fd];
 
+    connections++;
     memset(in, 0, sizeof *in);
     in->seconds = seconds_now();
     in->properties.left = READY_NAME;
     in->first = true;
     zmtp_begin(&in->zmtp);
+}
+
+void intake_end(int fd)
+{
+    connections--;
+    held_in_all -= intakes[fd].held;
+    intakes[fd].held = 0;
 }
 
 void intake_taken(int fd)
@@ -205,6 +220,38 @@ static bool within_bounds(struct intake *in)
     return in->held <= held_most && in->commands <= commands_most;
 }
 
+/* What was taken since a connection said something is held no more. */
+static void count_held(void)
+{
+    held_in_all = 0;
+    for (int fd = 0; fd < CONNECTIONS_TRACKED; fd++) {
+        struct intake *in = &intakes[fd];
+        if (atomic_load_explicit(&in->taken, memory_order_relaxed) > 0)
+            in->held = 0;
+        held_in_all += in->held;
+    }
+}
+
+/* IN holds more than its share, and all together more than there is. */
+static bool is_greedy(const struct intake *in)
+{
+    if (held_in_all > HELD_MOST && counted != seconds_now()) {
+        counted = seconds_now();
+        count_held();
+    }
+    return held_in_all > HELD_MOST && in->held > HELD_MOST / connections;
+}
+
+/* SIZE bytes that IN is told; false: it must end. */
+static bool take_in(struct intake *in, unsigned char *at, size_t size)
+{
+    int64_t held = in->held;
+    bool good = follow(in, at, size) && within_bounds(in);
+
+    held_in_all += in->held - held;
+    return good && !is_greedy(in);
+}
+
 ssize_t recv(int fd, void *buffer, size_t size, int flags)
 {
     ssize_t got = syscall(SYS_recvfrom, fd, buffer, size, flags, NULL, NULL);
@@ -212,7 +259,7 @@ ssize_t recv(int fd, void *buffer, size_t size, int flags)
 
     if (got <= 0 || fd < 0 || fd >= CONNECTIONS_TRACKED || in->zmtp.stage == ZMTP_NOTHING)
         return got;
-    if (!in->ended && follow(in, buffer, (size_t)got) && within_bounds(in))
+    if (!in->ended && take_in(in, buffer, (size_t)got))
         return got;
     if (!in->ended)
         atomic_fetch_add_explicit(&ended, 1, memory_order_relaxed);

@@ -8,6 +8,8 @@ enum { INTAKE_WAITING = 16 };
 
 /* FD is a connection just accepted; nothing was read of it yet. */
 void intake_begin(int fd);
+/* FD ends; by the thread that accepts and receives. */
+void intake_end(int fd);
 /* The loop has taken a message of FD. */
 void intake_taken(int fd);
 /* Connections ended here, since the start. */

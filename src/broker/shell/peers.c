@@ -4,10 +4,15 @@
  * With ZMQ_ROUTER_MANDATORY the first frame says what will become of a message: EAGAIN (the peer's
  * pipe is full), or EHOSTUNREACH (the peer is gone); the frames after it are taken.  libzmq does
  * not say when a pipe has room again, so the loop tries while there are queues, and only then.
+ *
+ * A pipe counts messages and no bytes, 64 of 1 MiB, and connections are many.  So libzmq is lent
+ * what it has of each peer's and gives it back once it is written; and past HELD_MOST of all peers
+ * those bodies are dropped that are for whom more waits than an equal share.
  */
 #include "broker/shell/peers.h"
 #include <errno.h>
 #include <netdb.h>
+#include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -20,6 +25,27 @@ enum {
     FULL_FROM = 16,      /* of 1 MiB at most: 16 MiB a peer that reads nothing */
     READY_BELOW = 4,     /* not 0: there is something to send meanwhile */
 };
+
+enum { HELD_MOST = 32 * PEER_BYTES_MOST };      /* bytes of all peers: of 32 that read nothing */
+
+/* What libzmq has of a peer's, which may be gone before it is given back. */
+struct lent {
+    atomic_int holders;            /* the peer, and messages; the last frees it */
+    atomic_size_t bytes;
+};
+
+/* A message, queued or lent. */
+struct outgoing {
+    struct outgoing *next;
+    struct lent *lent;
+    const char *verb;
+    char *header;
+    struct blob *body;
+    size_t size;
+    atomic_int frames;             /* of header and body, lent */
+};
+
+static atomic_size_t held;         /* bytes of all `outgoing` */
 
 struct routing { const void *data; size_t size; };
 
@@ -79,8 +105,11 @@ struct peer *peers_by_routing(struct peers *peers, const void *data, size_t size
     if (peer != NULL || size > ROUTING_MOST)
         return peer;
     peer = calloc(1, sizeof *peer);
-    if (peer == NULL)
+    if (peer == NULL || (peer->lent = calloc(1, sizeof *peer->lent)) == NULL) {
+        free(peer);
         return NULL;
+    }
+    atomic_init(&peer->lent->holders, 1);
     peer->number = ++peers->next;
     peer->fd = fd;
     memcpy(peer->routing, data, size);
@@ -93,8 +122,15 @@ struct peer *peers_by_routing(struct peers *peers, const void *data, size_t size
     return peer;
 }
 
+static void drop_lent(struct lent *lent)
+{
+    if (atomic_fetch_sub(&lent->holders, 1) == 1)
+        free(lent);
+}
+
 static void free_outgoing(struct outgoing *o)
 {
+    atomic_fetch_sub_explicit(&held, o->size, memory_order_relaxed);
     free(o->header);
     blob_drop(o->body);
     free(o);
@@ -123,42 +159,62 @@ static void forget(struct peers *peers, struct peer *peer)
     map_remove(&peers->by_routing, map_hash(peer->routing, peer->routing_size), peer);
     map_remove(&peers->by_number, map_hash_number(peer->number), peer);
     map_remove(&peers->by_fd, map_hash_number((uint64_t)peer->fd), peer);
+    drop_lent(peer->lent);
     free(peer);
 }
 
-static void release_header(void *data, void *hint)
+/* libzmq is done with a frame of the message HINT, in its thread or ours. */
+static void give_back(void *data, void *hint)
 {
-    (void)hint;
-    free(data);
-}
+    struct outgoing *o = hint;
 
-static void release_body(void *data, void *hint)
-{
     (void)data;
-    blob_drop(hint);
+    if (atomic_fetch_sub(&o->frames, 1) > 1)
+        return;
+    atomic_fetch_sub_explicit(&o->lent->bytes, o->size, memory_order_relaxed);
+    drop_lent(o->lent);
+    free_outgoing(o);
 }
 
-/* 0: sent, header and body taken; else the error, nothing taken. */
-static int try_send(struct peers *peers, const struct peer *peer, struct outgoing *o)
+/* A frame of O behind those that are taken, which are taken as well. */
+static void lend(struct peers *peers, struct outgoing *o, const void *data, size_t size, int flags)
 {
     zmq_msg_t message;
-    int more = o->body != NULL ? ZMQ_SNDMORE : 0;
+
+    zmq_msg_init_data(&message, (void *)data, size, give_back, o);
+    if (zmq_msg_send(&message, peers->socket, flags | ZMQ_DONTWAIT) < 0)
+        zmq_msg_close(&message);
+}
+
+/* 0: sent, O taken; else the error, nothing taken. */
+static int try_send(struct peers *peers, const struct peer *peer, struct outgoing *o)
+{
+    const struct blob *body = o->body;
 
     if (zmq_send(peers->socket, peer->routing, peer->routing_size, ZMQ_SNDMORE | ZMQ_DONTWAIT) < 0)
         return errno;
     zmq_send(peers->socket, peers->version, strlen(peers->version), ZMQ_SNDMORE | ZMQ_DONTWAIT);
     zmq_send(peers->socket, o->verb, strlen(o->verb), ZMQ_SNDMORE | ZMQ_DONTWAIT);
-    zmq_msg_init_data(&message, o->header, strlen(o->header), release_header, NULL);
-    o->header = NULL;
-    if (zmq_msg_send(&message, peers->socket, more | ZMQ_DONTWAIT) < 0)
-        zmq_msg_close(&message);
-    if (o->body == NULL)
-        return 0;
-    zmq_msg_init_data(&message, (void *)o->body->data, o->body->size, release_body, o->body);
-    o->body = NULL;
-    if (zmq_msg_send(&message, peers->socket, ZMQ_DONTWAIT) < 0)
-        zmq_msg_close(&message);
+    o->lent = peer->lent;
+    atomic_fetch_add(&o->lent->holders, 1);
+    atomic_fetch_add_explicit(&o->lent->bytes, o->size, memory_order_relaxed);
+    atomic_init(&o->frames, body != NULL ? 2 : 1);
+    /* the last frame may take O with it before this returns */
+    lend(peers, o, o->header, strlen(o->header), body != NULL ? ZMQ_SNDMORE : 0);
+    if (body != NULL)
+        lend(peers, o, body->data, body->size, 0);
     return 0;
+}
+
+/* O is a body, more waits for PEER than its share, and for all more than there is. */
+static bool is_too_much(const struct peers *peers, const struct peer *peer,
+                        const struct outgoing *o)
+{
+    size_t own = peer->bytes + atomic_load_explicit(&peer->lent->bytes, memory_order_relaxed);
+
+    return o->body != NULL && own > 0
+        && own + o->size > HELD_MOST / (peers->by_number.count > 0 ? peers->by_number.count : 1)
+        && atomic_load_explicit(&held, memory_order_relaxed) > HELD_MOST;
 }
 
 static void enqueue(struct peers *peers, struct peer *peer, struct outgoing *o)
@@ -189,6 +245,12 @@ enum peer_change peers_send(struct peers *peers, struct peer *peer, const char *
         abort();
     *o = (struct outgoing) { .verb = verb, .header = header, .body = body,
                              .size = strlen(header) + (body == NULL ? 0 : body->size) };
+    atomic_fetch_add_explicit(&held, o->size, memory_order_relaxed);
+    if (is_too_much(peers, peer, o)) {
+        peers->dropped++;                          /* it asks again when it reads again */
+        free_outgoing(o);
+        return PEER_SAME;
+    }
     error = peer->first != NULL ? EAGAIN : try_send(peers, peer, o);
     if (error == EAGAIN) {
         enqueue(peers, peer, o);
@@ -197,9 +259,9 @@ enum peer_change peers_send(struct peers *peers, struct peer *peer, const char *
         peer->full = true;
         return PEER_FULL;
     }
-    free_outgoing(o);
     if (error == 0)
         return PEER_SAME;
+    free_outgoing(o);
     forget(peers, peer);
     return PEER_GONE;
 }
@@ -209,14 +271,16 @@ static int drain(struct peers *peers, struct peer *peer)
 {
     int error = 0;
 
-    while (peer->first != NULL && (error = try_send(peers, peer, peer->first)) == 0) {
-        struct outgoing *o = peer->first;
-        peer->first = o->next;
-        if (peer->first == NULL)
+    while (peer->first != NULL) {
+        struct outgoing *o = peer->first, *next = o->next;
+        size_t size = o->size;
+        if ((error = try_send(peers, peer, o)) != 0)
+            break;
+        peer->first = next;
+        if (next == NULL)
             peer->end = &peer->first;
         peer->messages--;
-        peer->bytes -= o->size;
-        free_outgoing(o);
+        peer->bytes -= size;
     }
     return error;
 }

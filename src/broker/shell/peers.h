@@ -17,21 +17,14 @@ enum {
     ROUTING_MOST = 5,             /* bytes of libzmq's own routing ids */
 };
 
-struct outgoing {
-    struct outgoing *next;
-    const char *verb;
-    char *header;
-    struct blob *body;
-    size_t size;
-};
-
 struct peer {
     uint64_t number;
     unsigned char routing[ROUTING_MOST];
     unsigned char routing_size;
-    struct outgoing *first, **end;
+    struct outgoing *first, **end; /* that wait for it; peers.c */
     int messages;
     size_t bytes;
+    struct lent *lent;             /* and what libzmq has of them */
     int fd;                        /* its connection's, until accept_free */
     bool full;                     /* its queue is over half: events wait */
     struct peer *next_blocked;     /* of those that have a queue */

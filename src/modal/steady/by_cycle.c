@@ -341,6 +341,11 @@ enum modal_status time_start(struct steady *s, const struct balance *b,
     return rc == MODAL_OK ? start_of_motion(s, b, X, found, err) : rc;
 }
 
+bool time_closed(const struct steady *s)
+{
+    return s->settled != NULL && s->settled->motion.closed;
+}
+
 enum modal_status time_attractor(struct steady *s, const struct balance *b, double complex *X,
                                  bool *found, struct modal_error *err)
 {
@@ -358,7 +363,7 @@ enum modal_status time_answer(struct steady *s, double omega, struct steady_poin
 {
     enum modal_status rc = MODAL_OK;
 
-    if (s->settled == NULL || !s->settled->motion.closed)
+    if (!time_closed(s))
         return MODAL_OK;
     rc = settle_close(s->settled->search, SHARE_OF_TIME * s->budget.most, &s->settled->motion, err);
     if (rc != MODAL_OK || !s->settled->motion.closed)

@@ -32,6 +32,8 @@ enum modal_status time_start(struct steady *s, const struct balance *b,
  * and attempts stay.  Fails as time_start does. */
 enum modal_status time_answer(struct steady *s, double omega, struct steady_point *point,
                               struct modal_error *err);
+/* Whether time_start found a motion that closes: time_answer has an answer. */
+bool time_closed(const struct steady *s);
 /* As time_start, of a motion from rest that attracts; it is not kept. */
 enum modal_status time_attractor(struct steady *s, const struct balance *b, double complex *X,
                                  bool *found, struct modal_error *err);

@@ -39,6 +39,9 @@ static const double PERIODIC = 10;
 static const double TOLERANCE_OF_STEPS = 1e-11;
 /* Operations that sparse factors may take a linear dof: half a minute for a hundred thousand. */
 static const double WORK_LINEAR = 3e5;
+/* Of the budget, what a search for others than the motion known may cost before what it found is
+ * carried on: with that motion's own work a job stays near one budget. */
+static const double SHARE_OF_SEARCH = 1.0 / 3;
 enum {
     H_AUTO_MOST = 256,       /* the last one that is tried unasked */
     H_LINEAR_MOST = 4096,   /* no iteration: each harmonic is one solve */
@@ -372,19 +375,20 @@ static enum modal_status widen_all(struct steady *s, const struct balance *few,
 }
 
 /* All solutions of B, whose one is X if that is not NULL: sought with so few harmonics that the
- * budget reaches, and carried on. */
+ * budget's SHARE reaches, and carried on. */
 static enum modal_status search(struct steady *s, struct balance *b, const double complex *X,
-                                struct solutions *found, struct modal_error *err)
+                                double share, struct solutions *found, struct modal_error *err)
 {
     struct solutions_options opt = { .cancelled = s->opt.cancelled, .context = s->opt.context };
     struct solutions coarse = { 0 };
     int load = condense_highest_load(s->c), H = b->H;
     struct balance *few = b;
-    double omega = b->omega;
+    double omega = b->omega, most;
     bool same;
     enum modal_status rc = MODAL_OK;
 
     steady_allow_work(s);
+    most = s->budget.most;
     while ((H + 1) / 2 >= H_SEARCH && H / 2 > 2 * load
            && (double)SEARCH_SHARE * SEARCHES * steady_factor_work(s, H) > s->budget.most)
         H = (H + 1) / 2;                             /* cheaper by eight where the matrix is full */
@@ -395,10 +399,12 @@ static enum modal_status search(struct steady *s, struct balance *b, const doubl
         rc = steady_balance(s, H, &few, err);
     if (rc == MODAL_OK)
         rc = balance_set(few, omega, 1, err);
+    s->budget.most = share * most;
     if (rc == MODAL_OK)
         rc = solutions_along_levels(few, &opt, same ? found : &coarse, err);
     if (rc == MODAL_OK)
         rc = solutions_from_starts(few, &opt, same ? found : &coarse, err);
+    s->budget.most = most;
     if (rc == MODAL_OK && !same)
         rc = widen_all(s, few, &coarse, b, found, err);
     /* A search at the balance's own order has nothing to carry on. */
@@ -429,7 +435,8 @@ enum modal_status steady_solve_all(struct steady *s, double omega, const struct 
     if (rc == MODAL_OK)
         rc = balance_set(b, omega, 1, err);
     if (rc == MODAL_OK)
-        rc = search(s, b, list[0].converged ? list[0].X : NULL, &found, err);
+        rc = search(s, b, list[0].converged ? list[0].X : NULL,
+                    known != NULL ? SHARE_OF_SEARCH : 1, &found, err);
     if (rc == MODAL_OK && found.count > 0) {
         /* The first way that led to any of them names all. */
         const char *method = list[0].converged ? list[0].method : "multi-start";

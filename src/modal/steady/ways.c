@@ -79,8 +79,8 @@ static const double LEAP = 3;
  * better, as harmonics fall that left out of it matter less. */
 static const double ROUGH = 1e-2;
 static const double ROUGHER = 5;
-/* Of the budget, what the branch of small loads may cost where it is preferred: other ways are
- * left. */
+/* Of the budget, what a walk along the branch of small loads may cost: other ways are left, and
+ * other orders, where the branch is shorter. */
 static const double SHARE_OF_WALK = 0.25;
 /* Laws left out are a start where they leave less than half of the residual of rest. */
 static const double HALF_LEFT = 0.5;
@@ -544,6 +544,9 @@ static enum modal_status from_time(struct attempt *a, struct modal_error *err)
 /* Neither ramp was gone. */
 static bool may_ramp(const struct attempt *a) { return goes_round(a) && !a->ramped; }
 
+/* No motion in time stands ready to be the answer (by_cycle.h). */
+static bool may_walk(const struct attempt *a) { return goes_round(a) && !time_closed(a->s); }
+
 /* Of few dofs the motion in time was sought already, which leads to as many. */
 static bool may_damp(const struct attempt *a) { return may_ramp(a) && !a->b->pattern->full; }
 
@@ -568,7 +571,14 @@ static enum modal_status ramp_down(struct attempt *a, struct modal_error *err)
 /* and along the branch, around its folds (path.h). */
 static enum modal_status over_levels(struct attempt *a, struct modal_error *err)
 {
-    return along_levels(a->s, a->b, a->X, a->point, err);
+    struct budget *budget = &a->s->budget;
+    double most = budget->most;
+    enum modal_status rc;
+
+    budget->most = fmin(most, budget->spent + SHARE_OF_WALK * most);
+    rc = along_levels(a->s, a->b, a->X, a->point, err);
+    budget->most = most;
+    return rc;
 }
 
 /* The ways, in the order they are gone: near ones first, cheap before costly. */
@@ -588,7 +598,7 @@ static const struct {
     { may_ramp,           ramp_up },
     { goes_round,         ramp_down },
     { is_free,            from_time },
-    { goes_round,         over_levels },
+    { may_walk,           over_levels },
 };
 
 enum modal_status ways_try(struct steady *s, struct balance *b, const struct steady_start *start,

@@ -78,7 +78,7 @@ const struct result_code result_codes[] = {
     { "undamped", "identify", "a mode keeps its amplitude over the record",
       "see whether it is a steady force, a limit cycle or a mode without damping" },
     { "drift", "identify", "part of the signals moves more slowly than the record",
-      "remove it by `detrend` or `band`" },
+      "remove it by `detrend` or `band`; an ambient record's was taken off" },
     { "quantised", "identify", "a channel lies on a grid, or has digits, whose steps matter",
       "end the window before the signal falls to the grid, or record with more digits" },
     { "ends_below_grid", "identify", "the rest of the record is rounded to nothing and is not used",

@@ -2,7 +2,7 @@
 against the bound of the Whittle likelihood (both by tests/bench/bench_ambient.py, in numpy); what
 it says of records that are none; what it refuses.
 """
-# Tests as well: ambient_free.c response.c
+# Tests as well: ambient_drift.c ambient_free.c response.c
 import pathlib
 import subprocess
 import sys
@@ -271,6 +271,33 @@ def test_few_cycles_are_said_with_how_many_are_enough(ctl, tmp_path):
     said = identify(ctl, tmp_path / "a.h5",
                     record(12, 3000, hertz=(2.0, 5.5), zeta=(0.01, 0.02))).document
     assert "too_few_cycles" in codes(said)
+
+
+SLOW = {"a line": lambda t: t, "a parabola": lambda t: t ** 2 + t,
+        "warming": lambda t: np.exp(-2 * t), "a slow wave": lambda t: np.sin(4.7 * t + 1)}
+
+
+@pytest.mark.parametrize("size", [1, 10, 100])
+@pytest.mark.parametrize("kind", list(SLOW))
+def test_a_drift_however_large_hides_no_mode_and_is_said(ctl, tmp_path, kind, size):
+    """With it each exponent is where it is without, to a third of the bound."""
+    s, drift = system(2), SLOW[kind](np.linspace(-1, 1, 20000))
+    Y = s.samples(20000, np.random.default_rng(1002))
+    drift = (drift - drift.mean()) / drift.std()
+    said = identify(ctl, tmp_path / "a.h5", Y).document
+    drifts = identify(ctl, tmp_path / "b.h5", Y + size * Y.std(0) * np.outer(drift, [1, -0.3, 0.5]))
+    drifts = drifts.document
+    assert "drift" in codes(drifts) and "drift" not in codes(said)
+    assert "not_ambient" not in codes(drifts) and drifts["stability"]["stable"] is True
+    assert len(drifts["modes"]) == len(said["modes"]) == 3
+    one, other = (np.array(bench_ambient.compare(s, 20000, d)) for d in (said, drifts))
+    assert np.abs(one[:, 1:3] - other[:, 1:3]).max() < 0.34 and other[:, 5:7].max() < 1.3
+
+
+def test_a_drift_is_left_in_where_that_is_asked(ctl, tmp_path):
+    Y = record(3) + np.linspace(-30, 30, 20000)[:, None]
+    said = identify(ctl, tmp_path / "a.h5", Y, "-o", "detrend=mean").document
+    assert "drift" not in codes(said)
 
 
 def test_a_change_of_level_is_said(ctl, tmp_path):

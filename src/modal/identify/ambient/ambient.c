@@ -21,6 +21,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/identify/ambient/ambient_drift.h"
 #include "modal/identify/ambient/ambient_free.h"
 #include "modal/identify/ambient/ambient_lift.h"
 #include "modal/identify/ambient/ambient_lines.h"
@@ -70,6 +71,7 @@ struct work {
     double step;                 /* s a sample of the spectrum */
     double *back;                /* from signals to columns of channels of unit rms */
     int broad;                   /* poles without a peak */
+    double drift;                /* share of the mean square that moved too slowly to be told */
     double clock;
 };
 
@@ -135,16 +137,27 @@ static enum modal_status read_period(struct work *w, const struct batch *batch,
     return record_cut(&w->rec, w->rec.Y.m, w->opt.scale, err);
 }
 
+/* Without a drift channels are of unit rms again. */
+static enum modal_status take_drift(struct work *w, struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+
+    if (w->rec.Y.m >= SAMPLES_LEAST)
+        rc = ambient_drift_take(&w->rec.Y, &w->drift, err);
+    return rc == MODAL_OK && w->drift > 0 ? record_cut(&w->rec, w->rec.Y.m, w->opt.scale, err) : rc;
+}
+
 /* The record as it is cut for free responses, but for the band, which spectra have themselves. */
 static enum modal_status read_record(struct work *w, const struct batch *batch,
                                      struct modal_error *err)
 {
     struct identify_options cut = w->opt;
+    bool unasked = cut.detrend == DETREND_NONE;
     int *list;
     enum modal_status rc = turns_leave_azimuth(batch, &cut, &list, err);
 
     cut.band[0] = cut.band[1] = 0;
-    if (cut.detrend == DETREND_NONE)
+    if (unasked)
         cut.detrend = w->opt.detrend = DETREND_MEAN;
     if (rc == MODAL_OK)
         rc = record_make(batch, &cut, &w->rec, err);
@@ -155,8 +168,11 @@ static enum modal_status read_record(struct work *w, const struct batch *batch,
                               "`window`", w->rec.Y.m, w->rec.channels);
     if (rc == MODAL_OK) {
         drop_constant(w, batch);
-        rc = read_period(w, batch, err);
+        if (unasked)
+            rc = take_drift(w, err);
     }
+    if (rc == MODAL_OK)
+        rc = read_period(w, batch, err);
     if (rc == MODAL_OK && w->rec.Y.m / w->phases < SAMPLES_LEAST)
         rc = modal_fail_field(err, MODAL_BAD_INPUT, "signals", "signals: %d %s; response=ambient "
                               "needs at least %d", w->rec.Y.m / w->phases,
@@ -199,17 +215,26 @@ static enum modal_status reduce(struct work *w, struct modal_error *err)
 
 /* ---- what was found ---- */
 
-/* Does the exponent make a peak where the mode moves? */
-static bool has_peak(double complex lambda)
+/* Where a drift was taken off, no line that it was in says anything. */
+static int first_line(const struct work *w)
 {
-    return 2 * creal(lambda) * creal(lambda) < creal(lambda * conj(lambda));
+    return w->drift > 0 ? 1 + AMBIENT_DRIFT_LINES : 1;
+}
+
+/* Does the exponent make a peak among the lines, where the mode moves? */
+static bool has_peak(const struct work *w, double complex lambda)
+{
+    double slowest = 2 * M_PI * first_line(w) / w->spectrum.samples;
+
+    return 2 * creal(lambda) * creal(lambda) < creal(lambda * conj(lambda))
+           && (w->periodic || cimag(lambda) * w->step >= slowest);
 }
 
 /* Is it in the band, and below the last line?  Periodic systems move where they move. */
 static bool is_asked(const struct work *w, double complex lambda)
 {
-    double hertz = cimag(lambda) / (2 * M_PI), last = M_PI * w->spectrum.lines
-        / (w->spectrum.lines + 1);
+    double hertz = cimag(lambda) / (2 * M_PI), 
+           last = 2 * M_PI * (w->spectrum.first + w->spectrum.lines - 1) / w->spectrum.samples;
 
     return w->periodic
            || (cimag(lambda) * w->step < last
@@ -348,8 +373,8 @@ static enum modal_status report_modes(struct work *w, struct identify_result *ou
             .std_re = is_line(w, lambda * dt) || !is_sound(w, q) ? NAN : q->std_decay / dt,
             .std_im = is_sound(w, q) ? q->std_turn / dt : NAN, .runner_up = NAN };
         rc = resolve(w, q, moved, m, err);
-        w->broad += !has_peak(m->resolved);
-        if (rc != MODAL_OK || (has_peak(m->resolved) && is_asked(w, m->resolved)
+        w->broad += !has_peak(w, m->resolved);
+        if (rc != MODAL_OK || (has_peak(w, m->resolved) && is_asked(w, m->resolved)
                                && !take_mains(w, q, m)))
             out->mode_count++;
         else
@@ -417,18 +442,6 @@ static enum modal_status report_spectra(struct work *w, struct identify_result *
     return MODAL_OK;
 }
 
-static int nearest_mode(const struct identify_result *r, double complex lambda)
-{
-    int at = -1;
-
-    for (int i = 0; i < r->mode_count; i++)
-        if (cabs(r->modes[i].exponent - lambda) < -creal(r->modes[i].exponent)
-            && (at < 0 || cabs(r->modes[i].exponent - lambda)
-                              < cabs(r->modes[at].exponent - lambda)))
-            at = i;
-    return at;
-}
-
 static enum modal_status report_orders(struct work *w, struct identify_result *out,
                                        struct modal_error *err)
 {
@@ -450,7 +463,7 @@ static enum modal_status report_orders(struct work *w, struct identify_result *o
         for (int k = 0; k < r->count; k++) {
             double complex z = whittle_exponent(&r->mode[k], w->spectrum.samples) / w->step;
             out->poles[out->pole_count++] = (struct identify_pole) { 2 * r->count, z, NAN, NAN,
-                                                                     nearest_mode(out, z) };
+                                                                     modes_nearest(out, z) };
         }
     }
     return MODAL_OK;
@@ -517,6 +530,10 @@ static void about_poles(const struct work *w, struct identify_result *r)
 {
     const struct whittle *m = w->found.model;
 
+    if (w->drift > 0)
+        identify_diagnose(r, "drift", -1, "%.2g %% of the channels' mean square moves more slowly "
+                          "than %d cycles in the record: taken off first, by a polynomial in time; "
+                          "detrend=mean leaves it in", 100 * w->drift, AMBIENT_DRIFT_LINES);
     if (w->broad > 0)
         identify_diagnose(r, "coloured_excitation", -1, "%d pole%s without a peak: the spectrum "
                           "of the excitation, or a motion damped beyond 70 %%; fitted beside the "
@@ -530,11 +547,7 @@ static void about_poles(const struct work *w, struct identify_result *r)
     if (r->mode_count == 0)
         identify_diagnose(r, "no_modes", -1, "no mode stands above the noise: the spectra are "
                           "flat, or as broad as the excitation");
-    for (int c = 0, zeros = 0; c < r->channel_count && zeros < TOLD; c++)
-        if (isnan(r->relative_error[c]) && zeros++ < TOLD)
-            identify_diagnose(r, "zero_channel", r->channel[c], "channel %d is constant throughout "
-                              "what is identified: not connected, or not moved; it says nothing "
-                              "and is left out", r->channel[c]);
+    diagnose_still_channels(r);
     if (w->found.limit)
         identify_diagnose(r, "order_work_limit", -1, "the search for modes ended at %d pairs, for "
                           "the work or the pairs that it may take: more may fit better; give "
@@ -653,15 +666,6 @@ static enum modal_status about_free(const struct work *w, struct identify_result
 
 /* ---- the way ---- */
 
-static void stage(struct work *w, const char *name, struct identify_result *out)
-{
-    double now = w->opt.clock != NULL ? w->opt.clock(w->opt.context) : 0;
-
-    if (out->stage_count < IDENTIFY_STAGES)
-        out->stages[out->stage_count++] = (struct identify_stage) { name, now - w->clock };
-    w->clock = now;
-}
-
 static enum modal_status report_rank(struct work *w, struct identify_result *out,
                                      struct modal_error *err)
 {
@@ -698,7 +702,7 @@ static enum modal_status about_all_time(const struct work *w, struct identify_re
 
     if (w->opt.band[1] == 0)
         about_time(w, &w->spectrum, out);
-    else if ((rc = spectrum_make(&w->Z, 0, &whole, err)) == MODAL_OK) {
+    else if ((rc = spectrum_make(&w->Z, first_line(w), 0, &whole, err)) == MODAL_OK) {
         about_time(w, &whole, out);
         spectrum_done(&whole);
     }
@@ -732,7 +736,8 @@ static enum modal_status search(struct work *w, struct modal_error *err)
     struct ambient_limits limits = { (o->rank.fixed + 1) / 2,
                                      most < WHITTLE_MODES_MOST ? most : WHITTLE_MODES_MOST,
                                      o->cancelled, o->context };
-    enum modal_status rc = spectrum_make(&w->Z, o->band[1] * w->rec.step, &w->spectrum, err);
+    enum modal_status rc = spectrum_make(&w->Z, first_line(w), o->band[1] * w->rec.step,
+                                         &w->spectrum, err);
 
     w->step = rc == MODAL_OK ? w->rec.step * w->rec.Y.m / w->spectrum.samples : NAN;
     return rc == MODAL_OK ? ambient_search(&w->spectrum, &limits, &w->found, err) : rc;
@@ -744,22 +749,22 @@ enum modal_status ambient_identify(const struct batch *batch, const struct ident
     struct work w = { .opt = *opt };
     enum modal_status rc;
 
-    w.clock = opt->clock != NULL ? opt->clock(opt->context) : 0;
+    response_stage(opt, &w.clock, NULL, out);
     if ((rc = response_check(batch, opt, &accepted, err)) == MODAL_OK)
         rc = read_record(&w, batch, err);
-    stage(&w, "read", out);
+    response_stage(opt, &w.clock, "read", out);
     if (rc == MODAL_OK)
         rc = reduce(&w, err);
-    stage(&w, "pod", out);
+    response_stage(opt, &w.clock, "pod", out);
     if (rc == MODAL_OK)
         rc = search(&w, err);
-    stage(&w, "refine", out);
+    response_stage(opt, &w.clock, "refine", out);
     if (rc == MODAL_OK && (rc = report_modes(&w, out, err)) == MODAL_OK
         && (rc = report_spectra(&w, out, err)) == MODAL_OK
         && (rc = report_orders(&w, out, err)) == MODAL_OK
         && (rc = report_rank(&w, out, err)) == MODAL_OK)
         rc = conclude(&w, out, err);
-    stage(&w, "verdict", out);
+    response_stage(opt, &w.clock, "verdict", out);
     ambient_search_done(&w.found);
     spectrum_done(&w.spectrum);
     pod_done(&w.pod);

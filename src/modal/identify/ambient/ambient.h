@@ -23,6 +23,7 @@
  *   too_few_cycles       a mode's damping is known to no better than ENOUGH; how many are enough
  *   narrow_line          a line taken off (ambient_lines.h), or a mode that is no wider: no verdict
  *   mains_line           such a line at a multiple of the mains' frequency: no harm
+ *   drift                a polynomial in time taken off (ambient_drift.h); no detrend was asked for
  *   coloured_excitation  poles without a peak of their own: the excitation's, no modes
  *   channels_reduced     more channels than are fitted; the share of the energy that is left out
  *   not_stationary       eighths of the record differ by more than chance

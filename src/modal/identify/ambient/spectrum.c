@@ -42,8 +42,8 @@ static enum modal_status transform(const struct matrix *Y, struct spectrum *s,
                         : modal_fail(err, MODAL_NO_MEMORY, "spectrum: no memory for %d samples", N);
 }
 
-enum modal_status spectrum_make(const struct matrix *Y, double end, struct spectrum *out,
-                                struct modal_error *err)
+enum modal_status spectrum_make(const struct matrix *Y, int first, double end,
+                                struct spectrum *out, struct modal_error *err)
 {
     int N = Y->m, last = (N - 1) / 2, samples = N;
     enum modal_status rc;
@@ -53,11 +53,11 @@ enum modal_status spectrum_make(const struct matrix *Y, double end, struct spect
         /* as if sampled at the rate that these lines need */
         samples = last < (N - 1) / 2 ? 2 * last + 2 : N;
     }
-    if (last < LINES_FEW)
+    if (last - first + 1 < LINES_FEW)
         return modal_fail_field(err, MODAL_BAD_INPUT, end > 0 ? "band" : "signals",
                                 "%d lines of the spectrum are left; at least %d are needed",
-                                last, LINES_FEW);
-    *out = (struct spectrum) { Y->n, samples, 1, last, NULL };
+                                last - first + 1, LINES_FEW);
+    *out = (struct spectrum) { Y->n, samples, first, last - first + 1, NULL };
     out->F = malloc(sizeof *out->F * (size_t)out->lines * (size_t)out->channels);
     rc = out->F != NULL ? transform(Y, out, err)
                         : modal_fail(err, MODAL_NO_MEMORY, "spectrum: no memory for %d lines of %d "

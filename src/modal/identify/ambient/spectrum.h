@@ -16,11 +16,11 @@ struct spectrum {
     double complex *F;                    /* owned */
 };
 
-/* The lines of Y (samples x channels, borrowed) strictly between 0 and the Nyquist frequency, up to
- * a quarter beyond END (cycles a sample; 0: all).  Fails with MODAL_BAD_INPUT where there are too
- * few, MODAL_NO_MEMORY. */
-enum modal_status spectrum_make(const struct matrix *Y, double end, struct spectrum *out,
-                                struct modal_error *err);
+/* The lines of Y (samples x channels, borrowed) from FIRST on, 1 at least, strictly below the
+ * Nyquist frequency, up to a quarter beyond END (cycles a sample; 0: all).  Fails with
+ * MODAL_BAD_INPUT where there are too few, MODAL_NO_MEMORY. */
+enum modal_status spectrum_make(const struct matrix *Y, int first, double end,
+                                struct spectrum *out, struct modal_error *err);
 void spectrum_done(struct spectrum *s);
 
 /* Bin b is the mean of lines[b] lines from first[b] on (of the spectrum's); mean[b * channels^2] is

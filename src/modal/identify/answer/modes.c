@@ -627,3 +627,15 @@ out:
     work_done(&w);
     return rc;
 }
+
+int modes_nearest(const struct identify_result *r, double complex lambda)
+{
+    int at = -1;
+
+    for (int i = 0; i < r->mode_count; i++)
+        if (cabs(r->modes[i].exponent - lambda) < fabs(creal(r->modes[i].exponent))
+            && (at < 0 || cabs(r->modes[i].exponent - lambda)
+                              < cabs(r->modes[at].exponent - lambda)))
+            at = i;
+    return at;
+}

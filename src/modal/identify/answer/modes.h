@@ -47,4 +47,7 @@ void modes_spread_std(struct identify_mode *m, double span, double record);
 
 /* The energy of each mode, as its share of the sum of squared amplitudes; the strongest first. */
 void modes_rank(struct identify_result *result);
+
+/* The mode nearest to an exponent, within its own decay rate; -1: none. */
+int modes_nearest(const struct identify_result *result, double complex lambda);
 #endif

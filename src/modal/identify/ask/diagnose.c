@@ -198,6 +198,17 @@ static void about_colour(struct identify_result *r, const struct diagnose_facts 
             f->told);
 }
 
+void diagnose_still_channels(struct identify_result *r)
+{
+    for (int c = 0, said = 0; c < r->channel_count && said < TOLD; c++)
+        if (isnan(r->relative_error[c])) {
+            identify_diagnose(r, "zero_channel", r->channel[c], "channel %d is constant throughout "
+                              "what is identified: not connected, or not moved; it says nothing "
+                              "and is left out", r->channel[c]);
+            said++;
+        }
+}
+
 void diagnose(struct identify_result *r, const struct diagnose_facts *f)
 {
     if (r->mode_count == 0)

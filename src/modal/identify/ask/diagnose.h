@@ -8,6 +8,9 @@
 void identify_diagnose(struct identify_result *result, const char *code, int channel,
                        const char *format, ...) __attribute__((format(printf, 4, 5)));
 
+/* zero_channel of those without an error: what is constant was left out. */
+void diagnose_still_channels(struct identify_result *result);
+
 /* Facts that only the pipeline knows. */
 struct diagnose_facts {
     int asked_rank;           /* as fixed or by rule; 0: chosen by BIC */

@@ -408,18 +408,6 @@ static enum modal_status report_frf(struct work *w, struct identify_result *out,
     return rc;
 }
 
-static int nearest_mode(const struct identify_result *r, double complex lambda)
-{
-    int at = -1;
-
-    for (int i = 0; i < r->mode_count; i++)
-        if (cabs(r->modes[i].exponent - lambda) < fabs(creal(r->modes[i].exponent))
-            && (at < 0 || cabs(r->modes[i].exponent - lambda)
-                              < cabs(r->modes[at].exponent - lambda)))
-            at = i;
-    return at;
-}
-
 static enum modal_status report_orders(struct work *w, struct identify_result *out,
                                        struct modal_error *err)
 {
@@ -440,7 +428,7 @@ static enum modal_status report_orders(struct work *w, struct identify_result *o
         for (int p = 0; p < r->poles; p++)
             out->poles[out->pole_count++] = (struct identify_pole) {
                 2 * r->poles, r->s[p] / step, r->spread[2 * p] / step, r->spread[2 * p + 1] / step,
-                nearest_mode(out, r->s[p] / step) };
+                modes_nearest(out, r->s[p] / step) };
     }
     return MODAL_OK;
 }
@@ -512,8 +500,6 @@ static bool is_starved(const struct work *w)
 
 static void about_fit(const struct work *w, struct identify_result *r)
 {
-    int zeros = 0;
-
     if (is_starved(w))
         identify_diagnose(r, "too_many_unknowns", -1, "%d equations for %d unknowns: a small "
                           "reconstruction error proves nothing; record longer, or lower rank.fixed",
@@ -537,21 +523,7 @@ static void about_fit(const struct work *w, struct identify_result *r)
         identify_diagnose(r, "poor_reconstruction", -1, "the inputs leave %.0f %% of the responses "
                           "unexplained: noise, an excitation that was not measured, or a "
                           "nonlinearity", 100 * r->total_relative_error);
-    for (int i = 0; i < r->channel_count && zeros < TOLD; i++)
-        if (isnan(r->relative_error[i])) {
-            identify_diagnose(r, "zero_channel", r->channel[i], "channel %d is constant throughout "
-                              "what is identified: not connected, or not moved; it says nothing "
-                              "and is left out", r->channel[i]);
-            zeros++;
-        }
-}
-
-static void stage(struct work *w, const char *name, struct identify_result *out)
-{
-    double now = w->opt.clock != NULL ? w->opt.clock(w->opt.context) : 0;
-
-    out->stages[out->stage_count++] = (struct identify_stage) { name, now - w->clock };
-    w->clock = now;
+    diagnose_still_channels(r);
 }
 
 static enum modal_status conclude(struct work *w, struct identify_result *out,
@@ -576,14 +548,14 @@ enum modal_status forced_identify(const struct batch *batch, const struct identi
     struct work w = { .opt = *options, .batch = batch, .widest = 1 };
     enum modal_status rc;
 
-    w.clock = w.opt.clock != NULL ? w.opt.clock(w.opt.context) : 0;
+    response_stage(options, &w.clock, NULL, out);
     if ((rc = check(batch, options, err)) == MODAL_OK
         && (rc = read_responses(&w, err)) == MODAL_OK)
         rc = read_inputs(&w, err);
-    stage(&w, "read", out);
+    response_stage(options, &w.clock, "read", out);
     if (rc == MODAL_OK)
         rc = search(&w, err);
-    stage(&w, "refine", out);
+    response_stage(options, &w.clock, "refine", out);
     if (rc == MODAL_OK && (rc = report_modes(&w, out, err)) == MODAL_OK
         && (rc = report_responses(&w, out, err)) == MODAL_OK
         && (rc = report_orders(&w, out, err)) == MODAL_OK) {
@@ -592,7 +564,7 @@ enum modal_status forced_identify(const struct batch *batch, const struct identi
     }
     if (rc == MODAL_OK && w.opt.frf)
         rc = report_frf(&w, out, err);
-    stage(&w, "verdict", out);
+    response_stage(options, &w.clock, "verdict", out);
     forced_search_done(&w.found);
     lines_done(&w.lines);
     record_done(&w.rec);

@@ -60,3 +60,13 @@ enum modal_status response_check(const struct batch *batch, const struct identif
                                 response, 2 * limits->modes_most);
     return MODAL_OK;
 }
+
+void response_stage(const struct identify_options *o, double *clock, const char *name,
+                    struct identify_result *out)
+{
+    double now = o->clock != NULL ? o->clock(o->context) : 0;
+
+    if (name != NULL && out->stage_count < IDENTIFY_STAGES)
+        out->stages[out->stage_count++] = (struct identify_stage) { name, now - *clock };
+    *clock = now;
+}

@@ -21,4 +21,9 @@ struct response_limits {
  * channels; else MODAL_BAD_INPUT, its field the option, its text what would be accepted. */
 enum modal_status response_check(const struct batch *batch, const struct identify_options *options,
                                  const struct response_limits *limits, struct modal_error *err);
+
+/* What lasted from *CLOCK to now, by the OPTIONS' clock, is the stage NAME of *OUT; NULL: the first
+ * begins. */
+void response_stage(const struct identify_options *options, double *clock, const char *name,
+                    struct identify_result *out);
 #endif

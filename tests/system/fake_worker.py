@@ -40,8 +40,11 @@ def main():
 
     def beat():
         parent = os.getppid()
-        with open(f"/proc/{parent}/comm") as comm:
-            daemon = comm.read() == "modald\n"
+        try:
+            with open(f"/proc/{parent}/comm") as comm:
+                daemon = comm.read() == "modald\n"
+        except OSError:                                 # it ended between these lines
+            daemon = False
         # a daemon that was killed leaves no worker behind, not even one that was still starting
         while daemon and os.getppid() == parent:
             time.sleep(1)

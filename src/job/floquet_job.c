@@ -158,12 +158,16 @@ static void floquet_diagnose(cJSON *result, const char *code, const char *messag
 /* The best so far, and what would buy more. */
 static void diagnose_unsettled(cJSON *result, const struct floquet *f)
 {
-    char text[400];
+    char text[600], sums[160] = "";
 
+    if (f->sums_to > 0)
+        snprintf(sums, sizeof sums, ": pairs that may grow by the sum of their frequencies were "
+                 "looked for up to %.4g rad/s alone", f->sums_to);
     snprintf(text, sizeof text, "%d vectors carried over a period and %d windows of Hill's matrix "
              "do not settle which %d multipliers are the leading ones: those given are the best so "
-             "far, residual %.2g, and a larger one may be missing; give a smaller multipliers, or "
-             "damping that tells them apart", f->periods, f->windows, f->count, f->error);
+             "far, residual %.2g, and a larger one may be missing%s; give a smaller multipliers, "
+             "or damping that tells them apart",
+             f->periods, f->windows, f->count, f->error, sums);
     floquet_diagnose(result, "multipliers_unsettled", text);
 }
 

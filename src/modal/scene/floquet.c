@@ -11,8 +11,8 @@
  * Of a large or stiff periodic program the leading multipliers alone are asked for, each bar its
  * residual times kappa: of vectors carried over a period (leading.h), and where these do not settle
  * soon, as multipliers crowd or steps are too many, of windows of Hill's matrix (hill_leading.h).
- * Windows alone may miss what is leading far from where they look: where vectors cost little they
- * are carried until the leading ones are known to 1e-6, and small windows refine those.
+ * Windows look where first order in what pulsates says that leading ones may be: where vectors cost
+ * little they are carried until the leading ones are known to 1e-6, and small windows refine those.
  *
  * A shaft on fixed axes that is constant on turning ones (turning.h) has the exponents lambda of
  * those, and over a period T that holds m half turns rho = (-1)^m exp(lambda T), R(W T) being +-I:
@@ -352,6 +352,7 @@ static enum modal_status windows(const struct program *p, double period, int wan
         f->unsettled = !h.settled || f->error > RESIDUAL * cabs(h.multiplier[0]);
         f->alike = h.alike;
         f->windows = h.windows;
+        f->sums_to = h.sums_to;
         f->substeps = 2 * h.harmonics + 1;
     }
     hill_leading_done(&h);

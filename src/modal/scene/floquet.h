@@ -27,6 +27,7 @@ struct floquet {
     bool alike;                  /* others have the modulus of the last, to its bar */
     int periods;                 /* carried for it, of one vector each */
     int windows;                 /* of Hill's matrix looked through for it (hill_leading.h) */
+    double sums_to;              /* as struct hill_leading's */
     bool periodic;
     double period;               /* s; 0: constant without a period */
     /* descending in magnitude; of constant programs only where period > 0 */

@@ -9,6 +9,11 @@
  * found.  A leading one at the rim of its window gets a window of its own.  Windows with leading
  * ones are searched twice, from different starts: a value that is double shows its second vector
  * then.  Where hints are all that is asked for, each has a small window of its own.
+ *
+ * A sum of two frequencies that a harmonic pulsates with may make motions grow that lie past where
+ * that walk ends.  The constant part's exponents cost a tenth of the whole's: all are taken up to
+ * the highest such sum, and small windows are looked through where pairs of them say so
+ * (hill_sums.h).
  */
 #include "modal/scene/hill_leading.h"
 #include <cblas.h>
@@ -17,6 +22,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/scene/dofwise.h"
+#include "modal/scene/hill_sums.h"
 #include "modal/scene/hill_window.h"
 
 enum {
@@ -28,6 +34,7 @@ enum {
     SAMPLES = 8,                 /* places up to the fastest motion: chosen */
     WINDOWS_MOST = 64,           /* chosen */
     FEW = 4,                     /* windows that a search has, at least: chosen */
+    SUM = 8,                     /* exponents of a window where a sum may be: chosen */
 };
 static const double OFF_AXIS = 1e-3;     /* of W: windows' middles; no exponent is there, mostly */
 static const double BESIDE = 1e-5;       /* of W: the same of a hint's own: others are farther */
@@ -38,6 +45,9 @@ static const double INNER = 0.7;         /* of a window's radius: who lies there
 static const double EDGE = 1e-11;        /* share past which more harmonics are kept */
 static const double KNOWN = 1e-9;        /* multipliers of two searches that are one agree to it */
 static const double ROUNDING = 8 * DBL_EPSILON;  /* of lambda T and its exponential, a few times */
+static const double FLAT = 0.9;          /* of a radius: so far a stretch off the axis is whole */
+static const double MARGIN = 0.5;        /* of what first order raises by, for what it lacks */
+static const double WORK_SUMS = 4e10;    /* operations to find pairs: chosen, some 30 seconds */
 static const double SAME = 1e-6;         /* squared sine: so do their vectors, to 1e-3 */
 
 struct found {
@@ -56,6 +66,7 @@ struct search {
     double most, work, factors;          /* operations; of the constant part's factors */
     int n, pulsating, wanted, harmonics, reach, runs, windows;
     bool all_sums, missed;               /* as asked; a window that did not settle */
+    double sums_to;                      /* as struct hill_leading's */
     struct found *found;
     int count, room;
     struct disc disc[WINDOWS_MOST];      /* that were looked through */
@@ -420,17 +431,99 @@ static enum modal_status sample(struct search *s, double edge, struct modal_erro
     return rc;
 }
 
+/* The next stretch of constant exponents from *EDGE on, which becomes its end, into SUMS; windows
+ * where one of them may be leading.  *NEXT: the middle of the one after.  False: none was found. */
+static enum modal_status step_sums(struct search *s, struct hill_sums *sums, double *edge,
+                                   double complex *next, bool *found, struct modal_error *err)
+{
+    int asked = GROUP < 2 * s->n ? GROUP : 2 * s->n;
+
+    *found = false;
+    for (int again = 0; again < OVERLAPS && !*found; again++) {
+        double complex middle = *next;
+        struct hill_window constant;
+        enum modal_status rc = open_window(s, middle, 0, asked, 1, &constant, err);
+        double half, to;
+
+        if (rc != MODAL_OK)
+            return rc;
+        half = constant.count == 2 * s->n ? HUGE_VAL : FLAT * constant.radius;
+        to = cimag(middle) + half;
+        *next = CMPLX(creal(middle), *edge + OVERLAP * half);
+        if (cimag(middle) - half <= *edge && to > *edge) {
+            *found = true;
+            rc = hill_sums_add(sums, &constant, *edge, to, err);
+            if (rc == MODAL_OK && *edge > 0)
+                rc = cover(s, &constant, least_of(s), err);
+            for (int i = 0; i < constant.count; i++)     /* as the outermost of them is damped */
+                if (i == 0 || cimag(constant.exponent[i]) > to - half / 2)
+                    *next = CMPLX(creal(constant.exponent[i]) + OFF_AXIS * s->W,
+                                  to + OVERLAP * half);
+            *edge = to;
+        }
+        hill_window_done(&constant);
+        if (rc != MODAL_OK)
+            return rc;
+    }
+    return MODAL_OK;
+}
+
+/* Windows where pairs of SUMS may have leading ones, the largest first. */
+static enum modal_status look_at_pairs(struct search *s, const struct hill_sums *sums,
+                                       bool *settled, struct modal_error *err)
+{
+    struct hill_sum *pair = NULL;
+    int pairs = 0;
+    double least = fmax(least_of(s), KNOWN * largest_of(s));
+    enum modal_status rc =
+        hill_sums_find(sums, log(least) / s->period, MARGIN, &pair, &pairs, err);
+
+    for (int i = 0; rc == MODAL_OK && i < pairs; i++) {
+        double reached = creal(pair[i].exponent) + MARGIN * fmax(pair[i].raised, 0);
+
+        if (window_of(s, pair[i].exponent, 1) >= 0 || reached * s->period < log(least_of(s)))
+            continue;
+        *settled = *settled && s->discs < WINDOWS_MOST;
+        if (s->discs == WINDOWS_MOST)
+            break;
+        rc = look(s, pair[i].exponent, SUM, 1, err);
+    }
+    free(pair);
+    return rc;
+}
+
+/* What grows by sums of frequencies wherever it is; *SETTLED as before where all were looked at. */
+static enum modal_status search_sums(struct search *s, bool *settled, struct modal_error *err)
+{
+    struct hill_sums sums;
+    double frequency, decay, edge = 0, goal, begun = s->work;
+    double complex next = OFF_AXIS * s->W;
+    bool found = true;
+    enum modal_status rc = hill_sums_new(s->p, s->period, &sums, err);
+
+    dofwise_fastest(s->p, &frequency, &decay);
+    goal = fmin(s->reach * s->W, frequency);
+    while (rc == MODAL_OK && found && edge < goal && s->work - begun < WORK_SUMS)
+        rc = step_sums(s, &sums, &edge, &next, &found, err);
+    if (rc == MODAL_OK)
+        rc = look_at_pairs(s, &sums, settled, err);
+    s->sums_to = edge < goal ? edge : 0;
+    *settled = *settled && !(edge < goal) && rc == MODAL_OK;
+    rc = rc == MODAL_TOO_LARGE ? MODAL_OK : rc;
+    hill_sums_done(&sums);
+    return rc;
+}
+
 /* Outwards until what was looked at farther out added nothing, or all is alike past the highest
  * harmonic that pulsates, below which both frequencies lie whose sum it is; *SETTLED: it is so. */
 static enum modal_status search_outwards(struct search *s, bool *settled, struct modal_error *err)
 {
     double edge = 0, radius = 0;
-    bool alike = false;
+    bool alike = false, vanish = false;
     enum modal_status rc = MODAL_OK;
 
     *settled = false;
     while (rc == MODAL_OK && !*settled && s->discs < WINDOWS_MOST) {
-        bool vanish = false;
         int last;
 
         rc = step_outwards(s, &edge, &radius, &vanish, err);
@@ -442,7 +535,11 @@ static enum modal_status search_outwards(struct search *s, bool *settled, struct
             break;
     }
     *settled = *settled || alike;
-    return rc == MODAL_OK && *settled && !alike ? sample(s, edge, err) : rc;
+    if (rc == MODAL_OK && *settled && !alike)
+        rc = sample(s, edge, err);
+    if (rc == MODAL_OK && *settled && !alike && !vanish && !s->all_sums)
+        rc = search_sums(s, settled, err);
+    return rc;
 }
 
 /* Windows about leading ones that lie at the rim of theirs, until none does. */
@@ -621,6 +718,7 @@ enum modal_status hill_leading(const struct program *p, double period, const str
         out->settled = out->settled && !s.missed;
         out->windows = s.windows;
         out->harmonics = s.harmonics;
+        out->sums_to = s.sums_to;
         rc = report(&s, last <= s.count ? last : s.count, out, err);
     }
     for (int i = 0; i < s.count; i++)

@@ -34,6 +34,8 @@ struct hill_leading {
     double *condition;           /* >= 1 */
     double complex *start;       /* 2 n x count: y */
     bool settled;                /* what was looked at farther out added none, nor did a hint */
+    double sums_to;              /* rad/s: pairs that grow by the sum of their frequencies were */
+                                 /* looked for among frequencies up to it; 0: among all */
     bool alike;                  /* others were found whose moduli do not differ from the last's */
     int windows, harmonics;      /* looked through; of each, to one side */
     double work;                 /* operations; of a search that failed too */

@@ -1,9 +1,10 @@
-/* Tests as well: hill.c hill_leading.c hill_window.c leading.c magnus.c parametric_stiffness.c
- * statespace.c */
+/* Tests as well: hill.c hill_leading.c hill_sums.c hill_window.c leading.c magnus.c
+ * parametric_stiffness.c statespace.c */
 #include "check.h"
 #include <float.h>
 #include "modal/scene/floquet.h"
 #include "modal/scene/hill.h"
+#include "modal/scene/hill_leading.h"
 #include "modal/scene/magnus.h"
 #include "scene_text.h"
 
@@ -365,6 +366,51 @@ TEST(an_unstable_multiplier_of_many_states_is_found)
     CHECK_NEAR(f.max_multiplier, small.max_multiplier, 1e-8);
     floquet_done(&f);
     floquet_done(&small);
+    free(text);
+}
+
+/* 120 unit masses and springs with dampers 0.01, 20 of them on springs that pulsate: two pairs of
+ * multipliers that leave the circle do so far above the slow motions where windows begin.  LAPACK's
+ * of the whole map beside it. */
+TEST(windows_alone_find_what_leaves_the_circle_by_a_sum_of_two_frequencies)
+{
+    enum { N = 120, WANTED = 10 };
+    static const int at[] = { 4, 7, 9, 13, 17, 26, 35, 38, 52, 54,
+                              64, 65, 73, 84, 90, 93, 97, 102, 113, 117 };
+    char *text = malloc(20 * N + 3000), *end = text;
+    struct modal_error err = { 0 };
+    struct hill_leading h;
+    struct floquet all;
+    struct program *p;
+
+    end += sprintf(end, "{'structure':{'type':'chain','masses':[1");
+    for (int i = 1; i < N; i++)
+        end += sprintf(end, ",1");
+    end += sprintf(end, "],'springs':[1");
+    for (int i = 0; i < N; i++)
+        end += sprintf(end, ",1");
+    end += sprintf(end, "],'dampers':[0.01");
+    for (int i = 0; i < N; i++)
+        end += sprintf(end, ",0.01");
+    end += sprintf(end, "]},'omega':1.3,'effects':[");
+    for (size_t i = 0; i < sizeof at / sizeof *at; i++)
+        end += sprintf(end, "%s{'type':'parametric_stiffness','dof':'x%d','stiffness':0.2,'k':1}",
+                       i > 0 ? "," : "", at[i]);
+    sprintf(end, "]}");
+    p = program_text(text);
+    CHECK(floquet(p, NULL, &all, &err) == MODAL_OK && all.count == 2 * N);
+    CHECK(hill_leading(p, 2 * M_PI / 1.3, &(struct hill_ask){ .wanted = WANTED }, &h, &err)
+          == MODAL_OK);
+    CHECK(h.settled && h.sums_to == 0 && h.count >= WANTED);
+    for (int i = 0; i < WANTED; i++) {
+        double nearest = HUGE_VAL;
+        for (int j = 0; j < h.count; j++)
+            nearest = fmin(nearest, cabs(h.multiplier[j] - all.multiplier[i]));
+        CHECK_NEAR(nearest, 0, 1e-9);
+    }
+    hill_leading_done(&h);
+    floquet_done(&all);
+    program_free(p);
     free(text);
 }
 

@@ -153,6 +153,18 @@ bool disturbance_covers(const struct law_piece *piece, double theta)
                : disturbance_wrap(theta + TWO_PI - piece->from) < piece->to - piece->from;
 }
 
+/* Whether law L's slopes at THETA depend on where the motion is then: of pieces, those alone that
+ * multiply displacement and rate. */
+static bool needs_motion(const struct disturbance *u, int l, double theta)
+{
+    bool needs = !u->exact[l];
+
+    for (int i = 0; !needs && i < u->pieces[l].count; i++)
+        needs = u->pieces[l].piece[i].cross != 0
+                && disturbance_covers(&u->pieces[l].piece[i], theta);
+    return needs;
+}
+
 enum modal_status disturbance_slopes(const struct disturbance *u, int l, double theta,
                                      double gd[][LAW_INPUTS_MOST],
                                      double gv[][LAW_INPUTS_MOST], double *held,
@@ -160,7 +172,7 @@ enum modal_status disturbance_slopes(const struct disturbance *u, int l, double 
 {
     const struct law *law = &u->p->law[l];
     const struct orbit *o = &u->in[l * LAW_INPUTS_MOST];
-    double omega = u->point->omega, at[LAW_INPUTS_MOST][3], d[LAW_INPUTS_MOST], v[LAW_INPUTS_MOST],
+    double omega = u->point->omega, at[3], d[LAW_INPUTS_MOST], v[LAW_INPUTS_MOST],
            memory[1] = { 0 };
     struct law_point point = {
         .t = theta / omega, .d = d, .v = v, .d_before = d, .memory_before = memory
@@ -172,10 +184,10 @@ enum modal_status disturbance_slopes(const struct disturbance *u, int l, double 
     memset(gv, 0, LAW_INPUTS_MOST * sizeof *gv);
     for (int i = 0; i < law->memory && u->exact[l]; i++)
         held[i] = 0;
-    for (int j = 0; (u->varies || !u->exact[l]) && j < law->kind->inputs; j++) {
-        orbit_at(&o[j], theta, at[j]);
-        d[j] = at[j][0];
-        v[j] = omega * at[j][1];
+    for (int j = 0; needs_motion(u, l, theta) && j < law->kind->inputs; j++) {
+        orbit_at(&o[j], theta, at);
+        d[j] = at[0];
+        v[j] = omega * at[1];
     }
     for (int i = 0; u->exact[l] && i < u->pieces[l].count; i++) {
         const struct law_piece *piece = &u->pieces[l].piece[i];

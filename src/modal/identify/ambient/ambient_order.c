@@ -44,7 +44,8 @@ static const double
                                     tell is lost, for what varies within it is (share^2)/12 */
     GAIN_TRIAL = 0.5,            /* a step of less is not what a pair pays with */
     GAIN_LAST = 1e-2,            /* a seventh of one standard error, all unknowns together */
-    WORK_MOST = 6e9,             /* of all fits, as whittle.h counts it: a third of a minute */
+    WORK_MOST = 6e9,             /* of all fits but the answer's, as whittle.h counts it: ten
+                                    seconds */
     PATIENCE = 8;                /* prices: what a fit may make up for where a pair leaves */
 
 double ambient_price(int channels, int lines)
@@ -89,11 +90,11 @@ static enum modal_status bins_for(const struct search *w, const struct whittle *
     return rc;
 }
 
+/* A fit that is one of many: one that will not come to what is NEEDED of its likelihood ends. */
 static enum modal_status fit(struct search *w, struct whittle *m, const struct bins *bins,
-                             bool last, struct modal_error *err)
+                             double needed, struct modal_error *err)
 {
-    struct whittle_limits limits = { last ? GAIN_LAST : GAIN_TRIAL,
-                                     last ? STEPS_MOST : STEPS_TRIAL, last, &w->work,
+    struct whittle_limits limits = { GAIN_TRIAL, needed, STEPS_TRIAL, false, &w->work,
                                      w->limits->cancelled, w->limits->context };
 
     return whittle_fit(m, bins, &limits, err);
@@ -158,11 +159,13 @@ static bool take_fixed(struct search *w, struct whittle *m)
     return false;
 }
 
-/* The model of ORDER fitted; *gain: over the model as it was, in the same bins. */
+/* The model of ORDER fitted; *gain: over the model as it was, in the same bins.  TO_PAY: only as
+ * far as it may pay. */
 static enum modal_status try_order(struct search *w, struct ambient_search *a, int order,
-                                   double *gain, struct modal_error *err)
+                                   bool to_pay, double *gain, struct modal_error *err)
 {
     struct whittle *m = a->model, *t = w->trial;
+    double needed;
     enum modal_status rc;
 
     *gain = -HUGE_VAL;
@@ -170,11 +173,11 @@ static enum modal_status try_order(struct search *w, struct ambient_search *a, i
         || !subspace_model(&w->from, order, t))
         return MODAL_OK;
     rc = bins_for(w, t, m, &a->bins, err);
-    if (rc == MODAL_OK)
-        rc = fit(w, t, &a->bins, false, err);
-    if (rc == MODAL_OK)
-        *gain = t->likelihood - whittle_likelihood(m, &a->bins)
-              - w->price * (t->count - m->count);
+    if (rc != MODAL_OK)
+        return rc;
+    needed = whittle_likelihood(m, &a->bins) + w->price * (t->count - m->count);
+    rc = fit(w, t, &a->bins, to_pay ? needed : -HUGE_VAL, err);
+    *gain = t->likelihood - needed;
     return rc;
 }
 
@@ -185,7 +188,7 @@ static enum modal_status climb_on(struct search *w, struct ambient_search *a,
     enum modal_status rc = MODAL_OK;
 
     for (int more = 1; rc == MODAL_OK && more <= ABOVE; more++) {
-        rc = try_order(w, a, w->order + 2 * more, &gain, err);
+        rc = try_order(w, a, w->order + 2 * more, true, &gain, err);
         if (rc == MODAL_OK && gain > 0) {
             *a->model = *w->trial;
             w->order += 2 * more, more = 0;
@@ -194,16 +197,20 @@ static enum modal_status climb_on(struct search *w, struct ambient_search *a,
     return rc;
 }
 
-/* To the summit, and again as the ends of the record are seen by what was found. */
+/* To the summit, and again as bins are seen by what was found: an answer is worth any work. */
 static enum modal_status settle(struct search *w, struct whittle *m, struct bins *bins,
                                 struct modal_error *err)
 {
+    double work = HUGE_VAL;
+    struct whittle_limits limits = { GAIN_LAST, -HUGE_VAL, STEPS_MOST, false, &work,
+                                     w->limits->cancelled, w->limits->context };
     enum modal_status rc = MODAL_OK;
 
     for (int i = 0; rc == MODAL_OK && i < CORRECTIONS; i++) {
+        limits.errors = i == CORRECTIONS - 1;
         rc = bins_for(w, m, m, bins, err);
         if (rc == MODAL_OK)
-            rc = fit(w, m, bins, true, err);
+            rc = whittle_fit(m, bins, &limits, err);
     }
     return rc;
 }
@@ -229,7 +236,7 @@ static enum modal_status shrink(struct search *w, struct ambient_search *a, bool
         leave_out(t, k);
         if (m->likelihood - whittle_likelihood(t, &a->bins) > PATIENCE * w->price)
             continue;
-        rc = fit(w, t, &a->bins, false, err);
+        rc = fit(w, t, &a->bins, m->likelihood - w->price, err);
         *less = m->likelihood - t->likelihood < w->price;
     }
     if (rc == MODAL_OK && *less)
@@ -293,13 +300,13 @@ static enum modal_status descend(struct search *w, struct ambient_search *a, int
 {
     struct whittle *m = a->model, *t = w->trial, less;
     double more;
-    enum modal_status rc = try_order(w, a, order, &more, err);
+    enum modal_status rc = try_order(w, a, order, false, &more, err);
 
     if (rc != MODAL_OK || !isfinite(more))
         return rc;
     while (rc == MODAL_OK && t->count > m->count) {
         drop_least(&a->bins, t, &less);
-        rc = fit(w, t, &a->bins, false, err);
+        rc = fit(w, t, &a->bins, -HUGE_VAL, err);
     }
     if (rc == MODAL_OK)
         rc = settle(w, t, &a->bins, err);
@@ -337,7 +344,7 @@ static enum modal_status run(struct search *w, struct ambient_search *a, struct 
     subspace_model(&w->from, w->order, a->model);
     rc = bins_for(w, a->model, a->model, &a->bins, err);
     if (rc == MODAL_OK)
-        rc = fit(w, a->model, &a->bins, false, err);
+        rc = fit(w, a->model, &a->bins, -HUGE_VAL, err);
     if (rc == MODAL_OK)
         rc = climb_on(w, a, err);
     for (int i = 0; rc == MODAL_OK && changed && i < ROUNDS; i++) {

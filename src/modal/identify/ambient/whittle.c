@@ -59,7 +59,8 @@
 #include <string.h>
 #include "modal/linalg/workspace.h"
 
-enum { L = WHITTLE_CHANNELS_MOST, OWN = 8, SHARED = 4, PAIRS = 2 };
+enum { L = WHITTLE_CHANNELS_MOST, OWN = 8, SHARED = 4, PAIRS = 2,
+       STEPS_BLIND = 2 };         /* the first is damped: it tells little of what may be had */
 /* The vectors of all modes, channels of each: units, H R e_j, H e_i, H M e_j; and those of a
  * mode, in this order after them. */
 enum { V_UNIT, V_HR, V_H, V_HM };
@@ -72,6 +73,7 @@ static const double
     HELD_FACTOR = 100,           /* more, until the information has a factor, */
     HELD_MOST = 1e-8,            /* and no more than half of the digits */
     DECAY_LEAST = 0.1,           /* over the record: what is slower is a line, whatever it is */
+    HOPE = 10,                   /* steps like the last: what gains less by a tenth each sums to */
     LOG_STEP = 1;                /* of a decay rate's logarithm in one step: a factor of e */
 
 int whittle_unknowns_of_mode(int channels)
@@ -720,7 +722,9 @@ enum modal_status whittle_fit(struct whittle *m, const struct bins *s,
     if (rc == MODAL_OK)
         m->likelihood = whittle_likelihood(m, s);
     for (m->steps = 0; rc == MODAL_OK && m->steps < limits->most && !m->converged
-                           && *limits->work > 0; m->steps++) {
+                           && *limits->work > 0
+                           && (m->steps < STEPS_BLIND
+                               || m->likelihood + HOPE * left > limits->needed); m->steps++) {
         if (limits->cancelled != NULL && limits->cancelled(limits->context))
             rc = modal_fail(err, MODAL_CANCELLED, "identify: cancelled");
         inform(&w, m, s);

@@ -55,11 +55,12 @@ double whittle_likelihood(const struct whittle *m, const struct bins *bins);
 
 /*
  * Climb from M, by what is seen, until a step gains less than `gain` in the logarithm of the
- * likelihood, `most` steps are done or no work is left.  errors: the standard errors, too, from the
- * information matrix; of what converged.  Fails with MODAL_NO_MEMORY, MODAL_CANCELLED.
+ * likelihood, many steps like the last would not reach `needed`, `most` steps are done or no work
+ * is left.  errors: the standard errors, too, from the information matrix; of what converged.
+ * Fails with MODAL_NO_MEMORY, MODAL_CANCELLED.
  */
 struct whittle_limits {
-    double gain;
+    double gain, needed;             /* needed: of the logarithm of the likelihood; -HUGE_VAL */
     int most;
     bool errors;
     double *work;                    /* what is left of it: bins times unknowns squared a step */

@@ -87,6 +87,8 @@ const struct result_code result_codes[] = {
       "give window=auto, which uses `proposed_window`, as over 32,768 rows is done unasked" },
     { "clipped", "identify", "a channel's peaks are cut off",
       "begin the window later, or measure with less gain" },
+    { "wild_samples", "identify", "samples of a channel that are neither motion nor noise: left "
+      "out, and rebuilt by the modes", "see what sends them: a telemetry's spikes, dropouts" },
     { "growth_unconfirmed", "identify", "growth in the whole record that its parts do not show",
       "record longer, or identify a part by `window`" },
     { "undetermined_mean", "steady", "nothing but what slips holds the body: its mean follows "

@@ -1,3 +1,4 @@
+# Tests as well: identify_wild.c
 """Random free responses that were once answered wrongly, drawn by bench_identify_random.py and
 judged by its truth: every mode there, none besides.
 """
@@ -57,6 +58,43 @@ def test_every_mode_that_pays_three_times_its_price_is_found_and_no_other(seed, 
     shown = {i for i, x in enumerate(drawn.losses(r)) if x >= drawn.DETECTABLE * price}
     assert shown <= found
     assert len(pairs) == len(document["modes"])
+
+
+def spoilt(size, seed):
+    """Three modes in 2000 x 3 at 40 dB, without and with eight spikes of SIZE times the noise."""
+    rng = np.random.default_rng(seed)
+    t, w = np.arange(2000) * 0.01, 2 * np.pi * np.sort(rng.uniform(1, 40, 3))
+    zeta = rng.uniform(0.002, 0.02, 3)
+    exponents = w * (-zeta + 1j * np.sqrt(1 - zeta ** 2))
+    shape = rng.normal(size=(3, 3)) + 1j * rng.normal(size=(3, 3))
+    y = (np.exp(np.outer(t, exponents)) @ shape).real
+    noise = 0.01 * np.sqrt(np.mean(y ** 2))
+    y += noise * rng.normal(size=y.shape)
+    z = y.copy()
+    for k in rng.choice(1998, 8, False) + 1:
+        z[k, rng.integers(3)] += size * noise * rng.choice([-1, 1])
+    return exponents, y, z
+
+
+@pytest.mark.parametrize("size", [10, 100, 1000, 10000])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_few_spikes_change_neither_modes_nor_errors_and_are_told(size, seed, monkeypatch):
+    """Spikes of so many times the noise made errors up to 25 times larger, without a word."""
+    monkeypatch.setattr(drawn, "CTL", str(BUILD / "bin" / "modalctl"))
+    exponents, clean, wild = spoilt(size, seed)
+    whole, _ = drawn.identify(clean, 0.01)
+    document, _ = drawn.identify(wild, 0.01)
+    told = [d for d in document["diagnostics"] if d["code"] == "wild_samples"]
+    assert told and not any(d["code"] == "wild_samples" for d in whole["diagnostics"])
+    pairs = drawn.match(document["modes"], exponents, 20)
+    assert len(pairs) == len(document["modes"]) == 3
+    assert {d["code"] for d in document["diagnostics"]} == {"wild_samples"}
+    for i, k in pairs:
+        mode = document["modes"][k]
+        error = np.array(mode["exponent"]) - [exponents[i].real, exponents[i].imag]
+        std = np.array(mode["std"]["exponent"])
+        assert all(np.abs(error) <= 4 * std)
+        assert std == pytest.approx(np.array(whole["modes"][k]["std"]["exponent"]), rel=0.05)
 
 
 def test_ten_pairs_of_multipliers_in_one_channel_of_39_periods_are_all_found(monkeypatch):

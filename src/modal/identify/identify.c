@@ -27,7 +27,11 @@ const char *const identify_method_names[IDENTIFY_METHOD_COUNT + 1] = {
     "autoregressive", "autoregressive-full", NULL,
 };
 
-enum { WEIGH_MOST = 5 };            /* rounds: each tells the channels' noise anew */
+enum {
+    WEIGH_MOST = 5,                 /* rounds: each tells the channels' noise anew */
+    WILD_MOST = 5,                  /* rounds: each sees smaller spikes than the one before */
+    WILD_LEAST = 2                  /* the first poles are bent by what they had to rebuild */
+};
 
 static void work_done(struct work *w)
 {
@@ -40,6 +44,7 @@ static void work_done(struct work *w)
     projection_done(&w->projection);
     order_done(&w->choice);
     free(w->seen.lambda);
+    wild_done(&w->wild);
     workspace_free(&w->poles.space);
     synthesis_done(&w->all);
 }
@@ -273,6 +278,46 @@ static enum modal_status analyse_again(struct work *w, struct identify_result *o
     return rc == MODAL_OK ? analyse_weighed(w, out, err) : rc;
 }
 
+/* Everything from signals as they are on, in one setting of the search. */
+static enum modal_status analyse_anew(struct work *w, struct identify_result *out,
+                                      struct modal_error *err)
+{
+    enum modal_status rc;
+
+    free(w->noise), free(w->weight), free(w->weighted.x), free(out->unweighed.lambda);
+    w->noise = w->weight = NULL, w->weighted = (struct matrix) { 0 };
+    out->unweighed = (struct identify_chosen) { 0 };
+    w->known = false, w->spent = 0;
+    w->trial = work_may_weigh(w) && w->rec.channels <= POD_CHANNELS_FEW;
+    forget_analysis(w, out);
+    if ((rc = record_cut(&w->rec, w->rec.Y.m, w->opt.scale, err)) != MODAL_OK
+        || (rc = analyse(w, out, err)) != MODAL_OK)
+        return rc;
+    return analyse_again(w, out, err);
+}
+
+/* Without the samples that are neither motion nor noise, as long as others stand out of what the
+ * next poles leave; with them all the same where that leads to no one set of modes in noise. */
+static enum modal_status analyse_without_wild(struct work *w, struct identify_result *out,
+                                              struct modal_error *err)
+{
+    int before = 0;
+    enum modal_status rc = work_take_wild(w, err);
+
+    for (int round = 1; rc == MODAL_OK && w->wild.count > 0; round++) {
+        before = w->wild.count;
+        rc = analyse_anew(w, out, err);
+        if (rc == MODAL_OK && round < WILD_MOST)
+            rc = work_take_wild(w, err);
+        if (round == WILD_MOST || (round >= WILD_LEAST && w->wild.count == before))
+            break;
+    }
+    if (rc != MODAL_OK || before == 0 || (w->wild.count > 0 && work_is_clean(w)))
+        return rc;
+    work_put_wild_back(w);
+    return analyse_anew(w, out, err);
+}
+
 /* ---- the answer ---- */
 
 /* What is proposed, and whether it was used. */
@@ -281,7 +326,7 @@ static void report_window(struct work *w, struct identify_result *out)
     const double *t = w->rec.proposed;
     bool asked = w->opt.window[0] == WINDOW_AUTO;
 
-    if (!w->rec.parted && work_is_explained(w, out))
+    if (!w->rec.parted && (work_is_explained(w, out) || w->wild.count > 0))
         return;
     memcpy(out->proposed, t, sizeof out->proposed);
     if (asked || w->rec.parted)
@@ -352,6 +397,7 @@ enum modal_status modal_identify(const struct batch *batch, const struct identif
     if ((rc = analyse(&w, out, err)) != MODAL_OK
         || (rc = analyse_above_grid(&w, batch, out, err)) != MODAL_OK
         || (rc = analyse_again(&w, out, err)) != MODAL_OK
+        || (rc = analyse_without_wild(&w, out, err)) != MODAL_OK
         || (rc = work_keep_chosen(&w, &out->chosen, err)) != MODAL_OK
         || (rc = work_take_poles(&w, err)) != MODAL_OK
         || (rc = work_widen(&w, batch, out, err)) != MODAL_OK)

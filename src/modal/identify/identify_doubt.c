@@ -200,6 +200,7 @@ enum modal_status work_conclude(struct work *w, const struct batch *batch,
     diagnose(out, &w->facts);
     screen_samples(batch, out);
     work_report_grids(w, out);
+    work_report_wild(w, out);
     if (w->refine && w->shift == 1 && w->rec.period <= 0)
         trend_of_modes(w->X->m * w->rec.step, out);
     if (!w->facts.converged || out->driven)

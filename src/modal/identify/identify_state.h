@@ -12,6 +12,7 @@
 #include "modal/identify/prepare/grid.h"
 #include "modal/identify/prepare/pod.h"
 #include "modal/identify/prepare/record.h"
+#include "modal/identify/prepare/wild.h"
 #include "modal/identify/result.h"
 
 /* The pencil begins with few triplets and doubles them while the order is near their number. */
@@ -39,6 +40,7 @@ struct work {
     double *weight;                 /* per channel of weighted, over rec.Y; NULL: 1 */
     struct grid *grid;              /* per channel, in the batch's unit; NULL: not looked for */
     int cut;                        /* rows kept of a record that ends below its grid; 0: all */
+    struct wild wild;               /* what rec.Y lacks of the record */
     double *least;                /* per signal: what its grid leaves (refine.h); NULL: no matter */
     const struct matrix *X;         /* the signals: rec.Y or pod.signals */
     struct matrix folded;
@@ -103,6 +105,20 @@ bool work_is_explained(const struct work *w, const struct identify_result *out);
 enum modal_status work_cut_below_grid(struct work *w, struct modal_error *err);
 /* Which channels lie on a grid that matters, and what was cut. */
 void work_report_grids(const struct work *w, struct identify_result *out);
+
+/* ---- identify_wild.c ---- */
+
+/* rec.Y without the samples that stand out of what the chosen poles leave: w->wild. Of records of
+ * constant systems that are in memory and no longer than a pencil reads. */
+enum modal_status work_take_wild(struct work *w, struct modal_error *err);
+/* rec.Y as it was sent. */
+void work_put_wild_back(struct work *w);
+/* Are the chosen poles one set of modes in white noise? */
+bool work_is_clean(const struct work *w);
+/* Standard errors by the samples that are left. */
+void work_widen_for_wild(const struct work *w, struct poles *p);
+/* In which channels, and how many. */
+void work_report_wild(const struct work *w, struct identify_result *out);
 
 /* ---- identify_decompose.c ---- */
 

@@ -1,0 +1,105 @@
+/* identify_wild.c - what spikes and dropouts do to the way from signals to modes: they are left
+ * out, errors are those of the rest, and it is said */
+#include "modal/identify/identify_state.h"
+#include <math.h>
+#include <stdlib.h>
+#include "modal/linalg/svd.h"
+
+enum { TOLD = 3 };                  /* channels: more say the same */
+
+/* rec.Y between its scale and the batch's: samples are kept in the batch's unit. */
+static void scale_wild(struct work *w, bool out)
+{
+    for (int i = 0; i < w->wild.count; i++) {
+        struct wild_sample *s = &w->wild.at[i];
+        s->sent = out ? s->sent * w->rec.scale[s->channel] : s->sent / w->rec.scale[s->channel];
+    }
+}
+
+static bool may_take(const struct work *w)
+{
+    return w->refine && w->shift == 1 && w->rec.period <= 0 && !w->rec.wide && w->rec.gain == 1
+        && w->rec.decimation == 1 && !w->opt.difference && w->data.blocks == NULL
+        && w->ragged == 0 && w->opt.scale == SCALE_RMS;
+}
+
+/* Those that stand out of what the strongest poles leave, as far as medians believe them. */
+static enum modal_status take_robust(struct work *w, const struct refined *fit,
+                                     struct modal_error *err)
+{
+    double complex *best = malloc(sizeof *best * ((size_t)fit->poles + 1));
+    int count;
+    enum modal_status rc = best == NULL
+        ? modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d poles", fit->poles)
+        : wild_strongest(fit->lambda, fit->poles, w->tau, &w->rec.Y, best, &count, err);
+
+    if (rc == MODAL_OK)
+        rc = wild_take(best, count, w->tau, &w->rec.Y, &w->wild, err);
+    free(best);
+    return rc;
+}
+
+enum modal_status work_take_wild(struct work *w, struct modal_error *err)
+{
+    const struct refined *fit = w->choice.chosen >= 0
+                              ? &w->choice.candidates[w->choice.chosen].fit : NULL;
+    enum modal_status rc = MODAL_OK;
+
+    if (!may_take(w) || fit == NULL || fit->poles == 0)
+        return MODAL_OK;
+    /* of what is no one set of modes in noise nothing can be said to be neither */
+    if (w->wild.count == 0 && !work_is_clean(w))
+        return MODAL_OK;
+    scale_wild(w, false);
+    if (w->wild.count == 0)
+        rc = wild_take(fit->lambda, fit->poles, w->tau, &w->rec.Y, &w->wild, err);
+    if (rc == MODAL_OK && w->wild.count > 0)
+        rc = take_robust(w, fit, err);
+    scale_wild(w, true);
+    return rc;
+}
+
+void work_put_wild_back(struct work *w)
+{
+    scale_wild(w, false);
+    wild_put_back(&w->rec.Y, &w->wild);
+}
+
+bool work_is_clean(const struct work *w)
+{
+    return w->choice.clean
+        || (w->choice.chosen >= 0 && w->choice.candidates[w->choice.chosen].fit.residual
+                                         <= REFINE_EXACT * safe_matrix_norm(w->data.Y));
+}
+
+/* Rebuilt samples agree with the model whatever it is: neither the size of the noise nor what is
+ * known of a pole has anything of them. */
+void work_widen_for_wild(const struct work *w, struct poles *p)
+{
+    double all = (double)w->rec.Y.m * w->rec.channels,
+           factor = 1 / sqrt((1 - w->wild.count / all) * (1 - w->wild.share));
+
+    for (int j = 0; j < p->count; j++)
+        p->std_re[j] *= factor, p->std_im[j] *= factor;
+}
+
+void work_report_wild(const struct work *w, struct identify_result *out)
+{
+    const struct wild *all = &w->wild;
+    int said = 0;
+
+    for (int i = 0, first = 0; i < all->count; i++) {
+        int c = all->at[i].channel;
+        if (i + 1 < all->count && all->at[i + 1].channel == c)
+            continue;
+        int count = i + 1 - first;
+        if (said++ < TOLD)
+            identify_diagnose(out, "wild_samples", w->rec.channel[c],
+                              "%d sample%s of channel %d, the first at %.6g s, stand%s out of the "
+                              "noise as none of it does: left out as spikes, and "
+                              "rebuilt by the modes; see what sends them", count,
+                              count > 1 ? "s" : "", w->rec.channel[c],
+                              w->rec.t0 + all->at[first].row * w->rec.step, count > 1 ? "" : "s");
+        first = i + 1;
+    }
+}

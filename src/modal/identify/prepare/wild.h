@@ -1,0 +1,38 @@
+/* wild.h - samples that are neither motion nor noise: spikes of a telemetry, dropouts */
+#ifndef MODAL_WILD_H
+#define MODAL_WILD_H
+#include <complex.h>
+#include "base/error.h"
+#include "modal/linalg/matrix.h"
+
+struct wild_sample { int row, channel; double sent; };
+
+/* What was taken out of a record, by channels and rows. */
+struct wild {
+    struct wild_sample *at; int count;     /* owned */
+    double share;          /* of what the record tells, that was in them: of its numbers, or of the
+                            * motion's energy where that is more */
+};
+
+/*
+ * The samples of Y (L x S, a step TAU apart) that stand out of what COUNT poles leave (wild.c), and
+ * that the poles rebuild in their place: a fit to Y is then one to the others, but for steps of
+ * `share` of the way. What *w has was taken out of Y before, and is put back first. None, and Y
+ * whole, where they are no few: w->count 0.
+ *
+ * Fails with MODAL_NO_MEMORY, MODAL_NO_CONVERGENCE, and *w is then still what Y lacks.
+ */
+enum modal_status wild_take(const double complex *lambda, int count, double tau, struct matrix *Y,
+                            struct wild *w, struct modal_error *err);
+/*
+ * The strongest of COUNT poles, into BEST, that has room for them: as many as the medians of what
+ * they leave ask for, by Bayes' criterion. Poles may have drawn wild samples, of which a median
+ * knows nothing. Fails as wild_take does.
+ */
+enum modal_status wild_strongest(const double complex *lambda, int count, double tau,
+                                 const struct matrix *Y, double complex *best, int *best_count,
+                                 struct modal_error *err);
+/* Y is whole again, *w empty. */
+void wild_put_back(struct matrix *Y, struct wild *w);
+void wild_done(struct wild *w);
+#endif

@@ -83,6 +83,7 @@ static bool send_frame(modald_stream *s, struct frame *f)
     if (!send_message(s, "STREAM", text, f->data, length))
         return false;
     f->id = id;
+    s->link->fast |= length >= FRAME_ENOUGH;
     s->flying += length;
     s->asked_at = now();
     return true;
@@ -172,6 +173,7 @@ static void on_reply(modald_stream *s, const char *const *members)
         if (f->id != id || id == 0)
             continue;
         f->acknowledged = true;
+        s->link->fast |= length >= FRAME_ENOUGH;
         s->link->moved_at = now();
         s->link->vain_until = 0;
         s->flying -= s->flying >= length ? length : s->flying;

@@ -218,13 +218,15 @@ static bool presses(const modald_stream *s)
 }
 
 /* One turn: what came in, then a look at every stream, first at those that had no turn when all
- * was asked that may be.  The pause until the next: short only where it lets more out. */
+ * was asked that may be.  The pause until the next: short only where more may go out soon. */
 static double turn(struct link *l, double idle)
 {
-    bool moved = receive_all(l), closing = false, pressed = false;
+    bool moved, closing = false, pressed = false;
     int streams = 0, first = l->start;
 
     l->start = 0;
+    l->fast = false;
+    moved = receive_all(l);
     for (int i = 0; i < l->slots; i++) {
         int slot = (first + i) % l->slots;
         if (l->streams[slot] == NULL)
@@ -239,7 +241,8 @@ static double turn(struct link *l, double idle)
     while (l->slots > 0 && l->streams[l->slots - 1] == NULL)
         l->slots--;
     return closing ? moment
-         : fmax(streams * look_pause, moved && pressed ? moment : fmin(2 * idle, idle_most));
+         : fmax(streams * look_pause,
+                moved && (pressed || l->fast) ? moment : fmin(2 * idle, idle_most));
 }
 
 static void *sender(void *argument)

@@ -203,6 +203,7 @@ struct link {
     double heard_at;            /* when the last message came */
     double moved_at;            /* when samples of a stream were taken last */
     double beat;                /* frames that were begun before it leave */
+    bool fast;                  /* in this turn a frame of FRAME_ENOUGH was sent or taken */
     double vain_until;          /* no close waits before: one did, and nothing moved */
     int64_t questions;          /* asked so far */
     int asked;                  /* of them without an answer */

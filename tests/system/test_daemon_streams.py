@@ -9,7 +9,7 @@ import struct
 import pytest
 
 from lab import Lab
-from wire import Daemon, crc32c, identity, submit
+from wire import Daemon, crc32c, identity, scene_job, submit, until
 
 FAKE = f"worker_path = {pathlib.Path(__file__).parent / 'fake_worker.py'}\n"
 
@@ -232,6 +232,31 @@ def test_streams_that_ask_for_too_many_windows_get_them_in_turn_and_what_is_left
         stats = c.ask("STATS")["streams"]
         assert (stats["windows"] == len(told) and stats["skipped"]
                 == sum(e["skipped"] for e in told) == streams * due - len(told))
+
+
+def test_a_stream_closed_before_a_worker_was_idle_has_its_newest_window_and_its_verdict():
+    """x'' + 2 z w x' + w^2 x = 0 as above, pushed and closed while a job has the only worker: the
+    code of before left all five windows out, without a word."""
+    z, w, dt = 0.02, 31.0, 0.01
+    data = struct.pack("<600d", *[math.exp(-z * w * dt * i)
+                                  * math.cos(w * math.sqrt(1 - z * z) * dt * i)
+                                  for i in range(600)])
+    with Daemon(workers=1) as d:
+        c, watcher = d.client(), d.client()
+        assert watcher.ask("EVENTS", kinds=["modes"]).ok
+        job = scene_job(c)["job"]
+        until(lambda: c.ask("STATUS", job=job)["state"] == "running")
+        s = c.ask("STREAM", op="open", name="short", channels=1, dt=dt,
+                  window={"samples": 200, "hop": 100, "options": {"rank.fixed": 2}})["stream"]
+        push(c, s, 0, 0, data, channels=1)
+        assert c.ask("STREAM", op="close", stream=s)["sha256"]
+        assert c.ask("CANCEL", job=job).ok
+        (told,) = windows_told(watcher, lambda told: told)
+        assert (told["from"], told["to"], told["skipped"]) == (400, 599, 4)
+        assert told["verdict"] == "stable" and told["damping_ratio"] == pytest.approx(z, abs=1e-6)
+        listed = json.loads(c.ask("STREAMS").body[0])["streams"]
+        assert [one["verdict"] for one in listed] == ["stable"]
+        assert c.ask("STATS")["streams"]["waiting"] == 0
 
 
 def test_jobs_are_done_while_streams_ask_for_more_windows_than_there_can_be():

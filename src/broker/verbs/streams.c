@@ -120,12 +120,13 @@ static void answer_full(struct core *c, const struct reply *reply)
 
 static void end_if_quiet(struct core *c, struct stream *s);
 
+/* Closed ones whose last samples wait for a worker are as dear as open ones. */
 static int open_streams_of(const struct core *c, const struct user *user)
 {
     int open = 0;
 
     for (const struct stream *s = c->streams; s != NULL; s = s->next_stream)
-        open += s->user == user && !s->closed;
+        open += s->user == user && (!s->closed || s->window.recent != NULL);
     return open;
 }
 
@@ -655,8 +656,7 @@ static void closed(struct core *c, struct stream *s)
         s->sealed = NULL;                          /* it has a life of its own */
     }
     segments_drop(s);
-    free(s->window.recent);
-    s->window.recent = NULL;
+    window_offer(c, s);
 }
 
 void stream_after(struct core *c, struct after *after, struct transaction *t)

@@ -7,11 +7,12 @@
  * window in its turn; what came due before is left out, and counted.  Turns go round by round: who
  * waits gets a window before anybody gets two, so that no stream has more than its share, whatever
  * the order within a round.  That is free, and a window goes rather to the worker that had the one
- * before: that gets only what is new.  Another takes it once the next one is due.  Windows go
- * before jobs, being small, unless these have had less than half of the workers.  To a worker
- * elsewhere they go where the configuration lets them and the way is short (slot_takes_windows).
- * One that kills its worker goes to another, LIVE_DEATHS_MOST times; one that is given back goes
- * to another as well, and that is no death.
+ * before: that gets only what is new.  Another takes it once the next one is due.  The newest
+ * window of a closed stream has its turn like any: a run that is shorter than the wait for a
+ * worker has its verdict too.  Windows go before jobs, being small, unless these have had less
+ * than half of the workers.  To a worker elsewhere they go where the configuration lets them and
+ * the way is short (slot_takes_windows).  One that kills its worker goes to another,
+ * LIVE_DEATHS_MOST times; one that is given back goes to another as well, and that is no death.
  */
 #include "broker/core/slots.h"
 #include "broker/verbs/streams.h"
@@ -260,8 +261,7 @@ static bool is_due(struct stream *s)
     struct window *w = &s->window;
     uint64_t least = (s->run_from > w->here ? s->run_from : w->here) + w->samples;
 
-    if (w->samples == 0 || s->closed || w->recent == NULL || s->durable_epoch != s->epoch
-        || s->durable < least)
+    if (w->samples == 0 || w->recent == NULL || s->durable_epoch != s->epoch || s->durable < least)
         return false;
     if (w->next < least)
         w->next = least;
@@ -304,9 +304,14 @@ void window_offer(struct core *c, struct stream *s)
 {
     struct window *w = &s->window;
 
-    if (w->queued || w->running || !is_due(s))
+    if (w->queued || w->running)
         return;
-    queue(c, s);
+    if (is_due(s))
+        queue(c, s);
+    else if (s->closed) {                          /* no more will come */
+        free(w->recent);
+        w->recent = NULL;
+    }
 }
 
 /* The stream at *LINK of the queue, out of it. */
@@ -348,7 +353,7 @@ static struct stream *take_due(struct core *c, int slot)
     begin_round(c->slots);
     for (; *link != NULL && (found == NULL || link != c->slots->round_end);) {
         struct stream *s = *link;
-        if (!is_due(s)) {                          /* closed, or begun anew */
+        if (!is_due(s)) {                          /* begun anew */
             unqueue(c, link);
             continue;
         }

@@ -51,8 +51,9 @@ static const double WORK_SUMS = 4e10;    /* operations to find pairs: chosen, so
 static const double SAME = 1e-6;         /* squared sine: so do their vectors, to 1e-3 */
 
 struct found {
-    double complex exponent, multiplier; /* not folded; in the upper half plane */
+    double complex exponent, multiplier; /* not folded */
     double residual, condition, bar;
+    double turn;                         /* sine of what a cycle of W turns it by: >= 0 */
     double complex *start;
     int run;                             /* the search that it is of, or was seen in last */
     bool taken;                          /* by a hint */
@@ -87,9 +88,10 @@ static double bar_of(double residual, double condition)
     return fmin(condition * least, sqrt(least));
 }
 
+/* Is F of a real motion, alone?  Both of a pair may be real over several cycles of W. */
 static bool is_real(const struct found *f)
 {
-    return fabs(cimag(f->multiplier)) <= f->bar;
+    return f->turn * cabs(f->multiplier) <= f->bar;
 }
 
 /* Is I of H a copy of an earlier one, or the lower one of a pair both of which are there? */
@@ -150,7 +152,7 @@ static enum modal_status add(struct search *s, struct found *f, struct modal_err
     return MODAL_OK;
 }
 
-/* What H found, in the upper half plane. */
+/* What H found, of each pair the one that a cycle of W turns upwards. */
 static enum modal_status add_window(struct search *s, const struct hill_window *h,
                                     struct modal_error *err)
 {
@@ -160,6 +162,7 @@ static enum modal_status add_window(struct search *s, const struct hill_window *
     s->runs++;
     for (int i = 0; rc == MODAL_OK && i < h->count; i++) {
         struct found f = { h->exponent[i], cexp(h->exponent[i] * s->period), 0, h->condition[i], 0,
+                           sin(2 * M_PI * remainder(cimag(h->exponent[i]) / s->W, 1)),
                            h->start + (size_t)i * states, s->runs, false };
         double size = cabs(f.multiplier);
 
@@ -168,7 +171,8 @@ static enum modal_status add_window(struct search *s, const struct hill_window *
         /* what lambda T is rounded by turns the multiplier */
         f.residual = (h->residual[i] + ROUNDING * cabs(h->exponent[i]) * s->period) * size;
         f.bar = bar_of(f.residual, f.condition);
-        if (cimag(f.multiplier) < 0) {
+        if (f.turn < 0) {
+            f.turn = -f.turn;
             f.multiplier = conj(f.multiplier);
             f.exponent = conj(f.exponent);
             for (size_t k = 0; k < states; k++)
@@ -699,14 +703,15 @@ static enum modal_status find_all(struct search *s, const struct hill_ask *ask, 
 enum modal_status hill_leading(const struct program *p, double period, const struct hill_ask *ask,
                                struct hill_leading *out, struct modal_error *err)
 {
-    struct search s = { .p = p, .period = period, .W = 2 * M_PI / period, .n = p->n,
+    struct search s = { .p = p, .period = period, .n = p->n,
+                        .W = hill_window_frequency(p, period),
                         .wanted = ask->wanted, .most = ask->most, .all_sums = ask->all_sums,
-                        .reach = p->harmonics > 0 ? p->harmonic[p->harmonics - 1].k : 0 };
+                        .reach = hill_window_reach(p) };
     int last;
     enum modal_status rc = count_pulsating(&s, err);
 
     *out = (struct hill_leading){ 0 };
-    s.harmonics = ask->harmonics > 0 ? ask->harmonics : HARMONICS * s.reach;
+    s.harmonics = (ask->harmonics > 0 ? ask->harmonics : HARMONICS) * s.reach;
     if (rc == MODAL_OK)
         rc = ask->only_hints ? refine_hints(&s, ask->hint, ask->hints, &out->settled, err)
                              : find_all(&s, ask, &out->settled, err);

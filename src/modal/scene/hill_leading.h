@@ -15,7 +15,7 @@ struct hill_hint { double complex exponent; double complex multiplier; double re
 
 struct hill_ask {
     int wanted;                  /* multipliers */
-    int harmonics;               /* of a window to begin with; 0: six times the highest */
+    int harmonics;               /* of a window to begin with, for the highest; 0: 6 */
     bool all_sums;               /* no end below the highest harmonic that pulsates: both motions */
                                  /* lie below it that it makes grow by the sum of frequencies */
     double most;                 /* operations (budget.h), nearly; 0: no limit */

@@ -42,7 +42,7 @@ static const struct sparse *matrix_of(const struct program_harmonic *a, int part
 enum modal_status hill_sums_new(const struct program *p, double period, struct hill_sums *out,
                                 struct modal_error *err)
 {
-    struct hill_sums s = { .p = p, .period = period, .W = 2 * M_PI / period };
+    struct hill_sums s = { .p = p };
 
     s.place = workspace_zeros(&s.space, (size_t)p->n, sizeof *s.place);
     s.port = workspace_zeros(&s.space, (size_t)p->n, sizeof *s.port);
@@ -185,7 +185,7 @@ static bool stretch_of(const struct hill_sums *s, const struct program_harmonic 
                        struct stretch *out)
 {
     int last = first + STRETCH < s->count ? first + STRETCH : s->count;
-    double sum = a->k * s->W, decay = 0, other = 0, from, to;
+    double sum = a->k * s->p->omega, decay = 0, other = 0, from, to;
 
     for (int pass = 0; pass < 2; pass++) {       /* as wide as what decays there */
         decay = other = 0;
@@ -220,7 +220,7 @@ static void fill(const struct hill_sums *s, const struct stretch *t, double comp
     for (size_t i = 0; i < order; i++) {
         size_t at = (int)i < t->is ? (size_t)t->i + i : (size_t)t->j + i - (size_t)t->is;
         A[i + i * order] = (int)i < t->is ? s->exponent[at]
-                                          : conj(s->exponent[at]) + I * (t->a->k * s->W);
+                                          : conj(s->exponent[at]) + I * (t->a->k * s->p->omega);
     }
     for (size_t i = 0; i < (size_t)t->is; i++)
         for (size_t j = 0; j < (size_t)t->js; j++) {
@@ -287,7 +287,7 @@ enum modal_status hill_sums_find(const struct hill_sums *s, double least, double
     for (int h = 0; h < s->p->harmonics; h++) {
         const struct program_harmonic *a = &s->p->harmonic[h];
         /* of each pair the lower one: the other shows where it is */
-        int last = first_from(s, a->k * s->W / 2);
+        int last = first_from(s, a->k * s->p->omega / 2);
         struct stretch t;
         for (int i = 0; rc == MODAL_OK && i < last; i += STRETCH / 2)
             if (stretch_of(s, a, i, &t))

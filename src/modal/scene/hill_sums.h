@@ -16,7 +16,6 @@ struct hill_window;
 
 struct hill_sums {
     const struct program *p;     /* borrowed */
-    double period, W;
     int ports, *port, *place;    /* dofs that something pulsating acts on or sees; of dof, or -1 */
     int count, room;
     double complex *exponent;    /* ascending in Im */

@@ -6,7 +6,8 @@
  *
  *     (s_k^2 M + s_k C + K) x_k + sum_(+-h) (s_(k-+h) C^+-h + K^+-h) x_(k-+h) = 0,
  *
- * in short Q(lambda) x = 0.
+ * in short Q(lambda) x = 0.  W is the largest frequency of which all that pulsates is whole
+ * multiples; a period may hold several of its cycles.
  *
  * With lambda = sigma + mu and w = mu x / W, Q(sigma + mu) = Q + mu Q' + mu^2 M says
  *
@@ -60,7 +61,7 @@ struct entry { int i, j; double complex value; };
 
 struct search {
     const struct program *p;     /* borrowed */
-    int n, H, N;                 /* N = (2 H + 1) n */
+    int n, H, N, unit;           /* N = (2 H + 1) n; W is so many omegas */
     double W, period;
     double complex shift, sigma; /* of (1); of the factors, in (2) */
     double *root;                /* n: sqrt(M_ii) */
@@ -119,7 +120,7 @@ static void multiply(const struct search *s, double complex lambda, int order,
         for (int h = 0; h < s->p->harmonics; h++)
             for (int side = -1; side <= 1; side += 2) {
                 const struct program_harmonic *a = &s->p->harmonic[h];
-                int to = k + side * a->k;
+                int to = k + side * (a->k / s->unit);
                 size_t row = (size_t)(to + s->H) * (size_t)s->n;
                 for (int part = PROGRAM_C; abs(to) <= s->H && part <= PROGRAM_K; part++) {
                     multiply_add(&a->cosine[part], factor[part] / 2, from, out + row);
@@ -157,7 +158,8 @@ static size_t list_entries(const struct search *s, struct entry *e)
         for (int h = 0; h < 2 * s->p->harmonics; h++)
             for (int part = PROGRAM_C; part <= PROGRAM_K; part++) {
                 const struct program_harmonic *a = &s->p->harmonic[h / 2];
-                int side = h % 2 == 0 ? 1 : -1, to = k + side * a->k, row = (to + s->H) * s->n;
+                int side = h % 2 == 0 ? 1 : -1, to = k + side * (a->k / s->unit),
+                    row = (to + s->H) * s->n;
                 const struct sparse *c = &a->cosine[part], *d = &a->sine[part];
                 if (abs(to) > s->H)
                     continue;
@@ -360,7 +362,7 @@ static enum modal_status look(const struct search *s, struct ritz *z, bool last,
 static double edge_of(const struct search *s, const double complex *x, int *largest)
 {
     double all = 0, edge = 0, most = -1;
-    int reach = s->p->harmonics > 0 ? s->p->harmonic[s->p->harmonics - 1].k : 0;
+    int reach = hill_window_reach(s->p);
 
     *largest = 0;
     for (int k = -s->H; k <= s->H; k++) {
@@ -523,6 +525,29 @@ static enum modal_status report(struct search *s, const struct ritz *z, int want
     return MODAL_OK;
 }
 
+/* Of how many omegas all harmonics are whole multiples, at most, by Euclid's way. */
+static int unit_of(const struct program *p)
+{
+    int unit = 0;
+
+    for (int h = 0; h < p->harmonics; h++)
+        for (int k = p->harmonic[h].k, rest; k > 0; k = rest) {
+            rest = unit % k;
+            unit = k;
+        }
+    return unit > 0 ? unit : 1;
+}
+
+double hill_window_frequency(const struct program *p, double period)
+{
+    return p->harmonics > 0 ? unit_of(p) * p->omega : 2 * M_PI / period;
+}
+
+int hill_window_reach(const struct program *p)
+{
+    return p->harmonics > 0 ? p->harmonic[p->harmonics - 1].k / unit_of(p) : 0;
+}
+
 double hill_window_vectors(int wanted) { return ROOM * (double)wanted + ROOM_MORE; }
 
 double hill_window_work(double entries, double vectors, double factors)
@@ -535,7 +560,7 @@ enum modal_status hill_window(const struct program *p, double period, double com
                               struct modal_error *err)
 {
     struct search s = { .p = p, .n = p->n, .H = harmonics, .period = period, .shift = shift,
-                        .sigma = shift };
+                        .sigma = shift, .unit = unit_of(p) };
     struct ritz z = { 0 };
     double vectors = hill_window_vectors(wanted), size = (2.0 * harmonics + 1) * p->n;
     bool more = true;
@@ -546,7 +571,7 @@ enum modal_status hill_window(const struct program *p, double period, double com
     if (size * fmin(vectors, 2 * size) * sizeof *s.U > HILL_WINDOW_BYTES)
         return modal_fail(err, MODAL_TOO_LARGE, "%g vectors of %d dofs by %d harmonics take more "
                           "than %d bytes", vectors, p->n, 2 * harmonics + 1, HILL_WINDOW_BYTES);
-    s.W = 2 * M_PI / period;
+    s.W = hill_window_frequency(p, period);
     s.N = (int)size;
     s.most = (int)fmin(vectors, 2 * size);
     rc = prepare(&s, seed, err);

@@ -27,14 +27,19 @@ struct hill_window {
 
 /*
  * WANTED exponents next to SHIFT of P over PERIOD, laws and loads left out, from 2 HARMONICS + 1
- * terms of their Fourier series.  HARMONICS 0: those of the constant part.  SEED chooses where the
- * search starts: a value that is double has its second vector from another.  P is one that
- * period_map_serves.  Fails with MODAL_TOO_LARGE (HILL_WINDOW_BYTES), MODAL_NO_CONVERGENCE (SHIFT
- * is an exponent), MODAL_NO_MEMORY.  hill_window_done frees.
+ * terms of their Fourier series of W (hill_window_frequency).  HARMONICS 0: those of the constant
+ * part.  SEED chooses where the search starts: a value that is double has its second vector from
+ * another.  P is one that period_map_serves.  Fails with MODAL_TOO_LARGE (HILL_WINDOW_BYTES),
+ * MODAL_NO_CONVERGENCE (SHIFT is an exponent), MODAL_NO_MEMORY.  hill_window_done frees.
  */
 enum modal_status hill_window(const struct program *p, double period, double complex shift,
                               int harmonics, int wanted, int seed, struct hill_window *out,
                               struct modal_error *err);
+/* W, rad/s: the largest of which all of P's harmonics are whole multiples.  PERIOD holds whole
+ * cycles of it, one or more; of a P without harmonics one. */
+double hill_window_frequency(const struct program *p, double period);
+/* The highest harmonic of P, of W; 0: there is none. */
+int hill_window_reach(const struct program *p);
 /* Vectors at most for WANTED exponents. */
 double hill_window_vectors(int wanted);
 /* Operations (budget.h) of VECTORS with ENTRIES each, and of dense ones for FACTORS, nearly. */

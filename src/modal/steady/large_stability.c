@@ -567,8 +567,7 @@ static enum modal_status take_slope(struct large *l, int c, struct linearised_sl
 static enum modal_status ask_windows(struct large *l, const struct program *p,
                                      struct stability *out, struct modal_error *err)
 {
-    int reach = p->harmonics > 0 ? p->harmonic[p->harmonics - 1].k : 0;
-    struct hill_ask ask = { .wanted = IN_WINDOWS, .harmonics = WINDOW * reach, .all_sums = true,
+    struct hill_ask ask = { .wanted = IN_WINDOWS, .harmonics = WINDOW, .all_sums = true,
                             .most = l->u->budget->most - l->u->budget->spent };
     struct hill_leading h = { 0 };
     enum modal_status rc = hill_leading(p, 2 * M_PI / l->u->point->omega, &ask, &h, err);
@@ -607,6 +606,7 @@ static enum modal_status ask_smooth(struct large *l, struct stability *out,
         rc = take_slope(l, c, &slope[c], err);
     if (rc == MODAL_OK)
         rc = linearised_make(l->u->p, slope, l->parts.channels, &linear, err);
+    linear.program.omega = l->u->point->omega;
     if (rc == MODAL_OK)
         rc = ask_windows(l, &linear.program, out, err);
     linearised_done(&linear);

@@ -221,6 +221,27 @@ def test_slow_decays_and_growth_are_told_from_an_ambient_record(ctl, tmp_path, c
     assert all(m["std"]["damping_ratio"] is None for m in said["modes"])
 
 
+@pytest.mark.parametrize("turns, noise", [(100, 0.01), (400, 0.01), (1600, 0.01), (100, 0.03),
+                                          (400, 0.03)])
+def test_a_decay_that_is_over_early_is_told_from_an_ambient_record(ctl, tmp_path, turns, noise):
+    """Beside what it leaves of the record, the noise of 60,000 samples, its energy is little."""
+    rng, t = np.random.default_rng(turns), np.arange(60000) * turns / 60000
+    Y = sum((np.exp(-0.02 * 2 * np.pi * f * t) * np.cos(2 * np.pi * f * t))[:, None]
+            * rng.uniform(0.5, 2, 3) for f in (1.0, 2.7))
+    Y += noise * np.abs(Y).max(0) * rng.standard_normal(Y.shape)
+    said = ctl("identify", write_batch(tmp_path / "a.h5", Y, dt=t[1]), *AMBIENT).document
+    assert "not_ambient" in codes(said) and said["stability"]["stable"] is None
+
+
+def test_a_gust_of_ten_times_the_energy_is_no_free_decay(ctl, tmp_path):
+    for seed in range(8):
+        Y = record(seed)
+        first = 2500 * (seed % 7)
+        Y[first:first + 5000 - 400 * seed] *= np.sqrt(10)
+        found = codes(identify(ctl, tmp_path / "a.h5", Y).document)
+        assert "not_ambient" not in found and "not_stationary" in found, seed
+
+
 def test_short_ambient_records_are_not_taken_for_free(ctl, tmp_path):
     for seed in range(6):
         said = identify(ctl, tmp_path / "a.h5", record(seed, 1500, channels=1 + seed % 3)).document

@@ -594,15 +594,18 @@ static double variance_of_part(const struct spectrum *s, double samples)
 static bool is_short(const double *energy, double *share)
 {
     int reach = (int)(SHORT * UNITS);
-    double all = 0;
+    double all = 0, least = HUGE_VAL;
 
     *share = 0;
     for (int u = 0; u < UNITS; u++)
-        all += energy[u];
+        /* noise lasts throughout: what is over it is the motion's */
+        least = fmin(least, energy[u]);
+    for (int u = 0; u < UNITS; u++)
+        all += energy[u] - least;
     for (int first = 0; first + reach <= UNITS; first++) {
         double part = 0;
         for (int u = first; u < first + reach; u++)
-            part += energy[u];
+            part += energy[u] - least;
         *share = fmax(*share, part / all);
     }
     return *share > NEARLY_ALL;

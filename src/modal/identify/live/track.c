@@ -22,7 +22,8 @@
  * <> the mean of the two ways, Gauss's with a precision that is Gamma distributed, a and b being
  * half the count and half the sum of the d^2 of its own history: a mode that drifts as no line does
  * makes its bars wider for itself.  They are never narrower than they say, b >= a, for windows that
- * share samples err alike.
+ * share samples err alike.  That is b of the next window: a line that is off by its slope is off by
+ * k times as much at the k-th, where b is a + k^2 (b - a).
  * ALPHA is the false alarm: a settled mode that jumps within its line is the same one.
  *
  * Against "the track was missed, and the mode is new" that is worth
@@ -191,10 +192,18 @@ static double distance2(const struct miss *x)
     return x->re * x->re / x->S_re + (x->pair ? x->im * x->im / x->S_im : 0);
 }
 
+/* b of (4) */
+static double misfit_ahead(const struct track *t)
+{
+    double k = t->missed + 1;
+
+    return t->freedom + k * k * (t->misfit - t->freedom);
+}
+
 /* ln of the first part of (3), the way that has the probability P */
 static double ln_near(const struct track *t, const struct miss *x, double p)
 {
-    double half = x->pair ? 1 : 0.5, a = t->freedom, b = t->misfit;
+    double half = x->pair ? 1 : 0.5, a = t->freedom, b = misfit_ahead(t);
 
     /* Student's density: normal, its variance known as a gamma's */
     return lgamma(a + half) - lgamma(a) - half * log(2 * M_PI * b)
@@ -288,6 +297,7 @@ static struct ahead way_of(struct track *t, const struct both_ways *ways,
     double ln_on = ln_near(t, &on, 1 - t->stays), ln_still = ln_near(t, &still, t->stays);
     struct ahead a = ln_still > ln_on ? ways->still : ways->on;
     const struct miss *x = ln_still > ln_on ? &still : &on;
+    double next = t->misfit / misfit_ahead(t);            /* d^2 as it were of the next window */
 
     if (ln_far(&on) > fmax(ln_on, ln_still)) {            /* it has jumped: nothing is known */
         a = ways->still;
@@ -296,7 +306,8 @@ static struct ahead way_of(struct track *t, const struct both_ways *ways,
     }
     t->stays += (exp(ln_still - ln_sum(ln_on, ln_still)) - t->stays) / (t->shown + 2);
     t->freedom = a.weight * t->freedom + (1 - a.weight) * PRIOR + (x->pair ? 1 : 0.5);
-    t->misfit = a.weight * t->misfit + (1 - a.weight) * PRIOR + 0.5 * distance2(x);
+    t->misfit = a.weight * t->misfit + (1 - a.weight) * PRIOR
+        + 0.5 * next * distance2(x);
     t->misfit = fmax(t->misfit, t->freedom);
     return a;
 }

@@ -159,7 +159,7 @@ static struct track_mode shown(struct stream *s, double complex lambda, double s
 
 struct tally { int windows, right, twice; };
 
-/* Two tracks that live, and whose last mode was the same one. */
+/* Two tracks that live, and whose last mode was the same one; -1: not known. */
 static int twice(const struct tracks *t, const int64_t *last_mode)
 {
     int count = 0;
@@ -204,23 +204,26 @@ static struct tally follow(struct stream *s)
         for (int j = 0; j < count; j++) {
             for (int i = 0; i < j; i++)
                 CHECK(number[i] != number[j]);
-            last_mode[number[j]] = truth[j];
+            last_mode[number[j]] = -1;
             if (truth[j] < 0)
                 continue;
             own[truth[j]] = own[truth[j]] < 0 ? number[j] : own[truth[j]];
-            if (is_clear(s, truth[j], at))
+            /* where two modes stand in one place and one is missed, none can say which it was */
+            if (is_clear(s, truth[j], at)) {
+                last_mode[number[j]] = truth[j];
                 tally.windows++, tally.right += number[j] == own[truth[j]];
+            }
         }
         tally.twice += twice(&t, last_mode);
     }
     return tally;
 }
 
-TEST(of_200_streams_99_windows_in_100_keep_each_modes_number_and_no_mode_has_two)
+TEST(of_2000_streams_99_windows_in_100_keep_each_modes_number_and_no_mode_has_two)
 {
     struct tally all = { 0 }, of[STORIES] = { 0 };
 
-    for (uint64_t seed = 0; seed < 200; seed++) {
+    for (uint64_t seed = 0; seed < 2000; seed++) {
         enum story story = seed % STORIES;
         struct stream s = make_stream(story, 1000 + seed, 3 + (int)(seed / STORIES % 4));
         struct tally t = follow(&s);
@@ -230,6 +233,22 @@ TEST(of_200_streams_99_windows_in_100_keep_each_modes_number_and_no_mode_has_two
     }
     for (int i = 0; i < STORIES; i++)
         printf("%s: %d of %d, twice %d\n", stories[i], of[i].right, of[i].windows, of[i].twice);
-    CHECK(all.windows > 30000 && all.right >= 0.99 * all.windows);
+    CHECK(all.windows > 300000 && all.right >= 0.99 * all.windows);
     CHECK(all.twice == 0);
+}
+
+/* Seen among 12,000 streams: two modes in one place, one of them missed; modes that turn about and
+ * are missed for a window or three, for which another track began, until the first came back. */
+TEST(a_mode_that_is_missed_where_it_turns_or_crosses_has_one_track)
+{
+    static const struct { enum story story; uint64_t seed; int modes; } seen[] = {
+        { CROSSING, 20026, 4 }, { STEADY, 50880, 3 }, { FADING, 50837, 6 }, { NEW, 52418, 6 },
+        { MERGING, 52429, 4 },
+    };
+
+    for (size_t i = 0; i < sizeof seen / sizeof *seen; i++) {
+        struct stream s = make_stream(seen[i].story, seen[i].seed, seen[i].modes);
+        struct tally t = follow(&s);
+        CHECK(t.twice == 0 && t.right == t.windows);
+    }
 }

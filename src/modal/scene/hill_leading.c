@@ -118,6 +118,62 @@ static bool aligned(const struct search *s, const double complex *a, const doubl
     return 1 - creal(dot) * creal(dot) - cimag(dot) * cimag(dot) <= SAME;
 }
 
+/* Are both one multiplier, as far as is known? */
+static bool agree(const struct found *a, const struct found *b)
+{
+    return cabs(a->multiplier - b->multiplier) <= a->bar + b->bar + KNOWN;
+}
+
+/* X of length N less its parts along COUNT orthonormal columns of V; the square of its norm. */
+static double leave(const double complex *V, int n, int count, double complex *x)
+{
+    double complex dot;
+    double left;
+
+    for (int i = 0; i < count; i++) {
+        cblas_zdotc_sub(n, V + (size_t)i * (size_t)n, 1, x, 1, &dot);
+        dot = -dot;
+        cblas_zaxpy(n, &dot, V + (size_t)i * (size_t)n, 1, x, 1);
+    }
+    left = cblas_dznrm2(n, x, 1);
+    return left * left;
+}
+
+/* One of those found that F's search has not seen, where F's start lies among the starts of its
+ * multiplier: every search has other vectors of a multiplier that is double.  NULL: there is none,
+ * or no memory. */
+static struct found *spanned(struct search *s, const struct found *f)
+{
+    struct found *unseen = NULL;
+    struct workspace scratch = { 0 };
+    int n = 2 * s->n, same = 0, count = 0;
+    double complex *V;
+
+    for (int i = 0; i < s->count; i++)
+        same += agree(&s->found[i], f);
+    V = same > 1 ? workspace_zeros(&scratch, ((size_t)same + 1) * (size_t)n, sizeof *V) : NULL;
+    for (int i = 0; V != NULL && i < s->count; i++) {
+        struct found *g = &s->found[i];
+        double complex *here = V + (size_t)count * (size_t)n;
+        double left;
+        if (!agree(g, f))
+            continue;
+        unseen = g->run != f->run ? g : unseen;
+        memcpy(here, g->start, (size_t)n * sizeof *here);
+        left = leave(V, n, count, here);
+        if (left > SAME) {
+            cblas_zdscal(n, 1 / sqrt(left), here, 1);
+            count++;
+        }
+    }
+    if (unseen != NULL) {
+        memcpy(V + (size_t)count * (size_t)n, f->start, (size_t)n * sizeof *V);
+        unseen = leave(V, n, count, V + (size_t)count * (size_t)n) <= SAME ? unseen : NULL;
+    }
+    workspace_free(&scratch);
+    return unseen;
+}
+
 /* F, whose start lies elsewhere, among those found, or in place of the same one less exact. */
 static enum modal_status add(struct search *s, struct found *f, struct modal_error *err)
 {
@@ -127,12 +183,12 @@ static enum modal_status add(struct search *s, struct found *f, struct modal_err
 
     for (int i = 0; i < s->count && at == NULL; i++) {
         struct found *g = &s->found[i];
-        if (g->run != f->run && aligned(s, g->start, f->start)
-            && cabs(g->multiplier - f->multiplier) <= g->bar + f->bar + KNOWN)
+        if (g->run != f->run && agree(g, f) && aligned(s, g->start, f->start))
             at = g;
     }
-    if (at != NULL && at->residual <= f->residual) {
-        at->run = f->run;                /* it is seen once a search */
+    more = at != NULL && at->residual <= f->residual ? at : at == NULL ? spanned(s, f) : NULL;
+    if (more != NULL) {
+        more->run = f->run;              /* it is seen once a search */
         return MODAL_OK;
     }
     if (at == NULL && s->count == s->room) {

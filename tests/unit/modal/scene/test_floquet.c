@@ -370,9 +370,9 @@ TEST(an_unstable_multiplier_of_many_states_is_found)
 }
 
 /* COUNT unit masses and springs with dampers 0.01, those of AT on springs that pulsate with
- * cos(K OMEGA t + PHASE); PERIOD 0: OMEGA's. */
-static struct program *pumped_chain(int count, const int *at, int pumps, double omega, int k,
-                                    double phase, double period)
+ * cos(K OMEGA t + PHASE); PERIOD 0: OMEGA's.  Nothing links mass CUT with the next. */
+static struct program *pumped_chain(int count, int cut, const int *at, int pumps, double omega,
+                                    int k, double phase, double period)
 {
     static const char *const names[] = { "'masses':[1", "],'springs':[1,1",
                                          "],'dampers':[0.01,0.01" };
@@ -383,7 +383,7 @@ static struct program *pumped_chain(int count, const int *at, int pumps, double 
     for (int list = 0; list < 3; list++) {
         end += sprintf(end, "%s", names[list]);
         for (int i = 1; i < count; i++)
-            end += sprintf(end, list == 2 ? ",0.01" : ",1");
+            end += sprintf(end, list > 0 && i + 1 == cut ? ",0" : list == 2 ? ",0.01" : ",1");
     }
     end += sprintf(end, "]},'omega':%.17g,", omega);
     end += period > 0 ? sprintf(end, "'period':%.17g,", period) : 0;
@@ -416,6 +416,8 @@ static double windows_alone(const struct program *p, double period, int wanted)
         for (int j = 0; j < all.count; j++)
             own = fmin(own, cabs(all.multiplier[j] - h.multiplier[i]));
         CHECK_NEAR(i < wanted ? nearest : 0, 0, 1e-9);
+        CHECK_NEAR(i < wanted ? cabs(h.multiplier[i]) : 0,
+                   i < wanted ? cabs(all.multiplier[i]) : 0, 1e-9);
         CHECK_NEAR(own, 0, 1e-9);
     }
     largest = cabs(h.multiplier[0]);
@@ -430,7 +432,7 @@ TEST(windows_alone_find_what_leaves_the_circle_by_a_sum_of_two_frequencies)
 {
     static const int at[] = { 4, 7, 9, 13, 17, 26, 35, 38, 52, 54,
                               64, 65, 73, 84, 90, 93, 97, 102, 113, 117 };
-    struct program *p = pumped_chain(120, at, sizeof at / sizeof *at, 1.3, 1, 0, 0);
+    struct program *p = pumped_chain(120, 0, at, sizeof at / sizeof *at, 1.3, 1, 0, 0);
 
     CHECK(windows_alone(p, 2 * M_PI / 1.3, 10) > 1);
     program_free(p);
@@ -447,9 +449,21 @@ TEST(windows_know_a_period_of_several_cycles_of_what_pulsates_and_a_harmonic_tha
 
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         double period = cases[i].cycles * 2 * M_PI / 1.3;
-        struct program *p = pumped_chain(60, at, sizeof at / sizeof *at, 1.3 / cases[i].k,
-                                         cases[i].k, cases[i].phase, period);
+        struct program *p = pumped_chain(60, 0, at, sizeof at / sizeof *at,
+                                         1.3 / cases[i].k, cases[i].k, cases[i].phase, period);
         CHECK_NEAR(pow(windows_alone(p, period, 10), 1.0 / cases[i].cycles), 1.044918874781, 1e-10);
+        program_free(p);
+    }
+}
+
+/* Two chains, one the other's mirror image. */
+TEST(windows_list_a_double_multiplier_twice_and_not_more)
+{
+    static const int at[] = { 4, 9, 52, 57 };
+
+    for (int k = 1; k <= 2; k++) {
+        struct program *p = pumped_chain(60, 30, at, sizeof at / sizeof *at, 1.3, k, 0, 0);
+        CHECK(windows_alone(p, 2 * M_PI / 1.3, 10) > 0.9);
         program_free(p);
     }
 }

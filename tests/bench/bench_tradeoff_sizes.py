@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 """Error against processor time of one rod with ten gaps on its length, as finer and finer chains:
-`tradeoff steady`, whose rungs are harmonics, a Krylov basis' tolerance, modes of a reduction and a
-cutoff of each dof's harmonics.  One JSON line a rung.
+`tradeoff steady`, whose rungs are harmonics, a Krylov basis' tolerance, modes of a reduction, a
+cutoff of each dof's harmonics and forces by samples, their events not located.  One JSON line a rung.
 
 The numbers of dofs are the arguments, 100 to 100,000 without any; SVG=FILE draws them.
 """
@@ -13,8 +13,9 @@ import tempfile
 
 MODALCTL = os.environ.get("MODALCTL", "build/bin/modalctl")
 SECONDS, GAPS = 20, 10
-KINDS = ("krylov", "reduce", "cutoff", "harmonics")   # by the first of them that a rung has
-MARKS = dict(zip(KINDS, "sv^o"))
+# by the first of them that a rung has
+KINDS = ("krylov", "reduce", "cutoff", "samples", "harmonics")
+MARKS = dict(zip(KINDS, ("s:", "v:", "^:", "x", "o-")))   # of samples and harmonics no one grows
 
 
 def rod(n):
@@ -47,12 +48,12 @@ def draw(found, path):
         color = None
         for kind in reversed(KINDS):
             of = [r for r in all_of if kind == next(k for k in KINDS if k in r["settings"])]
-            line = ax.loglog([r["seconds"] for r in of], [r["error"] for r in of], MARKS[kind]
-                             + ("-" if kind == "harmonics" else ":"), color=color, markersize=4,
-                             linewidth=1, label=f"{n:,} dofs" if kind == "harmonics" else None)
+            line = ax.loglog([r["seconds"] for r in of], [r["error"] for r in of], MARKS[kind],
+                             color=color, markersize=4, linewidth=1,
+                             label=f"{n:,} dofs" if kind == "harmonics" else None)
             color = line[0].get_color()
     for kind in KINDS:
-        ax.plot([], [], "k" + MARKS[kind], markersize=4, label=kind)
+        ax.plot([], [], "k" + MARKS[kind][0], markersize=4, label=kind)
     ax.set_xlabel("CPU, s")
     ax.set_ylabel("error over the largest motion")
     ax.legend(fontsize=7, ncol=2)

@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 """Error against processor time of one rod with ten gaps on its length, as finer and finer chains:
 `tradeoff steady`, whose rungs are harmonics, a Krylov basis' tolerance, modes of a reduction, a
-cutoff of each dof's harmonics and forces by samples, their events not located.  One JSON line a rung.
+cutoff of each dof's harmonics and forces by samples whose events are not located. JSON lines.
 
 The numbers of dofs are the arguments, 100 to 100,000 without any; SVG=FILE draws them.
 """
@@ -15,7 +15,7 @@ MODALCTL = os.environ.get("MODALCTL", "build/bin/modalctl")
 SECONDS, GAPS = 20, 10
 # by the first of them that a rung has
 KINDS = ("krylov", "reduce", "cutoff", "samples", "harmonics")
-MARKS = dict(zip(KINDS, ("s:", "v:", "^:", "x", "o-")))   # of samples and harmonics no one grows
+MARKS = dict(zip(KINDS, ("s:", "v:", "^:", "x", "o-")))   # samples grow beside harmonics
 
 
 def rod(n):

@@ -196,12 +196,12 @@ static double least_gain(const struct work *w)
     return criterion_noise_pair(S, S * w->data.Y->m);
 }
 
-/* The least quarter of the left singular directions of the periods, each as a row of *E, whose
- * memory is the caller's to free. */
-static enum modal_status least_quarter(const struct matrix *Y, struct matrix *E,
-                                       struct modal_error *err)
+/* The lesser half of the left singular directions of the periods, each as a row of *E, whose memory
+ * is the caller's to free. */
+static enum modal_status lesser_half(const struct matrix *Y, struct matrix *E,
+                                     struct modal_error *err)
 {
-    int rest = (Y->m + 3) / 4;
+    int rest = Y->m - Y->m / 2;
     struct matrix V = { 0 };
     double *squares = NULL;
     enum modal_status rc = pencil_products(Y, &V, err);
@@ -223,12 +223,12 @@ static enum modal_status least_quarter(const struct matrix *Y, struct matrix *E,
 }
 
 /*
- * Before any fit, by the least quarter of the left singular vectors: multipliers are fewer than
- * three quarters of the periods, or their weakest lie among noise, and of many more columns than
- * that noise alone takes no direction for itself.  What is strongly correlated has few and does:
- * what it leaves is whiter than it was, so that is asked once more, and fits are asked afterwards.
- * (Asked on and on it does not settle: what is small was chosen for it.)  But a first search in
- * noise taken for white, correlated by 0.9, ends only where all its work is spent.
+ * Before any fit, by the lesser half of the left singular vectors: multipliers are fewer than half
+ * of the periods, or their weakest lie among noise, and of many more columns than that noise alone
+ * takes no direction for itself.  What is strongly correlated has few and does: what it leaves is
+ * whiter than it was, so that is asked once more, and fits are asked afterwards.  (Asked on and on
+ * it does not settle: what is small was chosen for it.)  But a first search in noise taken for
+ * white, correlated by 0.9, ends only where all its work is spent.
  */
 static enum modal_status begin_white(struct work *w, struct modal_error *err)
 {
@@ -237,7 +237,7 @@ static enum modal_status begin_white(struct work *w, struct modal_error *err)
 
     for (int i = 0; i < ASKED && rc == MODAL_OK && changed; i++) {
         struct matrix E = { 0 };
-        rc = least_quarter(w->data.Y, &E, err);
+        rc = lesser_half(w->data.Y, &E, err);
         if (rc == MODAL_OK)
             rc = make_white(w, &E, 0, i == 0 ? least_gain(w) : 0, &changed, err);
         free(E.x);

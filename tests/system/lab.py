@@ -29,8 +29,11 @@ class Lab:
 
     @staticmethod
     def write(path, text, mode=0o600):
-        path.write_text(text)
-        path.chmod(mode)
+        """Whole or not at all: who was started with the file before may be reading it now."""
+        fresh = path.with_name(path.name + ".fresh")
+        fresh.write_text(text)
+        fresh.chmod(mode)
+        fresh.replace(path)
 
     def write_keys(self, leave_out=()):
         lines = [f"{self.pairs[n][0].decode()} {rest}\n" for n, rest in self.users.items()

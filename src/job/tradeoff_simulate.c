@@ -7,6 +7,7 @@
 #include "job/scene_jobs.h"
 #include "job/scene_mesh.h"
 #include "job/tradeoff_print.h"
+#include "modal/numbers.h"
 
 enum {
     EFFECTS_SHOWN = 24,              /* left out one by one: a picture of more is unreadable */
@@ -104,11 +105,9 @@ static enum modal_status run(const struct work *w, const cJSON *options, struct 
  * against the largest one. */
 static double error_of(const struct batch *x, const struct batch *reference)
 {
-    double worst = 0, scale = 0;
     size_t values = reference->samples * reference->channels;
+    double worst = 0, scale = numbers_largest(reference->signals, values);
 
-    for (size_t i = 0; i < values; i++)
-        scale = fmax(scale, fabs(reference->signals[i]));
     for (size_t c = 0; c < reference->channels; c++) {
         double most = 0, off = 0;
         for (size_t k = c; k < values; k += reference->channels) {

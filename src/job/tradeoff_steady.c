@@ -111,17 +111,6 @@ static cJSON *print_rung(const struct rung *r)
     return o;
 }
 
-/* max over time of the sum of harmonics given */
-static double peak(const double complex *X, int H, struct orbit_grid *g, double *x)
-{
-    double most = 0;
-
-    orbit_synthesize(g, H, X, 0, x);
-    for (int j = 0; j < orbit_grid_samples(g); j++)
-        most = fmax(most, fabs(x[j]));
-    return most;
-}
-
 /* Solve with OPT; every reported dof's harmonics, of a reduction those kept, into X, t->H + 1
  * each. */
 static enum modal_status solve(const struct tradeoff *t, const struct steady_options *opt,
@@ -170,7 +159,7 @@ static enum modal_status error_of(const struct tradeoff *t, bool reduced, const 
             d[k] = X[(size_t)i * (size_t)K + (size_t)k]
                    - t->reference[(size_t)i * (size_t)K + (size_t)k];
         if (!reduced || t->kept[i])
-            *error = fmax(*error, peak(d, t->H, g, x) / t->scale);
+            *error = fmax(*error, orbit_peak(g, t->H, d, x) / t->scale);
     }
     free(x);
     free(d);
@@ -274,7 +263,7 @@ static enum modal_status find_reference(struct tradeoff *t, struct modal_error *
         rc = modal_fail(err, MODAL_NO_CONVERGENCE,
                         "tradeoff: no periodic solution was found to measure errors against");
     for (int i = 0; rc == MODAL_OK && i < t->base.dofs_count; i++)
-        t->scale = fmax(t->scale, peak(t->reference + (size_t)i * K, t->H, g, x));
+        t->scale = fmax(t->scale, orbit_peak(g, t->H, t->reference + (size_t)i * K, x));
     if (rc == MODAL_OK && !(t->scale > 0))
         rc = modal_fail(err, MODAL_NO_CONVERGENCE,
                         "tradeoff: the steady state is rest; there is no error to measure");

@@ -17,17 +17,11 @@
 #include <float.h>
 #include <math.h>
 #include <stdlib.h>
-
-static int by_value(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;
-
-    return (x > y) - (x < y);
-}
+#include "modal/numbers.h"
 
 static double median(double *x, int count)
 {
-    qsort(x, (size_t)count, sizeof *x, by_value);
+    numbers_sort(x, (size_t)count);
     return count % 2 ? x[count / 2] : 0.5 * (x[count / 2 - 1] + x[count / 2]);
 }
 

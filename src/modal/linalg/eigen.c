@@ -72,6 +72,23 @@ enum modal_status eigen_general(struct matrix *A, double complex *w, double *con
     return MODAL_OK;
 }
 
+/* qsort: |.| descending. */
+static int by_size(const void *a, const void *b)
+{
+    double x = cabs(*(const double complex *)a), y = cabs(*(const double complex *)b);
+
+    return (x < y) - (x > y);
+}
+
+enum modal_status eigen_by_size(struct matrix *A, double complex *w, struct modal_error *err)
+{
+    enum modal_status rc = eigen_general(A, w, NULL, NULL, err);
+
+    if (rc == MODAL_OK)
+        qsort(w, (size_t)A->n, sizeof *w, by_size);
+    return rc;
+}
+
 enum modal_status eigen_symmetric(struct matrix *A, double *w, struct modal_error *err)
 {
     int info;

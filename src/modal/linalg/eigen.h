@@ -20,6 +20,9 @@
 enum modal_status eigen_general(struct matrix *A, double complex *w, double *condition,
                                 double complex *V, struct modal_error *err);
 
+/* The eigenvalues alone, the largest first. */
+enum modal_status eigen_by_size(struct matrix *A, double complex *w, struct modal_error *err);
+
 /* Eigenvalues of a symmetric A (lower triangle read), ascending; A becomes the orthonormal
  * eigenvectors. */
 enum modal_status eigen_symmetric(struct matrix *A, double *w, struct modal_error *err);

@@ -18,6 +18,7 @@
 #include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/numbers.h"
 
 static const double TWO_PI = 6.283185307179586477;   /* a period of theta */
 /* Steps after which a root is good to rounding, by Newton's and by Halley's order: see above. */
@@ -76,11 +77,6 @@ void orbit_grid_free(struct orbit_grid *g)
     free(g);
 }
 
-int orbit_grid_samples(const struct orbit_grid *g)
-{
-    return g->N;
-}
-
 long orbit_grid_transforms(const struct orbit_grid *g)
 {
     return g->transforms;
@@ -104,6 +100,12 @@ void orbit_synthesize(struct orbit_grid *g, int H, const double complex *X, int 
     fftw_execute(g->to_time);
     g->transforms++;
     memcpy(x, g->x, (size_t)g->N * sizeof *x);
+}
+
+double orbit_peak(struct orbit_grid *g, int H, const double complex *X, double *x)
+{
+    orbit_synthesize(g, H, X, 0, x);
+    return numbers_largest(x, (size_t)g->N);
 }
 
 void orbit_analyze(struct orbit_grid *g, const double *x, int H, double complex *X)

@@ -22,11 +22,11 @@ struct orbit_grid;
 enum modal_status orbit_grid_new(int N, struct orbit_grid **out, struct modal_error *err);
 /* NULL is accepted. */
 void orbit_grid_free(struct orbit_grid *g);
-/* N. */
-int orbit_grid_samples(const struct orbit_grid *g);
 /* x[0..N-1] of harmonics X[0..H], and of their rate, each derivative factor i k. */
 void orbit_synthesize(struct orbit_grid *g, int H, const double complex *X, int derivative,
                       double *x);
+/* The largest of these samples, which stay in x, of harmonics X[0..H]. */
+double orbit_peak(struct orbit_grid *g, int H, const double complex *X, double *x);
 /* X[0..H] of samples x, c_0 = 1, c_k = 2: (1)'s scaling. */
 void orbit_analyze(struct orbit_grid *g, const double *x, int H, double complex *X);
 /* The two-sided G_m = (1/N) sum_j x_j e^{-i m theta_j}, m = 0 .. M, any M: of period N in m. */

@@ -16,6 +16,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/numbers.h"
 
 /* The one text of it here. */
 static enum modal_status no_memory(struct modal_error *err)
@@ -192,13 +193,12 @@ static enum modal_status add_states(struct statespace *ss, struct modal_error *e
 static bool decouple(struct statespace *ss)
 {
     size_t N = (size_t)ss->N, n = (size_t)ss->n;
-    double largest = 0, rounding;
+    double rounding;
 
     if (ss->nz > 0)  /* linear states couple modes */
         return false;
-    for (size_t i = 0; i < N * N; i++)  /* the norm that rounding is measured by */
-        largest = fmax(largest, fabs(ss->A[i]));
-    rounding = (double)(64 + n) * DBL_EPSILON * largest;  /* of products of n terms */
+    /* of products of n terms, by the largest */
+    rounding = (double)(64 + n) * DBL_EPSILON * numbers_largest(ss->A, N * N);
     for (size_t j = 0; j < N; j++)
         for (size_t i = 0; i < N; i++)
             if (i % n != j % n && fabs(ss->A[i + j * N]) > rounding)

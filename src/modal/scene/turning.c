@@ -17,6 +17,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/numbers.h"
 
 /* Entries of one pair of planes are sums of the same few terms: off by some hundred roundings. */
 static const double ALIKE = 1e-13;         /* of the largest entry */
@@ -49,20 +50,16 @@ static double entry(const struct sparse *a, int i, int j)
     return 0;
 }
 
-/* The largest magnitude: what is small is small against it. */
-static double largest(const struct sparse *a)
+/* What is small against the largest. */
+static double tolerance_of(const struct sparse *a)
 {
-    double most = 0;
-
-    for (int k = 0; a->m > 0 && k < a->start[a->m]; k++)
-        most = fmax(most, fabs(a->value[k]));
-    return most;
+    return a->m > 0 ? ALIKE * numbers_largest(a->value, (size_t)a->start[a->m]) : 0;
 }
 
 /* |A(Ji, Jj) - side A(i, j)| for all entries, side 1 commutes, -1 anticommutes. */
 static bool commutes(const struct program *p, const struct sparse *a, double side)
 {
-    double tolerance = ALIKE * largest(a);
+    double tolerance = tolerance_of(a);
 
     for (int i = 0; i < a->m; i++)
         for (int k = a->start[i]; k < a->start[i + 1]; k++) {
@@ -79,7 +76,7 @@ static bool commutes(const struct program *p, const struct sparse *a, double sid
 static bool is_J_times(const struct program *p, const struct sparse *a, const struct sparse *b,
                        double sign)
 {
-    double tolerance = ALIKE * largest(a);
+    double tolerance = tolerance_of(a);
 
     for (int i = 0; i < a->m; i++)
         for (int k = a->start[i]; k < a->start[i + 1]; k++)

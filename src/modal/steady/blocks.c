@@ -17,6 +17,7 @@
 #include <string.h>
 #include "modal/linalg/sparse_lu.h"
 #include "modal/linalg/workspace.h"
+#include "modal/numbers.h"
 #include "modal/steady/pattern.h"
 
 struct blocks {
@@ -198,15 +199,14 @@ bool blocks_factor(struct blocks *b, int *sign)
 bool blocks_factor_stiffened(struct blocks *b, double mu)
 {
     size_t entries = (size_t)b->start[b->order];
-    double most = 0;
+    double most;
 
     /* The values themselves stay: they are asked for again with a larger MU. */
     if (b->stiffened == NULL)
         b->stiffened = malloc((entries + 1) * sizeof *b->stiffened);
     if (b->stiffened == NULL)
         return false;
-    for (size_t e = 0; e < entries; e++)
-        most = fmax(most, fabs(b->value[e]));
+    most = numbers_largest(b->value, entries);
     memcpy(b->stiffened, b->value, entries * sizeof *b->value);
     for (int j = 0; j < b->order; j++)
         for (int e = b->start[j]; e < b->start[j + 1]; e++)

@@ -27,6 +27,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/linalg/sparse_lu.h"
+#include "modal/numbers.h"
 #include "modal/steady/budget.h"
 #include "modal/steady/condense_state.h"
 #include "modal/steady/pattern.h"
@@ -699,16 +700,6 @@ static void multiply_add(const struct sparse *a, double complex by, const double
             y[i] += by * a->value[e] * x[a->index[e]];
 }
 
-/* max |x_i|. */
-static double most_of(const double complex *x, int n)
-{
-    double most = 0;
-
-    for (int i = 0; i < n; i++)
-        most = fmax(most, cabs(x[i]));
-    return most;
-}
-
 /* Lambda x, its rows of dofs. */
 static void forces_of(const struct condense *c, double s, const double complex *x,
                       double complex *y)
@@ -728,11 +719,11 @@ static double states_residual(const struct condense *c, double s, const double c
 
     multiply_add(&p->E, I * s, x + c->n, y);
     multiply_add(&p->A, -1, x + c->n, y);
-    scale = most_of(y, p->n_linear);                    /* before what drives z is subtracted */
+    scale = numbers_modulus(y, (size_t)p->n_linear);    /* before what drives z is subtracted */
     multiply_add(&p->Bx, -1, x, y);
     multiply_add(&p->Bv, -I * s, x, y);
     multiply_add(&p->Ba, s * s, x, y);
-    return scale > 0 ? most_of(y, p->n_linear) / scale : 0;
+    return scale > 0 ? numbers_modulus(y, (size_t)p->n_linear) / scale : 0;
 }
 
 /* One harmonic's part in OUT; peak[0..n-1] and peak[n..2n-1] sum |R| and |P| over harmonics. */
@@ -740,21 +731,21 @@ static void add_residual(const struct condense *c, int k, const double complex *
                          double complex *R, double complex *P, double *peak,
                          struct condense_residual *out)
 {
-    int n = c->n;
+    size_t n = (size_t)c->n;
 
     forces_of(c, k * c->omega, x, R);
     for (int l = 0; l < c->loads; l++)
         if (c->load[l].k == k)
             P[c->load[l].dof] += c->level * c->load[l].value;
-    out->scale = fmax(out->scale, fmax(most_of(P, n), most_of(R, n)));
-    for (int i = 0; i < n; i++) {
+    out->scale = fmax(out->scale, fmax(numbers_modulus(P, n), numbers_modulus(R, n)));
+    for (size_t i = 0; i < n; i++) {
         double size = cabs(R[i] -= P[i]);               /* Lambda X - P */
 
         out->rms += size * size / (k == 0 ? 1 : 2);     /* a harmonic's mean square is half */
         peak[i] += size;                                /* at most, over time */
         peak[n + i] += cabs(P[i]);
     }
-    out->relative = fmax(out->relative, most_of(R, n));
+    out->relative = fmax(out->relative, numbers_modulus(R, n));
 }
 
 enum modal_status condense_residual(struct condense *c, const double complex *Xq,

@@ -30,6 +30,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/linalg/sparse_lu.h"
+#include "modal/numbers.h"
 #include "modal/steady/budget.h"
 #include "modal/steady/condense_state.h"
 
@@ -396,28 +397,18 @@ static void answer(struct condense *c, struct condense_harmonic *h)
     }
 }
 
-/* max |x_i|. */
-static double largest(const double complex *x, size_t n)
-{
-    double most = 0;
-
-    for (size_t i = 0; i < n; i++)
-        most = fmax(most, cabs(x[i]));
-    return most;
-}
-
 /* (2), relative: of S to its largest, of p to the loads, of rows wanted to the motion of a kept dof
  * that is 1 and to what the loads move. */
 static double doubt(const struct condense *c, int k, double inverse,
                     const struct condense_harmonic *h)
 {
     const struct condense_basis *b = c->basis;
-    double stiff = largest(h->S, (size_t)b->q * (size_t)b->q), load = 0, moved, kept = 0,
+    double stiff = numbers_modulus(h->S, (size_t)b->q * (size_t)b->q), load = 0, moved, kept = 0,
            wanted = 0, loaded = b->size[b->columns - 1];
 
     for (int l = 0; l < c->loads; l++)
         load = c->load[l].k == k ? fmax(load, cabs(c->load[l].value)) : load;
-    moved = fmax(largest(h->row + (size_t)c->seats * (size_t)b->q, (size_t)c->seats),
+    moved = fmax(numbers_modulus(h->row + (size_t)c->seats * (size_t)b->q, (size_t)c->seats),
                  load / stiff);
     for (int j = 0; j < b->q; j++)
         kept = fmax(kept, b->size[j]);

@@ -30,6 +30,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/linalg/eigen.h"
 #include "modal/linalg/expm.h"
 #include "modal/linalg/workspace.h"
 #include "modal/scene/collocation.h"
@@ -449,28 +450,13 @@ static enum modal_status settle(struct follow *f, const struct cycle *c, struct 
     return rc;
 }
 
-/* qsort: |.| descending. */
-static int by_size(const void *a, const void *b)
-{
-    double x = cabs(*(const double complex *)a), y = cabs(*(const double complex *)b);
-
-    return (x < y) - (x > y);
-}
-
 /* The multipliers: eigenvalues of Pi. */
 static enum modal_status eigenvalues(struct follow *f, double complex *out, struct modal_error *err)
 {
-    int N = f->N;
-    double *re = f->before, *im = f->after;             /* scratch */
+    struct matrix A = { f->N, f->N, f->N, f->work };
 
-    memcpy(f->work, f->Pi, (size_t)N * (size_t)N * sizeof *f->Pi);  /* dgeev destroys it */
-    if (LAPACKE_dgeev(LAPACK_COL_MAJOR, 'N', 'N', N, f->work, N, re, im, NULL, 1, NULL, 1) != 0)
-        return modal_fail(err, MODAL_NO_CONVERGENCE,
-                          "cycle: the eigenvalues of the period map did not converge");
-    for (int i = 0; i < N; i++)
-        out[i] = CMPLX(re[i], im[i]);
-    qsort(out, (size_t)N, sizeof *out, by_size);
-    return MODAL_OK;
+    memcpy(A.x, f->Pi, (size_t)f->N * (size_t)f->N * sizeof *f->Pi);    /* they destroy it */
+    return eigen_by_size(&A, out, err);
 }
 
 /* The derivative of the period map at f->y, by differences of STEP of the largest state; f->y is

@@ -8,6 +8,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/numbers.h"
 #include "modal/scene/orbit.h"
 #include "modal/scene/pieces.h"
 #include "modal/scene/program.h"
@@ -108,15 +109,6 @@ static enum modal_status choose_motion(struct disturbance *u, struct modal_error
     return rc == MODAL_OVERFLOW ? MODAL_OK : rc;
 }
 
-/* qsort: ascending. */
-static int by_value(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;
-
-    return (x > y) - (x < y);
-}
-
-
 /* The instants, in order, between which every piece is whole: 0, their ends, and 2 pi past the
  * last. */
 static enum modal_status find_cuts(struct disturbance *u, struct modal_error *err)
@@ -140,7 +132,7 @@ static enum modal_status find_cuts(struct disturbance *u, struct modal_error *er
                 u->reason = "a motion that rigid friction makes jump is not linearised here";
         }
     /* cuts of no length are passed over */
-    qsort(u->cut, (size_t)u->cuts, sizeof *u->cut, by_value);
+    numbers_sort(u->cut, (size_t)u->cuts);
     u->cut[u->cuts] = TWO_PI;                           /* the end of the last */
     return MODAL_OK;
 }

@@ -52,17 +52,6 @@ enum {
     WIDE_MORE = 64              /* where four times as many are too many */
 };
 
-/* max over time of |Re sum_{k<=K} Z_k e^{ik theta}| on a grid of at least 4K samples. */
-static double peak(struct orbit_grid *g, const double complex *Z, int K, double *x)
-{
-    double most = 0;
-
-    orbit_synthesize(g, K, Z, 0, x);
-    for (int j = 0; j < orbit_grid_samples(g); j++)
-        most = fmax(most, fabs(x[j]));
-    return most;
-}
-
 /* The peak over time and counted dofs of the motion whose kept part is E - X (loads cancel). */
 static enum modal_status peak_of_change(struct steady *s, const double complex *E,
                                         const double complex *X, int q, int H, double *out,
@@ -86,10 +75,10 @@ static enum modal_status peak_of_change(struct steady *s, const double complex *
         if (rc != MODAL_OK)
             break;
         if (amplitude != NULL)
-            *amplitude = fmax(*amplitude, peak(g, b, H, x));
+            *amplitude = fmax(*amplitude, orbit_peak(g, H, b, x));
         for (int k = 0; k <= H; k++)
             a[k] -= b[k];                               /* loads cancel in the difference */
-        *out = fmax(*out, peak(g, a, H, x));
+        *out = fmax(*out, orbit_peak(g, H, a, x));
     }
     free(a);
     free(b);

@@ -33,6 +33,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/linalg/workspace.h"
+#include "modal/numbers.h"
 #include "modal/scene/program.h"
 #include "modal/steady/aft.h"
 #include "modal/steady/balance.h"
@@ -111,13 +112,9 @@ static double norm_relative(const struct balance *b, const double *step, const d
  * have. */
 static double overall_step(const struct balance *b, const double *step, const double complex *X)
 {
-    double most = 0, scale = 0;
+    double scale = numbers_modulus(X, (size_t)b->q * ((size_t)b->H + 1));
 
-    for (int i = 0; i < b->order; i++)
-        most = fmax(most, fabs(step[i]));
-    for (int i = 0; i < b->q * (b->H + 1); i++)
-        scale = fmax(scale, cabs(X[i]));
-    return scale > 0 ? most / scale : HUGE_VAL;
+    return scale > 0 ? numbers_largest(step, (size_t)b->order) / scale : HUGE_VAL;
 }
 
 /* *OK false: some S_k is singular. */
@@ -340,10 +337,8 @@ static bool factor_somehow(struct balance *b, double *kept, bool soft)
     if (balance_factor(b, NULL) && !soft)
         return true;
     for (double mu = STIFFEN; mu < 2; mu *= STIFFEN_MORE) {
-        double most = 0;
+        double most = full ? numbers_largest(kept, size) : 0;
 
-        for (size_t i = 0; full && i < size; i++)
-            most = fmax(most, fabs(kept[i]));
         if (full && (!isfinite(most) || most == 0))
             return false;
         if (full)

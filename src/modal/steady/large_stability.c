@@ -20,6 +20,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/linalg/workspace.h"
+#include "modal/numbers.h"
 #include "modal/scene/hill_leading.h"
 #include "modal/scene/leading.h"
 #include "modal/scene/orbit.h"
@@ -148,7 +149,7 @@ static int taylor(void *context, int function, double t, double h, int most, dou
 {
     const struct large *l = context;
     const struct law_slope *f = &l->slope[function];
-    double theta = t * l->u->point->omega, turn = h * l->u->point->omega, largest = 0;
+    double theta = t * l->u->point->omega, turn = h * l->u->point->omega, largest;
     int count = 1;
 
     memset(out, 0, (size_t)most * sizeof *out);
@@ -157,8 +158,7 @@ static int taylor(void *context, int function, double t, double h, int most, dou
     else
         pieces_taylor(l->u, f, theta, turn, most, out);
     budget_add(l->u->budget, f->work);
-    for (int m = 0; m < most; m++)
-        largest = fmax(largest, fabs(out[m]));
+    largest = numbers_largest(out, (size_t)most);
     for (int m = 1; m < most; m++)
         count = fabs(out[m]) > COEFFICIENT_END * largest ? m + 1 : count;
     return count;
@@ -238,11 +238,9 @@ static enum modal_status sample_slopes(const struct disturbance *u, int number, 
 /* The last of X's harmonics 0 .. COUNT - 1 that is above rounding; -1: all are 0. */
 static int last_of(const double complex *X, int count)
 {
-    double largest = 0;
+    double largest = numbers_modulus(X, (size_t)count);
     int top = -1;
 
-    for (int k = 0; k < count; k++)
-        largest = fmax(largest, cabs(X[k]));
     for (int k = 0; k < count; k++)
         top = cabs(X[k]) > SERIES_END * largest ? k : top;
     return top;

@@ -25,6 +25,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/numbers.h"
 #include "modal/scene/pieces.h"
 #include "modal/scene/program.h"
 #include "modal/steady/budget.h"
@@ -65,8 +66,7 @@ static bool invert_mass(struct monodromy *m, double theta)
         sparse_add_to_dense(&a->cosine[PROGRAM_M], square * cos(a->k * theta), &M);
         sparse_add_to_dense(&a->sine[PROGRAM_M], square * sin(a->k * theta), &M);
     }
-    for (int i = 0; i < n * n; i++)
-        scale = fmax(scale, fabs(m->Minv[i]));
+    scale = numbers_largest(m->Minv, (size_t)n * (size_t)n);
     if (LAPACKE_dgetrf_work(LAPACK_COL_MAJOR, n, n, m->Minv, n, m->pivot) != 0)
         return false;
     for (int i = 0; i < n; i++)

@@ -16,6 +16,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/linalg/matrix.h"
+#include "modal/numbers.h"
 #include "modal/scene/ports.h"
 
 enum {
@@ -47,20 +48,10 @@ static double at(const struct ports *p, const struct offset_motion *m, int l, in
     return sum;
 }
 
-/* max |x_i|. */
-static double largest(const double *x, size_t count)
-{
-    double most = 0;
-
-    for (size_t i = 0; i < count; i++)
-        most = fmax(most, fabs(x[i]));
-    return most;
-}
-
 /* Which sliders are still, where, and the least and the most that each holds. */
 static void find_held(const struct ports *p, const struct offset_motion *m, int n, struct held *h)
 {
-    double size = largest(m->x, (size_t)n * (size_t)m->samples);
+    double size = numbers_largest(m->x, (size_t)n * (size_t)m->samples);
 
     for (int l = 0; l < p->laws; l++) {
         const double *f = m->force + (size_t)l * (size_t)m->samples;
@@ -94,7 +85,7 @@ static bool static_shifts(const struct statespace *ss, const struct ports *p, st
     for (int i = 0; i < c; i++) {
         int channel = p->law[h->law[i]].channel;
         const double *U = p->U + (size_t)channel * (size_t)N, *D = p->R + channel;
-        double strength = largest(U, (size_t)N), reach = 0;
+        double strength = numbers_largest(U, (size_t)N), reach = 0;
 
         for (int j = 0; j < N; j++)
             reach = fmax(reach, fabs(D[(size_t)j * (size_t)r]));
@@ -112,8 +103,8 @@ static bool static_shifts(const struct statespace *ss, const struct ports *p, st
     for (int i = 0; i < c; i++)
         for (int l = 0; l < c; l++)
             h->shift[(size_t)(N + i) + (size_t)l * (size_t)size] /=
-                largest(p->U + (size_t)p->law[h->law[i]].channel * (size_t)N, (size_t)N);
-    return isfinite(largest(h->shift, (size_t)size * (size_t)c));
+                numbers_largest(p->U + (size_t)p->law[h->law[i]].channel * (size_t)N, (size_t)N);
+    return isfinite(numbers_largest(h->shift, (size_t)size * (size_t)c));
 }
 
 /* How far slider I may go towards WANTED with every force within its limit: a force beyond it by

@@ -30,6 +30,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/linalg/workspace.h"
+#include "modal/numbers.h"
 #include "modal/steady/balance.h"
 #include "modal/steady/blocks.h"
 #include "modal/steady/budget.h"
@@ -406,10 +407,8 @@ static enum modal_status at_parameter(struct path *p, double lambda, bool *ok,
 /* The unit of u: its largest entry, so that a step is a share of the motion. */
 static void measure(struct path *p)
 {
-    double most = 0;
+    double most = numbers_largest(p->u, (size_t)p->n);
 
-    for (int i = 0; i < p->n; i++)
-        most = fmax(most, fabs(p->u[i]));
     p->size = most > 0 ? most : 1;
 }
 

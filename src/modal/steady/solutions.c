@@ -19,6 +19,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/numbers.h"
 #include "modal/scene/program.h"
 #include "modal/steady/balance.h"
 #include "modal/steady/iterate.h"
@@ -61,20 +62,10 @@ enum {
 /* Harmonics of a motion. */
 static size_t size_of(const struct balance *b) { return (size_t)b->q * ((size_t)b->H + 1); }
 
-/* max |X_e|. */
-static double largest(const double complex *X, size_t n)
-{
-    double most = 0;
-
-    for (size_t i = 0; i < n; i++)
-        most = fmax(most, cabs(X[i]));
-    return most;
-}
-
 bool solutions_add(struct solutions *s, const struct balance *b, const double complex *X)
 {
     size_t n = size_of(b);
-    double size = largest(X, n) > NOTHING ? largest(X, n)
+    double size = numbers_modulus(X, n) > NOTHING ? numbers_modulus(X, n)
         : 0;       /* Newton's method shrinks what is 0 until it underflows */
     double complex *copy;
 
@@ -83,8 +74,8 @@ bool solutions_add(struct solutions *s, const struct balance *b, const double co
 
         for (size_t e = 0; e < n; e++)
             far = fmax(far, cabs(X[e] - s->X[i][e]));
-        if (far <= fmax(NOTHING, SAME * fmax(size, largest(s->X[i], n))))  /* known already */
-            return false;
+        if (far <= fmax(NOTHING, SAME * fmax(size, numbers_modulus(s->X[i], n))))
+            return false;                               /* known already */
     }
     if (s->count == SOLUTIONS_MOST || (copy = malloc((n + 1) * sizeof *copy)) == NULL)
         return false;
@@ -171,7 +162,7 @@ enum modal_status solutions_along_levels(struct balance *b, const struct solutio
     if (X == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "solutions: no memory");
     /* Without loads there is no branch over their level. */
-    if (largest(b->load, size_of(b)) > 0) {
+    if (numbers_modulus(b->load, size_of(b)) > 0) {
         balance_set_level(b, LEVEL_START);
         rc = iterate_newton(b, &newton, X, &r, err);
         if (rc == MODAL_OK && r.converged)
@@ -257,7 +248,7 @@ static enum modal_status beside(struct balance *b, const struct solutions_option
                                : MODAL_OK;
 
     for (int i = 0; rc == MODAL_OK && i < out->count; i++) {
-        double size = largest(out->X[i], size_of(b));
+        double size = numbers_modulus(out->X[i], size_of(b));
 
         /* Its derivative, for J^-1; one that is singular has no least direction to give. */
         rc = balance_residual(b, out->X[i], true, err);
@@ -266,11 +257,10 @@ static enum modal_status beside(struct balance *b, const struct solutions_option
         for (int e = 0; e < b->order; e++)
             v[e] = 1 + UNEVEN * (e % 3);
         for (int round = 0; round < INVERSES; round++) {               /* inverse iteration */
-            double most = 0;
+            double most;
 
             balance_solve(b, v, 1);                     /* J^-1 v, to size 1 below */
-            for (int e = 0; e < b->order; e++)
-                most = fmax(most, fabs(v[e]));
+            most = numbers_largest(v, (size_t)b->order);
             for (int e = 0; e < b->order; e++)
                 v[e] = most > 0 && isfinite(most) ? v[e] / most : 0;
         }
@@ -304,7 +294,7 @@ enum modal_status solutions_from_starts(struct balance *b, const struct solution
         for (int i = 0; i < b->q; i++)
             low = cabs(b->load[k * b->q + i]) > 0 && k > low ? k : low;
     for (int i = 0; i < out->count; i++)
-        scale = fmax(scale, largest(out->X[i], size_of(b)));
+        scale = fmax(scale, numbers_modulus(out->X[i], size_of(b)));
     scale = scale > 0 ? scale : 1;
     for (int n = 0; rc == MODAL_OK && n < starts; n++) {
         double size = scale * pow(10, SIZE_LEAST + SIZE_RANGE * ((n + 0.5) / starts));

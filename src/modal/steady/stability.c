@@ -16,10 +16,10 @@
  */
 #include "modal/steady/stability.h"
 #include <float.h>
-#include <lapacke.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/linalg/eigen.h"
 #include "modal/scene/floquet.h"
 #include "modal/scene/period_map.h"
 #include "modal/steady/disturbance.h"
@@ -48,36 +48,15 @@ enum {
     ROOM_TO_DOUBLE = 4      /* of the steps, left for the errors' sake */
 };
 
-/* qsort: |.| descending. */
-static int by_size(const void *a, const void *b)
-{
-    double x = cabs(*(const double complex *)a), y = cabs(*(const double complex *)b);
-
-    return (x < y) - (x > y);
-}
-
 /* The multipliers: eigenvalues of the map. */
 static enum modal_status eigenvalues(struct monodromy *m, double complex *out,
                                      struct modal_error *err)
 {
     int n = m->order;
-    double *re = calloc((size_t)n + 1, sizeof *re), *im = calloc((size_t)n + 1, sizeof *im);
-    enum modal_status rc = MODAL_OK;
+    struct matrix A = { n, n, n, m->work[0] };
 
-    memcpy(m->work[0], m->map, (size_t)n * (size_t)n * sizeof *m->map);
-    if (re == NULL || im == NULL)
-        rc = modal_fail(err, MODAL_NO_MEMORY, "stability: no memory");
-    else if (LAPACKE_dgeev(LAPACK_COL_MAJOR, 'N', 'N', n, m->work[0], n, re, im, NULL, 1, NULL, 1)
-             != 0)
-        rc = modal_fail(err, MODAL_NO_CONVERGENCE,
-                        "stability: the eigenvalues of the monodromy matrix did not converge");
-    for (int i = 0; rc == MODAL_OK && i < n; i++)
-        out[i] = CMPLX(re[i], im[i]);
-    if (rc == MODAL_OK)
-        qsort(out, (size_t)n, sizeof *out, by_size);
-    free(re);
-    free(im);
-    return rc;
+    memcpy(A.x, m->map, (size_t)n * (size_t)n * sizeof *m->map);
+    return eigen_by_size(&A, out, err);
 }
 
 /* Whether more steps are of no use: the multipliers are as exact as they get. */

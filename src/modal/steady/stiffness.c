@@ -17,6 +17,7 @@
 #include <string.h>
 #include "modal/linalg/sparse_lu.h"
 #include "modal/linalg/workspace.h"
+#include "modal/numbers.h"
 #include "modal/steady/pattern.h"
 
 /* A pivot below so many roundings of the largest entry may be 0. */
@@ -83,11 +84,10 @@ static bool factor_full(struct stiffness *s, int k)
     int q = s->q;
     size_t size = (size_t)q * (size_t)q;
     double complex *A = s->LU + (size_t)k * size;
-    double scale = 0, least = HUGE_VAL;
+    double scale, least = HUGE_VAL;
 
     memcpy(A, s->S + (size_t)k * size, size * sizeof *A);  /* S itself is multiplied by later */
-    for (size_t i = 0; i < size; i++)
-        scale = fmax(scale, cabs(A[i]));
+    scale = numbers_modulus(A, size);
     if (LAPACKE_zgetrf_work(LAPACK_COL_MAJOR, q, q, A, q, s->pivot + (size_t)k * (size_t)q) != 0)
         return false;
     for (int i = 0; i < q; i++)

@@ -24,6 +24,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/linalg/workspace.h"
+#include "modal/numbers.h"
 #include "modal/scene/program.h"
 #include "modal/steady/budget.h"
 
@@ -410,14 +411,12 @@ static enum modal_status history(struct torus_laws *w, struct torus_law *a, stru
 static double largest_motion(const struct torus_laws *w, const struct torus_law *a, double *range)
 {
     size_t inputs = (size_t)a->law->kind->inputs;
-    double most = 0, low = HUGE_VAL, high = -HUGE_VAL;
+    double low = HUGE_VAL, high = -HUGE_VAL;
 
-    for (size_t i = 0; i < w->points * inputs; i++)
-        most = fmax(most, fabs(w->d[i]));
     for (size_t i = w->points * (inputs - 1); i < w->points * inputs; i++)
         low = fmin(low, w->d[i]), high = fmax(high, w->d[i]);
     *range = high - low;
-    return most;
+    return numbers_largest(w->d, w->points * inputs);
 }
 
 /* A walker whose places were changed, where it stands: its force and regime are theirs. */

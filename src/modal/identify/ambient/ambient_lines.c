@@ -13,6 +13,7 @@
 #include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/numbers.h"
 
 enum {
     BLOCK = 64,                  /* lines of a neighbourhood */
@@ -79,13 +80,6 @@ static void measure(struct work *w)
     }
 }
 
-static int by_size(const void *a, const void *b)
-{
-    double p = *(const double *)a, q = *(const double *)b;
-
-    return (p > q) - (p < q);
-}
-
 /* The line that stands out most, not closed; -1: none. */
 static int find(const struct work *w)
 {
@@ -94,7 +88,7 @@ static int find(const struct work *w)
 
     for (int first = 0; first + BLOCK <= w->lines; first += BLOCK) {
         memcpy(sorted, w->power + first, sizeof sorted);
-        qsort(sorted, BLOCK, sizeof *sorted, by_size);
+        numbers_sort(sorted, BLOCK);
         for (int j = first; j < first + BLOCK; j++)
             if (j > WIDTH && !w->closed[j] && w->power[j] > most * sorted[BLOCK / 2])
                 at = j, most = w->power[j] / sorted[BLOCK / 2];

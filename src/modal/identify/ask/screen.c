@@ -15,6 +15,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/numbers.h"
 
 enum {
     HELD = 3,                               /* equal extremes that are a plateau */
@@ -57,13 +58,6 @@ static void look_for_clipping(const double *x, int L, int channel, struct identi
                           "%d places: peaks are cut off; "
                           "begin the window later, or measure with less gain",
                           channel, low, high, HELD, runs);
-}
-
-static int by_value(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;
-
-    return (x > y) - (x < y);
 }
 
 /* X is sorted. */
@@ -122,7 +116,7 @@ void screen_samples(const struct batch *b, struct identify_result *result)
         if (L < SAMPLES_LEAST || most < DBL_MIN / DBL_EPSILON)
             continue;
         memcpy(sorted, x, (size_t)L * sizeof *x);
-        qsort(sorted, (size_t)L, sizeof *x, by_value);
+        numbers_sort(sorted, (size_t)L);
         /* on a coarse grid every peak is held */
         if (!look_for_grid(sorted, L, most * sqrt(sum / L), (int)c, result))
             look_for_clipping(x, L, (int)c, result);

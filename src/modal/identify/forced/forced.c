@@ -20,6 +20,7 @@
 #include "modal/identify/linear/exponents.h"
 #include "modal/identify/prepare/record.h"
 #include "modal/identify/prepare/response.h"
+#include "modal/numbers.h"
 
 enum {
     NEAR = 32,                   /* lines about a pole at least */
@@ -337,13 +338,6 @@ static enum modal_status report_responses(struct work *w, struct identify_result
     return MODAL_OK;
 }
 
-static int by_size(const void *a, const void *b)
-{
-    double p = *(const double *)a, q = *(const double *)b;
-
-    return (p > q) - (p < q);
-}
-
 /* Evenly over the lines, and closer about each mode, where a phase turns by equal angles. */
 static int frequencies(const struct work *w, double *turn)
 {
@@ -360,7 +354,7 @@ static int frequencies(const struct work *w, double *turn)
             if (cimag(t->s[p]) > 0 && at > low && at < high)
                 turn[count++] = at;
         }
-    qsort(turn, (size_t)count, sizeof *turn, by_size);
+    numbers_sort(turn, (size_t)count);
     return count;
 }
 

@@ -21,6 +21,7 @@
 #include <math.h>
 #include <stdbool.h>
 #include <stdlib.h>
+#include "modal/numbers.h"
 
 /* samples: nearly all signals are of the continuum, and so few say it */
 enum { FIRST_LOOK = 64 };
@@ -67,13 +68,6 @@ static bool take_difference(struct divisor *g, double d, double least)
     return true;
 }
 
-static int by_value(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;
-
-    return (x > y) - (x < y);
-}
-
 /* N sorted values, each known to delta / 2.  0: no divisor; UNKNOWN: too few values. */
 static double divisor_of(const double *sorted, int n, double *difference, double delta)
 {
@@ -86,7 +80,7 @@ static double divisor_of(const double *sorted, int n, double *difference, double
             difference[count++] = sorted[k] - sorted[k - 1];
     if (count < GRID_VALUES_LEAST - 1)
         return UNKNOWN;
-    qsort(difference, (size_t)count, sizeof *difference, by_value);
+    numbers_sort(difference, (size_t)count);
     g = (struct divisor) { difference[0], delta, delta };
     if (g.q < least)
         return 0;
@@ -117,7 +111,7 @@ static double divisor_of_some(const double *x, size_t stride, int L, int n, doub
     for (int k = 0; k < n; k++)
         /* spread evenly: a quiet end alone would show few of the values */
         scratch[k] = x[(size_t)((double)k * (L - 1) / (n - 1)) * stride];
-    qsort(scratch, (size_t)n, sizeof *scratch, by_value);
+    numbers_sort(scratch, (size_t)n);
     return divisor_of(scratch, n, scratch + n,
                       precision * fmax(fabs(scratch[0]), fabs(scratch[n - 1])));
 }

@@ -38,6 +38,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/numbers.h"
 
 enum {
     BINS = 64,                  /* lines of a place */
@@ -63,13 +64,6 @@ static void lines_done(struct lines *s)
     free(s->F), free(s->energy);
 }
 
-static int compare(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;
-
-    return (x > y) - (x < y);
-}
-
 static double power(double complex z)
 {
     return creal(z) * creal(z) + cimag(z) * cimag(z);
@@ -84,7 +78,7 @@ static bool over_noise(double complex *F, int count, double *p)
 
     for (int m = 0; m < count; m++)
         all += p[m] = power(F[m]);
-    qsort(p, (size_t)count, sizeof *p, compare);
+    numbers_sort(p, (size_t)count);
     noise = sqrt(fmax(p[count / 2] / M_LN2, all * pow(ROUNDINGS * DBL_EPSILON, 2)));
     for (int m = 0; m < count; m++)
         F[m] = noise > 0 ? F[m] / noise : 0;

@@ -31,6 +31,7 @@
 #include "modal/identify/fit/synthesis.h"
 #include "modal/identify/linear/exponents.h"
 #include "modal/linalg/svd.h"
+#include "modal/numbers.h"
 
 enum {
     ROWS_LEAST = 64,             /* free ones: of fewer a median tells too little */
@@ -79,19 +80,12 @@ static double of_student(double t, double nu)
     return sqrt(nu * expm1(z * z / nu));
 }
 
-static int by_value(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;
-
-    return (x > y) - (x < y);
-}
-
 /* MEDIAN times that of the magnitudes of COUNT numbers. */
 static double robust_size(const double *e, int count, double *room)
 {
     for (int i = 0; i < count; i++)
         room[i] = fabs(e[i]);
-    qsort(room, (size_t)count, sizeof *room, by_value);
+    numbers_sort(room, (size_t)count);
     return MEDIAN * room[count / 2];
 }
 

@@ -22,6 +22,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/scene/law.h"
+#include "modal/numbers.h"
 #include "modal/scene/orbit.h"
 #include "modal/scene/pieces.h"
 
@@ -324,14 +325,6 @@ static enum modal_status contact_interval(struct contact_walk *w, double a, doub
     return rc == MODAL_OK && next != STUCK ? tangential(w, event, b, err) : rc;
 }
 
-/* For qsort: ascending. */
-static int by_value(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;  /* angles */
-
-    return (x > y) - (x < y);
-}
-
 /* Turns of both sums and crossings of N = 0, ascending, with the first again after a period;
  * their number. */
 static int contact_events(struct contact_walk *w, double *event, int most)
@@ -348,7 +341,7 @@ static int contact_events(struct contact_walk *w, double *event, int most)
     count += closings > 0 ? closings : 0;  /* -1: more than room, which cannot be */
     if (count == 0)
         event[count++] = 0;
-    qsort(event, (size_t)count, sizeof *event, by_value);
+    numbers_sort(event, (size_t)count);
     event[count] = event[0] + 2 * M_PI;  /* closes the round */
     return count;
 }

@@ -106,8 +106,8 @@ def test_ten_pairs_of_multipliers_in_one_channel_of_39_periods_are_all_found(mon
     assert besides == 0
 
 
-@pytest.mark.parametrize("seed, states", [(3001, 20), (3003, 20), (3013, 20), (5001, 40),
-                                          (7002, 80)])
+@pytest.mark.parametrize("seed, states", [(3001, 20), (3003, 20), (3013, 20), (52009, 20),
+                                          (5001, 40), (7002, 80)])
 def test_detectable_multipliers_of_many_states_are_found_and_no_other(seed, states, monkeypatch):
     """31 to 136 periods, 24 to 240 samples each: the price of each sample's amplitude hid some."""
     monkeypatch.setattr(turning, "CTL", str(BUILD / "bin" / "modalctl"))
@@ -129,13 +129,21 @@ def test_noise_has_no_multipliers(samples, channels, seed, monkeypatch):
     assert turning.identify(dict(y=y, p=samples))["modes"] == []
 
 
-@pytest.mark.parametrize("seed", [501, 506, 508])
-def test_noise_that_is_not_white_within_a_period_has_no_multipliers(seed, monkeypatch):
-    """Correlated by 0.9 from a sample to the next; taken for white it held 4 to 22 of them."""
+def coloured(correlation, size, seed):
+    """Noise of variance 1, correlated so from a sample to the next."""
+    return scipy.signal.lfilter([np.sqrt(1 - correlation ** 2)], [1, -correlation],
+                                np.random.default_rng(seed + 7).normal(size=size), axis=0)
+
+
+@pytest.mark.parametrize("correlation, seed", [(0.9, 501), (0.9, 506), (0.9, 508), (0.98, 506),
+                                               (0.98, 21003), (0.98, 21012), (0.98, 21014)])
+def test_noise_that_is_not_white_within_a_period_has_no_multipliers(correlation, seed,
+                                                                    monkeypatch):
+    """Taken for white that of 0.9 held 4 to 22 of them; made white period by period, as if each
+    began anew, that of 0.98 held 1 to 4."""
     monkeypatch.setattr(turning, "CTL", str(BUILD / "bin" / "modalctl"))
     r = turning.record(seed, 6)
-    noise = scipy.signal.lfilter([np.sqrt(1 - 0.9 ** 2)], [1, -0.9],
-                                 np.random.default_rng(seed + 7).normal(size=r["y"].shape), axis=0)
+    noise = coloured(correlation, r["y"].shape, seed)
     document = turning.identify(dict(r, y=r["clean"] + r["noise"] * noise))
     hit, besides = turning.match(document, r)
     assert len(hit) == len(r["multipliers"]) and besides == 0
@@ -149,9 +157,7 @@ def test_noise_that_is_not_white_within_a_period_has_honest_bars(correlation, mo
     parts = within = 0
     for seed in range(501, 513):
         r = turning.record(seed, 6)
-        noise = scipy.signal.lfilter([np.sqrt(1 - correlation ** 2)], [1, -correlation],
-                                     np.random.default_rng(seed + 7).normal(size=r["y"].shape),
-                                     axis=0)
+        noise = coloured(correlation, r["y"].shape, seed)
         document = turning.identify(dict(r, y=r["clean"] + r["noise"] * noise))
         hit, besides = turning.match(document, r)
         assert len(hit) == len(r["multipliers"]) and besides == 0

@@ -1,5 +1,5 @@
 /* identify_periods.c - from periods to the multipliers of a periodic system: from above, from many
- * starts, in noise made white within a period */
+ * starts, in noise made white from sample to sample */
 #include "modal/identify/identify_state.h"
 #include <cblas.h>
 #include <float.h>
@@ -12,14 +12,16 @@
 #include "modal/linalg/svd.h"
 
 static const double
-    SAME = 1,                   /* of -2 ln(likelihood): searches no further apart ended at one */
-    CHANCE = 6;                 /* over m: three standard errors, in white_share() */
+    SAME = 1;                   /* of -2 ln(likelihood): searches no further apart ended at one */
 
 enum {
     FOLDED_MOST = 4 * TRIPLETS_MOST,    /* directions that are asked for whole: their decomposition
                                          * is as dear as some steps of a refinement */
     MORE = 4,                    /* times as many directions: three pencils at most */
-    ANEW_MOST = 3                /* searches beside the first: the third saw the noise as it is in
+    COLUMNS = 4,                 /* times the rows: singular values of white noise then lie within a
+                                  * factor (1 + 1/2) / (1 - 1/2) of each other */
+    ASKED = 2,                   /* times before any fit */
+    ANEW_MOST = 6                /* searches beside the first: the fifth saw the noise as it is in
                                   * all records tried */
 };
 
@@ -71,43 +73,22 @@ static void keep_better(struct order_choice *best, struct order_choice *other, i
     *other = (struct order_choice) { .chosen = -1 };
 }
 
-/*
- * The share of its S columns in which what FIT leaves, E of m free rows, is free: (sum w)^2 / sum
- * w^2 over S, of the variances w of its directions. Of the Wishart matrix A = E E^T
- *
- *     E tr A = m sum w,    E (tr A^2 - (tr A)^2 / m) = (m - 1) (m + 2) sum w^2,
- *
- * and chance moves the second by 2 / m of it. 1 where chance may be all; next to nothing where rows
- * are too few to tell.
- */
+/* The share of its columns in which what FIT leaves is free (whiten.h): 1 where chance may be all;
+ * next to nothing where rows are too few to tell. */
 static enum modal_status white_share(const struct work *w, const struct refined *fit, double *share,
                                      struct modal_error *err)
 {
     struct matrix E = { 0 };
-    int m = w->data.Y->m - fit->order, S = w->data.Y->n;
-    double trace = 0, squares = 0, *A = NULL;
+    int free_rows = w->data.Y->m - fit->order;
+    double spread = 0;
     enum modal_status rc = remainder_of(&w->data, fit, &E, err);
 
-    *share = 1;
-    if (rc != MODAL_OK || E.x == NULL)
-        return rc;
-    A = calloc((size_t)E.m * (size_t)E.m, sizeof *A);
-    if (A == NULL)
-        rc = modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d periods", E.m);
-    else
-        cblas_dsyrk(CblasColMajor, CblasLower, CblasNoTrans, E.m, S, 1, E.x, E.ld, 0, A, E.m);
-    for (int c = 0; A != NULL && c < E.m; c++) {
-        trace += A[c + (size_t)c * E.m];
-        for (int r = c; r < E.m; r++)
-            squares += (r > c ? 2 : 1) * A[r + (size_t)c * E.m] * A[r + (size_t)c * E.m];
-    }
-    if (trace > 0 && m > CHANCE) {
-        double spread = (squares - trace * trace / m) / ((m - 1.) * (m + 2)) * S * m * m
-                      / (trace * trace);
-        *share = (spread - 1) * m > CHANCE ? 1 / spread : 1;
-    } else if (trace > 0)
+    if (rc == MODAL_OK && E.x != NULL)
+        rc = noise_spread(&E, free_rows, &spread, err);
+    *share = spread > 1 + NOISE_CHANCE / free_rows ? 1 / spread : 1;
+    if (spread > 0 && free_rows <= NOISE_CHANCE)
         *share = DBL_EPSILON;
-    free(A), free(E.x);
+    free(E.x);
     return rc;
 }
 
@@ -157,13 +138,15 @@ static enum modal_status searched_periods(const struct work *w, struct matrix *Y
 }
 
 /* The signals are made white as far as E, of a fit of ORDER columns, tells them not to be, by more
- * than LEAST of -2 ln(likelihood) (whiten.h).  *changed: they were not. */
-static enum modal_status whiten_periods(struct work *w, const struct matrix *E, int order,
-                                        double least, bool *changed, struct modal_error *err)
+ * than LEAST of -2 ln(likelihood) (whiten.h), which may cost a period.  *changed: they were not. */
+static enum modal_status make_white(struct work *w, const struct matrix *E, int order, double least,
+                                    bool *changed, struct modal_error *err)
 {
+    struct periods all = { &w->folded, w->shift, w->samples };
     double told = 0;
-    enum modal_status rc = whiten_rows(E, w->shift, order, least, &w->folded, &told, err);
+    enum modal_status rc = whiten_periods(&all, E, order, least, &told, err);
 
+    w->samples = all.samples;
     w->facts.told = 1 - (1 - w->facts.told) * (1 - told);
     *changed = told > 0;
     return rc;
@@ -178,7 +161,7 @@ static enum modal_status whiten_left(struct work *w, const struct refined *fit, 
 
     *changed = false;
     if (rc == MODAL_OK && E.x != NULL)
-        rc = whiten_periods(w, &E, fit->order, least, changed, err);
+        rc = make_white(w, &E, fit->order, least, changed, err);
     free(E.x);
     return rc;
 }
@@ -191,36 +174,52 @@ static double least_gain(const struct work *w)
     return criterion_noise_pair(S, S * w->data.Y->m);
 }
 
-/*
- * Before any fit, by the lesser half of the left singular vectors: multipliers are fewer than half
- * of the periods, or their weakest lie among noise, and of many more columns than that noise alone
- * takes no direction for itself.  What is strongly correlated has few and does: what it leaves is
- * whiter than it was, so fits are asked afterwards.  But a first search in noise taken for white,
- * correlated by 0.9, ends only where all its work is spent.
- */
-static enum modal_status begin_white(struct work *w, struct modal_error *err)
+/* The least quarter of the left singular directions of the periods, each as a row of *E, whose
+ * memory is the caller's to free. */
+static enum modal_status least_quarter(const struct matrix *Y, struct matrix *E,
+                                       struct modal_error *err)
 {
-    const struct matrix *Y = w->data.Y;
-    int rest = Y->m - Y->m / 2;
-    struct matrix V = { 0 }, E = { rest, Y->n, rest, NULL };
+    int rest = (Y->m + 3) / 4;
+    struct matrix V = { 0 };
     double *squares = NULL;
-    bool changed;
     enum modal_status rc = pencil_products(Y, &V, err);
 
+    *E = (struct matrix) { rest, Y->n, rest, NULL };
     if (rc == MODAL_OK) {
         squares = malloc((size_t)Y->m * sizeof *squares);
-        E.x = malloc((size_t)rest * (size_t)Y->n * sizeof *E.x);
-        if (squares == NULL || E.x == NULL)
+        E->x = malloc((size_t)rest * (size_t)Y->n * sizeof *E->x);
+        if (squares == NULL || E->x == NULL)
             rc = modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d periods", Y->m);
     }
     if (rc == MODAL_OK)
         rc = eigen_symmetric(&V, squares, err);
-    if (rc == MODAL_OK) {
+    if (rc == MODAL_OK)
         cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, rest, Y->n, Y->m, 1, V.x, V.ld, Y->x,
-                    Y->ld, 0, E.x, rest);
-        rc = whiten_periods(w, &E, 0, least_gain(w), &changed, err);
+                    Y->ld, 0, E->x, rest);
+    free(V.x), free(squares);
+    return rc;
+}
+
+/*
+ * Before any fit, by the least quarter of the left singular vectors: multipliers are fewer than
+ * three quarters of the periods, or their weakest lie among noise, and of many more columns than
+ * that noise alone takes no direction for itself.  What is strongly correlated has few and does:
+ * what it leaves is whiter than it was, so that is asked once more, and fits are asked afterwards.
+ * (Asked on and on it does not settle: what is small was chosen for it.)  But a first search in
+ * noise taken for white, correlated by 0.9, ends only where all its work is spent.
+ */
+static enum modal_status begin_white(struct work *w, struct modal_error *err)
+{
+    bool changed = true;
+    enum modal_status rc = MODAL_OK;
+
+    for (int i = 0; i < ASKED && rc == MODAL_OK && changed; i++) {
+        struct matrix E = { 0 };
+        rc = least_quarter(w->data.Y, &E, err);
+        if (rc == MODAL_OK)
+            rc = make_white(w, &E, 0, i == 0 ? least_gain(w) : 0, &changed, err);
+        free(E.x);
     }
-    free(V.x), free(E.x), free(squares);
     return rc;
 }
 
@@ -319,7 +318,7 @@ enum modal_status work_choose_periodic(struct work *w, struct order_choice *best
     enum modal_status rc = MODAL_OK;
 
     w->data.exact = w->facts.full_rank < w->projection.count;
-    if (!w->data.exact && noise_shows(w) && L <= S && pencil_products_pay(L, S))
+    if (!w->data.exact && noise_shows(w) && COLUMNS * L <= S && pencil_products_pay(L, S))
         rc = begin_white(w, err);
     w->brief = brief = w->facts.told > 0;
     if (rc == MODAL_OK)

@@ -91,6 +91,7 @@ enum modal_status work_reduce(struct work *w, struct identify_result *out,
     w->data.least = w->least;
     if (rc == MODAL_OK && w->shift > 1) {
         rc = fold(w->X, w->shift, &w->folded, err);
+        w->samples = w->X->m / w->shift * w->shift;
         w->data = (struct refine_data) { .Y = &w->folded, .tau = w->tau, .phases = w->shift,
                                          .least = w->least };
     }

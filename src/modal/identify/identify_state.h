@@ -44,6 +44,7 @@ struct work {
     double *least;                /* per signal: what its grid leaves (refine.h); NULL: no matter */
     const struct matrix *X;         /* the signals: rec.Y or pod.signals */
     struct matrix folded;
+    int samples;                    /* of a folded signal (whiten.h) */
     struct refine_data data;        /* what is refined: X, or X folded */
     struct compressed *blocks;      /* owned, of very long records; else NULL */
     int seen_rows;                  /* that were searched before those */

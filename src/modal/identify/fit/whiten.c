@@ -1,5 +1,5 @@
 /*
- * whiten.c - autoregression within a period
+ * whiten.c - autoregression from sample to sample
  *
  * A fit of the columns of a period as if their noise were white has errors above the bound, and
  * bars below its errors, where the noise is correlated from sample to sample: its amplitudes C are
@@ -13,15 +13,19 @@
  *
  *     e_k = sum_{j=1..m} a_j e_{k-j} + u_k,                                                 (2)
  *
- * leaves u white, with the same a for all k, and the first samples of a row, which have fewer
- * before them, by predictions of lower order. So V^-1/2 is a band below a triangle, of (2). The
- * a of all orders up to `most` come from one QR of E's columns beside each other, shifted; the
- * order by Bayes' criterion. What reaches over the end of a period is left as it is: one sample of
- * each tells of it.
+ * leaves u white, with the same a for all k. The first samples of a period are predicted by the
+ * last of the one before: (2) goes through the whole signal, and what a multiplier makes of each
+ * sample from period to period it makes of (2) as well. Only the first m samples of the record have
+ * none. They are left out, periods begin after them, and what is left at the end of the last is
+ * less than one. (First samples by predictions of lower order, period by period, would be larger
+ * than all others where the signal is smooth, correlated with the period before, and trusted most.)
+ * The a of all orders up to `most` come from one QR of E's columns beside each other, shifted; the
+ * order by Bayes' criterion.
  */
 #include "modal/identify/fit/whiten.h"
 #include <cblas.h>
 #include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 #include "modal/linalg/qr.h"
@@ -83,27 +87,96 @@ static void coefficients(const struct prediction *a, int m, double *to)
     cblas_dtrsv(CblasColMajor, CblasUpper, CblasNoTrans, CblasNonUnit, m, a->T, a->most + 1, to, 1);
 }
 
-/* The columns Y of a signal as (2) leaves them, all with the variance of the order chosen. */
-static void take_out(const struct prediction *a, int phases, int L, size_t ld, double *y)
+static double *at_sample(double *y, int t, int phases, size_t ld)
 {
+    return y + (size_t)(t % phases) * ld + (size_t)(t / phases);
+}
+
+/* The signal whose first column is Y, its samples period by period, as (2) leaves it: what is
+ * known of it begins FIRST samples later. */
+static void take_out(const struct prediction *a, const struct periods *of, int first, double *y)
+{
+    size_t ld = (size_t)of->Y->ld;
     double coefficient[SIDE] = { 0 };
 
     coefficients(a, a->order, coefficient);
-    for (int k = phases - 1; k >= 0; k--) {
-        double *at = y + (size_t)k * ld;
-        int m = k < a->order ? k : a->order;
-        if (m < a->order)
-            coefficients(a, m, coefficient);
-        for (int j = 1; j <= m; j++)
-            cblas_daxpy(L, -coefficient[j - 1], at - (size_t)j * ld, 1, at, 1);
-        cblas_dscal(L, sqrt(left(a, a->order) / left(a, m)), at, 1);
+    for (int t = 0; t + first < of->samples; t++) {
+        double u = *at_sample(y, t + first, of->phases, ld);
+        for (int j = 1; j <= a->order; j++)
+            u -= coefficient[j - 1] * *at_sample(y, t + first - j, of->phases, ld);
+        /* none of what comes after needs it as it was: it reads no sample before t + 1 */
+        *at_sample(y, t, of->phases, ld) = u;
     }
 }
 
-enum modal_status whiten_rows(const struct matrix *E, int phases, int order, double least,
-                              struct matrix *Y, double *told, struct modal_error *err)
+enum modal_status noise_spread(const struct matrix *E, int M, double *spread,
+                               struct modal_error *err)
 {
-    int signals = E->n / phases;
+    bool wide = E->m <= E->n;
+    int side = wide ? E->m : E->n;
+    double trace = 0, squares = 0, *A = calloc((size_t)side * (size_t)side, sizeof *A);
+
+    *spread = 0;
+    if (A == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "whiten: no memory for %d periods", E->m);
+    cblas_dsyrk(CblasColMajor, CblasLower, wide ? CblasNoTrans : CblasTrans, side,
+                wide ? E->n : E->m, 1, E->x, E->ld, 0, A, side);
+    for (int c = 0; c < side; c++) {
+        const double *at = A + (size_t)c * (size_t)(side + 1);
+        trace += at[0];
+        squares += 2 * cblas_ddot(side - c, at, 1, at, 1) - at[0] * at[0];
+    }
+    if (trace > 0)
+        *spread = M < 2 ? HUGE_VAL
+            : (squares / (trace * trace) - 1. / M) * M * M * E->n / ((M - 1.) * (M + 2));
+    free(A);
+    return MODAL_OK;
+}
+
+/* The spread of E as it is, or as (2) of each signal leaves it where it is TOLD. */
+static enum modal_status spread_left(const struct matrix *E, const struct prediction *a, int phases,
+                                     bool told, int M, double *spread, struct modal_error *err)
+{
+    struct matrix U = { E->m, 0, E->m, malloc((size_t)E->m * (size_t)E->n * sizeof *U.x) };
+    enum modal_status rc;
+
+    if (U.x == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "whiten: no memory for %d periods", E->m);
+    for (int g = 0; g < E->n / phases; g++) {
+        const double *e = E->x + (size_t)g * (size_t)phases * (size_t)E->ld;
+        double coefficient[SIDE] = { 0 }, sum = left(&a[g], told ? a[g].order : 0);
+        coefficients(&a[g], told ? a[g].order : 0, coefficient);
+        for (int k = a[g].order; k < phases && sum > 0; k++, U.n++) {
+            double *u = U.x + (size_t)U.n * (size_t)U.ld;
+            memset(u, 0, (size_t)U.m * sizeof *u);
+            for (int j = 0; j <= (told ? a[g].order : 0); j++)
+                cblas_daxpy(U.m, (j > 0 ? -coefficient[j - 1] : 1) / sqrt(sum),
+                            e + (size_t)(k - j) * (size_t)E->ld, 1, u, 1);
+        }
+    }
+    rc = noise_spread(&U, M, spread, err);
+    free(U.x);
+    return rc;
+}
+
+/* Is E noise, of which (2) tells? */
+static enum modal_status is_noise(const struct matrix *E, const struct prediction *a, int phases,
+                                  int M, bool *noise, struct modal_error *err)
+{
+    double before = 0, after = 0;
+    enum modal_status rc = spread_left(E, a, phases, true, M, &after, err);
+
+    if (rc == MODAL_OK && after > 1 + NOISE_CHANCE / M)
+        rc = spread_left(E, a, phases, false, M, &before, err);
+    *noise = after <= 1 + fmax(NOISE_CHANCE / M, (before - 1) / 2);
+    return rc;
+}
+
+enum modal_status whiten_periods(struct periods *of, const struct matrix *E, int order,
+                                 double least, double *told, struct modal_error *err)
+{
+    int phases = of->phases, signals = E->n / phases, first = 0;
+    bool noise = false;
     double gain = 0, share = (double)(E->m - order) / E->m;
     struct prediction *a = calloc((size_t)signals + 1, sizeof *a);
     enum modal_status rc = a != NULL ? MODAL_OK
@@ -114,13 +187,20 @@ enum modal_status whiten_rows(const struct matrix *E, int phases, int order, dou
         rc = predict(E->x + (size_t)g * (size_t)phases * (size_t)E->ld, E->m, phases, share, &a[g],
                      err);
         gain += a[g].gain / share;     /* in all rows: the fit may have drawn noise in many */
+        first = a[g].order > first ? a[g].order : first;
     }
-    for (int g = 0; g < signals && rc == MODAL_OK && gain > least; g++)
-        if (a[g].order > 0) {
-            take_out(&a[g], phases, Y->m, (size_t)Y->ld,
-                     Y->x + (size_t)g * (size_t)phases * (size_t)Y->ld);
-            *told += (1 - left(&a[g], a[g].order) / left(&a[g], 0)) / signals;
-        }
+    if (rc != MODAL_OK || !(gain > least) || (of->samples - first) / phases <= order + 1)
+        goto out;
+    rc = is_noise(E, a, phases, E->m - order, &noise, err);
+    if (rc != MODAL_OK || !noise)
+        goto out;
+    for (int g = 0; g < signals; g++) {
+        take_out(&a[g], of, first, of->Y->x + (size_t)g * (size_t)phases * (size_t)of->Y->ld);
+        *told += (1 - left(&a[g], a[g].order) / left(&a[g], 0)) / signals;
+    }
+    of->samples -= first;
+    of->Y->m = of->samples / phases;
+out:
     free(a);
     return rc;
 }

@@ -1,20 +1,42 @@
-/* whiten.h - noise that a sample's neighbours in its period tell of, made white */
+/* whiten.h - noise that the samples before tell of in a periodic system, made white */
 #ifndef MODAL_WHITEN_H
 #define MODAL_WHITEN_H
 #include "base/error.h"
 #include "modal/linalg/matrix.h"
 
 /*
- * Y and E are L periods of S columns, `phases` samples of each signal in a row, E what a fit of
- * ORDER columns leaves of Y. Each signal's noise is predicted from the samples before it in its
- * period (whiten.c); where that lowers -2 ln(likelihood) of all signals by more than LEAST beside
- * its price, every sample of Y becomes what its neighbours do not tell, in its place. Rows are
- * multiplied by one matrix from the right: amplitudes change, multipliers do not.
+ * How unequal the directions are in which the noise E of M free rows is free in its S columns:
+ * S sum w^2 / (sum w)^2 of their variances w; 1 of white noise but for chance, which moves it by
+ * 2 / M, 1 over the share of columns of what is correlated along a row, and up to S of a multiplier
+ * that is missing from the fit. Of the Wishart matrix A = E E^T
  *
- *   told   the share of the noise's variance that was told, the signals alike; 0: Y is as it was
+ *     E tr A = M sum w,    E (tr A^2 - (tr A)^2 / M) = (M - 1) (M + 2) sum w^2.
+ *
+ *   spread   0 where E is zero; HUGE_VAL of one row, which tells nothing
+ */
+#define NOISE_CHANCE 6.0        /* over M: three standard errors of it */
+enum modal_status noise_spread(const struct matrix *E, int M, double *spread,
+                               struct modal_error *err);
+
+/* Periods as rows, `phases` samples of each signal side by side. */
+struct periods {
+    struct matrix *Y;           /* borrowed */
+    int phases;
+    int samples;                /* of a signal: some that begin a period lie after the last */
+};
+
+/*
+ * E is what a fit of ORDER columns leaves of the periods. Each signal's noise is predicted from the
+ * samples before it (whiten.c); where that lowers -2 ln(likelihood) of all signals by more than
+ * LEAST beside its price, and what is left is noise (its spread is chance, or half at most of what
+ * it was: a multiplier that E holds still is not told away), every sample becomes what those before
+ * it do not tell. The first of the record, which have too few, are gone, and with them a period:
+ * multipliers stay as they are, amplitudes change.
+ *
+ *   told   the share of the noise's variance that was told, the signals alike; 0: all is as it was
  *
  * Fails with MODAL_NO_MEMORY, MODAL_NO_CONVERGENCE.
  */
-enum modal_status whiten_rows(const struct matrix *E, int phases, int order, double least,
-                              struct matrix *Y, double *told, struct modal_error *err);
+enum modal_status whiten_periods(struct periods *of, const struct matrix *E, int order,
+                                 double least, double *told, struct modal_error *err);
 #endif

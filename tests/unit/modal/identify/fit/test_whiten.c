@@ -1,4 +1,4 @@
-/* Noise correlated within a period, against the inverse of its covariance's root. */
+/* Noise of which the samples before tell, against its own innovations. */
 #include "modal/identify/fit/whiten.h"
 #include <math.h>
 #include <stdbool.h>
@@ -8,67 +8,128 @@
 enum { L = 400, PHASES = 24, SIGNALS = 2, S = PHASES * SIGNALS };
 static double y[L * S], e[L * S];
 
-/* Rows of noise that is told by AR(1) of A in the first signal and is white in the second; a sample
- * of it begins each row as if there had been others before. */
+/* Noise that is told by AR(1) of A in the first signal, from the end of a period into the next, and
+ * white in the second. */
 static void noise(double a, uint64_t seed)
 {
     struct random r = { seed };
+    double before = random_normal(&r) / sqrt(1 - a * a);
 
     for (int l = 0; l < L; l++)
         for (int c = 0; c < S; c++) {
-            bool white = c >= PHASES, first = c % PHASES == 0;
-            double u = random_normal(&r), before = first ? 0 : e[l + (c - 1) * L];
-            e[l + c * L] = white ? u : first ? u / sqrt(1 - a * a) : a * before + u;
+            double u = random_normal(&r);
+            e[l + c * L] = c < PHASES ? before = a * before + u : u;
         }
     memcpy(y, e, sizeof y);
 }
 
 /* An AR(1) coefficient is known to 1 / sqrt(L PHASES) = 0.01 of its deviations. */
-TEST(correlated_noise_is_left_white_and_of_one_variance_at_every_sample_of_a_period)
+TEST(correlated_noise_is_left_white_within_a_period_and_from_one_to_the_next)
 {
     const double a = 0.9;
     struct matrix Y = { L, S, L, y }, E = { L, S, L, e };
+    struct periods all = { &Y, PHASES, L * PHASES };
     double told;
 
     noise(a, 1);
-    CHECK(whiten_rows(&E, PHASES, 0, 100, &Y, &told, NULL) == MODAL_OK);
+    CHECK(whiten_periods(&all, &E, 0, 100, &told, NULL) == MODAL_OK);
     CHECK_NEAR(told, 0.5 * a * a, 0.02);            /* of two signals one */
-    for (int c = 0; c < S; c++)
-        for (int k = 0; k <= c; k++) {
-            double sum = 0;
-            for (int l = 0; l < L; l++)
-                sum += y[l + c * L] * y[l + k * L] / L;
-            CHECK_NEAR(sum, c == k, 5 * sqrt((c == k ? 2.0 : 1.0) / L));
-        }
+    CHECK(Y.m == L - 1);
+    for (int later = 0; later < 2; later++)
+        for (int c = 0; c < S; c++)
+            for (int k = 0; k < S; k++) {
+                double sum = 0;
+                for (int l = later; l < Y.m; l++)
+                    sum += y[l + c * L] * y[l - later + k * L] / L;
+                bool same = c == k && later == 0;
+                CHECK_NEAR(sum, same, 5 * sqrt((same ? 2.0 : 1.0) / L));
+            }
 }
 
-/* What is made of a row without noise is what (2) takes out of it, at the noise's own deviation. */
-TEST(of_a_row_is_left_what_the_sample_before_does_not_tell_whatever_it_holds)
+/* Of each sample of a period a multiplier makes the next period's, and so it does of what is
+ * left. */
+TEST(what_multiplies_from_period_to_period_does_so_whitened_from_the_first_on)
 {
-    const double a = 0.9;
     struct matrix Y = { L, S, L, y }, E = { L, S, L, e };
+    struct periods all = { &Y, PHASES, L * PHASES };
     double told;
 
-    noise(a, 2);
+    noise(0.9, 2);
     for (int c = 0; c < S; c++)
         for (int l = 0; l < L; l++)
-            y[l + c * L] = l == 0 ? c + 1 : 0;
-    CHECK(whiten_rows(&E, PHASES, 0, 100, &Y, &told, NULL) == MODAL_OK);
-    CHECK_NEAR(y[0], sqrt(1 - a * a), 0.03);
-    for (int c = 1; c < PHASES; c++)
-        CHECK_NEAR(y[c * L], c + 1 - a * c, 0.02 * PHASES);
+            y[l + c * L] = pow(0.8, l) * (1 + c % 5);
+    CHECK(whiten_periods(&all, &E, 0, 100, &told, NULL) == MODAL_OK && told > 0);
+    CHECK(Y.m == L - 1);
+    for (int c = 0; c < S; c++) {
+        CHECK(fabs(y[c * L]) > 0.01);
+        for (int l = 1; l < 30; l++)
+            CHECK_NEAR(y[l + c * L], pow(0.8, l) * y[c * L], 1e-14);
+    }
+}
+
+/* All of the first period but one sample is kept, and the last period is gone. */
+TEST(what_is_left_begins_a_sample_after_the_first_for_each_that_predicts)
+{
+    struct matrix Y = { L, S, L, y }, E = { L, S, L, e };
+    struct periods all = { &Y, PHASES, L * PHASES };
+    double told;
+
+    noise(0.9, 3);
+    memset(y, 0, sizeof y);
+    y[1 * L] = 1;                                   /* sample 1 of period 0, first signal */
+    y[(PHASES + 1) * L] = 1;                        /* and second */
+    CHECK(whiten_periods(&all, &E, 0, 100, &told, NULL) == MODAL_OK);
+    CHECK_NEAR(y[0], 1, 0);
+    CHECK_NEAR(y[1 * L], -0.9, 0.02);
+    CHECK_NEAR(y[PHASES * L], 1, 0);
+    CHECK(all.samples == L * PHASES - 1);
+}
+
+/* A motion that a fit lacks is told by neighbours as noise is, but it is two directions of all and
+ * stays two (unless it is a few tones within a period, which (2) can take whole). */
+TEST(a_multiplier_that_is_missing_from_the_fit_is_not_told_away)
+{
+    struct matrix Y = { L, S, L, y }, E = { L, S, L, e };
+    struct periods all = { &Y, PHASES, L * PHASES };
+    double told;
+
+    noise(0, 4);
     for (int c = 0; c < S; c++)
-        CHECK(y[1 + c * L] == 0);
+        for (int l = 0; l < L; l++)
+            e[l + c * L] += 1e4 * pow(0.99, l) * sin(0.05 * pow(c % PHASES, 2) + 1.3 * l);
+    memcpy(y, e, sizeof y);
+    CHECK(whiten_periods(&all, &E, 0, 100, &told, NULL) == MODAL_OK && told == 0);
+    CHECK(memcmp(y, e, sizeof y) == 0 && Y.m == L);
+}
+
+/* sum w^2 / S of columns with variance 1 is the mean of each column's squared correlations. */
+TEST(spread_is_one_of_white_noise_and_one_over_the_free_share_of_coloured)
+{
+    struct matrix E = { L, PHASES, L, e };
+    double spread, sum = 0, a = 0.6;
+
+    noise(0, 5);
+    CHECK(noise_spread(&E, L, &spread, NULL) == MODAL_OK);
+    CHECK_NEAR(spread, 1, NOISE_CHANCE / L);
+    noise(a, 6);
+    CHECK(noise_spread(&E, L, &spread, NULL) == MODAL_OK);
+    for (int j = 0; j < PHASES; j++)
+        for (int k = 0; k < PHASES; k++)
+            sum += pow(a, 2 * abs(j - k)) / PHASES;
+    CHECK_NEAR(spread, sum, 5 * NOISE_CHANCE / L * sum);
+    E.m = 1, E.ld = L;
+    CHECK(noise_spread(&E, 1, &spread, NULL) == MODAL_OK && isinf(spread));
 }
 
 TEST(white_noise_stays_as_it_is)
 {
     for (uint64_t seed = 10; seed < 30; seed++) {
         struct matrix Y = { L, S, L, y }, E = { L, S, L, e };
+        struct periods all = { &Y, PHASES, L * PHASES };
         double told;
 
         noise(0, seed);
-        CHECK(whiten_rows(&E, PHASES, 0, 100, &Y, &told, NULL) == MODAL_OK && told == 0);
-        CHECK(memcmp(y, e, sizeof y) == 0);
+        CHECK(whiten_periods(&all, &E, 0, 100, &told, NULL) == MODAL_OK && told == 0);
+        CHECK(memcmp(y, e, sizeof y) == 0 && Y.m == L);
     }
 }

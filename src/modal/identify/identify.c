@@ -40,7 +40,7 @@ static void work_done(struct work *w)
     free(w->weighted.x), free(w->noise), free(w->weight), free(w->grid), free(w->least);
     free(w->folded.x);
     compressed_free(w->blocks);
-    pencil_done(&w->pencil);
+    pencil_done(&w->pencil), pencil_done(&w->full);
     projection_done(&w->projection);
     order_done(&w->choice);
     free(w->seen.lambda);
@@ -205,12 +205,12 @@ static void forget_analysis(struct work *w, struct identify_result *out)
 {
     if (!w->rec.wide)
         pod_done(&w->pod);
-    pencil_done(&w->pencil);
+    pencil_done(&w->pencil), pencil_done(&w->full);
     projection_done(&w->projection);
     order_done(&w->choice);
     free(w->folded.x), w->folded.x = NULL;
     free(out->singular), out->singular = NULL;
-    w->projected = false;
+    w->projected = w->counted = false;
     w->facts = (struct diagnose_facts) { .converged = true };
 }
 
@@ -264,6 +264,20 @@ static enum modal_status analyse_weighed(struct work *w, struct identify_result 
     return MODAL_OK;
 }
 
+/* The same signals, with what was made of them, searched for as long as any. */
+static enum modal_status search_longer(struct work *w, struct identify_result *out,
+                                       struct modal_error *err)
+{
+    enum modal_status rc;
+
+    w->trial = false, w->spent = 0;
+    w->facts = (struct diagnose_facts) { .converged = true, .full_rank = w->facts.full_rank };
+    if ((rc = work_choose_order(w, out, err)) != MODAL_OK
+        || (w->choice.chosen >= 0 && (rc = work_look_above(w, err)) != MODAL_OK))
+        return rc;
+    return stage_order(w, out, err);
+}
+
 /* The same, and what a trial did not end. */
 static enum modal_status analyse_again(struct work *w, struct identify_result *out,
                                        struct modal_error *err)
@@ -272,9 +286,7 @@ static enum modal_status analyse_again(struct work *w, struct identify_result *o
 
     if (rc != MODAL_OK || !w->trial || !w->facts.work_limit || w->ragged > 0)
         return rc;
-    w->trial = false, w->spent = 0;
-    forget_analysis(w, out);
-    rc = analyse(w, out, err);
+    rc = search_longer(w, out, err);
     return rc == MODAL_OK ? analyse_weighed(w, out, err) : rc;
 }
 

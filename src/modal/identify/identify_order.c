@@ -273,8 +273,8 @@ static enum modal_status choose_from_above(struct work *w, struct identify_resul
         return work_choose_periodic(w, &above->choice, err);
     if (w->projected)
         return MODAL_OK;
-    all = w->pencil;
-    rc = begins_at(w, out) != NULL ? MODAL_OK : work_pencil_of_all(w, &all, err);
+    all = w->full.s != NULL ? w->full : w->pencil, w->full = (struct pencil) { 0 };
+    rc = w->counted || begins_at(w, out) != NULL ? MODAL_OK : work_pencil_of_all(w, &all, err);
     w->pencil = all;
     if (rc == MODAL_OK)
         rc = work_report_values(w, out, err);
@@ -441,6 +441,10 @@ enum modal_status work_choose_order(struct work *w, struct identify_result *out,
     }
     if (put)
         rc = put_found(w, &above, out, err);
+    if (rc == MODAL_OK && !put && w->trial && w->facts.work_limit) {
+        w->counted = true;
+        w->full = above.pencil, above.pencil = (struct pencil) { 0 };
+    }
     found_done(&above);
     return rc;
 }

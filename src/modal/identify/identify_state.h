@@ -52,6 +52,9 @@ struct work {
     double tau;
     bool refine;
     struct pencil pencil;
+    struct pencil full;             /* of all signals, from a trial that did not end; s NULL: none,
+                                     * or, where they were counted, w->pencil has them */
+    bool counted;
     int triplets;                   /* asked of the pencil */
     struct projection projection;
     bool projected;                 /* which of the two was made */

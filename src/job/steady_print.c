@@ -133,9 +133,7 @@ static void print_offsets(const struct program *p, const struct steady_point *po
             first = l;
         }
     if (point->converged && point->open)
-        diagnose(list, "undetermined_mean",
-                 "nothing holds the body in place but what slips%s: its mean follows from "
-                 "history; it is given without error, the motion about it with", "");
+        diagnose(list, "undetermined_mean", "%s", STEADY_MEAN_IS_FREE);
     if (count == 0)
         return;
     if (count == 1)

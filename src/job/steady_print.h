@@ -10,6 +10,10 @@ struct steady;
 struct steady_point;
 struct steady_settings;
 
+/* What undetermined_mean says. */
+#define STEADY_MEAN_IS_FREE "nothing holds the body in place but what slips: its mean follows " \
+                            "from history; it is given without error, the motion about it with"
+
 /* The document of POINT of session S; SETTINGS says which dofs and how many samples.  STABILITY
  * may be NULL (not looked at): its verdict and its largest multiplier are null then. */
 enum modal_status steady_print(struct steady *s, const struct program *p,

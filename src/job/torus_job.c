@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include "job/cost.h"
 #include "job/plan.h"
+#include "job/steady_print.h"
 #include "job/steady_settings.h"
 #include "modal/scene/program.h"
 #include "modal/steady/torus_solve.h"
@@ -108,6 +109,8 @@ static void print_diagnostics(const struct steady_settings *settings,
                  settings->opt.target_error, point->count);
         diagnose(list, "target_not_met", text);
     }
+    if (point->converged && point->open)
+        diagnose(list, "undetermined_mean", STEADY_MEAN_IS_FREE);
     if (point->converged && undetermined > 0) {
         snprintf(text, sizeof text,
                  "%d sliders of %d come to rest: their places, and with them the mean, follow from "

@@ -1,6 +1,6 @@
 """Steady states under several tones, through `modalctl --local`: against time marching, against one
 tone where the tones have a period after all, and what is refused."""
-# Tests as well: torus_job.c torus_curve.c
+# Tests as well: torus_job.c torus_curve.c torus_open.c
 import json
 import math
 import pathlib
@@ -428,6 +428,64 @@ def chain(M, C, K, effects, loads, tones):
                           "K": K.tolist(), "dofs": dofs},
             "effects": effects, "steady": {"tones": tones},
             "excitation": [{"dof": dofs[i], "k": k, "cos": c, "sin": s} for i, k, c, s in loads]}
+
+
+def rk4(acceleration, x, v, h, steps, after):
+    """Motion of one mass from x and v; AFTER(x) once a step is done."""
+    out = np.empty(steps + 1)
+    for step in range(steps + 1):
+        out[step], t = x, step * h
+        a1 = acceleration(x, v, t)
+        a2 = acceleration(x + h / 2 * v, v + h / 2 * a1, t + h / 2)
+        a3 = acceleration(x + h / 2 * (v + h / 2 * a1), v + h / 2 * a2, t + h / 2)
+        a4 = acceleration(x + h * (v + h / 2 * a2), v + h * a3, t + h)
+        x, v = (x + h * v + h * h / 6 * (a1 + a2 + a3),
+                v + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4))
+        after(x)
+    return out
+
+
+@pytest.mark.parametrize("stiffness", [0, 0.05])
+def test_a_body_that_a_slider_alone_holds_has_a_mean_of_its_history(stiffness, tmp_path):
+    tones, z = [0.8, 0.8 * GOLDEN], [0.0]
+    scene = oscillator([{"type": "friction", "dof": "x", "stiffness": 0.5, "limit": 0.1}], tones)
+    scene["structure"]["K"] = [[stiffness]]
+    result = run("steady", scene, tmp_path, "-o", "target.error=1e-3")[1]
+    codes = [d["code"] for d in result["diagnostics"]]
+    assert result["converged"] and ("undetermined_mean" in codes) == (stiffness == 0)
+
+    def acceleration(x, v, t):
+        load = 0.2 * (math.cos(tones[0] * t) + math.cos(tones[1] * t))
+        return load - 0.1 * v - stiffness * x - slide(x, z[0], 0.5, 0.1)[0]
+
+    def after(x):
+        z[0] = slide(x, z[0], 0.5, 0.1)[1]
+    h, steps = 0.01, 120000
+    x = rk4(acceleration, 3, 0, h, steps, after)[steps // 2:]   # settled about its own place
+    t = np.arange(steps // 2, steps + 1) * h
+    off = x - motion(result, t)
+    assert np.abs(off.mean()) > 0.1 if stiffness == 0 else np.abs(off.mean()) < 1e-3
+    assert np.abs(off - off.mean()).max() <= 3 * result["total_error"]
+
+
+def test_a_contact_beside_a_slider_at_rest_is_told_through_a_whole_beat(tmp_path):
+    tones, M, C, K = [1.35, 1.35 * 1.01], 0.5732, 0.05, 1.6497
+    scene = oscillator([{"type": "friction", "dof": "x", "stiffness": 0.25, "limit": 0.073},
+                        {"type": "gap", "dof": "x", "stiffness": 6.949, "clearance": 0.0364}],
+                       tones)
+    scene["structure"].update(M=[[M]], C=[[C]], K=[[K]])
+    for load, force in zip(scene["excitation"], [0.0422, 0.0295]):
+        load["cos"] = force
+    result = run("steady", scene, tmp_path)[1]
+    start = [motion(result, np.zeros(1))[0], motion(result, np.zeros(1), 1)[0]]
+
+    def acceleration(x, v, t):                     # |x| < 0.073 / 0.25: the slider is a spring
+        load = 0.0422 * math.cos(tones[0] * t) + 0.0295 * math.cos(tones[1] * t)
+        return (load - C * v - (K + 0.25) * x - 6.949 * max(0, x - 0.0364)) / M
+    h, steps = 0.005, 200000                       # two beats
+    x = rk4(acceleration, *start, h, steps, lambda x: None)
+    off = np.abs(x - motion(result, np.arange(steps + 1) * h)).max()
+    assert result["converged"] and off <= 3 * result["total_error"] + 1e-4 * np.abs(x).max()
 
 
 def all_motions(result, t, derivative=0):

@@ -44,12 +44,13 @@ static const double AGREE = 3;            /* errors of a balance that its motion
 
 bool torus_march_takes(const struct torus_solver *s, bool balanced)
 {
-    bool takes = s->tone.index < 0 && s->opt->order == 0 && s->q > 0
-        && !(balanced && torus_smooth(s->laws));
+    bool takes = s->tone.index < 0 && s->opt->order == 0 && s->q > 0, events = !balanced;
 
-    for (int l = 0; l < s->p->laws; l++)
-        takes = takes && !torus_undetermined(s->laws, l);
-    return takes;
+    for (int l = 0; l < s->p->laws; l++) {
+        takes = takes && (balanced || !torus_undetermined(s->laws, l));
+        events = events || (!s->p->law[l].kind->smooth && torus_acts(s->laws, l));
+    }
+    return takes && events;
 }
 
 /* What a leap costs: its stages, each as sparse as the program. */

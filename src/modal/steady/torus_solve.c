@@ -127,7 +127,7 @@ static enum modal_status march_first(struct torus_solver *s, double target,
     if (rc == MODAL_OK)
         rc = torus_solve_set(s, &out->converged, err);
     s->rough = 0;
-    if (rc == MODAL_OK && torus_march_takes(s, true))
+    if (rc == MODAL_OK && torus_march_takes(s, out->converged))
         rc = torus_march(s, target, out->converged, lines, err);
     *met = rc == MODAL_OK && lines->count > 0
         && (lines->error <= target * lines->amplitude
@@ -179,7 +179,7 @@ static enum modal_status solve_grown(struct torus_solver *s, struct torus_point 
                                : MODAL_OK;
     bool met = false;
 
-    if (rc == MODAL_OK && target <= FINE && torus_march_takes(s, true))
+    if (rc == MODAL_OK && target <= FINE && !torus_smooth(s->laws) && torus_march_takes(s, false))
         rc = march_first(s, target, &lines, out, &met, err);
     for (int round = 0; rc == MODAL_OK && !met && round < ROUNDS_MOST; round++) {
         struct torus_errors e = { 0 };
@@ -353,6 +353,8 @@ enum modal_status torus_solve(const struct program *p, const double *omega, int 
         rc = solve_grown(s, out, err);
     if (rc == MODAL_OK && out->converged && opt->stability)
         rc = torus_judge(s, condense_place(s->condense[0]), &out->stability, err);
+    if (rc == MODAL_OK && out->converged && s->q > 0)
+        rc = torus_open(s, &out->open, err);
     if (rc == MODAL_OK) {
         out->tones = s->tones;
         count_laws(s, out);

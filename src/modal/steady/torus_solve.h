@@ -46,6 +46,8 @@ struct torus_stability {
 
 struct torus_point {
     bool converged, wanting;  /* wanting: the target asks for more than is allowed */
+    bool open;                /* nothing holds its mean, which is one of many; the errors are of
+                               * the motion about it */
     bool marched;             /* read from a march, not balanced: laws with events */
     const char *reason;       /* where not converged */
     struct torus_tones tones;

@@ -1,5 +1,6 @@
 /* torus_state.h - what torus_tone.c, torus_set.c, torus_newton.c, torus_begin.c, torus_error.c,
- * torus_lines.c, torus_march.c, torus_from.c, torus_stability.c and torus_solve.c share */
+ * torus_lines.c, torus_march.c, torus_from.c, torus_stability.c, torus_open.c and torus_solve.c
+ * share */
 #ifndef MODAL_TORUS_STATE_H
 #define MODAL_TORUS_STATE_H
 #include "modal/scene/program.h"
@@ -164,9 +165,10 @@ enum modal_status torus_fit(const struct torus_tones *t, int count, const struct
 
 /* ---- torus_march.c ---- */
 
-/* Whether a march may know more than a balance: of laws with events, and of any where none was
- * found (BALANCED false: tones of a common period may have a motion at their own phases and none at
- * others); no tone is free, all sliders move, and the set is not given. */
+/* Whether a march may know more than a balance: of laws with events that the balanced motion meets,
+ * and of any where none was found (BALANCED false: tones of a common period may have a motion at
+ * their own phases and none at others), all sliders moving, for one at rest is left anywhere; no
+ * tone is free, and the set is not given. */
 bool torus_march_takes(const struct torus_solver *s, bool balanced);
 /*
  * The motion marched from where s->X has it, BALANCED, or from the scene's start, and its lines
@@ -203,6 +205,11 @@ enum modal_status torus_begin_from(struct torus_solver *s, int order, struct mod
 /* Of s->X's disturbances; PLACE as condense_place has it. */
 enum modal_status torus_judge(struct torus_solver *s, const int *place, struct torus_stability *out,
                               struct modal_error *err);
+
+/* ---- torus_open.c ---- */
+
+/* *OPEN: s->X may be moved by a constant, and nothing, neither the structure nor a law, answers. */
+enum modal_status torus_open(struct torus_solver *s, bool *open, struct modal_error *err);
 
 /* ---- torus_error.c ---- */
 

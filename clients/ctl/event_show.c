@@ -14,25 +14,25 @@ static void show_alarm(const cJSON *event)
     if (cJSON_HasObjectItem(event, "rule"))
         printf(" %s", field_word(event, "rule", "-"));
     if (mode != NULL && cJSON_HasObjectItem(mode, "track"))
-        printf("  [%.0f]", field_number(mode, "track", NAN));
+        printf("  [%.0f]", field_real(mode, "track"));
     if (mode != NULL)
-        printf("  %.6g Hz  zeta %.5g +- %.1e", field_number(mode, "frequency_hz", NAN),
-               field_number(mode, "damping_ratio", NAN), field_number(std, "damping_ratio", NAN));
+        printf("  %.6g Hz  zeta %.5g +- %.1e", field_real(mode, "frequency_hz"),
+               field_real(mode, "damping_ratio"), field_real(std, "damping_ratio"));
 }
 
 static void show_track(const cJSON *event)
 {
     if (cJSON_HasObjectItem(event, "track"))
-        printf("  [%.0f]  %.6g Hz  zeta %.5g", field_number(event, "track", NAN),
-               field_number(event, "frequency_hz", NAN),
-               field_number(event, "damping_ratio", NAN));
+        printf("  [%.0f]  %.6g Hz  zeta %.5g", field_real(event, "track"),
+               field_real(event, "frequency_hz"),
+               field_real(event, "damping_ratio"));
 }
 
 static void show_line(const cJSON *event)
 {
     const cJSON *error = cJSON_GetObjectItemCaseSensitive(event, "error");
 
-    printf("%8.0f  %-8s %-20s", field_number(event, "number", NAN), field_word(event, "event", "-"),
+    printf("%8.0f  %-8s %-20s", field_real(event, "number"), field_word(event, "event", "-"),
            field_word(event, "stream", field_word(event, "job", "-")));
     if (cJSON_HasObjectItem(event, "state"))
         printf(" %s", field_word(event, "state", "-"));

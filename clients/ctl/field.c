@@ -1,16 +1,34 @@
 /* field.c - see field.h */
 #include "field.h"
+#include <math.h>
+
+const cJSON *field_get(const cJSON *object, const char *key)
+{
+    return cJSON_GetObjectItemCaseSensitive(object, key);
+}
+
+double field_real(const cJSON *object, const char *key)
+{
+    return field_number(object, key, NAN);
+}
+
+double field_at(const cJSON *list, int i)
+{
+    const cJSON *item = cJSON_GetArrayItem(list, i);
+
+    return cJSON_IsNumber(item) ? item->valuedouble : NAN;
+}
 
 const char *field_word(const cJSON *object, const char *key, const char *otherwise)
 {
-    const char *s = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(object, key));
+    const char *s = cJSON_GetStringValue(field_get(object, key));
 
     return s != NULL ? s : otherwise;
 }
 
 double field_number(const cJSON *object, const char *key, double otherwise)
 {
-    const cJSON *item = cJSON_GetObjectItemCaseSensitive(object, key);
+    const cJSON *item = field_get(object, key);
 
     return cJSON_IsNumber(item) ? item->valuedouble : otherwise;
 }

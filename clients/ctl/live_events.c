@@ -6,11 +6,6 @@
 #include "field.h"
 #include "live_events.h"
 
-static const cJSON *get(const cJSON *object, const char *key)
-{
-    return cJSON_GetObjectItemCaseSensitive(object, key);
-}
-
 static struct link_ask question(const struct live_events *live)
 {
     cJSON *header = cJSON_CreateObject();
@@ -53,8 +48,8 @@ static const cJSON *least_damped(const cJSON *event)
     const cJSON *mode, *least = NULL;
     double lowest = HUGE_VAL;
 
-    cJSON_ArrayForEach(mode, get(event, "modes")) {
-        double ratio = field_number(mode, "damping_ratio", NAN);
+    cJSON_ArrayForEach(mode, field_get(event, "modes")) {
+        double ratio = field_real(mode, "damping_ratio");
         if (ratio < lowest)
             lowest = ratio, least = mode;
     }
@@ -66,7 +61,7 @@ static double fill(cJSON *event, const char *key, double value)
 {
     if (!cJSON_HasObjectItem(event, key))
         json_set_number(event, key, value);
-    return field_number(event, key, NAN);
+    return field_real(event, key);
 }
 
 /* What a host reads of a window, also from a daemon that did not tell it flat. */
@@ -81,8 +76,8 @@ static void add_flat(cJSON *event)
     if (!cJSON_HasObjectItem(event, "verdict"))
         cJSON_AddStringToObject(event, "verdict", live_modes_verdict(event, "unknown"));
     for (int i = 0; i < 2; i++) {
-        double error = field_number(get(mode, "std"), keys[i][0], NAN);
-        fill(event, keys[i][0], field_number(mode, keys[i][0], NAN));
+        double error = field_real(field_get(mode, "std"), keys[i][0]);
+        fill(event, keys[i][0], field_real(mode, keys[i][0]));
         json_set_number(std, keys[i][0], field_number(event, keys[i][1], error));
     }
     cJSON_AddItemToObject(event, "std", std);
@@ -95,7 +90,7 @@ static void show(struct live_events *live, cJSON *event)
     live->next = fmax(live->next, field_number(event, "number", -1) + 1);
     live_modes_trend(&live->modes, event);
     if (live->json && cJSON_HasObjectItem(event, "to"))
-        fill(event, "sample", field_number(event, "to", NAN));
+        fill(event, "sample", field_real(event, "to"));
     if (live->json && window)
         add_flat(event);
     event_show(event, live->json, NULL);

@@ -9,14 +9,9 @@
 /* Standard errors, of two windows together: beyond them what differs has moved. */
 static const double ERRORS = 3;
 
-static const cJSON *get(const cJSON *object, const char *key)
-{
-    return cJSON_GetObjectItemCaseSensitive(object, key);
-}
-
 const char *live_modes_verdict(const cJSON *event, const char *otherwise)
 {
-    const cJSON *stable = get(get(event, "stability"), "stable");
+    const cJSON *stable = field_get(field_get(event, "stability"), "stable");
 
     return cJSON_IsTrue(stable)    ? "stable"
            : cJSON_IsFalse(stable) ? "unstable"
@@ -45,14 +40,14 @@ void live_modes_trend(struct live_modes *modes, cJSON *event)
     struct live_modes now = { .epoch = field_number(event, "epoch", 0) };
     cJSON *mode;
 
-    if (!cJSON_IsArray(get(event, "modes")))
+    if (!cJSON_IsArray(field_get(event, "modes")))
         return;
     if (now.epoch != modes->epoch)
         modes->count = 0;
-    cJSON_ArrayForEach(mode, get(event, "modes")) {
-        struct live_mode own = { field_number(mode, "track", NAN),
-                                 field_number(mode, "damping_ratio", NAN),
-                                 field_number(get(mode, "std"), "damping_ratio", NAN) };
+    cJSON_ArrayForEach(mode, field_get(event, "modes")) {
+        struct live_mode own = { field_real(mode, "track"),
+                                 field_real(mode, "damping_ratio"),
+                                 field_real(field_get(mode, "std"), "damping_ratio") };
         cJSON_AddStringToObject(mode, "trend", trend(modes, own.track, own.zeta, own.std));
         if (now.count < LIVE_MODES && isfinite(own.zeta))
             now.mode[now.count++] = own;
@@ -70,23 +65,23 @@ static void show_error(double std)
 
 void live_modes_show(const cJSON *event)
 {
-    const cJSON *mode, *lag = get(event, "lag"), *gaps = get(event, "gaps");
+    const cJSON *mode, *lag = field_get(event, "lag"), *gaps = field_get(event, "gaps");
 
     if (cJSON_HasObjectItem(event, "to"))
-        printf(" to %-9.0f", field_number(event, "to", NAN));
+        printf(" to %-9.0f", field_real(event, "to"));
     if (cJSON_HasObjectItem(event, "dt"))
-        printf(" %.6g s ", field_number(event, "to", NAN) * field_number(event, "dt", NAN));
+        printf(" %.6g s ", field_real(event, "to") * field_real(event, "dt"));
     if (cJSON_HasObjectItem(event, "to"))
         printf(" %-9s", live_modes_verdict(event, "-"));
-    cJSON_ArrayForEach(mode, get(event, "modes")) {
-        const cJSON *std = get(mode, "std");
+    cJSON_ArrayForEach(mode, field_get(event, "modes")) {
+        const cJSON *std = field_get(mode, "std");
         printf(" ");
         if (cJSON_HasObjectItem(mode, "track"))
-            printf(" [%.0f]", field_number(mode, "track", NAN));
-        printf(" %.6g Hz", field_number(mode, "frequency_hz", NAN));
-        show_error(field_number(std, "frequency_hz", NAN));
-        printf("  zeta %.5g", field_number(mode, "damping_ratio", NAN));
-        show_error(field_number(std, "damping_ratio", NAN));
+            printf(" [%.0f]", field_real(mode, "track"));
+        printf(" %.6g Hz", field_real(mode, "frequency_hz"));
+        show_error(field_real(std, "frequency_hz"));
+        printf("  zeta %.5g", field_real(mode, "damping_ratio"));
+        show_error(field_real(std, "damping_ratio"));
         printf(" %s", field_word(mode, "trend", ""));
     }
     if (field_number(lag, "samples", 0) > 0)
@@ -126,8 +121,8 @@ static void of_modes(FILE *to, const cJSON *event, const char *stream, const cha
     int i = 0;
 
     head(to, name, help);
-    cJSON_ArrayForEach(mode, get(event, "modes")) {
-        double value = field_number(std ? get(mode, "std") : mode, key, NAN);
+    cJSON_ArrayForEach(mode, field_get(event, "modes")) {
+        double value = field_real(std ? field_get(mode, "std") : mode, key);
         double track = field_number(mode, "track", i++);
         if (isfinite(value))
             fprintf(to, "modald_stream_%s{stream=\"%s\",mode=\"%.0f\",track=\"%.0f\"} %.17g\n",
@@ -177,17 +172,17 @@ enum modal_status live_modes_prometheus(const char *path, const cJSON *event,
     of_stream(out.file, stream, "verdict", "1 stable, -1 unstable, 0 undecided or not known.",
               verdict_number(event));
     of_stream(out.file, stream, "epoch", "Epoch of the last live window.",
-              field_number(event, "epoch", NAN));
+              field_real(event, "epoch"));
     of_stream(out.file, stream, "last_sample", "Index of the last sample of the last live window.",
-              field_number(event, "to", NAN));
+              field_real(event, "to"));
     of_stream(out.file, stream, "lag_samples",
               "Samples that had come after the window when its modes were told.",
-              field_number(get(event, "lag"), "samples", NAN));
+              field_real(field_get(event, "lag"), "samples"));
     of_stream(out.file, stream, "lag_bytes", "The same in bytes.",
-              field_number(get(event, "lag"), "bytes", NAN));
+              field_real(field_get(event, "lag"), "bytes"));
     of_stream(out.file, stream, "gaps", "Gaps of the epoch so far.",
-              field_number(get(event, "gaps"), "count", NAN));
+              field_real(field_get(event, "gaps"), "count"));
     of_stream(out.file, stream, "gap_samples", "Samples that are missing in them.",
-              field_number(get(event, "gaps"), "samples", NAN));
+              field_real(field_get(event, "gaps"), "samples"));
     return whole_file_end(&out, err);
 }

@@ -15,7 +15,7 @@ static bool add_window(struct live_plot *plot, const cJSON *event)
     bool unstable = cJSON_IsFalse(
         cJSON_GetObjectItemCaseSensitive(cJSON_GetObjectItemCaseSensitive(event, "stability"),
                                          "stable"));
-    double dt = field_number(event, "dt", NAN), to = field_number(event, "to", NAN);
+    double dt = field_real(event, "dt"), to = field_real(event, "to");
     double at = isnan(dt) ? to : dt * to, epoch = field_number(event, "epoch", 0);
 
     if (!cJSON_IsArray(modes) || isnan(at))
@@ -28,11 +28,11 @@ static bool add_window(struct live_plot *plot, const cJSON *event)
     cJSON_ArrayForEach(mode, modes) {
         const cJSON *std = cJSON_GetObjectItemCaseSensitive(mode, "std");
         struct live_dot dot = { at,
-                                field_number(mode, "frequency_hz", NAN),
+                                field_real(mode, "frequency_hz"),
                                 field_number(std, "frequency_hz", 0),
-                                field_number(mode, "damping_ratio", NAN),
+                                field_real(mode, "damping_ratio"),
                                 field_number(std, "damping_ratio", 0),
-                                field_number(mode, "track", NAN),
+                                field_real(mode, "track"),
                                 unstable };
         if (isnan(dot.hertz) || isnan(dot.zeta))
             continue;

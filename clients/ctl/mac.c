@@ -31,11 +31,6 @@ struct side {
     int channels;
 };
 
-static const cJSON *get(const cJSON *object, const char *key)
-{
-    return cJSON_GetObjectItemCaseSensitive(object, key);
-}
-
 /* NAME is a file where there is one, else a job. */
 static enum modal_status fetch(const struct args *args, struct side *s, cJSON **detail,
                                struct modal_error *err)
@@ -66,15 +61,15 @@ static enum modal_status read_side(const struct args *args, struct side *s, cJSO
 
     if (rc != MODAL_OK)
         return rc;
-    s->document = get(s->result, "result");             /* as `submit --wait` says it */
+    s->document = field_get(s->result, "result");             /* as `submit --wait` says it */
     s->document = s->document != NULL ? s->document : s->result;
-    s->modes = get(s->document, "modes");
+    s->modes = field_get(s->document, "modes");
     if (strcmp(field_word(s->document, "kind", "-"), "identify") != 0 || !cJSON_IsArray(s->modes))
         return modal_fail_field(err, MODAL_BAD_INPUT, "arguments", "%.100s is no result of "
                                 "identify", s->name);
-    s->channels = cJSON_GetArraySize(get(s->modes->child, "shape"));
+    s->channels = cJSON_GetArraySize(field_get(s->modes->child, "shape"));
     cJSON_ArrayForEach(mode, s->modes)
-        if (s->channels == 0 || cJSON_GetArraySize(get(mode, "shape")) != s->channels)
+        if (s->channels == 0 || cJSON_GetArraySize(field_get(mode, "shape")) != s->channels)
             return modal_fail_field(err, MODAL_BAD_INPUT, "shapes", "%.100s holds no shapes; "
                                     "accepted: a result of identify -o shapes=true", s->name);
     return MODAL_OK;
@@ -82,7 +77,7 @@ static enum modal_status read_side(const struct args *args, struct side *s, cJSO
 
 static const char *channel(const struct side *s, int i)
 {
-    const cJSON *signals = get(get(s->document, "reconstruction"), "signals");
+    const cJSON *signals = field_get(field_get(s->document, "reconstruction"), "signals");
 
     return field_word(cJSON_GetArrayItem(signals, i), "name", "");
 }
@@ -104,23 +99,16 @@ static enum modal_status check_sides(const struct side s[2], struct modal_error 
     return MODAL_OK;
 }
 
-static double complex component(const cJSON *pair)
-{
-    const cJSON *re = cJSON_GetArrayItem(pair, 0), *im = cJSON_GetArrayItem(pair, 1);
-
-    return CMPLX(cJSON_IsNumber(re) ? re->valuedouble : NAN,
-                 cJSON_IsNumber(im) ? im->valuedouble : NAN);
-}
-
 /* (1) */
 static double mac_of(const cJSON *a, const cJSON *b)
 {
-    const cJSON *x = get(a, "shape")->child, *y = get(b, "shape")->child;
+    const cJSON *x = field_get(a, "shape")->child, *y = field_get(b, "shape")->child;
     double complex xy = 0;
     double xx = 0, yy = 0;
 
     for (; x != NULL && y != NULL; x = x->next, y = y->next) {
-        double complex u = component(x), v = component(y);
+        double complex u = CMPLX(field_at(x, 0), field_at(x, 1)),
+                       v = CMPLX(field_at(y, 0), field_at(y, 1));
         xy += conj(u) * v;
         xx += creal(conj(u) * u);
         yy += creal(conj(v) * v);
@@ -134,7 +122,7 @@ static cJSON *frequencies(const struct side *s)
     const cJSON *mode;
 
     cJSON_ArrayForEach(mode, s->modes)
-        cJSON_AddItemToArray(list, cJSON_CreateNumber(field_number(mode, "frequency_hz", NAN)));
+        cJSON_AddItemToArray(list, cJSON_CreateNumber(field_real(mode, "frequency_hz")));
     return list;
 }
 
@@ -159,13 +147,13 @@ static cJSON *print_matrix(const struct side s[2])
 
 static void show_matrix(const cJSON *doc)
 {
-    const cJSON *a = get(doc, "a")->child, *row, *item;
+    const cJSON *a = field_get(doc, "a")->child, *row, *item;
 
     printf("%*s ", 2 * CELL, "Hz of A \\ of B");
-    cJSON_ArrayForEach(item, get(doc, "b"))
+    cJSON_ArrayForEach(item, field_get(doc, "b"))
         printf(" %*.6g", CELL, item->valuedouble);
     putchar('\n');
-    cJSON_ArrayForEach(row, get(doc, "mac")) {
+    cJSON_ArrayForEach(row, field_get(doc, "mac")) {
         printf("%*.8g ", 2 * CELL, a->valuedouble);
         cJSON_ArrayForEach(item, row)
             printf(" %*.4f", CELL, item->valuedouble);

@@ -14,23 +14,6 @@ enum {
 static const double SIZE_LEAST = 1e-16;
 static const struct svg_axis empty = { "", 1, 0, false };
 
-static const cJSON *get(const cJSON *object, const char *key)
-{
-    return cJSON_GetObjectItemCaseSensitive(object, key);
-}
-
-static double number(const cJSON *object, const char *key)
-{
-    return field_number(object, key, NAN);
-}
-
-static double at(const cJSON *list, int i)
-{
-    const cJSON *item = cJSON_GetArrayItem(list, i);
-
-    return cJSON_IsNumber(item) ? item->valuedouble : NAN;
-}
-
 static struct svg_panel panel_of(const char *x, const char *y)
 {
     struct svg_panel p = { empty, empty };
@@ -47,18 +30,18 @@ static void draw_modes(struct svg *svg, const cJSON *result)
     struct svg_panel p = panel_of("frequency, Hz", "damping ratio");
     const cJSON *mode;
 
-    cJSON_ArrayForEach(mode, get(result, "modes")) {
-        svg_hold(&p.x, number(mode, "frequency_hz"));
-        svg_hold(&p.y, number(mode, "damping_ratio"));
+    cJSON_ArrayForEach(mode, field_get(result, "modes")) {
+        svg_hold(&p.x, field_real(mode, "frequency_hz"));
+        svg_hold(&p.y, field_real(mode, "damping_ratio"));
     }
     svg_hold(&p.y, 0);
     svg_panel(svg, &p);
     svg_line(svg, &p, (double[]) { p.x.low, p.x.high }, (double[]) { 0, 0 }, 2, SVG_THIN);
-    cJSON_ArrayForEach(mode, get(result, "modes")) {
-        const cJSON *std = get(mode, "std");
-        svg_bar(svg, &p, number(mode, "frequency_hz"), number(mode, "damping_ratio"),
-                number(std, "frequency_hz"), number(std, "damping_ratio"));
-        svg_dot(svg, &p, number(mode, "frequency_hz"), number(mode, "damping_ratio"), true);
+    cJSON_ArrayForEach(mode, field_get(result, "modes")) {
+        const cJSON *std = field_get(mode, "std");
+        svg_bar(svg, &p, field_real(mode, "frequency_hz"), field_real(mode, "damping_ratio"),
+                field_real(std, "frequency_hz"), field_real(std, "damping_ratio"));
+        svg_dot(svg, &p, field_real(mode, "frequency_hz"), field_real(mode, "damping_ratio"), true);
     }
 }
 
@@ -66,30 +49,30 @@ static void draw_modes(struct svg *svg, const cJSON *result)
 static void draw_stabilisation(struct svg *svg, const cJSON *result)
 {
     struct svg_panel p = panel_of("frequency, Hz", "order");
-    const cJSON *mode, *pole, *poles = get(result, "stabilisation");
+    const cJSON *mode, *pole, *poles = field_get(result, "stabilisation");
 
     svg_hold(&p.y, 0);
-    cJSON_ArrayForEach(mode, get(result, "modes"))
-        svg_hold(&p.x, number(mode, "frequency_hz"));
+    cJSON_ArrayForEach(mode, field_get(result, "modes"))
+        svg_hold(&p.x, field_real(mode, "frequency_hz"));
     cJSON_ArrayForEach(pole, poles) {
-        svg_hold(&p.x, number(pole, "frequency_hz"));
-        svg_hold(&p.y, number(pole, "order"));
+        svg_hold(&p.x, field_real(pole, "frequency_hz"));
+        svg_hold(&p.y, field_real(pole, "order"));
     }
     svg_panel(svg, &p);
-    cJSON_ArrayForEach(mode, get(result, "modes")) {
-        double x = number(mode, "frequency_hz");
+    cJSON_ArrayForEach(mode, field_get(result, "modes")) {
+        double x = field_real(mode, "frequency_hz");
         svg_line(svg, &p, (double[]) { x, x }, (double[]) { p.y.low, p.y.high }, 2, SVG_THIN);
     }
     cJSON_ArrayForEach(pole, poles)
-        svg_dot(svg, &p, number(pole, "frequency_hz"), number(pole, "order"),
-                cJSON_IsNumber(get(pole, "mode")));
+        svg_dot(svg, &p, field_real(pole, "frequency_hz"), field_real(pole, "order"),
+                cJSON_IsNumber(field_get(pole, "mode")));
 }
 
 static bool plot_identify(struct svg *svg, FILE *file, const cJSON *result,
                           const struct plot_input *input)
 {
     bool signals = input != NULL && input->history != NULL;
-    bool orders = cJSON_GetArraySize(get(result, "stabilisation")) > 0;
+    bool orders = cJSON_GetArraySize(field_get(result, "stabilisation")) > 0;
     char title[160];
 
     snprintf(title, sizeof title, "modes%s%s", orders ? "; by order, filled what is a mode's" : "",
@@ -119,7 +102,7 @@ static void harmonics_done(struct harmonics *h)
 /* The frequencies k . tones of DOF, and a span of the slowest tone's turns. */
 static void of_tones(const cJSON *tones, const cJSON *dof, struct harmonics *h, size_t *count)
 {
-    const cJSON *k, *list = get(dof, "k");
+    const cJSON *k, *list = field_get(dof, "k");
     double slowest = HUGE_VAL;
 
     h->tones = true;
@@ -127,23 +110,23 @@ static void of_tones(const cJSON *tones, const cJSON *dof, struct harmonics *h, 
     h->k = calloc((size_t)cJSON_GetArraySize(list) + 1, sizeof *h->k);
     cJSON_ArrayForEach(k, list) {
         for (int j = 0; h->k != NULL && j < cJSON_GetArraySize(tones); j++)
-            h->k[*count] += at(k, j) * at(tones, j);
+            h->k[*count] += field_at(k, j) * field_at(tones, j);
         ++*count;
     }
     for (int j = 0; j < cJSON_GetArraySize(tones); j++)
-        slowest = fmin(slowest, at(tones, j));
+        slowest = fmin(slowest, field_at(tones, j));
     h->span = TURNS_DRAWN * 2 * M_PI / slowest;
 }
 
 /* Read once: an entry of a list is found by walking to it.  Without memory there are none. */
 static struct harmonics harmonics_of(const cJSON *result, const cJSON *dof)
 {
-    double omega = number(result, "omega");
+    double omega = field_real(result, "omega");
     struct harmonics h = { .omega = omega, .span = 2 * M_PI / omega };
     size_t n[3] = { 0 };
 
-    if (get(result, "tones") != NULL)
-        of_tones(get(result, "tones"), dof, &h, &n[0]);
+    if (field_get(result, "tones") != NULL)
+        of_tones(field_get(result, "tones"), dof, &h, &n[0]);
     else if (json_get_numbers(dof, "", "k", -HUGE_VAL, HUGE_VAL, &h.k, &n[0], NULL) != MODAL_OK)
         return h;
     if (h.k != NULL
@@ -196,7 +179,7 @@ static void draw_orbit(struct svg *svg, const struct harmonics *h, const char *n
 /* The largest |X_k|, k >= 1, of the first dof reported. */
 static double size_of(const cJSON *point)
 {
-    struct harmonics h = harmonics_of(point, cJSON_GetArrayItem(get(point, "harmonics"), 0));
+    struct harmonics h = harmonics_of(point, cJSON_GetArrayItem(field_get(point, "harmonics"), 0));
     double most = NAN;
 
     for (int i = 0; i < h.count; i++)
@@ -208,12 +191,12 @@ static double size_of(const cJSON *point)
 
 static double value_of(const cJSON *point)
 {
-    return isfinite(number(point, "value")) ? number(point, "value") : number(point, "omega");
+    return field_number(point, "value", field_real(point, "omega"));
 }
 
 static bool is_unstable(const cJSON *point)
 {
-    return cJSON_IsFalse(get(get(point, "stability"), "stable"));
+    return cJSON_IsFalse(field_get(field_get(point, "stability"), "stable"));
 }
 
 /* A path in a scene, with the unit where the contract gives it one. */
@@ -250,15 +233,15 @@ static void draw_runs(struct svg *svg, const struct svg_panel *p, const cJSON *p
 static void draw_backbone(struct svg *svg, const cJSON *result, const char *key, const char *label)
 {
     struct svg_panel p = panel_of("amplitude", label);
-    int room = cJSON_GetArraySize(get(result, "points")), n = 0;
+    int room = cJSON_GetArraySize(field_get(result, "points")), n = 0;
     double *x = malloc(((size_t)room + 1) * sizeof *x), *y = malloc(((size_t)room + 1) * sizeof *y);
     const cJSON *point;
 
-    cJSON_ArrayForEach(point, get(result, "points")) {
-        if (x == NULL || y == NULL || !cJSON_IsTrue(get(point, "converged")))
+    cJSON_ArrayForEach(point, field_get(result, "points")) {
+        if (x == NULL || y == NULL || !cJSON_IsTrue(field_get(point, "converged")))
             continue;
-        svg_hold(&p.x, x[n] = number(point, "amplitude"));
-        svg_hold(&p.y, y[n++] = number(point, key));
+        svg_hold(&p.x, x[n] = field_real(point, "amplitude"));
+        svg_hold(&p.y, y[n++] = field_real(point, key));
     }
     svg_panel(svg, &p);
     svg_line(svg, &p, x, y, n, SVG_SOLID);
@@ -268,39 +251,39 @@ static void draw_backbone(struct svg *svg, const cJSON *result, const char *key,
 
 static void draw_curve(struct svg *svg, const cJSON *result)
 {
-    const char *parameter = cJSON_GetStringValue(get(result, "parameter"));
-    const cJSON *points = get(result, "points"), *first = cJSON_GetArrayItem(points, 0);
+    const char *parameter = cJSON_GetStringValue(field_get(result, "parameter"));
+    const cJSON *points = field_get(result, "points"), *first = cJSON_GetArrayItem(points, 0);
     const cJSON *point, *fold;
-    const char *dof = cJSON_GetStringValue(get(cJSON_GetArrayItem(get(first, "harmonics"), 0),
-                                               "dof"));
+    const char *dof = field_word(cJSON_GetArrayItem(field_get(first, "harmonics"), 0), "dof",
+                                 "the first dof");
     char label[96];
-    snprintf(label, sizeof label, "largest |X_k| of %.60s", dof != NULL ? dof : "the first dof");
+    snprintf(label, sizeof label, "largest |X_k| of %.60s", dof);
     struct svg_panel p = panel_of(axis_of(parameter), label);
 
-    cJSON_ArrayForEach(point, get(result, "points")) {
+    cJSON_ArrayForEach(point, field_get(result, "points")) {
         svg_hold(&p.x, value_of(point));
         svg_hold(&p.y, size_of(point));
     }
     svg_panel(svg, &p);
-    draw_runs(svg, &p, get(result, "points"));
-    cJSON_ArrayForEach(fold, get(result, "folds"))
-        svg_line(svg, &p, (double[]){ number(fold, parameter), number(fold, parameter) },
+    draw_runs(svg, &p, field_get(result, "points"));
+    cJSON_ArrayForEach(fold, field_get(result, "folds"))
+        svg_line(svg, &p, (double[]){ field_real(fold, parameter), field_real(fold, parameter) },
                  (double[]){ p.y.low, p.y.high }, 2, SVG_THIN);
 }
 
 static bool plot_steady(struct svg *svg, FILE *file, const cJSON *result,
                         const struct plot_input *input)
 {
-    const cJSON *dof = cJSON_GetArrayItem(get(result, "harmonics"), 0);
+    const cJSON *dof = cJSON_GetArrayItem(field_get(result, "harmonics"), 0);
 
     (void)input;
-    if (get(result, "points") != NULL && get(result, "mode") != NULL) {
+    if (field_get(result, "points") != NULL && field_get(result, "mode") != NULL) {
         svg_begin(svg, file, 2, "a nonlinear mode over its amplitude");
         draw_backbone(svg, result, "omega", "omega, rad/s");
         draw_backbone(svg, result, "damping_ratio", "damping ratio");
         return true;
     }
-    if (get(result, "points") != NULL) {
+    if (field_get(result, "points") != NULL) {
         svg_begin(svg, file, 1, "response curve: stable solid, unstable dashed, folds thin");
         draw_curve(svg, result);
         return true;
@@ -332,8 +315,8 @@ static void draw_plane(struct svg *svg, const cJSON *list, const char *x, const 
         svg_hold(&p.y, circle ? s[i] : 0);
     }
     cJSON_ArrayForEach(pair, list) {
-        svg_hold(&p.x, at(pair, 0));
-        svg_hold(&p.y, at(pair, 1));
+        svg_hold(&p.x, field_at(pair, 0));
+        svg_hold(&p.y, field_at(pair, 1));
     }
     svg_panel(svg, &p);
     if (circle)
@@ -341,13 +324,14 @@ static void draw_plane(struct svg *svg, const cJSON *list, const char *x, const 
     else
         svg_line(svg, &p, (double[]) { 0, 0 }, (double[]) { p.y.low, p.y.high }, 2, SVG_THIN);
     cJSON_ArrayForEach(pair, list)
-        svg_dot(svg, &p, at(pair, 0), at(pair, 1), true);
+        svg_dot(svg, &p, field_at(pair, 0), field_at(pair, 1), true);
 }
 
 static bool plot_floquet(struct svg *svg, FILE *file, const cJSON *result,
                          const struct plot_input *input)
 {
-    const cJSON *multipliers = get(result, "multipliers"), *exponents = get(result, "exponents");
+    const cJSON *multipliers = field_get(result, "multipliers"),
+                *exponents = field_get(result, "exponents");
 
     (void)input;
     if (multipliers == NULL && exponents == NULL)
@@ -365,17 +349,15 @@ static bool plot_tradeoff(struct svg *svg, FILE *file, const cJSON *result,
                           const struct plot_input *input)
 {
     struct svg_panel p = panel_of("CPU seconds", "relative error");
-    const cJSON *rung,
-        *best = cJSON_GetArrayItem(get(result, "rungs"), cJSON_IsNumber(get(result, "recommended"))
-                                                             ? get(result, "recommended")->valueint
-                                                             : -1);
-    double bound = number(result, "bound");
+    const cJSON *rung, *best = cJSON_GetArrayItem(field_get(result, "rungs"),
+                                                  (int)field_number(result, "recommended", -1));
+    double bound = field_real(result, "bound");
 
     (void)input;
     p.x.logarithmic = p.y.logarithmic = true;
-    cJSON_ArrayForEach(rung, get(result, "rungs")) {
-        svg_hold(&p.x, number(rung, "seconds"));
-        svg_hold(&p.y, number(rung, "error"));
+    cJSON_ArrayForEach(rung, field_get(result, "rungs")) {
+        svg_hold(&p.x, field_real(rung, "seconds"));
+        svg_hold(&p.y, field_real(rung, "error"));
     }
     svg_hold(&p.y, bound);
     svg_begin(svg, file, 1, "accuracy against time: filled, none is both faster and better");
@@ -385,11 +367,11 @@ static bool plot_tradeoff(struct svg *svg, FILE *file, const cJSON *result,
                  SVG_DASHED);
         svg_text(svg, &p, p.x.high, bound, SVG_BELOW_BEFORE, "Cramer-Rao bound of the data");
     }
-    cJSON_ArrayForEach(rung, get(result, "rungs"))
-        svg_dot(svg, &p, number(rung, "seconds"), number(rung, "error"),
-                cJSON_IsTrue(get(rung, "pareto")));
+    cJSON_ArrayForEach(rung, field_get(result, "rungs"))
+        svg_dot(svg, &p, field_real(rung, "seconds"), field_real(rung, "error"),
+                cJSON_IsTrue(field_get(rung, "pareto")));
     if (best != NULL)
-        svg_text(svg, &p, number(best, "seconds"), number(best, "error"), SVG_ABOVE_AFTER,
+        svg_text(svg, &p, field_real(best, "seconds"), field_real(best, "error"), SVG_ABOVE_AFTER,
                  "recommended");
     return true;
 }
@@ -397,12 +379,12 @@ static bool plot_tradeoff(struct svg *svg, FILE *file, const cJSON *result,
 /* Value I of axis AXIS of a sweep's grid. */
 static double grid_value(const cJSON *grid, int axis, int i)
 {
-    return at(get(cJSON_GetArrayItem(grid, axis), "values"), i);
+    return field_at(field_get(cJSON_GetArrayItem(grid, axis), "values"), i);
 }
 
 static const char *grid_path(const cJSON *grid, int axis)
 {
-    const char *path = cJSON_GetStringValue(get(cJSON_GetArrayItem(grid, axis), "path"));
+    const char *path = cJSON_GetStringValue(field_get(cJSON_GetArrayItem(grid, axis), "path"));
 
     return axis_of(path);
 }
@@ -410,7 +392,7 @@ static const char *grid_path(const cJSON *grid, int axis)
 /* -1 where it is no place in a list: cJSON keeps what is beyond an int at its ends. */
 static int index_of(const cJSON *point, int axis)
 {
-    const cJSON *i = cJSON_GetArrayItem(get(point, "index"), axis);
+    const cJSON *i = cJSON_GetArrayItem(field_get(point, "index"), axis);
 
     if (!cJSON_IsNumber(i))
         return 0;
@@ -420,10 +402,10 @@ static int index_of(const cJSON *point, int axis)
 /* What tells how stable a point is: its largest multiplier, or e^-margin. */
 static double level(const cJSON *point)
 {
-    const cJSON *s = get(point, "stability");
-    double m = number(s, "max_multiplier");
+    const cJSON *s = field_get(point, "stability");
+    double m = field_real(s, "max_multiplier");
 
-    return isfinite(m) ? m : exp(-number(s, "margin"));
+    return isfinite(m) ? m : exp(-field_real(s, "margin"));
 }
 
 static void draw_levels(struct svg *svg, const cJSON *result, const cJSON *grid)
@@ -431,22 +413,22 @@ static void draw_levels(struct svg *svg, const cJSON *result, const cJSON *grid)
     struct svg_panel p = panel_of(grid_path(grid, 0), "largest multiplier");
     const cJSON *point;
 
-    cJSON_ArrayForEach(point, get(result, "points")) {
+    cJSON_ArrayForEach(point, field_get(result, "points")) {
         svg_hold(&p.x, grid_value(grid, 0, index_of(point, 0)));
         svg_hold(&p.y, level(point));
     }
     svg_hold(&p.y, 1);
     svg_panel(svg, &p);
     svg_line(svg, &p, (double[]) { p.x.low, p.x.high }, (double[]) { 1, 1 }, 2, SVG_THIN);
-    cJSON_ArrayForEach(point, get(result, "points"))
+    cJSON_ArrayForEach(point, field_get(result, "points"))
         svg_dot(svg, &p, grid_value(grid, 0, index_of(point, 0)), level(point),
-                !cJSON_IsFalse(get(get(point, "stability"), "stable")));
+                !cJSON_IsFalse(field_get(field_get(point, "stability"), "stable")));
 }
 
 /* Half a cell towards the neighbour D of value I. */
 static double edge(const cJSON *grid, int axis, int i, int d)
 {
-    int n = cJSON_GetArraySize(get(cJSON_GetArrayItem(grid, axis), "values"));
+    int n = cJSON_GetArraySize(field_get(cJSON_GetArrayItem(grid, axis), "values"));
     int other = i + d >= 0 && i + d < n ? i + d : i - d >= 0 && i - d < n ? i - d : i;
     double half = fabs(grid_value(grid, axis, other) - grid_value(grid, axis, i)) / 2;
 
@@ -458,13 +440,13 @@ static void draw_map(struct svg *svg, const cJSON *result, const cJSON *grid)
     struct svg_panel p = panel_of(grid_path(grid, 0), grid_path(grid, 1));
     const cJSON *point;
 
-    cJSON_ArrayForEach(point, get(result, "points")) {
+    cJSON_ArrayForEach(point, field_get(result, "points")) {
         svg_hold(&p.x, grid_value(grid, 0, index_of(point, 0)));
         svg_hold(&p.y, grid_value(grid, 1, index_of(point, 1)));
     }
     svg_panel(svg, &p);
-    cJSON_ArrayForEach(point, get(result, "points")) {
-        const cJSON *stable = get(get(point, "stability"), "stable");
+    cJSON_ArrayForEach(point, field_get(result, "points")) {
+        const cJSON *stable = field_get(field_get(point, "stability"), "stable");
         int i = index_of(point, 0), j = index_of(point, 1);
         svg_shade(svg, &p, edge(grid, 0, i, -1), edge(grid, 1, j, -1), edge(grid, 0, i, 1),
                   edge(grid, 1, j, 1),
@@ -481,25 +463,25 @@ static void draw_roots(struct svg *svg, const cJSON *result)
     const cJSON *point, *pair;
 
     svg_hold(&p.x, 0);
-    cJSON_ArrayForEach(point, get(result, "points"))
-        cJSON_ArrayForEach(pair, get(point, "exponents")) {
-            svg_hold(&p.x, at(pair, 0));
-            svg_hold(&p.y, at(pair, 1));
+    cJSON_ArrayForEach(point, field_get(result, "points"))
+        cJSON_ArrayForEach(pair, field_get(point, "exponents")) {
+            svg_hold(&p.x, field_at(pair, 0));
+            svg_hold(&p.y, field_at(pair, 1));
         }
     svg_panel(svg, &p);
     svg_shade(svg, &p, 0, p.y.low, p.x.high, p.y.high, "#f5d5d0");
-    cJSON_ArrayForEach(point, get(result, "points"))
-        cJSON_ArrayForEach(pair, get(point, "exponents"))
-            svg_dot(svg, &p, at(pair, 0), at(pair, 1), at(pair, 0) < 0);
+    cJSON_ArrayForEach(point, field_get(result, "points"))
+        cJSON_ArrayForEach(pair, field_get(point, "exponents"))
+            svg_dot(svg, &p, field_at(pair, 0), field_at(pair, 1), field_at(pair, 0) < 0);
 }
 
 static bool plot_sweep(struct svg *svg, FILE *file, const cJSON *result,
                        const struct plot_input *input)
 {
-    const cJSON *grid = get(result, "grid") ? get(result, "grid")
-                        : input             ? get(input->scene, "grid")
+    const cJSON *grid = field_get(result, "grid") ? field_get(result, "grid")
+                        : input             ? field_get(input->scene, "grid")
                                             : NULL;
-    bool roots = get(cJSON_GetArrayItem(get(result, "points"), 0), "exponents") != NULL;
+    bool roots = field_get(cJSON_GetArrayItem(field_get(result, "points"), 0), "exponents") != NULL;
 
     if (cJSON_GetArraySize(grid) < 1 || cJSON_GetArraySize(grid) > 2)
         return false;

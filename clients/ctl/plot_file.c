@@ -16,22 +16,11 @@
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
+#include "field.h"
 #include "plot.h"
 
 enum { SHOWN_SAMPLES = 600 };    /* of a channel: more than a panel has pixels */
 static const char suffix[] = ".svg";
-
-static const cJSON *get(const cJSON *object, const char *key)
-{
-    return cJSON_GetObjectItemCaseSensitive(object, key);
-}
-
-static double at(const cJSON *list, int i)
-{
-    const cJSON *item = cJSON_GetArrayItem(list, i);
-
-    return cJSON_IsNumber(item) ? item->valuedouble : NAN;
-}
 
 /* (1) fitted to Y (COUNT samples, STEP seconds apart), whose fit replaces it; false: it cannot
  * be. */
@@ -44,7 +33,8 @@ static bool fit_channel(const cJSON *modes, double *y, int count, double step)
     bool good = columns > 0 && columns <= count && a != NULL && right != NULL;
 
     cJSON_ArrayForEach(mode, modes) {
-        double s = at(get(mode, "resolved_exponent"), 0), w = at(get(mode, "resolved_exponent"), 1),
+        const cJSON *exponent = field_get(mode, "resolved_exponent");
+        double s = field_at(exponent, 0), w = field_at(exponent, 1),
                last = s > 0 ? (count - 1) * step : 0;
         /* each column's largest entry about 1 */
         for (int i = 0; good && i < count; i++) {
@@ -89,7 +79,8 @@ static void draw_history(struct svg *svg, const cJSON *result, const void *of)
     }
     svg_panel(svg, &p);
     svg_line(svg, &p, t, y, count, SVG_SOLID);
-    if (get(input->options, "band") == NULL && fit_channel(get(result, "modes"), fit, count, b->dt))
+    if (field_get(input->options, "band") == NULL
+        && fit_channel(field_get(result, "modes"), fit, count, b->dt))
         svg_line(svg, &p, t, fit, count, SVG_DASHED);
 }
 

@@ -6,11 +6,6 @@
 #include "field.h"
 #include "sweep_point.h"
 
-static const cJSON *get(const cJSON *object, const char *key)
-{
-    return cJSON_GetObjectItemCaseSensitive(object, key);
-}
-
 static void put_modes(FILE *to, const cJSON *result, const char *job, bool header)
 {
     static const struct { const char *name, *of, *key; int part; } columns[] = {
@@ -31,12 +26,12 @@ static void put_modes(FILE *to, const cJSON *result, const char *job, bool heade
         csv_name(to, i == 0 && job == NULL, columns[i].name, "");
     if (header)
         fputc('\n', to);
-    cJSON_ArrayForEach(mode, get(result, "modes")) {
+    cJSON_ArrayForEach(mode, field_get(result, "modes")) {
         if (job != NULL)
             csv_name(to, true, job, "");
         for (int i = 0; i < count; i++) {
-            const cJSON *of = columns[i].of != NULL ? get(mode, columns[i].of) : mode;
-            const cJSON *value = get(of, columns[i].key);
+            const cJSON *of = columns[i].of != NULL ? field_get(mode, columns[i].of) : mode;
+            const cJSON *value = field_get(of, columns[i].key);
             csv_item(to, i == 0 && job == NULL,
                      columns[i].part < 0 ? value : cJSON_GetArrayItem(value, columns[i].part));
         }
@@ -46,7 +41,7 @@ static void put_modes(FILE *to, const cJSON *result, const char *job, bool heade
 
 static void put_points(FILE *to, const cJSON *result, const char *job, bool header)
 {
-    const cJSON *grid = get(result, "grid"), *axis, *point;
+    const cJSON *grid = field_get(result, "grid"), *axis, *point;
 
     if (header && job != NULL)
         csv_name(to, true, "job", "");
@@ -55,9 +50,9 @@ static void put_points(FILE *to, const cJSON *result, const char *job, bool head
             csv_name(to, axis == grid->child && job == NULL, field_word(axis, "path", "-"), "");
     if (header)
         fputs(",stable,max_multiplier,margin,amplitude,dof,error\n", to);
-    cJSON_ArrayForEach(point, get(result, "points")) {
+    cJSON_ArrayForEach(point, field_get(result, "points")) {
         struct sweep_amplitude a = sweep_amplitude(point);
-        const cJSON *stability = get(point, "stability");
+        const cJSON *stability = field_get(point, "stability");
         int i = 0;
         if (job != NULL)
             csv_name(to, true, job, "");
@@ -65,9 +60,9 @@ static void put_points(FILE *to, const cJSON *result, const char *job, bool head
             csv_number(to, i == 0 && job == NULL, sweep_value(axis, point, i));
             i++;
         }
-        csv_item(to, false, get(stability, "stable"));
-        csv_item(to, false, get(stability, "max_multiplier"));
-        csv_item(to, false, get(stability, "margin"));
+        csv_item(to, false, field_get(stability, "stable"));
+        csv_item(to, false, field_get(stability, "max_multiplier"));
+        csv_item(to, false, field_get(stability, "margin"));
         csv_number(to, false, a.size);
         csv_name(to, false, a.dof, "");
         csv_name(to, false, sweep_failure(point), "");

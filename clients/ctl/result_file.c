@@ -5,14 +5,11 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "field.h"
 
-static const cJSON *item(const cJSON *o, const char *key)
-{
-    return cJSON_GetObjectItemCaseSensitive(o, key);
-}
 static const char *kind_of(const cJSON *doc)
 {
-    return cJSON_IsString(item(doc, "kind")) ? item(doc, "kind")->valuestring : "";
+    return cJSON_IsString(field_get(doc, "kind")) ? field_get(doc, "kind")->valuestring : "";
 }
 
 bool result_file_fits(const cJSON *doc)
@@ -21,20 +18,15 @@ bool result_file_fits(const cJSON *doc)
            || strcmp(kind_of(doc), "backbone") == 0;
 }
 
-static double number(const cJSON *o, const char *key)
-{
-    return cJSON_IsNumber(item(o, key)) ? item(o, key)->valuedouble : NAN;
-}
-
 /* What one value of each point is, and where its number stands in the point. */
-static double converged(const cJSON *point) { return cJSON_IsTrue(item(point, "converged")); }
-static double omega(const cJSON *point) { return number(point, "omega"); }
-static double total_error(const cJSON *point) { return number(point, "total_error"); }
-static double damping_ratio(const cJSON *point) { return number(point, "damping_ratio"); }
-static double energy(const cJSON *point) { return number(point, "energy"); }
+static double converged(const cJSON *point) { return cJSON_IsTrue(field_get(point, "converged")); }
+static double omega(const cJSON *point) { return field_real(point, "omega"); }
+static double total_error(const cJSON *point) { return field_real(point, "total_error"); }
+static double damping_ratio(const cJSON *point) { return field_real(point, "damping_ratio"); }
+static double energy(const cJSON *point) { return field_real(point, "energy"); }
 static double stable(const cJSON *point)
 {
-    const cJSON *verdict = item(item(point, "stability"), "stable");
+    const cJSON *verdict = field_get(field_get(point, "stability"), "stable");
 
     return cJSON_IsBool(verdict) ? cJSON_IsTrue(verdict) : -1;
 }
@@ -60,16 +52,16 @@ static const cJSON *next_point(const struct table *t, const cJSON *point)
 
 static struct table measure(const cJSON *doc)
 {
-    const cJSON *list = item(doc, "points"), *rows;
+    const cJSON *list = field_get(doc, "points"), *rows;
     struct table t = { .points = list != NULL ? cJSON_GetArraySize(list) : 1,
                        .first = list != NULL ? list->child : doc };
 
-    t.dofs = t.points > 0 ? cJSON_GetArraySize(item(t.first, "harmonics")) : 0;
+    t.dofs = t.points > 0 ? cJSON_GetArraySize(field_get(t.first, "harmonics")) : 0;
     for (const cJSON *p = t.first; p != NULL && t.points > 0; p = next_point(&t, p)) {
-        rows = item(p, "harmonics");
+        rows = field_get(p, "harmonics");
         if (rows != NULL && rows->child != NULL
-            && cJSON_GetArraySize(item(rows->child, "k")) > t.harmonics)
-            t.harmonics = cJSON_GetArraySize(item(rows->child, "k"));
+            && cJSON_GetArraySize(field_get(rows->child, "k")) > t.harmonics)
+            t.harmonics = cJSON_GetArraySize(field_get(rows->child, "k"));
     }
     return t;
 }
@@ -128,9 +120,9 @@ static bool write_names(hid_t file, const struct table *t)
     int i = 0;
     bool ok;
 
-    cJSON_ArrayForEach(row, item(t->first, "harmonics"))
+    cJSON_ArrayForEach(row, field_get(t->first, "harmonics"))
         if (names != NULL)
-            names[i++] = item(row, "dof")->valuestring;
+            names[i++] = field_get(row, "dof")->valuestring;
     ok = names != NULL && set >= 0
          && H5Dwrite(set, type, H5S_ALL, H5S_ALL, H5P_DEFAULT, names) >= 0;
     if (set >= 0) H5Dclose(set);
@@ -144,8 +136,8 @@ static bool write_columns(hid_t file, const cJSON *doc, const struct table *t)
 {
     bool backbone = strcmp(kind_of(doc), "backbone") == 0, ok = true;
     const char *parameter = backbone ? "amplitude"
-                            : cJSON_IsString(item(doc, "parameter"))
-                                ? item(doc, "parameter")->valuestring
+                            : cJSON_IsString(field_get(doc, "parameter"))
+                                ? field_get(doc, "parameter")->valuestring
                                 : "omega";
     double *x = calloc((size_t)t->points + 1, sizeof *x);
     hsize_t size = (hsize_t)t->points;
@@ -155,7 +147,7 @@ static bool write_columns(hid_t file, const cJSON *doc, const struct table *t)
     if (x == NULL)
         return false;
     for (const cJSON *p = t->first; p != NULL; p = next_point(t, p))
-        x[i++] = number(p, parameter);
+        x[i++] = field_real(p, parameter);
     ok = write_numbers(file, "points", 1, &size, x);
     set = ok ? H5Dopen2(file, "points", H5P_DEFAULT) : H5I_INVALID_HID;
     ok = set >= 0 && write_attribute(set, "parameter", parameter);
@@ -182,10 +174,10 @@ static bool write_spectra(hid_t file, const struct table *t, const char *part)
     for (const cJSON *p = t->first; x != NULL && p != NULL; p = next_point(t, p)) {
         int i = 0;
 
-        cJSON_ArrayForEach(row, item(p, "harmonics")) {
+        cJSON_ArrayForEach(row, field_get(p, "harmonics")) {
             int k = 0;
 
-            cJSON_ArrayForEach(value, item(row, part))
+            cJSON_ArrayForEach(value, field_get(row, part))
                 if (i < t->dofs && k < t->harmonics)
                     at[i * t->harmonics + k++] = cJSON_IsNumber(value) ? value->valuedouble : NAN;
             i++;
@@ -199,7 +191,7 @@ static bool write_spectra(hid_t file, const struct table *t, const char *part)
 
 static bool write_waveform(hid_t file, const cJSON *time)
 {
-    const cJSON *t = item(time, "t"), *rows = item(time, "x"), *row, *value;
+    const cJSON *t = field_get(time, "t"), *rows = field_get(time, "x"), *row, *value;
     hsize_t size[2] = { (hsize_t)cJSON_GetArraySize(rows), (hsize_t)cJSON_GetArraySize(t) };
     double *x = calloc((size_t)((size[0] + 1) * size[1]) + 1, sizeof *x), *at = x;
     bool ok = x != NULL;
@@ -222,14 +214,14 @@ static bool write_all(hid_t file, const cJSON *doc)
 {
     struct table t = measure(doc);
     bool ok = write_attribute(file, "kind", kind_of(doc))
-              && write_json(file, "provenance", item(doc, "provenance"))
-              && write_json(file, "plan", item(doc, "plan"));
+              && write_json(file, "provenance", field_get(doc, "provenance"))
+              && write_json(file, "plan", field_get(doc, "plan"));
 
     if (!ok || t.points == 0)
         return ok;
     ok = write_columns(file, doc, &t) && write_names(file, &t) && write_spectra(file, &t, "re")
          && write_spectra(file, &t, "im");
-    return ok && (item(doc, "time") == NULL || write_waveform(file, item(doc, "time")));
+    return ok && (field_get(doc, "time") == NULL || write_waveform(file, field_get(doc, "time")));
 }
 
 enum modal_status result_file_write(const char *path, const cJSON *doc, struct modal_error *err)

@@ -35,7 +35,7 @@ void streams_heading(FILE *to)
 /* A whole number that may be absent. */
 static void put_count(FILE *to, const cJSON *one, const char *key, int width)
 {
-    double count = field_number(one, key, NAN);
+    double count = field_real(one, key);
 
     if (isnan(count))
         fprintf(to, " %*s", width, "-");
@@ -47,12 +47,12 @@ void streams_line(FILE *to, const cJSON *one)
 {
     char age[STREAMS_AGE_ROOM], kept[STREAMS_AGE_ROOM];
 
-    streams_age(field_number(one, "age_s", NAN), age);
-    streams_age(field_number(one, "kept_s", NAN), kept);
+    streams_age(field_real(one, "age_s"), age);
+    streams_age(field_real(one, "kept_s"), kept);
     fprintf(to, "%-20s %-10s %-8s", field_word(one, "name", "-"), field_word(one, "user", "-"),
             field_word(one, "state", "-"));
     put_count(to, one, "channels", 8);
-    fprintf(to, " %10.6g", 1 / field_number(one, "dt", NAN));
+    fprintf(to, " %10.6g", 1 / field_real(one, "dt"));
     put_count(to, one, "samples", 10);
     put_count(to, one, "lag", 8);
     fprintf(to, "  %-10s", field_word(one, "verdict", "-"));

@@ -5,13 +5,6 @@
 #include <string.h>
 #include "field.h"
 
-static double number_at(const cJSON *list, int i)
-{
-    const cJSON *item = cJSON_GetArrayItem(list, i);
-
-    return cJSON_IsNumber(item) ? item->valuedouble : NAN;
-}
-
 struct sweep_amplitude sweep_amplitude(const cJSON *point)
 {
     struct sweep_amplitude a = { NAN, "" };
@@ -21,7 +14,7 @@ struct sweep_amplitude sweep_amplitude(const cJSON *point)
         const cJSON *re = cJSON_GetObjectItemCaseSensitive(dof, "re"),
                     *im = cJSON_GetObjectItemCaseSensitive(dof, "im");
         for (int k = 1; k < cJSON_GetArraySize(re); k++) {
-            double size = hypot(number_at(re, k), number_at(im, k));
+            double size = hypot(field_at(re, k), field_at(im, k));
             if (isfinite(size) && !(size <= a.size))
                 a = (struct sweep_amplitude) { size, field_word(dof, "dof", "") };
         }
@@ -31,9 +24,9 @@ struct sweep_amplitude sweep_amplitude(const cJSON *point)
 
 double sweep_value(const cJSON *axis, const cJSON *point, int i)
 {
-    double index = number_at(cJSON_GetObjectItemCaseSensitive(point, "index"), i);
+    double index = field_at(cJSON_GetObjectItemCaseSensitive(point, "index"), i);
 
-    return number_at(cJSON_GetObjectItemCaseSensitive(axis, "values"),
+    return field_at(cJSON_GetObjectItemCaseSensitive(axis, "values"),
                      isfinite(index) ? (int)index : -1);
 }
 

@@ -4,12 +4,8 @@
 #include <stdio.h>
 #include <string.h>
 #include "csv_cell.h"
+#include "field.h"
 #include "whole_file.h"
-
-static const cJSON *item(const cJSON *o, const char *key)
-{
-    return cJSON_GetObjectItemCaseSensitive(o, key);
-}
 
 /* ---- tables ---- */
 
@@ -32,14 +28,14 @@ static void write_signals(FILE *to, const struct batch *b)
 
 static void write_waveform(FILE *to, const cJSON *time)
 {
-    const cJSON *rows = item(time, "x"), *row, *t;
+    const cJSON *rows = field_get(time, "x"), *row, *t;
     int k = 0;
 
     fputs("t", to);
     cJSON_ArrayForEach(row, rows)
         csv_name(to, false, row->string, "");
     fputc('\n', to);
-    cJSON_ArrayForEach(t, item(time, "t")) {
+    cJSON_ArrayForEach(t, field_get(time, "t")) {
         csv_item(to, true, t);
         cJSON_ArrayForEach(row, rows)
             csv_item(to, false, cJSON_GetArrayItem(row, k));
@@ -55,15 +51,15 @@ static void write_spectrum(FILE *to, const cJSON *dofs)
 
     fputs("k", to);
     cJSON_ArrayForEach(dof, dofs) {
-        csv_name(to, false, item(dof, "dof")->valuestring, "_re");
-        csv_name(to, false, item(dof, "dof")->valuestring, "_im");
+        csv_name(to, false, field_get(dof, "dof")->valuestring, "_re");
+        csv_name(to, false, field_get(dof, "dof")->valuestring, "_im");
     }
     fputc('\n', to);
-    cJSON_ArrayForEach(k, item(cJSON_GetArrayItem(dofs, 0), "k")) {
+    cJSON_ArrayForEach(k, field_get(cJSON_GetArrayItem(dofs, 0), "k")) {
         csv_item(to, true, k);
         cJSON_ArrayForEach(dof, dofs) {
-            csv_item(to, false, cJSON_GetArrayItem(item(dof, "re"), i));
-            csv_item(to, false, cJSON_GetArrayItem(item(dof, "im"), i));
+            csv_item(to, false, cJSON_GetArrayItem(field_get(dof, "re"), i));
+            csv_item(to, false, cJSON_GetArrayItem(field_get(dof, "im"), i));
         }
         fputc('\n', to);
         i++;
@@ -77,7 +73,8 @@ static int most_harmonics(const cJSON *points)
     int most = 0;
 
     cJSON_ArrayForEach(point, points) {
-        int count = cJSON_GetArraySize(item(cJSON_GetArrayItem(item(point, "harmonics"), 0), "k"));
+        const cJSON *first = cJSON_GetArrayItem(field_get(point, "harmonics"), 0);
+        int count = cJSON_GetArraySize(field_get(first, "k"));
         most = count > most ? count : most;
     }
     return most;
@@ -85,35 +82,35 @@ static int most_harmonics(const cJSON *points)
 
 static void put_point(FILE *to, const cJSON *point, const char *parameter, int harmonics)
 {
-    const cJSON *value = item(point, parameter), *dof;
+    const cJSON *value = field_get(point, parameter), *dof;
 
-    csv_item(to, true, value != NULL ? value : item(point, "value"));
-    csv_item(to, false, item(point, "converged"));
-    csv_item(to, false, item(item(point, "stability"), "stable"));
-    csv_item(to, false, item(point, "total_error"));
-    cJSON_ArrayForEach(dof, item(point, "harmonics"))
+    csv_item(to, true, value != NULL ? value : field_get(point, "value"));
+    csv_item(to, false, field_get(point, "converged"));
+    csv_item(to, false, field_get(field_get(point, "stability"), "stable"));
+    csv_item(to, false, field_get(point, "total_error"));
+    cJSON_ArrayForEach(dof, field_get(point, "harmonics"))
         for (int i = 0; i < harmonics; i++) {
-            csv_item(to, false, cJSON_GetArrayItem(item(dof, "re"), i));
-            csv_item(to, false, cJSON_GetArrayItem(item(dof, "im"), i));
+            csv_item(to, false, cJSON_GetArrayItem(field_get(dof, "re"), i));
+            csv_item(to, false, cJSON_GetArrayItem(field_get(dof, "im"), i));
         }
     fputc('\n', to);
 }
 
 static void write_points(FILE *to, const cJSON *doc, const cJSON *points)
 {
-    bool backbone = strcmp(cJSON_GetStringValue(item(doc, "kind")), "backbone") == 0;
-    const char *named = cJSON_GetStringValue(item(doc, "parameter"));
+    bool backbone = strcmp(cJSON_GetStringValue(field_get(doc, "kind")), "backbone") == 0;
+    const char *named = cJSON_GetStringValue(field_get(doc, "parameter"));
     const char *parameter = backbone ? "amplitude" : named != NULL ? named : "omega";
     int harmonics = most_harmonics(points);
     const cJSON *point, *dof;
 
     csv_name(to, true, parameter, "");
     fputs(",converged,stable,total_error", to);
-    cJSON_ArrayForEach(dof, item(cJSON_GetArrayItem(points, 0), "harmonics"))
+    cJSON_ArrayForEach(dof, field_get(cJSON_GetArrayItem(points, 0), "harmonics"))
         for (int i = 0; i < 2 * harmonics; i++) {
             char after[24];
             snprintf(after, sizeof after, "_%s_%d", i % 2 == 0 ? "re" : "im", i / 2);
-            csv_name(to, false, item(dof, "dof")->valuestring, after);
+            csv_name(to, false, field_get(dof, "dof")->valuestring, after);
         }
     fputc('\n', to);
     cJSON_ArrayForEach(point, points)
@@ -123,7 +120,7 @@ static void write_points(FILE *to, const cJSON *doc, const cJSON *points)
 enum modal_status table_file_write(const char *path, const cJSON *doc, const struct batch *batch,
                                    struct modal_error *err)
 {
-    const cJSON *points = item(doc, "points"), *time = item(doc, "time");
+    const cJSON *points = field_get(doc, "points"), *time = field_get(doc, "time");
     struct whole_file out;
     enum modal_status rc = whole_file_begin(&out, path, "output", err);
 
@@ -136,6 +133,6 @@ enum modal_status table_file_write(const char *path, const cJSON *doc, const str
     else if (time != NULL)
         write_waveform(out.file, time);
     else
-        write_spectrum(out.file, item(doc, "harmonics"));
+        write_spectrum(out.file, field_get(doc, "harmonics"));
     return whole_file_end(&out, err);
 }

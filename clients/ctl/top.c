@@ -85,23 +85,19 @@ static enum modal_status look(struct link *link, const struct args *args, struct
     return rc;
 }
 
-static const cJSON *get(const cJSON *object, const char *key)
-{
-    return cJSON_GetObjectItemCaseSensitive(object, key);
-}
-
 static void put_head(FILE *to, const struct view *v)
 {
-    const cJSON *jobs = get(v->stats, "jobs"), *queue = get(v->stats, "queue"),
-                *workers = get(v->stats, "workers"), *windows = get(v->stats, "streams");
+    const cJSON *jobs = field_get(v->stats, "jobs"), *queue = field_get(v->stats, "queue"),
+                *workers = field_get(v->stats, "workers"),
+                *windows = field_get(v->stats, "streams");
     char up[STREAMS_AGE_ROOM], oldest[STREAMS_AGE_ROOM];
 
-    streams_age(field_number(v->stats, "uptime_s", NAN), up);
-    streams_age(field_number(queue, "oldest_s", NAN), oldest);
+    streams_age(field_real(v->stats, "uptime_s"), up);
+    streams_age(field_real(queue, "oldest_s"), oldest);
     fprintf(to, "modald up %s, for %s (%s)%s%s\n", up, field_word(v->who, "user", "-"),
             field_word(v->who, "role", "-"),
-            cJSON_IsTrue(get(v->stats, "draining")) ? ", DRAINING" : "",
-            cJSON_IsTrue(get(v->stats, "storage_full")) ? ", DISK FULL" : "");
+            cJSON_IsTrue(field_get(v->stats, "draining")) ? ", DRAINING" : "",
+            cJSON_IsTrue(field_get(v->stats, "storage_full")) ? ", DISK FULL" : "");
     fprintf(to, "queue: %.0f queued (the oldest for %s), %.0f running; %.0f done, %.0f failed, "
             "%.0f dead\n", field_number(jobs, "queued", 0), oldest,
             field_number(jobs, "running", 0), field_number(jobs, "done", 0),
@@ -126,7 +122,7 @@ static void put_jobs(FILE *to, const struct view *v, int rows)
 
     job_line_heading(to);
     for (int i = 0; i < LISTS; i++)
-        cJSON_ArrayForEach(job, get(v->jobs[i], "jobs"))
+        cJSON_ArrayForEach(job, field_get(v->jobs[i], "jobs"))
             if ((i + 1 < LISTS || is_over(job)) && rows-- > 0)
                 job_line(to, job);
 }
@@ -135,7 +131,7 @@ static void put_jobs(FILE *to, const struct view *v, int rows)
  * the rest. */
 static char *draw(const struct view *v, int rows)
 {
-    const cJSON *one, *streams = get(v->streams, "streams");
+    const cJSON *one, *streams = field_get(v->streams, "streams");
     int left = rows > HEAD_ROWS + 2 ? rows - HEAD_ROWS : 2, most = left / 2;
     char *text = NULL;
     size_t size;
@@ -171,10 +167,10 @@ static enum modal_status print_once(const struct view *v, bool json, struct moda
     }
     doc = cJSON_CreateObject();
     cJSON_AddItemReferenceToObject(doc, "stats", v->stats);
-    cJSON_AddItemReferenceToObject(doc, "streams", (cJSON *)get(v->streams, "streams"));
-    cJSON_AddItemReferenceToObject(doc, "running", (cJSON *)get(v->jobs[0], "jobs"));
-    cJSON_AddItemReferenceToObject(doc, "queued", (cJSON *)get(v->jobs[1], "jobs"));
-    cJSON_AddItemReferenceToObject(doc, "newest", (cJSON *)get(v->jobs[2], "jobs"));
+    cJSON_AddItemReferenceToObject(doc, "streams", (cJSON *)field_get(v->streams, "streams"));
+    cJSON_AddItemReferenceToObject(doc, "running", (cJSON *)field_get(v->jobs[0], "jobs"));
+    cJSON_AddItemReferenceToObject(doc, "queued", (cJSON *)field_get(v->jobs[1], "jobs"));
+    cJSON_AddItemReferenceToObject(doc, "newest", (cJSON *)field_get(v->jobs[2], "jobs"));
     rc = outcome_json(doc, err);
     cJSON_Delete(doc);
     return rc;

@@ -6,11 +6,6 @@
 #include <string.h>
 #include "ctl/field.h"
 
-static const cJSON *get(const cJSON *object, const char *key)
-{
-    return cJSON_GetObjectItemCaseSensitive(object, key);
-}
-
 void board_clear(struct board *board)
 {
     for (int i = 0; i < board->streams; i++)
@@ -84,30 +79,30 @@ static struct board_stream *stream_of(struct board *board, const char *name)
 
 static void take_window(struct board_stream *s, const cJSON *event)
 {
-    const cJSON *mode, *error = get(event, "error");
+    const cJSON *mode, *error = field_get(event, "error");
 
-    if (field_number(event, "epoch", NAN) != s->epoch)
+    if (field_real(event, "epoch") != s->epoch)
         s->alarms = 0;                   /* its alarms begin anew */
-    s->epoch = field_number(event, "epoch", NAN);
-    s->from = field_number(event, "from", NAN);
-    s->to = field_number(event, "to", NAN);
-    s->dt = field_number(event, "dt", NAN);
-    s->lag = field_number(get(event, "lag"), "samples", NAN);
-    s->gaps = field_number(get(event, "gaps"), "count", NAN);
-    s->missing = field_number(get(event, "gaps"), "samples", NAN);
-    s->skipped = field_number(event, "skipped", NAN);
+    s->epoch = field_real(event, "epoch");
+    s->from = field_real(event, "from");
+    s->to = field_real(event, "to");
+    s->dt = field_real(event, "dt");
+    s->lag = field_real(field_get(event, "lag"), "samples");
+    s->gaps = field_real(field_get(event, "gaps"), "count");
+    s->missing = field_real(field_get(event, "gaps"), "samples");
+    s->skipped = field_real(event, "skipped");
     snprintf(s->verdict, sizeof s->verdict, "%s", field_word(event, "verdict", "-"));
     snprintf(s->error, sizeof s->error, "%s", field_word(error, "message", error ? "failed" : ""));
-    s->mode_count = cJSON_GetArraySize(get(event, "modes"));
+    s->mode_count = cJSON_GetArraySize(field_get(event, "modes"));
     s->modes = 0;
-    cJSON_ArrayForEach(mode, get(event, "modes")) {
-        const cJSON *std = get(mode, "std");
+    cJSON_ArrayForEach(mode, field_get(event, "modes")) {
+        const cJSON *std = field_get(mode, "std");
         if (s->modes == BOARD_MODES)
             break;
         s->mode[s->modes++] = (struct board_mode) {
-            field_number(mode, "track", NAN),
-            field_number(mode, "frequency_hz", NAN), field_number(std, "frequency_hz", NAN),
-            field_number(mode, "damping_ratio", NAN), field_number(std, "damping_ratio", NAN),
+            field_real(mode, "track"),
+            field_real(mode, "frequency_hz"), field_real(std, "frequency_hz"),
+            field_real(mode, "damping_ratio"), field_real(std, "damping_ratio"),
         };
     }
 }
@@ -135,14 +130,14 @@ static void take_alarm(struct board_stream *s, const struct board_edge *edge)
 
 static const struct board_edge *add_edge(struct board *board, const cJSON *event)
 {
-    const cJSON *mode = get(event, "mode");
+    const cJSON *mode = field_get(event, "mode");
     struct board_edge edge = {
-        .time = field_number(event, "time", NAN), .to = field_number(event, "to", NAN),
-        .track = field_number(mode, "track", NAN),
-        .hertz = field_number(mode, "frequency_hz", NAN),
-        .zeta = field_number(mode, "damping_ratio", NAN),
-        .std = field_number(get(mode, "std"), "damping_ratio", NAN),
-        .limit = field_number(event, "limit", NAN),
+        .time = field_real(event, "time"), .to = field_real(event, "to"),
+        .track = field_real(mode, "track"),
+        .hertz = field_real(mode, "frequency_hz"),
+        .zeta = field_real(mode, "damping_ratio"),
+        .std = field_real(field_get(mode, "std"), "damping_ratio"),
+        .limit = field_real(event, "limit"),
     };
 
     snprintf(edge.stream, sizeof edge.stream, "%s", field_word(event, "stream", "-"));

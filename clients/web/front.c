@@ -16,11 +16,6 @@ enum {
 
 static const double pause_s = 0.1;       /* from one asking to the next */
 
-static const cJSON *get(const cJSON *object, const char *key)
-{
-    return cJSON_GetObjectItemCaseSensitive(object, key);
-}
-
 /* ------------------------------------------------------------------ what the daemon's text says */
 
 /* The value of the line of METRICS that begins with NAME; NAN: there is none. */
@@ -89,7 +84,7 @@ static void pair(struct html *html, const char *term)
 static void show_machine(struct html *html, const struct site *site)
 {
     const struct front *f = &site->front;
-    const cJSON *workers = get(f->stats, "workers");
+    const cJSON *workers = field_get(f->stats, "workers");
     double s = f->last.at - f->before.at, since = (double)time(NULL) - MINUTE_S;
 
     html_section(html, "machine", "Machine");
@@ -100,7 +95,7 @@ static void show_machine(struct html *html, const struct site *site)
     html_format(html, "%.6g MB of inputs and results, ledger %.6g MB%s",
                 metric(f->metrics, "modald_stored_bytes") / 1e6,
                 metric(f->metrics, "modald_ledger_bytes") / 1e6,
-                cJSON_IsTrue(get(f->stats, "storage_full")) ? ": FULL" : "");
+                cJSON_IsTrue(field_get(f->stats, "storage_full")) ? ": FULL" : "");
     pair(html, "rates");
     if (s > 0)
         html_format(html, "%.3g attempts/s, %.3g windows/s, in %.3g kB/s, out %.3g kB/s",
@@ -117,7 +112,7 @@ static void show_machine(struct html *html, const struct site *site)
                 feed_count(site->service.feed, "alarm", since));
     pair(html, "daemon");
     html_format(html, "%s, up %.0f s, user %s, role %s", site->service.server,
-                field_number(f->stats, "uptime_s", NAN), site->service.user, site->service.role);
+                field_real(f->stats, "uptime_s"), site->service.user, site->service.role);
     html_raw(html, "</dd></dl>\n");
     html_section_end(html);
 }
@@ -178,7 +173,7 @@ static void show_streams(struct html *html, const struct board *board)
 static void show_job(struct html *html, const cJSON *doc)
 {
     const char *state = field_word(doc, "state", "-");
-    const cJSON *error = get(doc, "error");
+    const cJSON *error = field_get(doc, "error");
 
     html_raw(html, "<tr><th scope=\"row\">");
     html_link(html, "/jobs/", field_word(doc, "job", "-"));
@@ -195,11 +190,11 @@ static void show_job(struct html *html, const cJSON *doc)
     if (error != NULL)
         html_format(html, ": %s", field_word(error, "code", "-"));
     html_raw(html, "</td><td>");
-    html_number(html, field_number(doc, "attempts", NAN));
+    html_number(html, field_real(doc, "attempts"));
     html_raw(html, "</td><td>");
-    html_instant(html, field_number(doc, "submitted", NAN));
+    html_instant(html, field_real(doc, "submitted"));
     html_raw(html, "</td><td>");
-    html_number(html, field_number(doc, "finished", NAN) - field_number(doc, "started", NAN));
+    html_number(html, field_real(doc, "finished") - field_real(doc, "started"));
     html_raw(html, "</td></tr>\n");
 }
 
@@ -212,7 +207,7 @@ static void show_jobs(struct html *html, const cJSON *page, const char *state)
     char cursor[3 * URL_NAME_MOST + 1];
 
     html_table(html, "Jobs, the newest first", heads);
-    cJSON_ArrayForEach(doc, get(page, "jobs"))
+    cJSON_ArrayForEach(doc, field_get(page, "jobs"))
         show_job(html, doc);
     html_table_end(html);
     if (next == NULL)
@@ -231,18 +226,18 @@ static void show_queue(struct html *html, const struct front *f)
 {
     static const char *const states[] = { "queued", "running", "done", "failed", "cancelled",
                                           "dead" };
-    const cJSON *counts = get(f->stats, "jobs");
+    const cJSON *counts = field_get(f->stats, "jobs");
 
     html_section(html, "queue", "Queue");
     html_raw(html, "<ul class=\"counts\">");
     for (size_t i = 0; i < sizeof states / sizeof states[0]; i++) {
         fprintf(html->file, "<li><a href=\"/?state=%s\">%s <b>%.0f</b></a></li>", states[i],
-                states[i], field_number(counts, states[i], NAN));
+                states[i], field_real(counts, states[i]));
     }
     html_raw(html, "</ul>\n<p>");
     html_format(html, "The oldest that may start waits %.3g s%s.",
-                field_number(get(f->stats, "queue"), "oldest_s", 0),
-                cJSON_IsTrue(get(f->stats, "draining")) ? "; the daemon drains" : "");
+                field_number(field_get(f->stats, "queue"), "oldest_s", 0),
+                cJSON_IsTrue(field_get(f->stats, "draining")) ? "; the daemon drains" : "");
     html_raw(html, "</p>\n");
     show_jobs(html, f->jobs, "");
     html_section_end(html);

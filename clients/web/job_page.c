@@ -12,11 +12,6 @@
 #include "result_table.h"
 #include "site.h"
 
-static const cJSON *get(const cJSON *object, const char *key)
-{
-    return cJSON_GetObjectItemCaseSensitive(object, key);
-}
-
 static bool is_reply(const struct link_message *answer)
 {
     return answer != NULL && answer->type == LINK_REPLY;
@@ -71,7 +66,7 @@ static void show_state(struct html *html, const cJSON *doc)
     html_text(html, state);
     html_raw(html, "</span></p>\n<dl class=\"facts\">");
     for (size_t i = 0; i < sizeof plain / sizeof plain[0]; i++) {
-        item = get(doc, plain[i]);
+        item = field_get(doc, plain[i]);
         if (item == NULL || cJSON_IsNull(item))
             continue;
         fprintf(html->file, "<dt>%s</dt><dd>", plain[i]);
@@ -83,16 +78,16 @@ static void show_state(struct html *html, const cJSON *doc)
     }
     for (size_t i = 0; i < sizeof times / sizeof times[0]; i++) {
         fprintf(html->file, "<dt>%s, UTC</dt><dd>", times[i]);
-        html_instant(html, field_number(doc, times[i], NAN));
+        html_instant(html, field_real(doc, times[i]));
         html_raw(html, "</dd>");
     }
     html_raw(html, "</dl>\n");
-    item = get(doc, "error");
+    item = field_get(doc, "error");
     if (item != NULL)
         html_format(html, "%s: %s", field_word(item, "code", "-"), field_word(item, "message", ""));
-    if (get(doc, "progress") != NULL) {
+    if (field_get(doc, "progress") != NULL) {
         html_raw(html, "<h3>progress</h3>\n");
-        result_table(html, get(doc, "progress"));
+        result_table(html, field_get(doc, "progress"));
     }
 }
 
@@ -105,7 +100,7 @@ static void show_result(struct html *html, const struct visit *visit, const cJSO
     html_section(html, "result", "Result");
     if (result == NULL) {
         html_format(html, "The result is %.0f bytes, too much for a page; modalctl result %s has "
-                    "all of it.", field_number(visit->doc, "bytes", NAN), job);
+                    "all of it.", field_real(visit->doc, "bytes"), job);
     } else {
         url_escape(job, path);
         if (plot_is_of(field_word(result, "kind", "-"))) {

@@ -1,16 +1,12 @@
 /* result_table.c - see result_table.h */
 #include "result_table.h"
 #include <string.h>
+#include "ctl/field.h"
 
 enum { HEAD_MOST = 96 };                 /* bytes of a column's name: two keys */
 
 /* A column: a member of a row, or of an object in it. */
 struct column { const char *outer, *inner; };
-
-static const cJSON *get(const cJSON *object, const char *key)
-{
-    return cJSON_GetObjectItemCaseSensitive(object, key);
-}
 
 static bool is_plain(const cJSON *item)
 {
@@ -56,14 +52,14 @@ static int add_column(struct column columns[TABLE_COLUMNS], int count, const cha
  * then those of objects in the row. */
 static int find_columns(const cJSON *row, struct column columns[TABLE_COLUMNS])
 {
-    const cJSON *outer, *inner, *std = get(row, "std");
+    const cJSON *outer, *inner, *std = field_get(row, "std");
     int count = 0;
 
     cJSON_ArrayForEach(outer, row) {
         if (!is_plain(outer) || outer->string == NULL)
             continue;
         count = add_column(columns, count, outer->string, NULL);
-        if (get(std, outer->string) != NULL)
+        if (field_get(std, outer->string) != NULL)
             count = add_column(columns, count, "std", outer->string);
     }
     cJSON_ArrayForEach(outer, row)
@@ -93,9 +89,9 @@ static void show_rows(struct html *html, const char *name, const cJSON *rows)
             break;
         html_raw(html, "<tr>");
         for (int i = 0; i < count; i++) {
-            const cJSON *cell = get(row, columns[i].outer);
+            const cJSON *cell = field_get(row, columns[i].outer);
             html_raw(html, "<td>");
-            show_plain(html, columns[i].inner != NULL ? get(cell, columns[i].inner) : cell);
+            show_plain(html, columns[i].inner != NULL ? field_get(cell, columns[i].inner) : cell);
             html_raw(html, "</td>");
         }
         html_raw(html, "</tr>\n");
@@ -172,7 +168,7 @@ void result_table(struct html *html, const cJSON *document)
 
     show_pairs(html, document);
     for (int i = 0; first[i] != NULL; i++)
-        if ((item = get(document, first[i])) != NULL && !is_plain(item))
+        if ((item = field_get(document, first[i])) != NULL && !is_plain(item))
             show_member(html, item, 1);
     cJSON_ArrayForEach(item, document) {
         int i = 0;

@@ -201,18 +201,21 @@ static enum modal_status least_quarter(const struct matrix *Y, struct matrix *E,
 }
 
 /*
- * Before any fit, by the least quarter of the left singular vectors: multipliers are fewer than
- * three quarters of the periods, or their weakest lie among noise, and of many more columns than
- * that noise alone takes no direction for itself.  What is strongly correlated has few and does:
+ * Before any fit, by one number (whiten_first), then by the least quarter of the left singular
+ * vectors: multipliers are fewer than three quarters of the periods, or their weakest lie among
+ * noise, and of many more columns than that noise alone takes no direction for itself.  What is strongly correlated has few and does:
  * what it leaves is whiter than it was, so that is asked once more, and fits are asked afterwards.
  * (Asked on and on it does not settle: what is small was chosen for it.)  But a first search in
  * noise taken for white, correlated by 0.9, ends only where all its work is spent.
  */
 static enum modal_status begin_white(struct work *w, struct modal_error *err)
 {
-    bool changed = true;
-    enum modal_status rc = MODAL_OK;
+    struct periods all = { &w->folded, w->shift, w->samples };
+    bool changed = COLUMNS * w->data.Y->m <= w->data.Y->n;
+    enum modal_status rc = whiten_first(&all, work_searched(w) == &w->weighted ? w->weight : NULL,
+                                        least_gain(w), &w->facts.told, err);
 
+    w->samples = all.samples;
     for (int i = 0; i < ASKED && rc == MODAL_OK && changed; i++) {
         struct matrix E = { 0 };
         rc = least_quarter(w->data.Y, &E, err);
@@ -318,7 +321,7 @@ enum modal_status work_choose_periodic(struct work *w, struct order_choice *best
     enum modal_status rc = MODAL_OK;
 
     w->data.exact = w->facts.full_rank < w->projection.count;
-    if (!w->data.exact && noise_shows(w) && COLUMNS * L <= S && pencil_products_pay(L, S))
+    if (!w->data.exact && noise_shows(w) && (L < S ? L : S) <= FOLDED_MOST)
         rc = begin_white(w, err);
     w->brief = brief = w->facts.told > 0;
     if (rc == MODAL_OK)

@@ -21,18 +21,35 @@
  * than all others where the signal is smooth, correlated with the period before, and trusted most.)
  * The a of all orders up to `most` come from one QR of E's columns beside each other, shifted; the
  * order by Bayes' criterion.
+ *
+ * Before any fit E is not known, and what is left of directions that are drawn from noise taken for
+ * white tells of too little. But the filter e_k = a e_{k-1} + u_k keeps the volume of the samples,
+ * and so -2 ln(likelihood) of the periods Y, L x S after it, as r directions and white noise,
+ *
+ *     min_r  L S ln(sum_{i > r} s_i^2) + price(r),                                          (3)
+ *
+ * of singular values s, is comparable from one a to another. Noise alone gives a direction after r
+ * others (sqrt(L - r) + sqrt(S - r))^2 of the (L - r)(S - r) that are left at most, for which
+ * price(r) pays where S is WIDE times L. With fewer columns a few directions over them hold what
+ * correlation there is, at every r; a price of all r (L + S - r) unknowns, by Bayes' criterion,
+ * tells that from noise (and of many columns would tell multipliers away).
  */
 #include "modal/identify/fit/whiten.h"
 #include <cblas.h>
+#include <float.h>
 #include <math.h>
 #include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/identify/fit/criterion.h"
+#include "modal/linalg/eigen.h"
 #include "modal/linalg/qr.h"
 
 enum {
     ORDER_MOST = 8,                 /* of (2): four peaks of a spectrum */
-    SIDE = ORDER_MOST + 1
+    SIDE = ORDER_MOST + 1,
+    WIDE = 2                        /* the least whole number above 1, where both prices would be
+                                     * as good (of L = S) */
 };
 
 /* (2) of all orders up to `most`: triangle of the shifted columns, 1 .. most samples before, then
@@ -109,27 +126,131 @@ static void take_out(const struct prediction *a, const struct periods *of, int f
     }
 }
 
+/* Y Y^T or Y^T Y, whichever is less (lower triangle); memory is the caller's to free. */
+static enum modal_status products(const struct matrix *Y, struct matrix *A, struct modal_error *err)
+{
+    bool wide = Y->m <= Y->n;
+    int side = wide ? Y->m : Y->n;
+
+    *A = (struct matrix) { side, side, side,
+                           calloc((size_t)side * (size_t)side + 1, sizeof *A->x) };
+    if (A->x == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "whiten: no memory for %d periods", Y->m);
+    cblas_dsyrk(CblasColMajor, CblasLower, wide ? CblasNoTrans : CblasTrans, side,
+                wide ? Y->n : Y->m, 1, Y->x, Y->ld, 0, A->x, side);
+    return MODAL_OK;
+}
+
+/* The price of R directions in (3), ONE_LESS that of r - 1. */
+static double price_of(double L, double S, double r, double one_less)
+{
+    double unknowns = r * (L + S - r), edge = sqrt(L - r + 1) + sqrt(S - r + 1),
+           share = edge * edge / ((L - r + 1) * (S - r + 1));
+
+    if (S < WIDE * L)
+        return criterion_scarcity(unknowns, L * S) * unknowns * log(L * S);
+    return r < 1 ? 0 : share < 1 ? one_less - L * S * log1p(-share) : HUGE_VAL;
+}
+
+/* (3) of Y. */
+static enum modal_status worth_of(const struct matrix *Y, double *worth, struct modal_error *err)
+{
+    struct matrix A = { 0 };
+    double price = 0, rest = 0, *left_of = NULL;       /* of i + 1 directions, the least */
+    enum modal_status rc = products(Y, &A, err);
+
+    *worth = HUGE_VAL;
+    if (rc == MODAL_OK && (left_of = malloc(((size_t)A.n + 1) * sizeof *left_of)) == NULL)
+        rc = modal_fail(err, MODAL_NO_MEMORY, "whiten: no memory for %d periods", Y->m);
+    if (rc == MODAL_OK)
+        rc = eigen_symmetric(&A, left_of, err);
+    for (int i = 0; i < A.n && rc == MODAL_OK; i++)
+        left_of[i] = rest += fmax(left_of[i], DBL_MIN);
+    for (int r = 0; r < A.n && rc == MODAL_OK; r++) {
+        price = price_of(Y->m, Y->n, r, price);
+        *worth = fmin(*worth, (double)Y->m * Y->n * log(left_of[A.n - 1 - r]) + price);
+    }
+    free(A.x), free(left_of);
+    return rc;
+}
+
+/* (3) of the periods, signal g times WEIGHT[g], after e_k = a e_{k-1} + u_k. */
+static enum modal_status worth_with(const struct periods *of, const double *weight,
+                                    const struct prediction *a, double *worth,
+                                    struct modal_error *err)
+{
+    size_t ld = (size_t)of->Y->ld, n = (size_t)of->Y->n;
+    struct matrix Z = { (of->samples - 1) / of->phases, of->Y->n, of->Y->ld,
+                        malloc(ld * n * sizeof *Z.x) };
+    struct periods all = { &Z, of->phases, of->samples };
+    enum modal_status rc;
+
+    if (Z.x == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "whiten: no memory for %d periods", Z.m);
+    memcpy(Z.x, of->Y->x, ld * n * sizeof *Z.x);
+    for (int c = 0; c < Z.n; c++)
+        cblas_dscal(Z.ld, weight != NULL ? weight[c / of->phases] : 1, Z.x + (size_t)c * ld, 1);
+    for (int c = 0; c < Z.n; c += of->phases)
+        take_out(a, &all, 1, Z.x + (size_t)c * ld);
+    rc = worth_of(&Z, worth, err);
+    free(Z.x);
+    return rc;
+}
+
+/* e_k = a e_{k-1} + u_k, u of variance 1 - a^2. */
+static struct prediction first_order(double a)
+{
+    return (struct prediction) { .most = 1, .order = 1, .T = { 1, 0, a, sqrt(1 - a * a) } };
+}
+
+enum modal_status whiten_first(struct periods *of, const double *weight, double least,
+                               double *told, struct modal_error *err)
+{
+    double white, best, at = 0;
+    struct prediction a = first_order(0);
+    enum modal_status rc = worth_with(of, weight, &a, &white, err);
+
+    *told = 0;
+    best = white - least;
+    for (int sign = 1; sign >= -1 && at == 0; sign -= 2) {
+        double worth = -HUGE_VAL;
+        for (double far = 0.5; rc == MODAL_OK && far * of->samples > 1; far /= 2) {
+            a = first_order(sign * (1 - far));
+            rc = worth_with(of, weight, &a, &worth, err);
+            if (!(worth < best))
+                break;
+            best = worth, at = sign * (1 - far);
+        }
+    }
+    if (rc != MODAL_OK || at == 0)
+        return rc;
+    a = first_order(at);
+    for (int c = 0; c < of->Y->n; c += of->phases)
+        take_out(&a, of, 1, of->Y->x + (size_t)c * (size_t)of->Y->ld);
+    of->Y->m = --of->samples / of->phases;
+    *told = at * at;
+    return MODAL_OK;
+}
+
 enum modal_status noise_spread(const struct matrix *E, int M, double *spread,
                                struct modal_error *err)
 {
-    bool wide = E->m <= E->n;
-    int side = wide ? E->m : E->n;
-    double trace = 0, squares = 0, *A = calloc((size_t)side * (size_t)side, sizeof *A);
+    double trace = 0, squares = 0;
+    struct matrix A = { 0 };
+    enum modal_status rc = products(E, &A, err);
 
     *spread = 0;
-    if (A == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "whiten: no memory for %d periods", E->m);
-    cblas_dsyrk(CblasColMajor, CblasLower, wide ? CblasNoTrans : CblasTrans, side,
-                wide ? E->n : E->m, 1, E->x, E->ld, 0, A, side);
-    for (int c = 0; c < side; c++) {
-        const double *at = A + (size_t)c * (size_t)(side + 1);
+    if (rc != MODAL_OK)
+        return rc;
+    for (int c = 0; c < A.n; c++) {
+        const double *at = A.x + (size_t)c * (size_t)(A.n + 1);
         trace += at[0];
-        squares += 2 * cblas_ddot(side - c, at, 1, at, 1) - at[0] * at[0];
+        squares += 2 * cblas_ddot(A.n - c, at, 1, at, 1) - at[0] * at[0];
     }
     if (trace > 0)
         *spread = M < 2 ? HUGE_VAL
             : (squares / (trace * trace) - 1. / M) * M * M * E->n / ((M - 1.) * (M + 2));
-    free(A);
+    free(A.x);
     return MODAL_OK;
 }
 

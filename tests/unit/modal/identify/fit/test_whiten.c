@@ -133,3 +133,51 @@ TEST(white_noise_stays_as_it_is)
         CHECK(memcmp(y, e, sizeof y) == 0 && Y.m == L);
     }
 }
+
+/* Periods of two signals, 240 samples each: noise of variance 1 that is correlated by a^j over j
+ * samples, and two multipliers with all harmonics' worth of a period's shape at 100 times that. */
+enum { FEW = 40, LONG = 240, WIDE = 2 * LONG };
+
+static void few_periods(double a, uint64_t seed)
+{
+    struct random r = { seed };
+
+    for (int g = 0; g < 2; g++) {
+        double before = random_normal(&r);
+        for (int l = 0; l < FEW; l++)
+            for (int k = 0; k < LONG; k++) {
+                double phase = 6.283185307179586 * k / LONG;
+                before = a * before + sqrt(1 - a * a) * random_normal(&r);
+                y[l + (g * LONG + k) * FEW] = before + 100 * pow(0.95, l) * cos(phase + g)
+                                              + 100 * pow(-0.9, l) * sin(2 * phase + g);
+            }
+    }
+}
+
+TEST(noise_beside_strong_multipliers_is_made_nearly_white_before_they_are_known)
+{
+    const double a[] = { 0.875, 0.97, -0.75 }, nearest[] = { 0.875, 0.96875, -0.75 };
+
+    for (int i = 0; i < 3; i++) {
+        struct matrix Y = { FEW, WIDE, FEW, y };
+        struct periods all = { &Y, LONG, FEW * LONG };
+        double told;
+        few_periods(a[i], 40 + (uint64_t)i);
+        CHECK(whiten_first(&all, NULL, 100, &told, NULL) == MODAL_OK);
+        CHECK_NEAR(told, nearest[i] * nearest[i], 1e-12);
+        CHECK(Y.m == FEW - 1);
+    }
+}
+
+TEST(white_noise_beside_strong_multipliers_stays_as_it_is)
+{
+    for (uint64_t seed = 50; seed < 70; seed++) {
+        struct matrix Y = { FEW, WIDE, FEW, y };
+        struct periods all = { &Y, LONG, FEW * LONG };
+        double told;
+        few_periods(0, seed);
+        memcpy(e, y, sizeof y);
+        CHECK(whiten_first(&all, NULL, 100, &told, NULL) == MODAL_OK && told == 0);
+        CHECK(memcmp(y, e, sizeof y) == 0 && Y.m == FEW);
+    }
+}

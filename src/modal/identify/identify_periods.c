@@ -18,9 +18,6 @@ enum {
     FOLDED_MOST = 4 * TRIPLETS_MOST,    /* directions that are asked for whole: their decomposition
                                          * is as dear as some steps of a refinement */
     MORE = 4,                    /* times as many directions: three pencils at most */
-    COLUMNS = 4,                 /* times the rows: singular values of white noise then lie within a
-                                  * factor (1 + 1/2) / (1 - 1/2) of each other */
-    ASKED = 2,                   /* times before any fit */
     ANEW_MOST = 6                /* searches beside the first: the fifth saw the noise as it is in
                                   * all records tried */
 };
@@ -137,31 +134,21 @@ static enum modal_status searched_periods(const struct work *w, struct matrix *Y
     return MODAL_OK;
 }
 
-/* The signals are made white as far as E, of a fit of ORDER columns, tells them not to be, by more
- * than LEAST of -2 ln(likelihood) (whiten.h), which may cost a period.  *changed: they were not. */
-static enum modal_status make_white(struct work *w, const struct matrix *E, int order, double least,
-                                    bool *changed, struct modal_error *err)
-{
-    struct periods all = { &w->folded, w->shift, w->samples };
-    double told = 0;
-    enum modal_status rc = whiten_periods(&all, E, order, least, &told, err);
-
-    w->samples = all.samples;
-    w->facts.told = 1 - (1 - w->facts.told) * (1 - told);
-    *changed = told > 0;
-    return rc;
-}
-
-/* The same by what FIT leaves. */
+/* The signals are made white as far as what FIT leaves tells them not to be, by more than LEAST of
+ * -2 ln(likelihood) (whiten.h), which may cost a period.  *changed: they were not. */
 static enum modal_status whiten_left(struct work *w, const struct refined *fit, double least,
                                      bool *changed, struct modal_error *err)
 {
     struct matrix E = { 0 };
+    struct periods all = { &w->folded, w->shift, w->samples };
+    double told = 0;
     enum modal_status rc = remainder_of(&w->data, fit, &E, err);
 
-    *changed = false;
     if (rc == MODAL_OK && E.x != NULL)
-        rc = make_white(w, &E, fit->order, least, changed, err);
+        rc = whiten_periods(&all, &E, fit->order, least, &told, err);
+    w->samples = all.samples;
+    w->facts.told = 1 - (1 - w->facts.told) * (1 - told);
+    *changed = told > 0;
     free(E.x);
     return rc;
 }
@@ -174,55 +161,15 @@ static double least_gain(const struct work *w)
     return criterion_noise_pair(S, S * w->data.Y->m);
 }
 
-/* The least quarter of the left singular directions of the periods, each as a row of *E, whose
- * memory is the caller's to free. */
-static enum modal_status least_quarter(const struct matrix *Y, struct matrix *E,
-                                       struct modal_error *err)
-{
-    int rest = (Y->m + 3) / 4;
-    struct matrix V = { 0 };
-    double *squares = NULL;
-    enum modal_status rc = pencil_products(Y, &V, err);
-
-    *E = (struct matrix) { rest, Y->n, rest, NULL };
-    if (rc == MODAL_OK) {
-        squares = malloc((size_t)Y->m * sizeof *squares);
-        E->x = malloc((size_t)rest * (size_t)Y->n * sizeof *E->x);
-        if (squares == NULL || E->x == NULL)
-            rc = modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d periods", Y->m);
-    }
-    if (rc == MODAL_OK)
-        rc = eigen_symmetric(&V, squares, err);
-    if (rc == MODAL_OK)
-        cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, rest, Y->n, Y->m, 1, V.x, V.ld, Y->x,
-                    Y->ld, 0, E->x, rest);
-    free(V.x), free(squares);
-    return rc;
-}
-
-/*
- * Before any fit, by one number (whiten_first), then by the least quarter of the left singular
- * vectors: multipliers are fewer than three quarters of the periods, or their weakest lie among
- * noise, and of many more columns than that noise alone takes no direction for itself.  What is strongly correlated has few and does:
- * what it leaves is whiter than it was, so that is asked once more, and fits are asked afterwards.
- * (Asked on and on it does not settle: what is small was chosen for it.)  But a first search in
- * noise taken for white, correlated by 0.9, ends only where all its work is spent.
- */
+/* Before any fit: a first search in noise taken for white, correlated by 0.9, ends only where all
+ * its work is spent, and what it draws tells little of the noise. */
 static enum modal_status begin_white(struct work *w, struct modal_error *err)
 {
     struct periods all = { &w->folded, w->shift, w->samples };
-    bool changed = COLUMNS * w->data.Y->m <= w->data.Y->n;
     enum modal_status rc = whiten_first(&all, work_searched(w) == &w->weighted ? w->weight : NULL,
                                         least_gain(w), &w->facts.told, err);
 
     w->samples = all.samples;
-    for (int i = 0; i < ASKED && rc == MODAL_OK && changed; i++) {
-        struct matrix E = { 0 };
-        rc = least_quarter(w->data.Y, &E, err);
-        if (rc == MODAL_OK)
-            rc = make_white(w, &E, 0, i == 0 ? least_gain(w) : 0, &changed, err);
-        free(E.x);
-    }
     return rc;
 }
 

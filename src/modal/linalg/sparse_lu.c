@@ -129,6 +129,40 @@ bool sparse_lu_factor(struct sparse_lu *f, const void *value)
     return false;
 }
 
+/* The diagonal's entry of column J. */
+static double diagonal_of(const struct sparse_lu *f, int j)
+{
+    for (int k = f->start[j]; k < f->start[j + 1]; k++)
+        if (f->index[k] == j)
+            return f->value[k];
+    return 0;
+}
+
+bool sparse_lu_diagonal(struct sparse_lu *f, const double *value, double least,
+                        struct sparse_lu_pivot *out)
+{
+    struct workspace space = { 0 };
+    int *row = workspace_zeros(&space, (size_t)f->n, sizeof *row),
+        *column = workspace_zeros(&space, (size_t)f->n, sizeof *column), inverted;
+    double *pivot = workspace_zeros(&space, (size_t)f->n, sizeof *pivot);
+    bool serves;
+
+    f->control[UMFPACK_STRATEGY] = UMFPACK_STRATEGY_SYMMETRIC;
+    f->control[UMFPACK_SYM_PIVOT_TOLERANCE] = 0;
+    f->control[UMFPACK_SCALE] = UMFPACK_SCALE_NONE;
+    serves = !space.failed && sparse_lu_factor(f, value)
+             && umfpack_di_get_numeric(NULL, NULL, NULL, NULL, NULL, NULL, row, column, pivot,
+                                       &inverted, NULL, f->numeric) == UMFPACK_OK;
+    *out = (struct sparse_lu_pivot){ -1, 0 };
+    for (int i = 0; serves && i < f->n && out->row < 0; i++) {
+        serves = row[i] == column[i];
+        if (!(pivot[i] > least * fabs(diagonal_of(f, row[i]))))
+            *out = (struct sparse_lu_pivot){ row[i], pivot[i] };
+    }
+    workspace_free(&space);
+    return serves;
+}
+
 void sparse_lu_solve(struct sparse_lu *f, const void *b, void *x)
 {
     if (f->of_complex)

@@ -21,6 +21,15 @@ void sparse_lu_free(struct sparse_lu *f);       /* NULL too */
  * out; then nothing is factored.
  */
 bool sparse_lu_factor(struct sparse_lu *f, const void *value);
+/* What a pivot lacks: its row, -1 where none does; its value. */
+struct sparse_lu_pivot { int row; double value; };
+/*
+ * Factors as above a real symmetric matrix along its diagonal; the first pivot that is not above
+ * LEAST of its diagonal entry into *OUT: where there is none the matrix is positive.  False also
+ * where the diagonal does not serve.
+ */
+bool sparse_lu_diagonal(struct sparse_lu *f, const double *value, double least,
+                        struct sparse_lu_pivot *out);
 /* x of A x = b, n entries each, not overlapping. */
 void sparse_lu_solve(struct sparse_lu *f, const void *b, void *x);
 /* Sign of the real determinant: -1 or 1. */

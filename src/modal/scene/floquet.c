@@ -353,6 +353,7 @@ static enum modal_status windows(const struct program *p, double period, int wan
         f->alike = h.alike;
         f->windows = h.windows;
         f->sums_to = h.sums_to;
+        f->growing = h.growing;
         f->substeps = 2 * h.harmonics + 1;
     }
     hill_leading_done(&h);
@@ -490,7 +491,7 @@ static void sort(struct floquet *f)
 /* The verdict: undecided where the largest is within its bar of the boundary. */
 static void judge(struct floquet *f)
 {
-    bool unstable = false, stable = !f->unsettled;       /* a larger one may be missed */
+    bool unstable = f->growing > 0, stable = !f->unsettled;       /* a larger one may be missed */
 
     f->margin = HUGE_VAL;
     for (int i = 0; i < f->count; i++) {

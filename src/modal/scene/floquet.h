@@ -28,6 +28,7 @@ struct floquet {
     int periods;                 /* carried for it, of one vector each */
     int windows;                 /* of Hill's matrix looked through for it (hill_leading.h) */
     double sums_to;              /* as struct hill_leading's */
+    int growing;                 /* the same */
     bool periodic;
     double period;               /* s; 0: constant without a period */
     /* descending in magnitude; of constant programs only where period > 0 */

@@ -16,12 +16,12 @@
  * (hill_sums.h).
  */
 #include "modal/scene/hill_leading.h"
-#include <cblas.h>
-#include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include "modal/scene/dofwise.h"
+#include "modal/scene/hill_found.h"
+#include "modal/scene/hill_growth.h"
 #include "modal/scene/hill_sums.h"
 #include "modal/scene/hill_window.h"
 
@@ -44,32 +44,22 @@ static const double REACH = 0.7;         /* of what was looked at: leading ones 
 static const double INNER = 0.7;         /* of a window's radius: who lies there has neighbours */
 static const double EDGE = 1e-11;        /* share past which more harmonics are kept */
 static const double KNOWN = 1e-9;        /* multipliers of two searches that are one agree to it */
-static const double ROUNDING = 8 * DBL_EPSILON;  /* of lambda T and its exponential, a few times */
 static const double FLAT = 0.9;          /* of a radius: so far a stretch off the axis is whole */
 static const double MARGIN = 0.5;        /* of what first order raises by, for what it lacks */
+static const double FAST = 0.125;         /* of W: from there on those that grow are counted */
+static const double WORK_GROWTH = 2e10;  /* operations to count them: chosen, some 20 seconds */
 static const double WORK_SUMS = 4e10;    /* operations to find pairs: chosen, some 30 seconds */
-static const double SAME = 1e-6;         /* squared sine: so do their vectors, to 1e-3 */
-
-struct found {
-    double complex exponent, multiplier; /* not folded */
-    double residual, condition, bar;
-    double turn;                         /* sine of what a cycle of W turns it by: >= 0 */
-    double complex *start;
-    int run;                             /* the search that it is of, or was seen in last */
-    bool taken;                          /* by a hint */
-};
 
 struct disc { double complex middle; double radius; int leading; };
 
 struct search {
     const struct program *p;
-    double period, W;
     double most, work, factors;          /* operations; of the constant part's factors */
-    int n, pulsating, wanted, harmonics, reach, runs, windows;
+    int n, pulsating, harmonics, windows;
     bool all_sums, missed;               /* as asked; a window that did not settle */
     double sums_to;                      /* as struct hill_leading's */
-    struct found *found;
-    int count, room;
+    int growing;                         /* the same */
+    struct hill_found found;
     struct disc disc[WINDOWS_MOST];      /* that were looked through */
     int discs;
 };
@@ -80,172 +70,13 @@ static enum modal_status no_memory(struct modal_error *err)
     return modal_fail(err, MODAL_NO_MEMORY, "multipliers: out of memory");
 }
 
-/* How far a multiplier may be from the true one. */
-static double bar_of(double residual, double condition)
-{
-    double least = fmax(residual, DBL_EPSILON);
-
-    return fmin(condition * least, sqrt(least));
-}
-
-/* Is F of a real motion, alone?  Both of a pair may be real over several cycles of W. */
-static bool is_real(const struct found *f)
-{
-    return f->turn * cabs(f->multiplier) <= f->bar;
-}
-
-/* Is I of H a copy of an earlier one, or the lower one of a pair both of which are there? */
-static bool repeated(const struct search *s, const struct hill_window *h, int i)
-{
-    double complex here = h->exponent[i];
-    double near = KNOWN * s->W;
-
-    for (int j = 0; j < h->count; j++) {
-        if (j < i && h->middle[j] != h->middle[i] && cabs(h->exponent[j] - here) <= near)
-            return true;
-        if (j != i && cimag(here) < -near && cabs(conj(h->exponent[j]) - here) <= near)
-            return true;
-    }
-    return false;
-}
-
-/* Are both of one direction? */
-static bool aligned(const struct search *s, const double complex *a, const double complex *b)
-{
-    double complex dot;
-
-    cblas_zdotc_sub(2 * s->n, a, 1, b, 1, &dot);
-    return 1 - creal(dot) * creal(dot) - cimag(dot) * cimag(dot) <= SAME;
-}
-
-/* Are both one multiplier, as far as is known? */
-static bool agree(const struct found *a, const struct found *b)
-{
-    return cabs(a->multiplier - b->multiplier) <= a->bar + b->bar + KNOWN;
-}
-
-/* X of length N less its parts along COUNT orthonormal columns of V; the square of its norm. */
-static double leave(const double complex *V, int n, int count, double complex *x)
-{
-    double complex dot;
-    double left;
-
-    for (int i = 0; i < count; i++) {
-        cblas_zdotc_sub(n, V + (size_t)i * (size_t)n, 1, x, 1, &dot);
-        dot = -dot;
-        cblas_zaxpy(n, &dot, V + (size_t)i * (size_t)n, 1, x, 1);
-    }
-    left = cblas_dznrm2(n, x, 1);
-    return left * left;
-}
-
-/* One of those found that F's search has not seen, where F's start lies among the starts of its
- * multiplier: every search has other vectors of a multiplier that is double.  NULL: there is none,
- * or no memory. */
-static struct found *spanned(struct search *s, const struct found *f)
-{
-    struct found *unseen = NULL;
-    struct workspace scratch = { 0 };
-    int n = 2 * s->n, same = 0, count = 0;
-    double complex *V;
-
-    for (int i = 0; i < s->count; i++)
-        same += agree(&s->found[i], f);
-    V = same > 1 ? workspace_zeros(&scratch, ((size_t)same + 1) * (size_t)n, sizeof *V) : NULL;
-    for (int i = 0; V != NULL && i < s->count; i++) {
-        struct found *g = &s->found[i];
-        double complex *here = V + (size_t)count * (size_t)n;
-        double left;
-        if (!agree(g, f))
-            continue;
-        unseen = g->run != f->run ? g : unseen;
-        memcpy(here, g->start, (size_t)n * sizeof *here);
-        left = leave(V, n, count, here);
-        if (left > SAME) {
-            cblas_zdscal(n, 1 / sqrt(left), here, 1);
-            count++;
-        }
-    }
-    if (unseen != NULL) {
-        memcpy(V + (size_t)count * (size_t)n, f->start, (size_t)n * sizeof *V);
-        unseen = leave(V, n, count, V + (size_t)count * (size_t)n) <= SAME ? unseen : NULL;
-    }
-    workspace_free(&scratch);
-    return unseen;
-}
-
-/* F, whose start lies elsewhere, among those found, or in place of the same one less exact. */
-static enum modal_status add(struct search *s, struct found *f, struct modal_error *err)
-{
-    size_t bytes = 2 * (size_t)s->n * sizeof *f->start;
-    struct found *at = NULL, *more;
-    double complex *start;
-
-    for (int i = 0; i < s->count && at == NULL; i++) {
-        struct found *g = &s->found[i];
-        if (g->run != f->run && agree(g, f) && aligned(s, g->start, f->start))
-            at = g;
-    }
-    more = at != NULL && at->residual <= f->residual ? at : at == NULL ? spanned(s, f) : NULL;
-    if (more != NULL) {
-        more->run = f->run;              /* it is seen once a search */
-        return MODAL_OK;
-    }
-    if (at == NULL && s->count == s->room) {
-        more = realloc(s->found, (2 * (size_t)s->room + 16) * sizeof *more);
-        if (more == NULL)
-            return no_memory(err);
-        s->found = more;
-        s->room = 2 * s->room + 16;
-    }
-    start = at != NULL ? at->start : malloc(bytes + 1);
-    if (start == NULL)
-        return no_memory(err);
-    memcpy(start, f->start, bytes);
-    at = at != NULL ? at : &s->found[s->count++];
-    *at = *f;
-    at->start = start;
-    return MODAL_OK;
-}
-
-/* What H found, of each pair the one that a cycle of W turns upwards. */
-static enum modal_status add_window(struct search *s, const struct hill_window *h,
-                                    struct modal_error *err)
-{
-    size_t states = 2 * (size_t)s->n;
-    enum modal_status rc = MODAL_OK;
-
-    s->runs++;
-    for (int i = 0; rc == MODAL_OK && i < h->count; i++) {
-        struct found f = { h->exponent[i], cexp(h->exponent[i] * s->period), 0, h->condition[i], 0,
-                           sin(2 * M_PI * remainder(cimag(h->exponent[i]) / s->W, 1)),
-                           h->start + (size_t)i * states, s->runs, false };
-        double size = cabs(f.multiplier);
-
-        if (abs(h->middle[i]) > 2 * s->reach || repeated(s, h, i) || !isfinite(size))
-            continue;
-        /* what lambda T is rounded by turns the multiplier */
-        f.residual = (h->residual[i] + ROUNDING * cabs(h->exponent[i]) * s->period) * size;
-        f.bar = bar_of(f.residual, f.condition);
-        if (f.turn < 0) {
-            f.turn = -f.turn;
-            f.multiplier = conj(f.multiplier);
-            f.exponent = conj(f.exponent);
-            for (size_t k = 0; k < states; k++)
-                f.start[k] = conj(f.start[k]);
-        }
-        rc = add(s, &f, err);
-    }
-    return rc;
-}
-
 /* The largest edge of the motions that are H's own. */
 static double edge_of(const struct search *s, const struct hill_window *h)
 {
     double edge = 0;
 
     for (int i = 0; i < h->count; i++)
-        edge = abs(h->middle[i]) <= 2 * s->reach ? fmax(edge, h->edge[i]) : edge;
+        edge = abs(h->middle[i]) <= 2 * s->found.reach ? fmax(edge, h->edge[i]) : edge;
     return edge;
 }
 
@@ -291,7 +122,7 @@ static enum modal_status open_window(struct search *s, double complex shift, int
         return modal_fail(err, MODAL_TOO_LARGE, "a window of %d harmonics takes about %.3g "
                           "operations, and %.3g of %.3g are spent", harmonics, work, s->work,
                           s->most);
-    rc = hill_window(s->p, s->period, shift, harmonics, wanted, seed, h, err);
+    rc = hill_window(s->p, s->found.period, shift, harmonics, wanted, seed, h, err);
     if (rc != MODAL_OK)
         return rc;
     s->work += h->work;
@@ -307,7 +138,7 @@ static enum modal_status look(struct search *s, double complex shift, int wanted
     enum modal_status rc;
     bool more;
 
-    shift += OFF_AXIS * s->W;
+    shift += OFF_AXIS * s->found.W;
     wanted = wanted < 2 * s->n ? wanted : 2 * s->n;
     do {
         rc = open_window(s, shift, s->harmonics, wanted, seed, &h, err);
@@ -323,7 +154,7 @@ static enum modal_status look(struct search *s, double complex shift, int wanted
     s->missed = s->missed || (!h.complete && h.count < wanted / 2);
     if (seed == 1 && h.count > 0)
         s->disc[s->discs++] = (struct disc){ shift, h.radius, 0 };
-    rc = add_window(s, &h, err);
+    rc = hill_found_add(&s->found, &h, err);
     hill_window_done(&h);
     return rc;
 }
@@ -338,61 +169,13 @@ static int window_of(const struct search *s, double complex z, double share)
     return -1;
 }
 
-/* Descending in modulus. */
-static int compare(const void *a, const void *b)
-{
-    double x = cabs(((const struct found *)a)->multiplier),
-           y = cabs(((const struct found *)b)->multiplier);
-
-    return (x < y) - (x > y);
-}
-
-/* How many of those found, sorted, make up what is wanted. */
-static int leading_count(struct search *s)
-{
-    int values = 0, i = 0;
-
-    qsort(s->found, (size_t)s->count, sizeof *s->found, compare);
-    for (; i < s->count && values < s->wanted; i++)
-        values += is_real(&s->found[i]) ? 1 : 2;
-    return values < s->wanted ? s->count + 1 : i;
-}
-
-/* Is the one after LAST as large as it? */
-static bool are_alike(const struct search *s, int last)
-{
-    const struct found *f = s->found;
-
-    return last < s->count && last > 0
-           && cabs(f[last - 1].multiplier) - cabs(f[last].multiplier)
-                  <= f[last - 1].bar + f[last].bar;
-}
-
 /* Does one of the first LAST lie farther out than RADIUS? */
 static bool reaches(const struct search *s, int last, double radius)
 {
-    for (int i = 0; i < last && i < s->count; i++)
-        if (cabs(s->found[i].exponent) > radius)
+    for (int i = 0; i < last && i < s->found.count; i++)
+        if (cabs(s->found.motion[i].exponent) > radius)
             return true;
     return false;
-}
-
-/* How large a multiplier must be to be one of those wanted. */
-static double least_of(struct search *s)
-{
-    int last = leading_count(s);
-
-    return last <= s->count ? cabs(s->found[last - 1].multiplier) : 0;
-}
-
-/* The largest modulus so far; 1 before there is any. */
-static double largest_of(const struct search *s)
-{
-    double largest = s->count > 0 ? 0 : 1;
-
-    for (int i = 0; i < s->count; i++)
-        largest = fmax(largest, cabs(s->found[i].multiplier));
-    return largest;
 }
 
 /* The middle of a window that has HERE at its lower rim: the constant exponent a third of a group
@@ -405,7 +188,7 @@ static double complex middle_of(const struct search *s, const struct hill_window
 
     for (int j = 0; j < constant->count && above < GROUP / 3; j++)
         if (cimag(constant->exponent[j]) > cimag(here)
-            && cabs(constant->exponent[j] - here) <= NEAR * s->W) {
+            && cabs(constant->exponent[j] - here) <= NEAR * s->found.W) {
             middle = constant->exponent[j];
             above++;
         }
@@ -423,12 +206,12 @@ static enum modal_status cover(struct search *s, const struct hill_window *const
         double complex here = constant->exponent[i], middle;
         int group = 0;
 
-        if (cimag(here) < -KNOWN * s->W || window_of(s, here, 1) >= 0
-            || exp(creal(here) * s->period) < least)
+        if (cimag(here) < -KNOWN * s->found.W || window_of(s, here, 1) >= 0
+            || exp(creal(here) * s->found.period) < least)
             continue;
         middle = middle_of(s, constant, here);
         for (int j = 0; j < constant->count && group < GROUP; j++)
-            group += cabs(constant->exponent[j] - middle) <= NEAR * s->W;
+            group += cabs(constant->exponent[j] - middle) <= NEAR * s->found.W;
         rc = look(s, middle, group + MORE, 1, err);
         if (rc == MODAL_OK && window_of(s, here, 1) < 0)
             rc = look(s, here, group + MORE, 1, err);
@@ -440,7 +223,7 @@ static enum modal_status cover(struct search *s, const struct hill_window *const
 static enum modal_status step_outwards(struct search *s, double *edge, double *radius,
                                        bool *vanish, struct modal_error *err)
 {
-    int asked = 2 * s->wanted + MORE < 2 * s->n ? 2 * s->wanted + MORE : 2 * s->n;
+    int asked = 2 * s->found.wanted + MORE < 2 * s->n ? 2 * s->found.wanted + MORE : 2 * s->n;
     enum modal_status rc;
 
     for (int again = 0; again < OVERLAPS; again++) {
@@ -448,17 +231,17 @@ static enum modal_status step_outwards(struct search *s, double *edge, double *r
         struct hill_window constant;
         bool last;
 
-        rc = open_window(s, CMPLX(OFF_AXIS * s->W, middle), 0, asked, 1, &constant, err);
+        rc = open_window(s, CMPLX(OFF_AXIS * s->found.W, middle), 0, asked, 1, &constant, err);
         if (rc != MODAL_OK)
             return rc;
         last = middle - constant.radius <= *edge || again == OVERLAPS - 1;
         *radius = constant.radius;
         if (last) {
-            rc = cover(s, &constant, KNOWN * largest_of(s), err);
+            rc = cover(s, &constant, KNOWN * hill_found_largest(&s->found), err);
             *vanish = true;
             for (int i = constant.count / 2; i < constant.count; i++)
-                *vanish = *vanish && exp(creal(constant.exponent[i]) * s->period)
-                                         < KNOWN * largest_of(s);
+                *vanish = *vanish && exp(creal(constant.exponent[i]) * s->found.period)
+                                         < KNOWN * hill_found_largest(&s->found);
             *edge = constant.count == 2 * s->n ? HUGE_VAL : fmax(*edge, middle + constant.radius);
         }
         hill_window_done(&constant);
@@ -481,11 +264,11 @@ static enum modal_status sample(struct search *s, double edge, struct modal_erro
 
         if (place <= edge)
             continue;
-        rc = open_window(s, CMPLX(OFF_AXIS * s->W, place), 0,
+        rc = open_window(s, CMPLX(OFF_AXIS * s->found.W, place), 0,
                          2 * MORE < 2 * s->n ? 2 * MORE : 2 * s->n, 1, &constant, err);
         if (rc != MODAL_OK)
             return rc;
-        rc = cover(s, &constant, least_of(s), err);
+        rc = cover(s, &constant, hill_found_least(&s->found), err);
         hill_window_done(&constant);
     }
     return rc;
@@ -514,10 +297,10 @@ static enum modal_status step_sums(struct search *s, struct hill_sums *sums, dou
             *found = true;
             rc = hill_sums_add(sums, &constant, *edge, to, err);
             if (rc == MODAL_OK && *edge > 0)
-                rc = cover(s, &constant, least_of(s), err);
+                rc = cover(s, &constant, hill_found_least(&s->found), err);
             for (int i = 0; i < constant.count; i++)     /* as the outermost of them is damped */
                 if (i == 0 || cimag(constant.exponent[i]) > to - half / 2)
-                    *next = CMPLX(creal(constant.exponent[i]) + OFF_AXIS * s->W,
+                    *next = CMPLX(creal(constant.exponent[i]) + OFF_AXIS * s->found.W,
                                   to + OVERLAP * half);
             *edge = to;
         }
@@ -534,14 +317,14 @@ static enum modal_status look_at_pairs(struct search *s, const struct hill_sums 
 {
     struct hill_sum *pair = NULL;
     int pairs = 0;
-    double least = fmax(least_of(s), KNOWN * largest_of(s));
+    double least = fmax(hill_found_least(&s->found), KNOWN * hill_found_largest(&s->found));
     enum modal_status rc =
-        hill_sums_find(sums, log(least) / s->period, MARGIN, &pair, &pairs, err);
+        hill_sums_find(sums, log(least) / s->found.period, MARGIN, &pair, &pairs, err);
 
     for (int i = 0; rc == MODAL_OK && i < pairs; i++) {
         double reached = creal(pair[i].exponent) + MARGIN * fmax(pair[i].raised, 0);
 
-        if (window_of(s, pair[i].exponent, 1) >= 0 || reached * s->period < log(least_of(s)))
+        if (window_of(s, pair[i].exponent, 1) >= 0 || reached * s->found.period < log(hill_found_least(&s->found)))
             continue;
         *settled = *settled && s->discs < WINDOWS_MOST;
         if (s->discs == WINDOWS_MOST)
@@ -557,12 +340,12 @@ static enum modal_status search_sums(struct search *s, bool *settled, struct mod
 {
     struct hill_sums sums;
     double frequency, decay, edge = 0, goal, begun = s->work;
-    double complex next = OFF_AXIS * s->W;
+    double complex next = OFF_AXIS * s->found.W;
     bool found = true;
-    enum modal_status rc = hill_sums_new(s->p, s->period, &sums, err);
+    enum modal_status rc = hill_sums_new(s->p, s->found.period, &sums, err);
 
     dofwise_fastest(s->p, &frequency, &decay);
-    goal = fmin(s->reach * s->W, frequency);
+    goal = fmin(s->found.reach * s->found.W, frequency);
     while (rc == MODAL_OK && found && edge < goal && s->work - begun < WORK_SUMS)
         rc = step_sums(s, &sums, &edge, &next, &found, err);
     if (rc == MODAL_OK)
@@ -587,10 +370,10 @@ static enum modal_status search_outwards(struct search *s, bool *settled, struct
         int last;
 
         rc = step_outwards(s, &edge, &radius, &vanish, err);
-        last = leading_count(s);
-        *settled = vanish || (last <= s->count && !reaches(s, last, REACH * edge)
-                              && (!s->all_sums || edge > s->reach * s->W));
-        alike = last <= s->count && are_alike(s, last) && edge > s->reach * s->W;
+        last = hill_found_last(&s->found);
+        *settled = vanish || (last <= s->found.count && !reaches(s, last, REACH * edge)
+                              && (!s->all_sums || edge > s->found.reach * s->found.W));
+        alike = last <= s->found.count && hill_found_alike(&s->found, last) && edge > s->found.reach * s->found.W;
         if (edge == HUGE_VAL || alike)
             break;
     }
@@ -609,15 +392,15 @@ static enum modal_status spread(struct search *s, bool *settled, struct modal_er
     int rim;
 
     do {
-        int last = leading_count(s);
+        int last = hill_found_last(&s->found);
 
         rim = -1;
-        for (int i = 0; i < last && i < s->count && rim < 0 && !are_alike(s, last); i++)
-            rim = window_of(s, s->found[i].exponent, INNER) < 0 ? i : -1;
+        for (int i = 0; i < last && i < s->found.count && rim < 0 && !hill_found_alike(&s->found, last); i++)
+            rim = window_of(s, s->found.motion[i].exponent, INNER) < 0 ? i : -1;
         if (rim >= 0 && s->discs == WINDOWS_MOST)
             *settled = false;
         else if (rim >= 0)
-            rc = look(s, s->found[rim].exponent, GROUP, 1, err);
+            rc = look(s, s->found.motion[rim].exponent, GROUP, 1, err);
     } while (rc == MODAL_OK && rim >= 0 && *settled);
     return rc;
 }
@@ -626,16 +409,16 @@ static enum modal_status spread(struct search *s, bool *settled, struct modal_er
 static enum modal_status repeat(struct search *s, struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
-    int last = leading_count(s);
+    int last = hill_found_last(&s->found);
 
-    for (int i = 0; i < last && i < s->count; i++) {
-        int at = window_of(s, s->found[i].exponent, 1);
+    for (int i = 0; i < last && i < s->found.count; i++) {
+        int at = window_of(s, s->found.motion[i].exponent, 1);
         if (at >= 0)
             s->disc[at].leading++;
     }
     for (int i = 0; rc == MODAL_OK && i < s->discs; i++)
         if (s->disc[i].leading > 0)
-            rc = look(s, s->disc[i].middle - OFF_AXIS * s->W, 2 * s->disc[i].leading + MORE, 2,
+            rc = look(s, s->disc[i].middle - OFF_AXIS * s->found.W, 2 * s->disc[i].leading + MORE, 2,
                       err);
     return rc;
 }
@@ -646,11 +429,11 @@ static bool explained(struct search *s, const struct hill_hint *h)
 {
     double near = fmax(h->residual, KNOWN);
 
-    if (cabs(h->multiplier) <= least_of(s) + KNOWN
+    if (cabs(h->multiplier) <= hill_found_least(&s->found) + KNOWN
         || (h->residual > KNOWN && window_of(s, h->exponent, 1) >= 0))
         return true;
-    for (int i = 0; i < s->count; i++) {
-        const struct found *f = &s->found[i];
+    for (int i = 0; i < s->found.count; i++) {
+        const struct hill_motion *f = &s->found.motion[i];
         if (fmin(cabs(h->multiplier - f->multiplier), cabs(conj(h->multiplier) - f->multiplier))
             <= f->bar + near)
             return true;
@@ -672,24 +455,6 @@ static enum modal_status follow(struct search *s, const struct hill_hint *hint, 
     return rc;
 }
 
-/* One of those found that no other hint has, where H says; NULL: there is none. */
-static struct found *own_of(struct search *s, const struct hill_hint *h)
-{
-    struct found *nearest = NULL;
-    double least = HUGE_VAL;
-
-    for (int i = 0; i < s->count; i++) {
-        struct found *f = &s->found[i];
-        double off = fmin(cabs(h->multiplier - f->multiplier),
-                          cabs(conj(h->multiplier) - f->multiplier));
-        if (!f->taken && off < least && off <= f->bar + h->residual + KNOWN) {
-            nearest = f;
-            least = off;
-        }
-    }
-    return nearest;
-}
-
 /* Small windows about hints, of pairs the upper one, that are in none yet; *SETTLED as only_hints
  * has it. */
 static enum modal_status refine_hints(struct search *s, const struct hill_hint *hint, int hints,
@@ -700,19 +465,19 @@ static enum modal_status refine_hints(struct search *s, const struct hill_hint *
 
     *settled = true;
     for (int i = 0; rc == MODAL_OK && i < hints; i++) {
-        struct found *own;
+        struct hill_motion *own;
 
         rest = fmin(rest, cabs(hint[i].multiplier) + hint[i].residual);
         if (cimag(hint[i].multiplier) < 0)
             continue;
-        if (own_of(s, &hint[i]) == NULL && s->discs < WINDOWS_MOST)
-            rc = look(s, hint[i].exponent - (OFF_AXIS - BESIDE) * s->W, 1, 1, err);
-        own = own_of(s, &hint[i]);
+        if (hill_found_own(&s->found, &hint[i]) == NULL && s->discs < WINDOWS_MOST)
+            rc = look(s, hint[i].exponent - (OFF_AXIS - BESIDE) * s->found.W, 1, 1, err);
+        own = hill_found_own(&s->found, &hint[i]);
         *settled = *settled && own != NULL;
         if (own != NULL)
             own->taken = true;
     }
-    *settled = *settled && (least_of(s) > rest || are_alike(s, leading_count(s)));
+    *settled = *settled && (hill_found_least(&s->found) > rest || hill_found_alike(&s->found, hill_found_last(&s->found)));
     return rc;
 }
 
@@ -729,10 +494,10 @@ static enum modal_status report(struct search *s, int last, struct hill_leading 
     if (out->space.failed)
         return no_memory(err);
     for (int i = 0; i < last; i++)
-        for (int side = 0; side < (is_real(&s->found[i]) ? 1 : 2); side++) {
-            const struct found *f = &s->found[i];
+        for (int side = 0; side < (hill_motion_real(&s->found.motion[i]) ? 1 : 2); side++) {
+            const struct hill_motion *f = &s->found.motion[i];
             size_t at = (size_t)out->count++;
-            out->multiplier[at] = is_real(f)  ? creal(f->multiplier)
+            out->multiplier[at] = hill_motion_real(f)  ? creal(f->multiplier)
                                   : side == 0 ? f->multiplier
                                               : conj(f->multiplier);
             out->residual[at] = f->residual;
@@ -741,6 +506,48 @@ static enum modal_status report(struct search *s, int last, struct hill_leading 
                 out->start[k + at * states] = side == 0 ? f->start[k] : conj(f->start[k]);
         }
     return MODAL_OK;
+}
+
+/* Constant exponents next to the right half of the real axis, stretch after stretch, and windows
+ * about those that grow, until as many are found as there are. */
+static enum modal_status search_real(struct search *s, double rate, struct modal_error *err)
+{
+    double frequency, decay, edge = rate, least = exp(rate * s->found.period);
+    enum modal_status rc = MODAL_OK;
+
+    dofwise_fastest(s->p, &frequency, &decay);
+    while (rc == MODAL_OK && edge < frequency + decay && s->discs < WINDOWS_MOST
+           && hill_found_growing(&s->found, rate) < s->growing) {
+        struct hill_window constant;
+        rc = open_window(s, 2 * edge, 0, 2 * MORE < 2 * s->n ? 2 * MORE : 2 * s->n, 1, &constant,
+                         err);
+        if (rc != MODAL_OK)
+            return rc;
+        rc = cover(s, &constant, least, err);
+        edge = fmax(2 * edge, 2 * edge + constant.radius);
+        hill_window_done(&constant);
+    }
+    return rc;
+}
+
+/* Are all found that grow fast?  Else *SETTLED: not. */
+static enum modal_status check_growth(struct search *s, bool uncounted, bool *settled,
+                                      struct modal_error *err)
+{
+    double rate = FAST * s->found.W;
+    enum modal_status rc = hill_growth(s->p, s->found.period, rate,
+                                       s->most > 0 ? fmin(WORK_GROWTH, s->most - s->work)
+                                                   : WORK_GROWTH, &s->growing, &s->work, err);
+
+    if (rc == MODAL_TOO_LARGE || rc == MODAL_NO_CONVERGENCE) {
+        s->growing = -1;
+        *settled = *settled && uncounted;
+        return MODAL_OK;
+    }
+    if (rc == MODAL_OK && hill_found_growing(&s->found, rate) < s->growing)
+        rc = search_real(s, rate, err);
+    *settled = *settled && hill_found_growing(&s->found, rate) == s->growing;
+    return rc;
 }
 
 /* All that may be leading. */
@@ -753,38 +560,40 @@ static enum modal_status find_all(struct search *s, const struct hill_ask *ask, 
         rc = spread(s, settled, err);
     if (rc == MODAL_OK)
         rc = follow(s, ask->hint, ask->hints, settled, err);
+    if (rc == MODAL_OK)
+        rc = check_growth(s, ask->uncounted, settled, err);
     return rc == MODAL_OK ? repeat(s, err) : rc;
 }
 
 enum modal_status hill_leading(const struct program *p, double period, const struct hill_ask *ask,
                                struct hill_leading *out, struct modal_error *err)
 {
-    struct search s = { .p = p, .period = period, .n = p->n,
-                        .W = hill_window_frequency(p, period),
-                        .wanted = ask->wanted, .most = ask->most, .all_sums = ask->all_sums,
-                        .reach = hill_window_reach(p) };
+    struct search s = { .p = p, .n = p->n, .most = ask->most, .all_sums = ask->all_sums,
+                        .growing = -1,
+                        .found = { .n = p->n, .wanted = ask->wanted, .period = period,
+                                   .reach = hill_window_reach(p),
+                                   .W = hill_window_frequency(p, period) } };
     int last;
     enum modal_status rc = count_pulsating(&s, err);
 
     *out = (struct hill_leading){ 0 };
-    s.harmonics = (ask->harmonics > 0 ? ask->harmonics : HARMONICS) * s.reach;
+    s.harmonics = (ask->harmonics > 0 ? ask->harmonics : HARMONICS) * s.found.reach;
     if (rc == MODAL_OK)
         rc = ask->only_hints ? refine_hints(&s, ask->hint, ask->hints, &out->settled, err)
                              : find_all(&s, ask, &out->settled, err);
-    last = leading_count(&s);
-    if (rc == MODAL_OK && s.count == 0)
+    last = hill_found_last(&s.found);
+    if (rc == MODAL_OK && s.found.count == 0)
         rc = modal_fail(err, MODAL_NO_CONVERGENCE, "no multiplier was found");
     if (rc == MODAL_OK) {
-        out->alike = are_alike(&s, last);
+        out->alike = hill_found_alike(&s.found, last);
         out->settled = out->settled && !s.missed;
         out->windows = s.windows;
         out->harmonics = s.harmonics;
         out->sums_to = s.sums_to;
-        rc = report(&s, last <= s.count ? last : s.count, out, err);
+        out->growing = s.growing;
+        rc = report(&s, last <= s.found.count ? last : s.found.count, out, err);
     }
-    for (int i = 0; i < s.count; i++)
-        free(s.found[i].start);
-    free(s.found);
+    hill_found_done(&s.found);
     if (rc != MODAL_OK)
         hill_leading_done(out);
     out->work = s.work;

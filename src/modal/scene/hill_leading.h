@@ -8,16 +8,15 @@
 #include <complex.h>
 #include <stdbool.h>
 #include "modal/linalg/workspace.h"
+#include "modal/scene/hill_found.h"
 #include "modal/scene/program.h"
-
-/* residual: how far the multiplier may be off */
-struct hill_hint { double complex exponent; double complex multiplier; double residual; };
 
 struct hill_ask {
     int wanted;                  /* multipliers */
     int harmonics;               /* of a window to begin with, for the highest; 0: 6 */
     bool all_sums;               /* no end below the highest harmonic that pulsates: both motions */
                                  /* lie below it that it makes grow by the sum of frequencies */
+    bool uncounted;              /* settled also where those that grow fast cannot be counted */
     double most;                 /* operations (budget.h), nearly; 0: no limit */
     const struct hill_hint *hint;/* that may be leading ones, to their residuals, with exponents */
     int hints;                   /* that are not folded */
@@ -33,7 +32,10 @@ struct hill_leading {
     double *residual;            /* |Phi y - rho y|, y of unit norm in roots of energies */
     double *condition;           /* >= 1 */
     double complex *start;       /* 2 n x count: y */
-    bool settled;                /* what was looked at farther out added none, nor did a hint */
+    bool settled;                /* what was looked at farther out added none, nor did a hint; */
+                                 /* and all are found that grow fast */
+    int growing;                 /* multipliers that grow fast, found or not, as was counted */
+                                 /* (hill_growth.h); -1: it was not */
     double sums_to;              /* rad/s: pairs that grow by the sum of their frequencies were */
                                  /* looked for among frequencies up to it; 0: among all */
     bool alike;                  /* others were found whose moduli do not differ from the last's */

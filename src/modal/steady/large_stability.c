@@ -566,6 +566,7 @@ static enum modal_status ask_windows(struct large *l, const struct program *p,
                                      struct stability *out, struct modal_error *err)
 {
     struct hill_ask ask = { .wanted = IN_WINDOWS, .harmonics = WINDOW, .all_sums = true,
+                            .uncounted = true,
                             .most = l->u->budget->most - l->u->budget->spent };
     struct hill_leading h = { 0 };
     enum modal_status rc = hill_leading(p, 2 * M_PI / l->u->point->omega, &ask, &h, err);

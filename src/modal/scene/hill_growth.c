@@ -16,6 +16,13 @@
  * which has no pole there, is 1 far to the right and has the period i W.  V has the rows and columns
  * of a few dofs alone, so that (2) is of these, banded by harmonics.  The count is the turns of D
  * along Re s = g, Nyquist's; D is real at s = g and, to the harmonics kept, at s = g + i W / 2.
+ *
+ * Where stiffnesses pulsate slowly, however many, there is no need to count: with symmetric ones
+ * the energy x'^H M x' + x^H (K(t) + g^2 M) x grows by no more than 2 g times itself where
+ *
+ *     C(t) + M g / 2,   K(t) + g^2 M,   2 g K(t) - K'(t) + g^3 M                                 (3)
+ *
+ * are positive, for 2 g^2 x'^H M x <= g x'^H M x' + g^3 x^H M x.
  */
 #include "modal/scene/hill_growth.h"
 #include <cblas.h>
@@ -33,11 +40,15 @@ enum {
     PORTS_MOST = 48,             /* dofs of V: chosen, its factors take their square */
     TERMS_MOST = 1000000,        /* harmonics: no int overflows */
     HALVED = 12,                 /* times that a stretch of the line may be */
+    TIMES = 16,                  /* of the highest harmonic's cycle, at which (3) is asked */
     DENSE = 4,                   /* dense operations in the time of one, as BUDGET_DENSE */
 };
 static const double TURN = M_PI / 3;     /* from one point of the line to the next, at most */
+static const double SLOWER = 0.5;        /* of g: what (3) is asked with, for between those times */
 static const double WHOLE = 0.05;        /* of a half turn: what harmonics left out may take */
 static const double GAIN = 0.5;          /* of what is left out: it must be below 1 */
+static const double SYMMETRIC = 1e-12;   /* of an entry: the one across differs by no more */
+static const double ROUNDING = 1e-13;    /* of a diagonal entry: what its pivot is off by */
 static const double PIVOT = 1e-3;        /* of its diagonal entry: less makes others large */
 static const double STRETCH = 0.5;       /* of g, from point to point: no pole is nearer than g */
 static const double SOLVED = 10;         /* operations an entry of the factors' pattern, solved */
@@ -433,24 +444,86 @@ static enum modal_status count_turns(struct count *s, int *count, struct modal_e
     return rc;
 }
 
+/* By (2). */
+static enum modal_status count_all(struct count *s, int *count, struct modal_error *err)
+{
+    enum modal_status rc = part(s, err);
+
+    if (rc == MODAL_OK)
+        rc = find_ports(s, err);
+    if (rc == MODAL_OK)
+        rc = choose_terms(s, err);
+    if (rc == MODAL_OK)
+        rc = join(s, err);
+    return rc == MODAL_OK ? count_turns(s, count, err) : rc;
+}
+
+/* P's matrix WHICH at phase W t by STILL and its derivative by MOVING, and SHIFT M: is the sum
+ * positive? */
+static enum modal_status is_positive(const struct program *p, int which, double phase,
+                                     double still, double moving, double shift, bool *positive,
+                                     struct modal_error *err)
+{
+    struct sparse sum = { 0 }, more;
+    struct sparse_lu *f = NULL;
+    struct sparse_lu_pivot lacks;
+    enum modal_status rc = combine(p->n, still, 0, &p->constant[which], shift,
+                                   &p->constant[PROGRAM_M], &sum, err);
+
+    for (int h = 0; rc == MODAL_OK && h < 2 * p->harmonics; h++) {
+        const struct program_harmonic *a = &p->harmonic[h / 2];
+        double angle = a->k * phase, c = cos(angle), d = a->k * p->omega * sin(angle);
+        double factor = h % 2 == 0 ? still * c - moving * d
+                                   : still * sin(angle) + moving * a->k * p->omega * c;
+        rc = combine(p->n, 1, 0, &sum, factor, h % 2 == 0 ? &a->cosine[which] : &a->sine[which],
+                     &more, err);
+        if (rc == MODAL_OK) {
+            sparse_done(&sum);
+            sum = more;
+        }
+    }
+    *positive = false;
+    if (rc == MODAL_OK && sparse_symmetric(&sum, SYMMETRIC))
+        rc = sparse_lu_new(p->n, sum.start, sum.index, false, &f, err);
+    if (f != NULL)
+        *positive = sparse_lu_diagonal(f, sum.value, ROUNDING, &lacks) && lacks.row < 0;
+    sparse_lu_free(f);
+    sparse_done(&sum);
+    return rc;
+}
+
+/* Does (3) say that nothing grows by RATE? */
+static enum modal_status is_slow(const struct program *p, int reach, double rate, bool *slow,
+                                 struct modal_error *err)
+{
+    double g = SLOWER * rate, W = reach > 0 ? p->harmonic[p->harmonics - 1].k / reach : 1;
+    enum modal_status rc = MODAL_OK;
+
+    *slow = true;
+    for (int i = 0; rc == MODAL_OK && *slow && i < TIMES * reach; i++) {
+        double phase = 2 * M_PI * i / (TIMES * reach) / W;
+        rc = is_positive(p, PROGRAM_C, phase, 1, 0, g / 2, slow, err);
+        if (rc == MODAL_OK && *slow)
+            rc = is_positive(p, PROGRAM_K, phase, 1, 0, g * g, slow, err);
+        if (rc == MODAL_OK && *slow)
+            rc = is_positive(p, PROGRAM_K, phase, 2 * g, -1, g * g * g, slow, err);
+    }
+    return rc;
+}
+
 enum modal_status hill_growth(const struct program *p, double period, double rate, double most,
                               int *count, double *work, struct modal_error *err)
 {
     struct count s = { .p = p, .W = hill_window_frequency(p, period), .rate = rate, .most = most,
                        .n = p->n, .reach = hill_window_reach(p) };
+    bool slow;
     enum modal_status rc;
 
     *count = 0;
     s.unit = s.reach > 0 ? p->harmonic[p->harmonics - 1].k / s.reach : 1;
-    rc = part(&s, err);
-    if (rc == MODAL_OK)
-        rc = find_ports(&s, err);
-    if (rc == MODAL_OK)
-        rc = choose_terms(&s, err);
-    if (rc == MODAL_OK)
-        rc = join(&s, err);
-    if (rc == MODAL_OK)
-        rc = count_turns(&s, count, err);
+    rc = is_slow(p, s.reach, rate, &slow, err);
+    if (rc == MODAL_OK && !slow)
+        rc = count_all(&s, count, err);
     *work += s.work;
     sparse_lu_free(s.Q);
     for (int which = PROGRAM_M; which <= PROGRAM_K; which++) {

@@ -28,7 +28,7 @@ static double bar_of(double residual, double condition)
 {
     double least = fmax(residual, DBL_EPSILON);
 
-    return fmin(condition * least, sqrt(least));
+    return fmin(condition * least, fmax(sqrt(least), least));
 }
 
 bool hill_motion_real(const struct hill_motion *f)
@@ -158,7 +158,8 @@ enum modal_status hill_found_add(struct hill_found *s, const struct hill_window 
 
     s->runs++;
     for (int i = 0; rc == MODAL_OK && i < h->count; i++) {
-        struct hill_motion f = { h->exponent[i], cexp(h->exponent[i] * s->period), 0, h->condition[i], 0,
+        struct hill_motion f = { h->exponent[i], cexp(h->exponent[i] * s->period), 0,
+                                 h->condition[i], 0,
                            sin(2 * M_PI * remainder(cimag(h->exponent[i]) / s->W, 1)),
                            h->start + (size_t)i * states, s->runs, false };
         double size = cabs(f.multiplier);

@@ -13,14 +13,15 @@
  *
  *     D(s) = det(I + G V),   G = diag_k Q+^-1(s + i k W),                                       (2)
  *
- * which has no pole there, is 1 far to the right and has the period i W.  V has the rows and columns
- * of a few dofs alone, so that (2) is of these, banded by harmonics.  The count is the turns of D
- * along Re s = g, Nyquist's; D is real at s = g and, to the harmonics kept, at s = g + i W / 2.
+ * which has no pole there, is 1 far to the right and has the period i W.  V has the rows and
+ * columns of a few dofs alone, so that (2) is of these, banded by harmonics.  The count is the
+ * turns of D along Re s = g, Nyquist's; D is real at s = g and, to the harmonics kept, at
+ * s = g + i W / 2.
  *
  * Where stiffnesses pulsate slowly, however many, there is no need to count: with symmetric ones
  * the energy x'^H M x' + x^H (K(t) + g^2 M) x grows by no more than 2 g times itself where
  *
- *     C(t) + M g / 2,   K(t) + g^2 M,   2 g K(t) - K'(t) + g^3 M                                 (3)
+ *     C(t) + M g / 2,   K(t) + g^2 M,   2 g K(t) - K'(t) + g^3 M                                (3)
  *
  * are positive, for 2 g^2 x'^H M x <= g x'^H M x' + g^3 x^H M x.
  */
@@ -51,6 +52,7 @@ static const double SYMMETRIC = 1e-12;   /* of an entry: the one across differs 
 static const double ROUNDING = 1e-13;    /* of a diagonal entry: what its pivot is off by */
 static const double PIVOT = 1e-3;        /* of its diagonal entry: less makes others large */
 static const double STRETCH = 0.5;       /* of g, from point to point: no pole is nearer than g */
+static const double COMPLEX = 8;         /* operations of one multiplied and added */
 static const double SOLVED = 10;         /* operations an entry of the factors' pattern, solved */
 
 struct count {
@@ -157,7 +159,7 @@ static enum modal_status part(struct count *s, struct modal_error *err)
                 e[count++] = (struct triplet){ i, i, lack[i] };
         if (rc == MODAL_OK)
             rc = sparse_from_triplets(s->n, s->n, e, count, &more, err);
-        if (rc == MODAL_OK)      /* turning forces take no energy, turning stiffnesses may give it */
+        if (rc == MODAL_OK)      /* what turns motions takes no energy as a damping alone */
             rc = which == PROGRAM_C ? combine(s->n, 1, 0, A, 1, &more, &s->part[which], err)
                                     : combine(s->n, 0.5, 0.5, A, 1, &more, &s->part[which], err);
         if (rc == MODAL_OK)
@@ -203,7 +205,7 @@ static enum modal_status find_ports(struct count *s, struct modal_error *err)
     return MODAL_OK;
 }
 
-/* Where what is left out is small: V times Q+^-1 is below GAIN from there on, by rows over masses. */
+/* Where what is left out is small: V times Q+^-1 is below GAIN from there on, by rows. */
 static enum modal_status choose_terms(struct count *s, struct modal_error *err)
 {
     struct program own = { .n = s->n };
@@ -364,7 +366,7 @@ static enum modal_status determine(struct count *s, double turn, double complex 
     }
     if (LAPACKE_zgbtrf(LAPACK_COL_MAJOR, N, N, width, width, s->band, ld, s->pivots) != 0)
         return modal_fail(err, MODAL_NO_CONVERGENCE, "growth: an exponent lies on the line");
-    s->work += 8.0 * N * width * width / DENSE;
+    s->work += COMPLEX * N * width * width / DENSE;
     *direction = 1;
     for (int i = 0; i < N; i++) {
         double complex u = s->band[(size_t)(2 * width) + (size_t)i * (size_t)ld];
@@ -373,7 +375,7 @@ static enum modal_status determine(struct count *s, double turn, double complex 
     return MODAL_OK;
 }
 
-/* How far D turns from A on, where its direction is OF_A, to B; OF_B becomes its direction there. */
+/* How far D turns from A on, where its direction is OF_A, to B, where it is OF_B. */
 static enum modal_status turn(struct count *s, double a, double b, double complex of_a,
                               double complex of_b, int left, double *sum, struct modal_error *err)
 {
@@ -405,7 +407,7 @@ static enum modal_status prepare(struct count *s, int points, struct modal_error
     double begun = s->work;
     enum modal_status rc;
 
-    if (8.0 * (double)(terms * p * width * width) / DENSE * points > s->most)
+    if (COMPLEX * (double)(terms * p * width * width) / DENSE * points > s->most)
         return modal_fail(err, MODAL_TOO_LARGE, "growth: %zu harmonics of %zu dofs", terms, p);
     s->G = workspace_zeros(&s->space, terms * p * p, sizeof *s->G);
     s->T = workspace_zeros(&s->space, p * p, sizeof *s->T);

@@ -11,7 +11,8 @@
  * Into COUNT the multipliers of P over PERIOD, laws and loads left out, beyond e^(RATE PERIOD),
  * RATE > 0 in 1/s, for no more than MOST operations (budget.h), nearly; those taken are added to
  * WORK.  P is one that period_map_serves.  Fails with MODAL_TOO_LARGE (it takes more, or too many
- * dofs pulsate or push away from rest), MODAL_NO_CONVERGENCE (one lies on the line), MODAL_NO_MEMORY.
+ * dofs pulsate or push away from rest), MODAL_NO_CONVERGENCE (one lies on the line),
+ * MODAL_NO_MEMORY.
  */
 enum modal_status hill_growth(const struct program *p, double period, double rate, double most,
                               int *count, double *work, struct modal_error *err);

@@ -324,7 +324,8 @@ static enum modal_status look_at_pairs(struct search *s, const struct hill_sums 
     for (int i = 0; rc == MODAL_OK && i < pairs; i++) {
         double reached = creal(pair[i].exponent) + MARGIN * fmax(pair[i].raised, 0);
 
-        if (window_of(s, pair[i].exponent, 1) >= 0 || reached * s->found.period < log(hill_found_least(&s->found)))
+        if (window_of(s, pair[i].exponent, 1) >= 0
+            || reached * s->found.period < log(hill_found_least(&s->found)))
             continue;
         *settled = *settled && s->discs < WINDOWS_MOST;
         if (s->discs == WINDOWS_MOST)
@@ -373,7 +374,8 @@ static enum modal_status search_outwards(struct search *s, bool *settled, struct
         last = hill_found_last(&s->found);
         *settled = vanish || (last <= s->found.count && !reaches(s, last, REACH * edge)
                               && (!s->all_sums || edge > s->found.reach * s->found.W));
-        alike = last <= s->found.count && hill_found_alike(&s->found, last) && edge > s->found.reach * s->found.W;
+        alike = last <= s->found.count && hill_found_alike(&s->found, last)
+                && edge > s->found.reach * s->found.W;
         if (edge == HUGE_VAL || alike)
             break;
     }
@@ -395,7 +397,8 @@ static enum modal_status spread(struct search *s, bool *settled, struct modal_er
         int last = hill_found_last(&s->found);
 
         rim = -1;
-        for (int i = 0; i < last && i < s->found.count && rim < 0 && !hill_found_alike(&s->found, last); i++)
+        for (int i = 0;
+             i < last && i < s->found.count && rim < 0 && !hill_found_alike(&s->found, last); i++)
             rim = window_of(s, s->found.motion[i].exponent, INNER) < 0 ? i : -1;
         if (rim >= 0 && s->discs == WINDOWS_MOST)
             *settled = false;
@@ -418,8 +421,8 @@ static enum modal_status repeat(struct search *s, struct modal_error *err)
     }
     for (int i = 0; rc == MODAL_OK && i < s->discs; i++)
         if (s->disc[i].leading > 0)
-            rc = look(s, s->disc[i].middle - OFF_AXIS * s->found.W, 2 * s->disc[i].leading + MORE, 2,
-                      err);
+            rc = look(s, s->disc[i].middle - OFF_AXIS * s->found.W,
+                      2 * s->disc[i].leading + MORE, 2, err);
     return rc;
 }
 
@@ -477,7 +480,8 @@ static enum modal_status refine_hints(struct search *s, const struct hill_hint *
         if (own != NULL)
             own->taken = true;
     }
-    *settled = *settled && (hill_found_least(&s->found) > rest || hill_found_alike(&s->found, hill_found_last(&s->found)));
+    *settled = *settled && (hill_found_least(&s->found) > rest
+                            || hill_found_alike(&s->found, hill_found_last(&s->found)));
     return rc;
 }
 

@@ -1,9 +1,10 @@
-/* Tests as well: hill.c hill_leading.c hill_sums.c hill_window.c leading.c magnus.c
- * parametric_stiffness.c statespace.c */
+/* Tests as well: hill.c hill_found.c hill_growth.c hill_leading.c hill_sums.c hill_window.c
+ * leading.c magnus.c parametric_stiffness.c statespace.c */
 #include "check.h"
 #include <float.h>
 #include "modal/scene/floquet.h"
 #include "modal/scene/hill.h"
+#include "modal/scene/hill_growth.h"
 #include "modal/scene/hill_leading.h"
 #include "modal/scene/magnus.h"
 #include "scene_text.h"
@@ -452,6 +453,100 @@ TEST(windows_know_a_period_of_several_cycles_of_what_pulsates_and_a_harmonic_tha
         struct program *p = pumped_chain(60, 0, at, sizeof at / sizeof *at,
                                          1.3 / cases[i].k, cases[i].k, cases[i].phase, period);
         CHECK_NEAR(pow(windows_alone(p, period, 10), 1.0 / cases[i].cycles), 1.044918874781, 1e-10);
+        program_free(p);
+    }
+}
+
+/* A real exponent far right of all that windows along the axis see.  By numpy. */
+TEST(windows_alone_find_a_divergence_far_right_of_the_axis)
+{
+    enum { N = 60 };
+    char *text = malloc(30 * N + 400), *end = text;
+    struct modal_error err = { 0 };
+    struct hill_leading h;
+    struct program *p;
+
+    end += sprintf(end, "{'structure':{'type':'chain','masses':[1");
+    for (int i = 1; i < N; i++)
+        end += sprintf(end, ",1");
+    end += sprintf(end, "],'springs':[1e4");
+    for (int i = 0; i < N; i++)
+        end += sprintf(end, ",1e4");
+    end += sprintf(end, "],'dampers':[0.5");
+    for (int i = 0; i < N; i++)
+        end += sprintf(end, ",0.5");
+    sprintf(end, "]},'omega':3,'effects':[{'type':'parametric_stiffness','dof':'x5','stiffness':"
+            "1000,'k':1},{'type':'spring','dof':'x30','stiffness':-1.5e4}]}");
+    p = program_text(text);
+    CHECK(hill_leading(p, 2 * M_PI / 3, &(struct hill_ask){ .wanted = 4 }, &h, &err) == MODAL_OK);
+    CHECK(h.settled && h.growing == 1 && cimag(h.multiplier[0]) == 0);
+    CHECK_NEAR(log(cabs(h.multiplier[0])) * 3 / (2 * M_PI) / 70.611002097414, 1, 1e-11);
+    CHECK(cabs(h.multiplier[1]) < 1);
+    hill_leading_done(&h);
+    program_free(p);
+    free(text);
+}
+
+/* Forty unit masses on springs of 1 with dampers of 0.01, as matrices. */
+struct grown {
+    const char *pumps;
+    bool free, pushed, turns, circulates;  /* no ends; -1.6 on x20; gyroscopic; unsymmetric */
+    int count[3];                          /* beyond 0.02, 0.05 and 0.125 of omega */
+};
+
+static struct program *grown_program(const struct grown *c)
+{
+    enum { N = 40 };
+    char *text = malloc(3 * 12 * N * N + 600), *end = text;
+    struct program *p;
+
+    end += sprintf(end, "{'structure':{'type':'matrices'");
+    for (int part = 0; part < 3; part++) {
+        end += sprintf(end, ",'%c':[", "MCK"[part]);
+        for (int i = 0; i < N; i++)
+            for (int j = 0; j < N; j++) {
+                bool rim = c->free && (i == 0 || i == N - 1);
+                double v = i == j ? (rim ? 1 : 2) : abs(i - j) == 1 ? -1 : 0;
+                v = part == 0 ? i == j : part == 1 ? v * 0.01 : v;
+                v -= part == 2 && c->pushed && i == 19 && j == 19 ? 1.6 : 0;
+                v += part == 1 && c->turns && i / 2 == j / 2 ? (j - i) * 0.4 : 0;
+                v += part == 2 && c->circulates && i == 14 && j == 17 ? 0.5 : 0;
+                v -= part == 2 && c->circulates && i == 17 && j == 14 ? 0.5 : 0;
+                end += sprintf(end, "%s%.3g", j > 0 ? "," : i > 0 ? "],[" : "[", v);
+            }
+        end += sprintf(end, "]]");
+    }
+    sprintf(end, "},'omega':1.3,'effects':[%s]}", c->pumps);
+    p = program_text(text);
+    free(text);
+    return p;
+}
+
+#define PUMP(dof, stiffness) "{'type':'parametric_stiffness','dof':'" dof "','stiffness':" \
+    stiffness ",'k':1}"
+
+/* Of numpy's eigenvalues of the map by scipy's DOP853; none is nearer to a line than 4e-5 omega. */
+TEST(what_grows_faster_than_a_rate_is_counted_wherever_it_is)
+{
+    static const struct grown cases[] = {
+        { PUMP("x5", "0.8"), false, true, false, false, { 1, 1, 1 } },
+        { PUMP("x10", "3") "," PUMP("x25", "2.5"), false, false, false, false, { 5, 3, 1 } },
+        { PUMP("x10", "1.5"), true, false, false, false, { 4, 0, 0 } },
+        { PUMP("x10", "3"), false, true, true, false, { 2, 2, 2 } },
+        { PUMP("x10", "2"), false, false, false, true, { 0, 0, 0 } },
+    };
+    static const double rate[] = { 0.02, 0.05, 0.125 };
+
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        struct program *p = grown_program(&cases[i]);
+        for (size_t k = 0; k < sizeof rate / sizeof *rate; k++) {
+            struct modal_error err = { 0 };
+            double work = 0;
+            int count = -1;
+            CHECK(hill_growth(p, 2 * M_PI / 1.3, rate[k] * 1.3, HUGE_VAL, &count, &work, &err)
+                  == MODAL_OK);
+            CHECK(count == cases[i].count[k] && work > 0);
+        }
         program_free(p);
     }
 }

@@ -7,7 +7,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include "modal/identify/fit/whiten.h"
+#include "modal/identify/order/whiten.h"
 #include "modal/identify/linear/exponents.h"
 #include "modal/identify/order/remainder.h"
 #include "modal/identify/prepare/fold.h"

@@ -6,7 +6,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include "modal/identify/fit/whiten.h"
+#include "modal/identify/order/whiten.h"
 #include "modal/identify/order/remainder.h"
 #include "modal/linalg/eigen.h"
 #include "modal/linalg/svd.h"
@@ -158,7 +158,7 @@ static double least_gain(const struct work *w)
 {
     double S = w->data.Y->n;
 
-    return criterion_noise_pair(S, S * w->data.Y->m);
+    return criterion_noise_pair(S, 1, S * w->data.Y->m);
 }
 
 /* Before any fit: a first search in noise taken for white, correlated by 0.9, ends only where all

@@ -58,14 +58,14 @@ static double noise_most(double S, double white, double numbers, int k)
     return k * (S + 1) + 2 * sqrt(k * S / white * x) + 2 * x * (1 + a) / (1 - a);
 }
 
-double criterion_noise_pair(double columns, double numbers)
+double criterion_noise_pair(double columns, double white, double numbers)
 {
-    return noise_most(columns, 1, numbers, 2);
+    return noise_most(columns, white, numbers, 2);
 }
 
 int criterion_order_told(double columns, double numbers)
 {
-    return (int)fmax((numbers - criterion_noise_pair(columns, numbers)) / (columns + 1), 0);
+    return (int)fmax((numbers - criterion_noise_pair(columns, 1, numbers)) / (columns + 1), 0);
 }
 
 /* (3) for the first POLES, each of K columns of S amplitudes, after USED ones. */

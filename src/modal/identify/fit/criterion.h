@@ -29,9 +29,9 @@ double criterion_scarcity(double unknowns, double numbers);
 /* The part of it that a model pays for its size. */
 double criterion_price(const struct criterion *c, int order, int parameters);
 
-/* Of a periodic system of so many COLUMNS, NUMBERS in all: the chi-squared that white noise gives a
- * pair at most, but in one of 1000 records; the order after which noise could give a
- * pair all that is left. */
-double criterion_noise_pair(double columns, double numbers);
+/* Of a periodic system of so many COLUMNS, a share WHITE of them free in noise, NUMBERS in all: the
+ * chi-squared that noise gives a pair at most, but in one of 1000 records; the order after which
+ * white noise could give a pair all that is left. */
+double criterion_noise_pair(double columns, double white, double numbers);
 int criterion_order_told(double columns, double numbers);
 #endif

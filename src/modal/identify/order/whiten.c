@@ -34,7 +34,7 @@
  * correlation there is, at every r; a price of all r (L + S - r) unknowns, by Bayes' criterion,
  * tells that from noise (and of many columns would tell multipliers away).
  */
-#include "modal/identify/fit/whiten.h"
+#include "modal/identify/order/whiten.h"
 #include <cblas.h>
 #include <float.h>
 #include <math.h>
@@ -42,6 +42,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/identify/fit/criterion.h"
+#include "modal/identify/order/remainder.h"
 #include "modal/linalg/eigen.h"
 #include "modal/linalg/qr.h"
 
@@ -254,42 +255,52 @@ enum modal_status noise_spread(const struct matrix *E, int M, double *spread,
     return MODAL_OK;
 }
 
-/* The spread of E as it is, or as (2) of each signal leaves it where it is TOLD. */
-static enum modal_status spread_left(const struct matrix *E, const struct prediction *a, int phases,
-                                     bool told, int M, double *spread, struct modal_error *err)
+/* What (2) of each signal tells of E in a period, M rows of it free, or what it LEAVES, in units of
+ * its deviation; memory is the caller's to free. */
+static enum modal_status part(const struct matrix *E, const struct prediction *a, int phases,
+                              int M, bool leaves, struct matrix *T, struct modal_error *err)
 {
-    struct matrix U = { E->m, 0, E->m, malloc((size_t)E->m * (size_t)E->n * sizeof *U.x) };
-    enum modal_status rc;
-
-    if (U.x == NULL)
+    *T = (struct matrix) { E->m, 0, E->m, calloc((size_t)E->m * (size_t)E->n, sizeof *T->x) };
+    if (T->x == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "whiten: no memory for %d periods", E->m);
     for (int g = 0; g < E->n / phases; g++) {
         const double *e = E->x + (size_t)g * (size_t)phases * (size_t)E->ld;
-        double coefficient[SIDE] = { 0 }, sum = left(&a[g], told ? a[g].order : 0);
-        coefficients(&a[g], told ? a[g].order : 0, coefficient);
-        for (int k = a[g].order; k < phases && sum > 0; k++, U.n++) {
-            double *u = U.x + (size_t)U.n * (size_t)U.ld;
-            memset(u, 0, (size_t)U.m * sizeof *u);
-            for (int j = 0; j <= (told ? a[g].order : 0); j++)
-                cblas_daxpy(U.m, (j > 0 ? -coefficient[j - 1] : 1) / sqrt(sum),
-                            e + (size_t)(k - j) * (size_t)E->ld, 1, u, 1);
-        }
+        double coefficient[SIDE + 1] = { leaves ? -1 : 0 }, after = left(&a[g], a[g].order),
+               sum = leaves ? after : left(&a[g], 0) - after,
+               unit = sqrt(M * (double)(phases - a[g].most) / sum);
+        coefficients(&a[g], a[g].order, coefficient + 1);
+        for (int k = a[g].order; k < phases && sum > 0; k++, T->n++)
+            for (int j = 0; j <= a[g].order; j++)
+                cblas_daxpy(T->m, coefficient[j] * unit, e + (size_t)(k - j) * (size_t)E->ld, 1,
+                            T->x + (size_t)T->n * (size_t)T->ld, 1);
     }
-    rc = noise_spread(&U, M, spread, err);
-    free(U.x);
-    return rc;
+    return MODAL_OK;
 }
 
-/* Is E noise, of which (2) tells? */
-static enum modal_status is_noise(const struct matrix *E, const struct prediction *a, int phases,
-                                  int M, bool *noise, struct modal_error *err)
+/* Is what (2) tells of E noise: nowhere more than noise so spread gives a pair of multipliers? Of
+ * rows so few that it could give a pair all there is, is what (2) leaves spread as by chance? */
+static enum modal_status tells_noise(const struct matrix *E, const struct prediction *a, int phases,
+                                     int M, bool *noise, struct modal_error *err)
 {
-    double before = 0, after = 0;
-    enum modal_status rc = spread_left(E, a, phases, true, M, &after, err);
+    struct matrix T;
+    double spread = 0, chi2 = 0, most;
+    double complex lambda;
+    enum modal_status rc = part(E, a, phases, M, false, &T, err);
 
-    if (rc == MODAL_OK && after > 1 + NOISE_CHANCE / M)
-        rc = spread_left(E, a, phases, false, M, &before, err);
-    *noise = after <= 1 + fmax(NOISE_CHANCE / M, (before - 1) / 2);
+    if (rc == MODAL_OK)
+        rc = noise_spread(&T, M, &spread, err);
+    if (rc == MODAL_OK)
+        rc = remainder_peak(&T, 1, &lambda, &chi2, err);
+    most = criterion_noise_pair(T.n, fmin(1 / spread, 1), (double)M * T.n);
+    *noise = chi2 <= most;
+    if (rc == MODAL_OK && !(most < (double)M * T.n)) {
+        free(T.x);
+        rc = part(E, a, phases, M, true, &T, err);
+        if (rc == MODAL_OK)
+            rc = noise_spread(&T, M, &spread, err);
+        *noise = spread <= 1 + NOISE_CHANCE / M;
+    }
+    free(T.x);
     return rc;
 }
 
@@ -312,7 +323,7 @@ enum modal_status whiten_periods(struct periods *of, const struct matrix *E, int
     }
     if (rc != MODAL_OK || !(gain > least) || (of->samples - first) / phases <= order + 1)
         goto out;
-    rc = is_noise(E, a, phases, E->m - order, &noise, err);
+    rc = tells_noise(E, a, phases, E->m - order, &noise, err);
     if (rc != MODAL_OK || !noise)
         goto out;
     for (int g = 0; g < signals; g++) {

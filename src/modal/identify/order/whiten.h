@@ -28,10 +28,11 @@ struct periods {
 /*
  * E is what a fit of ORDER columns leaves of the periods. Each signal's noise is predicted from the
  * samples before it (whiten.c); where that lowers -2 ln(likelihood) of all signals by more than
- * LEAST beside its price, and what is left is noise (its spread is chance, or half at most of what
- * it was: a multiplier that E holds still is not told away), every sample becomes what those before
- * it do not tell. The first of the record, which have too few, are gone, and with them a period:
- * multipliers stay as they are, amplitudes change.
+ * LEAST beside its price, and what it tells of is noise (in no multiplier more than noise as
+ * unequal puts there: one that E holds still is not told away; of rows too few for
+ * that, what it leaves is spread as by chance), every sample becomes what those
+ * before it do not tell. The first of the record, which have too few, are gone, and with them a
+ * period: multipliers stay as they are, amplitudes change.
  *
  *   told   the share of the noise's variance that was told, the signals alike; 0: all is as it was
  *

@@ -512,6 +512,12 @@ static enum modal_status report(struct search *s, int last, struct hill_leading 
     return MODAL_OK;
 }
 
+/* Are fewer found that grow by more than RATE than there are, and is there room to look? */
+static bool lacks(const struct search *s, double rate)
+{
+    return hill_found_growing(&s->found, rate) < s->growing && s->discs < WINDOWS_MOST;
+}
+
 /* Constant exponents next to the right half of the real axis, stretch after stretch, and windows
  * about those that grow, until as many are found as there are. */
 static enum modal_status search_real(struct search *s, double rate, struct modal_error *err)
@@ -520,8 +526,7 @@ static enum modal_status search_real(struct search *s, double rate, struct modal
     enum modal_status rc = MODAL_OK;
 
     dofwise_fastest(s->p, &frequency, &decay);
-    while (rc == MODAL_OK && edge < frequency + decay && s->discs < WINDOWS_MOST
-           && hill_found_growing(&s->found, rate) < s->growing) {
+    while (rc == MODAL_OK && edge < frequency + decay && lacks(s, rate)) {
         struct hill_window constant;
         rc = open_window(s, 2 * edge, 0, 2 * MORE < 2 * s->n ? 2 * MORE : 2 * s->n, 1, &constant,
                          err);
@@ -534,11 +539,31 @@ static enum modal_status search_real(struct search *s, double rate, struct modal
     return rc;
 }
 
+/* Windows right of the axis, each row twice as far as the one before: at whole and half multiples
+ * of W, as far apart as their harmonics reach, until as many are found as there are. */
+static enum modal_status search_right(struct search *s, double rate, struct modal_error *err)
+{
+    double frequency, decay;
+    enum modal_status rc = MODAL_OK;
+
+    dofwise_fastest(s->p, &frequency, &decay);
+    for (double right = 2 * rate; right < frequency + decay && lacks(s, rate); right *= 2)
+        for (double up = 0; up < frequency && rc == MODAL_OK && lacks(s, rate);
+             up += s->harmonics * s->found.W)
+            for (int side = 0; side < 2 && rc == MODAL_OK && lacks(s, rate); side++) {
+                double complex here = CMPLX(right, up + side * s->found.W / 2);
+                if (window_of(s, here, 1) < 0)
+                    rc = look(s, here, MORE, 1, err);
+            }
+    return rc == MODAL_TOO_LARGE || rc == MODAL_NO_CONVERGENCE ? MODAL_OK : rc;
+}
+
 /* Are all found that grow fast?  Else *SETTLED: not. */
 static enum modal_status check_growth(struct search *s, bool uncounted, bool *settled,
                                       struct modal_error *err)
 {
     double rate = FAST * s->found.W;
+    bool missed;
     enum modal_status rc = hill_growth(s->p, s->found.period, rate,
                                        s->most > 0 ? fmin(WORK_GROWTH, s->most - s->work)
                                                    : WORK_GROWTH, &s->growing, &s->work, err);
@@ -548,8 +573,12 @@ static enum modal_status check_growth(struct search *s, bool uncounted, bool *se
         *settled = *settled && uncounted;
         return MODAL_OK;
     }
-    if (rc == MODAL_OK && hill_found_growing(&s->found, rate) < s->growing)
+    missed = s->missed;                  /* the count tells here whether one is */
+    if (rc == MODAL_OK)
         rc = search_real(s, rate, err);
+    if (rc == MODAL_OK)
+        rc = search_right(s, rate, err);
+    s->missed = missed;
     *settled = *settled && hill_found_growing(&s->found, rate) == s->growing;
     return rc;
 }

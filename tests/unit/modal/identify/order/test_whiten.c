@@ -165,9 +165,9 @@ static void few_periods(double a, uint64_t seed)
     }
 }
 
-TEST(noise_beside_strong_multipliers_is_made_nearly_white_before_they_are_known)
+TEST(noise_beside_strong_multipliers_is_made_white_before_they_are_known)
 {
-    const double a[] = { 0.875, 0.97, -0.75 }, nearest[] = { 0.875, 0.96875, -0.75 };
+    const double a[] = { 0.9, 0.97, -0.8 };
 
     for (int i = 0; i < 3; i++) {
         struct matrix Y = { FEW, WIDE, FEW, y };
@@ -175,7 +175,8 @@ TEST(noise_beside_strong_multipliers_is_made_nearly_white_before_they_are_known)
         double told;
         few_periods(a[i], 40 + (uint64_t)i);
         CHECK(whiten_first(&all, NULL, 100, &told, NULL) == MODAL_OK);
-        CHECK_NEAR(told, nearest[i] * nearest[i], 1e-12);
+        /* a third of the distance to the next power of a half; directions draw some of it */
+        CHECK_NEAR(sqrt(told), fabs(a[i]), 0.02);
         CHECK(Y.m == FEW - 1);
     }
 }

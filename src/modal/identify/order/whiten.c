@@ -30,11 +30,13 @@
  *
  * of singular values s, is comparable from one a to another. Noise alone gives a direction after r
  * others (sqrt(L - r) + sqrt(S - r))^2 of the (L - r)(S - r) that are left at most, for which
- * price(r) pays where S is WIDE times L. With fewer columns a few directions over them hold what
- * correlation there is, at every r; a price of all r (L + S - r) unknowns, by Bayes' criterion,
- * tells that from noise (and of many columns would tell multipliers away). Of N numbers a is known
- * to sqrt((1 - a^2) / N). It has to be found so well: signals are of low frequencies, where noise
- * with a = 0.9 that is filtered by 0.875 has 1.25 times the deviation that its variance shows.
+ * price(r) pays. With fewer columns than WIDE times L a few directions over them hold what
+ * correlation there is at every r, and nothing is asked. (A price of all r (L + S - r) unknowns
+ * tells that from noise, and tells multipliers in white noise away.)
+ *
+ * Of N numbers a is known to sqrt((1 - a^2) / N). It has to be found so well: signals are of low
+ * frequencies, where noise with a = 0.9 that is filtered by 0.875 has 1.25 times the deviation that
+ * its variance shows.
  */
 #include "modal/identify/order/whiten.h"
 #include <cblas.h>
@@ -51,8 +53,7 @@
 enum {
     ORDER_MOST = 8,                 /* of (2): four peaks of a spectrum */
     SIDE = ORDER_MOST + 1,
-    WIDE = 2                        /* the least whole number above 1, where both prices would be
-                                     * as good (of L = S) */
+    WIDE = 2                        /* chosen: at L = S (3) fails, from 2 L on it did not */
 };
 
 /* (2) of all orders up to `most`: triangle of the shifted columns, 1 .. most samples before, then
@@ -147,11 +148,9 @@ static enum modal_status products(const struct matrix *Y, struct matrix *A, stru
 /* The price of R directions in (3), ONE_LESS that of r - 1. */
 static double price_of(double L, double S, double r, double one_less)
 {
-    double unknowns = r * (L + S - r), edge = sqrt(L - r + 1) + sqrt(S - r + 1),
+    double edge = sqrt(L - r + 1) + sqrt(S - r + 1),
            share = edge * edge / ((L - r + 1) * (S - r + 1));
 
-    if (S < WIDE * L)
-        return criterion_scarcity(unknowns, L * S) * unknowns * log(L * S);
     return r < 1 ? 0 : share < 1 ? one_less - L * S * log1p(-share) : HUGE_VAL;
 }
 
@@ -225,11 +224,14 @@ static enum modal_status look_beside(const struct periods *of, const double *wei
 enum modal_status whiten_first(struct periods *of, const double *weight, double least,
                                double *told, struct modal_error *err)
 {
-    double best, at = 0, step = 0, numbers = (double)of->samples * of->Y->n / of->phases;
+    double best = 0, at = 0, step = 0, numbers = (double)of->samples * of->Y->n / of->phases;
     struct prediction a = first_order(0);
-    enum modal_status rc = worth_with(of, weight, &a, &best, err);
+    enum modal_status rc = MODAL_OK;
 
     *told = 0;
+    if (of->Y->n < WIDE * of->Y->m
+        || (rc = worth_with(of, weight, &a, &best, err)) != MODAL_OK)
+        return rc;
     best -= least;
     for (int sign = 1; sign >= -1 && at == 0; sign -= 2) {
         double worth = -HUGE_VAL;

@@ -44,7 +44,8 @@ enum modal_status whiten_periods(struct periods *of, const struct matrix *E, int
 /*
  * The same before any fit: noise may be correlated by a^j over j samples, a = +-(1/2, 3/4, 7/8 ..),
  * the memory twice as long as long as that is better by (3) of whiten.c, signal g times WEIGHT[g]
- * (NULL: 1), and in the end by more than LEAST; from there a is found as well as it is known.
+ * (NULL: 1), and in the end by more than LEAST; from there a is found as well as it is known. Of
+ * columns fewer than twice the periods nothing is asked.
  */
 enum modal_status whiten_first(struct periods *of, const double *weight, double least,
                                double *told, struct modal_error *err);

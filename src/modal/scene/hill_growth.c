@@ -383,15 +383,16 @@ static enum modal_status turn(struct count *s, double a, double b, double comple
     double complex middle;
     enum modal_status rc;
 
-    if (fabs(here) <= TURN) {
-        *sum += here;
-        return MODAL_OK;
-    }
     if (left == 0)
         return modal_fail(err, MODAL_NO_CONVERGENCE, "growth: an exponent lies on the line");
     if (s->work > s->most)
         return modal_fail(err, MODAL_TOO_LARGE, "growth: %g operations", s->work);
     rc = determine(s, (a + b) / 2, &middle, err);
+    if (rc == MODAL_OK && fabs(here) <= TURN && fabs(carg(middle / of_a)) <= TURN
+        && fabs(carg(of_b / middle)) <= TURN) {
+        *sum += here;                    /* a whole turn more would show in the middle, mostly */
+        return MODAL_OK;
+    }
     if (rc == MODAL_OK)
         rc = turn(s, a, (a + b) / 2, of_a, middle, left - 1, sum, err);
     if (rc == MODAL_OK)

@@ -59,6 +59,7 @@ struct search {
     bool all_sums, missed;               /* as asked; a window that did not settle */
     double sums_to;                      /* as struct hill_leading's */
     int growing;                         /* the same */
+    bool counted;                        /* all that are wanted are among them, and were found */
     struct hill_found found;
     struct disc disc[WINDOWS_MOST];      /* that were looked through */
     int discs;
@@ -563,7 +564,7 @@ static enum modal_status check_growth(struct search *s, bool uncounted, bool *se
                                       struct modal_error *err)
 {
     double rate = FAST * s->found.W;
-    bool missed;
+    bool missed, found;
     enum modal_status rc = hill_growth(s->p, s->found.period, rate,
                                        s->most > 0 ? fmin(WORK_GROWTH, s->most - s->work)
                                                    : WORK_GROWTH, &s->growing, &s->work, err);
@@ -579,7 +580,9 @@ static enum modal_status check_growth(struct search *s, bool uncounted, bool *se
     if (rc == MODAL_OK)
         rc = search_right(s, rate, err);
     s->missed = missed;
-    *settled = *settled && hill_found_growing(&s->found, rate) == s->growing;
+    found = hill_found_growing(&s->found, rate) == s->growing;
+    s->counted = found && s->growing >= s->found.wanted;
+    *settled = found && (*settled || s->counted);
     return rc;
 }
 
@@ -619,7 +622,7 @@ enum modal_status hill_leading(const struct program *p, double period, const str
         rc = modal_fail(err, MODAL_NO_CONVERGENCE, "no multiplier was found");
     if (rc == MODAL_OK) {
         out->alike = hill_found_alike(&s.found, last);
-        out->settled = out->settled && !s.missed;
+        out->settled = s.counted || (out->settled && !s.missed);
         out->windows = s.windows;
         out->harmonics = s.harmonics;
         out->sums_to = s.sums_to;

@@ -551,6 +551,31 @@ TEST(what_grows_faster_than_a_rate_is_counted_wherever_it_is)
     }
 }
 
+/* A hundred unit masses on springs of 1e4 without ends, and one spring that pulsates: far above
+ * omega there is much that turns between two samples of the line. Numpy's eigenvalues of the map
+ * by Magnus's fourth order have the exponents 1.228, 0.884 and 0.443; the line is at 0.375. */
+TEST(the_count_follows_what_turns_fast_along_its_line)
+{
+    enum { N = 100 };
+    char *text = malloc(20 * N + 300), *at = text;
+
+    at += sprintf(at, "{'structure':{'type':'chain','masses':[1");
+    for (int i = 1; i < N; i++)
+        at += sprintf(at, ",1");
+    at += sprintf(at, "],'springs':[0");
+    for (int i = 1; i < N; i++)
+        at += sprintf(at, ",1e4");
+    sprintf(at, ",0]},'omega':3,'effects':[%s]}", PUMP("x5", "1000"));
+    struct program *p = program_text(text);
+    struct modal_error err = { 0 };
+    double work = 0;
+    int count = -1;
+    CHECK(hill_growth(p, 2 * M_PI / 3, 0.125 * 3, HUGE_VAL, &count, &work, &err) == MODAL_OK);
+    CHECK(count == 3);
+    program_free(p);
+    free(text);
+}
+
 /* Two chains, one the other's mirror image. */
 TEST(windows_list_a_double_multiplier_twice_and_not_more)
 {

@@ -193,3 +193,32 @@ TEST(white_noise_beside_strong_multipliers_stays_as_it_is)
         CHECK(memcmp(y, e, sizeof y) == 0 && Y.m == FEW);
     }
 }
+
+/* Of few columns beside periods, weak multipliers in white noise look as noise that is correlated:
+ * each takes up all that (3) can tell of it. */
+TEST(many_weak_multipliers_in_white_noise_of_few_columns_are_not_told_away)
+{
+    enum { SHORT = 24, COLUMNS = 2 * SHORT, WEAK = 16 };
+
+    for (uint64_t seed = 70; seed < 90; seed++) {
+        struct matrix Y = { FEW, COLUMNS, FEW, y };
+        struct periods all = { &Y, SHORT, FEW * SHORT };
+        struct random r = { seed };
+        double told;
+        for (int i = 0; i < FEW * COLUMNS; i++)
+            y[i] = random_normal(&r);
+        for (int g = 0; g < WEAK; g++) {
+            double amplitude = 1 + 2 * random_uniform(&r);
+            double turn = 6.283185307179586 * random_uniform(&r);
+            for (int c = 0; c < COLUMNS; c++) {
+                double shape = amplitude * cos(6.283185307179586 * (g / 2) * (c % SHORT) / SHORT
+                                               + turn + c / SHORT);
+                for (int l = 0; l < FEW; l++)
+                    y[l + c * FEW] += shape * pow(0.97, l) * cos(turn * l);
+            }
+        }
+        memcpy(e, y, sizeof y);
+        CHECK(whiten_first(&all, NULL, 100, &told, NULL) == MODAL_OK && told == 0);
+        CHECK(memcmp(y, e, sizeof y) == 0 && Y.m == FEW);
+    }
+}

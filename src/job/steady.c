@@ -28,6 +28,8 @@ static enum modal_status take_attractor(struct steady *s, struct steady_point *p
     enum modal_status rc = steady_solve_attractor(s, point, &other, &found, err);
 
     if (rc == MODAL_OK && found)
+        rc = steady_refine(s, &other, err);
+    if (rc == MODAL_OK && found)
         rc = stability_of(s, &other, &st, err);
     *done = rc == MODAL_OK && found && st.verdict != STABILITY_UNSTABLE;
     if (*done) {
@@ -65,7 +67,10 @@ static enum modal_status prefer_stable(struct steady *s, const struct program *p
     rc = steady_solve_all(s, p->omega, NULL, point, &points, &count, err);
     /* Looking for it may cost as much as the one verdict may; the first is what is known. */
     for (int i = 1; rc == MODAL_OK && i < count && stable < 0 && spent <= known->work.most; i++) {
-        rc = points[i].converged ? stability_of(s, &points[i], &st, err) : MODAL_OK;
+        if (points[i].converged)             /* with the harmonics that its own error asks for */
+            rc = steady_refine(s, &points[i], err);
+        if (rc == MODAL_OK && points[i].converged)
+            rc = stability_of(s, &points[i], &st, err);
         spent += st.work.spent;
         if (rc == MODAL_OK && points[i].converged && st.verdict == STABILITY_STABLE)
             stable = i;
@@ -80,7 +85,8 @@ static enum modal_status prefer_stable(struct steady *s, const struct program *p
         *point = points[stable];
         point->method = "multi-start";
         memset(&points[stable], 0, sizeof points[stable]);
-    }
+    } else if (rc == MODAL_OK && count > 0)
+        rc = steady_refine(s, point, err);
     for (int i = 0; i < count; i++)
         steady_point_done(&points[i]);
     free(points);

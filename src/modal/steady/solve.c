@@ -1,8 +1,7 @@
 /*
  * solve.c - see solve.h
  *
- * From a program to one steady state.  No laws: with constant matrices a linear system a harmonic,
- * with periodic ones a single system, J X = -R(0), (1) of balance.h.  Rigid friction, alone or
+ * From a program to one steady state.  No laws: linear_answer.c.  Rigid friction, alone or
  * beside laws without restart: followed in time (by_cycle.h).  All else: a balance at H harmonics,
  * found by the ways of ways.h, whose order is
  *
@@ -27,6 +26,7 @@
 #include "modal/steady/cycle.h"
 #include "modal/steady/estimate.h"
 #include "modal/steady/iterate.h"
+#include "modal/steady/linear_answer.h"
 #include "modal/steady/march.h"
 #include "modal/steady/pattern.h"
 #include "modal/steady/session.h"
@@ -45,7 +45,6 @@ static const double SHARE_OF_SEARCH = 1.0 / 3;
 enum {
     H_AUTO_MOST = 256,       /* the last one that is tried unasked */
     H_LINEAR_MOST = 4096,   /* no iteration: each harmonic is one solve */
-    H_PERIODIC = 24,         /* past the loads: what periodic matrices reach falls geometrically */
     STEPS_NEXT = 4,          /* Newton's steps that an order from near takes, at least */
     COST_NEXT = 4,           /* times this order's, of a sparse one: twice the blocks, more fill */
     SPARSE_LEAST = 10,       /* kept dofs from which sparse factors pay, */
@@ -237,71 +236,6 @@ out:
     return rc;
 }
 
-/* Constant matrices: what is left of the equation of motion is all there is to tell, the dofs taken
- * out included. */
-static enum modal_status linear_residual(struct steady *s, struct steady_point *point,
-                                         struct modal_error *err)
-{
-    struct condense_residual left;
-    enum modal_status rc = condense_residual(s->c, point->X, &left, err);
-
-    /* Nothing is truncated or sampled: rounding is the only error. */
-    point->residual = left.relative;
-    point->tail_rms = left.rms;
-    point->tail_max = left.most;
-    point->load_max = left.load;
-    return rc;
-}
-
-/* No laws: with constant matrices one solve a harmonic; with periodic ones a single linear
- * system. */
-static enum modal_status solve_linear(struct steady *s, double omega, struct steady_point *point,
-                                      struct modal_error *err)
-{
-    int load = condense_highest_load(s->c), H = s->opt.harmonics > 0  ? s->opt.harmonics
-                                                : s->p->harmonics > 0 ? load + H_PERIODIC
-                                                : load > 0            ? load
-                                                                      : 1;
-    int q = condense_kept(s->c);
-    struct balance *b;
-    enum modal_status rc = steady_balance(s, H, &b, err);
-
-    if (rc == MODAL_OK)
-        rc = point_init(s, point, q, H, 0, err);
-    if (rc == MODAL_OK)
-        rc = balance_set(b, omega, 1, err);
-    if (rc != MODAL_OK)
-        return rc;
-    point->method = "linear";
-    point->residual = point->step = point->truncation = point->sampling = point->solver =
-        point->error = 0;
-    point->converged = true;
-    if (q == 0)
-        return linear_residual(s, point, err);
-    rc = balance_residual(b, point->X, true, err);
-    if (rc != MODAL_OK)
-        return rc;
-    if (!balance_factor(b, NULL)) {
-        point->converged = false;
-        point->reason = "the linear equations are singular: an undamped resonance, "
-                        "or a body that nothing holds";
-        return MODAL_OK;
-    }
-    for (int i = 0; i < b->order; i++)
-        b->R[i] = -b->R[i];                             /* J X = -R(0) */
-    balance_solve(b, b->R, 1);
-    balance_unpack(b, b->R, point->X);                 /* from X = 0 the first step is the answer */
-    rc = balance_residual(b, point->X, false, err);
-    point->residual = balance_relative_residual(b, point->X);
-    if (rc == MODAL_OK && s->p->harmonics > 0) {
-        rc = estimate_errors(s, b, point, err);
-        if (rc == MODAL_OK)
-            rc = balance_set(b, omega, 1, err);
-    } else if (rc == MODAL_OK)
-        rc = linear_residual(s, point, err);
-    return rc;
-}
-
 /* A point of every solution in FOUND, errors estimated. */
 static enum modal_status points_of_all(struct steady *s, struct balance *b,
                                        const struct solutions *found, const char *method,
@@ -488,14 +422,16 @@ static enum modal_status give_best(struct steady *s, struct steady_point *best,
         : rc;         /* recovery at this H */
 }
 
-/* Whether H is the last order that is tried, and if work is what stops it, *WANTING. */
+/* Whether H is the last order that is tried, and if work is what stops it, *WANTING.  SPENT: what
+ * H cost from near; 0, unknown. */
 static bool last_order(const struct steady *s, int H, int most, double spent, bool *wanting)
 {
     double order = (double)condense_kept(s->c) * (4.0 * H + 1);
     bool full = condense_pattern(s->c)->full;
 
     /* Some steps, or what it cost and more. */
-    double next = full ? STEPS_NEXT * steady_factor_work(s, 2 * H) : COST_NEXT * spent;
+    double next = full || spent == 0 ? STEPS_NEXT * steady_factor_work(s, 2 * H)
+                                     : COST_NEXT * spent;
 
     double linear = condense_work(s->c), allowed = WORK_LINEAR * (s->p->n - condense_kept(s->c));
 
@@ -508,22 +444,24 @@ static bool last_order(const struct steady *s, int H, int most, double spent, bo
 /* H doubled, each from the last, until the estimate meets the target or the work allowed does not
  * reach for the next order, whose factors cost up to eight times as much; the best so far is the
  * answer.  Past the first H, more than ORDER_FAILED unknowns are tried from near alone; after
- * FAILED_MOST failures in a row, not at all. */
+ * FAILED_MOST failures in a row, not at all.  COARSE, converged, or NULL: the best so far. */
 static enum modal_status solve_to_target(struct steady *s, double omega,
                                          const struct steady_start *start,
+                                         const struct steady_point *coarse,
                                          struct steady_point *point, struct modal_error *err)
 {
     double target = steady_target(s);
-    int load = condense_highest_load(s->c), H = steady_first_order(s),
+    int load = condense_highest_load(s->c), H = coarse != NULL ? 2 * coarse->H
+                                                                : steady_first_order(s),
         most = H_AUTO_MOST > load ? H_AUTO_MOST : load;
     struct steady_point best = { 0 };
     int failed = 0;
-    enum modal_status rc = MODAL_OK;
+    enum modal_status rc = coarse != NULL ? point_copy(coarse, &best, err) : MODAL_OK;
 
     for (bool last = false; rc == MODAL_OK && !last; H = 2 * H < most ? 2 * H : most) {
         /* from the best so far, not the start given */
         struct steady_start next = { best.q, best.H, best.X };
-        double before = s->budget.spent;
+        double before = best.converged || s->jumps ? s->budget.spent : INFINITY;
 
         /* no ways round from a motion that is near */
         s->brief = best.attempts > 0 && condense_kept(s->c) * (2 * H + 1) > ORDER_FAILED;
@@ -534,7 +472,7 @@ static enum modal_status solve_to_target(struct steady *s, double omega,
         failed = point->converged ? 0 : failed + 1;     /* in a row */
         last = (point->converged && point->error <= target * point->amplitude)  /* (1) */
             || (failed >= FAILED_MOST && condense_kept(s->c) * (4 * H + 1) > ORDER_FAILED)
-            || last_order(s, H, most, s->budget.spent - before, &point->wanting);
+            || last_order(s, H, most, fmax(0, s->budget.spent - before), &point->wanting);
         best.attempts = point->attempts;                /* counted over all orders */
         if (point->converged && !last)
             rc = point_copy(point, &best, err);
@@ -653,7 +591,7 @@ static enum modal_status solve_any(struct steady *s, double omega, const struct 
     enum modal_status rc = MODAL_OK;
 
     if (s->linear)
-        return solve_linear(s, omega, point, err);
+        return linear_answer(s, omega, point, err);
     if (s->opt.method >= STEADY_RK4)
         return solve_by_marching(s, omega, point, err);
     if (may_rest(s, start))
@@ -667,12 +605,42 @@ static enum modal_status solve_any(struct steady *s, double omega, const struct 
     if (rc != MODAL_OK || point->converged)
         return rc;
     rc = s->opt.harmonics > 0 ? solve_at(s, s->opt.harmonics, omega, start, point, err)
-                              : solve_to_target(s, omega, start, point, err);
+                              : solve_to_target(s, omega, start, NULL, point, err);
     /* What repeats in time is an answer where no balance settles. */
     if (rc == MODAL_OK && !point->converged)
         rc = time_answer(s, omega, point, err);
     time_forget(s);
     return rc;
+}
+
+enum modal_status steady_refine(struct steady *s, struct steady_point *point,
+                                struct modal_error *err)
+{
+    struct steady_point fine = { .omega = point->omega, .level = 1 };
+    struct budget work = point->work;
+    struct balance *b;
+    enum modal_status rc = MODAL_OK;
+
+    if (s->linear || s->jumps || point->followed || point->linear != NULL)
+        return MODAL_OK;
+    if (s->opt.harmonics == 0 && !point->wanting && 2 * point->H <= H_AUTO_MOST
+        && point->error > steady_target(s) * point->amplitude) {
+        steady_allow_work(s);
+        rc = solve_to_target(s, point->omega, NULL, point, &fine, err);
+        work = (struct budget) { work.spent + s->budget.spent, work.most + s->budget.most };
+    }
+    if (rc == MODAL_OK && fine.converged && fine.error < point->error) {
+        struct steady_point last = *point;
+
+        *point = fine;
+        point->method = last.method;
+        fine = last;
+    }
+    point->work = work;
+    steady_point_done(&fine);
+    if (rc == MODAL_OK)
+        rc = steady_balance(s, point->H, &b, err);
+    return rc == MODAL_OK ? balance_set(b, point->omega, 1, err) : rc;  /* recovery at its order */
 }
 
 /* Every dof kept: the linear ones, held at the kept, resonate. */

@@ -52,4 +52,10 @@ enum modal_status steady_solve_attractor(struct steady *s, const struct steady_p
                                          struct steady_point *point, bool *found,
                                          struct modal_error *err);
 
+/* POINT, converged with default harmonics and an error above the target, is carried on from near
+ * with more of them, as far as another budget reaches; it stays as it is where that fails or makes
+ * its error no smaller, or was `wanting` before.  Its other dofs can be recovered then, those of
+ * points with other harmonics not. */
+enum modal_status steady_refine(struct steady *s, struct steady_point *point,
+                                struct modal_error *err);
 #endif

@@ -295,6 +295,39 @@ TEST(an_unstable_motion_under_rigid_friction_is_given_with_its_multipliers)
     cJSON_Delete(r);
 }
 
+/* Twenty unit masses on springs of 1000 and dampers of 1, a cubic spring of 100 at each. The motion
+ * found first is unstable; another is stable: the third harmonic of x20 in it by Newton's method
+ * over a period of scipy's DOP853. */
+TEST(a_stable_motion_beside_an_unstable_one_has_the_harmonics_that_its_own_error_asks_for)
+{
+    enum { N = 20 };
+    char *text = malloc(100 * N + 400), *at = text;
+
+    at += sprintf(at, "{'structure':{'type':'chain','masses':[1");
+    for (int list = 0; list < 3; list++) {
+        for (int i = 1; i < N; i++)
+            at += sprintf(at, list == 1 ? ",1000" : ",1");
+        at += sprintf(at, list == 0 ? "],'springs':[1000" : list == 1 ? ",0],'dampers':[1" : ",0]");
+    }
+    at += sprintf(at, "},'omega':5,'excitation':[{'dof':'x20','k':1,'cos':20}],'effects':[");
+    for (int i = 1; i <= N; i++)
+        at += sprintf(at, "%s{'type':'cubic_spring','dof':'x%d','coefficient':100}",
+                      i > 1 ? "," : "", i);
+    sprintf(at, "],'steady':{}}");
+    cJSON *r = job("steady", text, NULL, MODAL_OK, NULL),
+          *x20 = cJSON_GetArrayItem(cJSON_GetObjectItem(r, "harmonics"), N - 1),
+          *re = cJSON_GetArrayItem(cJSON_GetObjectItem(x20, "re"), 3),
+          *im = cJSON_GetArrayItem(cJSON_GetObjectItem(x20, "im"), 3);
+    CHECK(cJSON_IsTrue(cJSON_GetObjectItem(r, "converged")));
+    CHECK(cJSON_IsTrue(cJSON_GetObjectItem(cJSON_GetObjectItem(r, "stability"), "stable")));
+    CHECK(number(r, "total_error", NULL) < 1e-9);
+    CHECK(re != NULL && im != NULL);
+    CHECK_NEAR(re->valuedouble, 0.032341885945903, 1e-10);
+    CHECK_NEAR(im->valuedouble, -0.000684675762576, 1e-10);
+    cJSON_Delete(r);
+    free(text);
+}
+
 TEST(that_there_is_no_periodic_solution_is_said_only_where_it_is_certain)
 {
     CHECK_STRING(failure("{" AT_RESONANCE "'max_iterations':200},"

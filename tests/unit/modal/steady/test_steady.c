@@ -1,8 +1,8 @@
 /* Steady states: known motions, derivatives against differences, errors as estimated. */
 /* Tests as well: aft.c aft_derivative.c aft_events.c balance.c blocks.c by_cycle.c condense.c
  * condense_modes.c contact_friction.c cycle.c dry_friction.c estimate.c friction.c iterate.c
- * local_law.c march.c pattern.c pieces.c point.c regularised_coulomb.c slider.c solve.c sparse_lu.c
- * stiffness.c ways.c */
+ * linear_answer.c local_law.c march.c pattern.c pieces.c point.c regularised_coulomb.c slider.c
+ * solve.c sparse_lu.c stiffness.c ways.c */
 #include "check.h"
 #include <complex.h>
 #include <stdlib.h>

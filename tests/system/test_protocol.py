@@ -841,7 +841,7 @@ def test_retention_by_bytes_takes_the_oldest_results_and_no_more_than_it_must():
             wait(c, submit(c, key=f"k{i}", options={"document": 5000, "say": str(i)})["job"])
         left = 100000 // len(c.ask("RESULT", job="key:k29").body[0])
         assert 15 < left <= 20
-        until(lambda: c.ask("STATS")["jobs"]["done"] < 30)
+        until(lambda: c.ask("STATS")["jobs"]["done"] <= left)   # some may go while jobs still come
         assert c.ask("STATS")["jobs"]["done"] == left
         assert (c.ask("STATUS", job=f"key:k{29 - left}").code == "expired"
                 and c.ask("STATUS", job=f"key:k{30 - left}")["state"] == "done")

@@ -1,4 +1,4 @@
-# Tests as well: identify_wild.c
+# Tests as well: identify_wild.c, stuck.c
 """Random free responses that were once answered wrongly, drawn by bench_identify_random.py and
 judged by its truth: every mode there, none besides.
 """
@@ -12,6 +12,7 @@ import scipy.signal
 
 BUILD = pathlib.Path(os.environ.get("MODALD_BUILD", pathlib.Path(__file__).parents[2] / "build"))
 sys.path.insert(0, str(pathlib.Path(__file__).parents[1] / "bench"))
+import bench_faults as faults
 import bench_identify_periodic as turning
 import bench_identify_random as drawn
 
@@ -95,6 +96,35 @@ def test_a_few_spikes_change_neither_modes_nor_errors_and_are_told(size, seed, m
         std = np.array(mode["std"]["exponent"])
         assert all(np.abs(error) <= 4 * std)
         assert std == pytest.approx(np.array(whole["modes"][k]["std"]["exponent"]), rel=0.05)
+
+
+@pytest.mark.parametrize("rows", [1500, 6000])
+@pytest.mark.parametrize("kind", ["zeros", "held", "cut 50%"])
+def test_dropped_held_and_cut_samples_bring_no_mode_and_are_told(kind, rows, monkeypatch):
+    """Such records were answered with some ten spurious modes each."""
+    monkeypatch.setattr(faults, "CTL", str(BUILD / "bin" / "modalctl"))
+    rng = np.random.default_rng([7, rows])
+    for _ in range(3):
+        poles, y = faults.motion(rng, rows, 2)
+        y += faults.NOISE * rng.normal(size=y.shape)
+        faults.KINDS[kind](rng, y)
+        document = faults.identify(y)
+        inside, every, worst, missed, spurious = faults.judge(poles, document)
+        assert (missed, spurious, every) == (0, 0, 6)
+        assert worst < 4
+        assert "wild_samples" in {d["code"] for d in document["diagnostics"]}
+
+
+@pytest.mark.parametrize("grid", [2 ** -5, 2 ** -9, 2 ** -13, 1e-3])
+def test_a_rounded_decay_after_quiet_has_no_wild_samples(grid, monkeypatch):
+    """Equal neighbours are common on a grid, and before an onset."""
+    monkeypatch.setattr(faults, "CTL", str(BUILD / "bin" / "modalctl"))
+    rng = np.random.default_rng(11)
+    for quiet in (0, 40, 300):
+        _, y = faults.motion(rng, 2000, 2)
+        y = np.vstack([np.zeros((quiet, 2)), y])
+        document = faults.identify(np.round(y / grid) * grid)
+        assert "wild_samples" not in {d["code"] for d in document["diagnostics"]}
 
 
 def test_ten_pairs_of_multipliers_in_one_channel_of_39_periods_are_all_found(monkeypatch):

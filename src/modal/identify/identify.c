@@ -308,23 +308,35 @@ static enum modal_status analyse_anew(struct work *w, struct identify_result *ou
     return analyse_again(w, out, err);
 }
 
+static int chosen_poles(const struct work *w)
+{
+    return w->choice.chosen >= 0 ? w->choice.candidates[w->choice.chosen].fit.poles : 0;
+}
+
 /* Without the samples that are neither motion nor noise, as long as others stand out of what the
- * next poles leave; with them all the same where that leads to no one set of modes in noise. */
+ * next poles leave; with them all the same where that leads to no one set of modes in noise, but
+ * for those that are stuck. */
 static enum modal_status analyse_without_wild(struct work *w, struct identify_result *out,
                                               struct modal_error *err)
 {
-    int before = 0;
-    enum modal_status rc = work_take_wild(w, err);
+    int before = 0, poles;
+    enum modal_status rc = work_begin_wild(w, err);
 
+    if (rc != MODAL_OK || !work_may_take_wild(w))
+        return rc;
+    rc = work_take_wild(w, err);
     for (int round = 1; rc == MODAL_OK && w->wild.count > 0; round++) {
-        before = w->wild.count;
+        before = w->wild.count, poles = chosen_poles(w);
         rc = analyse_anew(w, out, err);
         if (rc == MODAL_OK && round < WILD_MOST)
             rc = work_take_wild(w, err);
-        if (round == WILD_MOST || (round >= WILD_LEAST && w->wild.count == before))
+        if (round == WILD_MOST || (work_is_clean(w) || w->wild.known_count == 0
+                                   ? round >= WILD_LEAST && w->wild.count == before
+                                   : chosen_poles(w) >= poles))
             break;
     }
-    if (rc != MODAL_OK || before == 0 || (w->wild.count > 0 && work_is_clean(w)))
+    if (rc != MODAL_OK || before == 0 || (w->wild.count > 0 && work_is_clean(w))
+        || (w->wild.known_count > 0 && w->wild.count == w->wild.known_count))
         return rc;
     work_put_wild_back(w);
     return analyse_anew(w, out, err);

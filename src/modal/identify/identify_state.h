@@ -111,6 +111,10 @@ void work_report_grids(const struct work *w, struct identify_result *out);
 
 /* ---- identify_wild.c ---- */
 
+/* w->wild: the samples that rec.Y was mended of before all else. */
+enum modal_status work_begin_wild(struct work *w, struct modal_error *err);
+/* Are wild samples looked for in such a record, and put back? */
+bool work_may_take_wild(const struct work *w);
 /* rec.Y without the samples that stand out of what the chosen poles leave: w->wild. Of records of
  * constant systems that are in memory and no longer than a pencil reads. */
 enum modal_status work_take_wild(struct work *w, struct modal_error *err);

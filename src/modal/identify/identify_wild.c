@@ -1,5 +1,5 @@
-/* identify_wild.c - what spikes and dropouts do to the way from signals to modes: they are left
- * out, errors are those of the rest, and it is said */
+/* identify_wild.c - what spikes and stuck samples do to the way from signals to modes: they are
+ * left out, errors are those of the rest, and it is said */
 #include "modal/identify/identify_state.h"
 #include <math.h>
 #include <stdlib.h>
@@ -16,11 +16,36 @@ static void scale_wild(struct work *w, bool out)
     }
 }
 
-static bool may_take(const struct work *w)
+bool work_may_take_wild(const struct work *w)
 {
     return w->refine && w->shift == 1 && w->rec.period <= 0 && !w->rec.wide && w->rec.gain == 1
         && w->rec.decimation == 1 && !w->opt.difference && w->data.blocks == NULL
         && w->ragged == 0 && w->opt.scale == SCALE_RMS;
+}
+
+enum modal_status work_begin_wild(struct work *w, struct modal_error *err)
+{
+    const struct wild *stuck = &w->rec.stuck;
+    int count = 0;
+
+    if (stuck->count == 0)
+        return MODAL_OK;
+    w->wild.at = malloc((size_t)stuck->count * sizeof *w->wild.at);
+    if (w->wild.at == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d samples", stuck->count);
+    for (int i = 0; i < stuck->count; i++) {
+        struct wild_sample s = stuck->at[i];
+        if (work_may_take_wild(w) && s.row >= w->rec.Y.m)
+            continue;                       /* of a record that was cut */
+        if (work_may_take_wild(w))
+            s.sent += w->rec.scale[s.channel]
+                    * w->rec.Y.x[s.row + (size_t)s.channel * (size_t)w->rec.Y.ld];
+        w->rec.stuck.at[count] = w->wild.at[count] = s, count++;
+    }
+    w->wild.count = w->wild.known_count = w->rec.stuck.count = count;
+    w->wild.share = count / ((double)w->rec.Y.m * w->rec.channels * w->rec.decimation);
+    w->wild.known = stuck->at;
+    return MODAL_OK;
 }
 
 /* Those that stand out of what the strongest poles leave, as far as medians believe them. */
@@ -45,15 +70,16 @@ enum modal_status work_take_wild(struct work *w, struct modal_error *err)
                               ? &w->choice.candidates[w->choice.chosen].fit : NULL;
     enum modal_status rc = MODAL_OK;
 
-    if (!may_take(w) || fit == NULL || fit->poles == 0)
+    if (!work_may_take_wild(w) || fit == NULL || fit->poles == 0)
         return MODAL_OK;
     /* of what is no one set of modes in noise nothing can be said to be neither */
-    if (w->wild.count == 0 && !work_is_clean(w))
+    w->wild.no_others = w->wild.count == w->wild.known_count && !work_is_clean(w);
+    if (w->wild.count == 0 && w->wild.no_others)
         return MODAL_OK;
     scale_wild(w, false);
-    if (w->wild.count == 0)
+    if (w->wild.count == w->wild.known_count)
         rc = wild_take(fit->lambda, fit->poles, w->tau, &w->rec.Y, &w->wild, err);
-    if (rc == MODAL_OK && w->wild.count > 0)
+    if (rc == MODAL_OK && w->wild.count > w->wild.known_count)
         rc = take_robust(w, fit, err);
     scale_wild(w, true);
     return rc;
@@ -83,23 +109,40 @@ void work_widen_for_wild(const struct work *w, struct poles *p)
         p->std_re[j] *= factor, p->std_im[j] *= factor;
 }
 
+/* COUNT samples of one channel. */
+static void report_channel(const struct work *w, const struct wild_sample *at, int count,
+                           struct identify_result *out)
+{
+    const struct wild *all = &w->wild;
+    int stuck = 0, channel = w->rec.channel[at->channel];
+    double first = w->rec.t0 + at->row * w->rec.dt;
+
+    for (int i = 0; i < all->known_count; i++)
+        stuck += all->known[i].channel == at->channel;
+    if (stuck > 0)
+        identify_diagnose(out, "wild_samples", channel,
+                          "%d samples of channel %d, the first at %.6g s, are no part of the "
+                          "motion: %d are exactly equal, as dropped, held or cut; they are left "
+                          "out, and rebuilt by the modes; see what sends them", count, channel,
+                          first, stuck);
+    else
+        identify_diagnose(out, "wild_samples", channel,
+                          "%d sample%s of channel %d, the first at %.6g s, stand%s out of the "
+                          "noise as none of it does: left out as spikes, and "
+                          "rebuilt by the modes; see what sends them", count,
+                          count > 1 ? "s" : "", channel, first, count > 1 ? "" : "s");
+}
+
 void work_report_wild(const struct work *w, struct identify_result *out)
 {
     const struct wild *all = &w->wild;
     int said = 0;
 
     for (int i = 0, first = 0; i < all->count; i++) {
-        int c = all->at[i].channel;
-        if (i + 1 < all->count && all->at[i + 1].channel == c)
+        if (i + 1 < all->count && all->at[i + 1].channel == all->at[i].channel)
             continue;
-        int count = i + 1 - first;
         if (said++ < TOLD)
-            identify_diagnose(out, "wild_samples", w->rec.channel[c],
-                              "%d sample%s of channel %d, the first at %.6g s, stand%s out of the "
-                              "noise as none of it does: left out as spikes, and "
-                              "rebuilt by the modes; see what sends them", count,
-                              count > 1 ? "s" : "", w->rec.channel[c],
-                              w->rec.t0 + all->at[first].row * w->rec.step, count > 1 ? "" : "s");
+            report_channel(w, all->at + first, i + 1 - first, out);
         first = i + 1;
     }
 }

@@ -39,6 +39,7 @@
 #include <string.h>
 #include "modal/identify/prepare/event.h"
 #include "modal/identify/prepare/rounding.h"
+#include "modal/identify/prepare/stuck.h"
 #include "modal/linalg/svd.h"
 
 enum { LAGRANGE = 10 };             /* points of the interpolation between samples */
@@ -59,6 +60,7 @@ void record_done(struct record *r)
     free(r->scale);
     free(r->rms);
     free(r->below);
+    wild_done(&r->stuck);
     memset(r, 0, sizeof *r);
 }
 
@@ -239,6 +241,18 @@ static enum modal_status copy_columns(const struct batch *b, size_t first, size_
             give_back(b, first + (size_t)k0 + tall, rows), rows = 0;
     }
     return MODAL_OK;
+}
+
+/* Samples that are stuck are mended where modes are searched for in samples that follow each other
+ * by a recurrence. */
+static enum modal_status mend(const struct batch *b, const struct identify_options *opt,
+                              struct record *r, struct modal_error *err)
+{
+    bool periodic = opt->period > 0 || (opt->period == 0 && b->period > 0);
+
+    if (periodic || opt->method != IDENTIFY_AUTO || opt->refine == CHOICE_NO)
+        return MODAL_OK;
+    return stuck_mend(&r->Y, &r->stuck, err);
 }
 
 /* The line (or mean) of least squares taken out; about the middle, offset and slope are
@@ -626,6 +640,8 @@ enum modal_status record_make(const struct batch *batch, const struct identify_o
     if (rc == MODAL_OK)
         rc = wide ? view_wide(batch, first, last, &r, err)
                   : copy_columns(batch, first, last, &r, err);
+    if (rc == MODAL_OK && !wide)
+        rc = mend(batch, opt, &r, err);
     if (rc != MODAL_OK)
         goto out;
     r.t0 = first * batch->dt;

@@ -4,6 +4,7 @@
 #include "base/error.h"
 #include "modal/batch.h"
 #include "modal/identify/prepare/wide.h"
+#include "modal/identify/prepare/wild.h"
 #include "modal/identify/result.h"
 #include "modal/linalg/matrix.h"
 
@@ -32,6 +33,8 @@ struct record {
     double *scale;              /* owned, per channel: rms of what was cut, or the largest */
     double *rms;                /* owned, per channel: where a wide record has a common scale */
     bool *below;    /* owned, per channel: nothing but rounding, made a zero channel (rounding.h) */
+    struct wild stuck;          /* that were mended before all else (stuck.h), rows a dt apart;
+                                 * `sent` in the batch's unit */
     bool wide;                  /* too large to copy: Y has its sizes but no x, the batch is read
                                  * where it lies through: */
     struct wide view;

@@ -3,7 +3,7 @@
  *
  * Of n numbers of white noise of known size one exceeds t standard deviations with a probability of
  *
- *     n erfc(t / sqrt 2) = ALARM                                                                (1)
+ *     n erfc(t / sqrt 2) = WILD_ALARM                                                           (1)
  *
  * at most. The size is that of the column's other numbers, nu = L - order of them free, and the
  * ratio then Student's: t of (1) becomes
@@ -44,7 +44,6 @@ enum {
 };
 static const double
     SETTLED = 1e-3,              /* of what is left: far less than its own error */
-    ALARM = 1e-4,                /* of a record: one in ten thousand loses a sample of its noise */
     MEDIAN = 1.4826;             /* standard deviations, of normal noise, to the median magnitude */
 
 struct look {
@@ -68,7 +67,7 @@ static double standing_out(double n)
     double low = 0, high = 40;      /* erfc(40 / sqrt 2) underflows */
 
     for (int i = 0; i < BISECTIONS; i++)
-        *(n * erfc((low + high) / 2 * M_SQRT1_2) > ALARM ? &low : &high) = (low + high) / 2;
+        *(n * erfc((low + high) / 2 * M_SQRT1_2) > WILD_ALARM ? &low : &high) = (low + high) / 2;
     return high;
 }
 
@@ -162,6 +161,19 @@ static void sent_column(const struct matrix *Y, const struct wild *w, int c, dou
             x[w->at[i].row] = w->at[i].sent;
 }
 
+/* None stand out where they are no few; what was known before is wild all the same. */
+static void look_at_known(struct look *k, const struct wild *w)
+{
+    size_t L = (size_t)k->Y->m, all = L * (size_t)k->Y->n, count = 0;
+
+    for (size_t i = 0; i < all; i++)
+        count += k->out[i];
+    if (w->no_others || count > all / FEW)
+        memset(k->out, 0, all * sizeof *k->out);
+    for (int i = 0; i < w->known_count; i++)
+        k->out[(size_t)w->known[i].row + (size_t)w->known[i].channel * L] = true;
+}
+
 /* Y without what stands out. */
 static enum modal_status take_out(const struct look *k, struct matrix *Y, struct wild *w,
                                   struct modal_error *err)
@@ -175,7 +187,7 @@ static enum modal_status take_out(const struct look *k, struct matrix *Y, struct
         energy += k->F.x[i] * k->F.x[i];
         count += k->out[i], in += k->out[i] ? k->F.x[i] * k->F.x[i] : 0;
     }
-    if (count == 0 || (size_t)count > all / FEW)
+    if (count == 0)
         return MODAL_OK;
     w->at = malloc((size_t)count * sizeof *w->at);
     if (w->at == NULL)
@@ -206,8 +218,10 @@ static enum modal_status pass(const double complex *lambda, int count, double ta
         sent_column(Y, w, c, k->part);
         look_at_column(k, c);
     }
-    if (rc == MODAL_OK)
+    if (rc == MODAL_OK) {
+        look_at_known(k, w);
         rc = take_out(k, Y, w, err);
+    }
     k->left = s.residual;
     *more = w->count != before || (w->count > 0 && left - s.residual > SETTLED * left);
     synthesis_done(&s);
@@ -324,5 +338,5 @@ void wild_put_back(struct matrix *Y, struct wild *w)
 void wild_done(struct wild *w)
 {
     free(w->at);
-    *w = (struct wild) { NULL, 0, 0 };
+    w->at = NULL, w->count = 0, w->share = 0;
 }

@@ -2,6 +2,7 @@
 #ifndef MODAL_WILD_H
 #define MODAL_WILD_H
 #include <complex.h>
+#include <stdbool.h>
 #include "base/error.h"
 #include "modal/linalg/matrix.h"
 
@@ -12,7 +13,13 @@ struct wild {
     struct wild_sample *at; int count;     /* owned */
     double share;          /* of what the record tells, that was in them: of its numbers, or of the
                             * motion's energy where that is more */
+    const struct wild_sample *known; int known_count;  /* borrowed, by channels and rows: wild
+                            * whatever the poles say (stuck.h) */
+    bool no_others;        /* are looked for */
 };
+
+/* Of a record without wild samples, the probability that one is told. */
+#define WILD_ALARM 1e-4
 
 /*
  * The samples of Y (L x S, a step TAU apart) that stand out of what COUNT poles leave (wild.c), and

@@ -241,10 +241,12 @@ enum modal_status simulate(struct program *p, const struct scene_time *time,
 {
     static const struct simulate_options none;
     struct program *turned = NULL;
+    struct simulate_options bounded;
     enum modal_status rc;
 
     if (opt == NULL)
         opt = &none;
+    bounded = *opt;
     if (p->outputs == 0)
         return modal_fail_field(err, MODAL_BAD_INPUT, "sensors",
                                 "sensors is an empty list: a simulation has nothing to record; "
@@ -255,10 +257,16 @@ enum modal_status simulate(struct program *p, const struct scene_time *time,
                                 time->samples, p->outputs, SIMULATE_VALUES_MOST);
     if (!opt->rk4 && (opt->leaps || sparse_motion_wins(p, time)))
         return sparse_motion(p, time, opt, signals, out, err);
+    /* How often laws change, and cut the steps of the whole, is seen by stepping alone; who names a
+     * tolerance has the way that makes no error in what is linear. */
+    if (!opt->rk4 && opt->steps_most == 0 && opt->tolerance == 0)
+        bounded.steps_most = sparse_motion_worth(p, time);
     rc = p->harmonics > 0 ? program_turned(p, &turned, err) : MODAL_OK;
     if (rc == MODAL_OK)
-        rc = turned != NULL ? simulate_turned(p, turned, time, opt, signals, out, err)
-                            : simulate_on_its_axes(p, time, opt, signals, out, err);
+        rc = turned != NULL ? simulate_turned(p, turned, time, &bounded, signals, out, err)
+                            : simulate_on_its_axes(p, time, &bounded, signals, out, err);
     program_turned_free(turned);
+    if (rc == MODAL_TOO_LARGE && bounded.steps_most > opt->steps_most)
+        rc = sparse_motion(p, time, opt, signals, out, err);
     return rc;
 }

@@ -11,6 +11,9 @@
 /* Is it the way for P, asked every dt?  Yes where only it serves, or where it is large for the
  * dense way and explicit steps, bounded by the fastest motion, are cheaper. */
 bool sparse_motion_wins(const struct program *p, const struct scene_time *time);
+/* Of a program that is small for the dense way: the steps of that after which this one would have
+ * been cheaper; 0: it does not serve. */
+int64_t sparse_motion_worth(const struct program *p, const struct scene_time *time);
 /* Does it serve, several samples of TIME a leap?  Then these cost next to nothing each, where the
  * dense way takes a step. */
 bool sparse_motion_strides(const struct program *p, const struct scene_time *time);

@@ -3,6 +3,7 @@
 #include <float.h>
 #include "modal/scene/dofwise.h"
 #include "modal/scene/leap_events.h"
+#include "modal/scene/simulate.h"
 #include "modal/scene/sparse_motion.h"
 #include "scene_text.h"
 
@@ -181,6 +182,23 @@ static void far_dofs_cost_no_steps(const char *each)
 TEST(sliders_far_from_the_motion_cost_no_steps)
 {
     far_dofs_cost_no_steps("{'type':'friction','dof':'x%d','stiffness':0.3,'limit':0.05}");
+}
+
+/* Twenty sliders: steps of the whole, cut where any of them turns, are given up for leaps with
+ * parts.  Who names a tolerance has those steps. */
+TEST(twenty_laws_that_turn_often_move_by_leaps_as_they_do_by_steps_of_the_whole)
+{
+    char *text = chain(20, "{'type':'friction','dof':'x%d','stiffness':1,'limit':0.1}",
+                       "'excitation':[{'dof':'x20','k':1,'cos':1}],'omega':1,"
+                       "'time':{'dt':0.05,'duration':60}");
+    struct outcome leaps = run(text, simulate, 0), steps = run(text, simulate, 1e-11);
+
+    CHECK_STRING(leaps.s.integrator, "dormand-prince-8");
+    CHECK(strcmp(leaps.s.integrator, steps.s.integrator) != 0);
+    CHECK(apart(&leaps, &steps) < 1e-8);
+    done(&leaps);
+    done(&steps);
+    free(text);
 }
 
 TEST(contacts_far_from_the_motion_cost_no_steps)

@@ -116,6 +116,12 @@ void intake_taken(int fd)
         atomic_fetch_add_explicit(&intakes[fd].taken, 1, memory_order_relaxed);
 }
 
+void intake_hang_up(int fd)
+{
+    atomic_fetch_add_explicit(&ended, 1, memory_order_relaxed);
+    shutdown(fd, SHUT_RDWR);
+}
+
 long intake_ended(void)
 {
     return atomic_load_explicit(&ended, memory_order_relaxed);

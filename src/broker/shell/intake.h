@@ -12,6 +12,8 @@ void intake_begin(int fd);
 void intake_end(int fd);
 /* The loop has taken a message of FD. */
 void intake_taken(int fd);
+/* FD, which is open or not free yet, is ended for what it does not read. */
+void intake_hang_up(int fd);
 /* Connections ended here, since the start. */
 long intake_ended(void);
 #endif

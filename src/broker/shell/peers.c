@@ -7,16 +7,20 @@
  *
  * A pipe counts messages and no bytes, 64 of 1 MiB, and connections are many.  So libzmq is lent
  * what it has of each peer's and gives it back once it is written; and past HELD_MOST of all peers
- * those bodies are dropped that are for whom more waits than an equal share.
+ * those bodies are dropped that are for whom more waits than an equal share.  Whoever has less is
+ * sent his, and of those with more than a share the one that has read nothing for longest is ended in
+ * their place: where each that came had a share of his time, a thousand in turn had 256 MiB and a
+ * logarithm of them.
  */
 #include "broker/shell/peers.h"
+#include "broker/shell/intake.h"
 #include <errno.h>
 #include <netdb.h>
-#include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/socket.h>
+#include <time.h>
 #include <zmq.h>
 
 /* Messages that wait while a peer is told full, and under which it is ready again: apart, so that
@@ -30,8 +34,11 @@ enum { HELD_MOST = 32 * PEER_BYTES_MOST };      /* bytes of all peers: of 32 tha
 
 /* What libzmq has of a peer's, which may be gone before it is given back. */
 struct lent {
+    struct peers *of;
     atomic_int holders;            /* the peer, and messages; the last frees it */
     atomic_size_t bytes;
+    atomic_llong moved;            /* ns: when some were given back, or the first lent */
+    size_t leaving;                /* of `bytes`, when the peer was ended */
 };
 
 /* A message, queued or lent. */
@@ -44,8 +51,6 @@ struct outgoing {
     size_t size;
     atomic_int frames;             /* of header and body, lent */
 };
-
-static atomic_size_t held;         /* bytes of all `outgoing` */
 
 struct routing { const void *data; size_t size; };
 
@@ -109,6 +114,7 @@ struct peer *peers_by_routing(struct peers *peers, const void *data, size_t size
         free(peer);
         return NULL;
     }
+    peer->lent->of = peers;
     atomic_init(&peer->lent->holders, 1);
     peer->number = ++peers->next;
     peer->fd = fd;
@@ -124,13 +130,15 @@ struct peer *peers_by_routing(struct peers *peers, const void *data, size_t size
 
 static void drop_lent(struct lent *lent)
 {
-    if (atomic_fetch_sub(&lent->holders, 1) == 1)
-        free(lent);
+    if (atomic_fetch_sub(&lent->holders, 1) > 1)
+        return;
+    atomic_fetch_sub_explicit(&lent->of->leaving, lent->leaving, memory_order_relaxed);
+    free(lent);
 }
 
 static void free_outgoing(struct outgoing *o)
 {
-    atomic_fetch_sub_explicit(&held, o->size, memory_order_relaxed);
+    atomic_fetch_sub_explicit(&o->lent->of->held, o->size, memory_order_relaxed);
     free(o->header);
     blob_drop(o->body);
     free(o);
@@ -147,15 +155,23 @@ static void unblock(struct peers *peers, struct peer *peer)
     peer->blocked = false;
 }
 
-static void forget(struct peers *peers, struct peer *peer)
+static void drop_queue(struct peers *peers, struct peer *peer)
 {
     while (peer->first != NULL) {
         struct outgoing *next = peer->first->next;
         free_outgoing(peer->first);
         peer->first = next;
     }
+    peer->end = &peer->first;
+    peer->messages = 0;
+    peer->bytes = 0;
     if (peer->blocked)
         unblock(peers, peer);
+}
+
+static void forget(struct peers *peers, struct peer *peer)
+{
+    drop_queue(peers, peer);
     map_remove(&peers->by_routing, map_hash(peer->routing, peer->routing_size), peer);
     map_remove(&peers->by_number, map_hash_number(peer->number), peer);
     map_remove(&peers->by_fd, map_hash_number((uint64_t)peer->fd), peer);
@@ -163,17 +179,29 @@ static void forget(struct peers *peers, struct peer *peer)
     free(peer);
 }
 
+/* LENT has moved: now, to the few ms of a clock that costs no system call. */
+static void note_moved(struct lent *lent)
+{
+    struct timespec t;
+
+    clock_gettime(CLOCK_MONOTONIC_COARSE, &t);
+    atomic_store_explicit(&lent->moved, t.tv_sec * INT64_C(1000000000) + t.tv_nsec,
+                          memory_order_relaxed);
+}
+
 /* libzmq is done with a frame of the message HINT, in its thread or ours. */
 static void give_back(void *data, void *hint)
 {
     struct outgoing *o = hint;
+    struct lent *lent = o->lent;
 
     (void)data;
     if (atomic_fetch_sub(&o->frames, 1) > 1)
         return;
-    atomic_fetch_sub_explicit(&o->lent->bytes, o->size, memory_order_relaxed);
-    drop_lent(o->lent);
+    atomic_fetch_sub_explicit(&lent->bytes, o->size, memory_order_relaxed);
+    note_moved(lent);
     free_outgoing(o);
+    drop_lent(lent);
 }
 
 /* A frame of O behind those that are taken, which are taken as well. */
@@ -195,9 +223,9 @@ static int try_send(struct peers *peers, const struct peer *peer, struct outgoin
         return errno;
     zmq_send(peers->socket, peers->version, strlen(peers->version), ZMQ_SNDMORE | ZMQ_DONTWAIT);
     zmq_send(peers->socket, o->verb, strlen(o->verb), ZMQ_SNDMORE | ZMQ_DONTWAIT);
-    o->lent = peer->lent;
     atomic_fetch_add(&o->lent->holders, 1);
-    atomic_fetch_add_explicit(&o->lent->bytes, o->size, memory_order_relaxed);
+    if (atomic_fetch_add_explicit(&o->lent->bytes, o->size, memory_order_relaxed) == 0)
+        note_moved(o->lent);
     atomic_init(&o->frames, body != NULL ? 2 : 1);
     /* the last frame may take O with it before this returns */
     lend(peers, o, o->header, strlen(o->header), body != NULL ? ZMQ_SNDMORE : 0);
@@ -206,15 +234,54 @@ static int try_send(struct peers *peers, const struct peer *peer, struct outgoin
     return 0;
 }
 
-/* O is a body, more waits for PEER than its share, and for all more than there is. */
-static bool is_too_much(const struct peers *peers, const struct peer *peer,
-                        const struct outgoing *o)
+static size_t waits_for(const struct peer *peer)
 {
-    size_t own = peer->bytes + atomic_load_explicit(&peer->lent->bytes, memory_order_relaxed);
+    return peer->bytes + atomic_load_explicit(&peer->lent->bytes, memory_order_relaxed);
+}
 
-    return o->body != NULL && own > 0
-        && own + o->size > HELD_MOST / (peers->by_number.count > 0 ? peers->by_number.count : 1)
-        && atomic_load_explicit(&held, memory_order_relaxed) > HELD_MOST;
+/* Nothing more is sent to PEER, and what waits for it goes with its connection. */
+static void end_peer(struct peers *peers, struct peer *peer)
+{
+    drop_queue(peers, peer);
+    peer->ended = true;
+    peer->lent->leaving = waits_for(peer);
+    atomic_fetch_add_explicit(&peers->leaving, peer->lent->leaving, memory_order_relaxed);
+    intake_hang_up(peer->fd);
+}
+
+/* Of those for whom more waits than SHARE, the one that has read nothing for longest; NULL: there
+ * is none. */
+static struct peer *most_deaf(const struct peers *peers, size_t share)
+{
+    struct peer *found = NULL, *peer;
+    size_t at = 0;
+
+    while ((peer = map_next(&peers->by_number, &at)) != NULL)
+        if (!peer->ended && waits_for(peer) > share
+            && (found == NULL || atomic_load(&peer->lent->moved)
+                                     < atomic_load(&found->lent->moved)))
+            found = peer;
+    return found;
+}
+
+/* May O wait for PEER?  Where too much waits for all, O being a body, it must be within PEER's
+ * share, and then another gives way, who has more than his. */
+static bool may_wait(struct peers *peers, const struct peer *peer, const struct outgoing *o)
+{
+    size_t own = waits_for(peer), share;
+    struct peer *other;
+
+    if (o->body == NULL
+        || atomic_load_explicit(&peers->held, memory_order_relaxed)
+               <= HELD_MOST + atomic_load_explicit(&peers->leaving, memory_order_relaxed))
+        return true;
+    share = HELD_MOST / peers->by_number.count;
+    if (own > 0 && own + o->size > share)
+        return false;
+    other = most_deaf(peers, share);
+    if (other != NULL)
+        end_peer(peers, other);
+    return true;
 }
 
 static void enqueue(struct peers *peers, struct peer *peer, struct outgoing *o)
@@ -243,10 +310,10 @@ enum peer_change peers_send(struct peers *peers, struct peer *peer, const char *
 
     if (o == NULL)
         abort();
-    *o = (struct outgoing) { .verb = verb, .header = header, .body = body,
+    *o = (struct outgoing) { .verb = verb, .header = header, .body = body, .lent = peer->lent,
                              .size = strlen(header) + (body == NULL ? 0 : body->size) };
-    atomic_fetch_add_explicit(&held, o->size, memory_order_relaxed);
-    if (is_too_much(peers, peer, o)) {
+    atomic_fetch_add_explicit(&peers->held, o->size, memory_order_relaxed);
+    if (peer->ended || !may_wait(peers, peer, o)) {
         peers->dropped++;                          /* it asks again when it reads again */
         free_outgoing(o);
         return PEER_SAME;

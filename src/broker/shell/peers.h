@@ -6,6 +6,7 @@
  */
 #ifndef BROKER_PEERS_H
 #define BROKER_PEERS_H
+#include <stdatomic.h>
 #include <stdbool.h>
 #include <stdint.h>
 #include "broker/kit/blob.h"
@@ -27,6 +28,7 @@ struct peer {
     struct lent *lent;             /* and what libzmq has of them */
     int fd;                        /* its connection's, until accept_free */
     bool full;                     /* its queue is over half: events wait */
+    bool ended;                    /* too much waited for it: nothing more is sent */
     struct peer *next_blocked;     /* of those that have a queue */
     bool blocked;
 };
@@ -40,6 +42,7 @@ struct peers {
     uint64_t next;
     struct peer *blocked;
     int64_t dropped;
+    atomic_size_t held, leaving;   /* bytes of what waits; of that what will not, for who is ended */
 };
 
 /* The peer whose routing id ROUTING is, made where it is new, on the connection of FD; NULL: that
@@ -52,8 +55,9 @@ enum { PEER_ADDRESS_MOST = 80 };     /* an IPv6 address, its zone and its port *
 /* Where NUMBER's connection comes from: an address and its port, or the process of this host that
  * made it (pid:N).  False: it is gone, or nobody knows. */
 bool peers_address(const struct peers *peers, uint64_t number, char *text, size_t size);
-/* Send, or queue; takes HEADER and BODY in every case.  PEER_GONE: libzmq no longer knows it, and
- * it is freed. */
+/* Send, or queue; takes HEADER and BODY in every case.  Where too much waits, the connection for
+ * which most does is ended, or a BODY dropped.  PEER_GONE: libzmq no longer knows it, and it is
+ * freed. */
 enum peer_change peers_send(struct peers *peers, struct peer *peer, const char *verb, char *header,
                             struct blob *body);
 /* Try again what is queued; CHANGED is called for each peer whose state changes.  Whether anything

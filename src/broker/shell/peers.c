@@ -8,9 +8,9 @@
  * A pipe counts messages and no bytes, 64 of 1 MiB, and connections are many.  So libzmq is lent
  * what it has of each peer's and gives it back once it is written; and past HELD_MOST of all peers
  * those bodies are dropped that are for whom more waits than an equal share.  Whoever has less is
- * sent his, and of those with more than a share the one that has read nothing for longest is ended in
- * their place: where each that came had a share of his time, a thousand in turn had 256 MiB and a
- * logarithm of them.
+ * sent his, and of those with more than a share the one that has read nothing for longest is ended
+ * in their place: where each that came had a share of his time, a thousand in turn had 256 MiB and
+ * a logarithm of them.
  */
 #include "broker/shell/peers.h"
 #include "broker/shell/intake.h"

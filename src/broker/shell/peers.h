@@ -42,7 +42,7 @@ struct peers {
     uint64_t next;
     struct peer *blocked;
     int64_t dropped;
-    atomic_size_t held, leaving;   /* bytes of what waits; of that what will not, for who is ended */
+    atomic_size_t held, leaving;   /* bytes of what waits; of that what is whose who is ended */
 };
 
 /* The peer whose routing id ROUTING is, made where it is new, on the connection of FD; NULL: that
@@ -55,8 +55,8 @@ enum { PEER_ADDRESS_MOST = 80 };     /* an IPv6 address, its zone and its port *
 /* Where NUMBER's connection comes from: an address and its port, or the process of this host that
  * made it (pid:N).  False: it is gone, or nobody knows. */
 bool peers_address(const struct peers *peers, uint64_t number, char *text, size_t size);
-/* Send, or queue; takes HEADER and BODY in every case.  Where too much waits, the connection for
- * which most does is ended, or a BODY dropped.  PEER_GONE: libzmq no longer knows it, and it is
+/* Send, or queue; takes HEADER and BODY in every case.  Where too much waits, BODY is
+ * dropped, or a connection that does not read is ended.  PEER_GONE: libzmq no longer knows it, and it is
  * freed. */
 enum peer_change peers_send(struct peers *peers, struct peer *peer, const char *verb, char *header,
                             struct blob *body);

@@ -42,7 +42,7 @@ struct peers {
     uint64_t next;
     struct peer *blocked;
     int64_t dropped;
-    atomic_size_t held, leaving;   /* bytes of what waits; of that what is whose who is ended */
+    atomic_size_t held, leaving;   /* bytes that wait; of those such as go with who is ended */
 };
 
 /* The peer whose routing id ROUTING is, made where it is new, on the connection of FD; NULL: that

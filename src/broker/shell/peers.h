@@ -56,8 +56,8 @@ enum { PEER_ADDRESS_MOST = 80 };     /* an IPv6 address, its zone and its port *
  * made it (pid:N).  False: it is gone, or nobody knows. */
 bool peers_address(const struct peers *peers, uint64_t number, char *text, size_t size);
 /* Send, or queue; takes HEADER and BODY in every case.  Where too much waits, BODY is
- * dropped, or a connection that does not read is ended.  PEER_GONE: libzmq no longer knows it, and it is
- * freed. */
+ * dropped, or a connection that does not read is ended.  PEER_GONE: libzmq no longer knows it, and
+ * it is freed. */
 enum peer_change peers_send(struct peers *peers, struct peer *peer, const char *verb, char *header,
                             struct blob *body);
 /* Try again what is queued; CHANGED is called for each peer whose state changes.  Whether anything

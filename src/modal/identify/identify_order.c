@@ -425,8 +425,8 @@ static bool is_better(const struct order_choice *a, const struct order_choice *b
 
 /* From above, and where that does not settle it by the ladder. Of a periodic system the better of
  * the two counts: poles that rounding hides are found by many starts. */
-enum modal_status work_choose_order(struct work *w, struct identify_result *out,
-                                    struct modal_error *err)
+static enum modal_status choose_poles(struct work *w, struct identify_result *out,
+                                      struct modal_error *err)
 {
     struct found above = { .choice = { .chosen = -1 } };
     enum modal_status rc = choose_from_above(w, out, &above, err);
@@ -446,6 +446,28 @@ enum modal_status work_choose_order(struct work *w, struct identify_result *out,
         w->full = above.pencil, above.pencil = (struct pencil) { 0 };
     }
     found_done(&above);
+    return rc;
+}
+
+/* Of a period that is no whole number of samples multipliers with their lines first; where those
+ * leave more than noise, the better of them and of poles each for itself. */
+enum modal_status work_choose_order(struct work *w, struct identify_result *out,
+                                    struct modal_error *err)
+{
+    struct found families = { .choice = { .chosen = -1 } };
+    enum modal_status rc = work_has_families(w) ? work_choose_families(w, &families.choice, err)
+                                                : MODAL_OK;
+    bool put = rc == MODAL_OK && families.choice.clean;
+
+    if (rc == MODAL_OK && !put) {
+        rc = choose_poles(w, out, err);
+        put = rc == MODAL_OK && is_better(&families.choice, &w->choice);
+    }
+    if (put) {
+        rc = put_found(w, &families, out, err);
+        w->data.omega = 2 * M_PI / w->rec.period;
+    }
+    found_done(&families);
     return rc;
 }
 

@@ -231,8 +231,8 @@ static enum modal_status start_folded(struct work *w, const struct matrix *Y,
 
 /* Periodic systems from above, from one start after another until three end at the same best,
  * or the signals are explained to rounding. */
-static enum modal_status descend_all_folded(struct work *w, struct order_choice *best,
-                                            struct modal_error *err)
+enum modal_status work_descend_periods(struct work *w, struct order_choice *best,
+                                       struct modal_error *err)
 {
     struct matrix Y = { 0 }, K = { 0 };
     struct pencil kept = w->pencil;
@@ -272,7 +272,7 @@ enum modal_status work_choose_periodic(struct work *w, struct order_choice *best
         rc = begin_white(w, err);
     w->brief = brief = w->facts.told > 0;
     if (rc == MODAL_OK)
-        rc = descend_all_folded(w, best, err);
+        rc = work_descend_periods(w, best, err);
     w->brief = false;
     for (int i = 0; i < ANEW_MOST && rc == MODAL_OK && best->chosen >= 0 && !w->data.exact; i++) {
         rc = begin_whiter(w, best, &anew, err);
@@ -285,7 +285,7 @@ enum modal_status work_choose_periodic(struct work *w, struct order_choice *best
         order_done(best);
         *best = (struct order_choice) { .chosen = -1 };
         w->spent = spent;                            /* what a wrong price cost is no search */
-        rc = descend_all_folded(w, best, err);
+        rc = work_descend_periods(w, best, err);
     }
     if (rc == MODAL_OK && w->facts.told > 0 && best->chosen >= 0)
         rc = settle_white(w, best, err);

@@ -101,7 +101,7 @@ static bool ill_determined(const struct work *w)
 
     for (int j = 0; j < p->count; j++)
         ill |= p->lambda[j] != 0 && !(p->std_re[j] <= KNOWN * cabs(p->lambda[j]));
-    return ill && w->refine && !w->rec.wide
+    return ill && w->refine && !w->rec.wide && w->data.omega == 0
         && w->choice.candidates[w->choice.chosen].fit.residual
         <= REFINE_EXACT * safe_matrix_norm(w->data.Y);
 }

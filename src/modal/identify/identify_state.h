@@ -177,8 +177,19 @@ enum modal_status work_look_above(struct work *w, struct modal_error *err);
 enum modal_status work_keep_chosen(const struct work *w, struct identify_chosen *to,
                                    struct modal_error *err);
 
+/* ---- identify_families.c ---- */
+
+/* Is the record of a period that is no whole number of samples, and in memory? */
+bool work_has_families(const struct work *w);
+/* *choice, empty: its multipliers, each with its lines; none where there are none to begin with. */
+enum modal_status work_choose_families(struct work *w, struct order_choice *choice,
+                                       struct modal_error *err);
+
 /* ---- identify_periods.c ---- */
 
+/* *best, empty, of the periods w->data.Y: multipliers in noise taken for white. */
+enum modal_status work_descend_periods(struct work *w, struct order_choice *best,
+                                       struct modal_error *err);
 /* *best, empty, of a periodic system: its multipliers, from above. */
 enum modal_status work_choose_periodic(struct work *w, struct order_choice *best,
                                        struct modal_error *err);

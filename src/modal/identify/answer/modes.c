@@ -36,6 +36,7 @@
 #include "modal/identify/answer/harmonics.h"
 #include "modal/identify/fit/synthesis.h"
 #include "modal/identify/linear/exponents.h"
+#include "modal/identify/fit/refine.h"
 #include "modal/identify/prepare/fold.h"
 #include "modal/linalg/svd.h"
 
@@ -301,6 +302,22 @@ static double complex principal(double complex lambda, double Omega, double erro
     return CMPLX(creal(lambda), im);
 }
 
+/* Has an earlier pole of the same mode the same exponent, as a line of the same multiplier, fitted as
+ * one (refine.h, omega)?  It tells nothing more then. */
+static bool told_before(const struct work *w, int j)
+{
+    double Omega = 2 * M_PI / w->rec->period;
+    bool told = false;
+
+    for (int i = 0; i < j && !told; i++)
+        for (int sign = 1; sign >= -1 && w->mode[i] == w->mode[j]; sign -= 2) {
+            double im = (sign * cimag(line(w, j)) - cimag(line(w, i))) / Omega;
+            told |= fabs(im - nearbyint(im)) <= REFINE_TIED
+                 && fabs(creal(line(w, j) - line(w, i))) <= REFINE_TIED * Omega;
+        }
+    return told;
+}
+
 /* (1): the mean of a mode's poles, brought to the head's branch; std of the mean. */
 static double complex mean_pole(const struct work *w, int which, double *std_re, double *std_im)
 {
@@ -314,7 +331,7 @@ static double complex mean_pole(const struct work *w, int which, double *std_re,
             known &= p->std_re[j] > 0 && isfinite(p->std_re[j]);
     for (int j = 0; j < p->count; j++) {
         double weight = weight_of(w, j), a, b, at;
-        if (w->mode[j] != which)
+        if (w->mode[j] != which || told_before(w, j))
             continue;
         /* the mean of least variance, where variances are known */
         a = known ? 1 / (p->std_re[j] * p->std_re[j]) : weight;

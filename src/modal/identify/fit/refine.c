@@ -71,6 +71,7 @@ static bool refined_new(struct refined *r, const struct work *w)
                             .groups = w->groups };
     r->lambda = workspace_zeros(&r->space, count, sizeof *r->lambda);
     r->first = workspace_zeros(&r->space, count, sizeof *r->first);
+    r->turn = workspace_zeros(&r->space, count, sizeof *r->turn);
     r->covariance = workspace_numbers(&r->space, n, n);
     r->std_re = workspace_numbers(&r->space, count, 1);
     r->std_im = workspace_numbers(&r->space, count, 1);
@@ -96,6 +97,7 @@ static void report(const struct work *w, const struct search *s, double tau, str
     bool known = !s->now.degenerate, errors = known && !w->look;
 
     memcpy(r->first, w->first, (size_t)w->count * sizeof *r->first);
+    memcpy(r->turn, w->turn, (size_t)w->count * sizeof *r->turn);
     refine_covariance(w, &s->now, tau, r->covariance);
     for (int j = 0; j < w->count; j++) {
         int p = w->first[j], P = w->parameters;
@@ -105,7 +107,7 @@ static void report(const struct work *w, const struct search *s, double tau, str
         if (p >= 0 && errors)
             r->lambda[j] = CMPLX(s->at.a[j] / tau, b);
         r->std_re[j] = p < 0 ? 0 : errors ? sqrt(r->covariance[p + p * P]) : NAN;
-        r->std_im[j] = p < 0 || w->kind[j] != POLE_PAIR ? 0
+        r->std_im[j] = p < 0 || w->kind[j] != POLE_PAIR || w->turn[j] == 0 ? 0
             : errors                                    ? sqrt(r->covariance[p + 1 + (p + 1) * P])
                                                         : NAN;
     }
@@ -314,7 +316,7 @@ void refined_std(const struct refined *r, int pole, double tau, double *frequenc
     int p = r->first[pole], n = r->parameters;
 
     if (p >= 0 && p + 1 < n && r->std_im[pole] > 0)
-        cross = r->covariance[p + (p + 1) * n];
+        cross = r->turn[pole] * r->covariance[p + (p + 1) * n];
     if (frequency_hz != NULL)         /* d|lambda| = (re dre + im dim) / |lambda| */
         *frequency_hz = w > 0
             ? sqrt(fmax(re * re * vr + im * im * vi + 2 * re * im * cross, 0)) / w / (2 * M_PI)

@@ -36,7 +36,14 @@ struct refine_data {
                                   * makes it hold where it does not; NULL: Y itself is read */
     double white;                /* of a periodic system: share of the columns that noise is free in
                                   * (criterion.c); 0: 1 */
+    double omega;                /* rad/s, of a periodic system whose period is no whole number of
+                                  * rows: poles that differ by multiples of i omega to rounding, as
+                                  * they are or as conjugates, are lines of one multiplier: they
+                                  * have one exponent, and move together; 0: each for itself */
 };
+
+/* The same to rounding: in parts of omega. */
+#define REFINE_TIED 1e-9
 
 struct refine_options {
     int iterations;              /* most Levenberg-Marquardt steps; 0: 60; < 0: none, only look:
@@ -79,6 +86,8 @@ struct refined {
     double complex *lambda;      /* 1/s, as listed on the way in */
     double *covariance;          /* parameters x parameters, (1/s)^2; NAN where degenerate */
     int *first;            /* per pole: its first parameter (Re; then Im for a pair), -1 if fixed */
+    int *turn;             /* per pole: 1; where it is a line of another's multiplier (omega) -1 if
+                            * that one's conjugate, and 0 of a real multiplier, whose Im is fixed */
     double *std_re, *std_im;     /* per pole, 1/s; 0 for what is fixed or exact by kind (Im of a
                                   * real pole) */
     int groups;                  /* signals: S / phases */

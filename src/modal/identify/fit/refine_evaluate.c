@@ -30,21 +30,57 @@ void refine_free(struct work *w)
     workspace_free(&w->held);
 }
 
+/* What Im of pole J moves by with its own parameter: that of a real multiplier's line is a multiple
+ * of i omega / 2, and stays. */
+static int own_turn(const struct work *w, double complex lambda)
+{
+    double halves = w->data->omega > 0 ? cimag(lambda) / (w->data->omega / 2) : 0.5;
+
+    return fabs(halves - nearbyint(halves)) <= REFINE_TIED ? 0 : 1;
+}
+
+/* The first pole before J that is a line of the same multiplier, -1: none; *turn: as it lies, or
+ * its conjugate does. */
+static int tied_to(const struct work *w, const double complex *lambda, int j, int *turn)
+{
+    double omega = w->data->omega;
+
+    for (int i = 0; i < j && omega > 0; i++)
+        for (int sign = 1; sign >= -1 && w->first[i] >= 0; sign -= 2) {
+            double im = (sign * cimag(lambda[j]) - cimag(lambda[i])) / omega;
+            if (fabs(creal(lambda[j] - lambda[i])) <= REFINE_TIED * omega
+                && fabs(im - nearbyint(im)) <= REFINE_TIED) {
+                *turn = w->turn[i] * sign;
+                return i;
+            }
+        }
+    return -1;
+}
+
 /* Columns and parameters of each pole; false: no memory. */
 bool refine_layout(struct work *w, const double complex *lambda)
 {
     w->kind = workspace_zeros(&w->held, (size_t)w->count, sizeof *w->kind);
     w->column = workspace_zeros(&w->held, (size_t)w->count, sizeof *w->column);
     w->first = workspace_zeros(&w->held, (size_t)w->count, sizeof *w->first);
+    w->turn = workspace_zeros(&w->held, (size_t)w->count, sizeof *w->turn);
+    w->shares = workspace_zeros(&w->held, (size_t)w->count, sizeof *w->shares);
     if (w->held.failed)
         return false;
     for (int j = 0; j < w->count; j++) {
         w->kind[j] = pole_kind(lambda[j], w->data->tau);
-        int n = w->kind[j] == POLE_PAIR ? 2 : 1;
+        int n = w->kind[j] == POLE_PAIR ? 2 : 1, head;
         w->column[j] = w->order;
         w->order += n;
+        w->turn[j] = own_turn(w, lambda[j]);
         w->first[j] = w->fixed != NULL && w->fixed[j] ? -1 : w->parameters;
-        w->parameters += w->first[j] < 0 ? 0 : n;
+        head = w->first[j] < 0 ? -1 : tied_to(w, lambda, j, &w->turn[j]);
+        w->shares[j] = head >= 0;
+        w->tied |= head >= 0;
+        if (head >= 0)
+            w->first[j] = w->first[head];
+        else if (w->first[j] >= 0)
+            w->parameters += w->turn[j] != 0 ? n : 1;
     }
     return true;
 }
@@ -128,7 +164,9 @@ bool refine_allocate(struct work *w, bool whole)
         *each[i] = workspace_numbers(&w->held, groups, 1);
     if (w->held.failed)
         return false;
-    return whole && gram_pays(w->L, w->order, w->S) ? allocate_sums(w) : allocate_rows(w, whole);
+    /* sums in closed form know each pole's parameters as its own */
+    return whole && !w->tied && gram_pays(w->L, w->order, w->S) ? allocate_sums(w)
+                                                                : allocate_rows(w, whole);
 }
 
 /* [Phi D]; D is centred where the column has its weight, which changes it by a multiple of the
@@ -190,6 +228,25 @@ enum modal_status refine_factor(struct work *w, struct modal_error *err)
     return MODAL_OK;
 }
 
+/* The same of pole J that shares its parameters with the poles before it, or has no Im among them:
+ * C, D and X are its own first ones, ROWS of them; derivatives of lines of one exponent add up. */
+static void add_line(const struct work *w, int j, double weight, const double *C, const double *d1,
+                     int rows, double *x)
+{
+    const double *d2 = d1 + w->most_columns;
+    double keep = w->shares[j] ? 1 : 0, b1 = weight * C[0];
+    double b2 = w->kind[j] == POLE_PAIR ? weight * C[1] : 0, turn = w->turn[j];
+
+    for (int l = 0; l < rows && w->kind[j] != POLE_PAIR; l++)
+        x[l] = (keep > 0 ? x[l] : 0) + b1 * d1[l];
+    for (int l = 0; l < rows && w->kind[j] == POLE_PAIR; l++) {
+        double *y = x + w->stack_rows + l;
+        x[l] = (keep > 0 ? x[l] : 0) + b1 * d1[l] + b2 * d2[l];
+        if (turn != 0)
+            *y = (keep > 0 ? *y : 0) + turn * (b1 * d2[l] - b2 * d1[l]);
+    }
+}
+
 /* The rows of (4) of channel c of a panel, at ROW of the stack. */
 void refine_channel_rows(struct work *w, int c, double weight, int row)
 {
@@ -202,6 +259,10 @@ void refine_channel_rows(struct work *w, int c, double weight, int row)
             continue;
         double *x = w->stack + row + p * ld;
         const double *d1 = R22 + i * k, *d2 = d1 + k;
+        if (w->shares[j] || (w->kind[j] == POLE_PAIR && w->turn[j] == 0)) {
+            add_line(w, j, weight, C + i, d1, rows, x);
+            continue;
+        }
         for (int l = 0; l < rows; l++) {
             if (w->kind[j] != POLE_PAIR) {
                 x[l] = weight * C[i] * d1[l];  /* d/d(Re) of (3) is all that a real pole has */

@@ -153,6 +153,21 @@ static bool at_guard(const struct work *w, const struct point *at)
     return false;
 }
 
+/* A line that passes 0 or Nyquist would go on as its mirror, and its multiplier's other lines would
+ * not: such a step goes half of the way at most. */
+static double tied_scale(const struct work *w, const struct point *from, const double *delta,
+                         double scale)
+{
+    for (int j = 0; j < w->count && w->tied; j++) {
+        double step = w->first[j] >= 0 && w->kind[j] == POLE_PAIR && w->turn[j] != 0
+                    ? w->turn[j] * delta[w->first[j] + 1] : 0;
+        double way = step < 0 ? from->b[j] : M_PI - from->b[j];
+        if (fabs(step) * scale > way / 2)
+            scale = way / 2 / fabs(step);
+    }
+    return scale;
+}
+
 /* No step turns a phase over the record by more than a few radians: another line is another
  * minimum. */
 void refine_take_step(const struct work *w, const struct point *from, const double *delta,
@@ -163,14 +178,16 @@ void refine_take_step(const struct work *w, const struct point *from, const doub
     for (int i = 0; i < w->parameters; i++)
         most = fmax(most, fabs(delta[i]) * w->L);
     scale = most > TURN_MOST ? TURN_MOST / most : 1;
+    scale = tied_scale(w, from, delta, scale);
     for (int j = 0; j < w->count; j++) {
         int p = w->first[j];
         to->a[j] = from->a[j], to->b[j] = from->b[j];
         if (p < 0)
             continue;
         to->a[j] = refine_guard(w, from->a[j] + scale * delta[p]);
-        if (w->kind[j] == POLE_PAIR) {
-            double b = fabs(from->b[j] + scale * delta[p + 1]);   /* conjugates are the same pair */
+        if (w->kind[j] == POLE_PAIR && w->turn[j] != 0) {
+            /* conjugates are the same pair */
+            double b = fabs(from->b[j] + scale * w->turn[j] * delta[p + 1]);
             /* past Nyquist samples see the mirror */
             to->b[j] = fmin(b > M_PI ? fabs(2 * M_PI - b) : b, nextafter(M_PI, 0));
             to->b[j] = fmax(to->b[j], 1e-12);

@@ -23,6 +23,9 @@ struct work {
     const bool *fixed;
     enum pole_kind *kind;
     int *column, *first;      /* of each pole: its first column in Phi, its first parameter or -1 */
+    int *turn;                /* of each pole: what Im moves by with its parameter (refine.h) */
+    bool *shares;             /* of each pole: an earlier one has the same parameters */
+    bool tied;                /* some pole does */
     bool look;                   /* no derivatives: Phi alone */
     int columns;                 /* of [Phi D], or of Phi */
     double cost, spent;          /* multiplications of one evaluation; of all so far */

@@ -11,7 +11,6 @@
 #include <math.h>
 #include <stdlib.h>
 
-enum { POINTS = 8 };              /* rows of one interpolation: of degree 7 */
 static const double
     TURN[] = { 1, 2 * M_PI, 360 },
     BEYOND = 1e-3,               /* of a turn: how far rounding and noise may go */
@@ -65,11 +64,11 @@ double turns_rows_each(const double *turn, int rows)
     return (rows - 1) / (turn[rows - 1] - turn[0]);
 }
 
-enum modal_status turns_resample(struct matrix *Y, const double *turn, int phases,
+enum modal_status turns_resample(struct matrix *Y, const double *turn, int phases, int points,
                                  struct modal_error *err)
 {
     int L = Y->m, rows = (int)floor((turn[L - 1] - turn[0]) * phases) + 1, at = 0;
-    double *x = malloc(sizeof *x * (size_t)rows * (size_t)Y->n), weight[POINTS];
+    double *x = malloc(sizeof *x * (size_t)rows * (size_t)Y->n), weight[TURNS_POINTS];
 
     if (x == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d x %d", rows, Y->n);
@@ -78,16 +77,16 @@ enum modal_status turns_resample(struct matrix *Y, const double *turn, int phase
         int first;
         while (at < L - 2 && turn[at + 1] <= angle)
             at++;
-        /* the angle is straight between samples, the signals are not: they get degree 7 */
+        /* the angle is straight between samples, the signals are not: they get degree points - 1 */
         row = turn[at + 1] > turn[at] ? at + (angle - turn[at]) / (turn[at + 1] - turn[at]) : at;
-        first = at - POINTS / 2 + 1;
+        first = at - points / 2 + 1;
         /* one-sided at the ends */
-        first = first < 0 ? 0 : first > L - POINTS ? L - POINTS : first;
-        record_lagrange(row - first, POINTS, weight);
+        first = first < 0 ? 0 : first > L - points ? L - points : first;
+        record_lagrange(row - first, points, weight);
         for (int c = 0; c < Y->n; c++) {
             const double *y = Y->x + (size_t)c * Y->ld + first;
             double sum = 0;
-            for (int j = 0; j < POINTS; j++)
+            for (int j = 0; j < points; j++)
                 sum += weight[j] * y[j];
             x[i + (size_t)rows * (size_t)c] = sum;
         }
@@ -115,7 +114,7 @@ enum modal_status turns_even(struct record *r, const struct batch *b, const int 
         each = turns_rows_each(turn, r->Y.m);
         r->period = each * r->step;
         r->per_period = (int)lround(each);  /* as many as before, evenly: nothing is decimated */
-        rc = turns_resample(&r->Y, turn, r->per_period, err);
+        rc = turns_resample(&r->Y, turn, r->per_period, TURNS_POINTS, err);
         r->step = r->period / r->per_period;
     }
     free(turn);

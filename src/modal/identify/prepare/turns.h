@@ -17,9 +17,11 @@ double turns_rows_each(const double *turn, int rows);
 
 /*
  * The columns of Y at the angles i / phases, i = 0, 1, .., of the turns that their rows are at:
- * polynomials through the eight rows about each.  Fails with MODAL_NO_MEMORY.
+ * polynomials through the POINTS rows about each, TURNS_POINTS at most.  Fails with
+ * MODAL_NO_MEMORY.
  */
-enum modal_status turns_resample(struct matrix *Y, const double *turn, int phases,
+enum { TURNS_POINTS = 8 };
+enum modal_status turns_resample(struct matrix *Y, const double *turn, int phases, int points,
                                  struct modal_error *err);
 
 /*

@@ -68,7 +68,7 @@ TEST(rows_are_at_even_angles)
         turn[k] = turned(k);
         Y.x[k] = cos(4 * M_PI * turn[k] + 0.2);
     }
-    CHECK(turns_resample(&Y, turn, PHASES, &err) == MODAL_OK);
+    CHECK(turns_resample(&Y, turn, PHASES, TURNS_POINTS, &err) == MODAL_OK);
     CHECK(Y.m == (int)floor(turned(ROWS - 1) * PHASES) + 1);
     for (int i = 4; i < Y.m - 4; i++)
         CHECK_NEAR(Y.x[i], cos(4 * M_PI * i / PHASES + 0.2), 1e-3);

@@ -1,0 +1,488 @@
+/*
+ * identify_families.c - a periodic system whose period is no whole number of samples: each
+ * multiplier as the family of its lines
+ *
+ * Samples a period apart are none of the record's then, and no fold makes rows of it.  But the
+ * response is a sum over the exponents of periodic functions times exponentials [BW], and so of
+ *
+ *     lines   g_jk e^{(lambda_j + i k Omega) t},   k = .., -1, 0, 1, ..                         (1)
+ *
+ * The poles of a constant system, one a line, know nothing of each other: there are as many
+ * exponents as lines, and a weak line, which alone tells its exponent badly, is fitted as if it
+ * were worth two unknowns.  Here all lines of a family have one exponent (refine.h, omega), so
+ * that the unknowns of the search are the multipliers, whatever harmonics they have.
+ *
+ * Start: the record at even phases, by polynomials between samples (turns.h), is one of a whole
+ * number of samples a period, with the same multipliers and the errors of the polynomials; it is
+ * searched as such (identify_periods.c).  Then, in the samples themselves, of all lines below
+ * Nyquist those are kept that pay, all exponents are refined, and families that do not pay leave,
+ * by the criterion of all searches (criterion.h).
+ */
+#include "modal/identify/identify_state.h"
+#include <cblas.h>
+#include <lapacke.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "modal/identify/fit/colour.h"
+#include "modal/identify/linear/exponents.h"
+#include "modal/identify/order/remainder.h"
+#include "modal/identify/prepare/fold.h"
+#include "modal/identify/prepare/turns.h"
+#include "modal/linalg/svd.h"
+
+static const double
+    NYQUIST = 0.95,             /* of it: what turns faster is not told from what folds there */
+    ROWS_SHARE = 0.5;           /* of the rows, at most, as columns: the rest tell the noise */
+enum {
+    LINES_MOST = 256,           /* of all families: beyond, a fit is seconds */
+    ROUNDS = 4                  /* of lines by exponents and exponents by lines */
+};
+
+/* Lines of families. */
+struct lines {
+    int count;
+    double complex *lambda;     /* the head of a family first, but where it did not pay */
+    int *family;                /* per line */
+};
+
+struct families {
+    const struct work *w;
+    double Omega;
+    int count;
+    double complex *head;       /* principal, Im in [0, Omega/2] */
+    struct lines all;           /* that may be */
+    int room;                   /* for them, wherever the heads come to lie */
+    double rival;               /* criterion of the fit that stands; 0: none does */
+    double work, spent;         /* multiplications there may still be; of all fits so far */
+    bool given_up;              /* they are spent, or the rival has won */
+    struct workspace space;
+};
+
+bool work_has_families(const struct work *w)
+{
+    return w->rec.period > 0 && w->shift == 1 && !w->rec.wide && w->blocks == NULL && w->refine
+        && w->rec.shift_rad_s == 0 && w->opt.method == IDENTIFY_AUTO
+        && w->opt.rank.rule == RANK_AUTO && w->opt.rank.most == 0
+        && w->rec.Y.m >= 2 * w->rec.period / w->rec.step;
+}
+
+/* ---- the multipliers to begin with ---- */
+
+/* Y at even phases, PHASES a period of EACH rows, by polynomials through so many points; the
+ * caller frees even->x. */
+static enum modal_status resample(const struct matrix *Y, double each, int phases, int points,
+                                  struct matrix *even, struct modal_error *err)
+{
+    double *turn = malloc(sizeof *turn * (size_t)Y->m);
+    enum modal_status rc = MODAL_OK;
+
+    *even = matrix_new(Y->m, Y->n);
+    if (turn == NULL || even->x == NULL)
+        rc = modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d rows", Y->m);
+    for (int k = 0; k < Y->m && rc == MODAL_OK; k++)
+        turn[k] = k / each;
+    if (rc == MODAL_OK) {
+        matrix_copy(Y->m, Y->n, Y->x, Y->ld, even->x, even->ld);
+        rc = turns_resample(even, turn, phases, points, err);
+    }
+    free(turn);
+    return rc;
+}
+
+/* T: Y's periods at even phases, searched for no less than what polynomials of a lesser degree
+ * differ by, which is more than what these err by. */
+static enum modal_status periods_even(const struct families *f, const struct matrix *Y,
+                                      struct work *t, struct matrix *even, struct modal_error *err)
+{
+    const struct work *w = f->w;
+    double each = w->rec.period / w->rec.step;
+    struct matrix coarse = { 0 };
+    enum modal_status rc;
+
+    t->shift = (int)lround(each), t->tau = w->rec.period;
+    t->least = calloc((size_t)Y->n, sizeof *t->least);
+    if (t->least == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d signals", Y->n);
+    if ((rc = resample(Y, each, t->shift, TURNS_POINTS, even, err)) != MODAL_OK
+        || (rc = resample(Y, each, t->shift, TURNS_POINTS - 2, &coarse, err)) != MODAL_OK
+        || (rc = fold(even, t->shift, &t->folded, err)) != MODAL_OK)
+        goto out;
+    for (int g = 0; g < Y->n; g++) {
+        double *x = coarse.x + (size_t)g * (size_t)coarse.ld;
+        cblas_daxpy(even->m, -1, even->x + (size_t)g * (size_t)even->ld, 1, x, 1);
+        t->least[g] = cblas_ddot(even->m, x, 1, x, 1) / even->m;
+    }
+    t->X = even, t->samples = even->m / t->shift * t->shift;
+    t->data = (struct refine_data) { .Y = &t->folded, .tau = t->tau, .phases = t->shift,
+                                     .least = t->least };
+out:
+    free(coarse.x);
+    return rc;
+}
+
+static bool add_head(struct families *f, double complex lambda)
+{
+    double complex *all = workspace_zeros(&f->space, (size_t)f->count + 1, sizeof *all);
+
+    if (f->space.failed)
+        return false;
+    memcpy(all, f->head, sizeof *all * (size_t)f->count);
+    all[f->count++] = lambda;
+    f->head = all;
+    return true;
+}
+
+/* Heads more: the multipliers of Y, of the signals or what is left of them, at even phases. */
+static enum modal_status add_heads(struct families *f, const struct matrix *Y,
+                                   struct modal_error *err)
+{
+    struct work t = { .opt = f->w->opt, .refine = true, .brief = true };
+    struct order_choice found = { .chosen = -1 };
+    struct matrix even = { 0 };
+    const struct refined *fit;
+    enum modal_status rc = periods_even(f, Y, &t, &even, err);
+
+    if (rc == MODAL_OK && t.folded.m > 2)
+        rc = work_descend_periods(&t, &found, err);
+    fit = rc == MODAL_OK && found.chosen >= 0 ? &found.candidates[found.chosen].fit : NULL;
+    for (int j = 0; fit != NULL && j < fit->poles && rc == MODAL_OK; j++)
+        if (!add_head(f, fit->lambda[j]))
+            rc = modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d families", f->count);
+    order_done(&found);
+    free(even.x), free(t.folded.x), free(t.least);
+    return rc;
+}
+
+/* ---- lines ---- */
+
+static bool lines_new(struct families *f, struct lines *l, int room)
+{
+    l->lambda = workspace_zeros(&f->space, (size_t)room, sizeof *l->lambda);
+    l->family = workspace_zeros(&f->space, (size_t)room, sizeof *l->family);
+    l->count = 0;
+    return !f->space.failed;
+}
+
+/* Line k of family j, as one of a pair with Im >= 0. */
+static void add_line(const struct families *f, int j, int k, struct lines *l)
+{
+    double im = cimag(f->head[j]) + k * f->Omega;
+
+    l->family[l->count] = j;
+    l->lambda[l->count++] = CMPLX(creal(f->head[j]), fabs(im));
+}
+
+/* (1) below FASTEST rad/s. A real multiplier's lines come as pairs of k and -k, or of k and -1-k. */
+static void all_lines(struct families *f, double fastest)
+{
+    f->all.count = 0;
+    for (int j = 0; j < f->count; j++) {
+        double im = cimag(f->head[j]);
+        bool real = im <= REFINE_TIED * f->Omega || f->Omega / 2 - im <= REFINE_TIED * f->Omega;
+        int most = (int)((fastest + im) / f->Omega);
+        if (real)
+            f->head[j] = CMPLX(creal(f->head[j]), im < f->Omega / 4 ? 0 : f->Omega / 2);
+        for (int k = real ? 0 : -most; k <= most; k++)
+            if (fabs(cimag(f->head[j]) + k * f->Omega) <= fastest)
+                add_line(f, j, k, &f->all);
+    }
+}
+
+static int lines_columns(const struct families *f, const struct lines *l)
+{
+    return poles_order(l->lambda, l->count, f->w->tau);
+}
+
+/* As fast as there are rows for, and Nyquist allows. */
+static void make_lines(struct families *f)
+{
+    double fastest = NYQUIST * M_PI / f->w->tau;
+
+    all_lines(f, fastest);
+    while ((f->all.count > LINES_MOST
+            || lines_columns(f, &f->all) > ROWS_SHARE * f->w->data.Y->m) && fastest > f->Omega) {
+        fastest -= f->Omega / 2;
+        all_lines(f, fastest);
+    }
+}
+
+/* -2 ln(likelihood) that QUOTED columns more must gain, the exponents being there. */
+static double price_of(const struct criterion *c, int order, int columns)
+{
+    return criterion_price(c, order, 0) - criterion_price(c, order - columns, 0);
+}
+
+/* What the variance of signal g is, as far as FREE rows tell. */
+static double noise_of(const struct projected *p, int g, int free_rows)
+{
+    return fmax(p->rss[g] / (free_rows > 1 ? free_rows : 1), p->criterion.floor2[g]);
+}
+
+/* chi2[i]: of the amplitudes of line i in all signals, the others fitted beside.  R is inverted. */
+static enum modal_status chi_squared(const struct families *f, const struct lines *l,
+                                     struct projected *p, double *chi2, struct modal_error *err)
+{
+    int q = p->order, S = p->columns, free_rows = f->w->data.Y->m - q;
+
+    if (LAPACKE_dtrtri(LAPACK_COL_MAJOR, 'U', 'N', q, p->R, q) != 0)
+        return modal_fail(err, MODAL_NO_CONVERGENCE, "identify: lines that coincide");
+    cblas_dtrmm(CblasColMajor, CblasLeft, CblasUpper, CblasNoTrans, CblasNonUnit, q, S, 1, p->R, q,
+                p->Z, q);                                        /* amplitudes */
+    for (int i = 0, c = 0; i < l->count; i++) {
+        int n = pole_order(l->lambda[i], f->w->tau), rest = q - c;
+        const double *r0 = p->R + c + (size_t)c * (size_t)q, *r1 = n > 1 ? r0 + 1 : r0;
+        double a = cblas_ddot(rest, r0, q, r0, q), d = cblas_ddot(rest, r1, q, r1, q),
+               b = n > 1 ? cblas_ddot(rest, r0, q, r1, q) : 0, det = n > 1 ? a * d - b * b : a;
+        chi2[i] = 0;
+        for (int s = 0; s < S; s++) {
+            const double *x = p->Z + c + (size_t)s * (size_t)q;
+            double y = n > 1 ? (d * x[0] * x[0] - 2 * b * x[0] * x[1] + a * x[1] * x[1]) / det
+                             : x[0] * x[0] / det;
+            chi2[i] += y > 0 ? y / noise_of(p, s, free_rows) : 0;
+        }
+        c += n;
+    }
+    return MODAL_OK;
+}
+
+/* Lines that gain less than LEAST leave, the lesser half of them at a time, but the best of each
+ * family; *left: there were any. */
+static void drop_lines(struct lines *l, const double *chi2, const double *least, bool *left)
+{
+    double median = HUGE_VAL;
+    int failing = 0, kept = 0, below;
+
+    for (int i = 0; i < l->count; i++)
+        failing += chi2[i] < least[i];
+    *left = false;
+    /* the value that half of those are below, found by counting: lines are few */
+    for (int i = 0; i < l->count && failing > 0; i++) {
+        below = 0;
+        for (int j = 0; j < l->count; j++)
+            below += chi2[j] < least[j] && chi2[j] <= chi2[i];
+        if (chi2[i] < least[i] && 2 * below >= failing)
+            median = fmin(median, chi2[i]);
+    }
+    for (int i = 0; i < l->count; i++) {
+        bool best = true;
+        for (int j = 0; j < l->count; j++)
+            best &= l->family[j] != l->family[i] || chi2[j] < chi2[i]
+                 || (chi2[j] == chi2[i] && j >= i);
+        if (!best && chi2[i] < least[i] && chi2[i] <= median) {
+            *left = true;
+            continue;
+        }
+        l->lambda[kept] = l->lambda[i], l->family[kept++] = l->family[i];
+    }
+    l->count = kept;
+}
+
+/* L, which begins as all lines: those that pay. */
+static enum modal_status choose_lines(struct families *f, struct lines *l, struct modal_error *err)
+{
+    double *chi2 = workspace_numbers(&f->space, (size_t)f->all.count, 2),
+           *least = chi2 != NULL ? chi2 + f->all.count : NULL;
+    bool left = true;
+    enum modal_status rc = MODAL_OK;
+
+    if (f->space.failed)
+        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d lines", f->all.count);
+    memcpy(l->lambda, f->all.lambda, sizeof *l->lambda * (size_t)f->all.count);
+    memcpy(l->family, f->all.family, sizeof *l->family * (size_t)f->all.count);
+    l->count = f->all.count;
+    while (rc == MODAL_OK && left) {
+        struct projected p = { 0 };
+        rc = refine_project(&f->w->data, l->lambda, l->count, NULL, &p, err);
+        if (rc == MODAL_OK && p.degenerate)
+            rc = modal_fail(err, MODAL_NO_CONVERGENCE, "identify: lines that coincide");
+        for (int i = 0; i < l->count && rc == MODAL_OK; i++)
+            least[i] = price_of(&p.criterion, p.order, pole_order(l->lambda[i], f->w->tau));
+        rc = rc == MODAL_OK ? chi_squared(f, l, &p, chi2, err) : rc;
+        projected_done(&p);
+        if (rc == MODAL_OK)
+            drop_lines(l, chi2, least, &left);
+    }
+    return rc;
+}
+
+/* ---- exponents ---- */
+
+/* Heads by the lines of FIT, of L. */
+static void take_heads(struct families *f, const struct lines *l, const struct refined *fit)
+{
+    for (int i = l->count - 1; i >= 0; i--) {
+        double im = cimag(fit->lambda[i]), turns = nearbyint(im / f->Omega);
+        double rest = im - turns * f->Omega;         /* in -Omega/2 .. Omega/2: or its conjugate */
+        f->head[l->family[i]] = CMPLX(creal(fit->lambda[i]), fabs(rest));
+    }
+}
+
+/* Exponents by lines and lines by exponents, until the lines stay; *fit is the caller's. */
+static enum modal_status settle_lines(struct families *f, struct lines *l, struct refined *fit,
+                                      struct modal_error *err)
+{
+    int before = -1;
+    enum modal_status rc = MODAL_OK;
+
+    for (int i = 0; i < ROUNDS && rc == MODAL_OK && !f->given_up; i++) {
+        struct refine_options opt = { .rival = f->rival, .work = f->work };
+        make_lines(f);
+        if ((rc = choose_lines(f, l, err)) != MODAL_OK || l->count == before)
+            break;
+        before = l->count;
+        refined_done(fit);
+        rc = refine_poles(&f->w->data, l->lambda, l->count, NULL, &opt, fit, err);
+        if (rc != MODAL_OK)
+            break;
+        take_heads(f, l, fit);
+        f->spent += fit->work, f->work = fmax(f->work - fit->work, 1);
+        f->given_up = fit->end == REFINE_HOPELESS || fit->end == REFINE_STOPPED;
+    }
+    return rc;
+}
+
+/* L without family J. */
+static void without(const struct lines *l, int j, struct lines *less)
+{
+    less->count = 0;
+    for (int i = 0; i < l->count; i++)
+        if (l->family[i] != j) {
+            less->family[less->count] = l->family[i];
+            less->lambda[less->count++] = l->lambda[i];
+        }
+}
+
+/* The family that the lines do best without; -1: all pay. */
+static enum modal_status find_idle(struct families *f, const struct lines *l,
+                                   const struct refined *fit, int *idle, struct modal_error *err)
+{
+    struct lines less;
+    double best = fit->bic;
+    enum modal_status rc = MODAL_OK;
+
+    *idle = -1;
+    if (!lines_new(f, &less, l->count))
+        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d lines", l->count);
+    for (int j = 0; j < f->count && f->count > 1 && rc == MODAL_OK; j++) {
+        struct refined look;
+        struct refine_options only = { .iterations = -1 };
+        without(l, j, &less);
+        rc = refine_poles(&f->w->data, less.lambda, less.count, NULL, &only, &look, err);
+        if (rc == MODAL_OK && look.bic < best)
+            best = look.bic, *idle = j;
+        if (rc == MODAL_OK)
+            refined_done(&look);
+    }
+    return rc;
+}
+
+static void drop_family(struct families *f, int j)
+{
+    memmove(f->head + j, f->head + j + 1, sizeof *f->head * (size_t)(f->count - j - 1));
+    f->count--;
+}
+
+/* *FIT: families that pay, and their lines. */
+static enum modal_status fit_families(struct families *f, struct refined *fit,
+                                      struct modal_error *err)
+{
+    struct lines l = { 0 };
+    int idle = 0;
+    enum modal_status rc = MODAL_OK;
+
+    /* from -Nyquist to Nyquist, and one at either end */
+    f->room = f->count * ((int)(2 * M_PI / f->w->tau / f->Omega) + 2);
+    if (!lines_new(f, &f->all, f->room) || !lines_new(f, &l, f->room))
+        rc = modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d lines", f->room);
+    while (rc == MODAL_OK && idle >= 0 && !f->given_up) {
+        rc = settle_lines(f, &l, fit, err);
+        for (int i = 0; i < l.count && rc == MODAL_OK; i++)
+            l.lambda[i] = fit->lambda[i];
+        rc = rc == MODAL_OK ? find_idle(f, &l, fit, &idle, err) : rc;
+        if (rc == MODAL_OK && idle >= 0)
+            drop_family(f, idle);
+    }
+    return rc;
+}
+
+/* What FIT leaves, the caller's to free; *clean: at rounding, or one set of multipliers that leave
+ * white noise. */
+static enum modal_status look_at_rest(const struct families *f, const struct refined *fit,
+                                      struct matrix *E, bool *clean, struct modal_error *err)
+{
+    const struct refine_data *d = &f->w->data;
+    double mean[COLOUR_LAGS];
+    enum modal_status rc = remainder_of(d, fit, E, err);
+
+    colour_left_by(fit->lambda, fit->poles, d->tau, d->Y->m, mean);
+    *clean = rc == MODAL_OK
+          && (fit->residual <= REFINE_EXACT * safe_matrix_norm(d->Y)
+              || (refined_converged(fit) && E->x != NULL && colour_white_about(E, mean, 0)));
+    return rc;
+}
+
+/* The families become the one candidate of *choice. */
+static enum modal_status hold_candidate(struct refined *fit, bool clean,
+                                        struct order_choice *choice, struct modal_error *err)
+{
+    choice->candidates = calloc(1, sizeof *choice->candidates);
+    if (choice->candidates == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for a candidate");
+    choice->candidates[0] = (struct order_candidate) { 0, true, *fit };
+    choice->count = 1, choice->chosen = 0, choice->clean = clean;
+    *fit = (struct refined) { 0 };
+    return MODAL_OK;
+}
+
+/* Families in what those before leave, until that is noise or brings no better fit; *best, empty,
+ * is the caller's. */
+static enum modal_status search_families(struct families *f, struct refined *best, bool *clean,
+                                         struct modal_error *err)
+{
+    struct matrix E = { 0 };
+    enum modal_status rc = add_heads(f, f->w->data.Y, err);
+
+    for (int i = 0, had = 0; i < ROUNDS && rc == MODAL_OK && f->count > had && !*clean; i++) {
+        struct refined fit = { 0 };
+        rc = fit_families(f, &fit, err);
+        if (rc == MODAL_NO_CONVERGENCE || rc == MODAL_BAD_INPUT) {
+            refined_done(&fit);                      /* lines that coincide: those before stand */
+            return MODAL_OK;
+        }
+        if (rc != MODAL_OK || (best->poles > 0 && (f->given_up || fit.bic >= best->bic))) {
+            refined_done(&fit);
+            break;
+        }
+        refined_done(best);
+        *best = fit;
+        had = f->count;
+        /* what stands may be all there is: to look for more costs no more than that did */
+        f->rival = best->bic, f->work = fmin(f->work, f->spent);
+        rc = look_at_rest(f, best, &E, clean, err);
+        if (rc == MODAL_OK && !*clean && E.x != NULL)
+            rc = add_heads(f, &E, err);
+        free(E.x), E.x = NULL;
+    }
+    return rc;
+}
+
+enum modal_status work_choose_families(struct work *w, struct order_choice *choice,
+                                       struct modal_error *err)
+{
+    struct families f = { .w = w, .Omega = 2 * M_PI / w->rec.period,
+                          .work = work_left(w, false, false) };
+    struct refined fit = { 0 };
+    bool clean = false;
+    enum modal_status rc;
+
+    w->data.omega = f.Omega;
+    rc = search_families(&f, &fit, &clean, err);
+    if (rc == MODAL_OK && fit.poles > 0)
+        rc = hold_candidate(&fit, clean, choice, err);
+    w->data.omega = 0;
+    w->spent += f.spent;
+    refined_done(&fit);
+    workspace_free(&f.space);
+    return rc;
+}

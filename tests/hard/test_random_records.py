@@ -2,8 +2,10 @@
 """Random free responses that were once answered wrongly, drawn by bench_identify_random.py and
 judged by its truth: every mode there, none besides.
 """
+import json
 import os
 import pathlib
+import subprocess
 import sys
 
 import numpy as np
@@ -13,6 +15,7 @@ import scipy.signal
 BUILD = pathlib.Path(os.environ.get("MODALD_BUILD", pathlib.Path(__file__).parents[2] / "build"))
 sys.path.insert(0, str(pathlib.Path(__file__).parents[1] / "bench"))
 import bench_faults as faults
+import bench_identify_families as families
 import bench_identify_periodic as turning
 import bench_identify_random as drawn
 
@@ -148,6 +151,41 @@ def test_detectable_multipliers_of_many_states_are_found_and_no_other(seed, stat
     assert len(shown) > 4 and shown <= set(hit)
     assert besides == 0
     assert all(mode["std"]["exponent"][0] for mode in document["modes"])
+
+
+@pytest.mark.parametrize("seed", [10, 25, 34, 48])
+def test_multipliers_of_a_period_of_no_whole_samples_are_found_and_no_other(seed, monkeypatch):
+    """Poles each for itself, one a line, took the close ones for one, or found one twice."""
+    monkeypatch.setattr(families, "CTL", str(BUILD / "bin" / "modalctl"))
+    r = families.record(seed)
+    document = families.identify(r)
+    hit, besides = families.match(document, r)
+    assert len(hit) == len(r["multipliers"])
+    assert besides == 0
+    assert document["stability"]["stable"] == (abs(r["multipliers"]).max() < 1)
+
+
+# multipliers in the upper half plane, and how far off they may be: five times what 56 dB make, or
+# what the integration of the record left
+UNEVEN = {"decays_56dB": ([0.33636 + 0.08983j, -0.75039 + 0.41704j, -0.61889 + 0.13372j],
+                                 4e-3),
+          "decays": ([0.4080783092 + 0.6204076018j, -0.3632165434 + 0.7516656769j,
+                             -0.1138596693 + 0.7100071076j], 1e-9)}
+
+
+@pytest.mark.parametrize("name", UNEVEN)
+def test_strongly_damped_multipliers_of_uneven_periods_are_all_there_is(name, monkeypatch):
+    """19.29 and 47.07 samples a period; poles each for itself ended at the limit of work."""
+    multipliers, off = UNEVEN[name]
+    path = pathlib.Path(__file__).parents[1] / "data" / "reference" / "uneven" / f"{name}.h5"
+    out = subprocess.run([BUILD / "bin" / "modalctl", "--local", "--json", "identify", path],
+                         capture_output=True, text=True, timeout=300).stdout
+    document = json.loads(out)
+    found = [complex(mode["multiplier"][0], abs(mode["multiplier"][1]))
+             for mode in document["modes"]]
+    assert len(found) == len(multipliers)
+    assert all(min(abs(f - m) for f in found) < off for m in multipliers)
+    assert document["stability"]["stable"] is True
 
 
 @pytest.mark.parametrize("samples, channels, seed", [(2, 3, 0), (8, 1, 5), (24, 1, 1), (24, 4, 2)])

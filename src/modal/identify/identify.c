@@ -10,7 +10,9 @@
  * and order.c climbs either, refining by variable projection.  Very long records are decomposed by
  * their head only, and a fit to all rows begins there.  A named `method` is the paper's procedure:
  * no refinement unless asked for. Periodic systems shift by one period where that is a whole number
- * of samples; where not, by one sample, and modes.c folds the exponents modulo i Omega.
+ * of samples; where not, all lines of a multiplier are fitted with one exponent
+ * (identify_families.c), or by a shift of one sample each with its own, and modes.c folds the
+ * exponents modulo i Omega.
  */
 #include "modal/identify/identify.h"
 #include "modal/identify/ask/diagnose.h"
@@ -212,6 +214,27 @@ static void forget_analysis(struct work *w, struct identify_result *out)
     free(out->singular), out->singular = NULL;
     w->projected = w->counted = false;
     w->facts = (struct diagnose_facts) { .converged = true };
+}
+
+/* Where periods are too few for all samples of one to have amplitudes of their own, and their fold
+ * shows nothing: by lines, of which a motion has few. */
+static enum modal_status analyse_by_lines(struct work *w, struct identify_result *out,
+                                          struct modal_error *err)
+{
+    int phases = w->rec.per_period;
+    enum modal_status rc;
+
+    if (phases == 0 || w->choice.chosen >= 0 || !w->refine || w->opt.method != IDENTIFY_AUTO
+        || w->opt.rank.rule != RANK_AUTO)
+        return MODAL_OK;
+    w->rec.per_period = 0, w->shift = w->opt.stride = 1, w->tau = w->rec.step;
+    forget_analysis(w, out);
+    rc = analyse(w, out, err);
+    if (rc != MODAL_OK || (w->choice.chosen >= 0 && w->facts.converged))
+        return rc;
+    w->rec.per_period = w->shift = w->opt.stride = phases, w->tau = phases * w->rec.step;
+    forget_analysis(w, out);
+    return analyse(w, out, err);
 }
 
 /* Once more, with a floor, where a fit without one came down to the grid: rounding is no white
@@ -419,6 +442,7 @@ enum modal_status modal_identify(const struct batch *batch, const struct identif
         goto out;
     w.trial = work_may_weigh(&w) && w.rec.channels <= POD_CHANNELS_FEW;
     if ((rc = analyse(&w, out, err)) != MODAL_OK
+        || (rc = analyse_by_lines(&w, out, err)) != MODAL_OK
         || (rc = analyse_above_grid(&w, batch, out, err)) != MODAL_OK
         || (rc = analyse_again(&w, out, err)) != MODAL_OK
         || (rc = analyse_without_wild(&w, out, err)) != MODAL_OK

@@ -33,6 +33,8 @@
 
 static const double
     NYQUIST = 0.95,             /* of it: what turns faster is not told from what folds there */
+    SAME = 0.01,                /* of omega: poles that begin one family, as modes.c has them, */
+    ERRORS = 5,                 /* and so many standard errors */
     ROWS_SHARE = 0.5;           /* of the rows, at most, as columns: the rest tell the noise */
 enum {
     LINES_MOST = 256,           /* of all families: beyond, a fit is seconds */
@@ -154,6 +156,32 @@ static enum modal_status add_heads(struct families *f, const struct matrix *Y,
     return rc;
 }
 
+/* The principal value, Im in [0, Omega/2], of an exponent or its conjugate. */
+static double complex principal(const struct families *f, double complex lambda)
+{
+    double im = cimag(lambda);
+
+    return CMPLX(creal(lambda), fabs(im - nearbyint(im / f->Omega) * f->Omega));
+}
+
+/* Heads more: poles of FIT, each for itself, but those that are lines of one before, within their
+ * errors. */
+static enum modal_status add_poles(struct families *f, const struct refined *fit,
+                                   struct modal_error *err)
+{
+    for (int j = 0; j < fit->poles; j++) {
+        double complex head = principal(f, fit->lambda[j]);
+        double apart = SAME * f->Omega + ERRORS * hypot(fit->std_re[j], fit->std_im[j]);
+        bool known = fit->lambda[j] == 0;
+        for (int i = 0; i < f->count; i++)
+            known |= !(cabs(f->head[i] - head) > apart);     /* of unknown errors: NAN */
+        if (!known && !add_head(f, head))
+            return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d families",
+                              f->count);
+    }
+    return MODAL_OK;
+}
+
 /* ---- lines ---- */
 
 static bool lines_new(struct families *f, struct lines *l, int room)
@@ -173,7 +201,7 @@ static void add_line(const struct families *f, int j, int k, struct lines *l)
     l->lambda[l->count++] = CMPLX(creal(f->head[j]), fabs(im));
 }
 
-/* (1) below FASTEST rad/s. A real multiplier's lines come as pairs of k and -k, or of k and -1-k. */
+/* (1) below FASTEST rad/s.  A real multiplier's lines are pairs of k and -k, or of k and -1-k. */
 static void all_lines(struct families *f, double fastest)
 {
     f->all.count = 0;
@@ -311,11 +339,8 @@ static enum modal_status choose_lines(struct families *f, struct lines *l, struc
 /* Heads by the lines of FIT, of L. */
 static void take_heads(struct families *f, const struct lines *l, const struct refined *fit)
 {
-    for (int i = l->count - 1; i >= 0; i--) {
-        double im = cimag(fit->lambda[i]), turns = nearbyint(im / f->Omega);
-        double rest = im - turns * f->Omega;         /* in -Omega/2 .. Omega/2: or its conjugate */
-        f->head[l->family[i]] = CMPLX(creal(fit->lambda[i]), fabs(rest));
-    }
+    for (int i = l->count - 1; i >= 0; i--)
+        f->head[l->family[i]] = principal(f, fit->lambda[i]);
 }
 
 /* Exponents by lines and lines by exponents, until the lines stay; *fit is the caller's. */
@@ -435,13 +460,16 @@ static enum modal_status hold_candidate(struct refined *fit, bool clean,
     return MODAL_OK;
 }
 
-/* Families in what those before leave, until that is noise or brings no better fit; *best, empty,
- * is the caller's. */
-static enum modal_status search_families(struct families *f, struct refined *best, bool *clean,
+/* Families that begin with the poles of KNOWN, or with those of the signals where it is NULL, and
+ * with those in what they leave, until that is noise or brings no better fit; *best, empty, is the
+ * caller's. */
+static enum modal_status search_families(struct families *f, const struct refined *known,
+                                         struct refined *best, bool *clean,
                                          struct modal_error *err)
 {
     struct matrix E = { 0 };
-    enum modal_status rc = add_heads(f, f->w->data.Y, err);
+    enum modal_status rc = known != NULL ? add_poles(f, known, err)
+                                         : add_heads(f, f->w->data.Y, err);
 
     for (int i = 0, had = 0; i < ROUNDS && rc == MODAL_OK && f->count > had && !*clean; i++) {
         struct refined fit = { 0 };
@@ -467,8 +495,8 @@ static enum modal_status search_families(struct families *f, struct refined *bes
     return rc;
 }
 
-enum modal_status work_choose_families(struct work *w, struct order_choice *choice,
-                                       struct modal_error *err)
+enum modal_status work_choose_families(struct work *w, const struct refined *known,
+                                       struct order_choice *choice, struct modal_error *err)
 {
     struct families f = { .w = w, .Omega = 2 * M_PI / w->rec.period,
                           .work = work_left(w, false, false) };
@@ -477,7 +505,7 @@ enum modal_status work_choose_families(struct work *w, struct order_choice *choi
     enum modal_status rc;
 
     w->data.omega = f.Omega;
-    rc = search_families(&f, &fit, &clean, err);
+    rc = search_families(&f, known, &fit, &clean, err);
     if (rc == MODAL_OK && fit.poles > 0)
         rc = hold_candidate(&fit, clean, choice, err);
     w->data.omega = 0;

@@ -449,24 +449,48 @@ static enum modal_status choose_poles(struct work *w, struct identify_result *ou
     return rc;
 }
 
-/* Of a period that is no whole number of samples multipliers with their lines first; where those
- * leave more than noise, the better of them and of poles each for itself. */
+static enum modal_status put_families(struct work *w, struct found *families,
+                                      struct identify_result *out, struct modal_error *err)
+{
+    enum modal_status rc = put_found(w, families, out, err);
+
+    w->data.omega = 2 * M_PI / w->rec.period;
+    return rc;
+}
+
+/* Poles each for itself; or FAMILIES, where they are the better; or families that begin with those
+ * poles. */
+static enum modal_status choose_beside(struct work *w, struct found *families,
+                                       struct identify_result *out, struct modal_error *err)
+{
+    struct found begun = { .choice = { .chosen = -1 } };
+    enum modal_status rc = choose_poles(w, out, err);
+
+    if (rc == MODAL_OK && is_better(&families->choice, &w->choice))
+        return put_families(w, families, out, err);
+    if (rc == MODAL_OK && w->choice.chosen >= 0)
+        rc = work_choose_families(w, &w->choice.candidates[w->choice.chosen].fit, &begun.choice,
+                                  err);
+    if (rc == MODAL_OK && is_better(&begun.choice, &w->choice))
+        rc = put_families(w, &begun, out, err);
+    found_done(&begun);
+    return rc;
+}
+
+/* Of a period that is no whole number of samples multipliers with their lines first, which are the
+ * answer where they leave no more than noise. */
 enum modal_status work_choose_order(struct work *w, struct identify_result *out,
                                     struct modal_error *err)
 {
     struct found families = { .choice = { .chosen = -1 } };
-    enum modal_status rc = work_has_families(w) ? work_choose_families(w, &families.choice, err)
-                                                : MODAL_OK;
-    bool put = rc == MODAL_OK && families.choice.clean;
+    enum modal_status rc;
 
-    if (rc == MODAL_OK && !put) {
-        rc = choose_poles(w, out, err);
-        put = rc == MODAL_OK && is_better(&families.choice, &w->choice);
-    }
-    if (put) {
-        rc = put_found(w, &families, out, err);
-        w->data.omega = 2 * M_PI / w->rec.period;
-    }
+    if (!work_has_families(w))
+        return choose_poles(w, out, err);
+    rc = work_choose_families(w, NULL, &families.choice, err);
+    if (rc == MODAL_OK)
+        rc = families.choice.clean ? put_families(w, &families, out, err)
+                                   : choose_beside(w, &families, out, err);
     found_done(&families);
     return rc;
 }

@@ -181,9 +181,10 @@ enum modal_status work_keep_chosen(const struct work *w, struct identify_chosen 
 
 /* Is the record of a period that is no whole number of samples, and in memory? */
 bool work_has_families(const struct work *w);
-/* *choice, empty: its multipliers, each with its lines; none where there are none to begin with. */
-enum modal_status work_choose_families(struct work *w, struct order_choice *choice,
-                                       struct modal_error *err);
+/* *choice, empty: its multipliers, each with its lines, from the poles of KNOWN, or with NULL from
+ * the record at even phases; none where there are none to begin with. */
+enum modal_status work_choose_families(struct work *w, const struct refined *known,
+                                       struct order_choice *choice, struct modal_error *err);
 
 /* ---- identify_periods.c ---- */
 

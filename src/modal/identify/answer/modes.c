@@ -302,8 +302,8 @@ static double complex principal(double complex lambda, double Omega, double erro
     return CMPLX(creal(lambda), im);
 }
 
-/* Has an earlier pole of the same mode the same exponent, as a line of the same multiplier, fitted as
- * one (refine.h, omega)?  It tells nothing more then. */
+/* Has an earlier pole of the same mode the same exponent, as a line of the same multiplier that was
+ * fitted as one (refine.h, omega)?  It tells nothing more then. */
 static bool told_before(const struct work *w, int j)
 {
     double Omega = 2 * M_PI / w->rec->period;

@@ -15,12 +15,13 @@ enum modal_status turns_read(const double *x, size_t stride, int rows, double *t
 /* How many rows a turn has, of TURN's ROWS rows. */
 double turns_rows_each(const double *turn, int rows);
 
+enum { TURNS_POINTS = 8 };      /* of a polynomial between rows, at most */
+
 /*
  * The columns of Y at the angles i / phases, i = 0, 1, .., of the turns that their rows are at:
  * polynomials through the POINTS rows about each, TURNS_POINTS at most.  Fails with
  * MODAL_NO_MEMORY.
  */
-enum { TURNS_POINTS = 8 };
 enum modal_status turns_resample(struct matrix *Y, const double *turn, int phases, int points,
                                  struct modal_error *err);
 

@@ -6,7 +6,7 @@
  * sequence x <- 1664525 x + 1013904223 mod 2^32, x / 2^32 - 1/2.
  */
 /* Tests as well: identify.c identify_decompose.c identify_limits.c identify_order.c
- * identify_periods.c identify_poles.c identify_signals.c */
+ * identify_families.c identify_periods.c identify_poles.c identify_signals.c */
 #include "check.h"
 #include <complex.h>
 #include <float.h>

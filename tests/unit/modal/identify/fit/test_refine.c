@@ -35,7 +35,7 @@ TEST(clean_signals_give_back_their_exponents_to_rounding_from_a_start_a_thousand
 {
     struct decay d = three(1200, 1);
     struct matrix Y = signals_of(&d);
-    struct refine_data data = { &Y, d.dt, 0, 0, NULL, false, 0, NULL, 0 };
+    struct refine_data data = { &Y, d.dt, 0, 0, NULL, false, 0, NULL, 0, 0 };
     double complex start[3];
     struct refined r;
 
@@ -49,6 +49,44 @@ TEST(clean_signals_give_back_their_exponents_to_rounding_from_a_start_a_thousand
     refined_done(&r);
 }
 
+/* Three lines of one multiplier, lambda, lambda + i omega and the conjugate of lambda - i omega,
+ * have two unknowns, and apart as they are what each tells of them adds up: 1/std^2 is the sum of
+ * the bounds' for each line on its own.  They cross by e^{-14} at most. */
+TEST(lines_of_one_multiplier_have_one_exponent_and_the_errors_of_all_of_them)
+{
+    const double omega = 7.3;
+    struct decay d = three(1200, 6);
+    struct random rng = { 7 };
+    struct matrix Y;
+    struct refine_data data = { &Y, d.dt, 0, 0, NULL, false, 0, NULL, 0, .omega = omega };
+    double complex head = CMPLX(-0.031, 2.17), off = CMPLX(1e-3, -2e-3), start[3];
+    double sd, re[3], im[3], sum_re = 0, sum_im = 0;
+    struct refined r;
+
+    for (int k = 0; k < 3; k++) {
+        d.lambda[k] = CMPLX(creal(head), fabs(cimag(head) + (k < 2 ? k : -1) * omega));
+        start[k] = CMPLX(creal(head + off), fabs(cimag(head + off) + (k < 2 ? k : -1) * omega));
+    }
+    Y = signals_of(&d);
+    sd = decay_noise(&d, y, 1200, 40, &rng);
+    decay_bound(&d, sd, re, im);
+    CHECK(refine_poles(&data, start, 3, NULL, NULL, &r, NULL) == MODAL_OK);
+    CHECK(r.end == REFINE_CONVERGED);
+    CHECK(r.parameters == 2 && r.order == 6);
+    for (int k = 0; k < 3; k++) {
+        sum_re += 1 / (re[k] * re[k]), sum_im += 1 / (im[k] * im[k]);
+        CHECK_NEAR(creal(r.lambda[k]), creal(r.lambda[0]), 1e-15);
+        CHECK_NEAR(r.std_re[k], r.std_re[0], 1e-12 * r.std_re[0]);
+    }
+    CHECK_NEAR(cimag(r.lambda[1]) - cimag(r.lambda[0]), omega, 1e-12);
+    CHECK_NEAR(cimag(r.lambda[2]) + cimag(r.lambda[0]), omega, 1e-12);
+    CHECK_NEAR(r.std_re[0] * sqrt(sum_re), 1, 0.08);
+    CHECK_NEAR(r.std_im[0] * sqrt(sum_im), 1, 0.08);
+    CHECK(fabs(creal(r.lambda[0] - head)) < 5 / sqrt(sum_re));
+    CHECK(fabs(cimag(r.lambda[0] - head)) < 5 / sqrt(sum_im));
+    refined_done(&r);
+}
+
 /* White noise: standard errors are the bound at the true noise level up to its estimate's scatter,
  * 1/sqrt(2 * 3580) = 1.2 %; 5 of it. */
 TEST(standard_errors_are_the_cramer_rao_bound)
@@ -57,7 +95,7 @@ TEST(standard_errors_are_the_cramer_rao_bound)
     struct random rng = { 3 };
     struct matrix Y = signals_of(&d);
     double sd = decay_noise(&d, y, 1200, 40, &rng), re[3], im[3];
-    struct refine_data data = { &Y, d.dt, 0, 0, NULL, false, 0, NULL, 0 };
+    struct refine_data data = { &Y, d.dt, 0, 0, NULL, false, 0, NULL, 0, 0 };
     struct refined r;
 
     decay_bound(&d, sd, re, im);
@@ -81,7 +119,7 @@ TEST(a_noisy_channel_weighs_less)
     struct decay d = three(800, 4), two = d;
     struct random rng = { 5 };
     struct matrix Y = signals_of(&d);
-    struct refine_data data = { &Y, d.dt, 0, 0, NULL, false, 0, NULL, 0 };
+    struct refine_data data = { &Y, d.dt, 0, 0, NULL, false, 0, NULL, 0, 0 };
     double re[3], im[3];
     struct refined r;
 
@@ -103,7 +141,7 @@ TEST(growing_decaying_and_alternating_real_poles_are_refined_too)
 {
     enum { L = 60 };
     struct matrix Y = { L, 1, L, y };
-    struct refine_data data = { &Y, 1, 0, 0, NULL, false, 0, NULL, 0 };
+    struct refine_data data = { &Y, 1, 0, 0, NULL, false, 0, NULL, 0, 0 };
     double complex truth[3] = { 0.15, CMPLX(-0.05, M_PI), CMPLX(-0.1, 1.1) }, start[3];
     struct refined r;
 
@@ -123,7 +161,7 @@ TEST(growth_over_six_hundred_e_foldings_does_not_overflow)
 {
     enum { L = 200 };
     struct matrix Y = { L, 1, L, y };
-    struct refine_data data = { &Y, 1, 0, 0, NULL, false, 0, NULL, 0 };
+    struct refine_data data = { &Y, 1, 0, 0, NULL, false, 0, NULL, 0, 0 };
     double complex start[1] = { 3.001 };
     struct refined r;
 
@@ -139,7 +177,7 @@ TEST(a_fixed_pole_stays_and_costs_no_parameter)
 {
     struct decay d = three(400, 6);
     struct matrix Y = signals_of(&d);
-    struct refine_data data = { &Y, d.dt, 0, 0, NULL, false, 0, NULL, 0 };
+    struct refine_data data = { &Y, d.dt, 0, 0, NULL, false, 0, NULL, 0, 0 };
     double complex start[4] = { 0, d.lambda[0] * 1.0005, d.lambda[1] * 1.0003, d.lambda[2] };
     bool fixed[4] = { true };
     struct refined r;
@@ -159,7 +197,7 @@ TEST(phases_of_a_periodic_signal_share_one_multiplier_and_one_noise_level)
     enum { L = 30, P = 8 };
     struct random rng = { 7 };
     struct matrix Y = { L, P, L, y };
-    struct refine_data data = { &Y, 1, P, 0, NULL, false, 0, NULL, 0 };
+    struct refine_data data = { &Y, 1, P, 0, NULL, false, 0, NULL, 0, 0 };
     double complex rho = 0.9 * cexp(1.1 * I), start[1] = { clog(rho) * 1.01 };
     struct refined r;
 
@@ -210,7 +248,7 @@ TEST(two_equal_poles_are_degenerate_and_nothing_is_not_a_number_in_the_poles)
 {
     struct decay d = three(100, 8);
     struct matrix Y = signals_of(&d);
-    struct refine_data data = { &Y, d.dt, 0, 0, NULL, false, 0, NULL, 0 };
+    struct refine_data data = { &Y, d.dt, 0, 0, NULL, false, 0, NULL, 0, 0 };
     double complex start[2] = { d.lambda[0], d.lambda[0] };
     struct refined r;
 
@@ -223,7 +261,7 @@ TEST(two_equal_poles_are_degenerate_and_nothing_is_not_a_number_in_the_poles)
 TEST(zero_signals_do_not_divide_by_zero)
 {
     struct matrix Y = { 50, 2, 50, y };
-    struct refine_data data = { &Y, 0.1, 0, 0, NULL, false, 0, NULL, 0 };
+    struct refine_data data = { &Y, 0.1, 0, 0, NULL, false, 0, NULL, 0, 0 };
     double complex start[1] = { CMPLX(-0.1, 3) };
     struct refined r;
 
@@ -236,7 +274,7 @@ TEST(zero_signals_do_not_divide_by_zero)
 TEST(more_unknowns_than_rows_or_a_pole_that_is_not_finite_is_bad_input)
 {
     struct matrix Y = { 4, 1, 4, y };
-    struct refine_data data = { &Y, 1, 0, 0, NULL, false, 0, NULL, 0 };
+    struct refine_data data = { &Y, 1, 0, 0, NULL, false, 0, NULL, 0, 0 };
     double complex two[2] = { CMPLX(-0.1, 1), CMPLX(-0.1, 2) }, nan_pole[1] = { NAN };
     struct refined r = { .poles = 77 };
 
@@ -252,12 +290,13 @@ TEST(standard_deviations_of_frequency_and_damping_follow_from_the_exponents)
 {
     double complex lambda[1] = { CMPLX(-0.02, 5) };
     double cov[4] = { 1e-6, 0, 0, 4e-6 }, re[1] = { 1e-3 }, im[1] = { 2e-3 }, f, z, m;
-    int first[1] = { 0 };
+    int first[1] = { 0 }, turn[1] = { 1 };
     struct refined r = { .poles = 1,
                          .parameters = 2,
                          .lambda = lambda,
                          .covariance = cov,
                          .first = first,
+                         .turn = turn,
                          .std_re = re,
                          .std_im = im };
 
@@ -276,7 +315,7 @@ TEST(a_settled_answer_does_not_tell_where_the_search_began)
         struct decay d = three(400, 50 + snr);
         struct random rng = { 60 + snr };
         struct matrix Y = signals_of(&d);
-        struct refine_data data = { &Y, d.dt, 0, 0, NULL, false, 0, NULL, 0 };
+        struct refine_data data = { &Y, d.dt, 0, 0, NULL, false, 0, NULL, 0, 0 };
         struct refine_options opt = { .settle = true };
         double complex start[3];
         struct refined a, b;

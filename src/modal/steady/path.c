@@ -265,7 +265,8 @@ static enum modal_status correct(struct path *p, const double *t, double *lambda
             p->w[e] += p->size * p->x[e];
         *lambda += p->span * p->x[n];
         p->corrections = i + 1;
-        if (step <= TOLERANCE || (step < FLOOR && step > SLOW * last)) {
+        if (step <= fmax(TOLERANCE, p->problem->tolerance)
+            || (step < FLOOR && step > SLOW * last)) {
             *ok = true;
             break;
         }
@@ -404,10 +405,11 @@ static enum modal_status at_parameter(struct path *p, double lambda, bool *ok,
     return rc == MODAL_OVERFLOW ? MODAL_OK : rc;
 }
 
-/* The unit of u: its largest entry, so that a step is a share of the motion. */
+/* The unit of u, so that a step is a share of the motion: its largest entry, or its length where
+ * dofs are many, which a step moves together. */
 static void measure(struct path *p)
 {
-    double most = numbers_largest(p->u, (size_t)p->n);
+    double most = p->b->pattern->full ? numbers_largest(p->u, (size_t)p->n) : norm(p->u, p->n);
 
     p->size = most > 0 ? most : 1;
 }
@@ -539,7 +541,7 @@ static enum modal_status locate_passed(struct path *p, const struct stride *s,
          branch = s->sign != p->orientation && p->report->points > 1;
     enum modal_status rc;
 
-    if (!fold && !branch)
+    if (p->problem->special == NULL || (!fold && !branch))
         return MODAL_OK;
     memcpy(s->kept, p->w, (size_t)p->n * sizeof *s->kept);  /* locate works in w */
     rc = locate(p, s->ds, s->tangent[p->n], s->sign, fold ? PATH_FOLD : PATH_BRANCH, err);

@@ -36,6 +36,10 @@ static const double LEVEL_START = 1e-3;
 static const double LEVEL_ZERO = 1e-12;
 static const double LEVEL_LOW = -0.5;
 static const double LEVEL_HIGH = 4;
+/* As much of dampers as a dof's own stiffness: a branch that comes back to it leads nowhere. */
+static const double DAMPING_HIGH = 1;
+/* Points on the way there, relative: what is left is squared by the next one's correction. */
+static const double ON_THE_WAY = 1e-4;
 /* Of arc length, where path.h has a fiftieth and a tenth: the range is four times its span. */
 static const double STEP_FIRST = 0.01;
 static const double STEP_MOST = 0.15;
@@ -92,11 +96,12 @@ void solutions_done(struct solutions *s)
     s->count = 0;
 }
 
-/* What the walk over levels carries. */
+/* What the walk over levels, or over dampers, carries. */
 struct climb {
     struct balance *b;
     const struct solutions_options *opt;
-    struct solutions *out;            /* crossings of level 1 */
+    struct solutions *out;            /* crossings of `to` */
+    double to;                        /* level 1, no dampers */
 };
 
 /* path.h: the balance at a level. */
@@ -113,14 +118,26 @@ static enum modal_status at_level(void *context, double level, struct balance **
     return MODAL_OK;
 }
 
-/* path.h: a crossing of level 1 is a solution. */
-static enum modal_status point_on_level(void *context, const struct path_point *p,
+/* path.h: the balance with so much of the dampers. */
+static enum modal_status at_damping(void *context, double share, struct balance **b,
+                                    struct modal_error *err)
+{
+    struct climb *c = context;
+
+    (void)err;
+    balance_set_damping(c->b, share);
+    *b = c->b;
+    return MODAL_OK;
+}
+
+/* path.h: a crossing of `to` is a solution. */
+static enum modal_status point_on_path(void *context, const struct path_point *p,
                                         struct balance *b, bool *stop, struct modal_error *err)
 {
     struct climb *c = context;
 
     (void)err;
-    if (p->lambda != 1)
+    if (p->lambda != c->to)
         return MODAL_OK;
     solutions_add(c->out, b, p->X);
     *stop = c->out->count >= (c->opt->most > 0 ? c->opt->most : SOLUTIONS_MOST);
@@ -138,9 +155,9 @@ static bool climb_cancelled(void *context)
 enum modal_status solutions_along_levels(struct balance *b, const struct solutions_options *opt,
                                          struct solutions *out, struct modal_error *err)
 {
-    struct climb climb = { b, opt, out };
+    struct climb climb = { b, opt, out, 1 };
     struct path_problem problem = { .at = at_level,
-                                    .point = point_on_level,
+                                    .point = point_on_path,
                                     .cancelled = climb_cancelled,
                                     .context = &climb,
                                     .from = LEVEL_START,
@@ -171,6 +188,28 @@ enum modal_status solutions_along_levels(struct balance *b, const struct solutio
     }
     free(X);
     return rc;
+}
+
+enum modal_status solutions_along_damping(struct balance *b, double share, const double complex *X,
+                                          const struct solutions_options *opt,
+                                          struct solutions *out, struct modal_error *err)
+{
+    struct climb climb = { b, opt, out, 0 };
+    struct path_problem problem = { .at = at_damping,
+                                    .point = point_on_path,
+                                    .cancelled = climb_cancelled,
+                                    .context = &climb,
+                                    .from = share,
+                                    .to = 0,
+                                    .past = true,
+                                    .points_most = LEVEL_POINTS,
+                                    .low = -share,
+                                    .high = DAMPING_HIGH,
+                                    .tolerance = ON_THE_WAY,
+                                    .budget = b->budget };
+    struct path_report report;
+
+    return path_follow(&problem, X, &report, err);
 }
 
 /* In [0, 1): 53 bits of a linear congruence, the same on every machine. */

@@ -30,6 +30,12 @@ bool solutions_add(struct solutions *s, const struct balance *b, const double co
  * crossing of level 1. */
 enum modal_status solutions_along_levels(struct balance *b, const struct solutions_options *opt,
                                          struct solutions *out, struct modal_error *err);
+/* Follow the branch over the dampers of balance_set_damping from SHARE of them, whose solution X
+ * is, around its folds: its first crossings of none, opt->most of them.  B keeps the last
+ * dampers. */
+enum modal_status solutions_along_damping(struct balance *b, double share, const double complex *X,
+                                          const struct solutions_options *opt,
+                                          struct solutions *out, struct modal_error *err);
 /* Newton's method from `starts` motions of the harmonics up to the loads', their sizes spread over
  * four decades, phases at random from a fixed seed; and from every solution's mirror image and
  * shifts by the loads' own symmetry. */

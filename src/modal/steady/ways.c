@@ -49,6 +49,8 @@ enum {
     H_TIMES = 3,            /* from one order of these to the next */
     ORDER_SMALL = 60,       /* unknowns up to which Newton's method costs less than a gain */
     H_FEW = 12,             /* up to which fewer harmonics are too few to be a way */
+    FOLDS = 2,              /* levels that failed in a row, the second two fifths as far as the
+                             * first, after which the branch is followed round its folds */
     QUICK = 6,              /* iterations below which the step of a ramp grows */
     DIRECT_MOST = 1000,     /* iterations of the direct method, asked for; by its gain it needs
                              * fewer */
@@ -79,7 +81,7 @@ static const double LEAP = 3;
  * better, as harmonics fall that left out of it matter less. */
 static const double ROUGH = 1e-2;
 static const double ROUGHER = 5;
-/* Of the budget, what a walk along the branch of small loads may cost: other ways are left, and
+/* Of the budget, what each way along a branch of small loads may cost: other ways are left, and
  * other orders, where the branch is shorter. */
 static const double SHARE_OF_WALK = 0.25;
 /* Laws left out are a start where they leave less than half of the residual of rest. */
@@ -169,6 +171,28 @@ static void set_damping(struct balance *b, double at)
     balance_set_damping(b, DAMPING_LEAST * expm1(at));
 }
 
+/* A ramp over the dampers has met a fold at a = AT, its solution GOOD: around it. */
+static enum modal_status around_dampers(struct steady *s, struct balance *b, double at,
+                                        const double complex *good, double complex *X,
+                                        struct steady_point *point, struct modal_error *err)
+{
+    struct solutions_options opt = { .most = 1,
+                                     .cancelled = s->opt.cancelled,
+                                     .context = s->opt.context };
+    struct solutions found = { 0 };
+    enum modal_status rc = solutions_along_damping(b, DAMPING_LEAST * expm1(at), good, &opt,
+                                                   &found, err);
+
+    if (rc == MODAL_OK)
+        rc = balance_set(b, b->omega, 1, err);
+    if (rc == MODAL_OK && found.count > 0) {
+        memcpy(X, found.X[0], (size_t)b->q * ((size_t)b->H + 1) * sizeof *X);
+        rc = try_newton(s, b, "continuation", X, point, err);
+    }
+    solutions_done(&found);
+    return rc;
+}
+
 /* From a = log FROM to 0, each from the last, SET what a stands for; the step of a shrinks on
  * failure and grows on success. */
 static enum modal_status ramp(struct steady *s, struct balance *b, double from,
@@ -179,6 +203,8 @@ static enum modal_status ramp(struct steady *s, struct balance *b, double from,
     size_t size = (size_t)b->q * ((size_t)b->H + 1);
     double complex *good = calloc(size + 1, sizeof *good);
     double at = log(from), step = -at / STEPS_OF_RAMP, level_done = NAN;
+    bool folds = set == set_damping && !s->exact;       /* a branch that can be followed round */
+    int failed = 0;                                     /* in a row */
     struct iterate_report r;
     enum modal_status rc = MODAL_OK;
 
@@ -206,9 +232,10 @@ static enum modal_status ramp(struct steady *s, struct balance *b, double from,
                 break;
             memcpy(good, X, size * sizeof *X);
             step *= r.iterations < QUICK ? GROW : 1;
+            failed = 0;
         } else {
             /* the first level failed: no branch to follow */
-            if (isnan(level_done) || fabs(step) < STEP_LEAST)
+            if (isnan(level_done) || fabs(step) < STEP_LEAST || (folds && ++failed == FOLDS))
                 break;
             step *= SHRINK;
             memcpy(X, good, size * sizeof *X);
@@ -221,6 +248,8 @@ static enum modal_status ramp(struct steady *s, struct balance *b, double from,
         rc = balance_set(b, b->omega, 1, err);
     if (rc == MODAL_OK && level_done == 0 && r.converged)
         record(b, X, &r, "newton-ramped", point);
+    else if (rc == MODAL_OK && folds && level_done > 0)
+        rc = around_dampers(s, b, level_done, good, X, point, err);
     free(good);
     return rc;
 }
@@ -245,6 +274,12 @@ static enum modal_status along_levels(struct steady *s, struct balance *b, doubl
     return rc;
 }
 
+/* What is begun now may spend its share of MOST, the whole budget. */
+static void share_budget(struct steady *s, double most)
+{
+    s->budget.most = fmin(most, s->budget.spent + SHARE_OF_WALK * most);
+}
+
 /* Newton's method took long from rest, as when it leaps between solutions of smooth laws: the
  * branch that grows out of small loads is the one to give, at its first crossing of the load. */
 static enum modal_status from_low(struct steady *s, struct balance *b, double complex *X,
@@ -260,10 +295,12 @@ static enum modal_status from_low(struct steady *s, struct balance *b, double co
         return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory");
     low.converged = false;
     low.residual = -1;                                  /* no iterate yet */
-    s->budget.most = fmin(most, s->budget.spent + SHARE_OF_WALK * most);
+    share_budget(s, most);
     rc = b->pattern->full ? MODAL_OK : ramp(s, b, LEVEL_LOW, set_level, X, &low, err);
+    share_budget(s, most);
     if (rc == MODAL_OK && !low.converged && !b->pattern->full)
         rc = ramp(s, b, DAMPING_MOST / DAMPING_LEAST, set_damping, X, &low, err);
+    share_budget(s, most);
     if (rc == MODAL_OK && !low.converged)
         rc = along_levels(s, b, X, &low, err);
     s->budget.most = most;
@@ -427,6 +464,7 @@ struct attempt {
     bool ended;                         /* nothing is tried after this way */
     bool timed;                         /* a motion in time was sought */
     bool ramped;                        /* loads were ramped up and dampers down */
+    bool walked;                        /* the branch over levels was followed */
 };
 
 /* The ways that are gone until one has converged. */
@@ -481,6 +519,7 @@ static enum modal_status branch_from_low(struct attempt *a, struct modal_error *
 {
     a->s->current = false;
     a->ramped = !a->b->pattern->full;
+    a->walked = true;
     return from_low(a->s, a->b, a->X, a->point, err);
 }
 
@@ -544,8 +583,11 @@ static enum modal_status from_time(struct attempt *a, struct modal_error *err)
 /* Neither ramp was gone. */
 static bool may_ramp(const struct attempt *a) { return goes_round(a) && !a->ramped; }
 
-/* No motion in time stands ready to be the answer (by_cycle.h). */
-static bool may_walk(const struct attempt *a) { return goes_round(a) && !time_closed(a->s); }
+/* The branch was not followed, and no motion in time stands ready to be the answer (by_cycle.h). */
+static bool may_walk(const struct attempt *a)
+{
+    return goes_round(a) && !a->walked && !time_closed(a->s);
+}
 
 /* Of few dofs the motion in time was sought already, which leads to as many. */
 static bool may_damp(const struct attempt *a) { return may_ramp(a) && !a->b->pattern->full; }
@@ -575,7 +617,7 @@ static enum modal_status over_levels(struct attempt *a, struct modal_error *err)
     double most = budget->most;
     enum modal_status rc;
 
-    budget->most = fmin(most, budget->spent + SHARE_OF_WALK * most);
+    share_budget(a->s, most);
     rc = along_levels(a->s, a->b, a->X, a->point, err);
     budget->most = most;
     return rc;

@@ -163,6 +163,15 @@ def test_contacts_are_reached_by_stepping_the_load_up_before_any_path_is_walked(
             and answer["work"]["spent"] < 0.1 * answer["work"]["allowed"])
 
 
+def test_many_harmonics_that_are_asked_for_are_found_from_fewer(tmp_path):
+    """From rest with all of them each of many steps costs the cube of their number."""
+    K = chain(20)
+    C = 0.03 * K + 0.05 * numpy.eye(20)
+    answer = run(tmp_path, scene_of(K, C, "contact", harmonics=128))
+    assert answer["converged"] and answer["work"]["spent"] < 1e9
+    assert residual(answer, K, C, "contact") < 128**2 * (2 * numpy.pi / (1 << 14))**2
+
+
 @pytest.mark.parametrize("name,converges", [("47", None), ("73", True), ("74", True), ("75", True),
                                             ("109", True)])
 def test_a_random_scene_of_few_dofs_is_answered_within_the_work_allowed(tmp_path, name, converges):

@@ -32,6 +32,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/numbers.h"
 #include "modal/steady/aft.h"
 #include "modal/steady/balance.h"
 #include "modal/steady/by_cycle.h"
@@ -465,10 +466,21 @@ struct attempt {
     bool timed;                         /* a motion in time was sought */
     bool ramped;                        /* loads were ramped up and dampers down */
     bool walked;                        /* the branch over levels was followed */
+    bool fewer;                         /* fewer harmonics were tried */
 };
 
 /* The ways that are gone until one has converged. */
 static bool unsolved(const struct attempt *a) { return !a->point->converged; }
+
+/* Nothing is near, and all ways from far are dear with so many harmonics of so many dofs. */
+static bool is_wide(const struct attempt *a)
+{
+    size_t size = (size_t)a->b->q * ((size_t)a->b->H + 1);
+
+    return a->s->opt.method == STEADY_AUTO && !a->b->pattern->full && a->b->H > H_FEW
+        && a->start == NULL && !a->s->jumps && a->s->opt.max_iterations == 0
+        && numbers_modulus(a->X, size) == 0;
+}
 
 /* Direct iteration is what was asked for. */
 static bool is_direct(const struct attempt *a) { return a->s->opt.method == STEADY_DIRECT; }
@@ -511,7 +523,7 @@ static enum modal_status newton_near(struct attempt *a, struct modal_error *err)
 static bool may_have_leapt(const struct attempt *a)
 {
     return a->s->opt.method == STEADY_AUTO && a->start == NULL && a->s->degree > 0 && !a->s->exact
-        && a->point->iterations > ITERATIONS_NEAR;
+        && a->point->iterations > ITERATIONS_NEAR && !(a->fewer && a->point->converged);
 }
 
 /* Whatever converged, the branch of small loads is preferred. */
@@ -547,12 +559,13 @@ static bool goes_round(const struct attempt *a)
 /* Enough harmonics for a third of them to be a problem of its own. */
 static bool has_many_harmonics(const struct attempt *a)
 {
-    return goes_round(a) && a->b->H > H_FEW;
+    return goes_round(a) && a->b->H > H_FEW && !a->fewer;
 }
 
 /* A third of the harmonics, by all ways; then the rest from it. */
 static enum modal_status from_fewer(struct attempt *a, struct modal_error *err)
 {
+    a->fewer = true;
     return fewer_harmonics(a->s, a->b, a->X, a->point, err);
 }
 
@@ -630,6 +643,7 @@ static const struct {
 } ways[] = {
     { is_direct,          direct_alone },         /* as asked for, and nothing else */
     { is_large,           direct_by_gain },       /* where its gain promises that it converges */
+    { is_wide,            from_fewer },
     { unsolved,           newton_near },
     { may_have_leapt,     branch_from_low },      /* though it converged */
     { had_start,          newton_from_rest },

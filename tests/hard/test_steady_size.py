@@ -117,7 +117,8 @@ def test_a_chain_of_sixty_laws_is_in_balance_and_so_is_the_same_chain_badly_numb
 
 
 @pytest.mark.parametrize("law,n,weak", [("contact", 100, 0.05), ("cubic", 200, 0),
-                                        ("cubic", 300, 0)])      # folds in the dampers, too
+                                        # folds in the dampers, too
+                                        ("cubic", 300, 0), ("contact", 50, 0)])
 def test_dampers_that_are_taken_away_lead_to_what_no_load_leads_to(tmp_path, law, n, weak):
     K = chain(n)
     C = 0.03 * K + weak * numpy.eye(n)

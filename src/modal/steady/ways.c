@@ -51,7 +51,7 @@ enum {
     ORDER_SMALL = 60,       /* unknowns up to which Newton's method costs less than a gain */
     H_FEW = 12,             /* up to which fewer harmonics are too few to be a way */
     FOLDS = 2,              /* levels that failed in a row, the second two fifths as far as the
-                             * first, after which the branch is followed round its folds */
+                             * first, before the branch is followed around its folds */
     QUICK = 6,              /* iterations below which the step of a ramp grows */
     DIRECT_MOST = 1000,     /* iterations of the direct method, asked for; by its gain it needs
                              * fewer */
@@ -204,7 +204,7 @@ static enum modal_status ramp(struct steady *s, struct balance *b, double from,
     size_t size = (size_t)b->q * ((size_t)b->H + 1);
     double complex *good = calloc(size + 1, sizeof *good);
     double at = log(from), step = -at / STEPS_OF_RAMP, level_done = NAN;
-    bool folds = set == set_damping && !s->exact;       /* a branch that can be followed round */
+    bool round = false;                                 /* folds were gone around */
     int failed = 0;                                     /* in a row */
     struct iterate_report r;
     enum modal_status rc = MODAL_OK;
@@ -236,8 +236,14 @@ static enum modal_status ramp(struct steady *s, struct balance *b, double from,
             failed = 0;
         } else {
             /* the first level failed: no branch to follow */
-            if (isnan(level_done) || fabs(step) < STEP_LEAST || (folds && ++failed == FOLDS))
+            if (isnan(level_done) || fabs(step) < STEP_LEAST)
                 break;
+            if (set == set_damping && ++failed == FOLDS && !round) {
+                round = true;                           /* once */
+                rc = around_dampers(s, b, level_done, good, X, point, err);
+                if (point->converged)
+                    break;
+            }
             step *= SHRINK;
             memcpy(X, good, size * sizeof *X);
         }
@@ -249,8 +255,6 @@ static enum modal_status ramp(struct steady *s, struct balance *b, double from,
         rc = balance_set(b, b->omega, 1, err);
     if (rc == MODAL_OK && level_done == 0 && r.converged)
         record(b, X, &r, "newton-ramped", point);
-    else if (rc == MODAL_OK && folds && level_done > 0)
-        rc = around_dampers(s, b, level_done, good, X, point, err);
     free(good);
     return rc;
 }
@@ -608,7 +612,13 @@ static bool may_damp(const struct attempt *a) { return may_ramp(a) && !a->b->pat
 /* With dampers that are taken away again, */
 static enum modal_status damp_down(struct attempt *a, struct modal_error *err)
 {
-    return ramp(a->s, a->b, DAMPING_MOST / DAMPING_LEAST, set_damping, a->X, a->point, err);
+    double most = a->s->budget.most;
+    enum modal_status rc;
+
+    share_budget(a->s, most);
+    rc = ramp(a->s, a->b, DAMPING_MOST / DAMPING_LEAST, set_damping, a->X, a->point, err);
+    a->s->budget.most = most;
+    return rc;
 }
 
 /* Level by level from loads that leave the laws linear, */

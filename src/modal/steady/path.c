@@ -38,6 +38,8 @@
 
 /* A correction this short, in units of u's size and of `span`, is the last one. */
 static const double TOLERANCE = 1e-12;
+/* On a way where only its end is wanted: what is left is squared by the next one's. */
+static const double TOLERANCE_ROUGH = 1e-4;
 /* Shorter than this, one that no longer shrinks by SLOW is rounding's, and the last one too. */
 static const double FLOOR = 1e-8;
 static const double SLOW = 0.3;
@@ -52,6 +54,10 @@ static const double STEP_LEAST = 1e-7;
 static const double BENT = 100;
 /* The least cosine of the angle between two tangents: 26 degrees a step. */
 static const double BEND = 0.9;
+/* And where only the way's end is wanted: 60 degrees, past which a step would go back as much as
+ * on; its step doubles, too, as corners of piecewise laws have made it short. */
+static const double BEND_ROUGH = 0.5;
+static const double GROW_ROUGH = 2;
 /* A step grows after at most QUICK corrections and shrinks after SLOWLY many, so that it settles
  * where four or five are needed. */
 static const double GROW = 1.4;
@@ -265,7 +271,7 @@ static enum modal_status correct(struct path *p, const double *t, double *lambda
             p->w[e] += p->size * p->x[e];
         *lambda += p->span * p->x[n];
         p->corrections = i + 1;
-        if (step <= fmax(TOLERANCE, p->problem->tolerance)
+        if (step <= (p->problem->rough ? TOLERANCE_ROUGH : TOLERANCE)
             || (step < FLOOR && step > SLOW * last)) {
             *ok = true;
             break;
@@ -520,7 +526,7 @@ static enum modal_status step_out(struct path *p, struct stride *s, bool *found,
     memcpy(s->tangent, p->x, ((size_t)p->n + 1) * sizeof *s->tangent);
     for (int i = 0; ok && i <= p->n; i++)
         dot += s->tangent[i] * p->t[i];                 /* the cosine of the bend */
-    *found = ok && !(dot < BEND && s->ds > BENT * STEP_LEAST);
+    *found = ok && !(dot < (p->problem->rough ? BEND_ROUGH : BEND) && s->ds > BENT * STEP_LEAST);
     if (*found)
         return MODAL_OK;
     p->report->rejected++;
@@ -595,7 +601,8 @@ static enum modal_status walk(struct path *p, struct modal_error *err)
     struct stride s = { .ds = q->step_first > 0 ? q->step_first : STEP_FIRST,
                         .tangent = malloc(room),
                         .kept = malloc(room) };
-    double most = q->step_most > 0 ? q->step_most : STEP_MOST;
+    double most = q->step_most > 0 ? q->step_most : STEP_MOST,
+           grow = q->rough ? GROW_ROUGH : GROW;
     enum modal_status rc = s.tangent == NULL || s.kept == NULL
                                ? modal_fail(err, MODAL_NO_MEMORY, "path: no memory")
                                : MODAL_OK;
@@ -614,7 +621,7 @@ static enum modal_status walk(struct path *p, struct modal_error *err)
         accept(p, s.lambda, s.sign, s.tangent);
         rc = report_point(p, p->u, p->lambda, p->t[p->n], s.sign, -1, &s.stop, err);
         s.ended = left(p);
-        s.ds = fmin(most, s.ds * (p->corrections <= QUICK    ? GROW
+        s.ds = fmin(most, s.ds * (p->corrections <= QUICK    ? grow
                                  : p->corrections >= SLOWLY ? SHRINK
                                                             : 1));
     }

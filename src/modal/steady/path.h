@@ -43,7 +43,8 @@ struct path_problem {
                                     * `point`, end by `stop` or limits */
     double step_first, step_most;  /* of arc length, in units of span and size; 0: 0.02 and 0.1 */
     int points_most;               /* 0: 5000 */
-    double tolerance;              /* of points on the way, in units of size; 0: to rounding */
+    bool rough;                    /* only `to` is wanted: points on the way are near the branch,
+                                    * and steps as long as may be */
     const struct budget *budget;   /* spent, it ends the walk, which counts to that of its
                                     * balances; NULL: a walk for its own sake, whose points have
                                     * one each */

@@ -38,8 +38,6 @@ static const double LEVEL_LOW = -0.5;
 static const double LEVEL_HIGH = 4;
 /* As much of dampers as a dof's own stiffness: a branch that comes back to it leads nowhere. */
 static const double DAMPING_HIGH = 1;
-/* Points on the way there, relative: what is left is squared by the next one's correction. */
-static const double ON_THE_WAY = 1e-4;
 /* Of arc length, where path.h has a fiftieth and a tenth: the range is four times its span. */
 static const double STEP_FIRST = 0.01;
 static const double STEP_MOST = 0.15;
@@ -205,7 +203,7 @@ enum modal_status solutions_along_damping(struct balance *b, double share, const
                                     .points_most = LEVEL_POINTS,
                                     .low = -share,
                                     .high = DAMPING_HIGH,
-                                    .tolerance = ON_THE_WAY,
+                                    .rough = true,
                                     .budget = b->budget };
     struct path_report report;
 

@@ -164,6 +164,26 @@ def test_contacts_are_reached_by_stepping_the_load_up_before_any_path_is_walked(
             and answer["work"]["spent"] < 0.1 * answer["work"]["allowed"])
 
 
+def test_stiff_contacts_are_in_balance_as_far_as_rounding_lets_them(tmp_path):
+    """Forty, of 10^4 times the chain's stiffness, some of which slip: what rounding of motions is
+    in forces ends Newton's method before its steps are short for what hardly moves.
+    """
+    n, stiffness = 40, 1e4
+    springs = [1] * n + [0] + [1] * n            # one chain along the normals, one along the other
+    scene = {"structure": {"type": "chain", "masses": [1] * (2 * n), "springs": springs,
+                           "dampers": [0.03 * k for k in springs]}, "omega": OMEGA,
+             "effects": [{"type": "rayleigh_damping", "alpha": 0.05, "beta": 0.0}]
+             + [{"type": "contact_friction", "normal": f"x{i + 1}", "tangential": f"x{n + i + 1}",
+                 "normal_stiffness": stiffness, "preload": 1.0, "mu": 0.3,
+                 "tangential_stiffness": stiffness} for i in range(n)],
+             "excitation": [{"dof": f"x{i + 1}", "k": 0, "cos": 1.0} for i in range(n)]
+             + [{"dof": f"x{n + 1}", "k": 1, "cos": LOAD}, {"dof": "x1", "k": 1, "cos": 0.2}],
+             "steady": {"harmonics": 7}}
+    answer = run(tmp_path, scene)
+    assert (answer["converged"] and answer["work"]["spent"] < 0.1 * answer["work"]["allowed"]
+            and answer["residual"] < 15 * 2.3e-16 * stiffness)
+
+
 def test_many_harmonics_that_are_asked_for_are_found_from_fewer(tmp_path):
     """From rest with all of them each of many steps costs the cube of their number."""
     K = chain(20)

@@ -543,6 +543,13 @@ static bool reusable(const struct balance *b, const struct iterate_options *opt,
     return b->HJ < b->H ? rate < RATE_SHORT || last == HUGE_VAL : 2 * rate * step <= tolerance;
 }
 
+/* The relative residual that rounding leaves at X: a displacement is a sum of 2H + 1 terms, each of
+ * which stiff laws make a force of. */
+static double rounded(const struct balance *b, const double complex *X)
+{
+    return fmax(BALANCED, (2 * b->H + 1) * balance_lost(b, X));
+}
+
 /* No step was taken.  Steps of rounding, soft beside stiff, are an answer. */
 static void give_up(const struct balance *b, const struct newton_work *w, const double complex *X,
                     struct iterate_report *report)
@@ -551,7 +558,7 @@ static void give_up(const struct balance *b, const struct newton_work *w, const 
 
     /* A residual of rounding: steps that nothing shortens are along what nothing holds. */
     report->open = balance_open(b) && report->residual <= BALANCED;
-    report->converged = report->open || (report->residual <= BALANCED && overall <= SMALL);
+    report->converged = report->open || (report->residual <= rounded(b, X) && overall <= SMALL);
     report->step = report->open ? report->residual : report->converged ? overall : report->step;
     report->reason = "no step of Newton's method shortens the next";
 }

@@ -77,6 +77,85 @@ TEST(rigid_friction_on_several_dofs_gives_the_same_motion_in_any_units)
     }
 }
 
+/* N numbers X but LAST, 0 in the middle where two chains meet. */
+static char *write_numbers(char *at, const char *name, int n, double x, int middle)
+{
+    at += sprintf(at, "'%s':[", name);
+    for (int i = 0; i < n; i++)
+        at += sprintf(at, "%s%.17g", i > 0 ? "," : "", i == middle ? 0 : x);
+    return at + sprintf(at, "],");
+}
+
+/* N contacts with friction between the dofs of two chains, one along the normals, which a load
+ * presses, and one along the other way: springs K, contacts of KC, dampers of DAMPING times the
+ * springs, in units U. */
+static char *write_joint(int n, const struct units *u, double k, double kc, double damping)
+{
+    double m = 1 / u->M, t = 1 / u->T, s = k * m / (t * t), f = s / u->L;
+    char *text = malloc((size_t)n * 512 + 1024), *at = text;
+
+    at += sprintf(at, "{'structure':{'type':'chain',");
+    at = write_numbers(at, "masses", 2 * n, m, -1);
+    at = write_numbers(at, "springs", 2 * n + 1, s, n);
+    at = write_numbers(at, "dampers", 2 * n + 1, damping * s * t, n);
+    at += sprintf(at - 1, "},'omega':%.17g,'effects':[", 0.3 * sqrt(k) / t) - 1;
+    for (int i = 1; i <= n; i++)
+        at += sprintf(at,
+                      "%s{'type':'contact_friction','normal':'x%d','tangential':'x%d','preload':"
+                      "%.17g,'mu':0.3,'normal_stiffness':%.17g,'tangential_stiffness':%.17g}",
+                      i > 1 ? "," : "", i, n + i, f, kc / k * s, kc / k * s);
+    at += sprintf(at, "],'excitation':[");
+    for (int i = 1; i <= n; i++)
+        at += sprintf(at, "{'dof':'x%d','k':0,'cos':%.17g},", i, f);
+    sprintf(at, "{'dof':'x%d','k':1,'cos':%.17g},{'dof':'x1','k':1,'cos':%.17g}]}", n + 1, 0.5 * f,
+            0.2 * f);
+    return text;
+}
+
+/* Rounding of the numbers written, times the condition of the balance. */
+TEST(contacts_of_a_joint_move_alike_in_units_from_1e8_down_to_1e_minus_8)
+{
+    static const struct units scaled[] = { { 1, 1, 1 },      { 1e-8, 1, 1 },      { 1e8, 1, 1 },
+                                           { 1, 1e-8, 1 },   { 1, 1e8, 1 },       { 1, 1, 1e-8 },
+                                           { 1, 1, 1e8 },    { 1e8, 1e-8, 1e8 } };
+    enum { N = 12, H = 5, NUMBERS = 2 * N * (H + 1) };
+    double complex first[NUMBERS];
+
+    for (size_t i = 0; i < sizeof scaled / sizeof *scaled; i++) {
+        char *text = write_joint(N, &scaled[i], 1, 10, 0.03);
+        struct program *p;
+        struct steady *s;
+        struct steady_point point;
+
+        solve(text, H, &p, &s, &point);
+        CHECK(point.converged);
+        for (int j = 0; j < NUMBERS; j++) {
+            if (i == 0)
+                first[j] = point.X[j];
+            CHECK_NEAR(cabs(point.X[j] * scaled[i].L - first[j]), 0, 1e-11);
+        }
+        release(p, s, &point);
+        free(text);
+    }
+}
+
+/* 1e8 N/m on springs of 1e7, dampers of a millionth of them; the residual is as small as 2 H + 1
+ * roundings of a motion of 1e-7 m make the forces. */
+TEST(four_hundred_stiff_contacts_that_hardly_anything_damps_are_in_balance)
+{
+    const struct units si = { 1, 1, 1 };
+    char *text = write_joint(400, &si, 1e7, 1e8, 1e-6);
+    struct program *p;
+    struct steady *s;
+    struct steady_point point;
+
+    solve(text, 3, &p, &s, &point);
+    CHECK(point.converged);
+    CHECK(point.residual < 1e-12);
+    release(p, s, &point);
+    free(text);
+}
+
 TEST(what_is_simulated_is_the_same_in_any_units)
 {
     enum { samples = 200, dofs = 3 };

@@ -172,6 +172,14 @@ static void set_damping(struct balance *b, double at)
     balance_set_damping(b, DAMPING_LEAST * expm1(at));
 }
 
+/* B at a = AT of a ramp; no dampers are none to the last bit. */
+static enum modal_status set_ramp(struct balance *b, void (*set)(struct balance *b, double at),
+                                  double at, struct modal_error *err)
+{
+    set(b, at);
+    return at == 0 && set == set_damping ? balance_set(b, b->omega, 1, err) : MODAL_OK;
+}
+
 /* A ramp over the dampers has met a fold at a = AT, its solution GOOD: around it. */
 static enum modal_status around_dampers(struct steady *s, struct balance *b, double at,
                                         const double complex *good, double complex *X,
@@ -217,9 +225,7 @@ static enum modal_status ramp(struct steady *s, struct balance *b, double from,
         laws_left_out(b, X);
     }
     for (int i = 0; rc == MODAL_OK && i < LEVELS_MOST; i++) {
-        set(b, at);
-        if (at == 0 && set == set_damping)              /* none, to the last bit */
-            rc = balance_set(b, b->omega, 1, err);
+        rc = set_ramp(b, set, at, err);
         opt.rough = at != 0 && !b->pattern->full;       /* on the way nothing is an answer */
         opt.tolerance = opt.rough ? ON_THE_WAY : s->opt.tolerance;
         if (rc != MODAL_OK || (rc = iterate_newton(b, &opt, X, &r, err)) != MODAL_OK)

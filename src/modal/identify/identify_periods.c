@@ -30,17 +30,40 @@ static bool at_rounding(const struct work *w, const struct order_choice *k)
 
 /* Periods are few and each has many samples: a pencil of a few periods' height, whose columns are
  * nearly as many as the periods, sees all multipliers at once. One height errs where another does
- * not, and poles from too many directions where fewer lead: (height, share of directions). */
+ * not, and poles from too many directions where fewer lead: (height, share of directions; 0: those
+ * above the edge of the noise, which in white noise lead to the same end for a tenth of the work of
+ * all; they are all that is asked of pencils with more than TRIPLETS_MOST). */
 static const struct { double height, directions; } STARTS[] = {
-    { 0, 1 }, { 1 / 8.0, 1 }, { 1 / 4.0, 1 }, { 0, 5 / 6.0 }, { 1 / 8.0, 5 / 6.0 },
-    { 1 / 4.0, 5 / 6.0 }, { 0, 2 / 3.0 }, { 1 / 8.0, 2 / 3.0 }, { 1 / 4.0, 2 / 3.0 }
+    { 1 / 4.0, 0 }, { 1 / 8.0, 0 }, { 0, 0 }, { 0, 1 }, { 1 / 8.0, 1 }, { 1 / 4.0, 1 },
+    { 0, 5 / 6.0 }, { 1 / 8.0, 5 / 6.0 }, { 1 / 4.0, 5 / 6.0 }, { 0, 2 / 3.0 },
+    { 1 / 8.0, 2 / 3.0 }, { 1 / 4.0, 2 / 3.0 }
 };
 
-/* From w->pencil, of which ALL triplets there are were asked, downwards. */
-static enum modal_status descend_folded(struct work *w, bool all, double directions,
+/* What the search has come to. */
+struct ends {
+    int again;                  /* how often others ended at the best, beside the first */
+    bool told;                  /* the order of all these is the number of signals of their pencils:
+                                 * two ways to count that have little in common */
+};
+
+/* Triplets above the edge of the noise that those after them are (pencil_signals(), where all there
+ * are were asked). */
+static int signals_of_all(const struct pencil *p)
+{
+    double rest = 0, edge = PENCIL_EDGE * (1 / sqrt(p->height) + 1 / sqrt(p->columns));
+    int count = 0;
+
+    for (int i = 0; i < p->count; i++)
+        rest += p->s[i] * p->s[i];
+    for (; count < p->count && p->s[count] > edge * sqrt(fmax(rest, 0)); count++)
+        rest -= p->s[count] * p->s[count];
+    return count;
+}
+
+/* From w->pencil downwards, from the SHARE of so many directions. */
+static enum modal_status descend_folded(struct work *w, int count, double share,
                                         struct order_choice *choice, struct modal_error *err)
 {
-    int count = all ? w->pencil.count : pencil_signals(&w->pencil) + ORDER_AHEAD;
     struct order_options opt = { .order_most = work_rows_allow(w), .many = true,
                                  .cancelled = w->opt.cancelled, .context = w->opt.context };
     struct order_source source = { .poles = work_pencil_source, .context = w };
@@ -50,20 +73,26 @@ static enum modal_status descend_folded(struct work *w, bool all, double directi
         opt.order_most = work_sparing_order(w);
     count = count < w->pencil.count ? count : w->pencil.count;
     count = count < opt.order_most ? count : opt.order_most;
-    source.most = (int)ceil(directions * count);
+    source.most = (int)ceil(share * count);
     opt.work = work_left(w, false, w->brief);
     rc = order_from_above(&w->data, &source, &opt, choice, err);
     w->spent += rc == MODAL_OK ? choice->work : 0;
     return rc;
 }
 
-/* The better of two searches into *BEST; *again: how often others ended at the same. */
-static void keep_better(struct order_choice *best, struct order_choice *other, int *again)
+/* The better of two searches into *BEST, and how they ended; SIGNALS of the other's pencil. */
+static void keep_better(struct order_choice *best, struct order_choice *other, int signals,
+                        struct ends *ends)
 {
     double gain = work_bic_chosen(best) - work_bic_chosen(other);
     struct order_choice worse = *other;
+    bool same = isfinite(gain) && fabs(gain) < SAME,
+         told = other->clean && other->candidates[other->chosen].fit.order == signals;
 
-    *again = isfinite(gain) && fabs(gain) < SAME ? *again + 1 : gain > 0 ? 0 : *again;
+    if (same)
+        *ends = (struct ends) { ends->again + 1, ends->told && told };
+    else if (gain > 0)
+        *ends = (struct ends) { 0, told };
     if (gain > 0)
         worse = *best, *best = *other;
     order_done(&worse);
@@ -212,41 +241,49 @@ static enum modal_status settle_white(struct work *w, struct order_choice *best,
     return rc;
 }
 
-/* One start: a pencil of Y, products K, and from there downwards; *other is the better of both. */
+/* One start: a pencil of Y, products K, and from there downwards. */
 static enum modal_status start_folded(struct work *w, const struct matrix *Y,
-                                      const struct matrix *K, size_t i, struct order_choice *best,
-                                      int *again, struct modal_error *err)
+                                      const struct matrix *K, int height, double share,
+                                      struct order_choice *best, struct ends *ends,
+                                      struct modal_error *err)
 {
-    int height = fmax(2, STARTS[i].height * Y->m), all = Y->m - height;
+    bool whole = Y->m - height <= TRIPLETS_MOST;
     struct order_choice other = { .chosen = -1 };
+    int signals = 0, count;
     enum modal_status rc = pencil_folded(w, Y, K->x != NULL ? K : NULL, height, err);
 
-    if (rc == MODAL_OK)
-        rc = descend_folded(w, all <= TRIPLETS_MOST, STARTS[i].directions, &other, err);
+    if (rc == MODAL_OK) {
+        signals = whole ? signals_of_all(&w->pencil) : pencil_signals(&w->pencil);
+        count = whole && share > 0 ? w->pencil.count : signals + ORDER_AHEAD;
+        rc = descend_folded(w, count, share > 0 ? share : 1, &other, err);
+    }
     pencil_done(&w->pencil);
     if (rc == MODAL_OK)
-        keep_better(best, &other, again);
+        keep_better(best, &other, signals, ends);
     return rc;
 }
 
-/* Periodic systems from above, from one start after another until three end at the same best,
- * or the signals are explained to rounding. */
+/* Periodic systems from above, from one start after another until three end at the same best, or
+ * two whose order their pencils tell as well, or the signals are explained to rounding. */
 enum modal_status work_descend_periods(struct work *w, struct order_choice *best,
                                        struct modal_error *err)
 {
     struct matrix Y = { 0 }, K = { 0 };
     struct pencil kept = w->pencil;
+    struct ends ends = { 0 };
     bool ended = false;
-    int again = 0;
     enum modal_status rc = searched_periods(w, &Y, err);
 
     if (rc == MODAL_OK && noise_shows(w) && pencil_products_pay(Y.m, Y.n))
         rc = pencil_products(&Y, &K, err);
     for (size_t i = 0; i < sizeof STARTS / sizeof *STARTS && rc == MODAL_OK && !ended; i++) {
-        if (Y.m - (int)fmax(2, STARTS[i].height * Y.m) < 1)
+        int height = fmax(2, STARTS[i].height * Y.m);
+        if (Y.m - height < 1)
             break;                            /* periods too few for any; the ladder says so */
-        rc = start_folded(w, &Y, &K, i, best, &again, err);
-        ended = (again > 1 || at_rounding(w, best)) && best->clean;
+        if (STARTS[i].directions == 0 && Y.m - height > TRIPLETS_MOST)
+            continue;                         /* no others are asked for */
+        rc = start_folded(w, &Y, &K, height, STARTS[i].directions, best, &ends, err);
+        ended = (ends.again > (ends.told ? 0 : 1) || at_rounding(w, best)) && best->clean;
     }
     if (rc == MODAL_OK && work_bic_chosen(best) >= work_bic_of_nothing(&w->data)) {
         order_done(best);

@@ -3,12 +3,15 @@
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 enum {
-    FORM = 1,                     /* of the text; another daemon's may be another */
+    FORM = 2,                     /* of the text; another daemon's may be another */
     OF_ALL = 7,                   /* numbers of what is known of all tracks */
-    OF_EACH = 22 + 2 * TRACK_SHAPE,    /* numbers of one */
-    NUMBER_MOST = 24,             /* bytes of a number and a blank */
+    OF_LINE = 12,                 /* of a way that has a slope */
+    OF_STILL = 6,                 /* of one that has none */
+    OF_EACH = 10 + OF_LINE + OF_STILL + 2 * TRACK_SHAPE,    /* numbers of one */
+    NUMBER_MOST = 20,             /* bytes of a number and a blank: 12 digits, signs, exponent */
 };
 static const double COUNT_MOST = 9007199254740992.0;     /* 2^53: told apart by a double */
 
@@ -27,34 +30,53 @@ static void all_in(struct tracks *t, const double x[OF_ALL])
     t->begun = true;
 }
 
+static void line_out(const struct track_way *w, double x[OF_LINE])
+{
+    x[0] = creal(w->exponent), x[1] = cimag(w->exponent);
+    x[2] = w->re.value, x[3] = w->im.value, x[4] = w->freedom, x[5] = w->misfit;
+    x[6] = creal(w->slope), x[7] = cimag(w->slope);
+    x[8] = w->re.both, x[9] = w->re.slope, x[10] = w->im.both, x[11] = w->im.slope;
+}
+
+static struct track_way line_in(const double x[OF_LINE])
+{
+    return (struct track_way) { CMPLX(x[0], x[1]), CMPLX(x[6], x[7]), { x[2], x[8], x[9] },
+                                { x[3], x[10], x[11] }, x[4], x[5] };
+}
+
 static void each_out(const struct track *t, double x[OF_EACH])
 {
-    x[0] = (double)t->number, x[1] = creal(t->exponent), x[2] = cimag(t->exponent);
-    x[3] = creal(t->slope), x[4] = cimag(t->slope);
-    x[5] = t->re.value, x[6] = t->re.both, x[7] = t->re.slope;
-    x[8] = t->im.value, x[9] = t->im.both, x[10] = t->im.slope;
-    x[11] = t->freedom, x[12] = t->misfit, x[13] = t->shown, x[14] = t->asked;
-    x[15] = t->shape_freedom, x[16] = t->shape_misfit;
-    x[17] = (double)t->since, x[18] = (double)t->last, x[19] = t->missed;
-    x[20] = (t->counts ? 1 : 0) + (t->native ? 2 : 0) + (t->died ? 4 : 0);
-    x[21] = t->stays;
+    double still[OF_LINE];
+
+    line_out(&t->still, still);
+    line_out(&t->line, x);
+    memcpy(x + OF_LINE, still, OF_STILL * sizeof *x);
+    x += OF_LINE + OF_STILL;
+    x[0] = (double)t->number, x[1] = t->shown, x[2] = t->asked;
+    x[3] = t->shape_freedom, x[4] = t->shape_misfit;
+    x[5] = (double)t->since, x[6] = (double)t->last, x[7] = t->missed;
+    x[8] = (t->counts ? 1 : 0) + (t->native ? 2 : 0) + (t->died ? 4 : 0);
+    x[9] = t->stays;
     for (int i = 0; i < TRACK_SHAPE; i++)
-        x[22 + 2 * i] = creal(t->shape[i]), x[23 + 2 * i] = cimag(t->shape[i]);
+        x[10 + 2 * i] = creal(t->shape[i]), x[11 + 2 * i] = cimag(t->shape[i]);
 }
 
 static void each_in(struct track *t, const double x[OF_EACH])
 {
-    int flags = (int)x[20];
+    double still[OF_LINE] = { 0 };
+    struct track_way line = line_in(x);
+    int flags;
 
+    memcpy(still, x + OF_LINE, OF_STILL * sizeof *x);
+    x += OF_LINE + OF_STILL;
+    flags = (int)x[8];
     *t = (struct track) {
-        .number = (int64_t)x[0], .exponent = CMPLX(x[1], x[2]), .slope = CMPLX(x[3], x[4]),
-        .re = { x[5], x[6], x[7] }, .im = { x[8], x[9], x[10] }, .freedom = x[11],
-        .misfit = x[12], .shown = x[13], .asked = x[14], .shape_freedom = x[15],
-        .shape_misfit = x[16], .since = (uint64_t)x[17], .last = (uint64_t)x[18],
-        .missed = (int)x[19], .stays = x[21], .counts = (flags & 1) != 0,
+        .number = (int64_t)x[0], .line = line, .still = line_in(still), .shown = x[1],
+        .asked = x[2], .shape_freedom = x[3], .shape_misfit = x[4], .since = (uint64_t)x[5],
+        .last = (uint64_t)x[6], .missed = (int)x[7], .stays = x[9], .counts = (flags & 1) != 0,
         .native = (flags & 2) != 0, .died = (flags & 4) != 0 };
     for (int i = 0; i < TRACK_SHAPE; i++)
-        t->shape[i] = CMPLX(x[22 + 2 * i], x[23 + 2 * i]);
+        t->shape[i] = CMPLX(x[10 + 2 * i], x[11 + 2 * i]);
 }
 
 /* ---- text ---- */
@@ -114,25 +136,35 @@ static bool all_good(const double x[OF_ALL])
         && x[4] >= 0 && x[5] >= 0 && is_count(x[6], TRACKS_MOST);
 }
 
+/* Variances; freedom and misfit. */
+static bool way_good(const double x[OF_STILL])
+{
+    return x[2] >= 0 && x[3] >= 0 && x[4] > 0 && x[5] > 0;
+}
+
 /* As tracks_follow leaves them by the window that ends with sample TO. */
 static bool each_good(const double x[OF_EACH], double next, double to)
 {
-    bool positive = x[2] >= 0 && x[5] >= 0 && x[7] >= 0 && x[8] >= 0 && x[10] >= 0;
+    bool good = way_good(x) && x[9] >= 0 && x[11] >= 0 && way_good(x + OF_LINE);
 
-    for (int i = 11; i <= 16; i++)
-        positive &= i == 13 || i == 14 ? x[i] >= 0 : x[i] > 0;
-    return positive && is_count(x[0], next - 1) && x[13] <= x[14] && is_count(x[18], to)
-        && is_count(x[17], x[18]) && is_count(x[19], COUNT_MOST) && is_count(x[20], 7)
-        && x[21] >= 0 && x[21] <= 1;
+    x += OF_LINE + OF_STILL;
+    return good && is_count(x[0], next - 1) && x[1] >= 0 && x[1] <= x[2] && x[3] > 0 && x[4] > 0
+        && is_count(x[6], to) && is_count(x[5], x[6]) && is_count(x[7], COUNT_MOST)
+        && is_count(x[8], 7) && x[9] >= 0 && x[9] <= 1;
 }
 
 enum modal_status tracks_text_read(const char *text, struct tracks *t, struct modal_error *err)
 {
     struct tracks *read = calloc(1, sizeof *read);
     double of_all[OF_ALL] = { 0 }, x[OF_EACH] = { 0 };
-    bool good = read != NULL && get(&text, x, 1) && x[0] == FORM && get(&text, of_all, OF_ALL)
-        && all_good(of_all);
+    bool good = read != NULL && get(&text, x, 1) && x[0] >= 1 && is_count(x[0], FORM)
+        && get(&text, of_all, OF_ALL) && all_good(of_all);
 
+    if (good && x[0] < FORM) {                     /* of an earlier version: numbers go on */
+        *t = (struct tracks) { .next = (int64_t)of_all[0] };
+        free(read);
+        return MODAL_OK;
+    }
     if (good)
         all_in(read, of_all);
     for (int i = 0; good && i < read->count; i++) {

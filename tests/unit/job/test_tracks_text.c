@@ -55,9 +55,9 @@ TEST(windows_that_go_on_from_text_number_modes_as_windows_that_go_on_from_memory
 TEST(text_that_no_window_left_is_refused)
 {
     static const char *const bad[] = {
-        "", "1", "2 0 0 0 0 0 0 0", "1 0 0 0 0 0 0 1", "1 0 0 0 0 0 0 0 5", "1 0 0 0 0 0 0 257",
-        "1 0 0 0 0 0 0 -1", "1 0.5 0 0 0 0 0 0", "1 0 nan 0 0 0 0 0", "1 0 0 0 0 0 0 0x",
-        "1 1 0 9 9 0 0 1 0 -1 6 0 0 -1 0 1 1 0 1 2 2 1 1 2 1 9 9 0 0 0.5"
+        "", "2", "3 0 0 0 0 0 0 0", "0 0 0 0 0 0 0 0", "1.5 0 0 0 0 0 0 0", "2 0 0 0 0 0 0 1", "2 0 0 0 0 0 0 0 5", "2 0 0 0 0 0 0 257",
+        "2 0 0 0 0 0 0 -1", "2 0.5 0 0 0 0 0 0", "2 0 nan 0 0 0 0 0", "2 0 0 0 0 0 0 0x",
+        "2 1 0 9 9 0 0 1 -1 6 -1 1 2 2 0 0 0 1 0 1 -1 6 1 1 2 2 0 1 1 2 1 9 9 0 0 0.5"
         " 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0",                          /* a variance below 0 */
     };
     struct modal_error err;
@@ -68,5 +68,13 @@ TEST(text_that_no_window_left_is_refused)
         CHECK(tracks_text_read(bad[i], &t, &err) == MODAL_BAD_INPUT);
         CHECK(strcmp(err.field, "tracks") == 0 && t.next == 7 && t.count == 0);
     }
-    CHECK(tracks_text_read("1 0 0 0 0 0 0 0", &t, &err) == MODAL_OK && t.next == 0);
+    CHECK(tracks_text_read("2 0 0 0 0 0 0 0", &t, &err) == MODAL_OK && t.next == 0);
+}
+
+TEST(tracks_of_an_earlier_version_begin_anew_and_their_numbers_go_on)
+{
+    static struct tracks t;
+
+    CHECK(tracks_text_read("1 7 2 9 99 0.5 3 1 6 -1 6 0 0", &t, NULL) == MODAL_OK);
+    CHECK(t.next == 7 && t.count == 0 && !t.begun);
 }

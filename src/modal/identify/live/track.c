@@ -6,9 +6,11 @@
  *     lambda(t + D) = lambda + min(D, M) v,       covariance  e^{min(D, M) / M} F P F^T,     (1)
  *
  * F = [1 min(D, M); 0 1], for real and imaginary part apart: what is older than M = MEMORY windows
- * weighs e times less, and farther than M nothing is drawn out.  Or it stays where it was, v
- * being 0 or the window before having been wrong, and v is to be found anew; of 1 to 1 before it
- * was seen again, and as often as it did so by then.  While v is not known its standard error is
+ * weighs e times less, and farther than M nothing is drawn out.  Or it stays where the likelier of
+ * the two ways had it, v being 0; of 1 to 1 before it was seen again, and as often as it did so by
+ * then.  Both ways are filters that go on side by side, each with a history of its own, so that
+ * one window that is off does not cost a drift its slope; the line begins anew where it stays once
+ * the odds are SUBSTANTIAL against it.  While v is not known its standard error is
  * w / T: a line that moves by more than w, half its width, within its window's duration T is none,
  *
  *     w = max(pi / T, |Re lambda|).                                                          (2)
@@ -20,11 +22,12 @@
  *     t(d^2) = Gamma(a + p/2) / Gamma(a) (2 pi b)^{-p/2} (1 + d^2 / (2 b))^{-(a + p/2)},     (4)
  *
  * <> the mean of the two ways, Gauss's with a precision that is Gamma distributed, a and b being
- * half the count and half the sum of the d^2 of its own history: a mode that drifts as no line does
- * makes its bars wider for itself.  They are never narrower than they say, b >= a, for windows that
- * share samples err alike.  That is b of the next window: a line that is off by its slope is off by
- * k times as much at the k-th, where b is a + k^2 (b - a).
- * ALPHA is the false alarm: a settled mode that jumps within its line is the same one.
+ * half the count and half the sum of the d^2 of the way's own history: a mode that drifts as no
+ * line does makes its bars wider for itself.  They are never narrower than they say, b >= a, for
+ * windows that share samples err alike.  That is b of the next window: a line that is off by its
+ * slope is off by k times as much at the k-th, where b is a + k^2 (b - a).
+ * ALPHA is the false alarm: a settled mode that jumps within its line is the same one, and both
+ * ways begin anew where it is.
  *
  * Against "the track was missed, and the mode is new" that is worth
  *
@@ -46,6 +49,8 @@
  * of its square.  What is worth most in sum is taken (assign.h).  A Kalman filter takes in what
  * came; of a window that shares samples with the one before D / T is new, and its variance there
  * T / D times as large.
+ *
+ * [J61] Jeffreys, Theory of Probability, 3rd edition, 1961, appendix B.
  */
 #include "modal/identify/live/track.h"
 #include <math.h>
@@ -55,6 +60,7 @@
 
 static const double MEMORY = 4;             /* windows: as few as leave a line some freedom */
 static const double ALPHA = 1e-4;           /* of the windows: some per day at one in ten seconds */
+static const double SUBSTANTIAL = 3.1622776601683795;    /* odds, 10^(1/2), as [J61] grades them */
 static const double SHAPE_SAY = 6.9;        /* one in 1,000 */
 static const double ROUNDING = 1e-9;        /* of |lambda|: updates and batches agree to that */
 static const double PRIOR = 2;              /* a, b of nothing: (4) has a variance only above 1 */
@@ -124,11 +130,12 @@ static double shape_says(const struct track *t, const struct track_mode *m, doub
 
 /* ---- what is foreseen ---- */
 
-/* A track at the end of a window, if it goes on as it went, or stays. */
+/* A way at the end of a window. */
 struct ahead {
     double complex exponent, slope;
     struct track_error re, im;
     double weight;                          /* of what is older: e^{-D / M} */
+    double freedom, misfit;                 /* a, b of (4) */
 };
 struct both_ways { struct ahead on, still; };
 
@@ -153,14 +160,15 @@ static struct both_ways foresee(const struct track *t, const struct track_window
 {
     /* no further ahead than is remembered */
     double memory = MEMORY * duration(w), by = fmin((double)(w->to - t->last) * w->dt, memory);
-    double weight = exp(-by / memory), turn = half_line(t->exponent, duration(w)) / duration(w);
-    struct track_error re = { t->re.value / weight, 0, turn * turn };
-    struct track_error im = { t->im.value / weight, 0, turn * turn };
+    double weight = exp(-by / memory), k = t->missed + 1;
+    const struct track_way *line = &t->line, *still = &t->still;
 
     return (struct both_ways) {
-        { t->exponent + by * t->slope, t->slope, error_ahead(t->re, by, weight),
-          error_ahead(t->im, by, weight), weight },
-        { t->exponent, 0, re, im, weight },
+        { line->exponent + by * line->slope, line->slope, error_ahead(line->re, by, weight),
+          error_ahead(line->im, by, weight), weight, line->freedom,
+          line->freedom + k * k * (line->misfit - line->freedom) },
+        { still->exponent, 0, error_ahead(still->re, 0, weight), error_ahead(still->im, 0, weight),
+          weight, still->freedom, still->misfit },
     };
 }
 
@@ -192,18 +200,10 @@ static double distance2(const struct miss *x)
     return x->re * x->re / x->S_re + (x->pair ? x->im * x->im / x->S_im : 0);
 }
 
-/* b of (4) */
-static double misfit_ahead(const struct track *t)
-{
-    double k = t->missed + 1;
-
-    return t->freedom + k * k * (t->misfit - t->freedom);
-}
-
 /* ln of the first part of (3), the way that has the probability P */
-static double ln_near(const struct track *t, const struct miss *x, double p)
+static double ln_near(const struct ahead *way, const struct miss *x, double p)
 {
-    double half = x->pair ? 1 : 0.5, a = t->freedom, b = misfit_ahead(t);
+    double half = x->pair ? 1 : 0.5, a = way->freedom, b = way->misfit;
 
     /* Student's density: normal, its variance known as a gamma's */
     return lgamma(a + half) - lgamma(a) - half * log(2 * M_PI * b)
@@ -247,9 +247,9 @@ static double worth(const struct tracks *all, const struct track *t, const struc
     /* a mode that is new may be anywhere: its density is 1 over that */
     double ln_room = log(2 * on.line) + (on.pair ? log(M_PI / w->dt) : 0);
 
-    if ((cimag(t->exponent) != 0) != on.pair)
+    if ((cimag(t->still.exponent) != 0) != on.pair)
         return -HUGE_VAL;
-    ln_p = ln_sum(ln_sum(ln_near(t, &on, 1 - t->stays), ln_near(t, &still, t->stays)),
+    ln_p = ln_sum(ln_sum(ln_near(&a->on, &on, 1 - t->stays), ln_near(&a->still, &still, t->stays)),
                   ln_far(&on));
     return ln_p + ln_room + ln_odds(t) - ln_beta
         + shape_says(t, m, seconds * seconds * fmin(on.S_re, still.S_re));
@@ -289,44 +289,74 @@ static void take_shape(struct track *t, const struct track_mode *m, double weigh
         t->shape[i] /= norm;
 }
 
-/* The likeliest way here becomes what was foreseen. */
-static struct ahead way_of(struct track *t, const struct both_ways *ways,
-                           const struct track_mode *m, double seconds)
+/* At M, its slope known to SLOPE (a variance); what it was off by before, A and B, stays. */
+static struct track_way way_at(const struct track_mode *m, double line, double slope, double a,
+                               double b)
 {
+    return (struct track_way) { m->exponent, 0, { variance(m->std_re, m->exponent, line), 0, slope },
+                                { variance(m->std_im, m->exponent, line), 0, slope }, a, b };
+}
+
+/* A way that was foreseen as AHEAD takes in M, off by X, whose samples are new to a share NEWLY. */
+static void way_see(struct track_way *y, const struct ahead *ahead, const struct track_mode *m,
+                    const struct miss *x, double newly)
+{
+    double slope_re = creal(ahead->slope), slope_im = cimag(ahead->slope), re, im;
+    double next = y->misfit / ahead->misfit;              /* d^2 as it were of the next window */
+
+    y->freedom = ahead->weight * y->freedom + (1 - ahead->weight) * PRIOR + (x->pair ? 1 : 0.5);
+    y->misfit = ahead->weight * y->misfit + (1 - ahead->weight) * PRIOR
+        + 0.5 * next * distance2(x);
+    y->misfit = fmax(y->misfit, y->freedom);
+    y->re = ahead->re, y->im = ahead->im;
+    re = take_in(&y->re, x->re, variance(m->std_re, m->exponent, x->line) / newly, &slope_re);
+    im = take_in(&y->im, x->im, variance(m->std_im, m->exponent, x->line) / newly, &slope_im);
+    y->exponent = CMPLX(creal(ahead->exponent) + re, cimag(ahead->exponent) + im);
+    y->slope = CMPLX(slope_re, slope_im);
+}
+
+/* The likelier way is where it stays; the line is that too where it is much the less likely. */
+static void settle_ways(struct track *t, double p_still, double turn2)
+{
+    if (p_still > SUBSTANTIAL * (1 - p_still)) {
+        t->line.exponent = t->still.exponent, t->line.slope = 0;
+        t->line.re = (struct track_error) { t->still.re.value, 0, turn2 };
+        t->line.im = (struct track_error) { t->still.im.value, 0, turn2 };
+    }
+    if (p_still < 0.5) {
+        t->still.exponent = t->line.exponent;
+        t->still.re.value = t->line.re.value, t->still.im.value = t->line.im.value;
+    }
+}
+
+/* Both ways take in M. */
+static void ways_see(struct track *t, const struct both_ways *ways, const struct track_mode *m,
+                     const struct track_window *w)
+{
+    double seconds = duration(w), line = half_line(m->exponent, seconds);
+    double turn2 = line * line / (seconds * seconds);
+    double newly = fmin(1, (double)(w->to - t->last) * w->dt / seconds), p_still;
     struct miss on = miss_of(&ways->on, m, seconds), still = miss_of(&ways->still, m, seconds);
-    double ln_on = ln_near(t, &on, 1 - t->stays), ln_still = ln_near(t, &still, t->stays);
-    struct ahead a = ln_still > ln_on ? ways->still : ways->on;
-    const struct miss *x = ln_still > ln_on ? &still : &on;
-    double next = t->misfit / misfit_ahead(t);            /* d^2 as it were of the next window */
+    double ln_on = ln_near(&ways->on, &on, 1 - t->stays);
+    double ln_still = ln_near(&ways->still, &still, t->stays);
 
     if (ln_far(&on) > fmax(ln_on, ln_still)) {            /* it has jumped: nothing is known */
-        a = ways->still;
-        a.re.value += on.line * on.line, a.im.value += on.line * on.line;
-        return a;
+        t->line = way_at(m, line, turn2, t->line.freedom, t->line.misfit);
+        t->still = way_at(m, line, 0, t->still.freedom, t->still.misfit);
+        return;
     }
-    t->stays += (exp(ln_still - ln_sum(ln_on, ln_still)) - t->stays) / (t->shown + 2);
-    t->freedom = a.weight * t->freedom + (1 - a.weight) * PRIOR + (x->pair ? 1 : 0.5);
-    t->misfit = a.weight * t->misfit + (1 - a.weight) * PRIOR
-        + 0.5 * next * distance2(x);
-    t->misfit = fmax(t->misfit, t->freedom);
-    return a;
+    p_still = exp(ln_still - ln_sum(ln_on, ln_still));
+    t->stays += (p_still - t->stays) / (t->shown + 2);
+    way_see(&t->line, &ways->on, m, &on, newly);
+    way_see(&t->still, &ways->still, m, &still, newly);
+    settle_ways(t, p_still, turn2);
 }
 
 static void track_see(struct track *t, const struct both_ways *ways, const struct track_mode *m,
                       const struct track_window *w)
 {
-    double seconds = duration(w), line = half_line(m->exponent, seconds);
-    double newly = fmin(1, (double)(w->to - t->last) * w->dt / seconds);
-    struct ahead a = way_of(t, ways, m, seconds);
-    double complex off = m->exponent - a.exponent;
-    double slope_re = creal(a.slope), slope_im = cimag(a.slope), re, im;
-
-    t->re = a.re, t->im = a.im;
-    re = take_in(&t->re, creal(off), variance(m->std_re, m->exponent, line) / newly, &slope_re);
-    im = take_in(&t->im, cimag(off), variance(m->std_im, m->exponent, line) / newly, &slope_im);
-    t->exponent = CMPLX(creal(a.exponent) + re, cimag(a.exponent) + im);
-    t->slope = CMPLX(slope_re, slope_im);
-    take_shape(t, m, a.weight);
+    ways_see(t, ways, m, w);
+    take_shape(t, m, ways->on.weight);
     if (t->missed > 0 && !t->counts)
         t->since = w->to;
     t->last = w->to, t->missed = 0;
@@ -335,13 +365,11 @@ static void track_see(struct track *t, const struct both_ways *ways, const struc
 static struct track track_begin(const struct track_mode *m, const struct track_window *w)
 {
     double seconds = duration(w), line = half_line(m->exponent, seconds);
-    double turn2 = line * line / (seconds * seconds);
-    struct track t = { .exponent = m->exponent, .since = w->to, .last = w->to,
-                       .freedom = PRIOR, .misfit = PRIOR, .stays = 0.5,
+    struct track t = { .since = w->to, .last = w->to, .stays = 0.5,
+                       .line = way_at(m, line, line * line / (seconds * seconds), PRIOR, PRIOR),
+                       .still = way_at(m, line, 0, PRIOR, PRIOR),
                        .shape_freedom = PRIOR, .shape_misfit = SHAPE_PRIOR };
 
-    t.re = (struct track_error) { variance(m->std_re, m->exponent, line), 0, turn2 };
-    t.im = (struct track_error) { variance(m->std_im, m->exponent, line), 0, turn2 };
     memcpy(t.shape, m->shape, sizeof t.shape);
     return t;
 }
@@ -351,7 +379,7 @@ static struct track track_begin(const struct track_mode *m, const struct track_w
 static void tell(const struct track *t, enum track_state state, struct track_edge *edges,
                  int *edge_count)
 {
-    edges[(*edge_count)++] = (struct track_edge) { t->number, state, t->exponent };
+    edges[(*edge_count)++] = (struct track_edge) { t->number, state, t->still.exponent };
 }
 
 static void judge(struct track *t, const struct track_window *w, struct track_edge *edges,

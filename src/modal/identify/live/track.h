@@ -21,12 +21,18 @@ struct track_mode {
 /* Covariance of a number and its slope. */
 struct track_error { double value, both, slope; };
 
-struct track {
-    int64_t number;                         /* 0, 1, .. in the order of their beginning */
+/* A way that a mode may go on, with its own history. */
+struct track_way {
     double complex exponent, slope;         /* at sample `last`; 1/s, 1/s^2 */
     struct track_error re, im;
     double freedom, misfit;                 /* of what came against what was foreseen: (4) */
-    double stays;                           /* how likely it goes on as if it had not drifted */
+};
+
+struct track {
+    int64_t number;                         /* 0, 1, .. in the order of their beginning */
+    struct track_way line;                  /* it goes on as it went */
+    struct track_way still;                 /* it stays where the likelier of the two had it */
+    double stays;                           /* how likely it does */
     double shown, asked;                    /* windows, fading: (5) */
     double complex shape[TRACK_SHAPE];
     double shape_freedom, shape_misfit;     /* (6) */

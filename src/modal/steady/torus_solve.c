@@ -296,6 +296,28 @@ static enum modal_status begin(struct torus_solver *s, bool *begun, struct modal
     return rc;
 }
 
+/* Stability, and the error where the system's own motion has more than was seen at fixed phases. */
+static enum modal_status judge(struct torus_solver *s, struct torus_point *out,
+                               struct modal_error *err)
+{
+    double missed = 0, target = s->opt->target_error > 0 ? s->opt->target_error : TARGET_USUAL;
+    enum modal_status rc = torus_judge(s, condense_place(s->condense[0]), &out->stability, &missed,
+                                       err);
+
+    if (rc != MODAL_OK || missed <= out->error)
+        return rc;
+    out->truncation += missed - out->error;
+    out->error = missed;
+    out->wanting = out->error > target * out->amplitude;
+    if (out->error >= out->amplitude) {
+        out->converged = false;
+        out->stability = (struct torus_stability) { 0 };
+        s->reason = "the motion balanced does not last: along a part of the phases what it leaves "
+                    "out grows to its own size";
+    }
+    return rc;
+}
+
 static enum modal_status set_up(struct torus_solver *s, struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
@@ -352,7 +374,7 @@ enum modal_status torus_solve(const struct program *p, const double *omega, int 
     else if (rc == MODAL_OK && begun)
         rc = solve_grown(s, out, err);
     if (rc == MODAL_OK && out->converged && opt->stability)
-        rc = torus_judge(s, condense_place(s->condense[0]), &out->stability, err);
+        rc = judge(s, out, err);
     if (rc == MODAL_OK && out->converged && s->q > 0)
         rc = torus_open(s, &out->open, err);
     if (rc == MODAL_OK) {

@@ -7,15 +7,24 @@
  *     M y'' + (C + df/dv) y' + (K + df/dd) y = 0,                                               (1)
  *
  * the laws' slopes along the motion.  The leading Lyapunov exponents of (1) are the mean growth of
- * a few of them, kept orthogonal [BGGS80].  A step is the implicit midpoint's,
+ * a few of them, kept orthogonal [BGGS80].  A step is Gauss's of one or two stages [HW96],
+ * accelerations A_i at t + c_i h, with B = (a_ij)^2,
  *
- *     (2 M / h + C + h K / 2) u = 2 M v / h - K y,   y <- y + h u,   v <- 2 u - v,              (2)
+ *     M A_i + C_i (v + h sum_j a_ij A_j) + K_i (y + c_i h v + h^2 sum_j B_ij A_j) = 0,          (2)
  *
- * u the mean rate: what decays in (1) with constant matrices decays in (2) at any h, so that fast
- * modes are no matter.  Its error is even in h and is taken off by two lengths; what is left, and
- * the scatter of batches of turns, is the error stated.
+ * C_i and K_i of (1) there: what decays in (1) with constant matrices decays in (2) at any h, so
+ * that fast modes are no matter.  With one stage a mode w turns slower by (w h)^2 / 12, which may
+ * move it out of a parametric resonance and its growth with it; with two by (w h)^4 / 720.  Two
+ * are taken where their work is allowed, and no law remembers.  Where all laws are smooth the error
+ * is even in h, and most of it is taken off by two lengths.
  *
- * Of a law that remembers the places z are states as well: over a step, the motion at its middle,
+ * What disturbances grow by in a turn is as quasi-periodic as the motion.  Its mean is taken under
+ * the window exp(-1 / (u (1 - u))), 0 < u < 1 over the turns, whose error falls faster than any
+ * power of their number [DSSY17], where that of a plain mean falls as its inverse; what the halves
+ * of the turns tell under windows of their own is apart from it by more than that error, and is the
+ * error stated, with what is left of h.
+ *
+ * Of a law that remembers the places z are states as well: over a step of one stage, at its middle,
  *
  *     dz <- (dz/dd) dd + (dz/dz) dz,   and (df/dz) dz joins the forces of (1),                  (3)
  *
@@ -24,7 +33,19 @@
  *
  * A free tone may be shifted in time: one exponent is 0, the nearest to it, and decides nothing.
  *
+ * Of a balance the forces that its set has no combinations for, and those that its samples got
+ * wrong, are left: r, of the laws' forces along the motion less those balanced.  To first order the
+ * motion that starts with the balance's leaves it by e of
+ *
+ *     M e'' + (C + df/dv) e' + (K + df/dd) e = -r,                                              (4)
+ *
+ * one more column of (2), e 0 at first.  Estimates at fixed phases see no growth along them: where
+ * a part of a slow phase is unstable, though disturbances decay over all of it, (4) grows through
+ * that part, and the balance is no motion of the system there.
+ *
  * [BGGS80] Benettin, Galgani, Giorgilli and Strelcyn, Meccanica 15 (1980) 9-20.
+ * [HW96] Hairer and Wanner, Solving Ordinary Differential Equations II (1996), table IV.5.1.
+ * [DSSY17] Das, Saiki, Sander and Yorke, Nonlinearity 30 (2017) 4111-4140.
  */
 #include "modal/steady/torus_state.h"
 #include <cblas.h>
@@ -37,27 +58,43 @@
 
 enum {
     STEPS = 64,                /* of a turn of the fastest tone, and twice as many */
-    BATCHES = 8,               /* of turns: their scatter is told to a quarter of itself */
-    TURNS = 16,                /* of a batch; as many as two batches go before all of them */
-    LONGER_MOST = 2,           /* times that turns are multiplied by LONGER while undecided */
-    LONGER = 4,                /* halves what the scatter leaves */
+    TURNS = 128,               /* at first: tones one in 30 apart are told */
+    SETTLING = 4,              /* turns over those that go before them */
+    LONGER = 4,                /* the next, while undecided: all before cost a third of it */
+    WINDOWS = 3,               /* all turns, the first half of them and the last */
+    STAGES_MOST = 2,
 };
-static const double WORK = 1e9;           /* budget.h: some second */
+#define SQRT3 1.7320508075688772
+static const double WORK = 1e9;           /* budget.h: some second, of the longest */
 static const double SURE = 3;             /* errors away from 0 */
-static const double SMALL = 1e-10;        /* of the largest combination: it bends no slope */
+static const double SMALL = 1e-15;        /* of the largest combination: rounding */
 static const double DIFFERENCE = 1e-6;    /* of the largest combination: so rarely another regime */
 
+/* Gauss's methods, (2). */
+static const struct gauss {
+    double order, a[STAGES_MOST][STAGES_MOST], b[STAGES_MOST], c[STAGES_MOST];
+} gauss[STAGES_MOST] = {
+    { 2, { { 0.5 } }, { 1 }, { 0.5 } },
+    { 4, { { 0.25, 0.25 - SQRT3 / 6 }, { 0.25 + SQRT3 / 6, 0.25 } }, { 0.5, 0.5 },
+      { 0.5 - SQRT3 / 6, 0.5 + SQRT3 / 6 } },
+};
+
 struct flow {
-    const struct torus_solver *s;
-    size_t n, m;                          /* dofs, disturbances */
+    struct torus_solver *s;
+    size_t n, m, columns;                 /* dofs, disturbances, and e of (4) where it is asked */
+    double complex *balanced;             /* [dof][k]: forces; of dofs without laws 0 */
+    double *left;                         /* n: r of (4) where the waves stand */
+    double most;                          /* m: of e over the reported dofs, once settled */
     double complex *input;                /* [law][input][k]: of laws' displacements */
-    double complex *wave, *turn;          /* e^{i Omega_k t}, and over a step */
+    int stages;
+    double complex *wave, *hop;           /* e^{i Omega_k t}; [stage][k], to the next stage */
     double *M, *C, *K, *Ct, *Kt;          /* n x n by columns */
-    double *y, *v, *rhs;                  /* n x m */
+    double *y, *v;                        /* n x columns */
+    double *W, *A;                        /* (2), of all stages: by columns; its right side and A */
     size_t places;                        /* that laws remember */
-    double *z, *zd;                       /* of the motion; places x m, of the disturbances */
+    double *z, *zd;                       /* of the motion; places x columns, of disturbances */
     double *Fz, *Zd, *Zz;                 /* (3), by columns: n x, x n and x places */
-    double *step;                         /* places x m: of dz */
+    double *step;                         /* places x columns: of dz */
     double apart;                         /* m: of a difference quotient */
     int *pivot;
     struct workspace space;
@@ -123,7 +160,21 @@ static enum modal_status places_now(struct flow *f, const struct law *law, size_
     return rc;
 }
 
-/* Ct and Kt of (1), and (3), where the waves stand. */
+/* r of (4) less the laws' forces, which are added as they are seen. */
+static void balanced_now(struct flow *f)
+{
+    size_t K = (size_t)f->s->count;
+
+    for (size_t i = 0; i < f->n; i++) {
+        double sum = 0;
+
+        for (size_t k = 0; k < K; k++)
+            sum += creal(f->balanced[i * K + k] * f->wave[k]);
+        f->left[i] = -sum;
+    }
+}
+
+/* Ct and Kt of (1), (3) and r of (4), where the waves stand. */
 static enum modal_status slopes_now(struct flow *f, struct modal_error *err)
 {
     const struct program *p = f->s->p;
@@ -133,6 +184,7 @@ static enum modal_status slopes_now(struct flow *f, struct modal_error *err)
     memcpy(f->Ct, f->C, f->n * f->n * sizeof *f->C);
     memcpy(f->Kt, f->K, f->n * f->n * sizeof *f->K);
     memset(f->Fz, 0, f->places * (2 * f->n + f->places) * sizeof *f->Fz);
+    balanced_now(f);
     for (int l = 0; rc == MODAL_OK && l < p->laws; l++) {
         const struct law *law = &p->law[l];
         double d[LAW_INPUTS_MOST], v[LAW_INPUTS_MOST], after[LAW_TERMS_MOST];
@@ -144,6 +196,8 @@ static enum modal_status slopes_now(struct flow *f, struct modal_error *err)
         if (rc == MODAL_OK && law->memory > 0)
             rc = places_now(f, law, place, d, v, &out, err);
         place += (size_t)law->memory;
+        for (int i = 0; i < law->kind->inputs; i++)
+            spread(law, i, out.f[i], f->left, 1);
         for (int i = 0; rc == MODAL_OK && i < law->kind->inputs; i++)
             for (int j = 0; j < law->kind->inputs; j++) {
                 law_spread(law, i, j, out.fd[i][j], p->n, f->Kt);
@@ -153,45 +207,83 @@ static enum modal_status slopes_now(struct flow *f, struct modal_error *err)
     return rc;
 }
 
-/* (3) of all disturbances, the mean rate of each in f->rhs. */
+/* (3) of all disturbances, A of one stage being known. */
 static void move_places(struct flow *f, double h)
 {
-    int n = (int)f->n, m = (int)f->m, P = (int)f->places;
+    int n = (int)f->n, m = (int)f->columns, P = (int)f->places;
 
     if (P == 0)
         return;
     cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, P, m, n, 1, f->Zd, P, f->y, n, 0,
                 f->step, P);
-    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, P, m, n, h / 2, f->Zd, P, f->rhs, n, 1,
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, P, m, n, h / 2, f->Zd, P, f->v, n, 1,
                 f->step, P);
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, P, m, n, h * h / 4, f->Zd, P, f->A, n,
+                1, f->step, P);
     cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, P, m, P, 1, f->Zz, P, f->zd, P, 1,
                 f->step, P);
-    memcpy(f->zd, f->step, f->places * f->m * sizeof *f->zd);
+    memcpy(f->zd, f->step, f->places * f->columns * sizeof *f->zd);
 }
 
-/* (2) over H, the waves at its middle. */
-static enum modal_status step_over(struct flow *f, double h, struct modal_error *err)
+/* (2) and (4) of stage I of a step over H, the waves there: its rows of W and of the right side. */
+static void fill_stage(struct flow *f, int i, double h)
 {
-    int n = (int)f->n, m = (int)f->m, P = (int)f->places;
-    enum modal_status rc = slopes_now(f, err);
+    const struct gauss *g = &gauss[f->stages - 1];
+    int n = (int)f->n, m = (int)f->columns, P = (int)f->places, rows = f->stages * n;
+    double *right = f->A + i * n;
 
-    if (rc != MODAL_OK)
-        return rc;
-    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, n, m, n, 2 / h, f->M, n, f->v, n, 0,
-                f->rhs, n);
-    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, n, m, n, -1, f->Kt, n, f->y, n, 1,
-                f->rhs, n);
+    for (int j = 0; j < f->stages; j++) {
+        double a = h * g->a[i][j], aa = 0, one = i == j;
+
+        for (int l = 0; l < f->stages; l++)
+            aa += h * h * g->a[i][l] * g->a[l][j];
+        for (int c = 0; c < n; c++)
+            for (int r = 0; r < n; r++)
+                f->W[(size_t)(j * n + c) * (size_t)rows + (size_t)(i * n + r)] =
+                    one * f->M[c * n + r] + a * f->Ct[c * n + r] + aa * f->Kt[c * n + r];
+    }
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, n, m, n, -1, f->Kt, n, f->y, n, 0,
+                right, rows);
+    cblas_daxpy(n * n, g->c[i] * h, f->Kt, 1, f->Ct, 1);
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, n, m, n, -1, f->Ct, n, f->v, n, 1,
+                right, rows);
     if (P > 0)
         cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, n, m, P, -1, f->Fz, n, f->zd, P, 1,
-                    f->rhs, n);
-    for (size_t e = 0; e < f->n * f->n; e++)
-        f->Kt[e] = 2 / h * f->M[e] + f->Ct[e] + h / 2 * f->Kt[e];
-    if (LAPACKE_dgesv_work(LAPACK_COL_MAJOR, n, m, f->Kt, n, f->pivot, f->rhs, n) != 0)
+                    right, rows);
+    if (f->columns > f->m)
+        cblas_daxpy(n, -1, f->left, 1, right + f->m * (size_t)rows, 1);
+}
+
+/* A step over H, the waves at its first stage; then at the next step's. */
+static enum modal_status step_over(struct flow *f, double h, struct modal_error *err)
+{
+    const struct gauss *g = &gauss[f->stages - 1];
+    int n = (int)f->n, m = (int)f->columns, rows = f->stages * n;
+
+    for (int i = 0; i < f->stages; i++) {
+        enum modal_status rc = slopes_now(f, err);
+
+        if (rc != MODAL_OK)
+            return rc;
+        fill_stage(f, i, h);
+        for (int k = 0; k < f->s->count; k++)
+            f->wave[k] *= f->hop[i * f->s->count + k];
+    }
+    if (LAPACKE_dgesv_work(LAPACK_COL_MAJOR, rows, m, f->W, rows, f->pivot, f->A, rows) != 0)
         return modal_fail(err, MODAL_NO_CONVERGENCE, "torus: a step of disturbances is singular");
     move_places(f, h);
-    for (size_t e = 0; e < f->n * f->m; e++) {
-        f->y[e] += h * f->rhs[e];
-        f->v[e] = 2 * f->rhs[e] - f->v[e];
+    cblas_daxpy(n * m, h, f->v, 1, f->y, 1);
+    for (int j = 0; j < f->stages; j++) {
+        double ba = 0;
+
+        for (int l = 0; l < f->stages; l++)
+            ba += g->b[l] * g->a[l][j];
+        for (int c = 0; c < m; c++) {
+            const double *A = f->A + c * rows + j * n;
+
+            cblas_daxpy(n, h * h * ba, A, 1, f->y + c * n, 1);
+            cblas_daxpy(n, h * g->b[j], A, 1, f->v + c * n, 1);
+        }
     }
     return MODAL_OK;
 }
@@ -223,36 +315,76 @@ static void orthogonal(struct flow *f, double rate, double *grown)
     }
 }
 
-/* Mean growth, 1/s, of each batch [batch][m] of TURNS turns, of N steps each. */
+/* The window over all turns, and over each half of them: of turn TURN of TURNS, into WEIGHT. */
+static void windows_at(int turn, int turns, double *weight)
+{
+    static const double from[WINDOWS] = { 0, 0, 0.5 }, until[WINDOWS] = { 1, 0.5, 1 };
+
+    for (int w = 0; w < WINDOWS; w++) {
+        double u = ((turn + 0.5) / turns - from[w]) / (until[w] - from[w]);
+
+        weight[w] = u > 0 && u < 1 ? exp(-1 / (u * (1 - u))) : 0;
+    }
+}
+
+/* The largest of e, taken in where the waves stand. */
+static void take_largest(struct flow *f)
+{
+    const struct torus_options *opt = f->s->opt;
+
+    for (int i = 0; f->columns > f->m && i < opt->dofs_count; i++)
+        f->most = fmax(f->most, fabs(f->y[f->m * f->n + (size_t)opt->dofs[i]]));
+}
+
+/* Where disturbances begin: no two alike, none along an axis. */
+static void begin(struct flow *f, double rate)
+{
+    memset(f->z, 0, f->places * (1 + f->columns) * sizeof *f->z);
+    memset(f->y, 0, f->n * f->columns * sizeof *f->y);
+    memset(f->v, 0, f->n * f->columns * sizeof *f->v);
+    for (size_t e = 0; e < f->n * f->m; e++) {
+        f->y[e] = cos(1 + 2.4 * (double)e);
+        f->v[e] = rate * sin(2 + 1.7 * (double)e);
+    }
+    f->most = 0;
+}
+
+/* Mean growth, 1/s, under each window [window][m] of TURNS turns, of N steps each. */
 static enum modal_status grow(struct flow *f, int turns, int N, double *growth,
                               struct modal_error *err)
 {
     const struct torus_solver *s = f->s;
     double rate = s->tones.omega[s->tones.lead], period = 2 * M_PI / rate, h = period / N;
-    double grown[TORUS_EXPONENTS];
+    double grown[TORUS_EXPONENTS], weight[WINDOWS], sum[WINDOWS] = { 0 };
+    const double *c = gauss[f->stages - 1].c;
     enum modal_status rc = MODAL_OK;
 
-    memset(growth, 0, BATCHES * f->m * sizeof *growth);
-    memset(f->z, 0, f->places * (1 + f->m) * sizeof *f->z);
-    for (size_t e = 0; e < f->n * f->m; e++) {       /* no two alike, none along an axis */
-        f->y[e] = cos(1 + 2.4 * (double)e);
-        f->v[e] = rate * sin(2 + 1.7 * (double)e);
-    }
-    for (int k = 0; k < s->count; k++)
-        f->turn[k] = cexp(I * torus_frequency(&s->tones, s->index[k]) * h);
-    for (int turn = -2 * turns; rc == MODAL_OK && turn < BATCHES * turns; turn++) {
+    memset(growth, 0, WINDOWS * f->m * sizeof *growth);
+    begin(f, rate);
+    for (int i = 0; i < f->stages; i++)
+        for (int k = 0; k < s->count; k++)
+            f->hop[i * s->count + k] =
+                cexp(I * torus_frequency(&s->tones, s->index[k]) * h
+                     * (i + 1 < f->stages ? c[i + 1] - c[i] : 1 + c[0] - c[i]));
+    for (int turn = -turns / SETTLING; rc == MODAL_OK && turn < turns; turn++) {
         for (int k = 0; k < s->count; k++)           /* afresh each turn: no rounding gathers */
             f->wave[k] = cexp(I * torus_frequency(&s->tones, s->index[k])
-                              * (turn * period + h / 2));
+                              * (turn * period + c[0] * h));
         for (int i = 0; rc == MODAL_OK && i < N; i++) {
             rc = step_over(f, h, err);
-            for (int k = 0; k < s->count; k++)
-                f->wave[k] *= f->turn[k];
+            if (turn >= 0)
+                take_largest(f);
         }
         orthogonal(f, rate, grown);
-        for (size_t j = 0; turn >= 0 && j < f->m; j++)
-            growth[(size_t)(turn / turns) * f->m + j] += grown[j] / (turns * period);
+        windows_at(turn, turns, weight);
+        for (size_t w = 0; turn >= 0 && w < WINDOWS; w++) {
+            sum[w] += weight[w];
+            for (size_t j = 0; j < f->m; j++)
+                growth[w * f->m + j] += weight[w] * grown[j] / period;
+        }
     }
+    for (size_t e = 0; e < WINDOWS * f->m; e++)
+        growth[e] /= sum[e / f->m];
     return rc;
 }
 
@@ -269,25 +401,28 @@ static size_t places_of(const struct program *p)
 static enum modal_status set_out(struct flow *f, const int *place, struct modal_error *err)
 {
     const struct torus_solver *s = f->s;
-    size_t K = (size_t)s->count, n = f->n;
+    size_t K = (size_t)s->count, n = f->n, S = (size_t)f->stages;
     struct matrix to[3];
     double most = 0;
 
     f->input = workspace_zeros(&f->space, (size_t)s->p->laws * LAW_INPUTS_MOST * K,
                                sizeof *f->input);
-    f->wave = workspace_zeros(&f->space, 2 * K, sizeof *f->wave);
+    f->balanced = workspace_zeros(&f->space, n * K, sizeof *f->balanced);
+    f->left = workspace_zeros(&f->space, n, sizeof *f->left);
+    f->wave = workspace_zeros(&f->space, (1 + STAGES_MOST) * K, sizeof *f->wave);
     f->M = workspace_zeros(&f->space, 5 * n * n, sizeof *f->M);
-    f->y = workspace_zeros(&f->space, 3 * n * f->m, sizeof *f->y);
-    f->pivot = workspace_zeros(&f->space, n, sizeof *f->pivot);
-    f->places = places_of(s->p);
-    f->z = workspace_zeros(&f->space, f->places * (1 + 2 * f->m) + 1, sizeof *f->z);
+    f->y = workspace_zeros(&f->space, 2 * n * f->columns, sizeof *f->y);
+    f->W = workspace_zeros(&f->space, S * n * S * n, sizeof *f->W);
+    f->A = workspace_zeros(&f->space, S * n * f->columns, sizeof *f->A);
+    f->pivot = workspace_zeros(&f->space, S * n, sizeof *f->pivot);
+    f->z = workspace_zeros(&f->space, f->places * (1 + 2 * f->columns) + 1, sizeof *f->z);
     f->Fz = workspace_zeros(&f->space, f->places * (2 * n + f->places) + 1, sizeof *f->Fz);
     if (f->space.failed)
         return workspace_check(&f->space, "torus: no memory for disturbances", err);
-    f->turn = f->wave + K;
+    f->hop = f->wave + K;
     f->C = f->M + n * n, f->K = f->C + n * n, f->Ct = f->K + n * n, f->Kt = f->Ct + n * n;
-    f->v = f->y + n * f->m, f->rhs = f->v + n * f->m;
-    f->zd = f->z + f->places, f->step = f->zd + f->places * f->m;
+    f->v = f->y + n * f->columns;
+    f->zd = f->z + f->places, f->step = f->zd + f->places * f->columns;
     f->Zd = f->Fz + f->places * n, f->Zz = f->Zd + f->places * n;
     for (int a = 0; a < 3; a++) {
         to[a] = (struct matrix) { (int)n, (int)n, (int)n, f->M + (size_t)a * n * n };
@@ -309,22 +444,18 @@ static enum modal_status set_out(struct flow *f, const int *place, struct modal_
     return MODAL_OK;
 }
 
-/* Exponents by falling size with errors, of growths with STEPS and twice as many; EVEN: their
- * error is. */
-static void sum_up(const double *coarse, const double *fine, size_t m, bool even, double *value,
+/* Exponents by falling size with errors, of growths with STEPS and twice as many, whose errors'
+ * ratio is 1 + EVEN. */
+static void sum_up(const double *coarse, const double *fine, size_t m, double even, double *value,
                    double *error)
 {
     for (size_t j = 0; j < m; j++) {
-        double mean[2] = { 0 }, scatter = 0;
+        double off = (fine[j] - coarse[j]) / fmax(even, 1), halves = 0;
 
-        for (size_t b = 0; b < BATCHES; b++) {
-            mean[0] += coarse[b * m + j] / BATCHES;
-            mean[1] += fine[b * m + j] / BATCHES;
-        }
-        for (size_t b = 0; b < BATCHES; b++)
-            scatter += pow(fine[b * m + j] - mean[1], 2) / (BATCHES * (BATCHES - 1));
-        value[j] = mean[1] + (even ? (mean[1] - mean[0]) / 3 : 0);
-        error[j] = fabs(mean[1] - mean[0]) / (even ? 3 : 1) + sqrt(scatter);
+        for (size_t w = 1; w < WINDOWS; w++)
+            halves = fmax(halves, fabs(fine[w * m + j] - fine[j]));
+        value[j] = fine[j] + (even > 0 ? off : 0);
+        error[j] = fabs(off) + halves;
     }
     for (size_t i = 1; i < m; i++)
         for (size_t j = i; j > 0 && value[j] > value[j - 1]; j--) {
@@ -351,46 +482,100 @@ static void judge(const struct torus_solver *s, struct torus_stability *out)
                                                       : 0;
 }
 
+/* The forces balanced, by dofs of all; e is asked for then. */
+static enum modal_status set_balance(struct flow *f, const int *place, struct modal_error *err)
+{
+    struct torus_solver *s = f->s;
+    size_t K = (size_t)s->count;
+    double complex *F = workspace_zeros(&f->space, (size_t)s->q * K, sizeof *F);
+    enum modal_status rc = workspace_check(&f->space, "torus: no memory for disturbances", err);
+
+    if (rc == MODAL_OK)
+        rc = torus_forces(s->laws, s->grid, s->count, s->index, s->X, s->count, s->index, F, err);
+    for (size_t i = 0; rc == MODAL_OK && i < f->n; i++)
+        if (place[i] >= 0)
+            memcpy(f->balanced + i * K, F + (size_t)place[i] * K, K * sizeof *F);
+    return rc;
+}
+
+/* What steps cost in all, of the first length of turns. */
+static double work_of(const struct flow *f)
+{
+    double S = f->stages, n = S * (double)f->n;
+    double steps = 3.0 * STEPS * TURNS * (1 + 1.0 / SETTLING);
+
+    return steps * (n * n * n / BUDGET_DENSE + 4 * n * n
+                    + S * (double)f->s->p->laws * (BUDGET_SAMPLE + 4.0 * f->s->count)
+                    + BUDGET_SAMPLE * (double)f->places
+                    + (f->columns > f->m ? 2 * S * f->s->q * f->s->count : 0));
+}
+
+/* Exponents over more and more turns, from WORK on, until they decide; *MISSED as torus_judge has
+ * it: what two lengths of steps agree on. */
+static enum modal_status follow(struct flow *f, double work, bool rests,
+                                struct torus_stability *out, double *missed,
+                                struct modal_error *err)
+{
+    struct torus_solver *s = f->s;
+    double even = torus_smooth(s->laws) ? pow(2, gauss[f->stages - 1].order) - 1 : 0;
+    double growth[2][WINDOWS * TORUS_EXPONENTS], e[2];
+    enum modal_status rc = MODAL_OK;
+
+    for (int turns = TURNS; rc == MODAL_OK && out->verdict == 0 && work <= WORK
+                            && (out->count == 0 || s->work->spent + work <= s->work->most);
+         turns *= LONGER, work *= LONGER) {
+        budget_add(s->work, work);
+        for (int i = 0; rc == MODAL_OK && i < 2; i++) {
+            rc = grow(f, turns, STEPS << i, growth[i], err);
+            e[i] = f->most;
+        }
+        if (rc != MODAL_OK)
+            break;
+        out->count = (int)f->m;
+        sum_up(growth[0], growth[1], f->m, even, out->exponent, out->errors);
+        judge(s, out);
+        *missed = fmax(0, e[1] - fabs(e[1] - e[0]));
+        if (rests && out->verdict >= 0) {
+            *out = (struct torus_stability) {
+                .reason = "a slider comes to rest, and no disturbance of its place decays" };
+            break;
+        }
+    }
+    if (out->verdict < 0)
+        *missed = 0;
+    return rc;
+}
+
 enum modal_status torus_judge(struct torus_solver *s, const int *place, struct torus_stability *out,
-                              struct modal_error *err)
+                              double *missed, struct modal_error *err)
 {
     struct flow f = { .s = s, .n = (size_t)s->p->n };
-    double growth[2][BATCHES * TORUS_EXPONENTS];
-    double n = s->p->n, steps = 3.0 * STEPS * TURNS * (BATCHES + 2);
-    double work = steps * (n * n * n / BUDGET_DENSE + 4 * n * n
-                           + (double)s->p->laws * (BUDGET_SAMPLE + 4.0 * s->count))
-        + steps * BUDGET_SAMPLE * places_of(s->p);
-    int turns = TURNS;
     bool rests = false;
+    double work;
     enum modal_status rc;
 
     *out = (struct torus_stability) { 0 };
+    *missed = 0;
+    for (int l = 0; l < s->p->laws; l++)
+        rests = rests || torus_undetermined(s->laws, l);
+    f.m = 2 * f.n < TORUS_EXPONENTS ? 2 * f.n : TORUS_EXPONENTS;
+    f.columns = f.m + (s->marched == 0 && !rests && s->tone.index < 0 && s->grid != NULL);
+    f.places = places_of(s->p);
+    f.stages = f.places > 0 ? 1 : STAGES_MOST;
+    if (work_of(&f) > WORK)
+        f.stages = 1;
+    work = work_of(&f);
     if (work > WORK)
         out->reason = "of so many dofs, laws and combinations disturbances are not followed";
     if (s->p->n_linear > 0)
         out->reason = "linear states are not followed beside a motion of tones";
     if (out->reason != NULL)
         return MODAL_OK;
-    for (int l = 0; l < s->p->laws; l++)
-        rests = rests || torus_undetermined(s->laws, l);
-    f.m = 2 * f.n < TORUS_EXPONENTS ? 2 * f.n : TORUS_EXPONENTS;
     rc = set_out(&f, place, err);
-    for (int l = 0; rc == MODAL_OK && l <= LONGER_MOST && out->verdict == 0 && work <= WORK; l++) {
-        budget_add(s->work, work);
-        for (int i = 0; rc == MODAL_OK && i < 2; i++)
-            rc = grow(&f, turns, STEPS << i, growth[i], err);
-        if (rc == MODAL_OK) {
-            out->count = (int)f.m;
-            sum_up(growth[0], growth[1], f.m, f.places == 0, out->exponent, out->errors);
-            judge(s, out);
-        }
-        if (rests && out->verdict >= 0) {
-            *out = (struct torus_stability) {
-                .reason = "a slider comes to rest, and no disturbance of its place decays" };
-            break;
-        }
-        turns *= LONGER, work *= LONGER;
-    }
+    if (rc == MODAL_OK && f.columns > f.m)
+        rc = set_balance(&f, place, err);
+    if (rc == MODAL_OK)
+        rc = follow(&f, work, rests, out, missed, err);
     workspace_free(&f.space);
     return rc;
 }

@@ -15,6 +15,7 @@
 #include "job/steady_print.h"
 #include "job/steady_settings.h"
 #include "job/tradeoff_print.h"
+#include "job/tradeoff_tones.h"
 #include "modal/scene/orbit.h"
 #include "modal/scene/scene.h"
 #include "modal/steady/condense.h"
@@ -294,9 +295,7 @@ static enum modal_status run(struct tradeoff *t, double target, double seconds, 
                           doc, err);
 }
 
-struct wishes { double target, seconds; int repetitions; };
-
-#define AT(member) .at = offsetof(struct wishes, member)
+#define AT(member) .at = offsetof(struct tradeoff_wishes, member)
 
 const struct key_row tradeoff_steady_rows[] = {
     { "of", KEY_OWN, .form = "steady", .meaning = "what is traded off", .example = "steady" },
@@ -324,13 +323,32 @@ static enum modal_status read_scene(const struct job_request *request, struct pr
     scene_only.options = NULL;
     if (rc == MODAL_OK)
         rc = steady_settings_read(&scene_only, *p, settings, shown, err);
-    if (rc == MODAL_OK && settings->tones_count > 0)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "tones",
-                              "tones: no rung is of several tones; steady with target.error tells "
-                              "what each error costs");
-    if (rc == MODAL_OK && !((*p)->omega > 0))
+    if (rc == MODAL_OK && settings->tones_count == 0 && !((*p)->omega > 0))
         rc = modal_fail_field(err, MODAL_BAD_INPUT, "omega",
                               "a steady state needs the scene's omega > 0");
+    return rc;
+}
+
+/* The document under one omega. */
+static enum modal_status tradeoff_period(const struct job_request *request, struct program *p,
+                                         const struct steady_settings *settings,
+                                         const struct tradeoff_wishes *wishes, struct cost *cost,
+                                         cJSON **doc, struct modal_error *err)
+{
+    struct tradeoff t = { .request = request, .p = p, .base = settings->opt };
+    enum modal_status rc;
+
+    steady_subharmonic(p, settings->subharmonic);
+    choose_rungs(&t);
+    steady_count_start(p);
+    rc = find_kept(&t, err);
+    if (rc == MODAL_OK)
+        rc = find_reference(&t, err);
+    cost_stage(cost, "reference");
+    if (rc == MODAL_OK)
+        rc = run(&t, wishes->target, wishes->seconds, wishes->repetitions, doc, err);
+    free(t.reference);
+    free(t.kept);
     return rc;
 }
 
@@ -338,9 +356,8 @@ enum modal_status tradeoff_steady(const struct job_request *request, struct job_
                                   struct modal_error *err)
 {
     struct steady_settings settings = { 0 };
-    struct tradeoff t = { .request = request };
     struct program *p = NULL;
-    struct wishes wishes = { 0 };
+    struct tradeoff_wishes wishes = { 0 };
     struct cost cost;
     cJSON *shown = NULL, *doc = NULL;
     enum modal_status rc = key_table_options(tradeoff_steady_rows, request->options, &wishes, err);
@@ -348,30 +365,18 @@ enum modal_status tradeoff_steady(const struct job_request *request, struct job_
     cost_start(&cost);
     if (rc == MODAL_OK)
         rc = read_scene(request, &p, &settings, &shown, err);
-    if (rc != MODAL_OK)
-        goto out;
-    steady_subharmonic(p, settings.subharmonic);
-    t.p = p;
-    t.base = settings.opt;
-    choose_rungs(&t);
-    steady_count_start(p);
-    rc = find_kept(&t, err);
     if (rc == MODAL_OK)
-        rc = find_reference(&t, err);
-    cost_stage(&cost, "reference");
-    if (rc == MODAL_OK)
-        rc = run(&t, wishes.target, wishes.seconds, wishes.repetitions, &doc, err);
+        rc = settings.tones_count > 0
+                 ? tradeoff_tones(request, p, &settings, &wishes, &doc, err)
+                 : tradeoff_period(request, p, &settings, &wishes, &cost, &doc, err);
     cost_stage(&cost, "climb");
-    if (rc != MODAL_OK)
-        goto out;
-    cJSON_AddItemToObject(doc, "plan", plan_print(p, "ladder"));
-    cJSON_AddItemToObject(doc, "cost", cost_print(&cost));
-    cJSON_AddItemToObject(doc, "provenance", provenance_print(request, shown));
-    shown = NULL;
-    out->result = doc;
-out:
-    free(t.reference);
-    free(t.kept);
+    if (rc == MODAL_OK) {
+        cJSON_AddItemToObject(doc, "plan", plan_print(p, "ladder"));
+        cJSON_AddItemToObject(doc, "cost", cost_print(&cost));
+        cJSON_AddItemToObject(doc, "provenance", provenance_print(request, shown));
+        shown = NULL;
+        out->result = doc;
+    }
     cJSON_Delete(shown);
     steady_settings_done(&settings);
     program_free(p);

@@ -31,6 +31,8 @@ static const double FORCING = 0.03;       /* of a Newton step's own equation: a 
                                            * for far fewer products */
 static const double MARCH_WORK = 1.2e9;   /* budget.h: of a march, less than half of all */
 static const double MARCH_TOLERANCE = 1e-4;   /* of a start */
+static const double TOLD = 0.9;           /* of a record's highest frequency: what folds back from
+                                           * as far beyond is little */
 static const double FLOOR = 1e-8;         /* a relative step that no longer shrinks is the floor
                                            * of differences and located events */
 static const double FAR = 0.25;           /* of a free tone: further a step does not take it */
@@ -548,12 +550,43 @@ enum modal_status torus_fit(const struct torus_tones *t, int count, const struct
     return rc;
 }
 
+/* s->X of least squares over a record, of the combinations that its samples tell; the others are at
+ * rest, for at half a turn a sample and beyond they are others' aliases. */
+static enum modal_status fit_slow(struct torus_solver *s, const struct scene_time *time,
+                                  const double *signals, struct modal_error *err)
+{
+    size_t K = (size_t)s->count, q = (size_t)s->q, slow = 0;
+    struct torus_index *index = malloc(K * sizeof *index);
+    size_t *at = malloc(K * sizeof *at);
+    double complex *X = calloc(q * K, sizeof *X);
+    double left;
+    enum modal_status rc = MODAL_OK;
+
+    if (index == NULL || at == NULL || X == NULL)
+        rc = modal_fail(err, MODAL_NO_MEMORY, "torus: no memory for a record");
+    for (size_t m = 0; rc == MODAL_OK && m < K; m++)
+        if (torus_frequency(&s->tones, s->index[m]) * time->dt < TOLD * M_PI) {
+            at[slow] = m;
+            index[slow++] = s->index[m];
+        }
+    if (rc == MODAL_OK)
+        rc = torus_fit(&s->tones, (int)slow, index, time, s->q, signals, X, &left, err);
+    if (rc == MODAL_OK && left < HUGE_VAL) {
+        memset(s->X, 0, q * K * sizeof *s->X);
+        for (size_t i = 0; i < q; i++)
+            for (size_t m = 0; m < slow; m++)
+                s->X[i * K + at[m]] = X[i * slow + m];
+    }
+    free(index), free(at), free(X);
+    return rc;
+}
+
 /* X of the set by least squares over a record of the motion itself: a start where Newton's method
  * knows of none.  A march that fails is none: X stays. */
 static enum modal_status march(struct torus_solver *s, struct modal_error *err)
 {
     int rows = MARCH_SAMPLES * MARCH_TURNS;
-    double dt = 2 * M_PI / s->tones.omega[s->tones.lead] / MARCH_SAMPLES, left;
+    double dt = 2 * M_PI / s->tones.omega[s->tones.lead] / MARCH_SAMPLES;
     struct scene_time time = { .dt = dt, .start = rows * dt, .samples = rows,
                                .duration = (rows - 1) * dt };
     double *signals = calloc((size_t)rows * (size_t)s->q + 1, sizeof *signals);
@@ -563,7 +596,7 @@ static enum modal_status march(struct torus_solver *s, struct modal_error *err)
                                : torus_record(s, &time, signals, &own);
 
     if (rc == MODAL_OK)
-        rc = torus_fit(&s->tones, s->count, s->index, &time, s->q, signals, s->X, &left, err);
+        rc = fit_slow(s, &time, signals, err);
     else if (own.status == MODAL_CANCELLED)
         *err = own;
     else if (signals != NULL)

@@ -1,6 +1,6 @@
 """Steady states under several tones, through `modalctl --local`: against time marching, against one
 tone where the tones have a period after all, and what is refused."""
-# Tests as well: torus_job.c torus_curve.c torus_open.c
+# Tests as well: torus_job.c torus_curve.c torus_open.c tradeoff_tones.c
 import json
 import math
 import pathlib
@@ -431,7 +431,8 @@ def test_a_balance_that_a_part_of_a_slow_phase_drives_away_is_no_answer(tmp_path
                            "M": [[0.517429, 0], [0, 2.649075]],
                            "C": [[0.0117125, -0.0053389], [-0.0053389, 0.0161357]],
                            "K": [[1.0725075, -0.5962332], [-0.5962332, 0.5962332]]},
-             "effects": [{"type": "gap", "dof": "x1", "stiffness": 1.200625, "clearance": 0.7536745},
+             "effects": [{"type": "gap", "dof": "x1", "stiffness": 1.200625,
+                          "clearance": 0.7536745},
                          {"type": "gap", "dof": "x1", "to": "x0", "stiffness": 0.6835772,
                           "clearance": 0.7519279},
                          {"type": "polynomial_damper", "dof": "x1",

@@ -62,9 +62,9 @@ enum {
     SETTLING = 4,              /* turns over those that go before them */
     LONGER = 4,                /* the next, while undecided: all before cost a third of it */
     WINDOWS = 3,               /* all turns, the first half of them and the last */
-    STAGES_MOST = 2,
+    STAGES_MOST = 2,           /* of (2): three would solve for half as much again */
 };
-#define SQRT3 1.7320508075688772
+#define SQRT3 1.7320508075688772          /* of the points of Gauss's second method */
 static const double WORK = 1e9;           /* budget.h: some second, of the longest */
 static const double SURE = 3;             /* errors away from 0 */
 static const double SMALL = 1e-15;        /* of the largest combination: rounding */

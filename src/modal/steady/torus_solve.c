@@ -301,8 +301,8 @@ static enum modal_status judge(struct torus_solver *s, struct torus_point *out,
                                struct modal_error *err)
 {
     double missed = 0, target = s->opt->target_error > 0 ? s->opt->target_error : TARGET_USUAL;
-    enum modal_status rc = torus_judge(s, condense_place(s->condense[0]), &out->stability, &missed,
-                                       err);
+    enum modal_status rc = torus_judge(s, condense_place(s->condense[0]), &out->stability,
+                                       out->error, &missed, err);
 
     if (rc != MODAL_OK || missed <= out->error)
         return rc;

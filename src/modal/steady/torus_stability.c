@@ -67,7 +67,8 @@ enum {
 #define SQRT3 1.7320508075688772          /* of the points of Gauss's second method */
 static const double WORK = 1e9;           /* budget.h: some second, of the longest */
 static const double SURE = 3;             /* errors away from 0 */
-static const double SMALL = 1e-15;        /* of the largest combination: rounding */
+static const double SMALL = 0.01;         /* of the motion's error: what combinations left out
+                                           * may sum to */
 static const double DIFFERENCE = 1e-6;    /* of the largest combination: so rarely another regime */
 
 /* Gauss's methods, (2). */
@@ -82,11 +83,13 @@ static const struct gauss {
 struct flow {
     struct torus_solver *s;
     size_t n, m, columns;                 /* dofs, disturbances, and e of (4) where it is asked */
+    int count, *kept;                     /* combinations followed, and which those are */
     double complex *balanced;             /* [dof][k]: forces; of dofs without laws 0 */
     double *left;                         /* n: r of (4) where the waves stand */
     double most;                          /* m: of e over the reported dofs, once settled */
     double complex *input;                /* [law][input][k]: of laws' displacements */
     int stages;
+    double *omega;                        /* Omega_k */
     double complex *wave, *hop;           /* e^{i Omega_k t}; [stage][k], to the next stage */
     double *M, *C, *K, *Ct, *Kt;          /* n x n by columns */
     double *y, *v;                        /* n x columns */
@@ -107,14 +110,13 @@ static void see(const struct flow *f, int law, double *d, double *v)
 
     for (int j = 0; j < s->p->law[law].kind->inputs; j++) {
         const double complex *D =
-            f->input + (size_t)(law * LAW_INPUTS_MOST + j) * (size_t)s->count;
+            f->input + (size_t)(law * LAW_INPUTS_MOST + j) * (size_t)f->count;
 
         d[j] = v[j] = 0;
-        for (int k = 0; k < s->count; k++) {
-            if (D[k] == 0)
-                continue;
-            d[j] += creal(D[k] * f->wave[k]);
-            v[j] -= torus_frequency(&s->tones, s->index[k]) * cimag(D[k] * f->wave[k]);
+        for (int k = 0; k < f->count; k++) {
+            d[j] += creal(D[k]) * creal(f->wave[k]) - cimag(D[k]) * cimag(f->wave[k]);
+            v[j] -= f->omega[k]
+                * (creal(D[k]) * cimag(f->wave[k]) + cimag(D[k]) * creal(f->wave[k]));
         }
     }
 }
@@ -163,13 +165,14 @@ static enum modal_status places_now(struct flow *f, const struct law *law, size_
 /* r of (4) less the laws' forces, which are added as they are seen. */
 static void balanced_now(struct flow *f)
 {
-    size_t K = (size_t)f->s->count;
+    size_t K = (size_t)f->count;
 
-    for (size_t i = 0; i < f->n; i++) {
+    for (size_t i = 0; f->columns > f->m && i < f->n; i++) {
         double sum = 0;
 
         for (size_t k = 0; k < K; k++)
-            sum += creal(f->balanced[i * K + k] * f->wave[k]);
+            sum += creal(f->balanced[i * K + k]) * creal(f->wave[k])
+                - cimag(f->balanced[i * K + k]) * cimag(f->wave[k]);
         f->left[i] = -sum;
     }
 }
@@ -254,6 +257,13 @@ static void fill_stage(struct flow *f, int i, double h)
         cblas_daxpy(n, -1, f->left, 1, right + f->m * (size_t)rows, 1);
 }
 
+/* a b of finite numbers: C's product asks whether they are. */
+static double complex turned(double complex a, double complex b)
+{
+    return CMPLX(creal(a) * creal(b) - cimag(a) * cimag(b),
+                 creal(a) * cimag(b) + cimag(a) * creal(b));
+}
+
 /* A step over H, the waves at its first stage; then at the next step's. */
 static enum modal_status step_over(struct flow *f, double h, struct modal_error *err)
 {
@@ -266,8 +276,8 @@ static enum modal_status step_over(struct flow *f, double h, struct modal_error 
         if (rc != MODAL_OK)
             return rc;
         fill_stage(f, i, h);
-        for (int k = 0; k < f->s->count; k++)
-            f->wave[k] *= f->hop[i * f->s->count + k];
+        for (int k = 0; k < f->count; k++)
+            f->wave[k] = turned(f->wave[k], f->hop[i * f->count + k]);
     }
     if (LAPACKE_dgesv_work(LAPACK_COL_MAJOR, rows, m, f->W, rows, f->pivot, f->A, rows) != 0)
         return modal_fail(err, MODAL_NO_CONVERGENCE, "torus: a step of disturbances is singular");
@@ -362,14 +372,12 @@ static enum modal_status grow(struct flow *f, int turns, int N, double *growth,
     memset(growth, 0, WINDOWS * f->m * sizeof *growth);
     begin(f, rate);
     for (int i = 0; i < f->stages; i++)
-        for (int k = 0; k < s->count; k++)
-            f->hop[i * s->count + k] =
-                cexp(I * torus_frequency(&s->tones, s->index[k]) * h
-                     * (i + 1 < f->stages ? c[i + 1] - c[i] : 1 + c[0] - c[i]));
+        for (int k = 0; k < f->count; k++)
+            f->hop[i * f->count + k] =
+                cexp(I * f->omega[k] * h * (i + 1 < f->stages ? c[i + 1] - c[i] : 1 + c[0] - c[i]));
     for (int turn = -turns / SETTLING; rc == MODAL_OK && turn < turns; turn++) {
-        for (int k = 0; k < s->count; k++)           /* afresh each turn: no rounding gathers */
-            f->wave[k] = cexp(I * torus_frequency(&s->tones, s->index[k])
-                              * (turn * period + c[0] * h));
+        for (int k = 0; k < f->count; k++)           /* afresh each turn: no rounding gathers */
+            f->wave[k] = cexp(I * f->omega[k] * (turn * period + c[0] * h));
         for (int i = 0; rc == MODAL_OK && i < N; i++) {
             rc = step_over(f, h, err);
             if (turn >= 0)
@@ -397,13 +405,51 @@ static size_t places_of(const struct program *p)
     return places;
 }
 
+/* A combination and its largest motion. */
+struct part { int at; double size; };
+
+static int by_size(const void *a, const void *b)
+{
+    double x = ((const struct part *)a)->size, y = ((const struct part *)b)->size;
+
+    return (x < y) - (x > y);
+}
+
+/* The combinations followed: those left out sum to LEAVE, in m. */
+static enum modal_status choose(struct flow *f, double leave, struct modal_error *err)
+{
+    const struct torus_solver *s = f->s;
+    size_t K = (size_t)s->count;
+    struct part *part = workspace_zeros(&f->space, K, sizeof *part);
+    double sum = 0;
+
+    f->kept = workspace_zeros(&f->space, K, sizeof *f->kept);
+    f->omega = workspace_zeros(&f->space, K, sizeof *f->omega);
+    if (f->space.failed)
+        return workspace_check(&f->space, "torus: no memory for disturbances", err);
+    for (size_t k = 0; k < K; k++) {
+        part[k].at = (int)k;
+        for (size_t i = 0; i < (size_t)s->q; i++)
+            part[k].size = fmax(part[k].size, cabs(s->X[i * K + k]));
+    }
+    qsort(part, K, sizeof *part, by_size);
+    f->count = s->count;
+    while (f->count > 1 && sum + part[f->count - 1].size <= leave)
+        sum += part[--f->count].size;
+    for (int k = 0; k < f->count; k++) {
+        f->kept[k] = part[k].at;
+        f->omega[k] = torus_frequency(&s->tones, s->index[part[k].at]);
+    }
+    f->apart = DIFFERENCE * part[0].size;
+    return MODAL_OK;
+}
+
 /* Inputs' combinations, matrices, and room. */
 static enum modal_status set_out(struct flow *f, const int *place, struct modal_error *err)
 {
     const struct torus_solver *s = f->s;
-    size_t K = (size_t)s->count, n = f->n, S = (size_t)f->stages;
+    size_t K = (size_t)f->count, n = f->n, S = (size_t)f->stages;
     struct matrix to[3];
-    double most = 0;
 
     f->input = workspace_zeros(&f->space, (size_t)s->p->laws * LAW_INPUTS_MOST * K,
                                sizeof *f->input);
@@ -428,18 +474,15 @@ static enum modal_status set_out(struct flow *f, const int *place, struct modal_
         to[a] = (struct matrix) { (int)n, (int)n, (int)n, f->M + (size_t)a * n * n };
         sparse_add_to_dense(&s->p->constant[a], 1, &to[a]);
     }
-    for (size_t e = 0; e < (size_t)s->q * K; e++)
-        most = fmax(most, cabs(s->X[e]));
-    f->apart = DIFFERENCE * most;
     for (int l = 0; l < s->p->laws; l++)
         for (int j = 0; j < s->p->law[l].kind->inputs; j++)
             for (int e = s->p->law[l].start[j]; e < s->p->law[l].start[j + 1]; e++)
                 for (size_t k = 0; k < K; k++) {
                     const struct law_end *end = &s->p->law[l].end[e];
-                    double complex X = s->X[(size_t)place[end->dof] * K + k];
+                    double complex X = s->X[(size_t)place[end->dof] * (size_t)s->count
+                                            + (size_t)f->kept[k]];
 
-                    if (cabs(X) > SMALL * most)
-                        f->input[(size_t)(l * LAW_INPUTS_MOST + j) * K + k] += end->weight * X;
+                    f->input[(size_t)(l * LAW_INPUTS_MOST + j) * K + k] += end->weight * X;
                 }
     return MODAL_OK;
 }
@@ -486,15 +529,15 @@ static void judge(const struct torus_solver *s, struct torus_stability *out)
 static enum modal_status set_balance(struct flow *f, const int *place, struct modal_error *err)
 {
     struct torus_solver *s = f->s;
-    size_t K = (size_t)s->count;
+    size_t K = (size_t)s->count, kept = (size_t)f->count;
     double complex *F = workspace_zeros(&f->space, (size_t)s->q * K, sizeof *F);
     enum modal_status rc = workspace_check(&f->space, "torus: no memory for disturbances", err);
 
     if (rc == MODAL_OK)
         rc = torus_forces(s->laws, s->grid, s->count, s->index, s->X, s->count, s->index, F, err);
     for (size_t i = 0; rc == MODAL_OK && i < f->n; i++)
-        if (place[i] >= 0)
-            memcpy(f->balanced + i * K, F + (size_t)place[i] * K, K * sizeof *F);
+        for (size_t k = 0; place[i] >= 0 && k < kept; k++)
+            f->balanced[i * kept + k] = F[(size_t)place[i] * K + (size_t)f->kept[k]];
     return rc;
 }
 
@@ -505,9 +548,9 @@ static double work_of(const struct flow *f)
     double steps = 3.0 * STEPS * TURNS * (1 + 1.0 / SETTLING);
 
     return steps * (n * n * n / BUDGET_DENSE + 4 * n * n
-                    + S * (double)f->s->p->laws * (BUDGET_SAMPLE + 4.0 * f->s->count)
+                    + S * (double)f->s->p->laws * (BUDGET_SAMPLE + 4.0 * f->count)
                     + BUDGET_SAMPLE * (double)f->places
-                    + (f->columns > f->m ? 2 * S * f->s->q * f->s->count : 0));
+                    + (f->columns > f->m ? 2 * S * f->s->q * f->count : 0));
 }
 
 /* Exponents over more and more turns, from WORK on, until they decide; *MISSED as torus_judge has
@@ -547,7 +590,7 @@ static enum modal_status follow(struct flow *f, double work, bool rests,
 }
 
 enum modal_status torus_judge(struct torus_solver *s, const int *place, struct torus_stability *out,
-                              double *missed, struct modal_error *err)
+                              double error, double *missed, struct modal_error *err)
 {
     struct flow f = { .s = s, .n = (size_t)s->p->n };
     bool rests = false;
@@ -561,6 +604,7 @@ enum modal_status torus_judge(struct torus_solver *s, const int *place, struct t
     f.m = 2 * f.n < TORUS_EXPONENTS ? 2 * f.n : TORUS_EXPONENTS;
     f.columns = f.m + (s->marched == 0 && !rests && s->tone.index < 0 && s->grid != NULL);
     f.places = places_of(s->p);
+    rc = choose(&f, SMALL * error, err);
     f.stages = f.places > 0 ? 1 : STAGES_MOST;
     if (work_of(&f) > WORK)
         f.stages = 1;
@@ -569,12 +613,11 @@ enum modal_status torus_judge(struct torus_solver *s, const int *place, struct t
         out->reason = "of so many dofs, laws and combinations disturbances are not followed";
     if (s->p->n_linear > 0)
         out->reason = "linear states are not followed beside a motion of tones";
-    if (out->reason != NULL)
-        return MODAL_OK;
-    rc = set_out(&f, place, err);
-    if (rc == MODAL_OK && f.columns > f.m)
+    if (rc == MODAL_OK && out->reason == NULL)
+        rc = set_out(&f, place, err);
+    if (rc == MODAL_OK && out->reason == NULL && f.columns > f.m)
         rc = set_balance(&f, place, err);
-    if (rc == MODAL_OK)
+    if (rc == MODAL_OK && out->reason == NULL)
         rc = follow(&f, work, rests, out, missed, err);
     workspace_free(&f.space);
     return rc;

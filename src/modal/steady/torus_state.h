@@ -202,11 +202,11 @@ enum modal_status torus_begin_from(struct torus_solver *s, int order, struct mod
 
 /* ---- torus_stability.c ---- */
 
-/* Of s->X's disturbances; PLACE as condense_place has it.  *MISSED: the system's own motion leaves
- * that of a balance by so much at least, in m; 0 where disturbances grow anyway, and where it is
- * not followed. */
+/* Of s->X's disturbances, ERROR being what is stated of it, in m; PLACE as condense_place has it.
+ * *MISSED: the system's own motion leaves that of a balance by so much at least, in m; 0 where
+ * disturbances grow anyway, and where it is not followed. */
 enum modal_status torus_judge(struct torus_solver *s, const int *place, struct torus_stability *out,
-                              double *missed, struct modal_error *err);
+                              double error, double *missed, struct modal_error *err);
 
 /* ---- torus_open.c ---- */
 

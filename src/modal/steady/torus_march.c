@@ -11,10 +11,8 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/linalg/workspace.h"
-#include "modal/scene/dormand_prince.h"
 #include "modal/scene/scene.h"
 #include "modal/scene/simulate.h"
-#include "modal/scene/sparse_motion.h"
 #include "modal/steady/condense.h"
 #include "modal/steady/torus_laws.h"
 #include "modal/steady/torus_lines.h"
@@ -34,7 +32,6 @@ static const double TOLERANCE = 1e-4;     /* of the error asked for, of a step: 
                                            * it comes to is measured */
 static const double TOLERANCE_LEAST = 1e-11;  /* near rounding */
 static const double FINER = 1.0 / 64;     /* of the tolerance: that measure's */
-static const double LEAP = 5e3;           /* budget.h: a leap of few states, measured */
 static const double SPLIT = 0.2;          /* of the steps have an event, and are two */
 static const double FEW = 1e-2;           /* of a motion that is not the one balanced: where its
                                            * lines leave more of it, it is none of these tones */
@@ -53,16 +50,6 @@ bool torus_march_takes(const struct torus_solver *s, bool balanced)
     return takes && events;
 }
 
-/* What a leap costs: its stages, each as sparse as the program. */
-static double leap_work(const struct program *p)
-{
-    double entries = p->n + p->laws;
-
-    for (int i = 0; i < 3; i++)
-        entries += p->constant[i].m > 0 ? p->constant[i].start[p->n] : 0;
-    return LEAP + 2 * DORMAND_PRINCE_ALL * entries * DORMAND_PRINCE_ALL;
-}
-
 /* The program's motion from the start over the outputs, into SIGNALS; TOLERANCE of a step. */
 static enum modal_status record(struct torus_sheet *a, struct scene_time *time, double tolerance,
                                 double *signals, struct modal_error *err)
@@ -70,10 +57,9 @@ static enum modal_status record(struct torus_sheet *a, struct scene_time *time, 
     const struct torus_solver *s = a->s;
     struct program view = *s->p;
     struct simulate_options how = { .tolerance = tolerance, .cancelled = s->opt->cancelled,
-                                    .context = s->opt->context,
-                                    .leaps = sparse_motion_strides(s->p, time) };
+                                    .context = s->opt->context };
     struct simulate_result done = { 0 };
-    double work = how.leaps ? leap_work(s->p) : torus_step_work(s);
+    double work = torus_step_work(s, time, &how.leaps);
     struct triplet *term = workspace_zeros(&a->space, (size_t)a->outputs, sizeof *term);
     enum modal_status rc;
 
@@ -180,12 +166,12 @@ static bool size_record(struct torus_sheet *a, int N, int turns, double wanted)
     double all = (1 + 1.0 / SETTLING) * turns + 3.0 * CHECKED, work;
     bool fits = torus_sheet_lay(a, N, turns, wanted);
     struct scene_time time = times_of(a, N, 1, 0);
+    bool leaps = false;
+    double step = torus_step_work(a->s, &time, &leaps);
 
     a->start = turns / SETTLING * 2 * M_PI / t->omega[t->lead];
     a->tolerance = fmax(TOLERANCE * wanted, TOLERANCE_LEAST);
-    work = all * fmax(a->a_turn, sparse_motion_strides(a->s->p, &time)
-                                     ? LEAPS * leap_work(a->s->p)
-                                     : N * (1 + SPLIT) * torus_step_work(a->s));
+    work = all * fmax(a->a_turn, (leaps ? LEAPS : N * (1 + SPLIT)) * step);
     return fits && a->s->work->spent + work + torus_sheet_work(a) <= a->s->work->most;
 }
 

@@ -483,12 +483,13 @@ enum modal_status torus_record(struct torus_solver *s, struct scene_time *time, 
     struct program view = *s->p;
     const int *kept = condense_dofs(s->condense[0]);
     struct simulate_options how = { .tolerance = MARCH_TOLERANCE, .cancelled = s->opt->cancelled,
-                                    .context = s->opt->context,
-                                    .steps_most = (int64_t)(MARCH_WORK / torus_step_work(s)) };
+                                    .context = s->opt->context };
     struct simulate_result done = { 0 };
+    double work = torus_step_work(s, time, &how.leaps);
     struct triplet *term = calloc((size_t)s->q + 1, sizeof *term);
     enum modal_status rc;
 
+    how.steps_most = (int64_t)(fmin(MARCH_WORK, s->work->most - s->work->spent) / work);
     view.output = calloc((size_t)s->q + 1, sizeof *view.output);
     view.outputs = s->q;
     view.omega = s->tones.omega[0];       /* what a load's k that is one number counts */
@@ -498,12 +499,17 @@ enum modal_status torus_record(struct torus_solver *s, struct scene_time *time, 
         free(term), free(view.output);
         return modal_fail(err, MODAL_NO_MEMORY, "torus: no memory");
     }
+    if (how.steps_most < 1) {             /* 0 would be no limit */
+        free(term), free(view.output);
+        return modal_fail(err, MODAL_NO_CONVERGENCE, "torus: no work is left for a march");
+    }
     for (int i = 0; i < s->q; i++) {
         term[i] = (struct triplet) { 0, kept[i], 1 };
         view.output[i] = (struct program_output) { view.dofs[kept[i]], &term[i], 1 };
     }
     rc = simulate(&view, time, &how, signals, &done, err);
-    budget_add(s->work, rc == MODAL_OK ? (double)done.steps * torus_step_work(s) : MARCH_WORK);
+    budget_add(s->work, rc == MODAL_OK ? (double)done.steps * work
+                                      : (double)how.steps_most * work);
     free(term);
     free(view.output);
     return rc;

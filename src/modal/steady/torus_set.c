@@ -6,6 +6,8 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/scene/scene.h"
+#include "modal/scene/sparse_motion.h"
 #include "modal/steady/condense.h"
 #include "modal/steady/torus_laws.h"
 
@@ -14,6 +16,10 @@ static const double STEP = 4e3;           /* budget.h: a step of few states and 
                                            * each more takes half of that again */
 static const double MAPS = 6;             /* products a step: an exponential's 30 for a map, of the
                                            * fifth of all steps that an event cuts */
+
+static const double LEAP = 5e3;           /* a leap of few states, measured */
+static const double LEAP_ENTRY = 120;     /* and of an entry or a law in all its stages: of 10 to 80
+                                           * dofs, measured */
 
 enum modal_status torus_read_loads(struct torus_solver *s, struct modal_error *err)
 {
@@ -167,11 +173,18 @@ void torus_linear_solve(const struct torus_solver *s, const struct torus_linear 
         LAPACKE_zgetrs_work(LAPACK_COL_MAJOR, 'N', s->q, 1, l->LU, s->q, l->pivot, x, s->q);
 }
 
-double torus_step_work(const struct torus_solver *s)
+double torus_step_work(const struct torus_solver *s, const struct scene_time *time, bool *leaps)
 {
     double states = 2.0 * s->p->n + s->p->n_linear, maps = torus_smooth(s->laws) ? 0 : MAPS;
+    double entries = s->p->n + s->p->laws;
 
-    return STEP * (1 + s->p->laws) / 2 + 2 * states * states + maps * pow(states, 3) / BUDGET_DENSE;
+    for (int i = 0; i < 3; i++)
+        entries += s->p->constant[i].m > 0 ? s->p->constant[i].start[s->p->n] : 0;
+    *leaps = sparse_motion_strides(s->p, time);
+    return *leaps || sparse_motion_wins(s->p, time)
+               ? LEAP + LEAP_ENTRY * entries
+               : STEP * (1 + s->p->laws) / 2 + 2 * states * states
+                     + maps * pow(states, 3) / BUDGET_DENSE;
 }
 
 bool torus_in_set(const struct torus_solver *s, struct torus_index k)

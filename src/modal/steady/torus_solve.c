@@ -131,8 +131,7 @@ static enum modal_status march_first(struct torus_solver *s, double target,
         rc = torus_march(s, target, out->converged, lines, err);
     *met = rc == MODAL_OK && lines->count > 0
         && (lines->error <= target * lines->amplitude
-            || (!out->converged && s->work->spent > GROWTH * s->work->most
-                && torus_lines_stand(s, lines, NULL)));
+            || (s->work->spent > GROWTH * s->work->most && torus_lines_stand(s, lines, NULL)));
     if (*met)
         torus_adopt(s, lines, target, out);
     return rc;

@@ -117,9 +117,9 @@ int torus_group(const struct torus_solver *s, struct torus_index k);
 double torus_base(const struct torus_solver *s, struct torus_index k);
 /* What that costs, in budget.h's units. */
 double torus_linear_work(const struct torus_solver *s);
-/* What a step of a march costs: products with its map, which is made anew where an event cuts the
- * step. */
-double torus_step_work(const struct torus_solver *s);
+/* What a step of a march over TIME costs: *LEAPS: one of stages, each as sparse as the program;
+ * else products with a map, which is made anew where an event cuts the step. */
+double torus_step_work(const struct torus_solver *s, const struct scene_time *time, bool *leaps);
 /* S, its factors and p at combination K, at level 1; torus_linear_done frees them. */
 enum modal_status torus_linear_at(struct torus_solver *s, struct torus_index k,
                                   struct torus_linear *l, struct modal_error *err);

@@ -782,6 +782,27 @@ void torus_derivative(const struct torus_laws *w, struct torus_grid *g, int core
     }
 }
 
+void torus_mean_slopes(const struct torus_laws *w, double *K, double *C)
+{
+    for (int l = 0; l < w->laws; l++) {
+        const struct law *law = w->law[l].law;
+        int inputs = law->kind->inputs;
+
+        for (int s = 0; s < (law->kind->reads_velocity ? 2 : 1) * inputs * inputs; s++) {
+            const double *slope = w->law[l].slopes + (size_t)s * w->points;
+            double *to = s < inputs * inputs ? K : C, mean = 0;
+            int i = s % (inputs * inputs) / inputs, j = s % inputs;
+
+            for (size_t n = 0; n < w->points; n++)
+                mean += slope[n] / (double)w->points;
+            for (int r = law->start[i]; r < law->start[i + 1]; r++)
+                for (int c = law->start[j]; c < law->start[j + 1]; c++)
+                    to[w->law[l].place[c] * w->q + w->law[l].place[r]] +=
+                        law->end[r].weight * law->end[c].weight * mean;
+        }
+    }
+}
+
 void torus_laws_retune(struct torus_laws *w, const struct torus_tones *t) { w->tones = *t; }
 void torus_hold(struct torus_laws *w, bool held) { w->held = held; }
 long torus_evaluations(const struct torus_laws *w, int law) { return w->law[law].evaluations; }

@@ -48,6 +48,9 @@ enum modal_status torus_forces(struct torus_laws *w, struct torus_grid *g, int c
  */
 void torus_derivative(const struct torus_laws *w, struct torus_grid *g, int core,
                       const struct torus_index *index, double *J);
+/* K += df/dd and C += df/dv of the last torus_forces, their means over the torus, q x q by columns:
+ * what a combination has of itself in that derivative. */
+void torus_mean_slopes(const struct torus_laws *w, double *K, double *C);
 
 /* While HELD, forces take as many turns of history as those before: for motions beside theirs. */
 void torus_hold(struct torus_laws *w, bool held);

@@ -4,8 +4,8 @@
  *
  * Newton's step solves J delta = -R by GMRES [SS86], J's products by difference quotients of the
  * forces alone, S being known, so that what sliders remember is in them.  The preconditioner is the
- * dense derivative of the combinations that come first (torus_derivative) and S_k of the others;
- * norms are of preconditioned residuals, which are motions.
+ * dense derivative of the combinations that come first (torus_derivative) and, of the others, S_k
+ * with the laws' mean slopes; norms are of preconditioned residuals, which are motions.
  *
  * [SS86] Saad and Schultz, SIAM J. Sci. Stat. Comput. 7 (1986) 856-869.
  */
@@ -163,6 +163,36 @@ static void put_slopes(struct torus_solver *s, size_t n)
         }
 }
 
+/* S with the laws' mean slopes of all combinations past the core, factored. */
+static enum modal_status factor_outer(struct torus_solver *s, bool *regular,
+                                      struct modal_error *err)
+{
+    size_t q = (size_t)s->q, others = (size_t)(s->count - s->core);
+    double *mean = calloc(2 * q * q + 1, sizeof *mean);
+
+    free(s->outer), free(s->outer_pivot);
+    s->outer = malloc((others * q * q + 1) * sizeof *s->outer);
+    s->outer_pivot = malloc((others * q + 1) * sizeof *s->outer_pivot);
+    if (mean == NULL || s->outer == NULL || s->outer_pivot == NULL) {
+        free(mean);
+        return modal_fail(err, MODAL_NO_MEMORY, "torus: no memory for a preconditioner");
+    }
+    torus_mean_slopes(s->laws, mean, mean + q * q);
+    for (size_t m = 0; *regular && m < others; m++) {
+        const struct torus_linear *l = &s->linear[(size_t)s->core + m];
+        double w = torus_frequency(&s->tones, s->index[(size_t)s->core + m]);
+        double complex *to = s->outer + m * q * q;
+
+        for (size_t e = 0; e < q * q; e++)
+            to[e] = l->S[e] + CMPLX(mean[e], w * mean[q * q + e]);
+        *regular = LAPACKE_zgetrf_work(LAPACK_COL_MAJOR, s->q, s->q, to, s->q,
+                                       s->outer_pivot + m * q) == 0;
+    }
+    budget_add(s->work, (double)others * 8 * pow(s->q, 3) / (3 * BUDGET_DENSE));
+    free(mean);
+    return MODAL_OK;
+}
+
 /* The preconditioner at the motion of the last forces: false where it is singular. */
 static enum modal_status precondition_new(struct torus_solver *s, bool *regular,
                                           struct modal_error *err)
@@ -204,7 +234,7 @@ static enum modal_status precondition_new(struct torus_solver *s, bool *regular,
     *regular = order > 0
         && LAPACKE_dgetrf_work(LAPACK_COL_MAJOR, order, order, s->J, order, s->pivot) == 0;
     budget_add(s->work, pow(order, 3) / (2 * BUDGET_DENSE));
-    return MODAL_OK;
+    return factor_outer(s, regular, err);
 }
 
 void torus_precondition(const struct torus_solver *s, double complex *x)
@@ -231,7 +261,9 @@ void torus_precondition(const struct torus_solver *s, double complex *x)
     for (size_t m = (size_t)s->core; m < K; m++) {
         for (size_t i = 0; i < q; i++)
             column[i] = x[i * K + m];
-        torus_linear_solve(s, &s->linear[m], column);
+        LAPACKE_zgetrs_work(LAPACK_COL_MAJOR, 'N', s->q, 1,
+                            s->outer + (m - (size_t)s->core) * q * q, s->q,
+                            s->outer_pivot + (m - (size_t)s->core) * q, column, s->q);
         for (size_t i = 0; i < q; i++)
             x[i * K + m] = column[i];
     }

@@ -265,7 +265,7 @@ static void solver_done(struct torus_solver *s)
     torus_laws_free(s->laws);
     torus_grid_free(s->grid);
     free(s->linear), free(s->index), free(s->X), free(s->F), free(s->R), free(s->J);
-    free(s->pivot), free(s->was);
+    free(s->pivot), free(s->was), free(s->outer), free(s->outer_pivot);
     free(s->tone.damping), free(s->tone.by_omega), free(s->tone.by_gain);
     free(s);
 }

@@ -65,6 +65,9 @@ struct torus_solver {
     int core;                             /* combinations of the dense derivative */
     double *J;                            /* it, factored */
     int *pivot;
+    double complex *outer;                /* of the other combinations, q x q: S with the laws'
+                                           * mean slopes, factored */
+    int *outer_pivot;
     int marched;                          /* samples of the record that X was read from; 0: X
                                            * balances its set */
     int iterations;

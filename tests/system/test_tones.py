@@ -734,6 +734,64 @@ def test_ten_cubic_springs_of_a_chain_are_balanced_within_the_work_allowed(tmp_p
     assert left < 0.02 * 0.3
 
 
+def chain_of_laws(effect, n):
+    """N unit masses, springs between them and to the ground, EFFECT at each; loads on the last and
+    on the middle."""
+    K = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+    K[-1, -1] = 1
+    tones = [0.8, 0.8 * GOLDEN]
+    return {"structure": {"type": "matrices", "M": np.eye(n).tolist(),
+                          "C": (0.02 * K + 0.05 * np.eye(n)).tolist(), "K": K.tolist(),
+                          "dofs": [f"x{i}" for i in range(n)]},
+            "effects": [{**effect, "dof": f"x{i}"} for i in range(n)],
+            "excitation": [{"dof": f"x{i}", "k": k, "cos": 0.4}
+                           for i, k in ((n - 1, [1, 0]), (n // 2, [0, 1]))],
+            "steady": {"tones": tones}}
+
+
+# Runge and Kutta's steps from where the motion told is at 0, sliders having followed it for 30
+# turns: what it is off by after 30 more is of the order of the error stated.
+@pytest.mark.parametrize("effect,n,most", [
+    ({"type": "cubic_spring", "coefficient": 0.3}, 80, 1e-3),
+    ({"type": "gap", "stiffness": 1, "clearance": 0.2}, 40, 1e-2),
+    ({"type": "friction", "stiffness": 0.5, "limit": 0.1}, 40, 1e-2)])
+def test_a_chain_with_a_law_at_each_dof_moves_as_marching_says(effect, n, most, tmp_path):
+    scene = chain_of_laws(effect, n)
+    result = run("steady", scene, tmp_path, "-o", "target.error=1e-3", "-o", "stability=false")[1]
+    C, K = (np.array(scene["structure"][name]) for name in "CK")
+    tones, load = scene["steady"]["tones"], np.zeros((2, n))
+    load[0, n - 1] = load[1, n // 2] = 0.4
+    w = np.array(result["harmonics"][0]["k"]) @ np.array(tones)
+    X = np.array([np.array(r["re"]) + 1j * np.array(r["im"]) for r in result["harmonics"]])
+    per, turns, z = 120, 30, np.zeros(n)
+    h = 2 * np.pi / tones[1] / per
+
+    def forces(x, z):
+        if effect["type"] == "cubic_spring":
+            return 0.3 * x ** 3
+        if effect["type"] == "gap":
+            return np.maximum(x - 0.2, 0)
+        return np.clip(0.5 * (x - z), -0.1, 0.1)
+
+    def rate(t, y):
+        x, v = y
+        return np.array([v, np.cos(np.array(tones) * t) @ load - C @ v - K @ x - forces(x, z)])
+    for t in np.arange(-per * turns, 1) * h:
+        x = (X @ np.exp(1j * w * t)).real
+        z = np.clip(z, x - 0.2, x + 0.2)
+    y, off = np.array([x, (X @ (1j * w)).real]), 0.0
+    for i in range(per * turns):
+        a = rate(i * h, y)
+        b = rate((i + 0.5) * h, y + h / 2 * a)
+        c = rate((i + 0.5) * h, y + h / 2 * b)
+        y = y + h / 6 * (a + 2 * b + 2 * c + rate((i + 1) * h, y + h * c))
+        z = np.clip(z, y[0] - 0.2, y[0] + 0.2)
+        told = (X @ np.exp(1j * w * (i + 1) * h)).real
+        off = max(off, np.abs(y[0] - told).max())
+    assert result["converged"] and result["total_error"] < most * np.abs(X).sum(1).max()
+    assert off <= 3 * result["total_error"]
+
+
 def test_a_motion_locked_to_its_load_has_no_second_tone(tmp_path):
     result = run("steady", forced_van_der_pol(1.2), tmp_path, "-o", "tones=1.2,free")[1]
     assert not result["converged"] and "locked" in result["diagnostics"][0]["message"]

@@ -24,8 +24,6 @@ static const double BEHIND = 0.1;         /* of a balance's error: lines that ha
                                            * reach by growing two or three times */
 static const double ROUGH = 0.01;         /* of a motion that a march begins at: the first set
                                            * leaves out as much */
-static const double FINE = 1e-3;          /* of targets: a first set of laws with events is no
-                                           * better (torus_march.c: FEW) */
 
 /* How many of LIST to take: so that what is left sums to less than LEAVE, no more than there are.
  * */
@@ -43,11 +41,15 @@ static int choose(const struct torus_solver *s, const struct torus_candidate *li
     return take;
 }
 
-/* One solution and its errors; the combinations around it into LIST. */
-static enum modal_status solve_round(struct torus_solver *s, struct torus_candidate *list,
-                                     int *count, double complex *room, struct torus_errors *e,
+/* One solution and its errors; the combinations around it into LIST.  Its error is without bound
+ * where LINES, NULL: none, are an answer and no more is begun: an estimate costs as much as a
+ * solution. */
+static enum modal_status solve_round(struct torus_solver *s, const struct torus_lines *lines,
+                                     struct torus_candidate *list, int *count,
+                                     double complex *room, struct torus_errors *e,
                                      struct torus_point *out, struct modal_error *err)
 {
+    bool enough;
     enum modal_status rc;
 
     torus_grid_free(s->grid);
@@ -55,7 +57,11 @@ static enum modal_status solve_round(struct torus_solver *s, struct torus_candid
     rc = torus_grid_for(s, 0, s->finer, &s->grid, err);
     if (rc == MODAL_OK)
         rc = torus_solve_set(s, &out->converged, err);
-    if (rc == MODAL_OK && out->converged)
+    enough = lines != NULL && s->work->spent > GROWTH * s->work->most
+        && torus_lines_stand(s, lines, NULL);
+    if (enough)
+        out->error = HUGE_VAL;
+    if (rc == MODAL_OK && out->converged && !enough)
         rc = torus_estimate(s, list, count, room, e, &out->amplitude, err);
     return rc;
 }
@@ -178,7 +184,7 @@ static enum modal_status solve_grown(struct torus_solver *s, struct torus_point 
                                : MODAL_OK;
     bool met = false;
 
-    if (rc == MODAL_OK && target <= FINE && !torus_smooth(s->laws) && torus_march_takes(s, false))
+    if (rc == MODAL_OK && !torus_smooth(s->laws) && torus_march_takes(s, false))
         rc = march_first(s, target, &lines, out, &met, err);
     for (int round = 0; rc == MODAL_OK && !met && round < ROUNDS_MOST; round++) {
         struct torus_errors e = { 0 };
@@ -187,14 +193,14 @@ static enum modal_status solve_grown(struct torus_solver *s, struct torus_point 
         int count = 0, take;
         bool more_lines;
 
-        rc = solve_round(s, list, &count, room, &e, out, err);
+        rc = solve_round(s, round == 0 ? &lines : NULL, list, &count, room, &e, out, err);
         if (rc == MODAL_OK && !out->converged && round > 0) {
             rc = go_back(s, residual, omega, out, err);
             break;
         }
         if (rc == MODAL_OK && out->converged && round > 0)
             rc = moved(s, &went, err);
-        if (rc != MODAL_OK || !out->converged)
+        if (rc != MODAL_OK || !out->converged || out->error == HUGE_VAL)
             break;
         wanted = target * out->amplitude;
         missed = fmax(before > 0 ? went / before : 1,

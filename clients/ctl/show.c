@@ -349,6 +349,9 @@ static void show_tradeoff(const cJSON *result)
         cJSON_free(settings);
         i++;
     }
+    if (cJSON_IsNumber(field_get(result, "bound_at_2x")))
+        printf("the data's own error %.3e; with twice the record %.3e\n",
+               field_real(result, "bound"), field_real(result, "bound_at_2x"));
 }
 
 static void show_ablate(const cJSON *result)

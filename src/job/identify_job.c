@@ -410,7 +410,8 @@ static enum modal_status answer(struct own_ladder *l, const struct identify_sett
                                          [LADDER_AT_SECONDS] = "target.seconds" };
     const struct identify_options *opt = &settings->opt;
     const struct batch *b = l->request->batch;
-    struct identify_ladder_facts facts = { b->samples,
+    struct identify_ladder_facts facts = { RESPONSE_FREE,
+                                           b->samples,
                                            b->channels,
                                            b->dt,
                                            opt->period > 0   ? opt->period

@@ -36,11 +36,48 @@ static const struct rung {
     { NULL,                   0,    0,   -1, false, false, false },
 };
 
+/* Those of a record whose excitation lasts, measured or not.  All are at their bound: what is
+ * traded is how long it is recorded and on how many channels, and what an order that is wrong
+ * costs. */
+static const struct lasting {
+    double window;               /* as above */
+    double channels;             /* share of them, as proper orthogonal ones; 0: the default */
+    bool fixed;
+    int more;                    /* exponents than were found */
+} lasting[] = {
+    { 0.125, 0, false, 0 }, { 0.25, 0, false, 0 }, { 0.5, 0, false, 0 }, { 0, 0.25, false, 0 },
+    { 0, 0.5, false, 0 },   { 0, 0, true, 0 },     { 0, 0, true, 2 },    { 0, 0, false, 0 },
+};
+
 enum {
+    LASTING_LEAST = 256,         /* samples, or periods, of a part: ambient.h takes no less */
     PART_LEAST = 64,             /* samples of a part of the record, beside six for each exponent */
     CHANNELS_FEW = 8,            /* so many are as quick as their proper orthogonal modes */
     CHANNELS_MANY = 1000         /* more without reduction take longer than all other rungs */
 };
+
+static bool is_ruled(const cJSON *asked)
+{
+    return cJSON_HasObjectItem(asked, "rank.fixed") || cJSON_HasObjectItem(asked, "rank.rule")
+        || cJSON_HasObjectItem(asked, "rank.energy") || cJSON_HasObjectItem(asked, "rank");
+}
+
+static bool suits_lasting(const struct lasting *r, const struct identify_ladder_facts *f,
+                          const cJSON *asked)
+{
+    double parts = f->period > 0 ? f->period / f->dt : 1;
+
+    if (r->fixed && (f->order == 0 || is_ruled(asked)))
+        return false;
+    if (r->window > 0 && (cJSON_HasObjectItem(asked, "window")
+                          || r->window * (double)f->samples < LASTING_LEAST * parts))
+        return false;
+    return r->channels == 0
+        || (f->response == RESPONSE_AMBIENT && f->period == 0
+            && r->channels * (double)f->channels >= 1 && !cJSON_HasObjectItem(asked, "pod")
+            && !cJSON_HasObjectItem(asked, "pod.rank")
+            && !cJSON_HasObjectItem(asked, "pod.energy"));
+}
 
 /* May the rung be made for these data?  Periodic systems have their rows by the period. */
 static bool suits(const struct rung *r, const struct identify_ladder_facts *f, const cJSON *asked)
@@ -76,8 +113,6 @@ static cJSON *settings_of(const struct rung *r, const struct identify_ladder_fac
     const double window[2] = { f->window[0],
                                f->window[0] + r->window * (f->window[1] - f->window[0]) },
                  band[2] = { 0, 1.3 * f->highest_hz };
-    bool ruled = cJSON_HasObjectItem(o, "rank.fixed") || cJSON_HasObjectItem(o, "rank.rule")
-                 || cJSON_HasObjectItem(o, "rank.energy") || cJSON_HasObjectItem(o, "rank");
 
     cJSON_DeleteItemFromObjectCaseSensitive(o, "target.error");
     cJSON_DeleteItemFromObjectCaseSensitive(o, "target.seconds");
@@ -94,8 +129,21 @@ static cJSON *settings_of(const struct rung *r, const struct identify_ladder_fac
         set(o, "pod.rank", cJSON_CreateNumber(fmin(ceil(r->pod * f->order), (double)f->channels)));
     if (r->pod < 0)
         set(o, "signals", cJSON_CreateString("all"));
-    if (r->fixed && !ruled && f->order > 0)
+    if (r->fixed && !is_ruled(o) && f->order > 0)
         set(o, "rank.fixed", cJSON_CreateNumber(f->order));
+    return o;
+}
+
+static cJSON *settings_of_lasting(const struct lasting *r, const struct identify_ladder_facts *f,
+                                  const cJSON *asked)
+{
+    const struct rung part = { .window = r->window, .fixed = r->fixed };
+    cJSON *o = settings_of(&part, f, asked);
+
+    if (r->channels > 0)
+        set(o, "pod.rank", cJSON_CreateNumber(floor(r->channels * (double)f->channels)));
+    if (r->more > 0)
+        set(o, "rank.fixed", cJSON_CreateNumber(f->order + r->more));
     return o;
 }
 
@@ -104,6 +152,12 @@ int identify_ladder_rungs(const cJSON *asked, const struct identify_ladder_facts
 {
     int count = 0;
 
+    if (facts->response != RESPONSE_FREE) {
+        for (size_t i = 0; i < sizeof lasting / sizeof *lasting; i++)
+            if (suits_lasting(&lasting[i], facts, asked))
+                settings[count++] = settings_of_lasting(&lasting[i], facts, asked);
+        return count;
+    }
     for (size_t i = 0; i < sizeof rungs / sizeof *rungs; i++)
         if ((short_one ? rungs[i].in_short : true) && suits(&rungs[i], facts, asked))
             settings[count++] = settings_of(&rungs[i], facts, asked);

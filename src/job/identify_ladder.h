@@ -11,6 +11,7 @@ enum { IDENTIFY_RUNGS_MOST = 24 };
 
 /* What the rungs are made for.  `order` 0: unknown, and no rung fixes it. */
 struct identify_ladder_facts {
+    enum identify_response response;
     size_t samples, channels;
     double dt, period;           /* s; period 0: none */
     int order;                   /* columns of the basis: 2 for each pair */

@@ -18,6 +18,7 @@ static const double DEAR = 2;     /* s: a reference that takes so long is not re
 struct tradeoff_work {
     const struct job_request *request;
     cJSON *asked;                               /* identify's options */
+    int response;
     int repetitions;
     double target_seconds;
     double complex *truth; int truth_count;
@@ -26,6 +27,7 @@ struct tradeoff_work {
     double bound;
     cJSON *settings[IDENTIFY_RUNGS_MOST];
     double algorithm[IDENTIFY_RUNGS_MOST];
+    double own[IDENTIFY_RUNGS_MOST];            /* of each rung: as bound */
     int unmatched[IDENTIFY_RUNGS_MOST];
     int count;
 };
@@ -60,22 +62,15 @@ const struct key_row tradeoff_identify_rows[] = {
 static enum modal_status read_options(struct tradeoff_work *w, struct modal_error *err)
 {
     const cJSON *o = w->request->options;
-    int response = RESPONSE_FREE;
     enum modal_status rc;
 
     w->asked = o != NULL ? cJSON_Duplicate(o, true) : cJSON_CreateObject();
     if (w->asked == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "tradeoff: no memory for the options");
-    rc = json_get_choice(o, "", "response", identify_response_names, &response, err);
-    if (rc == MODAL_OK && response != RESPONSE_FREE)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "response", "response=%s has no settings to "
-                              "trade time for error by; accepted: free",
-                              identify_response_names[response]);
-    if (rc != MODAL_OK)
-        return rc;
     for (const struct key_row *own = tradeoff_identify_rows; own->name != NULL; own++)
         cJSON_DeleteItemFromObjectCaseSensitive(w->asked, own->name);
-    return key_table_read(tradeoff_identify_rows, o, "", w, err);
+    rc = json_get_choice(o, "", "response", identify_response_names, &w->response, err);
+    return rc == MODAL_OK ? key_table_read(tradeoff_identify_rows, o, "", w, err) : rc;
 }
 
 static bool is_pair(const cJSON *item)
@@ -167,7 +162,8 @@ static struct identify_ladder_facts facts_of(const struct tradeoff_work *w,
                                              const struct identify_result *r)
 {
     const struct batch *b = w->request->batch;
-    struct identify_ladder_facts f = { (size_t)r->samples * (size_t)r->decimation,
+    struct identify_ladder_facts f = { w->response,
+                                       (size_t)r->samples * (size_t)r->decimation,
                                        (size_t)r->channel_count,
                                        b->dt,
                                        r->period,
@@ -191,6 +187,7 @@ static enum modal_status climb(void *context, int i, double *error, struct modal
         return MODAL_NO_CONVERGENCE;
     if (rc != MODAL_OK)
         return rc;
+    w->own[i] = identify_error(&r);
     w->algorithm[i] = identify_distance(&r, w->truth, w->truth_count, &w->unmatched[i]);
     *error = w->given || !isfinite(w->bound) ? w->algorithm[i] : hypot(w->algorithm[i], w->bound);
     identify_result_done(&r);
@@ -218,12 +215,12 @@ static void sort_rungs(struct tradeoff_work *w, struct ladder_rung *rungs, int *
              j--) {
             struct ladder_rung r = rungs[j];
             cJSON *s = w->settings[j];
-            double a = w->algorithm[j];
+            double a = w->algorithm[j], own = w->own[j];
             int u = w->unmatched[j];
             rungs[j] = rungs[j - 1], w->settings[j] = w->settings[j - 1],
-            w->algorithm[j] = w->algorithm[j - 1], w->unmatched[j] = w->unmatched[j - 1];
+            w->algorithm[j] = w->algorithm[j - 1], w->own[j] = w->own[j - 1], w->unmatched[j] = w->unmatched[j - 1];
             rungs[j - 1] = r, w->settings[j - 1] = s, w->algorithm[j - 1] = a,
-                      w->unmatched[j - 1] = u;
+                      w->own[j - 1] = own, w->unmatched[j - 1] = u;
             *recommended = *recommended == j ? j - 1 : *recommended == j - 1 ? j : *recommended;
         }
 }
@@ -257,13 +254,15 @@ static void add_own(const struct tradeoff_work *w, const struct ladder_rung *run
           *provenance = cJSON_CreateObject();
 
     json_set_number(doc, "bound", w->bound);
+    if (w->response != RESPONSE_FREE)
+        json_set_number(doc, "bound_at_2x", w->bound * M_SQRT1_2);
     for (int i = 0; i < w->count; i++) {
         cJSON *rung = cJSON_GetArrayItem(list, i);
-        json_set_number(rung, "algorithm_error",
-                        rungs[i].ran && isfinite(rungs[i].error) ? w->algorithm[i] : NAN);
+        bool answered = rungs[i].ran && isfinite(rungs[i].error);
+        json_set_number(rung, "algorithm_error", answered ? w->algorithm[i] : NAN);
+        json_set_number(rung, "bound", answered ? w->own[i] : NAN);
         cJSON_AddNumberToObject(rung, "unmatched",
-                                rungs[i].ran && isfinite(rungs[i].error) ? w->unmatched[i]
-                                                                         : w->truth_count);
+                                answered ? w->unmatched[i] : w->truth_count);
     }
     cJSON_AddNumberToObject(doc, "repetitions", w->repetitions);
     cost_stage(cost, "climb");

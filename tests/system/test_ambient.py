@@ -362,3 +362,23 @@ def test_what_cannot_be_asked_is_refused_with_what_can(ctl, tmp_path, options, f
                     *(word for option in options for word in ("-o", option)))
     assert (said.status == 2 and said.document["error"]["field"] == field
             and words in said.document["error"]["message"])
+
+
+def test_a_tradeoff_says_what_more_of_the_record_buys_as_the_law_of_uncertainty_does(ctl, tmp_path):
+    """[Au, MSSP 48 (2014) 15]: of N_c cycles the relative errors of a frequency and the absolute
+    ones of a damping ratio z are sqrt(z / (2 pi N_c)), so an exponent's over its modulus is
+    sqrt(z / (pi N_c)); modes well apart, little noise, long records."""
+    zeta, hertz = np.array([0.012, 0.015, 0.02]), np.array([2.0, 2.6, 5.5])
+    s = system(5, hertz, zeta, channels=4, noise=0.01)
+    Y = s.samples(40000, np.random.default_rng(5))
+    said = ctl("tradeoff", "identify", write_batch(tmp_path / "a.h5", Y, dt=DT), *AMBIENT,
+               "-o", "repetitions=1").document
+    rungs = {r["settings"].get("window", [0, 0])[1]: r for r in said["rungs"]
+             if not {"pod.rank", "rank.fixed"} & set(r["settings"])}
+    assert len(rungs) == 4 and all(r["unmatched"] == 0 for r in rungs.values())
+    for until, rung in rungs.items():
+        law = np.sqrt(zeta / (np.pi * hertz * (until or 40000 * DT))).max()
+        assert 0.75 < rung["bound"] / law < 1.4, until
+    assert said["bound_at_2x"] == pytest.approx(said["bound"] / np.sqrt(2))
+    assert {r["settings"].get("pod.rank") for r in said["rungs"]} == {None, 1, 2}
+    assert {r["settings"].get("rank.fixed") for r in said["rungs"]} == {None, 6, 8}

@@ -195,7 +195,13 @@ def test_what_cannot_be_asked_is_refused_with_what_can(ctl, tmp_path, options, f
             and words in said.document["error"]["message"])
 
 
-def test_a_tradeoff_of_forced_responses_is_refused(ctl, tmp_path):
-    said = ctl("tradeoff", "identify", System(0).write(tmp_path / "a.h5"), *FORCED)
-    assert (said.status == 2 and said.document["error"]["field"]
-            == "response"), json.dumps(said.document)
+def test_a_tradeoff_of_forced_responses_says_what_half_of_the_record_is_worth(ctl, tmp_path):
+    """Random forces throughout: the bound falls as one over the root of the record, to its
+    transients, of which 600 samples hold two damping times."""
+    said = ctl("tradeoff", "identify", System(0).write(tmp_path / "a.h5"), *FORCED).document
+    whole, half = (next(r for r in said["rungs"] if r["settings"].get("window") == window
+                        and "rank.fixed" not in r["settings"])
+                   for window in (None, [0, (SAMPLES - 1) * DT / 2]))
+    assert 1.2 < half["bound"] / whole["bound"] < 2 and half["unmatched"] == 0
+    assert said["bound_at_2x"] == pytest.approx(said["bound"] / np.sqrt(2))
+    assert all("pod.rank" not in r["settings"] for r in said["rungs"])

@@ -34,6 +34,9 @@ const struct key_row identify_option_rows[] = {
     { "inputs", KEY_OWN, .form = "A,B",
       .meaning = "channels that hold the measured excitation, with response=forced",
       .example = "force" },
+    { "starts", KEY_OWN, .unit = "s", .form = "T1,T2",
+      .meaning = "where further records begin, one after another, with response=forced",
+      .example = "4,8,12" },
     { "azimuth", KEY_OWN, .form = "CH",
       .meaning = "channel of a rotor's angle in place of a period, with response=ambient",
       .example = "Azimuth" },
@@ -239,6 +242,36 @@ static enum modal_status read_inputs(const cJSON *o, const struct batch *b,
     return rc;
 }
 
+/* One time, or a list of times, of records of a forced response. */
+static enum modal_status read_starts(const cJSON *o, struct identify_settings *out,
+                                     struct modal_error *err)
+{
+    const cJSON *item = cJSON_GetObjectItemCaseSensitive(o, "starts");
+    int count = cJSON_IsArray(item) ? cJSON_GetArraySize(item) : item != NULL;
+
+    if (item == NULL)
+        return MODAL_OK;
+    if (out->opt.response != RESPONSE_FORCED)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "starts", "starts beside response=%s says "
+                                "nothing; accepted with response=forced",
+                                identify_response_names[out->opt.response]);
+    if (count < 1 || count >= IDENTIFY_RECORDS_MOST)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "starts", "starts: %d times; accepted: 1 to "
+                                "%d, in s", count, IDENTIFY_RECORDS_MOST - 1);
+    out->starts = calloc((size_t)count, sizeof *out->starts);
+    if (out->starts == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d times", count);
+    for (int i = 0; i < count; i++) {
+        const cJSON *t = cJSON_IsArray(item) ? cJSON_GetArrayItem(item, i) : item;
+        if (!cJSON_IsNumber(t) || !(t->valuedouble >= 0))
+            return modal_fail_field(err, MODAL_BAD_INPUT, "starts", "starts: accepted: times in s, "
+                                    "0 and above, as starts=4,8,12");
+        out->starts[i] = t->valuedouble;
+    }
+    out->opt.starts = out->starts, out->opt.start_count = count;
+    return MODAL_OK;
+}
+
 static enum modal_status read_azimuth(const cJSON *o, const struct batch *b,
                                       struct identify_settings *out, struct modal_error *err)
 {
@@ -304,6 +337,8 @@ enum modal_status identify_options_read(const cJSON *options, const struct batch
     if (rc == MODAL_OK)
         rc = read_inputs(o, batch, out, err);
     if (rc == MODAL_OK)
+        rc = read_starts(o, out, err);
+    if (rc == MODAL_OK)
         rc = read_azimuth(o, batch, out, err);
     if (cJSON_HasObjectItem(o, "refine"))
         out->opt.refine = out->refine ? CHOICE_YES : CHOICE_NO;
@@ -318,7 +353,7 @@ enum modal_status identify_options_read(const cJSON *options, const struct batch
 
 void identify_settings_done(struct identify_settings *s)
 {
-    free(s->channels), free(s->inputs), free(s->azimuth);
+    free(s->channels), free(s->inputs), free(s->starts), free(s->azimuth);
     *s = (struct identify_settings) { 0 };
 }
 
@@ -326,6 +361,7 @@ cJSON *identify_options_write(const struct identify_options *used, const cJSON *
 {
     const cJSON *signals = cJSON_GetObjectItemCaseSensitive(asked, "signals");
     const cJSON *inputs = cJSON_GetObjectItemCaseSensitive(asked, "inputs");
+    const cJSON *starts = cJSON_GetObjectItemCaseSensitive(asked, "starts");
     const cJSON *azimuth = cJSON_GetObjectItemCaseSensitive(asked, "azimuth");
     struct identify_settings s = { .opt = *used, .threads = threads,
                                    .refine = used->refine == CHOICE_YES };
@@ -342,6 +378,8 @@ cJSON *identify_options_write(const struct identify_options *used, const cJSON *
                                           : cJSON_CreateString("pod"));
     if (inputs != NULL)
         cJSON_AddItemToObject(o, "inputs", cJSON_Duplicate(inputs, true));
+    if (starts != NULL)
+        cJSON_AddItemToObject(o, "starts", cJSON_Duplicate(starts, true));
     if (azimuth != NULL)
         cJSON_AddItemToObject(o, "azimuth", cJSON_Duplicate(azimuth, true));
     key_table_write(identify_option_rows, &s, o);

@@ -12,6 +12,7 @@ struct identify_settings {
     int threads;
     int *channels;                    /* owned: opt.channels points to it; NULL: all */
     int *inputs;                      /* owned: opt.inputs points to it; NULL: none */
+    double *starts;                   /* owned: opt.starts points to it; NULL: none */
     int *azimuth;                     /* owned: opt.azimuth points to it; NULL: none */
     bool refine;                      /* as it was given, for opt.refine */
 };
@@ -28,7 +29,7 @@ enum modal_status identify_options_read(const cJSON *options, const struct batch
                                         struct identify_settings *out, struct modal_error *err);
 void identify_settings_done(struct identify_settings *settings);
 
-/* Every option with the value that was USED, `signals`, `inputs` and `azimuth` as they were ASKED
- * for (NULL: not), fit to be pasted back; the caller's. */
+/* Every option with the value that was USED, `signals`, `inputs`, `starts` and `azimuth` as they were
+ * ASKED for (NULL: not), fit to be pasted back; the caller's. */
 cJSON *identify_options_write(const struct identify_options *used, const cJSON *asked, int threads);
 #endif

@@ -1,13 +1,15 @@
 #!/usr/bin/python3
 """Forced responses of random systems, simulated by scipy, against the Cramer-Rao bound.
 
-    MODALD_BUILD=build tests/bench/bench_forced.py [count] [seed]
+    MODALD_BUILD=build tests/bench/bench_forced.py [count] [seed] [records]
 
 Each record: 2 to 8 modes (two in five with a pair 2 % apart, 5 % for one response), damping 0.2 to
 5 %, 1 to 8 responses (displacements, velocities or accelerations), 1 to 3 inputs (random, sweeps,
 or 1 to 5 hits each), 1000 to 4000 samples, an initial state, white noise of 1 to 10 %.  The bound
 is that of complex shapes and drives, initial state and direct terms unknown.  A mode is detectable
-where its bound is at most 30 % of its damping; pooled are those found of at most 15 %.
+where its bound is at most 30 % of its damping; pooled are those found of at most 15 %.  `records`:
+each is two to six hammer records of 400 to 1200 samples and one to three hits, put one after
+another, each with an initial state and, with its noise, a level of its own, told by `starts`.
 """
 import json
 import os
@@ -46,8 +48,8 @@ def matrices(rng, modes, responses, inputs):
     return (A, B, C, D), x0, -zeta * w + 1j * w * np.sqrt(1 - zeta ** 2)
 
 
-def excitation(rng, samples, inputs):
-    t, kind = np.arange(samples) * DT, rng.integers(3)
+def excitation(rng, samples, inputs, kind):
+    t = np.arange(samples) * DT
     if kind == 0:
         return rng.standard_normal((samples, inputs))
     if kind == 1:
@@ -61,8 +63,9 @@ def excitation(rng, samples, inputs):
     return u
 
 
-def bound(system, lam, u, clean, sigma):
-    """Of Re and Im of each exponent, by the lines of the transform but the mean."""
+def bound(system, lam, u, clean, sigma, starts=(0,)):
+    """Of Re and Im of each exponent, by the lines of the transform but the mean; records that begin
+    at `starts` are one with a jump of the state at each."""
     N, (responses, inputs), modes = len(u), system[3].shape, len(lam)
     Ad, Bd, Cd, _, _ = signal.cont2discrete(system, DT, method="foh")
     values, V = np.linalg.eig(Ad)
@@ -81,15 +84,16 @@ def bound(system, lam, u, clean, sigma):
         return np.linalg.lstsq(np.vstack([J.real, J.imag]), np.concatenate([y.real, y.imag]),
                                rcond=None)[0]
 
-    eye = np.eye(responses)
+    eye, jumps = np.eye(responses), [z[:, 0] ** (1 - s) for s in starts]
     pole = [(1 / (z[:, 0] - x), 1 / (z[:, 0] - x.conj())) for x in r]
     direct = [np.outer(U[:, j], e).ravel() for j in range(inputs) for e in eye]
-    states = [c for p in range(modes) for c in columns(z[:, 0], pole[p], shape[:, p])]
+    states = [c for p in range(modes) for jump in jumps
+              for c in columns(jump, pole[p], shape[:, p])]
     moved = sum(np.outer((U @ part[p]) * pole[p][0], shape[:, p])
                 + np.outer((U @ part[p].conj()) * pole[p][1], shape[:, p].conj())
                 for p in range(modes))
-    known = solve(np.array(states + direct).T, (Y - moved).ravel())[:2 * modes]
-    T, W, J = known[0::2] + 1j * known[1::2], np.hstack([U, z]), []
+    known = solve(np.array(states + direct).T, (Y - moved).ravel())[:len(states)]
+    T, W, J = (known[0::2] + 1j * known[1::2]).reshape(modes, -1), np.column_stack([U] + jumps), []
     for p in range(modes):
         q, (a, b) = np.append(part[p], T[p]), pole[p]
         x, y = (np.outer(W @ d * c * c * e, s) for d, c, e, s in (
@@ -100,7 +104,7 @@ def bound(system, lam, u, clean, sigma):
         for e in eye:
             x, y = np.outer(W @ q * a, e).ravel(), np.outer(W @ q.conj() * b, e).ravel()
             J += [x + y, 1j * (x - y)]
-        for j in set(range(inputs + 1)) - {int(np.argmax(abs(q)))}:
+        for j in set(range(W.shape[1])) - {int(np.argmax(abs(q)))}:
             J += columns(W[:, j], pole[p], shape[:, p])
     J = np.array(J + direct).T / np.tile(sigma / np.sqrt(2), len(n))[:, None]
     J = np.vstack([J.real, J.imag])
@@ -109,34 +113,57 @@ def bound(system, lam, u, clean, sigma):
     return std[0:2 * modes:2], std[1:2 * modes:2]
 
 
+def simulate(system, x0, u):
+    t, responses = np.arange(len(u)) * DT, system[3].shape[0]
+    return signal.lsim(system, u, t, X0=x0)[1].reshape(len(u), responses)
+
+
+def records(seed):
+    """Some, and where they begin, in rows."""
+    rng = np.random.default_rng(seed)
+    modes, responses, inputs = rng.integers(2, 7), rng.integers(1, 7), rng.integers(1, 3)
+    system, x0, lam = matrices(rng, modes, responses, inputs)
+    lengths = rng.integers(400, 1200, rng.integers(2, 7))
+    starts = np.r_[0, np.cumsum(lengths)[:-1]]
+    each = [excitation(rng, n, inputs, 2) for n in lengths]
+    clean = np.vstack([simulate(system, x0 * rng.standard_normal(), u) for u in each])
+    u, sigma = np.vstack(each), 10 ** rng.uniform(-2, -1) * clean.std(0)
+    level = np.repeat(rng.standard_normal((len(lengths), responses)), lengths, 0) * sigma
+    return u, clean + rng.standard_normal(clean.shape) * sigma + level, lam, \
+        bound(system, lam, u, clean, sigma, starts), starts
+
+
 def record(seed):
     rng = np.random.default_rng(seed)
     modes, responses, inputs = rng.integers(2, 9), rng.integers(1, 9), rng.integers(1, 4)
     samples = int(rng.choice([1000, 2000, 4000]))
     system, x0, lam = matrices(rng, modes, responses, inputs)
-    u = excitation(rng, samples, inputs)
-    clean = signal.lsim(system, u, np.arange(samples) * DT, X0=x0)[1].reshape(samples, responses)
+    u = excitation(rng, samples, inputs, rng.integers(3))
+    clean = simulate(system, x0, u)
     sigma = 10 ** rng.uniform(-2, -1) * clean.std(0) * rng.uniform(0.5, 1.5, responses)
     return u, clean + rng.standard_normal(clean.shape) * sigma, lam, \
-        bound(system, lam, u, clean, sigma)
+        bound(system, lam, u, clean, sigma), [0]
 
 
-def identify(folder, u, y):
+def identify(folder, u, y, starts):
     path = os.path.join(folder, "record.npz")
     np.savez(path, signals=np.hstack([u, y]), dt=DT)
     inputs = "inputs=" + ",".join(map(str, range(u.shape[1])))
+    more = ["-o", "starts=" + ",".join("%.10g" % (s * DT) for s in starts[1:])]
     done = subprocess.run([CTL, "--local", "--json", "identify", path, "-o", "response=forced",
-                           "-o", inputs], capture_output=True, text=True, check=True)
+                           "-o", inputs] + more * (len(starts) > 1), capture_output=True, text=True, check=True)
     return json.loads(done.stdout)
 
 
 def main():
-    count, seed = (int(a) for a in (sys.argv[1:] + ["60", "1"][len(sys.argv) - 1:]))
+    draw = records if "records" in sys.argv else record
+    numbers = [int(a) for a in sys.argv[1:] if a.isdigit()]
+    count, seed = numbers + [60, 1][len(numbers):]
     squares, within, bars, missed, spurious, cpu = [], [], [], 0, 0, 0
     with tempfile.TemporaryDirectory() as folder:
         for k in range(count):
-            u, y, lam, (re, im) = record(seed + k)
-            result = identify(folder, u, y)
+            u, y, lam, (re, im), starts = draw(seed + k)
+            result = identify(folder, u, y, starts)
             cpu += result["cost"]["cpu_s"]
             left = list(result["modes"])
             for p in np.argsort(re / -lam.real):

@@ -58,6 +58,7 @@ enum {
     IDENTIFY_ORDER_MOST = 1600,          /* exponents looked for */
     IDENTIFY_CHANNELS_MOST = 10000000,   /* of a batch */
     IDENTIFY_INPUTS_MOST = 16,           /* measured, of a forced response */
+    IDENTIFY_RECORDS_MOST = 32,          /* one after another: each has a state of its own */
     IDENTIFY_DIAGNOSTICS_MOST = 64,      /* of a result: what comes after is not added */
     IDENTIFY_STAGES = 12                 /* whose seconds are told */
 };
@@ -74,6 +75,8 @@ struct identify_options {
     enum identify_response response;
     const int *inputs;            /* the measured excitation, channels of the batch; forced only */
     int input_count;
+    const double *starts;         /* s, rising: where further records begin; forced only */
+    int start_count;
     const int *azimuth;           /* the channel that holds the angle of a periodic system, in place
                                    * of its period; NULL: none; ambient only */
     bool frf;                     /* frequency responses beside the modes; forced only */

@@ -42,6 +42,8 @@ struct work {
     const struct batch *batch;
     struct record rec;           /* responses */
     struct matrix inputs;        /* owned */
+    int row[IDENTIFY_RECORDS_MOST];      /* where records begin */
+    int records;
     struct lines lines;
     struct forced_search found;
     double widest;               /* factor of the second opinion */
@@ -54,7 +56,7 @@ static enum modal_status check(const struct batch *batch, const struct identify_
                                struct modal_error *err)
 {
     const struct response_limits accepted = {
-        .beside = "inputs, frf, window, band, detrend, scale, signals, shapes, rank.fixed, "
+        .beside = "inputs, starts, frf, window, band, detrend, scale, signals, shapes, rank.fixed, "
                   "rank.most, threads",
         .modes_most = TRANSFER_POLES_MOST
     };
@@ -69,6 +71,10 @@ static enum modal_status check(const struct batch *batch, const struct identify_
     if (o->input_count > IDENTIFY_INPUTS_MOST)
         return modal_fail_field(err, MODAL_BAD_INPUT, "inputs", "inputs names %d channels; "
                                 "accepted: 1 to %d", o->input_count, IDENTIFY_INPUTS_MOST);
+    if (o->start_count > 0 && o->detrend == DETREND_LINEAR)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "detrend", "detrend=linear beside `starts`: "
+                                "one line through several records is none of theirs; accepted: "
+                                "none, mean");
     return MODAL_OK;
 }
 
@@ -175,6 +181,43 @@ static enum modal_status check_inputs(const struct work *w, struct modal_error *
     return rc;
 }
 
+/* Where records begin within what is identified: the first at its first row. */
+static enum modal_status read_starts(struct work *w, struct modal_error *err)
+{
+    const struct identify_options *o = &w->opt;
+
+    w->row[0] = 0, w->records = 1;
+    for (int i = 0; i < o->start_count; i++) {
+        double row = round((o->starts[i] - w->rec.t0) / w->rec.step);
+        if (i > 0 && !(o->starts[i] > o->starts[i - 1]))
+            return modal_fail_field(err, MODAL_BAD_INPUT, "starts", "starts: %g s after %g s; "
+                                    "accepted: times that rise", o->starts[i], o->starts[i - 1]);
+        if (o->starts[i] > (double)(w->batch->samples - 1) * w->batch->dt)
+            return modal_fail_field(err, MODAL_BAD_INPUT, "starts", "starts: %g s is behind the "
+                                    "last sample, %g s", o->starts[i],
+                                    (double)(w->batch->samples - 1) * w->batch->dt);
+        if (row <= 0 || row >= w->rec.Y.m)
+            continue;
+        if (row - w->row[w->records - 1] < IDENTIFY_SAMPLES_LEAST)
+            return modal_fail_field(err, MODAL_BAD_INPUT, "starts", "starts: a record of %g "
+                                    "samples before %g s; accepted: %d samples and more",
+                                    row - w->row[w->records - 1], o->starts[i],
+                                    IDENTIFY_SAMPLES_LEAST);
+        w->row[w->records++] = (int)row;
+    }
+    return MODAL_OK;
+}
+
+/* s, of the longest of them. */
+static double longest_record(const struct work *w)
+{
+    int most = w->rec.Y.m - w->row[w->records - 1];
+
+    for (int e = 1; e < w->records; e++)
+        most = w->row[e] - w->row[e - 1] > most ? w->row[e] - w->row[e - 1] : most;
+    return most * w->rec.step;
+}
+
 static enum modal_status read_inputs(struct work *w, struct modal_error *err)
 {
     const struct batch *b = w->batch;
@@ -199,7 +242,8 @@ static enum modal_status search(struct work *w, struct modal_error *err)
     struct forced_limits limits = { o->rank.fixed / 2,
                                     most < TRANSFER_POLES_MOST ? most : TRANSFER_POLES_MOST,
                                     o->cancelled, o->context };
-    enum modal_status rc = lines_make(&w->rec.Y, &w->inputs, band, &w->lines, err);
+    struct lines_records records = { w->row, w->records };
+    enum modal_status rc = lines_make(&w->rec.Y, &w->inputs, &records, band, &w->lines, err);
 
     if (rc == MODAL_OK && 2 * w->lines.count < transfer_unknowns(&w->lines, 1) / w->lines.responses)
         rc = modal_fail_field(err, MODAL_BAD_INPUT, band[1] > 0 ? "band" : "signals", "%d lines of "
@@ -377,7 +421,7 @@ static enum modal_status report_frf(struct work *w, struct identify_result *out,
 {
     const struct lines *l = &w->lines;
     double turn[FRF_EVEN + TRANSFER_POLES_MOST * (2 * FRF_BESIDE + 1)];
-    struct identify_frf f = { frequencies(w, turn), l->responses, l->drives - 1, NULL, NULL, NULL,
+    struct identify_frf f = { frequencies(w, turn), l->responses, l->inputs, NULL, NULL, NULL,
                               NULL };
     size_t entries = (size_t)f.count * (size_t)f.responses * (size_t)f.inputs;
     enum modal_status rc;
@@ -442,7 +486,7 @@ static void report_settings(struct work *w, struct identify_result *out)
     w->opt.period = 0;
     w->opt.refine = CHOICE_YES;
     out->used = w->opt;
-    out->used.channels = out->used.inputs = NULL;
+    out->used.channels = out->used.inputs = NULL, out->used.starts = NULL;
     out->used.clock = NULL, out->used.cancelled = NULL, out->used.context = NULL;
 }
 
@@ -450,7 +494,7 @@ static void report_settings(struct work *w, struct identify_result *out)
 
 static void about_modes(const struct work *w, struct identify_result *r)
 {
-    double record = w->rec.Y.m * w->rec.step;
+    double record = longest_record(w);
     int broad = 0, narrow = 0;
 
     for (int i = 0; i < r->mode_count; i++) {
@@ -545,6 +589,8 @@ enum modal_status forced_identify(const struct batch *batch, const struct identi
     response_stage(options, &w.clock, NULL, out);
     if ((rc = check(batch, options, err)) == MODAL_OK
         && (rc = read_responses(&w, err)) == MODAL_OK)
+        rc = read_starts(&w, err);
+    if (rc == MODAL_OK)
         rc = read_inputs(&w, err);
     response_stage(options, &w.clock, "read", out);
     if (rc == MODAL_OK)

@@ -9,7 +9,8 @@
  * As modal_identify() with RESPONSE_FORCED: the channels options->inputs are the excitation, the
  * others (or those chosen) its responses, with white noise of their own on each.  Inputs are
  * taken as free of noise.  The initial state is unknown; the mean of every channel is left out.
- * Of the options window, band, detrend (of the responses), scale, signals, shapes, frf,
+ * With `starts` several records lie one after another, each with a state and a level of its own.
+ * Of the options starts, window, band, detrend (of the responses), scale, signals, shapes, frf,
  * rank.fixed, rank.most and threads serve; any other that was set is MODAL_BAD_INPUT, and so is a
  * period.
  *

@@ -34,7 +34,7 @@ static const double
     ENOUGH_LAST = 1e-6,          /* a thousandth of a standard error */
     REACH = 6,                   /* 90 % of a mode's energy */
     PATIENCE = 1000,             /* of 2 ln likelihood: what neighbours may make up for */
-    APART = 0.7;                 /* of a line: no band is narrower than that */
+    APART = 0.7;                 /* of a record's line: no band is narrower than that */
 
 struct work {
     const struct lines *l;
@@ -149,11 +149,18 @@ static double strongest(const double complex *M, int n, int columns, double comp
     return gain;
 }
 
+/* No peak is narrower, rad a sample: that of so long a record as one of them is. */
+static double line_of_a_record(const struct lines *l)
+{
+    return 2 * M_PI / l->samples * l->records;
+}
+
 /* The candidate at c->s: its gain and q. */
 static void weigh_candidate(struct work *w, struct candidate *c)
 {
     const struct lines *l = w->l;
-    double turn = 2 * M_PI / l->samples, half = fmax(-creal(c->s), turn), at = cimag(c->s);
+    double turn = 2 * M_PI / l->samples, half = fmax(-creal(c->s), line_of_a_record(l));
+    double at = cimag(c->s);
     int base = (int)lround(carg(l->z[0]) / turn), n = l->drives;
     int first = (int)fmax(0, floor((at - REACH * half) / turn) - base);
     int last = (int)fmin(l->count - 1, ceil((at + REACH * half) / turn) - base);
@@ -195,9 +202,7 @@ static bool is_closed(const struct work *w, double at)
 /* The best of real ones, with a real q. */
 static void look_at_real(struct work *w, struct candidate *best)
 {
-    double turn = 2 * M_PI / w->l->samples;
-
-    for (double rate = turn; rate < 1 && !is_closed(w, 0); rate *= RATE) {
+    for (double rate = line_of_a_record(w->l); rate < 1 && !is_closed(w, 0); rate *= RATE) {
         struct candidate c = { .s = -rate };
         double complex most = 0;
         weigh_candidate(w, &c);
@@ -215,7 +220,7 @@ static void look_at_real(struct work *w, struct candidate *best)
 static struct candidate look(struct work *w)
 {
     const struct lines *l = w->l;
-    double turn = 2 * M_PI / l->samples, low = carg(l->z[0]), high = carg(l->z[l->count - 1]);
+    double turn = line_of_a_record(l), low = carg(l->z[0]), high = carg(l->z[l->count - 1]);
     struct candidate best = { .gain = 0 };
 
     look_at_real(w, &best);
@@ -283,7 +288,7 @@ static enum modal_status climb(struct work *w, bool *more, struct modal_error *e
     *more = false;
     for (w->failed = 0; w->failed < AGAIN && rc == MODAL_OK && !*more; w->failed++) {
         struct candidate c = look(w);
-        double reach = 2 * fmax(-creal(c.s), 2 * M_PI / w->l->samples);
+        double reach = 2 * fmax(-creal(c.s), line_of_a_record(w->l));
         if (!(c.gain > 0))
             break;
         transfer_copy(w->l, t, &w->trial);

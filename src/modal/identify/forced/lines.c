@@ -9,12 +9,20 @@
  *
  * without an approximation: an unknown x[0] is one more drive of the same poles, z (Pintelon and
  * Schoukens, System Identification, 2012, ch. 6).  An input that is straight between samples has
- * the form (2) too, its B and D in other coordinates.
+ * the form (2) too, its B and D in other coordinates.  Where another record begins at row s, the
+ * state jumps there by what nobody knows, which adds to (1) and so to (2)
+ *
+ *     C (z - A)^-1 z^(1-s) jump:                                                              (3)
+ *
+ * records one after another are one record with so many drives more, each as long as it is, and the
+ * fit is of all of them by their likelihood; nothing is averaged.
  *
  * Direct: inputs that are not straight between samples, an impact shorter than one, reach the
  * responses by way of the samples beside as well: u[k], (u[k+1] - u[k-1])/2 and
  * u[k+1] - 2 u[k] + u[k-1], and as u[-1] and u[N] are unknown the transforms 1 and z of the first
- * and the last sample.
+ * and the last sample, z^-s and z^(1-s) where another begins.  The levels of records may differ,
+ * which lines from the first on see: a column for each record but one, (z^-s - z^-e) / (1 - 1/z) of
+ * rows s to e - 1.
  */
 #include "modal/identify/forced/lines.h"
 #include <cblas.h>
@@ -25,7 +33,7 @@
 
 enum {
     BESIDE = 3,                     /* direct columns of an input: a sample, two of those beside */
-    ENDS = 2                        /* of the record's ends: 1 and z */
+    ENDS = 2                        /* of a record's ends: 1 and z */
 };
 
 void lines_done(struct lines *l)
@@ -66,16 +74,38 @@ static void set_beside(double complex z, double complex u, double complex *x, si
     x[2 * stride] = 2 * (creal(z) - 1) * u;  /* z - 2 + 1/z: the second difference */
 }
 
-static void make_direct(struct lines *l, int inputs)
+/* z^-s on the circle at line n of FIRST and on. */
+static double complex delay(const struct lines *l, int first, int n, int s)
 {
-    for (int j = 0; j < inputs; j++)
+    long turns = (long)(first + n) * s % l->samples;      /* exact, however late s is */
+
+    return cexp(CMPLX(0, -2 * M_PI * (double)turns / l->samples));
+}
+
+static void add_beginnings(struct lines *l, const struct lines_records *r, int first)
+{
+    size_t count = (size_t)l->count;
+    double complex *ends = l->X + (size_t)BESIDE * l->inputs * count,
+                   *levels = ends + (size_t)ENDS * r->count * count;
+
+    for (int e = 0; e < r->count; e++)
+        for (int n = 0; n < l->count; n++) {
+            double complex here = delay(l, first, n, r->row[e]);
+            double complex next = e + 1 < r->count ? delay(l, first, n, r->row[e + 1]) : 1;
+            l->W[n + (size_t)(l->inputs + e) * count] = here * l->z[n];       /* (3) */
+            ends[n + (size_t)(ENDS * e) * count] = here;
+            ends[n + (size_t)(ENDS * e + 1) * count] = here * l->z[n];
+            if (e > 0 && first == 1)
+                levels[n + (size_t)(e - 1) * count] = (here - next) / (1 - 1 / l->z[n]);
+        }
+}
+
+static void make_direct(struct lines *l)
+{
+    for (int j = 0; j < l->inputs; j++)
         for (int n = 0; n < l->count; n++)
             set_beside(l->z[n], l->W[n + (size_t)j * l->count],
                        l->X + n + (size_t)BESIDE * j * l->count, (size_t)l->count);
-    for (int n = 0; n < l->count; n++) {
-        l->X[n + (size_t)BESIDE * inputs * l->count] = 1;
-        l->X[n + (size_t)(BESIDE * inputs + 1) * l->count] = l->z[n];
-    }
     for (int c = 0; c < l->direct; c++)
         l->norm[c] = to_unit(l->X + (size_t)c * l->count, l->count, 1);
 }
@@ -111,11 +141,12 @@ static enum modal_status make_room(struct lines *l, struct transform *t, struct 
 }
 
 enum modal_status lines_make(const struct matrix *responses, const struct matrix *inputs,
-                             const double band[2], struct lines *out, struct modal_error *err)
+                             const struct lines_records *records, const double band[2],
+                             struct lines *out, struct modal_error *err)
 {
     int N = responses->m, first = 1, last = (N - 1) / 2;
-    struct lines l = { .samples = N, .responses = responses->n, .drives = inputs->n + 1,
-                       .direct = BESIDE * inputs->n + ENDS };
+    struct lines l = { .samples = N, .responses = responses->n, .inputs = inputs->n,
+                       .records = records->count, .drives = inputs->n + records->count };
     struct transform t = { 0 };
     enum modal_status rc;
 
@@ -124,6 +155,7 @@ enum modal_status lines_make(const struct matrix *responses, const struct matrix
         last = (int)fmin(last, floor(band[1] * N));
     }
     l.count = last - first + 1;
+    l.direct = BESIDE * l.inputs + ENDS * l.records + (first == 1 ? l.records - 1 : 0);
     if (l.count < LINES_LEAST)
         return modal_fail_field(err, MODAL_BAD_INPUT, band[1] > 0 ? "band" : "signals",
                                 "%d lines of the spectrum are left; at least %d are needed",
@@ -140,10 +172,10 @@ enum modal_status lines_make(const struct matrix *responses, const struct matrix
         }
         for (int j = 0; j < inputs->n; j++)
             transform_column(&t, inputs, j, first, l.count, l.W + (size_t)j * l.count);
-        memcpy(l.W + (size_t)inputs->n * l.count, l.z, sizeof *l.z * (size_t)l.count);
+        add_beginnings(&l, records, first);
         for (int j = 0; j < l.drives; j++)
             l.size[j] = to_unit(l.W + (size_t)j * l.count, l.count, sqrt(l.count));
-        make_direct(&l, inputs->n);
+        make_direct(&l);
     }
     fftw_destroy_plan(t.plan);
     fftw_free(t.x), fftw_free(t.X);

@@ -5,18 +5,22 @@
 #include "base/error.h"
 #include "modal/linalg/matrix.h"
 
+/* Where records that lie one after another in the same rows begin: row[0] = 0, below the next. */
+struct lines_records { const int *row; int count; };
+
 /*
  * Line n is the frequency z_n = exp(2 pi i k / samples) of a whole number k of turns in the record,
  * 0 < k < samples/2: without the mean, whatever it is.  Transforms are over sqrt(samples), so that
  * white noise of variance v has the variance v at each line, v/2 in either part.
  *
- * Drives are what poles filter: the inputs, of unit rms, and last z_n, the unknown initial state
- * (see (2) of lines.c).  Direct columns are what reaches a response without a pole, each of unit
- * norm.
+ * Drives are what poles filter: the inputs, of unit rms, and last the unknown state at each record's
+ * beginning (see (3) of lines.c).  Direct columns are what reaches a response without a pole, each
+ * of unit norm.
  */
 struct lines {
     int count, samples;
-    int responses, drives, direct;
+    int responses, inputs, records;
+    int drives, direct;          /* drives: inputs + records */
     double complex *z;           /* count */
     double complex *Y;           /* count x responses */
     double complex *W;           /* count x drives */
@@ -27,12 +31,13 @@ struct lines {
 };
 
 /*
- * RESPONSES and INPUTS have a column a channel and the same rows; BAND, turns a sample, is where
+ * RESPONSES and INPUTS have a column a channel and the same rows, those of RECORDS; BAND, turns a sample, is where
  * the lines are (both 0: everywhere).  *OUT is empty on failure, lines_done frees it.  Fails with
  * MODAL_NO_MEMORY; MODAL_BAD_INPUT where fewer than LINES_LEAST are left.
  */
 enum modal_status lines_make(const struct matrix *responses, const struct matrix *inputs,
-                             const double band[2], struct lines *out, struct modal_error *err);
+                             const struct lines_records *records, const double band[2],
+                             struct lines *out, struct modal_error *err);
 void lines_done(struct lines *l);
 
 /* The direct columns at any z for a unit of INPUT alone, nothing at the record's ends: `direct`
@@ -41,6 +46,6 @@ void lines_direct(const struct lines *l, double complex z, int input, double com
 
 enum {
     LINES_LEAST = 8,                        /* of a band */
-    LINES_DRIVES_MOST = 17                  /* IDENTIFY_INPUTS_MOST, and the beginning */
+    LINES_DRIVES_MOST = 48                  /* IDENTIFY_INPUTS_MOST + IDENTIFY_RECORDS_MOST */
 };
 #endif

@@ -691,7 +691,7 @@ enum modal_status transfer_frf(const struct lines *l, struct transfer *t, const 
         rc = make_step(l, t, &s, err);
     if (rc == MODAL_OK)
         good = t->poles == 0 || covariance(s.S, s.g);
-    for (int j = 0; j < l->drives - 1 && rc == MODAL_OK; j++)
+    for (int j = 0; j < l->inputs && rc == MODAL_OK; j++)
         for (int f = 0; f < count; f++) {
             fill_rows(l, t, cexp(CMPLX(0, turn[f])), j, r.v, r.c);
             for (int i = 0; i < l->responses; i++) {

@@ -29,7 +29,7 @@ enum modal_status identify_options_read(const cJSON *options, const struct batch
                                         struct identify_settings *out, struct modal_error *err);
 void identify_settings_done(struct identify_settings *settings);
 
-/* Every option with the value that was USED, `signals`, `inputs`, `starts` and `azimuth` as they were
- * ASKED for (NULL: not), fit to be pasted back; the caller's. */
+/* Every option with the value that was USED, channels and times as they were ASKED for (NULL: not),
+ * fit to be pasted back; the caller's. */
 cJSON *identify_options_write(const struct identify_options *used, const cJSON *asked, int threads);
 #endif

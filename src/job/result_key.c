@@ -385,8 +385,7 @@ static const struct result_key work_keys[] = {
 };
 
 static const struct result_key orbit_keys[] = {
-    { "stable", RESULT_TRUTH, .null = "undecided, or not computed",
-      .means = "disturbances decay" },
+    { "stable", RESULT_TRUTH, .null = "undecided, or not computed", .means = "disturbances decay" },
     { "max_multiplier", RESULT_NUMBER, .null = "not computed", .means = "the largest modulus" },
     { "multipliers", RESULT_COMPLEX, .list = "both of each pair, the largest first",
       .means = "of disturbances, over 2 pi/omega; of many states the leading ten alone" },
@@ -636,8 +635,7 @@ static const struct result_key rung_keys[] = {
       .means = "against the reference, without the data's own error" },
     { "bound", RESULT_NUMBER, .absent = "but for identify", .null = UNKNOWN,
       .means = "its own: the largest standard error that it states of an exponent" },
-    { "unmatched", RESULT_WHOLE, .absent = "but for identify",
-      .means = "exponents of the reference that it lacks" },
+    { "unmatched", RESULT_WHOLE, .absent = "but for identify", .means = "exponents that it lacks" },
     { 0 },
 };
 
@@ -645,15 +643,13 @@ static const struct result_key tradeoff_keys[] = {
     { "kind", RESULT_TEXT, .means = "tradeoff" },
     { "of", RESULT_TEXT, .means = "identify, steady or simulate" },
     { "reference", RESULT_OBJECT, .members = reference_keys, .means = "what errors are against" },
-    { "rungs", RESULT_OBJECT, .list = "one a setting", .members = rung_keys,
-      .means = "error against time" },
+    { "rungs", RESULT_OBJECT, .list = "one a setting", .members = rung_keys, .means = "answers" },
     { "recommended", RESULT_WHOLE, .null = "none", .means = "which of rungs, from 0" },
     { "bound", RESULT_NUMBER, .absent = "but for identify", .null = UNKNOWN,
       .means = "the data's own error: the least that any rung could have" },
     { "bound_at_2x", RESULT_NUMBER, .absent = "but for identify with response=ambient or forced",
       .null = UNKNOWN, .means = "what it would be with twice the record" },
-    { "repetitions", RESULT_WHOLE, .absent = "but for identify",
-      .means = "of each rung, whose time is their median" },
+    { "repetitions", RESULT_WHOLE, .absent = "but for identify", .means = "of each rung" },
     { "plan", RESULT_OBJECT, .absent = "of identify", .members = plan_keys,
       .means = "what the scene became and what computed it" },
     COST,

@@ -218,7 +218,8 @@ static void sort_rungs(struct tradeoff_work *w, struct ladder_rung *rungs, int *
             double a = w->algorithm[j], own = w->own[j];
             int u = w->unmatched[j];
             rungs[j] = rungs[j - 1], w->settings[j] = w->settings[j - 1],
-            w->algorithm[j] = w->algorithm[j - 1], w->own[j] = w->own[j - 1], w->unmatched[j] = w->unmatched[j - 1];
+            w->algorithm[j] = w->algorithm[j - 1], w->own[j] = w->own[j - 1],
+            w->unmatched[j] = w->unmatched[j - 1];
             rungs[j - 1] = r, w->settings[j - 1] = s, w->algorithm[j - 1] = a,
                       w->own[j - 1] = own, w->unmatched[j - 1] = u;
             *recommended = *recommended == j ? j - 1 : *recommended == j - 1 ? j : *recommended;

@@ -151,7 +151,8 @@ def identify(folder, u, y, starts):
     inputs = "inputs=" + ",".join(map(str, range(u.shape[1])))
     more = ["-o", "starts=" + ",".join("%.10g" % (s * DT) for s in starts[1:])]
     done = subprocess.run([CTL, "--local", "--json", "identify", path, "-o", "response=forced",
-                           "-o", inputs] + more * (len(starts) > 1), capture_output=True, text=True, check=True)
+                           "-o", inputs] + more * (len(starts) > 1), capture_output=True,
+                          text=True, check=True)
     return json.loads(done.stdout)
 
 

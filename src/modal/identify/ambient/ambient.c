@@ -45,7 +45,7 @@ enum {
     SAMPLES_LEAST = 256          /* what UNITS of four samples need */
 };
 static const double
-    ENOUGH = 0.15,               /* of a damping ratio: so far its errors are symmetric, nearly */
+    ENOUGH = 0.15,               /* of a damping ratio: what is known no better is hardly known */
     NARROW = 1,                  /* decay over the record: no wider than a line of it */
     SOUND = 0.5,                 /* of the least error that theory knows */
     NYQUIST = 0.95,              /* of it: what turns faster may have folded there */
@@ -487,9 +487,9 @@ static void about_width(const struct work *w, struct identify_result *r, int i, 
                               NARROW / (2 * M_PI * hz * w->rec.Y.m * w->rec.step));
     } else if (share > ENOUGH && (*few)++ < TOLD)
         identify_diagnose(r, "too_few_cycles", -1, "mode %d (%.5g Hz) has %.0f cycles in the "
-                          "record: its damping is known to %.0f %% only, and its error is not "
-                          "symmetric; %.0f %% take some %.3g cycles, %.3g s", i, hz, m->cycles,
-                          100 * share, 100 * ENOUGH, m->cycles * longer, m->cycles * longer / hz);
+                          "record: its damping is known to %.0f %% only; %.0f %% take some %.3g "
+                          "cycles, %.3g s", i, hz, m->cycles, 100 * share, 100 * ENOUGH,
+                          m->cycles * longer, m->cycles * longer / hz);
 }
 
 static void about_modes(const struct work *w, struct identify_result *r)

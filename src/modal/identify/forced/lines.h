@@ -13,9 +13,9 @@ struct lines_records { const int *row; int count; };
  * 0 < k < samples/2: without the mean, whatever it is.  Transforms are over sqrt(samples), so that
  * white noise of variance v has the variance v at each line, v/2 in either part.
  *
- * Drives are what poles filter: the inputs, of unit rms, and last the unknown state at each record's
- * beginning (see (3) of lines.c).  Direct columns are what reaches a response without a pole, each
- * of unit norm.
+ * Drives are what poles filter: the inputs, of unit rms, and last the unknown state where each
+ * record begins (see (3) of lines.c).  Direct columns are what reaches a response without a pole,
+ * each of unit norm.
  */
 struct lines {
     int count, samples;
@@ -31,9 +31,9 @@ struct lines {
 };
 
 /*
- * RESPONSES and INPUTS have a column a channel and the same rows, those of RECORDS; BAND, turns a sample, is where
- * the lines are (both 0: everywhere).  *OUT is empty on failure, lines_done frees it.  Fails with
- * MODAL_NO_MEMORY; MODAL_BAD_INPUT where fewer than LINES_LEAST are left.
+ * RESPONSES and INPUTS have a column a channel and the same rows, those of RECORDS; BAND, turns a
+ * sample, is where the lines are (both 0: everywhere).  *OUT is empty on failure, lines_done frees
+ * it.  Fails with MODAL_NO_MEMORY; MODAL_BAD_INPUT where fewer than LINES_LEAST are left.
  */
 enum modal_status lines_make(const struct matrix *responses, const struct matrix *inputs,
                              const struct lines_records *records, const double band[2],

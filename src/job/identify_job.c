@@ -79,6 +79,9 @@ static cJSON *print_mode(const struct identify_result *r, const struct identify_
         cJSON_AddItemToObject(o, "shape", print_complex_list(m->shape, r->channel_count));
         json_set_number(o, "mpc", m->mpc);
     }
+    if (m->participation != NULL)
+        cJSON_AddItemToObject(o, "participation",
+                              print_complex_list(m->participation, r->input_count));
     if (r->period > 0)
         print_harmonics(o, m);
     if (m->cycles > 0)

@@ -27,8 +27,7 @@ static const struct result_key effect_keys[] = {
     { "states", RESULT_WHOLE, .means = "that it adds" },
     { "evaluations", RESULT_NUMBER, .means = "of its law; 0 where it is part of the matrices" },
     { "seconds", RESULT_NUMBER, .unit = "s", .means = "CPU time of these" },
-    { "active", RESULT_TRUTH,
-      .means = "false: a slider that never slips, a gap that never closes" },
+    { "active", RESULT_TRUTH, .means = "false: a slider that never slips, a gap never closed" },
     { 0 },
 };
 
@@ -144,6 +143,9 @@ static const struct result_key mode_keys[] = {
       .means = "standard deviations, widened where the model is in doubt" },
     { "bar", RESULT_NUMBER, .null = UNKNOWN,
       .means = "on |multiplier|: the largest of the estimates of its error" },
+    { "participation", RESULT_COMPLEX, .list = "one an input",
+      .absent = "without response=forced and shapes=true", .null = UNKNOWN,
+      .means = "times shape, over s - exponent: the mode's part of response over input" },
     { "shape", RESULT_COMPLEX, .list = "one a channel", .absent = "without shapes=true",
       .null = UNKNOWN, .means = "the mode's shape, its largest component 1" },
     { "mpc", RESULT_NUMBER, .absent = "without shapes=true", .null = UNKNOWN,
@@ -154,8 +156,7 @@ static const struct result_key mode_keys[] = {
       .means = "the k of the strongest of these" },
     { "runner_up", RESULT_NUMBER, .absent = "without a period", .null = UNKNOWN,
       .means = "magnitude of the second over the first: 1 is a tie" },
-    { "cycles", RESULT_NUMBER, .absent = "of a free response",
-      .means = "that the mode swings in the record" },
+    { "cycles", RESULT_NUMBER, .absent = "of a free response", .means = "swings in the record" },
     { "bound_at_2x", RESULT_OBJECT, .absent = "of a free response", .members = bound_keys,
       .means = "what twice the record would give" },
     { 0 },
@@ -314,8 +315,7 @@ static const struct result_key ladder_keys[] = {
 
 static const struct result_key identify_keys[] = {
     { "kind", RESULT_TEXT, .means = "identify" },
-    { "response", RESULT_TEXT, 
-      .means = "free, ambient or forced: what the record was taken to answer" },
+    { "response", RESULT_TEXT, .means = "free, ambient or forced: what the record answers" },
     { "modes", RESULT_OBJECT, .list = "one a conjugate pair, by falling amplitude",
       .members = mode_keys, .means = "frequencies and damping" },
     { "stability", RESULT_OBJECT, .members = verdict_keys, .means = "the verdict" },

@@ -106,6 +106,11 @@ def test_without_noise_the_systems_own_numbers_come_back(ctl, tmp_path):
             shape = np.array(m["shape"])[:, 0]
             weights = s.p[[4 + 2 * j, 8 + 2 * j]]
             assert np.allclose(shape / shape[0], weights / weights[0], rtol=1e-6)
+            # w/(s^2 + 2 z w s + w^2) w: its residue at s = lambda is w^2 / (2i Im lambda)
+            lam = complex(*m["exponent"])
+            residue = weights * (2 * np.pi * s.p[j]) ** 2 / (2j * lam.imag)
+            assert np.allclose(np.array(m["shape"]) @ [1, 1j] * complex(*m["participation"][0]),
+                               residue, rtol=1e-5)
             assert m["cycles"] == pytest.approx(m["frequency_hz"] * SAMPLES * DT)
 
 
@@ -194,10 +199,14 @@ def test_a_lag_of_first_order_is_one_real_exponent_beside_the_mode(ctl, tmp_path
             for below in ([0.05, 1], [1 / 400, 1 / 1000, 1]))
     y += rng.standard_normal(2000) * 0.02
     said = ctl("identify", write_batch(tmp_path / "a.h5", np.column_stack([u, y]), dt=DT,
-                                       channels=["force", "a"]), *FORCED).document
+                                       channels=["force", "a"]), *FORCED, "-o",
+               "shapes=true").document
     mode, lag = said["modes"]
     assert (said["stability"]["stable"] is True and [d["code"] for d in said["diagnostics"]]
             == ["broad_poles"])
+    part = complex(*lag["participation"][0])
+    # 20/(s + 20)
+    assert abs(part.real - 20) < 1 and part.imag == 0 and lag["shape"] == [[1, 0]]
     assert (lag["exponent"][1] == 0 and abs(lag["exponent"][0] + 20) < 4 * lag["std"]["exponent"][0]
             < 1)
     assert abs(mode["frequency_hz"] - 10 / np.pi) < 4 * mode["std"]["frequency_hz"]

@@ -55,7 +55,7 @@ void identify_result_done(struct identify_result *r)
 {
     for (int i = 0; i < r->mode_count; i++) {
         free(r->modes[i].harmonics);
-        free(r->modes[i].shape);
+        free(r->modes[i].shape), free(r->modes[i].participation);
     }
     for (int i = 0; i < r->cluster_count; i++)
         free(r->clusters[i].members);

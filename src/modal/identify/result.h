@@ -132,6 +132,8 @@ struct identify_mode {
     struct identify_harmonic *harmonics;   /* periodic systems, by descending magnitude */
     int harmonic_count;
     double complex *shape;        /* one number a channel chosen, largest 1; NULL: not asked */
+    double complex *participation;       /* one number an input, beside the shape of a forced mode:
+                                          * (3) of forced.c; else NULL */
     double mpc;                   /* modal phase collinearity of the shape, 0..1 */
     double cycles;                /* in the record, beside a forced response; 0: not told */
 };
@@ -200,6 +202,7 @@ struct identify_result {
                                                        * were not) */
     struct identify_cluster *clusters; int cluster_count;
     struct identify_frf frf;
+    int input_count;              /* measured; 0: none */
     /* where amplitude_dependent or changes_in_record is among the diagnostics */
     struct identify_window *trend; int trend_count;
     struct identify_diagnostic diagnostics[IDENTIFY_DIAGNOSTICS_MOST]; int diagnostic_count;

@@ -6,6 +6,15 @@
  * direction of its shape: over the NEAR lines about it, each response over its standard deviation,
  * the mean square of the projection on the shape is 1, with the standard deviation 1/sqrt(lines).
  * Where it is larger beyond chance, so are the errors, by its root.
+ *
+ * The modal model.  A part a / (s - lambda) of a response over an input, s the Laplace variable, adds
+ * to the state what an input that is straight between samples h apart brings, and so to (2) of
+ * lines.c, r = exp(lambda h), beside a direct term
+ *
+ *     a (1 - r)^2 / (lambda^2 h) / (z - r):                                                   (3)
+ *
+ * a = shape times participation, of a pair beside its conjugate; of a real pole, whose conjugate
+ * is itself, twice what transfer.h has.
  */
 #include "modal/identify/forced/forced.h"
 #include <cblas.h>
@@ -283,6 +292,30 @@ static double noise_about(const struct work *w, const double complex *R, int p, 
     return *lines > 0 ? sum / *lines : 1;
 }
 
+/* How each input drives mode P, whose shape is m's. */
+static enum modal_status participate(const struct work *w, int p, struct identify_mode *m,
+                                     struct modal_error *err)
+{
+    const struct transfer *t = &w->found.model;
+    const struct lines *l = &w->lines;
+    double h = w->rec.step;
+    double complex lambda = t->s[p] / h, off = 1 - cexp(t->s[p]);
+    double complex back = lambda * lambda * h / (off * off) * (cimag(lambda) > 0 ? 1 : 2);
+    int largest = 0;
+    const double *x;
+
+    m->participation = malloc(sizeof *m->participation * (size_t)l->inputs);
+    if (m->participation == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d inputs", l->inputs);
+    while (largest < l->responses - 1 && m->shape[largest] != 1)
+        largest++;
+    x = t->x + 2 * p + (size_t)(2 * t->poles + l->direct) * largest;
+    back *= CMPLX(x[0], x[1]) * w->rec.scale[largest];   /* what the shape was divided by */
+    for (int j = 0; j < l->inputs; j++)
+        m->participation[j] = back * t->q[j + (size_t)l->drives * p] / l->size[j];
+    return MODAL_OK;
+}
+
 static enum modal_status shape_mode(const struct work *w, int p, struct identify_mode *m,
                                     struct modal_error *err)
 {
@@ -297,7 +330,7 @@ static enum modal_status shape_mode(const struct work *w, int p, struct identify
         m->shape[i] = CMPLX(x[0], x[1]) * w->rec.scale[i];
     }
     modes_scale_shape(m, l->responses);
-    return MODAL_OK;
+    return participate(w, p, m, err);
 }
 
 /* Else it makes up for what is beyond the band. */
@@ -475,6 +508,7 @@ static void report_settings(struct work *w, struct identify_result *out)
 {
     const struct lines *l = &w->lines;
 
+    out->input_count = l->inputs;
     out->hankel_rank = 2 * w->found.model.poles;
     out->pod_rank = l->responses;
     out->energy = NAN;

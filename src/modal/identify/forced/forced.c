@@ -7,9 +7,9 @@
  * the mean square of the projection on the shape is 1, with the standard deviation 1/sqrt(lines).
  * Where it is larger beyond chance, so are the errors, by its root.
  *
- * The modal model.  A part a / (s - lambda) of a response over an input, s the Laplace variable, adds
- * to the state what an input that is straight between samples h apart brings, and so to (2) of
- * lines.c, r = exp(lambda h), beside a direct term
+ * The modal model.  A part a / (s - lambda) of a response over an input, s the Laplace variable,
+ * adds to the state what an input that is straight between samples h apart brings, and so to (2)
+ * of lines.c, r = exp(lambda h), beside a direct term
  *
  *     a (1 - r)^2 / (lambda^2 h) / (z - r):                                                   (3)
  *

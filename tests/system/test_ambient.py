@@ -288,6 +288,20 @@ def test_a_short_ambient_record_that_many_modes_can_draw_is_not_taken_for_free(
     assert said["modes"] and all(m["std"]["damping_ratio"] is None for m in said["modes"])
 
 
+def test_a_crowd_about_one_frequency_that_draws_a_driven_mode_is_not_taken_for_free(ctl, tmp_path):
+    """One mode of 1.17 Hz, damping 0.0035, over seven decay times: five modes within 2 % draw it,
+    and its energy neither rises nor falls as plainly as noise's does elsewhere."""
+    rng = np.random.default_rng(71060)
+    w, zeta = 2 * np.pi * rng.uniform(1, 8, 1), np.exp(rng.uniform(*np.log([0.002, 0.05]), 1))
+    s = bench_ambient.System(w * (-zeta + 1j * np.sqrt(1 - zeta ** 2)), rng.standard_normal((1, 1)),
+                             rng.standard_normal((1, 2)) / 1j,
+                             2 * np.pi / (w[0] * rng.uniform(2.5, 8)), 10 ** rng.uniform(-2, -1))
+    said = ctl("identify", write_batch(tmp_path / "a.h5", s.samples(2000, rng), dt=s.dt)).document
+    advice, = [d["message"] for d in said["diagnostics"] if d["code"] == "not_free_decay"]
+    assert "response=ambient" in advice and said["stability"]["stable"] is None
+    assert said["modes"] and all(m["std"]["damping_ratio"] is None for m in said["modes"])
+
+
 def test_few_cycles_are_said_with_how_many_are_enough(ctl, tmp_path):
     said = identify(ctl, tmp_path / "a.h5",
                     record(12, 3000, hertz=(2.0, 5.5), zeta=(0.01, 0.02))).document

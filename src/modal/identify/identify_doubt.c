@@ -4,6 +4,7 @@
 #include <cblas.h>
 #include <float.h>
 #include <math.h>
+#include <string.h>
 #include "modal/identify/ask/merge.h"
 #include "modal/identify/ask/screen.h"
 #include "modal/identify/ask/trend.h"
@@ -11,7 +12,9 @@
 #include "modal/identify/linear/exponents.h"
 #include "modal/linalg/svd.h"
 
-static const double ORBIT_LEAST = 0.01; /* of the energy: less may be what others leave */
+static const double
+    ORBIT_LEAST = 0.01,          /* of the energy: less may be what others leave */
+    REBUILT = 0.15;              /* of the rms is left at most of what decays, as in trend.c */
 
 /* A multiplier of 1 that is no offset, in a periodic system: the orbit itself. */
 static bool has_orbit(const struct work *w, const struct identify_result *r)
@@ -165,6 +168,40 @@ static enum modal_status confirm_growth(struct work *w, struct identify_result *
     return MODAL_OK;
 }
 
+static bool says_change(const struct identify_result *r)
+{
+    bool said = false;
+
+    for (int i = 0; i < r->diagnostic_count; i++)
+        said |= strcmp(r->diagnostics[i].code, "amplitude_dependent") == 0
+             || strcmp(r->diagnostics[i].code, "changes_in_record") == 0;
+    return said;
+}
+
+/*
+ * Do many exponents about one frequency draw what drives one mode?  They are others in either half,
+ * and what they leave is no noise; of a mode that changes by itself trend_watch() has said so.  Of
+ * several signals shapes tell, and the energy of windows.
+ */
+static void say_crowd(const struct work *w, struct identify_result *out)
+{
+    struct trend_input in = { .X = w->X, .tau = w->rec.step, .lambda = w->poles.lambda,
+                              .count = w->poles.count, .hertz = w->rec.shift_rad_s / (2 * M_PI) };
+    const struct widened *doubt = &w->facts.doubt;
+
+    if (w->X->n > 1 || w->shift > 1 || w->rec.period > 0 || out->mode_count == 0 || out->driven
+        || says_change(out) || doubt->exact || !(doubt->colour > 1)
+        || !(doubt->contradiction > 1) || !(out->total_relative_error >= REBUILT)
+        || !trend_crowds(&in, out->modes[0].exponent))
+        return;
+    out->driven = true;
+    identify_diagnose(out, "not_free_decay", -1, "many exponents about %.5g Hz, others in either "
+                      "half of the record, leave what is no white noise: the response is driven, "
+                      "of which there are no standard errors and no verdict; give response=ambient "
+                      "where nobody measured the excitation, response=forced and its channels as "
+                      "inputs where it was measured", cabs(out->modes[0].resolved) / (2 * M_PI));
+}
+
 /* Where poles nearly coalesce their parts are far larger than their sum,
  * and so is what rounding leaves. */
 static bool at_rounding_of_parts(const struct work *w, const struct identify_result *r)
@@ -197,6 +234,7 @@ enum modal_status work_conclude(struct work *w, const struct batch *batch,
     w->facts.tau = w->tau;
     w->facts.orbit = has_orbit(w, out);
     w->facts.below = w->rec.below;
+    say_crowd(w, out);
     diagnose(out, &w->facts);
     screen_samples(batch, out);
     work_report_grids(w, out);

@@ -143,6 +143,24 @@ def test_what_the_balance_does_not_reach_from_rest_is_found_in_time(tmp_path, na
     assert answer["stability"]["stable"] is (None if abs(largest - 1) < 0.01 else bool(largest < 1))
 
 
+@pytest.mark.parametrize("count", [15, 25, 47])
+def test_a_contact_that_its_harmonics_do_not_resolve_has_the_error_and_multipliers_it_says(
+        tmp_path, count):
+    """A mass on soft ground is thrown far off and meets a stiff stop: so few harmonics balance with
+    a contact at other instants, which called this unstable motion stable and its error half."""
+    scene = {"structure": {"type": "matrices", "M": [[0.809]], "K": [[0.001]], "C": [[0.0486]]},
+             "omega": 0.15, "steady": {"harmonics": count, "stability": True},
+             "effects": [{"type": "gap", "dof": "x1", "stiffness": 6.27, "clearance": 0.0879,
+                          "dissipation": 0.423}],
+             "excitation": [{"dof": "x1", "k": 1, "cos": 3.9224, "sin": 0.0}]}
+    answer, x, path, left, multipliers = answered(tmp_path, scene, 4096)
+    largest = np.abs(multipliers).max()
+    assert left < 1e-7
+    assert np.abs(x - path).max() < 1.5 * answer["total_error"]
+    assert abs(answer["stability"]["max_multiplier"] - largest) < 0.01 * largest
+    assert answer["stability"]["stable"] is False
+
+
 def test_a_motion_that_settles_after_hundreds_of_periods_is_found(tmp_path):
     """A free body: in time it takes 500 periods, and no balance leads to it from rest."""
     scene = json.loads((SCENES / "settles_after_hundreds_of_periods.json").read_text())

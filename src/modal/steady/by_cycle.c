@@ -32,12 +32,19 @@
 /* Harmonics fall as k^-3 and faster, so that half the samples fold eight times as much: their
  * difference is seven times what the whole folds. */
 static const double FOLDS = 7;
+static const double TWO_PI = 6.283185307179586477;   /* a period of theta */
 /* Of the budget, what a motion sought in time may cost: it serves the balances of all orders, which
  * have the rest. */
 static const double SHARE_OF_TIME = 0.25;
 /* The same of one sought beside an unstable answer: an attractor is near within some tens of
  * periods, or transients are too long. */
 static const double SHARE_OF_STABLE = 0.1;
+/* Estimates of errors are of first order: they hold while what the series leaves of the equation
+ * of motion is little beside the forces that act.  From a tenth of these on a contact may be met
+ * at other instants than it is, and time is asked. */
+static const double MUCH_LEFT = 0.1;
+/* Of its stated error, what a point may be off. */
+static const double OFF_MOST = 3;
 enum {
     H_CYCLE_MOST = 1024,    /* an eighth of the samples: what folds onto them is small */
     H_LEAST = 8,   /* as solve.c begins */
@@ -267,6 +274,100 @@ enum modal_status solve_by_cycle(struct steady *s, double omega, const struct st
     cycle_done(&c);
     free(x);
     return rc;
+}
+
+/* max over counted dofs and instants of |X - MARCHED|, the latter as settle_look gives it. */
+static enum modal_status distance_to(struct steady *s, const struct steady_point *point,
+                                     const double *marched, double *far, struct modal_error *err)
+{
+    int count = s->opt.dofs != NULL ? s->opt.dofs_count : s->p->n, H = point->H;
+    double complex *X = calloc((size_t)H + 1, sizeof *X);
+    enum modal_status rc =
+        X == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory") : MODAL_OK;
+
+    *far = 0;
+    for (int i = 0; rc == MODAL_OK && i < count; i++) {
+        int dof = steady_counted_dof(s, i);
+
+        rc = condense_recover(s->c, dof, H, point->X, H, X, err);
+        for (int j = 0; rc == MODAL_OK && j < SETTLE_INSTANTS; j++) {
+            double x = 0;
+
+            for (int k = 0; k <= H; k++)
+                x += creal(X[k] * cexp(I * TWO_PI * ((double)j * k / SETTLE_INSTANTS)));
+            *far = fmax(*far, fabs(x - marched[dof * SETTLE_INSTANTS + j]));
+        }
+    }
+    free(X);
+    return rc;
+}
+
+/* Whether the answer may be asked for in time: nobody said how to solve, and what its series leaves
+ * is much. */
+static bool wants_look(const struct steady *s, const struct steady_point *point)
+{
+    const struct steady_options *o = &s->opt;
+
+    return point->converged && !point->followed && point->linear == NULL && !s->jumps
+        && !s->searching && o->method == STEADY_AUTO && o->cutoff == 0 && !o->unlocated
+        && !o->by_differences && !o->reduced && isfinite(point->error)
+        && point->tail_max > MUCH_LEFT * point->load_max && settle_takes(s->p);
+}
+
+/* POINT becomes the cycle C, if that is near, and is not converged if there is none. */
+static enum modal_status take_cycle(struct steady *s, struct settle *search, struct cycle *c,
+                                    struct steady_point *point, struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+
+    if (c->closed)
+        rc = settle_multipliers(search, SHARE_OF_STABLE * s->budget.most, c, err);
+    if (rc != MODAL_OK || !c->closed) {
+        point->converged = false;
+        point->fewer = true;
+        point->reason = "a period that is marched from it does not end where it began";
+        return rc;
+    }
+    rc = cycle_point(s, c, point->omega, point, err);
+    if (rc == MODAL_OK)
+        describe(s, c, point);
+    return rc;
+}
+
+enum modal_status time_look(struct steady *s, struct steady_point *point, struct modal_error *err)
+{
+    struct cycle_options opt = { s->opt.cancelled, s->opt.context, &s->budget };
+    const struct steady_start start = { point->q, point->H, point->X };
+    size_t n = (size_t)s->p->n;
+    double *x = calloc((2 + SETTLE_INSTANTS) * n + 1, sizeof *x), far = 0,
+           most = SHARE_OF_STABLE * s->budget.most;
+    struct settle *search = NULL;
+    struct cycle c = { 0 };
+    bool ended = false;
+    enum modal_status rc;
+
+    if (!wants_look(s, point)) {
+        free(x);
+        return MODAL_OK;
+    }
+    rc = x == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory")
+                   : settle_new(s->p, point->omega, &opt, &search, err);
+    if (rc == MODAL_OK)
+        rc = state_of_start(s, point->omega, &start, x, x + n, err);
+    if (rc == MODAL_OK)
+        rc = settle_look(search, x, x + n, most, x + 2 * n, &ended, err);
+    if (rc == MODAL_OK && ended)
+        rc = distance_to(s, point, x + 2 * n, &far, err);
+    if (rc == MODAL_OK && far > OFF_MOST * point->error) {
+        rc = settle_close_from(search, most, &c, err);
+        if (rc == MODAL_OK)
+            rc = take_cycle(s, search, &c, point, err);
+    }
+    cycle_done(&c);
+    settle_free(search);
+    free(x);
+    /* what has no such states is not followed */
+    return rc == MODAL_BAD_INPUT || rc == MODAL_TOO_LARGE ? MODAL_OK : rc;
 }
 
 /* A search in time and what it found. */

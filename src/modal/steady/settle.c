@@ -70,7 +70,7 @@ static const double FALLS = 0.5;
 static const double SLOW = 0.3;
 static const double LAMBDA_LEAST = 0.1;
 enum {
-    STEPS = 64,            /* parts of a period; the longest step is one */
+    STEPS = SETTLE_INSTANTS,    /* parts of a period; the longest step is one */
     STEPS_FIRST = 1024,    /* of a period, before any was marched */
     QUICK_STEPS = 4,       /* rk4's of such a part, to begin with */
     PERIODS_FIRST = 12,    /* marched, so that fast transients are gone */
@@ -99,6 +99,7 @@ struct settle {
     double *trial, *trial_end, *trial_r, *step, *unit;
     double *J, *work, *svd, *singular;    /* I - dP/du in units, order^2; scratch */
     double *probes;                   /* 2 probes: what laws see at y */
+    double *motion;                   /* displacements by dof */
     double size_y, size_z;            /* the largest so far */
     double *from;                     /* the state that is marched from */
     double most;                      /* operations, allowed; */
@@ -188,10 +189,10 @@ static void begin_at(struct settle *s, const double *from, double *y)
     memset(s->acts, 0, (size_t)s->p.laws * sizeof *s->acts);
 }
 
-/* TO = P(FROM) and R their difference in units.  MODAL_NO_CONVERGENCE where it did not come to its
- * end. */
-static enum modal_status map(struct settle *s, const double *from, double *to, double *r,
-                             struct modal_error *err)
+/* TO = P(FROM) and R their difference in units; X, if not NULL, as settle_look's.
+ * MODAL_NO_CONVERGENCE where it did not come to its end. */
+static enum modal_status map_seen(struct settle *s, const double *from, double *to, double *r,
+                                  double *x, struct modal_error *err)
 {
     size_t N = (size_t)s->N, memories = (size_t)s->pace->by->memories;
     enum modal_status rc = MODAL_OK;
@@ -202,6 +203,10 @@ static enum modal_status map(struct settle *s, const double *from, double *to, d
     if (s->pace == &s->quick)
         s->tries_of_map = INT64_MAX;                    /* as many each period */
     for (int i = 0; rc == MODAL_OK && i < STEPS; i++) {
+        if (x != NULL)
+            statespace_motion(s->ss, to, s->motion, NULL);
+        for (int d = 0; x != NULL && d < s->n; d++)
+            x[d * STEPS + i] = s->motion[d];
         rc = s->pace->by->advance(s->pace->by, i * s->T / STEPS, s->T / STEPS, to, err);
         if (rc == MODAL_OK && leaves_off(s))
             rc = MODAL_CANCELLED;
@@ -216,6 +221,13 @@ static enum modal_status map(struct settle *s, const double *from, double *to, d
     if (rc == MODAL_CANCELLED && cancelled(s))
         return modal_fail(err, MODAL_CANCELLED, "cancelled");
     return rc == MODAL_OK || rc == MODAL_NO_MEMORY ? rc : MODAL_NO_CONVERGENCE;
+}
+
+/* TO = P(FROM) and R their difference in units.  Fails as map_seen. */
+static enum modal_status map(struct settle *s, const double *from, double *to, double *r,
+                             struct modal_error *err)
+{
+    return map_seen(s, from, to, r, NULL, err);
 }
 
 /* max |r_i|. */
@@ -527,7 +539,8 @@ static enum modal_status allocate(struct settle *s, struct modal_error *err)
         { &s->trial, order }, { &s->trial_end, order }, { &s->trial_r, order },
         { &s->step, order }, { &s->unit, order },
         { &s->J, order * order }, { &s->work, order * order }, { &s->singular, order },
-        { &s->svd, (size_t)s->svd_size }, { &s->probes, 2 * (size_t)s->ports->probes } };
+        { &s->svd, (size_t)s->svd_size }, { &s->probes, 2 * (size_t)s->ports->probes },
+        { &s->motion, (size_t)s->n } };
 
     for (size_t i = 0; i < sizeof all / sizeof *all; i++)
         *all[i].x = workspace_zeros(&s->space, all[i].count, sizeof **all[i].x);
@@ -603,19 +616,26 @@ void settle_free(struct settle *s)
     free(s);
 }
 
+/* OUT with room for a motion, nothing known of it. */
+static enum modal_status room_for(const struct settle *s, struct cycle *out,
+                                  struct modal_error *err)
+{
+    *out = (struct cycle) { .x = calloc((size_t)s->n * CYCLE_SAMPLES, sizeof *out->x),
+                            .acts = calloc((size_t)s->p.laws + 1, sizeof *out->acts),
+                            .multiplier = calloc((size_t)s->order + 1, sizeof *out->multiplier) };
+    return out->x == NULL || out->acts == NULL || out->multiplier == NULL
+               ? modal_fail(err, MODAL_NO_MEMORY, "settle: no memory")
+               : MODAL_OK;
+}
+
 enum modal_status settle_find(struct settle *s, const double *x0, const double *v0, double most,
                               bool attracted, struct cycle *out, struct modal_error *err)
 {
-    size_t n = (size_t)s->n;
-    double *rest = calloc(n + 1, sizeof *rest);
-    enum modal_status rc;
+    double *rest = calloc((size_t)s->n + 1, sizeof *rest);
+    enum modal_status rc = room_for(s, out, err);
 
-    *out = (struct cycle) { .x = calloc(n * CYCLE_SAMPLES, sizeof *out->x),
-                            .acts = calloc((size_t)s->p.laws + 1, sizeof *out->acts),
-                            .multiplier = calloc((size_t)s->order + 1, sizeof *out->multiplier) };
-    rc = rest == NULL || out->x == NULL || out->acts == NULL || out->multiplier == NULL
-             ? modal_fail(err, MODAL_NO_MEMORY, "settle: no memory")
-             : MODAL_OK;
+    if (rc == MODAL_OK && rest == NULL)
+        rc = modal_fail(err, MODAL_NO_MEMORY, "settle: no memory");
     if (rc == MODAL_OK) {
         s->p.x0 = x0 != NULL ? (double *)x0 : rest;     /* read only, by statespace_start */
         s->p.v0 = v0 != NULL ? (double *)v0 : rest;
@@ -636,18 +656,10 @@ enum modal_status settle_find(struct settle *s, const double *x0, const double *
     return rc;
 }
 
-enum modal_status settle_close(struct settle *s, double most, struct cycle *out,
-                               struct modal_error *err)
+/* What the stepper's own search, which ended with RC, has found, into OUT. */
+static enum modal_status give_closed(struct settle *s, enum modal_status rc, struct cycle *out,
+                                     struct modal_error *err)
 {
-    enum modal_status rc;
-
-    if (s->pace == &s->own)
-        return MODAL_OK;                                /* it is as good as can be */
-    s->pace = &s->own;
-    s->periods = 0;
-    s->most = s->spent + most;
-    memcpy(s->end, s->u, (size_t)s->order * sizeof *s->end);
-    rc = close_up(s, &FINE, err);
     out->closure = largest(s->r, s->order);
     out->closed = rc == MODAL_OK && !s->drifts && out->closure <= FINE.closed;
     if (out->closed)
@@ -657,6 +669,56 @@ enum modal_status settle_close(struct settle *s, double most, struct cycle *out,
         out->evaluations = (long)s->own.by->steps;
     }
     return rc == MODAL_NO_CONVERGENCE ? MODAL_OK : rc;
+}
+
+enum modal_status settle_look(struct settle *s, const double *x0, const double *v0, double most,
+                              double *x, bool *ended, struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+
+    s->p.x0 = (double *)x0;                             /* read only, by statespace_start */
+    s->p.v0 = (double *)v0;
+    statespace_start(s->ss, s->from);
+    s->pace = &s->own;
+    s->own.by->tolerance = FINE.tolerance;
+    s->stage = &FINE;
+    s->most = s->spent + most;
+    s->periods = 0;
+    memcpy(s->u, s->from, (size_t)s->order * sizeof *s->u);
+    if (s->own.by->memories > 0)
+        rc = map(s, s->u, s->end, s->r, err);
+    if (rc == MODAL_OK && s->own.by->memories > 0)
+        memcpy(s->u + s->N, s->end + s->N, (size_t)s->own.by->memories * sizeof *s->u);
+    if (rc == MODAL_OK)
+        rc = map_seen(s, s->u, s->end, s->r, x, err);
+    *ended = rc == MODAL_OK;
+    return rc == MODAL_NO_CONVERGENCE ? MODAL_OK : rc;
+}
+
+enum modal_status settle_close_from(struct settle *s, double most, struct cycle *out,
+                                    struct modal_error *err)
+{
+    enum modal_status rc = room_for(s, out, err);
+
+    s->most = s->spent + most;
+    if (rc == MODAL_OK)
+        rc = give_closed(s, close_by_newton(s, err), out, err);
+    out->periods = s->periods;
+    if (rc != MODAL_OK)
+        cycle_done(out);
+    return rc;
+}
+
+enum modal_status settle_close(struct settle *s, double most, struct cycle *out,
+                               struct modal_error *err)
+{
+    if (s->pace == &s->own)
+        return MODAL_OK;                                /* it is as good as can be */
+    s->pace = &s->own;
+    s->periods = 0;
+    s->most = s->spent + most;
+    memcpy(s->end, s->u, (size_t)s->order * sizeof *s->end);
+    return give_closed(s, close_up(s, &FINE, err), out, err);
 }
 
 /* Eigenvalues of I - J, J by differences of STEP. */

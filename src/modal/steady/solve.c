@@ -610,6 +610,8 @@ static enum modal_status solve_any(struct steady *s, double omega, const struct 
     if (rc == MODAL_OK && !point->converged)
         rc = time_answer(s, omega, point, err);
     time_forget(s);
+    if (rc == MODAL_OK)
+        rc = time_look(s, point, err);
     return rc;
 }
 

@@ -514,6 +514,36 @@ static enum modal_status is_slow(const struct program *p, int reach, double rate
     return rc;
 }
 
+/* Frees what S holds. */
+static void count_done(struct count *s)
+{
+    sparse_lu_free(s->Q);
+    for (int which = PROGRAM_M; which <= PROGRAM_K; which++) {
+        sparse_done(&s->part[which]);
+        sparse_done(&s->extra[which]);
+    }
+    sparse_done(&s->all);
+    workspace_free(&s->space);
+}
+
+enum modal_status hill_is_held(const struct program *p, double period, double rate, bool *held,
+                               struct modal_error *err)
+{
+    struct count s = { .p = p, .W = hill_window_frequency(p, period), .rate = rate, .n = p->n,
+                       .reach = hill_window_reach(p) };
+    struct program own = *p;
+    double unit = s.reach > 0 ? p->harmonic[p->harmonics - 1].k / s.reach : 1;
+    enum modal_status rc = part(&s, err);
+
+    own.constant[PROGRAM_K] = s.part[PROGRAM_K];
+    *held = rc == MODAL_OK;
+    for (int i = 0; rc == MODAL_OK && *held && i < TIMES * s.reach; i++)
+        rc = is_positive(&own, PROGRAM_K, 2 * M_PI * i / (TIMES * s.reach) / unit, 1, 0,
+                         rate * rate, held, err);
+    count_done(&s);
+    return rc;
+}
+
 enum modal_status hill_growth(const struct program *p, double period, double rate, double most,
                               int *count, double *work, struct modal_error *err)
 {
@@ -528,12 +558,6 @@ enum modal_status hill_growth(const struct program *p, double period, double rat
     if (rc == MODAL_OK && !slow)
         rc = count_all(&s, count, err);
     *work += s.work;
-    sparse_lu_free(s.Q);
-    for (int which = PROGRAM_M; which <= PROGRAM_K; which++) {
-        sparse_done(&s.part[which]);
-        sparse_done(&s.extra[which]);
-    }
-    sparse_done(&s.all);
-    workspace_free(&s.space);
+    count_done(&s);
     return rc;
 }

@@ -5,6 +5,7 @@
  */
 #ifndef MODAL_HILL_GROWTH_H
 #define MODAL_HILL_GROWTH_H
+#include <stdbool.h>
 #include "modal/scene/program.h"
 
 /*
@@ -16,4 +17,12 @@
  */
 enum modal_status hill_growth(const struct program *p, double period, double rate, double most,
                               int *count, double *work, struct modal_error *err);
+
+/*
+ * *HELD: what holds P, pushed from rest or not, or its inertia at RATE is more than the stiffness
+ * that pulsates, at all times and of whatever shape.  Where it is less, motions of slow growth are
+ * no perturbations of those without.  Fails with MODAL_TOO_LARGE as hill_growth, MODAL_NO_MEMORY.
+ */
+enum modal_status hill_is_held(const struct program *p, double period, double rate, bool *held,
+                               struct modal_error *err);
 #endif

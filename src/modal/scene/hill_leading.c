@@ -14,6 +14,9 @@
  * that walk ends.  The constant part's exponents cost a tenth of the whole's: all are taken up to
  * the highest such sum, and small windows are looked through where pairs of them say so
  * (hill_sums.h).
+ *
+ * What grows faster than W / 8 is counted (hill_growth.h).  First order serves for what is slower
+ * where less pulsates than what holds: else what is faster than W / 1024 is counted too.
  */
 #include "modal/scene/hill_leading.h"
 #include <math.h>
@@ -47,6 +50,7 @@ static const double KNOWN = 1e-9;        /* multipliers of two searches that are
 static const double FLAT = 0.9;          /* of a radius: so far a stretch off the axis is whole */
 static const double MARGIN = 0.5;        /* of what first order raises by, for what it lacks */
 static const double FAST = 0.125;         /* of W: from there on those that grow are counted */
+static const double SLOW = 1.0 / 1024;   /* the same where what pulsates is more than what holds */
 static const double WORK_GROWTH = 2e10;  /* operations to count them: chosen, some 20 seconds */
 static const double WORK_SUMS = 4e10;    /* operations to find pairs: chosen, some 30 seconds */
 
@@ -56,13 +60,14 @@ struct search {
     const struct program *p;
     double most, work, factors;          /* operations; of the constant part's factors */
     int n, pulsating, harmonics, windows;
-    bool all_sums, missed;               /* as asked; a window that did not settle */
+    bool all_sums, missed;               /* as asked; a window did not reach what it was for */
     double sums_to;                      /* as struct hill_leading's */
     int growing;                         /* the same */
     bool counted;                        /* all that are wanted are among them, and were found */
     struct hill_found found;
     struct disc disc[WINDOWS_MOST];      /* that were looked through */
     int discs;
+    struct disc looked;                  /* the last: it settled so far, or as far as asked */
 };
 
 /* The one text of it here. */
@@ -152,7 +157,7 @@ static enum modal_status look(struct search *s, double complex shift, int wanted
     if (rc != MODAL_OK)
         return rc;
     s->windows++;
-    s->missed = s->missed || (!h.complete && h.count < wanted / 2);
+    s->looked = (struct disc){ shift, h.complete ? HUGE_VAL : h.radius, 0 };
     if (seed == 1 && h.count > 0)
         s->disc[s->discs++] = (struct disc){ shift, h.radius, 0 };
     rc = hill_found_add(&s->found, &h, err);
@@ -216,6 +221,7 @@ static enum modal_status cover(struct search *s, const struct hill_window *const
         rc = look(s, middle, group + MORE, 1, err);
         if (rc == MODAL_OK && window_of(s, here, 1) < 0)
             rc = look(s, here, group + MORE, 1, err);
+        s->missed = s->missed || (rc == MODAL_OK && window_of(s, here, 1) < 0);
     }
     return rc;
 }
@@ -332,6 +338,7 @@ static enum modal_status look_at_pairs(struct search *s, const struct hill_sums 
         if (s->discs == WINDOWS_MOST)
             break;
         rc = look(s, pair[i].exponent, SUM, 1, err);
+        s->missed = s->missed || (rc == MODAL_OK && window_of(s, pair[i].exponent, 1) < 0);
     }
     free(pair);
     return rc;
@@ -409,6 +416,19 @@ static enum modal_status spread(struct search *s, bool *settled, struct modal_er
     return rc;
 }
 
+/* Does the window looked through last reach all of the first LAST that the I-th has? */
+static bool saw_leading(const struct search *s, int i, int last)
+{
+    for (int k = 0; k < last && k < s->found.count; k++) {
+        double complex z = s->found.motion[k].exponent;
+        if (window_of(s, z, 1) == i
+            && !(fmin(cabs(z - s->looked.middle), cabs(conj(z) - s->looked.middle))
+                 <= s->looked.radius + KNOWN * s->found.W))
+            return false;
+    }
+    return true;
+}
+
 /* Once more through the windows that have leading ones, for as many and some more. */
 static enum modal_status repeat(struct search *s, struct modal_error *err)
 {
@@ -421,9 +441,11 @@ static enum modal_status repeat(struct search *s, struct modal_error *err)
             s->disc[at].leading++;
     }
     for (int i = 0; rc == MODAL_OK && i < s->discs; i++)
-        if (s->disc[i].leading > 0)
+        if (s->disc[i].leading > 0) {
             rc = look(s, s->disc[i].middle - OFF_AXIS * s->found.W,
                       2 * s->disc[i].leading + MORE, 2, err);
+            s->missed = s->missed || (rc == MODAL_OK && !saw_leading(s, i, last));
+        }
     return rc;
 }
 
@@ -559,29 +581,48 @@ static enum modal_status search_right(struct search *s, double rate, struct moda
     return rc == MODAL_TOO_LARGE || rc == MODAL_NO_CONVERGENCE ? MODAL_OK : rc;
 }
 
-/* Are all found that grow fast?  Else *SETTLED: not. */
-static enum modal_status check_growth(struct search *s, bool uncounted, bool *settled,
+/* Counts those that grow by more than RATE, and looks for what is lacking; *FOUND: all are, false as
+ * well where they cannot be counted. */
+static enum modal_status count_faster(struct search *s, double rate, bool *counted, bool *found,
                                       struct modal_error *err)
 {
-    double rate = FAST * s->found.W;
-    bool missed, found;
-    enum modal_status rc = hill_growth(s->p, s->found.period, rate,
-                                       s->most > 0 ? fmin(WORK_GROWTH, s->most - s->work)
-                                                   : WORK_GROWTH, &s->growing, &s->work, err);
+    double most = s->most > 0 ? fmin(WORK_GROWTH, s->most - s->work) : WORK_GROWTH;
+    int growing = -1;
+    bool missed = s->missed;             /* the count tells here whether one is */
+    enum modal_status rc = hill_growth(s->p, s->found.period, rate, most, &growing, &s->work, err);
 
-    if (rc == MODAL_TOO_LARGE || rc == MODAL_NO_CONVERGENCE) {
-        s->growing = -1;
-        *settled = *settled && uncounted;
+    *counted = rc == MODAL_OK;
+    *found = false;
+    if (rc == MODAL_TOO_LARGE || rc == MODAL_NO_CONVERGENCE)
         return MODAL_OK;
-    }
-    missed = s->missed;                  /* the count tells here whether one is */
+    s->growing = rc == MODAL_OK ? growing : s->growing;
     if (rc == MODAL_OK)
         rc = search_real(s, rate, err);
     if (rc == MODAL_OK)
         rc = search_right(s, rate, err);
     s->missed = missed;
-    found = hill_found_growing(&s->found, rate) == s->growing;
+    *found = rc == MODAL_OK && hill_found_growing(&s->found, rate) == s->growing;
+    return rc;
+}
+
+/* Are all found that grow fast?  Else *SETTLED: not.  Slow ones are counted too where they may be
+ * none of those that first order knows of. */
+static enum modal_status check_growth(struct search *s, bool uncounted, bool *settled,
+                                      struct modal_error *err)
+{
+    double rate = FAST * s->found.W;
+    bool counted, found, held = true;
+    enum modal_status rc = count_faster(s, rate, &counted, &found, err);
+
+    if (rc == MODAL_OK && !counted) {
+        *settled = *settled && uncounted;
+        return MODAL_OK;
+    }
     s->counted = found && s->growing >= s->found.wanted;
+    if (rc == MODAL_OK && *settled && found && !s->counted && !uncounted)
+        rc = hill_is_held(s->p, s->found.period, rate, &held, err);
+    if (rc == MODAL_OK && !held)
+        rc = count_faster(s, SLOW * s->found.W, &counted, &found, err);
     *settled = found && (*settled || s->counted);
     return rc;
 }

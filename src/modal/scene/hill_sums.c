@@ -9,6 +9,13 @@
  *     s alpha_i = lambda_i alpha_i - sum_j x_i^T S_k(conj lambda_j) conj(x_j) beta_j,
  *     s beta_j = (conj(lambda_j) + i k W) beta_j - sum_i conj(x_j)^T S_-k(lambda_i) x_i alpha_i;
  *
+ * A motion that little holds beside what pulsates, as a rigid one, has lambda^2 moved and not lambda:
+ * by s = |x^T S x| a unit of its mass m it grows at sqrt(s / m) at most.  Its scale is held at
+ *
+ *     |x_i^T (2 lambda_i M + C) x_i|  >=  sqrt(m s),                                            (2)
+ *
+ * with which (1) says as much, where 0 in its place would move lambda without bound.
+ *
  * All i of a stretch of the axis and all j next to what they lack to k W are taken at once, for
  * where motions are damped by more than they are apart many of them act together.
  */
@@ -82,6 +89,33 @@ static double complex norm_of(const struct program *p, double complex lambda,
     return sum;
 }
 
+/* sum |x_i| |A_ij| |x_j| */
+static double size_of(const struct sparse *A, const double complex *x)
+{
+    double sum = 0;
+
+    for (int i = 0; i < A->m; i++)
+        for (int e = A->start[i]; e < A->start[i + 1]; e++)
+            sum += cabs(x[i]) * fabs(A->value[e]) * cabs(x[A->index[e]]);
+    return sum;
+}
+
+/* The norm's root, no less than (2) has it. */
+static double complex scale_of(const struct program *p, double complex lambda,
+                               const double complex *x)
+{
+    double complex norm = norm_of(p, lambda, x);
+    double pulsates = 0, least;
+
+    for (int h = 0; h < 4 * p->harmonics; h++) {
+        int part = PROGRAM_C + h / 2 % 2;
+        pulsates += (part == PROGRAM_C ? cabs(lambda) : 1)
+                    * size_of(matrix_of(&p->harmonic[h / 4], part, h % 2), x);
+    }
+    least = sqrt(size_of(&p->constant[PROGRAM_M], x) * pulsates);
+    return csqrt(cabs(norm) >= least ? norm : cabs(norm) > 0 ? norm * (least / cabs(norm)) : least);
+}
+
 /* Room for MORE exponents. */
 static enum modal_status widen(struct hill_sums *s, int more, struct modal_error *err)
 {
@@ -114,7 +148,7 @@ static void insert(struct hill_sums *s, double complex lambda, const double comp
 
     for (int i = 0; i < s->p->n; i++)
         x[i] = start[i] / s->weight[i];
-    root = csqrt(norm_of(s->p, lambda, x));
+    root = scale_of(s->p, lambda, x);
     for (; at > 0 && cimag(s->exponent[at - 1]) > cimag(lambda); at--) {
         s->exponent[at] = s->exponent[at - 1];
         memcpy(s->shape + at * ports, s->shape + (at - 1) * ports, ports * sizeof *s->shape);

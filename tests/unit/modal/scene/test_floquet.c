@@ -551,6 +551,32 @@ TEST(what_grows_faster_than_a_rate_is_counted_wherever_it_is)
     }
 }
 
+/* Windows alone.  By numpy's eigenvalues of the map by Magnus's fourth order in 0.12 radians of the
+ * fastest.  The third pulsates by more than what holds its dof, and what grows by 0.109 omega lies
+ * far from all of the constant part. */
+TEST(windows_alone_settle_free_and_turning_chains_and_what_pulsates_by_more_than_what_holds)
+{
+    static const struct { struct grown of; double omega, largest; } cases[] = {
+        { { PUMP("x10", "0.8"), true, false, false, false, { 0 } }, 1.3, 1.098823 },
+        { { PUMP("x10", "0.8"), true, false, true, false, { 0 } }, 1.3, 1.114208 },
+        { { PUMP("x10", "9"), false, false, false, false, { 0 } }, 5, 1.985370 },
+    };
+
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        struct program *p = grown_program(&cases[i].of);
+        struct modal_error err = { 0 };
+        struct hill_leading h;
+
+        p->omega = cases[i].omega;
+        CHECK(hill_leading(p, 2 * M_PI / p->omega, &(struct hill_ask){ .wanted = 10 }, &h, &err)
+              == MODAL_OK);
+        CHECK(h.settled);
+        CHECK_NEAR(cabs(h.multiplier[0]), cases[i].largest, 1e-6);
+        hill_leading_done(&h);
+        program_free(p);
+    }
+}
+
 /* A hundred unit masses on springs of 1e4 without ends, and one spring that pulsates: far above
  * omega there is much that turns between two samples of the line. Numpy's eigenvalues of the map
  * by Magnus's fourth order have the exponents 1.228, 0.884 and 0.443; the line is at 0.375. */

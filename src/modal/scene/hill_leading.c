@@ -581,8 +581,8 @@ static enum modal_status search_right(struct search *s, double rate, struct moda
     return rc == MODAL_TOO_LARGE || rc == MODAL_NO_CONVERGENCE ? MODAL_OK : rc;
 }
 
-/* Counts those that grow by more than RATE, and looks for what is lacking; *FOUND: all are, false as
- * well where they cannot be counted. */
+/* Counts those that grow by more than RATE, and looks for what is lacking; *FOUND: all are, false
+ * as well where they cannot be counted. */
 static enum modal_status count_faster(struct search *s, double rate, bool *counted, bool *found,
                                       struct modal_error *err)
 {

@@ -9,8 +9,8 @@
  *     s alpha_i = lambda_i alpha_i - sum_j x_i^T S_k(conj lambda_j) conj(x_j) beta_j,
  *     s beta_j = (conj(lambda_j) + i k W) beta_j - sum_i conj(x_j)^T S_-k(lambda_i) x_i alpha_i;
  *
- * A motion that little holds beside what pulsates, as a rigid one, has lambda^2 moved and not lambda:
- * by s = |x^T S x| a unit of its mass m it grows at sqrt(s / m) at most.  Its scale is held at
+ * A motion that little holds beside what pulsates, as a rigid one, has lambda^2 moved and not
+ * lambda: by s = |x^T S x| and its mass m it grows at sqrt(s / m) at most.  Its scale is held at
  *
  *     |x_i^T (2 lambda_i M + C) x_i|  >=  sqrt(m s),                                            (2)
  *

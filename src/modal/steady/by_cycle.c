@@ -39,9 +39,9 @@ static const double SHARE_OF_TIME = 0.25;
 /* The same of one sought beside an unstable answer: an attractor is near within some tens of
  * periods, or transients are too long. */
 static const double SHARE_OF_STABLE = 0.1;
-/* Estimates of errors are of first order: they hold while what the series leaves of the equation
- * of motion is little beside the forces that act.  From a tenth of these on a contact may be met
- * at other instants than it is, and time is asked. */
+/* Errors are of first order, and multipliers of the motion as the series has it: both hold while
+ * what that leaves of the equation of motion is little beside the forces that act.  From a tenth
+ * of these on a contact may be met at other instants than it is, and time is asked. */
 static const double MUCH_LEFT = 0.1;
 /* Of its stated error, what a point may be off. */
 static const double OFF_MOST = 3;
@@ -314,22 +314,23 @@ static bool wants_look(const struct steady *s, const struct steady_point *point)
         && point->tail_max > MUCH_LEFT * point->load_max && settle_takes(s->p);
 }
 
-/* POINT becomes the cycle C, if that is near, and is not converged if there is none. */
+/* POINT becomes the cycle C, if that closes; else it is not converged if a period went FAR. */
 static enum modal_status take_cycle(struct steady *s, struct settle *search, struct cycle *c,
-                                    struct steady_point *point, struct modal_error *err)
+                                    double far, struct steady_point *point,
+                                    struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
 
-    if (c->closed)
-        rc = settle_multipliers(search, SHARE_OF_STABLE * s->budget.most, c, err);
-    if (rc != MODAL_OK || !c->closed) {
+    if (!c->closed && far > OFF_MOST * point->error) {
         point->converged = false;
         point->fewer = true;
         point->reason = "a period that is marched from it does not end where it began";
-        return rc;
     }
-    rc = cycle_point(s, c, point->omega, point, err);
-    if (rc == MODAL_OK)
+    if (c->closed)
+        rc = settle_multipliers(search, SHARE_OF_STABLE * s->budget.most, c, err);
+    if (rc == MODAL_OK && c->closed)
+        rc = cycle_point(s, c, point->omega, point, err);
+    if (rc == MODAL_OK && c->closed)
         describe(s, c, point);
     return rc;
 }
@@ -358,10 +359,10 @@ enum modal_status time_look(struct steady *s, struct steady_point *point, struct
         rc = settle_look(search, x, x + n, most, x + 2 * n, &ended, err);
     if (rc == MODAL_OK && ended)
         rc = distance_to(s, point, x + 2 * n, &far, err);
-    if (rc == MODAL_OK && far > OFF_MOST * point->error) {
+    if (rc == MODAL_OK && ended) {
         rc = settle_close_from(search, most, &c, err);
         if (rc == MODAL_OK)
-            rc = take_cycle(s, search, &c, point, err);
+            rc = take_cycle(s, search, &c, far, point, err);
     }
     cycle_done(&c);
     settle_free(search);

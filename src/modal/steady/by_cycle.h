@@ -38,10 +38,10 @@ bool time_closed(const struct steady *s);
 enum modal_status time_attractor(struct steady *s, const struct balance *b, double complex *X,
                                  bool *found, struct modal_error *err);
 /*
- * POINT, balanced with an estimate of its errors, is looked at in time: where its series leaves much
- * of the forces unbalanced, a period is marched from its own state.  Does that leave it by more than
- * its error allows, the motion near that closes in time takes its place; closes none near, it is
- * not converged.  Fails as time_start does.
+ * POINT, balanced with an estimate of its errors, is looked at in time: where its series leaves
+ * much of the forces unbalanced, a period is marched from its own state, and the motion that closes
+ * in time from there takes its place.  Closes none, though that period leaves it by more than its
+ * error allows, it is not converged.  Fails as time_start does.
  */
 enum modal_status time_look(struct steady *s, struct steady_point *point, struct modal_error *err);
 /* Frees it. */

@@ -702,7 +702,14 @@ enum modal_status settle_close_from(struct settle *s, double most, struct cycle 
 
     s->most = s->spent + most;
     if (rc == MODAL_OK)
-        rc = give_closed(s, close_by_newton(s, err), out, err);
+        rc = close_by_newton(s, err);
+    if (rc == MODAL_OK && !s->drifts && largest(s->r, s->order) > FINE.closed) {
+        rc = march_on(s, PERIODS_FIRST, err);           /* what attracts is nearer then */
+        if (rc == MODAL_OK)
+            rc = close_by_newton(s, err);
+    }
+    if (rc == MODAL_OK || rc == MODAL_NO_CONVERGENCE)
+        rc = give_closed(s, rc, out, err);
     out->periods = s->periods;
     if (rc != MODAL_OK)
         cycle_done(out);

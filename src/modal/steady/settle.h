@@ -47,15 +47,15 @@ enum modal_status settle_close(struct settle *s, double most, struct cycle *out,
 enum { SETTLE_INSTANTS = 64 };
 
 /*
- * The period from displacements X0 and rates V0 by dof, what laws remember as a period before leaves
- * it: displacement of dof i at instant j into X[i * SETTLE_INSTANTS + j].  *ENDED false: it costs
- * more than MOST.  Fails as settle_find.
+ * The period from displacements X0 and rates V0 by dof, what laws remember as a period before
+ * leaves it: displacement of dof i at instant j into X[i * SETTLE_INSTANTS + j].  *ENDED false: it
+ * costs more than MOST.  Fails as settle_find.
  */
 enum modal_status settle_look(struct settle *s, const double *x0, const double *v0, double most,
                               double *x, bool *ended, struct modal_error *err);
 
-/* The motion that closes near the period of settle_look, to 1e-9 by Newton's method from there, into
- * OUT as settle_find.  Fails as settle_find. */
+/* The motion that closes near the period of settle_look, or some periods on, to 1e-9 by Newton's
+ * method from there, into OUT as settle_find.  Fails as settle_find. */
 enum modal_status settle_close_from(struct settle *s, double most, struct cycle *out,
                                     struct modal_error *err);
 

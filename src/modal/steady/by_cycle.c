@@ -302,15 +302,26 @@ static enum modal_status distance_to(struct steady *s, const struct steady_point
     return rc;
 }
 
-/* Whether the answer may be asked for in time: nobody said how to solve, and what its series leaves
- * is much. */
+/* Whether some law has events. */
+static bool has_events(const struct program *p)
+{
+    for (int l = 0; l < p->laws; l++)
+        if (p->law[l].kind->pieces != NULL)
+            return true;
+    return false;
+}
+
+/* Whether the answer may be asked for in time: laws have events, nobody said how to solve, and what
+ * its series leaves is much.  Fewer than H_LEAST harmonics are asked for as what they are, a
+ * describing function. */
 static bool wants_look(const struct steady *s, const struct steady_point *point)
 {
     const struct steady_options *o = &s->opt;
 
     return point->converged && !point->followed && point->linear == NULL && !s->jumps
         && !s->searching && o->method == STEADY_AUTO && o->cutoff == 0 && !o->unlocated
-        && !o->by_differences && !o->reduced && isfinite(point->error)
+        && !o->by_differences && !o->reduced && o->samples == 0 && isfinite(point->error)
+        && point->H >= H_LEAST && has_events(s->p)
         && point->tail_max > MUCH_LEFT * point->load_max && settle_takes(s->p);
 }
 

@@ -4,6 +4,7 @@ how long.
 # Tests as well: config.c zap.c
 import json
 import pathlib
+import struct
 import subprocess
 import time
 
@@ -162,6 +163,42 @@ def test_at_the_limit_there_is_room_and_one_byte_or_job_beyond_it_none(lab):
     for samples, code in ((1251, "quota"), (1250, None), (1, "quota")):
         data, described = random_input(samples, samples)
         assert c.ask("SUBMIT", [data], kind="identify", input=described).code == code
+
+
+def test_files_of_a_few_bytes_count_as_what_they_take_on_the_disk(lab):
+    """Streams and uploads of 8 bytes: under a limit of a megabyte no more than two are on the disk,
+    whatever is in them, after a restart too.
+    """
+    it = lab({"ann": "ann submit bytes=1M"}, workers=0)
+    c, piece = it.client("ann"), bytes(8)
+
+    def stream(k):
+        opened = c.ask("STREAM", op="open", name=f"s{k}", channels=1, dt=0.1)
+        reply = c.ask("STREAM", [piece], op="push", stream=opened["stream"], epoch=0, first=0,
+                      count=1, crc32c=crc32c(piece))
+        assert not reply.ok or c.ask("STREAM", op="close", stream=opened["stream"]).ok
+        return reply
+
+    def upload(k):
+        data = struct.pack("<d", k)
+        begun = c.ask("UPLOAD", op="begin", content="batch", samples=1, channels=1, dt=0.1)
+        if not begun.ok:
+            return begun
+        assert c.ask("UPLOAD", [data], op="chunk", upload=begun["upload"], offset=0,
+                     crc32c=crc32c(data)).ok
+        return c.ask("UPLOAD", op="seal", upload=begun["upload"], sha256=identity(1, 1, 0.1, data))
+
+    for k in range(10):
+        assert stream(k).ok and upload(k).ok
+    for k in range(10, 40):
+        last = stream(k) if k % 2 else upload(k)
+    assert last.code == "quota" and last["error"]["detail"]["limit"] == "bytes"
+    spool = list((it.daemon.folder / "data" / "spool").glob("*.h5"))
+    assert sum(path.stat().st_blocks * 512 for path in spool) <= 2 << 20
+    it.daemon.kill()
+    it.daemon.start()
+    c = it.client("ann")
+    assert upload(99).code == "quota"
 
 
 def test_the_upload_rate_holds_for_chunks_streams_and_small_jobs_together(lab):

@@ -6,6 +6,8 @@
 #include "base/sha256.h"
 
 enum { CACHE_BYTES = 4 << 20 };    /* inline inputs in memory: 64 of the largest */
+/* What the file of one sample takes on the disk, in blocks of 4096 bytes: HDF5's own structure. */
+enum { FILE_LEAST = 44 << 10 };
 
 /* The identity's view of a description; *NAMES is the caller's to free, NULL where there
  * are none. */
@@ -75,6 +77,24 @@ static struct input *input_make(struct core *c, struct user *user, const struct 
     return input;
 }
 
+uint64_t input_takes(uint64_t bytes)
+{
+    return bytes < FILE_LEAST ? FILE_LEAST : bytes;
+}
+
+static void put_in_file(struct input *input)
+{
+    input->beside = (uint32_t)(input_takes(input->bytes) - input->bytes);
+    input->user->beside += input->beside;
+}
+
+void input_put_inline(struct input *input)
+{
+    input->inline_data = true;
+    input->user->beside -= input->beside;
+    input->beside = 0;
+}
+
 struct input *input_new(struct core *c, struct user *user, const struct wire_input *w, int64_t id)
 {
     struct input_shape shape;
@@ -85,6 +105,7 @@ struct input *input_new(struct core *c, struct user *user, const struct wire_inp
     input_shape_of(w, &shape, &names);
     shape.attributes = attributes;
     input = input_make(c, user, &shape, id);
+    put_in_file(input);
     free(names);
     free(attributes);
     return input;
@@ -99,6 +120,8 @@ struct input *input_load(struct core *c, const struct input_record *r)
     input->crc = r->crc;
     input->offset = r->offset;
     input->inline_data = r->inline_data;
+    if (!r->inline_data)
+        put_in_file(input);
     input->committed = true;
     input->created_ns = r->created_ns;
     input->used_ns = r->used_ns;
@@ -301,6 +324,7 @@ void input_forget(struct core *c, struct input *input)
     unindex(input);
     map_remove(&c->inputs->all, map_hash_number((uint64_t)input->id), input);
     input->user->bytes -= (int64_t)input->bytes;
+    input->user->beside -= input->beside;
     filling_free(input->filling);
     free((void *)(uintptr_t)input->shape.names);
     free((void *)(uintptr_t)input->shape.units);

@@ -16,6 +16,7 @@ struct input {
     char *stream;                         /* whose samples it is, once sealed; NULL: no stream's */
     const char *verdict;                  /* of that stream's last window; NULL: not known */
     uint64_t bytes;
+    uint32_t beside;                      /* what its file takes, where it has fewer bytes */
     enum input_state state;
     uint8_t sha256[32];
     /* what its answers show: sha256 and the attributes; see input_content */

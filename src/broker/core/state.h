@@ -89,6 +89,7 @@ struct user {
     struct input **open; int open_count;  /* uploads */
     struct heap ready;
     int64_t queued, queued_large, running, bytes;       /* large: input_is_large */
+    int64_t beside;                       /* bytes that files take which have fewer in them */
     int64_t ended;                        /* jobs, but those on their way out */
     double deficit, cost_s;               /* deficit round robin; mean seconds of a job */
     double work_s_byte;                   /* mean seconds a byte of large inputs; 0: had none */
@@ -383,8 +384,12 @@ int64_t inputs_in_flight(const struct core *c);
 int64_t input_number(struct core *c);
 /* Numbers up to ID have been given. */
 void input_number_past(struct core *c, int64_t id);
-/* One of USER as W describes it, in the table. */
+/* What an input of BYTES counts as toward its user's limit, where it has a file of its own. */
+uint64_t input_takes(uint64_t bytes);
+/* One of USER as W describes it, in the table; in a file of its own, unless... */
 struct input *input_new(struct core *c, struct user *user, const struct wire_input *w, int64_t id);
+/* ... it is told here to lie in its row. */
+void input_put_inline(struct input *input);
 /* One that the ledger has. */
 struct input *input_load(struct core *c, const struct input_record *r);
 /* The input of this number; NULL: none. */

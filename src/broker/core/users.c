@@ -520,8 +520,8 @@ bool user_quota(struct core *c, struct user *user, const struct reply *reply, in
 
     return over(c, reply, "queued", (double)most->queued, (double)(user->queued), (double)more_jobs,
                 1)
-           || over(c, reply, "bytes", (double)most->bytes, (double)user->bytes, (double)more_bytes,
-                   0)
+           || over(c, reply, "bytes", (double)most->bytes, (double)(user->bytes + user->beside),
+                   (double)more_bytes, 0)
            || (more_jobs > 0 && most->cpu_s_day > 0 && used_cpu >= most->cpu_s_day
                && over(c, reply, "cpu_s_day", most->cpu_s_day, used_cpu, 1, tomorrow_s));
 }

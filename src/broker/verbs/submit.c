@@ -246,7 +246,7 @@ static void enter(struct core *c, struct submission *s, struct job *source)
     if (s->input == NULL) {
         s->input = input_new(c, s->user, &s->r->submit.input, input_number(c));
         s->input->state = INPUT_SEALED;
-        s->input->inline_data = true;
+        input_put_inline(s->input);
         s->input->crc = crc32c(0, s->data->data, s->data->size);
         memcpy(s->input->sha256, s->sha256, 32);
         input_cache(c, s->input, s->data);

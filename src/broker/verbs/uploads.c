@@ -505,7 +505,7 @@ static bool may_begin(struct core *c, const struct request *q)
         answer_fail(c, reply, MODAL_BUSY, "", answer_number("retry_after_s", 5),
                     "%d uploads are open, at most %d", q->user->open_count, WIRE_UPLOADS_MOST);
     else
-        return !user_quota(c, q->user, reply, 0, (int64_t)bytes);
+        return !user_quota(c, q->user, reply, 0, (int64_t)input_takes(bytes));
     return false;
 }
 

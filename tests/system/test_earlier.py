@@ -20,7 +20,7 @@ import numpy
 import pytest
 import zmq
 
-from wire import BUILD, Daemon, crc32c, identity
+from wire import BUILD, PATIENCE_S, Daemon, crc32c, identity
 
 HERE = pathlib.Path(__file__).resolve().parent
 EARLIER = HERE.parent / "data" / "earlier"
@@ -249,8 +249,8 @@ class DaemonOfThen:
 
 def test_the_python_client_of_now_has_its_day_with_the_daemon_of_then(tmp_path):
     modald = pytest.importorskip("modald")
-    with DaemonOfThen(tmp_path, SESSIONS["day"]) as then, modald.connect(then.endpoint,
-                                                                         timeout=20) as client:
+    with (DaemonOfThen(tmp_path, SESSIONS["day"]) as then,
+          modald.connect(then.endpoint, timeout=PATIENCE_S) as client):
         told = make.day(modald, numpy, client)
         assert then.refused == [] and json.loads(json.dumps(told)) == SESSIONS["told"]
 
@@ -261,7 +261,7 @@ def test_modalctl_of_now_reads_the_daemon_of_then(tmp_path):
     with DaemonOfThen(tmp_path, SESSIONS["day"]) as then:
         for arguments in (["whoami"], ["stats"], ["status", "key:again"], ["result", job]):
             done = subprocess.run([BUILD / "bin" / "modalctl", "--server", then.endpoint, "--json",
-                                   *arguments], capture_output=True, text=True, timeout=60)
+                                   *arguments], capture_output=True, text=True, timeout=PATIENCE_S)
             document = json.loads(done.stdout)
             assert document.get("error", {}).get("code") in (None, "expired"), done
             assert done.returncode == (0 if "error" not in document else done.returncode)
@@ -272,8 +272,9 @@ def test_the_streaming_client_of_now_speaks_with_the_daemon_of_then(tmp_path):
     loop = BUILD / "examples" / "example_loop"
     with DaemonOfThen(tmp_path, SESSIONS["simulation"]) as then:
         env = {"PATH": "/usr/bin:/bin", "MODALD_URL": then.endpoint, "MODALD_SPILL": str(tmp_path),
-               "MODALD_CLOSE_WAIT": "20"}
-        done = subprocess.run([loop, "host", "300", "2"], env=env, capture_output=True, timeout=60)
+               "MODALD_CLOSE_WAIT": str(PATIENCE_S)}
+        done = subprocess.run([loop, "host", "300", "2"], env=env, capture_output=True,
+                              timeout=2 * PATIENCE_S)
         assert done.returncode == 0 and then.refused == []
         assert ({(entry[0], entry[1].get("op")) for entry in then.answers if entry[3]}
                 >= {("STREAM", "open"), ("STREAM", "push"), ("STREAM", "close")})

@@ -13,7 +13,7 @@ import subprocess
 import time
 
 import pytest
-from wire import Daemon, crc32c, ring_down, submit
+from wire import Daemon, crc32c, ring_down, submit, until
 
 BUILD = pathlib.Path(os.environ.get("MODALD_BUILD", pathlib.Path(__file__).resolve().parents[2]
                                     / "build"))
@@ -190,9 +190,7 @@ def test_no_file_of_the_daemon_is_open_to_others_whatever_the_umask_and_an_open_
         assert client.ask("STREAM", [bytes(80)], op="push", stream=stream, epoch=0, first=0,
                           count=10, crc32c=crc32c(bytes(80))).ok
         assert ctl("backup", str(data), str(tmp_path / "copy"))[0] == 0
-        end = time.monotonic() + 20
-        while not metrics.exists() and time.monotonic() < end:
-            time.sleep(0.02)
+        until(metrics.exists, "there are no metrics")
         assert oct(metrics.stat().st_mode & 0o777) == "0o640"
         assert {"ledger.db", "ledger.db-wal", "ledger.db-shm", "2.part",
                 "tape"} <= {path.name for path in data.rglob("*")}

@@ -445,9 +445,9 @@ def test_alarms_of_a_stream_are_rules_in_a_dictionary(daemon, client, monkeypatc
             while k > 0 and (s.estimate is None or s.estimate.sample < k + 99):
                 assert time.monotonic() < end
                 time.sleep(0.01)
-    told = [event.header for event in client.events(start=1, stream="ruled", timeout=1.0)]
-    assert ("damping_below", "raised") in [(e["rule"], e["state"]) for e in told
-                                           if e["event"] == "alarm"]
+    told = (event.header for event in client.events(start=1, stream="ruled", timeout=PATIENCE))
+    assert ("damping_below", "raised") in ((e["rule"], e["state"]) for e in told
+                                           if e["event"] == "alarm")
 
 
 # -- the manual and the types ---------------------------------------------------------------------

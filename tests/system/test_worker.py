@@ -204,7 +204,7 @@ def test_a_worker_whose_daemon_is_gone_ends_whatever_it_is_doing(daemon):
     daemon.next("READY")
     daemon.run_scene("long", "simulate", {**OSCILLATOR, "time": {"dt": 1e-7, "duration": 300.0}})
     daemon.inputs.close()                            # its parent, this process, lives
-    assert daemon.process.wait(30) == 1
+    assert daemon.process.wait(PATIENCE_S) == 1
 
 
 def test_a_worker_whose_parent_is_not_the_maker_of_its_socket_does_not_begin():
@@ -214,7 +214,7 @@ def test_a_worker_whose_parent_is_not_the_maker_of_its_socket_does_not_begin():
                                str(theirs.fileno()), WORKER, "--connect", "ipc:///nowhere",
                                "--inputs"],
                               pass_fds=[theirs.fileno()], capture_output=True, text=True,
-                              timeout=30)
+                              timeout=PATIENCE_S)
     assert done.returncode == 1 and "the daemon has ended" in done.stderr
 
 

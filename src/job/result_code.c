@@ -89,6 +89,8 @@ const struct result_code result_codes[] = {
       "begin the window later, or measure with less gain" },
     { "wild_samples", "identify", "samples of a channel that are neither motion nor noise: left "
       "out, and rebuilt by the modes", "see what sends them: a telemetry's spikes, dropouts" },
+    { "step", "identify", "a channel's mean jumps and stays: fitted beside the modes, and left out",
+      "see what moves it: a sensor that slips, a load that goes" },
     { "growth_unconfirmed", "identify", "growth in the whole record that its parts do not show",
       "record longer, or identify a part by `window`" },
     { "undetermined_mean", "steady", "nothing but what slips holds the body: its mean follows "

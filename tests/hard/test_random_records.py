@@ -1,4 +1,4 @@
-# Tests as well: identify_wild.c, stuck.c
+# Tests as well: identify_wild.c identify_steps.c recurrence.c
 """Random free responses that were once answered wrongly, drawn by bench_identify_random.py and
 judged by its truth: every mode there, none besides.
 """
@@ -116,6 +116,33 @@ def test_dropped_held_and_cut_samples_bring_no_mode_and_are_told(kind, rows, mon
         assert (missed, spurious, every) == (0, 0, 6)
         assert worst < 4
         assert "wild_samples" in {d["code"] for d in document["diagnostics"]}
+
+
+@pytest.mark.parametrize("everywhere", [False, True])
+@pytest.mark.parametrize("size", [5, 100, 10000])
+def test_a_step_brings_no_mode_and_is_told_with_its_size(size, everywhere, monkeypatch):
+    """Six records with a step of 100 times the noise had 29 and 67 spurious modes."""
+    monkeypatch.setattr(faults, "CTL", str(BUILD / "bin" / "modalctl"))
+    rng = np.random.default_rng([8, size])
+    for _ in range(4):
+        poles, y = faults.motion(rng, 1500, 2)
+        y += faults.NOISE * rng.normal(size=y.shape)
+        clean = faults.identify(y)
+        for c in range(2 if everywhere else 1):
+            y[600:, c] += size * faults.NOISE
+        document = faults.identify(y)
+        inside, every, worst, missed, spurious = faults.judge(poles, document)
+        assert (missed, spurious, every) == (0, 0, 6)
+        assert worst < 4
+        told = [d for d in document["diagnostics"] if d["code"] == "step"]
+        assert [d["channel"] for d in told] == [0, 1][:len(told)]
+        assert len(told) == (2 if everywhere else 1)
+        for mode, as_clean in zip(document["modes"], clean["modes"]):
+            assert mode["std"]["exponent"] == pytest.approx(as_clean["std"]["exponent"], rel=0.05)
+        for d in told:
+            jump = float(d["message"].split(" by ")[1].split()[0])
+            assert jump == pytest.approx(size * faults.NOISE, abs=4 * faults.NOISE / np.sqrt(350))
+            assert any(f"at {row} s" in d["message"] for row in (599, 600, 601))
 
 
 @pytest.mark.parametrize("grid", [2 ** -5, 2 ** -9, 2 ** -13, 1e-3])

@@ -32,7 +32,8 @@ const char *const identify_method_names[IDENTIFY_METHOD_COUNT + 1] = {
 enum {
     WEIGH_MOST = 5,                 /* rounds: each tells the channels' noise anew */
     WILD_MOST = 5,                  /* rounds: each sees smaller spikes than the one before */
-    WILD_LEAST = 2                  /* the first poles are bent by what they had to rebuild */
+    WILD_LEAST = 2,                 /* the first poles are bent by what they had to rebuild */
+    STEPS_MOST = 4                  /* rounds: poles and steps are told by different rows */
 };
 
 static void work_done(struct work *w)
@@ -47,6 +48,7 @@ static void work_done(struct work *w)
     order_done(&w->choice);
     free(w->seen.lambda);
     wild_done(&w->wild);
+    steps_done(&w->steps);
     workspace_free(&w->poles.space);
     synthesis_done(&w->all);
 }
@@ -331,6 +333,26 @@ static enum modal_status analyse_anew(struct work *w, struct identify_result *ou
     return analyse_again(w, out, err);
 }
 
+/* With steps, as long as they and the poles move each other; without where they are none. */
+static enum modal_status analyse_with_steps(struct work *w, struct identify_result *out,
+                                            struct modal_error *err)
+{
+    bool settled = false;
+    enum modal_status rc = MODAL_OK;
+
+    if (w->steps.count == 0)
+        return MODAL_OK;
+    for (int round = 0; round < STEPS_MOST && rc == MODAL_OK && !settled; round++) {
+        rc = work_fit_steps(w, &settled, err);
+        if (rc == MODAL_OK && !settled)
+            rc = analyse_anew(w, out, err);
+    }
+    if (rc != MODAL_OK || work_are_steps(w))
+        return rc;
+    work_put_steps_back(w);
+    return analyse_anew(w, out, err);
+}
+
 static int chosen_poles(const struct work *w)
 {
     return w->choice.chosen >= 0 ? w->choice.candidates[w->choice.chosen].fit.poles : 0;
@@ -438,6 +460,7 @@ enum modal_status modal_identify(const struct batch *batch, const struct identif
         || (rc = record_make(batch, &w.opt, &w.rec, err)) != MODAL_OK
         || (rc = check_pod_rank(&w, err)) != MODAL_OK
         || (rc = choose_shift(&w, err)) != MODAL_OK
+        || (rc = work_begin_steps(&w, err)) != MODAL_OK
         || (rc = stage(&w, "read", out, err)) != MODAL_OK)
         goto out;
     w.trial = work_may_weigh(&w) && w.rec.channels <= POD_CHANNELS_FEW;
@@ -445,6 +468,7 @@ enum modal_status modal_identify(const struct batch *batch, const struct identif
         || (rc = analyse_by_lines(&w, out, err)) != MODAL_OK
         || (rc = analyse_above_grid(&w, batch, out, err)) != MODAL_OK
         || (rc = analyse_again(&w, out, err)) != MODAL_OK
+        || (rc = analyse_with_steps(&w, out, err)) != MODAL_OK
         || (rc = analyse_without_wild(&w, out, err)) != MODAL_OK
         || (rc = work_keep_chosen(&w, &out->chosen, err)) != MODAL_OK
         || (rc = work_take_poles(&w, err)) != MODAL_OK

@@ -239,6 +239,7 @@ enum modal_status work_conclude(struct work *w, const struct batch *batch,
     screen_samples(batch, out);
     work_report_grids(w, out);
     work_report_wild(w, out);
+    work_report_steps(w, out);
     if (w->refine && w->shift == 1 && w->rec.period <= 0)
         trend_of_modes(w->X->m * w->rec.step, out);
     if (!w->facts.converged || out->driven)

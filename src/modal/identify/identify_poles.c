@@ -204,7 +204,8 @@ enum modal_status work_widen(struct work *w, const struct batch *b,
     enum modal_status rc = MODAL_OK;
 
     work_widen_for_wild(w, p);
-    if (rounded && p->fit == NULL)
+    rc = work_widen_for_steps(w, p, err);
+    if (rc == MODAL_OK && rounded && p->fit == NULL)
         rc = work_fit_signals(w, p->lambda, p->count, &w->rec.Y, &own, err);
     if (rc == MODAL_OK && rounded)
         rc = weigh_by_digits(w, b, f, err);

@@ -12,6 +12,7 @@
 #include "modal/identify/prepare/grid.h"
 #include "modal/identify/prepare/pod.h"
 #include "modal/identify/prepare/record.h"
+#include "modal/identify/prepare/steps.h"
 #include "modal/identify/prepare/wild.h"
 #include "modal/identify/result.h"
 
@@ -41,6 +42,7 @@ struct work {
     struct grid *grid;              /* per channel, in the batch's unit; NULL: not looked for */
     int cut;                        /* rows kept of a record that ends below its grid; 0: all */
     struct wild wild;               /* what rec.Y lacks of the record */
+    struct steps steps;             /* so, sizes in the batch's unit */
     double *least;                /* per signal: what its grid leaves (refine.h); NULL: no matter */
     const struct matrix *X;         /* the signals: rec.Y or pod.signals */
     struct matrix folded;
@@ -126,6 +128,22 @@ bool work_is_clean(const struct work *w);
 void work_widen_for_wild(const struct work *w, struct poles *p);
 /* In which channels, and how many. */
 void work_report_wild(const struct work *w, struct identify_result *out);
+
+/* ---- identify_steps.c: as work_may_take_wild() has it ---- */
+
+/* w->steps, which rec.Y then is without. */
+enum modal_status work_begin_steps(struct work *w, struct modal_error *err);
+/* Steps and poles together: *settled, or rec.Y is another. */
+enum modal_status work_fit_steps(struct work *w, bool *settled, struct modal_error *err);
+/* Do the chosen poles have the steps for what they are? */
+bool work_are_steps(const struct work *w);
+/* rec.Y as it was sent, w->steps empty. */
+void work_put_steps_back(struct work *w);
+/* Standard errors with the steps unknown. */
+enum modal_status work_widen_for_steps(const struct work *w, struct poles *p,
+                                       struct modal_error *err);
+/* In which channels, when, and how high. */
+void work_report_steps(const struct work *w, struct identify_result *out);
 
 /* ---- identify_decompose.c ---- */
 

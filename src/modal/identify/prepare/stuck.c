@@ -40,6 +40,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/identify/prepare/grid.h"
+#include "modal/identify/prepare/recurrence.h"
 #include "modal/linalg/svd.h"
 #include "modal/numbers.h"
 
@@ -53,7 +54,6 @@ enum {
     ROUNDS = 3                   /* of (2): where peaks are cut few samples have p others before */
 };
 static const double
-    RIDGE = 1e-14,               /* of what (2) is solved with: its rounding */
     NEAR = 1e-8;                 /* of the largest sample: the rounding of (2) by its products */
 
 struct run { int begin, count; };
@@ -267,90 +267,6 @@ static int mark_column(struct look *k)
 
 /* ---- what is in their place ---- */
 
-/* x = B^-1 x, B symmetric of bandwidth KD: entry (i, i - d) at B[i (KD + 1) + d]; destroyed.
- * False: not positive. */
-static bool band_solve(double *B, int n, int kd, double *x)
-{
-    size_t w = (size_t)kd + 1;
-
-    for (int i = 0; i < n; i++)
-        for (int d = i < kd ? i : kd; d >= 0; d--) {
-            double sum = B[i * w + d];
-            for (int j = i - d, m = i > kd ? i - kd : 0; m < j; m++)
-                sum -= B[i * w + (i - m)] * B[j * w + (j - m)];
-            if (d == 0 && !(sum > 0))
-                return false;
-            B[i * w + d] = d > 0 ? sum / B[(i - d) * w] : sqrt(sum);
-        }
-    for (int i = 0; i < n; i++) {
-        for (int d = 1; d <= kd && d <= i; d++)
-            x[i] -= B[i * w + d] * x[i - d];
-        x[i] /= B[i * w];
-    }
-    for (int i = n - 1; i >= 0; i--) {
-        for (int d = 1; d <= kd && i + d < n; d++)
-            x[i] -= B[(i + d) * w + d] * x[i + d];
-        x[i] /= B[i * w];
-    }
-    return true;
-}
-
-/* Products of rows FROM to TO - 1 onto R, (p + 1) x (p + 1), upper triangle; of how many rows. */
-static int add_products(const struct look *k, int from, int to, double *R)
-{
-    int n = k->p + 1, first = from + k->p;
-    double own[(ORDER_MOST + 1) * (ORDER_MOST + 1)];
-    const double *z = k->z;
-
-    if (to <= first)
-        return 0;
-    for (int j = 0; j < n; j++) {
-        own[j] = 0;
-        for (int l = first; l < to; l++)
-            own[j] += z[l] * z[l - j];
-    }
-    for (int i = 1; i < n; i++)
-        for (int j = i; j < n; j++)
-            own[i * n + j] = own[(i - 1) * n + j - 1] + z[first - i] * z[first - j]
-                           - z[to - i] * z[to - j];
-    for (int i = 0; i < n; i++)
-        for (int j = i; j < n; j++)
-            R[i * n + j] += own[i * n + j];
-    return to - first;
-}
-
-static bool solve_recurrence(const double *R, int p, bool back, double *a)
-{
-    double B[ORDER_MOST * ORDER_MOST], trace = 0;
-    int n = p + 1;
-
-    for (int i = 0; i < n; i++)
-        trace += R[i * n + i];
-    for (int i = 0; i < p; i++) {
-        for (int d = 0; d <= i; d++)
-            B[i * p + d] = (back ? R[(p - i - 1) * n + p - i - 1 + d] : R[(i - d + 1) * n + i + 1])
-                         + (d == 0 ? RIDGE * trace : 0);
-        a[i + 1] = back ? -R[(p - i - 1) * n + p] : -R[i + 1];
-    }
-    a[0] = 1;
-    return trace > 0 && band_solve(B, p, p - 1, a + 1);
-}
-
-/* (2), of rows that are not stuck, or of all. False: they are too few. */
-static bool fit_recurrences(struct look *k, bool all)
-{
-    double R[(ORDER_MOST + 1) * (ORDER_MOST + 1)] = { 0 };
-    int rows = 0;
-
-    for (int l = 0, begin = 0; l <= k->L; l++)
-        if (l == k->L || (k->out[l] && !all)) {
-            rows += add_products(k, begin, l, R);
-            begin = l + 1;
-        }
-    return rows >= ROWS_LEAST / 2 * k->p && solve_recurrence(R, k->p, false, k->a[0])
-        && solve_recurrence(R, k->p, true, k->a[1]);
-}
-
 /* What (2) says, forward or back (SENSE -1), of the COUNT rows u: onto B and x. */
 static void add_equations(struct look *k, int sense, const int *u, int count, int kd, double *B,
                           double *x)
@@ -396,7 +312,7 @@ static enum modal_status fill(struct look *k, int count, struct modal_error *err
     if (u != NULL && B != NULL && x != NULL) {
         add_equations(k, 1, u, count, kd, B, x);
         add_equations(k, -1, u, count, kd, B, x);
-        if (band_solve(B, count, kd, x))
+        if (recurrence_band_solve(B, count, kd, x))
             for (int i = 0; i < count; i++)
                 k->z[u[i]] += x[i];
     }
@@ -444,7 +360,7 @@ static enum modal_status mend_column(struct look *k, int *count, double *mean, d
     for (int l = 0; l < k->L; l++)
         k->z[l] = (k->sent[l] - *mean) / *size;
     for (int round = 0; round < ROUNDS && rc == MODAL_OK; round++) {
-        if (!fit_recurrences(k, round > 0)) {
+        if (!recurrence_fit(k->z, round > 0 ? NULL : k->out, k->L, k->p, k->a[0], k->a[1])) {
             *count = 0;
             return MODAL_OK;
         }

@@ -61,8 +61,7 @@ static void look_done(struct look *k)
     free(k->F.x), free(k->e), free(k->part), free(k->out);
 }
 
-/* (1), by bisection: t of n numbers. */
-static double standing_out(double n)
+double wild_standing_out(double n)
 {
     double low = 0, high = 40;      /* erfc(40 / sqrt 2) underflows */
 
@@ -79,8 +78,7 @@ static double of_student(double t, double nu)
     return sqrt(nu * expm1(z * z / nu));
 }
 
-/* MEDIAN times that of the magnitudes of COUNT numbers. */
-static double robust_size(const double *e, int count, double *room)
+double wild_size(const double *e, int count, double *room)
 {
     for (int i = 0; i < count; i++)
         room[i] = fabs(e[i]);
@@ -106,7 +104,7 @@ static bool stands_out(const struct look *k, int l, int L, double t, double size
     int first = l > ABOUT ? l - ABOUT : 0, last = l + ABOUT < L ? l + ABOUT : L - 1;
 
     return fabs(k->e[l]) > t * size
-        && fabs(k->e[l]) > t * robust_size(k->e + first, last - first + 1, k->part);
+        && fabs(k->e[l]) > t * wild_size(k->e + first, last - first + 1, k->part);
 }
 
 /* Dropouts are filled; what reaches the first row or the last is let be. */
@@ -140,7 +138,7 @@ static void look_at_column(struct look *k, int c)
     /* one in t^2 that stands out by far makes the size of all 1/t of it: more are not few */
     if (largest_magnitude(k->e, (size_t)L) <= k->limit * safe_norm(k->e, (size_t)L) / sqrt(L))
         return;
-    size = fmax(robust_size(k->e, L, k->part), least);
+    size = fmax(wild_size(k->e, L, k->part), least);
     for (int pass = 0; pass < 2; pass++) {
         bool any = false;
         for (int l = 0; l < L; l++)
@@ -235,7 +233,7 @@ enum modal_status wild_take(const double complex *lambda, int count, double tau,
     struct look k = { .Y = Y, .F = matrix_new(Y->m, Y->n), .e = malloc(L * sizeof(double)),
                       .part = malloc(L * sizeof(double)), .out = malloc(L * S),
                       .order = poles_order(lambda, count, tau),
-                      .left = HUGE_VAL, .limit = standing_out((double)L * Y->n) };
+                      .left = HUGE_VAL, .limit = wild_standing_out((double)L * Y->n) };
     bool more = true;
     enum modal_status rc = MODAL_OK;
 
@@ -297,7 +295,7 @@ static enum modal_status robust_worth(const double complex *lambda, int count, d
             least = REFINE_EXACT * safe_norm(y, (size_t)L) / sqrt(L);
         for (int l = 0; l < L; l++)
             e[l] -= y[l];
-        *worth += least > 0 ? 2 * L * log(fmax(robust_size(e, L, room), least)) : 0;
+        *worth += least > 0 ? 2 * L * log(fmax(wild_size(e, L, room), least)) : 0;
     }
     synthesis_done(&s);
     return rc;

@@ -21,6 +21,13 @@ struct wild {
 /* Of a record without wild samples, the probability that one is told. */
 #define WILD_ALARM 1e-4
 
+/* (1) of wild.c, by bisection: standard deviations that one of N numbers of white noise exceeds so
+ * seldom. */
+double wild_standing_out(double n);
+/* Standard deviation of COUNT numbers of normal noise by the median of their magnitudes, which half
+ * of them may spoil; ROOM for as many. */
+double wild_size(const double *e, int count, double *room);
+
 /*
  * The samples of Y (L x S, a step TAU apart) that stand out of what COUNT poles leave (wild.c), and
  * that the poles rebuild in their place: a fit to Y is then one to the others, but for steps of

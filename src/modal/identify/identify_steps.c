@@ -1,0 +1,153 @@
+/* identify_steps.c - what steps do to the way from signals to modes: they are fitted beside the
+ * poles, taken out, and it is said */
+#include "modal/identify/identify_state.h"
+#include <math.h>
+#include <stdlib.h>
+#include "modal/linalg/svd.h"
+
+enum { TOLD = 3 };                  /* steps: more say the same */
+static const double
+    MOVED = 0.1;                    /* of a step's std: what is left of it biases no error by more
+                                     * than a hundredth */
+
+/* w->steps between the batch's unit and that of rec.Y. */
+static void scale_steps(struct work *w, bool out)
+{
+    for (int i = 0; i < w->steps.count; i++) {
+        struct step *s = &w->steps.at[i];
+        double scale = w->rec.scale[s->channel], factor = out ? scale : 1 / scale;
+        s->size *= factor, s->std *= factor;
+    }
+}
+
+enum modal_status work_begin_steps(struct work *w, struct modal_error *err)
+{
+    enum modal_status rc;
+
+    if (!work_may_take_wild(w) || w->rec.Y.m >= GROW * HEAD)
+        return MODAL_OK;
+    rc = steps_find(&w->rec.Y, &w->steps, err);
+    if (rc != MODAL_OK || w->steps.count == 0)
+        return rc;
+    steps_take(&w->steps, 1, &w->rec.Y);
+    scale_steps(w, true);
+    return record_cut(&w->rec, w->rec.Y.m, w->opt.scale, err);
+}
+
+/* Those of a record that was cut before them are none. */
+static void drop_late(struct work *w)
+{
+    int count = 0;
+
+    for (int i = 0; i < w->steps.count; i++)
+        if (w->steps.at[i].row < w->rec.Y.m)
+            w->steps.at[count++] = w->steps.at[i];
+    w->steps.count = count;
+}
+
+/* Where the poles have an offset, a step that was told a little too high or low may have drawn it:
+ * it stays where it is worth an amplitude in each channel, by Bayes' criterion. */
+static enum modal_status fit_steps(struct work *w, const struct refined *fit, double *moved,
+                                   struct modal_error *err)
+{
+    size_t bytes = sizeof *w->steps.at * (size_t)w->steps.count;
+    struct steps without = { malloc(bytes), w->steps.count };
+    double complex *others = malloc(sizeof *others * (size_t)fit->poles);
+    double price = w->rec.channels * log((double)w->rec.Y.m * w->rec.channels), left, more;
+    int count = 0;
+    enum modal_status rc = MODAL_OK;
+
+    for (int j = 0; others != NULL && j < fit->poles; j++)
+        if (fit->lambda[j] != 0)
+            others[count++] = fit->lambda[j];
+    if (without.at == NULL || others == NULL)
+        rc = modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d steps", without.count);
+    else
+        memcpy(without.at, w->steps.at, bytes);
+    if (rc == MODAL_OK)
+        rc = steps_fit(fit->lambda, fit->poles, w->tau, &w->rec.Y, &w->steps, moved, &left, err);
+    if (rc == MODAL_OK && count < fit->poles) {
+        double far;
+        rc = steps_fit(others, count, w->tau, &w->rec.Y, &without, &far, &more, err);
+        if (rc == MODAL_OK && more < left + price)
+            memcpy(w->steps.at, without.at, bytes), *moved = far;
+    }
+    free(without.at), free(others);
+    return rc;
+}
+
+enum modal_status work_fit_steps(struct work *w, bool *settled, struct modal_error *err)
+{
+    const struct refined *fit = w->choice.chosen >= 0
+                              ? &w->choice.candidates[w->choice.chosen].fit : NULL;
+    struct steps before = { malloc(sizeof *before.at * (size_t)(w->steps.count + 1)), 0 };
+    double moved;
+    enum modal_status rc = MODAL_OK;
+
+    *settled = true;
+    drop_late(w);
+    before.count = w->steps.count;
+    if (before.at == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d steps", before.count);
+    if (before.count > 0 && fit != NULL && fit->poles > 0) {
+        scale_steps(w, false);
+        memcpy(before.at, w->steps.at, sizeof *before.at * (size_t)before.count);
+        rc = fit_steps(w, fit, &moved, err);
+        if (rc == MODAL_OK && moved > MOVED) {
+            *settled = false;
+            steps_take(&before, -1, &w->rec.Y);
+            steps_take(&w->steps, 1, &w->rec.Y);
+        }
+        scale_steps(w, true);
+    }
+    free(before.at);
+    return rc;
+}
+
+bool work_are_steps(const struct work *w)
+{
+    double limit = wild_standing_out((double)w->rec.Y.m * w->rec.channels);
+    bool all = w->steps.count > 0;
+
+    for (int i = 0; i < w->steps.count; i++)
+        all &= fabs(w->steps.at[i].size) > limit * w->steps.at[i].std;
+    return all && work_is_clean(w);
+}
+
+void work_put_steps_back(struct work *w)
+{
+    scale_steps(w, false);
+    steps_take(&w->steps, -1, &w->rec.Y);
+    steps_done(&w->steps);
+}
+
+enum modal_status work_widen_for_steps(const struct work *w, struct poles *p,
+                                       struct modal_error *err)
+{
+    double *factor;
+    enum modal_status rc;
+
+    if (w->steps.count == 0 || p->count == 0)
+        return MODAL_OK;
+    factor = malloc(2 * sizeof *factor * (size_t)p->count);
+    if (factor == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d poles", p->count);
+    rc = steps_errors(p->lambda, p->count, p->tau, &w->rec.Y, &w->steps, factor, err);
+    for (int j = 0; j < p->count && rc == MODAL_OK; j++)
+        p->std_re[j] *= factor[2 * j], p->std_im[j] *= factor[2 * j + 1];
+    free(factor);
+    return rc;
+}
+
+void work_report_steps(const struct work *w, struct identify_result *out)
+{
+    for (int i = 0; i < w->steps.count && i < TOLD; i++) {
+        const struct step *s = &w->steps.at[i];
+        int channel = w->rec.channel[s->channel];
+        identify_diagnose(out, "step", channel,
+                          "channel %d jumps by %.4g (standard deviation %.2g) at %.6g s and stays "
+                          "there: a sensor that slips, or a load that goes; the step is fitted "
+                          "beside the modes and left out; see what moves it", channel, s->size,
+                          s->std, w->rec.t0 + s->row * w->rec.step);
+    }
+}

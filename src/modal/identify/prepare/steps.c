@@ -1,0 +1,450 @@
+/*
+ * steps.c - steps told by recurrences of differences, and fitted beside the poles
+ *
+ * A step of size h is one number of the differences z of a column, and a recurrence of them,
+ *
+ *     e[l] = sum_j a_j z[l - j],   j = 0 .. p,   a_0 = 1,                                       (1)
+ *
+ * which leaves noise alone of modes, leaves h a_j of it at the p + 1 rows from its own on. Of white
+ * e of size s then
+ *
+ *     h = sum_j a_j e[m + j] / sum_j a_j^2,   t = |h| sqrt(sum_j a_j^2) / s                     (2)
+ *
+ * is normal, and the largest of n is told where it exceeds wild_standing_out(n), by the median of
+ * the column's e and by those of the rows before and after, and so of e back in time: what a
+ * recurrence leaves of a motion one way it does not the other.  What is told must explain what is
+ * there: the sum of squares of e[m + j] - h a_j is chi-squared of p + 1 degrees of freedom, and
+ * exceeds p + 1 + 2 sqrt((p + 1) x) + 2 x with a probability e^-x = WILD_ALARM at most [LM00]. A
+ * spike, an onset or a motion struck anew leaves more.  A grid of step q makes differences of up to
+ * LEAVES q of what is smooth (stuck.c).
+ *
+ * The step beside poles whose basis is Q: with v = u - Q Q'u, u being 0 before its row and 1 from
+ * there on, r what the poles leave of the record as it was sent,
+ *
+ *     h = v'r / v'v,   var h = s^2 / v'v,                                                       (3)
+ *
+ * at the row where (v'r)^2 / v'v is largest.  Poles that are fitted to the record without the steps
+ * and steps by (3) in turn come to the least of both together, as their errors are nearly
+ * independent but of slow real poles.  Those errors are by the information of both,
+ *
+ *     F = sum_c (J'J - J'V (V'V)^-1 V'J) / s_c^2,                                               (4)
+ *
+ * J being the derivatives of channel c by the poles, and V its steps, both less what Q has.
+ *
+ * [LM00] Laurent and Massart, Ann. Statist. 28 (2000) 1302-1338.
+ */
+#include "modal/identify/prepare/steps.h"
+#include <cblas.h>
+#include <float.h>
+#include <lapacke.h>
+#include <math.h>
+#include <string.h>
+#include "modal/identify/fit/synthesis.h"
+#include "modal/identify/linear/exponents.h"
+#include "modal/identify/prepare/grid.h"
+#include "modal/identify/prepare/recurrence.h"
+#include "modal/identify/prepare/wild.h"
+#include "modal/linalg/svd.h"
+#include "modal/linalg/workspace.h"
+
+enum {
+    STEPS_MOST = 4,              /* of a channel: more are a motion of their own */
+    LOOKS = 8,                   /* at a column: each sees one place */
+    ABOUT = 64,                  /* rows before (2), and after: of p */
+    ROWS_LEAST = 8,              /* over p */
+    SAMPLE = 8192,               /* numbers of a median */
+    LEAVES = 4,                  /* as above */
+    REACH = 8,                   /* rows that (3) looks about: noise moves a step's own by some
+                                  * s^2 / h^2 of them, and one that (2) tells is above s / 2 */
+    ROWS_EACH = 2 * REACH + 1    /* where it may be */
+};
+static const double NEAR = 1e-8; /* of the largest difference: (1) is solved by products */
+
+struct look {
+    int n, p;                    /* differences; order */
+    double *z, *e;               /* z over its largest magnitude */
+    double *h, *part;            /* room for sums of (2), and for a median */
+    bool *out;                   /* differences that are none of motion */
+    double a[2][RECURRENCE_MOST + 1];            /* (1), forward and back */
+    double aa;                   /* sum_j a_j^2 */
+    int sense;                   /* of e: 1 forward, -1 back */
+    double limit;                /* t */
+    double jump;                 /* least h */
+};
+
+void steps_done(struct steps *s)
+{
+    free(s->at);
+    *s = (struct steps) { 0 };
+}
+
+/* ---- (1) and (2) ---- */
+
+static bool fit(struct look *k, bool back)
+{
+    return recurrence_fit(k->z, k->out, k->n, k->p, k->a[0], back ? k->a[1] : NULL);
+}
+
+/* (1) forward, or back (SENSE -1). */
+static void leave(struct look *k, int sense)
+{
+    const double *a = k->a[sense < 0];
+
+    k->sense = sense;
+    k->aa = cblas_ddot(k->p + 1, a, 1, a, 1);
+    recurrence_leaves(a, k->p, sense, k->z, k->n, k->e);
+}
+
+static double size_of(const struct look *k, int m)
+{
+    const double *a = k->a[k->sense < 0], *e = k->e + m;
+
+    /* back, the first of both is the last that BLAS begins at */
+    return cblas_ddot(k->p + 1, a, 1, k->sense > 0 ? e : e - k->p, k->sense) / k->aa;
+}
+
+/* Of e about the step M, but not of it. */
+static double size_about(const struct look *k, int m)
+{
+    int first = k->sense > 0 ? k->p : 0, last = k->sense > 0 ? k->n : k->n - k->p,
+        before = k->sense > 0 ? m : m - k->p, after = before + k->p + 1,
+        begin = before - ABOUT > first ? before - ABOUT : first,
+        end = after + ABOUT < last ? after + ABOUT : last;
+    double size = before > begin ? wild_size(k->e + begin, before - begin, k->part) : 0;
+
+    return fmax(size, end > after ? wild_size(k->e + after, end - after, k->part) : 0);
+}
+
+/* Of all e forward, by SAMPLE of them where they are more: it is then off by a hundredth. */
+static double size_of_all(const struct look *k)
+{
+    int every = k->n / SAMPLE + 1, count = 0;
+
+    for (int l = k->p; l < k->n; l += every)
+        k->h[count++] = k->e[l];
+    return fmax(wild_size(k->h, count, k->part), NEAR);
+}
+
+/* Where (2) is largest, of e forward; -1: nowhere over its limit. */
+static int largest(const struct look *k)
+{
+    int first = 2 * k->p, count = k->n - 4 * k->p, at = -1;      /* rows of noise on either side */
+    double size = size_of_all(k), most = 0;
+
+    if (count <= 0)
+        return -1;
+    recurrence_leaves(k->a[0], k->p, -1, k->e + first, count + k->p, k->h);
+    for (int i = 0; i < count; i++)
+        if (fabs(k->h[i]) > most && !k->out[first + i])
+            most = fabs(k->h[i]), at = first + i;
+    return most > k->limit * size * sqrt(k->aa) ? at : -1;
+}
+
+/* Does a step at M, *h high, explain what is there? */
+static bool explains(const struct look *k, int m, double *h)
+{
+    const double *a = k->a[k->sense < 0];
+    double size = fmax(size_about(k, m), NEAR), sum = 0, x = -log(WILD_ALARM);
+    int n = k->p + 1;
+
+    *h = size_of(k, m);
+    for (int j = 0; j < n; j++)
+        sum += pow((k->e[m + k->sense * j] - *h * a[j]) / size, 2);
+    return fabs(*h) * sqrt(k->aa) > k->limit * size && fabs(*h) > k->jump
+        && sum < n + 2 * sqrt(n * x) + 2 * x;
+}
+
+/* Either way it does, as what a recurrence leaves of motion in one it does not. */
+static bool is_step(struct look *k, int m, double *h)
+{
+    double back;
+
+    leave(k, -1);
+    if (!explains(k, m, &back))
+        return false;
+    leave(k, 1);
+    return explains(k, m, h) && *h * back > 0;
+}
+
+/* Up to STEPS_MOST of the column Y, sizes over z's UNIT. */
+static int look_at_column(struct look *k, const double *y, double unit, struct step *found)
+{
+    int count = 0;
+
+    for (int look = 0; look < LOOKS && count < STEPS_MOST && fit(k, false); look++) {
+        double h;
+        leave(k, 1);
+        int m = largest(k);
+        if (m < 0)
+            break;
+        if (look == 0)
+            k->jump = LEAVES * grid_of(y, 1, k->n + 1).step / unit;
+        k->out[m] = true;
+        if (!fit(k, true))
+            break;
+        if (!is_step(k, m, &h))
+            continue;
+        found[count++] = (struct step) { m + 1, 0, h, 0 };
+        k->z[m] -= h;
+    }
+    return count;
+}
+
+static enum modal_status add(struct steps *s, const struct step *found, int count, int channel,
+                             double unit, struct modal_error *err)
+{
+    struct step *at = realloc(s->at, sizeof *at * (size_t)(s->count + count));
+
+    if (at == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "steps: no memory for %d", count);
+    s->at = at;
+    for (int i = 0; i < count; i++)
+        at[s->count++] = (struct step) { found[i].row, channel, found[i].size * unit, 0 };
+    return MODAL_OK;
+}
+
+enum modal_status steps_find(const struct matrix *Y, struct steps *out, struct modal_error *err)
+{
+    int n = Y->m - 1, p = n / ROWS_LEAST < RECURRENCE_MOST ? n / ROWS_LEAST : RECURRENCE_MOST;
+    struct workspace space = { 0 };
+    struct look k = { .n = n, .p = p, .z = workspace_numbers(&space, (size_t)n, 1),
+                      .e = workspace_numbers(&space, (size_t)n, 1),
+                      .h = workspace_numbers(&space, (size_t)n, 1),
+                      .part = workspace_numbers(&space, (size_t)n, 1),
+                      .out = workspace_zeros(&space, (size_t)n, sizeof *k.out),
+                      .limit = wild_standing_out((double)n * Y->n) };
+    enum modal_status rc = workspace_check(&space, "steps: no memory", err);
+
+    *out = (struct steps) { 0 };
+    for (int c = 0; c < Y->n && rc == MODAL_OK && p > 1; c++) {
+        const double *y = Y->x + (size_t)c * (size_t)Y->ld;
+        struct step found[STEPS_MOST];
+        double unit = 0;
+        for (int l = 0; l < n; l++)
+            unit = fmax(unit, fabs(y[l + 1] - y[l]));
+        if (!(unit > 0 && isfinite(unit)))
+            continue;
+        for (int l = 0; l < n; l++)
+            k.z[l] = (y[l + 1] - y[l]) / unit, k.out[l] = false;
+        int count = look_at_column(&k, y, unit, found);
+        if (count > 0)
+            rc = add(out, found, count, c, unit, err);
+    }
+    workspace_free(&space);
+    if (rc != MODAL_OK)
+        steps_done(out);
+    return rc;
+}
+
+void steps_take(const struct steps *s, int sense, struct matrix *Y)
+{
+    for (int i = 0; i < s->count; i++)
+        for (int l = s->at[i].row; l < Y->m; l++)
+            Y->x[l + (size_t)s->at[i].channel * (size_t)Y->ld] -= sense * s->at[i].size;
+}
+
+/* ---- (3) ---- */
+
+/* Columns COUNT x (2 REACH + 1) of V: each step, at each row it may be. */
+static enum modal_status steps_columns(const double complex *lambda, int count, double tau,
+                                       const struct steps *s, struct matrix *V,
+                                       struct modal_error *err)
+{
+    struct matrix F = matrix_new(V->m, V->n);
+    struct synthesis fit = { 0 };
+    int reach = s->count > 0 ? (V->n / s->count - 1) / 2 : 0;
+    enum modal_status rc;
+
+    for (int j = 0; j < V->n; j++)
+        for (int l = 0, first = s->at[j / (2 * reach + 1)].row + j % (2 * reach + 1) - reach;
+             l < V->m; l++)
+            V->x[l + (size_t)j * (size_t)V->m] = l >= first;
+    if (F.x == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "steps: no memory for %d rows", V->m);
+    rc = synthesis_fit(lambda, count, tau, V, &F, &fit, err);
+    for (size_t i = 0; i < (size_t)V->m * (size_t)V->n && rc == MODAL_OK; i++)
+        V->x[i] -= F.x[i];
+    synthesis_done(&fit);
+    free(F.x);
+    return rc;
+}
+
+static double dot(const double *x, const double *y, int n)
+{
+    return cblas_ddot(n, x, 1, y, 1);
+}
+
+/* One step, V its columns, e what is left in its channel of all; how far it moved, in its std. */
+static double fit_one(struct step *s, const double *V, int L, double *e, double freedom)
+{
+    const double *own = V + (size_t)REACH * (size_t)L, *best = own;
+    double most = -1, h = s->size, before = s->size;
+    int row = s->row;
+
+    for (int l = 0; l < L; l++)
+        e[l] += before * own[l];
+    for (int j = 0; j <= 2 * REACH; j++) {
+        int at = s->row + j - REACH;
+        const double *v = V + (size_t)j * (size_t)L;
+        double vv = dot(v, v, L), ve = dot(v, e, L);
+        if (at > 0 && at < L && vv > 0 && ve * ve / vv > most)
+            most = ve * ve / vv, h = ve / vv, best = v, row = at;
+    }
+    for (int l = 0; l < L; l++)
+        e[l] -= h * best[l];
+    bool stays = row == s->row;
+    s->row = row, s->size = h;
+    s->std = sqrt(dot(e, e, L) / freedom / fmax(dot(best, best, L), DBL_MIN));
+    return stays ? fabs(h - before) / fmax(s->std, DBL_MIN) : HUGE_VAL;
+}
+
+enum modal_status steps_fit(const double complex *lambda, int count, double tau,
+                            const struct matrix *Y, struct steps *s, double *moved,
+                            double *left, struct modal_error *err)
+{
+    size_t L = (size_t)Y->m;
+    struct matrix V = matrix_new(Y->m, s->count * ROWS_EACH), F = matrix_new(Y->m, Y->n);
+    struct synthesis fit = { 0 };
+    double freedom = fmax(Y->m - poles_order(lambda, count, tau) - 1, 1);
+    enum modal_status rc = V.x == NULL || F.x == NULL
+        ? modal_fail(err, MODAL_NO_MEMORY, "steps: no memory for %d rows", Y->m)
+        : steps_columns(lambda, count, tau, s, &V, err);
+
+    *moved = *left = 0;
+    if (rc == MODAL_OK)
+        rc = synthesis_fit(lambda, count, tau, Y, &F, &fit, err);
+    for (size_t c = 0; c < (size_t)Y->n && rc == MODAL_OK; c++)
+        for (size_t l = 0; l < L; l++)
+            F.x[l + c * L] = Y->x[l + c * (size_t)Y->ld] - F.x[l + c * L];
+    for (int i = 0; i < s->count && rc == MODAL_OK; i++)
+        *moved = fmax(*moved, fit_one(&s->at[i], V.x + (size_t)i * ROWS_EACH * L, Y->m,
+                                      F.x + (size_t)s->at[i].channel * L, freedom));
+    for (size_t c = 0; c < (size_t)Y->n && rc == MODAL_OK; c++)
+        *left += L * log(fmax(dot(F.x + c * L, F.x + c * L, Y->m), DBL_MIN));
+    synthesis_done(&fit);
+    free(V.x), free(F.x);
+    return rc;
+}
+
+/* ---- (4) ---- */
+
+/* The derivatives of channel c of FIT by each pole's real and imaginary part, onto J, L x 2 poles,
+ * each of norm 1; a real pole's second is 0. */
+static void derivatives(const struct synthesis *fit, const double complex *lambda, double tau,
+                        int c, struct matrix *J)
+{
+    for (int j = 0; j < fit->poles; j++) {
+        double complex b = fit->coefficient[j + (size_t)c * (size_t)fit->poles];
+        double *re = J->x + (size_t)(2 * j) * (size_t)J->m, *im = re + J->m;
+        for (int l = 0; l < J->m; l++) {
+            double complex d = b * l * cexp(lambda[j] * tau * l - fit->reference[j]);
+            re[l] = lambda[j] == 0 ? 0 : creal(d);
+            im[l] = pole_kind(lambda[j], tau) == POLE_PAIR ? -cimag(d) : 0;
+        }
+    }
+}
+
+/* F += J'J / s2, less what column v takes of it onto G. */
+static void add_information(const struct matrix *J, double s2, double *F)
+{
+    for (int j = 0; j < J->n; j++)
+        for (int i = 0; i <= j; i++)
+            F[i + (size_t)j * (size_t)J->n] += dot(J->x + (size_t)i * (size_t)J->m,
+                                                   J->x + (size_t)j * (size_t)J->m, J->m) / s2;
+}
+
+/* The steps of channel C in turn, each less what those before it have: J less what they take. */
+static void take_steps(const struct steps *s, int c, struct matrix *V, struct matrix *J)
+{
+    for (int i = 0; i < s->count; i++) {
+        double *v = V->x + (size_t)i * (size_t)V->m, vv;
+        if (s->at[i].channel != c || (vv = dot(v, v, V->m)) == 0)
+            continue;
+        for (int j = 0; j < J->n; j++) {
+            double *x = J->x + (size_t)j * (size_t)J->m, share = dot(v, x, V->m) / vv;
+            for (int l = 0; l < V->m; l++)
+                x[l] -= share * v[l];
+        }
+        for (int n = i + 1; n < s->count && s->at[n].channel == c; n++) {
+            double *x = V->x + (size_t)n * (size_t)V->m, share = dot(v, x, V->m) / vv;
+            for (int l = 0; l < V->m; l++)
+                x[l] -= share * v[l];
+        }
+    }
+}
+
+/* The diagonal of F^-1, n of them, at F's own; false: F is singular. A parameter that is none has
+ * 1. */
+static bool invert(double *F, int n, double *diagonal)
+{
+    double *scale = diagonal;
+
+    for (int j = 0; j < n; j++)
+        scale[j] = F[j + (size_t)j * (size_t)n] > 0 ? 1 / sqrt(F[j + (size_t)j * (size_t)n]) : 0;
+    for (int j = 0; j < n; j++)
+        for (int i = 0; i <= j; i++) {
+            double *f = F + i + (size_t)j * (size_t)n;
+            *f = i == j ? 1 : *f * scale[i] * scale[j];
+        }
+    if (LAPACKE_dpotrf_work(LAPACK_COL_MAJOR, 'U', n, F, n) != 0
+        || LAPACKE_dpotri_work(LAPACK_COL_MAJOR, 'U', n, F, n) != 0)
+        return false;
+    for (int j = 0; j < n; j++)
+        diagonal[j] = F[j + (size_t)j * (size_t)n] * scale[j] * scale[j];
+    return true;
+}
+
+/* Information without and with the steps unknown, onto F[0] and F[1]. */
+static enum modal_status informations(const double complex *lambda, int count, double tau,
+                                      const struct matrix *Y, const struct steps *s,
+                                      double *const F[2], struct modal_error *err)
+{
+    struct matrix J = matrix_new(Y->m, 2 * count), P = matrix_new(Y->m, 2 * count),
+                  V = matrix_new(Y->m, s->count);
+    struct synthesis fit = { 0 }, own = { 0 };
+    double freedom = fmax(Y->m - poles_order(lambda, count, tau), 1);
+    enum modal_status rc = J.x == NULL || P.x == NULL || V.x == NULL
+        ? modal_fail(err, MODAL_NO_MEMORY, "steps: no memory for %d rows", Y->m)
+        : steps_columns(lambda, count, tau, s, &V, err);
+
+    if (rc == MODAL_OK)
+        rc = synthesis_fit(lambda, count, tau, Y, NULL, &fit, err);
+    for (int c = 0; c < Y->n && rc == MODAL_OK; c++) {
+        double s2 = fit.channel_residual[c] * fit.channel_residual[c] / freedom;
+        if (!(s2 > 0))
+            continue;
+        derivatives(&fit, lambda, tau, c, &J);
+        rc = synthesis_fit(lambda, count, tau, &J, &P, &own, err);
+        for (size_t i = 0; i < (size_t)J.m * (size_t)J.n && rc == MODAL_OK; i++)
+            J.x[i] -= P.x[i];
+        add_information(&J, s2, F[0]);
+        take_steps(s, c, &V, &J);
+        add_information(&J, s2, F[1]);
+        synthesis_done(&own);
+    }
+    synthesis_done(&fit);
+    free(J.x), free(P.x), free(V.x);
+    return rc;
+}
+
+enum modal_status steps_errors(const double complex *lambda, int count, double tau,
+                               const struct matrix *Y, const struct steps *s, double *factor,
+                               struct modal_error *err)
+{
+    size_t n = 2 * (size_t)count;
+    struct workspace space = { 0 };
+    double *F[2] = { workspace_numbers(&space, n, n), workspace_numbers(&space, n, n) },
+           *without = workspace_numbers(&space, n, 1), *with = workspace_numbers(&space, n, 1);
+    enum modal_status rc = workspace_check(&space, "steps: no memory", err);
+
+    for (size_t j = 0; j < n; j++)
+        factor[j] = 1;
+    if (rc == MODAL_OK && s->count > 0 && count > 0)
+        rc = informations(lambda, count, tau, Y, s, F, err);
+    if (rc == MODAL_OK && s->count > 0 && invert(F[0], (int)n, without)
+        && invert(F[1], (int)n, with))
+        for (size_t j = 0; j < n; j++)
+            factor[j] = with[j] > without[j] ? sqrt(with[j] / without[j]) : 1;
+    workspace_free(&space);
+    return rc;
+}

@@ -1,0 +1,41 @@
+/* steps.h - a channel's mean that jumps and stays: a sensor that slips, a load that goes */
+#ifndef MODAL_STEPS_H
+#define MODAL_STEPS_H
+#include <complex.h>
+#include <stdbool.h>
+#include "base/error.h"
+#include "modal/linalg/matrix.h"
+
+/* CHANNEL is SIZE higher from ROW on. */
+struct step { int row, channel; double size, std; };
+struct steps { struct step *at; int count; };         /* owned; by channels */
+
+/*
+ * The steps of Y (L x S), told by what samples are by those about them (steps.c), their std 0. Of a
+ * record without any one in 1 / WILD_ALARM (wild.h) has one. *out is the caller's to steps_done.
+ * Fails with MODAL_NO_MEMORY.
+ */
+enum modal_status steps_find(const struct matrix *Y, struct steps *out, struct modal_error *err);
+
+/* Y without the steps that it has, or with them again (SENSE -1). */
+void steps_take(const struct steps *s, int sense, struct matrix *Y);
+
+/*
+ * Rows, sizes and std, of Y without the steps as they were, by least squares of poles and steps
+ * together; *moved: the longest change, in its std; *left: -2 ln(likelihood), but for a constant,
+ * of what they leave in channels whose noise each has its own size. Fails with MODAL_NO_MEMORY,
+ * MODAL_NO_CONVERGENCE.
+ */
+enum modal_status steps_fit(const double complex *lambda, int count, double tau,
+                            const struct matrix *Y, struct steps *s, double *moved,
+                            double *left, struct modal_error *err);
+
+/*
+ * FACTOR, 2 x COUNT: by how much the standard errors of the poles' real and imaginary parts grow
+ * where the steps' sizes are not known but fitted.  Fails as above.
+ */
+enum modal_status steps_errors(const double complex *lambda, int count, double tau,
+                               const struct matrix *Y, const struct steps *s, double *factor,
+                               struct modal_error *err);
+void steps_done(struct steps *s);
+#endif

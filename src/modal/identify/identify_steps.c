@@ -3,7 +3,7 @@
 #include "modal/identify/identify_state.h"
 #include <math.h>
 #include <stdlib.h>
-#include "modal/linalg/svd.h"
+#include "modal/identify/linear/exponents.h"
 
 enum { TOLD = 3 };                  /* steps: more say the same */
 static const double
@@ -45,29 +45,45 @@ static void drop_late(struct work *w)
     w->steps.count = count;
 }
 
-/* Where the poles have an offset, a step that was told a little too high or low may have drawn it:
- * it stays where it is worth an amplitude in each channel, by Bayes' criterion. */
+/* The poles that are no slow ones, into OTHERS; what those cost by Bayes' criterion (criterion.c). */
+static int leave_slow_out(const struct work *w, const struct refined *fit, double complex *others,
+                          double *price)
+{
+    int S = w->rec.channels, count = 0;
+    double record = w->tau * w->rec.Y.m;
+
+    *price = 0;
+    for (int j = 0; j < fit->poles; j++) {
+        int order = pole_order(fit->lambda[j], w->tau);
+        if (cabs(fit->lambda[j]) * record < 2 * M_PI)
+            *price += (S * order + (fit->lambda[j] != 0) * (1 + 1.0 / S) * order)
+                    * log((double)w->rec.Y.m * S);
+        else
+            others[count++] = fit->lambda[j];
+    }
+    return count;
+}
+
+/* An offset, and what is slower than the record, a step may have drawn that was told a little too
+ * high or low: they stay where they are worth it beside the step as it is without them. */
 static enum modal_status fit_steps(struct work *w, const struct refined *fit, double *moved,
                                    struct modal_error *err)
 {
     size_t bytes = sizeof *w->steps.at * (size_t)w->steps.count;
     struct steps without = { malloc(bytes), w->steps.count };
     double complex *others = malloc(sizeof *others * (size_t)fit->poles);
-    double price = w->rec.channels * log((double)w->rec.Y.m * w->rec.channels), left, more;
-    int count = 0;
+    double price = 0, left, more, far;
+    int count = fit->poles;
     enum modal_status rc = MODAL_OK;
 
-    for (int j = 0; others != NULL && j < fit->poles; j++)
-        if (fit->lambda[j] != 0)
-            others[count++] = fit->lambda[j];
-    if (without.at == NULL || others == NULL)
+    if (without.at == NULL || others == NULL) {
         rc = modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d steps", without.count);
-    else
+    } else {
         memcpy(without.at, w->steps.at, bytes);
-    if (rc == MODAL_OK)
+        count = leave_slow_out(w, fit, others, &price);
         rc = steps_fit(fit->lambda, fit->poles, w->tau, &w->rec.Y, &w->steps, moved, &left, err);
+    }
     if (rc == MODAL_OK && count < fit->poles) {
-        double far;
         rc = steps_fit(others, count, w->tau, &w->rec.Y, &without, &far, &more, err);
         if (rc == MODAL_OK && more < left + price)
             memcpy(w->steps.at, without.at, bytes), *moved = far;

@@ -155,21 +155,19 @@ static bool at_rail(double x, double value, bool both)
     return x == value || (both && x == -value);
 }
 
-/* Rows at a rail; *near: others within LEAVES steps of it. *longest: of its runs within the
- * column. */
-static int count_at(const struct look *k, double value, bool both, int *near, int *longest)
+/* Rows within the column at a rail; *near: others within LEAVES steps of it. */
+static int count_at(const struct look *k, double value, bool both, int *near)
 {
     const double *x = k->sent;
     int at = 0;
 
-    *near = *longest = 0;
+    *near = 0;
     for (int l = 1, begin = 0; l <= k->L; l++) {
         double v = both ? fabs(x[begin]) : x[begin];
         if (l < k->L && x[l] == x[begin])
             continue;
         if (at_rail(x[begin], value, both) && !k->out[begin] && begin > 0 && l < k->L) {
             at += l - begin;
-            *longest = l - begin > *longest ? l - begin : *longest;
         } else if (v != value && fabs(v - value) <= LEAVES * k->step) {
             *near += l - begin;
         }
@@ -202,12 +200,12 @@ static double equal_others(struct look *k, double value, bool both, double *pair
     return equal;
 }
 
-/* What is at a rail is cut, or nothing of it is. At an end of the column it may be rest where it is
- * longer than elsewhere. */
+/* What is at a rail is cut, or nothing of it is: at an end of the column as well, where the first
+ * crest is the longest. */
 static void mark_cut(struct look *k, double value, bool both)
 {
     const double *x = k->sent;
-    int near, longest, at = count_at(k, value, both, &near, &longest);
+    int near, at = count_at(k, value, both, &near);
     double chance, equal, pairs;
 
     if (at < 2)
@@ -221,7 +219,7 @@ static void mark_cut(struct look *k, double value, bool both)
     for (int l = 1, begin = 0; l <= k->L; l++) {
         if (l < k->L && x[l] == x[begin])
             continue;
-        if (at_rail(x[begin], value, both) && !k->out[begin] && l - begin <= longest)
+        if (at_rail(x[begin], value, both) && !k->out[begin])
             mark(k, (struct run) { begin, l - begin });
         begin = l;
     }

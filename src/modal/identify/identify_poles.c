@@ -203,8 +203,7 @@ enum modal_status work_widen(struct work *w, const struct batch *b,
     bool rounded = out->at_grid && w->shift == 1 && p->count > 0;
     enum modal_status rc = MODAL_OK;
 
-    work_widen_for_wild(w, p);
-    rc = work_widen_for_steps(w, p, err);
+    rc = work_widen_for_lacking(w, p, err);
     if (rc == MODAL_OK && rounded && p->fit == NULL)
         rc = work_fit_signals(w, p->lambda, p->count, &w->rec.Y, &own, err);
     if (rc == MODAL_OK && rounded)

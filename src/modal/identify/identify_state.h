@@ -124,8 +124,9 @@ enum modal_status work_take_wild(struct work *w, struct modal_error *err);
 void work_put_wild_back(struct work *w);
 /* Are the chosen poles one set of modes in white noise? */
 bool work_is_clean(const struct work *w);
-/* Standard errors by the samples that are left. */
-void work_widen_for_wild(const struct work *w, struct poles *p);
+/* Standard errors by the samples that are left, with steps that were fitted. */
+enum modal_status work_widen_for_lacking(const struct work *w, struct poles *p,
+                                         struct modal_error *err);
 /* In which channels, and how many. */
 void work_report_wild(const struct work *w, struct identify_result *out);
 
@@ -139,9 +140,6 @@ enum modal_status work_fit_steps(struct work *w, bool *settled, struct modal_err
 bool work_are_steps(const struct work *w);
 /* rec.Y as it was sent, w->steps empty. */
 void work_put_steps_back(struct work *w);
-/* Standard errors with the steps unknown. */
-enum modal_status work_widen_for_steps(const struct work *w, struct poles *p,
-                                       struct modal_error *err);
 /* In which channels, when, and how high. */
 void work_report_steps(const struct work *w, struct identify_result *out);
 

@@ -45,7 +45,8 @@ static void drop_late(struct work *w)
     w->steps.count = count;
 }
 
-/* The poles that are no slow ones, into OTHERS; what those cost by Bayes' criterion (criterion.c). */
+/* The poles that are no slow ones, into OTHERS; what slow ones cost by Bayes' criterion
+ * (criterion.c). */
 static int leave_slow_out(const struct work *w, const struct refined *fit, double complex *others,
                           double *price)
 {
@@ -135,24 +136,6 @@ void work_put_steps_back(struct work *w)
     scale_steps(w, false);
     steps_take(&w->steps, -1, &w->rec.Y);
     steps_done(&w->steps);
-}
-
-enum modal_status work_widen_for_steps(const struct work *w, struct poles *p,
-                                       struct modal_error *err)
-{
-    double *factor;
-    enum modal_status rc;
-
-    if (w->steps.count == 0 || p->count == 0)
-        return MODAL_OK;
-    factor = malloc(2 * sizeof *factor * (size_t)p->count);
-    if (factor == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d poles", p->count);
-    rc = steps_errors(p->lambda, p->count, p->tau, &w->rec.Y, &w->steps, factor, err);
-    for (int j = 0; j < p->count && rc == MODAL_OK; j++)
-        p->std_re[j] *= factor[2 * j], p->std_im[j] *= factor[2 * j + 1];
-    free(factor);
-    return rc;
 }
 
 void work_report_steps(const struct work *w, struct identify_result *out)

@@ -3,6 +3,7 @@
 #include "modal/identify/identify_state.h"
 #include <math.h>
 #include <stdlib.h>
+#include "modal/identify/prepare/bound.h"
 #include "modal/linalg/svd.h"
 
 enum { TOLD = 3 };                  /* channels: more say the same */
@@ -99,14 +100,29 @@ bool work_is_clean(const struct work *w)
 }
 
 /* Rebuilt samples agree with the model whatever it is: neither the size of the noise nor what is
- * known of a pole has anything of them. */
-void work_widen_for_wild(const struct work *w, struct poles *p)
+ * known of a pole has anything of them. Where they are filled only, not rebuilt, the poles are by
+ * some share less known. */
+enum modal_status work_widen_for_lacking(const struct work *w, struct poles *p,
+                                         struct modal_error *err)
 {
-    double all = (double)w->rec.Y.m * w->rec.channels,
-           factor = 1 / sqrt((1 - w->wild.count / all) * (1 - w->wild.share));
+    double all = (double)w->rec.Y.m * w->rec.channels, size = 1 / sqrt(1 - w->wild.count / all),
+           *factor;
+    enum modal_status rc = MODAL_OK;
 
-    for (int j = 0; j < p->count; j++)
-        p->std_re[j] *= factor, p->std_im[j] *= factor;
+    if ((w->wild.count == 0 && w->steps.count == 0) || p->count == 0)
+        return MODAL_OK;
+    factor = malloc(2 * sizeof *factor * (size_t)p->count);
+    if (factor == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d poles", p->count);
+    for (int j = 0; j < 2 * p->count; j++)
+        factor[j] = 1 / sqrt(1 - w->wild.share);
+    if (work_may_take_wild(w))
+        rc = bound_factors(p->lambda, p->count, p->tau, &w->rec.Y, &w->wild, &w->steps, factor,
+                           err);
+    for (int j = 0; j < p->count && rc == MODAL_OK; j++)
+        p->std_re[j] *= size * factor[2 * j], p->std_im[j] *= size * factor[2 * j + 1];
+    free(factor);
+    return rc;
 }
 
 /* COUNT samples of one channel. */

@@ -25,18 +25,13 @@
  *
  * at the row where (v'r)^2 / v'v is largest.  Poles that are fitted to the record without the steps
  * and steps by (3) in turn come to the least of both together, as their errors are nearly
- * independent but of slow real poles.  Those errors are by the information of both,
- *
- *     F = sum_c (J'J - J'V (V'V)^-1 V'J) / s_c^2,                                               (4)
- *
- * J being the derivatives of channel c by the poles, and V its steps, both less what Q has.
+ * independent but of slow real poles (bound.c has those of both).
  *
  * [LM00] Laurent and Massart, Ann. Statist. 28 (2000) 1302-1338.
  */
 #include "modal/identify/prepare/steps.h"
 #include <cblas.h>
 #include <float.h>
-#include <lapacke.h>
 #include <math.h>
 #include <string.h>
 #include "modal/identify/fit/synthesis.h"
@@ -323,128 +318,5 @@ enum modal_status steps_fit(const double complex *lambda, int count, double tau,
         *left += L * log(fmax(dot(F.x + c * L, F.x + c * L, Y->m), DBL_MIN));
     synthesis_done(&fit);
     free(V.x), free(F.x);
-    return rc;
-}
-
-/* ---- (4) ---- */
-
-/* The derivatives of channel c of FIT by each pole's real and imaginary part, onto J, L x 2 poles,
- * each of norm 1; a real pole's second is 0. */
-static void derivatives(const struct synthesis *fit, const double complex *lambda, double tau,
-                        int c, struct matrix *J)
-{
-    for (int j = 0; j < fit->poles; j++) {
-        double complex b = fit->coefficient[j + (size_t)c * (size_t)fit->poles];
-        double *re = J->x + (size_t)(2 * j) * (size_t)J->m, *im = re + J->m;
-        for (int l = 0; l < J->m; l++) {
-            double complex d = b * l * cexp(lambda[j] * tau * l - fit->reference[j]);
-            re[l] = lambda[j] == 0 ? 0 : creal(d);
-            im[l] = pole_kind(lambda[j], tau) == POLE_PAIR ? -cimag(d) : 0;
-        }
-    }
-}
-
-/* F += J'J / s2, less what column v takes of it onto G. */
-static void add_information(const struct matrix *J, double s2, double *F)
-{
-    for (int j = 0; j < J->n; j++)
-        for (int i = 0; i <= j; i++)
-            F[i + (size_t)j * (size_t)J->n] += dot(J->x + (size_t)i * (size_t)J->m,
-                                                   J->x + (size_t)j * (size_t)J->m, J->m) / s2;
-}
-
-/* The steps of channel C in turn, each less what those before it have: J less what they take. */
-static void take_steps(const struct steps *s, int c, struct matrix *V, struct matrix *J)
-{
-    for (int i = 0; i < s->count; i++) {
-        double *v = V->x + (size_t)i * (size_t)V->m, vv;
-        if (s->at[i].channel != c || (vv = dot(v, v, V->m)) == 0)
-            continue;
-        for (int j = 0; j < J->n; j++) {
-            double *x = J->x + (size_t)j * (size_t)J->m, share = dot(v, x, V->m) / vv;
-            for (int l = 0; l < V->m; l++)
-                x[l] -= share * v[l];
-        }
-        for (int n = i + 1; n < s->count && s->at[n].channel == c; n++) {
-            double *x = V->x + (size_t)n * (size_t)V->m, share = dot(v, x, V->m) / vv;
-            for (int l = 0; l < V->m; l++)
-                x[l] -= share * v[l];
-        }
-    }
-}
-
-/* The diagonal of F^-1, n of them, at F's own; false: F is singular. A parameter that is none has
- * 1. */
-static bool invert(double *F, int n, double *diagonal)
-{
-    double *scale = diagonal;
-
-    for (int j = 0; j < n; j++)
-        scale[j] = F[j + (size_t)j * (size_t)n] > 0 ? 1 / sqrt(F[j + (size_t)j * (size_t)n]) : 0;
-    for (int j = 0; j < n; j++)
-        for (int i = 0; i <= j; i++) {
-            double *f = F + i + (size_t)j * (size_t)n;
-            *f = i == j ? 1 : *f * scale[i] * scale[j];
-        }
-    if (LAPACKE_dpotrf_work(LAPACK_COL_MAJOR, 'U', n, F, n) != 0
-        || LAPACKE_dpotri_work(LAPACK_COL_MAJOR, 'U', n, F, n) != 0)
-        return false;
-    for (int j = 0; j < n; j++)
-        diagonal[j] = F[j + (size_t)j * (size_t)n] * scale[j] * scale[j];
-    return true;
-}
-
-/* Information without and with the steps unknown, onto F[0] and F[1]. */
-static enum modal_status informations(const double complex *lambda, int count, double tau,
-                                      const struct matrix *Y, const struct steps *s,
-                                      double *const F[2], struct modal_error *err)
-{
-    struct matrix J = matrix_new(Y->m, 2 * count), P = matrix_new(Y->m, 2 * count),
-                  V = matrix_new(Y->m, s->count);
-    struct synthesis fit = { 0 }, own = { 0 };
-    double freedom = fmax(Y->m - poles_order(lambda, count, tau), 1);
-    enum modal_status rc = J.x == NULL || P.x == NULL || V.x == NULL
-        ? modal_fail(err, MODAL_NO_MEMORY, "steps: no memory for %d rows", Y->m)
-        : steps_columns(lambda, count, tau, s, &V, err);
-
-    if (rc == MODAL_OK)
-        rc = synthesis_fit(lambda, count, tau, Y, NULL, &fit, err);
-    for (int c = 0; c < Y->n && rc == MODAL_OK; c++) {
-        double s2 = fit.channel_residual[c] * fit.channel_residual[c] / freedom;
-        if (!(s2 > 0))
-            continue;
-        derivatives(&fit, lambda, tau, c, &J);
-        rc = synthesis_fit(lambda, count, tau, &J, &P, &own, err);
-        for (size_t i = 0; i < (size_t)J.m * (size_t)J.n && rc == MODAL_OK; i++)
-            J.x[i] -= P.x[i];
-        add_information(&J, s2, F[0]);
-        take_steps(s, c, &V, &J);
-        add_information(&J, s2, F[1]);
-        synthesis_done(&own);
-    }
-    synthesis_done(&fit);
-    free(J.x), free(P.x), free(V.x);
-    return rc;
-}
-
-enum modal_status steps_errors(const double complex *lambda, int count, double tau,
-                               const struct matrix *Y, const struct steps *s, double *factor,
-                               struct modal_error *err)
-{
-    size_t n = 2 * (size_t)count;
-    struct workspace space = { 0 };
-    double *F[2] = { workspace_numbers(&space, n, n), workspace_numbers(&space, n, n) },
-           *without = workspace_numbers(&space, n, 1), *with = workspace_numbers(&space, n, 1);
-    enum modal_status rc = workspace_check(&space, "steps: no memory", err);
-
-    for (size_t j = 0; j < n; j++)
-        factor[j] = 1;
-    if (rc == MODAL_OK && s->count > 0 && count > 0)
-        rc = informations(lambda, count, tau, Y, s, F, err);
-    if (rc == MODAL_OK && s->count > 0 && invert(F[0], (int)n, without)
-        && invert(F[1], (int)n, with))
-        for (size_t j = 0; j < n; j++)
-            factor[j] = with[j] > without[j] ? sqrt(with[j] / without[j]) : 1;
-    workspace_free(&space);
     return rc;
 }

@@ -29,13 +29,5 @@ void steps_take(const struct steps *s, int sense, struct matrix *Y);
 enum modal_status steps_fit(const double complex *lambda, int count, double tau,
                             const struct matrix *Y, struct steps *s, double *moved,
                             double *left, struct modal_error *err);
-
-/*
- * FACTOR, 2 x COUNT: by how much the standard errors of the poles' real and imaginary parts grow
- * where the steps' sizes are not known but fitted.  Fails as above.
- */
-enum modal_status steps_errors(const double complex *lambda, int count, double tau,
-                               const struct matrix *Y, const struct steps *s, double *factor,
-                               struct modal_error *err);
 void steps_done(struct steps *s);
 #endif

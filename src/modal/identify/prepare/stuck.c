@@ -155,6 +155,13 @@ static bool at_rail(double x, double value, bool both)
     return x == value || (both && x == -value);
 }
 
+/* The run BEGIN to END - 1 is within the column, or its first by more than a grid makes of rest: a
+ * record may begin in a crest. */
+static bool is_within(const struct look *k, int begin, int end)
+{
+    return end < k->L && (begin > 0 || fabs(k->sent[end] - k->sent[0]) > LEAVES * k->step);
+}
+
 /* Rows within the column at a rail; *near: others within LEAVES steps of it. */
 static int count_at(const struct look *k, double value, bool both, int *near)
 {
@@ -166,7 +173,7 @@ static int count_at(const struct look *k, double value, bool both, int *near)
         double v = both ? fabs(x[begin]) : x[begin];
         if (l < k->L && x[l] == x[begin])
             continue;
-        if (at_rail(x[begin], value, both) && !k->out[begin] && begin > 0 && l < k->L) {
+        if (at_rail(x[begin], value, both) && !k->out[begin] && is_within(k, begin, l)) {
             at += l - begin;
         } else if (v != value && fabs(v - value) <= LEAVES * k->step) {
             *near += l - begin;

@@ -395,7 +395,8 @@ static void report_window(struct work *w, struct identify_result *out)
     const double *t = w->rec.proposed;
     bool asked = w->opt.window[0] == WINDOW_AUTO;
 
-    if (!w->rec.parted && (work_is_explained(w, out) || w->wild.count > 0))
+    if (!w->rec.parted
+        && (work_is_explained(w, out) || w->wild.count > 0 || w->steps.count > 0))
         return;
     memcpy(out->proposed, t, sizeof out->proposed);
     if (asked || w->rec.parted)

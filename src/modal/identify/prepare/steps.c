@@ -10,13 +10,13 @@
  *
  *     h = sum_j a_j e[m + j] / sum_j a_j^2,   t = |h| sqrt(sum_j a_j^2) / s                     (2)
  *
- * is normal, and the largest of n is told where it exceeds wild_standing_out(n), by the median of
- * the column's e and by those of the rows before and after, and so of e back in time: what a
- * recurrence leaves of a motion one way it does not the other.  What is told must explain what is
- * there: the sum of squares of e[m + j] - h a_j is chi-squared of p + 1 degrees of freedom, and
- * exceeds p + 1 + 2 sqrt((p + 1) x) + 2 x with a probability e^-x = WILD_ALARM at most [LM00]. A
- * spike, an onset or a motion struck anew leaves more.  A grid of step q makes differences of up to
- * LEAVES q of what is smooth (stuck.c).
+ * is normal, and the largest of n is told where it exceeds wild_standing_out(n), by the largest of
+ * the medians of the column's e, of the rows before and of those after, and so of e back in time:
+ * what a recurrence leaves of a motion one way it does not the other. What is told must explain
+ * what is there: the sum of squares of e[m + j] - h a_j is chi-squared of p + 1 degrees of freedom,
+ * and exceeds p + 1 + 2 sqrt((p + 1) x) + 2 x with a probability e^-x = WILD_ALARM at most [LM00].
+ * A spike, an onset or a motion struck anew leaves more.  A grid of step q makes differences of up
+ * to LEAVES q of what is smooth (stuck.c).
  *
  * The step beside poles whose basis is Q: with v = u - Q Q'u, u being 0 before its row and 1 from
  * there on, r what the poles leave of the record as it was sent,
@@ -45,6 +45,7 @@
 enum {
     STEPS_MOST = 4,              /* of a channel: more are a motion of their own */
     LOOKS = 8,                   /* at a column: each sees one place */
+    SETTLES = 4,                 /* fits without it until its row is the one */
     ABOUT = 64,                  /* rows before (2), and after: of p */
     ROWS_LEAST = 8,              /* over p */
     SAMPLE = 8192,               /* numbers of a median */
@@ -110,12 +111,12 @@ static double size_about(const struct look *k, int m)
     return fmax(size, end > after ? wild_size(k->e + after, end - after, k->part) : 0);
 }
 
-/* Of all e forward, by SAMPLE of them where they are more: it is then off by a hundredth. */
+/* Of all e, by SAMPLE of them where they are more: it is then off by a hundredth. */
 static double size_of_all(const struct look *k)
 {
     int every = k->n / SAMPLE + 1, count = 0;
 
-    for (int l = k->p; l < k->n; l += every)
+    for (int l = k->sense > 0 ? k->p : 0; l < (k->sense > 0 ? k->n : k->n - k->p); l += every)
         k->h[count++] = k->e[l];
     return fmax(wild_size(k->h, count, k->part), NEAR);
 }
@@ -139,7 +140,7 @@ static int largest(const struct look *k)
 static bool explains(const struct look *k, int m, double *h)
 {
     const double *a = k->a[k->sense < 0];
-    double size = fmax(size_about(k, m), NEAR), sum = 0, x = -log(WILD_ALARM);
+    double size = fmax(size_about(k, m), size_of_all(k)), sum = 0, x = -log(WILD_ALARM);
     int n = k->p + 1;
 
     *h = size_of(k, m);
@@ -161,6 +162,27 @@ static bool is_step(struct look *k, int m, double *h)
     return explains(k, m, h) && *h * back > 0;
 }
 
+/* The row about *m whose step is the largest of a recurrence that leaves it out: one that does not
+ * is bent by it. False: too few rows. */
+static bool settle(struct look *k, int *m)
+{
+    for (int again = 0; again < SETTLES; again++) {
+        int first = *m - k->p > k->p ? *m - k->p : k->p,
+            last = *m + k->p < k->n - 1 - k->p ? *m + k->p : k->n - 1 - k->p, best = *m;
+        k->out[*m] = true;
+        if (!fit(k, true))
+            return false;
+        leave(k, 1);
+        for (int l = first; l <= last; l++)
+            if (fabs(size_of(k, l)) > fabs(size_of(k, best)) && (l == *m || !k->out[l]))
+                best = l;
+        if (best == *m)
+            break;
+        k->out[*m] = false, k->out[best] = true, *m = best;
+    }
+    return true;
+}
+
 /* Up to STEPS_MOST of the column Y, sizes over z's UNIT. */
 static int look_at_column(struct look *k, const double *y, double unit, struct step *found)
 {
@@ -174,8 +196,7 @@ static int look_at_column(struct look *k, const double *y, double unit, struct s
             break;
         if (look == 0)
             k->jump = LEAVES * grid_of(y, 1, k->n + 1).step / unit;
-        k->out[m] = true;
-        if (!fit(k, true))
+        if (!settle(k, &m))
             break;
         if (!is_step(k, m, &h))
             continue;

@@ -134,3 +134,19 @@ TEST(stuck_samples_of_a_rounded_channel_are_found_where_they_jump)
     CHECK(mended(&w) == 25 && w.at[0].row == 400 && w.at[24].row == 424);
     wild_done(&w);
 }
+
+/* Its first crest is the longest: what begins a column counts where it is the extreme. */
+TEST(a_record_that_begins_in_a_cut_crest_has_it_told)
+{
+    for (double rail = 0.5; rail < 0.95; rail += 0.1) {
+        struct wild w;
+        int cut = 0;
+        make(7, 0, 0);
+        for (int l = 0; l < ROWS; l++) {
+            double x = exp(-0.003 * l) * cos(0.05 * l) + NOISE * clean[l + ROWS];
+            y[l] = fmax(fmin(x, rail), -rail), cut += fabs(x) > rail;
+        }
+        CHECK(fabs(y[0]) == rail && cut > 5 && mended(&w) == cut && w.at[0].row == 0);
+        wild_done(&w);
+    }
+}

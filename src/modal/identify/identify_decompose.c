@@ -129,15 +129,16 @@ static bool can_double(const struct work *w, const struct pencil *p)
 static enum modal_status ask_driven(struct work *w, const struct pencil *all,
                                     struct modal_error *err)
 {
-    bool ragged = false;
+    struct ragged is = { 0 };
     enum modal_status rc = MODAL_OK;
 
     if (all->count != TRIPLETS && all->count != TRIPLETS_MOST)
         return MODAL_OK;
     w->many = all->count == TRIPLETS_MOST && leaves_much(all);
     if (signals_fill(w, all))
-        rc = ragged_spectrum(work_searched(w), &ragged, err);
-    w->ragged = ragged ? w->X->m : 0;
+        rc = ragged_spectrum(work_searched(w), &is, err);
+    w->ragged = is.driven ? w->X->m : 0;
+    w->endless = is.endless;
     return rc;
 }
 
@@ -145,7 +146,7 @@ static enum modal_status ask_driven(struct work *w, const struct pencil *all,
  * they end, more than TRIPLETS_MOST are many, however little the first of them leave. */
 static void drop_endless(struct work *w, struct pencil *all)
 {
-    bool endless = w->ragged > 0 || signals_fill(w, all), many = w->ragged > 0 || w->many;
+    bool endless = w->endless || signals_fill(w, all), many = w->endless || w->many;
 
     w->many = !endless && (many || pencil_signals(all) > TRIPLETS_MOST);
     if (!endless || !many)
@@ -161,8 +162,8 @@ enum modal_status work_pencil_of_all(struct work *w, struct pencil *all, struct 
     enum modal_status rc = MODAL_OK;
 
     *all = w->pencil;
-    w->many = false;
-    while (rc == MODAL_OK && w->ragged == 0 && signals_fill(w, all) && can_double(w, all)) {
+    w->many = w->endless = false;
+    while (rc == MODAL_OK && !w->endless && signals_fill(w, all) && can_double(w, all)) {
         struct pencil_options opt = { .rows = rows_of_many(w, 2 * all->count),
                                       .wanted = 2 * all->count };
         struct pencil more = { 0 };

@@ -280,7 +280,7 @@ static enum modal_status choose_from_above(struct work *w, struct identify_resul
         rc = work_report_values(w, out, err);
     order_done(&w->choice);
     w->choice = (struct order_choice) { .chosen = -1 };
-    if (rc == MODAL_OK && !driven(w))
+    if (rc == MODAL_OK && !driven(w) && !w->endless)
         rc = descend(w, out, err);
     above->pencil = w->pencil, above->choice = w->choice;
     w->pencil = few, w->choice = (struct order_choice) { .chosen = -1 };

@@ -66,6 +66,8 @@ struct work {
     bool many;                      /* modes, to judge by TRIPLETS_MOST triplets */
     int ragged;                     /* rows whose spectrum is that of a driven response (ragged.h);
                                      * 0: none */
+    bool endless;                   /* so is what stands out of the noise, or the weaker part of
+                                     * it: nothing is searched from above */
     bool known;                     /* the last search found one set of modes: out->unweighed */
     struct identify_chosen seen;    /* modes of the first rows of a long record; count 0: none */
     struct order_choice choice;

@@ -17,16 +17,22 @@
  * for no matrix of that rank is nearer to A than its own leading part. Two rows of E have a sum
  * of 1 / ((x - n)(y - n)) over half odd n in common, which vanishes for whole x and y far from the
  * ends: (2) has the mean (1 - POLES / HALF) sum 2 variance / (2 sin)^2. It is a quadratic form of
- * the noise with a mean of about HALF - POLES times its largest eigenvalue or more, and exceeds
- * TIMES that mean with less than e^{-(HALF - POLES) (TIMES - 1 - ln TIMES)} = 0.8 %, and in LEAST
- * of PLACES with less than 1e-5 (by this bound; it hardly reaches its mean in fact). What noise
- * drives is another number at each line, and keeps all but a share of its energy in (2).
+ * the noise with a mean of about HALF - POLES times its largest eigenvalue or more, and exceeds T
+ * times that mean with less than e^{-(HALF - POLES) (T - 1 - ln T)}: 0.8 % where T is TIMES. So K
+ * places that exceed T_k have between them the evidence
+ *
+ *     sum_k (HALF - POLES) (T_k - 1 - ln T_k) - ln (PLACES over K),                             (3)
+ *
+ * and noise reaches CHANCE once in e^CHANCE records (by this bound; it hardly reaches its mean in
+ * fact). What noise drives is another number at each line, and keeps all but a share of its energy
+ * in (2).  A place needs the least number of poles, POLES or more, with which (2) is below TIMES.
  *
  * The variance is the median over all lines, of |F|^2 exponentially distributed: many modes raise
- * that, and it errs for the free response. A response is held for driven where what stands out of
- * the noise does so in LEAST such places at least, and has most of its energy there (SHARE): a
- * narrow mode is a few lines to its place, which poles draw. Were it free, more than LEAST * POLES
- * poles would be there, nearer than four lines from one to the next, which few records resolve.
+ * that, and it errs for the free response. There is no end of poles where what stands out of the
+ * noise needs more than CROWD of them in places that need more than POLES: nearer than four lines
+ * from one to the next, which few records of so many modes resolve. A response is held for driven
+ * where those places have most of the energy (SHARE); else free modes may stand out of what is
+ * driven. A narrow mode is a few lines to its place, which poles draw.
  *
  * [AA86] Antoulas and Anderson, IMA J. Math. Control Inf. 3 (1986) 61-88.
  */
@@ -45,11 +51,12 @@ enum {
     HALF = BINS / 2,            /* even and odd ones: rows and columns of (1) */
     POLES = BINS / 4,           /* that may be among them */
     PLACES = 16,                /* those of most energy are looked at */
-    LEAST = 4,                  /* of them */
+    CROWD = 3 * POLES,          /* poles that are no set of modes */
     SIGNALS = 4                 /* the first */
 };
 static const double
     TIMES = 2,                  /* of the noise that is expected */
+    CHANCE = 11.5,              /* one in 100,000 */
     ABOVE = 10,                 /* times the noise: a place of less says nothing */
     SHARE = 0.5;                /* of the energy in places above that: most of it */
 
@@ -112,12 +119,12 @@ static enum modal_status read_lines(const struct matrix *Y, struct lines *s,
          ? MODAL_OK : modal_fail(err, MODAL_NO_MEMORY, "ragged: no memory for %d samples", L);
 }
 
-/* What (1) from line FIRST on has after POLES, over what noise has. */
-static enum modal_status raggedness(const struct lines *s, int first, double *ratio,
+/* What (1) from line FIRST on has after POLES, over what noise has, and the poles that it needs. */
+static enum modal_status raggedness(const struct lines *s, int first, double *ratio, int *poles,
                                     struct modal_error *err)
 {
     double complex A[HALF * HALF * SIGNALS];
-    double value[HALF], rest[HALF], noise = 0;
+    double value[HALF], work[HALF], noise = 0, rest = 0;
 
     for (int c = 0; c < s->signals; c++)
         for (int n = 0; n < HALF; n++)
@@ -125,15 +132,20 @@ static enum modal_status raggedness(const struct lines *s, int first, double *ra
                 const double complex *F = s->F + (size_t)c * s->count + first;
                 double d = 2 * sin(M_PI * (2 * (m - n) - 1) / s->samples);
                 A[m + (n + c * HALF) * HALF] = (F[2 * m] - F[2 * n + 1]) / d;
-                noise += (1 - POLES / (double)HALF) * 2 / (d * d);
+                noise += 2 / (d * d);
             }
     if (LAPACKE_zgesvd(LAPACK_COL_MAJOR, 'N', 'N', HALF, HALF * s->signals, A, HALF, value, NULL, 1,
-                       NULL, 1, rest) != 0)
+                       NULL, 1, work) != 0)
         return modal_fail(err, MODAL_NO_CONVERGENCE, "ragged: no singular values of %d lines",
                           BINS);
-    *ratio = 0;
-    for (int k = POLES; k < HALF; k++)
-        *ratio += value[k] * value[k] / noise;
+    *poles = POLES;
+    for (int k = HALF - 1; k >= POLES; k--) {
+        double expected = (1 - k / (double)HALF) * noise;
+        rest += value[k] * value[k];
+        if (*poles == POLES && rest > TIMES * expected)
+            *poles = k + 1;
+        *ratio = rest / expected;
+    }
     return MODAL_OK;
 }
 
@@ -147,10 +159,10 @@ static int strongest(const struct lines *s, int count)
     return at;
 }
 
-static enum modal_status judge(const struct lines *s, bool *ragged, struct modal_error *err)
+static enum modal_status judge(const struct lines *s, struct ragged *out, struct modal_error *err)
 {
-    int count = s->count / BINS, found = 0;
-    double all = 0, driven = 0, ratio;
+    int count = s->count / BINS, found = 0, poles = 0, needs;
+    double all = 0, driven = 0, evidence = 0, ratio;
     enum modal_status rc = MODAL_OK;
 
     for (int c = 0; c < s->signals; c++)
@@ -161,26 +173,32 @@ static enum modal_status judge(const struct lines *s, bool *ragged, struct modal
         double energy = s->energy[at];
         if (!(energy > ABOVE * BINS * s->signals))
             break;
-        rc = raggedness(s, at * BINS, &ratio, err);
+        rc = raggedness(s, at * BINS, &ratio, &needs, err);
         all += energy, s->energy[at] = 0;
-        if (rc == MODAL_OK && ratio > TIMES)
-            driven += energy, found++;
+        if (rc != MODAL_OK || needs == POLES)
+            continue;
+        driven += energy, poles += needs, found++;
+        /* (3) */
+        evidence += (HALF - POLES) * (ratio - 1 - log(ratio))
+                  - log((PLACES + 1 - found) / (double)found);
     }
-    *ragged = found >= LEAST && driven > SHARE * all;
+    out->endless = poles > CROWD && evidence > CHANCE;
+    out->driven = out->endless && driven > SHARE * all;
     return rc;
 }
 
-enum modal_status ragged_spectrum(const struct matrix *Y, bool *ragged, struct modal_error *err)
+enum modal_status ragged_spectrum(const struct matrix *Y, struct ragged *out,
+                                  struct modal_error *err)
 {
     struct lines s = { 0 };
     enum modal_status rc;
 
-    *ragged = false;
-    if (Y->m < 2 * LEAST * BINS)
+    *out = (struct ragged) { 0 };
+    if (Y->m < 2 * (CROWD / HALF + 1) * BINS)         /* places for more than CROWD */
         return MODAL_OK;
     rc = read_lines(Y, &s, err);
     if (rc == MODAL_OK)
-        rc = judge(&s, ragged, err);
+        rc = judge(&s, out, err);
     lines_done(&s);
     return rc;
 }

@@ -159,14 +159,17 @@ static void drop_endless(struct work *w, struct pencil *all)
 /* *all: a pencil of as many triplets as there are signals, w->pencil where that has them. */
 enum modal_status work_pencil_of_all(struct work *w, struct pencil *all, struct modal_error *err)
 {
+    struct lanczos *run = NULL;
     enum modal_status rc = MODAL_OK;
 
     *all = w->pencil;
     w->many = w->endless = false;
     while (rc == MODAL_OK && !w->endless && signals_fill(w, all) && can_double(w, all)) {
         struct pencil_options opt = { .rows = rows_of_many(w, 2 * all->count),
-                                      .wanted = 2 * all->count };
+                                      .wanted = 2 * all->count, .run = &run };
         struct pencil more = { 0 };
+        if (opt.rows > 0 && opt.rows != all->rows)      /* another matrix */
+            lanczos_free(run), run = NULL;
         rc = pencil_new(work_searched(w), &opt, &more, err);
         if (all->s != w->pencil.s)
             pencil_done(all);
@@ -176,6 +179,7 @@ enum modal_status work_pencil_of_all(struct work *w, struct pencil *all, struct 
         if (more.count < opt.wanted)
             break;
     }
+    lanczos_free(run);
     drop_endless(w, all);
     return rc;
 }

@@ -133,7 +133,9 @@ static enum modal_status pencil_folded(struct work *w, const struct matrix *Y,
                                        struct modal_error *err)
 {
     int all = Y->m - height, most = all <= FOLDED_MOST ? all : TRIPLETS_MOST;
-    struct pencil_options how = { height, all <= TRIPLETS_MOST ? all : TRIPLETS_FIRST, products };
+    struct lanczos *run = NULL;
+    struct pencil_options how = { height, all <= TRIPLETS_MOST ? all : TRIPLETS_FIRST, products,
+                                  &run };
     enum modal_status rc = pencil_new(Y, &how, &w->pencil, err);
 
     while (rc == MODAL_OK && how.wanted < most && pencil_signals(&w->pencil) > how.wanted / 2) {
@@ -141,6 +143,7 @@ static enum modal_status pencil_folded(struct work *w, const struct matrix *Y,
         pencil_done(&w->pencil);
         rc = pencil_new(Y, &how, &w->pencil, err);
     }
+    lanczos_free(run);
     return rc;
 }
 

@@ -49,10 +49,11 @@ struct basis { int length, count, room; double *x; };
 
 struct lanczos {
     struct basis U, V;
+    double *work;              /* 3 `most` + 3 numbers, of which: */
     double *alpha, *beta;      /* room for `most` */
     int most;
     double scale;              /* the largest alpha or beta so far */
-    bool exhausted;
+    bool restarted, exhausted;
 };
 
 static double *basis_next(struct basis *b)
@@ -235,18 +236,23 @@ static void combine(const struct basis *b, int k, int count, const double *C, bo
 
 /* Steps until the wanted triplets have converged, the rank is exhausted, or `most` is reached. */
 static enum modal_status iterate(struct lanczos *L, const struct linear_operator *A,
-                                 const struct lanczos_options *opt, double *work, struct small *B,
+                                 const struct lanczos_options *opt, struct small *B,
                                  struct lanczos_result *out, struct modal_error *err)
 {
     int check = opt->wanted + 2;                /* fewer steps cannot have that many triplets */
-    bool restarted = true;
+    bool look = L->U.count > 0;                 /* those of a call before may do */
     enum modal_status rc = MODAL_OK;
 
-    while (rc == MODAL_OK && out->steps < L->most && !L->exhausted && out->count < opt->wanted) {
-        rc = step_left(L, A, restarted, work, err);
-        if (rc == MODAL_OK && !L->exhausted)
-            rc = step_right(L, A, &restarted, work, err);
-        out->steps = L->U.count;
+    out->steps = L->U.count;
+    while (rc == MODAL_OK && out->count < opt->wanted
+           && (look || (out->steps < L->most && !L->exhausted))) {
+        if (!look) {
+            rc = step_left(L, A, L->restarted, L->work, err);
+            if (rc == MODAL_OK && !L->exhausted)
+                rc = step_right(L, A, &L->restarted, L->work, err);
+            out->steps = L->U.count;
+        }
+        look = false;
         if (rc != MODAL_OK || out->steps == 0 ||
             (out->steps < check && out->steps < L->most && !L->exhausted))
             continue;
@@ -259,48 +265,76 @@ static enum modal_status iterate(struct lanczos *L, const struct linear_operator
     return rc;
 }
 
+/* Before the first step of T, which is not wider than high. */
+static enum modal_status begin(struct lanczos *L, const struct linear_operator *T, int steps,
+                               struct modal_error *err)
+{
+    *L = (struct lanczos) { .U = { .length = T->m }, .V = { .length = T->n }, .most = T->n,
+                            .restarted = true };
+    if (steps > 0 && steps < L->most)
+        L->most = steps;
+    L->work = calloc((size_t)3 * L->most + 3, sizeof *L->work);
+    if (L->work == NULL || basis_next(&L->V) == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "lanczos: no memory for %d steps, %d x %d",
+                          L->most, T->m, T->n);
+    L->alpha = L->work + L->most + 1, L->beta = L->alpha + L->most;
+    fresh(&L->V, L->work);
+    L->V.count = 1;
+    return MODAL_OK;
+}
+
+void lanczos_free(struct lanczos *L)
+{
+    if (L == NULL)
+        return;
+    free(L->work), free(L->U.x), free(L->V.x);
+    free(L);
+}
+
 /* With m < n the transposed operator is iterated: only then does V_k fill its space, and the rank
  * is exhausted, at k = min(m, n). */
-enum modal_status lanczos_svd(const struct linear_operator *A, const struct lanczos_options *opt,
-                              double *s, struct matrix *U, struct matrix *VT,
-                              struct lanczos_result *out, struct modal_error *err)
+enum modal_status lanczos_more(struct lanczos **run, const struct linear_operator *A,
+                               const struct lanczos_options *opt, double *s, struct matrix *U,
+                               struct matrix *VT, struct lanczos_result *out,
+                               struct modal_error *err)
 {
     bool flip = A->m < A->n;
     struct linear_operator T =
         flip ? (struct linear_operator) { A->n, A->m, A->context, A->apply_transpose, A->apply }
              : *A;
-    struct lanczos L = { .U = { .length = T.m }, .V = { .length = T.n }, .most = T.n };
     struct lanczos_result found = { 0, 0, 0 };
     struct small B = { 0, NULL, NULL, NULL };
-    double *work = NULL;
     enum modal_status rc = MODAL_OK;
 
     if (T.n > 0 && opt->wanted > 0) {
-        if (opt->steps > 0 && opt->steps < L.most)
-            L.most = opt->steps;
-        work = calloc((size_t)3 * L.most + 3, sizeof *work);
-        if (work == NULL || basis_next(&L.V) == NULL) {
-            rc = modal_fail(err, MODAL_NO_MEMORY, "lanczos: no memory for %d steps, %d x %d",
-                            L.most, A->m, A->n);
-            goto out;
+        if (*run == NULL) {
+            *run = calloc(1, sizeof **run);
+            rc = *run == NULL ? modal_fail(err, MODAL_NO_MEMORY, "lanczos: no memory")
+                              : begin(*run, &T, opt->steps, err);
         }
-        L.alpha = work + L.most + 1, L.beta = L.alpha + L.most;
-        fresh(&L.V, work);
-        L.V.count = 1;
-        rc = iterate(&L, &T, opt, work, &B, &found, err);
+        if (rc == MODAL_OK)
+            rc = iterate(*run, &T, opt, &B, &found, err);
     }
     if (rc == MODAL_OK) {
-        if (found.count > 0)
+        if (found.count > 0) {
             memcpy(s, B.s, sizeof *s * found.count);
-        combine(&L.U, B.k, found.count, B.P, false, flip ? VT : U, flip);
-        combine(&L.V, B.k, found.count, B.QT, true, flip ? U : VT, !flip);
+            combine(&(*run)->U, B.k, found.count, B.P, false, flip ? VT : U, flip);
+            combine(&(*run)->V, B.k, found.count, B.QT, true, flip ? U : VT, !flip);
+        }
         *out = found;
     }
-out:
     free(B.s);
-    free(work);
-    free(L.U.x);
-    free(L.V.x);
+    return rc;
+}
+
+enum modal_status lanczos_svd(const struct linear_operator *A, const struct lanczos_options *opt,
+                              double *s, struct matrix *U, struct matrix *VT,
+                              struct lanczos_result *out, struct modal_error *err)
+{
+    struct lanczos *run = NULL;
+    enum modal_status rc = lanczos_more(&run, A, opt, s, U, VT, out, err);
+
+    lanczos_free(run);
     return rc;
 }
 

@@ -44,6 +44,18 @@ enum modal_status lanczos_svd(const struct linear_operator *A, const struct lanc
                               double *s, struct matrix *U, struct matrix *VT,
                               struct lanczos_result *out, struct modal_error *err);
 
+/*
+ * The same from where a call with the same A and fewer `wanted` ended, to the same answer as from
+ * the start.  *run is NULL before the first call, which says the most `steps`; to lanczos_free,
+ * whatever a call returned.
+ */
+struct lanczos;
+enum modal_status lanczos_more(struct lanczos **run, const struct linear_operator *A,
+                               const struct lanczos_options *opt, double *s, struct matrix *U,
+                               struct matrix *VT, struct lanczos_result *out,
+                               struct modal_error *err);
+void lanczos_free(struct lanczos *run);
+
 /* The operator of a dense matrix, borrowed: A->x[i + j*ld]. */
 struct linear_operator dense_operator(const struct matrix *A);
 #endif

@@ -17,6 +17,13 @@
  *
  *     Z_r = R_r^{-1} (Q^T V2)_r.                                                                (3)
  *
+ * V has orthonormal columns, so that with v its last row
+ *
+ *     R^T R = V1^T V1 = I - v v^T,   Q^T V2 = R^{-T} V1^T V2                                    (5)
+ *
+ * cost one product of V with itself. Where v has much of the norm of some column, as of a motion
+ * that grows, (5) would lose digits, and the QR is made.
+ *
  * Of few rows with many signals, as a record folded by its period has, the products of rows cost
  * less: with K = Y Y^T
  *
@@ -47,6 +54,7 @@ enum {
                                     * costs some ten times its length */
     WHOLE_SHARE = 4                /* of one in so many eigenvectors all are had for less */
 };
+static const double LAST_MOST = 0.5;    /* of a column's square in its last row: a bit is lost */
 
 struct hankel_operator {
     int L, S, m, n, N;
@@ -181,8 +189,9 @@ enum modal_status hankel_operator_new(const struct matrix *Y, int rows,
     return MODAL_OK;
 }
 
-/* (2), (3): R and W from V^T (count x n). */
-static enum modal_status factor(struct pencil *p, const struct matrix *VT, struct modal_error *err)
+/* R and W of (3) from V^T (count x n), by the QR. */
+static enum modal_status factor_by_qr(struct pencil *p, const struct matrix *VT,
+                                      struct modal_error *err)
 {
     int k = p->count, n = VT->n;
     size_t entries = (size_t)(n - 1) * (size_t)k;
@@ -207,6 +216,27 @@ static enum modal_status factor(struct pencil *p, const struct matrix *VT, struc
         }
     free(V1);
     return rc;
+}
+
+/* The same by (5). */
+static enum modal_status factor(struct pencil *p, const struct matrix *VT, struct modal_error *err)
+{
+    int k = p->count, n = VT->n;
+    const double *v = VT->x + (size_t)(n - 1) * (size_t)VT->ld;
+
+    /* 1 - |v|^2 is the least eigenvalue of (5) */
+    if (cblas_ddot(k, v, 1, v, 1) > LAST_MOST)
+        return factor_by_qr(p, VT, err);
+    for (int j = 0; j < k; j++)
+        for (int i = 0; i < k; i++)
+            p->R[i + j * k] = i <= j ? (i == j) - v[i] * v[j] : 0;
+    if (LAPACKE_dpotrf(LAPACK_COL_MAJOR, 'U', k, p->R, k) != 0)
+        return modal_fail(err, MODAL_NO_CONVERGENCE, "pencil: vectors are not orthonormal");
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasTrans, k, k, n - 1, 1, VT->x, VT->ld,
+                VT->x + VT->ld, VT->ld, 0, p->W, k);
+    cblas_dtrsm(CblasColMajor, CblasLeft, CblasUpper, CblasTrans, CblasNonUnit, k, k, 1, p->R, k,
+                p->W, k);
+    return MODAL_OK;
 }
 
 /* Sum of squares of H: sample l lies on min(l + 1, m, n, L - l) of its entries. */
@@ -313,19 +343,22 @@ static enum modal_status triplets_of_products(const struct matrix *K, int m, int
 /* The same by (1). Any tolerance is met at once: strong triplets have converged by then, and noise
  * has none worth waiting for. */
 static enum modal_status triplets_of_signals(const struct matrix *Y, int m, int wanted,
-                                             struct pencil *p, struct matrix *VT,
-                                             struct lanczos_result *found,
+                                             struct lanczos **run, struct pencil *p,
+                                             struct matrix *VT, struct lanczos_result *found,
                                              struct modal_error *err)
 {
     struct hankel_operator *h = NULL;
+    struct lanczos *own = NULL;
     struct linear_operator op;
     struct matrix none = { 0 };
     enum modal_status rc = hankel_operator_new(Y, m, &h, &op, err);
 
     p->energy = hankel_energy(Y, m, p->columns);
     if (rc == MODAL_OK)
-        rc = lanczos_svd(&op, &(struct lanczos_options){ .wanted = wanted, .tolerance = HUGE_VAL },
-                         p->s, &none, VT, found, err);
+        rc = lanczos_more(run != NULL ? run : &own, &op,
+                          &(struct lanczos_options){ .wanted = wanted, .tolerance = HUGE_VAL },
+                          p->s, &none, VT, found, err);
+    lanczos_free(own);
     hankel_operator_done(h);
     return rc;
 }
@@ -372,7 +405,8 @@ enum modal_status pencil_new(const struct matrix *Y, const struct pencil_options
         goto out;
     }
     rc = K != NULL ? triplets_of_products(K, rows, wanted, &p, &VT, &found, err)
-                   : triplets_of_signals(Y, rows, wanted, &p, &VT, &found, err);
+                   : triplets_of_signals(Y, rows, wanted, opt != NULL ? opt->run : NULL, &p, &VT,
+                                         &found, err);
     if (rc != MODAL_OK)
         goto out;
     p.count = found.count, p.steps = found.steps;

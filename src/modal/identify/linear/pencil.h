@@ -13,6 +13,9 @@ struct pencil_options {
     /* Y Y^T (lower triangle read), where what is PENCIL_SQUARES of the largest and less may be
      * lost; borrowed, NULL: Y itself is read */
     const struct matrix *products;
+    /* without `products`: the iteration that a pencil of the same Y and rows with fewer triplets
+     * began, to go on with (lanczos.h); NULL: none is kept */
+    struct lanczos **run;
 };
 
 struct pencil {

@@ -288,6 +288,33 @@ TEST(lanczos_finds_a_repeated_singular_value_as_often_as_it_occurs)
     check_lanczos(30, 40, sigma, 5, 5, 5);
 }
 
+TEST(lanczos_goes_on_to_the_bits_that_it_has_from_the_start)
+{
+    enum { M = 40, N = 30 };
+    struct matrix A = random_matrix(M, N, M, 9), VT = matrix_new(N, N), once = matrix_new(N, N);
+    struct linear_operator op = dense_operator(&A);
+    struct lanczos *run = NULL;
+    struct lanczos_result result, all;
+    double s[N], t[N];
+
+    for (int wanted = 3; wanted <= N; wanted *= 2) {
+        struct lanczos_options opt = { .wanted = wanted, .tolerance = HUGE_VAL };
+        int before = run != NULL ? result.steps : 0;
+        CHECK(lanczos_more(&run, &op, &opt, s, NULL, &VT, &result, NULL) == MODAL_OK);
+        CHECK(lanczos_svd(&op, &opt, t, NULL, &once, &all, NULL) == MODAL_OK);
+        CHECK(result.count == wanted && result.steps == all.steps && result.steps > before);
+        CHECK(memcmp(s, t, sizeof *s * (size_t)wanted) == 0);
+        for (int l = 0; l < N; l++)
+            CHECK(memcmp(VT.x + l * N, once.x + l * N, sizeof *s * (size_t)wanted) == 0);
+    }
+    /* fewer than it has: nothing is stepped */
+    CHECK(lanczos_more(&run, &op, &(struct lanczos_options) { .wanted = 2, .tolerance = HUGE_VAL },
+                       s, NULL, NULL, &all, NULL) == MODAL_OK);
+    CHECK(all.count == 2 && all.steps == result.steps);
+    lanczos_free(run), lanczos_free(NULL);
+    free(A.x), free(VT.x), free(once.x);
+}
+
 TEST(lanczos_stops_when_the_rank_is_exhausted)
 {
     const double sigma[2] = { 1.7, 0.3 };

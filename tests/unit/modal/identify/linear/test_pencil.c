@@ -149,3 +149,23 @@ TEST(products_of_few_rows_give_the_triplets_and_multipliers_that_signals_give)
         }
     free(K.x);
 }
+
+/* The last row of V has nearly all of a column: V1 has next to nothing of it. */
+TEST(a_motion_that_grows_tenfold_a_sample_beside_a_decay_has_its_multiplier)
+{
+    enum { L = 24 };
+    struct matrix Y = { L, 1, L, y };
+    const double grows[] = { 1.02, 1.3, 2, 10 };
+
+    for (int i = 0; i < 4; i++) {
+        struct pencil p;
+        double complex rho[2];
+        for (int l = 0; l < L; l++)
+            y[l] = pow(grows[i], l - L + 1) + pow(0.5, l);
+        CHECK(pencil_new(&Y, &(struct pencil_options) { .wanted = 2 }, &p, NULL) == MODAL_OK);
+        CHECK(p.count == 2 && pencil_multipliers(&p, 2, rho, NULL) == MODAL_OK);
+        CHECK_NEAR(fmax(creal(rho[0]), creal(rho[1])), grows[i], 1e-11 * grows[i]);
+        CHECK_NEAR(fmin(creal(rho[0]), creal(rho[1])), 0.5, 1e-11);
+        pencil_done(&p);
+    }
+}

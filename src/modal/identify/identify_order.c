@@ -4,6 +4,9 @@
 #include "modal/identify/linear/rank.h"
 #include <cblas.h>
 #include <float.h>
+#ifdef __GLIBC__
+#include <malloc.h>
+#endif
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -329,6 +332,9 @@ static enum modal_status search_on(struct work *w, struct identify_result *out, 
 
     w->seen_rows = w->blocks != NULL ? w->blocks->Y.m : HEAD;
     compressed_free(w->blocks);
+#ifdef __GLIBC__
+    malloc_trim(0);                     /* what the search before had, beside rows to come */
+#endif
     w->data.blocks = w->blocks = compressed_new(w->X);
     if (w->blocks == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d signals", w->X->n);

@@ -62,7 +62,8 @@ static void drop_below_grid(struct work *w)
 enum modal_status work_reduce(struct work *w, struct identify_result *out,
                               struct modal_error *err)
 {
-    struct pod_options opt = { .energy = w->opt.pod_energy, .rank = w->opt.pod_rank };
+    struct pod_options opt = { .energy = w->opt.pod_energy, .rank = w->opt.pod_rank,
+                               .weight = w->weight };
     bool asked = opt.energy > 0 || opt.rank > 0;
     enum modal_status rc = MODAL_OK;
 
@@ -76,7 +77,7 @@ enum modal_status work_reduce(struct work *w, struct identify_result *out,
         if (w->pod.count == 0)
             rc = w->rec.wide
                 ? wide_pod(&w->rec.view, &wide, &w->pod, NULL, err)
-                : pod_reduce(w->weighted.x != NULL ? &w->weighted : &w->rec.Y, &opt, &w->pod, err);
+                : pod_reduce(&w->rec.Y, &opt, &w->pod, err);
         w->X = &w->pod.signals;
         out->pod_rank = w->pod.count;
         out->energy = w->pod.energy;
@@ -176,24 +177,25 @@ static bool weights_differ(const struct work *w, const double *noise)
     return w->noise == NULL ? most > (doubtful ? NOISE_ALIKE : NOISE_FEW) * least : fell;
 }
 
-/* weighted = rec.Y over the noise, the quietest channel at 1. */
+/* Weights over the noise, the quietest channel at 1; of few channels weighted = rec.Y by them. */
 static enum modal_status divide_by_noise(struct work *w, struct modal_error *err)
 {
     const struct matrix *Y = &w->rec.Y;
+    bool few = w->pod.count == 0;
     double least = HUGE_VAL;
 
-    if (w->weighted.x == NULL) {
-        w->weighted = matrix_new(Y->m, Y->n);
+    if (w->weight == NULL) {
+        w->weighted = few ? matrix_new(Y->m, Y->n) : (struct matrix) { 0 };
         w->weight = malloc(sizeof *w->weight * (size_t)w->rec.channels);
     }
-    if (w->weighted.x == NULL || w->weight == NULL)
+    if (w->weight == NULL || (few && w->weighted.x == NULL))
         return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d samples of %d channels",
                           Y->m, Y->n);
     for (int c = 0; c < Y->n; c++)
         least = w->rec.scale[c] > 0 ? fmin(least, w->noise[c]) : least;
     for (int c = 0; c < Y->n; c++) {
         w->weight[c] = least / w->noise[c];  /* the quietest stays as it is: no sample grows */
-        for (int l = 0; l < Y->m; l++)
+        for (int l = 0; l < Y->m && few; l++)
             w->weighted.x[l + (size_t)c * Y->m] = Y->x[l + (size_t)c * Y->ld] * w->weight[c];
     }
     return MODAL_OK;
@@ -227,26 +229,49 @@ enum modal_status work_weigh_channels(struct work *w, bool *again, struct modal_
 
 /* ---- samples on a grid ---- */
 
+/* GRID_FIRST samples of each channel, spread over ROWS from row FIRST on, one channel after the
+ * other.  Pages of a mapped file are given back one by one, or all of it would be in memory. */
+static void read_some(const struct work *w, const struct batch *b, size_t first, int rows,
+                      double *some)
+{
+    for (int k = 0; k < GRID_FIRST; k++) {
+        size_t row = first + (size_t)((double)k * (rows - 1) / (GRID_FIRST - 1));
+        for (int c = 0; c < w->rec.channels; c++)
+            some[k + c * GRID_FIRST] = b->signals[row * b->channels + w->rec.channel[c]];
+        if (b->spare != NULL)
+            b->spare(b->signals, b->samples * b->channels * sizeof *b->signals);
+    }
+}
+
 /* The grid of each channel, as it was sent.  True: there is one. */
 enum modal_status work_find_grids(struct work *w, const struct batch *b, bool *any,
                                   struct modal_error *err)
 {
     size_t first = (size_t)llround(w->rec.t0 / b->dt);
     int rows = w->rec.Y.m * w->rec.decimation;
+    double *some = malloc(sizeof *some * GRID_FIRST * ((size_t)w->rec.channels + 1));
+    enum modal_status rc = MODAL_OK;
 
     w->grid = calloc((size_t)w->rec.channels + 1, sizeof *w->grid);
-    if (w->grid == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for the grids of %d channels",
-                          w->rec.channels);
-    if (w->rec.wide)
-        return wide_grids(&w->rec.view, w->grid, any, err);
+    if (w->grid == NULL || some == NULL) {
+        rc = modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for the grids of %d channels",
+                        w->rec.channels);
+        goto out;
+    }
+    if (w->rec.wide) {
+        rc = wide_grids(&w->rec.view, w->grid, any, err);
+        goto out;
+    }
+    read_some(w, b, first, rows, some);
     for (int c = 0; c < w->rec.channels; c++) {
-        if (w->rec.scale[c] > 0)
+        if (w->rec.scale[c] > 0 && grid_may_be(some + c * GRID_FIRST, GRID_FIRST))
             w->grid[c] = grid_of(b->signals + first * b->channels + w->rec.channel[c],
                                  b->channels, rows);
         *any |= w->grid[c].step > 0;
     }
-    return MODAL_OK;
+out:
+    free(some);
+    return rc;
 }
 
 static bool floats(const struct work *w)

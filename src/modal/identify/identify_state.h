@@ -36,9 +36,10 @@ struct work {
     struct identify_options opt;    /* defaults filled in */
     struct record rec;
     struct pod pod;
-    struct matrix weighted;         /* rec.Y, each channel over its noise; x NULL: not made */
+    struct matrix weighted;         /* rec.Y, each channel over its noise; x NULL: not made, or they
+                                     * are many, and reduced by their weights */
     double *noise;                  /* per channel: what it was weighed by; NULL: nothing */
-    double *weight;                 /* per channel of weighted, over rec.Y; NULL: 1 */
+    double *weight;                 /* per channel, of weighted over rec.Y; NULL: 1 */
     struct grid *grid;              /* per channel, in the batch's unit; NULL: not looked for */
     int cut;                        /* rows kept of a record that ends below its grid; 0: all */
     struct wild wild;               /* what rec.Y lacks of the record */

@@ -12,10 +12,12 @@
 enum modal_status qr_orthonormal(struct matrix *A, struct matrix *R, struct modal_error *err);
 
 /*
- * The factor R alone (n x n, zeros below), A destroyed.  A tall A is read once, by panels of rows
+ * The factor R alone (n x n, zeros below), A destroyed, but kept where m > QR_KEPT(n): so tall it
+ * is read once, by panels of rows
  * that stay in the cache, each joined to the triangle of those before: as stable as one QR, and not
  * bound by memory.
  */
+#define QR_KEPT(n) (8 * (n) + 512)
 enum modal_status qr_triangle(struct matrix *A, struct matrix *R, struct modal_error *err);
 
 /*

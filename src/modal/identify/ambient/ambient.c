@@ -185,7 +185,7 @@ static enum modal_status reduce(struct work *w, struct modal_error *err)
 {
     /* of samples of one period, which tell nearly the same: fewer unknowns beside each mode */
     int most = w->periodic ? POD_CHANNELS_FEW : WHITTLE_CHANNELS_MOST;
-    struct pod_options how = { w->opt.pod_energy, w->opt.pod_rank, most };
+    struct pod_options how = { w->opt.pod_energy, w->opt.pod_rank, most, NULL };
     int N = w->rec.Y.m, S = w->rec.Y.n, r;
     enum modal_status rc = pod_reduce(&w->rec.Y, &how, &w->pod, err);
 

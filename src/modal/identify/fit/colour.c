@@ -21,6 +21,7 @@
 #include <string.h>
 #include "modal/identify/linear/exponents.h"
 #include "modal/identify/linear/pencil.h"
+#include "modal/linalg/eigen.h"
 #include "modal/linalg/svd.h"
 
 enum {
@@ -199,4 +200,31 @@ void colour_leave_out(struct matrix *E, const struct matrix *Y, double ratio)
         if (safe_norm(e, E->m) <= ratio * safe_norm(Y->x + (size_t)c * (size_t)Y->ld, Y->m))
             memset(e, 0, sizeof *e * (size_t)E->m);
     }
+}
+
+enum modal_status colour_spread_of(const struct matrix *E, struct colour_spread *out,
+                                   struct modal_error *err)
+{
+    int S = E->n;
+    struct matrix G = matrix_new(S, S);
+    double *value = calloc((size_t)S + 1, sizeof *value);
+    enum modal_status rc = G.x == NULL || value == NULL
+        ? modal_fail(err, MODAL_NO_MEMORY, "colour: no memory for %d columns", S) : MODAL_OK;
+
+    if (rc != MODAL_OK)
+        goto out;
+    cblas_dsyrk(CblasColMajor, CblasLower, CblasTrans, S, E->m, 1, E->x, E->ld, 0, G.x, S);
+    for (int i = 0; i < S; i++)
+        value[i] = G.x[i + i * S] > 0 ? 1 / sqrt(G.x[i + i * S]) : 0;
+    for (int j = 0; j < S; j++)
+        for (int i = j; i < S; i++)
+            G.x[j + i * S] = G.x[i + j * S] *= value[i] * value[j];
+    *out = (struct colour_spread) { 0, 0 };
+    for (int i = 0; i < S * S; i++)
+        out->square += G.x[i] * G.x[i];
+    rc = eigen_symmetric(&G, value, err);
+    out->largest = rc == MODAL_OK ? fmax(value[S - 1], 1) : 1;
+out:
+    free(G.x), free(value);
+    return rc;
 }

@@ -213,8 +213,12 @@ static enum modal_status look(struct model *m, const struct refine_data *data, i
                               struct long_rest *out, struct modal_error *err)
 {
     int L = m->blocks->Y.m;
+    size_t all = (size_t)m->blocks->rows << m->blocks->levels;
+    struct matrix E = { (int)all, m->blocks->Y.n, (int)all, m->rest };
     enum modal_status rc = leave_blocks(m, err);
 
+    if (rc == MODAL_OK)
+        rc = colour_spread_of(&E, &out->spread, err);
     for (int n = L; rc == MODAL_OK && (n == L || n / 2 >= seen) && n >= SHORTER; n /= SHORTER)
         rc = look_at_rows(m, n, out, err);
     for (int j = 0; j < m->fit->poles && rc == MODAL_OK; j++)

@@ -8,6 +8,7 @@
 struct long_rest {
     bool known;                  /* false: the poles coincide, and the rest means nothing */
     double chi2;                 /* as remainder_peak, but of parts with SEEN rows or more twice */
+    struct colour_spread spread; /* of its columns, about the poles */
     struct colour_sum colour;
     double *beside;              /* per pole: as remainder_split; 0 for what is no pair */
 };

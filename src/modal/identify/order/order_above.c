@@ -93,18 +93,22 @@ static enum modal_status search_once(struct climb *c, int *best, bool *better,
                                      struct modal_error *err)
 {
     const struct refined *fit = &c->choice.candidates[*best].fit;
-    double least = climb_worth_looking(c, fit, REMAINDER_FILTERS * c->data->Y->m), chi2 = 0;
+    double count = REMAINDER_FILTERS * (double)c->data->Y->m, chi2 = 0;
     double complex peak = 0;
     struct matrix E = { 0 };
+    struct colour_spread spread = { 0 };
     enum modal_status rc = MODAL_OK;
 
-    if (c->data->blocks != NULL && ((rc = climb_rest(c, *best, err)) != MODAL_OK
-                                    || !(c->rest.chi2 > least)))
+    if (c->data->blocks != NULL
+        && ((rc = climb_rest(c, *best, err)) != MODAL_OK
+            || !(c->rest.chi2 > climb_worth_looking(c, fit, count, &c->rest.spread))))
         return rc;
     rc = remainder_of(c->data, fit, &E, err);
     if (rc == MODAL_OK && E.x != NULL)
         rc = remainder_peak(&E, c->data->tau, &peak, &chi2, err);
-    if (rc == MODAL_OK && chi2 > least)
+    if (rc == MODAL_OK && E.x != NULL)
+        rc = colour_spread_of(&E, &spread, err);
+    if (rc == MODAL_OK && E.x != NULL && chi2 > climb_worth_looking(c, fit, count, &spread))
         rc = add_poles(c, &E, peak, best, better, err);
     free(E.x);
     return rc;

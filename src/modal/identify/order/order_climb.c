@@ -182,12 +182,16 @@ enum modal_status climb_rest(struct climb *c, int at, struct modal_error *err)
 }
 
 /* What must be seen of another pole before it is tried: half of its price, or more than white noise
- * shows in COUNT places. Chi-squared of d degrees of freedom is above d + 2 sqrt(d x) + 2 x with
- * less than e^-x [LM00], here 1 / COUNT. What it then pays is another matter. */
-double climb_worth_looking(const struct climb *c, const struct refined *fit, double count)
+ * shows in COUNT places. A sum of a_i times chi-squared of one degree each is above sum a_i + 2
+ * sqrt(x sum a_i^2) + 2 x max a_i with less than e^-x [LM00], here 1 / COUNT; a_i are the
+ * eigenvalues of the columns' correlations, each twice. What it then pays is another matter. */
+double climb_worth_looking(const struct climb *c, const struct refined *fit, double count,
+                           const struct colour_spread *spread)
 {
-    double d = 2.0 * c->data->Y->n, x = log(fmax(count, 2));
-
     /* d: a pair takes two numbers of each column, its amplitude */
-    return fmin(SHARE_LOOK * climb_pair_price(c, fit), d + 2 * sqrt(d * x) + 2 * x);
+    double d = 2.0 * c->data->Y->n, x = log(fmax(count, 2)),
+           square = spread != NULL ? 2 * spread->square : d,
+           largest = spread != NULL ? spread->largest : 1;
+
+    return fmin(SHARE_LOOK * climb_pair_price(c, fit), d + 2 * sqrt(square * x) + 2 * largest * x);
 }

@@ -80,7 +80,7 @@ static enum modal_status split_pole(struct climb *c, const struct matrix *E, int
         chi2 = c->rest.beside[j];
     else if (E != NULL)
         rc = remainder_split(E, c->data->tau, lambda, &chi2, err);
-    if (rc != MODAL_OK || !(chi2 > climb_worth_looking(c, fit, n)))
+    if (rc != MODAL_OK || !(chi2 > climb_worth_looking(c, fit, n, NULL)))
         return rc;
     memcpy(c->lambda, fit->lambda, (size_t)n * sizeof *c->lambda);
     /* e^{lambda t} cos and sin of t / (2 record): the span of e^{lambda t} and nearly t

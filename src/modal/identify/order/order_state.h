@@ -57,8 +57,10 @@ enum modal_status climb_weed(struct climb *c, double reach, int most, int *best,
 double climb_pair_price(const struct climb *c, const struct refined *fit);
 /* Data in blocks: c->rest becomes that of candidate AT. */
 enum modal_status climb_rest(struct climb *c, int at, struct modal_error *err);
-/* What must be seen of another pole, in COUNT places, before it is tried. */
-double climb_worth_looking(const struct climb *c, const struct refined *fit, double count);
+/* What must be seen of another pole, in COUNT places, before it is tried; SPREAD: of what is left
+ * (colour.h), NULL: its columns are independent. */
+double climb_worth_looking(const struct climb *c, const struct refined *fit, double count,
+                           const struct colour_spread *spread);
 
 /* ---- order_above.c ---- */
 

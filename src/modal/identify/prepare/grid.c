@@ -23,8 +23,6 @@
 #include <stdlib.h>
 #include "modal/numbers.h"
 
-/* samples: nearly all signals are of the continuum, and so few say it */
-enum { FIRST_LOOK = 64 };
 enum {
     /* twice the rounding of double precision is then below a fiftieth of a step, and what eight
      * numbers of the continuum are within has odds of 10^-11 */
@@ -133,7 +131,7 @@ double grid_step(const double *x, size_t stride, int L)
 
     if (scratch == NULL)
         return 0;
-    q = n > FIRST_LOOK ? divisor_of_some(x, stride, L, FIRST_LOOK, DOUBLE, scratch) : UNKNOWN;
+    q = n > GRID_FIRST ? divisor_of_some(x, stride, L, GRID_FIRST, DOUBLE, scratch) : UNKNOWN;
     if (q != 0)
         q = fmax(divisor_of_some(x, stride, L, n, DOUBLE, scratch), 0);
     if (q == 0 && are_single(x, stride, L))
@@ -196,6 +194,14 @@ double floating_steps(const double *x, size_t stride, int L, double least, doubl
             q[k] = step;
     }
     return coarser >= GRID_VALUES_LEAST ? sqrt(sum / L) : 0;
+}
+
+bool grid_may_be(const double *some, int n)
+{
+    double scratch[2 * GRID_FIRST];
+
+    return n < GRID_FIRST || divisor_of_some(some, 1, n, n, DOUBLE, scratch) != 0
+        || are_single(some, 1, n) || digits_of(some, 1, n, 2 * DOUBLE, DIGITS_MOST) > 0;
 }
 
 struct grid grid_of_rows(const double *x, size_t stride, int L, int first, int every)

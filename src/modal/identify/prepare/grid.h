@@ -33,6 +33,11 @@ struct grid {
  */
 double floating_steps(const double *x, size_t stride, int L, double least, double *q);
 
+/* So few samples, spread over a channel, say of nearly every one that it has no grid. */
+enum { GRID_FIRST = 64 };
+/* May a channel lie on a grid that has these N samples, GRID_FIRST at most? */
+bool grid_may_be(const double *some, int n);
+
 /* The grid of L samples, floating by those of every so many from the FIRST on. */
 struct grid grid_of_rows(const double *x, size_t stride, int L, int first, int every);
 

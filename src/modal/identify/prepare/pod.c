@@ -28,18 +28,21 @@ enum {
     DENSE_SIDE = 64,                /* up to it all triplets are made, without iteration */
     TALL = 1 << 15                  /* rows from which on a triangle is made first */
 };
+_Static_assert((int)TALL > QR_KEPT((int)DENSE_SIDE), "the triangle of tall records leaves them");
 
 /* Times (1), which holds as both sides grow: by Tracy's and Widom's law the largest value of one
  * white 1,000 x 20 in a hundred is 1.8 % above it, of larger ones less. */
 static const double ABOVE_EDGE = 1.02;
 
-struct triplets { int count; double *s; struct matrix V, UT; };   /* Y = V diag(s) UT */
+/* Y = V diag(s) UT; V.x NULL: it is Y P, over s. */
+struct triplets { int count; double *s; struct matrix V, UT, P; };
 
 static void triplets_done(struct triplets *t)
 {
     free(t->s);
     free(t->V.x);
     free(t->UT.x);
+    free(t->P.x);
 }
 
 static enum modal_status allocate(struct triplets *t, const struct matrix *Y, int k,
@@ -71,33 +74,31 @@ static enum modal_status dense(const struct matrix *Y, struct triplets *t, struc
     return rc;
 }
 
-/* The same of many rows: Y = Q R, R = W diag(s) U^T, and V = Q W is Y U over s, so that Q is not
- * made.  What s_1 rounds to is lost in a small s either way. */
-static enum modal_status tall(const struct matrix *Y, struct triplets *t, struct modal_error *err)
+/* The same of many rows, weighed: with Y = Q R that is Q R D, and R D = W diag(s) U^T. So V = Q W
+ * is Y D U over s: neither Q is made nor a copy of Y.  What s_1 rounds to is lost in a small s
+ * either way. */
+static enum modal_status tall(const struct matrix *Y, const double *weight, struct triplets *t,
+                              struct modal_error *err)
 {
     int n = Y->n;
-    size_t N = (size_t)n;
-    struct matrix R = { n, n, n, malloc(2 * N * N * sizeof(double)) }, W = { n, n, n, NULL };
-    enum modal_status rc = allocate(t, Y, n, err);
+    struct matrix kept = *Y, R = matrix_new(n, n), W = matrix_new(n, n);
+    enum modal_status rc = MODAL_OK;
 
-    if (R.x == NULL)
+    t->s = calloc((size_t)n + 1, sizeof(double));
+    t->UT = matrix_new(n, n), t->P = matrix_new(n, n);
+    if (t->s == NULL || t->UT.x == NULL || t->P.x == NULL || R.x == NULL || W.x == NULL)
         rc = modal_fail(err, MODAL_NO_MEMORY, "pod: no memory for %d channels", n);
-    W.x = R.x != NULL ? R.x + N * N : NULL;
-    for (int c = 0; c < n && rc == MODAL_OK; c++)
-        memcpy(t->V.x + (size_t)c * (size_t)Y->m, Y->x + (size_t)c * (size_t)Y->ld,
-               sizeof(double) * (size_t)Y->m);
     if (rc == MODAL_OK)
-        rc = qr_triangle(&t->V, &R, err);
+        rc = qr_triangle(&kept, &R, err);
+    for (int c = 0; c < n && rc == MODAL_OK && weight != NULL; c++)
+        cblas_dscal(n, weight[c], R.x + (size_t)c * (size_t)n, 1);
     if (rc == MODAL_OK)
         rc = svd_thin(&R, t->s, &W, &t->UT, err);
-    if (rc == MODAL_OK)
-        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasTrans, Y->m, n, n, 1, Y->x, Y->ld, t->UT.x,
-                    t->UT.ld, 0, t->V.x, t->V.ld);
-    for (int i = 0; i < n && rc == MODAL_OK; i++)
-        /* unit columns of Y U = V diag(s) */
-        cblas_dscal(Y->m, t->s[i] > 0 ? 1 / t->s[i] : 0, t->V.x + (size_t)i * (size_t)t->V.ld, 1);
+    for (int c = 0; c < n && rc == MODAL_OK; c++)
+        for (int i = 0; i < n; i++)
+            t->P.x[c + i * n] = (weight != NULL ? weight[c] : 1) * t->UT.x[i + c * n];
     t->count = rc == MODAL_OK ? n : 0;
-    free(R.x);
+    free(R.x), free(W.x);
     return rc;
 }
 
@@ -130,37 +131,70 @@ double pod_edge(double L, double S, double rest)
     return ABOVE_EDGE * sqrt(fmax(rest, 0) / (L * S)) * (sqrt(L) + sqrt(S));
 }
 
+/* Are the columns of V from K on white noise? */
+static enum modal_status rest_white(const struct triplets *t, const struct matrix *Y, int k,
+                                    bool *white, struct modal_error *err)
+{
+    static const double none[COLOUR_LAGS] = { 0 };
+    struct matrix tail = { t->V.m, t->count - k, t->V.ld, NULL };
+    struct colour_sum sum = { 0 };
+    double *v = t->V.x == NULL ? malloc((size_t)Y->m * sizeof *v) : NULL;
+    enum modal_status rc = MODAL_OK;
+
+    if (t->V.x != NULL) {
+        tail.x = t->V.x + (size_t)k * (size_t)t->V.ld;
+        *white = colour_white(&tail);
+        return MODAL_OK;
+    }
+    if (v == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "pod: no memory for %d samples", Y->m);
+    for (; k < t->count && rc == MODAL_OK; k++) {
+        /* a multiple of V's column has its colour */
+        cblas_dgemv(CblasColMajor, CblasNoTrans, Y->m, Y->n, 1, Y->x, Y->ld,
+                    t->P.x + (size_t)k * (size_t)t->P.ld, 1, 0, v, 1);
+        rc = colour_add(v, Y->m, &sum, err);
+    }
+    *white = colour_sum_white(&sum, none, 0);
+    free(v), free(sum.power);
+    return rc;
+}
+
 /* Every triplet is known: the first k from which on no value stands out of the rest as (1) would
  * have it, if the rest is white in time as well; many equal signals would look like noise to (1)
  * alone. */
-static int above_rest(const struct triplets *t, const struct matrix *Y, int k_most, double total)
+static enum modal_status above_rest(const struct triplets *t, const struct matrix *Y, double total,
+                                    int *k_most, struct modal_error *err)
 {
     double L = Y->m, S = Y->n, rest = total;
 
-    for (int k = 0; k < k_most && k < S && k < L; k++) {
+    for (int k = 0; k < *k_most && k < S && k < L; k++) {
         double edge = pod_edge(L - k, S - k, rest);
-        struct matrix tail = { t->V.m, t->count - k, t->V.ld,
-                               t->V.x + (size_t)k * (size_t)t->V.ld };
-        /* white in time too: a flat spectrum of singular values is noise only then */
-        if (t->s[k] <= edge)
-            return colour_white(&tail) ? k : k_most;
+        if (t->s[k] <= edge) {
+            /* white in time too: a flat spectrum of singular values is noise only then */
+            bool white = false;
+            enum modal_status rc = rest_white(t, Y, k, &white, err);
+            *k_most = rc == MODAL_OK && white ? k : *k_most;
+            return rc;
+        }
         /* from the largest down: what is left of the energy is the others' */
         rest -= t->s[k] * t->s[k];
     }
-    return k_most;
+    return MODAL_OK;
 }
 
 /* (1) from all the triplets found, then from those above the edge, until that settles: from above,
  * so that too many are kept, not too few. */
-static int above_noise(const struct triplets *t, const struct matrix *Y, double total)
+static enum modal_status above_noise(const struct triplets *t, const struct matrix *Y,
+                                     double total, int *kept, struct modal_error *err)
 {
     double L = Y->m, S = Y->n, edge = (L > S ? L : S) * DBL_EPSILON * t->s[0];
     int k, before = t->count + 1;
+    enum modal_status rc = MODAL_OK;
 
     for (k = 0; k < t->count && t->s[k] > edge; )
         k++;
     if (t->count == (L < S ? L : S))
-        k = above_rest(t, Y, k, total);
+        rc = above_rest(t, Y, total, &k, err);
     while (k > 0 && k < before && k < L && k < S && t->count < L && t->count < S) {
         double rest = total;
         before = k;
@@ -170,68 +204,108 @@ static int above_noise(const struct triplets *t, const struct matrix *Y, double 
         while (k > 0 && t->s[k - 1] <= edge)
             k--;
     }
-    return k > 1 ? k : 1;
+    *kept = k > 1 ? k : 1;
+    return rc;
 }
 
-static int kept(const struct triplets *t, const struct matrix *Y, const struct pod_options *opt,
-                double total)
+/* How many triplets are kept; TOTAL: the squares of Y. */
+static enum modal_status keep(const struct triplets *t, const struct matrix *Y,
+                              const struct pod_options *opt, double total, int *kept,
+                              struct modal_error *err)
 {
     double all = 0, sum = 0;
-    int r = 0;
 
-    if (opt->rank > 0)
-        return opt->rank < t->count ? opt->rank : t->count;
+    *kept = 0;
+    if (t->count == 0)
+        return MODAL_OK;
+    if (opt->rank > 0) {
+        *kept = opt->rank < t->count ? opt->rank : t->count;
+        return MODAL_OK;
+    }
     if (opt->energy <= 0)
-        return above_noise(t, Y, total);
+        return above_noise(t, Y, total, kept, err);
     for (int i = 0; i < t->count; i++)
         all += t->s[i];
-    while (r < t->count && sum < opt->energy * all)
-        sum += t->s[r++];
-    return r;
+    while (*kept < t->count && sum < opt->energy * all)
+        sum += t->s[(*kept)++];
+    return MODAL_OK;
+}
+
+/* Y with each column weighed. */
+static enum modal_status weigh(const struct matrix *Y, const double *weight, struct matrix *out,
+                               struct modal_error *err)
+{
+    *out = matrix_new(Y->m, Y->n);
+    if (out->x == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "pod: no memory for %d x %d", Y->m, Y->n);
+    for (int c = 0; c < Y->n; c++)
+        for (int l = 0; l < Y->m; l++)
+            out->x[l + (size_t)c * (size_t)out->ld] =
+                Y->x[l + (size_t)c * (size_t)Y->ld] * weight[c];
+    return MODAL_OK;
+}
+
+/* The leading r of the triplets as signals and modes. */
+static enum modal_status take(const struct triplets *t, const struct matrix *Y, int r,
+                              struct pod *pod, struct modal_error *err)
+{
+    double all = 0, sum = 0;
+
+    pod->s = malloc(sizeof *pod->s * ((size_t)r + 1));
+    pod->signals = matrix_new(Y->m, r);
+    pod->modes = matrix_new(Y->n, r);
+    if (pod->s == NULL || pod->signals.x == NULL || pod->modes.x == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "pod: no memory for %d signals", r);
+    for (int i = 0; i < t->count; i++)
+        all += t->s[i];
+    if (t->V.x == NULL && r > 0)
+        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, Y->m, r, Y->n, 1, Y->x, Y->ld,
+                    t->P.x, t->P.ld, 0, pod->signals.x, Y->m);
+    for (int i = 0; i < r; i++) {
+        sum += pod->s[i] = t->s[i];
+        for (int l = 0; l < Y->m && t->V.x != NULL; l++)
+            pod->signals.x[l + (size_t)i * Y->m] = t->s[i] * t->V.x[l + (size_t)i * t->V.ld];
+        for (int c = 0; c < Y->n; c++)
+            pod->modes.x[c + (size_t)i * Y->n] = t->UT.x[i + (size_t)c * t->UT.ld];
+    }
+    pod->count = r;
+    pod->energy = all > 0 ? sum / all : 1;
+    return MODAL_OK;
 }
 
 enum modal_status pod_reduce(const struct matrix *Y, const struct pod_options *opt, struct pod *out,
                              struct modal_error *err)
 {
     int side = Y->m < Y->n ? Y->m : Y->n, most = opt->most > 0 ? opt->most : POD_SIGNALS_MOST, r;
-    struct triplets t = { 0, NULL, { 0 }, { 0 } };
+    bool high = side <= DENSE_SIDE && Y->m >= TALL;
+    struct triplets t = { 0 };
     struct pod pod = { .energy = 1 };
-    double all = 0, sum = 0;
-    enum modal_status rc;
+    struct matrix weighed = { 0 };
+    double total = 0;
+    enum modal_status rc = MODAL_OK;
 
     if (opt->rank > most)
         most = opt->rank;
-    rc = side <= DENSE_SIDE && Y->m >= TALL ? tall(Y, &t, err)
-       : side <= DENSE_SIDE                 ? dense(Y, &t, err)
-                                            : leading(Y, most < side ? most : side, &t, err);
-    if (rc != MODAL_OK)
-        goto out;
-    r = t.count > 0 ? kept(&t, Y, opt, square_sum(Y)) : 0;
-    if (r > most && opt->energy <= 0)
-        r = most;
-    pod.s = malloc(sizeof *pod.s * (r + 1));
-    pod.signals = matrix_new(Y->m, r);
-    pod.modes = matrix_new(Y->n, r);
-    if (pod.s == NULL || pod.signals.x == NULL || pod.modes.x == NULL) {
-        rc = modal_fail(err, MODAL_NO_MEMORY, "pod: no memory for %d signals", r);
-        goto out;
+    if (opt->weight != NULL && !high) {
+        rc = weigh(Y, opt->weight, &weighed, err);
+        Y = &weighed;
     }
-    for (int i = 0; i < t.count; i++)
-        all += t.s[i];
-    for (int i = 0; i < r; i++) {
-        sum += pod.s[i] = t.s[i];
-        for (int l = 0; l < Y->m; l++)
-            pod.signals.x[l + (size_t)i * Y->m] = t.s[i] * t.V.x[l + (size_t)i * t.V.ld];
-        for (int c = 0; c < Y->n; c++)
-            pod.modes.x[c + (size_t)i * Y->n] = t.UT.x[i + (size_t)c * t.UT.ld];
-    }
-    pod.count = r;
-    pod.energy = all > 0 ? sum / all : 1;
-    *out = pod;
-    memset(&pod, 0, sizeof pod);
-out:
-    pod_done(&pod);
+    if (rc == MODAL_OK)
+        rc = high               ? tall(Y, opt->weight, &t, err)
+           : side <= DENSE_SIDE ? dense(Y, &t, err)
+                                : leading(Y, most < side ? most : side, &t, err);
+    for (int i = 0; i < t.count && high; i++)
+        total += t.s[i] * t.s[i];       /* all of them */
+    if (rc == MODAL_OK)
+        rc = keep(&t, Y, opt, high ? total : square_sum(Y), &r, err);
+    if (rc == MODAL_OK)
+        rc = take(&t, Y, r > most && opt->energy <= 0 ? most : r, &pod, err);
+    if (rc == MODAL_OK)
+        *out = pod;
+    else
+        pod_done(&pod);
     triplets_done(&t);
+    free(weighed.x);
     return rc;
 }
 

@@ -19,6 +19,7 @@ struct pod_options {
                       * `most` */
     int rank;        /* keep exactly so many (or all there are); 0: by energy */
     int most;        /* signals at most; 0: 40 */
+    const double *weight;   /* per channel, that its column is multiplied by; NULL: 1 */
 };
 
 struct pod {
@@ -32,7 +33,7 @@ struct pod {
 /* (1) of pod.c: what no singular value of L x S white noise passes whose sum of squares is REST. */
 double pod_edge(double L, double S, double rest);
 
-/* Y: L x S, kept. */
+/* Y: L x S, kept; signals and modes are those of its weighed columns. */
 enum modal_status pod_reduce(const struct matrix *Y, const struct pod_options *opt, struct pod *out,
                              struct modal_error *err);
 void pod_done(struct pod *p);

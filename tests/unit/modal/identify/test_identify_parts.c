@@ -2,6 +2,7 @@
 /* Tests as well: exponents.c fold.c hankel.c harmonics.c modes.c pod.c projection.c rank.c record.c
  * synthesis.c transition.c */
 #include "check.h"
+#include "signals.h"
 #include <complex.h>
 #include <float.h>
 #include <stdbool.h>
@@ -391,9 +392,50 @@ static void check_pod(int L, int S)
     free(y);
 }
 
+/* Weights are those of a record whose columns were multiplied before. */
+static void check_weights(int L, int S)
+{
+    double *y = malloc(sizeof *y * 2 * (size_t)L * S), *z = y + (size_t)L * S, weight[16];
+    struct matrix Y = { L, S, L, y }, Z = { L, S, L, z };
+    struct random r = { 29 };
+    struct pod p, q;
+
+    for (int c = 0; c < S; c++) {
+        weight[c] = pow(10, c % 3 - 1);
+        for (int l = 0; l < L; l++) {
+            y[l + c * L] = cos(0.3 * c) * sin(0.3 * l) + sin(0.5 * c) * cos(0.7 * l)
+                         + 1e-2 * random_normal(&r);
+            z[l + c * L] = y[l + c * L] * weight[c];
+        }
+    }
+    CHECK(pod_reduce(&Y, &(struct pod_options) { .weight = weight }, &p, NULL) == MODAL_OK);
+    CHECK(pod_reduce(&Z, &(struct pod_options) { 0 }, &q, NULL) == MODAL_OK);
+    CHECK(p.count == q.count && p.count >= 2);
+    for (int i = 0; i < p.count; i++) {
+        double sum = 0, all = 0;
+        CHECK_NEAR(p.s[i], q.s[i], 1e-12 * q.s[0]);
+        for (int l = 0; l < L; l++) {
+            sum += p.signals.x[l + i * L] * q.signals.x[l + i * L];
+            all += q.signals.x[l + i * L] * q.signals.x[l + i * L];
+        }
+        CHECK_NEAR(fabs(sum) / all, 1, 1e-9);
+    }
+    for (int l = 0; l < L * S; l++)
+        CHECK(z[l] == y[l] * weight[l / L]);             /* both are as they were */
+    pod_done(&p), pod_done(&q);
+    free(y);
+}
+
+TEST(weighed_proper_orthogonal_signals_are_those_of_weighed_channels)
+{
+    check_weights(500, 12);
+    check_weights(40000, 12);
+}
+
 TEST(proper_orthogonal_signals_rebuild_the_channels_dense_and_by_lanczos)
 {
     check_pod(50, 12);
+    check_pod(40000, 12);
     check_pod(150, 120);
     check_pod(100, 300);
 }

@@ -144,3 +144,24 @@ TEST(columns_of_zeros_have_no_colour)
     autoregressive(x + 2 * L, 0.3);
     CHECK(!colour_white(&E));
 }
+
+/* Of K equal columns the correlations have one eigenvalue, K; of orthogonal ones K, all 1. */
+TEST(columns_that_are_multiples_of_each_other_spread_as_one)
+{
+    double x[4 * L] = { 0 };
+    struct matrix E = { L, 4, L, x };
+    struct colour_spread s;
+
+    for (int k = 0; k < L; k++)
+        for (int c = 0; c < 3; c++)
+            x[k + c * L] = (c + 1) * sin(0.7 * k) * (c == 1 ? -1e3 : 1);
+    CHECK(colour_spread_of(&E, &s, NULL) == MODAL_OK);          /* the fourth is zero */
+    CHECK_NEAR(s.square, 9, 1e-12);
+    CHECK_NEAR(s.largest, 3, 1e-12);
+    memset(x, 0, sizeof x);
+    for (int c = 0; c < 4; c++)
+        x[c + c * L] = c + 1;
+    CHECK(colour_spread_of(&E, &s, NULL) == MODAL_OK);
+    CHECK_NEAR(s.square, 4, 1e-12);
+    CHECK_NEAR(s.largest, 1, 1e-12);
+}

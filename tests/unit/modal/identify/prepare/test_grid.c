@@ -310,3 +310,22 @@ TEST(whole_numbers_that_are_exact_keep_what_is_smaller_than_one)
     }
     identify_result_done(&r);
 }
+
+TEST(few_samples_say_that_the_continuum_has_no_grid_and_miss_none_that_is_there)
+{
+    const double steps[] = { 0x1p-23, 1.0 / 32767, 0.01, 1 };
+    struct random rng = { 67 };
+
+    for (int i = 0; i < DRAWS; i++) {
+        for (int k = 0; k < GRID_FIRST; k++)
+            x[k] = random_normal(&rng);
+        CHECK(!grid_may_be(x, GRID_FIRST) && grid_may_be(x, GRID_FIRST - 1));
+        for (int k = 0; k < GRID_FIRST; k++)
+            x[k] = (float)x[k];
+        CHECK(grid_may_be(x, GRID_FIRST));
+        for (int j = 0; j < 4; j++) {
+            fill(&rng, GRID_FIRST, steps[j], 0);
+            CHECK(grid_may_be(x, GRID_FIRST));
+        }
+    }
+}

@@ -21,7 +21,6 @@
 #include <string.h>
 #include "modal/identify/linear/exponents.h"
 #include "modal/identify/linear/pencil.h"
-#include "modal/linalg/eigen.h"
 #include "modal/linalg/svd.h"
 
 enum {
@@ -207,24 +206,23 @@ enum modal_status colour_spread_of(const struct matrix *E, struct colour_spread 
 {
     int S = E->n;
     struct matrix G = matrix_new(S, S);
-    double *value = calloc((size_t)S + 1, sizeof *value);
-    enum modal_status rc = G.x == NULL || value == NULL
+    double *unit = calloc((size_t)S + 1, sizeof *unit);
+    enum modal_status rc = G.x == NULL || unit == NULL
         ? modal_fail(err, MODAL_NO_MEMORY, "colour: no memory for %d columns", S) : MODAL_OK;
 
-    if (rc != MODAL_OK)
-        goto out;
-    cblas_dsyrk(CblasColMajor, CblasLower, CblasTrans, S, E->m, 1, E->x, E->ld, 0, G.x, S);
-    for (int i = 0; i < S; i++)
-        value[i] = G.x[i + i * S] > 0 ? 1 / sqrt(G.x[i + i * S]) : 0;
-    for (int j = 0; j < S; j++)
-        for (int i = j; i < S; i++)
-            G.x[j + i * S] = G.x[i + j * S] *= value[i] * value[j];
-    *out = (struct colour_spread) { 0, 0 };
-    for (int i = 0; i < S * S; i++)
-        out->square += G.x[i] * G.x[i];
-    rc = eigen_symmetric(&G, value, err);
-    out->largest = rc == MODAL_OK ? fmax(value[S - 1], 1) : 1;
-out:
-    free(G.x), free(value);
+    *out = (struct colour_spread) { 0, 1 };
+    if (rc == MODAL_OK)
+        cblas_dsyrk(CblasColMajor, CblasLower, CblasTrans, S, E->m, 1, E->x, E->ld, 0, G.x, S);
+    for (int i = 0; i < S && rc == MODAL_OK; i++)
+        unit[i] = G.x[i + i * S] > 0 ? 1 / sqrt(G.x[i + i * S]) : 0;
+    for (int j = 0; j < S && rc == MODAL_OK; j++) {
+        double row = 0;
+        for (int i = 0; i < S; i++) {
+            double r = (i > j ? G.x[i + j * S] : G.x[j + i * S]) * unit[i] * unit[j];
+            out->square += r * r, row += fabs(r);
+        }
+        out->largest = fmax(out->largest, row);     /* Gershgorin's bound */
+    }
+    free(G.x), free(unit);
     return rc;
 }

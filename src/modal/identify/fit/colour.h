@@ -66,11 +66,10 @@ bool colour_sum_white(const struct colour_sum *sum, const double *mean, double h
  * is seen from its end. */
 void colour_left_by(const double complex *lambda, int count, double tau, int rows, double *mean);
 
-/* Of the correlations of columns, sum of squares and the largest of the eigenvalues: columns that
- * hear the same noise say together less than as many that do not. */
+/* Of the eigenvalues of the columns' correlations, the sum of squares and a bound on the largest, 1
+ * or more: columns that hear the same noise say together less than as many that do not. */
 struct colour_spread { double square, largest; };
-/* That of E, L x S, zero columns being no others'. Fails with MODAL_NO_MEMORY,
- * MODAL_NO_CONVERGENCE. */
+/* That of E, L x S, zero columns being no others'. Fails with MODAL_NO_MEMORY. */
 enum modal_status colour_spread_of(const struct matrix *E, struct colour_spread *out,
                                    struct modal_error *err);
 

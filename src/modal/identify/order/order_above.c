@@ -95,6 +95,8 @@ static enum modal_status search_once(struct climb *c, int *best, bool *better,
     const struct refined *fit = &c->choice.candidates[*best].fit;
     double count = REMAINDER_FILTERS * (double)c->data->Y->m, chi2 = 0;
     double complex peak = 0;
+    /* phases of a period hear each sample's noise but once */
+    bool spreads = c->data->phases <= 1;
     struct matrix E = { 0 };
     struct colour_spread spread = { 0 };
     enum modal_status rc = MODAL_OK;
@@ -106,9 +108,10 @@ static enum modal_status search_once(struct climb *c, int *best, bool *better,
     rc = remainder_of(c->data, fit, &E, err);
     if (rc == MODAL_OK && E.x != NULL)
         rc = remainder_peak(&E, c->data->tau, &peak, &chi2, err);
-    if (rc == MODAL_OK && E.x != NULL)
+    if (rc == MODAL_OK && E.x != NULL && spreads)
         rc = colour_spread_of(&E, &spread, err);
-    if (rc == MODAL_OK && E.x != NULL && chi2 > climb_worth_looking(c, fit, count, &spread))
+    if (rc == MODAL_OK && E.x != NULL
+        && chi2 > climb_worth_looking(c, fit, count, spreads ? &spread : NULL))
         rc = add_poles(c, &E, peak, best, better, err);
     free(E.x);
     return rc;

@@ -190,7 +190,7 @@ double climb_worth_looking(const struct climb *c, const struct refined *fit, dou
 {
     /* d: a pair takes two numbers of each column, its amplitude */
     double d = 2.0 * c->data->Y->n, x = log(fmax(count, 2)),
-           square = spread != NULL ? 2 * spread->square : d,
+           square = spread != NULL ? fmax(2 * spread->square, d) : d,
            largest = spread != NULL ? spread->largest : 1;
 
     return fmin(SHARE_LOOK * climb_pair_price(c, fit), d + 2 * sqrt(square * x) + 2 * largest * x);

@@ -27,9 +27,13 @@ static const double
     LOW_BIC = 20,                       /* odds of e^10 that more poles are there, */
     LOW_LEFT = 0.7;                     /* which leave half of the energy that fewer did */
 
-/* Where signals say that there are many modes: evaluations of all of them, as a search takes that
- * begins near its end. */
-static const double EVALUATIONS_MANY = 64;
+/* Where signals say that there are many modes. */
+static const double
+    EVALUATIONS_MANY = 64,              /* of all of them, as a search takes that begins near its
+                                         * end; */
+    EVALUATIONS_FAR = 1024,             /* and one that begins far from it, as where modes overlap:
+                                         * 100 in 4000 x 20 take over 512, */
+    WORK_FAR = 1e11;                    /* while that is no more than a pencil of many may take */
 
 static enum modal_status projection_source(void *context, int r, double complex *lambda, int *count,
                                            struct modal_error *err)
@@ -212,6 +216,7 @@ static enum modal_status descend(struct work *w, const struct identify_result *o
                                    .poles = work_pencil_source, .context = w };
     const struct identify_chosen *begin = begins_at(w, out);
     int many = source.signals;
+    double one;
     enum modal_status rc;
 
     if (begin != NULL) {
@@ -224,8 +229,10 @@ static enum modal_status descend(struct work *w, const struct identify_result *o
     opt.work = work_left(w, w->trial, false);
     opt.many = w->many || source.known != NULL;
     opt.seen = w->seen_rows;
+    one = refine_work(&w->data, many);
     if (opt.many)
-        opt.work = fmax(opt.work, EVALUATIONS_MANY * refine_work(&w->data, many));
+        opt.work = fmax(opt.work, fmax(EVALUATIONS_MANY * one, fmin(EVALUATIONS_FAR * one,
+                                                                    WORK_FAR)));
     rc = order_from_above(&w->data, &source, &opt, &w->choice, err);
     if (rc != MODAL_OK || w->choice.chosen < 0)
         return rc;

@@ -55,7 +55,8 @@ TEST(windows_that_go_on_from_text_number_modes_as_windows_that_go_on_from_memory
 TEST(text_that_no_window_left_is_refused)
 {
     static const char *const bad[] = {
-        "", "2", "3 0 0 0 0 0 0 0", "0 0 0 0 0 0 0 0", "1.5 0 0 0 0 0 0 0", "2 0 0 0 0 0 0 1", "2 0 0 0 0 0 0 0 5", "2 0 0 0 0 0 0 257",
+        "", "2", "3 0 0 0 0 0 0 0", "0 0 0 0 0 0 0 0", "1.5 0 0 0 0 0 0 0", "2 0 0 0 0 0 0 1",
+        "2 0 0 0 0 0 0 0 5", "2 0 0 0 0 0 0 257",
         "2 0 0 0 0 0 0 -1", "2 0.5 0 0 0 0 0 0", "2 0 nan 0 0 0 0 0", "2 0 0 0 0 0 0 0x",
         "2 1 0 9 9 0 0 1 -1 6 -1 1 2 2 0 0 0 1 0 1 -1 6 1 1 2 2 0 1 1 2 1 9 9 0 0 0.5"
         " 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0",                          /* a variance below 0 */

@@ -293,8 +293,10 @@ static void take_shape(struct track *t, const struct track_mode *m, double weigh
 static struct track_way way_at(const struct track_mode *m, double line, double slope, double a,
                                double b)
 {
-    return (struct track_way) { m->exponent, 0, { variance(m->std_re, m->exponent, line), 0, slope },
-                                { variance(m->std_im, m->exponent, line), 0, slope }, a, b };
+    struct track_way way = { m->exponent, 0, { variance(m->std_re, m->exponent, line), 0, slope },
+                             { variance(m->std_im, m->exponent, line), 0, slope }, a, b };
+
+    return way;
 }
 
 /* A way that was foreseen as AHEAD takes in M, off by X, whose samples are new to a share NEWLY. */

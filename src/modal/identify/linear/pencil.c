@@ -21,8 +21,10 @@
  *
  *     R^T R = V1^T V1 = I - v v^T,   Q^T V2 = R^{-T} V1^T V2                                    (5)
  *
- * cost one product of V with itself. Where v has much of the norm of some column, as of a motion
- * that grows, (5) would lose digits, and the QR is made.
+ * cost two products of V with itself: V1^T V1 is summed, for V is orthonormal to its rounding
+ * alone, and weak multipliers of exact data need that as well. That is made of a large V, for which
+ * the QR takes copies and time. Where v has much of the norm of some column, as of a motion that
+ * grows, (5) would lose digits, and the QR is made.
  *
  * Of few rows with many signals, as a record folded by its period has, the products of rows cost
  * less: with K = Y Y^T
@@ -52,6 +54,7 @@ enum {
     PRODUCTS_ROWS = 1024,          /* of K at most: 8 MB, beyond the caches */
     PRODUCTS_SHARE = 8,            /* rows over columns, at most, where products pay: a transform
                                     * costs some ten times its length */
+    V_LARGE = 1 << 20,             /* entries of V from which on (5) is made: 8 MB, as above */
     WHOLE_SHARE = 4                /* of one in so many eigenvectors all are had for less */
 };
 static const double LAST_MOST = 0.5;    /* of a column's square in its last row: a bit is lost */
@@ -225,11 +228,9 @@ static enum modal_status factor(struct pencil *p, const struct matrix *VT, struc
     const double *v = VT->x + (size_t)(n - 1) * (size_t)VT->ld;
 
     /* 1 - |v|^2 is the least eigenvalue of (5) */
-    if (cblas_ddot(k, v, 1, v, 1) > LAST_MOST)
+    if ((double)n * k < V_LARGE || cblas_ddot(k, v, 1, v, 1) > LAST_MOST)
         return factor_by_qr(p, VT, err);
-    for (int j = 0; j < k; j++)
-        for (int i = 0; i < k; i++)
-            p->R[i + j * k] = i <= j ? (i == j) - v[i] * v[j] : 0;
+    cblas_dsyrk(CblasColMajor, CblasUpper, CblasNoTrans, k, n - 1, 1, VT->x, VT->ld, 0, p->R, k);
     if (LAPACKE_dpotrf(LAPACK_COL_MAJOR, 'U', k, p->R, k) != 0)
         return modal_fail(err, MODAL_NO_CONVERGENCE, "pencil: vectors are not orthonormal");
     cblas_dgemm(CblasColMajor, CblasNoTrans, CblasTrans, k, k, n - 1, 1, VT->x, VT->ld,

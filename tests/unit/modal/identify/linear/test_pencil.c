@@ -169,3 +169,34 @@ TEST(a_motion_that_grows_tenfold_a_sample_beside_a_decay_has_its_multiplier)
         pencil_done(&p);
     }
 }
+
+/* A million numbers of V and more, whose factors come from products: a decay, and one whose last
+ * row has nearly all of a column. */
+TEST(a_pencil_of_a_long_record_has_its_multipliers)
+{
+    enum { ROWS = 100000, K = 16 };
+    double *x = malloc(ROWS * sizeof *x);
+    struct matrix Y = { ROWS, 1, ROWS, x };
+    const double rate[] = { -1e-4, -2e-5, 3 }, turn[] = { 0.3, 1.1, 0 };
+
+    for (int count = 2; count <= 3; count++) {
+        struct pencil p;
+        double complex rho[K];
+        for (int l = 0; l < ROWS; l++) {
+            x[l] = exp(rate[0] * l) * cos(turn[0] * l) + exp(rate[1] * l) * sin(turn[1] * l);
+            x[l] += count == 3 ? exp(rate[2] * (l - ROWS + 1)) : 0;
+        }
+        CHECK(pencil_new(&Y, &(struct pencil_options) { .wanted = K }, &p, NULL) == MODAL_OK);
+        CHECK(p.count >= 2 * count - count / 3);
+        int r = count == 3 ? 5 : 4;
+        CHECK(pencil_multipliers(&p, r, rho, NULL) == MODAL_OK);
+        for (int j = 0; j < count; j++) {
+            double nearest = HUGE_VAL;
+            for (int i = 0; i < r; i++)
+                nearest = fmin(nearest, cabs(rho[i] - cexp(CMPLX(rate[j], turn[j]))));
+            CHECK_NEAR(nearest, 0, 1e-7);       /* products by FFT, the growing one a 300th */
+        }
+        pencil_done(&p);
+    }
+    free(x);
+}

@@ -621,6 +621,10 @@ static const struct result_key reference_keys[] = {
     { "settings", RESULT_OWN, .absent = "but by settings", .means = "options of the reference" },
     { "exponents", RESULT_COMPLEX, .list = "one a mode", .absent = "but for identify",
       .means = "that errors are against" },
+    { "left_out_s", RESULT_NUMBER, .unit = "s", .absent = "but under tones",
+      .means = "of the march's beginning, as its transient" },
+    { "compared_s", RESULT_NUMBER, .unit = "s", .absent = "but under tones",
+      .means = "of the march, after that" },
     { "<option>", RESULT_OWN, .means = "of steady or simulate: those of the reference" },
     { 0 },
 };

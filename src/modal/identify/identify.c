@@ -325,6 +325,8 @@ static enum modal_status analyse_anew(struct work *w, struct identify_result *ou
     w->noise = w->weight = NULL, w->weighted = (struct matrix) { 0 };
     out->unweighed = (struct identify_chosen) { 0 };
     w->known = false, w->spent = 0;
+    /* what the samples before these were said of is not said of these */
+    w->ragged = 0, w->many = w->endless = false;
     w->trial = work_may_weigh(w) && w->rec.channels <= POD_CHANNELS_FEW;
     forget_analysis(w, out);
     if ((rc = record_cut(&w->rec, w->rec.Y.m, w->opt.scale, err)) != MODAL_OK

@@ -129,7 +129,8 @@ static bool add_head(struct families *f, double complex lambda)
 
     if (f->space.failed)
         return false;
-    memcpy(all, f->head, sizeof *all * (size_t)f->count);
+    for (int j = 0; j < f->count; j++)
+        all[j] = f->head[j];
     all[f->count++] = lambda;
     f->head = all;
     return true;

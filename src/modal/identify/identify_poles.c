@@ -117,7 +117,8 @@ enum modal_status work_take_poles(struct work *w, struct modal_error *err)
     size_t room = (size_t)n;
     enum modal_status rc = MODAL_OK;
 
-    *p = (struct poles) { .count = n, .shift = w->shift, .tau = w->tau, .refined = w->refine };
+    *p = (struct poles) { .count = n, .shift = w->shift, .tau = w->tau, .refined = w->refine,
+                          .tied = w->data.omega > 0 };
     p->lambda = workspace_room(&p->space, room, sizeof *p->lambda);
     p->std_re = workspace_numbers(&p->space, room, 1);
     p->std_im = workspace_numbers(&p->space, room, 1);

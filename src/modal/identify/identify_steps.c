@@ -110,8 +110,9 @@ enum modal_status work_fit_steps(struct work *w, bool *settled, struct modal_err
         scale_steps(w, false);
         memcpy(before.at, w->steps.at, sizeof *before.at * (size_t)before.count);
         rc = fit_steps(w, fit, &moved, err);
-        if (rc == MODAL_OK && moved > MOVED) {
-            *settled = false;
+        *settled = rc != MODAL_OK || !(moved > MOVED);
+        if (rc == MODAL_OK) {
+            /* those that are taken out are those that there are: what is put back is the record */
             steps_take(&before, -1, &w->rec.Y);
             steps_take(&w->steps, 1, &w->rec.Y);
         }

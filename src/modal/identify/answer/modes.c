@@ -242,8 +242,10 @@ static bool folds_onto(const struct work *w, int j, double complex lambda, doubl
         double im = sign * cimag(line(w, j)) - cimag(lambda), turns = nearbyint(im / Omega);
         double apart = hypot(creal(w->poles->lambda[j]) - creal(lambda), im - turns * Omega);
         double own = w->poles->std_re[j] > 0 ? hypot(w->poles->std_re[j], w->poles->std_im[j]) : 0;
+        double may = w->poles->tied ? REFINE_TIED * Omega
+                                    : FOLD_APART * Omega + 5 * hypot(std, own);
         /* exponents of a periodic system are known modulo i Omega only */
-        if (apart <= FOLD_APART * Omega + 5 * hypot(std, own)) {
+        if (apart <= may) {
             *k = (int)turns;
             *flipped = sign < 0;
             return true;

@@ -20,6 +20,7 @@ struct poles {
     int shift;
     double tau;
     bool refined;                 /* standard deviations are from the Jacobian */
+    bool tied;                    /* lines of a multiplier have one exponent (refine.h, omega) */
     struct synthesis *fit;  /* of all channels, where it is known already (taken over); else NULL */
     struct workspace space;       /* of the arrays */
 };

@@ -54,7 +54,10 @@ enum {
                                   * s^2 / h^2 of them, and one that (2) tells is above s / 2 */
     ROWS_EACH = 2 * REACH + 1    /* where it may be */
 };
-static const double NEAR = 1e-8; /* of the largest difference: (1) is solved by products */
+static const double
+    NEAR = 1e-8,                 /* of the largest difference: (1) is solved by products */
+    HALVES = 8;                  /* deviations that noise's halves may differ by, as colour.h has
+                                  * them: no ordinary number of records exceeds them */
 
 struct look {
     int n, p;                    /* differences; order */
@@ -183,6 +186,22 @@ static bool settle(struct look *k, int *m)
     return true;
 }
 
+/* Without the steps that were told, does (1) leave noise?  Of more modes than p / 2 it leaves motion
+ * that dies away, in which nothing is told: its halves differ. Of n white numbers the sums of
+ * squares of both halves differ by sqrt(2 n) variances in the standard deviation. */
+static bool leaves_noise(struct look *k)
+{
+    int n = k->n - k->p, half = n / 2;
+    const double *e = k->e + k->p;
+    double first, last;
+
+    if (!fit(k, false))
+        return false;
+    leave(k, 1);
+    first = cblas_ddot(half, e, 1, e, 1), last = cblas_ddot(half, e + n - half, 1, e + n - half, 1);
+    return fabs(first - last) <= HALVES * sqrt(2.0 * n) * (first + last) / n;
+}
+
 /* Up to STEPS_MOST of the column Y, sizes over z's UNIT. */
 static int look_at_column(struct look *k, const double *y, double unit, struct step *found)
 {
@@ -203,7 +222,7 @@ static int look_at_column(struct look *k, const double *y, double unit, struct s
         found[count++] = (struct step) { m + 1, 0, h, 0 };
         k->z[m] -= h;
     }
-    return count;
+    return count > 0 && leaves_noise(k) ? count : 0;
 }
 
 static enum modal_status add(struct steps *s, const struct step *found, int count, int channel,

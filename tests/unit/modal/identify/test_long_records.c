@@ -119,9 +119,12 @@ TEST(a_long_record_without_noise_shows_its_modes_to_rounding)
 static size_t spared;
 static const double *spared_to;
 
+/* In their order; and all of them where all have been copied, for what is looked at again. */
 static void count_spared(const void *from, size_t bytes)
 {
-    CHECK(spared_to == NULL || (const double *)from == spared_to);   /* in their order */
+    if (spared == sizeof y && from == y && bytes == sizeof y)
+        return;
+    CHECK(spared_to == NULL || (const double *)from == spared_to);
     spared += bytes, spared_to = (const double *)from + bytes / sizeof *spared_to;
 }
 

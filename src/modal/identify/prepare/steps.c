@@ -186,9 +186,9 @@ static bool settle(struct look *k, int *m)
     return true;
 }
 
-/* Without the steps that were told, does (1) leave noise?  Of more modes than p / 2 it leaves motion
- * that dies away, in which nothing is told: its halves differ. Of n white numbers the sums of
- * squares of both halves differ by sqrt(2 n) variances in the standard deviation. */
+/* Without the steps that were told, does (1) leave noise?  Of more modes than p / 2 it leaves
+ * motion that dies away, in which nothing is told: its halves differ. Of n white numbers the sums
+ * of squares of both halves differ by sqrt(2 n) variances in the standard deviation. */
 static bool leaves_noise(struct look *k)
 {
     int n = k->n - k->p, half = n / 2;
@@ -198,7 +198,8 @@ static bool leaves_noise(struct look *k)
     if (!fit(k, false))
         return false;
     leave(k, 1);
-    first = cblas_ddot(half, e, 1, e, 1), last = cblas_ddot(half, e + n - half, 1, e + n - half, 1);
+    first = cblas_ddot(half, e, 1, e, 1), e += n - half;
+    last = cblas_ddot(half, e, 1, e, 1);
     return fabs(first - last) <= HALVES * sqrt(2.0 * n) * (first + last) / n;
 }
 

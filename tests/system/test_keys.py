@@ -384,9 +384,8 @@ def test_who_comes_with_a_key_of_no_list_is_in_the_audit_log_once_a_second_at_mo
     ben, pair = it.client("ben"), zmq.curve_keypair()
     assert ben.ask("HELLO").ok
     begin = time.monotonic()
+    # connecting is enough: who is refused before it asks would wait for ever to be sent
     strangers = [it.client("ann", pair=pair) for _ in range(30)]
-    for one in strangers:
-        one.send("HELLO")
     it.write_keys(leave_out=("ben",))
     it.reload()
     assert {ben.ask("LIST").code for _ in range(50)} == {"denied"}

@@ -21,6 +21,8 @@ import tempfile
 import h5py
 import numpy as np
 
+from bench_identify_periodic import assign
+
 CTL = os.environ.get("MODALCTL", "modalctl")
 TOLERANCE, FASTEST, HARMONICS = 5, 2.8, 4
 
@@ -96,18 +98,9 @@ def identify(r):
 
 
 def match(document, r):
-    """Of each multiplier that is found its mode, the nearest first; how many are besides."""
-    found = [complex(*m["multiplier"]) for m in document["modes"]]
-    found = [complex(z.real, abs(z.imag)) for z in found]
     may = [max(TOLERANCE * abs(m) * r["period"] * math.hypot(*b), 1e-3)
            for m, b in zip(r["multipliers"], bounds(r))]
-    off = {(i, j): abs(f - m) / may[i] for i, m in enumerate(r["multipliers"])
-           for j, f in enumerate(found)}
-    hit = {}
-    for i, j in sorted(off, key=off.get):
-        if off[i, j] < 1 and i not in hit and j not in hit.values():
-            hit[i] = j
-    return hit, len(found) - len(hit)
+    return assign(document, r["multipliers"], may)
 
 
 def covered(document, r, hit):

@@ -116,20 +116,24 @@ def identify(r):
     return json.loads(out)
 
 
-def match(document, r):
-    """Of each multiplier that is found the mode, the nearest in units of what it may be off first;
+def assign(document, multipliers, may):
+    """Of each multiplier that is found the mode, the nearest in units of what it MAY be off first;
     how many are besides."""
     found = [complex(*m["multiplier"]) for m in document["modes"]]
     found = [complex(z.real, abs(z.imag)) for z in found]
-    may = [max(min(TOLERANCE * abs(m) * math.hypot(*b), WIDEST), 1 / r["periods"])
-           for m, b in zip(r["multipliers"], bounds(r))]
-    off = {(i, j): abs(f - m) / may[i] for i, m in enumerate(r["multipliers"])
+    off = {(i, j): abs(f - m) / may[i] for i, m in enumerate(multipliers)
            for j, f in enumerate(found)}
     hit = {}
     for i, j in sorted(off, key=off.get):
         if off[i, j] < 1 and i not in hit and j not in hit.values():
             hit[i] = j
     return hit, len(found) - len(hit)
+
+
+def match(document, r):
+    may = [max(min(TOLERANCE * abs(m) * math.hypot(*b), WIDEST), 1 / r["periods"])
+           for m, b in zip(r["multipliers"], bounds(r))]
+    return assign(document, r["multipliers"], may)
 
 
 def covered(document, r, hit):

@@ -43,6 +43,7 @@ enum {
     WIRE_UPLOADS_MOST    = 64,                /* open, a user; chosen: one for each file of a
                                                  test on as many machines */
     WIRE_WAITS_MOST      = 4096,              /* a user; chosen: as many as streams of his */
+    WIRE_READS_MOST      = 4096,              /* a user: each wait that ends may be one */
     WIRE_SUBSCRIPTIONS_MOST = 4160,           /* a user: one a stream of his, and 64 beside */
     WIRE_PRIORITY_DEFAULT = 100,              /* chosen: room on both sides */
     WIRE_ATTEMPTS_MOST   = 10,                /* of a job, chosen: a worker may die in each */

@@ -108,8 +108,12 @@ enum task_type {
     TASK_OPEN_INPUT,                      /* of a job that starts, for its worker */
 };
 
+/* Of those who share the spool's threads nobody: files that go, questions of the daemon's own. */
+#define TURN_NOBODY UINT64_C(0)
+
 struct task {
     enum task_type type;
+    uint64_t turn;                        /* whose it is: each has one done in turn; user_turn */
     int64_t id;                           /* input, job or stream */
     /* BEGIN, RESUME: borrowed from the input, which outlives the task */
     struct input_shape shape;

@@ -55,6 +55,7 @@ struct filling {
     struct after *writers[64];
     bool sealing, aborting, broken;
     int64_t touched_ns;
+    uint64_t peer;                        /* the latest that said something of it; 0: none did */
     int slot;                             /* of the worker that makes it; -1 */
 };
 

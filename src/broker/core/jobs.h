@@ -44,7 +44,8 @@ struct wait {
     char key[KEY_TEXT];
 };
 
-struct asker { uint64_t peer; struct wait *waits; };   /* a connection that waits for jobs */
+/* A connection that waits for jobs, or for bytes that are read. */
+struct asker { uint64_t peer; struct wait *waits; int reads; };
 
 /* who waits asks within so many ends; 64 inline documents are 4 MiB */
 enum { DOCUMENTS_KEPT = 64 };

@@ -23,7 +23,7 @@ void room_want(struct core *c, uint64_t bytes)
 
 void room_ask(struct core *c)
 {
-    core_task(c, task_new(TASK_ROOM, 0));
+    core_task(c, task_new(TASK_ROOM, 0), TURN_NOBODY);
 }
 
 void room_told(struct core *c, const struct task *task)

@@ -80,6 +80,7 @@ struct tombstone {
 
 struct user {
     char name[NAME_MOST];
+    uint64_t number;                      /* downwards from the largest; connections' go upwards */
     struct account *account;              /* NULL: none any more */
     struct map keys, tombstones;          /* by key */
     struct tombstone *stones, **stones_end;     /* the oldest first */
@@ -97,6 +98,7 @@ struct user {
     double cpu_s; int64_t cpu_day;        /* used in that UTC day */
     double upload_level; int64_t upload_ns;     /* token bucket */
     int waits, subscriptions;
+    int reads;                            /* tasks that bring him bytes */
 };
 
 /* Why a worker is to end under its job. */
@@ -201,10 +203,10 @@ void transaction_join(struct transaction *t, struct after *after);
 void core_commit(struct core *c, struct transaction *t);
 /* A task of the spool threads, the caller's until core_task. */
 struct task *task_new(enum task_type type, int64_t id);
-/* TASK is the threads'; it comes back as EVENT_TASK. */
-void core_task(struct core *c, struct task *task);
+/* TASK, whose TURN is that of who asked, is the threads'; it comes back as EVENT_TASK. */
+void core_task(struct core *c, struct task *task, uint64_t turn);
 /* The same once all samples are in their files and have their rows: for tasks that read them. */
-void core_task_settled(struct core *c, struct task *task);
+void core_task_settled(struct core *c, struct task *task, uint64_t turn);
 /* One of TYPE; REPLY, which is copied, may be NULL.  The caller's until it is joined. */
 struct after *after_new(enum after_type type, const struct reply *reply);
 /* The whole list; accepts NULL. */
@@ -364,6 +366,9 @@ struct job *user_next(struct core *c, int slot);
 void user_ran(struct core *c, struct user *user, double expected_s, double seconds, double cpu_s);
 /* A job took S_BYTE seconds of work a byte of its large input; 0: it had none. */
 void user_worked(struct user *user, double s_byte);
+/* Whose turn a task of USER's is, that PEER asked for (0: none did): a user's, and where there are
+ * no keys, so that all are one user, a connection's. */
+uint64_t user_turn(const struct user *user, uint64_t peer);
 /* What USER took of the processor today, with T: a restart goes on counting. */
 void user_note(struct user *user, struct transaction *t);
 /* The same, read back. */
@@ -484,6 +489,8 @@ void worker_error(const cJSON *error, struct modal_error *out);
 
 /* ---- waits.c: who waits for the end of a job, or for bytes that are read ---- */
 
+/* May USER have one more such task for REPLY?  false: REPLY is answered. */
+bool read_allows(struct core *c, const struct user *user, const struct reply *reply);
 /* PART of JOB, or where that is NULL of the input ID, [offset, offset + length) of what TYPE reads
  * of ID, to REPLY. */
 struct task *read_for(struct core *c, const struct reply *reply, const struct job *job,

@@ -108,16 +108,18 @@ struct task *task_new(enum task_type type, int64_t id)
     return task;
 }
 
-void core_task(struct core *c, struct task *task)
+void core_task(struct core *c, struct task *task, uint64_t turn)
 {
+    task->turn = turn;
     c->tasks++;
     core_act(c, (struct action) { .type = ACT_TASK, .task = task });
 }
 
-void core_task_settled(struct core *c, struct task *task)
+void core_task_settled(struct core *c, struct task *task, uint64_t turn)
 {
     struct transaction *t = transaction_new();
 
+    task->turn = turn;
     t->refusable = FIRST_REFUSED;
     transaction_add(t, LEDGER_SAMPLES_SETTLE)->id = task->stream;
     transaction_after(t, AFTER_TASK)->task = task;

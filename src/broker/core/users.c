@@ -51,6 +51,7 @@ struct user *user_get(struct core *c, const char *name)
     snprintf(user->name, sizeof user->name, "%s", name);
     user->cost_s = cost_first_s;
     user->stones_end = &user->stones;
+    user->number = UINT64_MAX - c->user_count;
     if (!map_put(&c->users, hash, user))
         abort();
     c->user_list = regrab(c->user_list, (c->user_count + 1) * sizeof *c->user_list);
@@ -67,6 +68,13 @@ struct user *user_of_key(struct core *c, const char *key)
             return user;
         }
     return NULL;
+}
+
+uint64_t user_turn(const struct user *user, uint64_t peer)
+{
+    bool keyless = user->account != NULL && user->account->key[0] == 0;
+
+    return keyless && peer != 0 ? peer : user->number;
 }
 
 bool role_is_client(enum wire_role role)

@@ -9,15 +9,65 @@ static bool has_number(const void *value, const void *key)
     return ((const struct wait *)value)->number == *(const uint64_t *)key;
 }
 
+static bool is_asker(const void *value, const void *key)
+{
+    return ((const struct asker *)value)->peer == *(const uint64_t *)key;
+}
+
+static struct asker *asker_of(const struct core *c, uint64_t peer)
+{
+    return map_find(&c->jobs->askers, map_hash_number(peer), is_asker, &peer);
+}
+
+static struct asker *asker_get(struct core *c, uint64_t peer)
+{
+    struct asker *asker = asker_of(c, peer);
+
+    if (asker != NULL)
+        return asker;
+    asker = grab(sizeof *asker);
+    asker->peer = peer;
+    if (!map_put(&c->jobs->askers, map_hash_number(peer), asker))
+        abort();
+    return asker;
+}
+
+/* It goes where it asks for nothing more. */
+static void asker_leave(struct core *c, struct asker *asker)
+{
+    if (asker->waits != NULL || asker->reads > 0)
+        return;
+    map_remove(&c->jobs->askers, map_hash_number(asker->peer), asker);
+    free(asker);
+}
+
+/* Where a user's are used up a connection may still have its share: without keys all are one user,
+ * and one of them would have everything.  Twice as many are the bound, and one each beside. */
+bool read_allows(struct core *c, const struct user *user, const struct reply *reply)
+{
+    const struct asker *asker = asker_of(c, reply->peer);
+    size_t share = WIRE_READS_MOST / (c->jobs->askers.count + 1) + 1;
+
+    if (user->reads < WIRE_READS_MOST || asker == NULL || (size_t)asker->reads < share)
+        return true;
+    answer_fail(c, reply, MODAL_BUSY, "", answer_number("retry_after_s", 0.1),
+                "%d answers are being read, at most %d", user->reads, WIRE_READS_MOST);
+    return false;
+}
+
 struct task *read_for(struct core *c, const struct reply *reply, const struct job *job,
                       enum task_type type, int64_t id, const char *part)
 {
     struct task *task = task_new(type, id);
+    struct user *user = job != NULL ? job->user : input_by_id(c, id)->user;
 
     task->after = after_new(AFTER_READ, reply);
     task->after->value = job != NULL ? job->id : 0;
     task->after->text = grab_text(part);
-    core_task(c, task);
+    task->owner = user;
+    user->reads++;
+    asker_get(c, reply->peer)->reads++;
+    core_task(c, task, user_turn(user, reply->peer));
     return task;
 }
 
@@ -35,27 +85,10 @@ void wait_tell(struct core *c, const struct wait *w)
         read_for(c, &w->reply, job, TASK_READ_RESULT, root->id, "wait")->length = WIRE_BODY_MOST;
 }
 
-static bool is_asker(const void *value, const void *key)
-{
-    return ((const struct asker *)value)->peer == *(const uint64_t *)key;
-}
-
-static struct asker *asker_of(const struct core *c, uint64_t peer)
-{
-    return map_find(&c->jobs->askers, map_hash_number(peer), is_asker, &peer);
-}
-
 static void put_asker(struct core *c, struct wait *w)
 {
-    struct asker *asker = asker_of(c, w->reply.peer);
+    struct asker *asker = asker_get(c, w->reply.peer);
 
-    if (asker == NULL) {
-        asker = grab(sizeof *asker);
-        asker->peer = w->reply.peer;
-        asker->waits = NULL;
-        if (!map_put(&c->jobs->askers, map_hash_number(asker->peer), asker))
-            abort();
-    }
     w->beside = asker->waits;
     w->beside_link = &asker->waits;
     if (w->beside != NULL)
@@ -70,10 +103,7 @@ static void leave_asker(struct core *c, struct wait *w)
     *w->beside_link = w->beside;
     if (w->beside != NULL)
         w->beside->beside_link = w->beside_link;
-    if (asker->waits == NULL) {
-        map_remove(&c->jobs->askers, map_hash_number(asker->peer), asker);
-        free(asker);
-    }
+    asker_leave(c, asker);
 }
 
 /* Not the timer of a wait that has ended; number 0 is none's. */
@@ -125,7 +155,7 @@ void waits_gone(struct core *c, uint64_t peer)
 {
     struct asker *asker;
 
-    while ((asker = asker_of(c, peer)) != NULL)
+    while ((asker = asker_of(c, peer)) != NULL && asker->waits != NULL)
         drop_wait(c, asker->waits);
 }
 
@@ -203,10 +233,14 @@ static void add_origin(const struct core *c, const struct task *task, const stru
 void read_task_done(struct core *c, struct task *task)
 {
     struct after *after = task->after;
+    struct asker *asker = asker_of(c, after->reply.peer);
     bool of_job = after->value != 0;
     struct job *job = of_job ? job_by_id(c, after->value) : NULL;
     cJSON *header;
 
+    ((struct user *)task->owner)->reads--;
+    asker->reads--;
+    asker_leave(c, asker);
     if (task->type == TASK_READ_SPOOL)
         sums_keep(c, task);
     if (of_job && job == NULL) {

@@ -45,7 +45,7 @@ void ledger_thread_ping(struct ledger_thread *thread);
 /* Finish what it has, end, and free; the ledger stays open. */
 void ledger_thread_stop(struct ledger_thread *thread);
 
-/* The spool's threads: tasks in any order. */
+/* The spool's threads: tasks in any order, of each turn one before the next has its. */
 struct spool_threads;
 /* COUNT of them, and one that seals streams; DIR and DONE are borrowed until they are stopped.
  * NULL: none could be started. */

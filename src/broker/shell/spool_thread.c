@@ -5,6 +5,9 @@
  * offers their hashing, any idle thread takes it, and where none did the first does it itself
  * while the disk is busy.
  *
+ * Users have their tasks done in turn, and their seals too: whoever puts up many waits for them
+ * himself (turns.h).
+ *
  * Streams are sealed by a thread of their own, in slices, each of all that wait in turn: a seal
  * writes as much as a stream may be long, and neither another's chunk nor another's short stream
  * waits for the end of that.  Several short ones are one slice, whose names are synced once.  A
@@ -12,6 +15,7 @@
  */
 #include "base/crc32c.h"
 #include "broker/shell/queue.h"
+#include "broker/shell/turns.h"
 #include "store/file.h"
 #include "store/samples.h"
 #include "wire/protocol.h"
@@ -45,10 +49,9 @@ struct spool_threads {
     pthread_mutex_t mutex;
     pthread_cond_t more, hashed;
     struct hashing *offers;
-    struct task *first, **end;
+    struct turns tasks, seals;
     pthread_t sealer;
     pthread_cond_t sealable;
-    struct task *seals, **seals_end;
     bool stop;
     const char *dir;
     struct done_queue *done;
@@ -552,19 +555,10 @@ static struct task *next_task(struct spool_threads *s, struct hashing **offered)
     struct task *task;
 
     pthread_mutex_lock(&s->mutex);
-    while (s->first == NULL && s->offers == NULL && !s->stop)
+    while (s->tasks.first == NULL && s->offers == NULL && !s->stop)
         pthread_cond_wait(&s->more, &s->mutex);
     *offered = find_offer(s, NULL);
-    if (*offered != NULL) {
-        pthread_mutex_unlock(&s->mutex);
-        return NULL;
-    }
-    task = s->first;
-    if (task != NULL) {
-        s->first = task->next;
-        if (s->first == NULL)
-            s->end = &s->first;
-    }
+    task = *offered != NULL ? NULL : turns_take(&s->tasks);
     pthread_mutex_unlock(&s->mutex);
     return task;
 }
@@ -610,13 +604,6 @@ static void *run(void *context)
     return NULL;
 }
 
-static void put_seal(struct spool_threads *s, struct task *task)
-{
-    task->next = NULL;
-    *s->seals_end = task;
-    s->seals_end = &task->next;
-}
-
 /* The seal whose turn it is; NULL: stop, and what is not sealed is sealed after the next start, or
  * there is none, where it is not to be AWAITED. */
 static struct task *next_seal(struct spool_threads *s, bool awaited)
@@ -624,14 +611,9 @@ static struct task *next_seal(struct spool_threads *s, bool awaited)
     struct task *task;
 
     pthread_mutex_lock(&s->mutex);
-    while (s->seals == NULL && !s->stop && awaited)
+    while (s->seals.first == NULL && !s->stop && awaited)
         pthread_cond_wait(&s->sealable, &s->mutex);
-    task = s->stop ? NULL : s->seals;
-    if (task != NULL) {
-        s->seals = task->next;
-        if (s->seals == NULL)
-            s->seals_end = &s->seals;
-    }
+    task = s->stop ? NULL : turns_take(&s->seals);
     pthread_mutex_unlock(&s->mutex);
     return task;
 }
@@ -689,7 +671,7 @@ static void end_round(struct spool_threads *s, struct round *round)
             continue;
         }
         pthread_mutex_lock(&s->mutex);
-        put_seal(s, task);
+        turns_put(&s->seals, task);
         pthread_mutex_unlock(&s->mutex);
     }
 }
@@ -723,8 +705,6 @@ struct spool_threads *spool_threads_start(const char *dir, int count, struct don
     pthread_cond_init(&s->more, NULL);
     pthread_cond_init(&s->hashed, NULL);
     pthread_cond_init(&s->sealable, NULL);
-    s->end = &s->first;
-    s->seals_end = &s->seals;
     s->dir = dir;
     s->done = done;
     if (pthread_create(&s->sealer, NULL, run_seals, s) != 0) {
@@ -743,14 +723,12 @@ struct spool_threads *spool_threads_start(const char *dir, int count, struct don
 
 void spool_threads_put(struct spool_threads *s, struct task *task)
 {
-    task->next = NULL;
     pthread_mutex_lock(&s->mutex);
     if (task->type == TASK_STREAM_SEAL) {
-        put_seal(s, task);
+        turns_put(&s->seals, task);
         pthread_cond_signal(&s->sealable);
     } else {
-        *s->end = task;
-        s->end = &task->next;
+        turns_put(&s->tasks, task);
         pthread_cond_signal(&s->more);
     }
     pthread_mutex_unlock(&s->mutex);
@@ -771,8 +749,7 @@ void spool_threads_stop(struct spool_threads *s)
         pthread_join(s->threads[i], NULL);
     pthread_join(s->sealer, NULL);
     /* their files are orphans, which the next start removes */
-    while ((task = s->seals) != NULL) {
-        s->seals = task->next;
+    while ((task = turns_take(&s->seals)) != NULL) {
         upload_close(task->upload);
         task_free(task);
     }

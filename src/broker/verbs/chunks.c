@@ -30,7 +30,7 @@ const char *piece_request(struct core *c, int slot, const struct wire_message *m
     task->after->value = s->job->id;
     task->after->attempts = s->attempt;
     task->after->length = slot;
-    core_task(c, task);
+    core_task(c, task, user_turn(s->job->user, 0));
     return NULL;
 }
 

@@ -80,7 +80,7 @@ static void read_page(struct core *c, struct subscription *s)
     task->after->value = (int64_t)s->number;
     snprintf(task->user, sizeof task->user, "%s", s->user->name);
     s->reading = true;
-    core_task(c, task);
+    core_task(c, task, user_turn(s->user, s->peer));
 }
 
 /* The oldest event that is in memory, by number. */

@@ -151,9 +151,10 @@ static void on_wait(struct core *c, const struct request *q)
                          .user = q->user };
 
     snprintf(wait.key, sizeof wait.key, "%s", q->event->key);
-    if (job_state_final(q->job->shown) || q->wire.wait.timeout_s <= 0)
-        wait_tell(c, &wait);
-    else if (q->user->waits >= WIRE_WAITS_MOST)
+    if (job_state_final(q->job->shown) || q->wire.wait.timeout_s <= 0) {
+        if (!wait.result || read_allows(c, q->user, &q->reply))
+            wait_tell(c, &wait);
+    } else if (q->user->waits >= WIRE_WAITS_MOST)
         answer_fail(c, &q->reply, MODAL_BUSY, "", answer_number("retry_after_s", 1),
                     "%d waits are open, at most %d", q->user->waits, WIRE_WAITS_MOST);
     else
@@ -247,8 +248,11 @@ static struct task *read_part(struct core *c, const struct request *q)
 
 static void on_result(struct core *c, const struct request *q)
 {
-    struct task *task = q->wire.result.upload != NULL ? read_input(c, q) : read_part(c, q);
+    struct task *task;
 
+    if (!read_allows(c, q->user, &q->reply))
+        return;
+    task = q->wire.result.upload != NULL ? read_input(c, q) : read_part(c, q);
     if (task == NULL)
         return;
     task->offset = q->wire.result.offset;

@@ -110,7 +110,7 @@ static void removed(struct core *c, struct after *after)
     if (!job->deleting)
         return;
     if (job->result_bytes > LEDGER_RESULT_INLINE_MOST && !job->cached)
-        core_task(c, task_new(TASK_REMOVE_RESULT, job->id));
+        core_task(c, task_new(TASK_REMOVE_RESULT, job->id), TURN_NOBODY);
     job_forget(c, job);
 }
 
@@ -119,7 +119,7 @@ static void gone(struct core *c, struct input *input)
     if (input->filling != NULL)
         upload_gone(c, input);
     if (!input->inline_data)
-        core_task(c, task_new(TASK_REMOVE_INPUT, input->id));
+        core_task(c, task_new(TASK_REMOVE_INPUT, input->id), TURN_NOBODY);
     input_forget(c, input);
 }
 
@@ -157,7 +157,7 @@ static void follow(struct core *c, struct after *after, struct transaction *t)
     case AFTER_DRAIN:  answer_drain(c, &after->reply); break;
     case AFTER_STREAM: stream_after(c, after, t); break;
     case AFTER_TASK:
-        core_task(c, after->task);
+        core_task(c, after->task, after->task->turn);
         after->task = NULL;
         break;
     default:

@@ -365,7 +365,7 @@ static void compare(struct core *c, struct stream *s)
     task->length = s->held->count;
     task->chunks[task->count++] = blob_share(s->held->body);
     s->comparing = true;
-    core_task_settled(c, task);
+    core_task_settled(c, task, user_turn(s->user, s->held->reply.peer));
 }
 
 /* Those held that can go on, in their order, up to one that must be compared. */
@@ -501,7 +501,7 @@ static void seal(struct core *c, struct stream *s)
     task->epoch = s->epoch;
     task->begin = s->begin;
     task->missing = s->missing;
-    core_task_settled(c, task);
+    core_task_settled(c, task, user_turn(s->user, s->askers == NULL ? 0 : s->askers->reply.peer));
 }
 
 /* What was asked to be closed is sealed once all that came before is committed. */
@@ -644,7 +644,7 @@ void stream_refused(struct core *c, struct after *after, struct transaction *t)
 static void closed(struct core *c, struct stream *s)
 {
     if (s->bytes > 0)
-        core_task(c, task_new(TASK_REMOVE_SAMPLES, s->id));
+        core_task(c, task_new(TASK_REMOVE_SAMPLES, s->id), TURN_NOBODY);
     s->closed = true;
     c->inputs->open_streams--;
     s->closed_ns = c->now.mono_ns;

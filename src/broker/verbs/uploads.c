@@ -27,7 +27,7 @@ static void run(struct core *c, struct input *input, enum task_type type)
     task->owner = input;
     task->offset = input->filling->durable;
     input->filling->busy = true;
-    core_task(c, task);
+    core_task(c, task, user_turn(input->user, input->filling->peer));
 }
 
 int64_t core_window(const struct core *c)
@@ -537,6 +537,7 @@ static void begin(struct core *c, const struct request *q)
         input->filling->key = grab_text(q->wire.upload.key);
         input->filling->has_declared = q->wire.upload.sha256 != NULL;
         memcpy(input->filling->declared, declared, 32);
+        input->filling->peer = q->reply.peer;
         add_open(q->user, input);
         run(c, input, TASK_BEGIN);
     }
@@ -669,6 +670,8 @@ void upload_request(struct core *c, const struct request *q)
         answer_fail(c, &q->reply, MODAL_NOT_FOUND, "upload", NULL, "no such upload of yours");
         return;
     }
+    if (input->filling != NULL)
+        input->filling->peer = q->reply.peer;
     if (q->wire.upload.op == WIRE_CHUNK)
         chunk(c, q, input);
     else if (q->wire.upload.op == WIRE_SEAL)

@@ -225,7 +225,7 @@ static void recall(struct core *c, struct stream *s)
     task->shape.channels = s->channels;
     task->begin = s->next - count;
     task->length = count;
-    core_task(c, task);
+    core_task(c, task, user_turn(s->user, 0));
 }
 
 void windows_recall(struct core *c)

@@ -54,7 +54,7 @@ static void fetch(struct core *c, struct job *job)
     task->after = after_new(AFTER_READ, NULL);
     task->after->value = job->id;
     task->after->attempts = job->attempts;
-    core_task(c, task);
+    core_task(c, task, user_turn(job->user, 0));
 }
 
 static void start(struct core *c, struct job *job, int slot)
@@ -387,7 +387,7 @@ static void publish(struct core *c, struct job *job, struct blob *document)
         task_free(task);
         return;
     }
-    core_task(c, task);
+    core_task(c, task, user_turn(job->user, 0));
 }
 
 static void make_idle(struct core *c, int slot)

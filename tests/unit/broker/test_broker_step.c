@@ -1681,6 +1681,36 @@ TEST(a_worker_elsewhere_is_lost_when_it_was_silent_for_three_seconds_and_not_bef
     close_world();
 }
 
+static uint64_t turn_of_begin(uint64_t peer, int user)
+{
+    static char header[] = "{\"id\":1,\"op\":\"begin\",\"content\":\"batch\",\"samples\":3,"
+                           "\"channels\":1,\"dt\":1}";
+    struct wire_frame frames[3] = { { WIRE_VERSION, 7 }, { "UPLOAD", 6 }, { header, strlen(header) } };
+    struct task **last = w->tasks_end;
+    struct wire_message m;
+
+    CHECK(wire_open(frames, 3, WIRE_VERSION, true, &m, NULL) == MODAL_OK);
+    run_step((struct event) { .type = EVENT_REQUEST, .peer = peer, .message = &m,
+                              .key = user == 0 ? "" : "second", .verb = m.verb, .id = m.id });
+    wire_close(&m);
+    CHECK(*last != NULL && (*last)->type == TASK_BEGIN);
+    return (*last)->turn;
+}
+
+/* User 0 comes without keys. */
+TEST(tasks_of_a_user_have_one_turn_and_without_keys_those_of_a_connection)
+{
+    uint64_t one, other;
+
+    open_world(2385, false, false);
+    one = turn_of_begin(11, 1);
+    CHECK(one != TURN_NOBODY && turn_of_begin(12, 1) == one);
+    other = turn_of_begin(21, 0);
+    CHECK(other != TURN_NOBODY && other != one);
+    CHECK(turn_of_begin(22, 0) != other && turn_of_begin(21, 0) == other);
+    close_world();
+}
+
 /* Identifiers are a bijection: 10,000 numbers give 10,000 texts, each its own number again. */
 TEST(an_identifier_gives_its_number_back_and_others_give_none)
 {

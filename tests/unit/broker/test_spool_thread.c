@@ -1,10 +1,12 @@
 /* test_spool_thread.c - the spool's threads: in which order they give tasks back while streams with
  * long gaps are sealed */
-/* Tests as well: queue.c sums.c */
+/* Tests as well: queue.c sums.c turns.c */
 #include "check.h"
+#include <fcntl.h>
 #include <poll.h>
 #include <stdlib.h>
 #include <sys/stat.h>
+#include <unistd.h>
 #include "broker/shell/queue.h"
 #include "base/crc32c.h"
 #include "store/file.h"
@@ -58,11 +60,12 @@ static void stop(void)
     CHECK(system(command) == 0);
 }
 
-static void put_seal(int stream)
+static void put_seal(int stream, uint64_t turn)
 {
     struct task *task = calloc(1, sizeof *task);
 
     task->type = TASK_STREAM_SEAL;
+    task->turn = turn;
     task->id = 100 + stream;
     task->stream = stream + 1;
     task->missing = stream == SHORT ? 0 : 8 * (uint64_t)GAP;
@@ -122,10 +125,10 @@ TEST(uploads_begin_and_a_short_stream_is_sealed_while_long_gaps_of_others_are_wr
 
     start();
     for (int s = 0; s < STREAMS; s++)
-        put_seal(s);
+        put_seal(s, 1);
     put_begin(7);
     put_begin(8);
-    put_seal(SHORT);
+    put_seal(SHORT, 2);
     take(STREAMS + 3, ids);
     for (int i = 0; i < 3; i++)
         CHECK(ids[i] == 7 || ids[i] == 8 || ids[i] == 100 + SHORT);
@@ -141,7 +144,7 @@ TEST(a_short_stream_is_sealed_with_two_syncs_of_its_file_and_one_of_the_folder)
 
     start();
     faults = file_fault("unlink:1000:EIO");        /* then syncs are counted, where they can be */
-    put_seal(SHORT);
+    put_seal(SHORT, 2);
     take(1, &id);
     CHECK(id == 100 + SHORT);
     CHECK(!faults || (file_fault_count(FILE_FDATASYNC) == 2 && file_fault_count(FILE_FSYNC) == 1));
@@ -157,8 +160,8 @@ TEST(an_end_waits_for_one_slice_and_not_for_the_seals)
 
     start();
     for (int s = 0; s < STREAMS; s++)
-        put_seal(s);
-    put_seal(SHORT);
+        put_seal(s, 1);
+    put_seal(SHORT, 2);
     take(1, &first);       /* by then each of the others has had its first slice, of four or more */
     CHECK(first == 100 + SHORT);
     spool_threads_stop(threads);
@@ -192,5 +195,52 @@ TEST(a_seal_with_gaps_leaves_room_on_the_disk_for_the_ledger)
     }
     CHECK(tasks->status == MODAL_STORAGE_FULL && tasks->total > 0 && tasks->upload == NULL);
     task_free(tasks);
+    stop();
+}
+
+static void put_question(int64_t id, uint64_t turn)
+{
+    struct task *task = calloc(1, sizeof *task);
+
+    task->type = TASK_ROOM;
+    task->id = id;
+    task->turn = turn;
+    spool_threads_put(threads, task);
+}
+
+/* The one thread opens a pipe that nobody writes, as the input of a job, until all have put up
+ * theirs: then it is known in which order they are done. */
+TEST(the_first_task_of_a_user_waits_for_one_of_each_other_user_however_many_those_have)
+{
+    enum { MANY = 500, OTHER = 9000 };
+    struct task *pipe_task = calloc(1, sizeof *pipe_task);
+    int64_t ids[2 * MANY + 2];
+    char path[4200];
+    int pipe_fd, place = 0;
+
+    start();
+    spool_path(path, dir, 1);
+    CHECK(mkfifo(path, 0600) == 0);
+    pipe_task->type = TASK_OPEN_INPUT;
+    pipe_task->id = 1;
+    pipe_task->turn = 1;
+    spool_threads_put(threads, pipe_task);
+    for (int i = 0; i < MANY; i++) {
+        put_question(100 + i, 1);
+        put_question(100 + MANY + i, 2);
+    }
+    put_question(OTHER, 3);
+    pipe_fd = open(path, O_WRONLY);
+    CHECK(pipe_fd >= 0);
+    take(2 * MANY + 2, ids);
+    close(pipe_fd);
+    while (ids[place] != OTHER)
+        place++;
+    CHECK(place <= 3);            /* behind the pipe, one of 1 and one of 2 at most */
+    for (int last = -1, i = 0; i < 2 * MANY + 2; i++)
+        if (ids[i] >= 100 && ids[i] < 100 + MANY) {
+            CHECK(ids[i] > last);                  /* of one user in their order */
+            last = (int)ids[i];
+        }
     stop();
 }

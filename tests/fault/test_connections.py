@@ -249,6 +249,43 @@ def test_what_a_connection_waited_for_reaches_no_other_of_its_routing_id(tmp_pat
         assert bob.ask("HELLO").ok and bob.early == []
 
 
+def is_open(connection):
+    connection.setblocking(False)
+    try:
+        return connection.recv(4096) != b""
+    except BlockingIOError:
+        return True
+    except ConnectionResetError:
+        return False
+
+
+def greeted(daemon):
+    """A connection that the daemon has accepted, and that says nothing."""
+    made = reach(daemon)
+    read_until(made, b"\xff")
+    return made
+
+
+def test_one_who_speaks_is_served_before_those_who_are_silent_have_had_their_time():
+    """They have three seconds, and came within a moment: before, none was left when he was heard.
+    """
+    with Daemon(config="connections = 8\n") as d, contextlib.ExitStack() as stack:
+        silent = [stack.enter_context(greeted(d)) for _ in range(8)]
+        c = d.client()
+        assert c.ask("HELLO").ok
+        assert sum(map(is_open, silent)) == 7, "one place was wanted, and one given"
+        assert metric(c, "connections") == 8
+
+
+def test_who_has_spoken_keeps_his_place():
+    with Daemon(config="connections = 4\n") as d, contextlib.ExitStack() as stack:
+        kept = [stack.enter_context(connect(d)) for _ in range(4)]
+        late = [stack.enter_context(reach(d)) for _ in range(4)]
+        for one in late:
+            assert not one.recv(64), "one too many is closed"
+        assert all(map(is_open, kept))
+
+
 def test_connections_that_come_and_go_leave_no_memory_and_no_descriptors_behind():
     def come_and_go(count):
         for _ in range(count // 50):

@@ -94,6 +94,11 @@ def metric(client, name):
                 if line.startswith(f"modald_{name} "))
 
 
+# ZMTP's greeting and READY, after which a connection is no longer silent (RFC 23)
+SPOKEN = (b"\xff" + bytes(8) + b"\x7f\x03\x00NULL" + bytes(16 + 1 + 31)
+          + b"\x04\x1c\x05READY\x0bSocket-Type\0\0\0\x06DEALER")
+
+
 @pytest.mark.parametrize("scheme, given, most, wrap",
                          [("tcp", 8, 8, []), ("ipc", 8, 8, []),
                           ("ipc", 60000, 48, ["prlimit", "--nofile=96"])])
@@ -112,6 +117,7 @@ def test_connections_past_their_limit_are_closed_and_counted_and_those_there_go_
             s.settimeout(120)
             s.connect(("127.0.0.1", int(d.endpoint.rsplit(":", 1)[1])) if scheme == "tcp"
                       else d.endpoint.removeprefix("ipc://"))
+            s.sendall(SPOKEN)
             flood.append(s)
         closed = 0
         for s in flood:                          # greeted (ZMTP's first byte), or closed as it came

@@ -12,6 +12,12 @@
  * sends much, goes, and comes again would soon leave thousands of them behind, and everybody else
  * would wait for their turns.  While LEFT_MOST are to be worked off no other is accepted.
  *
+ * Who has not even begun to speak has no place before one who may: where there are no more, the
+ * connection that has been silent for longest ends (RIPE_MS at least, so that a handshake under way
+ * is left alone), and who comes waits until its descriptor is free.  Else as many as there may be,
+ * silent, would keep everybody else out for the three seconds that a handshake may take, and those
+ * waiting behind them again.
+ *
  * libzmq says of a message by which descriptor it came, and to nobody that a connection has ended:
  * close does.  A number that was given out again meanwhile would name another connection,
  * so that it is kept until the loop has taken what is left.
@@ -32,6 +38,7 @@
 
 enum { OWN = 128 };           /* descriptors kept for ourselves: files, pipes, libzmq's own */
 enum { LEFT_MOST = 64 };    /* turns of the loop, of a microsecond each: a question takes as long */
+enum { RIPE_MS = 100 };     /* of four ways of 25 ms, across a continent: CURVE's handshake */
 enum { NONE = -1 };   /* no descriptor: these begin at 0 */
 
 /* What a descriptor is.  ENDED: its connection is shut down,
@@ -44,6 +51,7 @@ static atomic_int next_ended[CONNECTIONS_TRACKED];
 static atomic_int last_ended = NONE;       /* a list through next_ended, to which any thread adds */
 static int taken_up = NONE;                  /* the loop's part of it */
 static atomic_int open_now, left_behind, most_open, wake_fd = NONE;
+static atomic_int evicted = NONE;                /* ended for another, until accept_free */
 static atomic_long refused;
 
 /* Of the descriptors of this process, those that clients may have: the rest is for files, workers
@@ -111,22 +119,42 @@ static int refuse(int fd)
     return broken_off();
 }
 
+/* Whether a place will soon be free for who waits: that of a silent connection. */
+static bool make_room(void)
+{
+    int silent;
+    int64_t ms;
+
+    if (atomic_load(&evicted) != NONE)
+        return true;
+    if (!intake_silent(&silent, &ms))
+        return false;
+    if (ms >= RIPE_MS) {
+        atomic_store(&evicted, silent);
+        atomic_fetch_add(&refused, 1);
+        shutdown(silent, SHUT_RDWR);
+    }
+    return true;
+}
+
 int accept4(int fd, struct sockaddr *restrict address, socklen_t *restrict length, int flags)
 {
     int most = atomic_load(&most_open), out;
-    bool worker;
+    bool worker = for_workers(fd);
 
-    if (atomic_load(&left_behind) >= LEFT_MOST && !for_workers(fd))
+    if (!worker && (atomic_load(&left_behind) >= LEFT_MOST
+                    || (most > 0 && atomic_load(&open_now) >= most && make_room())))
         return broken_off();                     /* it stays in the listener's queue */
     out = (int)syscall(SYS_accept4, fd, address, length, flags);
-    if (out < 0)
-        return errno == EMFILE ? broken_off() : out;
-    if (most == 0)
+    if (out < 0 && errno == EMFILE) {
+        make_room();
+        return broken_off();
+    }
+    if (out < 0 || most == 0)
         return out;
-    worker = for_workers(fd);
     if (out >= CONNECTIONS_TRACKED || (!worker && atomic_load(&open_now) >= most))
         return refuse(out);
-    intake_begin(out);
+    intake_begin(out, !worker);
     atomic_store(&hung_up[out], false);
     atomic_store(&kinds[out], worker ? WORKER : CLIENT);
     if (!worker)
@@ -200,4 +228,6 @@ void accept_free(int fd)
     syscall(SYS_close, fd);
     if (kind == ENDED_CLIENT)
         atomic_fetch_sub(&open_now, 1);
+    if (atomic_load(&evicted) == fd)
+        atomic_store(&evicted, NONE);
 }

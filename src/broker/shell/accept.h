@@ -8,14 +8,15 @@
 enum { CONNECTIONS_TRACKED = 65536 };
 
 /* From now on connections beyond MOST, 0: any number, are closed as they come, and those beyond
- * what the descriptor limit leaves.  Those of workers are neither counted nor closed. */
+ * what the descriptor limit leaves; or silent ones for them.  Those of workers are neither counted
+ * nor closed. */
 void accept_most(int most);
 /* From now on 1 is added to the eventfd WAKE where a connection ends. */
 void accept_wake(int wake);
 
 /* Connections of clients now. */
 int accept_open(void);
-/* Closed as they came, since the start. */
+/* Closed as they came, or for another before they spoke, since the start. */
 long accept_refused(void);
 
 /* FD's other end has hung up, though not all that it sent is read. */

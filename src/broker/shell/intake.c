@@ -44,6 +44,7 @@
 #include <time.h>
 #include <unistd.h>
 
+enum { NONE = -1 };                             /* no descriptor */
 enum { READY_NAME = 6 };                        /* "READY" behind its length */
 enum { FRAME_COST = 64 };                       /* of zmq_msg_t, which the smallest frame takes */
 enum { FORGIVEN = 256 };                        /* bytes a second */
@@ -71,6 +72,10 @@ struct properties {
 struct intake {
     struct zmtp zmtp;
     bool ended, first;                          /* first: the handshake's first frame */
+    /* not through the handshake yet: in the list of those, in the order in which they came */
+    bool silent;
+    int older, younger;
+    int64_t begun_ms;
     struct properties properties;
     int64_t seconds;                            /* when heartbeats were last forgiven */
     int64_t held;                               /* bytes of frames, and what frames take */
@@ -83,20 +88,59 @@ static atomic_long ended;
 /* The I/O thread's: all `held`, when that was last counted, and of how many. */
 static int64_t held_in_all, counted, connections;
 
-static int64_t seconds_now(void)
+static int oldest = NONE, youngest = NONE;       /* of those that are silent; the I/O thread's */
+
+static int64_t milliseconds_now(void)
 {
     struct timespec t;
 
     clock_gettime(CLOCK_MONOTONIC_COARSE, &t);
-    return t.tv_sec;
+    return t.tv_sec * INT64_C(1000) + t.tv_nsec / 1000000;
 }
 
-void intake_begin(int fd)
+static int64_t seconds_now(void)
+{
+    return milliseconds_now() / 1000;
+}
+
+static void begin_silence(int fd)
+{
+    struct intake *in = &intakes[fd];
+
+    in->silent = true;
+    in->begun_ms = milliseconds_now();
+    in->older = youngest;
+    in->younger = NONE;
+    *(youngest == NONE ? &oldest : &intakes[youngest].younger) = fd;
+    youngest = fd;
+}
+
+static void end_silence(struct intake *in)
+{
+    if (!in->silent)
+        return;
+    in->silent = false;
+    *(in->older == NONE ? &oldest : &intakes[in->older].younger) = in->younger;
+    *(in->younger == NONE ? &youngest : &intakes[in->younger].older) = in->older;
+}
+
+bool intake_silent(int *fd, int64_t *ms)
+{
+    if (oldest == NONE)
+        return false;
+    *fd = oldest;
+    *ms = milliseconds_now() - intakes[oldest].begun_ms;
+    return true;
+}
+
+void intake_begin(int fd, bool listed)
 {
     struct intake *in = &intakes[fd];
 
     connections++;
     memset(in, 0, sizeof *in);
+    if (listed)
+        begin_silence(fd);
     in->seconds = seconds_now();
     in->properties.left = READY_NAME;
     in->first = true;
@@ -106,6 +150,7 @@ void intake_begin(int fd)
 void intake_end(int fd)
 {
     connections--;
+    end_silence(&intakes[fd]);
     held_in_all -= intakes[fd].held;
     intakes[fd].held = 0;
 }
@@ -171,8 +216,11 @@ static void begin_frame(struct intake *in)
     in->commands += in->zmtp.curve || in->zmtp.command;
 }
 
+/* NULL's READY is the only frame of a handshake that comes, CURVE's INITIATE is behind HELLO. */
 static void end_frame(struct intake *in)
 {
+    if (!in->first || !in->zmtp.curve)
+        end_silence(in);
     in->first = false;
     if (!in->zmtp.curve && !in->zmtp.more)
         in->held = 0;

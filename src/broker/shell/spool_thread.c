@@ -6,7 +6,7 @@
  * while the disk is busy.
  *
  * Users have their tasks done in turn, and their seals too: whoever puts up many waits for them
- * himself (turns.h).
+ * himself (fair_queue.h).
  *
  * Streams are sealed by a thread of their own, in slices, each of all that wait in turn: a seal
  * writes as much as a stream may be long, and neither another's chunk nor another's short stream
@@ -15,7 +15,7 @@
  */
 #include "base/crc32c.h"
 #include "broker/shell/queue.h"
-#include "broker/shell/turns.h"
+#include "broker/shell/fair_queue.h"
 #include "store/file.h"
 #include "store/samples.h"
 #include "wire/protocol.h"
@@ -49,7 +49,7 @@ struct spool_threads {
     pthread_mutex_t mutex;
     pthread_cond_t more, hashed;
     struct hashing *offers;
-    struct turns tasks, seals;
+    struct fair_queue tasks, seals;
     pthread_t sealer;
     pthread_cond_t sealable;
     bool stop;
@@ -558,7 +558,7 @@ static struct task *next_task(struct spool_threads *s, struct hashing **offered)
     while (s->tasks.first == NULL && s->offers == NULL && !s->stop)
         pthread_cond_wait(&s->more, &s->mutex);
     *offered = find_offer(s, NULL);
-    task = *offered != NULL ? NULL : turns_take(&s->tasks);
+    task = *offered != NULL ? NULL : fair_queue_take(&s->tasks);
     pthread_mutex_unlock(&s->mutex);
     return task;
 }
@@ -613,7 +613,7 @@ static struct task *next_seal(struct spool_threads *s, bool awaited)
     pthread_mutex_lock(&s->mutex);
     while (s->seals.first == NULL && !s->stop && awaited)
         pthread_cond_wait(&s->sealable, &s->mutex);
-    task = s->stop ? NULL : turns_take(&s->seals);
+    task = s->stop ? NULL : fair_queue_take(&s->seals);
     pthread_mutex_unlock(&s->mutex);
     return task;
 }
@@ -671,7 +671,7 @@ static void end_round(struct spool_threads *s, struct round *round)
             continue;
         }
         pthread_mutex_lock(&s->mutex);
-        turns_put(&s->seals, task);
+        fair_queue_put(&s->seals, task);
         pthread_mutex_unlock(&s->mutex);
     }
 }
@@ -725,10 +725,10 @@ void spool_threads_put(struct spool_threads *s, struct task *task)
 {
     pthread_mutex_lock(&s->mutex);
     if (task->type == TASK_STREAM_SEAL) {
-        turns_put(&s->seals, task);
+        fair_queue_put(&s->seals, task);
         pthread_cond_signal(&s->sealable);
     } else {
-        turns_put(&s->tasks, task);
+        fair_queue_put(&s->tasks, task);
         pthread_cond_signal(&s->more);
     }
     pthread_mutex_unlock(&s->mutex);
@@ -749,7 +749,7 @@ void spool_threads_stop(struct spool_threads *s)
         pthread_join(s->threads[i], NULL);
     pthread_join(s->sealer, NULL);
     /* their files are orphans, which the next start removes */
-    while ((task = turns_take(&s->seals)) != NULL) {
+    while ((task = fair_queue_take(&s->seals)) != NULL) {
         upload_close(task->upload);
         task_free(task);
     }

@@ -256,7 +256,8 @@ static void values(struct page *p, const struct core *c)
           "Workers that ended while they had a job.", (double)n->deaths },
         { "connections", GAUGE, "Connections of clients.", (double)n->connections },
         { "connections_refused_total", COUNTER,
-          "Connections closed as they came, being one too many.", (double)n->connections_refused },
+          "Connections closed as they came, being one too many, or before they spoke, in favour "
+          "of another.", (double)n->connections_refused },
         { "connections_ended_total", COUNTER,
           "Connections ended for what they sent: not ZMTP 3, or more than messages hold.",
           (double)n->connections_ended },

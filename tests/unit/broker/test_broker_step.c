@@ -1685,7 +1685,9 @@ static uint64_t turn_of_begin(uint64_t peer, int user)
 {
     static char header[] = "{\"id\":1,\"op\":\"begin\",\"content\":\"batch\",\"samples\":3,"
                            "\"channels\":1,\"dt\":1}";
-    struct wire_frame frames[3] = { { WIRE_VERSION, 7 }, { "UPLOAD", 6 }, { header, strlen(header) } };
+    struct wire_frame frames[3] = {
+        { WIRE_VERSION, 7 }, { "UPLOAD", 6 }, { header, strlen(header) }
+    };
     struct task **last = w->tasks_end;
     struct wire_message m;
 

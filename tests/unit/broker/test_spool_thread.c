@@ -1,6 +1,6 @@
 /* test_spool_thread.c - the spool's threads: in which order they give tasks back while streams with
  * long gaps are sealed */
-/* Tests as well: queue.c sums.c turns.c */
+/* Tests as well: queue.c sums.c fair_queue.c */
 #include "check.h"
 #include <fcntl.h>
 #include <poll.h>

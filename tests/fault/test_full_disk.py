@@ -9,8 +9,12 @@ import subprocess
 import sys
 import time
 
+import pytest
+import zmq
+
 HERE = pathlib.Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent / "system"))
+from lab import Lab  # noqa: E402
 from small_disk import small_disk  # noqa: E402
 from wire import BUILD, Daemon, crc32c, identity, submit, until  # noqa: E402
 
@@ -198,6 +202,59 @@ def test_cancels_pass_on_a_full_disk_while_uploads_ask_for_every_block_of_it():
                 waiting += uploads
             codes = {c.answer(number).code for number in waiting}
             assert "storage_full" in codes, codes
+
+
+def reserve_all(client, size):
+    """Uploads of SIZE bytes, begun until one is refused; the others, and the refusal."""
+    begun = []
+    while (reply := begin(client, size)).ok:
+        begun.append(reply["upload"])
+    return begun, reply
+
+
+@pytest.mark.skipif(not zmq.has("curve"), reason="this pyzmq has no CURVE")
+def test_open_uploads_of_one_user_leave_others_half_of_the_room_and_count_until_they_are_filled():
+    """Of 128 MiB some 110 are free: by 8 MiB one user has six, the next half of the other half.
+    Another's cancels and deletes pass, what is filled, aborted or whole counts no more.
+    """
+    size = 8 << 20
+    with small_disk("size=128m") as disk:
+        lab = Lab(pathlib.Path(disk), {"ann": "ann submit", "ben": "ben submit"}, workers=0)
+        with lab.daemon as d:
+            ann, ben = lab.client("ann"), lab.client("ben")
+            job = submit(ben)["job"]
+            begun, refusal = reserve_all(ann, size)
+            assert 5 <= len(begun) <= 6 and refusal.code == "storage_full"
+            said = refusal["error"]["message"]
+            most = int(re.search(r"accepted: at most (\d+) for now", said)[1])
+            assert refusal["error"]["detail"]["retry_after_s"] > 0 and most < size
+            assert not told_full(ben), "the disk is not full"
+            if most >= 1 << 20:
+                assert begin(ann, most - (1 << 20)).ok, "what is said to be accepted is"
+            others, _ = reserve_all(ben, size)
+            assert 2 <= len(others) <= 3
+            assert ben.ask("CANCEL", job=job)["state"] == "cancelled"
+            assert ben.ask("DELETE", job=job).ok
+            assert ann.ask("UPLOAD", op="abort", upload=begun.pop())["state"] == "gone"
+            assert begin(ben, size).ok or begin(ann, size).ok, "what goes is free again"
+            at = 0
+            while at < size:
+                assert chunk(ann, begun[0], at).ok, "what was begun has its room"
+                at += len(PIECE)
+
+
+@pytest.mark.skipif(not zmq.has("curve"), reason="this pyzmq has no CURVE")
+def test_what_open_uploads_have_taken_counts_over_a_restart():
+    size = 8 << 20
+    with small_disk("size=128m") as disk:
+        lab = Lab(pathlib.Path(disk), {"ann": "ann submit", "ben": "ben submit"}, workers=0)
+        with lab.daemon as d:
+            begun, _ = reserve_all(lab.client("ann"), size)
+            d.kill()
+            d.start()
+            assert begin(lab.client("ann"), size).code == "storage_full"
+            assert begin(lab.client("ben"), size).ok
+            assert chunk(lab.client("ann"), begun[0], 0).ok
 
 
 def test_an_input_larger_than_a_disk_with_room_is_refused_without_an_alarm():

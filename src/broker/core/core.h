@@ -123,6 +123,11 @@ struct task {
     /* READ_SPOOL, READ_*: the part wanted; READ_EVENTS: after, most; BEGIN, SEAL: out */
     uint64_t offset, length;
     char user[NAME_MOST];                 /* READ_EVENTS: whose */
+    /* BEGIN: bytes that other uploads of the user's have room for and have not filled; of these
+     * such as are only asked for */
+    uint64_t reserved, pending;
+    bool whole;                           /* BEGIN: it may have all that is free */
+    bool over_share;                      /* BEGIN: out: or half with those; err says so */
     struct blob *text;                    /* RESULT_PUT: in; READ_*, SAMPLES_READ: out */
     /* out: the whole size; of ROOM, and of all that MODAL_STORAGE_FULL ended: bytes free */
     uint64_t total;

@@ -397,6 +397,22 @@ void filling_free(struct filling *f)
     free(f);
 }
 
+void input_share(const struct input *input, struct task *task)
+{
+    const struct user *user = input->user;
+
+    task->whole = input->filling->slot >= 0;       /* a job's, whatever clients do */
+    for (int i = 0; i < user->open_count; i++) {
+        const struct input *other = user->open[i];
+        uint64_t left = other->bytes - other->filling->durable;
+        if (other == input || other->filling->slot >= 0)
+            continue;
+        task->reserved += left;
+        if (!other->committed && other->filling->upload == NULL)
+            task->pending += left;
+    }
+}
+
 void inputs_retain(struct core *c)
 {
     int64_t before_ns = c->now.utc_ns - c->settings.input_age_ns;

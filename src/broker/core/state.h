@@ -451,6 +451,8 @@ void input_shape_of(const struct wire_input *w, struct input_shape *shape, const
 struct filling *filling_new(int64_t touched_ns);
 /* With what waits in it; accepts NULL. */
 void filling_free(struct filling *f);
+/* What TASK, which begins INPUT, must know of its user's other uploads. */
+void input_share(const struct input *input, struct task *task);
 
 /* ---- slots.c: worker processes from outside ---- */
 

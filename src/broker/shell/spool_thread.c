@@ -103,10 +103,31 @@ static enum modal_status need_room(const char *dir, struct task *task, uint64_t 
     return rc;
 }
 
+/* An upload has its room from its beginning, filled or not.  What one user's have and have not
+ * filled is half at most of all that is not filled: n who take what they can leave 1/2^n of it to
+ * the next, and one alone cannot keep everybody else out.  What is filled counts by its bytes. */
+static enum modal_status need_share(struct task *task)
+{
+    uint64_t half = (task->total + task->reserved - task->pending) / 2;
+    uint64_t bytes = input_bytes(&task->shape);
+
+    uint64_t most = half > task->reserved ? half - task->reserved : 0;
+
+    task->over_share = !task->whole && bytes > most;
+    if (!task->over_share)
+        return MODAL_OK;
+    return modal_fail(&task->err, MODAL_STORAGE_FULL,
+                      "an upload of %llu bytes; accepted: at most %llu for now, as those of one "
+                      "user that are not filled have half of the disk's room",
+                      (unsigned long long)bytes, (unsigned long long)most);
+}
+
 static enum modal_status begin_upload(const char *dir, struct task *task)
 {
     enum modal_status rc = need_room(dir, task, input_bytes(&task->shape));
 
+    if (rc == MODAL_OK)
+        rc = need_share(task);
     if (rc == MODAL_OK)
         rc = upload_begin(dir, task->id, &task->shape, &task->upload, &task->err);
     if (rc == MODAL_OK) {

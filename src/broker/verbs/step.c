@@ -210,7 +210,7 @@ static void tell_failure(struct core *c, struct task *task)
         core_log(c, "level=error event=task code=%s id=%lld message=\"%s\"",
                  modal_status_code(task->status), (long long)task->id,
                  task->err.message);
-    if (task->status == MODAL_STORAGE_FULL)
+    if (task->status == MODAL_STORAGE_FULL && !task->over_share)
         modal_fail(&task->err, MODAL_STORAGE_FULL, bytes == 0 ? "the disk is full"
                    : "the disk is full: there is no room for %llu bytes",
                    (unsigned long long)bytes);

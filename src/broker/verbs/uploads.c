@@ -18,7 +18,8 @@ enum { GROUP = 64 };          /* chunks a task: CREDIT_MOST of them */
 /* Bytes that one upload may have unacknowledged at most. */
 enum { CREDIT_MOST = GROUP * WIRE_CHUNK_MOST };
 
-static void run(struct core *c, struct input *input, enum task_type type)
+/* Its task, which is the threads' already: filled in at once. */
+static struct task *run(struct core *c, struct input *input, enum task_type type)
 {
     struct task *task = task_new(type, input->id);
 
@@ -28,6 +29,7 @@ static void run(struct core *c, struct input *input, enum task_type type)
     task->offset = input->filling->durable;
     input->filling->busy = true;
     core_task(c, task, user_turn(input->user, input->filling->peer));
+    return task;
 }
 
 int64_t core_window(const struct core *c)
@@ -68,10 +70,8 @@ static void answer_state(struct core *c, const struct reply *reply, const struct
 static void write_group(struct core *c, struct input *input)
 {
     struct filling *f = input->filling;
-    struct task *task;
+    struct task *task = run(c, input, TASK_WRITE);
 
-    run(c, input, TASK_WRITE);
-    task = c->out.items[c->out.count - 1].task;
     task->offset = f->accepted;
     for (int i = 0; i < f->count; i++) {
         task->offset -= f->chunks[i]->size;
@@ -539,7 +539,7 @@ static void begin(struct core *c, const struct request *q)
         memcpy(input->filling->declared, declared, 32);
         input->filling->peer = q->reply.peer;
         add_open(q->user, input);
-        run(c, input, TASK_BEGIN);
+        input_share(input, run(c, input, TASK_BEGIN));
     }
     input->filling->touched_ns = c->now.utc_ns;
     after_append(&input->filling->askers, after_new(AFTER_BEGIN, &q->reply));
@@ -689,7 +689,7 @@ struct input *output_begin(struct core *c, struct user *user, const struct wire_
     input->filling = filling_new(c->now.utc_ns);
     input->filling->slot = slot;
     add_open(user, input);
-    run(c, input, TASK_BEGIN);
+    input_share(input, run(c, input, TASK_BEGIN));
     return input;
 }
 

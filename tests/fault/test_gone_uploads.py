@@ -63,3 +63,18 @@ def test_a_seal_that_waits_is_answered_when_its_upload_is_aborted_and_the_key_be
         assert client.answer(aborting).get("state") == "gone"
         reply = client.answer(again)
         assert reply.ok and reply["present"] == 0 and reply["upload"] != first
+
+
+def test_a_chunk_that_waits_for_the_one_before_it_is_answered_when_its_upload_is_aborted():
+    """While the first is written the second waits for its task, and the abort comes."""
+    with Daemon(workers=0) as daemon:
+        client, codes = daemon.client(timeout_s=20), set()
+        for k in range(20):
+            upload = client.ask("UPLOAD", op="begin", content="batch", samples=128, channels=1,
+                                dt=0.1, key=f"k{k}")["upload"]
+            chunks = [client.send("UPLOAD", [DATA], op="chunk", upload=upload, offset=at,
+                                  crc32c=crc32c(DATA)) for at in (0, len(DATA))]
+            aborting = client.send("UPLOAD", op="abort", upload=upload)
+            codes |= {client.answer(number).code for number in chunks}
+            assert client.answer(aborting)["state"] == "gone"
+        assert "not_found" in codes, codes

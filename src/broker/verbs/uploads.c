@@ -166,8 +166,9 @@ static void give_up_seal(struct core *c, struct filling *f, const struct modal_e
     f->sealing = false;
 }
 
-/* The upload ends at TO again: what lies before it is committed, or about to be. */
-static void shrink(struct core *c, struct input *input, uint64_t to)
+/* The upload ends at TO again: what lies before it is committed, or about to be.  Whose chunks wait
+ * for a task are told ERR. */
+static void shrink(struct core *c, struct input *input, uint64_t to, const struct modal_error *err)
 {
     struct filling *f = input->filling;
 
@@ -176,6 +177,7 @@ static void shrink(struct core *c, struct input *input, uint64_t to)
     f->accepted = to;
     for (int i = 0; i < f->count; i++) {
         blob_drop(f->chunks[i]);
+        fail_writers(c, f->writers[i], err);
         after_free(f->writers[i]);
         f->writers[i] = NULL;
     }
@@ -210,10 +212,8 @@ static void written(struct core *c, struct input *input, struct task *task)
 
     if (task->status != MODAL_OK) {
         fail_writers(c, task->after, &task->err);
-        for (int i = 0; i < input->filling->count; i++)
-            fail_writers(c, input->filling->writers[i], &task->err);
+        shrink(c, input, task->offset, &task->err);
         give_up_seal(c, input->filling, &task->err);
-        shrink(c, input, task->offset);
         input->filling->broken = true;             /* who knows what is in the file past that */
         end_output(c, input, &task->err);
         return;
@@ -318,10 +318,8 @@ static void resumed(struct core *c, struct input *input, struct task *task)
     f->broken = false;
     if (task->status == MODAL_OK)
         return;
-    for (int i = 0; i < f->count; i++)
-        fail_writers(c, f->writers[i], &task->err);
+    shrink(c, input, f->durable, &task->err);
     give_up_seal(c, f, &task->err);
-    shrink(c, input, f->durable);
     /* damaged: it must be sent again */
     f->aborting = task->status != MODAL_BUSY && task->status != MODAL_NO_MEMORY;
 }
@@ -645,12 +643,15 @@ static void seal(struct core *c, const struct request *q, struct input *input)
 
 static void drop_upload(struct core *c, const struct request *q, struct input *input)
 {
+    struct modal_error err;
+
     if (input->filling == NULL) {
         answer_fail(c, &q->reply, MODAL_CONFLICT, "upload", NULL,
                     "the upload is sealed; it goes when no job names it");
         return;
     }
-    shrink(c, input, input->filling->accepted - waiting(input->filling));
+    modal_fail_field(&err, MODAL_NOT_FOUND, "upload", "the upload was aborted");
+    shrink(c, input, input->filling->accepted - waiting(input->filling), &err);
     input->filling->aborting = true;
     after_append(&input->filling->aborters, after_new(AFTER_GONE, &q->reply));
     upload_quiet(c, input);

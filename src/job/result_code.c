@@ -61,7 +61,8 @@ const struct result_code result_codes[] = {
     { "coloured_residual", "identify", "what the modes leave is no white noise; standard "
       "deviations were widened", "look for what is slow, driven or nonlinear" },
     { "parts_disagree", "identify", "halves of the record have other exponents; standard "
-      "deviations were widened", "identify parts by `window`" },
+      "deviations were widened, or left out where no verdict can be given", "identify parts by "
+      "`window`, or give response=ambient where it is excited all the time" },
     { "orders_disagree", "identify", "other orders are as likely; standard deviations were widened",
       "record longer, or give rank.fixed where the order is known" },
     { "amplitude_dependent", "identify", "the mode changes as it decays",

@@ -302,6 +302,30 @@ def test_a_crowd_about_one_frequency_that_draws_a_driven_mode_is_not_taken_for_f
     assert said["modes"] and all(m["std"]["damping_ratio"] is None for m in said["modes"])
 
 
+def unseen(seed, modes, channels, samples, cycles):
+    """The answer of modes of 1 to 8 Hz, damping 0.2 to 5 %, over so few cycles of the slowest."""
+    rng = np.random.default_rng(seed)
+    w = 2 * np.pi * np.sort(rng.uniform(1, 8, modes))
+    zeta = np.exp(rng.uniform(*np.log([0.002, 0.05]), modes))
+    dt = cycles * 2 * np.pi / w[0] / samples
+    s = bench_ambient.System(w * (-zeta + 1j * np.sqrt(1 - zeta ** 2)),
+                             rng.standard_normal((channels, modes)),
+                             rng.standard_normal((modes, max(modes, 2))) / 1j, dt, 0.01)
+    return s.samples(samples, rng), dt
+
+
+@pytest.mark.parametrize("seed, modes, channels, samples, cycles",
+                         [(0, 3, 2, 600, 40), (6, 1, 1, 400, 60)])
+def test_what_halves_of_an_ambient_record_contradict_has_no_errors_where_its_verdict_is_open(
+        ctl, tmp_path, seed, modes, channels, samples, cycles):
+    """Of an exact model with white noise they do in one record of 10^6 (parts.c)."""
+    Y, dt = unseen(seed, modes, channels, samples, cycles)
+    said = ctl("identify", write_batch(tmp_path / "a.h5", Y, dt=dt)).document
+    advice = [d["message"] for d in said["diagnostics"] if "response=ambient" in d["message"]]
+    assert advice and said["stability"]["stable"] is None
+    assert said["modes"] and all(m["std"]["damping_ratio"] is None for m in said["modes"])
+
+
 def test_few_cycles_are_said_with_how_many_are_enough(ctl, tmp_path):
     said = identify(ctl, tmp_path / "a.h5",
                     record(12, 3000, hertz=(2.0, 5.5), zeta=(0.01, 0.02))).document

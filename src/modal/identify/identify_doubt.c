@@ -159,22 +159,23 @@ static enum modal_status confirm_growth(struct work *w, struct identify_result *
     if (rc != MODAL_OK || shown)
         return rc;
     out->verdict = VERDICT_UNDECIDED;
+    w->facts.rejected = true;       /* of the growth that it is sure of nothing is seen in parts */
     identify_diagnose(
         out, "growth_unconfirmed", -1,
         "mode %d (%.5g Hz) grows in the fit to the whole record, which does not hold throughout, "
-        "and no part of the record grows for itself: a motion "
-        "set off anew (an impact, a load that changes) looks so; identify a part by `window`",
+        "and no part of the record grows for itself: a motion set off anew (an impact, a load that "
+        "changes) looks so, and one that is driven; there are no standard errors and no verdict; "
+        "identify a part by `window`, or give response=ambient where it is excited all the time",
         out->decides, cabs(out->modes[out->decides].exponent) / (2 * M_PI));
     return MODAL_OK;
 }
 
-static bool says_change(const struct identify_result *r)
+static bool says(const struct identify_result *r, const char *code)
 {
     bool said = false;
 
     for (int i = 0; i < r->diagnostic_count; i++)
-        said |= strcmp(r->diagnostics[i].code, "amplitude_dependent") == 0
-             || strcmp(r->diagnostics[i].code, "changes_in_record") == 0;
+        said |= strcmp(r->diagnostics[i].code, code) == 0;
     return said;
 }
 
@@ -190,7 +191,8 @@ static void say_crowd(const struct work *w, struct identify_result *out)
     const struct widened *doubt = &w->facts.doubt;
 
     if (w->X->n > 1 || w->shift > 1 || w->rec.period > 0 || out->mode_count == 0 || out->driven
-        || says_change(out) || doubt->exact || !(doubt->colour > 1)
+        || says(out, "amplitude_dependent")
+        || says(out, "changes_in_record") || doubt->exact || !(doubt->colour > 1)
         || !(doubt->contradiction > 1) || !(out->total_relative_error >= REBUILT)
         || !trend_crowds(&in, out->modes[0].exponent))
         return;
@@ -200,6 +202,18 @@ static void say_crowd(const struct work *w, struct identify_result *out)
                       "of which there are no standard errors and no verdict; give response=ambient "
                       "where nobody measured the excitation, response=forced and its channels as "
                       "inputs where it was measured", cabs(out->modes[0].resolved) / (2 * M_PI));
+}
+
+/*
+ * Is the model refuted, and not by what a mode's amplitude explains?  Halves of the record refute
+ * it (parts.c), in one record of 10^6 that it is true of; errors widened to what they differ by
+ * serve where all of it decays or something grows by those errors still.  Where that is open they
+ * are the errors of a model that is not the record's: what is driven throughout is one.
+ */
+static bool is_rejected(const struct work *w, const struct identify_result *r)
+{
+    return w->facts.doubt.contradiction > 1 && r->verdict == VERDICT_UNDECIDED && !r->driven
+           && !says(r, "amplitude_dependent");
 }
 
 /* Where poles nearly coalesce their parts are far larger than their sum,
@@ -235,6 +249,7 @@ enum modal_status work_conclude(struct work *w, const struct batch *batch,
     w->facts.orbit = has_orbit(w, out);
     w->facts.below = w->rec.below;
     say_crowd(w, out);
+    w->facts.rejected |= is_rejected(w, out);
     diagnose(out, &w->facts);
     screen_samples(batch, out);
     work_report_grids(w, out);
@@ -242,7 +257,7 @@ enum modal_status work_conclude(struct work *w, const struct batch *batch,
     work_report_steps(w, out);
     if (w->refine && w->shift == 1 && w->rec.period <= 0)
         trend_of_modes(w->X->m * w->rec.step, out);
-    if (!w->facts.converged || out->driven)
+    if (!w->facts.converged || out->driven || w->facts.rejected)
         verdict_withhold(out);
     return MODAL_OK;
 }

@@ -198,6 +198,25 @@ static void about_colour(struct identify_result *r, const struct diagnose_facts 
             f->told);
 }
 
+/* Poles that noise contradicts in less than one record of 10^6 (parts.c). */
+static void about_parts(struct identify_result *r, const struct diagnose_facts *f)
+{
+    if (f->rejected && f->doubt.contradiction > 1)
+        identify_diagnose(r, "parts_disagree", -1,
+                          "halves of the record have other exponents than the whole (%.2g times "
+                          "what noise explains): the model does not hold throughout, and whether "
+                          "the modes decay is open; there are no standard errors and no verdict; "
+                          "give response=ambient where it is excited all the time, or `window` a "
+                          "part that is free",
+                          f->doubt.contradiction);
+    else if (f->doubt.contradiction > 1)
+        identify_diagnose(r, "parts_disagree", -1,
+                          "halves of the record have other exponents than the whole (%.2g times "
+                          "what noise explains): the model does not hold throughout; standard "
+                          "errors were widened to the differences",
+                          f->doubt.contradiction);
+}
+
 void diagnose_still_channels(struct identify_result *r)
 {
     for (int c = 0, said = 0; c < r->channel_count && said < TOLD; c++)
@@ -246,12 +265,7 @@ void diagnose(struct identify_result *r, const struct diagnose_facts *f)
                 r->clusters[i].member_count > 1 ? "s" : " and its conjugate", r->clusters[i].radius,
                 creal(r->clusters[i].centroid), cimag(r->clusters[i].centroid));
     about_colour(r, f);
-    if (f->doubt.contradiction > 1)
-        identify_diagnose(r, "parts_disagree", -1,
-                          "halves of the record have other exponents than the whole (%.2g times "
-                          "what noise explains): the model does not hold throughout; standard "
-                          "errors were widened to the differences",
-                          f->doubt.contradiction);
+    about_parts(r, f);
     if (f->doubt.rivals)
         identify_diagnose(
             r, "orders_disagree", -1,

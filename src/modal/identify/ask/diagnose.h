@@ -24,6 +24,7 @@ struct diagnose_facts {
     bool converged;           /* the refinement; true where none was asked for */
     bool work_limit;          /* the search for an order ended where its work was spent */
     struct widened doubt;     /* why standard errors were widened */
+    bool rejected;            /* parts contradict the model, and it leaves the verdict open */
     const bool *below;    /* per channel: nothing but rounding, left out (rounding.h); NULL: none */
     double told;              /* of the noise's variance, by neighbours in a period (whiten.h) */
     bool orbit;               /* a multiplier of 1 whose coefficient varies over the period */

@@ -135,6 +135,35 @@ def test_a_membrane_with_a_contact_at_every_node_is_in_balance(tmp_path):
     assert answer["converged"] and residual(answer, K, C, "gap", middle) < close("gap")
 
 
+def membrane_of_contacts(side):
+    K = numpy.kron(chain(side), numpy.eye(side)) + numpy.kron(numpy.eye(side), chain(side))
+    C = 0.02 * K + 0.05 * numpy.eye(side**2)
+    return scene_of(K, C, "contact", loaded=side**2 // 2 + side // 4), K, C
+
+
+def test_a_membrane_with_friction_at_every_node_is_in_balance(tmp_path):
+    # 15^2 nodes; each harmonic apart has an eighth of the factors' work of all
+    side = 15
+    scene, K, C = membrane_of_contacts(side)
+    answer = run(tmp_path, scene)
+    assert answer["converged"]
+    assert residual(answer, K, C, "contact", side**2 // 2 + side // 4) < close("contact")
+
+
+def test_ten_times_the_contacts_are_at_most_twenty_times_the_work(tmp_path):
+    work = []
+    for n in (100, 1000):
+        scene = {"structure": {"type": "chain", "masses": [1] * n, "springs": [1] * (n + 1),
+                               "dampers": [0.03] * (n + 1)}, "omega": OMEGA,
+                 "effects": [{"type": "rayleigh_damping", "alpha": 0.05, "beta": 0.0}]
+                 + [effect("contact", i, n) for i in range(n)],
+                 "excitation": [{"dof": "x1", "k": 1, "cos": LOAD}], "steady": {"harmonics": 7}}
+        answer = run(tmp_path, scene)
+        assert answer["converged"]
+        work.append(answer["work"]["spent"])
+    assert work[1] < 20 * work[0]
+
+
 def test_springs_that_push_back_less_than_they_are_pushed_leave_the_balance_as_good(tmp_path):
     # not symmetric, nor is its pattern
     K = chain(40) + 0.2 * numpy.eye(40, k=1) - 0.1 * numpy.eye(40, k=-2)

@@ -15,17 +15,12 @@
 #include <string.h>
 #include <suitesparse/umfpack.h>
 
-/* What finding and moving an entry of the matrix or of its factors costs, in operations: of blocks
- * as small as those of a chain that is nearly all (25 ns at 4 operations a ns, orders 500 to 7500).
- */
-static const double ENTRY = 100;
-
 struct sparse_lu {
     int n, *start, *index;
     bool of_complex;
     void *symbolic, *numeric;
     const double *value;          /* of the last factorization */
-    double control[UMFPACK_CONTROL], work, rcond;
+    double control[UMFPACK_CONTROL], work, flops, fill, rcond;
     int *room;                    /* n, of solutions */
     double *scratch;              /* n, or 4 n of complex ones */
     struct workspace space;       /* of the arrays */
@@ -118,8 +113,9 @@ bool sparse_lu_factor(struct sparse_lu *f, const void *value)
                                 f->control, info)
            : umfpack_di_numeric(f->start, f->index, value, f->symbolic, &f->numeric, f->control,
                                 info);
-    f->work = info[UMFPACK_FLOPS]
-            + ENTRY * (f->start[f->n] + info[UMFPACK_LNZ] + info[UMFPACK_UNZ]);
+    f->flops = info[UMFPACK_FLOPS];
+    f->fill = info[UMFPACK_LNZ] + info[UMFPACK_UNZ];
+    f->work = f->flops + SPARSE_LU_ENTRY * (f->start[f->n] + f->fill);
     f->rcond = info[UMFPACK_RCOND];
     /* pivots that differ by 1 / DBL_EPSILON^2 are those of a singular matrix, however its rows are
      * scaled */
@@ -183,3 +179,5 @@ int sparse_lu_sign(struct sparse_lu *f)
 
 double sparse_lu_rcond(const struct sparse_lu *f) { return f->rcond; }
 double sparse_lu_work(const struct sparse_lu *f) { return f->work; }
+double sparse_lu_flops(const struct sparse_lu *f) { return f->flops; }
+double sparse_lu_fill(const struct sparse_lu *f) { return f->fill; }

@@ -36,6 +36,14 @@ void sparse_lu_solve(struct sparse_lu *f, const void *b, void *x);
 int sparse_lu_sign(struct sparse_lu *f);
 /* Of the last factorization: the least pivot over the largest, in size. */
 double sparse_lu_rcond(const struct sparse_lu *f);
-/* Floating-point operations of the last factorization. */
+/* What finding and moving an entry of the matrix or of its factors costs, in operations: of blocks
+ * as small as those of a chain that is nearly all (25 ns at 4 operations a ns, orders 500 to 7500).
+ */
+enum { SPARSE_LU_ENTRY = 100 };
+/* Floating-point operations of the last factorization, SPARSE_LU_ENTRY for each entry included, */
 double sparse_lu_work(const struct sparse_lu *f);
+/* and without; */
+double sparse_lu_flops(const struct sparse_lu *f);
+/* entries of its factors. */
+double sparse_lu_fill(const struct sparse_lu *f);
 #endif

@@ -31,6 +31,7 @@
 #include "modal/steady/aft.h"
 #include "modal/steady/blocks.h"
 #include "modal/steady/budget.h"
+#include "modal/steady/by_harmonic.h"
 #include "modal/steady/condense.h"
 #include "modal/steady/pattern.h"
 #include "modal/steady/stiffness.h"
@@ -38,11 +39,14 @@
 /* The least pivot over the largest below which some direction is held by nothing: hundreds of
  * roundings. */
 static const double OPEN = 1e-13;
+/* What GMRES leaves of a step where nothing else is asked for: after a step of 1e-6, rounding. */
+static const double LEFT = 1e-8;
 /* Below this of the largest dof a dof's own scale counts as that: it is 0 by symmetry. */
 static const double FAINT = 1e-12;
 enum {
     ORDER_MOST = 12000,        /* a full matrix of it is 1.15 GB */
     ENTRIES_MOST = 1 << 24,    /* of S: 256 MB */
+    SOLUTIONS = 3,             /* of one derivative, with those of trial steps */
     SMALL_ORDER = 24           /* up to which a call of LAPACK costs more than its sums */
 };
 
@@ -71,6 +75,7 @@ enum modal_status balance_new(const struct program *p, struct condense *c, int H
     b->R = workspace_zeros(&b->space, order, sizeof *b->R);
     b->row = workspace_zeros(&b->space, order, sizeof *b->row);
     b->gather = workspace_zeros(&b->space, order, sizeof *b->gather);
+    b->kept = workspace_zeros(&b->space, pattern->full ? 0 : order, sizeof *b->kept);
     b->sum = workspace_zeros(&b->space, q, sizeof *b->sum);
     b->pivot = workspace_zeros(&b->space, order, sizeof *b->pivot);
     if (b->space.failed) {
@@ -95,6 +100,7 @@ void balance_free(struct balance *b)
     aft_free(b->aft);
     stiffness_free(b->stiffness);
     blocks_free(b->blocks);
+    by_harmonic_free(b->apart);
     free(b->J);
     workspace_free(&b->space);
     free(b);
@@ -349,7 +355,10 @@ static enum modal_status clear_derivative(struct balance *b, struct modal_error 
     }
     if (b->blocks != NULL && blocks_harmonics(b->blocks) != b->HJ) {
         blocks_free(b->blocks);
+        by_harmonic_free(b->apart);
         b->blocks = NULL;
+        b->apart = NULL;
+        b->direct = false;
     }
     if (b->blocks == NULL)
         rc = blocks_new(b->pattern, b->HJ, false, &b->blocks, err);
@@ -453,19 +462,67 @@ static bool scale_rows(struct balance *b)
 bool balance_open(const struct balance *b) { return b->rcond < OPEN; }
 double balance_dense_work(int n) { return (2.0 / 3 * n / BUDGET_DENSE + 4) * n * n; }
 
+/* The blocks factored whole. */
+static bool factor_blocks(struct balance *b, int *sign)
+{
+    double before = blocks_work(b->blocks);
+
+    b->iterates = false;
+    b->factored = blocks_factor(b->blocks, sign);
+    b->rcond = b->factored ? blocks_rcond(b->blocks) : 0;
+    budget_add(b->budget, (blocks_work(b->blocks) - before) / BUDGET_DENSE);
+    return b->factored;
+}
+
+/* Harmonic by harmonic, where solutions are cheaper so: *DONE. */
+static bool factor_apart(struct balance *b)
+{
+    double before;
+
+    if (b->direct || (b->apart == NULL
+                      && by_harmonic_new(b->pattern, b->HJ, &b->apart, NULL) != MODAL_OK))
+        return false;
+    before = by_harmonic_work(b->apart);
+    b->iterates = by_harmonic_factor(b->apart, b->blocks);
+    before = by_harmonic_work(b->apart) - before;
+    budget_add(b->budget, before);
+    b->direct = b->iterates
+             && before + SOLUTIONS * by_harmonic_solution(b->apart, b->blocks)
+                > by_harmonic_of_blocks(b->apart);
+    b->iterates = b->iterates && !b->direct;
+    b->factored = b->iterates;
+    b->rcond = by_harmonic_rcond(b->apart);
+    return b->iterates;
+}
+
+/* y <- J^-1 y, b->small entries.  Where GMRES does not come there, the blocks are factored whole if
+ * the budget pays for it. */
+static void solve_blocks(struct balance *b, double *y)
+{
+    double before;
+    bool ok;
+
+    if (!b->iterates) {
+        blocks_solve(b->blocks, y);
+        return;
+    }
+    before = by_harmonic_work(b->apart);
+    memcpy(b->kept, y, (size_t)b->small * sizeof *y);
+    ok = by_harmonic_solve(b->apart, b->blocks, b->forcing > 0 ? b->forcing : LEFT, y);
+    budget_add(b->budget, by_harmonic_work(b->apart) - before);
+    if (ok || !budget_pays(b->budget, by_harmonic_of_blocks(b->apart)) || !factor_blocks(b, NULL))
+        return;
+    memcpy(y, b->kept, (size_t)b->small * sizeof *y);
+    blocks_solve(b->blocks, y);
+}
+
 bool balance_factor(struct balance *b, int *sign)
 {
     int n = b->small, s = 1;
     double most = 0, least = HUGE_VAL;
 
-    if (!b->pattern->full) {
-        double before = blocks_work(b->blocks);
-
-        b->factored = blocks_factor(b->blocks, sign);
-        b->rcond = b->factored ? blocks_rcond(b->blocks) : 0;
-        budget_add(b->budget, (blocks_work(b->blocks) - before) / BUDGET_DENSE);
-        return b->factored;
-    }
+    if (!b->pattern->full)
+        return (sign == NULL && factor_apart(b)) || factor_blocks(b, sign);
     b->factored = false;
     budget_add(b->budget, balance_dense_work(n));
     if (!scale_rows(b))
@@ -488,6 +545,12 @@ bool balance_factor(struct balance *b, int *sign)
     /* to rounding of rounding: a pivot that is not 0 */
     b->factored = least > 4 * DBL_EPSILON * DBL_EPSILON * most;
     return b->factored;
+}
+
+bool balance_factor_stiffened(struct balance *b, double mu)
+{
+    b->iterates = false;
+    return b->factored = blocks_factor_stiffened(b->blocks, mu);
 }
 
 void balance_set_order(struct balance *b, int HJ)
@@ -548,7 +611,7 @@ void balance_solve(struct balance *b, double *y, int columns)
 
         gather(b, column);
         if (!b->pattern->full)
-            blocks_solve(b->blocks, b->gather);
+            solve_blocks(b, b->gather);
         else if (b->small <= SMALL_ORDER)
             solve_small(b->small, b->J, b->pivot, b->gather);
         else

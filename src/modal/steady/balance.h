@@ -14,6 +14,7 @@
 struct aft;
 struct blocks;
 struct budget;
+struct by_harmonic;
 struct condense;
 struct pattern;
 struct program;
@@ -34,11 +35,16 @@ struct balance {
     double complex *F;               /* F + T of the last residual, [i (H+1) + k] */
     double *R, *J, *row;             /* residual, derivative (then its factors), row scales */
     struct blocks *blocks;           /* the derivative, where the pattern is not full: no J then */
+    struct by_harmonic *apart;       /* its harmonics' own factors; NULL: not yet asked for */
+    bool iterates, direct;           /* the last factors are those; blocks of this order have been
+                                      * found better factored whole */
     int *pivot;                      /* of J's factors */
     int HJ, small;                   /* J is of harmonics 0 .. HJ, order `small`; past HJ
                                       * balance_solve takes S_k alone */
-    double *gather;                  /* `small`: what J solves for */
+    double *gather, *kept;           /* `small`: what J solves for; the same, kept */
     double complex *sum;             /* q */
+    double forcing;                  /* what balance_solve may leave of a step where it iterates;
+                                      * 0: rounding of Newton's last */
     bool factored;                   /* J or blocks hold factors */
     double rcond;                  /* of the last factorization: the least pivot over the largest */
     struct workspace space;          /* of the arrays, but J: there where it is asked for */
@@ -76,6 +82,8 @@ double *balance_column(struct balance *b, int i, int j, int c);
 /* Factor the derivative, rows scaled; false where it is singular to rounding.  The sign of its
  * determinant into *SIGN (may be NULL). */
 bool balance_factor(struct balance *b, int *sign);
+/* The same of blocks, with MU times their largest entry added on the diagonal. */
+bool balance_factor_stiffened(struct balance *b, double mu);
 /* What a dense factorization of order n costs, its assembly included, in units of budget.h. */
 double balance_dense_work(int n);
 /* Whether the derivative last factored is singular to rounding, or nearly: there is a direction in

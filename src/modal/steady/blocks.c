@@ -220,3 +220,29 @@ void blocks_solve(struct blocks *b, double *y)
     memcpy(b->scratch, y, (size_t)b->order * sizeof *y);  /* sparse_lu_solve wants two places */
     sparse_lu_solve(b->lu, b->scratch, y);
 }
+
+void blocks_within(const struct blocks *b, int k, double complex *T)
+{
+    const struct pattern *p = b->pattern;
+
+    for (int j = 0; j < p->q; j++)
+        for (int e = p->start[j]; e < p->start[j + 1]; e++) {
+            int c = k > 0 ? 2 * k - 1 : 0, above = b->full[e] * b->m + b->thin[e] * thin_rows(c);
+            /* the first of Re X_k's rows, and Im X_k's column has as many numbers above */
+            int first = above + (p->mixes[e] ? c : 0);
+            const double *re = b->value + b->start[j * b->m + c] + first;
+            const double *im = k > 0 ? b->value + b->start[j * b->m + c + 1] + first : NULL;
+
+            T[e] = k > 0 ? CMPLX((re[0] + im[1]) / 2, (re[1] - im[0]) / 2) : re[0];
+        }
+}
+
+void blocks_multiply(const struct blocks *b, const double *x, double *y)
+{
+    memset(y, 0, (size_t)b->order * sizeof *y);
+    for (int j = 0; j < b->order; j++)
+        for (int e = b->start[j]; e < b->start[j + 1]; e++)
+            y[b->index[e]] += b->value[e] * x[j];
+}
+
+double blocks_entries(const struct blocks *b) { return b->start[b->order]; }

@@ -6,6 +6,7 @@
  */
 #ifndef MODAL_BLOCKS_H
 #define MODAL_BLOCKS_H
+#include <complex.h>
 #include <stdbool.h>
 #include "base/error.h"
 
@@ -37,6 +38,13 @@ bool blocks_factor_stiffened(struct blocks *b, double mu);
 double blocks_rcond(const struct blocks *b);
 /* y <- the inverse of what was last factored times y, in place. */
 void blocks_solve(struct blocks *b, double *y);
+/* T[e], entry e of the pattern: what harmonic K of dof j does to itself of dof i, as in (3) of
+ * balance.c; of no border. */
+void blocks_within(const struct blocks *b, int k, double complex *T);
+/* y <- B x. */
+void blocks_multiply(const struct blocks *b, const double *x, double *y);
+/* Numbers in all. */
+double blocks_entries(const struct blocks *b);
 /* Floating-point operations of all factorizations so far. */
 double blocks_work(const struct blocks *b);
 #endif

@@ -41,6 +41,12 @@ static inline bool budget_spent(const struct budget *budget)
     return budget != NULL && budget->most > 0 && budget->spent >= budget->most;
 }
 
+/* Whether so many more operations are allowed. */
+static inline bool budget_pays(const struct budget *budget, double operations)
+{
+    return budget == NULL || budget->most <= 0 || budget->spent + operations < budget->most;
+}
+
 /* What a point says that ended so. */
 #define BUDGET_REASON "the work allowed was spent before any way in led to a balance"
 #endif

@@ -73,6 +73,12 @@ static const double DAMP = 0.35;
 static const double RUNS_AWAY = 1e6;
 static const double LONG_STEP = 0.5;
 static const double SHORT_STEP = 0.1;
+/* Damped steps after which their pace is looked at: one bad step among a few is no pace. */
+static const int PACE_STEPS = 8;
+/* Of a step longer than CLOSE, what may be left of (1); and of the simplified one, over lambda: an
+ * eighth of the margin in (2). */
+static const double FORCING = 1e-3;
+static const double FORCING_TRIAL = 1.0 / 32;
 /* A singular J is stiffened by this share of its largest entry, then by a thousand times more:
  * past 1 nothing of it is left. */
 static const double STIFFEN = 1e-6;
@@ -345,7 +351,7 @@ static bool factor_somehow(struct balance *b, double *kept, bool soft)
             memcpy(b->J, kept, size * sizeof *kept);
         for (int i = 0; full && i < b->small; i++)
             b->J[(size_t)i * ((size_t)b->small + 1)] += mu * most;
-        if (full ? balance_factor(b, NULL) : blocks_factor_stiffened(b->blocks, mu))
+        if (full ? balance_factor(b, NULL) : balance_factor_stiffened(b, mu))
             return true;
     }
     return false;
@@ -386,7 +392,9 @@ static enum modal_status damp(struct balance *b, struct newton_work *w, double s
             return rc;
         for (int i = 0; i < b->order; i++)
             w->trial_step[i] = -b->R[i];
+        b->forcing = FORCING_TRIAL * lambda;
         balance_solve(b, w->trial_step, 1);
+        b->forcing = 0;
         next = norm_relative(b, w->trial_step, X);      /* of the simplified step, the same J */
         if (next <= (1 - lambda / 4) * size || next < FLOOR) {
             *ok = true;
@@ -522,7 +530,9 @@ static enum modal_status propose(struct balance *b, const struct iterate_options
     }
     for (int i = 0; i < b->order; i++)
         w->step[i] = -b->R[i];
+    b->forcing = report->step > CLOSE ? FORCING : 0;    /* of the step before */
     balance_solve(b, w->step, 1);                       /* J dX = -R */
+    b->forcing = 0;
     balance_pack(b, X, w->u);
     point_at(b, w->u, 1, w->step, w->scratch, w->trial);
     report->iterations++;
@@ -578,6 +588,21 @@ static bool goes_whole(const struct balance *b, const struct iterate_report *rep
         || (report->step < CLOSE && report->step < (b->HJ < b->H ? 1 : 0.5) * last);
 }
 
+/*
+ * Whether Newton's method comes to CLOSE within the MOST iterations: with the pace of (2), LOGS the
+ * sum of -log(1 - lambda / 4) over DAMPED steps, as many more are due as
+ *
+ *     log(|d| / CLOSE) DAMPED / LOGS.
+ *
+ * A full matrix is small, and waits.
+ */
+static bool arrives(const struct balance *b, const struct iterate_report *report, int damped,
+                    double logs, int most)
+{
+    return b->pattern->full || damped < PACE_STEPS
+        || report->iterations + log(report->step / CLOSE) * damped / logs <= most;
+}
+
 /* An overflow ends the iteration, not the job. */
 static enum modal_status pardon(enum modal_status rc, struct iterate_report *report)
 {
@@ -601,9 +626,11 @@ static enum modal_status newton(struct balance *b, const struct iterate_options 
     enum known known = opt->evaluated ? FORCE : NOTHING;
     bool ok = true, shrinks = false;     /* the residual, as a loose tolerance leaves it */
     bool soft = false;                   /* some direction was found that nothing holds */
+    double logs = 0;                     /* of the damped steps, see arrives() */
+    int damped = 0;
 
     *report = (struct iterate_report) { .reason = "Newton's method did not settle",
-                                        .residual = HUGE_VAL };
+                                        .residual = HUGE_VAL, .step = HUGE_VAL };
     while (rc == MODAL_OK && report->iterations < most && has_work_left(b, report)) {
         rc = stopped(opt) ? modal_fail(err, MODAL_CANCELLED, "cancelled")
             : propose(b, opt, known, X, &w, soft, report, &ok, err);
@@ -638,6 +665,11 @@ static enum modal_status newton(struct balance *b, const struct iterate_options 
         }
         if (rc == MODAL_OK && !ok) {
             give_up(b, &w, X, report);
+            break;
+        }
+        logs -= log1p(-lambda / 4);
+        if (!arrives(b, report, ++damped, logs, most)) {
+            report->reason = "Newton's method would need too many steps";
             break;
         }
     }

@@ -12,9 +12,20 @@
 #include "job/torus_curve.h"
 #include "job/torus_job.h"
 #include "modal/scene/scene.h"
+#include "modal/steady/by_cycle.h"
 #include "modal/steady/reduction.h"
 #include "modal/steady/solve.h"
 #include "modal/steady/stability.h"
+
+/* Whether OTHER, FOUND, is not unstable; its stability into *ST. */
+static enum modal_status attracts(struct steady *s, const struct steady_point *other, bool found,
+                                  struct stability *st, bool *done, struct modal_error *err)
+{
+    enum modal_status rc = found ? stability_of(s, other, st, err) : MODAL_OK;
+
+    *done = rc == MODAL_OK && found && st->verdict != STABILITY_UNSTABLE;
+    return rc;
+}
 
 /* POINT, unstable, and what is KNOWN of it become the motion that attracts from rest, where one is
  * found that is not unstable as well; *DONE: they did. */
@@ -29,9 +40,17 @@ static enum modal_status take_attractor(struct steady *s, struct steady_point *p
 
     if (rc == MODAL_OK && found)
         rc = steady_refine(s, &other, err);
-    if (rc == MODAL_OK && found)
-        rc = stability_of(s, &other, &st, err);
-    *done = rc == MODAL_OK && found && st.verdict != STABILITY_UNSTABLE;
+    if (rc == MODAL_OK)
+        rc = attracts(s, &other, found, &st, done, err);
+    if (rc == MODAL_OK && !*done) {
+        stability_done(&st);
+        steady_point_done(&other);
+        rc = steady_follow_attractor(s, point->omega, &other, &found, err);
+        if (rc == MODAL_OK)
+            rc = attracts(s, &other, found, &st, done, err);
+    }
+    time_forget(s);
+    *done = rc == MODAL_OK && *done;
     if (*done) {
         struct steady_point last = *point;
         struct stability was = *known;

@@ -465,10 +465,7 @@ enum modal_status time_attractor(struct steady *s, const struct balance *b, doub
     enum modal_status rc = search_in_time(s, b->omega, NULL, true, err);
 
     *found = false;
-    if (rc == MODAL_OK)
-        rc = start_of_motion(s, b, X, found, err);
-    time_forget(s);
-    return rc;
+    return rc == MODAL_OK ? start_of_motion(s, b, X, found, err) : rc;
 }
 
 enum modal_status time_answer(struct steady *s, double omega, struct steady_point *point,

@@ -34,7 +34,7 @@ enum modal_status time_answer(struct steady *s, double omega, struct steady_poin
                               struct modal_error *err);
 /* Whether time_start found a motion that closes: time_answer has an answer. */
 bool time_closed(const struct steady *s);
-/* As time_start, of a motion from rest that attracts; it is not kept. */
+/* As time_start, of a motion from rest that attracts. */
 enum modal_status time_attractor(struct steady *s, const struct balance *b, double complex *X,
                                  bool *found, struct modal_error *err);
 /*

@@ -742,3 +742,20 @@ enum modal_status steady_solve_attractor(struct steady *s, const struct steady_p
     free(X);
     return rc;
 }
+
+enum modal_status steady_follow_attractor(struct steady *s, double omega,
+                                          struct steady_point *point, bool *found,
+                                          struct modal_error *err)
+{
+    enum modal_status rc;
+
+    memset(point, 0, sizeof *point);
+    point->omega = omega;
+    point->level = 1;
+    steady_allow_work(s);
+    rc = time_answer(s, omega, point, err);
+    *found = rc == MODAL_OK && point->converged;
+    point->attempts = 1;
+    point->work = s->budget;
+    return rc;
+}

@@ -52,6 +52,13 @@ enum modal_status steady_solve_attractor(struct steady *s, const struct steady_p
                                          struct steady_point *point, bool *found,
                                          struct modal_error *err);
 
+/* What time integration came near just before by steady_solve_attractor, followed to its end in
+ * time, with its own multipliers: where no balance, or one that is unstable, came of it, the series
+ * is off and not the motion.  time_forget ends it.  *FOUND, POINT and failures as there. */
+enum modal_status steady_follow_attractor(struct steady *s, double omega,
+                                          struct steady_point *point, bool *found,
+                                          struct modal_error *err);
+
 /* POINT, converged with default harmonics and an error above the target, is carried on from near
  * with more of them, as far as another budget reaches; it stays as it is where that fails or makes
  * its error no smaller, or was `wanting` before.  Its other dofs can be recovered then, those of

@@ -174,7 +174,7 @@ def test_a_contact_that_its_harmonics_do_not_resolve_has_the_error_and_multiplie
 
 
 def test_a_motion_that_time_comes_to_is_not_called_unstable_for_its_series(tmp_path):
-    """A stiff slider, a stop and a pulsating spring: 31 harmonics balance 8 % beside the motion, and
+    """A stiff slider, a stop and a pulsating spring: 31 harmonics balance 8 % off the motion, and
     with a multiplier of 4.6 that is truly 0.31."""
     scene = json.loads((SCENES / "random_scene_171091.json").read_text())
     answer = run(tmp_path, "steady", scene)

@@ -11,17 +11,27 @@
  *     BIC(poles of the whole) - BIC(poles of its own)
  *         <= P + PARTS_DEVIATIONS sqrt(2 P) + PARTS_SLACK                                       (1)
  *
- * in all but one record of 10^6.  Where (1) fails, a pole whose own value differs by more than
+ * in all but one record of 10^6.  That holds of poles which the half shows.  One that is over before
+ * the half begins, or begins after it, is free there to follow whatever noise comes nearest, which
+ * wins more than chi-square says; so a pole stays where it is unless without it the half's sum of
+ * squares (rise.h), in units of its noise, rises by more than its amplitudes P win from noise:
+ *
+ *     P + PARTS_DEVIATIONS sqrt(2 P) + PARTS_SLACK,   P two a column for a pair, one if real.    (2)
+ *
+ * Where (1) fails, a pole whose own value differs by more than
  * PARTS_CLEAR of its own standard errors is contradicted, and by that difference.  Where the linear
  * model at the start already says that (1) will hold, the search ends there (refine.h, `rival`).
  *
  * [W38] Wilks, Ann. Math. Statist. 9 (1938) 60-62.
  */
 #include "modal/identify/fit/parts.h"
+#include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include "modal/identify/fit/compressed.h"
+#include "modal/identify/fit/rise.h"
+#include "modal/identify/linear/exponents.h"
 
 enum { ITERATIONS = 20 };                /* from the poles of the whole, which are near */
 static const double WORK = 1e9;          /* multiplications a half may take (refine.h) */
@@ -31,9 +41,11 @@ struct half {
     struct matrix Y;
     struct compressed *blocks;       /* owned, of a very long record; else NULL */
     struct refined own;
+    bool *fixed;                     /* owned, per pole: at zero, or not shown: (2) */
+    int free;                        /* poles that are not */
 };
 
-/* The right side of (1). */
+/* The right side of (1), and (2). */
 static double allowed(double parameters)
 {
     return parameters + PARTS_DEVIATIONS * sqrt(2 * parameters) + PARTS_SLACK;
@@ -43,6 +55,7 @@ static void half_done(struct half *h)
 {
     compressed_free(h->blocks);
     refined_done(&h->own);
+    free(h->fixed);
 }
 
 /* The first half of the rows of DATA, or the LATER one. */
@@ -66,15 +79,68 @@ static enum modal_status half_init(const struct refine_data *data, bool later, s
     return MODAL_OK;
 }
 
-static enum modal_status fit_half(const double complex *lambda, int count, const bool *fixed,
-                                  struct half *h, struct modal_error *err)
+/* (1) of rise.h in units of the noise that is left, over all signals. */
+static double shown(const struct projected *p, const double *rise)
+{
+    const struct criterion *k = &p->criterion;
+    double sum = 0;
+
+    for (int g = 0; g < k->groups; g++) {
+        double noise = fmax(p->rss[g] / k->numbers, fmax(k->floor2[g], DBL_MIN));
+        sum += k->energy[g] > 0 ? rise[g] / noise : 0;
+    }
+    return sum;
+}
+
+/* (2) of all poles, from their projection. */
+static bool hold_unseen(struct half *h, const struct projected *p, const double complex *lambda,
+                        int count)
+{
+    size_t q = (size_t)p->order, groups = (size_t)p->criterion.groups;
+    double *room = malloc(sizeof *room * (q * (q + (size_t)p->columns) + 1)),
+           *rise = malloc(sizeof *rise * (groups * (size_t)count + 1));
+    bool ok = room != NULL && rise != NULL;
+
+    if (ok && !p->degenerate
+        && rise_without(p, p->order, lambda, count, h->data.tau, room, rise))
+        for (int j = 0; j < count; j++)
+            h->fixed[j] |= shown(p, rise + (size_t)j * groups)
+                <= allowed(1.0 * p->columns * pole_order(lambda[j], h->data.tau));
+    free(room), free(rise);
+    return ok;
+}
+
+/* Which poles stay where they are. */
+static enum modal_status hold(struct half *h, const double complex *lambda, int count,
+                              struct modal_error *err)
+{
+    struct projected p = { 0 };
+    enum modal_status rc;
+
+    h->fixed = calloc((size_t)count, sizeof *h->fixed);
+    if (h->fixed == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "parts: no memory for %d poles", count);
+    for (int j = 0; j < count; j++)
+        h->fixed[j] = lambda[j] == 0;
+    rc = refine_project(&h->data, lambda, count, h->fixed, &p, err);
+    if (rc == MODAL_OK && !hold_unseen(h, &p, lambda, count))
+        rc = modal_fail(err, MODAL_NO_MEMORY, "parts: no memory for order %d", p.order);
+    projected_done(&p);
+    for (int j = 0; j < count; j++)
+        h->free += !h->fixed[j];
+    return rc;
+}
+
+static enum modal_status fit_half(const double complex *lambda, int count, struct half *h,
+                                  struct modal_error *err)
 {
     struct refine_options own = { .iterations = ITERATIONS,
                                   .work = WORK,
                                   /* descended only where it could contradict */
-                                  .gain = allowed(2.0 * count) };
+                                  .gain = allowed(2.0 * h->free) };
 
-    return refine_poles(&h->data, lambda, count, fixed, &own, &h->own, err);
+    return h->free == 0 ? MODAL_OK
+                        : refine_poles(&h->data, lambda, count, h->fixed, &own, &h->own, err);
 }
 
 /* The left side of (1) over the right; 0 where there is nothing to compare. */
@@ -101,6 +167,10 @@ static void compare(const struct half *h, const double complex *lambda, int coun
             h->own.end == REFINE_DEGENERATE || h->own.poles < count ? -HUGE_VAL : say[j].decay;
     for (int j = 0; j < count && h->own.poles > 0; j++) {
         double complex own = h->own.lambda[j];
+        if (h->fixed[j]) {
+            say[j].decay = -HUGE_VAL;      /* the half says nothing of it */
+            continue;
+        }
         if (counts) {
             /* the whole's own error is less than a half's: left out */
             say[j].re = fmax(say[j].re, differs(creal(own), creal(lambda[j]), h->own.std_re[j]));
@@ -116,7 +186,6 @@ enum modal_status parts_ask(const struct refine_data *data, const double complex
                             struct part_say *say, double *strength, struct modal_error *err)
 {
     int L = data->Y->m, rows = L / 2, order = poles_order(lambda, count, data->tau);
-    bool *fixed;
     enum modal_status rc = MODAL_OK;
 
     *strength = -1;
@@ -124,22 +193,18 @@ enum modal_status parts_ask(const struct refine_data *data, const double complex
         say[j] = (struct part_say) { .decay = HUGE_VAL };
     if (count == 0 || rows * (data->share > 0 ? data->share : 1) < 2 * order + PARTS_SPARE)
         return MODAL_OK;
-    fixed = calloc((size_t)count, sizeof *fixed);
-    if (fixed == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "parts: no memory for %d poles", count);
-    for (int j = 0; j < count; j++)
-        fixed[j] = lambda[j] == 0;
     for (int later = 0; later < 2 && rc == MODAL_OK; later++) {
         struct half h;
         rc = half_init(data, later, &h, err);
         if (rc == MODAL_OK)
-            rc = fit_half(lambda, count, fixed, &h, err);
+            rc = hold(&h, lambda, count, err);
+        if (rc == MODAL_OK)
+            rc = fit_half(lambda, count, &h, err);
         if (rc == MODAL_OK) {
             *strength = fmax(*strength, strength_of(&h));
             compare(&h, lambda, count, strength_of(&h) > 1, say);
         }
         half_done(&h);
     }
-    free(fixed);
     return rc;
 }

@@ -1,17 +1,13 @@
 /*
  * trim.c - which poles a set does without
  *
- * With Phi = Q R and Z = Q^T Y the amplitudes of channel c are C = R^{-1} Z_c, and without the
- * columns J of a pole, all others fitted anew, the sum of squares rises by
- *
- *     C_J^T (B B^T)^{-1} C_J,   B = rows J of R^{-1},                              (1)
- *
- * since B B^T is block J of (Phi^T Phi)^{-1}. All of them come from one inverse of a triangle.
+ * What the others lose by its absence is (1) of rise.h: all poles' from one inverse of a triangle.
  * The pole that goes takes its columns out of R; rotations make it a triangle again, carry Z
- * along, and leave in its last rows what (1) said. So the rows of the record are read once,
+ * along, and leave in its last rows what (1) says. So the rows of the record are read once,
  * however many poles go: each costs q^2 (q/3 + S) multiplications.
  */
 #include "modal/identify/order/trim.h"
+#include "modal/identify/fit/rise.h"
 #include "modal/identify/linear/exponents.h"
 #include <cblas.h>
 #include <float.h>
@@ -25,8 +21,8 @@ struct trim {
     const struct refine_data *data;
     struct projected p;
     int ld;                      /* of p.R, p.Z and below */
-    double *inverse, *C;         /* ld x ld, ld x columns */
-    double *rise;                /* per signal: (1) of a pole */
+    double *room;                /* rise.h: ld x (ld + columns) */
+    double *rise;                /* per pole and signal: (1) of rise.h */
     double complex *lambda; bool *fixed; int count;
 };
 
@@ -63,27 +59,6 @@ static void drop_column(struct trim *t, int i)
     t->p.order--;
 }
 
-/* (1) in each signal for the pole whose N columns begin at I. */
-static void rise_of(const struct trim *t, int i, int n, double *rise)
-{
-    int q = t->p.order, ld = t->ld, phases = t->p.criterion.phases;
-    const double *B = t->inverse + i, *C = t->C + i;
-    /* [a b; b d] = V V^T, rows of R^{-1} begin at their diagonal */
-    double a = cblas_ddot(q - i, B + i * ld, ld, B + i * ld, ld), b = 0, d = 1, det;
-
-    if (n == 2) {
-        b = cblas_ddot(q - i, B + i * ld, ld, B + 1 + i * ld, ld);
-        d = cblas_ddot(q - i, B + 1 + i * ld, ld, B + 1 + i * ld, ld);
-    }
-    det = a * d - b * b;
-    memset(rise, 0, (size_t)t->p.criterion.groups * sizeof *rise);
-    for (int c = 0; c < t->p.columns; c++) {
-        double x = C[(size_t)c * ld], y = n == 2 ? C[1 + (size_t)c * ld] : 0;
-        /* c^T (V V^T)^{-1} c */
-        rise[c / phases] += det > 0 ? fmax((d * x * x - 2 * b * x * y + a * y * y) / det, 0) : 0;
-    }
-}
-
 /* By how much the criterion's first part rises with RISE. */
 static double loss_of(const struct criterion *k, const double *rss, const double *rise)
 {
@@ -102,25 +77,17 @@ static double loss_of(const struct criterion *k, const double *rss, const double
 static int cheapest(struct trim *t, const struct trim_options *opt)
 {
     const struct criterion *k = &t->p.criterion;
-    int q = t->p.order, ld = t->ld, at = -1;
+    int q = t->p.order, at = -1;
     double least = HUGE_VAL;
 
-    for (int j = 0; j < q; j++)
-        memcpy(t->inverse + j * ld, t->p.R + j * ld, (size_t)(j + 1) * sizeof *t->inverse);
-    if (LAPACKE_dtrtri(LAPACK_COL_MAJOR, 'U', 'N', q, t->inverse, ld) != 0)
+    if (!rise_without(&t->p, t->ld, t->lambda, t->count, t->data->tau, t->room, t->rise))
         return -1;
-    matrix_copy(q, t->p.columns, t->p.Z, ld, t->C, ld);
-    cblas_dtrmm(CblasColMajor, CblasLeft, CblasUpper, CblasNoTrans, CblasNonUnit, q, t->p.columns,
-                1,
-                t->inverse, ld, t->C, ld);
-    for (int j = 0, i = 0; j < t->count; j++) {
+    for (int j = 0; j < t->count; j++) {
         int n = pole_order(t->lambda[j], t->data->tau), fixed = t->fixed != NULL && t->fixed[j];
         double price = criterion_price(k, q, t->p.parameters)
                      - criterion_price(k, q - n, t->p.parameters - n), excess;
-        rise_of(t, i, n, t->rise);
-        i += n;
         /* < 0: its absence costs less than it */
-        excess = loss_of(k, t->p.rss, t->rise) - opt->share * price - opt->reach;
+        excess = loss_of(k, t->p.rss, t->rise + j * k->groups) - opt->share * price - opt->reach;
         if (!fixed && excess < 0 && excess < least)
             least = excess, at = j;
     }
@@ -195,10 +162,9 @@ enum modal_status trim_poles(const struct refine_data *data, double complex *lam
     if (rc != MODAL_OK)
         return rc;
     t.ld = t.p.order;
-    t.inverse = calloc(q * q + 1, sizeof(double));
-    t.C = calloc(q * (size_t)t.p.columns + 1, sizeof(double));
-    t.rise = calloc(groups + 1, sizeof(double));
-    if (t.inverse == NULL || t.C == NULL || t.rise == NULL) {
+    t.room = calloc(q * (q + (size_t)t.p.columns) + 1, sizeof(double));
+    t.rise = calloc(groups * (size_t)t.count + 1, sizeof(double));
+    if (t.room == NULL || t.rise == NULL) {
         rc = modal_fail(err, MODAL_NO_MEMORY, "trim: no memory for order %d", t.p.order);
     } else {
         if (!t.p.degenerate)
@@ -207,7 +173,7 @@ enum modal_status trim_poles(const struct refine_data *data, double complex *lam
         if (work != NULL)
             *work += spent;
     }
-    free(t.inverse), free(t.C), free(t.rise);
+    free(t.room), free(t.rise);
     projected_done(&t.p);
     return rc;
 }

@@ -16,7 +16,10 @@
  * number of samples a period, with the same multipliers and the errors of the polynomials; it is
  * searched as such (identify_periods.c).  Then, in the samples themselves, of all lines below
  * Nyquist those are kept that pay, all exponents are refined, and families that do not pay leave,
- * by the criterion of all searches (criterion.h).
+ * by the criterion of all searches (criterion.h).  Where others' lines can stand in for those of a
+ * family, as where the record does not resolve them, it leaves for them.
+ *
+ * [D96] Djuric, IEEE Trans. Signal Process. 44 (1996) 1744-1751.
  */
 #include "modal/identify/identify_state.h"
 #include <cblas.h>
@@ -40,6 +43,8 @@ enum {
     LINES_MOST = 256,           /* of all families: beyond, a fit is seconds */
     ROUNDS = 4                  /* of lines by exponents and exponents by lines */
 };
+/* Without a family: its lines left out, others put in their place, those refined. */
+enum { ALONE, PUT, REFINED, WAYS };
 
 /* Lines of families. */
 struct lines {
@@ -51,7 +56,7 @@ struct lines {
 struct families {
     const struct work *w;
     double Omega;
-    int count;
+    int count, begun;           /* begun: with so many exponents' numbers */
     double complex *head;       /* principal, Im in [0, Omega/2] */
     struct lines all;           /* that may be */
     int room;                   /* for them, wherever the heads come to lie */
@@ -337,11 +342,12 @@ static enum modal_status choose_lines(struct families *f, struct lines *l, struc
 
 /* ---- exponents ---- */
 
-/* Heads by the lines of FIT, of L. */
-static void take_heads(struct families *f, const struct lines *l, const struct refined *fit)
+/* HEAD by the lines of FIT, of L. */
+static void take_heads(const struct families *f, const struct lines *l, const struct refined *fit,
+                       double complex *head)
 {
     for (int i = l->count - 1; i >= 0; i--)
-        f->head[l->family[i]] = principal(f, fit->lambda[i]);
+        head[l->family[i]] = principal(f, fit->lambda[i]);
 }
 
 /* Exponents by lines and lines by exponents, until the lines stay; *fit is the caller's. */
@@ -361,7 +367,7 @@ static enum modal_status settle_lines(struct families *f, struct lines *l, struc
         rc = refine_poles(&f->w->data, l->lambda, l->count, NULL, &opt, fit, err);
         if (rc != MODAL_OK)
             break;
-        take_heads(f, l, fit);
+        take_heads(f, l, fit, f->head);
         f->spent += fit->work, f->work = fmax(f->work - fit->work, 1);
         f->given_up = fit->end == REFINE_HOPELESS || fit->end == REFINE_STOPPED;
     }
@@ -379,27 +385,99 @@ static void without(const struct lines *l, int j, struct lines *less)
         }
 }
 
+/* LESS, without family J, with what may stand in for its lines: of all others the lines nearest to
+ * them, which among lines that the record does not resolve have left one by one. */
+static void stand_in(const struct families *f, const struct lines *l, int j, struct lines *less)
+{
+    for (int i = 0; i < l->count; i++)
+        for (int a = 0; l->family[i] == j && a < f->all.count; a++) {
+            bool has = f->all.family[a] == j
+                    || fabs(cimag(f->all.lambda[a] - l->lambda[i])) > f->Omega / 2;
+            for (int b = 0; b < less->count && !has; b++)
+                has = less->family[b] == f->all.family[a]
+                   && cabs(less->lambda[b] - f->all.lambda[a]) < REFINE_TIED * f->Omega;
+            if (has)
+                continue;
+            less->family[less->count] = f->all.family[a];
+            less->lambda[less->count++] = f->all.lambda[a];
+        }
+}
+
+/* What the criterion asks too little of a multiplier's numbers beside lines: its prices are ln n
+ * each, as of an amplitude, whose information goes with the rows; that of an exponent goes with
+ * their cube [D96]. Poles are all short of it alike; families and lines are not. */
+static double short_of(const struct families *f, int exponents)
+{
+    double L = f->w->data.Y->m, S = f->w->data.Y->n;
+
+    return exponents * fmax(3 * log(L) - (1 + 1 / S) * log(L * S), 0);
+}
+
+/* Real numbers in the heads FIRST to LAST - 1. */
+static int exponents_of(const struct families *f, int first, int last)
+{
+    int count = 0;
+
+    for (int j = first; j < last; j++)
+        count += cimag(f->head[j]) > 0 && cimag(f->head[j]) < f->Omega / 2 ? 2 : 1;
+    return count;
+}
+
+/* L without family J for *BEST, what the least is under the criterion of FIT, so far, *idle and
+ * HEAD, where it is less: as the exponents are, and with what may stand in for its lines, refined where that is near. */
+static enum modal_status try_without(struct families *f, const struct lines *l, int j,
+                                     const struct refined *fit, struct lines *less, double *best,
+                                     int *idle, double complex *head, struct modal_error *err)
+{
+    struct refine_options opt = { .iterations = -1, .work = f->work };
+    double own = fit->bic + short_of(f, exponents_of(f, j, j + 1));
+    bool exact = fit->residual <= REFINE_EXACT * safe_matrix_norm(f->w->data.Y);
+    enum modal_status rc = MODAL_OK;
+    int alone;
+
+    without(l, j, less);
+    alone = less->count;
+    for (int way = 0; way < WAYS && rc == MODAL_OK; way++) {
+        struct refined look;
+        bool near;
+        if (way == PUT && !exact)
+            stand_in(f, l, j, less);
+        if (way == PUT && less->count == alone)
+            break;
+        opt.iterations = way == REFINED ? 0 : -1;
+        rc = refine_poles(&f->w->data, less->lambda, less->count, NULL, &opt, &look, err);
+        if (rc != MODAL_OK)
+            break;
+        near = look.bic < own + ORDER_SPLIT_REACH;
+        if (look.bic - own < *best && look.end != REFINE_DEGENERATE) {
+            *best = look.bic - own, *idle = j;
+            take_heads(f, less, &look, head);
+        }
+        f->spent += look.work, f->work = fmax(f->work - look.work, 1);
+        refined_done(&look);
+        if (way == PUT && !near)
+            break;
+    }
+    return rc;
+}
+
 /* The family that the lines do best without; -1: all pay. */
 static enum modal_status find_idle(struct families *f, const struct lines *l,
                                    const struct refined *fit, int *idle, struct modal_error *err)
 {
     struct lines less;
-    double best = fit->bic;
+    double complex *head = workspace_zeros(&f->space, (size_t)f->count, sizeof *head);
+    double best = 0;
     enum modal_status rc = MODAL_OK;
 
     *idle = -1;
-    if (!lines_new(f, &less, l->count))
-        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d lines", l->count);
-    for (int j = 0; j < f->count && f->count > 1 && rc == MODAL_OK; j++) {
-        struct refined look;
-        struct refine_options only = { .iterations = -1 };
-        without(l, j, &less);
-        rc = refine_poles(&f->w->data, less.lambda, less.count, NULL, &only, &look, err);
-        if (rc == MODAL_OK && look.bic < best)
-            best = look.bic, *idle = j;
-        if (rc == MODAL_OK)
-            refined_done(&look);
-    }
+    if (head == NULL || !lines_new(f, &less, f->room))
+        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d lines", f->room);
+    all_lines(f, NYQUIST * M_PI / f->w->tau);
+    for (int j = 0; j < f->count && f->count > 1 && rc == MODAL_OK; j++)
+        rc = try_without(f, l, j, fit, &less, &best, idle, head, err);
+    for (int j = 0; j < f->count && *idle >= 0; j++)
+        f->head[j] = j != *idle ? head[j] : f->head[j];
     return rc;
 }
 
@@ -472,6 +550,7 @@ static enum modal_status search_families(struct families *f, const struct refine
     enum modal_status rc = known != NULL ? add_poles(f, known, err)
                                          : add_heads(f, f->w->data.Y, err);
 
+    f->begun = exponents_of(f, 0, f->count);
     for (int i = 0, had = 0; i < ROUNDS && rc == MODAL_OK && f->count > had && !*clean; i++) {
         struct refined fit = { 0 };
         rc = fit_families(f, &fit, err);
@@ -497,7 +576,8 @@ static enum modal_status search_families(struct families *f, const struct refine
 }
 
 enum modal_status work_choose_families(struct work *w, const struct refined *known,
-                                       struct order_choice *choice, struct modal_error *err)
+                                       struct order_choice *choice, bool *fewer,
+                                       struct modal_error *err)
 {
     struct families f = { .w = w, .Omega = 2 * M_PI / w->rec.period,
                           .work = work_left(w, false, false) };
@@ -507,6 +587,9 @@ enum modal_status work_choose_families(struct work *w, const struct refined *kno
 
     w->data.omega = f.Omega;
     rc = search_families(&f, known, &fit, &clean, err);
+    *fewer = rc == MODAL_OK && known != NULL && fit.poles > 0
+          && exponents_of(&f, 0, f.count) < f.begun
+          && fit.bic < known->bic + short_of(&f, f.begun - exponents_of(&f, 0, f.count));
     if (rc == MODAL_OK && fit.poles > 0)
         rc = hold_candidate(&fit, clean, choice, err);
     w->data.omega = 0;

@@ -472,19 +472,20 @@ static enum modal_status put_families(struct work *w, struct found *families,
 }
 
 /* Poles each for itself; or FAMILIES, where they are the better; or families that begin with those
- * poles. */
+ * poles, and are better or fewer. */
 static enum modal_status choose_beside(struct work *w, struct found *families,
                                        struct identify_result *out, struct modal_error *err)
 {
     struct found begun = { .choice = { .chosen = -1 } };
+    bool fewer = false;
     enum modal_status rc = choose_poles(w, out, err);
 
     if (rc == MODAL_OK && is_better(&families->choice, &w->choice))
         return put_families(w, families, out, err);
     if (rc == MODAL_OK && w->choice.chosen >= 0)
         rc = work_choose_families(w, &w->choice.candidates[w->choice.chosen].fit, &begun.choice,
-                                  err);
-    if (rc == MODAL_OK && is_better(&begun.choice, &w->choice))
+                                  &fewer, err);
+    if (rc == MODAL_OK && (fewer || is_better(&begun.choice, &w->choice)))
         rc = put_families(w, &begun, out, err);
     found_done(&begun);
     return rc;
@@ -496,11 +497,12 @@ enum modal_status work_choose_order(struct work *w, struct identify_result *out,
                                     struct modal_error *err)
 {
     struct found families = { .choice = { .chosen = -1 } };
+    bool fewer;
     enum modal_status rc;
 
     if (!work_has_families(w))
         return choose_poles(w, out, err);
-    rc = work_choose_families(w, NULL, &families.choice, err);
+    rc = work_choose_families(w, NULL, &families.choice, &fewer, err);
     if (rc == MODAL_OK)
         rc = families.choice.clean ? put_families(w, &families, out, err)
                                    : choose_beside(w, &families, out, err);

@@ -201,9 +201,11 @@ enum modal_status work_keep_chosen(const struct work *w, struct identify_chosen 
 /* Is the record of a period that is no whole number of samples, and in memory? */
 bool work_has_families(const struct work *w);
 /* *choice, empty: its multipliers, each with its lines, from the poles of KNOWN, or with NULL from
- * the record at even phases; none where there are none to begin with. */
+ * the record at even phases; none where there are none to begin with.  *fewer: there
+ * are fewer multipliers than KNOWN has, and worth more. */
 enum modal_status work_choose_families(struct work *w, const struct refined *known,
-                                       struct order_choice *choice, struct modal_error *err);
+                                       struct order_choice *choice, bool *fewer,
+                                       struct modal_error *err);
 
 /* ---- identify_periods.c ---- */
 

@@ -216,6 +216,61 @@ def test_strongly_damped_multipliers_of_uneven_periods_are_all_there_is(name, mo
     assert document["stability"]["stable"] is True
 
 
+def test_a_slow_pole_that_grows_is_no_multiplier_where_lines_of_others_stand_in(monkeypatch):
+    """Nine periods at 25 dB: two lines of a third and four fifths of a turn over the record were
+    one pole that grows, as sparing as they are by prices of ln n a number."""
+    path = pathlib.Path(__file__).parents[1] / "data" / "reference" / "uneven" / "nine_periods.h5"
+    out = subprocess.run([BUILD / "bin" / "modalctl", "--local", "--json", "identify", path],
+                         capture_output=True, text=True, timeout=300).stdout
+    found = [complex(mode["multiplier"][0], abs(mode["multiplier"][1]))
+             for mode in json.loads(out)["modes"]]
+    truth = [-0.19589 + 0.97732j, 0.97012 + 0.20652j, 0.83383 + 0.52720j]
+    assert len(found) == 3
+    assert all(min(abs(f - m) for f in found) < 0.01 for m in truth)
+
+
+def multipliers_of(y, samples, monkeypatch):
+    monkeypatch.setattr(turning, "CTL", str(BUILD / "bin" / "modalctl"))
+    document = turning.identify(dict(y=y, p=samples))
+    return [complex(mode["multiplier"][0], abs(mode["multiplier"][1]))
+            for mode in document["modes"]]
+
+
+def few_periods(seed):
+    """Three pairs, each with up to nine lines, in nine periods of 43 samples at 60 dB."""
+    rng = np.random.default_rng(seed)
+    t, y = np.arange(9 * 43) / 43, np.zeros((9 * 43, 3))
+    angle = (np.array([0.1, 0.4, 0.7]) + rng.uniform(0, 0.2, 3)) * np.pi
+    truth = rng.uniform(0.7, 0.99, 3) * np.exp(1j * angle)
+    for m in truth:
+        size, most = 10 ** rng.uniform(-1, 0), rng.integers(1, 5)
+        for k in range(-most, most + 1):
+            g = (rng.normal(size=3) + 1j * rng.normal(size=3)) * size * 0.5 ** abs(k)
+            y += (np.exp((np.log(m) + 2j * np.pi * k) * t)[:, None] * g).real
+    return truth, y + 0.001 * y.std() * rng.normal(size=y.shape)
+
+
+@pytest.mark.parametrize("seed", [0, 3, 5, 8, 11, 16, 20])
+def test_three_pairs_are_found_in_nine_periods(seed, monkeypatch):
+    """What a fold of so few did not show it took for coloured noise; all but 8 lacked a pair."""
+    truth, y = few_periods(seed)
+    found = multipliers_of(y, 43, monkeypatch)
+    assert len(found) == 3
+    assert all(min(abs(f - m) for f in found) < 0.005 for m in truth)
+
+
+@pytest.mark.parametrize("seed", [20, 22, 40, 41])
+def test_a_real_multiplier_brings_no_second_one(seed, monkeypatch):
+    """The second real one of a pair's price less one's own came in one of some twenty records."""
+    rng = np.random.default_rng(seed)
+    t, y = np.arange(45 * 24) / 24, np.zeros((45 * 24, 2))
+    for m, k in ((-0.94, 0), (-0.94, 1), (0.81 + 0.45j, 0), (0.81 + 0.45j, -1)):
+        g = rng.normal(size=2) + 1j * rng.normal(size=2)
+        y += (np.exp((np.log(complex(m)) + 2j * np.pi * k) * t)[:, None] * g).real
+    y += 0.2 * y.std() * rng.normal(size=y.shape)
+    assert len(multipliers_of(y, 24, monkeypatch)) == 2
+
+
 @pytest.mark.parametrize("samples, channels, seed", [(2, 3, 0), (8, 1, 5), (24, 1, 1), (24, 4, 2)])
 def test_noise_has_no_multipliers(samples, channels, seed, monkeypatch):
     """8 samples, seed 5: 40 columns interpolate 45 periods to rounding."""

@@ -21,6 +21,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/identify/ambient/ambient.h"
+#include "modal/identify/fit/criterion.h"
 #include "modal/identify/forced/forced.h"
 #include "modal/identify/identify_state.h"
 
@@ -218,24 +219,59 @@ static void forget_analysis(struct work *w, struct identify_result *out)
     w->facts = (struct diagnose_facts) { .converged = true };
 }
 
+/* Of a record with a period of a whole number of samples, what its fold showed. */
+struct by_fold { int phases; double bic, numbers; bool whitened; };
+
+/* By lines, w->choice: one set of multipliers in white noise?  And is it worth more than what the
+ * fold showed, or did that take lines for the colour of noise, of which there is none? */
+static bool lines_are_better(const struct work *w, const struct by_fold *fold)
+{
+    double numbers = (double)w->data.Y->m * w->data.Y->n;
+
+    if (w->choice.chosen < 0 || !w->facts.converged)
+        return false;
+    if (fold->bic == HUGE_VAL)
+        return true;
+    return work_is_clean(w)
+        && (fold->whitened
+            || work_bic_chosen(&w->choice) * fold->numbers / numbers < fold->bic);
+}
+
+/* Are periods as many as would show another pair (criterion.h), or, where noise was found to be
+ * coloured, two: what is not seen may be what coloured it? */
+static bool fold_tells(const struct work *w)
+{
+    double S = w->data.Y->n;
+
+    return w->rec.wide
+        || w->facts.order + (w->facts.told > 0 ? 4 : 2) <= criterion_order_told(S, S * w->data.Y->m);
+}
+
+static void set_fold(struct work *w, int phases, struct identify_result *out)
+{
+    w->rec.per_period = phases;
+    w->shift = w->opt.stride = phases > 0 ? phases : 1, w->tau = w->shift * w->rec.step;
+    w->spent = 0;                       /* the fold answers as it did */
+    forget_analysis(w, out);
+}
+
 /* Where periods are too few for all samples of one to have amplitudes of their own, and their fold
- * shows nothing: by lines, of which a motion has few. */
+ * shows little: by lines, of which a motion has few. */
 static enum modal_status analyse_by_lines(struct work *w, struct identify_result *out,
                                           struct modal_error *err)
 {
-    int phases = w->rec.per_period;
+    struct by_fold fold = { w->rec.per_period, work_bic_chosen(&w->choice),
+                            (double)w->data.Y->m * w->data.Y->n, w->facts.told > 0 };
     enum modal_status rc;
 
-    if (phases == 0 || w->choice.chosen >= 0 || !w->refine || w->opt.method != IDENTIFY_AUTO
-        || w->opt.rank.rule != RANK_AUTO)
+    if (fold.phases == 0 || !w->refine || w->opt.method != IDENTIFY_AUTO
+        || w->opt.rank.rule != RANK_AUTO || (w->choice.chosen >= 0 && fold_tells(w)))
         return MODAL_OK;
-    w->rec.per_period = 0, w->shift = w->opt.stride = 1, w->tau = w->rec.step;
-    forget_analysis(w, out);
+    set_fold(w, 0, out);
     rc = analyse(w, out, err);
-    if (rc != MODAL_OK || (w->choice.chosen >= 0 && w->facts.converged))
+    if (rc != MODAL_OK || lines_are_better(w, &fold))
         return rc;
-    w->rec.per_period = w->shift = w->opt.stride = phases, w->tau = phases * w->rec.step;
-    forget_analysis(w, out);
+    set_fold(w, fold.phases, out);
     return analyse(w, out, err);
 }
 

@@ -11,16 +11,17 @@
  *     BIC(poles of the whole) - BIC(poles of its own)
  *         <= P + PARTS_DEVIATIONS sqrt(2 P) + PARTS_SLACK                                       (1)
  *
- * in all but one record of 10^6.  That holds of poles which the half shows.  One that is over before
- * the half begins, or begins after it, is free there to follow whatever noise comes nearest, which
- * wins more than chi-square says; so a pole stays where it is unless without it the half's sum of
- * squares (rise.h), in units of its noise, rises by more than its amplitudes P win from noise:
+ * in all but one record of 10^6.  That holds of poles which the half shows.  One that is over
+ * before the half begins, or begins after it, is free there to follow whatever noise comes
+ * nearest, which wins more than chi-square says; so a pole stays where it is unless without it the
+ * half's sum of squares (rise.h), in units of its noise, rises by more than its amplitudes win
+ * from noise:
  *
- *     P + PARTS_DEVIATIONS sqrt(2 P) + PARTS_SLACK,   P two a column for a pair, one if real.    (2)
+ *     P + PARTS_DEVIATIONS sqrt(2 P) + PARTS_SLACK,   P two a column for a pair, one else.   (2)
  *
- * Where (1) fails, a pole whose own value differs by more than
- * PARTS_CLEAR of its own standard errors is contradicted, and by that difference.  Where the linear
- * model at the start already says that (1) will hold, the search ends there (refine.h, `rival`).
+ * Where (1) fails, a pole whose own value differs by more than PARTS_CLEAR of its own standard
+ * errors is contradicted, and by that difference.  Where the linear model at the start already
+ * says that (1) will hold, the search ends there (refine.h, `rival`).
  *
  * [W38] Wilks, Ann. Math. Statist. 9 (1938) 60-62.
  */

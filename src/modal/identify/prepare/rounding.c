@@ -16,7 +16,7 @@
  * them at every step.  A free response of the others' exponents, any number, is a linear
  * combination of them and of what they are some samples later, and rounding is none:
  *
- *     x_l = sum_{c,d} a_cd y_{c,l+d},   c a large channel,  0 <= d < DELAYED / channels,         (2)
+ *     x_l = sum_{c,d} a_cd y_{c,l+d},   c a large channel,  0 <= d < DELAYED / channels,     (2)
  *
  * by least squares over RATIO rows a coefficient, which explain 1 / RATIO of white noise.  What
  * (2) leaves more than NOISE of, too, is taken for rounding.

@@ -210,7 +210,7 @@ static void changes_in_record(struct made *m, bool told)
         }
 }
 
-/* ---- of periods: the second strongest harmonic of a multiplier, as a part of the strongest ---- */
+/* ---- of periods: a multiplier's second strongest harmonic, as a part of the strongest ---- */
 
 static void two_harmonics(struct made *m, double share)
 {

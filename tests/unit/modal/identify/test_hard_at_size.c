@@ -1,8 +1,10 @@
-/* test_hard_at_size.c - hard cases among many modes: hardly any damping, pairs that nearly coalesce,
- * channels in units far apart, growth among decays, modes that are over before the record is
+/* test_hard_at_size.c - hard cases among many modes: hardly any damping, pairs that nearly
+ * coalesce, channels in units far apart, growth among decays, modes that are over before the record
+ * is
  *
  * Truth is what makes the record; a mode is right within five of its own standard errors, and
- * those of one case are held against the Cramer-Rao bound. */
+ * those of another unit against what is told in one unit. */
+/* Tests as well: parts.c rounding.c */
 #include "check.h"
 #include "modal/identify/identify.h"
 #include "signals.h"
@@ -72,7 +74,7 @@ static bool says(const struct identify_result *r, const char *code)
     return false;
 }
 
-/* Two of a hundred decay by 5e-5 and 2e-4 of themselves in a turn's 1e-6 of damping. */
+/* Two of a hundred. */
 TEST(damping_of_1e_minus_6_among_a_hundred_modes_is_found_and_stable)
 {
     enum { ROWS = 4000, WIDTH = 8, MODES = 100 };

@@ -1,5 +1,5 @@
 /* What trimming leaves out, and what a fit leaves: against least squares made anew. */
-/* Tests as well: criterion.c remainder.c */
+/* Tests as well: criterion.c remainder.c rise.c */
 #include "check.h"
 #include "modal/identify/order/remainder.h"
 #include "modal/identify/order/trim.h"

@@ -9,7 +9,9 @@ Each record: 1 to 14 modes in 1 to 30 channels, 200 to 4000 samples, 10 to 80 dB
 none, some with a close pair, with growth, with an offset, all at scales from 1e-8 to 1e8.  A mode
 is *detectable* where the chi-squared lost without it, the others refitted in the linear model at
 the true parameters, is three times what a pair costs in the criterion (order.h).  Only records
-whose modes are all detectable count for the order.
+whose modes are all detectable count for the order.  A verdict is asked of records in which a mode
+grows, or all decay, by five of their Cramer-Rao bounds.  Told by cells of noise and modes,
+then all together.
 """
 import json
 import math
@@ -124,49 +126,90 @@ def match(modes, lam, record):
     return out
 
 
+def bounds(r):
+    """Cramer-Rao: deviations of the real part of each exponent, all else unknown."""
+    t, m = r["t"], len(r["exponents"])
+    real = [np.column_stack([b.real, -b.imag]) for b in r["basis"].T]
+    q = np.linalg.qr(np.column_stack(real + ([np.ones(len(t))] if r["offset"] else [])))[0]
+    slope = np.hstack([b * (t / t[-1])[:, None] for b in real])
+    R = np.linalg.qr(slope - q @ (q.T @ slope), "r")
+    fisher, i = np.zeros((2 * m, 2 * m)), np.arange(m)
+    for a in r["shape"].T:
+        K = np.zeros((2 * m, 2 * m))
+        K[2 * i, 2 * i] = K[2 * i + 1, 2 * i + 1] = a.real
+        K[2 * i, 2 * i + 1], K[2 * i + 1, 2 * i] = -a.imag, a.imag
+        fisher += (R @ K).T @ (R @ K)
+    return np.sqrt(np.abs(np.diag(np.linalg.inv(fisher)))[::2]) * r["noise"] / t[-1]
+
+
+def is_clear(r):
+    """Whether the sign of growth is beyond five bounds: of a mode that grows, or of every mode
+    where none does."""
+    growth = r["exponents"].real
+    bound = bounds(r)
+    return (growth > 5 * bound).any() or (growth < -5 * bound).all()
+
+
+def one(seed, least, most):
+    r = record(seed, least, most)
+    n, S = r["y"].shape
+    seen = [x >= DETECTABLE * pair_price(n, S) for x in losses(r)]
+    d, cpu = identify(r["y"], r["dt"])
+    out = dict(seed=seed, snr=r["snr"], modes=len(seen), seen=sum(seen), cpu=cpu, lost=0, more=0,
+               inside=0, errors=0, refused=d is None or "modes" not in d, false=False)
+    if out["refused"]:
+        return out
+    pairs = match(d["modes"], r["exponents"], n * r["dt"])
+    hit, stable = {i for i, _ in pairs}, d["stability"]["stable"]
+    out["lost"] = sum(1 for i, v in enumerate(seen) if v and i not in hit)
+    out["more"] = len(d["modes"]) - len(pairs)
+    out["clear"] = r["noise"] > 0 and is_clear(r)
+    out["decided"] = stable is not None
+    out["false"] = stable is not None and stable != (r["exponents"].real.max() < 0)
+    for i, k in pairs if r["noise"] > 0 else []:
+        m = d["modes"][k]
+        if seen[i] and m["std"]["exponent"][0] is not None:
+            e = np.array(m["exponent"]) - [r["exponents"][i].real, r["exponents"][i].imag]
+            out["inside"] += int(sum(np.abs(e) <= 1.96 * np.array(m["std"]["exponent"])))
+            out["errors"] += 2
+    if out["lost"] or out["more"] or out["false"] or (out["clear"] and not out["decided"]):
+        print(seed, f"{len(seen)} modes {sum(seen)} detectable, {S} ch x {n}, "
+              f"{r['snr'] and round(r['snr'])} dB: missed {out['lost']} spurious {out['more']} "
+              f"stable {stable}", [x["code"] for x in d["diagnostics"]], flush=True)
+    return out
+
+
+def tell(name, rows):
+    total = {k: sum(x.get(k, 0) for x in rows)
+             for k in ("seen", "lost", "inside", "errors", "refused", "false", "clear", "cpu")}
+    judged = [x for x in rows if x["seen"] == x["modes"]]
+    print(f"{name}: {len(rows)} records, order right "
+          f"{sum(not x['lost'] and not x['more'] for x in judged)} of {len(judged)} with every "
+          f"mode detectable, missed {total['lost']} of {total['seen']} detectable modes, "
+          f"{sum(x['more'] > 0 for x in rows)} records with a spurious mode, {total['refused']} "
+          f"refused, {total['inside'] / max(total['errors'], 1):.3f} of {total['errors']} "
+          f"components within 1.96 std, verdicts: {total['false']} false, decided "
+          f"{sum(x.get('clear', 0) and x['decided'] for x in rows)} of {total['clear']} beyond "
+          f"five bounds, {total['cpu']:.1f} s CPU")
+
+
+SNR = ((10, 25), (25, 45), (45, 65), (65, 81))
+ORDER = ((1, 3), (4, 6), (7, 10), (11, 99))
+
+
 def main():
     count, seed = (int(x) if len(sys.argv) > i + 1 else v
                    for i, (x, v) in enumerate(zip((sys.argv + [0, 0])[1:3], (100, 1))))
     least, most = (int(sys.argv[3]), int(sys.argv[4])) if len(sys.argv) > 4 else (1, 14)
-    judged = right = detectable = missed = spurious = inside = errors = refused = 0
-    seconds, wrong = 0.0, []
-    for s in range(seed, seed + count):
-        r = record(s, least, most)
-        n, S = r["y"].shape
-        seen = [x >= DETECTABLE * pair_price(n, S) for x in losses(r)]
-        d, cpu = identify(r["y"], r["dt"])
-        seconds += cpu
-        if d is None or "modes" not in d:
-            refused += 1
-            wrong.append((s, "refused"))
-            continue
-        pairs = match(d["modes"], r["exponents"], n * r["dt"])
-        hit = {i for i, _ in pairs}
-        lost = sum(1 for i, v in enumerate(seen) if v and i not in hit)
-        more = len(d["modes"]) - len(pairs)
-        detectable += sum(seen)
-        missed += lost
-        spurious += more > 0
-        if all(seen):
-            judged += 1
-            right += lost == 0 and more == 0
-        if lost or more:
-            wrong.append((s, f"{len(seen)} modes {sum(seen)} detectable, {S} ch x {n}, "
-                             f"{r['snr'] and round(r['snr'])} dB: missed {lost} spurious {more}",
-                          [x["code"] for x in d["diagnostics"]]))
-        for i, k in pairs if r["noise"] > 0 else []:
-            m = d["modes"][k]
-            if seen[i] and m["std"]["exponent"][0] is not None:
-                e = np.array(m["exponent"]) - [r["exponents"][i].real, r["exponents"][i].imag]
-                inside += int(sum(np.abs(e) <= 1.96 * np.array(m["std"]["exponent"])))
-                errors += 2
-    for w in wrong:
-        print(*w)
-    print(f"{count} records from seed {seed}: order right {right} of {judged} with every mode "
-          f"detectable, missed {missed} of {detectable} detectable modes, "
-          f"{spurious} records with a spurious mode, {refused} refused, "
-          f"{inside / max(errors, 1):.3f} of {errors} components within 1.96 std, {seconds:.1f} s "
-          "CPU")
+    rows = [one(s, least, most) for s in range(seed, seed + count)]
+    for low, high in SNR:
+        for few, many in ORDER:
+            cell = [x for x in rows if x["snr"] is not None and low <= x["snr"] < high
+                    and few <= x["modes"] <= many]
+            if cell:
+                tell(f"{low} to {high} dB, {few} to {many} modes", cell)
+    tell("no noise", [x for x in rows if x["snr"] is None])
+    tell(f"all from seed {seed}", rows)
 
 
 if __name__ == "__main__":

@@ -242,9 +242,10 @@ static bool lines_are_better(const struct work *w, const struct by_fold *fold)
 static bool fold_tells(const struct work *w)
 {
     double S = w->data.Y->n;
+    int more = w->facts.told > 0 ? 4 : 2;
 
     return w->rec.wide
-        || w->facts.order + (w->facts.told > 0 ? 4 : 2) <= criterion_order_told(S, S * w->data.Y->m);
+        || w->facts.order + more <= criterion_order_told(S, S * w->data.Y->m);
 }
 
 static void set_fold(struct work *w, int phases, struct identify_result *out)

@@ -424,7 +424,8 @@ static int exponents_of(const struct families *f, int first, int last)
 }
 
 /* L without family J for *BEST, what the least is under the criterion of FIT, so far, *idle and
- * HEAD, where it is less: as the exponents are, and with what may stand in for its lines, refined where that is near. */
+ * HEAD, where it is less: as the exponents are, and with what may stand in for its lines, refined
+ * where that is near. */
 static enum modal_status try_without(struct families *f, const struct lines *l, int j,
                                      const struct refined *fit, struct lines *less, double *best,
                                      int *idle, double complex *head, struct modal_error *err)

@@ -26,11 +26,13 @@
  * no matter how few rows are left. Such a model pays (3), k = 2, for its columns, two by two, and
  * half of it for the last of an odd number, where that is less than what (1) asks: two real poles
  * may be one pair and cost the same, and each must pay as much, or the second would come for
- * what noise gives it in one of some forty records. Half of a pair's is enough for one: real
- * poles differ by their decay alone, in a few of the places. Noise that is not white along a row has other variances w
- * in its S directions, of mean 1; chi-squared is then less than k S + 2 sqrt(k x sum w^2) + 2 x
- * max w [LM00]. What share of them is as good as free, s = S / sum w^2, says the largest too, for
- * noise that is forgotten at one rate: correlated by a^j over j samples it has
+ * what noise gives it in one of some twenty records. Half of a pair's is enough for one: real
+ * poles differ by their decay alone, in a few of the places.
+ *
+ * Noise that is not white along a row has other variances w in its S directions, of mean 1;
+ * chi-squared is then less than k S + 2 sqrt(k x sum w^2) + 2 x max w [LM00]. What share of them
+ * is as good as free, s = S / sum w^2, says the largest too, for noise that is forgotten at one
+ * rate: correlated by a^j over j samples it has
  *
  *     s = (1 - a^2) / (1 + a^2),    max w = (1 + a) / (1 - a).
  *

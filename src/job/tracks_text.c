@@ -1,7 +1,7 @@
 /* tracks_text.c - a form's number, what is known of all, then each track; see tracks_text.h */
 #include "job/tracks_text.h"
 #include <math.h>
-#include <stdio.h>
+#include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -11,7 +11,10 @@ enum {
     OF_LINE = 12,                 /* of a way that has a slope */
     OF_STILL = 6,                 /* of one that has none */
     OF_EACH = 10 + OF_LINE + OF_STILL + 2 * TRACK_SHAPE,    /* numbers of one */
-    NUMBER_MOST = 20,             /* bytes of a number and a blank: 12 digits, signs, exponent */
+    BITS = 40,                    /* of what is not whole: 1,000 times finer than what tells
+                                   * exponents apart */
+    NUMBER_MOST = 24,             /* bytes of a number and a blank: 16 digits; or 0x, 11 digits, p,
+                                   * 4 of an exponent, signs */
 };
 static const double COUNT_MOST = 9007199254740992.0;     /* 2^53: told apart by a double */
 
@@ -81,15 +84,46 @@ static void each_in(struct track *t, const double x[OF_EACH])
 
 /* ---- text ---- */
 
-/* Counts are whole; 12 digits of the rest are 1,000 times finer than what tells exponents apart. */
+/* N in BASE, behind TO. */
+static char *put_whole(char *to, uint64_t n, unsigned base)
+{
+    char digits[NUMBER_MOST];
+    int count = 0;
+
+    do
+        digits[count++] = "0123456789abcdef"[n % base];
+    while ((n /= base) > 0);
+    while (count > 0)
+        *to++ = digits[--count];
+    return to;
+}
+
+/* Counts are whole.  The rest is hexadecimal, as %a has it: a window has hundreds of these numbers,
+ * and their decimals would take as long as its modes. */
 static int put(char *to, const double *x, int count)
 {
-    int length = 0;
+    char *begin = to;
 
-    for (int i = 0; i < count; i++)
-        length += sprintf(to + length, x[i] == floor(x[i]) && fabs(x[i]) <= COUNT_MOST
-                                           ? "%.0f " : "%.12g ", x[i]);
-    return length;
+    for (int i = 0; i < count; i++) {
+        int power = 0;
+        double size = fabs(x[i]);
+        if (x[i] < 0)
+            *to++ = '-';
+        if (size == floor(size) && size <= COUNT_MOST) {
+            to = put_whole(to, (uint64_t)size, 10);
+        } else if (!isfinite(size)) {
+            memcpy(to, "nan", 3), to += 3;      /* which is refused when it is read */
+        } else {
+            uint64_t n = (uint64_t)llrint(ldexp(frexp(size, &power), BITS));
+            *to++ = '0', *to++ = 'x';
+            to = put_whole(to, n, 16);
+            power -= BITS;
+            *to++ = 'p', *to++ = power < 0 ? '-' : '+';
+            to = put_whole(to, (uint64_t)abs(power), 10);
+        }
+        *to++ = ' ';
+    }
+    return (int)(to - begin);
 }
 
 char *tracks_text_write(const struct tracks *t)

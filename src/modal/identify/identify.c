@@ -192,9 +192,10 @@ static enum modal_status analyse(struct work *w, struct identify_result *out,
     bool found = false;
     enum modal_status rc;
 
-    w->triplets = TRIPLETS_FIRST;
+    w->triplets = TRIPLETS_FIRST, out->begun = false;
     if ((rc = work_reduce(w, out, err)) != MODAL_OK
         || (rc = stage(w, "pod", out, err)) != MODAL_OK
+        || (w->opt.known != NULL && (rc = work_begin_at_known(w, out, &found, err)) != MODAL_OK)
         || (work_begins_at_head(w) && (rc = work_grow_from_head(w, out, &found, err)) != MODAL_OK)
         || (!found && (rc = work_decompose(w, out, err)) != MODAL_OK)
         || (!found && (rc = stage(w, "svd", out, err)) != MODAL_OK)

@@ -510,6 +510,23 @@ enum modal_status work_choose_order(struct work *w, struct identify_result *out,
     return rc;
 }
 
+enum modal_status work_begin_at_known(struct work *w, struct identify_result *out, bool *found,
+                                      struct modal_error *err)
+{
+    struct found f = { .choice = { .chosen = -1 } };
+    enum modal_status rc = MODAL_OK;
+
+    *found = false;
+    if (w->shift > 1 && w->refine && w->opt.method == IDENTIFY_AUTO
+        && w->opt.rank.rule == RANK_AUTO && w->opt.rank.most == 0)
+        rc = work_try_known(w, &f.choice, err);
+    *found = out->begun = rc == MODAL_OK && f.choice.chosen >= 0;
+    if (*found)
+        rc = put_found(w, &f, out, err);
+    found_done(&f);
+    return rc;
+}
+
 /* What a fixed or ruled rank left out: one more direction fits far better, and completes a pair? */
 enum modal_status work_look_above(struct work *w, struct modal_error *err)
 {

@@ -60,24 +60,38 @@ static int signals_of_all(const struct pencil *p)
     return count;
 }
 
+/* No order has more poles than rows tell of. */
+static int folded_most(const struct work *w)
+{
+    int rows = work_rows_allow(w), sparing = work_sparing_order(w);
+
+    return !w->data.exact && sparing < rows ? sparing : rows;
+}
+
+static enum modal_status descend_from(struct work *w, const struct order_source *source,
+                                      struct order_choice *choice, struct modal_error *err)
+{
+    struct order_options opt = { .order_most = folded_most(w), .many = true,
+                                 .work = work_left(w, false, w->brief),
+                                 .renewed = source->known != NULL,
+                                 .cancelled = w->opt.cancelled, .context = w->opt.context };
+    enum modal_status rc = order_from_above(&w->data, source, &opt, choice, err);
+
+    w->spent += rc == MODAL_OK ? choice->work : 0;
+    return rc;
+}
+
 /* From w->pencil downwards, from the SHARE of so many directions. */
 static enum modal_status descend_folded(struct work *w, int count, double share,
                                         struct order_choice *choice, struct modal_error *err)
 {
-    struct order_options opt = { .order_most = work_rows_allow(w), .many = true,
-                                 .cancelled = w->opt.cancelled, .context = w->opt.context };
     struct order_source source = { .poles = work_pencil_source, .context = w };
-    enum modal_status rc;
+    int most = folded_most(w);
 
-    if (!w->data.exact && work_sparing_order(w) < opt.order_most)
-        opt.order_most = work_sparing_order(w);
     count = count < w->pencil.count ? count : w->pencil.count;
-    count = count < opt.order_most ? count : opt.order_most;
+    count = count < most ? count : most;
     source.most = (int)ceil(share * count);
-    opt.work = work_left(w, false, w->brief);
-    rc = order_from_above(&w->data, &source, &opt, choice, err);
-    w->spent += rc == MODAL_OK ? choice->work : 0;
-    return rc;
+    return descend_from(w, &source, choice, err);
 }
 
 /* The better of two searches into *BEST, and how they ended; SIGNALS of the other's pencil. */
@@ -329,5 +343,46 @@ enum modal_status work_choose_periodic(struct work *w, struct order_choice *best
     }
     if (rc == MODAL_OK && w->facts.told > 0 && best->chosen >= 0)
         rc = settle_white(w, best, err);
+    return rc;
+}
+
+/* Is what FIT leaves white in all columns, and from sample to sample, so that no search would begin
+ * anew with other noise? */
+static enum modal_status noise_is_white(const struct work *w, const struct refined *fit,
+                                        bool *white, struct modal_error *err)
+{
+    struct matrix E = { 0 }, Y = matrix_new(w->folded.m, w->folded.n);
+    struct periods copy = { &Y, w->shift, w->samples };
+    double share = 0, told = 1;
+    enum modal_status rc = Y.x != NULL ? white_share(w, fit, &share, err)
+                                       : modal_fail(err, MODAL_NO_MEMORY,
+                                                    "identify: no memory for %d periods", Y.m);
+
+    if (rc == MODAL_OK && share >= 1)
+        rc = remainder_of(&w->data, fit, &E, err);
+    if (rc == MODAL_OK && E.x != NULL) {
+        matrix_copy(Y.m, Y.n, w->folded.x, w->folded.ld, Y.x, Y.ld);
+        rc = whiten_periods(&copy, &E, fit->order, least_gain(w), &told, err);
+    }
+    *white = rc == MODAL_OK && share >= 1 && told == 0;
+    free(E.x), free(Y.x);
+    return rc;
+}
+
+enum modal_status work_try_known(struct work *w, struct order_choice *best,
+                                 struct modal_error *err)
+{
+    struct order_source source = { .known = w->opt.known->lambda,
+                                   .known_count = w->opt.known->count };
+    bool white = false;
+    enum modal_status rc = descend_from(w, &source, best, err);
+
+    if (rc == MODAL_OK && best->clean && work_bic_chosen(best) < work_bic_of_nothing(&w->data))
+        rc = noise_is_white(w, &best->candidates[best->chosen].fit, &white, err);
+    if (!white) {
+        order_done(best);
+        *best = (struct order_choice) { .chosen = -1 };
+        w->spent = 0;                                /* what is tried first is no search's cost */
+    }
     return rc;
 }

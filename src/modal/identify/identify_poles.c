@@ -250,7 +250,7 @@ static int mode_of_pole(const struct work *w, const struct identify_result *r,
 enum modal_status work_report_ladder(struct work *w, struct identify_result *out,
                                      struct modal_error *err)
 {
-    const struct order_choice *c = &w->choice;
+    const struct order_choice none = { .chosen = -1 }, *c = out->begun ? &none : &w->choice;
     int poles = 0, least = c->chosen >= 0 ? c->candidates[c->chosen].fit.order : 0;
 
     for (int i = 0; i < c->count; i++)

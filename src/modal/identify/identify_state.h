@@ -187,6 +187,9 @@ bool work_begins_at_head(const struct work *w);
  * nothing is. */
 enum modal_status work_grow_from_head(struct work *w, struct identify_result *out, bool *found,
                                       struct modal_error *err);
+/* *found, out->begun: the poles of w->opt.known are the answer. Else nothing is. */
+enum modal_status work_begin_at_known(struct work *w, struct identify_result *out, bool *found,
+                                      struct modal_error *err);
 /* w->choice: from above, and where that does not settle it by the ladder. */
 enum modal_status work_choose_order(struct work *w, struct identify_result *out,
                                     struct modal_error *err);
@@ -215,6 +218,11 @@ enum modal_status work_descend_periods(struct work *w, struct order_choice *best
 /* *best, empty, of a periodic system: its multipliers, from above. */
 enum modal_status work_choose_periodic(struct work *w, struct order_choice *best,
                                        struct modal_error *err);
+
+/* *best, empty: the poles of w->opt.known, refined and completed as any from above, where they
+ * leave noise that no search would take for anything else; else it stays empty. */
+enum modal_status work_try_known(struct work *w, struct order_choice *best,
+                                 struct modal_error *err);
 
 /* ---- identify_poles.c ---- */
 

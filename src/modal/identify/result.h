@@ -97,6 +97,10 @@ struct identify_options {
     double target_error;          /* stop the ladder here; 0: none */
     double target_seconds;
 
+    /* Of a periodic system: poles to begin with, borrowed, as a result has them. Where they are the
+     * answer, refined, nothing else is searched (identify_result, begun). NULL: none are known */
+    const struct identify_chosen *known;
+
     /* CPU seconds, for the cost of each stage; and whether to stop.  Each may be NULL. */
     double (*clock)(void *context);
     bool (*cancelled)(void *context);
@@ -200,6 +204,8 @@ struct identify_result {
     struct identify_chosen chosen, unweighed;         /* those of the answer; those before channels
                                                        * were weighed by their noise (count 0: they
                                                        * were not) */
+    bool begun;                   /* at options.known, and the answer was there: singular values,
+                                   * candidates and poles are empty, persistence NAN */
     struct identify_cluster *clusters; int cluster_count;
     struct identify_frf frf;
     int input_count;              /* measured; 0: none */

@@ -33,6 +33,11 @@
  *     the whole (parts.c, its first look), and no other special case of order.c or verdict.c is
  *     near.
  *
+ * A periodic system of a whole number of samples a period goes another way: its rows are periods,
+ * few enough to be read whole, and modal_identify begins at the poles of the window before in place
+ * of a search (identify_result, begun), with its own criteria for poles more, fewer and split, and
+ * for noise that is not white.
+ *
  * Otherwise the window is identified from nothing by modal_identify, so that in doubt the two agree
  * because they are one.  A change of order in mid-record is such a case, and is said.
  */
@@ -243,21 +248,73 @@ static bool special(const struct moving *m, const double complex *lambda, int co
     return count == constants || constants > 1 || (constants > 0 && slow > 0);
 }
 
+static bool has_weak_mode(const struct identify_result *r)
+{
+    bool any = false;
+
+    for (int i = 0; i < r->mode_count; i++)
+        any |= r->modes[i].energy < VERDICT_WEAK;
+    return any;
+}
+
+/* Does a verdict of RESULT need what an update does not know?  A weak mode's say needs its
+ * persistence, which only a ladder of orders knows; a crowd's growth parts of the window. */
+static bool needs_more(const struct identify_result *r)
+{
+    return has_weak_mode(r) || verdict_crowd_grows(r);
+}
+
+static struct batch window_batch(const struct moving *m)
+{
+    return (struct batch) { .samples = (size_t)m->L,
+                            .channels = (size_t)m->S,
+                            .signals = moving_sample(m, m->next - (uint64_t)m->L),
+                            .dt = m->opt.dt,
+                            .period = m->opt.period };
+}
+
+/* A periodic system: from the poles of the window before, in periods (identify_periods.c). *why,
+ * GOOD where they are the answer: else the result is none, or one that was searched for. */
+static enum modal_status from_known(struct moving *m, struct identify_result *out,
+                                    enum reason *why, struct modal_error *err)
+{
+    struct batch batch = window_batch(m);
+    struct identify_options opt = m->opt.identify;
+    struct identify_chosen known = { m->own.lambda, m->own.count, 0 };
+    enum modal_status rc;
+
+    opt.known = &known;
+    rc = modal_identify(&batch, &opt, out, err);
+    *why = GOOD;
+    if (rc == MODAL_OK && (!out->begun || out->at_grid))
+        *why = NOT_SETTLED;
+    else if (rc == MODAL_OK && needs_more(out))
+        *why = has_weak_mode(out) ? WEAK_MODE : UNDETERMINED;
+    return rc;
+}
+
+/* The poles of RESULT, where the next window can begin at them. */
+static enum modal_status keep_periodic(struct moving *m, const struct identify_result *result,
+                                       struct modal_error *err)
+{
+    m->periodic = result->shift > 1 && result->chosen.count > 0;
+    if (m->periodic && !poles_take(&m->own, result->chosen.lambda, result->chosen.count))
+        return modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d poles",
+                          result->chosen.count);
+    return MODAL_OK;
+}
+
 static enum modal_status from_nothing(struct moving *m, struct identify_result *out,
                                       struct modal_error *err)
 {
-    struct batch batch = { .samples = (size_t)m->L,
-                           .channels = (size_t)m->S,
-                           .signals = moving_sample(m, m->next - (uint64_t)m->L),
-                           .dt = m->opt.dt,
-                           .period = m->opt.period };
+    struct batch batch = window_batch(m);
     enum modal_status rc = modal_identify(&batch, &m->opt.identify, out, err);
 
     m->batches++;
     anchor_forget(m);
     m->reason = FIRST;
     if (rc != MODAL_OK || !m->possible)
-        return rc;
+        return rc == MODAL_OK ? keep_periodic(m, out, err) : rc;
     if (out->at_grid) {
         m->reason = GRID;
         return rc;
@@ -369,13 +426,39 @@ static enum modal_status try_update(struct moving *m, struct job *j, enum reason
     return rc;
 }
 
-static bool has_weak_mode(const struct identify_result *r)
+static enum modal_status identify_periodic(struct moving *m, struct identify_result *out,
+                                           enum reason *why, struct modal_error *err)
 {
-    bool any = false;
+    enum modal_status rc = from_known(m, out, why, err);
 
-    for (int i = 0; i < r->mode_count; i++)
-        any |= r->modes[i].energy < VERDICT_WEAK;
-    return any;
+    if (rc != MODAL_OK)
+        return rc;
+    if (*why == WEAK_MODE || *why == UNDETERMINED) {
+        identify_result_done(out);
+        return from_nothing(m, out, err);
+    }
+    m->updates += *why == GOOD, m->batches += *why != GOOD;
+    return keep_periodic(m, out, err);
+}
+
+/* A constant system: the update that J has tried, if WHY is GOOD. */
+static enum modal_status conclude(struct moving *m, struct job *j, struct identify_result *out,
+                                  enum reason *why, struct modal_error *err)
+{
+    enum modal_status rc = *why == GOOD ? moving_report(j, out, err) : MODAL_OK;
+
+    if (rc == MODAL_OK && *why == GOOD && needs_more(out)) {
+        *why = has_weak_mode(out) ? WEAK_MODE : UNDETERMINED;
+        identify_result_done(out);
+    }
+    if (rc == MODAL_OK && *why != GOOD)
+        return from_nothing(m, out, err);
+    if (rc == MODAL_OK
+        && (!poles_take(&m->own, j->own.lambda, j->own.poles)
+            || !poles_take(&m->first, j->first.lambda, j->first.poles)))
+        rc = modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d poles", j->own.poles);
+    m->updates += rc == MODAL_OK;
+    return rc;
 }
 
 enum modal_status moving_identify(struct moving *m, struct identify_result *out,
@@ -391,22 +474,12 @@ enum modal_status moving_identify(struct moving *m, struct identify_result *out,
                           m->L);
     if (m->anchored)
         rc = try_update(m, &j, &why, err);
-    if (rc == MODAL_OK && m->anchored && why == GOOD) {
-        rc = moving_report(&j, out, err);
-        /* a weak mode's say needs its persistence, which only a ladder of */
-        if (rc == MODAL_OK && (has_weak_mode(out) || verdict_crowd_grows(out))) {
-            /* orders knows; a crowd's growth parts of the window */
-            why = has_weak_mode(out) ? WEAK_MODE : UNDETERMINED;
-            identify_result_done(out);
-            rc = from_nothing(m, out, err);
-        } else if (rc == MODAL_OK
-                   && (!poles_take(&m->own, j.own.lambda, j.own.poles)
-                       || !poles_take(&m->first, j.first.lambda, j.first.poles)))
-            rc = modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d poles", j.own.poles);
-        m->updates += rc == MODAL_OK && why == GOOD;
-    } else if (rc == MODAL_OK || rc == MODAL_NO_CONVERGENCE) {
+    if (m->periodic)
+        rc = identify_periodic(m, out, &why, err);
+    else if (m->anchored && rc == MODAL_OK)
+        rc = conclude(m, &j, out, &why, err);
+    else if (rc == MODAL_OK || rc == MODAL_NO_CONVERGENCE)
         rc = from_nothing(m, out, err);
-    }
     if (rc != MODAL_OK)
         identify_result_done(out);
     if (cost != NULL)

@@ -22,7 +22,8 @@ struct moving_options {
 struct moving_cost {
     bool updated;                      /* from the result before; false: from nothing, as a batch */
     const char *why;            /* where it was from nothing: a word of moving.c; else NULL */
-    double work;                    /* multiplications of the update's fits; 0 where from nothing */
+    double work;                    /* multiplications of the update's fits; 0 where from nothing,
+                                     * and of a periodic system */
     uint64_t updates, batches;            /* of this window so far */
 };
 

@@ -44,6 +44,7 @@ struct moving {
     uint64_t next;                               /* samples so far */
 
     bool possible;                               /* the options are those of an update */
+    bool periodic;                               /* the next window begins at `own`, in periods */
     bool anchored;
     int reason;                                  /* where there is no anchor: why not */
     struct poles_of own, first;                  /* of the last result; before channels were weighed

@@ -51,6 +51,8 @@ struct order_options {
                                  * candidate or step; 0: no limit */
     int seen;                   /* of data in blocks: rows that a search before this has seen */
     bool many;                  /* from above: many modes, in noise; steps go by sums (gram.h) */
+    bool renewed;               /* from above: the poles that are known were the answer to nearly
+                                 * the same data: another is tried where it may pay alone */
     int cut;                    /* > 0: where the least looked at has r + ORDER_AHEAD above this, do
                                  * not refine: the caller has a larger source */
     bool no_offset;             /* do not try a slow real pole as a constant */

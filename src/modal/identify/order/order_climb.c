@@ -184,7 +184,9 @@ enum modal_status climb_rest(struct climb *c, int at, struct modal_error *err)
 /* What must be seen of another pole before it is tried: half of its price, or more than white noise
  * shows in COUNT places. A sum of a_i times chi-squared of one degree each is above sum a_i + 2
  * sqrt(x sum a_i^2) + 2 x max a_i with less than e^-x [LM00], here 1 / COUNT; a_i are the
- * eigenvalues of the columns' correlations, each twice. What it then pays is another matter. */
+ * eigenvalues of the columns' correlations, each twice. What it then pays is another matter.
+ * Of data that are renewed: both, for chance was looked at before, and what chance shows of many
+ * columns is half of the price by itself. */
 double climb_worth_looking(const struct climb *c, const struct refined *fit, double count,
                            const struct colour_spread *spread)
 {
@@ -193,5 +195,8 @@ double climb_worth_looking(const struct climb *c, const struct refined *fit, dou
            square = spread != NULL ? fmax(2 * spread->square, d) : d,
            largest = spread != NULL ? spread->largest : 1;
 
+    if (c->opt->renewed)
+        return fmax(SHARE_LOOK * climb_pair_price(c, fit), d + 2 * sqrt(square * x)
+                                                               + 2 * largest * x);
     return fmin(SHARE_LOOK * climb_pair_price(c, fit), d + 2 * sqrt(square * x) + 2 * largest * x);
 }

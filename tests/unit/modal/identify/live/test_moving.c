@@ -152,7 +152,8 @@ static struct tally compare(const double *x, int samples, struct moving_options 
         int n = samples - at < chunk ? samples - at : chunk;
         struct batch b = { .channels = (size_t)opt.channels,
                            .samples = (size_t)opt.window,
-                           .dt = opt.dt };
+                           .dt = opt.dt,
+                           .period = opt.period };
         struct identify_result ours, batch;
         struct moving_cost cost;
 
@@ -203,6 +204,86 @@ TEST(every_window_has_the_modes_that_a_batch_of_it_has)
         CHECK(10 * (t.windows - t.updates - 1) <= t.windows);
         free(x);
     }
+}
+
+/* A periodic system, 20 samples a period: each mode is its exponential times 1 + cos / 3, with a
+ * phase of its own in each channel; the first BEGINS at that sample. */
+static double *periodic(int samples, int channels, int begins, uint64_t seed)
+{
+    static const double hz[] = { 0.5, 1.15, 2.05 };
+    double *x = calloc((size_t)(samples * channels), sizeof *x);
+    struct random r = { seed };
+
+    for (int c = 0; c < channels; c++)
+        for (int j = 0; j < 3; j++) {
+            double complex lambda = decay_pole(hz[j], 1e-4);
+            double a = 0.4 + 0.6 * random_uniform(&r), phase = 6.283 * random_uniform(&r);
+            for (int k = j == 0 ? begins : 0; k < samples; k++) {
+                double t = 0.05 * k;
+                x[k * channels + c] += a * exp(creal(lambda) * t) * cos(cimag(lambda) * t + phase)
+                                     * (1 + cos(2 * M_PI * t + phase) / 3);
+            }
+        }
+    for (int i = 0; i < samples * channels; i++)
+        x[i] += 0.007 * random_normal(&r);      /* 40 dB */
+    return x;
+}
+
+/* An exponent is told but for a multiple of i 2 pi: within five standard errors of its own. */
+static bool shows(const struct identify_result *r, double hz)
+{
+    double complex lambda = decay_pole(hz, 1e-4);
+
+    for (int i = 0; i < r->mode_count; i++) {
+        const struct identify_mode *m = &r->modes[i];
+        double turns = cimag(m->exponent - lambda) / (2 * M_PI), back = cimag(m->exponent + lambda)
+                                                                      / (2 * M_PI);
+        double off = 2 * M_PI * fmin(fabs(turns - nearbyint(turns)), fabs(back - nearbyint(back)));
+        if (off < 5 * m->std_im && fabs(creal(m->exponent - lambda)) < 5 * m->std_re)
+            return true;
+    }
+    return false;
+}
+
+TEST(windows_of_a_periodic_system_are_updated_to_what_a_batch_of_them_says)
+{
+    static const struct { int channels, window; } cases[] = { { 1, 1200 }, { 3, 2400 }, { 8, 600 } };
+
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        int samples = cases[i].window + 1200;
+        double *x = periodic(samples, cases[i].channels, 0, 61 + i);
+        struct moving_options opt = { .channels = cases[i].channels, .window = cases[i].window,
+                                      .hop = 100, .dt = 0.05, .period = 1 };
+        struct tally t = compare(x, samples, opt, 100, 1, 0);
+        CHECK_NEAR(t.worst, 0, 1e-9);
+        CHECK(t.windows == 13 && t.updates == 12);
+        free(x);
+    }
+}
+
+/* The windows that it fills in part are left out: the next one begins at two poles of three. */
+TEST(a_mode_of_a_periodic_system_that_begins_between_two_windows_is_found)
+{
+    enum { BEGINS = 800, WINDOW = 600, SAMPLES = 2000 };
+    double *x = periodic(SAMPLES, 3, BEGINS, 71);
+    struct moving_options opt = { .channels = 3, .window = WINDOW, .dt = 0.05, .period = 1 };
+    struct identify_result result;
+    struct moving *m;
+
+    CHECK(moving_new(&opt, &m, NULL) == MODAL_OK);
+    for (int at = 0; at < SAMPLES; at += 100) {
+        int before = at + 100 - WINDOW;
+        CHECK(moving_push(m, x + at * 3, 100, NULL) == MODAL_OK);
+        if (before < 0 || (before < BEGINS && at + 100 > BEGINS))
+            continue;
+        CHECK(moving_identify(m, &result, NULL, NULL) == MODAL_OK);
+        CHECK(result.mode_count == (before < BEGINS ? 2 : 3));
+        CHECK(shows(&result, 1.15) && shows(&result, 2.05));
+        CHECK(before < BEGINS || shows(&result, 0.5));
+        identify_result_done(&result);
+    }
+    moving_free(m);
+    free(x);
 }
 
 /* Windows of 600 samples, 300 left out between one and the next. */

@@ -403,8 +403,7 @@ static const struct result_key orbit_keys[] = {
 
 static const struct result_key steady_keys[] = {
     { "kind", RESULT_TEXT, .means = "steady" },
-    { "converged", RESULT_TRUTH,
-      .means = "false: what is given is the best iterate, and a diagnostic says why" },
+    { "converged", RESULT_TRUTH, .means = "false: the best iterate, and a diagnostic says why" },
     { "omega", RESULT_NUMBER, .unit = "rad/s", .null = "with tones",
       .means = "of the motion's first harmonic" },
     { "tones", RESULT_NUMBER, .list = "one to three", .unit = "rad/s", .absent = "without tones",
@@ -423,16 +422,17 @@ static const struct result_key steady_keys[] = {
     { "residual", RESULT_NUMBER, .null = UNKNOWN, .means = "of the balance, relative" },
     { "truncation_error", RESULT_NUMBER, .unit = "the dofs'", .null = UNKNOWN,
       .means = "estimate of max |x - exact| that more harmonics would remove" },
-    { "sampling_error", RESULT_NUMBER, .unit = "the dofs'", .null = UNKNOWN,
-      .means = "that more samples would remove" },
+    { "sampling_error", RESULT_NUMBER, .unit = "the dofs'", .null = UNKNOWN, .means = "sampling" },
     { "solver_error", RESULT_NUMBER, .unit = "the dofs'", .null = UNKNOWN,
       .means = "that more iterations would remove" },
-    { "reduction_error", RESULT_NUMBER, .unit = "the dofs'", .null = UNKNOWN,
-      .absent = "without reduce", .means = "that more modes would remove" },
+    { "reduction_error", RESULT_NUMBER, .unit = "the dofs'", .null = UNKNOWN, .absent = "without "
+      "reduce", .means = "that more modes would remove" },
     { "total_error", RESULT_NUMBER, .unit = "the dofs'", .null = UNKNOWN, .means = "of all these, "
       "over time and reported dofs; with a free tone at equal phases of it" },
-    { "tone_error", RESULT_NUMBER, .unit = "rad/s", .null = UNKNOWN,
-      .absent = "where no tone is free", .means = "of the free tone's frequency" },
+    { "line_error", RESULT_NUMBER, .unit = "the dofs'", .null = UNKNOWN, .absent = "without tones",
+      .means = "of a combination's X, told or left out" },
+    { "tone_error", RESULT_NUMBER, .unit = "rad/s", .null = UNKNOWN, .absent = "without a free "
+      "tone", .means = "of its frequency" },
     { "reconstruction", RESULT_OBJECT, .members = equation_keys,
       .means = "the motion in the equation of motion" },
     { "work", RESULT_OBJECT, .members = work_keys, .means = "against the limit of work" },

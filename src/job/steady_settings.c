@@ -61,7 +61,8 @@ const struct key_row steady_option_rows[] = {
       "with this error of their receptances, relative; default: 1e-10 along a curve over omega, "
       "none at a point, where each harmonic is factored", .example = "1e-6" },
     { "target.error", KEY_NUMBER, AT(opt.target_error), .low = 1e-14, .high = 1, .initial = "1e-6",
-      .meaning = "that default harmonics reach, relative to the largest motion",
+      .meaning = "that default harmonics reach, relative to the largest motion; under several "
+      "tones that of each line",
       .example = "1e-3" },
     { "time", KEY_OWN, .low = 1, .high = ORBIT_SAMPLES_MOST, .form = "true|N",
       .meaning = "the waveform too, in N samples", .example = "64" },

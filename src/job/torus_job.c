@@ -102,10 +102,10 @@ static void print_diagnostics(const struct steady_settings *settings,
     }
     if (point->converged && point->wanting && settings->opt.harmonics == 0) {
         snprintf(text, sizeof text,
-                 "the error's estimate is %.3g of the amplitude, %.3g times target.error %.3g, "
-                 "with %d combinations, the most that were tried",
-                 point->error / point->amplitude,
-                 point->error / point->amplitude / settings->opt.target_error,
+                 "a line's error is estimated at %.3g of the amplitude, %.3g times target.error "
+                 "%.3g, with %d combinations, the most that were tried",
+                 point->line / point->amplitude,
+                 point->line / point->amplitude / settings->opt.target_error,
                  settings->opt.target_error, point->count);
         diagnose(list, "target_not_met", text);
     }
@@ -151,6 +151,7 @@ static void print_errors(const struct steady_settings *settings, const struct to
     json_set_number(doc, "sampling_error", known ? point->sampling : NAN);
     json_set_number(doc, "solver_error", known ? point->solver : NAN);
     json_set_number(doc, "total_error", known ? point->error : NAN);
+    json_set_number(doc, "line_error", known ? point->line : NAN);
     if (settings->free_tone > 0)
         json_set_number(doc, "tone_error", known ? point->tone_error : NAN);
     o = cJSON_AddObjectToObject(doc, "reconstruction");

@@ -132,7 +132,15 @@ def lines_of(result):
     return w, np.array([r["re"] for r in rows]) + 1j * np.array([r["im"] for r in rows])
 
 
-def leaves(a, result, march, finer=1):
+def turns_to_settle(a, result):
+    """Twice as many as the slowest disturbance takes to a thousandth, of which the second half is
+    looked at: what the march begins with is as rough as the rates of the lines told."""
+    slowest = max(result["stability"]["exponents"], default=0)
+    turns = 2 * math.log(1e3) / -slowest * max(a["tones"]) / (2 * math.pi) if slowest < 0 else 0
+    return int(min(max(AFTER, turns), 40 * AFTER))
+
+
+def leaves(a, result, march, finer=1, after=AFTER, highest=HIGHEST):
     """max |x - march| over the second half of AFTER turns, the largest motion, and the part of it
     that rounding alone may come to: of as many sums, at random, and of phases."""
     w, X = lines_of(result)
@@ -143,7 +151,7 @@ def leaves(a, result, march, finer=1):
     fastest = max(fastest, math.sqrt(stiff / a["M"].diagonal().min()) / 2)
     turn = 2 * math.pi / max(a["tones"])
     per = int(400 * finer * max(1, fastest / max(a["tones"])))
-    steps = int(min(AFTER * per, HIGHEST))
+    steps = int(min(after * per, highest))
     h = turn / per
     numbers = [a["n"], *a["M"].ravel(), *a["C"].ravel(), *a["K"].ravel(), len(a["laws"])]
     for law in a["laws"]:
@@ -184,8 +192,9 @@ def judge(seed, folder, march):
     off, most, rounding = leaves(a, result, march)
     stated = result["total_error"]
     if off > 3 * stated:                             # the reference's own error is a part of it
-        finer = leaves(a, result, march, 16)
-        off, rounding = (finer[0], finer[2]) if finer[0] < off else (off, rounding)
+        for finer, after in ((16, AFTER), (4, turns_to_settle(a, result))):
+            again = leaves(a, result, march, finer, after, 4 * HIGHEST)
+            off, rounding = (again[0], again[2]) if again[0] < off else (off, rounding)
     said.update(true=off / most if most > 0 else off, stated=stated / most if most > 0 else stated,
                 stable=result["stability"]["stable"], rounding=rounding)
     limit = 3 * stated + OWN * most

@@ -133,6 +133,35 @@ def test_an_error_of_a_hundredth_of_a_per_cent_needs_a_record_of_64_turns(tmp_pa
     assert np.abs(motion(result, t) - x).max() <= 3 * result["total_error"]
 
 
+# A slider's tail is a hundred times what any of its lines is off; the finer answer has a tenth of
+# the error, and is held against a long march above.
+@pytest.mark.parametrize("ratio", [GOLDEN, 2 ** 0.5, 1.01])
+@pytest.mark.parametrize("law", ["gap", "friction"])
+def test_a_target_limits_the_error_of_each_line_told_or_left_out(law, ratio, tmp_path):
+    effect = {"gap": {"type": "gap", "dof": "x", "stiffness": 2, "clearance": 0.2},
+              "friction": {"type": "friction", "dof": "x", "stiffness": 0.5, "limit": 0.2}}[law]
+    scene = oscillator([effect], [0.8, 0.8 * ratio])
+    result, finer = (run("steady", scene, tmp_path, "-o", "target.error=" + target)[1]
+                     for target in ("1e-4", "1e-5"))
+    told, true = ({tuple(k): complex(re, im) for k, re, im in zip(rows["k"], rows["re"],
+                                                                  rows["im"])}
+                  for rows in (answer["harmonics"][0] for answer in (result, finer)))
+    most = np.abs(motion(finer, np.linspace(0, 1000, 5000))).max()
+    off = max(abs(told.get(k, 0) - true.get(k, 0)) for k in {*told, *true})
+    assert result["converged"] and not result["diagnostics"] and result["stability"]["stable"]
+    assert off <= 3 * result["line_error"] and result["line_error"] <= 1.001e-4 * most
+    assert result["N"] <= 32 * 512                 # samples of a record
+
+
+# A gap has no place of its own: volumes of disturbances shrink by exp(-C / M t), whatever it does.
+@pytest.mark.parametrize("ratio", [GOLDEN, 1.01])
+def test_disturbances_beside_a_gap_lose_together_what_the_damper_takes(ratio, tmp_path):
+    scene = oscillator([{"type": "gap", "dof": "x", "stiffness": 2, "clearance": 0.2}],
+                       [0.8, 0.8 * ratio], damping=0.1)
+    stability = run("steady", scene, tmp_path, "-o", "target.error=1e-4")[1]["stability"]
+    assert sum(stability["exponents"]) == pytest.approx(-0.1, abs=1e-10)
+
+
 def test_tones_with_a_common_period_answer_as_one(tmp_path):
     spring = [{"type": "cubic_spring", "dof": "x", "coefficient": 0.5}]
     one = oscillator(spring, [1.05, 0.7])

@@ -699,6 +699,12 @@ enum modal_status torus_forces(struct torus_laws *w, struct torus_grid *g, int c
 }
 
 void torus_laws_retune(struct torus_laws *w, const struct torus_tones *t) { w->tones = *t; }
+void torus_note(struct torus_laws *w, int law, bool acts, long evaluations)
+{
+    w->law[law].acts = acts;
+    w->law[law].evaluations += evaluations;
+}
+
 void torus_hold(struct torus_laws *w, bool held) { w->held = held; }
 long torus_evaluations(const struct torus_laws *w, int law) { return w->law[law].evaluations; }
 bool torus_acts(const struct torus_laws *w, int law) { return w->law[law].acts; }

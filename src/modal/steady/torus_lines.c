@@ -23,6 +23,7 @@
  */
 #include "modal/steady/torus_lines.h"
 #include <cblas.h>
+#include <fftw3.h>
 #include <lapacke.h>
 #include <math.h>
 #include <stdlib.h>
@@ -35,6 +36,7 @@ enum {
     OTHERS_MOST = 160,         /* |k_j| of one tone beside the leading one: slow envelopes of close
                                 * tones have as many lines */
     OTHERS_OF_TWO_MOST = 12,   /* of two */
+    AFRESH = 32,               /* products of a wave: no rounding gathers */
     BLOCK = 64,                /* turns whose samples are weighed at once */
 };
 static const double APART = 1.5;          /* turns of the record that lines are apart at least: (2)
@@ -71,22 +73,35 @@ static double turns_of(const struct torus_sheet *a, struct torus_index k)
     return torus_frequency(&a->s->tones, k) / a->s->tones.omega[a->s->tones.lead];
 }
 
+/* The larger of two that are numbers, without a call. */
+static double larger(double a, double b) { return a > b ? a : b; }
+
+/* a b of finite numbers: C's product asks whether they are. */
+static double complex turned(double complex a, double complex b)
+{
+    return CMPLX(creal(a) * creal(b) - cimag(a) * cimag(b),
+                 creal(a) * cimag(b) + cimag(a) * creal(b));
+}
+
 /* The cosines, then the sines of 2 pi s r at the record's turns r, of row after row. */
 static void fill_waves(struct torus_sheet *a)
 {
     double first = a->start * a->s->tones.omega[a->s->tones.lead] / (2 * M_PI);
 
     for (int row = 0; row < a->rows; row++) {
+        double complex turn, wave = 1;
         struct torus_index k;
         double s;
 
         row_of(a, row, &k);
         s = turns_of(a, k);
+        turn = CMPLX(cos(2 * M_PI * s), sin(2 * M_PI * s));
         for (int r = 0; r < a->turns; r++) {
-            double phase = 2 * M_PI * fmod(s * (first + r), 1);
-
-            a->wave[(size_t)row * (size_t)a->turns + (size_t)r] = cos(phase);
-            a->wave[(size_t)(a->rows + row) * (size_t)a->turns + (size_t)r] = sin(phase);
+            if (r % AFRESH == 0)
+                wave = cexp(2 * M_PI * I * fmod(s * (first + r), 1));
+            a->wave[(size_t)row * (size_t)a->turns + (size_t)r] = creal(wave);
+            a->wave[(size_t)(a->rows + row) * (size_t)a->turns + (size_t)r] = cimag(wave);
+            wave = turned(wave, turn);
         }
     }
 }
@@ -95,10 +110,14 @@ static void fill_waves(struct torus_sheet *a)
 static void slow_waves(const struct torus_sheet *a, int row, double complex *slow)
 {
     struct torus_index k;
+    double complex turn;
+    double s;
 
     row_of(a, row, &k);
+    s = 2 * M_PI * turns_of(a, k) / a->N;
+    turn = CMPLX(cos(s), sin(s));
     for (int m = 0; m < a->N; m++)
-        slow[m] = cexp(2 * M_PI * I * turns_of(a, k) * m / a->N);
+        slow[m] = m % AFRESH == 0 ? cexp(I * s * m) : turned(slow[m - 1], turn);
 }
 
 /* The sums over r of (1) of SIGNAL, all rows at once: into a->sum, less their waves within a
@@ -211,11 +230,12 @@ static int sheet(struct torus_sheet *a, struct line *list, double complex *sum,
 
     gather(a, a->x);
     for (int row = 0; row < a->rows; row++) {
-        int first = count;
+        int first = count, middle;
         struct torus_index k;
 
         row_of(a, row, &k);
-        for (int lead = row > 0 ? -a->N : 0; lead < a->N; lead++) {
+        middle = -(int)lround(turns_of(a, k));     /* a high row's slow lines have as high a lead */
+        for (int lead = row > 0 ? middle - a->N / 2 : 0; lead <= middle + a->N / 2; lead++) {
             struct line l = { .row = row, .lead = lead };
 
             k.k[a->s->tones.lead] = lead;
@@ -227,7 +247,8 @@ static int sheet(struct torus_sheet *a, struct line *list, double complex *sum,
         for (int i = 0; i < a->outputs; i++) {
             sums_of(a, i, row, slow, sum);
             for (int l = first; l < count; l++)
-                list[l].size = fmax(list[l].size, 2 * cabs(line_at(a, sum, list[l].lead, turn)));
+                list[l].size = larger(list[l].size,
+                                      2 * cabs(line_at(a, sum, list[l].lead, turn)));
         }
     }
     return count;
@@ -438,7 +459,7 @@ static double largest(const struct torus_sheet *a, const double *signal, int i)
     double most = 0;
 
     for (long n = 0; n < (long)a->N * a->turns; n++)
-        most = fmax(most, fabs(signal[n * a->outputs + i]));
+        most = larger(most, fabs(signal[n * a->outputs + i]));
     return most;
 }
 
@@ -477,6 +498,34 @@ static enum modal_status sort_lines(struct torus_sheet *a, const struct line *li
     return MODAL_OK;
 }
 
+/* The largest line of what no line explains, wherever it is: of W times it, by FFT. */
+static enum modal_status unexplained(const struct torus_sheet *a, double *most,
+                                     struct modal_error *err)
+{
+    int samples = a->N * a->turns;
+    double largest = 0, *x = fftw_alloc_real((size_t)samples);
+    fftw_complex *X = fftw_alloc_complex((size_t)samples / 2 + 1);
+    fftw_plan plan = x != NULL && X != NULL
+                         ? fftw_plan_dft_r2c_1d(samples, x, X, FFTW_ESTIMATE) : NULL;
+
+    for (int i = 0; plan != NULL && i < a->outputs; i++) {
+        if (!a->reported[i])
+            continue;
+        for (int n = 0; n < samples; n++)
+            x[n] = a->window[n] * a->left[(size_t)n * (size_t)a->outputs + (size_t)i];
+        fftw_execute(plan);
+        for (int k = 0; k <= samples / 2; k++)
+            largest = larger(largest, (k == 0 ? 1 : 4) * (creal(X[k]) * creal(X[k])
+                                                          + cimag(X[k]) * cimag(X[k])));
+    }
+    *most = sqrt(largest);
+    fftw_free(x), fftw_free(X);
+    if (plan == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "torus: no memory for a record");
+    fftw_destroy_plan(plan);
+    return MODAL_OK;
+}
+
 enum modal_status torus_sheet_read(struct torus_sheet *a, struct torus_errors *e, double *amplitude,
                                     struct modal_error *err)
 {
@@ -510,6 +559,9 @@ enum modal_status torus_sheet_read(struct torus_sheet *a, struct torus_errors *e
     for (int i = 0; i < a->outputs; i++)
         e->truncation = fmax(e->truncation, a->reported[i] ? largest(a, a->left, i) : 0);
     e->change = e->truncation;
+    rc = unexplained(a, &e->line, err);
+    if (rc != MODAL_OK)
+        return rc;
     for (int l = 0; l < a->count; l++) {
         list[l].size = torus_order(list[l].k) == 0 ? HUGE_VAL : 0;
         for (int i = 0; i < a->outputs; i++)
@@ -552,7 +604,8 @@ enum modal_status torus_sheet_room(struct torus_sheet *a, struct modal_error *er
     double sum = 0;
     enum modal_status rc;
 
-    a->x = workspace_zeros(&a->space, samples * (size_t)a->outputs, sizeof *a->x);
+    if (a->x == NULL)
+        a->x = workspace_zeros(&a->space, samples * (size_t)a->outputs, sizeof *a->x);
     a->left = workspace_zeros(&a->space, samples * (size_t)a->outputs, sizeof *a->left);
     a->window = workspace_zeros(&a->space, samples, sizeof *a->window);
     a->weighed = workspace_zeros(&a->space, (size_t)BLOCK * (size_t)(a->N * a->outputs),

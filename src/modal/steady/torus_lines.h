@@ -26,7 +26,8 @@ struct torus_sheet {
                                            * (1) a row */
     double start;                         /* s: of its first sample, whole turns */
     double a_turn;                        /* what one was seen to cost, in budget.h's units */
-    double *x, *left, *window;            /* [sample][output]; what no line explains; W */
+    double *x, *left, *window;            /* [sample][output], the caller's or A's; what no line
+                                           * explains; W */
     double *weighed, *wave, *sum;         /* of torus_lines.c: W x, waves, their sums */
     int count;
     struct torus_index *index;            /* lines told, the mean first, by rising order */
@@ -40,7 +41,8 @@ struct torus_sheet {
 bool torus_sheet_lay(struct torus_sheet *a, int N, int turns, double wanted);
 /* What reading it costs, in budget.h's units. */
 double torus_sheet_work(const struct torus_sheet *a);
-/* The arrays of a record, in A's space: x is the caller's to fill.  MODAL_NO_MEMORY. */
+/* The arrays of a record, in A's space: x, unless there is one, is the caller's to fill.
+ * MODAL_NO_MEMORY. */
 enum modal_status torus_sheet_room(struct torus_sheet *a, struct modal_error *err);
 /* The lines of x, and their errors into *E; AMPLITUDE: the reported outputs'.  MODAL_NO_MEMORY. */
 enum modal_status torus_sheet_read(struct torus_sheet *a, struct torus_errors *e,

@@ -6,6 +6,18 @@
  * combinations; in time the same motion is a few states.  From where a balance has it the program's
  * own is marched, and its lines are read (torus_lines.h).  The march's own error is told by finer
  * steps.
+ *
+ * Where laws are lines between their events it is followed exactly (torus_pieces.h), from the
+ * scene's own start, and no balance is asked for.  Disturbances that go along tell when what it
+ * began with has decayed to DECAYED of the error asked for, and their growth is the motion's
+ * stability.  Records are doubled, each a continuation of the one before.
+ *
+ * A line is off by those that the record does not tell from it and by what leaks; both fall as the
+ * record grows.  What lines move by as it doubles is what they were off by before, and as errors
+ * fall from record to record by a ratio, the last is off by that ratio of the last move.  What is
+ * left of the record, under the window, has no line larger than its largest Fourier coefficient:
+ * that bounds the lines that are not told, wherever they are.  Such an estimate knows nothing of two
+ * lines that no record so far has told apart: of those the last lengths would say the same.
  */
 #include <math.h>
 #include <stdlib.h>
@@ -16,16 +28,24 @@
 #include "modal/steady/condense.h"
 #include "modal/steady/torus_laws.h"
 #include "modal/steady/torus_lines.h"
+#include "modal/steady/torus_pieces.h"
 
 enum {
     SAMPLES = 64,              /* of a turn, at first: x of a kink folds some 64^-4 */
     SAMPLES_MOST = 256,        /* doubled twice: of stiff contacts */
+    SAMPLES_EXACT = 32,        /* of one followed exactly: some 32^-4, where that is enough */
     TURNS = 64,                /* of a record, at first: tones one in 40 apart are told */
     TURNS_MOST = 4096,         /* tones one in 2700 apart are told: past it a budget ends it */
     LONGER = 4,                /* the next: all before cost a third of it */
     SETTLING = 4,              /* a record's turns over those that go before it */
     CHECKED = 16,              /* turns that are marched once more */
     LEAPS = 16,                /* a turn: sliders of a few events, measured */
+    TURNS_EXACT = 32,          /* of a record followed exactly, at first, and twice as many again */
+    SETTLED_MOST = 4096,       /* turns: what loses less than 2e-4 of itself in a radian */
+    LOOK = 8,                  /* turns between looks at what has decayed */
+    TOLD_APART = 512,          /* turns that tell tones one in 340 apart: before them a record may
+                                * explain nothing, and the next all */
+    SLOWLY = 256,              /* turns from which on the rest is foreseen */
 };
 static const double TOLERANCE = 1e-4;     /* of the error asked for, of a step: what it leaves is
                                            * noise in a thousand lines, and costs leaps little; what
@@ -37,6 +57,11 @@ static const double FEW = 1e-2;           /* of a motion that is not the one bal
                                            * lines leave more of it, it is none of these tones */
 static const double HALVED = 0.5;         /* of what a shorter record left: a longer one that leaves
                                            * more has what no line explains */
+static const double DECAYED = 0.01;       /* of the error asked for: of what a march began with */
+static const double CLOSER = 0.7;         /* of the error of a record a quarter as long: one that is
+                                           * not better ends the march */
+static const double LEFT = 0.3;           /* of the error asked for, as in torus_solve.c */
+static const double FOLDS = 1e-5;         /* the least error asked for that SAMPLES_EXACT serve */
 static const double AGREE = 3;            /* errors of a balance that its motion may be off */
 
 bool torus_march_takes(const struct torus_solver *s, bool balanced)
@@ -227,7 +252,8 @@ void torus_adopt(struct torus_solver *s, struct torus_lines *lines, double wante
     out->truncation = lines->e.truncation, out->sampling = lines->e.sampling;
     out->solver = lines->e.solver;
     out->error = lines->error;
-    out->wanting = out->error > wanted * out->amplitude;
+    out->line = lines->line;
+    out->wanting = out->line > wanted * out->amplitude;
     *lines = (struct torus_lines) { 0 };
 }
 
@@ -250,7 +276,50 @@ static enum modal_status keep_lines(const struct torus_sheet *a, const struct to
     *out = (struct torus_lines) { .count = a->count, .samples = a->N * a->turns, .index = index,
                                   .apart = a->apart,
                                   .X = X, .e = *e, .amplitude = amplitude,
-                                  .error = e->truncation + e->sampling + e->solver };
+                                  .error = e->truncation + e->sampling + e->solver,
+                                  .line = fmin(e->line + e->sampling + e->solver,
+                                               e->truncation + e->sampling + e->solver) };
+    return MODAL_OK;
+}
+
+/* A line of two records, of dof 0 on: combination, whose record, where. */
+struct told { struct torus_index k; const double complex *X; int step; };
+
+static int by_combination(const void *a, const void *b)
+{
+    return memcmp(&((const struct told *)a)->k, &((const struct told *)b)->k,
+                  sizeof(struct torus_index));
+}
+
+/* How far the lines of A are from those of a record half as long: what one has alone counts
+ * whole. */
+static enum modal_status moved(const struct torus_sheet *a, const struct torus_lines *half,
+                               double *most, struct modal_error *err)
+{
+    int all = a->count + half->count;
+    struct told *told = malloc(((size_t)all + 1) * sizeof *told);
+
+    *most = 0;
+    if (told == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "torus: no memory for a record");
+    for (int l = 0; l < all; l++)
+        told[l] = l < a->count
+                      ? (struct told) { a->index[l], a->X + l, a->count }
+                      : (struct told) { half->index[l - a->count], half->X + l - a->count,
+                                        half->count };
+    qsort(told, (size_t)all, sizeof *told, by_combination);
+    for (int l = 0; l < all; l++) {
+        const struct told *one = &told[l], *other = NULL;
+
+        if (l + 1 < all && by_combination(one, one + 1) == 0)
+            other = &told[++l];
+        for (int i = 0; i < a->s->q; i++) {
+            double complex off = one->X[i * one->step] - (other ? other->X[i * other->step] : 0);
+
+            *most = fmax(*most, cabs(off));
+        }
+    }
+    free(told);
     return MODAL_OK;
 }
 
@@ -312,6 +381,199 @@ enum modal_status torus_march(struct torus_solver *s, double wanted, bool balanc
             N *= 2, tried = 0;
         else
             turns *= LONGER;
+    }
+    return rc;
+}
+
+/* A march followed exactly, and its record so far. */
+struct exact {
+    struct torus_pieces *m;
+    double *x, *growth, start;            /* s */
+    int turns, seen, columns;             /* seen: of the turns, with disturbances; 0: all */
+};
+
+/* Until what it began with has decayed: the leading disturbance; *SETTLED false: not in time. */
+static enum modal_status settle(struct exact *a, double wanted, bool *settled,
+                                struct modal_error *err)
+{
+    double growth[LOOK * TORUS_EXPONENTS], all = 0, enough = log(DECAYED * wanted);
+    bool followed = true;
+    enum modal_status rc = MODAL_OK;
+
+    *settled = false;
+    for (int turns = LOOK; rc == MODAL_OK && followed && !*settled && turns <= SETTLED_MOST
+                           && (turns < SLOWLY || all * SETTLED_MOST / turns < enough);
+         turns += LOOK) {
+        rc = torus_pieces_go(a->m, LOOK, 0, NULL, NULL, growth, &followed, err);
+        for (int t = 0; t < LOOK; t++)
+            all += growth[t * a->columns];
+        *settled = followed && all < enough;
+    }
+    torus_pieces_forget(a->m);
+    return rc;
+}
+
+/* The record of TURNS turns, those of before and more, of sheet S's outputs, where they are asked
+ * for; *FOLLOWED as torus_pieces_go has it. */
+static enum modal_status extend(struct exact *a, const struct torus_sheet *s, int turns,
+                                bool *followed, struct modal_error *err)
+{
+    size_t wide = s != NULL ? (size_t)s->N * (size_t)s->outputs : 0, more = (size_t)turns;
+    double *x = s != NULL ? realloc(a->x, more * wide * sizeof *x) : a->x;
+    double *growth = realloc(a->growth, more * (size_t)a->columns * sizeof *growth);
+    enum modal_status rc;
+
+    a->x = x != NULL ? x : a->x;
+    a->growth = growth != NULL ? growth : a->growth;
+    if ((s != NULL && x == NULL) || growth == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "torus: no memory for a record");
+    rc = torus_pieces_go(a->m, turns - a->turns, s != NULL ? s->outputs : 0,
+                         s != NULL ? s->dofs : NULL, x + (size_t)a->turns * wide,
+                         a->seen == 0 ? growth + (size_t)a->turns * (size_t)a->columns : NULL,
+                         followed, err);
+    a->turns = turns;
+    return rc;
+}
+
+/* Whether every slider has moved since the march settled: one at rest is left anywhere. */
+static bool all_move(const struct torus_solver *s, const struct torus_pieces *m)
+{
+    bool move = true;
+
+    for (int l = 0; l < s->p->laws; l++)
+        move = move && (s->p->law[l].memory == 0 || torus_pieces_acted(m, l));
+    return move;
+}
+
+/*
+ * e->line: the largest line that is left, and how far off those told are.  A record half as long
+ * was off by what they moved since, MOVES[1], as that of a quarter by MOVES[0]: this one by as much
+ * less.
+ */
+static enum modal_status now_known(const struct torus_sheet *a, const struct torus_lines *half,
+                                   double moves[2], struct torus_errors *e,
+                                   struct modal_error *err)
+{
+    double most = HUGE_VAL;
+    enum modal_status rc = half->count > 0 ? moved(a, half, &most, err) : MODAL_OK;
+
+    moves[0] = moves[1];
+    moves[1] = most;
+    e->line += most < moves[0] && moves[0] < HUGE_VAL ? most * most / moves[0] : most;
+    return rc;
+}
+
+/* The lines of the record of TURNS turns into BEST, whose lines are of half as many; *ENDED: they
+ * are good enough, or none can be read. */
+static enum modal_status read_exactly(struct torus_solver *s, struct exact *a, int N, int turns,
+                                      double wanted, struct torus_lines *best, double moves[2],
+                                      bool *ended, struct torus_errors *e,
+                                      struct modal_error *err)
+{
+    struct torus_sheet sheet = { .s = s, .start = a->start };
+    double amplitude = 0;
+    bool followed = true;
+    enum modal_status rc = set_out(&sheet, false, err);
+
+    *ended = rc == MODAL_OK
+        && (!torus_sheet_lay(&sheet, N, turns, wanted)
+            || s->work->spent + torus_sheet_work(&sheet)
+                   + torus_pieces_work(a->m) * (turns - a->turns) > s->work->most);
+    if (rc == MODAL_OK && !*ended)
+        rc = extend(a, &sheet, turns, &followed, err);
+    if (rc == MODAL_OK && (!followed || !all_move(s, a->m))) {
+        torus_lines_done(best);
+        *ended = true;
+    }
+    if (rc == MODAL_OK && !*ended) {
+        sheet.x = a->x;
+        rc = torus_sheet_room(&sheet, err);
+        if (rc == MODAL_OK)
+            rc = torus_sheet_read(&sheet, e, &amplitude, err);
+        if (rc == MODAL_OK)
+            rc = now_known(&sheet, best, moves, e, err);
+        if (rc == MODAL_OK)
+            rc = keep_lines(&sheet, e, amplitude, best, err);
+        *ended = rc != MODAL_OK || best->line <= wanted * amplitude;
+    }
+    workspace_free(&sheet.space);
+    return rc;
+}
+
+/* What the growth of disturbances tells so far; where that decides, or nobody asks, they end. */
+static void see_growth(struct torus_solver *s, struct exact *a)
+{
+    if (a->seen > 0)
+        return;
+    torus_judge_growth(s, a->growth, a->turns, a->columns, &s->followed);
+    if (s->followed.verdict == 0 && s->opt->stability)
+        return;
+    a->seen = a->turns;
+    torus_pieces_alone(a->m);
+}
+
+/* Further, with no record, until the growth of disturbances decides. */
+static enum modal_status decide(struct torus_solver *s, struct exact *a, struct modal_error *err)
+{
+    bool followed = true;
+    enum modal_status rc = MODAL_OK;
+
+    see_growth(s, a);
+    while (rc == MODAL_OK && followed && s->opt->stability && s->followed.verdict == 0
+           && 2 * a->turns <= TURNS_MOST) {
+        rc = extend(a, NULL, 2 * a->turns, &followed, err);
+        if (rc == MODAL_OK && followed)
+            see_growth(s, a);
+    }
+    return rc;
+}
+
+/* With N samples a turn; *FINER: it asks for more. */
+static enum modal_status march_exactly(struct torus_solver *s, int N, double wanted,
+                                       struct torus_lines *best, bool *finer,
+                                       struct modal_error *err)
+{
+    struct exact a = { .columns = 2 * s->p->n < TORUS_EXPONENTS ? 2 * s->p->n : TORUS_EXPONENTS };
+    double before[2] = { HUGE_VAL, HUGE_VAL }, moves[2] = { HUGE_VAL, HUGE_VAL };
+    bool settled = false, ended = false;
+    enum modal_status rc = torus_pieces_new(s, N, a.columns, &a.m, err);
+
+    *finer = false;
+    if (rc == MODAL_OK && a.m != NULL)
+        rc = settle(&a, wanted, &settled, err);
+    if (settled)
+        a.start = (double)torus_pieces_turns(a.m) * 2 * M_PI / s->tones.omega[s->tones.lead];
+    for (int turns = TURNS_EXACT; rc == MODAL_OK && settled && !ended && turns <= TURNS_MOST;
+         turns *= 2) {
+        struct torus_errors e = { 0 };
+
+        rc = read_exactly(s, &a, N, turns, wanted, best, moves, &ended, &e, err);
+        *finer = !ended && e.sampling > fmax(LEFT * wanted * best->amplitude, e.line);
+        if (rc == MODAL_OK && !ended && !*finer)
+            see_growth(s, &a);
+        ended = ended || *finer || (turns >= TOLD_APART && best->line > CLOSER * before[0]);
+        before[0] = before[1];
+        before[1] = best->line;
+    }
+    if (rc == MODAL_OK && best->count > 0 && !*finer)
+        rc = decide(s, &a, err);
+    for (int l = 0; rc == MODAL_OK && best->count > 0 && l < s->p->laws; l++)
+        torus_note(s->laws, l, torus_pieces_acted(a.m, l), torus_pieces_asked(a.m));
+    torus_pieces_free(a.m);
+    free(a.x), free(a.growth);
+    return rc;
+}
+
+enum modal_status torus_march_exactly(struct torus_solver *s, double wanted,
+                                      struct torus_lines *best, struct modal_error *err)
+{
+    int N = wanted >= FOLDS ? SAMPLES_EXACT : SAMPLES;
+    bool finer = true;
+    enum modal_status rc = MODAL_OK;
+
+    for (; rc == MODAL_OK && finer && N <= SAMPLES_MOST; N *= 2) {
+        torus_lines_done(best);
+        rc = march_exactly(s, N, wanted, best, &finer, err);
     }
     return rc;
 }

@@ -136,10 +136,27 @@ static enum modal_status march_first(struct torus_solver *s, double target,
     if (rc == MODAL_OK && torus_march_takes(s, out->converged))
         rc = torus_march(s, target, out->converged, lines, err);
     *met = rc == MODAL_OK && lines->count > 0
-        && (lines->error <= target * lines->amplitude
+        && (lines->line <= target * lines->amplitude
             || (s->work->spent > GROWTH * s->work->most && torus_lines_stand(s, lines, NULL)));
     if (*met)
         torus_adopt(s, lines, target, out);
+    return rc;
+}
+
+/* Of laws with events that are lines between them: marched exactly; *MET: its lines are the answer,
+ * at TARGET. */
+static enum modal_status march_exactly(struct torus_solver *s, double target,
+                                       struct torus_lines *lines, struct torus_point *out,
+                                       bool *met, struct modal_error *err)
+{
+    enum modal_status rc = torus_march_exactly(s, target, lines, err);
+
+    *met = rc == MODAL_OK && lines->count > 0 && lines->line <= target * lines->amplitude
+        && torus_lines_stand(s, lines, NULL);
+    if (*met)
+        torus_adopt(s, lines, target, out);
+    else if (!torus_lines_stand(s, lines, NULL))
+        torus_lines_done(lines);
     return rc;
 }
 
@@ -150,7 +167,7 @@ static void state_errors(const struct torus_errors *e, double missed, double wan
     out->truncation = missed * e->truncation, out->sampling = e->sampling;
     out->solver = e->solver;
     out->tone_error = missed * e->tone;
-    out->error = out->truncation + e->sampling + e->solver;
+    out->error = out->line = out->truncation + e->sampling + e->solver;
     out->wanting = out->error > wanted;
 }
 
@@ -185,6 +202,9 @@ static enum modal_status solve_grown(struct torus_solver *s, struct torus_point 
     bool met = false;
 
     if (rc == MODAL_OK && !torus_smooth(s->laws) && torus_march_takes(s, false))
+        rc = march_exactly(s, target, &lines, out, &met, err);
+    if (rc == MODAL_OK && !torus_smooth(s->laws) && torus_march_takes(s, false) && !met
+        && lines.count == 0)
         rc = march_first(s, target, &lines, out, &met, err);
     for (int round = 0; rc == MODAL_OK && !met && round < ROUNDS_MOST; round++) {
         struct torus_errors e = { 0 };
@@ -306,13 +326,18 @@ static enum modal_status judge(struct torus_solver *s, struct torus_point *out,
                                struct modal_error *err)
 {
     double missed = 0, target = s->opt->target_error > 0 ? s->opt->target_error : TARGET_USUAL;
-    enum modal_status rc = torus_judge(s, condense_place(s->condense[0]), &out->stability,
-                                       out->error, &missed, err);
+    enum modal_status rc;
+
+    if (s->marched > 0 && s->followed.count > 0) {
+        out->stability = s->followed;
+        return MODAL_OK;
+    }
+    rc = torus_judge(s, condense_place(s->condense[0]), &out->stability, out->error, &missed, err);
 
     if (rc != MODAL_OK || missed <= out->error)
         return rc;
     out->truncation += missed - out->error;
-    out->error = missed;
+    out->error = out->line = missed;
     out->wanting = out->error > target * out->amplitude;
     if (out->error >= out->amplitude) {
         out->converged = false;

@@ -58,6 +58,7 @@ struct torus_point {
     double complex *start;    /* their motion, as X: where one near by may begin */
     double residual;          /* relative to the largest force of (1); NAN: marched */
     double truncation, sampling, solver, error;   /* max over time and reported dofs, in m */
+    double line;              /* of a combination's motion, told or left out, at the most */
     double tone_error;        /* of the free tone's frequency, rad/s */
     double amplitude;         /* max |x| over the kept dofs */
     struct torus_stability stability;         /* of a converged motion */

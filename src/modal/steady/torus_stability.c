@@ -525,6 +525,27 @@ static void judge(const struct torus_solver *s, struct torus_stability *out)
                                                       : 0;
 }
 
+void torus_judge_growth(const struct torus_solver *s, const double *growth, int turns, int columns,
+                        struct torus_stability *out)
+{
+    double period = 2 * M_PI / s->tones.omega[s->tones.lead], weight[WINDOWS], sum[WINDOWS] = { 0 };
+    double mean[WINDOWS * TORUS_EXPONENTS] = { 0 };
+
+    for (int turn = 0; turn < turns; turn++) {
+        windows_at(turn, turns, weight);
+        for (int w = 0; w < WINDOWS; w++) {
+            sum[w] += weight[w];
+            for (int j = 0; j < columns; j++)
+                mean[w * columns + j] += weight[w] / period * growth[turn * columns + j];
+        }
+    }
+    for (int e = 0; e < WINDOWS * columns; e++)
+        mean[e] /= sum[e / columns];
+    *out = (struct torus_stability) { .count = columns };
+    sum_up(mean, mean, (size_t)columns, 0, out->exponent, out->errors);
+    judge(s, out);
+}
+
 /* The forces balanced, by dofs of all; e is asked for then. */
 static enum modal_status set_balance(struct flow *f, const int *place, struct modal_error *err)
 {

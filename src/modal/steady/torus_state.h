@@ -70,6 +70,7 @@ struct torus_solver {
     int *outer_pivot;
     int marched;                          /* samples of the record that X was read from; 0: X
                                            * balances its set */
+    struct torus_stability followed;      /* of the march that X was read from; count 0: none */
     int iterations;
     double rough;                         /* relative: where Newton may stop; 0: as opt asks */
     double step, residual;                /* the last, relative */
@@ -80,7 +81,7 @@ struct torus_solver {
 struct torus_candidate { struct torus_index k; double size; double complex *X; };
 
 /* Of X, in m: left out, as torus_error.c has it; what that makes of itself; of samples. */
-struct torus_errors { double truncation, change, sampling, solver, tone; };  /* tone: rad/s */
+struct torus_errors { double truncation, change, sampling, solver, tone, line; }; /* tone: rad/s */
 
 /* A motion read from a march: as s->index and s->X, errors in m. */
 struct torus_lines {
@@ -90,6 +91,7 @@ struct torus_lines {
     struct torus_errors e;                /* change: what is seen of the truncation */
     double apart;                         /* rad/s: nearer combinations are one line */
     double error, amplitude;              /* of all together; of the reported dofs */
+    double line;                          /* of a line, told or not */
 };
 
 /* ---- torus_tone.c ---- */
@@ -180,6 +182,13 @@ bool torus_march_takes(const struct torus_solver *s, bool balanced);
  */
 enum modal_status torus_march(struct torus_solver *s, double wanted, bool balanced,
                               struct torus_lines *best, struct modal_error *err);
+/*
+ * The same in pieces that are followed exactly (torus_pieces.h), from the scene's start and once
+ * what it began with has decayed; BEST stays empty where the scene is not of that kind, does not
+ * settle or a slider comes to rest.  s->followed is of it.
+ */
+enum modal_status torus_march_exactly(struct torus_solver *s, double wanted,
+                                      struct torus_lines *best, struct modal_error *err);
 /* Whether LINES are an answer: they explain what was marched, or POINT's motion, that of s->X,
  * better than it does; POINT NULL: none. */
 bool torus_lines_stand(const struct torus_solver *s, const struct torus_lines *lines,
@@ -205,6 +214,10 @@ enum modal_status torus_begin_from(struct torus_solver *s, int order, struct mod
 
 /* ---- torus_stability.c ---- */
 
+/* The exponents and the verdict of GROWTH, logarithms of what each of COLUMNS disturbances grew by
+ * in TURNS turns, [turn][column]. */
+void torus_judge_growth(const struct torus_solver *s, const double *growth, int turns, int columns,
+                        struct torus_stability *out);
 /* Of s->X's disturbances, ERROR being what is stated of it, in m; PLACE as condense_place has it.
  * *MISSED: the system's own motion leaves that of a balance by so much at least, in m; 0 where
  * disturbances grow anyway, and where it is not followed. */

@@ -135,8 +135,10 @@ static void series(const struct torus_pieces *m, const struct regime *r, double 
     }
 }
 
-/* U a substep on, into TO: x and v by the map of the regimes at hand, waves by their own turn.
- * Levels stand; those of disturbances count, but they have no waves. */
+/*
+ * U a substep on, into TO: x and v by the map of the regimes at hand, waves by their own turn.
+ * Levels stand; those of disturbances count, but they have no waves.
+ */
 static void step_whole(const struct torus_pieces *m, const double *u, double *to)
 {
     int n = 2 * m->n, D = m->D, first = n + m->laws;
@@ -194,7 +196,12 @@ static bool ask(const struct torus_pieces *m, int l, double d, double v, const s
     return fine;
 }
 
-/* A and P of the regimes that m->hold has; false: there are too many, or they are too stiff. */
+/*
+ * A and P of the regimes that m->hold has; false: there are too many, or they are too stiff.
+ *
+ * P is the series of each unit vector, so that a whole step and its pieces are of one kind: what a
+ * cut step ends at is, to rounding, what the whole one would have.
+ */
 static bool make_regime(struct torus_pieces *m)
 {
     int n = m->n, D = m->D, first = 2 * n + m->laws;

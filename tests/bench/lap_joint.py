@@ -3,13 +3,14 @@ each, as sparse matrices and a scene.
 
 Plates of 2 (SIDE - 1) by SIDE - 1 by 2 cubes of side 1 / (SIDE - 1), trilinear, eight Gauss points:
 the lower is clamped at its far end and the upper, which contacts alone hold across and along,
-rests on springs of a thousandth of them, so that its stiffness is regular.  Pressure holds the
-patch together; the upper one's free end is shaken along the plates.
+rests on springs of a thousandth of them, so that its stiffness is regular.  A pressure
+on its outer faces holds the patch together, that of the contacts where nothing has moved; the upper
+one's free end is shaken along the plates.  Past mu PRESSURE = 0.003 the whole patch slides.
 """
 import numpy as np
 import scipy.sparse as sp
 
-YOUNG, POISSON, DENSITY = 1.0, 0.3, 1.0
+YOUNG, POISSON, DENSITY, PRESSURE = 1.0, 0.3, 1.0, 0.01
 CORNERS = np.array([[i, j, k] for k in (0, 1) for j in (0, 1) for i in (0, 1)])
 
 
@@ -47,7 +48,7 @@ def plate(shape, side):
               for of in hexahedron(side)], number)
 
 
-def lap_joint(patch, harmonics=21, omega=0.12, load=0.02, mu=0.3):
+def lap_joint(patch, harmonics=21, omega=0.12, load=0.0025, mu=0.3):
     """K, M, C and the scene but for its structure's matrices; loads and patch have one area."""
     side = 1 / (patch - 1)
     K, M, number = plate((2 * (patch - 1), patch - 1, 2), side)
@@ -63,7 +64,7 @@ def lap_joint(patch, harmonics=21, omega=0.12, load=0.02, mu=0.3):
     K = K + sp.diags(weak)
     top, bottom = 3 * number[-patch:, :, -1].ravel() + 2, 3 * number[:patch, :, 0].ravel() + 2
     free, name = 3 * number[0].ravel(), lambda dof: f"x{dof + 1}"
-    pressure = 0.01 * area
+    pressure = PRESSURE * area
     excitation = [{"dof": name(d), "k": 0, "cos": -pressure} for d in top]
     excitation += [{"dof": name(place[d]), "k": 0, "cos": pressure} for d in bottom]
     excitation += [{"dof": name(d), "k": 1, "cos": load / len(free)} for d in free]
@@ -71,7 +72,7 @@ def lap_joint(patch, harmonics=21, omega=0.12, load=0.02, mu=0.3):
               "tangential": [{name(3 * a + t): 1, name(place[3 * b + t]): -1} for t in (0, 1)],
               "area": area} for a, b in zip(upper_face, lower_face)]
     bed = {"type": "contact_bed", "nodes": nodes, "normal_stiffness": 10.0,
-           "tangential_stiffness": 5.0, "preload": 0.0, "mu": mu}
+           "tangential_stiffness": 5.0, "preload": PRESSURE, "mu": mu}
     return K, M, (0.02 * M + 0.01 * K).tocsr(), {
         "effects": [bed], "omega": omega, "excitation": excitation,
         "steady": {"harmonics": harmonics, "stability": False, "dofs": [name(free[0])]}}

@@ -5,13 +5,18 @@ import json
 import os
 import pathlib
 import subprocess
+import sys
 
 import numpy
 import pytest
 import scipy.integrate
+import scipy.io
 
 TOP = pathlib.Path(__file__).resolve().parents[2]
 CTL = pathlib.Path(os.environ.get("MODALD_BUILD", TOP / "build")) / "bin" / "modalctl"
+sys.path.insert(0, str(TOP / "tests" / "bench"))
+from lap_joint import lap_joint  # noqa: E402
+
 pytestmark = pytest.mark.skipif(not CTL.exists(), reason=f"no {CTL}: build first")
 
 OMEGA, LOAD = 0.3, 0.5
@@ -162,6 +167,53 @@ def test_ten_times_the_contacts_are_at_most_twenty_times_the_work(tmp_path):
         assert answer["converged"]
         work.append(answer["work"]["spent"])
     assert work[1] < 20 * work[0]
+
+
+def left_of_joint(answer, K, M, C, scene, samples=1 << 12):
+    """As residual(), of all dofs of a lap joint."""
+    k, n = numpy.array(answer["harmonics"][0]["k"]), K.shape[0]
+    X = numpy.array([numpy.array(m["re"]) + 1j * numpy.array(m["im"])
+                     for m in answer["harmonics"]])
+    rotation = numpy.exp(2j * numpy.pi * numpy.outer(k, numpy.arange(samples)) / samples)
+    F, P, bed = numpy.zeros_like(X), numpy.zeros_like(X), scene["effects"][0]
+
+    def rows(ends):
+        return [(int(name[1:]) - 1, weight) for name, weight in ends.items()]
+
+    def moved(ends):
+        return sum(weight * X[i] for i, weight in rows(ends)) @ rotation
+    for node in bed["nodes"]:
+        pressed = node["area"] * numpy.maximum(
+            bed["preload"] + bed["normal_stiffness"] * moved(node["normal"]).real, 0)
+        forces = [(node["normal"], pressed)]
+        for along in node["tangential"]:
+            slides = slid(moved(along).real[None], node["area"] * bed["tangential_stiffness"],
+                          bed["mu"] * pressed[None])
+            forces.append((along, slides[0]))
+        for ends, f in forces:
+            spectrum = numpy.fft.rfft(f)[:len(k)] / samples
+            spectrum[1:] *= 2
+            for i, weight in rows(ends):
+                F[i] += weight * spectrum
+    for load in scene["excitation"]:
+        P[int(load["dof"][1:]) - 1, load["k"]] += load["cos"]
+    w = scene["omega"] * k
+    left = K @ X + 1j * (C @ X) * w - (M @ X) * w**2 + F - P
+    return abs(left).max() / max(abs(F).max(), abs(P).max()), X.shape[0] == n
+
+
+def test_a_lap_joint_that_slides_is_in_balance(tmp_path):
+    """A patch of 5 x 5 contacts; the load is above what friction holds."""
+    K, M, C, scene = lap_joint(5, harmonics=3, load=0.005)
+    for name, matrix in (("K", K), ("M", M), ("C", C)):
+        scipy.io.mmwrite(tmp_path / f"{name}.mtx", matrix.tocoo(), precision=17,
+                         symmetry="symmetric")
+    del scene["steady"]["dofs"]
+    scene["structure"] = {"type": "matrices", **{name: f"{name}.mtx" for name in "KMC"}}
+    answer = run(tmp_path, scene)
+    left, whole = left_of_joint(answer, K, M, C, scene)
+    assert answer["converged"] and whole
+    assert left < 9 * (2 * numpy.pi / 4096) ** 2     # as close(), of the third harmonic
 
 
 def test_springs_that_push_back_less_than_they_are_pushed_leave_the_balance_as_good(tmp_path):

@@ -39,8 +39,9 @@
 /* The least pivot over the largest below which some direction is held by nothing: hundreds of
  * roundings. */
 static const double OPEN = 1e-13;
-/* What GMRES leaves of a step where nothing else is asked for: after a step of 1e-6, rounding. */
-static const double LEFT = 1e-8;
+/* What GMRES leaves: Newton's steps then shrink as much each, and are long before another vector
+ * costs less than another derivative; errors have three digits. */
+static const double FORCING = 1e-3;
 /* Below this of the largest dof a dof's own scale counts as that: it is 0 by symmetry. */
 static const double FAINT = 1e-12;
 enum {
@@ -62,7 +63,8 @@ enum modal_status balance_new(const struct program *p, struct condense *c, int H
     if (b == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "balance: no memory");
     *b = (struct balance) { .p = p, .c = c, .q = (int)q, .H = H, .order = (int)order,
-                            .pattern = pattern, .level = 1, .HJ = H, .small = (int)order };
+                            .pattern = pattern, .level = 1, .HJ = H, .small = (int)order,
+                            .forcing = FORCING };
     if (entries > ENTRIES_MOST) {
         rc = modal_fail_field(err, MODAL_TOO_LARGE, "steady.harmonics",
                               "%d nonlinear dofs at %d harmonics have %zu dynamic "
@@ -486,7 +488,7 @@ static bool factor_apart(struct balance *b)
     b->iterates = by_harmonic_factor(b->apart, b->blocks);
     before = by_harmonic_work(b->apart) - before;
     budget_add(b->budget, before);
-    b->direct = b->iterates
+    b->direct = b->iterates && before > 0               /* else it was asked before */
              && before + SOLUTIONS * by_harmonic_solution(b->apart, b->blocks)
                 > by_harmonic_of_blocks(b->apart);
     b->iterates = b->iterates && !b->direct;
@@ -508,7 +510,7 @@ static void solve_blocks(struct balance *b, double *y)
     }
     before = by_harmonic_work(b->apart);
     memcpy(b->kept, y, (size_t)b->small * sizeof *y);
-    ok = by_harmonic_solve(b->apart, b->blocks, b->forcing > 0 ? b->forcing : LEFT, y);
+    ok = by_harmonic_solve(b->apart, b->blocks, b->forcing, y);
     budget_add(b->budget, by_harmonic_work(b->apart) - before);
     if (ok || !budget_pays(b->budget, by_harmonic_of_blocks(b->apart)) || !factor_blocks(b, NULL))
         return;
@@ -645,13 +647,14 @@ double balance_lost(const struct balance *b, const double complex *X)
     return DBL_EPSILON * aft_slope(b->aft) * scale_of(X, (int)size) / (forces > 0 ? forces : 1);
 }
 
-double balance_relative(const struct balance *b, const double *step, const double complex *X)
+double balance_relative(const struct balance *b, double faint, const double *step,
+                        const double complex *X)
 {
     int n = 2 * b->H + 1, K = b->H + 1;
     double overall = scale_of(X, b->q * K), worst = 0;
 
     for (int i = 0; i < b->q; i++) {
-        double scale = fmax(scale_of(X + i * K, K), FAINT * overall), most = 0;
+        double scale = fmax(scale_of(X + i * K, K), fmax(faint, FAINT) * overall), most = 0;
 
         for (int r = 0; r < n; r++) {
             double size = fabs(step[i * n + r]);

@@ -43,8 +43,7 @@ struct balance {
                                       * balance_solve takes S_k alone */
     double *gather, *kept;           /* `small`: what J solves for; the same, kept */
     double complex *sum;             /* q */
-    double forcing;                  /* what balance_solve may leave of a step where it iterates;
-                                      * 0: rounding of Newton's last */
+    double forcing;                  /* what balance_solve may leave where it iterates */
     bool factored;                   /* J or blocks hold factors */
     double rcond;                  /* of the last factorization: the least pivot over the largest */
     struct workspace space;          /* of the arrays, but J: there where it is asked for */
@@ -80,7 +79,7 @@ void balance_set_order(struct balance *b, int HJ);
  * blocks.h. */
 double *balance_column(struct balance *b, int i, int j, int c);
 /* Factor the derivative, rows scaled; false where it is singular to rounding.  The sign of its
- * determinant into *SIGN (may be NULL). */
+ * determinant into *SIGN; NULL: not asked for, and balance_solve may iterate (by_harmonic.h). */
 bool balance_factor(struct balance *b, int *sign);
 /* The same of blocks, with MU times their largest entry added on the diagonal. */
 bool balance_factor_stiffened(struct balance *b, double mu);
@@ -99,9 +98,10 @@ void balance_unpack(const struct balance *b, const double *u, double complex *X)
 /* What rounding of X makes of the laws' forces, over the forces that act: near 1 nothing of them
  * is left. */
 double balance_lost(const struct balance *b, const double complex *X);
-/* max over dofs of max_k |step| / scale of the dof in X: a relative step; scales below 1e-12 of the
- * largest count as that. */
-double balance_relative(const struct balance *b, const double *step, const double complex *X);
+/* max over dofs of max_k |step| / scale of the dof in X: a relative step; scales below FAINT of the
+ * largest count as that, and below 1e-12. */
+double balance_relative(const struct balance *b, double faint, const double *step,
+                        const double complex *X);
 /* max |R_k| over max(|p_k|, |S_k X_k|, |F_k|): a relative residual. */
 double balance_relative_residual(struct balance *b, const double complex *X);
 

@@ -6,7 +6,8 @@
  *     P = the parts T_k of J that are of harmonic k in both rows and columns,                   (1)
  *
  * T_k of (3) of balance.c: S_k and the laws' mean slopes.  P^-1 J differs from 1 by what laws mix:
- * where few act, or all act weakly, in a few directions.
+ * where few act, or all act weakly, in a few directions.  P of blocks before these serves as long as
+ * a solution with it costs less than factors do.
  *
  * With F operations and L entries in the factors of one T_k those of the blocks, of m rows, have m^3
  * F and m^2 L: nothing else of them need be known to tell which way is cheaper.
@@ -37,6 +38,9 @@ struct by_harmonic {
     double complex *in, *out;             /* q each */
     double *vector[VECTORS_MOST + 1];     /* of GMRES, q m each, made when first used */
     double work, rcond, flops, fill;      /* F and L of the opening comment */
+    double making, solving;               /* work of the factors there are; 0: none; of the last
+                                           * solution */
+    bool old;                             /* they are of blocks before these */
     struct workspace space;               /* of the arrays but `vector` */
 };
 
@@ -76,11 +80,15 @@ void by_harmonic_free(struct by_harmonic *s)
     free(s);
 }
 
-bool by_harmonic_factor(struct by_harmonic *s, const struct blocks *b)
+/* P of B. */
+static bool factor_all(struct by_harmonic *s, const struct blocks *b)
 {
     size_t entries = (size_t)pattern_entries(s->pattern);
+    double before = s->work;
 
     s->rcond = 1;
+    s->old = false;
+    s->making = s->solving = 0;
     for (int k = 0; k < s->K; k++) {
         double complex *T = s->T + (size_t)k * entries;
 
@@ -92,7 +100,14 @@ bool by_harmonic_factor(struct by_harmonic *s, const struct blocks *b)
         s->rcond = fmin(s->rcond, sparse_lu_rcond(s->factors[k]));
         s->work += sparse_lu_work(s->factors[k]) / BUDGET_DENSE;
     }
+    s->making = s->work - before;
     return true;
+}
+
+bool by_harmonic_factor(struct by_harmonic *s, const struct blocks *b)
+{
+    s->old = s->making > 0 && s->solving < s->making;
+    return s->old || factor_all(s, b);
 }
 
 double by_harmonic_rcond(const struct by_harmonic *s) { return s->rcond; }
@@ -196,7 +211,8 @@ static void combine(struct by_harmonic *s, struct least *l, int k, double *y)
     }
 }
 
-bool by_harmonic_solve(struct by_harmonic *s, const struct blocks *b, double left, double *y)
+/* y <- B^-1 y with the factors there are; false where it is not reached, or for want of memory. */
+static bool solve(struct by_harmonic *s, const struct blocks *b, double left, double *y)
 {
     size_t n = (size_t)s->q * (size_t)s->m;
     struct least *l = calloc(1, sizeof *l);
@@ -208,6 +224,7 @@ bool by_harmonic_solve(struct by_harmonic *s, const struct blocks *b, double lef
         free(l);
         return false;
     }
+    s->solving = 0;
     precondition(s, y);
     first = l->g[0] = sqrt(dot(n, y, y));
     for (size_t i = 0; i < n; i++)
@@ -225,10 +242,28 @@ bool by_harmonic_solve(struct by_harmonic *s, const struct blocks *b, double lef
         for (size_t i = 0; size > 0 && i < n; i++)
             w[i] /= size;
         turn(l, k);
-        s->work += product_work(s, b) + k * (double)n / BUDGET_DENSE;
+        s->solving += product_work(s, b) + k * (double)n / BUDGET_DENSE;
     }
     ok = isfinite(first) && fabs(l->g[k]) <= left * first;
     combine(s, l, k, y);
     free(l);
+    s->work += s->solving;
+    return ok;
+}
+
+bool by_harmonic_solve(struct by_harmonic *s, const struct blocks *b, double left, double *y)
+{
+    size_t n = (size_t)s->q * (size_t)s->m;
+    double *given = s->old ? malloc((n + 1) * sizeof *given) : NULL;
+    bool ok;
+
+    if (given != NULL)
+        memcpy(given, y, n * sizeof *y);
+    ok = solve(s, b, left, y);
+    if (!ok && given != NULL) {                         /* once more, with P of these blocks */
+        memcpy(y, given, n * sizeof *y);
+        ok = factor_all(s, b) && solve(s, b, left, y);
+    }
+    free(given);
     return ok;
 }

@@ -18,7 +18,8 @@ enum modal_status by_harmonic_new(const struct pattern *pattern, int HJ, struct 
                                   struct modal_error *err);
 /* Frees S; NULL is none. */
 void by_harmonic_free(struct by_harmonic *s);
-/* What each harmonic of B does to itself, factored; false where that is singular to rounding. */
+/* What each harmonic of B does to itself, factored, unless factors from before still serve; false
+ * where that is singular to rounding. */
 bool by_harmonic_factor(struct by_harmonic *s, const struct blocks *b);
 /* The least pivot over the largest of all of them. */
 double by_harmonic_rcond(const struct by_harmonic *s);

@@ -63,6 +63,9 @@ static const double REDUCED = 0.9;
 /* Steps shorter than this share of the motion are taken whole while they shrink: the radius of
  * Newton's convergence is of the order of the motion's own scale. */
 static const double CLOSE = 0.02;
+/* Of many dofs those that move less than this share of the largest do not shorten a step: they
+ * follow the others, and their laws change none of these. */
+static const double FAINT = 1e-3;
 /* The shortest damped step.  Three digits below a whole one, the direction is of no use. */
 static const double LAMBDA_LEAST = 1e-4;
 /* A damped step is first halved, then cut further: most need one halving or many. */
@@ -75,9 +78,7 @@ static const double LONG_STEP = 0.5;
 static const double SHORT_STEP = 0.1;
 /* Damped steps after which their pace is looked at: one bad step among a few is no pace. */
 static const int PACE_STEPS = 8;
-/* Of a step longer than CLOSE, what may be left of (1); and of the simplified one, over lambda: an
- * eighth of the margin in (2). */
-static const double FORCING = 1e-3;
+/* What may be left of a simplified step, over lambda: an eighth of the margin in (2). */
 static const double FORCING_TRIAL = 1.0 / 32;
 /* A singular J is stiffened by this share of its largest entry, then by a thousand times more:
  * past 1 nothing of it is left. */
@@ -106,12 +107,20 @@ static bool stopped(const struct iterate_options *opt)
     return opt->cancelled != NULL && opt->cancelled(opt->context);
 }
 
-/* A step's length against each dof's own motion; HUGE_VAL where there is no number. */
-static double norm_relative(const struct balance *b, const double *step, const double complex *X)
+/* A step's length against each dof's own motion, or FAINT of the largest; HUGE_VAL where there is no
+ * number. */
+static double norm_above(const struct balance *b, double faint, const double *step,
+                         const double complex *X)
 {
-    double r = balance_relative(b, step, X);
+    double r = balance_relative(b, faint, step, X);
 
     return isnan(r) ? HUGE_VAL : r;
+}
+
+/* The same against its own motion, however faint. */
+static double norm_relative(const struct balance *b, const double *step, const double complex *X)
+{
+    return norm_above(b, 0, step, X);
 }
 
 /* The step against the largest of all dofs: where some are 0 by symmetry, rounding is all they
@@ -374,10 +383,11 @@ static void point_at(const struct balance *b, const double *u, double lambda, co
 }
 
 /* The damped step from u along w->step; X is the accepted point.  False: none was. */
-static enum modal_status damp(struct balance *b, struct newton_work *w, double size,
-                              double complex *X, double *taken, bool *ok, struct modal_error *err)
+static enum modal_status damp(struct balance *b, struct newton_work *w, double complex *X,
+                              double *taken, bool *ok, struct modal_error *err)
 {
-    double previous = HUGE_VAL;
+    double faint = b->pattern->full ? 0 : FAINT, size = norm_above(b, faint, w->step, X),
+           forcing = b->forcing;
     enum modal_status rc;
 
     *ok = false;
@@ -394,15 +404,14 @@ static enum modal_status damp(struct balance *b, struct newton_work *w, double s
             w->trial_step[i] = -b->R[i];
         b->forcing = FORCING_TRIAL * lambda;
         balance_solve(b, w->trial_step, 1);
-        b->forcing = 0;
-        next = norm_relative(b, w->trial_step, X);      /* of the simplified step, the same J */
+        b->forcing = forcing;
+        next = norm_above(b, faint, w->trial_step, X);  /* of the simplified step, the same J */
         if (next <= (1 - lambda / 4) * size || next < FLOOR) {
             *ok = true;
             *taken = lambda;
             memcpy(X, w->trial, (size_t)b->q * ((size_t)b->H + 1) * sizeof *X);
             return MODAL_OK;
         }
-        previous = fmin(previous, next);
     }
     return MODAL_OK;
 }
@@ -426,15 +435,24 @@ static int matrix_order(const struct balance *b, const struct iterate_options *o
     return whole ? b->H : iterate_order(b, opt->slope);
 }
 
+/* The relative residual that rounding leaves at X: a displacement is a sum of 2H + 1 terms, each of
+ * which stiff laws make a force of. */
+static double rounded(const struct balance *b, const double complex *X)
+{
+    return fmax(BALANCED, (2 * b->H + 1) * balance_lost(b, X));
+}
+
 /* Whether the step just computed is the last: below the tolerance, or of rounding's size and no
  * longer shrinking. */
 static bool settled(const struct balance *b, double tolerance, double last, double lambda,
-                    struct iterate_report *report)
+                    double overall, double least, struct iterate_report *report)
 {
     /* a short matrix converges linearly */
     double rate = report->step / last, stalls = b->HJ < b->H ? STALLS_SHORT : STALLS;
 
     if (!(report->step <= tolerance || (report->step < FLOOR && rate > stalls && lambda == 1)
+          /* rounding of the large ones is all that moves the small */
+          || (rate > stalls && report->residual <= least && overall <= SMALL)
           /* a loose one: the next step will be */
           || (tolerance > FLOOR && last < HUGE_VAL && rate < SHRINKS && lambda == 1
               && report->step * rate / (1 - rate) <= tolerance / 2)))
@@ -530,9 +548,7 @@ static enum modal_status propose(struct balance *b, const struct iterate_options
     }
     for (int i = 0; i < b->order; i++)
         w->step[i] = -b->R[i];
-    b->forcing = report->step > CLOSE ? FORCING : 0;    /* of the step before */
     balance_solve(b, w->step, 1);                       /* J dX = -R */
-    b->forcing = 0;
     balance_pack(b, X, w->u);
     point_at(b, w->u, 1, w->step, w->scratch, w->trial);
     report->iterations++;
@@ -551,13 +567,6 @@ static bool reusable(const struct balance *b, const struct iterate_options *opt,
     if (opt->by_differences || opt->cutoff > 0 || !(step < CLOSE))
         return false;
     return b->HJ < b->H ? rate < RATE_SHORT || last == HUGE_VAL : 2 * rate * step <= tolerance;
-}
-
-/* The relative residual that rounding leaves at X: a displacement is a sum of 2H + 1 terms, each of
- * which stiff laws make a force of. */
-static double rounded(const struct balance *b, const double complex *X)
-{
-    return fmax(BALANCED, (2 * b->H + 1) * balance_lost(b, X));
 }
 
 /* No step was taken.  Steps of rounding, soft beside stiff, are an answer. */
@@ -630,7 +639,7 @@ static enum modal_status newton(struct balance *b, const struct iterate_options 
     int damped = 0;
 
     *report = (struct iterate_report) { .reason = "Newton's method did not settle",
-                                        .residual = HUGE_VAL, .step = HUGE_VAL };
+                                        .residual = HUGE_VAL };
     while (rc == MODAL_OK && report->iterations < most && has_work_left(b, report)) {
         rc = stopped(opt) ? modal_fail(err, MODAL_CANCELLED, "cancelled")
             : propose(b, opt, known, X, &w, soft, report, &ok, err);
@@ -640,7 +649,7 @@ static enum modal_status newton(struct balance *b, const struct iterate_options 
         shrinks = report->iterations > 1 && tolerance > FLOOR && report->residual < 0.5 * residual;
         residual = report->residual;
         /* The step itself leads to w.trial. */
-        if (settled(b, tolerance, last, lambda, report)) {
+        if (settled(b, tolerance, last, lambda, overall_step(b, w.step, X), rounded(b, X), report)) {
             memcpy(X, w.trial, size);
             break;
         }
@@ -656,7 +665,7 @@ static enum modal_status newton(struct balance *b, const struct iterate_options 
             continue;
         }
         /* Far from the solution: the whole step need not shorten the next. */
-        rc = damp(b, &w, norm_relative(b, w.step, X), X, &lambda, &ok, err);
+        rc = damp(b, &w, X, &lambda, &ok, err);
         known = FORCE;
         if (rc == MODAL_OK && !ok && balance_open(b) && !soft && report->residual > BALANCED) {
             soft = true;                               /* once: then J is stiffened at every step */

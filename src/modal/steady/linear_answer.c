@@ -37,7 +37,7 @@ enum modal_status linear_answer(struct steady *s, double omega, struct steady_po
                                                 : s->p->harmonics > 0 ? load + H_PERIODIC
                                                 : load > 0            ? load
                                                                       : 1;
-    int q = condense_kept(s->c);
+    int q = condense_kept(s->c), sign;
     struct balance *b;
     enum modal_status rc = steady_balance(s, H, &b, err);
 
@@ -56,7 +56,7 @@ enum modal_status linear_answer(struct steady *s, double omega, struct steady_po
     rc = balance_residual(b, point->X, true, err);
     if (rc != MODAL_OK)
         return rc;
-    if (!balance_factor(b, NULL)) {
+    if (!balance_factor(b, &sign)) {                    /* whole: nothing corrects what is left */
         point->converged = false;
         point->reason = "the linear equations are singular: an undamped resonance, "
                         "or a body that nothing holds";

@@ -328,8 +328,14 @@ static void inputs_of(const struct law *l, const double *x, const double *v, dou
                       double *rate)
 {
     for (int k = 0; k < l->kind->inputs; k++) {
-        d[k] = law_sees(l, k, x);
-        rate[k] = law_sees(l, k, v);
+        double at = 0, moves = 0;
+
+        for (int e = l->start[k]; e < l->start[k + 1]; e++) {     /* law_sees, of both at once */
+            at += l->end[e].weight * x[l->end[e].dof];
+            moves += l->end[e].weight * v[l->end[e].dof];
+        }
+        d[k] = at;
+        rate[k] = moves;
     }
 }
 
@@ -340,10 +346,19 @@ static enum modal_status law_part(struct dofwise *f, int law, double t, const do
     const struct law *l = &f->p->law[law];
     double d[LAW_INPUTS_MOST], rate[LAW_INPUTS_MOST], after[MEMORY_MOST];
     struct law_point at = { t, d, rate, d, memory + f->memory[law] };
-    struct law_force out = { .memory = after };
+    struct law_force out;
     struct law_watch *watch = &f->watch[law];
     enum modal_status rc;
 
+    out.memory = after;
+    out.acts = false;
+    out.regime = 0;
+    /* of its inputs alone: the whole of it takes longer than a law with one */
+    for (int i = 0; i < l->kind->inputs; i++) {
+        out.f[i] = 0;
+        for (int j = 0; j < l->kind->inputs; j++)
+            out.fd[i][j] = out.fv[i][j] = 0;
+    }
     inputs_of(l, x, v, d, rate);
     rc = l->kind->force(l, &at, &out, err);
     f->evaluations[law]++;

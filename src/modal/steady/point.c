@@ -8,7 +8,8 @@
  * Work.  The least factorization costs 2/3 n^3 of n = q (2 H + 1) unknowns where the matrix is full
  * (balance_dense_work), and about 2 q m^3, m = 2 H + 1, of blocks of a chain.  A solution may cost
  *
- *     most = WORK (1 + q / WORK_DOFS) + ASKED factorizations at the H asked for,                (1)
+ *     most = min(WORK (1 + q / WORK_DOFS), WORK_FEW (1 + q / DOFS_FEW))
+ *          + ASKED factorizations at the H asked for,                                           (1)
  *
  * counted in operations (budget.h), so that it ends at the same place on every machine.
  */
@@ -33,6 +34,10 @@ static const double SHARED = 1e-10;
 static const double WORK = 3e9;
 /* Kept dofs that double it. */
 static const double WORK_DOFS = 100;
+/* Few dofs are stepped and balanced for less, and what has no answer within it seldom has one at
+ * all: chosen, half of WORK at one dof, and all of it from twelve. */
+static const double WORK_FEW = 1.5e9;
+static const double DOFS_FEW = 10;
 enum {
     REDUCE_LEAST = 48,    /* linear dofs below which factoring a band beats summing over their
                            * modes */
@@ -150,7 +155,10 @@ double steady_factor_work(const struct steady *s, int H)
  * asks for many harmonics as much as some attempts at them take. */
 void steady_allow_work(struct steady *s)
 {
-    s->budget = (struct budget){ .most = WORK * (1 + condense_kept(s->c) / WORK_DOFS)  /* from 0 */
+    double q = condense_kept(s->c);
+
+    s->budget = (struct budget){ .most = fmin(WORK * (1 + q / WORK_DOFS),  /* from 0 */
+                                              WORK_FEW * (1 + q / DOFS_FEW))
                                          + ASKED * steady_factor_work(s, s->opt.harmonics) };
 }
 

@@ -41,7 +41,7 @@ static const double TOLERANCE_OF_STEPS = 1e-11;
 static const double WORK_LINEAR = 3e5;
 /* Of the budget, what a search for others than the motion known may cost before what it found is
  * carried on: with that motion's own work a job stays near one budget. */
-static const double SHARE_OF_SEARCH = 1.0 / 3;
+static const double SHARE_OF_SEARCH = 1.0 / 6;
 enum {
     H_AUTO_MOST = 256,       /* the last one that is tried unasked */
     H_LINEAR_MOST = 4096,   /* no iteration: each harmonic is one solve */

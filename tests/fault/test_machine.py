@@ -126,6 +126,22 @@ def test_a_clock_that_jumps_neither_ends_nor_prolongs_a_lease_a_limit_or_a_wait(
         print("\nP10: 6 jumps of the clock, 0 violations")
 
 
+@pytest.mark.skipif(sanitized.SANITIZED, reason="a preloaded library comes before the sanitizer's")
+@pytest.mark.parametrize("seconds", [-2**31, 2**33])
+def test_by_a_clock_before_1970_or_past_2262_jobs_are_done(tmp_path, seconds):
+    """A job without a time has 0, and nanoseconds in 64 bits end in 2262."""
+    step = tmp_path / "step"
+    step.write_text(f"{seconds}      ")
+    with Daemon(folder=tmp_path, config=FAKE,
+                env={"LD_PRELOAD": str(CLOCK), "CLOCK_STEP": str(step)}) as d:
+        c = d.client()
+        job = submit(c)["job"]
+        late = submit(c, options={"say": "later"}, deadline_s=3000)["job"]
+        for one in (job, late):
+            assert c.ask("WAIT", job=one, timeout_s=60)["state"] == "done"
+        assert d.stop() == 0
+
+
 def test_leases_hold_while_four_spinners_have_the_processors():
     """F22: at nice 0 against workers at nice 10; the daemon answers, and the worker's heartbeats
     come through: two leases' time and more.

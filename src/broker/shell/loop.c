@@ -31,6 +31,9 @@
 #define TRIM_EVERY_NS (10 * SECOND)     /* of work: as often as what is past its age is freed */
 enum { TRIM_SHARE = 1000 };             /* of the loop's time at most one part, in trimming */
 #define MS INT64_C(1000000)              /* ns */
+/* A wall clock set beyond it stands still there, in the year 2116, and one before 1970 at its
+ * beginning: two such times can be added, and what has no time yet (0) is not to come. */
+#define LATEST_S (INT64_MAX / SECOND / 2)
 #define WAIT_MOST_MS 60000               /* a look now and then, though nothing is due */
 #define STRANGERS_NS SECOND             /* between two lines on keys or connections refused */
 /* of one source, whose next message waits for the others' */
@@ -46,7 +49,9 @@ static int64_t clock_ns(clockid_t clock)
     struct timespec t;
 
     clock_gettime(clock, &t);
-    return t.tv_sec * SECOND + t.tv_nsec;
+    if (t.tv_sec < 0)
+        return 0;
+    return t.tv_sec < LATEST_S ? t.tv_sec * SECOND + t.tv_nsec : LATEST_S * SECOND;
 }
 
 struct moment loop_now(void)

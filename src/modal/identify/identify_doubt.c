@@ -233,6 +233,7 @@ enum modal_status work_conclude(struct work *w, const struct batch *batch,
                                 struct identify_result *out, struct modal_error *err)
 {
     double duration = w->data.Y->m * w->tau;
+    int decides;
     enum modal_status rc = verdict_clusters(out, duration, err);
 
     if (rc != MODAL_OK)
@@ -257,7 +258,10 @@ enum modal_status work_conclude(struct work *w, const struct batch *batch,
     work_report_steps(w, out);
     if (w->refine && w->shift == 1 && w->rec.period <= 0)
         trend_of_modes(w->X->m * w->rec.step, out);
+    decides = out->decides;
     if (!w->facts.converged || out->driven || w->facts.rejected)
         verdict_withhold(out);
+    if (w->facts.converged && !out->driven)
+        out->decides = decides;     /* what leaves a rejected model's verdict open */
     return MODAL_OK;
 }

@@ -6,11 +6,11 @@
  *     P = the parts T_k of J that are of harmonic k in both rows and columns,                   (1)
  *
  * T_k of (3) of balance.c: S_k and the laws' mean slopes.  P^-1 J differs from 1 by what laws mix:
- * where few act, or all act weakly, in a few directions.  P of blocks before these serves as long as
- * a solution with it costs less than factors do.
+ * where few act, or all act weakly, in a few directions.  P of blocks before these serves as long
+ * as a solution with it costs less than factors do.
  *
- * With F operations and L entries in the factors of one T_k those of the blocks, of m rows, have m^3
- * F and m^2 L: nothing else of them need be known to tell which way is cheaper.
+ * With F operations and L entries in the factors of one T_k those of the blocks, of m rows, have
+ * m^3 F and m^2 L: nothing else of them need be known to tell which way is cheaper.
  *
  * [SS86] Saad and Schultz, SIAM J. Sci. Stat. Comput. 7 (1986) 856-869.
  */
@@ -121,7 +121,9 @@ static double product_work(const struct by_harmonic *s, const struct blocks *b)
 
 double by_harmonic_solution(const struct by_harmonic *s, const struct blocks *b)
 {
-    return VECTORS_USUAL * (product_work(s, b) + VECTORS_USUAL * (double)s->q * s->m / BUDGET_DENSE);
+    double sums = VECTORS_USUAL * (double)s->q * s->m / BUDGET_DENSE;     /* to orthogonalize */
+
+    return VECTORS_USUAL * (product_work(s, b) + sums);
 }
 
 double by_harmonic_of_blocks(const struct by_harmonic *s)

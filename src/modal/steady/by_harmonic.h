@@ -1,4 +1,4 @@
-/* by_harmonic.h - a derivative in blocks (blocks.h) solved by GMRES, each harmonic factored by itself
+/* by_harmonic.h - a derivative in blocks (blocks.h) solved by GMRES, harmonics factored apart
  *
  * Where few dofs couple harmonics, or many dofs each other, factors of the blocks fill far more
  * than those of one harmonic do. */

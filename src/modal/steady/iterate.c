@@ -107,8 +107,8 @@ static bool stopped(const struct iterate_options *opt)
     return opt->cancelled != NULL && opt->cancelled(opt->context);
 }
 
-/* A step's length against each dof's own motion, or FAINT of the largest; HUGE_VAL where there is no
- * number. */
+/* A step's length against each dof's own motion, or FAINT of the largest; HUGE_VAL where there is
+ * no number. */
 static double norm_above(const struct balance *b, double faint, const double *step,
                          const double complex *X)
 {
@@ -370,6 +370,8 @@ struct newton_work {
     double *step, *trial_step, *u, *kept, *scratch;
     double complex *trial;
     bool *cut;
+    double logs;                      /* of damped steps, as many: see arrives() */
+    int damped;
     struct workspace space;           /* of the arrays */
 };
 
@@ -444,15 +446,16 @@ static double rounded(const struct balance *b, const double complex *X)
 
 /* Whether the step just computed is the last: below the tolerance, or of rounding's size and no
  * longer shrinking. */
-static bool settled(const struct balance *b, double tolerance, double last, double lambda,
-                    double overall, double least, struct iterate_report *report)
+static bool settled(const struct balance *b, const struct newton_work *w, const double complex *X,
+                    double tolerance, double last, double lambda, struct iterate_report *report)
 {
     /* a short matrix converges linearly */
     double rate = report->step / last, stalls = b->HJ < b->H ? STALLS_SHORT : STALLS;
 
     if (!(report->step <= tolerance || (report->step < FLOOR && rate > stalls && lambda == 1)
           /* rounding of the large ones is all that moves the small */
-          || (rate > stalls && report->residual <= least && overall <= SMALL)
+          || (rate > stalls && report->residual <= rounded(b, X)
+              && overall_step(b, w->step, X) <= SMALL)
           /* a loose one: the next step will be */
           || (tolerance > FLOOR && last < HUGE_VAL && rate < SHRINKS && lambda == 1
               && report->step * rate / (1 - rate) <= tolerance / 2)))
@@ -598,18 +601,22 @@ static bool goes_whole(const struct balance *b, const struct iterate_report *rep
 }
 
 /*
- * Whether Newton's method comes to CLOSE within the MOST iterations: with the pace of (2), LOGS the
- * sum of -log(1 - lambda / 4) over DAMPED steps, as many more are due as
+ * Whether Newton's method, a step of LAMBDA taken, comes to CLOSE within the MOST iterations: with
+ * the pace of (2), w->logs the sum of -log(1 - lambda / 4) over w->damped steps, as many are due as
  *
- *     log(|d| / CLOSE) DAMPED / LOGS.
+ *     log(|d| / CLOSE) damped / logs.
  *
  * A full matrix is small, and waits.
  */
-static bool arrives(const struct balance *b, const struct iterate_report *report, int damped,
-                    double logs, int most)
+static bool arrives(const struct balance *b, struct newton_work *w, double lambda, int most,
+                    struct iterate_report *report)
 {
-    return b->pattern->full || damped < PACE_STEPS
-        || report->iterations + log(report->step / CLOSE) * damped / logs <= most;
+    w->logs -= log1p(-lambda / 4);
+    if (b->pattern->full || ++w->damped < PACE_STEPS
+        || report->iterations + log(report->step / CLOSE) * w->damped / w->logs <= most)
+        return true;
+    report->reason = "Newton's method would need too many steps";
+    return false;
 }
 
 /* An overflow ends the iteration, not the job. */
@@ -635,8 +642,6 @@ static enum modal_status newton(struct balance *b, const struct iterate_options 
     enum known known = opt->evaluated ? FORCE : NOTHING;
     bool ok = true, shrinks = false;     /* the residual, as a loose tolerance leaves it */
     bool soft = false;                   /* some direction was found that nothing holds */
-    double logs = 0;                     /* of the damped steps, see arrives() */
-    int damped = 0;
 
     *report = (struct iterate_report) { .reason = "Newton's method did not settle",
                                         .residual = HUGE_VAL };
@@ -649,7 +654,7 @@ static enum modal_status newton(struct balance *b, const struct iterate_options 
         shrinks = report->iterations > 1 && tolerance > FLOOR && report->residual < 0.5 * residual;
         residual = report->residual;
         /* The step itself leads to w.trial. */
-        if (settled(b, tolerance, last, lambda, overall_step(b, w.step, X), rounded(b, X), report)) {
+        if (settled(b, &w, X, tolerance, last, lambda, report)) {
             memcpy(X, w.trial, size);
             break;
         }
@@ -672,15 +677,10 @@ static enum modal_status newton(struct balance *b, const struct iterate_options 
             known = NOTHING;
             continue;
         }
-        if (rc == MODAL_OK && !ok) {
+        if (rc == MODAL_OK && !ok)
             give_up(b, &w, X, report);
+        if (rc == MODAL_OK && (!ok || !arrives(b, &w, lambda, most, report)))
             break;
-        }
-        logs -= log1p(-lambda / 4);
-        if (!arrives(b, report, ++damped, logs, most)) {
-            report->reason = "Newton's method would need too many steps";
-            break;
-        }
     }
     if (rc == MODAL_OK)
         rc = conclude(b, !opt->rough && !shrinks, X, report, err);

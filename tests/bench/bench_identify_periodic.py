@@ -72,8 +72,8 @@ def price(r, width):
     """What a multiplier of WIDTH columns pays, of chi-squared."""
     S = r["y"].shape[1] * r["p"]
     x = math.log(4 * r["periods"] / 1e-3)
-    pair = 2 * (S + 1) + 2 * math.sqrt(2 * S * x) + 2 * x
-    return min(pair * width / 2, width * (S + 1 + 1 / S) * math.log(r["y"].size))
+    alarm = width * (S + 1) + 2 * math.sqrt(width * S * x) + 2 * x
+    return min(alarm, width * (S + 1 + 1 / S) * math.log(r["y"].size))
 
 
 def losses(r):

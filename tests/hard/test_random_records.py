@@ -259,18 +259,6 @@ def test_three_pairs_are_found_in_nine_periods(seed, monkeypatch):
     assert all(min(abs(f - m) for f in found) < 0.005 for m in truth)
 
 
-@pytest.mark.parametrize("seed", [20, 22, 40, 41])
-def test_a_real_multiplier_brings_no_second_one(seed, monkeypatch):
-    """The second real one of a pair's price less one's own came in one of some twenty records."""
-    rng = np.random.default_rng(seed)
-    t, y = np.arange(45 * 24) / 24, np.zeros((45 * 24, 2))
-    for m, k in ((-0.94, 0), (-0.94, 1), (0.81 + 0.45j, 0), (0.81 + 0.45j, -1)):
-        g = rng.normal(size=2) + 1j * rng.normal(size=2)
-        y += (np.exp((np.log(complex(m)) + 2j * np.pi * k) * t)[:, None] * g).real
-    y += 0.2 * y.std() * rng.normal(size=y.shape)
-    assert len(multipliers_of(y, 24, monkeypatch)) == 2
-
-
 @pytest.mark.parametrize("samples, channels, seed", [(2, 3, 0), (8, 1, 5), (24, 1, 1), (24, 4, 2)])
 def test_noise_has_no_multipliers(samples, channels, seed, monkeypatch):
     """8 samples, seed 5: 40 columns interpolate 45 periods to rounding."""

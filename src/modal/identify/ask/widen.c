@@ -102,11 +102,13 @@ static void at_least(struct poles *p, int j, double re, double im)
     p->std_im[j] = im > p->std_im[j] ? im : p->std_im[j];
 }
 
-static enum growth growth_of(const struct part_say *say, double strength, bool decays,
-                             double factor)
+/* A record too short to be halved cannot be asked; of few periods, where as few rows are free, that
+ * is no reason to believe what is weak. */
+static enum growth growth_of(const struct refine_data *d, const struct part_say *say,
+                             double strength, bool decays, double factor)
 {
     if (strength < 0)
-        return GROWTH_EXACT;
+        return d->phases > 1 ? GROWTH_UNSEEN : GROWTH_EXACT;
     return say->grows                                          ? GROWTH_IN_HALF
         : say->re > 0 && decays && say->decay > PARTS_CLEAR * factor ? GROWTH_NEVER
                                                                : GROWTH_UNSEEN;
@@ -125,7 +127,7 @@ static enum modal_status for_parts(const struct refine_data *d, struct poles *p,
         /* before its error is widened below */
         bool decays = creal(p->lambda[j]) + PARTS_CLEAR * p->std_re[j] < 0;
         at_least(p, j, say[j].re, say[j].im);
-        p->growth[j] = growth_of(&say[j], *strength, decays, factor[j]);
+        p->growth[j] = growth_of(d, &say[j], *strength, decays, factor[j]);
     }
     free(say);
     return rc;

@@ -23,16 +23,11 @@
  *
  *     -n ln(1 - (k (S + 1) + 2 sqrt(k S x) + 2 x) / m),                             (3)
  *
- * no matter how few rows are left. Such a model pays (3), k = 2, for its columns, two by two, and
- * half of it for the last of an odd number, where that is less than what (1) asks: two real poles
- * may be one pair and cost the same, and each must pay as much, or the second would come for
- * what noise gives it in one of some twenty records. Half of a pair's is enough for one: real
- * poles differ by their decay alone, in a few of the places.
- *
- * Noise that is not white along a row has other variances w in its S directions, of mean 1;
- * chi-squared is then less than k S + 2 sqrt(k x sum w^2) + 2 x max w [LM00]. What share of them
- * is as good as free, s = S / sum w^2, says the largest too, for noise that is forgotten at one
- * rate: correlated by a^j over j samples it has
+ * no matter how few rows are left. Such a model pays (3) for its columns, two by two and the last,
+ * where that is less than what (1) asks. Noise that is not white along a row has other variances w
+ * in its S directions, of mean 1; chi-squared is then less than k S + 2 sqrt(k x sum w^2) + 2 x
+ * max w [LM00]. What share of them is as good as free, s = S / sum w^2, says the largest too, for
+ * noise that is forgotten at one rate: correlated by a^j over j samples it has
  *
  *     s = (1 - a^2) / (1 + a^2),    max w = (1 + a) / (1 - a).
  *
@@ -73,15 +68,14 @@ int criterion_order_told(double columns, double numbers)
     return (int)fmax((numbers - criterion_noise_pair(columns, 1, numbers)) / (columns + 1), 0);
 }
 
-/* (3) for ORDER columns of S amplitudes, two by two; the last of an odd number pays half. */
-static double false_alarm(double S, double white, double numbers, int order)
+/* (3) for the first POLES, each of K columns of S amplitudes, after USED ones. */
+static double false_alarm(double S, double white, double numbers, int poles, int k, int used)
 {
-    double most = noise_most(S, white, numbers, 2), sum = 0;
+    double most = noise_most(S, white, numbers, k), sum = 0;
 
-    for (int at = 0; at < order; at += 2) {
-        double left = numbers - at * (S + 1),
-               share = fmax(1 - most / fmax(left, 1), 1 / numbers);
-        sum -= log(share) * (order - at > 1 ? 1 : 0.5);
+    for (int j = 0; j < poles; j++) {
+        double left = numbers - (used + j * k) * (S + 1);
+        sum -= log(fmax(1 - most / fmax(left, 1), 1 / numbers));
     }
     return numbers * sum;
 }
@@ -89,6 +83,7 @@ static double false_alarm(double S, double white, double numbers, int order)
 double criterion_price(const struct criterion *c, int order, int parameters)
 {
     double used = 0, live = 0, bayes, white = c->white > 0 ? c->white : 1;
+    int pairs = order / 2;         /* two real poles may be one pair: they cost the same */
 
     for (int g = 0; g < c->groups; g++)
         if (c->energy[g] > 0)
@@ -96,7 +91,8 @@ double criterion_price(const struct criterion *c, int order, int parameters)
     bayes = criterion_scarcity(live * order + parameters, used)
           * (live * order + (1 + 1 / fmax(live, 1)) * parameters) * log(fmax(used, 2));
     return c->phases == 1 || c->exact || live == 0 ? bayes
-         : fmin(bayes, false_alarm(live, white, used, order));
+         : fmin(bayes, false_alarm(live, white, used, pairs, 2, 0)
+                       + false_alarm(live, white, used, order % 2, 1, 2 * pairs));
 }
 
 double criterion_of(const struct criterion *c, const double *rss, double factor, int order,

@@ -35,9 +35,9 @@ static const double WORK = 3e9;
 /* Kept dofs that double it. */
 static const double WORK_DOFS = 100;
 /* Few dofs are stepped and balanced for less, and what has no answer within it seldom has one at
- * all: chosen, half of WORK at one dof, and all of it from twelve. */
-static const double WORK_FEW = 1.5e9;
-static const double DOFS_FEW = 10;
+ * all: chosen, two thirds of WORK at one dof, and all of it from nineteen. */
+static const double WORK_FEW = 2e9;
+static const double DOFS_FEW = 24;
 enum {
     REDUCE_LEAST = 48,    /* linear dofs below which factoring a band beats summing over their
                            * modes */

@@ -8,10 +8,11 @@
  * Work.  The least factorization costs 2/3 n^3 of n = q (2 H + 1) unknowns where the matrix is full
  * (balance_dense_work), and about 2 q m^3, m = 2 H + 1, of blocks of a chain.  A solution may cost
  *
- *     most = min(WORK (1 + q / WORK_DOFS), WORK_FEW (1 + q / DOFS_FEW))
+ *     most = min(WORK (1 + q / WORK_DOFS), WORK_FEW (1 + d / DOFS_FEW))
  *          + ASKED factorizations at the H asked for,                                           (1)
  *
- * counted in operations (budget.h), so that it ends at the same place on every machine.
+ * counted in operations (budget.h), so that it ends at the same place on every machine; d: the
+ * dofs that are stepped, kept or not.
  */
 #include "modal/steady/session.h"
 #include <math.h>
@@ -34,8 +35,8 @@ static const double SHARED = 1e-10;
 static const double WORK = 3e9;
 /* Kept dofs that double it. */
 static const double WORK_DOFS = 100;
-/* Few dofs are stepped and balanced for less, and what has no answer within it seldom has one at
- * all: chosen, two thirds of WORK at one dof, and all of it from nineteen. */
+/* Structures of few dofs are stepped and balanced for less, and what has no answer within it seldom
+ * has one at all: chosen, two thirds of WORK at one dof, and all of it from nineteen. */
 static const double WORK_FEW = 2e9;
 static const double DOFS_FEW = 24;
 enum {
@@ -158,7 +159,7 @@ void steady_allow_work(struct steady *s)
     double q = condense_kept(s->c);
 
     s->budget = (struct budget){ .most = fmin(WORK * (1 + q / WORK_DOFS),  /* from 0 */
-                                              WORK_FEW * (1 + q / DOFS_FEW))
+                                              WORK_FEW * (1 + s->p->n / DOFS_FEW))
                                          + ASKED * steady_factor_work(s, s->opt.harmonics) };
 }
 

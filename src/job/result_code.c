@@ -97,7 +97,7 @@ const struct result_code result_codes[] = {
     { "undetermined_mean", "steady", "nothing but what slips holds the body: its mean follows "
       "from history", "take the motion about it; it has an error" },
     { "undetermined_offset", "steady", "a slider never slips: its place, and the mean, follow "
-      "from history", "take the mean for that with the slider at zero" },
+      "from history", "take the mean for one of many" },
     { "no_periodic_solution", "steady", "there certainly is none: a load that nothing holds",
       "add what holds it, or change the load" },
     { "not_converged", "steady", "none was found, which is no proof that there is none",

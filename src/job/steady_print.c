@@ -142,9 +142,11 @@ static void print_offsets(const struct program *p, const struct steady_point *po
     else
         snprintf(which, sizeof which, "%d sliders of %d never slip", count, point->laws);
     diagnose(list, "undetermined_offset",
-             "%s: its place, and with it the mean, follows from history; "
-             "the mean given is that with the slider at zero, or as near to it "
-             "as its strength allows", which);
+             point->followed
+                 ? "%s: its place, and with it the mean, follows from history; the mean given is "
+                   "one of many, which a motion in time came to"
+                 : "%s: its place, and with it the mean, follows from history; the mean given is "
+                   "that with the slider at zero, or as near to it as its strength allows", which);
 }
 
 /* A reduction that is too coarse for the error asked for, or of which that is not known. */

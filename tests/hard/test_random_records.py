@@ -259,6 +259,33 @@ def test_three_pairs_are_found_in_nine_periods(seed, monkeypatch):
     assert all(min(abs(f - m) for f in found) < 0.005 for m in truth)
 
 
+@pytest.mark.parametrize("seed", [20, 22, 40, 41])
+def test_a_real_multiplier_brings_no_second_one(seed, monkeypatch):
+    """The second real one of a pair's price less one's own came in one of some twenty records."""
+    rng = np.random.default_rng(seed)
+    t, y = np.arange(45 * 24) / 24, np.zeros((45 * 24, 2))
+    for m, k in ((-0.94, 0), (-0.94, 1), (0.81 + 0.45j, 0), (0.81 + 0.45j, -1)):
+        g = rng.normal(size=2) + 1j * rng.normal(size=2)
+        y += (np.exp((np.log(complex(m)) + 2j * np.pi * k) * t)[:, None] * g).real
+    y += 0.2 * y.std() * rng.normal(size=y.shape)
+    assert len(multipliers_of(y, 24, monkeypatch)) == 2
+
+
+@pytest.mark.parametrize("seed", [26, 14])
+def test_a_lasting_negative_multiplier_brings_no_second_one(seed, monkeypatch):
+    """-0.9994 and two pairs, one of 600 samples' noise beside them; 26 had 0.43 too, and 14 a
+    multiplier near the first that grows."""
+    rng, channels = np.random.default_rng(seed), 3 if seed == 26 else 8
+    t, y = np.arange(600) * 0.05, np.zeros((600, channels))
+    for c in range(channels):
+        for hz, zeta in ((0.5, 2e-4), (1.15, 1e-4), (2.05, 1e-4)):
+            size, phase, w = 0.4 + 0.6 * rng.random(), 2 * np.pi * rng.random(), 2 * np.pi * hz
+            y[:, c] += (size * np.exp(-zeta * w * t) * np.cos(w * t + phase)
+                        * (1 + 0.3 * np.cos(2 * np.pi * t + phase)))
+    y += 0.01 * np.sqrt((y**2).mean()) * rng.standard_normal(y.shape)
+    assert len(multipliers_of(y, 20, monkeypatch)) == 3
+
+
 @pytest.mark.parametrize("samples, channels, seed", [(2, 3, 0), (8, 1, 5), (24, 1, 1), (24, 4, 2)])
 def test_noise_has_no_multipliers(samples, channels, seed, monkeypatch):
     """8 samples, seed 5: 40 columns interpolate 45 periods to rounding."""

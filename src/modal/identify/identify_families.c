@@ -241,10 +241,11 @@ static void make_lines(struct families *f)
     }
 }
 
-/* -2 ln(likelihood) that QUOTED columns more must gain, the exponents being there. */
-static double price_of(const struct criterion *c, int order, int columns)
+/* -2 ln(likelihood) that one of so many POLES, with so many of their COLUMNS, must gain, the
+ * exponents being there. */
+static double price_of(const struct criterion *c, int poles, int order, int columns)
 {
-    return criterion_price(c, order, 0) - criterion_price(c, order - columns, 0);
+    return criterion_price(c, poles, order, 0) - criterion_price(c, poles - 1, order - columns, 0);
 }
 
 /* What the variance of signal g is, as far as FREE rows tell. */
@@ -331,7 +332,8 @@ static enum modal_status choose_lines(struct families *f, struct lines *l, struc
         if (rc == MODAL_OK && p.degenerate)
             rc = modal_fail(err, MODAL_NO_CONVERGENCE, "identify: lines that coincide");
         for (int i = 0; i < l->count && rc == MODAL_OK; i++)
-            least[i] = price_of(&p.criterion, p.order, pole_order(l->lambda[i], f->w->tau));
+            least[i] = price_of(&p.criterion, l->count, p.order,
+                                pole_order(l->lambda[i], f->w->tau));
         rc = rc == MODAL_OK ? chi_squared(f, l, &p, chi2, err) : rc;
         projected_done(&p);
         if (rc == MODAL_OK)

@@ -119,6 +119,8 @@ static bool believed(const struct identify_result *r, int i, double duration)
         return false;
     if (m->growth == GROWTH_EXACT || !(weak || slow || shadow))
         return true;
+    if (m->growth == GROWTH_UNASKED)
+        return !weak;
     if (slow && (weak || creal(m->exponent) * duration < RISE))
         return false;
     return m->growth == GROWTH_IN_HALF && !shadow;

@@ -108,7 +108,7 @@ static enum growth growth_of(const struct refine_data *d, const struct part_say 
                              double strength, bool decays, double factor)
 {
     if (strength < 0)
-        return d->phases > 1 ? GROWTH_UNSEEN : GROWTH_EXACT;
+        return d->phases > 1 ? GROWTH_UNASKED : GROWTH_EXACT;
     return say->grows                                          ? GROWTH_IN_HALF
         : say->re > 0 && decays && say->decay > PARTS_CLEAR * factor ? GROWTH_NEVER
                                                                : GROWTH_UNSEEN;

@@ -23,11 +23,14 @@
  *
  *     -n ln(1 - (k (S + 1) + 2 sqrt(k S x) + 2 x) / m),                             (3)
  *
- * no matter how few rows are left. Such a model pays (3) for its columns, two by two and the last,
- * where that is less than what (1) asks. Noise that is not white along a row has other variances w
- * in its S directions, of mean 1; chi-squared is then less than k S + 2 sqrt(k x sum w^2) + 2 x
- * max w [LM00]. What share of them is as good as free, s = S / sum w^2, says the largest too, for
- * noise that is forgotten at one rate: correlated by a^j over j samples it has
+ * no matter how few rows are left. Such a model pays (3) for each pair and for each real pole
+ * (poles_apart), where that is less than what (1) asks: a second real pole that came for the rest
+ * of a pair's price would be given by noise in one of twenty records that have one.
+ *
+ * Noise that is not white along a row has other variances w in its S directions, of mean 1;
+ * chi-squared is then less than k S + 2 sqrt(k x sum w^2) + 2 x max w [LM00]. What share of them is
+ * as good as free, s = S / sum w^2, says the largest too, for noise that is forgotten at one rate:
+ * correlated by a^j over j samples it has
  *
  *     s = (1 - a^2) / (1 + a^2),    max w = (1 + a) / (1 - a).
  *
@@ -80,10 +83,10 @@ static double false_alarm(double S, double white, double numbers, int poles, int
     return numbers * sum;
 }
 
-double criterion_price(const struct criterion *c, int order, int parameters)
+double criterion_price(const struct criterion *c, int poles, int order, int parameters)
 {
     double used = 0, live = 0, bayes, white = c->white > 0 ? c->white : 1;
-    int pairs = order / 2;         /* two real poles may be one pair: they cost the same */
+    int pairs = order - poles;      /* of POLES, these have two columns */
 
     for (int g = 0; g < c->groups; g++)
         if (c->energy[g] > 0)
@@ -92,16 +95,16 @@ double criterion_price(const struct criterion *c, int order, int parameters)
           * (live * order + (1 + 1 / fmax(live, 1)) * parameters) * log(fmax(used, 2));
     return c->phases == 1 || c->exact || live == 0 ? bayes
          : fmin(bayes, false_alarm(live, white, used, pairs, 2, 0)
-                       + false_alarm(live, white, used, order % 2, 1, 2 * pairs));
+                       + false_alarm(live, white, used, poles - pairs, 1, 2 * pairs));
 }
 
-double criterion_of(const struct criterion *c, const double *rss, double factor, int order,
-                    int parameters)
+double criterion_of(const struct criterion *c, const double *rss, double factor, int poles,
+                    int order, int parameters)
 {
     double sum = 0;
 
     for (int g = 0; g < c->groups; g++)
         if (c->energy[g] > 0)
             sum += c->own * log(fmax(factor * rss[g] / c->numbers, fmax(c->floor2[g], DBL_MIN)));
-    return sum + criterion_price(c, order, parameters);
+    return sum + criterion_price(c, poles, order, parameters);
 }

@@ -16,18 +16,18 @@ struct criterion {
 };
 
 /*
- * (1) of criterion.c for a model of ORDER columns and PARAMETERS exponents that leaves
- * the sum of squares FACTOR times RSS[g] in signal g. Less is better; only differences mean
- * anything.
+ * (1) of criterion.c for a model of so many POLES (poles_apart), of ORDER columns, and PARAMETERS
+ * exponents that leaves the sum of squares FACTOR times RSS[g] in signal g. Less is better; only
+ * differences mean anything.
  */
-double criterion_of(const struct criterion *c, const double *rss, double factor, int order,
-                    int parameters);
+double criterion_of(const struct criterion *c, const double *rss, double factor, int poles,
+                    int order, int parameters);
 
 /* (2): what a parameter costs more where there are so many UNKNOWNS for so few NUMBERS. */
 double criterion_scarcity(double unknowns, double numbers);
 
 /* The part of it that a model pays for its size. */
-double criterion_price(const struct criterion *c, int order, int parameters);
+double criterion_price(const struct criterion *c, int poles, int order, int parameters);
 
 /* Of a periodic system of so many COLUMNS, a share WHITE of them free in noise, NUMBERS in all: the
  * chi-squared that noise gives a pair at most, but in one of 1000 records; the order after which

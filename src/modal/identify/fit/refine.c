@@ -117,7 +117,8 @@ static void report(const struct work *w, const struct search *s, double tau, str
         total += s->now.rss[g];
     }
     r->residual = known ? sqrt(total) : NAN;
-    r->bic = known ? refine_worth(w, s->now.rss, 1) : HUGE_VAL;
+    r->bic = known ? refine_worth(w, s->now.rss, 1) + refine_dearer(w, r->lambda, tau) : HUGE_VAL;
+    r->start_bic += known ? refine_dearer(w, r->lambda, tau) : 0;
     r->iterations = s->iterations, r->evaluations = s->evaluations;
     r->work = w->spent;
 }

@@ -1,5 +1,6 @@
 /* refine_search.c - the descent to the minimum of refine.c's (1), and its weights */
 #include "modal/identify/fit/refine_state.h"
+#include "modal/identify/linear/exponents.h"
 #include <cblas.h>
 #include <float.h>
 #include <lapacke.h>
@@ -222,12 +223,21 @@ static void swap_in(struct search *s)
     s->now = s->next, s->next = e;
 }
 
-/* The criterion, every residual times FACTOR. */
+/* The criterion, every residual times FACTOR, as if two real poles were a pair: what they cost must
+ * not leap where they meet. */
 double refine_worth(const struct work *w, const double *rss, double factor)
 {
     struct criterion c = refine_criterion(w);
 
-    return criterion_of(&c, rss, factor, w->order, w->parameters);
+    return criterion_of(&c, rss, factor, (w->order + 1) / 2, w->order, w->parameters);
+}
+
+double refine_dearer(const struct work *w, const double complex *lambda, double tau)
+{
+    struct criterion c = refine_criterion(w);
+
+    return criterion_price(&c, poles_apart(lambda, w->count, tau, w->L), w->order, w->parameters)
+         - criterion_price(&c, (w->order + 1) / 2, w->order, w->parameters);
 }
 
 /* Is a signal left with little but the poles' errors?  Its residual may fall by any factor, and its

@@ -118,6 +118,8 @@ double refine_freedom(const struct work *w);
 struct criterion refine_criterion(const struct work *w);
 /* The criterion, every residual times FACTOR. */
 double refine_worth(const struct work *w, const double *rss, double factor);
+/* What it is more where two real poles, of LAMBDA in 1/s, each pay for themselves. */
+double refine_dearer(const struct work *w, const double complex *lambda, double tau);
 /* (5): covariance = s2 R^{-1} R^{-T}, in 1/s^2; NAN where R is singular. */
 void refine_covariance(const struct work *w, const struct evaluation *e, double tau, double *cov);
 

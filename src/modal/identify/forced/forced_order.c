@@ -62,7 +62,7 @@ static double bic_of(const struct lines *l, const struct transfer *t)
     /* beside shapes and exponents, how the drives but one reach a pole: searched for by nobody */
     for (int p = 0; p < t->poles; p++)
         order += cimag(t->s[p]) > 0 ? 2 : 1;
-    return -2 * t->likelihood + criterion_price(&c, order + l->direct, order)
+    return -2 * t->likelihood + criterion_price(&c, t->poles, order + l->direct, order)
          + (l->drives - 1) * order * log(numbers * l->responses);
 }
 

@@ -39,6 +39,17 @@ int poles_order(const double complex *lambda, int count, double tau)
     return order;
 }
 
+int poles_apart(const double complex *lambda, int count, double tau, int rows)
+{
+    int apart = count;
+
+    for (int i = 0; i < count; i++) {
+        double turn = fmin(cimag(lambda[i]), M_PI / tau - cimag(lambda[i])) * tau;
+        apart += pole_kind(lambda[i], tau) == POLE_PAIR && 2 * turn * rows < M_PI;
+    }
+    return apart;
+}
+
 double log_modulus(double complex rho)
 {
     double a = fabs(creal(rho)), b = fabs(cimag(rho)), t, excess;

@@ -20,6 +20,9 @@ enum pole_kind pole_kind(double complex lambda, double tau);
 /* 2 for a pair, else 1. */
 int pole_order(double complex lambda, double tau);
 int poles_order(const double complex *lambda, int count, double tau);
+/* How many pairs and real multipliers that is. A pair that ROWS steps do not tell from two real
+ * ones, for its own two are nearer than half a beat, counts as two. */
+int poles_apart(const double complex *lambda, int count, double tau, int rows);
 
 /* The exponent of RHO != 0; -HUGE_VAL as real part for rho = 0 ("faster than the sampling"). */
 double complex exponent_of(double complex rho, double tau);

@@ -164,9 +164,11 @@ double climb_pair_price(const struct climb *c, const struct refined *fit)
     struct criterion k = { fit->groups, phases, n, n * (d->share > 0 ? d->share : 1), d->exact,
                            fit->noise, fit->floor, d->white };
 
+    int apart = poles_apart(fit->lambda, fit->poles, d->tau, d->Y->m);
+
     /* a pair has two columns, and two real exponents */
-    return criterion_price(&k, fit->order + 2, fit->parameters + 2)
-         - criterion_price(&k, fit->order, fit->parameters);
+    return criterion_price(&k, apart + 1, fit->order + 2, fit->parameters + 2)
+         - criterion_price(&k, apart, fit->order, fit->parameters);
 }
 
 enum modal_status climb_rest(struct climb *c, int at, struct modal_error *err)

@@ -12,7 +12,9 @@
  *
  * is normal, and the largest of n is told where it exceeds wild_standing_out(n), by the largest of
  * the medians of the column's e, of the rows before and of those after, and so of e back in time:
- * what a recurrence leaves of a motion one way it does not the other. What is told must explain
+ * what a recurrence leaves of a motion one way it does not the other; and the sums of (2) by their
+ * own median: of little more than the motion's own order p e is noise that (1) filtered, white by
+ * no means, and h has as many times the size that (2) says. What is told must explain
  * what is there: the sum of squares of e[m + j] - h a_j is chi-squared of p + 1 degrees of freedom,
  * and exceeds p + 1 + 2 sqrt((p + 1) x) + 2 x with a probability e^-x = WILD_ALARM at most [LM00].
  * A spike, an onset or a motion struck anew leaves more.  A grid of step q makes differences of up
@@ -136,7 +138,7 @@ static int largest(const struct look *k)
     for (int i = 0; i < count; i++)
         if (fabs(k->h[i]) > most && !k->out[first + i])
             most = fabs(k->h[i]), at = first + i;
-    return most > k->limit * size * sqrt(k->aa) ? at : -1;
+    return most > k->limit * fmax(size * sqrt(k->aa), wild_size(k->h, count, k->part)) ? at : -1;
 }
 
 /* Does a step at M, *h high, explain what is there? */

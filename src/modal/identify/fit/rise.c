@@ -34,8 +34,11 @@ bool rise_without(const struct projected *p, int ld, const double complex *lambd
     int q = p->order;
     double *inverse = room, *C = room + (size_t)ld * (size_t)q;
 
-    for (int j = 0; j < q; j++)
+    for (int j = 0; j < q; j++) {
         memcpy(inverse + j * ld, p->R + j * ld, (size_t)(j + 1) * sizeof *inverse);
+        /* rise_of reads one of a pair's */
+        memset(inverse + j * ld + j + 1, 0, (size_t)(q - j - 1) * sizeof *inverse);
+    }
     if (LAPACKE_dtrtri(LAPACK_COL_MAJOR, 'U', 'N', q, inverse, ld) != 0)
         return false;
     matrix_copy(q, p->columns, p->Z, ld, C, ld);

@@ -160,6 +160,31 @@ static void quantised(struct made *m, bool told)
         y[i] = told ? 0.01 * nearbyint(y[i] / 0.01) : y[i];
 }
 
+/* Rounded to a grid of a hundredth, which the motion is below from a sixth of the record on. */
+static void ends_below_grid(struct made *m, bool told)
+{
+    m->rows = 2000, m->dt = 1.0 / m->rows, m->noise = 0;
+    m->lambda[0] = mode(200, told ? 30 : 2), m->lambda[1] = mode(700, told ? 33 : 3);
+    quantised(m, true);
+}
+
+/* One more channel than are fitted together, each with a mode of its own under white forces. */
+static void channels_reduced(struct made *m, bool told)
+{
+    double complex z[13] = { 0 };
+
+    m->rows = 3000, m->dt = 1.0 / m->rows, m->channels = told ? 13 : 12, m->modes = 0;
+    m->noise = 0.05;
+    m->opt.response = RESPONSE_AMBIENT;
+    m->opt.rank.rule = RANK_FIXED, m->opt.rank.fixed = 4;
+    fill(m);
+    for (int k = 0; k < m->rows; k++)
+        for (int c = 0; c < m->channels; c++) {
+            z[c] = z[c] * cexp(mode(100 * (c + 1), 20) * m->dt) + 0.1 * random_normal(&m->rng);
+            y[k * m->channels + c] += creal(z[c]);
+        }
+}
+
 static void wild_samples(struct made *m, bool told)
 {
     fill(m);
@@ -239,6 +264,7 @@ static const struct row {
     { "no_modes", no_modes }, { "poor_reconstruction", poor_reconstruction },
     { "dominated_signal", dominated_signal }, { "zero_channel", zero_channel },
     { "clipped", clipped }, { "quantised", quantised }, { "wild_samples", wild_samples },
+    { "ends_below_grid", ends_below_grid }, { "channels_reduced", channels_reduced },
     { "rank_too_low", rank_too_low }, { "cut_pair", cut_pair },
     { "rank_at_rounding", rank_at_rounding }, { "coloured_residual", coloured_residual },
     { "changes_in_record", changes_in_record }, { "near_tie", near_tie }, { "aliases", aliases },

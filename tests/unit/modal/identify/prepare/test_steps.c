@@ -49,8 +49,8 @@ static void jump(int channel, int row, double size)
         y[l + channel * ROWS] += size;
 }
 
-/* Thirty modes leave a recurrence of order 64 little but noise that it filtered itself: sums of that
- * are no white noise's. */
+/* Thirty modes leave a recurrence of order 64 little but noise that it filtered itself: sums of
+ * that are no white noise's. */
 TEST(as_many_modes_as_a_recurrence_tells_have_no_steps)
 {
     enum { LONG = 8000, MODES = 30 };

@@ -408,12 +408,21 @@ def test_the_stages_of_the_contract_are_in_every_cost(ctl, tmp_path):
         assert sum(cost["stages"].values()) <= cost["cpu_s"] * 1.001 + 1e-4
 
 
-def test_two_periods_are_said_to_be_too_few_not_to_be_noise(ctl, tmp_path):
-    codes = [d["code"]
-             for d in ctl("identify", write_batch(tmp_path / "x.h5", decay(400),
-                                                  period=10.0)).document["diagnostics"]]
-    assert "too_many_unknowns" in codes, codes
-    assert ctl("identify", tmp_path / "x.h5", "-o", "period=0").document["modes"]
+def test_two_periods_of_noise_are_said_to_be_too_few(ctl, tmp_path):
+    noise = np.random.default_rng(1).normal(size=(400, 2))
+    codes = [d["code"] for d in ctl("identify", write_batch(tmp_path / "x.h5", noise, period=10.0))
+             .document["diagnostics"]]
+    assert "too_many_unknowns" in codes and "no_modes" in codes, codes
+
+
+def test_what_two_periods_are_too_few_for_is_found_by_its_lines(ctl, tmp_path):
+    path = write_batch(tmp_path / "x.h5", decay(400), period=10.0)
+    of_periods, of_none = (ctl("identify", path, *more).document
+                           for more in ([], ["-o", "period=0"]))
+    for document in (of_periods, of_none):
+        found = sorted(-mode["exponent"][0] for mode in document["modes"])
+        # 0.01 and 0.005 of 2 pi times 1 and 2.3 Hz
+        assert np.allclose(found, 2 * np.pi * np.array([0.01, 0.0115]), rtol=1e-9), found
 
 
 def test_a_steady_state_that_is_not_there_has_the_fields_of_one_that_is(ctl, tmp_path):

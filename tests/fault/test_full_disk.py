@@ -258,6 +258,11 @@ def test_what_open_uploads_have_taken_counts_over_a_restart():
             assert chunk(lab.client("ann"), begun[0], 0).ok
 
 
+def test_without_keys_an_upload_may_have_more_than_half_of_the_room():
+    with small_disk("size=128m") as disk, Daemon(folder=disk, config=FAKE, workers=0) as d:
+        assert begin(d.client(), 80 << 20).ok
+
+
 def test_an_input_larger_than_a_disk_with_room_is_refused_without_an_alarm():
     with small_disk("size=64m") as disk, Daemon(folder=disk, config=FAKE, workers=0) as d:
         c = d.client()

@@ -401,7 +401,10 @@ void input_share(const struct input *input, struct task *task)
 {
     const struct user *user = input->user;
 
-    task->whole = input->filling->slot >= 0;       /* a job's, whatever clients do */
+    /* a job's has its room whatever clients do; and without keys all are one user, whom half of
+     * the room would keep from what nobody else wants */
+    task->whole = input->filling->slot >= 0
+               || (user->account != NULL && user->account->key[0] == 0);
     for (int i = 0; i < user->open_count; i++) {
         const struct input *other = user->open[i];
         uint64_t left = other->bytes - other->filling->durable;

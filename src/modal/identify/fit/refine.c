@@ -93,7 +93,7 @@ bool refined_converged(const struct refined *r)
 
 static void report(const struct work *w, const struct search *s, double tau, struct refined *r)
 {
-    double own = fmax(refine_freedom(w) / w->groups, 1), total = 0;
+    double own = fmax(refine_freedom(w) / w->groups, 1), total = 0, dearer;
     bool known = !s->now.degenerate, errors = known && !w->look;
 
     memcpy(r->first, w->first, (size_t)w->count * sizeof *r->first);
@@ -117,8 +117,9 @@ static void report(const struct work *w, const struct search *s, double tau, str
         total += s->now.rss[g];
     }
     r->residual = known ? sqrt(total) : NAN;
-    r->bic = known ? refine_worth(w, s->now.rss, 1) + refine_dearer(w, r->lambda, tau) : HUGE_VAL;
-    r->start_bic += known ? refine_dearer(w, r->lambda, tau) : 0;
+    dearer = known ? refine_dearer(w, r->lambda, tau) : 0;
+    r->bic = known ? refine_worth(w, s->now.rss, 1) + dearer : HUGE_VAL;
+    r->start_bic += dearer;
     r->iterations = s->iterations, r->evaluations = s->evaluations;
     r->work = w->spent;
 }

@@ -73,38 +73,21 @@ static double loss_of(const struct criterion *k, const double *rss, const double
     return sum;
 }
 
-static int apart(const struct trim *t)
-{
-    return poles_apart(t->lambda, t->count, t->data->tau, t->data->Y->m);
-}
-
-/* Of all but pole J. */
-static int apart_without(struct trim *t, int j)
-{
-    double complex last = t->lambda[t->count - 1], gone = t->lambda[j];
-    int left;
-
-    t->lambda[j] = last;
-    t->count--;
-    left = apart(t);
-    t->count++;
-    t->lambda[j] = gone;
-    return left;
-}
-
 /* The pole that may go and costs least; -1: none. */
 static int cheapest(struct trim *t, const struct trim_options *opt)
 {
     const struct criterion *k = &t->p.criterion;
-    int q = t->p.order, all = apart(t), at = -1;
-    double least = HUGE_VAL;
+    int q = t->p.order, rows = t->data->Y->m, at = -1;
+    double least = HUGE_VAL, tau = t->data->tau;
+    int apart = poles_apart(t->lambda, t->count, tau, rows);
 
-    if (!rise_without(&t->p, t->ld, t->lambda, t->count, t->data->tau, t->room, t->rise))
+    if (!rise_without(&t->p, t->ld, t->lambda, t->count, tau, t->room, t->rise))
         return -1;
     for (int j = 0; j < t->count; j++) {
-        int n = pole_order(t->lambda[j], t->data->tau), fixed = t->fixed != NULL && t->fixed[j];
-        double price = criterion_price(k, all, q, t->p.parameters)
-                     - criterion_price(k, apart_without(t, j), q - n, t->p.parameters - n), excess;
+        int n = pole_order(t->lambda[j], tau), fixed = t->fixed != NULL && t->fixed[j],
+            left = apart - poles_apart(&t->lambda[j], 1, tau, rows);
+        double price = criterion_price(k, apart, q, t->p.parameters)
+                     - criterion_price(k, left, q - n, t->p.parameters - n), excess;
         /* < 0: its absence costs less than it */
         excess = loss_of(k, t->p.rss, t->rise + j * k->groups) - opt->share * price - opt->reach;
         if (!fixed && excess < 0 && excess < least)

@@ -392,7 +392,7 @@ static void without(const struct lines *l, int j, struct lines *less)
 static void stand_in(const struct families *f, const struct lines *l, int j, struct lines *less)
 {
     for (int i = 0; i < l->count; i++)
-        for (int a = 0; l->family[i] == j && a < f->all.count; a++) {
+        for (int a = 0; l->family[i] == j && a < f->all.count && less->count < f->room; a++) {
             bool has = f->all.family[a] == j
                     || fabs(cimag(f->all.lambda[a] - l->lambda[i])) > f->Omega / 2;
             for (int b = 0; b < less->count && !has; b++)

@@ -166,6 +166,29 @@ TEST(a_harmonic_of_a_mode_does_not_decide)
     CHECK(r.verdict == VERDICT_UNSTABLE && r.decides == 1);
 }
 
+/* A strong mode that grows beyond its error is believed where no half of the record could be asked,
+ * one of a ten-thousandth of the energy is not. */
+TEST(growth_that_no_half_was_asked_for_is_believed_of_strong_modes)
+{
+    const struct { double energy; enum growth growth; int verdict; } cases[] = {
+        { 0.99, GROWTH_UNASKED, VERDICT_UNSTABLE }, { 1e-4, GROWTH_UNASKED, VERDICT_UNDECIDED },
+        { 1e-4, GROWTH_EXACT, VERDICT_UNSTABLE },
+    };
+
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        /* slower than the record, which alone would leave it open */
+        struct identify_mode mode = {
+            .exponent = CMPLX(0.5, 0.1), .resolved = CMPLX(0.5, 0.1), .multiplier = 1,
+            .energy = cases[i].energy, .persistence = 1, .std_re = 0.01, .std_multiplier = 1e-3,
+            .growth = cases[i].growth,
+        };
+        struct identify_result r = { .modes = &mode, .mode_count = 1, .dt = 1e-3, .decimation = 1,
+                                     .freedom = 900 };
+        verdict_stability(&r, 1);
+        CHECK((int)r.verdict == cases[i].verdict);
+    }
+}
+
 /* Van der Pol's oscillator from three times its limit cycle, by the midpoint rule: the motion that
  * stays does not decay. */
 /* A motion gone in 824 nepers a period: its multiplier is below the least double and its logarithm

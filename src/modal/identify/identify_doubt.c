@@ -208,12 +208,16 @@ static void say_crowd(const struct work *w, struct identify_result *out)
  * Is the model refuted, and not by what a mode's amplitude explains?  Halves of the record refute
  * it (parts.c), in one record of 10^6 that it is true of; errors widened to what they differ by
  * serve where all of it decays or something grows by those errors still.  Where that is open they
- * are the errors of a model that is not the record's: what is driven throughout is one.
+ * are the errors of a model that is not the record's: what is driven throughout is one.  Refuted it
+ * is, too, where modes rebuild each window for itself, others in each (trend.c), and those of the
+ * whole do not rebuild it: a swept sine is one, and damping that the sweep's envelope draws none.
  */
 static bool is_rejected(const struct work *w, const struct identify_result *r)
 {
-    return w->facts.doubt.contradiction > 1 && r->verdict == VERDICT_UNDECIDED && !r->driven
-           && !says(r, "amplitude_dependent");
+    bool changes = says(r, "changes_in_record") && r->total_relative_error > REBUILT;
+
+    return (changes || (w->facts.doubt.contradiction > 1 && r->verdict == VERDICT_UNDECIDED))
+           && !r->driven && !says(r, "amplitude_dependent");
 }
 
 /* Where poles nearly coalesce their parts are far larger than their sum,

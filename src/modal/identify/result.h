@@ -158,7 +158,7 @@ struct identify_cluster {
     bool near_defective;
     bool resolved;         /* no two members' errors come near each other, however close they are */
 };
-struct identify_diagnostic { char code[40]; char message[320]; int channel; /* -1: none */ };
+struct identify_diagnostic { char code[40]; char message[640]; int channel; /* -1: none */ };
 /* The strongest vibration of one part of the record. */
 struct identify_window {
     double t, frequency_hz, damping_ratio, std_frequency_hz, std_damping_ratio,

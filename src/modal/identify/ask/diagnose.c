@@ -187,9 +187,11 @@ static void about_colour(struct identify_result *r, const struct diagnose_facts 
     if (f->doubt.colour > 1)
         identify_diagnose(
             r, "coloured_residual", -1,
-            "what the modes leave is not white noise: standard errors were widened by up to %.2g; "
-            "the model may be missing something slow, driven or nonlinear",
-            f->doubt.colour);
+            "what the modes leave is not white noise: %s%.2g%s; the model may be missing something "
+            "slow, driven or nonlinear",
+            f->converged && !r->driven && !f->rejected ? "standard errors were widened by up to "
+                                                       : "errors would be up to ",
+            f->doubt.colour, f->converged && !r->driven && !f->rejected ? "" : " times as wide");
     if (f->told > 0)
         identify_diagnose(
             r, "coloured_residual", -1,
@@ -212,9 +214,10 @@ static void about_parts(struct identify_result *r, const struct diagnose_facts *
     else if (f->doubt.contradiction > 1)
         identify_diagnose(r, "parts_disagree", -1,
                           "halves of the record have other exponents than the whole (%.2g times "
-                          "what noise explains): the model does not hold throughout; standard "
-                          "errors were widened to the differences",
-                          f->doubt.contradiction);
+                          "what noise explains): the model does not hold throughout%s",
+                          f->doubt.contradiction,
+                          f->converged && !r->driven ? "; standard errors were widened to the "
+                                                       "differences" : "");
 }
 
 void diagnose_still_channels(struct identify_result *r)

@@ -11,6 +11,10 @@
  *   start     the mean of the members, weighed by their energies, refined with all other poles
  *   error     half the range over the windows, or the members' own rms distance from the mean where
  *             no window tells
+ *
+ * and again as long as the refined means are within reach of each other: of friction a linear fit
+ * draws a comb, wider than one reach.  However far its damping goes, a mode that decays in each of
+ * its windows grows nowhere.
  */
 #include "modal/identify/ask/merge.h"
 #include <math.h>
@@ -20,18 +24,24 @@
 #include "modal/identify/fit/synthesis.h"
 #include "modal/identify/linear/exponents.h"
 
+static const double SIGMAS = 3;     /* as in verdict.h */
+
 /* The windows' extremes. */
-struct range { double low, high, slow, fast; };      /* Hz in the data; decay rates, 1/s */
+struct range {
+    double low, high, slow, fast;       /* Hz in the data; decay rates, 1/s */
+    bool decays;                        /* in every window, by SIGMAS of its own errors */
+};
 
 struct crowd {
     double complex mean;
     double re, im;        /* errors */
     int members;
+    bool decays;          /* the watched mode, wherever it was watched */
 };
 
 static struct range range_of(const struct identify_window *w, int count, double hertz)
 {
-    struct range r = { HUGE_VAL, 0, HUGE_VAL, -HUGE_VAL };
+    struct range r = { HUGE_VAL, 0, HUGE_VAL, -HUGE_VAL, true };
 
     for (int i = 0; i < count; i++) {
         /* the data's frequency: a band was shifted, decay rates were not */
@@ -39,6 +49,7 @@ static struct range range_of(const struct identify_window *w, int count, double 
         r.low = fmin(r.low, w[i].frequency_hz - hertz),
         r.high = fmax(r.high, w[i].frequency_hz - hertz);
         r.slow = fmin(r.slow, decay), r.fast = fmax(r.fast, decay);
+        r.decays &= w[i].damping_ratio > SIGMAS * w[i].std_damping_ratio;
     }
     return r;
 }
@@ -126,7 +137,7 @@ static struct crowd describe(const struct poles *p, const double *energy, const 
         c.re = sqrt(re), c.im = sqrt(im);
     if (c.members > 1 && watched(r, c.mean))
         /* half of what its windows range over: 2 pi / 2 */
-        c.re = (r->fast - r->slow) / 2, c.im = M_PI * (r->high - r->low);
+        c.re = (r->fast - r->slow) / 2, c.im = M_PI * (r->high - r->low), c.decays = r->decays;
     return c;
 }
 
@@ -142,16 +153,15 @@ static void replace(struct poles *p, const struct refined *fit, const struct cro
         p->std_re[i] = fmax(fit->std_re[i], crowds[i].re),
         p->std_im[i] = fmax(fit->std_im[i], crowds[i].im);
         p->bar[i] = NAN, p->angle[i] = crowds[i].members > 1 ? NAN : p->angle[from],
-        p->growth[i] = GROWTH_UNSEEN;
+        p->growth[i] = crowds[i].decays ? GROWTH_NEVER : GROWTH_UNSEEN;
     }
     p->count = fit->poles;
 }
 
-enum modal_status merge_crowds(const struct refine_data *data, const struct identify_window *trend,
-                               int count, double hertz, struct poles *p, bool *converged,
-                               struct modal_error *err)
+static enum modal_status merge_once(const struct refine_data *data, const struct range *r,
+                                    struct poles *p, bool *converged, bool *fewer,
+                                    struct modal_error *err)
 {
-    struct range r = range_of(trend, count, hertz);
     size_t room = (size_t)p->count + 1;
     double *energy = calloc(room, sizeof *energy);
     int *crowd = calloc(room, sizeof *crowd), n;
@@ -161,16 +171,17 @@ enum modal_status merge_crowds(const struct refine_data *data, const struct iden
     struct refined fit = { 0 };
     enum modal_status rc = MODAL_OK;
 
+    *fewer = false;
     if (energy == NULL || crowd == NULL || crowds == NULL || lambda == NULL || fixed == NULL) {
         rc = modal_fail(err, MODAL_NO_MEMORY, "merge: no memory for %d poles", p->count);
         goto out;
     }
     rc = energies(data, p, energy, err);
-    if (rc != MODAL_OK || count < 1 || !(r.low > 0))
+    if (rc != MODAL_OK)
         goto out;
-    n = form_crowds(p, energy, &r, crowd);
+    n = form_crowds(p, energy, r, crowd);
     for (int i = 0; i < n; i++) {
-        crowds[i] = describe(p, energy, &r, crowd, i);
+        crowds[i] = describe(p, energy, r, crowd, i);
         lambda[i] = crowds[i].mean;
         fixed[i] = lambda[i] == 0;  /* the constant stays one */
     }
@@ -179,10 +190,23 @@ enum modal_status merge_crowds(const struct refine_data *data, const struct iden
     rc = refine_poles(data, lambda, n, fixed, NULL, &fit, err);
     if (rc == MODAL_OK && fit.end != REFINE_DEGENERATE) {
         replace(p, &fit, crowds, crowd);
-        *converged |= refined_converged(&fit);
+        *converged |= refined_converged(&fit), *fewer = true;
     }
 out:
     refined_done(&fit);
     free(energy), free(crowd), free(crowds), free(lambda), free(fixed);
+    return rc;
+}
+
+enum modal_status merge_crowds(const struct refine_data *data, const struct identify_window *trend,
+                               int count, double hertz, struct poles *p, bool *converged,
+                               struct modal_error *err)
+{
+    struct range r = range_of(trend, count, hertz);
+    enum modal_status rc = MODAL_OK;
+    bool fewer = count > 0 && r.low > 0;
+
+    while (fewer && rc == MODAL_OK)
+        rc = merge_once(data, &r, p, converged, &fewer, err);
     return rc;
 }

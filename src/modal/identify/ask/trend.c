@@ -454,22 +454,22 @@ static double kendall(const struct window *w, int n, double (*x)(const struct wi
 static double frequency_at(const struct window *w) { return w->frequency; }
 static double damping_at(const struct window *w) { return w->damping; }
 
-/* Does x range over more than `least` of its size and six of the standard errors at the ends of the
- * range? */
+/* Do two windows differ in x by more than `least` of its size and six of their standard errors?  The
+ * extremes alone do not say: the last window has the least signal, and errors to suit. */
 static bool changes(const struct window *w, int n, double (*x)(const struct window *), bool damping,
                     double least)
 {
-    int low = 0, high = 0;
-    double size = 0, error;
+    bool any = false;
 
-    for (int i = 0; i < n; i++) {
-        low = x(&w[i]) < x(&w[low]) ? i : low, high = x(&w[i]) > x(&w[high]) ? i : high;
-        size = fmax(size, fabs(x(&w[i])));
-    }
-    error = damping ? hypot(w[low].std_damping, w[high].std_damping)
-                    : hypot(w[low].std_frequency, w[high].std_frequency);
-    /* six errors of a difference: what windows of one system range over by chance stays below */
-    return x(&w[high]) - x(&w[low]) > fmax(least * size, 6 * error);
+    for (int i = 0; i < n; i++)
+        for (int j = 0; j < i; j++) {
+            double error = damping ? hypot(w[i].std_damping, w[j].std_damping)
+                                   : hypot(w[i].std_frequency, w[j].std_frequency);
+            double size = fmax(fabs(x(&w[i])), fabs(x(&w[j])));
+            /* what windows of one system range over by chance stays below */
+            any |= fabs(x(&w[i]) - x(&w[j])) > fmax(least * size, 6 * error);
+        }
+    return any;
 }
 
 /* "0.9 s 3.741 Hz 0.0069; …" */

@@ -248,6 +248,31 @@ TEST(a_hardening_spring_without_noise_is_one_mode_that_follows_its_amplitude)
     }
 }
 
+/* With dry friction the amplitude falls by as much each cycle, and stays at none: to damping that
+ * rises without bound.  Beside it a mode as modes are. */
+TEST(a_decay_by_dry_friction_is_one_stable_mode_beside_a_linear_one)
+{
+    static const double hertz[] = { 3, 5, 7.3 };
+
+    for (int i = 0; i < 6; i++) {
+        struct batch b = batch_of(3000, 1, i < 3 ? 0.01 : 0.004);
+        struct random rng = { 70 + (unsigned)i };
+        double last = 3000 * b.dt, v = 2 * M_PI * 13;
+        struct identify_result r;
+        for (int k = 0; k < 3000; k++) {
+            double t = k * b.dt, slide = fmax(0, 1 - 1.2 * t / last);
+            x[k] = slide * cos(2 * M_PI * hertz[i % 3] * t) + 1e-3 * random_normal(&rng)
+                + 0.2 * exp(-0.01 * v * t) * cos(v * t + 1);
+        }
+        CHECK(modal_identify(&b, NULL, &r, NULL) == MODAL_OK);
+        CHECK(has(&r, "amplitude_dependent") && r.mode_count == 2);
+        CHECK(r.verdict == VERDICT_STABLE);
+        CHECK_NEAR(cabs(r.modes[0].resolved) / (2 * M_PI), hertz[i % 3], 5e-3);
+        CHECK_NEAR(cabs(r.modes[1].resolved) / (2 * M_PI), 13, 0.02);
+        identify_result_done(&r);
+    }
+}
+
 /* Struck every 4 s; the stiffness steps up and down between. */
 TEST(a_system_that_changes_in_mid_record_is_called_so)
 {
@@ -334,6 +359,42 @@ TEST(of_a_driven_response_neither_errors_nor_a_verdict_are_given)
         CHECK(r.mode_count > 0 && has(&r, "not_free_decay") && withheld(&r));
         identify_result_done(&r);
     }
+}
+
+/* Each part of it is a line, which decaying modes rebuild, and another in the next. */
+TEST(of_a_swept_sine_neither_errors_nor_a_verdict_are_given)
+{
+    for (int fast = 0; fast < 3; fast++) {
+        struct batch b = batch_of(4096, 2, 1. / 256);
+        struct identify_result r;
+        for (int k = 0; k < 4096; k++) {
+            double t = k * b.dt, phase = 2 * M_PI * (1 + (0.5 + 0.2 * fast) * t) * t;
+            x[2 * k] = sin(phase), x[2 * k + 1] = cos(phase + 0.4);
+        }
+        CHECK(modal_identify(&b, NULL, &r, NULL) == MODAL_OK);
+        CHECK(has(&r, "changes_in_record") && r.verdict == VERDICT_UNDECIDED);
+        CHECK(r.mode_count > 0 && isnan(r.modes[0].std_re) && isnan(r.margin_std));
+        identify_result_done(&r);
+    }
+}
+
+TEST(what_is_said_of_a_record_that_was_struck_twice_is_said_to_the_end)
+{
+    struct batch b = batch_of(4096, 2, 1. / 256);
+    struct identify_result r;
+    struct random rng = { 11 };
+
+    for (int k = 0; k < 4096; k++) {
+        double t = k * b.dt, s = k < 2048 ? t : t - 8;
+        double one = exp(-0.02 * 37.7 * s) * cos(37.7 * s), two = exp(-0.9 * s) * sin(94.2 * s);
+        x[2 * k] = one + two + 3e-3 * random_normal(&rng);
+        x[2 * k + 1] = 0.4 * one - two + 3e-3 * random_normal(&rng);
+    }
+    CHECK(modal_identify(&b, NULL, &r, NULL) == MODAL_OK);
+    CHECK(has(&r, "not_free_decay") && withheld(&r));
+    for (int i = 0; i < r.diagnostic_count; i++)
+        CHECK(strlen(r.diagnostics[i].message) + 1 < sizeof r.diagnostics[i].message);
+    identify_result_done(&r);
 }
 
 /* A blow after three seconds of quiet is no sum of exponentials: whatever orders are tried, few of

@@ -10,6 +10,7 @@
 #define BROKER_CORE_H
 #include <stdatomic.h>
 #include "broker/kit/blob.h"
+#include "broker/kit/fair_queue.h"
 #include "store/ledger.h"
 #include "store/spool.h"
 #include "store/sums.h"
@@ -91,6 +92,7 @@ struct transaction {
     int64_t took_ns;              /* out, of the first of a group: its commit took so long ... */
     int64_t group;                /* ... and it was so large; of the others 0 */
     int64_t ledger_bytes;         /* the ledger and its log then, on disk */
+    int64_t cost;                 /* as the core counts what is under way */
     struct transaction *next;     /* for the queues of whoever has it */
 };
 
@@ -112,8 +114,8 @@ enum task_type {
 #define TURN_NOBODY UINT64_C(0)
 
 struct task {
+    struct fair_item fair;                /* whose it is: each has one done in turn; user_turn */
     enum task_type type;
-    uint64_t turn;                        /* whose it is: each has one done in turn; user_turn */
     int64_t id;                           /* input, job or stream */
     /* BEGIN, RESUME: borrowed from the input, which outlives the task */
     struct input_shape shape;
@@ -237,6 +239,12 @@ struct actions *core_loaded(struct core *core, struct moment now);
 
 /* The actions are the core's until the next call; what they point to is the caller's. */
 struct actions *core_step(struct core *core, const struct event *event, struct moment now);
+
+/* Has the ledger as much before it as may be?  Then no client asks for more: what it has not begun
+ * with is taken in turn. */
+bool core_is_behind(const struct core *core);
+/* Whose the request of PEER's is, who has KEY: user_turn; 0: nobody's. */
+uint64_t core_turn(struct core *core, const char *key, uint64_t peer);
 
 /* How many connections of clients there are, were refused, were ended for what they sent, and hung
  * up while their input was stopped: for the metrics. */

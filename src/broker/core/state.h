@@ -154,6 +154,7 @@ struct core {
     struct heap timers;
     bool draining, terminating, stopped;
     int64_t uncommitted, tasks;
+    int64_t behind;                       /* costs of what is not committed */
     int64_t next_event, last_event;       /* numbers; the last is committed */
     struct account *accounts; size_t account_count;
     struct map users; struct user **user_list; size_t user_count;

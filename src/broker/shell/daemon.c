@@ -398,6 +398,7 @@ static void end(struct daemon *d)
         core_free(d->core);
     if (d->ledger != NULL)
         ledger_close(d->ledger);
+    door_done(&d->door);
     peers_done(&d->clients);
     peers_done(&d->workers);
     peers_done(&d->remotes);

@@ -40,7 +40,6 @@ enum { TRIM_SHARE = 1000 };             /* of the loop's time at most one part, 
 #define ROUND_NS 5000000
 enum {
     ROUND = 128,                             /* messages of one source before the others' */
-    FRAMES_TAKEN = WIRE_FRAMES_MOST + 1,     /* one more tells that there are too many */
     POLL_MOST = 5 + SLOTS_MOST,              /* sockets, threads, signals; the workers' stderr */
 };
 
@@ -239,132 +238,62 @@ static void step(struct daemon *d, const struct event *event)
 
 /* ---- messages -------------------------------------------------------------------------------- */
 
-struct message_blob { struct blob blob; zmq_msg_t message; };
-
-static void release_message(struct blob *blob)
+/* Does VERB, as received_verb has it, change anything? */
+static bool changes(int verb)
 {
-    struct message_blob *m = (struct message_blob *)blob;
-
-    zmq_msg_close(&m->message);
-    free(m);
+    return verb >= 0 && wire_verb_role((enum wire_verb)verb) != WIRE_ROLE_READ;
 }
 
-/* A received frame as a blob that keeps the message, without a copy. */
-static struct blob *blob_of(zmq_msg_t *message)
-{
-    struct message_blob *m = grab(sizeof *m);
-
-    zmq_msg_init(&m->message);
-    zmq_msg_move(&m->message, message);
-    m->blob =
-        (struct blob) { zmq_msg_data(&m->message), zmq_msg_size(&m->message), 1, release_message };
-    return &m->blob;
-}
-
-struct received {
-    /* without the routing id; the last is never filled */
-    struct blob *frames[FRAMES_TAKEN + 1];
-    int count;                                 /* of all frames, also those that were dropped */
-    struct peer *peer;
-    char key[KEY_TEXT];
-};
-
-/* Whose FRAME is, the first after ROUTING.  libzmq names no descriptor where the other end's
- * address was gone when it was accepted: who cannot be answered is not heard. */
-static void note_sender(struct peers *peers, struct received *r, zmq_msg_t *routing,
-                        zmq_msg_t *frame)
-{
-    const char *user = zmq_msg_gets(frame, "User-Id");
-    int fd = zmq_msg_get(frame, ZMQ_SRCFD);
-
-    if (user != NULL)
-        snprintf(r->key, sizeof r->key, "%s", user);
-    if (fd < 0)
-        return;
-    r->peer = peers_by_routing(peers, zmq_msg_data(routing), zmq_msg_size(routing), fd);
-    intake_taken(fd);
-}
-
-static bool receive_frame(struct peers *peers, zmq_msg_t *frame)
-{
-    zmq_msg_init(frame);
-    if (zmq_msg_recv(frame, peers->socket, ZMQ_DONTWAIT) >= 0)
-        return true;
-    zmq_msg_close(frame);
-    return false;
-}
-
-/* The next message of PEERS' socket; false: none.  Frames over the limit are received and dropped
- * one by one. */
-static bool receive(struct peers *peers, struct received *r)
-{
-    zmq_msg_t routing, frame;
-    bool more;
-
-    memset(r, 0, sizeof *r);
-    if (!receive_frame(peers, &routing))
-        return false;
-    more = zmq_msg_more(&routing);
-    while (more && receive_frame(peers, &frame)) {
-        if (r->count == 0)
-            note_sender(peers, r, &routing, &frame);
-        more = zmq_msg_more(&frame);
-        if (r->count < FRAMES_TAKEN)
-            r->frames[r->count] = blob_of(&frame);
-        r->count++;
-        zmq_msg_close(&frame);
-    }
-    zmq_msg_close(&routing);
-    return true;
-}
-
-static void release(struct received *r)
-{
-    for (int i = 0; i < r->count && i < FRAMES_TAKEN; i++)
-        blob_drop(r->frames[i]);
-}
-
-static enum modal_status open_message(const struct received *r, const char *version, bool needs_id,
-                                      struct wire_message *out, struct modal_error *err)
-{
-    struct wire_frame frames[FRAMES_TAKEN];
-
-    for (int i = 0; i < r->count && i < FRAMES_TAKEN; i++)
-        frames[i] = (struct wire_frame) { r->frames[i]->data, r->frames[i]->size };
-    return wire_open(frames, r->count < FRAMES_TAKEN ? r->count : FRAMES_TAKEN, version, needs_id,
-                     out, err);
-}
-
-/* Whether nothing but an answer would come of R, and nobody is there to read it: many such left by
- * connections that are gone must not make the others wait. */
-static bool is_vain(const struct received *r)
-{
-    char verb[WIRE_VERB_MOST + 1] = "";
-    int found;
-
-    if (!accept_gone(r->peer->fd))
-        return false;
-    if (r->count < 2 || r->frames[1]->size > WIRE_VERB_MOST)
-        return true;
-    memcpy(verb, r->frames[1]->data, r->frames[1]->size);
-    found = wire_verb_find(verb);
-    return found < 0 || wire_verb_role((enum wire_verb)found) == WIRE_ROLE_READ;
-}
-
-static void from_client(struct daemon *d, struct received *r)
+/* REFUSED, if it is not NULL, is all that comes of it. */
+static void ask(struct daemon *d, struct received *r, const struct modal_error *refused)
 {
     struct wire_message message;
     struct modal_error err;
-    enum modal_status rc;
+    enum modal_status rc = received_open(r, WIRE_VERSION, true, &message, &err);
 
-    if (is_vain(r))
-        return;
-    rc = open_message(r, WIRE_VERSION, true, &message, &err);
+    if (rc == MODAL_OK && refused != NULL)
+        err = *refused;
     step(d, &(struct event) {
-        .type = EVENT_REQUEST, .peer = r->peer->number, .key = r->key,
-        .message = rc == MODAL_OK ? &message : NULL, .verb = message.verb, .id = message.id,
-        .fault = &err, .body = r->frames + 3 });
+        .type = EVENT_REQUEST, .peer = r->number, .key = r->key,
+        .message = rc == MODAL_OK && refused == NULL ? &message : NULL, .verb = message.verb,
+        .id = message.id, .fault = &err, .body = r->frames + 3 });
     wire_close(&message);
+}
+
+/* Where nothing but an answer would come of R and nobody is there to read it, nothing is done: many
+ * such left by connections that are gone must not make the others wait. */
+static void from_client(struct daemon *d, struct received *r)
+{
+    int verb = received_verb(r);
+    uint64_t turn = changes(verb) ? core_turn(d->core, r->key, r->number) : 0;
+    struct modal_error err;
+
+    if (!changes(verb) && accept_gone(r->peer->fd))
+        return;
+    if (turn == 0 || (d->door.waiting.size == 0 && !core_is_behind(d->core)))
+        ask(d, r, NULL);
+    else if (door_admits(&d->door, r, turn))
+        door_put(&d->door, r, turn);
+    else {
+        modal_fail(&err, MODAL_BUSY, "more requests that wait to be stored than are kept");
+        ask(d, r, &err);
+    }
+}
+
+/* Those who wait are let in, until the ledger has enough; true: there may be more. */
+static bool let_in(struct daemon *d)
+{
+    int64_t now = clock_ns(CLOCK_MONOTONIC);
+    struct received r;
+
+    while (!d->stop && d->door.waiting.size > 0 && !core_is_behind(d->core)) {
+        if (clock_ns(CLOCK_MONOTONIC) - now >= ROUND_NS)
+            return true;
+        door_take(&d->door, &r);
+        ask(d, &r, NULL);
+        received_release(&r);
+    }
+    return false;
 }
 
 static void from_worker(struct daemon *d, struct received *r)
@@ -375,7 +304,7 @@ static void from_worker(struct daemon *d, struct received *r)
     int slot;
 
     slot = pool_slot_of_peer(&d->pool, r->peer->number);
-    if (open_message(r, WIRE_WORKER, false, &message, &err) != MODAL_OK) {
+    if (received_open(r, WIRE_WORKER, false, &message, &err) != MODAL_OK) {
         if (slot >= 0)
             step(d, &(struct event) { .type = EVENT_WORKER, .slot = slot, .fault = &err });
         else
@@ -401,7 +330,7 @@ static void from_remote(struct daemon *d, struct received *r)
 {
     struct wire_message message;
     struct modal_error err;
-    enum modal_status rc = open_message(r, WIRE_WORKER, false, &message, &err);
+    enum modal_status rc = received_open(r, WIRE_WORKER, false, &message, &err);
 
     step(d, &(struct event) {
         .type = EVENT_REMOTE, .peer = r->peer->number, .key = r->key,
@@ -416,11 +345,11 @@ static bool receive_all(struct daemon *d, struct peers *peers,
     int64_t now = clock_ns(CLOCK_MONOTONIC);
 
     for (int n = 0; n < ROUND && clock_ns(CLOCK_MONOTONIC) - now < ROUND_NS; n++) {
-        bool got = receive(peers, &r);
+        bool got = received_take(peers, &r);
         d->taken++;
         if (got && r.peer != NULL && r.count > 0)
             handle(d, &r);
-        release(&r);
+        received_release(&r);
         if (!got)
             return false;
     }
@@ -712,12 +641,18 @@ enum {
     AT_REMOTES = -2,     /* likewise, the socket of workers elsewhere */
 };
 
+/* Nothing is read of clients then. */
+static bool is_full(const struct daemon *d)
+{
+    return d->door.waiting.size > DOOR_FULL;
+}
+
 static int poll_items(const struct daemon *d, zmq_pollitem_t items[POLL_MOST + 1],
                       int slots[POLL_MOST + 1])
 {
     int n = 0;
 
-    items[n++] = (zmq_pollitem_t) { d->client_socket, 0, ZMQ_POLLIN, 0 };
+    items[n++] = (zmq_pollitem_t) { d->client_socket, 0, is_full(d) ? 0 : ZMQ_POLLIN, 0 };
     items[n++] = (zmq_pollitem_t) { d->worker_socket, 0, ZMQ_POLLIN, 0 };
     items[n++] = (zmq_pollitem_t) { NULL, d->done.wake, ZMQ_POLLIN, 0 };
     items[n++] = (zmq_pollitem_t) { NULL, d->signals, ZMQ_POLLIN, 0 };
@@ -782,10 +717,11 @@ void loop_run(struct daemon *d)
             more |= receive_all(d, &d->workers, from_worker);
         if (!d->stop && d->remote_socket != NULL && (ended || remotes_said(items, slots, n)))
             more |= receive_all(d, &d->remotes, from_remote);
-        if (!d->stop && (ended || items[0].revents != 0))
+        more |= let_in(d);
+        if (!d->stop && !is_full(d) && (ended || items[0].revents != 0))
             more |= receive_all(d, &d->clients, from_client);
         if (ended && !d->stop)
-            forget_ended(d, !more);
+            forget_ended(d, !more && !is_full(d));
         if (!d->stop)
             on_time(d);
     }

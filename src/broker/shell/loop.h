@@ -3,6 +3,7 @@
 #define BROKER_LOOP_H
 #include "broker/shell/config.h"
 #include "broker/shell/daemon.h"
+#include "broker/shell/door.h"
 #include "broker/shell/peers.h"
 #include "broker/shell/pool.h"
 #include "broker/shell/queue.h"
@@ -18,6 +19,7 @@ struct daemon {
     struct spool_threads *spool;
     struct done_queue done;
     struct pool pool;
+    struct door door;
     struct peers clients, workers, remotes;       /* remotes: workers elsewhere */
     void *context, *client_socket, *worker_socket, *remote_socket, *zap;   /* remote: or NULL */
     int signals;

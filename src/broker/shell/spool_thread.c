@@ -15,7 +15,7 @@
  */
 #include "base/crc32c.h"
 #include "broker/shell/queue.h"
-#include "broker/shell/fair_queue.h"
+#include "broker/kit/fair_queue.h"
 #include "store/file.h"
 #include "store/samples.h"
 #include "wire/protocol.h"
@@ -579,7 +579,7 @@ static struct task *next_task(struct spool_threads *s, struct hashing **offered)
     while (s->tasks.first == NULL && s->offers == NULL && !s->stop)
         pthread_cond_wait(&s->more, &s->mutex);
     *offered = find_offer(s, NULL);
-    task = *offered != NULL ? NULL : fair_queue_take(&s->tasks);
+    task = *offered != NULL ? NULL : (struct task *)fair_queue_take(&s->tasks);
     pthread_mutex_unlock(&s->mutex);
     return task;
 }
@@ -634,7 +634,7 @@ static struct task *next_seal(struct spool_threads *s, bool awaited)
     pthread_mutex_lock(&s->mutex);
     while (s->seals.first == NULL && !s->stop && awaited)
         pthread_cond_wait(&s->sealable, &s->mutex);
-    task = s->stop ? NULL : fair_queue_take(&s->seals);
+    task = s->stop ? NULL : (struct task *)fair_queue_take(&s->seals);
     pthread_mutex_unlock(&s->mutex);
     return task;
 }
@@ -692,7 +692,7 @@ static void end_round(struct spool_threads *s, struct round *round)
             continue;
         }
         pthread_mutex_lock(&s->mutex);
-        fair_queue_put(&s->seals, task);
+        fair_queue_put(&s->seals, &task->fair);
         pthread_mutex_unlock(&s->mutex);
     }
 }
@@ -746,10 +746,10 @@ void spool_threads_put(struct spool_threads *s, struct task *task)
 {
     pthread_mutex_lock(&s->mutex);
     if (task->type == TASK_STREAM_SEAL) {
-        fair_queue_put(&s->seals, task);
+        fair_queue_put(&s->seals, &task->fair);
         pthread_cond_signal(&s->sealable);
     } else {
-        fair_queue_put(&s->tasks, task);
+        fair_queue_put(&s->tasks, &task->fair);
         pthread_cond_signal(&s->more);
     }
     pthread_mutex_unlock(&s->mutex);
@@ -770,7 +770,7 @@ void spool_threads_stop(struct spool_threads *s)
         pthread_join(s->threads[i], NULL);
     pthread_join(s->sealer, NULL);
     /* their files are orphans, which the next start removes */
-    while ((task = fair_queue_take(&s->seals)) != NULL) {
+    while ((task = (struct task *)fair_queue_take(&s->seals)) != NULL) {
         upload_close(task->upload);
         task_free(task);
     }

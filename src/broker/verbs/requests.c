@@ -427,6 +427,8 @@ static void refuse(struct core *c, const struct event *e, const struct modal_err
         cJSON_AddItemToArray(cJSON_AddArrayToObject(detail, "versions"),
                              cJSON_CreateString(WIRE_VERSION));
     }
+    if (err->status == MODAL_BUSY)
+        detail = answer_number("retry_after_s", 0.1);
     c->counts.rejects[err->status]++;
     core_act(c, (struct action) {
         .type = ACT_SEND, .peer = e->peer, .verb = "ERROR",

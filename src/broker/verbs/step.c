@@ -157,7 +157,7 @@ static void follow(struct core *c, struct after *after, struct transaction *t)
     case AFTER_DRAIN:  answer_drain(c, &after->reply); break;
     case AFTER_STREAM: stream_after(c, after, t); break;
     case AFTER_TASK:
-        core_task(c, after->task, after->task->turn);
+        core_task(c, after->task, after->task->fair.turn);
         after->task = NULL;
         break;
     default:
@@ -169,6 +169,7 @@ static void follow(struct core *c, struct after *after, struct transaction *t)
 static void one_committed(struct core *c, struct transaction *t)
 {
     c->uncommitted--;
+    c->behind -= t->cost;
     c->counts.commits++;
     c->counts.committed_changes += (int64_t)t->count;
     if (t->group > 0) {

@@ -1696,7 +1696,7 @@ static uint64_t turn_of_begin(uint64_t peer, int user)
                               .key = user == 0 ? "" : "second", .verb = m.verb, .id = m.id });
     wire_close(&m);
     CHECK(*last != NULL && (*last)->type == TASK_BEGIN);
-    return (*last)->turn;
+    return (*last)->fair.turn;
 }
 
 /* User 0 comes without keys. */

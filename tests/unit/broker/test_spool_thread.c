@@ -65,7 +65,7 @@ static void put_seal(int stream, uint64_t turn)
     struct task *task = calloc(1, sizeof *task);
 
     task->type = TASK_STREAM_SEAL;
-    task->turn = turn;
+    task->fair.turn = turn;
     task->id = 100 + stream;
     task->stream = stream + 1;
     task->missing = stream == SHORT ? 0 : 8 * (uint64_t)GAP;
@@ -204,7 +204,7 @@ static void put_question(int64_t id, uint64_t turn)
 
     task->type = TASK_ROOM;
     task->id = id;
-    task->turn = turn;
+    task->fair.turn = turn;
     spool_threads_put(threads, task);
 }
 
@@ -223,7 +223,7 @@ TEST(the_first_task_of_a_user_waits_for_one_of_each_other_user_however_many_thos
     CHECK(mkfifo(path, 0600) == 0);
     pipe_task->type = TASK_OPEN_INPUT;
     pipe_task->id = 1;
-    pipe_task->turn = 1;
+    pipe_task->fair.turn = 1;
     spool_threads_put(threads, pipe_task);
     for (int i = 0; i < MANY; i++) {
         put_question(100 + i, 1);

@@ -1,16 +1,17 @@
 /*
- * fair_queue.c - round robin over who has tasks
+ * fair_queue.c - round robin over who has something
  *
- * With n who have some, at most n - 1 tasks of the others are done before the next of any of them:
+ * With n who have some, at most n - 1 items of the others are taken before the next of any of them:
  * what one puts up makes nobody else wait longer than one of it does.
  */
-#include "broker/shell/fair_queue.h"
+#include "broker/kit/fair_queue.h"
 #include "broker/kit/memory.h"
 #include <stdlib.h>
 
 struct turn {
     uint64_t number;
-    struct task *first, **end;
+    size_t size;                          /* of all its items */
+    struct fair_item *first, **end;
     struct turn *next;
 };
 
@@ -41,28 +42,36 @@ static struct turn *turn_new(struct fair_queue *queue, uint64_t number)
     return turn;
 }
 
-void fair_queue_put(struct fair_queue *queue, struct task *task)
+static struct turn *find(const struct fair_queue *queue, uint64_t number)
 {
-    struct turn *turn =
-        map_find(&queue->by_turn, map_hash_number(task->turn), has_number, &task->turn);
-
-    if (turn == NULL)
-        turn = turn_new(queue, task->turn);
-    task->next = NULL;
-    *turn->end = task;
-    turn->end = &task->next;
+    return map_find(&queue->by_turn, map_hash_number(number), has_number, &number);
 }
 
-struct task *fair_queue_take(struct fair_queue *queue)
+void fair_queue_put(struct fair_queue *queue, struct fair_item *item)
+{
+    struct turn *turn = find(queue, item->turn);
+
+    if (turn == NULL)
+        turn = turn_new(queue, item->turn);
+    item->next = NULL;
+    *turn->end = item;
+    turn->end = &item->next;
+    turn->size += item->size;
+    queue->size += item->size;
+}
+
+struct fair_item *fair_queue_take(struct fair_queue *queue)
 {
     struct turn *turn = queue->first;
-    struct task *task;
+    struct fair_item *item;
 
     if (turn == NULL)
         return NULL;
     queue->first = turn->next;
-    task = turn->first;
-    turn->first = task->next;
+    item = turn->first;
+    turn->first = item->next;
+    turn->size -= item->size;
+    queue->size -= item->size;
     if (turn->first != NULL)
         append(queue, turn);
     else {
@@ -71,5 +80,12 @@ struct task *fair_queue_take(struct fair_queue *queue)
     }
     if (queue->first == NULL)
         map_done(&queue->by_turn);
-    return task;
+    return item;
+}
+
+size_t fair_queue_size(const struct fair_queue *queue, uint64_t number)
+{
+    const struct turn *turn = find(queue, number);
+
+    return turn == NULL ? 0 : turn->size;
 }

@@ -1,0 +1,92 @@
+/*
+ * door.c - the ledger is one queue, so who enters it does so in turn
+ *
+ * What is in the ledger's queue is committed in that order, whoever's it is: numbers of events and
+ * edges of jobs follow each other.  So no more than a few groups of commits are let in
+ * (core_is_behind), and whatever else clients ask that changes something waits here, in a queue of
+ * each user, or where there are no keys of each connection.  What only reads passes by.
+ *
+ * A user may have a thousand connections, and each may send without reading an answer.  To stop
+ * reading would make all others wait for one message of each; so who waits with more than his share
+ * is answered `busy` at once.  Not so pushes of streams, where one that is refused among others
+ * would be a gap: they have a credit.
+ */
+#include "broker/shell/door.h"
+#include "broker/kit/memory.h"
+#include "wire/request.h"
+#include <stdlib.h>
+#include <string.h>
+
+enum {
+    OWN_COST = 1024,              /* of what holds a message, beside its frames */
+    SHARED_MOST = 8192,           /* smaller frames are parts of a buffer of libzmq's, that stays */
+};
+
+struct waiting { struct fair_item fair; struct received received; };
+
+static size_t size_of(const struct received *r)
+{
+    size_t size = OWN_COST;
+
+    for (int i = 0; i < r->count && i < FRAMES_TAKEN; i++)
+        size += r->frames[i]->size;
+    return size;
+}
+
+bool door_admits(const struct door *door, const struct received *r, uint64_t turn)
+{
+    size_t size = size_of(r), own;
+
+    if (door->waiting.size + size <= DOOR_MOST || received_verb(r) == WIRE_STREAM)
+        return true;
+    own = fair_queue_size(&door->waiting, turn);
+    return own == 0 || own + size <= DOOR_MOST / (door->waiting.by_turn.count + 1);
+}
+
+static void own_frames(struct received *r)
+{
+    for (int i = 0; i < r->count && i < FRAMES_TAKEN; i++)
+        if (r->frames[i]->size < SHARED_MOST) {
+            size_t size = r->frames[i]->size;
+            char *copy = grab(size + 1);
+
+            memcpy(copy, r->frames[i]->data, size);
+            blob_drop(r->frames[i]);
+            r->frames[i] = blob_take(copy, size);
+            if (r->frames[i] == NULL)
+                abort();
+        }
+}
+
+void door_put(struct door *door, struct received *r, uint64_t turn)
+{
+    struct waiting *w = grab(sizeof *w);
+
+    own_frames(r);
+    w->received = *r;
+    w->received.peer = NULL;
+    w->fair.turn = turn;
+    w->fair.size = size_of(r);
+    fair_queue_put(&door->waiting, &w->fair);
+    memset(r->frames, 0, sizeof r->frames);
+    r->count = 0;
+}
+
+bool door_take(struct door *door, struct received *r)
+{
+    struct waiting *w = (struct waiting *)fair_queue_take(&door->waiting);
+
+    if (w == NULL)
+        return false;
+    *r = w->received;
+    free(w);
+    return true;
+}
+
+void door_done(struct door *door)
+{
+    struct received r;
+
+    while (door_take(door, &r))
+        received_release(&r);
+}

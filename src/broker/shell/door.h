@@ -1,0 +1,22 @@
+/* door.h - requests that wait for the ledger outside of the core, of whom each has one in turn */
+#ifndef BROKER_DOOR_H
+#define BROKER_DOOR_H
+#include "broker/kit/fair_queue.h"
+#include "broker/shell/received.h"
+
+/* Bytes that wait: past DOOR_MOST nobody waits with more than an equal share of it, past DOOR_FULL,
+ * which pushes of streams alone may fill, no more is read. */
+enum { DOOR_MOST = 64 << 20, DOOR_FULL = 2 * DOOR_MOST };
+
+/* Zero: nobody waits. */
+struct door { struct fair_queue waiting; };
+
+/* May R of TURN wait? */
+bool door_admits(const struct door *door, const struct received *r, uint64_t turn);
+/* R waits, whose frames are the door's. */
+void door_put(struct door *door, struct received *r, uint64_t turn);
+/* Whose turn it is, without its peer, into R, the caller's to release; false: nobody waits. */
+bool door_take(struct door *door, struct received *r);
+/* Nobody waits any more. */
+void door_done(struct door *door);
+#endif

@@ -1,0 +1,28 @@
+/* received.h - messages as they come from a socket */
+#ifndef BROKER_RECEIVED_H
+#define BROKER_RECEIVED_H
+#include "broker/core/core.h"
+#include "broker/shell/peers.h"
+#include "wire/frame.h"
+
+enum { FRAMES_TAKEN = WIRE_FRAMES_MOST + 1 };  /* one more tells that there are too many */
+
+struct received {
+    /* without the routing id; the last is never filled */
+    struct blob *frames[FRAMES_TAKEN + 1];
+    int count;                                 /* of all frames, also those that were dropped */
+    struct peer *peer;                         /* while it is there */
+    uint64_t number;                           /* its */
+    char key[KEY_TEXT];
+};
+
+/* The next message of PEERS' socket; false: none. */
+bool received_take(struct peers *peers, struct received *r);
+/* Its frames go. */
+void received_release(struct received *r);
+/* R as a message of VERSION, which borrows from it; as wire_open. */
+enum modal_status received_open(const struct received *r, const char *version, bool needs_id,
+                                struct wire_message *out, struct modal_error *err);
+/* The verb that R names, as wire_verb_find has it, -1 for none. */
+int received_verb(const struct received *r);
+#endif

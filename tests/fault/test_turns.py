@@ -1,0 +1,59 @@
+"""Whatever one user asks, nobody else's requests wait behind all of it (PROTOCOL.md, P6)."""
+import math
+import pathlib
+import struct
+import sys
+
+import pytest
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "system"))
+from lab import FAKE, Lab  # noqa: E402
+from wire import BUILD, Daemon  # noqa: E402
+
+SAMPLES = 8192                          # of 64 kB, the largest input that comes with its SUBMIT
+WAVE = b"".join(struct.pack("<d", math.sin(0.01 * k)) for k in range(SAMPLES))
+EACH, CONNECTIONS = 100, 8              # 52 MB: less than what may wait
+
+
+def slow_disk(preload):
+    """A disk whose syncs take 20 ms: what is committed within a few of them can be told."""
+    return {"LD_PRELOAD": str(preload), "SYNC_US": "20000"}
+
+
+def flood(clients):
+    """Each of CLIENTS submits EACH inputs, and hears that all of them have been taken in."""
+    for number, client in enumerate(clients):
+        for k in range(EACH):
+            client.send("SUBMIT", [struct.pack("<d", number * 1e6 + k) + WAVE[8:]], kind="identify",
+                        options={}, input={"content": "batch", "samples": SAMPLES, "channels": 1,
+                                           "dt": 0.01})
+    for client in clients:
+        assert client.ask("HELLO", versions=["MODALD1"]).ok
+
+
+def begins(client):
+    reply = client.ask("UPLOAD", op="begin", content="batch", samples=100, channels=1, dt=0.01)
+    assert reply.ok, reply
+
+
+@pytest.mark.parametrize("keys", [True, False])
+def test_anothers_begin_waits_for_a_few_of_a_flood_of_large_submissions(tmp_path, keys):
+    if keys:
+        lab = Lab(tmp_path, {"one": "one submit", "other": "other submit"}, workers=0,
+                  env=slow_disk(BUILD / "fault" / "libslow.so"))
+        daemon, many, other = lab.daemon, [lab.client("one") for _ in range(CONNECTIONS)], (
+            lab.client("other"))
+    else:
+        daemon = Daemon(folder=tmp_path, workers=0, config=FAKE, env=slow_disk(BUILD / "fault" / "libslow.so"))
+        many, other = [daemon.client() for _ in range(CONNECTIONS)], daemon.client()
+    with daemon:
+        begins(other)
+        flood(many)
+        begins(other)
+        decided = many[0].ask("STATS")["jobs"]["queued"]
+        print(f"\nturns: {decided} of {EACH * CONNECTIONS} submissions went before another's begin")
+        assert decided < EACH * CONNECTIONS * 3 / 4
+        # nothing is lost
+        for client in many:
+            for k in range(1, EACH + 1):
+                assert client.answer(k).ok

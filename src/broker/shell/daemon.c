@@ -353,11 +353,21 @@ static enum modal_status begin(struct daemon *d, struct modal_error *err)
     return bind_all(d, err);
 }
 
+static void free_tasks(struct task *tasks)
+{
+    struct task *task;
+
+    while ((task = tasks) != NULL) {
+        tasks = task->next;
+        task_free(task);
+    }
+}
+
 /* What the threads gave back too late: it is on disk, and the next start finds it there. */
 static void drop_done(struct daemon *d)
 {
     struct transaction *transactions, *t;
-    struct task *tasks, *task;
+    struct task *tasks;
     bool pinged, fatal;
 
     if (d->done.wake < 0)
@@ -367,10 +377,8 @@ static void drop_done(struct daemon *d)
         transactions = t->next;
         transaction_free(t);
     }
-    while ((task = tasks) != NULL) {
-        tasks = task->next;
-        task_free(task);
-    }
+    free_tasks(d->tasks);
+    free_tasks(tasks);
     done_close(&d->done);
 }
 

@@ -393,13 +393,29 @@ static void forget_ended(struct daemon *d, bool drained)
 
 /* ---- threads, children, signals -------------------------------------------------------------- */
 
+/* Those that are done, in their order, and others before the last; true: there are more. */
+static bool handle_tasks(struct daemon *d)
+{
+    int64_t now = clock_ns(CLOCK_MONOTONIC);
+    struct task *task;
+
+    while (!d->stop && (task = d->tasks) != NULL && clock_ns(CLOCK_MONOTONIC) - now < ROUND_NS) {
+        d->tasks = task->next;
+        step(d, &(struct event) { .type = EVENT_TASK, .task = task });
+    }
+    return d->tasks != NULL;
+}
+
 static void handle_done(struct daemon *d)
 {
     struct transaction *transactions;
-    struct task *tasks, *task;
+    struct task *tasks, **end = &d->tasks;
     bool pinged, fatal;
 
     done_take(&d->done, &transactions, &tasks, &pinged, &fatal);
+    while (*end != NULL)
+        end = &(*end)->next;
+    *end = tasks;
     /* nothing more is acknowledged; a restart replays */
     if (fatal) {
         loop_log_error("storage", &d->done.error);
@@ -411,10 +427,6 @@ static void handle_done(struct daemon *d)
         notify_manager("WATCHDOG=1");
     if (transactions != NULL)
         step(d, &(struct event) { .type = EVENT_COMMITTED, .transaction = transactions });
-    while ((task = tasks) != NULL) {
-        tasks = task->next;
-        step(d, &(struct event) { .type = EVENT_TASK, .task = task });
-    }
 }
 
 static void reap_children(struct daemon *d)
@@ -717,6 +729,7 @@ void loop_run(struct daemon *d)
             more |= receive_all(d, &d->workers, from_worker);
         if (!d->stop && d->remote_socket != NULL && (ended || remotes_said(items, slots, n)))
             more |= receive_all(d, &d->remotes, from_remote);
+        more |= handle_tasks(d);
         more |= let_in(d);
         if (!d->stop && !is_full(d) && (ended || items[0].revents != 0))
             more |= receive_all(d, &d->clients, from_client);

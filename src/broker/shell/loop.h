@@ -18,6 +18,7 @@ struct daemon {
     struct ledger_thread *ledger_thread;
     struct spool_threads *spool;
     struct done_queue done;
+    struct task *tasks;                           /* that are done, and the core has not heard of */
     struct pool pool;
     struct door door;
     struct peers clients, workers, remotes;       /* remotes: workers elsewhere */

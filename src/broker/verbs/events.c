@@ -3,8 +3,11 @@
  * where they are not
  *
  * A subscriber has the number of the next event it has not seen.  The last RING committed events
- * are in memory; further back the ledger is read, a page at a time.  A peer that takes no more
- * messages is passed over until it does.
+ * are in memory; further back the ledger is read, a page at a time of each connection.  A peer that
+ * takes no more messages is passed over until it does.
+ *
+ * One may have thousands of subscriptions, to each of which an event goes, and a replay is of as
+ * many as are kept.  So a step tells a bounded number, and connections have turns.
  */
 #include "broker/core/jobs.h"
 #include "broker/verbs/events.h"
@@ -14,16 +17,63 @@
 #include <string.h>
 
 enum {
-    PAGE = 256,               /* events read, or told to one subscriber, at once */
+    PAGE = 256,               /* events read at once */
+    /* of a step, 1 ms: looking at an event is one, telling it TELL; and what one connection has of
+     * it before the next */
+    TELL = 16, WORK_STEP = 256 * TELL, WORK_TURN = 64 * TELL,
     PRUNED_AT_LEAST = 1024,   /* events go in such groups: pruning costs a transaction */
 };
 
-static bool is_full(const struct core *c, uint64_t peer)
+static struct listener *listener_of(const struct core *c, uint64_t peer)
 {
-    for (size_t i = 0; i < c->events->full_count; i++)
-        if (c->events->full[i] == peer)
-            return true;
-    return false;
+    struct listener *l = c->events->listeners;
+
+    while (l != NULL && l->peer != peer)
+        l = l->next;
+    return l;
+}
+
+static struct listener *listener_get(struct core *c, uint64_t peer)
+{
+    struct listener *l = listener_of(c, peer);
+
+    if (l != NULL)
+        return l;
+    l = grab(sizeof *l);
+    l->peer = peer;
+    l->next = c->events->listeners;
+    c->events->listeners = l;
+    return l;
+}
+
+/* It goes where it is neither told anything nor full. */
+static void listener_leave(struct core *c, struct listener *l)
+{
+    struct listener **link = &c->events->listeners;
+
+    if (l->subscriptions != NULL || l->full || l->reading)
+        return;
+    while (*link != l)
+        link = &(*link)->next;
+    *link = l->next;
+    if (c->events->at == l)
+        c->events->at = l->next;
+    free(l);
+}
+
+static void drop(struct subscription *s)
+{
+    struct listener *l = s->listener;
+    struct subscription **link = &l->subscriptions;
+
+    while (*link != s)
+        link = &(*link)->next;
+    *link = s->next;
+    if (l->at == s)
+        l->at = s->next;
+    s->user->subscriptions--;
+    free(s->stream);
+    free(s);
 }
 
 static void send_event(struct core *c, const struct subscription *s, const struct event_row *row)
@@ -42,7 +92,7 @@ static void send_event(struct core *c, const struct subscription *s, const struc
         abort();
     text[strlen(text) - 1] = ',';                  /* the event's own members follow */
     core_act(c, (struct action) {
-        .type = ACT_SEND, .peer = s->peer, .verb = "EVENT",
+        .type = ACT_SEND, .peer = s->listener->peer, .verb = "EVENT",
         .header = grab_format("%s%s", text, row->text + 1) });
     free(text);
 }
@@ -76,11 +126,11 @@ static void read_page(struct core *c, struct subscription *s)
 
     task->offset = (uint64_t)(s->next_event - 1);
     task->length = PAGE;
-    task->after = after_new(AFTER_EVENT, NULL);
+    task->after = after_new(AFTER_EVENT, &s->reply);
     task->after->value = (int64_t)s->number;
     snprintf(task->user, sizeof task->user, "%s", s->user->name);
-    s->reading = true;
-    core_task(c, task, user_turn(s->user, s->peer));
+    s->listener->reading = true;
+    core_task(c, task, user_turn(s->user, s->listener->peer));
 }
 
 /* The oldest event that is in memory, by number. */
@@ -99,47 +149,73 @@ static int64_t ring_last(const struct core *c)
     return c->last_event;                        /* committed */
 }
 
-/* *FIRST: ring_first, looked for once for all who have something to be told; 0: not yet. */
-static void pump(struct core *c, struct subscription *s, int64_t *first)
+/* What S has not been told, as far as it is in memory and WORK goes; true: there is more of that. */
+static bool tell(struct core *c, struct subscription *s, int64_t last, int *work)
 {
-    int64_t last = ring_last(c);
-
-    if (s->reading || s->gone || s->next_event > last || is_full(c, s->peer))
-        return;
-    if (*first == 0)
-        *first = ring_first(c, last);
-    if (s->next_event < *first) {
-        read_page(c, s);
-        return;
-    }
-    for (int budget = 0; s->next_event <= last && budget < PAGE; budget++) {
+    while (s->next_event <= last && *work > 0) {
         const struct event_row *row = &c->events->ring[s->next_event++ % RING];
-        if (wants(s, row))
+        *work -= 1;
+        if (wants(s, row)) {
             send_event(c, s, row);
+            *work -= TELL;
+        }
     }
-    c->events->stirred |= s->next_event <= last;
+    return s->next_event <= last;
+}
+
+/* L's turn; *FIRST: ring_first, looked for once for all who have something to be told, 0: not yet.
+ * true: it wants another. */
+static bool pump(struct core *c, struct listener *l, int64_t *first, int *work)
+{
+    struct subscription *begin = l->at != NULL ? l->at : l->subscriptions, *s = begin;
+    int64_t last = ring_last(c);
+    bool more = false;
+
+    do {
+        if (*work <= 0) {
+            more = true;
+            break;
+        }
+        if (s->next_event <= last) {
+            if (*first == 0)
+                *first = ring_first(c, last);
+            if (s->next_event >= *first)
+                more |= tell(c, s, last, work);
+            else if (!l->reading)
+                read_page(c, s);
+        }
+        s = s->next != NULL ? s->next : l->subscriptions;
+    } while (s != begin);
+    l->at = s;
+    return more;
 }
 
 void events_pump(struct core *c)
 {
-    struct subscription **link = &c->events->subscriptions;
+    struct events *events = c->events;
+    struct listener *begin = events->at != NULL ? events->at : events->listeners, *l = begin;
     int64_t first = 0;
+    int work = WORK_STEP;
 
-    if (!c->events->stirred)           /* most steps are samples, of which nobody is told */
+    if (!events->stirred)              /* most steps are samples, of which nobody is told */
         return;
-    c->events->stirred = false;
-    while (*link != NULL) {
-        struct subscription *s = *link;
-        if (s->gone && !s->reading) {
-            *link = s->next;
-            s->user->subscriptions--;
-            free(s->stream);
-            free(s);
-            continue;
-        }
-        pump(c, s, &first);
-        link = &s->next;
-    }
+    events->stirred = false;
+    if (l == NULL)
+        return;
+    do {
+        int turn = work < WORK_TURN ? work : WORK_TURN, left = turn;
+        if (l->subscriptions != NULL && !l->full)
+            events->stirred |= pump(c, l, &first, &left);
+        work -= turn - left;
+        l = l->next != NULL ? l->next : events->listeners;
+    } while (l != begin && work > 0);
+    events->stirred |= l != begin;
+    events->at = l;
+}
+
+bool events_wait(const struct core *c)
+{
+    return c->events->stirred;
 }
 
 void events_committed(struct core *c, struct after *after)
@@ -168,28 +244,33 @@ void events_progress(struct core *c, struct job *job)
     char ident[9];
     struct event_row row = { .ns = c->now.utc_ns, .job = job->id, .user = job->user->name };
 
-    if (c->events->subscriptions == NULL)
+    if (c->events->listeners == NULL)
         return;
     job_ident(c, job, ident);
     row.text = grab_format("{\"event\":\"progress\",\"job\":\"%s\",\"progress\":%s}", ident,
                            job->progress);
-    for (struct subscription *s = c->events->subscriptions; s != NULL; s = s->next)
-        if (!s->gone && !is_full(c, s->peer) && wants(s, &row))
-            send_event(c, s, &row);
+    for (struct listener *l = c->events->listeners; l != NULL; l = l->next)
+        for (struct subscription *s = l->full ? NULL : l->subscriptions; s != NULL; s = s->next)
+            if (wants(s, &row))
+                send_event(c, s, &row);
     free(row.text);
 }
 
 void events_task_done(struct core *c, struct task *task)
 {
-    struct subscription *s = c->events->subscriptions;
+    struct listener *l = listener_of(c, task->after->reply.peer);
+    struct subscription *s = l == NULL ? NULL : l->subscriptions;
 
+    if (l == NULL)
+        return;
+    l->reading = false;
+    c->events->stirred = true;
     while (s != NULL && s->number != (uint64_t)task->after->value)
         s = s->next;
     if (s == NULL)
-        return;
-    s->reading = false;
-    c->events->stirred = true;
-    if (s->gone || task->status != MODAL_OK)
+        listener_leave(c, l);
+    /* who takes no more meanwhile is read it again */
+    if (s == NULL || l->full || task->status != MODAL_OK)
         return;
     if (task->event_count > 0 && (int64_t)task->offset + 1 < task->events[0].number
         && (int64_t)task->total > (int64_t)task->offset + 1) {
@@ -217,33 +298,51 @@ void events_revoke(struct core *c)
     struct modal_error err;
 
     modal_fail(&err, MODAL_DENIED, "this key is not, or no longer, admitted");
-    for (struct subscription *s = c->events->subscriptions; s != NULL; s = s->next)
-        if (!s->gone && !user_admits(c, s->user, s->key)) {
-            answer_error(c, &s->reply, &err, NULL);
-            s->gone = c->events->stirred = true;
+    for (struct listener *l = c->events->listeners, *next; l != NULL; l = next) {
+        next = l->next;
+        for (struct subscription *s = l->subscriptions, *behind; s != NULL; s = behind) {
+            behind = s->next;
+            if (!user_admits(c, s->user, s->key)) {
+                answer_error(c, &s->reply, &err, NULL);
+                drop(s);
+            }
         }
+        listener_leave(c, l);
+    }
+}
+
+/* USER's of this number; NULL: none. */
+static struct subscription *find(const struct core *c, const struct user *user, uint64_t number)
+{
+    for (struct listener *l = c->events->listeners; l != NULL; l = l->next)
+        for (struct subscription *s = l->subscriptions; s != NULL; s = s->next)
+            if (s->number == number && s->user == user)
+                return s;
+    return NULL;
 }
 
 static void unsubscribe(struct core *c, const struct request *q)
 {
     const char *number = q->wire.events.subscription;
-    uint64_t wanted = strtoull(number, NULL, 10);
+    struct subscription *s = find(c, q->user, strtoull(number, NULL, 10));
     cJSON *header;
 
-    for (struct subscription *s = c->events->subscriptions; s != NULL; s = s->next)
-        if (s->number == wanted && s->user == q->user && !s->gone) {
-            s->gone = c->events->stirred = true;
-            header = answer_new(&q->reply);
-            cJSON_AddStringToObject(header, "subscription", number);
-            answer_send(c, &q->reply, header, NULL);
-            return;
-        }
+    if (s != NULL) {
+        struct listener *l = s->listener;
+        drop(s);
+        listener_leave(c, l);
+        header = answer_new(&q->reply);
+        cJSON_AddStringToObject(header, "subscription", number);
+        answer_send(c, &q->reply, header, NULL);
+        return;
+    }
     answer_fail(c, &q->reply, MODAL_NOT_FOUND, "subscription", NULL,
                 "no such subscription of yours");
 }
 
 void events_request(struct core *c, const struct request *q)
 {
+    struct listener *l;
     struct subscription *s;
     struct job *job = NULL;
     cJSON *header;
@@ -266,17 +365,17 @@ void events_request(struct core *c, const struct request *q)
             return;
         }
     }
+    l = listener_get(c, q->event->peer);
     s = grab(sizeof *s);
     *s = (struct subscription) {
-        .next = c->events->subscriptions, .number = ++c->events->next_subscription,
-        .peer = q->event->peer, .user = q->user, .reply = q->reply,
+        .next = l->subscriptions, .number = ++c->events->next_subscription, .listener = l, .user = q->user, .reply = q->reply,
         .job = job == NULL ? 0 : job->id, .stream = grab_text(q->wire.events.stream),
         .kinds = q->wire.events.kinds };
     snprintf(s->key, sizeof s->key, "%s", q->event->key);
     s->next_event = !q->wire.events.replay ? ring_last(c) + 1
                   : q->wire.events.from > 0 ? (int64_t)q->wire.events.from : 1;
     q->user->subscriptions++;
-    c->events->subscriptions = s;
+    l->subscriptions = s;
     c->events->stirred = true;
     header = answer_new(&q->reply);
     snprintf(number, sizeof number, "%llu", (unsigned long long)s->number);
@@ -287,21 +386,15 @@ void events_request(struct core *c, const struct request *q)
 
 void events_peer(struct core *c, uint64_t peer, enum event_type type)
 {
+    struct listener *l = type == EVENT_PEER_FULL ? listener_get(c, peer) : listener_of(c, peer);
+
     c->events->stirred = true;
-    for (size_t i = 0; i < c->events->full_count; i++)
-        if (c->events->full[i] == peer)
-            c->events->full[i--] = c->events->full[--c->events->full_count];
-    if (type == EVENT_PEER_FULL) {
-        if (c->events->full_count == c->events->full_room) {
-            c->events->full_room = c->events->full_room ? 2 * c->events->full_room : 8;
-            c->events->full =
-                regrab(c->events->full, c->events->full_room * sizeof *c->events->full);
-        }
-        c->events->full[c->events->full_count++] = peer;
-    }
-    for (struct subscription *s = c->events->subscriptions; type == EVENT_PEER_GONE && s != NULL;
-         s = s->next)
-        s->gone |= s->peer == peer;
+    if (l == NULL)
+        return;
+    l->full = type == EVENT_PEER_FULL;
+    while (type == EVENT_PEER_GONE && l->subscriptions != NULL)
+        drop(l->subscriptions);
+    listener_leave(c, l);
 }
 
 void events_retain(struct core *c)
@@ -326,18 +419,18 @@ void events_init(struct core *c)
 void events_done(struct core *c)
 {
     struct events *events = c->events;
-    struct subscription *s;
+    struct listener *l;
 
     for (int i = 0; i < RING; i++) {
         free(events->ring[i].user);
         free(events->ring[i].topic);
         free(events->ring[i].text);
     }
-    while ((s = events->subscriptions) != NULL) {
-        events->subscriptions = s->next;
-        free(s->stream);
-        free(s);
+    while ((l = events->listeners) != NULL) {
+        while (l->subscriptions != NULL)
+            drop(l->subscriptions);
+        events->listeners = l->next;
+        free(l);
     }
-    free(events->full);
     free(events);
 }

@@ -3,9 +3,19 @@
 #define BROKER_EVENTS_H
 #include "broker/core/state.h"
 
+/* A connection that subscribes, or takes no more. */
+struct listener {
+    struct listener *next;
+    uint64_t peer;
+    struct subscription *subscriptions, *at;   /* at: whose turn it is; NULL: the first's */
+    bool full;                            /* it takes no more for now */
+    bool reading;                         /* a TASK_READ_EVENTS for one of them is under way */
+};
+
 struct subscription {
     struct subscription *next;
-    uint64_t number, peer;
+    struct listener *listener;
+    uint64_t number;
     struct user *user;
     char key[KEY_TEXT];                   /* by which it was asked for */
     struct reply reply;
@@ -13,17 +23,14 @@ struct subscription {
     int64_t job;                          /* 0: all */
     char *stream;
     unsigned kinds;                       /* bits of wire_events; 0: all */
-    bool reading;                         /* a TASK_READ_EVENTS is under way */
-    bool gone;
 };
 
 enum { RING = 1024 };                     /* events in memory: a second's worth at the fastest */
 
 struct events {
-    struct subscription *subscriptions;
+    struct listener *listeners, *at;      /* at: whose turn it is; NULL: the first's */
     uint64_t next_subscription;
     struct event_row ring[RING];          /* committed events, by number % RING */
-    uint64_t *full; size_t full_count, full_room;     /* peers that take no more for now */
     int64_t pruned;                       /* last_event at the latest pruning */
     bool stirred;                         /* somebody may have something to be told */
 };

@@ -373,5 +373,5 @@ int64_t core_next_ns(const struct core *c)
 {
     const struct heap_item *least = heap_least(&c->timers);
 
-    return least == NULL ? INT64_MAX : least->key;
+    return events_wait(c) ? 0 : least == NULL ? INT64_MAX : least->key;
 }

@@ -127,6 +127,8 @@ void events_committed(struct core *c, struct after *after);
 void events_progress(struct core *c, struct job *job);
 /* Each subscriber gets what it has not seen, a bounded number a step. */
 void events_pump(struct core *c);
+/* Is there more to be told in the next step? */
+bool events_wait(const struct core *c);
 /* A page of older events has been read. */
 void events_task_done(struct core *c, struct task *task);
 /* PEER takes no more, takes more again, or is gone. */

@@ -7,6 +7,7 @@ import pathlib
 import re
 import subprocess
 import sys
+import threading
 import time
 
 import pytest
@@ -34,6 +35,30 @@ def ballast(folder):
     try:
         yield
     finally:
+        path.unlink()
+
+
+@contextlib.contextmanager
+def greed(folder):
+    """Another program that takes every block as soon as it is free, until it is ended."""
+    path = pathlib.Path(folder, "greed")
+    over = threading.Event()
+
+    def take():
+        with open(path, "wb", buffering=0) as file:
+            while not over.is_set():
+                try:
+                    file.write(bytes(65536))
+                except OSError:
+                    time.sleep(1e-4)
+
+    taker = threading.Thread(target=take)
+    taker.start()
+    try:
+        yield
+    finally:
+        over.set()
+        taker.join()
         path.unlink()
 
 
@@ -268,3 +293,39 @@ def test_an_input_larger_than_a_disk_with_room_is_refused_without_an_alarm():
         c = d.client()
         assert (begin(c, 1 << 30).code == "storage_full" and not told_full(c) and edges(d) == []
                 and begin(c, 1 << 20).ok)
+
+
+def test_who_cancels_on_a_disk_without_any_room_is_told_so_and_room_mends_it():
+    """Another program takes what the daemon's reserve gives up, and nothing is left for what must
+    pass: CANCEL and DELETE are answered all the same, and are stored when there is room.
+    """
+    with small_disk("size=48m") as disk, Daemon(folder=disk, config=FAKE, workers=0) as d:
+        c = d.client(timeout_s=60)
+        jobs = [submit(c, key=f"k{k}")["job"] for k in range(3000)]
+        ended = jobs.pop()
+        assert c.ask("CANCEL", job=ended)["state"] == "cancelled"
+        with greed(disk):
+            for job in jobs:
+                reply = c.ask("CANCEL", job=job)
+                if reply.code == "storage_full":
+                    break
+                assert reply["state"] == "cancelled", reply
+            assert reply.code == "storage_full" and "not stored yet" in reply["error"]["message"]
+            assert c.ask("CANCEL", job=job).code == "storage_full", "asked again"
+            assert c.ask("CANCEL", job=jobs[-1]).code == "storage_full", "another"
+            assert c.ask("DELETE", job=ended).code == "storage_full"
+            assert c.ask("STATUS", job=job)["state"] == "queued", "as it is stored"
+            assert c.ask("WAIT", job=job, timeout_s=0.1)["state"] == "queued"
+            assert c.ask("STATS").ok and told_full(c)
+        until(lambda: c.ask("STATUS", job=job)["state"] == "cancelled", "room mends nothing")
+        assert c.ask("CANCEL", job=jobs[-1])["state"] == "cancelled"
+        until(lambda: c.ask("STATUS", job=ended).code == "not_found")
+        until(lambda: submit(c, key="after").ok, "the daemon did not recover")
+        until(lambda: not told_full(c))
+        c.close()
+        d.kill()
+        d.start()
+        c = d.client()
+        assert c.ask("STATUS", job=job)["state"] == "cancelled"
+        assert c.ask("STATUS", job=jobs[-1])["state"] == "cancelled"
+        assert c.ask("STATUS", job=ended).code == "not_found"

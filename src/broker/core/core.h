@@ -94,6 +94,7 @@ struct transaction {
     int64_t ledger_bytes;         /* the ledger and its log then, on disk */
     int64_t cost;                 /* as the core counts what is under way */
     struct transaction *next;     /* for the queues of whoever has it */
+    struct transaction *before, *after_it;   /* the core's, of what is not committed */
 };
 
 enum task_type {
@@ -196,6 +197,7 @@ enum event_type {
     EVENT_REQUEST,      /* peer, key, message or fault, body */
     EVENT_PEER_FULL, EVENT_PEER_READY, EVENT_PEER_GONE,    /* peer */
     EVENT_COMMITTED,    /* transaction, and those behind it: as they were given, in that order */
+    EVENT_STUCK,        /* transactions that must pass wait for room on the disk */
     EVENT_TASK,         /* task */
     EVENT_WORKER,       /* slot, message and body, or fault */
     EVENT_REMOTE,       /* peer, key, message and body, or fault: of a worker elsewhere */

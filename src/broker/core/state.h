@@ -154,7 +154,8 @@ struct core {
     struct heap timers;
     bool draining, terminating, stopped;
     int64_t uncommitted, tasks;
-    int64_t behind;                       /* costs of what is not committed */
+    struct transaction *oldest, *newest;  /* of those */
+    int64_t behind;                       /* their costs */
     int64_t next_event, last_event;       /* numbers; the last is committed */
     struct account *accounts; size_t account_count;
     struct map users; struct user **user_list; size_t user_count;
@@ -202,6 +203,8 @@ struct after *transaction_after(struct transaction *t, enum after_type type);
 void transaction_join(struct transaction *t, struct after *after);
 /* T is the ledger's; it comes back as EVENT_COMMITTED. */
 void core_commit(struct core *c, struct transaction *t);
+/* T has come back: it is not under way any more. */
+void core_committed(struct core *c, struct transaction *t);
 /* A task of the spool threads, the caller's until core_task. */
 struct task *task_new(enum task_type type, int64_t id);
 /* TASK, whose TURN is that of who asked, is the threads'; it comes back as EVENT_TASK. */

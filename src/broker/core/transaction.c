@@ -96,12 +96,13 @@ void transaction_join(struct transaction *t, struct after *after)
 /* What the ledger has before it is some two groups of commits, the one that is written and the one
  * behind it: who comes waits for those, and for his turn.  A transaction of a few rows takes as
  * long as some COST bytes more in one that has many (30 us, at 150 MB/s), so that BEHIND_MOST
- * are 15 ms of work, or 512 submissions a sync where the disk is slow. */
+ * are 15 ms of work, or 512 submissions a sync where the disk is slow.  On a full disk that refuses
+ * the rest, what must pass may wait for room for long, and those behind it are to be told. */
 enum { COST = 4096, BEHIND_MOST = 2 << 20 };
 
 bool core_is_behind(const struct core *c)
 {
-    return c->behind >= BEHIND_MOST;
+    return c->behind >= BEHIND_MOST && !c->disk.full;
 }
 
 uint64_t core_turn(struct core *c, const char *key, uint64_t peer)
@@ -118,7 +119,18 @@ void core_commit(struct core *c, struct transaction *t)
         t->cost += t->keep[i] == NULL ? 0 : (int64_t)t->keep[i]->size;
     c->behind += t->cost;
     c->uncommitted++;
+    t->before = c->newest;
+    *(c->newest == NULL ? &c->oldest : &c->newest->after_it) = t;
+    c->newest = t;
     core_act(c, (struct action) { .type = ACT_COMMIT, .transaction = t });
+}
+
+void core_committed(struct core *c, struct transaction *t)
+{
+    *(t->before == NULL ? &c->oldest : &t->before->after_it) = t->after_it;
+    *(t->after_it == NULL ? &c->newest : &t->after_it->before) = t->before;
+    c->behind -= t->cost;
+    c->uncommitted--;
 }
 
 struct task *task_new(enum task_type type, int64_t id)

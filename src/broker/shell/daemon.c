@@ -368,11 +368,11 @@ static void drop_done(struct daemon *d)
 {
     struct transaction *transactions, *t;
     struct task *tasks;
-    bool pinged, fatal;
+    bool pinged, stuck, fatal;
 
     if (d->done.wake < 0)
         return;
-    done_take(&d->done, &transactions, &tasks, &pinged, &fatal);
+    done_take(&d->done, &transactions, &tasks, &pinged, &stuck, &fatal);
     while ((t = transactions) != NULL) {
         transactions = t->next;
         transaction_free(t);

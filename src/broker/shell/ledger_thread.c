@@ -5,7 +5,9 @@
  * must pass (edges of jobs that run, deletes, chunks whose space is reserved) waits, in order,
  * behind the reserve given up for it, and is tried again.  Results wait too, and are refused when
  * the reserve is used up: their jobs fail.  The last part of the reserve is for what must pass
- * alone, else results would use it up and no delete could make room again.  Without a descriptor
+ * alone, else results would use it up and no delete could make room again.  Where that is used up
+ * too, another program having taken what was free, what must pass is tried five times a second, and
+ * who waits for it is told so (done_stuck).  Without a descriptor
  * for the samples of a stream a group waits until there is one, unanswered.  What is given up of
  * the last part nobody else takes: see need_room of spool_thread.c.  Behind samples that were
  * refused no later ones of their stream pass: its fence is up until the core takes it down.
@@ -187,6 +189,8 @@ static enum modal_status full_disk(struct ledger_thread *l, struct transaction *
     rc = ledger_checkpoint(l->ledger, err);
     if (group != NULL)
         put_back(l, group);
+    if (group != NULL && before == GONE)
+        done_stuck(l->done);
     if (group != NULL && before == GONE)
         nanosleep(&(struct timespec) { 0, 200000000 }, NULL);
     return rc;

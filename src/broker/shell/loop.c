@@ -410,9 +410,9 @@ static void handle_done(struct daemon *d)
 {
     struct transaction *transactions;
     struct task *tasks, **end = &d->tasks;
-    bool pinged, fatal;
+    bool pinged, stuck, fatal;
 
-    done_take(&d->done, &transactions, &tasks, &pinged, &fatal);
+    done_take(&d->done, &transactions, &tasks, &pinged, &stuck, &fatal);
     while (*end != NULL)
         end = &(*end)->next;
     *end = tasks;
@@ -427,6 +427,8 @@ static void handle_done(struct daemon *d)
         notify_manager("WATCHDOG=1");
     if (transactions != NULL)
         step(d, &(struct event) { .type = EVENT_COMMITTED, .transaction = transactions });
+    if (stuck)
+        step(d, &(struct event) { .type = EVENT_STUCK });
 }
 
 static void reap_children(struct daemon *d)

@@ -55,6 +55,13 @@ void done_ping(struct done_queue *queue)
     unlock_and_wake(queue);
 }
 
+void done_stuck(struct done_queue *queue)
+{
+    pthread_mutex_lock(&queue->mutex);
+    queue->stuck = true;
+    unlock_and_wake(queue);
+}
+
 void done_fatal(struct done_queue *queue, const struct modal_error *err)
 {
     pthread_mutex_lock(&queue->mutex);
@@ -65,7 +72,7 @@ void done_fatal(struct done_queue *queue, const struct modal_error *err)
 }
 
 void done_take(struct done_queue *queue, struct transaction **transactions, struct task **tasks,
-               bool *pinged, bool *fatal)
+               bool *pinged, bool *stuck, bool *fatal)
 {
     uint64_t count;
 
@@ -75,11 +82,12 @@ void done_take(struct done_queue *queue, struct transaction **transactions, stru
     *transactions = queue->transactions;
     *tasks = queue->tasks;
     *pinged = queue->pinged;
+    *stuck = queue->stuck;
     *fatal = queue->fatal;
     queue->transactions = NULL;
     queue->transactions_end = &queue->transactions;
     queue->tasks = NULL;
     queue->tasks_end = &queue->tasks;
-    queue->pinged = false;
+    queue->pinged = queue->stuck = false;
     pthread_mutex_unlock(&queue->mutex);
 }

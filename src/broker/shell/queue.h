@@ -12,6 +12,7 @@ struct done_queue {
     struct transaction *transactions, **transactions_end;
     struct task *tasks, **tasks_end;
     bool pinged;                 /* the ledger thread answered a ping */
+    bool stuck;                  /* it has no room for what must pass */
     bool fatal;                  /* stable storage failed: nothing may be acknowledged any more */
     struct modal_error error;    /* why */
     int wake;                    /* eventfd; readable while there is something */
@@ -27,11 +28,13 @@ void done_transactions(struct done_queue *queue, struct transaction *first);
 void done_task(struct done_queue *queue, struct task *task);
 /* The ledger's thread lives. */
 void done_ping(struct done_queue *queue);
+/* What must pass waits for room on the disk. */
+void done_stuck(struct done_queue *queue);
 /* Stable storage failed with ERR: the loop ends. */
 void done_fatal(struct done_queue *queue, const struct modal_error *err);
 /* Everything, in order; the lists are the caller's. */
 void done_take(struct done_queue *queue, struct transaction **transactions, struct task **tasks,
-               bool *pinged, bool *fatal);
+               bool *pinged, bool *stuck, bool *fatal);
 
 /* The ledger's thread: transactions in order, those that wait together committed together. */
 struct ledger_thread;

@@ -134,7 +134,12 @@ static void on_delete(struct core *c, const struct request *q)
 {
     struct job *job = q->job;
 
-    if (!job_state_final(job->shown) || job->last != NULL) {
+    if (job_state_final(job->state) && job->last != NULL) {
+        answer_fail(c, &q->reply, MODAL_CONFLICT, "job", NULL, "that the job is %s is not stored yet",
+                    job->deleting || job->hidden ? "deleted" : job_states[job->state]);
+        return;
+    }
+    if (!job_state_final(job->shown)) {
         answer_fail(c, &q->reply, MODAL_CONFLICT, "job", NULL, "the job is %s; cancel it first",
                     job_states[job->shown]);
         return;

@@ -168,8 +168,7 @@ static void follow(struct core *c, struct after *after, struct transaction *t)
 
 static void one_committed(struct core *c, struct transaction *t)
 {
-    c->uncommitted--;
-    c->behind -= t->cost;
+    core_committed(c, t);
     c->counts.commits++;
     c->counts.committed_changes += (int64_t)t->count;
     if (t->group > 0) {
@@ -189,6 +188,24 @@ static void one_committed(struct core *c, struct transaction *t)
             follow(c, after, t);
     }
     transaction_free(t);
+}
+
+/* The ledger has no room for what must pass.  Whoever waits for that of a job is told, once, and may
+ * ask again. */
+static void stuck(struct core *c)
+{
+    room_want(c, RESERVE_LAST + RESERVE_LAST / 4);
+    for (struct transaction *t = c->oldest; t != NULL; t = t->after_it)
+        for (struct after *after = t->after; after != NULL; after = after->next) {
+            bool asked = after->type == AFTER_DOC || after->type == AFTER_DELETE
+                         || after->type == AFTER_DRAIN;
+            if (!asked || after->reply.peer == 0)
+                continue;
+            answer_fail(c, &after->reply, MODAL_STORAGE_FULL, "", answer_number("retry_after_s", 5),
+                        "the disk is full: this is done, but not stored yet, and undone should the "
+                        "daemon end before there is room");
+            after->reply = (struct reply) { .peer = 0 };
+        }
 }
 
 static void committed(struct core *c, struct transaction *list)
@@ -337,6 +354,7 @@ struct actions *core_step(struct core *c, const struct event *e, struct moment n
         waits_gone(c, e->peer);
         break;
     case EVENT_COMMITTED:  committed(c, e->transaction); break;
+    case EVENT_STUCK:      stuck(c); break;
     case EVENT_TASK:       task_done(c, e->task); break;
     case EVENT_WORKER:     worker_message(c, e); break;
     case EVENT_REMOTE:     remote_message(c, e); break;

@@ -91,12 +91,12 @@ static void take(int count, int64_t *ids)
 {
     struct transaction *transactions;
     struct task *tasks = NULL, *task;
-    bool pinged, fatal;
+    bool pinged, stuck, fatal;
 
     for (int n = 0; n < count;) {
         struct pollfd wake = { .fd = done.wake, .events = POLLIN };
         CHECK(poll(&wake, 1, 60000) == 1);
-        done_take(&done, &transactions, &tasks, &pinged, &fatal);
+        done_take(&done, &transactions, &tasks, &pinged, &stuck, &fatal);
         CHECK(!fatal);
         while ((task = tasks) != NULL) {
             tasks = task->next;
@@ -178,7 +178,7 @@ TEST(a_seal_with_gaps_leaves_room_on_the_disk_for_the_ledger)
 {
     struct task *tasks = NULL, *task = calloc(1, sizeof *task);
     struct transaction *transactions;
-    bool pinged, fatal;
+    bool pinged, stuck, fatal;
 
     start();
     task->type = TASK_STREAM_SEAL;
@@ -191,7 +191,7 @@ TEST(a_seal_with_gaps_leaves_room_on_the_disk_for_the_ledger)
     while (tasks == NULL) {
         struct pollfd wake = { .fd = done.wake, .events = POLLIN };
         CHECK(poll(&wake, 1, 60000) == 1);
-        done_take(&done, &transactions, &tasks, &pinged, &fatal);
+        done_take(&done, &transactions, &tasks, &pinged, &stuck, &fatal);
     }
     CHECK(tasks->status == MODAL_STORAGE_FULL && tasks->total > 0 && tasks->upload == NULL);
     task_free(tasks);

@@ -143,7 +143,8 @@ enum ledger_verb {
     LEDGER_INPUT_USED,       /* .input.id, .input.used_ns */
     LEDGER_INPUT_DELETE,     /* .id, with its chunks; the caller removes the spool file after the
                               * commit */
-    LEDGER_CHUNK_PUT,        /* .id is the input, .chunk; synced before by the spool */
+    /* .id is the input, .chunk, in place of one that begins there; synced before by the spool */
+    LEDGER_CHUNK_PUT,
     LEDGER_SEGMENT_PUT,      /* .segment; its data is on stable storage with the group: on the
                               * tape (tape.h), from where it goes to its file and row, or there */
     LEDGER_SEGMENT_ROW,      /* .segment, which was on the tape; none where its stream is gone */

@@ -1,12 +1,13 @@
 """An upload that was answered `gone`, or ended by a wrong hash, stays so over kill -9, and fsck
 finds nothing wrong (PROTOCOL.md, P1 and P5)."""
 import pathlib
+import re
 import subprocess
 import sys
 import time
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "system"))
-from wire import BUILD, Daemon, crc32c  # noqa: E402
+from wire import BUILD, Daemon, crc32c, identity  # noqa: E402
 
 ROUNDS, DATA = 30, bytes(range(256)) * 2
 
@@ -78,3 +79,40 @@ def test_a_chunk_that_waits_for_the_one_before_it_is_answered_when_its_upload_is
             codes |= {client.answer(number).code for number in chunks}
             assert client.answer(aborting)["state"] == "gone"
         assert "not_found" in codes, codes
+
+
+def test_chunks_of_a_byte_have_no_row_each_and_their_bytes_are_those_that_were_sent():
+    """4096 bytes one by one, over a kill; a whole chunk behind them has a row of its own."""
+    size = 4096 + 262144
+    whole = (DATA * (size // len(DATA) + 1))[:size]
+    with Daemon(workers=0) as daemon:
+        client = daemon.client()
+        upload = client.ask("UPLOAD", op="begin", content="batch", samples=size // 8, channels=1,
+                            dt=0.1, key="k")["upload"]
+
+        def send(begin, end, step):
+            for first in range(begin, end, 32 * step):
+                asked = [client.send("UPLOAD", [whole[at:at + step]], op="chunk", upload=upload,
+                                     offset=at, crc32c=crc32c(whole[at:at + step]))
+                         for at in range(first, min(end, first + 32 * step), step)]
+                assert all(client.answer(number).ok for number in asked)
+
+        send(0, 3000, 1)
+        client.close()
+        daemon.kill()
+        daemon.start()
+        client = daemon.client()
+        assert client.ask("UPLOAD", op="begin", content="batch", samples=size // 8, channels=1,
+                          dt=0.1, key="k")["present"] == 3000
+        send(3000, 4096, 1)
+        send(4096, size, 262144)
+        sha = identity(size // 8, 1, 0.1, whole)
+        assert client.ask("UPLOAD", op="seal", upload=upload, sha256=sha)["state"] == "sealed"
+        read = b"".join(client.ask("RESULT", upload=upload, part="input", offset=at,
+                                   length=65536).body[0] for at in range(0, size, 65536))
+        assert read == whole
+        daemon.stop()
+        checked = fsck(daemon.folder / "data")
+        print(f"\nchunks of a byte: {checked.stdout.strip()}")
+        assert checked.returncode == 0
+        assert int(re.search(r"(\d+) chunks", checked.stdout)[1]) == 3

@@ -45,6 +45,7 @@ struct filling {
     bool busy;                            /* a task is under way */
     uint64_t accepted, durable;           /* bytes taken in; bytes committed */
     uint64_t in_flight;                   /* bytes taken in and not yet committed */
+    struct chunk_record row;              /* the latest of its chunks; length 0: none yet */
     struct blob *chunks[64]; int count;   /* waiting for a task */
     uint32_t crcs[64];                    /* of `chunks` */
     struct after *askers;                 /* who began again, told once it is quiet */

@@ -1,5 +1,6 @@
 /* transaction.c - changes that are committed together, and what follows from it */
 #include "broker/core/state.h"
+#include "base/crc32c.h"
 #include <stdlib.h>
 #include <string.h>
 
@@ -47,6 +48,26 @@ void transaction_add_sums(struct transaction *t, int64_t input, const struct sum
         change->input_id = input;
         change->chunk = sums->items[i];
     }
+}
+
+/* It joins those before while all of them are not more than a chunk may be, so that chunks of a byte
+ * have no rows each, which nobody is charged for. */
+void transaction_add_chunk(struct transaction *t, int64_t input, struct chunk_record *row,
+                           const struct chunk_record *chunk)
+{
+    bool joins = row->length > 0 && row->offset + row->length == chunk->offset
+                 && row->length + chunk->length <= WIRE_CHUNK_MOST;
+    struct ledger_change *change;
+
+    if (joins) {
+        row->crc = crc32c_join(row->crc, chunk->crc, chunk->length);
+        row->length += chunk->length;
+    } else
+        *row = *chunk;
+    change = joins && t->count > 0 ? &t->changes[t->count - 1]
+                                   : transaction_add(t, LEDGER_CHUNK_PUT);
+    change->input_id = input;
+    change->chunk = *row;
 }
 
 struct after *after_new(enum after_type type, const struct reply *reply)

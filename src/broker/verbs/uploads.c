@@ -220,9 +220,8 @@ static void written(struct core *c, struct input *input, struct task *task)
     }
     t = transaction_new();
     for (int i = 0; i < task->count; i++) {
-        struct ledger_change *change = transaction_add(t, LEDGER_CHUNK_PUT);
-        change->input_id = input->id;
-        change->chunk = (struct chunk_record) { offset, task->chunks[i]->size, task->crcs[i] };
+        transaction_add_chunk(t, input->id, &input->filling->row, &(struct chunk_record) {
+            offset, task->chunks[i]->size, task->crcs[i] });
         after->input = input;
         after->value = (int64_t)offset;
         after->length = (int64_t)task->chunks[i]->size;

@@ -296,6 +296,26 @@ def test_what_is_no_matrix_is_said_by_name(ctl, tmp_path):
     assert refused(ctl, tmp_path / "t.csv", "--dataset", "accel")[0] == "dataset"
 
 
+def test_groups_inside_each_other_and_in_a_ring_are_walked_once(ctl, tmp_path):
+    """libhdf5's own walk takes minutes for 3000 groups; a name has 255 bytes at most."""
+    path = tmp_path / "deep.h5"
+    with h5py.File(path, "w") as file:
+        group = file
+        for _ in range(3000):
+            group = group.create_group("g")
+        group["signals"] = Y
+    assert "groups whose names are longer than 255 bytes" in refused(ctl, path)[1]
+    path = tmp_path / "ring.h5"
+    with h5py.File(path, "w") as file:
+        file["a/b/one"] = Y
+        file["a/b/two"] = Y[:5]
+        file["a/b/up"] = file["a"]
+        file["a/also"] = file["a/b/one"]
+        file["soft"] = h5py.SoftLink("/a/b/one")
+    said = refused(ctl, path)[1]
+    assert said.count("a/also") + said.count("a/b/one") == 1 and said.count("a/b/two") == 1, said
+
+
 @pytest.mark.parametrize("write", [mat, npz, write_two])
 def test_a_file_that_says_two_steps_or_an_absurd_one_is_refused(write, ctl, tmp_path):
     path = tmp_path / "x"

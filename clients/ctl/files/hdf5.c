@@ -8,6 +8,8 @@
 enum {
     USER_BLOCK_LEAST = 512,       /* bytes: the format's */
     MATRIX           = 2,         /* dimensions */
+    NAME_MOST        = 255,       /* bytes of a dataset's name, with the groups it is in */
+    SHARED_MOST      = 1024,      /* objects with more than one name: files have a few */
 };
 
 /* Where a number of the list is: struct array.at. */
@@ -65,15 +67,22 @@ static void shape_of(hid_t set, bool matlab, struct array *out)
     }
 }
 
-static herr_t list_object(hid_t from, const char *name, const H5O_info_t *info, void *context)
-{
-    struct arrays *arrays = context;
-    char class[32];
+/* Through a file's groups by our own hand: H5Ovisit finds each object by its whole name again, and
+ * takes a minute for 2000 groups inside each other. */
+struct walk {
+    struct arrays *arrays;
+    char name[NAME_MOST + 1];     /* of the group it is in, with a slash behind it, or empty */
+    bool deep;                    /* something has a longer one, and is passed over */
+    haddr_t shared[SHARED_MOST];  /* objects that have other names, and were met */
+    int count;
+};
 
-    if (info->type != H5O_TYPE_DATASET)
-        return 0;
-    struct array *a = arrays_add(arrays, name, strlen(name));
-    hid_t set = a != NULL ? H5Dopen2(from, name, H5P_DEFAULT) : H5I_INVALID_HID;
+static herr_t list_dataset(hid_t from, const char *link, struct walk *walk)
+{
+    char class[32];
+    struct array *a = arrays_add(walk->arrays, walk->name, strlen(walk->name));
+    hid_t set = a != NULL ? H5Dopen2(from, link, H5P_DEFAULT) : H5I_INVALID_HID;
+
     if (set < 0)
         return -1;
     hid_t type = H5Dget_type(set);
@@ -90,6 +99,69 @@ static herr_t list_object(hid_t from, const char *name, const H5O_info_t *info, 
         H5Tclose(type);
     H5Dclose(set);
     return 0;
+}
+
+/* 1: it was met by another name; 0: not yet; -1: there are too many such. */
+static int was_met(struct walk *walk, const H5O_info_t *info)
+{
+    if (info->rc < 2)
+        return 0;
+    for (int i = 0; i < walk->count; i++)
+        if (walk->shared[i] == info->addr)
+            return 1;
+    if (walk->count == SHARED_MOST)
+        return -1;
+    walk->shared[walk->count++] = info->addr;
+    return 0;
+}
+
+static herr_t list_link(hid_t from, const char *link, const H5L_info_t *what, void *context)
+{
+    struct walk *walk = context;
+    size_t before = strlen(walk->name), length = strlen(link);
+    H5O_info_t info;
+    hid_t group;
+    int met;
+    herr_t rc = 0;
+
+    if (what->type != H5L_TYPE_HARD)
+        return 0;
+    if (before + length + 1 > NAME_MOST) {
+        walk->deep = true;
+        return 0;
+    }
+    if (H5Oget_info_by_name(from, link, &info, H5P_DEFAULT) < 0
+        || (met = was_met(walk, &info)) < 0)
+        return -1;
+    if (met > 0)
+        return 0;
+    memcpy(walk->name + before, link, length + 1);
+    if (info.type == H5O_TYPE_DATASET)
+        rc = list_dataset(from, link, walk);
+    else if (info.type == H5O_TYPE_GROUP) {
+        memcpy(walk->name + before + length, "/", 2);
+        group = H5Gopen2(from, link, H5P_DEFAULT);
+        rc = group < 0 ? -1 : H5Literate(group, H5_INDEX_NAME, H5_ITER_INC, NULL, list_link, walk);
+        if (group >= 0)
+            H5Gclose(group);
+    }
+    walk->name[before] = 0;
+    return rc;
+}
+
+static enum modal_status list_all(hid_t file, const char *path, struct arrays *arrays,
+                                  struct modal_error *err)
+{
+    struct walk walk = { .arrays = arrays };
+
+    if (H5Literate(file, H5_INDEX_NAME, H5_ITER_INC, NULL, list_link, &walk) < 0)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "file", "%s cannot be read as HDF5: it is "
+                                "truncated or damaged, or has more than %d datasets, or %d with "
+                                "more than one name", path, ARRAYS_MOST, SHARED_MOST);
+    if (walk.deep && arrays->count == 0)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "file", "%s: what it has lies in groups whose "
+                                "names are longer than %d bytes together", path, NAME_MOST);
+    return MODAL_OK;
 }
 
 /* The attributes of OBJECT that can say a step. */
@@ -151,7 +223,7 @@ static enum modal_status load(const struct arrays *arrays, const struct array *a
 /* ---- the signals ---- */
 
 /* What to read of a file, and what it says of their step. */
-struct plan { char name[256]; size_t rows, columns; bool turned, by_columns; struct signals step; };
+struct plan { char name[NAME_MOST + 1]; size_t rows, columns; bool turned, by_columns; struct signals step; };
 
 static enum modal_status plan_signals(struct arrays *arrays, struct source *from,
                                       const struct signals_options *options, struct plan *plan,
@@ -189,10 +261,7 @@ static enum modal_status look_into(const char *path, const struct signals_option
     snprintf(plan->name, sizeof plan->name, "signals");
     if (from.file < 0)
         return MODAL_OK;                                    /* who reads it says why not */
-    if (H5Ovisit(from.file, H5_INDEX_NAME, H5_ITER_INC, list_object, &arrays) < 0)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "file", "%s cannot be read as HDF5: it is "
-                              "truncated or damaged, or has more than %d datasets", path,
-                              ARRAYS_MOST);
+    rc = list_all(from.file, path, &arrays, err);
     if (rc == MODAL_OK) {
         list_attributes(from.file, IN_ROOT, &arrays);
         rc = plan_signals(&arrays, &from, options, plan, err);

@@ -245,8 +245,8 @@ void core_free(struct core *c)
     streams_done(c);
     jobs_done(c);
     inputs_done(c);                                /* they leave their users' tables */
-    users_done(c);
     events_done(c);
+    users_done(c);
     slots_done(c);
     while (c->answers != NULL)
         answers_free(c->answers);

@@ -87,51 +87,30 @@ static cJSON *write_update(const struct moving_cost *cost, double seconds)
     return o;
 }
 
-/* The window as a job of its own. */
-static enum modal_status climb(struct live *l, struct moving_cost *cost, cJSON **document,
-                               struct modal_error *err)
+/* ---- what tracks see ---- */
+
+/* What tracks look at of a window. */
+struct shown { struct track_mode mode[TRACKS_MOST]; int count; };
+
+/* A shape that was not asked for is shown to tracks alone. */
+static void show_result(const struct live *l, struct identify_result *r, struct shown *shown)
 {
-    struct batch batch = l->shape;
-    struct job_request request = { .kind = "identify", .options = l->options, .batch = &batch };
-    struct job_result result = { 0 };
-    enum modal_status rc;
+    for (int i = 0; i < r->mode_count; i++) {
+        struct identify_mode *m = &r->modes[i];
+        bool has_shape = m->shape != NULL && r->channel_count > 1;
 
-    batch.signals = moving_window(l->window);
-    if (batch.signals == NULL)
-        return modal_fail(err, MODAL_BAD_INPUT, "live: %d of %zu samples",
-                          moving_samples(l->window), batch.samples);
-    rc = identify_by(&l->settings, &request, &result, err);
-    if (rc == MODAL_OK)
-        *document = result.result;
-    *cost = (struct moving_cost) { .why = "target", .batches = ++l->jobs };
-    return rc;
-}
+        if (shown->count < TRACKS_MOST) {
+            struct track_mode *to = &shown->mode[shown->count++];
 
-static enum modal_status update(struct live *l, struct moving_cost *cost, cJSON **document,
-                                struct modal_error *err)
-{
-    struct identify_result result;
-    enum modal_status rc;
-
-    openblas_set_num_threads(l->settings.threads);
-    rc = moving_identify(l->window, &result, cost, err);
-    if (rc == MODAL_OK) {
-        *document = identify_modes_write(&result);
-        identify_result_done(&result);
+            *to = (struct track_mode) { .exponent = m->exponent, .std_re = m->std_re,
+                                        .std_im = m->std_im };
+            track_shape(m->shape, has_shape ? r->channel_count : 0, to->shape);
+        }
+        if (!l->shapes) {
+            free(m->shape);
+            m->shape = NULL;
+        }
     }
-    return rc;
-}
-
-/* ---- tracks ---- */
-
-enum modal_status live_resume(struct live *l, const char *tracks, struct modal_error *err)
-{
-    return tracks_text_read(tracks, &l->tracks, err);
-}
-
-void live_skip(struct live *l)
-{
-    moving_clear(l->window);
 }
 
 static double complex complex_of(const cJSON *pair)
@@ -166,6 +145,67 @@ static struct track_mode track_mode_of(const struct live *l, cJSON *mode)
     return m;
 }
 
+static void show_document(const struct live *l, const cJSON *document, struct shown *shown)
+{
+    cJSON *mode;
+
+    cJSON_ArrayForEach(mode, cJSON_GetObjectItemCaseSensitive(document, "modes"))
+        if (shown->count < TRACKS_MOST)
+            shown->mode[shown->count++] = track_mode_of(l, mode);
+}
+
+/* ---- a window ---- */
+
+/* The window as a job of its own. */
+static enum modal_status climb(struct live *l, struct moving_cost *cost, cJSON **document,
+                               struct shown *shown, struct modal_error *err)
+{
+    struct batch batch = l->shape;
+    struct job_request request = { .kind = "identify", .options = l->options, .batch = &batch };
+    struct job_result result = { 0 };
+    enum modal_status rc;
+
+    batch.signals = moving_window(l->window);
+    if (batch.signals == NULL)
+        return modal_fail(err, MODAL_BAD_INPUT, "live: %d of %zu samples",
+                          moving_samples(l->window), batch.samples);
+    rc = identify_by(&l->settings, &request, &result, err);
+    if (rc == MODAL_OK) {
+        *document = result.result;
+        show_document(l, *document, shown);
+    }
+    *cost = (struct moving_cost) { .why = "target", .batches = ++l->jobs };
+    return rc;
+}
+
+static enum modal_status update(struct live *l, struct moving_cost *cost, cJSON **document,
+                                struct shown *shown, struct modal_error *err)
+{
+    struct identify_result result;
+    enum modal_status rc;
+
+    openblas_set_num_threads(l->settings.threads);
+    rc = moving_identify(l->window, &result, cost, err);
+    if (rc == MODAL_OK) {
+        show_result(l, &result, shown);
+        *document = identify_modes_write(&result);
+        identify_result_done(&result);
+    }
+    return rc;
+}
+
+/* ---- tracks ---- */
+
+enum modal_status live_resume(struct live *l, const char *tracks, struct modal_error *err)
+{
+    return tracks_text_read(tracks, &l->tracks, err);
+}
+
+void live_skip(struct live *l)
+{
+    moving_clear(l->window);
+}
+
 static void add_edges(cJSON *document, const struct track_edge *edges, int count)
 {
     cJSON *list = cJSON_AddArrayToObject(document, "track_edges");
@@ -182,25 +222,21 @@ static void add_edges(cJSON *document, const struct track_edge *edges, int count
 
 /* Each mode of DOCUMENT gets its track; past TRACKS_MOST no event has room for modes. */
 static enum modal_status number_modes(struct live *l, const struct track_window *w,
-                                      cJSON *document, struct modal_error *err)
+                                      const struct shown *shown, cJSON *document,
+                                      struct modal_error *err)
 {
     cJSON *modes = cJSON_GetObjectItemCaseSensitive(document, "modes"), *mode;
-    struct track_mode seen[TRACKS_MOST];
     struct track_edge edges[2 * TRACKS_MOST];
     int64_t number[TRACKS_MOST];
     int count = 0, edge_count = 0;
     enum modal_status rc;
     char *text;
 
-    cJSON_ArrayForEach(mode, modes)
-        if (count < TRACKS_MOST)
-            seen[count++] = track_mode_of(l, mode);
-    rc = tracks_follow(&l->tracks, w, seen, count, number, edges, &edge_count, err);
+    rc = tracks_follow(&l->tracks, w, shown->mode, shown->count, number, edges, &edge_count, err);
     if (rc != MODAL_OK)
         return rc;
-    count = 0;
     cJSON_ArrayForEach(mode, modes)
-        if (count < TRACKS_MOST)
+        if (count < shown->count)
             cJSON_AddNumberToObject(mode, "track", (double)number[count++]);
     add_edges(document, edges, edge_count);
     text = tracks_text_write(&l->tracks);
@@ -217,12 +253,15 @@ enum modal_status live_next(struct live *l, uint64_t epoch, uint64_t to, const d
     double start = cpu_s();
     struct track_window w = { epoch, to + 1 - l->shape.samples, to, l->shape.dt };
     struct moving_cost cost;
+    struct shown shown;
     enum modal_status rc = moving_push(l->window, samples, count, err);
 
+    shown.count = 0;
     if (rc == MODAL_OK)
-        rc = l->climbs ? climb(l, &cost, document, err) : update(l, &cost, document, err);
+        rc = l->climbs ? climb(l, &cost, document, &shown, err)
+                       : update(l, &cost, document, &shown, err);
     if (rc == MODAL_OK)
-        rc = number_modes(l, &w, *document, err);
+        rc = number_modes(l, &w, &shown, *document, err);
     if (rc == MODAL_OK)
         cJSON_AddItemToObject(*document, "update", write_update(&cost, cpu_s() - start));
     return rc;

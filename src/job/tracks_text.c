@@ -84,17 +84,29 @@ static void each_in(struct track *t, const double x[OF_EACH])
 
 /* ---- text ---- */
 
-/* N in BASE, behind TO. */
-static char *put_whole(char *to, uint64_t n, unsigned base)
+/* N behind TO. */
+static char *put_decimal(char *to, uint64_t n)
 {
     char digits[NUMBER_MOST];
     int count = 0;
 
     do
-        digits[count++] = "0123456789abcdef"[n % base];
-    while ((n /= base) > 0);
+        digits[count++] = (char)('0' + n % 10);
+    while ((n /= 10) > 0);
     while (count > 0)
         *to++ = digits[--count];
+    return to;
+}
+
+/* N, BITS + 1 bits at most. */
+static char *put_hexadecimal(char *to, uint64_t n)
+{
+    int shift = BITS;
+
+    while (shift > 0 && n >> shift == 0)
+        shift -= 4;
+    for (; shift >= 0; shift -= 4)
+        *to++ = "0123456789abcdef"[n >> shift & 15];
     return to;
 }
 
@@ -109,17 +121,17 @@ static int put(char *to, const double *x, int count)
         double size = fabs(x[i]);
         if (x[i] < 0)
             *to++ = '-';
-        if (size == floor(size) && size <= COUNT_MOST) {
-            to = put_whole(to, (uint64_t)size, 10);
+        if (size <= COUNT_MOST && size == (double)(uint64_t)size) {
+            to = put_decimal(to, (uint64_t)size);
         } else if (!isfinite(size)) {
             memcpy(to, "nan", 3), to += 3;      /* which is refused when it is read */
         } else {
             uint64_t n = (uint64_t)llrint(ldexp(frexp(size, &power), BITS));
             *to++ = '0', *to++ = 'x';
-            to = put_whole(to, n, 16);
+            to = put_hexadecimal(to, n);
             power -= BITS;
             *to++ = 'p', *to++ = power < 0 ? '-' : '+';
-            to = put_whole(to, (uint64_t)abs(power), 10);
+            to = put_decimal(to, (uint64_t)abs(power));
         }
         *to++ = ' ';
     }

@@ -17,6 +17,7 @@
 #include <math.h>
 #include <stdbool.h>
 #include <stdlib.h>
+#include "modal/identify/linear/exponents.h"
 #include "modal/identify/linear/powers.h"
 
 enum { POWERS = 16 };                               /* a table's */
@@ -236,5 +237,17 @@ void moving_columns(const struct moving_rows *r, double complex lambda, int mome
     for (int j = 0; j < r->blocks; j++) {
         double at = r->lead + j * r->length + middle;
         put_block(r->k, moments, c, r->lead + j * r->k, power(&p, at), at - c->centre, scratch);
+    }
+}
+
+void moving_basis(const struct moving_rows *r, const double complex *lambda, int count, double *Phi,
+                  double *scratch)
+{
+    size_t n = (size_t)moving_rows_count(r);
+
+    for (int i = 0; i < count; i++) {
+        struct moving_column c = { .re = { Phi }, .im = { Phi + n } };
+        moving_columns(r, lambda[i], 1, &c, scratch);
+        Phi += n * (size_t)pole_order(lambda[i], r->tau);
     }
 }

@@ -48,4 +48,9 @@ void moving_columns(const struct moving_rows *rows, double complex lambda, int m
  */
 enum modal_status moving_table(const struct moving_rows *rows, double **table,
                                struct modal_error *err);
+
+/* The columns of COUNT poles side by side into PHI, as many as their order, ld the rows, and room
+ * for one more: a real pole's imaginary part. */
+void moving_basis(const struct moving_rows *r, const double complex *lambda, int count, double *Phi,
+                  double *scratch);
 #endif

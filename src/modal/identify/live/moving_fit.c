@@ -36,10 +36,17 @@
 #include "modal/identify/fit/refine.h"
 #include "modal/identify/linear/exponents.h"
 #include "modal/linalg/qr.h"
+#include "modal/numbers.h"
 
 /* gradients in standard errors: wanted; good enough where rounding allows no less */
 static const double SETTLED = 1e-10;
 static const double NEAR = 1e-6;
+/* standard errors, as much as SPAN lets: what a last step may leave.  Each step leaves of the
+ * gradient the same part, for the columns' change with the residual is left out of (4) */
+static const double LEFT = 1e-9;
+/* rad over the window: a last step may be so long, for the coefficients of before it are off by the
+ * half of it */
+static const double TURN_LAST = 1e-9;
 /* a step that is this part of every real and imaginary part is the last */
 static const double CLOSE = 1e-10;
 static const double STEP_MOST = 30;                /* a longer first step: the start was not near */
@@ -385,6 +392,12 @@ static bool is_last(const struct work *w, const double complex *lambda)
     return true;
 }
 
+/* rad over the window, or e-folds */
+static double longest_turn(const struct work *w)
+{
+    return w->L * numbers_largest(w->delta, (size_t)w->P);
+}
+
 static bool at_rounding(const struct work *w)
 {
     for (int g = 0; g < w->r; g++)
@@ -407,7 +420,8 @@ static void descend(struct work *w, struct moving_fit *f)
         if (f->settled || w->gradient >= before || i == STEPS - 1 || !newton(w))
             return;
         /* quadratic near the end: what follows a step of 1e-10 is rounding */
-        f->settled = is_last(w, f->lambda);
+        f->settled = is_last(w, f->lambda)
+            || (longest_turn(w) <= TURN_LAST && w->gradient * (w->gradient / now) <= LEFT);
         if (!take_step(w, f->lambda) || f->settled)
             return;
         before = i > 0 ? now : HUGE_VAL, now = w->gradient;

@@ -117,66 +117,71 @@ enum modal_status judge_split(struct job *j, const struct moving_fit *f, enum re
     return rc;
 }
 
-/* The columns of f's poles on ROWS, ld their number, into Phi, which has room for one more; false
- * where there is no memory. */
-static bool basis_on(const struct moving_rows *rows, const struct moving_fit *f, double *Phi)
-{
-    size_t n = (size_t)moving_rows_count(rows);
-    double *scratch = malloc(sizeof *scratch * moving_columns_scratch(rows));
-
-    for (int i = 0, at = 0; i < f->poles && scratch != NULL;
-         at += pole_order(f->lambda[i], rows->tau), i++) {
-        struct moving_column c = { .re = { Phi + (size_t)at * n },
-                                   .im = { Phi + (size_t)(at + 1) * n } };
-        moving_columns(rows, f->lambda[i], 1, &c, scratch);
-    }
-    free(scratch);
-    return scratch != NULL;
-}
-
 /* What a fit leaves: E, L x r, of the whole window; of the compressed blocks, blocks k x r. */
 struct residual { double *E, *inside; int rows; };
 
-static enum modal_status residual_of(const struct job *j, const struct moving_fit *f,
+static enum modal_status residual_of(struct job *j, const struct moving_fit *f,
                                      struct residual *left, struct modal_error *err)
 {
     struct moving *m = j->m;
     struct moving_rows all = { .lead = m->L, .tau = m->opt.dt };
-    int L = m->L, r = j->r, whole = moving_rows_count(&j->rows);
-    double *Phi = malloc(sizeof *Phi * (size_t)(L > whole ? L : whole) * (size_t)(f->order + 1));
-    bool ok = Phi != NULL && basis_on(&all, f, Phi);
+    int L = m->L, r = j->r, n = moving_rows_count(&j->rows);
+    double *Phi = malloc(sizeof *Phi * ((size_t)L * (size_t)(f->order + 1)
+                                        + moving_columns_scratch(&all)));
+    enum modal_status rc = Phi == NULL
+        ? modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d x %d", L, f->order)
+        : MODAL_OK;
 
     left->rows = j->rows.blocks * j->rows.k;
-    if (ok) {
+    if (rc == MODAL_OK && left->rows > 0)
+        rc = job_basis(j, f, err);
+    if (rc == MODAL_OK) {
+        moving_basis(&all, f->lambda, f->poles, Phi, Phi + (size_t)L * (size_t)(f->order + 1));
         memcpy(left->E, j->full.x, sizeof(double) * (size_t)L * (size_t)r);
         cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, L, r, f->order, -1, Phi, L, f->C,
                     f->order, 1, left->E, L);
     }
-    if (ok && left->rows > 0 && (ok = basis_on(&j->rows, f, Phi))) {
+    if (rc == MODAL_OK && left->rows > 0) {
         matrix_copy(left->rows, r, j->X.x + j->rows.lead, j->X.ld, left->inside, left->rows);
         cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, left->rows, r, f->order, -1,
-                    Phi + j->rows.lead, whole, f->C, f->order, 1, left->inside, left->rows);
+                    j->Phi + j->rows.lead, n, f->C, f->order, 1, left->inside, left->rows);
     }
     free(Phi);
-    return ok ? MODAL_OK
-              : modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d x %d", L, f->order);
+    return rc;
 }
 
-static double square_at(const fftw_complex *X, int k, int n)
+/* m->x: |X_k|^2 of N samples of E, k = 0 .. N/2. */
+static void spectrum_of(struct moving *m, const double *e, int n, fftw_plan plan)
 {
-    return (k == 0 || 2 * k == n ? 1.0 : 2.0) / n
-        * (creal(X[k]) * creal(X[k]) + cimag(X[k]) * cimag(X[k]));
+    memcpy(m->x, e, sizeof *m->x * (size_t)n);
+    fftw_execute(plan);
+    for (int k = 0; k <= n / 2; k++) {
+        double re = creal(m->X[k]), im = cimag(m->X[k]);
+        m->x[k] = re * re + im * im;
+    }
 }
 
-/* Samples first .. first + n - 1 of E, one gain (2) a frequency; the largest.  BOUND: x / (1 - x)
- * for -ln(1 - x), which is no less.  POWER (may be NULL): the columns' spectra, each of unit norm,
- * are added. */
+/* The line at each bin as a part of a sum of squares OWN, from |X_k|^2: in place. */
+static void shares_of(double *x, int n, double own)
+{
+    double scale = 2 / (n * own);
+
+    x[0] *= 0.5;                   /* the constant, and the highest frequency, have one number */
+    if (n % 2 == 0)
+        x[n / 2] *= 0.5;
+    for (int k = 0; k <= n / 2; k++)
+        x[k] *= scale;
+}
+
+/* Samples first .. first + n - 1 of E: the largest gain (2) of any frequency; or a BOUND of it by
+ * -ln(1 - x) <= x / (1 - x), x at most the largest of all.  GAINS has room for n/2 + 1.  POWER (may
+ * be NULL): the columns' spectra, each of unit norm, are added. */
 static double largest_gain(const struct job *j, const struct moving_fit *f, const double *E,
                            int first, int n, fftw_plan plan, bool bound, double *gains,
                            double *power)
 {
     struct moving *m = j->m;
-    double most = 0;
+    double most = 0, top = 0;
 
     memset(gains, 0, sizeof *gains * (size_t)(n / 2 + 1));
     for (int g = 0; g < j->r; g++) {
@@ -185,19 +190,22 @@ static double largest_gain(const struct job *j, const struct moving_fit *f, cons
         bool counts = own > m->L * f->floor2[g];
         if (!counts && !(norm2 > 0))
             continue;
-        memcpy(m->x, e, sizeof *m->x * (size_t)n);
-        fftw_execute(plan);
-        for (int k = 0; k <= n / 2 && norm2 > 0; k++)
-            power[k] += (creal(m->X[k]) * creal(m->X[k]) + cimag(m->X[k]) * cimag(m->X[k])) / norm2;
-        for (int k = 0; k <= n / 2 && counts; k++) {
-            double share = fmin(square_at(m->X, k, n) / own, 1 - DBL_EPSILON);
+        spectrum_of(m, e, n, plan);
+        if (norm2 > 0)
+            cblas_daxpy(n / 2 + 1, 1 / norm2, m->x, 1, power, 1);
+        if (!counts)
+            continue;
+        shares_of(m->x, n, own);
+        for (int k = 0; k <= n / 2; k++) {
+            double share = m->x[k];
+            top = share > top ? share : top;
             /* L ln(rss / (rss - |X_k|^2)): what a line at bin k would gain */
-            gains[k] += m->L * (bound ? share / (1 - share) : -log1p(-share));
+            gains[k] += bound ? share : -log1p(-fmin(share, 1 - DBL_EPSILON));
         }
     }
     for (int k = 0; k <= n / 2; k++)
-        most = fmax(most, gains[k]);
-    return most;
+        most = gains[k] > most ? gains[k] : most;
+    return m->L * most * (bound ? 1 / fmax(1 - top, DBL_EPSILON) : 1);
 }
 
 static bool plans(struct moving *m)

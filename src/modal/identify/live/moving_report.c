@@ -15,18 +15,16 @@
 #include "modal/identify/ask/verdict.h"
 #include "modal/identify/linear/exponents.h"
 
-/* Rows of the basis of pole i, columns as the coefficients want them. */
-static double energy_of(const struct job *j, const struct moving_fit *f, int i, int column,
-                        double *x)
+/* Of the pole whose columns stand from COLUMN on. */
+static double energy_of(const struct job *j, const struct moving_fit *f, int column, int columns)
 {
-    int n = moving_rows_count(&j->rows), columns = pole_order(f->lambda[i], j->m->opt.dt);
-    struct moving_column e = { .re = { x }, .im = { x + n } };
+    int n = moving_rows_count(&j->rows), second = columns > 1 ? n : 0;
+    const double *x = j->Phi + (size_t)column * (size_t)n;
     double sum = 0, G[3];
 
-    moving_columns(&j->rows, f->lambda[i], 1, &e, x + 2 * n);
     /* Gram matrix of the pole's columns, on compressed rows: Q keeps inner products */
-    G[0] = cblas_ddot(n, x, 1, x, 1), G[1] = cblas_ddot(n, x, 1, x + n, 1),
-    G[2] = cblas_ddot(n, x + n, 1, x + n, 1);
+    G[0] = cblas_ddot(n, x, 1, x, 1), G[1] = cblas_ddot(n, x, 1, x + second, 1),
+    G[2] = cblas_ddot(n, x + second, 1, x + second, 1);
     for (int c = 0; c < f->signals; c++) {
         const double *b = f->C + column + (size_t)c * (size_t)f->order;
         sum += columns == 2 ? b[0] * b[0] * G[0] + 2 * b[0] * b[1] * G[1] + b[1] * b[1] * G[2]
@@ -69,18 +67,15 @@ static enum modal_status report_offset(const struct job *j, const struct moving_
     return MODAL_OK;
 }
 
-static enum modal_status report_modes(const struct job *j, struct identify_result *out,
+static enum modal_status report_modes(struct job *j, struct identify_result *out,
                                       struct modal_error *err)
 {
     const struct moving_fit *f = &j->own, *all = channels_of(j);
-    double dt = j->m->opt.dt, live = 0,
-           *x = malloc(
-               sizeof *x
-               * (2 * (size_t)moving_rows_count(&j->rows) + moving_columns_scratch(&j->rows)));
-    enum modal_status rc = MODAL_OK;
+    double dt = j->m->opt.dt, live = 0;
+    enum modal_status rc = job_basis(j, f, err);
 
     out->modes = calloc((size_t)f->poles + 1, sizeof *out->modes);
-    if (x == NULL || out->modes == NULL)
+    if (rc == MODAL_OK && out->modes == NULL)
         rc = modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d modes", f->poles);
     for (int c = 0; c < j->m->S; c++)
         live += j->scale[c] > 0;
@@ -102,13 +97,13 @@ static enum modal_status report_modes(const struct job *j, struct identify_resul
                                         .std_im = f->std_im[i],
                                         .growth = j->growth[i] };
         /* rms over samples and living channels, as modes.c */
-        mode->amplitude = sqrt(energy_of(j, all, i, column, x) / (j->m->L * live));
+        mode->amplitude = sqrt(energy_of(j, all, column, pole_order(f->lambda[i], dt))
+                               / (j->m->L * live));
         modes_spread_std(mode, dt, j->m->L * dt);
         if (j->m->opt.identify.shapes)
             rc = shape_of(j, all, i, column, mode, err);
     }
     modes_rank(out);
-    free(x);
     return rc;
 }
 

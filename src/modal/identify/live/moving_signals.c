@@ -31,7 +31,7 @@ static const double SETTLED = 1e-13;             /* of the largest singular valu
 
 void job_done(struct job *j)
 {
-    free(j->Y.x), free(j->X.x), free(j->full.x), free(j->growth);
+    free(j->Y.x), free(j->X.x), free(j->full.x), free(j->Phi), free(j->growth);
     workspace_free(&j->space);
     moving_fit_done(&j->first), moving_fit_done(&j->own), moving_fit_done(&j->channels);
 }
@@ -585,4 +585,17 @@ enum modal_status job_signals(struct job *j, bool modes, struct modal_error *err
     enum modal_status rc = modes ? orthogonal_modes(j, err) : plain_signals(j, err);
 
     return rc == MODAL_OK && modes ? project(j, err) : rc;
+}
+
+enum modal_status job_basis(struct job *j, const struct moving_fit *f, struct modal_error *err)
+{
+    size_t size = (size_t)moving_rows_count(&j->rows) * (size_t)(f->order + 1);
+
+    if (j->Phi != NULL)
+        return MODAL_OK;
+    j->Phi = malloc(sizeof *j->Phi * (size + moving_columns_scratch(&j->rows)));
+    if (j->Phi == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d columns", f->order);
+    moving_basis(&j->rows, f->lambda, f->poles, j->Phi, j->Phi + size);
+    return MODAL_OK;
 }

@@ -80,6 +80,7 @@ struct job {
     double lags[COLOUR_LAGS]; bool lags_known;
     struct moving_fit first, own, channels;      /* on signals as sent, weighed; own poles on the
                                                   * channels, where they are not the signals */
+    double *Phi;                  /* rows x order: columns of own's poles; NULL: not asked for yet */
     double work;
     enum growth *growth;          /* of each of own's poles */
     bool exact;                   /* what is left is rounding */
@@ -116,6 +117,9 @@ enum modal_status job_signals(struct job *j, bool modes, struct modal_error *err
 
 /* The channels to unit rms, whatever J's signals are: X, rows x S, and OUTSIDE2, S. */
 void job_channels(const struct job *j, struct matrix *X, double *outside2);
+
+/* j->Phi at the poles of F, which are own's. */
+enum modal_status job_basis(struct job *j, const struct moving_fit *f, struct modal_error *err);
 
 /* ---- moving_judge.c ---- */
 

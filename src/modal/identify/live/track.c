@@ -136,6 +136,7 @@ struct ahead {
     struct track_error re, im;
     double weight;                          /* of what is older: e^{-D / M} */
     double freedom, misfit;                 /* a, b of (4) */
+    double ln_density;                      /* of (4) where d and ln S are 0 */
 };
 struct both_ways { struct ahead on, still; };
 
@@ -155,6 +156,14 @@ static double duration(const struct track_window *w)
     return (double)(w->to + 1 - w->from) * w->dt;
 }
 
+/* Student's density: normal, its variance known as a gamma's */
+static double ln_student(double a, double b, bool pair)
+{
+    double half = pair ? 1 : 0.5;
+
+    return lgamma(a + half) - lgamma(a) - half * log(2 * M_PI * b);
+}
+
 /* (1) */
 static struct both_ways foresee(const struct track *t, const struct track_window *w)
 {
@@ -162,13 +171,16 @@ static struct both_ways foresee(const struct track *t, const struct track_window
     double memory = MEMORY * duration(w), by = fmin((double)(w->to - t->last) * w->dt, memory);
     double weight = exp(-by / memory), k = t->missed + 1;
     const struct track_way *line = &t->line, *still = &t->still;
+    double misfit = line->freedom + k * k * (line->misfit - line->freedom);
+    bool pair = cimag(still->exponent) != 0;
 
     return (struct both_ways) {
         { line->exponent + by * line->slope, line->slope, error_ahead(line->re, by, weight),
-          error_ahead(line->im, by, weight), weight, line->freedom,
-          line->freedom + k * k * (line->misfit - line->freedom) },
+          error_ahead(line->im, by, weight), weight, line->freedom, misfit,
+          ln_student(line->freedom, misfit, pair) },
         { still->exponent, 0, error_ahead(still->re, 0, weight), error_ahead(still->im, 0, weight),
-          weight, still->freedom, still->misfit },
+          weight, still->freedom, still->misfit,
+          ln_student(still->freedom, still->misfit, pair) },
     };
 }
 
@@ -203,11 +215,9 @@ static double distance2(const struct miss *x)
 /* ln of the first part of (3), the way that has the probability P */
 static double ln_near(const struct ahead *way, const struct miss *x, double p)
 {
-    double half = x->pair ? 1 : 0.5, a = way->freedom, b = way->misfit;
+    double half = x->pair ? 1 : 0.5;
 
-    /* Student's density: normal, its variance known as a gamma's */
-    return lgamma(a + half) - lgamma(a) - half * log(2 * M_PI * b)
-        - (a + half) * log1p(distance2(x) / (2 * b))
+    return way->ln_density - (way->freedom + half) * log1p(distance2(x) / (2 * way->misfit))
         - 0.5 * (log(x->S_re) + (x->pair ? log(x->S_im) : 0)) + log((1 - ALPHA) * p);
 }
 

@@ -158,10 +158,18 @@ static int digits_of(const double *x, size_t stride, int L, double precision, in
 {
     int digits = 1;
 
-    for (int k = 0; k < L; k++)
-        while (x[(size_t)k * stride] != 0 && !has_digits(x[(size_t)k * stride], digits, precision))
-            if (++digits > most)
-                return 0;
+    for (int k = 0; k < L; k++) {
+        double value = x[(size_t)k * stride];
+
+        if (value == 0 || has_digits(value, digits, precision))
+            continue;
+        /* asked first, for most numbers have more: a number of fewer has so many, too */
+        if (!has_digits(value, most, precision))
+            return 0;
+        do
+            digits++;
+        while (!has_digits(value, digits, precision));
+    }
     return digits;
 }
 

@@ -3,7 +3,9 @@ resumption, sealing, live windows."""
 # Tests as well: live_windows.c windows.c
 import json
 import math
+import os
 import pathlib
+import signal
 import struct
 
 import pytest
@@ -306,6 +308,44 @@ def test_windows_go_on_after_a_restart_from_the_samples_that_are_durable():
         first = told[len(before)]
         assert kill - window <= first["from"] < kill and first["to"] < end
         assert sum(1 + e["skipped"] for e in told) == (end - window) // hop + 1
+
+
+def test_the_newest_window_of_a_sealed_stream_is_told_after_a_restart_of_the_daemon():
+    """Two streams are closed while the one worker is held, the daemon is killed before it is let go.
+    The last window of each is told then, once, with its tracks; its batch has its verdict; and a
+    second restart tells nothing again."""
+    window, hop, end = 64, 16, 100
+    with Daemon(workers=1) as d:
+        c = d.client()
+        streams = [c.ask("STREAM", op="open", name=name, channels=2, dt=0.01,
+                         window={"samples": window, "hop": hop})["stream"] for name in "ab"]
+        until(lambda: len(d.children()) == 1)
+        held = d.children()[0]
+        os.kill(held, signal.SIGSTOP)
+        for s in streams:
+            assert push(c, s, 0, 0, rows(0, end)).ok
+        sealed = [c.ask("STREAM", op="close", stream=s) for s in streams]
+        d.kill()
+        os.kill(held, signal.SIGKILL)
+        d.start()
+        c = d.client()
+        assert c.ask("EVENTS", kinds=["modes"], **{"from": 1}).ok
+        told = windows_told(c, lambda told: len(told) == 2)
+        assert {(e["stream"], e["to"]) for e in told} == {("a", end - 1), ("b", end - 1)}
+        assert all(e["from"] == end - window and "error" not in e for e in told)
+        again = c.ask("STREAM", op="close", stream=streams[0])
+        assert again["sha256"] == sealed[0]["sha256"] and again["samples"] == end
+        d.kill()
+        d.start()
+        c = d.client()
+        assert c.ask("EVENTS", kinds=["modes"], **{"from": 1}).ok
+        s = c.ask("STREAM", op="open", name="c", channels=2, dt=0.01,
+                  window={"samples": window, "hop": hop})["stream"]
+        assert push(c, s, 0, 0, rows(0, window)).ok
+        told = windows_told(c, lambda told: told and told[-1]["stream"] == "c")
+        assert sorted(e["stream"] for e in told) == ["a", "b", "c"]
+        listed = json.loads(c.ask("STREAMS").body[0])["streams"]
+        assert {e["name"] for e in listed if e["state"] == "sealed" and "verdict" in e} == {"a", "b"}
 
 
 def decays(samples, dt, seed):

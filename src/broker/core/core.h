@@ -104,6 +104,7 @@ enum task_type {
     TASK_STREAM_SEAL,
     TASK_SAMPLES_COMPARE,                 /* samples of an epoch with those of a chunk */
     TASK_SAMPLES_READ,                    /* samples of an epoch, that lie without a gap */
+    TASK_BATCH_READ,                      /* of the batch that they were sealed into */
     TASK_REMOVE_SAMPLES,
     TASK_ROOM,                            /* how much of the disk is free */
     TASK_RESULT_PUT, TASK_REMOVE_RESULT, TASK_READ_RESULT, TASK_READ_STDERR, TASK_READ_INPUT,

@@ -549,6 +549,7 @@ static enum modal_status do_task(struct spool_threads *s, struct ledger_reader *
     case TASK_READ_STDERR:
     case TASK_READ_INPUT:
         return read_row(reader, task);
+    case TASK_BATCH_READ:
     case TASK_READ_SPOOL:    return read_spool(dir, reader, task);
     case TASK_ROOM:          return find_room(dir, task);
     case TASK_OPEN_INPUT:    return open_input(dir, task);

@@ -164,6 +164,8 @@ static enum modal_status load_note(void *context, const struct note_record *r)
         upload_load_note(c, r);
     if (strcmp(r->topic, "stream") == 0)
         stream_load_note(c, r);
+    if (strcmp(r->topic, "sealed") == 0)
+        stream_load_sealed(c, r);
     if (strcmp(r->topic, "tracks") == 0)
         window_load_tracks(c, r);
     if (strcmp(r->topic, "window") == 0)

@@ -259,7 +259,7 @@ static void task_done(struct core *c, struct task *task)
     case TASK_SAMPLES_COMPARE:
         stream_compared(c, task);
         break;
-    case TASK_SAMPLES_READ:
+    case TASK_SAMPLES_READ: case TASK_BATCH_READ:
         window_recalled(c, task);
         break;
     case TASK_RESULT_PUT:

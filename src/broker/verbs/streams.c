@@ -28,7 +28,7 @@ static bool has_id(const void *value, const void *key)
     return ((const struct stream *)value)->id == *(const int64_t *)key;
 }
 
-static struct stream *stream_by_id(const struct core *c, int64_t id)
+struct stream *stream_by_id(const struct core *c, int64_t id)
 {
     return map_find(&c->stream_ids, map_hash_number((uint64_t)id), has_id, &id);
 }
@@ -64,26 +64,7 @@ static void answer_state(struct core *c, const struct reply *reply, const struct
     answer_send(c, reply, header, NULL);
 }
 
-/* What is remembered of it over a restart. */
-static void note(struct transaction *t, const struct stream *s)
-{
-    cJSON *text = cJSON_CreateObject();
-    char name[32], *printed;
-
-    cJSON_AddStringToObject(text, "user", s->user->name);
-    cJSON_AddStringToObject(text, "name", s->name);
-    cJSON_AddRawToObject(text, "open", s->header);
-    cJSON_AddNumberToObject(text, "epoch", (double)s->epoch);
-    cJSON_AddNumberToObject(text, "begin", (double)s->begin);
-    printed = json_print(text);
-    cJSON_Delete(text);
-    snprintf(name, sizeof name, "%lld", (long long)s->id);
-    transaction_add(t, LEDGER_NOTE_PUT)->note =
-        (struct note_record) { "stream", transaction_text(t, name), transaction_text(t, printed) };
-    free(printed);
-}
-
-static struct stream *make(struct core *c, struct user *user, const char *name,
+struct stream *stream_make(struct core *c, struct user *user, const char *name,
                            const struct wire_input *w, const cJSON *window, int64_t id)
 {
     struct stream *s = grab(sizeof *s);
@@ -126,7 +107,7 @@ static int open_streams_of(const struct core *c, const struct user *user)
     int open = 0;
 
     for (const struct stream *s = c->streams; s != NULL; s = s->next_stream)
-        open += s->user == user && (!s->closed || s->window.recent != NULL);
+        open += s->user == user && (!s->closed || s->window.recent != NULL || s->window.reading);
     return open;
 }
 
@@ -160,11 +141,11 @@ static bool may_open(struct core *c, const struct request *q)
 /* A new one, whose note is on its way. */
 static struct stream *open_new(struct core *c, const struct request *q)
 {
-    struct stream *s = make(c, q->user, q->wire.stream.name, &q->wire.stream.input,
+    struct stream *s = stream_make(c, q->user, q->wire.stream.name, &q->wire.stream.input,
                             q->wire.stream.window, input_number(c));
 
     s->last = transaction_new();
-    note(s->last, s);
+    stream_note(s->last, s);
     core_commit(c, s->last);
     return s;
 }
@@ -238,7 +219,7 @@ static void new_epoch(struct stream *s, uint64_t first, struct transaction *t)
     s->crc_count = 0;
     gaps_drop(s);
     window_reset(s);
-    note(t, s);
+    stream_note(t, s);
 }
 
 /* What comes behind a push that was refused leaves no hole: it is refused too, until those samples
@@ -515,18 +496,11 @@ static void end_if_quiet(struct core *c, struct stream *s)
 /* Of all epochs: those before the present one are in no batch. */
 static void end_segments(struct stream *s, struct transaction *t)
 {
-    static const char *const topics[] = { "stream", "tracks", "window" };
-    char name[32];
-
     if (s->segment_count > 0)
         transaction_add(t, LEDGER_SEGMENTS_DELETE)->id = s->id;
     s->user->bytes -= (int64_t)(s->bytes + s->missing);
     s->missing = 0;
     s->segment_count = 0;
-    snprintf(name, sizeof name, "%lld", (long long)s->id);
-    for (size_t i = 0; i < sizeof topics / sizeof *topics; i++)
-        transaction_add(t, LEDGER_NOTE_PUT)->note =
-            (struct note_record) { .topic = topics[i], .name = transaction_text(t, name) };
 }
 
 void stream_sealed(struct core *c, struct task *task)
@@ -553,6 +527,10 @@ void stream_sealed(struct core *c, struct task *task)
     transaction_add_sums(t, s->sealed->id, &task->sums);
     s->batch = s->sealed->id;
     end_segments(s, t);
+    if (window_is_untold(s))
+        stream_note(t, s);
+    else
+        stream_notes_end(t, s);
     window_keep_verdict(c, s, t);
     for (struct after *after = s->askers; after != NULL; after = after->next)
         after->stream = s, after->value = -1;
@@ -580,6 +558,7 @@ static void on_close(struct core *c, const struct request *q, struct stream *s)
     if (s->next == s->begin) {
         struct transaction *t = transaction_new();
         end_segments(s, t);
+        stream_notes_end(t, s);
         s->askers->stream = s;
         s->askers->value = -1;
         transaction_join(t, s->askers);
@@ -682,63 +661,11 @@ void stream_after(struct core *c, struct after *after, struct transaction *t)
     end_if_quiet(c, s);
 }
 
-void stream_load_note(struct core *c, const struct note_record *r)
-{
-    cJSON *note_text = NULL, *open;
-    const char *user = "", *name = "";
-    double epoch = 0, begin = 0;
-    struct wire_input w;
-    struct stream *s;
-
-    if (json_read(r->text, strlen(r->text), &note_text, NULL) != MODAL_OK)
-        return;
-    open = cJSON_GetObjectItemCaseSensitive(note_text, "open");
-    json_get_string(note_text, "", "user", &user, NULL);
-    json_get_string(note_text, "", "name", &name, NULL);
-    json_get_number(note_text, "", "epoch", 0, WIRE_INTEGER_MOST, &epoch, NULL);
-    json_get_number(note_text, "", "begin", 0, WIRE_INTEGER_MOST, &begin, NULL);
-    cJSON_AddNumberToObject(open, "samples", 1);
-    /* without samples it has no row that would keep it */
-    input_number_past(c, strtoll(r->name, NULL, 10));
-    if (wire_input_read(open, "", WIRE_BATCH, &w, NULL) == MODAL_OK) {
-        s = make(c, user_get(c, user), name, &w, cJSON_GetObjectItemCaseSensitive(open, "window"),
-                 strtoll(r->name, NULL, 10));
-        s->epoch = s->durable_epoch = (uint64_t)epoch;
-        s->begin = s->next = s->durable = s->run_from = (uint64_t)begin;
-    }
-    cJSON_Delete(note_text);
-}
-
 bool stream_is_open(const struct core *c, int64_t id)
 {
     const struct stream *s = stream_by_id(c, id);
 
     return s != NULL && !s->closed;
-}
-
-/* Segments, in the order in which they came, find their streams once all notes are read. */
-void stream_load_segment(struct core *c, const struct segment_record *r)
-{
-    struct stream *s = stream_by_id(c, r->stream);
-
-    if (s == NULL)
-        return;
-    /* an epoch whose samples were on disk before its note was */
-    if (r->epoch > s->epoch) {
-        s->epoch = s->durable_epoch = r->epoch;
-        gaps_drop(s);
-    }
-    if (r->epoch == s->epoch) {
-        bool any = s->segment_count > 0 && s->segments[s->segment_count - 1].epoch == s->epoch;
-        if (!any)
-            s->begin = s->next = s->run_from = r->first;
-        if (r->first > s->next) {
-            gaps_add(s, s->next, r->first);
-            s->run_from = r->first;
-        }
-        s->next = s->durable = r->first + r->count;
-    }
-    segments_add(s, r->epoch, r->first, r->count);
 }
 
 static void stream_free(struct stream *s)
@@ -763,7 +690,7 @@ void streams_retain(struct core *c)
     while (*link != NULL) {
         struct stream *s = *link;
         bool over =
-            s->closed && !s->window.running && !s->window.queued
+            s->closed && !s->window.running && !s->window.queued && !s->window.reading
             && s->closed_ns + FORGOTTEN_S * SECOND <= c->now.mono_ns;
         if (over && s->commits_awaited == 0)
             s->commits_awaited = c->counts.commits + c->uncommitted;

@@ -33,6 +33,7 @@ struct window {
     /* of the one told last: its verdict, NULL where it had none, its epoch and last sample */
     const char *verdict; uint64_t told_epoch, told;
     uint64_t here;                        /* no sample before this one is in `recent` */
+    bool reading;                         /* samples of before are under way to it */
     uint64_t epoch, from, to;             /* of the one that runs, or ran last */
     int slot; uint64_t process;           /* the worker that has its samples up to `to`; -1: none */
     int died;                             /* workers under the present one */

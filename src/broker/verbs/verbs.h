@@ -155,10 +155,11 @@ void stream_refused(struct core *c, struct after *after, struct transaction *t);
 void stream_after(struct core *c, struct after *after, struct transaction *t);
 /* TASK_SAMPLES_COMPARE has come back. */
 void stream_compared(struct core *c, struct task *task);
-/* One that the ledger has. */
-void stream_load_note(struct core *c, const struct note_record *r);
-/* A segment of it, in the order in which they came, once all notes are read. */
-void stream_load_segment(struct core *c, const struct segment_record *r);
+/* A new one, open; WINDOW may be NULL. */
+struct stream *stream_make(struct core *c, struct user *user, const char *name,
+                           const struct wire_input *w, const cJSON *window, int64_t id);
+/* NULL: there is none. */
+struct stream *stream_by_id(const struct core *c, int64_t id);
 /* Whether ID is an open stream, whose samples are in a file. */
 bool stream_is_open(const struct core *c, int64_t id);
 /* Whose it is. */
@@ -204,6 +205,18 @@ void segments_drop(struct stream *s);
 /* Back to what is committed. */
 void segments_cut(struct stream *s);
 
+/* ---- stream_notes.c ---- */
+
+/* What is remembered of S, open, or sealed with its newest window not told yet. */
+void stream_note(struct transaction *t, const struct stream *s);
+/* Nothing any more. */
+void stream_notes_end(struct transaction *t, const struct stream *s);
+/* One that the ledger has, open or sealed. */
+void stream_load_note(struct core *c, const struct note_record *r);
+void stream_load_sealed(struct core *c, const struct note_record *r);
+/* A segment of an open one, in the order in which they came, once all notes are read. */
+void stream_load_segment(struct core *c, const struct segment_record *r);
+
 /* ---- windows.c ---- */
 
 /* Can the window that TEXT describes be kept for W?  NULL is none. */
@@ -225,10 +238,8 @@ void window_load_next(struct core *c, const struct note_record *r);
 /* Once its batch has a row, the verdict of its last window is the batch's too, and durable by T. */
 void window_keep_verdict(struct core *c, const struct stream *s, struct transaction *t);
 void window_load_verdict(struct core *c, const struct note_record *r);
-/* All is loaded: windows go on from the samples that are there. */
-void windows_recall(struct core *c);
-/* TASK_SAMPLES_READ has come back. */
-void window_recalled(struct core *c, struct task *task);
+/* Is the newest window that S's durable samples make not told yet? */
+bool window_is_untold(const struct stream *s);
 /* S has more durable samples, or its worker is free again: where a window is due, it waits for
  * a worker. */
 void window_offer(struct core *c, struct stream *s);
@@ -245,6 +256,15 @@ void window_died(struct core *c, int slot);
 void window_back(struct core *c, int slot);
 /* Has WORKER had its window longer than one may take? */
 bool window_late(const struct core *c, const struct slot *worker);
+
+/* ---- recall.c ---- */
+
+/* All is loaded: windows go on from the samples that are there. */
+void windows_recall(struct core *c);
+/* S is sealed, and its newest window, which is not told yet, not in memory: out of the batch. */
+void window_read_last(struct core *c, struct stream *s);
+/* TASK_SAMPLES_READ or TASK_BATCH_READ has come back. */
+void window_recalled(struct core *c, struct task *task);
 
 /* ---- metrics.c ---- */
 

@@ -9,7 +9,7 @@
  * the order within a round.  That is free, and a window goes rather to the worker that had the one
  * before: that gets only what is new.  Another takes it once the next one is due.  The newest
  * window of a closed stream has its turn like any: a run that is shorter than the wait for a
- * worker has its verdict too.  Windows go before jobs, being small, unless these have had less
+ * worker has its verdict too, over a restart, too: its samples are then in its batch.  Windows go before jobs, being small, unless these have had less
  * than half of the workers.  To a worker elsewhere they go where the configuration lets them and
  * the way is short (slot_takes_windows).  One that kills its worker goes to another,
  * LIVE_DEATHS_MOST times; one that is given back goes to another as well, and that is no death.
@@ -208,50 +208,14 @@ void window_load_verdict(struct core *c, const struct note_record *r)
     input_judge(c, strtoll(r->name, NULL, 10), verdict_of(r->text), NULL);
 }
 
-/* S has samples from before the start: its windows go on from them. */
-static void recall(struct core *c, struct stream *s)
+bool window_is_untold(const struct stream *s)
 {
-    struct window *w = &s->window;
-    uint64_t count = s->next - s->run_from < w->samples ? s->next - s->run_from : w->samples;
-    struct task *task;
+    const struct window *w = &s->window;
+    const uint64_t least = s->run_from + w->samples;
 
-    w->here = s->next;
-    if (count == 0)
-        return;
-    task = task_new(TASK_SAMPLES_READ, 0);
-    task->owner = s;
-    task->stream = s->id;
-    task->epoch = s->epoch;
-    task->shape.channels = s->channels;
-    task->begin = s->next - count;
-    task->length = count;
-    core_task(c, task, user_turn(s->user, 0));
-}
-
-void windows_recall(struct core *c)
-{
-    for (struct stream *s = c->streams; s != NULL; s = s->next_stream)
-        if (s->window.samples > 0)
-            recall(c, s);
-}
-
-/* Samples that came meanwhile are newer, and may have the places of these. */
-void window_recalled(struct core *c, struct task *task)
-{
-    struct stream *s = task->owner;
-    struct window *w = &s->window;
-    const uint64_t size = sample_bytes(s), end = task->begin + task->length;
-
-    if (task->status != MODAL_OK || s->closed || task->epoch != s->epoch || w->here != end)
-        return;
-    if (w->recent == NULL)
-        w->recent = grab(w->samples * size);
-    for (uint64_t i = task->begin; i < end; i++)
-        if (i + w->samples >= s->durable)
-            memcpy(w->recent + i % w->samples * size,
-                   (const char *)task->text->data + (i - task->begin) * size, size);
-    w->here = task->begin;
-    window_offer(c, s);
+    return w->samples > 0
+        && (w->running || (s->durable_epoch == s->epoch && s->durable >= least
+                           && s->durable >= w->next));
 }
 
 /* ---- to a worker ----------------------------------------------------------------------------- */
@@ -308,6 +272,8 @@ void window_offer(struct core *c, struct stream *s)
         return;
     if (is_due(s))
         queue(c, s);
+    else if (s->closed && !w->reading && window_is_untold(s))
+        window_read_last(c, s);
     else if (s->closed) {                          /* no more will come */
         free(w->recent);
         w->recent = NULL;
@@ -528,12 +494,18 @@ static void put_edges(struct core *c, struct stream *s, struct transaction *t, c
     cJSON_Delete(edges);
 }
 
+/* Nothing of S is to be remembered any more: it has its batch, and its last window is told. */
+static bool is_over(const struct stream *s)
+{
+    return s->batch > 0 && !window_is_untold(s);
+}
+
 /* What is known of tracks is kept with the event that rests on it. */
 static void keep_tracks(struct stream *s, struct transaction *t, const char *tracks)
 {
     char name[32];
 
-    if (tracks == NULL || strlen(tracks) > TRACKS_MOST || s->closing)
+    if (tracks == NULL || strlen(tracks) > TRACKS_MOST || is_over(s))
         return;
     free(s->window.tracks);
     s->window.tracks = grab_text(tracks);
@@ -625,7 +597,7 @@ static void note_told(const struct stream *s, struct transaction *t)
     const char *verdict = w->verdict == NULL ? "" : w->verdict;
     char name[24], text[160];
 
-    if (w->epoch != s->epoch || s->batch > 0)      /* with its batch its notes are gone */
+    if (w->epoch != s->epoch || is_over(s))
         return;
     snprintf(name, sizeof name, "%lld", (long long)s->id);
     snprintf(text, sizeof text,
@@ -668,6 +640,8 @@ static void tell_result(struct core *c, struct stream *s, const struct wire_fram
     put_edges(c, s, t, "alarm", edges);
     keep_tracks(s, t, cJSON_GetStringValue(
                           cJSON_GetObjectItemCaseSensitive(document, "tracks")));
+    if (is_over(s))
+        stream_notes_end(t, s);
     cJSON_Delete(document);
     core_commit(c, t);
 }

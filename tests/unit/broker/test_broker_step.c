@@ -1218,6 +1218,8 @@ static void do_task(struct task *t)
         compare_samples(t);
     else if (t->type == TASK_SAMPLES_READ)
         read_samples(t);
+    else if (t->type == TASK_BATCH_READ)
+        t->text = blob_take(calloc(t->length, 1), t->length);
     else if (t->type == TASK_REMOVE_INPUT && has_input_row(t->id))
         violate(5, "the file of an input goes before its row");
     else if (t->type == TASK_CLOSE)

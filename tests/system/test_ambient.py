@@ -221,6 +221,35 @@ def test_slow_decays_and_growth_are_told_from_an_ambient_record(ctl, tmp_path, c
     assert all(m["std"]["damping_ratio"] is None for m in said["modes"])
 
 
+def decays(rng, most, close):
+    """Up to so many modes in up to so many channels, 0.1 to 10 % noise."""
+    p, channels = rng.integers(1, most), rng.integers(1, most)
+    f = np.sort(rng.uniform(1, 8, p))
+    zeta = np.exp(rng.uniform(np.log(0.002), np.log(0.05), p))
+    if close and p > 1:
+        j = rng.integers(1, p)
+        f[j] = f[j - 1] * rng.choice([1.01, 1.02, 1.05])
+        f = np.sort(f)
+    w = 2 * np.pi * f
+    rate = f.max() * rng.uniform(2.5, 8)
+    t = np.arange(int(rng.uniform(2, 12) / (zeta * w).min() * rate)) / rate
+    shapes = rng.standard_normal((p, channels)) + 1j * rng.standard_normal((p, channels))
+    Y = (np.exp(np.outer(t, -zeta * w + 1j * w * np.sqrt(1 - zeta ** 2))) @ shapes).real
+    wide, noise = rng.uniform(-3, -1, 3)[2], rng.uniform(-5, -1)
+    noise = 10 ** (noise if close else wide)
+    return Y + noise * Y.std() * rng.standard_normal(Y.shape), 1 / rate
+
+
+@pytest.mark.parametrize("seed, most, close", [(81022, 9, False), (81359, 6, True)])
+def test_decays_of_which_spectra_show_one_mode_less_are_told_from_an_ambient_record(
+        ctl, tmp_path, seed, most, close):
+    """Six of which five show, and a close pair, at whose noise a pencil puts a pole."""
+    Y, dt = decays(np.random.default_rng(seed), most, close)
+    said = ctl("identify", write_batch(tmp_path / "a.h5", Y, dt=dt), *AMBIENT).document
+    assert "not_ambient" in codes(said) and said["stability"]["stable"] is None
+    assert all(m["std"]["damping_ratio"] is None for m in said["modes"])
+
+
 @pytest.mark.parametrize("turns, noise", [(100, 0.01), (400, 0.01), (1600, 0.01), (100, 0.03),
                                           (400, 0.03)])
 def test_a_decay_that_is_over_early_is_told_from_an_ambient_record(ctl, tmp_path, turns, noise):

@@ -639,19 +639,20 @@ static void about_time(const struct work *w, const struct spectrum *s, struct id
 }
 
 /*
- * Do as many exponentials as there are modes and lines, a few, rebuild far more than lines of
- * constant amplitude do?  Asked only where something is to be said: where a mode's width tells its
- * damping, a free response has decayed or grown.
+ * Do as many exponentials as there are modes and lines, a few, and one for what the spectra take
+ * together (two that are near each other) and a pencil puts at its noise, rebuild far more than
+ * lines of constant amplitude do?  Asked only where something is to be said: where a mode's width
+ * tells its damping, a free response has decayed or grown.
  */
 static enum modal_status about_free(const struct work *w, struct identify_result *r,
                                     struct modal_error *err)
 {
     struct matrix less = w->rec.Y;
-    int motions = r->mode_count + w->line_count;
+    int motions = r->mode_count + w->line_count + 1;
     double left, lines;
     enum modal_status rc;
 
-    if (r->driven || r->diagnostic_count == 0)
+    if (r->driven || r->diagnostic_count == 0 || motions == 1)
         return MODAL_OK;
     less.m = w->whole.m;
     lines = safe_matrix_norm(&less) / safe_matrix_norm(&w->whole);

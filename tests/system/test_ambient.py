@@ -250,6 +250,13 @@ def test_decays_of_which_spectra_show_one_mode_less_are_told_from_an_ambient_rec
     assert all(m["std"]["damping_ratio"] is None for m in said["modes"])
 
 
+def test_a_record_that_no_model_settles_on_ends_at_its_steps_and_says_so(ctl, tmp_path):
+    """Seven decays that lines of an ambient model fit ever better."""
+    Y, dt = decays(np.random.default_rng(73126), 9, False)
+    said = ctl("identify", write_batch(tmp_path / "a.h5", Y, dt=dt), *AMBIENT).document
+    assert {"order_work_limit", "not_ambient"} <= set(codes(said))
+
+
 @pytest.mark.parametrize("turns, noise", [(100, 0.01), (400, 0.01), (1600, 0.01), (100, 0.03),
                                           (400, 0.03)])
 def test_a_decay_that_is_over_early_is_told_from_an_ambient_record(ctl, tmp_path, turns, noise):

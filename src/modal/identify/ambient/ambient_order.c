@@ -34,6 +34,7 @@ enum {
     WIDEST = 48,                 /* the spectrum between the modes in so many bins at least */
     STEPS_TRIAL = 20,            /* of a fit that is one of many */
     STEPS_MOST = 60,             /* of the answer's */
+    SETTLING_MOST = 2 * STEPS_MOST,   /* of all that are settled; of an ambient record ten or so */
     ABOVE = 2,                   /* orders that are fitted beyond the best of the ladder's */
     ROUNDS = 12,                 /* of pairs that leave */
     CORRECTIONS = 3              /* of what is seen; each leaves less than a tenth of the last */
@@ -70,6 +71,7 @@ struct search {
     struct subspace from;
     struct whittle *trial;
     double price, work;
+    int settling;                /* steps left of all that settle() may take */
     int order;                   /* the ladder's best */
 };
 
@@ -197,7 +199,7 @@ static enum modal_status climb_on(struct search *w, struct ambient_search *a,
     return rc;
 }
 
-/* To the summit, and again as bins are seen by what was found: an answer is worth any work. */
+/* To the summit, and again as bins are seen by what was found. */
 static enum modal_status settle(struct search *w, struct whittle *m, struct bins *bins,
                                 struct modal_error *err)
 {
@@ -208,9 +210,11 @@ static enum modal_status settle(struct search *w, struct whittle *m, struct bins
 
     for (int i = 0; rc == MODAL_OK && i < CORRECTIONS; i++) {
         limits.errors = i == CORRECTIONS - 1;
+        limits.most = w->settling < STEPS_MOST ? w->settling : STEPS_MOST;
         rc = bins_for(w, m, m, bins, err);
         if (rc == MODAL_OK)
             rc = whittle_fit(m, bins, &limits, err);
+        w->settling -= m->steps;
     }
     return rc;
 }
@@ -359,7 +363,8 @@ enum modal_status ambient_search(const struct spectrum *s, const struct ambient_
                                  struct ambient_search *out, struct modal_error *err)
 {
     struct search w = { .s = s, .limits = limits, .trial = malloc(sizeof *w.trial),
-                        .price = ambient_price(s->channels, s->lines), .work = WORK_MOST };
+                        .price = ambient_price(s->channels, s->lines), .work = WORK_MOST,
+                        .settling = SETTLING_MOST };
     enum modal_status rc;
 
     memset(out, 0, sizeof *out);
@@ -367,7 +372,7 @@ enum modal_status ambient_search(const struct spectrum *s, const struct ambient_
     rc = w.trial != NULL && out->model != NULL
              ? run(&w, out, err)
              : modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for a model of spectra");
-    out->limit = w.work <= 0 || w.order / 2 >= limits->most;
+    out->limit = w.work <= 0 || w.settling <= 0 || w.order / 2 >= limits->most;
     subspace_done(&w.from);
     free(w.trial);
     return rc;

@@ -639,26 +639,31 @@ static void about_time(const struct work *w, const struct spectrum *s, struct id
 }
 
 /*
- * Do as many exponentials as there are modes and lines, a few, and one for what the spectra take
- * together (two that are near each other) and a pencil puts at its noise, rebuild far more than
- * lines of constant amplitude do?  Asked only where something is to be said: where a mode's width
- * tells its damping, a free response has decayed or grown.
+ * Do as many exponentials as there are modes and lines, a few, rebuild far more than lines of
+ * constant amplitude do?  Or one more, for what the spectra take together (two that are near each
+ * other) or a pencil puts at its noise; with that a short answer to lasting excitation is rebuilt
+ * better, too, and half as much may be left.  Asked only where something is to be said: where a
+ * mode's width tells its damping, a free response has decayed or grown.
  */
 static enum modal_status about_free(const struct work *w, struct identify_result *r,
                                     struct modal_error *err)
 {
     struct matrix less = w->rec.Y;
-    int motions = r->mode_count + w->line_count + 1;
-    double left, lines;
-    enum modal_status rc;
+    int found = r->mode_count + w->line_count, motions = 0;
+    double left = 1, lines;
+    bool rebuilt = false;
+    enum modal_status rc = MODAL_OK;
 
-    if (r->driven || r->diagnostic_count == 0 || motions == 1)
+    if (r->driven || r->diagnostic_count == 0 || found == 0)
         return MODAL_OK;
     less.m = w->whole.m;
     lines = safe_matrix_norm(&less) / safe_matrix_norm(&w->whole);
-    motions = motions < FEW ? motions : FEW;
-    rc = ambient_free_left(&w->whole, w->rec.step, 2 * motions, &left, err);
-    if (rc != MODAL_OK || !(left < REBUILT * lines))
+    for (int more = 0; rc == MODAL_OK && !rebuilt && more <= 1; more++) {
+        motions = found + more < FEW ? found + more : FEW;
+        rc = ambient_free_left(&w->whole, w->rec.step, 2 * motions, &left, err);
+        rebuilt = left < REBUILT / (1 + more) * lines;
+    }
+    if (rc != MODAL_OK || !rebuilt)
         return rc;
     r->driven = true;
     identify_diagnose(r, "not_ambient", -1, "%d decaying or growing motions rebuild the record but "

@@ -134,10 +134,11 @@ def lines_of(result):
 
 def turns_to_settle(a, result):
     """Twice as many as the slowest disturbance takes to a thousandth, of which the second half is
-    looked at: what the march begins with is as rough as the rates of the lines told."""
+    looked at: what the march begins with is as rough as the rates of the lines told, and sliders
+    that follow many lines for a part of a beat only begin where that part leaves them."""
     slowest = max(result["stability"]["exponents"], default=0)
     turns = 2 * math.log(1e3) / -slowest * max(a["tones"]) / (2 * math.pi) if slowest < 0 else 0
-    return int(min(max(AFTER, turns), 40 * AFTER))
+    return int(min(max(4 * AFTER, turns), 40 * AFTER))
 
 
 def leaves(a, result, march, finer=1, after=AFTER, highest=HIGHEST):

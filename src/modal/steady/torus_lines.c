@@ -18,8 +18,11 @@
  * record when the lines are taken out has the rest.  Lines nearer than APART are one, that of the
  * lower order.
  *
- * What no line explains is seen, over the whole record, of whose ends the window takes little; what
- * folds at N is told by the last lines below N / 2.
+ * What no line explains is seen, over the whole record, of whose ends the window takes little.
+ * Beyond N / 2 a record sees nothing: there lines sum to some part of the last below it, told or
+ * not, and as many fold onto those.  Where a force has a kink its motion's lines fall as their
+ * fourth power, and those beyond sum to 1 / ((1 - LAST)^-3 - 1) of the last; where it is smooth, to
+ * less.
  */
 #include "modal/steady/torus_lines.h"
 #include <cblas.h>
@@ -44,6 +47,7 @@ static const double APART = 1.5;          /* turns of the record that lines are 
 static const double LEFT = 0.3;           /* of the error asked for, as in torus_solve.c */
 static const double FEWER = 0.03;         /* of it: lines that are not worth being told */
 static const double LAST = 0.125;         /* of the lines below N / 2, as in torus_error.c */
+static const double BEYOND = 4.06;        /* 2 / ((1 - LAST)^-3 - 1): see above */
 static const double SAME = 1e-6;          /* turns of the record between lines that coincide: a
                                            * million records would not tell them */
 static const double WAVE = 3;             /* budget.h: of a sample and a row, five products of
@@ -275,6 +279,12 @@ static double claim(const struct torus_sheet *a, double frequency, double *taken
     return nearest;
 }
 
+/* Whether K is among the last lines below N / 2. */
+static bool is_last(const struct torus_sheet *a, struct torus_index k)
+{
+    return 2 * turns_of(a, k) > (1 - LAST) * a->N;
+}
+
 /* Of ALL lines those to keep at the front of LIST, by row: apart from each other, and so many that
  * the rest sum to less than LEAVE; the mean always. */
 static int keep(struct torus_sheet *a, struct line *list, int all, double leave, double *taken)
@@ -300,8 +310,10 @@ static int keep(struct torus_sheet *a, struct line *list, int all, double leave,
             a->nearest[order] = fmin(a->nearest[order], far);
     }
     qsort(list, (size_t)count, sizeof *list, by_size);
-    while (count > 1 && sum + list[count - 1].size <= leave)
+    while (count > 1 && sum + list[count - 1].size <= leave) {
         sum += list[--count].size;
+        a->last += is_last(a, list[count].k) ? list[count].size : 0;
+    }
     count = count < most ? count : most;
     qsort(list, (size_t)count, sizeof *list, by_row);
     return count;
@@ -569,7 +581,11 @@ enum modal_status torus_sheet_read(struct torus_sheet *a, struct torus_errors *e
     }
     e->truncation = fmax(e->truncation, hidden(a, list, e->truncation));
     for (int l = 0; l < a->count; l++)
-        e->sampling += 2 * turns_of(a, list[l].k) > (1 - LAST) * a->N ? list[l].size : 0;
+        if (is_last(a, list[l].k)) {
+            a->last += list[l].size;
+            e->folded = fmax(e->folded, list[l].size);
+        }
+    e->sampling = BEYOND * a->last;
     budget_add(a->s->work, torus_sheet_work(a));
     return sort_lines(a, list, more, FEWER * a->wanted * *amplitude, &e->truncation, err);
 }

@@ -29,6 +29,7 @@ struct torus_sheet {
     double *x, *left, *window;            /* [sample][output], the caller's or A's; what no line
                                            * explains; W */
     double *weighed, *wave, *sum;         /* of torus_lines.c: W x, waves, their sums */
+    double last;                          /* m: what the last lines below N / 2 sum to */
     int count;
     struct torus_index *index;            /* lines told, the mean first, by rising order */
     double complex *X;                    /* [output count + m] */

@@ -279,8 +279,7 @@ static enum modal_status keep_lines(const struct torus_sheet *a, const struct to
                                   .apart = a->apart,
                                   .X = X, .e = *e, .amplitude = amplitude,
                                   .error = e->truncation + e->sampling + e->solver,
-                                  .line = fmin(e->line + e->sampling + e->solver,
-                                               e->truncation + e->sampling + e->solver) };
+                                  .line = fmin(e->line, e->truncation) + e->folded + e->solver };
     return MODAL_OK;
 }
 
@@ -551,7 +550,7 @@ static enum modal_status march_exactly(struct torus_solver *s, int N, double wan
         struct torus_errors e = { 0 };
 
         rc = read_exactly(s, &a, N, turns, wanted, best, moves, &ended, &e, err);
-        *finer = !ended && e.sampling > fmax(LEFT * wanted * best->amplitude, e.line);
+        *finer = !ended && e.folded > fmax(LEFT * wanted * best->amplitude, e.line);
         if (rc == MODAL_OK && !ended && !*finer)
             see_growth(s, &a);
         ended = ended || *finer || (turns >= TOLD_APART && best->line > CLOSER * before[0]);

@@ -283,7 +283,7 @@ static void test_a_slider_under_tones_one_per_cent_apart_moves_as_marching_says(
     assert_true(point.converged && point.marched && !point.wanting);
     /* two beats of a hundred turns, after one; the steps' own error is 2e-8 */
     assert_true(march(w, &point, 0.004, 250000, 700000) <= 3 * point.error + 1e-7);
-    assert_true(point.error <= 1e-5 * point.amplitude);
+    assert_true(point.line <= 1e-5 * point.amplitude);
     torus_point_done(&point);
     program_free(p);
 }

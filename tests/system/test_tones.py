@@ -582,6 +582,26 @@ def test_a_body_that_a_slider_alone_holds_has_a_mean_of_its_history(stiffness, t
     assert np.abs(off - off.mean()).max() <= 3 * result["total_error"]
 
 
+@pytest.mark.parametrize("ratio", [GOLDEN, 1e-3 * 2 ** 0.5])
+def test_a_chain_that_nothing_holds_moves_about_any_place_as_marching_says(ratio, tmp_path):
+    M, K = np.array([1.1, 2.3]), 1.7 * np.array([[1, -1], [-1, 1]])
+    scene = chain(M, 0.05 * K + 0.07 * np.diag(M), K,
+                  [{"type": "friction", "dof": "x0", "to": "x1", "stiffness": 0.5, "limit": 0.02},
+                   {"type": "gap", "dof": "x1", "to": "x0", "stiffness": 0.9, "clearance": 0.02}],
+                  [(0, [1, 0], 0.4, 0), (1, [0, 1], 0.3 * min(1, ratio), 0.1 * min(1, ratio))],
+                  [0.9, 0.9 * ratio])
+    result = run("steady", scene, tmp_path)[1]
+    assert result["converged"] and result["stability"]["stable"] is True
+    assert "undetermined_mean" in [d["code"] for d in result["diagnostics"]]
+    dt, steps = 0.1, 6000
+    scene["time"] = {"dt": dt, "duration": dt * steps}
+    csv = tmp_path / "record.csv"
+    run("simulate", scene, tmp_path, "-o", "integrator=rk4", "-o", "substeps=100", "-O", str(csv))
+    x = np.loadtxt(csv, delimiter=",", skiprows=1, usecols=(1, 2)).T[:, steps // 2:steps]
+    off = x - all_motions(result, np.arange(steps // 2, steps) * dt)
+    assert np.abs(off - off.mean()).max() <= 3 * result["total_error"] + 1e-6 * np.ptp(x)
+
+
 def test_a_contact_beside_a_slider_at_rest_is_told_through_a_whole_beat(tmp_path):
     tones, M, C, K = [1.35, 1.35 * 1.01], 0.5732, 0.05, 1.6497
     scene = oscillator([{"type": "friction", "dof": "x", "stiffness": 0.25, "limit": 0.073},

@@ -27,6 +27,8 @@ enum {
     MARCH_SAMPLES = 16,        /* of a turn: some eight harmonics, more than a start needs */
 };
 static const double DIFFERENCE = 1e-6;    /* relative: between rounding and curvature */
+static const double LITTLE = 1e-6;        /* of the stiffness at the leading tone: far above
+                                           * rounding, and far below a law that holds */
 static const double FORCING = 0.03;       /* of a Newton step's own equation: a few more steps
                                            * for far fewer products */
 static const double MARCH_WORK = 1.2e9;   /* budget.h: of a march, less than half of all */
@@ -193,6 +195,20 @@ static enum modal_status factor_outer(struct torus_solver *s, bool *regular,
     return MODAL_OK;
 }
 
+/* A little stiffness for the mean along what the structure leaves open, into s->J: where no law
+ * holds it either it may be anywhere, and there J is singular.  Its products are without it, so the
+ * solution is where it was. */
+static void stiffen_ways(struct torus_solver *s, size_t n)
+{
+    size_t q = (size_t)s->q, order = q * n;
+
+    for (int w = 0; w < s->ways; w++)
+        for (size_t i = 0; i < q; i++)
+            for (size_t j = 0; j < q; j++)
+                s->J[j * n * order + i * n] += LITTLE * pow(s->unit[i] * s->unit[j], 2)
+                    * s->way[(size_t)w * q + i] * s->way[(size_t)w * q + j];
+}
+
 /* The preconditioner at the motion of the last forces: false where it is singular. */
 static enum modal_status precondition_new(struct torus_solver *s, bool *regular,
                                           struct modal_error *err)
@@ -224,6 +240,7 @@ static enum modal_status precondition_new(struct torus_solver *s, bool *regular,
                 }
             }
     torus_derivative(s->laws, s->grid, core, s->index, s->J);
+    stiffen_ways(s, (size_t)n);
     if (s->tone.index >= 0) {
         enum modal_status rc = slopes(s, err);
 

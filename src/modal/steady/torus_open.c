@@ -22,7 +22,6 @@
 enum {
     STEPS = 64,                /* of a turn of the fastest tone, as torus_stability.c has */
     TURNS = 64,                /* that are compared, after as many that sliders forget in */
-    WAYS_MOST = 6,             /* of a body in space */
 };
 static const double LOOSE = 1e-9;         /* of the dynamic stiffness at the leading tone: between
                                            * rounding of a long chain and a soft spring */
@@ -33,48 +32,48 @@ static const double HOLDS = 1e-6;         /* of that stiffness, in the mean squa
 struct walk {
     struct torus_solver *s;
     struct workspace space;
-    int ways;                             /* directions that S_0 leaves open, WAYS_MOST at most */
-    double *way, *unit;                   /* [way][dof of q]; a dof's root of the stiffness, over
-                                           * which the ways are */
     double complex *wave, *turn;          /* e^{i Omega_k t}, and over a step */
-    double eigen[3 * WAYS_MOST];
-    double gram[WAYS_MOST * WAYS_MOST];   /* of what laws answer to each */
+    double eigen[3 * TORUS_WAYS_MOST];
+    double gram[TORUS_WAYS_MOST * TORUS_WAYS_MOST];   /* of what laws answer to each */
 };
 
-/* The directions that S_0 leaves open, in units of the leading tone's stiffness. */
-static enum modal_status find_ways(struct walk *w, struct modal_error *err)
+/* s->way: the null space of S_0 in units of the leading tone's stiffness. */
+enum modal_status torus_find_ways(struct torus_solver *s, struct modal_error *err)
 {
-    size_t q = (size_t)w->s->q;
+    size_t q = (size_t)s->q;
     struct torus_index lead = { { 0 } };
     struct torus_linear mean = { 0 }, first = { 0 };
-    double *A = workspace_numbers(&w->space, q, q), *VT = workspace_numbers(&w->space, q, q),
-           *U = workspace_numbers(&w->space, q, q), *value = workspace_numbers(&w->space, q, 1);
+    struct workspace space = { 0 };
+    double *A = workspace_numbers(&space, q, q), *VT = workspace_numbers(&space, q, q),
+           *U = workspace_numbers(&space, q, q), *value = workspace_numbers(&space, q, 1);
     struct matrix a = { (int)q, (int)q, (int)q, A }, u = { (int)q, (int)q, (int)q, U },
                   v = { (int)q, (int)q, (int)q, VT };
-    enum modal_status rc;
+    enum modal_status rc = workspace_check(&space, "torus: no memory", err);
 
-    w->unit = workspace_numbers(&w->space, q, 1);
-    w->way = workspace_numbers(&w->space, WAYS_MOST, q);
-    rc = workspace_check(&w->space, "torus: no memory", err);
-    lead.k[w->s->tones.lead] = 1;
+    s->unit = calloc(q + 1, sizeof *s->unit);
+    s->way = calloc(TORUS_WAYS_MOST * q + 1, sizeof *s->way);
+    if (rc == MODAL_OK && (s->unit == NULL || s->way == NULL))
+        rc = modal_fail(err, MODAL_NO_MEMORY, "torus: no memory");
+    lead.k[s->tones.lead] = 1;
     if (rc == MODAL_OK)
-        rc = torus_linear_at(w->s, (struct torus_index) { { 0 } }, &mean, err);
+        rc = torus_linear_at(s, (struct torus_index) { { 0 } }, &mean, err);
     if (rc == MODAL_OK)
-        rc = torus_linear_at(w->s, lead, &first, err);
+        rc = torus_linear_at(s, lead, &first, err);
     for (size_t i = 0; rc == MODAL_OK && i < q; i++)
-        w->unit[i] = sqrt(fmax(cabs(first.S[i * q + i]) + cabs(mean.S[i * q + i]), DBL_MIN));
+        s->unit[i] = sqrt(fmax(cabs(first.S[i * q + i]) + cabs(mean.S[i * q + i]), DBL_MIN));
     for (size_t e = 0; rc == MODAL_OK && e < q * q; e++)
-        A[e] = creal(mean.S[e]) / (w->unit[e % q] * w->unit[e / q]);
+        A[e] = creal(mean.S[e]) / (s->unit[e % q] * s->unit[e / q]);
     torus_linear_done(&mean);
     torus_linear_done(&first);
     if (rc == MODAL_OK)
         rc = svd_thin(&a, value, &u, &v, err);
-    while (rc == MODAL_OK && w->ways < WAYS_MOST && (size_t)w->ways < q
-           && value[q - 1 - (size_t)w->ways] < LOOSE) {
+    while (rc == MODAL_OK && s->ways < TORUS_WAYS_MOST && (size_t)s->ways < q
+           && value[q - 1 - (size_t)s->ways] < LOOSE) {
         for (size_t i = 0; i < q; i++)
-            w->way[(size_t)w->ways * q + i] = VT[i * q + q - 1 - (size_t)w->ways] / w->unit[i];
-        w->ways++;
+            s->way[(size_t)s->ways * q + i] = VT[i * q + q - 1 - (size_t)s->ways] / s->unit[i];
+        s->ways++;
     }
+    workspace_free(&space);
     return rc;
 }
 
@@ -91,7 +90,7 @@ static double sees(const struct walk *w, const struct law *law, const int *place
         double weight = law->end[e].weight;
 
         if (r >= 0)
-            d += weight * w->way[(size_t)r * (size_t)s->q + i];
+            d += weight * s->way[(size_t)r * (size_t)s->q + i];
         for (int k = 0; r < 0 && k < s->count; k++) {
             double complex X = s->X[i * (size_t)s->count + (size_t)k] * w->wave[k];
 
@@ -125,14 +124,16 @@ static enum modal_status follow(const struct law *law, const double *d, const do
 static void compare(struct walk *w, const struct law *law, const int *place, double apart,
                     const struct trace *trace)
 {
+    const struct torus_solver *s = w->s;
+
     for (int j = 0; j < law->kind->inputs; j++) {
         double unit = 0;
 
         for (int e = law->start[j]; e < law->start[j + 1]; e++)
-            unit = fmax(unit, fabs(law->end[e].weight) / w->unit[place[law->end[e].dof]]);
-        for (int a = 0; a < w->ways; a++)
-            for (int b = 0; b < w->ways; b++)
-                w->gram[a * WAYS_MOST + b] += pow(unit / apart, 2) / (STEPS * TURNS)
+            unit = fmax(unit, fabs(law->end[e].weight) / s->unit[place[law->end[e].dof]]);
+        for (int a = 0; a < s->ways; a++)
+            for (int b = 0; b < s->ways; b++)
+                w->gram[a * TORUS_WAYS_MOST + b] += pow(unit / apart, 2) / (STEPS * TURNS)
                     * (trace[1 + a].f[j] - trace[0].f[j]) * (trace[1 + b].f[j] - trace[0].f[j]);
     }
 }
@@ -144,7 +145,7 @@ static enum modal_status walk_law(struct walk *w, const struct law *law, double 
     const struct torus_solver *s = w->s;
     const int *place = condense_place(s->condense[0]);
     double h = 2 * M_PI / s->tones.omega[s->tones.lead] / STEPS;
-    struct trace trace[1 + WAYS_MOST] = { 0 };
+    struct trace trace[1 + TORUS_WAYS_MOST] = { 0 };
     enum modal_status rc = MODAL_OK;
 
     for (int n = 0; rc == MODAL_OK && n < 2 * STEPS * TURNS; n++) {
@@ -156,7 +157,7 @@ static enum modal_status walk_law(struct walk *w, const struct law *law, double 
         for (int j = 0; j < law->kind->inputs; j++)
             d[j] = sees(w, law, place, j, -1, &v[j]);
         rc = follow(law, d, v, &trace[0], err);
-        for (int r = 0; rc == MODAL_OK && r < w->ways; r++) {
+        for (int r = 0; rc == MODAL_OK && r < s->ways; r++) {
             double moved[LAW_INPUTS_MOST];
 
             for (int j = 0; j < law->kind->inputs; j++)
@@ -169,12 +170,12 @@ static enum modal_status walk_law(struct walk *w, const struct law *law, double 
     return rc;
 }
 
-/* All laws; *OPEN: some way no law answers to. */
-static enum modal_status walk_all(struct walk *w, bool *open, struct modal_error *err)
+/* All laws: s->open. */
+static enum modal_status walk_all(struct walk *w, struct modal_error *err)
 {
-    const struct torus_solver *s = w->s;
+    struct torus_solver *s = w->s;
     size_t K = (size_t)s->count;
-    double h = 2 * M_PI / s->tones.omega[s->tones.lead] / STEPS, most = 0, value[WAYS_MOST];
+    double h = 2 * M_PI / s->tones.omega[s->tones.lead] / STEPS, most = 0, value[TORUS_WAYS_MOST];
     enum modal_status rc;
 
     w->wave = workspace_zeros(&w->space, 2 * K, sizeof *w->wave);
@@ -183,23 +184,25 @@ static enum modal_status walk_all(struct walk *w, bool *open, struct modal_error
     for (size_t k = 0; rc == MODAL_OK && k < K; k++)
         w->turn[k] = cexp(I * torus_frequency(&s->tones, s->index[k]) * h);
     for (size_t e = 0; rc == MODAL_OK && e < (size_t)s->q * K; e++)
-        most = fmax(most, cabs(s->X[e]) * w->unit[e / K]);
+        most = fmax(most, cabs(s->X[e]) * s->unit[e / K]);
     for (int l = 0; rc == MODAL_OK && most > 0 && l < s->p->laws; l++)
         rc = walk_law(w, &s->p->law[l], APART * most, err);
-    if (rc == MODAL_OK && most > 0)
-        *open = LAPACKE_dsyev_work(LAPACK_COL_MAJOR, 'N', 'L', w->ways, w->gram, WAYS_MOST, value,
-                                   w->eigen, 3 * WAYS_MOST) == 0 && value[0] < HOLDS * HOLDS;
+    if (rc == MODAL_OK && most > 0
+        && LAPACKE_dsyev_work(LAPACK_COL_MAJOR, 'N', 'L', s->ways, w->gram, TORUS_WAYS_MOST, value,
+                              w->eigen, 3 * TORUS_WAYS_MOST) == 0)
+        while (s->open < s->ways && value[s->open] < HOLDS * HOLDS)
+            s->open++;
     return rc;
 }
 
-enum modal_status torus_open(struct torus_solver *s, bool *open, struct modal_error *err)
+enum modal_status torus_open(struct torus_solver *s, struct modal_error *err)
 {
     struct walk w = { .s = s };
-    enum modal_status rc = find_ways(&w, err);
+    enum modal_status rc = MODAL_OK;
 
-    *open = false;
-    if (rc == MODAL_OK && w.ways > 0)
-        rc = walk_all(&w, open, err);
+    s->open = 0;
+    if (s->ways > 0)
+        rc = walk_all(&w, err);
     workspace_free(&w.space);
     return rc;
 }

@@ -292,6 +292,7 @@ static void solver_done(struct torus_solver *s)
     torus_grid_free(s->grid);
     free(s->linear), free(s->index), free(s->X), free(s->F), free(s->R), free(s->J);
     free(s->pivot), free(s->was), free(s->outer), free(s->outer_pivot);
+    free(s->way), free(s->unit);
     free(s->tone.damping), free(s->tone.by_omega), free(s->tone.by_gain);
     free(s);
 }
@@ -365,8 +366,9 @@ static enum modal_status set_up(struct torus_solver *s, struct modal_error *err)
         return modal_fail_field(err, MODAL_BAD_INPUT, "tones",
                                 "tones: a free tone needs a law; a linear system has no motion "
                                 "that lasts by itself");
-    return torus_laws_new(s->p, &s->tones, condense_place(s->condense[0]), s->q, s->work, &s->laws,
-                          err);
+    rc = torus_laws_new(s->p, &s->tones, condense_place(s->condense[0]), s->q, s->work, &s->laws,
+                        err);
+    return rc == MODAL_OK && s->q > 0 ? torus_find_ways(s, err) : rc;
 }
 
 enum modal_status torus_solve(const struct program *p, const double *omega, int count,
@@ -403,10 +405,11 @@ enum modal_status torus_solve(const struct program *p, const double *omega, int 
         out->converged = true;
     else if (rc == MODAL_OK && begun)
         rc = solve_grown(s, out, err);
+    if (rc == MODAL_OK && out->converged && s->q > 0)
+        rc = torus_open(s, err);
+    out->open = s->open > 0;
     if (rc == MODAL_OK && out->converged && opt->stability)
         rc = judge(s, out, err);
-    if (rc == MODAL_OK && out->converged && s->q > 0)
-        rc = torus_open(s, &out->open, err);
     if (rc == MODAL_OK) {
         out->tones = s->tones;
         count_laws(s, out);

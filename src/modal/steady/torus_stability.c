@@ -31,7 +31,8 @@
  * by difference quotients of the law, which is a line between its regimes.  Where these change is
  * known to a step, so that the error is not even any more: what two lengths differ by is all of it.
  *
- * A free tone may be shifted in time: one exponent is 0, the nearest to it, and decides nothing.
+ * A free tone may be shifted in time, and a body that nothing holds be moved: as many exponents are
+ * 0, the nearest to it, and decide nothing.
  *
  * Of a balance the forces that its set has no combinations for, and those that its samples got
  * wrong, are left: r, of the laws' forces along the motion less those balanced.  To first order the
@@ -509,20 +510,35 @@ static void sum_up(const double *coarse, const double *fine, size_t m, double ev
         }
 }
 
-/* The verdict on the exponents but one of a free tone. */
+/* The verdict on the exponents but those that are 0 anyway; none where these are not told from the
+ * one that decides yet. */
 static void judge(const struct torus_solver *s, struct torus_stability *out)
 {
-    int own = -1, first;
+    bool own[TORUS_EXPONENTS] = { false };
+    double most = 0;
+    int first = 0;
 
-    for (int j = 0; s->tone.index >= 0 && j < out->count; j++)
-        if (own < 0 || fabs(out->exponent[j]) < fabs(out->exponent[own]))
-            own = j;
-    first = own == 0 ? 1 : 0;
+    for (int n = (s->tone.index >= 0) + s->open; n > 0; n--) {
+        int nearest = -1;
+
+        for (int j = 0; j < out->count; j++)
+            if (!own[j] && (nearest < 0 || fabs(out->exponent[j]) < fabs(out->exponent[nearest])))
+                nearest = j;
+        if (nearest >= 0) {
+            own[nearest] = true;
+            most = fmax(most, fabs(out->exponent[nearest]) + out->errors[nearest]);
+        }
+    }
+    while (first < out->count && own[first])
+        first++;
+    out->margin = out->error = 0;
+    out->verdict = 0;
+    if (first == out->count)
+        return;
     out->margin = -out->exponent[first];
     out->error = out->errors[first];
-    out->verdict = out->margin > SURE * out->error    ? 1
-                   : out->margin < -SURE * out->error ? -1
-                                                      : 0;
+    if (fabs(out->margin) > fmax(SURE * out->error, most))
+        out->verdict = out->margin > 0 ? 1 : -1;
 }
 
 void torus_judge_growth(const struct torus_solver *s, const double *growth, int turns, int columns,

@@ -17,6 +17,7 @@ enum {
                                     * on */
     TORUS_FINER_MOST = 1,          /* doublings of lines: with torus_highest's, half of them */
     TORUS_CANDIDATES_MOST = 6000,  /* combinations looked at beside those kept: a few times these */
+    TORUS_WAYS_MOST = 6,           /* of a body in space */
     TORUS_LOADS_MOST = 256,        /* distinct combinations of loads: more than any rig has */
 };
 
@@ -59,6 +60,11 @@ struct torus_solver {
     struct torus_linear *linear;
     double complex *X, *F, *R, *was;      /* [i count + m]; was: X before the set grew last */
     double level;                         /* what loads are multiplied by */
+    int ways, open;                       /* directions that the structure's own S_0 leaves open;
+                                           * those along which s->X may be moved by a constant
+                                           * and no law answers */
+    double *way, *unit;                   /* [way][dof of q]; a dof's root of the stiffness at the
+                                           * leading tone: the ways times these are of length 1 */
     struct torus_laws *laws;
     struct torus_grid *grid;
     int finer;                            /* doublings of the lines beyond what the set needs */
@@ -227,8 +233,10 @@ enum modal_status torus_judge(struct torus_solver *s, const int *place, struct t
 
 /* ---- torus_open.c ---- */
 
-/* *OPEN: s->X may be moved by a constant, and nothing, neither the structure nor a law, answers. */
-enum modal_status torus_open(struct torus_solver *s, bool *open, struct modal_error *err);
+/* s->ways, of S->q dofs. */
+enum modal_status torus_find_ways(struct torus_solver *s, struct modal_error *err);
+/* s->open, at s->X. */
+enum modal_status torus_open(struct torus_solver *s, struct modal_error *err);
 
 /* ---- torus_error.c ---- */
 

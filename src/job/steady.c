@@ -228,7 +228,7 @@ enum modal_status steady_run(const struct job_request *request, struct job_resul
     steady_subharmonic(p, settings.subharmonic);
     steady_count_start(p);
     cost_stage(&cost, "lower");
-    rc = settings.tones_count > 0 && settings.sweep != NULL
+    rc = settings.tones_count > 0 && (settings.sweep != NULL || settings.follow != NULL)
              ? torus_curve(request, p, &settings, &cost, &doc, err)
          : settings.tones_count > 0 ? torus_run(p, &settings, &cost, &doc, err)
          : settings.sweep != NULL || settings.follow != NULL

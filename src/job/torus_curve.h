@@ -7,9 +7,9 @@ struct cost;
 struct program;
 struct steady_settings;
 
-/* The document of curve.h for settings->sweep under SETTINGS' tones: points, no folds and no
- * bifurcations.  P is the scene lowered, and gets the effects' counts.  MODAL_BAD_INPUT, field
- * `sweep`, for a place that is none; else as torus_run. */
+/* The document of curve.h for settings->sweep or ->follow under SETTINGS' tones: points, a followed
+ * branch's folds, no bifurcations.  P is the scene lowered, and gets the effects' counts.
+ * MODAL_BAD_INPUT, field `sweep` or `continue`, for a place that is none; else as torus_run. */
 enum modal_status torus_curve(const struct job_request *request, struct program *p,
                               const struct steady_settings *settings, struct cost *cost,
                               cJSON **doc, struct modal_error *err);

@@ -21,8 +21,7 @@ static enum modal_status refuse(const char *option, struct modal_error *err)
 enum modal_status torus_check(const struct steady_settings *s, struct modal_error *err)
 {
     const struct { bool given; const char *option; } others[] = {
-        { s->follow != NULL, "continue" },    { s->backbone != NULL, "backbone" },
-        { s->solutions == 1, "solutions" },
+        { s->backbone != NULL, "backbone" }, { s->solutions == 1, "solutions" },
         { s->start != NULL, "start" },        { s->subharmonic > 1, "subharmonic" },
         { s->opt.samples > 0, "samples" },    { s->opt.cutoff > 0, "cutoff" },
         { s->time != 0, "time" },             { s->opt.unlocated, "located" },
@@ -197,7 +196,7 @@ bool torus_alike(const struct steady_settings *s)
 }
 
 enum modal_status torus_at(struct program *p, const struct steady_settings *settings,
-                           const struct torus_point *start, struct torus_point *point,
+                           const struct torus_point *start, bool near, struct torus_point *point,
                            struct modal_error *err)
 {
     const struct torus_options opt = { .order = settings->opt.harmonics,
@@ -207,6 +206,7 @@ enum modal_status torus_at(struct program *p, const struct steady_settings *sett
                                        .stability = settings->stability,
                                        .free = settings->free_tone,
                                        .start = start,
+                                       .near = near,
                                        .dofs = settings->dofs,
                                        .dofs_count = settings->dofs_count,
                                        .cancelled = settings->opt.cancelled,
@@ -238,7 +238,7 @@ enum modal_status torus_run(struct program *p, const struct steady_settings *set
                               "tones: two of them are the same; accepted: two or three tones that "
                               "differ");
     if (rc == MODAL_OK)
-        rc = torus_at(p, settings, NULL, &point, err);
+        rc = torus_at(p, settings, NULL, false, &point, err);
     cost_stage(cost, "solve");
     if (rc != MODAL_OK)
         return rc;

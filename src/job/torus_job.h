@@ -14,9 +14,10 @@ struct torus_point;
 enum modal_status torus_check(const struct steady_settings *s, struct modal_error *err);
 /* Whether two of the tones are the same. */
 bool torus_alike(const struct steady_settings *s);
-/* P's steady state under SETTINGS' tones, begun at START, NULL: at rest; as torus_solve. */
+/* P's steady state under SETTINGS' tones, begun at START, NULL: at rest; NEAR: of its branch; as
+ * torus_solve. */
 enum modal_status torus_at(struct program *p, const struct steady_settings *settings,
-                           const struct torus_point *start, struct torus_point *point,
+                           const struct torus_point *start, bool near, struct torus_point *point,
                            struct modal_error *err);
 /* Its document, the caller's; what P's effects did is added to theirs. */
 cJSON *torus_print(const struct program *p, const struct steady_settings *settings,

@@ -90,7 +90,7 @@ static enum modal_status climb(void *context, int i, double *error, struct modal
     how.opt.harmonics = ladder[i].harmonics;
     how.opt.target_error = ladder[i].target;
     how.stability = false;
-    rc = torus_at(t->p, &how, NULL, &point, err);
+    rc = torus_at(t->p, &how, NULL, false, &point, err);
     if (rc == MODAL_OK)
         torus_count(t->p, &point);
     if (rc == MODAL_OK && !point.converged)
@@ -200,7 +200,7 @@ static enum modal_status find_reference(struct tones_climb *t, struct modal_erro
     how.opt.harmonics = 0;
     how.opt.target_error = FINEST;
     how.stability = true;
-    rc = torus_at(t->p, &how, NULL, &point, err);
+    rc = torus_at(t->p, &how, NULL, false, &point, err);
     if (rc == MODAL_OK && !point.converged)
         rc = modal_fail(err, MODAL_NO_CONVERGENCE,
                         "tradeoff: no motion of these tones was found to measure errors against");

@@ -738,6 +738,55 @@ def test_where_two_tones_meet_a_sweep_has_no_answer_and_goes_on(tmp_path):
     assert "same" in curve["points"][1]["diagnostics"][0]["message"]
 
 
+def hardening(second, tones=(0.8, 0.37)):
+    scene = oscillator([{"type": "cubic_spring", "dof": "x", "coefficient": 0.5}], list(tones), 0.3)
+    scene["excitation"][1]["cos"] = second
+    return scene
+
+
+# A load of nothing at the second tone leaves one tone's curve, which path.c follows by other means.
+def test_a_branch_under_a_second_tone_without_a_load_has_the_folds_of_one_tone(tmp_path):
+    one = hardening(0)
+    one["excitation"] = [{"dof": "x", "k": 1, "cos": 0.3}]
+    one["omega"] = one.pop("steady")["tones"][0]
+    expected = run("steady", one, tmp_path, "--continue", "omega=0.8:2.2")[1]["folds"]
+    curve = run("steady", hardening(0), tmp_path, "--continue", "tones[0]=0.8:2.2", "-o",
+                "stability=false")[1]
+    assert curve["complete"] and len(curve["folds"]) == len(expected) == 2
+    for fold, known in zip(curve["folds"], expected):
+        assert fold["tones[0]"] == pytest.approx(known["omega"], abs=1e-4)
+
+
+# At a fold one motion meets another, of which one is unstable: exponents are of the variational
+# flow, which knows nothing of the branch.
+@pytest.mark.parametrize("path,values,tones", [
+    ("tones[0]", "0.8:2.2", (0.8, 0.37)), ("excitation[0].cos", "0.02:1.2", (1.4, 0.37)),
+    ("excitation[0].cos", "1.2:0.02", (1.4, 0.37)),
+    ("effects[0].coefficient", "0.01:2", (1.4, 0.37))])
+def test_a_branch_of_tones_changes_its_stability_at_its_folds(path, values, tones, tmp_path):
+    curve = run("steady", hardening(0.1, tones), tmp_path, "--continue", f"{path}={values}", "-o",
+                "target.error=1e-5")[1]
+    points, folds = curve["points"], [fold[path] for fold in curve["folds"]]
+    assert curve["complete"] and all(point["converged"] for point in points) and len(folds) == 2
+    stable = [point["stability"]["stable"] for point in points]
+    turns = [n for n in range(1, len(stable)) if stable[n] is not stable[n - 1]]
+    value = [point["value"] for point in points]
+    assert stable[0] is stable[-1] is True and None not in stable and len(turns) == 2
+    for n, fold in zip(turns, folds):
+        near = value[max(0, n - 2):n + 2]
+        assert min(abs(v - fold) for v in near) <= 2 * np.ptp(near)
+    assert value[-1] == float(values.split(":")[1])
+    outer = range(turns[0] + 1, turns[1] - 1)          # on the way back
+    assert all((value[n + 1] - value[n]) * (value[-1] - value[0]) < 0 for n in outer)
+
+
+def test_a_branch_that_begins_nowhere_says_so(tmp_path):
+    status, said = run("steady", hardening(0.1), tmp_path, "--continue", "tones[1]=0.8:0.9")
+    assert status == 0 and not said["complete"] and "set out" in said["reason"]
+    status, said = run("steady", hardening(0.1), tmp_path, "--continue", "tones[2]=0.8:0.9")
+    assert status == 2 and said["error"]["field"] == "continue"
+
+
 def test_a_map_over_a_tone_and_an_amplitude_is_that_of_its_points(tmp_path):
     scene = oscillator(SPRING, [0.7, 0.7 * GOLDEN], 0.2)
     document = {"verb": "steady", "scene": scene, "options": {"stability": False},

@@ -68,7 +68,8 @@ static const double AGREE = 3;            /* errors of a balance that its motion
 
 bool torus_march_takes(const struct torus_solver *s, bool balanced)
 {
-    bool takes = s->tone.index < 0 && s->opt->order == 0 && s->q > 0, events = !balanced;
+    bool takes = s->tone.index < 0 && s->opt->order == 0 && s->q > 0 && !s->opt->near;
+    bool events = !balanced;
 
     for (int l = 0; l < s->p->laws; l++) {
         takes = takes && (balanced || !torus_undetermined(s->laws, l));

@@ -670,11 +670,11 @@ enum modal_status torus_solve_set(struct torus_solver *s, bool *converged, struc
                                         : newton(s, converged, err);
 
     /* other ways in may lead to the motion without it, or are worth it later */
-    if (s->tone.index >= 0 || s->rough > 0) {
+    if (s->tone.index >= 0 || s->rough > 0 || s->opt->near) {
         bool turned = false;
 
         free(kept);
-        if (rc == MODAL_OK && *converged)
+        if (rc == MODAL_OK && *converged && s->tone.index >= 0)
             rc = torus_tone_told(s, &turned, err);
         return rc == MODAL_OK && turned ? newton(s, converged, err) : rc;
     }

@@ -13,6 +13,7 @@ enum {
     GROWTH_LEAST = 24,         /* combinations that a round may add, or as many as there are */
 };
 static const double WORK_MOST = 3e9;      /* budget.h: some four seconds at rest */
+static const double WORK_NEAR = 3e8;      /* of a branch's point, which has many beside it */
 static const double GROWTH = 0.25;        /* of it: then no more is begun, for a round may take
                                            * several times what those before it took */
 static const double LEFT = 0.3;           /* of the error asked for: what one of its parts may be */
@@ -386,7 +387,7 @@ enum modal_status torus_solve(const struct program *p, const double *omega, int 
                                : count > 1 ? 1e-3 * omega[opt->free > 1 ? 0 : 1]
                                            : 1;
     *out = (struct torus_point) { .tones = torus_tones_of(tones, count),
-                                  .work = { .most = WORK_MOST },
+                                  .work = { .most = opt->near ? WORK_NEAR : WORK_MOST },
                                   .evaluations = calloc((size_t)p->laws + 1, sizeof(long)),
                                   .acts = calloc((size_t)p->laws + 1, sizeof(bool)),
                                   .undetermined = calloc((size_t)p->laws + 1, sizeof(bool)) };

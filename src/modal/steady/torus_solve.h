@@ -28,6 +28,8 @@ struct torus_options {
     int free;                 /* 1 + the tone whose frequency is the motion's own; 0: none */
     const struct torus_point *start;      /* a motion near by, of as many tones and dofs of laws,
                                            * where it begins; NULL: at rest */
+    bool near;                /* of the branch that START is on: balanced from there alone, no
+                               * march and no other way in, which may lead to another */
     const int *dofs;          /* those reported, `dofs_count` of them */
     int dofs_count;
     bool (*cancelled)(void *context);

@@ -180,7 +180,7 @@ enum modal_status torus_fit(const struct torus_tones *t, int count, const struct
 /* Whether a march may know more than a balance: of laws with events that the balanced motion meets,
  * and of any where none was found (BALANCED false: tones of a common period may have a motion at
  * their own phases and none at others), all sliders moving, for one at rest is left anywhere; no
- * tone is free, and the set is not given. */
+ * tone is free, and neither the set nor the branch is given. */
 bool torus_march_takes(const struct torus_solver *s, bool balanced);
 /*
  * The motion marched from where s->X has it, BALANCED, or from the scene's start, and its lines

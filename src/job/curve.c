@@ -162,7 +162,9 @@ static enum modal_status session_at(struct curve *c, double value, double *omega
         steady_inherit(c->s, before);
     steady_free(before);
     program_free(was);
-    return rc == MODAL_OK && c->omega && c->range.count > 2 ? steady_reduce(c->s, err) : rc;
+    return rc == MODAL_OK && c->omega && c->range.count > 2
+               ? steady_reduce(c->s, c->range.count, err)
+               : rc;
 }
 
 static void set_last(struct curve *c, const struct steady_point *point)

@@ -70,7 +70,7 @@ static double path(const char *name, const char *scene, int H, int N, double fro
         struct steady_point last = { 0 };
         double spent = 0;
 
-        if (steady_new(p, &opt, &s, &err) != MODAL_OK || steady_reduce(s, &err) != MODAL_OK)
+        if (steady_new(p, &opt, &s, &err) != MODAL_OK || steady_reduce(s, points, &err) != MODAL_OK)
             fail(err.message);
         for (int i = 0; i < points; i++) {
             struct steady_start start = { last.q, last.H, last.X };

@@ -12,7 +12,7 @@ if(CMAKE_SYSTEM_PROCESSOR STREQUAL x86_64)
     list(APPEND lazy_archives $<TARGET_FILE:${archive}>)
   endforeach()
   add_custom_command(OUTPUT ${lazy_calls}
-    COMMAND ${CMAKE_CURRENT_LIST_DIR}/calls ${openblas},${lapacke} ${openblas},${UMFPACK} ${FFTW_LINK_LIBRARIES} ${HDF5_LINK_LIBRARIES}
+    COMMAND ${CMAKE_CURRENT_LIST_DIR}/calls ${openblas},${lapacke} ${openblas},${UMFPACK} ${openblas},${CHOLMOD} ${FFTW_LINK_LIBRARIES} ${HDF5_LINK_LIBRARIES}
       ${SQLITE_LINK_LIBRARIES} ${ZMQ_LINK_LIBRARIES} ${CRYPTO_LINK_LIBRARIES} ${SNDFILE_LINK_LIBRARIES} -- ${lazy_archives} > ${lazy_calls}
     DEPENDS ${CMAKE_CURRENT_LIST_DIR}/calls ${lazy_archives} VERBATIM)
   set_source_files_properties(${lazy_calls} PROPERTIES OBJECT_DEPENDS ${CMAKE_CURRENT_LIST_DIR}/lazy.S
@@ -28,6 +28,6 @@ if(CMAKE_SYSTEM_PROCESSOR STREQUAL x86_64)
   add_library(lazy_needs MODULE ${lazy_calls})
   set_target_properties(lazy_needs PROPERTIES LINKER_LANGUAGE C PREFIX "")
   target_compile_definitions(lazy_needs PRIVATE LAZY_NEEDS)
-  target_link_libraries(lazy_needs PRIVATE house PkgConfig::LAPACKE ${UMFPACK} PkgConfig::FFTW PkgConfig::HDF5 PkgConfig::SQLITE
+  target_link_libraries(lazy_needs PRIVATE house PkgConfig::LAPACKE ${UMFPACK} ${CHOLMOD} PkgConfig::FFTW PkgConfig::HDF5 PkgConfig::SQLITE
     PkgConfig::ZMQ PkgConfig::CRYPTO PkgConfig::SNDFILE)
 endif()

@@ -516,9 +516,10 @@ static enum modal_status learn(struct condense *c, int k, struct modal_error *er
     size_t q = (size_t)c->q, entries = (size_t)pattern_entries(c->pattern);
     double level = c->level;
     struct condense_harmonic *h = &c->harmonic[k];
+    bool rough = c->needed != NULL && k > c->exact;
     enum modal_status rc;
 
-    h->stale = c->basis == NULL || !condense_basis_answer(c, k, h);
+    h->stale = c->basis == NULL || !condense_basis_answer(c, k, rough, h);
     if (!h->stale)
         return MODAL_OK;
     memset(h->S, 0, entries * sizeof *h->S);
@@ -533,8 +534,14 @@ static enum modal_status learn(struct condense *c, int k, struct modal_error *er
                 c->right[j * (size_t)c->order + (size_t)c->spot[i]];
     h->stale = rc != MODAL_OK;
     if (rc == MODAL_OK && c->basis != NULL)
-        condense_basis_join(c);
+        condense_basis_join(c, rough);
     return rc;
+}
+
+void condense_rough(struct condense *c, int H, const bool *needed)
+{
+    c->exact = H;
+    c->needed = needed;
 }
 
 double condense_doubt(const struct condense *c, int k)
@@ -567,7 +574,7 @@ static enum modal_status recall(struct condense *c, int H, double complex *S, do
     /* H, its half, their quarters: a basis serves best between what it was made of. */
     for (int step = stride_over(H); rc == MODAL_OK && step > 0; step /= 2)
         for (int k = H; rc == MODAL_OK && k >= 0; k -= step)
-            if (c->harmonic[k].stale)
+            if (c->harmonic[k].stale && (c->needed == NULL || k <= c->exact || c->needed[k]))
                 rc = learn(c, k, err);
     if (rc != MODAL_OK)
         condense_forget(c, 0);

@@ -51,10 +51,17 @@ enum modal_status condense_reduce(struct condense *c, bool *done, struct modal_e
 
 /* Of many linear dofs, few of them wanted, and symmetric matrices: harmonics and frequencies share
  * a basis that leaves each S_k, p_k and row wanted an error of TOLERANCE at most, relative and by
- * its own estimate; where it does not serve, condense_at factors as without. */
-enum modal_status condense_share(struct condense *c, double tolerance, struct modal_error *err);
+ * its own estimate; where it does not serve, condense_at factors as without.  POINTS frequencies
+ * follow, nearly: what may be spent on the first. */
+enum modal_status condense_share(struct condense *c, double tolerance, int points,
+                                 struct modal_error *err);
 /* That estimate of harmonic K of the last condense_at; 0: it was factored. */
 double condense_doubt(const struct condense *c, int k);
+
+/* From now on harmonics past H are asked for by an estimate alone, those of NEEDED[k] (borrowed):
+ * of many linear dofs the others are left 0, and no basis is made for any.  NULL: all are asked
+ * for. */
+void condense_rough(struct condense *c, int H, const bool *needed);
 
 /* The dofs that condense_recover is asked for, COUNT of them (NULL: all): of many linear dofs only
  * theirs are held. */

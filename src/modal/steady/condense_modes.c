@@ -155,44 +155,74 @@ static void spread(const struct condense *c, int t, double *A, double *B)
         }
 }
 
-/* C = alpha M + beta K entry by entry, on the whole structure. */
-static bool proportional(const struct condense *c, double *alpha, double *beta)
+/* Row I of A onto ROW; its columns that were not SEEN before join the COUNT of COLUMN. */
+static int scatter(const struct sparse *A, int i, double *row, bool *seen, int *column, int count)
 {
-    const struct sparse *M = &c->p->constant[PROGRAM_M], *C = &c->p->constant[PROGRAM_C],
-                        *K = &c->p->constant[PROGRAM_K];
-    double *row = calloc(3 * (size_t)c->n, sizeof *row), mm = 0, mk = 0, kk = 0, cm = 0, ck = 0,
-           det, scale = 0, worst = 0;
-    double *m = row, *d = row + c->n, *k = row + 2 * c->n;
-    bool ok = row != NULL;
+    for (int e = A->start[i]; e < A->start[i + 1]; e++) {
+        row[A->index[e]] += A->value[e];
+        if (!seen[A->index[e]])
+            column[count++] = A->index[e];
+        seen[A->index[e]] = true;
+    }
+    return count;
+}
 
+/* Sums over the entries of all matrices, of which alpha and beta are made and checked. */
+struct fit { double mm, mk, kk, cm, ck, scale, worst; };
+
+/* The entries m, d, k of M, C and K at one place into F: their products, and what ALPHA and BETA
+ * leave. */
+static void fit_entry(struct fit *f, double m, double d, double k, double alpha, double beta)
+{
+    f->mm += m * m;                       /* normal equations of C = alpha M + beta K */
+    f->mk += m * k;
+    f->kk += k * k;
+    f->cm += d * m;
+    f->ck += d * k;
+    f->worst = fmax(f->worst, fabs(d - alpha * m - beta * k));
+    f->scale = fmax(f->scale, fabs(d));
+}
+
+bool condense_proportional(const struct condense *c, double *alpha, double *beta)
+{
+    const struct sparse *A = c->p->constant;
+    struct workspace space = { 0 };
+    size_t n = (size_t)c->n;
+    double *row = workspace_zeros(&space, 3 * n, sizeof *row);
+    bool *seen = workspace_zeros(&space, n, sizeof *seen), ok = !space.failed;
+    int *column = workspace_zeros(&space, n, sizeof *column);
+    struct fit f = { 0 };
+
+    *alpha = *beta = 0;
+    ok = ok && column != NULL;
     /* Least squares over all entries for alpha and beta, then how far off they are. */
-    for (int pass = 0; ok && pass < 2; pass++)
+    for (int pass = 0; ok && pass < 2; pass++) {
+        double det = f.mm * f.kk - f.mk * f.mk;
+
+        if (pass == 1) {
+            *alpha = det > APART * f.mm * f.kk ? (f.cm * f.kk - f.ck * f.mk) / det
+                     : f.mm > 0 ? f.cm / f.mm : 0;
+            *beta = det > APART * f.mm * f.kk ? (f.ck * f.mm - f.cm * f.mk) / det : 0;
+        }
+        f = (struct fit) { 0 };
         for (int i = 0; i < c->n; i++) {
-            memset(row, 0, 3 * (size_t)c->n * sizeof *row);
-            for (int e = M->start[i]; e < M->start[i + 1]; e++) m[M->index[e]] += M->value[e];
-            for (int e = C->start[i]; e < C->start[i + 1]; e++) d[C->index[e]] += C->value[e];
-            for (int e = K->start[i]; e < K->start[i + 1]; e++) k[K->index[e]] += K->value[e];
-            for (int j = 0; j < c->n; j++) {
-                if (pass == 0) {
-                    mm += m[j] * m[j];                /* normal equations of C = alpha M + beta K */
-                    mk += m[j] * k[j];
-                    kk += k[j] * k[j];
-                    cm += d[j] * m[j];
-                    ck += d[j] * k[j];
-                } else {
-                    /* second pass: what they leave */
-                    worst = fmax(worst, fabs(d[j] - *alpha * m[j] - *beta * k[j]));
-                    scale = fmax(scale, fabs(d[j]));
-                }
-            }
-            if (pass == 0 && i == c->n - 1) {
-                det = mm * kk - mk * mk;
-                *alpha = det > APART * mm * kk ? (cm * kk - ck * mk) / det : mm > 0 ? cm / mm : 0;
-                *beta = det > APART * mm * kk ? (ck * mm - cm * mk) / det : 0;
+            int count = 0;
+
+            for (int t = 0; t < 3; t++)
+                if (A[t].start != NULL)
+                    count = scatter(&A[t], i, row + (size_t)t * n, seen, column, count);
+            for (int e = 0; e < count; e++) {
+                double *at = row + column[e];
+
+                fit_entry(&f, at[PROGRAM_M * n], at[PROGRAM_C * n], at[PROGRAM_K * n], *alpha,
+                          *beta);
+                at[0] = at[n] = at[2 * n] = 0;
+                seen[column[e]] = false;
             }
         }
-    free(row);
-    return ok && worst <= PROPORTIONAL * scale;
+    }
+    workspace_free(&space);
+    return ok && f.worst <= PROPORTIONAL * f.scale;
 }
 
 /* K_rr phi = M_rr phi lambda; a tridiagonal K with diagonal M by its own solver. */
@@ -286,7 +316,7 @@ enum modal_status condense_reduce(struct condense *c, bool *done, struct modal_e
     if (c->reduced || c->r < 1 || c->q < 1 || c->r > MODES_MOST || c->p->n_linear > 0
         || !sparse_symmetric(&c->p->constant[PROGRAM_M], SYMMETRIC)
         || !sparse_symmetric(&c->p->constant[PROGRAM_K], SYMMETRIC)
-        || !proportional(c, &alpha, &c->beta))
+        || !condense_proportional(c, &alpha, &c->beta))
         return MODAL_OK;
     K = calloc(r * r, sizeof *K);
     M = calloc(r * r, sizeof *M);

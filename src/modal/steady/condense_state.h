@@ -39,6 +39,8 @@ struct condense {
         bool stale;
     } *harmonic;
     int known, harmonics;            /* harmonics: places */
+    const bool *needed;              /* of condense_rough, past harmonic `exact`; NULL: all */
+    int exact;
     double known_at, work;           /* rad/s; operations of budget.h so far */
     struct condense_basis *basis;    /* condense_basis.c; NULL: each harmonic is factored */
     /* modes */
@@ -69,10 +71,14 @@ void condense_reduced_at(struct condense *c, int H, double complex *S, double co
 /* L_qq at s onto S, q x q. */
 void condense_kept_block(struct condense *c, double s, double complex *S);
 
-/* Harmonic K by the basis into H; false: it does not serve there, and H is to be made anew. */
-bool condense_basis_answer(struct condense *c, int k, struct condense_harmonic *h);
+/* Whether C = alpha M + beta K entry by entry, on the whole structure. */
+bool condense_proportional(const struct condense *c, double *alpha, double *beta);
+
+/* Harmonic K by the basis into H, which grows where it does not serve, unless AS_IT_IS; false: it
+ * does not serve there, and H is to be made anew. */
+bool condense_basis_answer(struct condense *c, int k, bool as_it_is, struct condense_harmonic *h);
 /* The solutions in c->right, which is lost, and those of the dofs wanted join the basis, which may
- * give itself up. */
-void condense_basis_join(struct condense *c);
+ * give itself up; AS_IT_IS: one that does not live on such solutions is let alone. */
+void condense_basis_join(struct condense *c, bool as_it_is);
 void condense_basis_free(struct condense *c);       /* of none, too */
 #endif

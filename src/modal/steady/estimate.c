@@ -39,6 +39,9 @@
 /* Of the largest low harmonic, what a round moves them by once it has nothing to add but
  * rounding. */
 static const double STILL = 4 * DBL_EPSILON;
+/* Of the forces past H those below this of the largest move nothing, if not by a resonance that is
+ * a million times sharper than the others. */
+static const double UNMOVED = 1e-6;
 enum {
     EXTENSIONS = 5,             /* rounds of (1) and (2), each an order nearer where laws are
                                  * smooth */
@@ -172,6 +175,8 @@ static enum modal_status wide_balance(struct steady *s, int H2, int N2, bool loc
 struct estimate {
     int H2;
     struct balance *wide;                   /* of H2 harmonics */
+    bool *needed;                           /* of these, where each has sparse factors: those past
+                                             * H that a force drives */
     double complex *W, *sampled, *E;        /* X widened; its chord step, (2) without the tail;
                                              * and with it */
     double *y;
@@ -181,6 +186,7 @@ struct estimate {
 static void estimate_done(struct estimate *e)
 {
     balance_free(e->wide);
+    free(e->needed);
     free(e->W);
     free(e->sampled);
     free(e->E);
@@ -199,22 +205,53 @@ static enum modal_status estimate_init(struct steady *s, const struct balance *b
     size_t size = (size_t)b->q * ((size_t)H2 + 1);
 
     *e = (struct estimate){ .H2 = H2,
+                            .needed = calloc((size_t)H2 + 1, sizeof *e->needed),
                             .W = calloc(size + 1, sizeof *e->W),
                             .sampled = calloc(size + 1, sizeof *e->sampled),
                             .E = calloc(size + 1, sizeof *e->E),
                             .y = calloc((size_t)b->order + 1, sizeof *e->y) };
-    if (e->W == NULL || e->sampled == NULL || e->E == NULL || e->y == NULL)
+    if (e->needed == NULL || e->W == NULL || e->sampled == NULL || e->E == NULL || e->y == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory for an estimate");
     return wide_balance(s, H2, N2, !s->opt.unlocated || s->exact, &e->wide, err);
+}
+
+/* The wide balance at the frequency of B: of many linear dofs, of which each harmonic takes sparse
+ * factors, it has those alone that (1) moves.  Of a motion that is its own reverse half a period
+ * later these are every other one, of cubic laws none past 3 H. */
+static enum modal_status set_wide(const struct balance *b, struct estimate *e,
+                                  struct modal_error *err)
+{
+    struct balance *w = e->wide;
+    int K = w->H + 1;
+    double most = 0;
+    bool some = condense_factors(b->c) && b->p->harmonics == 0;
+    enum modal_status rc = MODAL_OK;
+
+    if (some)
+        rc = aft_force(w->aft, b->omega, e->W, w->F, err);
+    if (rc != MODAL_OK)
+        return rc;
+    for (int k = b->H + 1; k < K; k++)
+        for (int i = 0; i < w->q; i++)
+            most = fmax(most, cabs(w->F[i * K + k]));
+    for (int k = b->H + 1; k < K; k++)
+        for (int i = 0; i < w->q; i++)
+            e->needed[k] |= cabs(w->F[i * K + k]) > UNMOVED * most;
+    if (some)                                           /* no load is past H */
+        condense_rough(b->c, b->H, e->needed);
+    rc = balance_set(w, b->omega, b->level, err);
+    condense_rough(b->c, 0, NULL);
+    return rc;
 }
 
 /* The chord step without the tail into e->sampled: what sampling alone moves. */
 static enum modal_status move_by_samples(struct balance *b, struct estimate *e,
                                          struct steady_point *point, struct modal_error *err)
 {
-    enum modal_status rc = balance_set(e->wide, b->omega, b->level, err);
+    enum modal_status rc;
 
     widen_motion(point->X, b->q, b->H, e->H2, e->W);
+    rc = set_wide(b, e, err);
     if (rc == MODAL_OK)
         rc = balance_residual(e->wide, e->W, false, err);
     if (rc != MODAL_OK)

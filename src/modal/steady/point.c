@@ -94,13 +94,14 @@ int steady_first_order(const struct steady *s)
 struct condense *steady_condense(struct steady *s) { return s->c; }
 const struct program *steady_program(const struct steady *s) { return s->p; }
 
-enum modal_status steady_reduce(struct steady *s, struct modal_error *err)
+enum modal_status steady_reduce(struct steady *s, int points, struct modal_error *err)
 {
     bool done;
 
     /* A basis or modes cost once, and pay over many frequencies. */
     if (condense_factors(s->c))
-        return condense_share(s->c, s->opt.krylov > 0 ? s->opt.krylov : SHARED, err);
+        return condense_share(s->c, s->opt.krylov > 0 ? s->opt.krylov : SHARED,
+                              points, err);
     return s->p->n - condense_kept(s->c) < REDUCE_LEAST ? MODAL_OK
                                                         : condense_reduce(s->c, &done, err);
 }

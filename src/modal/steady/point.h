@@ -94,8 +94,8 @@ struct steady;                /* a session: solve.h */
 /* The session's linear part; the session owns it, and may make another where all dofs are kept. */
 struct condense *steady_condense(struct steady *s);
 
-/* Many frequencies follow: condense_reduce where it pays. */
-enum modal_status steady_reduce(struct steady *s, struct modal_error *err);
+/* POINTS frequencies follow, many: condense_share or condense_reduce where it pays. */
+enum modal_status steady_reduce(struct steady *s, int points, struct modal_error *err);
 
 /* The program that steady_new was given. */
 const struct program *steady_program(const struct steady *s);

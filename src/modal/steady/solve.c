@@ -153,7 +153,7 @@ enum modal_status steady_new(const struct program *p, const struct steady_option
     if (rc == MODAL_OK && s->opt.dofs != NULL)
         condense_want(s->c, s->opt.dofs, s->opt.dofs_count);
     if (rc == MODAL_OK && s->opt.krylov > 0)
-        rc = condense_share(s->c, s->opt.krylov, err);
+        rc = condense_share(s->c, s->opt.krylov, 1, err);
     if (rc == MODAL_OK)
         rc = check_options(s, err);
     if (rc != MODAL_OK) {

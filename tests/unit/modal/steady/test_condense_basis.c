@@ -11,8 +11,9 @@
 
 enum { MASSES = 2101, H = 3, POINTS = 16, ROOM = 64 * MASSES, SEEN = 300 };
 
-/* A chain with a cubic spring on its middle mass and a load on another. */
-static struct program *chain(void)
+/* A chain with a cubic spring on its middle mass and a load on another; its dampers are all in
+ * proportion to its springs where the first, to the ground, is 2. */
+static struct program *chain(double first)
 {
     char *text = malloc(ROOM), *at = text;
     struct program *p;
@@ -24,7 +25,7 @@ static struct program *chain(void)
     at += sprintf(at, "],'springs':[1");
     for (int i = 0; i < MASSES; i++)
         at += sprintf(at, ",1");
-    at += sprintf(at, "],'dampers':[0");
+    at += sprintf(at, "],'dampers':[%g", first);
     for (int i = 0; i < MASSES; i++)
         at += sprintf(at, ",2");
     at += sprintf(at, "]},'effects':[{'type':'cubic_spring','dof':'x1000','coefficient':1},"
@@ -51,12 +52,14 @@ static struct answer ask(struct condense *c, double omega)
 /* A frequency of a curve that passes several resonances of the chain. */
 static double omega_at(int i) { return 0.002 + 0.0001 * i; }
 
-/* How far the answers with a basis of TOLERANCE are from those of factors, relative, at most; the
- * same over what the basis says of itself; and how many harmonics were factored. */
-static void compare(double tolerance, double *far, double *over, int *factored)
+/* How far the answers with a basis of TOLERANCE, told that TOLD points follow, are from those of
+ * factors, relative, at most; the same over what the basis says of itself; and how many harmonics
+ * were factored.  The ground's damper is FIRST. */
+static void compare(double first, double tolerance, int told, double *far, double *over,
+                    int *factored)
 {
     static const int seen = SEEN;
-    struct program *p = chain();
+    struct program *p = chain(first);
     struct condense *alone, *shared;
     struct modal_error err = { 0 };
 
@@ -64,7 +67,7 @@ static void compare(double tolerance, double *far, double *over, int *factored)
     CHECK(condense_new(p, CONDENSE_LINEAR, &shared, &err) == MODAL_OK);
     condense_want(alone, &seen, 1);
     condense_want(shared, &seen, 1);
-    CHECK(condense_share(shared, tolerance, &err) == MODAL_OK);
+    CHECK(condense_share(shared, tolerance, told, &err) == MODAL_OK);
     *far = *over = *factored = 0;
     for (int i = 0; i < POINTS; i++) {
         struct answer a = ask(alone, omega_at(i)), b = ask(shared, omega_at(i));
@@ -90,7 +93,7 @@ TEST(a_curve_by_a_basis_is_that_of_factors_and_factors_a_third_of_its_harmonics_
     double far, over;
     int factored;
 
-    compare(1e-10, &far, &over, &factored);
+    compare(0, 1e-10, 1, &far, &over, &factored);
     CHECK(far <= 1e-9);
     CHECK(factored <= POINTS + POINTS * H / 3);        /* statics have no frequency, and no doubt */
 }
@@ -100,7 +103,52 @@ TEST(what_a_coarse_basis_leaves_is_within_three_times_what_it_says)
     double far, over;
     int factored;
 
-    compare(1e-2, &far, &over, &factored);
+    compare(0, 1e-2, 1, &far, &over, &factored);
     CHECK(far > 1e-9);
     CHECK(over <= 3);
+}
+
+TEST(of_a_curve_with_proportional_damping_statics_alone_are_factored)
+{
+    double far, over;
+    int factored;
+
+    compare(2, 1e-10, POINTS, &far, &over, &factored);
+    CHECK(far <= 1e-9);
+    CHECK(factored == POINTS);                          /* each point's, known since the first */
+    compare(2, 1e-2, POINTS, &far, &over, &factored);
+    CHECK(over <= 3);
+    CHECK(factored == POINTS);
+}
+
+TEST(a_curve_whose_damping_is_not_proportional_is_that_of_factors)
+{
+    double far, over;
+    int factored;
+
+    compare(0, 1e-10, POINTS, &far, &over, &factored);
+    CHECK(far <= 1e-9);
+    CHECK(factored <= POINTS + POINTS * H / 3);
+}
+
+TEST(harmonics_that_an_estimate_does_not_need_are_left_and_made_when_they_are_asked_for)
+{
+    static const bool needed[H + 1] = { [3] = true };
+    struct program *p = chain(0);
+    struct condense *whole, *some;
+    struct modal_error err = { 0 };
+    struct answer a, b;
+
+    CHECK(condense_new(p, CONDENSE_LINEAR, &whole, &err) == MODAL_OK);
+    CHECK(condense_new(p, CONDENSE_LINEAR, &some, &err) == MODAL_OK);
+    a = ask(whole, omega_at(3));
+    condense_rough(some, 1, needed);
+    b = ask(some, omega_at(3));
+    CHECK(b.S[1] == a.S[1] && b.S[2] == 0 && b.S[3] == a.S[3]);
+    condense_rough(some, 0, NULL);
+    b = ask(some, omega_at(3));
+    CHECK(b.S[1] == a.S[1] && b.S[2] == a.S[2] && b.x[2] == a.x[2] && b.S[3] == a.S[3]);
+    condense_free(whole);
+    condense_free(some);
+    program_free(p);
 }

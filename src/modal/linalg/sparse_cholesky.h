@@ -1,0 +1,24 @@
+/* sparse_cholesky.h - Cholesky factors of sparse symmetric positive matrices, for many right-hand
+ * sides at once */
+#ifndef MODAL_SPARSE_CHOLESKY_H
+#define MODAL_SPARSE_CHOLESKY_H
+#include <stdbool.h>
+#include "base/error.h"
+
+struct sparse_cholesky;
+
+/*
+ * Factors of the matrix of order N whose column j has VALUE[e] in row INDEX[e], START[j] <= e <
+ * START[j + 1], ascending; the upper triangle is read, nothing is borrowed.  *OUT is NULL where it
+ * is not positive.  Fails with MODAL_NO_MEMORY.
+ */
+enum modal_status sparse_cholesky_new(int n, const int *start, const int *index,
+                                      const double *value, struct sparse_cholesky **out,
+                                      struct modal_error *err);
+void sparse_cholesky_free(struct sparse_cholesky *f);       /* NULL too */
+/* X <- A^-1 X, COLUMNS of n entries each; false: no memory, and X is as it was. */
+bool sparse_cholesky_solve(struct sparse_cholesky *f, double *X, int columns);
+/* Operations of the factorization, and entries of the factor. */
+double sparse_cholesky_flops(const struct sparse_cholesky *f);
+double sparse_cholesky_fill(const struct sparse_cholesky *f);
+#endif

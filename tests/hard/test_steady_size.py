@@ -238,6 +238,28 @@ def test_a_thousand_sliders_are_in_balance(tmp_path):
     assert len(told) == 1 and " sliders of 1000 never slip" in told[0]
 
 
+def test_twenty_rigid_sliders_push_with_their_limit_where_they_move_and_never_with_more(tmp_path):
+    n, limit = 20, 0.05
+    scene = scene_of(chain(n), 0.03 * chain(n), "friction")
+    scene["effects"] = [{"type": "coulomb", "dof": f"x{i + 1}", "limit": limit} for i in range(n)]
+    del scene["steady"]
+    answer = run(tmp_path, scene)
+    assert answer["converged"]
+    X = numpy.array([row["re"] + 1j * numpy.array(row["im"]) for row in answer["harmonics"]])
+    k = numpy.arange(X.shape[1]) * OMEGA
+    P = numpy.zeros_like(X)
+    P[0, 1] = LOAD
+
+    def of_time(series):
+        return numpy.fft.irfft(numpy.pad(series, ((0, 0), (0, 1024))) * 2048, 4096)
+    F = P - chain(n) @ X * (1 + 0.03j * k) + k**2 * X
+    force, rate = [of_time(series * numpy.where(k > 0, 1, 2)) for series in (F, 1j * k * X)]
+    moving = abs(rate) > 0.02 * abs(rate).max()
+    # a jump's series is off beside it: in the mean of squares
+    assert numpy.sqrt((numpy.clip(abs(force) - limit, 0, None)**2).mean()) < 0.01 * limit
+    assert numpy.sqrt(((force - limit * numpy.sign(rate))[moving]**2).mean()) < 0.1 * limit
+
+
 def test_contacts_are_reached_by_stepping_the_load_up_before_any_path_is_walked(tmp_path):
     K = chain(20)
     answer = run(tmp_path, scene_of(K, 0.03 * K + 0.05 * numpy.eye(20), "gap"))

@@ -13,7 +13,7 @@
 struct ports;
 struct statespace;
 
-enum { OFFSET_LAWS_MOST = 16 };   /* each is moved in turn; (1) is solved anew for each */
+enum { OFFSET_LAWS_MOST = 60 };   /* as many as a motion followed has dofs (CYCLE_STATES_MOST) */
 
 struct offset_motion {
     int samples;                  /* of one period, equally spaced */

@@ -10,22 +10,23 @@
 
 enum {
     POINTS_MOST = 5000,      /* a document of some 10 MB with a few dofs */
-    POINTS_USUAL = 40,       /* a curve that looks smooth */
     HARMONICS = 9            /* of a mode: cubic laws need few, and odd ones */
 };
 
-struct range { int mode, count; double from, to; };
+struct range { int mode, count; double from, to; };   /* count 0: as many as the curve has */
 
 static enum modal_status parse(const char *text, struct range *r, struct modal_error *err)
 {
     char *end = NULL;
+    bool counted;
 
     r->mode = (int)strtol(text, &end, 10);
     r->from = *end == ':' ? strtod(end + 1, &end) : NAN;
     r->to = *end == ':' ? strtod(end + 1, &end) : NAN;
-    r->count = *end == ':' ? (int)strtol(end + 1, &end, 10) : POINTS_USUAL;
+    counted = *end == ':';
+    r->count = counted ? (int)strtol(end + 1, &end, 10) : 0;
     if (*end != '\0' || !(r->from > 0) || !(r->to > 0) || !isfinite(r->from) || !isfinite(r->to)
-        || r->count < 2 || r->count > POINTS_MOST)
+        || (counted && (r->count < 2 || r->count > POINTS_MOST)))
         return modal_fail_field(
             err, MODAL_BAD_INPUT, "backbone",
             "\"%.60s\"; accepted: MODE:A:B or MODE:A:B:N, amplitudes A and B > 0, 2 to %d points",
@@ -96,28 +97,35 @@ static void count_evaluations(struct program *p, const struct backbone *b)
         p->effect[p->law[l].effect].evaluations += backbone_evaluations(b, l);
 }
 
-/* Amplitude after amplitude; the first that is not reached ends the list. */
+/* Amplitude I of R, the last to the last bit. */
+static double amplitude(const struct range *r, int i)
+{
+    return i == 0              ? r->from
+           : i + 1 < r->count  ? r->from * pow(r->to / r->from, (double)i / (r->count - 1))
+                               : r->to;
+}
+
+/* Amplitude after amplitude, or along the curve until it is at the last; the first that is not
+ * reached ends the list. */
 static enum modal_status follow(const struct job_request *request, struct program *p,
                                 const struct steady_settings *settings, const struct range *r,
                                 struct backbone *b, int H, cJSON *points, struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
 
-    for (int i = 0; rc == MODAL_OK && i < r->count; i++) {
+    for (int i = 0; rc == MODAL_OK && i < (r->count > 0 ? r->count : POINTS_MOST); i++) {
         struct backbone_point point;
 
         if (job_cancelled(request))
             return modal_fail(err, MODAL_CANCELLED, "cancelled");
-        rc = backbone_at(b,
-                         i + 1 < r->count
-                             ? r->from * pow(r->to / r->from, (double)i / (r->count - 1))
-                             : r->to,
-                         &point, err);
+        rc = i == 0 || r->count > 0 ? backbone_at(b, amplitude(r, i), &point, err)
+                                    : backbone_next(b, r->to, &point, err);
         if (rc == MODAL_OK) {
             cJSON_AddItemToArray(points, print_point(p, settings, &point, H));
             count(p, b);
         }
-        if (rc == MODAL_OK && !point.converged)
+        if (rc == MODAL_OK
+            && (!point.converged || (i > 0 && r->count == 0 && point.amplitude == r->to)))
             break;
     }
     return rc;

@@ -12,7 +12,8 @@ struct steady_settings;
  * {"kind":"backbone", "mode", "linear":{"omega", "frequency_hz", "damping_ratio"},
  * "points":[{"amplitude", "omega", "frequency_hz", "damping_ratio", "energy", "converged",
  * "iterations", "residual", "harmonics"}], "plan"} of settings->backbone, MODE:A:B:N: N amplitudes
- * from A to B, equal in ratio.  Amplitudes are modal, in m sqrt(kg): X_1 = amplitude times the mode
+ * from A to B, equal in ratio; without N as many as the curve has, along its length and round its
+ * folds, until it comes to B.  Amplitudes are modal, in m sqrt(kg): X_1 = amplitude times the mode
  * of unit modal mass.
  */
 enum modal_status backbone_run(const struct job_request *request, struct program *p,

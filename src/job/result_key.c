@@ -493,7 +493,7 @@ static const struct result_key linear_keys[] = {
 };
 
 static const struct result_key backbone_point_keys[] = {
-    { "amplitude", RESULT_NUMBER, .means = "as the option asks for it" },
+    { "amplitude", RESULT_NUMBER, .means = "as the option asks for it, or where the curve is" },
     { "omega", RESULT_NUMBER, .unit = "rad/s", .null = "it did not converge",
       .means = "of the nonlinear mode" },
     { "frequency_hz", RESULT_NUMBER, .unit = "Hz", .null = "it did not converge",
@@ -512,7 +512,7 @@ static const struct result_key backbone_keys[] = {
     { "kind", RESULT_TEXT, .means = "backbone" },
     { "mode", RESULT_WHOLE, .means = "of the linear structure that it grows from" },
     { "linear", RESULT_OBJECT, .members = linear_keys, .means = "at no amplitude" },
-    { "points", RESULT_OBJECT, .list = "one an amplitude", .members = backbone_point_keys,
+    { "points", RESULT_OBJECT, .list = "one an amplitude, or along the curve", .members = backbone_point_keys,
       .means = "the mode there" },
     PLAN,
     COST,

@@ -90,8 +90,8 @@ const struct key_row steady_curve_rows[] = {
     { "continue", KEY_TEXT, KEY_SHOWN_IF_SET, AT(follow), .form = "PATH=A:B",
       .meaning = "the curve of solutions from A to B, around its folds", .example = "omega=0.5:2" },
     { "backbone", KEY_TEXT, KEY_SHOWN_IF_SET, AT(backbone), .form = "MODE:A:B[:N]",
-      .meaning = "free vibration of a mode from amplitude A to B, in N points, in place of the "
-      "forced one", .example = "1:0.1:2:20" },
+      .meaning = "free vibration of a mode from amplitude A to B, at N of them, or along its "
+      "curve and round its folds, in place of the forced one", .example = "1:0.1:2:20" },
     { 0 },
 };
 

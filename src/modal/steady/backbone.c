@@ -18,6 +18,22 @@
  *
  * regular though J is singular along the motion's own phase.
  *
+ * At an internal resonance a mode of higher frequency answers a harmonic: the curve runs out along
+ * its tongue and back, and the amplitude with it.  There it is followed by its length s,
+ *
+ *     ds^2 = sum_k dX_k^H M dX_k / sum_k X_k^H M X_k + (domega / omega)^2 + dzeta^2,            (4)
+ *
+ * which units do not enter.  From the last two points (k - 1, k) a third is foretold, and what is
+ * found for it lies in the plane through there, across to their secant in the metric of (4),
+ *
+ *     <y_k - y_(k-1), y - (foretold)> = 0                                                       (5)
+ *
+ * in place of the second of (2); y is (u, omega, zeta).  Towards a resonance its harmonic grows as
+ * one over the distance, and on the tongue's other side it is of the other sign: steps that are
+ * half the distance at most double it at most.  Longer ones could pass from one side to the other,
+ * and are taken again by half.  Past the tongue's end, where X_1 is 0 and the other mode moves
+ * alone, the curve comes back along the other side.
+ *
  * [K15] Krack, Computers and Structures 154 (2015) 59-71: the extended periodic motion concept.
  */
 #include "modal/steady/backbone.h"
@@ -42,7 +58,16 @@ static const double STALLS = 4;
 static const double ASTRAY = 10;
 /* Of omega, its central difference: near the cube root of rounding. */
 static const double DIFFERENCE = 1e-6;
+/* Of (4): a decade of amplitude in 24 points where the shape stays; at least: harmonics of so small
+ * a share grow to the whole within that of a resonance, and such tongues are passed over. */
+static const double STEP_MOST = 0.1;
+static const double STEP_LEAST = 1e-4;
+/* Cosines between two secants: below SHARP a step is taken again by half, as the curve may have
+ * been left for another part of it; below FLAT the next is no longer.  32 and 18 degrees. */
+static const double SHARP = 0.85;
+static const double FLAT = 0.95;
 enum {
+    ITERATIONS_EASY = 4,     /* of a step that may be longer: from there on convergence is quadratic */
     ITERATIONS_MOST = 30,   /* a rate of 0.4 meets TOLERANCE */
     HALVINGS_MOST = 12,      /* of the way to an amplitude, in its logarithm: steps of 1/4096 */
     SAMPLES_LEAST = 64,   /* where 4 H + 2 are fewer: a law has kinks */
@@ -61,6 +86,11 @@ struct backbone {
     double a, at_omega, at_zeta;      /* of the last motion found; a = 0: none */
     double complex *X, *good;
     double *A, *rhs, *side;           /* (order + 2)^2; order + 2; order */
+    bool walks;                       /* `before` is a point of the curve */
+    double length, size;              /* of the next step; X's part of (4) of the last motion */
+    int still;                        /* the unknown that holds the phase, when foretold */
+    double *y, *before, *last;        /* (5)'s: the unknowns now, at the point before, at the last */
+    double *foretold, *secant, *plane;
     int *pivot;
     struct workspace space;           /* of the arrays */
 };
@@ -171,6 +201,12 @@ static enum modal_status allocate(struct backbone *b, struct modal_error *err)
     b->A = workspace_zeros(&b->space, (order + 2) * (order + 2), sizeof *b->A);
     b->rhs = workspace_zeros(&b->space, order + 2, sizeof *b->rhs);
     b->side = workspace_zeros(&b->space, order + 2, sizeof *b->side);
+    b->y = workspace_zeros(&b->space, order + 2, sizeof *b->y);
+    b->before = workspace_zeros(&b->space, order + 2, sizeof *b->before);
+    b->last = workspace_zeros(&b->space, order + 2, sizeof *b->last);
+    b->foretold = workspace_zeros(&b->space, order + 2, sizeof *b->foretold);
+    b->secant = workspace_zeros(&b->space, order + 2, sizeof *b->secant);
+    b->plane = workspace_zeros(&b->space, order + 2, sizeof *b->plane);
     b->pivot = workspace_zeros(&b->space, order + 2, sizeof *b->pivot);
     if (b->space.failed)
         return modal_fail(err, MODAL_NO_MEMORY, "backbone: no memory for %d unknowns", b->order);
@@ -332,8 +368,63 @@ static void scale_rows(double *A, double *rhs, int n)
     }
 }
 
-/* One Newton step of (2) at amplitude a; its relative size into *SIZE, NAN where the derivative is
- * singular. */
+/* X, OMEGA and ZETA as the unknowns Y, and back. */
+static void pack(const struct backbone *b, const double complex *X, double omega, double zeta,
+                 double *y)
+{
+    int m = 2 * b->H + 1, K = b->H + 1;
+
+    for (int i = 0; i < b->n; i++)
+        for (int k = 0; k < K; k++) {
+            y[i * m + (k == 0 ? 0 : 2 * k - 1)] = creal(X[i * K + k]);
+            if (k > 0)
+                y[i * m + 2 * k] = cimag(X[i * K + k]);
+        }
+    y[b->order] = omega;
+    y[b->order + 1] = zeta;
+}
+
+static void unpack(const struct backbone *b, const double *y, double complex *X)
+{
+    int m = 2 * b->H + 1, K = b->H + 1;
+
+    for (int i = 0; i < b->n; i++)
+        for (int k = 0; k < K; k++)
+            X[i * K + k] = k == 0 ? y[i * m] : CMPLX(y[i * m + 2 * k - 1], y[i * m + 2 * k]);
+}
+
+/* The squared length (4) of the change D beside SIZE, X's part of (4), and omega; and what times D
+ * is that into ROW. */
+static double metric(const struct backbone *b, const double *d, double size, double *row)
+{
+    int n = b->n, m = 2 * b->H + 1;
+    double sum = 0;
+
+    for (int i = 0; i < n; i++)
+        for (int c = 0; c < m; c++) {
+            double Md = 0;
+
+            for (int j = 0; j < n; j++)
+                Md += b->M[j * n + i] * d[j * m + c];
+            row[i * m + c] = Md / size;
+            sum += d[i * m + c] * row[i * m + c];
+        }
+    row[b->order] = d[b->order] / (b->at_omega * b->at_omega);
+    row[b->order + 1] = d[b->order + 1];
+    return sum + d[b->order] * row[b->order] + d[b->order + 1] * row[b->order + 1];
+}
+
+static double dot(const double *x, const double *y, int n)
+{
+    double sum = 0;
+
+    for (int i = 0; i < n; i++)
+        sum += x[i] * y[i];
+    return sum;
+}
+
+/* One Newton step of (2) at amplitude A, or with (5) where A is 0; its relative size into *SIZE,
+ * NAN where the derivative is singular. */
 static enum modal_status step(struct backbone *b, double a, double *omega, double *zeta,
                               double *size, struct modal_error *err)
 {
@@ -353,10 +444,27 @@ static enum modal_status step(struct backbone *b, double a, double *omega, doubl
     over_zeta(b, *omega, b->A + (size_t)(order + 1) * (size_t)all);  /* last column */
     for (int i = 0; i < order; i++)
         b->rhs[i] = -b->b->R[i];
-    b->rhs[order] = a * a - modal_square(b, b->A + order, all);  /* the second of (2), times a^2 */
-    /* the third of (2): of Im X_1 alone */
-    b->A[(size_t)(b->lead * m + 2) * (size_t)all + (size_t)order + 1] = 1;
-    b->rhs[order + 1] = -cimag(b->X[b->lead * K + 1]);
+    if (a > 0)
+        /* the second of (2), times a^2 */
+        b->rhs[order] = a * a - modal_square(b, b->A + order, all);
+    else {
+        pack(b, b->X, *omega, *zeta, b->y);
+        for (int j = 0; j < all; j++)
+            b->A[(size_t)j * (size_t)all + (size_t)order] = b->plane[j];
+        b->rhs[order] = dot(b->plane, b->foretold, all) - dot(b->plane, b->y, all);  /* (5) */
+    }
+    if (a > 0) {
+        /* the third of (2): of Im X_1 alone */
+        b->A[(size_t)(b->lead * m + 2) * (size_t)all + (size_t)order + 1] = 1;
+        b->rhs[order + 1] = -cimag(b->X[b->lead * K + 1]);
+    } else {
+        /* the angle of what moves most, as at the last point: X_1 may vanish */
+        double re = b->last[b->still], im = b->last[b->still + 1];
+
+        b->A[(size_t)b->still * (size_t)all + (size_t)order + 1] = -im;
+        b->A[(size_t)(b->still + 1) * (size_t)all + (size_t)order + 1] = re;
+        b->rhs[order + 1] = im * b->y[b->still] - re * b->y[b->still + 1];
+    }
     scale_rows(b->A, b->rhs, all);
     *size = NAN;
     /* Singular: no step, and *SIZE says so. */
@@ -377,7 +485,7 @@ static enum modal_status step(struct backbone *b, double a, double *omega, doubl
     return MODAL_OK;
 }
 
-/* (2) from where `out` and b->X stand, until it settles or runs away. */
+/* (2), or (5) where A is 0, from where `out` and b->X stand, until it settles or runs away. */
 static enum modal_status newton(struct backbone *b, double a, struct backbone_point *out,
                                 struct modal_error *err)
 {
@@ -436,10 +544,28 @@ static void start_at(struct backbone *b, double a, struct backbone_point *out)
         b->X[i] = b->a > 0 ? b->good[i] * (a / b->a) : i % K == 1 ? a * b->shape[i / K] : 0;
 }
 
+/* The motion begins where X_1 of `lead` is real and positive. */
+static void begin_at_peak(struct backbone *b)
+{
+    int K = b->H + 1;
+    double complex X = b->X[b->lead * K + 1];
+
+    for (int e = 0; e < b->n * K && X != 0; e++)
+        b->X[e] *= cexp(-I * (e % K) * carg(X));
+}
+
+/* What was found is the last motion. */
+static void keep(struct backbone *b, double a, const struct backbone_point *out)
+{
+    memcpy(b->good, b->X, (size_t)b->n * ((size_t)b->H + 1) * sizeof *b->good);
+    b->a = a;
+    b->at_omega = out->omega;
+    b->at_zeta = out->damping_ratio;
+}
+
 enum modal_status backbone_at(struct backbone *b, double a, struct backbone_point *out,
                               struct modal_error *err)
 {
-    size_t size = (size_t)b->n * ((size_t)b->H + 1);
     double share = 1;
     int iterations = 0;
     enum modal_status rc = MODAL_OK;
@@ -455,10 +581,7 @@ enum modal_status backbone_at(struct backbone *b, double a, struct backbone_poin
         if (rc != MODAL_OK || (out->converged && next == a))
             break;
         if (out->converged) {
-            memcpy(b->good, b->X, size * sizeof *b->good);
-            b->a = next;
-            b->at_omega = out->omega;
-            b->at_zeta = out->damping_ratio;
+            keep(b, next, out);
             share = 1;
         } else {
             if (b->a == 0)
@@ -469,12 +592,145 @@ enum modal_status backbone_at(struct backbone *b, double a, struct backbone_poin
     }
     out->iterations = iterations;
     out->amplitude = a;
+    b->walks = false;
     if (rc == MODAL_OK && out->converged) {
-        memcpy(b->good, b->X, size * sizeof *b->good);
-        b->a = a;
-        b->at_omega = out->omega;
-        b->at_zeta = out->damping_ratio;
+        keep(b, a, out);
+        if (creal(b->X[b->lead * (b->H + 1) + 1]) < 0)
+            begin_at_peak(b);
         out->energy = kinetic_peak(b, out->omega);
+    }
+    return rc;
+}
+
+/* Does no harmonic that counts change by more than half of itself from the last motion to Y?  The
+ * first is left out: it vanishes at a tongue's end, where curves branch, and Newton's method has to
+ * be some way off on either side. */
+static bool gradual(const struct backbone *b)
+{
+    int n = b->n, m = 2 * b->H + 1;
+
+    for (int c = 0; c < m; c += c > 0 ? 2 : 3) {
+        double change = 0, now = 0, then = 0;
+
+        for (int e = 0; e < (c > 0 ? 2 : 1) * n * n; e++) {
+            int part = c + e / (n * n), i = e % n * m + part, j = e / n % n * m + part;
+            double M = b->M[e % (n * n)];
+
+            change += M * (b->y[i] - b->last[i]) * (b->y[j] - b->last[j]);
+            now += M * b->y[i] * b->y[j];
+            then += M * b->last[i] * b->last[j];
+        }
+        if (fmax(now, then) > STEP_LEAST * STEP_LEAST * b->size && change > fmax(now, then) / 4)
+            return false;
+    }
+    return true;
+}
+
+/* The real part's place of the harmonic and dof that moves most in k times the root of mass. */
+static int steadiest(const struct backbone *b)
+{
+    int m = 2 * b->H + 1, best = b->lead * m + 1;
+    double most = 0;
+
+    for (int i = 0; i < b->n; i++)
+        for (int k = 1; k <= b->H; k++) {
+            const double *y = b->last + i * m + 2 * k - 1;
+            double square = b->M[i * b->n + i] * k * k * (y[0] * y[0] + y[1] * y[1]);
+
+            if (square > most) {
+                most = square;
+                best = i * m + 2 * k - 1;
+            }
+        }
+    return best;
+}
+
+/* The foretold point, LENGTH on along the secant of the last two, and the plane through it. */
+static void foretell(struct backbone *b)
+{
+    int all = b->order + 2;
+    double square;
+
+    pack(b, b->good, b->at_omega, b->at_zeta, b->last);
+    memcpy(b->secant, b->last, (size_t)b->order * sizeof *b->secant);
+    b->secant[b->order] = b->secant[b->order + 1] = 0;
+    b->size = metric(b, b->secant, 1, b->plane);
+    b->still = steadiest(b);
+    for (int i = 0; i < all; i++)
+        b->secant[i] = b->last[i] - b->before[i];
+    square = metric(b, b->secant, b->size, b->plane);
+    for (int i = 0; i < all; i++) {
+        b->secant[i] /= sqrt(square);
+        b->plane[i] /= sqrt(square);
+        b->foretold[i] = b->last[i] + b->length * b->secant[i];
+    }
+}
+
+/* The cosine between the secant before and that to where `out` and b->X stand. */
+static double turn(struct backbone *b, const struct backbone_point *out)
+{
+    int all = b->order + 2;
+    double along;
+
+    pack(b, b->X, out->omega, out->damping_ratio, b->y);
+    for (int i = 0; i < all; i++)
+        b->secant[i] = b->y[i] - b->last[i];
+    along = dot(b->plane, b->secant, all);
+    return along / sqrt(metric(b, b->secant, b->size, b->rhs));
+}
+
+/* The first step along the curve, from the motion found towards amplitude TO. */
+static enum modal_status set_out(struct backbone *b, double to, struct backbone_point *out,
+                                 struct modal_error *err)
+{
+    double a = to > b->a ? fmin(to, b->a * (1 + STEP_MOST / 2))
+                         : fmax(to, b->a / (1 + STEP_MOST / 2));
+    enum modal_status rc;
+
+    pack(b, b->good, b->at_omega, b->at_zeta, b->before);
+    b->length = STEP_MOST / 2;
+    rc = backbone_at(b, a, out, err);
+    b->walks = rc == MODAL_OK && out->converged;
+    return rc;
+}
+
+enum modal_status backbone_next(struct backbone *b, double to, struct backbone_point *out,
+                                struct modal_error *err)
+{
+    int iterations = 0;
+    enum modal_status rc = MODAL_OK;
+
+    if (!b->walks)
+        return set_out(b, to, out, err);
+    for (*out = (struct backbone_point) { 0 }; rc == MODAL_OK && b->length >= STEP_LEAST;) {
+        double a, cosine = 0;
+
+        foretell(b);
+        unpack(b, b->foretold, b->X);
+        *out = (struct backbone_point) { .omega = b->foretold[b->order],
+                                         .damping_ratio = b->foretold[b->order + 1], .X = b->X };
+        rc = newton(b, 0, out, err);
+        out->iterations = iterations += out->iterations;
+        a = sqrt(modal_square(b, NULL, 0));
+        out->amplitude = a;
+        if (rc == MODAL_OK && out->converged)
+            cosine = turn(b, out);
+        if (rc != MODAL_OK)
+            break;
+        if (!(cosine > SHARP) || (b->length > 2 * STEP_LEAST && !gradual(b))) {
+            out->converged = false;
+            b->length /= 2;
+            continue;
+        }
+        if ((to - b->a) * (to - a) <= 0)
+            return backbone_at(b, to, out, err);
+        memcpy(b->before, b->last, ((size_t)b->order + 2) * sizeof *b->before);
+        keep(b, a, out);
+        begin_at_peak(b);
+        out->energy = kinetic_peak(b, out->omega);
+        if (cosine > FLAT && out->iterations <= ITERATIONS_EASY)
+            b->length = fmin(1.5 * b->length, STEP_MOST);
+        break;
     }
     return rc;
 }

@@ -55,4 +55,14 @@ bool backbone_acts(const struct backbone *b, int law);
  * is an answer. */
 enum modal_status backbone_at(struct backbone *b, double a, struct backbone_point *out,
                               struct modal_error *err);
+
+/*
+ * The next motion along the curve by its length ((4) of backbone.c), after backbone_at or the last
+ * of these: folds of the amplitude are gone round, so that tongues of internal resonance are run
+ * through to their ends.  It sets out in the direction of amplitude TO, and where it crosses TO, or
+ * comes to it first, it is the motion of that amplitude.  No convergence, with steps as short as
+ * may be, is an answer.
+ */
+enum modal_status backbone_next(struct backbone *b, double to, struct backbone_point *out,
+                                struct modal_error *err);
 #endif

@@ -105,12 +105,14 @@ static double amplitude(const struct range *r, int i)
                                : r->to;
 }
 
-/* Amplitude after amplitude, or along the curve until it is at the last; the first that is not
- * reached ends the list. */
+/* Amplitude after amplitude, or along the curve until it is at the last, or has come back to less
+ * energy (more, where amplitudes fall) than it began with; the first that is not reached ends the
+ * list. */
 static enum modal_status follow(const struct job_request *request, struct program *p,
                                 const struct steady_settings *settings, const struct range *r,
                                 struct backbone *b, int H, cJSON *points, struct modal_error *err)
 {
+    double begun = 0;
     enum modal_status rc = MODAL_OK;
 
     for (int i = 0; rc == MODAL_OK && i < (r->count > 0 ? r->count : POINTS_MOST); i++) {
@@ -125,8 +127,12 @@ static enum modal_status follow(const struct job_request *request, struct progra
             count(p, b);
         }
         if (rc == MODAL_OK
-            && (!point.converged || (i > 0 && r->count == 0 && point.amplitude == r->to)))
+            && (!point.converged
+                || (i > 0 && r->count == 0
+                    && (point.amplitude == r->to
+                        || (point.energy - begun) * (r->to - r->from) < 0))))
             break;
+        begun = i == 0 ? point.energy : begun;
     }
     return rc;
 }

@@ -1,7 +1,7 @@
 """Nonlinear modes along their curve: a beam's tongue of internal resonance by a balance of its own
 finite elements, a Duffing oscillator by elliptic functions, friction by its describing function.
 """
-# Tests as well: backbone.c backbone_job.c
+# Tests as well: backbone.c backbone_job.c damped_mode.c
 import json
 import math
 import os
@@ -11,6 +11,7 @@ import subprocess
 import numpy
 import pytest
 import scipy.linalg
+import scipy.optimize
 import scipy.special
 
 TOP = pathlib.Path(__file__).resolve().parents[2]
@@ -115,3 +116,42 @@ def test_a_curve_without_a_count_follows_friction_into_slip(tmp_path):
         assert p["omega"] == pytest.approx(omega, rel=1e-11)
         assert p["damping_ratio"] == pytest.approx(k.imag / (2 * omega ** 2) + 0.02 / (2 * omega),
                                                    rel=1e-9)
+
+
+# Motions so small that the rounded friction is a damper of limit / velocity = 100 N s/m, which no
+# mode of M and K alone resembles: K - w^2 M + i w (C - 2 zeta w M) is singular, by fsolve.
+def test_a_mode_begins_where_rounded_friction_nearly_sticks(tmp_path):
+    M, C, K = numpy.diag([0.02, 1]), numpy.diag([100.0, 0]), numpy.array([[40, -40], [-40, 640]])
+    scene = {"structure": {"type": "matrices", "M": M.tolist(), "K": K.tolist()}, "omega": 1,
+             "effects": [{"type": "regularised_coulomb", "dof": "x1", "limit": 5,
+                          "velocity": 0.05}]}
+
+    def singular(y):
+        det = numpy.linalg.det(K - y[0] ** 2 * M + 1j * y[0] * (C - 2 * y[1] * y[0] * M))
+        return det.real, det.imag
+    omega, zeta = scipy.optimize.fsolve(singular, (25.3, 0), xtol=1e-14)
+    points = run(tmp_path, scene, "-o", "backbone=1:1e-5:10", "-o", "harmonics=21")
+    assert points[0]["omega"] == pytest.approx(omega, rel=1e-9)
+    assert points[0]["damping_ratio"] == pytest.approx(zeta, rel=1e-6)
+    assert points[-1]["converged"] and points[-1]["amplitude"] == 10
+    # sliding at last: the mode of the free contact, within what 5 N do to a motion of 10 m
+    squares = scipy.linalg.eigh(K, M, eigvals_only=True)
+    assert points[-1]["omega"] == pytest.approx(math.sqrt(squares[0]), rel=1e-4)
+
+
+# A mass on two springs at large deflections: its first mode gives its motion to the second, of
+# near twice its frequency, and has it back: X_1 is never 0.71.
+def test_a_curve_that_comes_back_to_its_beginning_ends(tmp_path):
+    a, b = 1.13 ** 2, 4.0
+    c = (a + b) / 2
+    terms = [{"coefficient": size, "on": on,
+              "powers": {dof: n for dof, n in (("x1", p), ("x2", q)) if n}}
+             for on, size, p, q in
+             (("x1", 1.5 * a, 2, 0), ("x1", b, 1, 1), ("x1", a / 2, 0, 2), ("x1", c, 3, 0),
+              ("x1", c, 1, 2), ("x2", b / 2, 2, 0), ("x2", a, 1, 1), ("x2", 1.5 * b, 0, 2),
+              ("x2", c, 2, 1), ("x2", c, 0, 3))]
+    scene = {"structure": {"type": "matrices", "M": [[1, 0], [0, 1]], "K": [[a, 0], [0, b]]},
+             "omega": 1, "effects": [{"type": "polynomial_coupling", "terms": terms}]}
+    points = run(tmp_path, scene, "-o", "backbone=1:1e-3:0.71", "-o", "harmonics=7")
+    assert all(p["converged"] for p in points) and len(points) < 500
+    assert max(p["energy"] for p in points) > 1e4 * points[0]["energy"] > 1e4 * points[-1]["energy"]

@@ -47,6 +47,7 @@
 #include "modal/steady/aft.h"
 #include "modal/steady/balance.h"
 #include "modal/steady/condense.h"
+#include "modal/steady/damped_mode.h"
 
 static const double TWO_PI = 6.283185307179586477;   /* a period of theta */
 /* A relative step this short ends Newton's method; below CLOSE one that did not shrink to a
@@ -67,7 +68,7 @@ static const double STEP_LEAST = 1e-4;
 static const double SHARP = 0.85;
 static const double FLAT = 0.95;
 enum {
-    ITERATIONS_EASY = 4,     /* of a step that may be longer: from there on convergence is quadratic */
+    ITERATIONS_EASY = 4,     /* of a step that may be longer: quadratic convergence takes as many */
     ITERATIONS_MOST = 30,   /* a rate of 0.4 meets TOLERANCE */
     HALVINGS_MOST = 12,      /* of the way to an amplitude, in its logarithm: steps of 1/4096 */
     SAMPLES_LEAST = 64,   /* where 4 H + 2 are fewer: a law has kinks */
@@ -81,7 +82,8 @@ struct backbone {
     struct condense *c;               /* every dof kept: M, C and K as they are */
     struct balance *b;                /* its S and loads are set here, not by balance_set */
     int n, H, order, lead;            /* lead: the mode's largest dof */
-    double *M, *C, *K, *shape;        /* n x n; n: of unit modal mass */
+    double *M, *C, *K;                /* n x n */
+    double complex *shape;            /* of unit modal mass */
     double omega, zeta;               /* linear */
     double a, at_omega, at_zeta;      /* of the last motion found; a = 0: none */
     double complex *X, *good;
@@ -89,7 +91,7 @@ struct backbone {
     bool walks;                       /* `before` is a point of the curve */
     double length, size;              /* of the next step; X's part of (4) of the last motion */
     int still;                        /* the unknown that holds the phase, when foretold */
-    double *y, *before, *last;        /* (5)'s: the unknowns now, at the point before, at the last */
+    double *y, *before, *last;        /* (5)'s unknowns now, at the point before, at the last */
     double *foretold, *secant, *plane;
     int *pivot;
     struct workspace space;           /* of the arrays */
@@ -123,14 +125,16 @@ static enum modal_status refuse(const struct program *p, struct modal_error *err
     return MODAL_OK;
 }
 
-/* K with every law's slope at rest. */
-static enum modal_status stiffness_at_rest(const struct backbone *b, double *K,
-                                           struct modal_error *err)
+/* K and C with every law's slopes at rest; *RATES: C has some of them. */
+static enum modal_status slopes_at_rest(const struct backbone *b, double *K, double *C, bool *rates,
+                                        struct modal_error *err)
 {
     int n = b->n;
     enum modal_status rc = MODAL_OK;
 
+    *rates = false;
     memcpy(K, b->K, (size_t)n * (size_t)n * sizeof *K);
+    memcpy(C, b->C, (size_t)n * (size_t)n * sizeof *C);
     for (int l = 0; rc == MODAL_OK && l < b->p->laws; l++) {
         const struct law *law = &b->p->law[l];
         double zero[LAW_TERMS_MOST] = { 0 }, after[LAW_TERMS_MOST];
@@ -139,21 +143,52 @@ static enum modal_status stiffness_at_rest(const struct backbone *b, double *K,
 
         rc = law->kind->force(law, &at, &f, err);
         for (int i = 0; rc == MODAL_OK && i < law->kind->inputs; i++)
-            for (int j = 0; j < law->kind->inputs; j++)
+            for (int j = 0; j < law->kind->inputs; j++) {
                 law_spread(law, i, j, f.fd[i][j], n, K);
+                law_spread(law, i, j, f.fv[i][j], n, C);
+                *rates = *rates || f.fv[i][j] != 0;
+            }
     }
     return rc;
 }
 
-/* The linear mode: shape, omega and the damping ratio that C gives it. */
+/* The linear mode by all of C at rest, where so many swing. */
+static enum modal_status mode_of_rates(struct backbone *b, int mode, struct modal_error *err)
+{
+    size_t square = (size_t)b->n * (size_t)b->n;
+    struct workspace room = { 0 };
+    double *K = workspace_zeros(&room, square, sizeof *K),
+           *C = workspace_zeros(&room, square, sizeof *C);
+    struct damped_mode own;
+    bool rates;
+    enum modal_status rc = room.failed ? modal_fail(err, MODAL_NO_MEMORY, "backbone: no memory")
+                                       : slopes_at_rest(b, K, C, &rates, err);
+
+    if (rc == MODAL_OK)
+        rc = damped_mode(b->M, K, C, b->n, mode, b->shape, &own, err);
+    if (rc == MODAL_OK && mode <= own.swinging) {
+        b->omega = own.omega;
+        b->zeta = own.damping_ratio;
+        for (int i = 0; i < b->n; i++)
+            b->lead = cabs(b->shape[i]) > cabs(b->shape[b->lead]) ? i : b->lead;
+    }
+    workspace_free(&room);
+    return rc;
+}
+
+/* The linear mode: shape, omega and the damping ratio that C gives it; where laws resist rates at
+ * rest, as rounded friction does, that of all of C. */
 static enum modal_status linear_mode(struct backbone *b, int mode, struct modal_error *err)
 {
     size_t n = (size_t)b->n;
-    double *K = malloc(n * n * sizeof *K), *M = malloc(n * n * sizeof *M),
-           *w = malloc(n * sizeof *w), c = 0;
-    enum modal_status rc = K == NULL || M == NULL || w == NULL
-                               ? modal_fail(err, MODAL_NO_MEMORY, "backbone: no memory")
-                               : stiffness_at_rest(b, K, err);
+    struct workspace room = { 0 };
+    double *K = workspace_zeros(&room, n * n, sizeof *K),
+           *M = workspace_zeros(&room, n * n, sizeof *M),
+           *C = workspace_zeros(&room, n * n, sizeof *C),
+           *w = workspace_zeros(&room, n, sizeof *w), c = 0;
+    bool rates;
+    enum modal_status rc = room.failed ? modal_fail(err, MODAL_NO_MEMORY, "backbone: no memory")
+                                       : slopes_at_rest(b, K, C, &rates, err);
 
     if (rc == MODAL_OK)
         memcpy(M, b->M, n * n * sizeof *M);
@@ -166,23 +201,23 @@ static enum modal_status linear_mode(struct backbone *b, int mode, struct modal_
                               "mode %d has no stiffness at rest: omega^2 = %g", mode, w[mode - 1]);
     for (size_t i = 0; rc == MODAL_OK && i < n; i++) {
         b->shape[i] = K[(size_t)(mode - 1) * n + i];
-        b->lead = fabs(b->shape[i]) > fabs(b->shape[b->lead]) ? (int)i : b->lead;
+        b->lead = cabs(b->shape[i]) > cabs(b->shape[b->lead]) ? (int)i : b->lead;
     }
     for (size_t i = 0; rc == MODAL_OK && i < n; i++)
         for (size_t j = 0; j < n; j++)
             /* phi^T C phi = 2 zeta omega, M-normalised */
-            c += b->shape[i] * b->C[j * n + i] * b->shape[j];
+            c += creal(b->shape[i] * b->C[j * n + i] * b->shape[j]);
     if (rc == MODAL_OK) {
-        double sign = b->shape[b->lead] < 0 ? -1 : 1;
+        double sign = creal(b->shape[b->lead]) < 0 ? -1 : 1;
 
         for (size_t i = 0; i < n; i++)
             b->shape[i] *= sign;
         b->omega = sqrt(w[mode - 1]);                   /* w ascends */
         b->zeta = c / (2 * b->omega);
     }
-    free(K);
-    free(M);
-    free(w);
+    workspace_free(&room);
+    if (rc == MODAL_OK && rates)
+        rc = mode_of_rates(b, mode, err);
     return rc;
 }
 

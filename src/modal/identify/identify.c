@@ -34,6 +34,7 @@ enum {
     WEIGH_MOST = 5,                 /* rounds: each tells the channels' noise anew */
     WILD_MOST = 5,                  /* rounds: each sees smaller spikes than the one before */
     WILD_LEAST = 2,                 /* the first poles are bent by what they had to rebuild */
+    GROWTH_MOST = 4,                /* rounds: each may show more of what is left to be modes */
     STEPS_MOST = 4                  /* rounds: poles and steps are told by different rows */
 };
 
@@ -41,6 +42,7 @@ static void work_done(struct work *w)
 {
     record_done(&w->rec);
     pod_done(&w->pod);
+    free(w->whole.x), free(w->whole_scale);
     free(w->weighted.x), free(w->noise), free(w->weight), free(w->grid), free(w->least);
     free(w->folded.x);
     compressed_free(w->blocks);
@@ -373,6 +375,25 @@ static enum modal_status analyse_anew(struct work *w, struct identify_result *ou
     return analyse_again(w, out, err);
 }
 
+/* Without the later part of what grows until its rounding hides the rest, where the earlier one is
+ * one set of modes in noise. */
+static enum modal_status analyse_before_growth(struct work *w, struct identify_result *out,
+                                               struct modal_error *err)
+{
+    bool cut = true;
+    enum modal_status rc = MODAL_OK;
+
+    for (int round = 0; round < GROWTH_MOST && rc == MODAL_OK && cut; round++) {
+        rc = work_cut_growth(w, &cut, err);
+        if (rc == MODAL_OK && cut)
+            rc = analyse_anew(w, out, err);
+    }
+    if (rc != MODAL_OK || w->grown == 0 || work_is_clean(w))
+        return rc;
+    work_put_growth_back(w);
+    return analyse_anew(w, out, err);
+}
+
 /* With steps, as long as they and the poles move each other; without where they are none. */
 static enum modal_status analyse_with_steps(struct work *w, struct identify_result *out,
                                             struct modal_error *err)
@@ -509,6 +530,7 @@ enum modal_status modal_identify(const struct batch *batch, const struct identif
         || (rc = analyse_by_lines(&w, out, err)) != MODAL_OK
         || (rc = analyse_above_grid(&w, batch, out, err)) != MODAL_OK
         || (rc = analyse_again(&w, out, err)) != MODAL_OK
+        || (rc = analyse_before_growth(&w, out, err)) != MODAL_OK
         || (rc = analyse_with_steps(&w, out, err)) != MODAL_OK
         || (rc = analyse_without_wild(&w, out, err)) != MODAL_OK
         || (rc = work_keep_chosen(&w, &out->chosen, err)) != MODAL_OK

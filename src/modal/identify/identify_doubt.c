@@ -257,6 +257,7 @@ enum modal_status work_conclude(struct work *w, const struct batch *batch,
     w->facts.rejected |= is_rejected(w, out);
     diagnose(out, &w->facts);
     screen_samples(batch, out);
+    work_report_growth(w, out);
     work_report_grids(w, out);
     work_report_wild(w, out);
     work_report_steps(w, out);

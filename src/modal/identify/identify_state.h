@@ -42,6 +42,8 @@ struct work {
     double *weight;                 /* per channel, of weighted over rec.Y; NULL: 1 */
     struct grid *grid;              /* per channel, in the batch's unit; NULL: not looked for */
     int cut;                        /* rows kept of a record that ends below its grid; 0: all */
+    int grown;                      /* so of one that grows until rounding hides all else */
+    struct matrix whole; double *whole_scale;   /* rec.Y and rec.scale before; x NULL: as they are */
     struct wild wild;               /* what rec.Y lacks of the record */
     struct steps steps;             /* so, sizes in the batch's unit */
     double *least;                /* per signal: what its grid leaves (refine.h); NULL: no matter */
@@ -145,6 +147,15 @@ bool work_are_steps(const struct work *w);
 void work_put_steps_back(struct work *w);
 /* In which channels, when, and how high. */
 void work_report_steps(const struct work *w, struct identify_result *out);
+
+/* ---- identify_growth.c: as work_may_take_wild() has it ---- */
+
+/* *cut: the record ends where rounding of what grows comes near what the chosen poles leave. */
+enum modal_status work_cut_growth(struct work *w, bool *cut, struct modal_error *err);
+/* The record as it was before; it was cut. */
+void work_put_growth_back(struct work *w);
+/* Where it was cut. */
+void work_report_growth(const struct work *w, struct identify_result *out);
 
 /* ---- identify_decompose.c ---- */
 

@@ -172,6 +172,29 @@ TEST(growth_among_many_decays_is_unstable_and_hides_none_before_rounding_does)
     }
 }
 
+/* Growth to 1e12 is rounded to more than the noise of 1e-3 where it ends: the record before that
+ * shows all there is, few modes or many, and rounding is taken for none. */
+TEST(growth_that_is_rounded_to_more_than_the_noise_leaves_every_mode_in_the_record_before)
+{
+    enum { ROWS = 2000, MODES = 20 };
+
+    for (uint64_t seed = 0; seed < 6; seed++) {
+        int modes = seed < 3 ? MODES : 3, width = seed < 3 ? 6 : 4;
+        struct random rng = { 1200 + seed };
+        struct identify_result r;
+        for (int j = 0; j < modes; j++)
+            lambda[j] = decay_pole(1.5 + 44.0 / modes * j + random_uniform(&rng),
+                                   1e-3 + 4e-3 * random_uniform(&rng));
+        lambda[1] = CMPLX(12 * log(10) / (ROWS * 0.01), cimag(lambda[1]));
+        shapes(&rng, modes, width);
+        samples(&rng, modes, width, ROWS, 0.01, 1e-3);
+        r = identified(width, ROWS, 0.01);
+        CHECK(r.verdict == VERDICT_UNSTABLE && says(&r, "growth_hides"));
+        CHECK(r.mode_count == modes && right(&r, modes) == modes);
+        identify_result_done(&r);
+    }
+}
+
 /* Most of forty have sunk in the noise when the later half begins: free to follow any of it there,
  * they win more than chi-square says, which contradicts nothing. */
 TEST(modes_that_are_over_before_the_later_half_leave_the_verdict_alone)

@@ -66,6 +66,14 @@ def cut(y, share):
         y[:, c] = np.clip(y[:, c], -top, top)
 
 
+def one_cut(rng, y):
+    """The largest sample of a channel alone, unless it is among the first: of an onset nobody can
+    tell it."""
+    c = rng.integers(y.shape[1])
+    at = 2 + np.argmax(np.abs(y[2:, c]))
+    y[at, c] *= rng.uniform(0.5, 0.95)
+
+
 def step(rng, y, everywhere):
     at = rng.integers(len(y) // 4, 3 * len(y) // 4)
     for c in some(rng, y.shape[1], everywhere):
@@ -82,6 +90,7 @@ KINDS = {
     "clusters": clusters,
     "zeros": lambda rng, y: dropouts(rng, y, False),
     "held": lambda rng, y: dropouts(rng, y, True),
+    "one cut": one_cut,
     "cut 20%": lambda rng, y: cut(y, 0.2),
     "cut 50%": lambda rng, y: cut(y, 0.5),
     "step in one": lambda rng, y: step(rng, y, False),

@@ -51,7 +51,7 @@ static void work_done(struct work *w)
     order_done(&w->choice);
     free(w->seen.lambda);
     wild_done(&w->wild);
-    steps_done(&w->steps);
+    steps_done(&w->steps), steps_done(&w->spikes);
     workspace_free(&w->poles.space);
     synthesis_done(&w->all);
 }

@@ -46,6 +46,7 @@ struct work {
     struct matrix whole; double *whole_scale;   /* rec.Y and rec.scale before; x NULL: as they are */
     struct wild wild;               /* what rec.Y lacks of the record */
     struct steps steps;             /* so, sizes in the batch's unit */
+    struct steps spikes;            /* so: that rec.Y was without before poles were looked for */
     double *least;                /* per signal: what its grid leaves (refine.h); NULL: no matter */
     const struct matrix *X;         /* the signals: rec.Y or pod.signals */
     struct matrix folded;
@@ -118,7 +119,7 @@ void work_report_grids(const struct work *w, struct identify_result *out);
 
 /* ---- identify_wild.c ---- */
 
-/* w->wild: the samples that rec.Y was mended of before all else. */
+/* w->wild: the samples that rec.Y was mended of before all else, and lone spikes. */
 enum modal_status work_begin_wild(struct work *w, struct modal_error *err);
 /* Are wild samples looked for in such a record, and put back? */
 bool work_may_take_wild(const struct work *w);
@@ -137,7 +138,7 @@ void work_report_wild(const struct work *w, struct identify_result *out);
 
 /* ---- identify_steps.c: as work_may_take_wild() has it ---- */
 
-/* w->steps, which rec.Y then is without. */
+/* w->steps and w->spikes, which rec.Y then is without. */
 enum modal_status work_begin_steps(struct work *w, struct modal_error *err);
 /* Steps and poles together: *settled, or rec.Y is another. */
 enum modal_status work_fit_steps(struct work *w, bool *settled, struct modal_error *err);

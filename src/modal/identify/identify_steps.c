@@ -10,12 +10,12 @@ static const double
     MOVED = 0.1;                    /* of a step's std: what is left of it biases no error by more
                                      * than a hundredth */
 
-/* w->steps between the batch's unit and that of rec.Y. */
-static void scale_steps(struct work *w, bool out)
+/* Steps between the batch's unit and that of rec.Y. */
+static void scale_steps(const struct steps *steps, const struct record *rec, bool out)
 {
-    for (int i = 0; i < w->steps.count; i++) {
-        struct step *s = &w->steps.at[i];
-        double scale = w->rec.scale[s->channel], factor = out ? scale : 1 / scale;
+    for (int i = 0; i < steps->count; i++) {
+        struct step *s = &steps->at[i];
+        double scale = rec->scale[s->channel], factor = out ? scale : 1 / scale;
         s->size *= factor, s->std *= factor;
     }
 }
@@ -26,11 +26,15 @@ enum modal_status work_begin_steps(struct work *w, struct modal_error *err)
 
     if (!work_may_take_wild(w) || w->rec.Y.m >= GROW * HEAD)
         return MODAL_OK;
-    rc = steps_find(&w->rec.Y, &w->steps, err);
-    if (rc != MODAL_OK || w->steps.count == 0)
+    rc = steps_find(&w->rec.Y, &w->steps, &w->spikes, err);
+    if (rc != MODAL_OK || w->steps.count + w->spikes.count == 0)
         return rc;
     steps_take(&w->steps, 1, &w->rec.Y);
-    scale_steps(w, true);
+    scale_steps(&w->steps, &w->rec, true);
+    for (int i = 0; i < w->spikes.count; i++)
+        w->rec.Y.x[w->spikes.at[i].row + (size_t)w->spikes.at[i].channel * (size_t)w->rec.Y.ld]
+            -= w->spikes.at[i].size;
+    scale_steps(&w->spikes, &w->rec, true);
     return record_cut(&w->rec, w->rec.Y.m, w->opt.scale, err);
 }
 
@@ -107,7 +111,7 @@ enum modal_status work_fit_steps(struct work *w, bool *settled, struct modal_err
     if (before.at == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d steps", before.count);
     if (before.count > 0 && fit != NULL && fit->poles > 0) {
-        scale_steps(w, false);
+        scale_steps(&w->steps, &w->rec, false);
         memcpy(before.at, w->steps.at, sizeof *before.at * (size_t)before.count);
         rc = fit_steps(w, fit, &moved, err);
         *settled = rc != MODAL_OK || !(moved > MOVED);
@@ -116,7 +120,7 @@ enum modal_status work_fit_steps(struct work *w, bool *settled, struct modal_err
             steps_take(&before, -1, &w->rec.Y);
             steps_take(&w->steps, 1, &w->rec.Y);
         }
-        scale_steps(w, true);
+        scale_steps(&w->steps, &w->rec, true);
     }
     free(before.at);
     return rc;
@@ -134,7 +138,7 @@ bool work_are_steps(const struct work *w)
 
 void work_put_steps_back(struct work *w)
 {
-    scale_steps(w, false);
+    scale_steps(&w->steps, &w->rec, false);
     steps_take(&w->steps, -1, &w->rec.Y);
     steps_done(&w->steps);
 }

@@ -24,28 +24,51 @@ bool work_may_take_wild(const struct work *w)
         && w->ragged == 0 && w->opt.scale == SCALE_RMS;
 }
 
+static int by_place(const void *a, const void *b)
+{
+    const struct wild_sample *x = a, *y = b;
+
+    return x->channel != y->channel ? x->channel - y->channel : x->row - y->row;
+}
+
+/* S as it was sent, where it is off by so much; false: of a record that was cut before it. */
+static bool as_sent(const struct work *w, struct wild_sample *s)
+{
+    if (!work_may_take_wild(w))
+        return true;
+    if (s->row >= w->rec.Y.m)
+        return false;
+    s->sent += w->rec.scale[s->channel]
+             * w->rec.Y.x[s->row + (size_t)s->channel * (size_t)w->rec.Y.ld];
+    return true;
+}
+
 enum modal_status work_begin_wild(struct work *w, struct modal_error *err)
 {
-    const struct wild *stuck = &w->rec.stuck;
-    int count = 0;
+    struct wild *stuck = &w->rec.stuck, *wild = &w->wild;
+    int most = stuck->count + w->spikes.count, count = 0;
 
-    if (stuck->count == 0)
+    if (most == 0)
         return MODAL_OK;
-    w->wild.at = malloc((size_t)stuck->count * sizeof *w->wild.at);
-    if (w->wild.at == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d samples", stuck->count);
-    for (int i = 0; i < stuck->count; i++) {
-        struct wild_sample s = stuck->at[i];
-        if (work_may_take_wild(w) && s.row >= w->rec.Y.m)
-            continue;                       /* of a record that was cut */
-        if (work_may_take_wild(w))
-            s.sent += w->rec.scale[s.channel]
-                    * w->rec.Y.x[s.row + (size_t)s.channel * (size_t)w->rec.Y.ld];
-        w->rec.stuck.at[count] = w->wild.at[count] = s, count++;
+    wild->at = malloc((size_t)most * sizeof *wild->at);
+    if (wild->at == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d samples", most);
+    for (int i = 0; i < stuck->count; i++)
+        if (as_sent(w, &stuck->at[i]))
+            stuck->at[count] = wild->at[count] = stuck->at[i], count++;
+    wild->known_count = stuck->count = count;
+    wild->known = stuck->at;
+    for (int i = 0; i < w->spikes.count; i++) {
+        const struct step *s = &w->spikes.at[i];
+        struct wild_sample one = { s->row, s->channel, s->size };
+        bool known = wild->known_count > 0
+            && bsearch(&one, wild->known, (size_t)wild->known_count, sizeof one, by_place) != NULL;
+        if (!known && as_sent(w, &one))
+            wild->at[count++] = one;
     }
-    w->wild.count = w->wild.known_count = w->rec.stuck.count = count;
-    w->wild.share = count / ((double)w->rec.Y.m * w->rec.channels * w->rec.decimation);
-    w->wild.known = stuck->at;
+    wild->count = count;
+    qsort(wild->at, (size_t)count, sizeof *wild->at, by_place);
+    wild->share = count / ((double)w->rec.Y.m * w->rec.channels * w->rec.decimation);
     return MODAL_OK;
 }
 

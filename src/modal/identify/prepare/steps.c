@@ -1,5 +1,5 @@
 /*
- * steps.c - steps told by recurrences of differences, and fitted beside the poles
+ * steps.c - steps and lone spikes told by recurrences of differences; steps fitted beside the poles
  *
  * A step of size h is one number of the differences z of a column, and a recurrence of them,
  *
@@ -17,7 +17,9 @@
  * no means, and h has as many times the size that (2) says. What is told must explain
  * what is there: the sum of squares of e[m + j] - h a_j is chi-squared of p + 1 degrees of freedom,
  * and exceeds p + 1 + 2 sqrt((p + 1) x) + 2 x with a probability e^-x = WILD_ALARM at most [LM00].
- * A spike, an onset or a motion struck anew leaves more.  A grid of step q makes differences of up
+ * An onset or a motion struck anew leaves more.  A spike is one step up and one down at the next
+ * row, h (a_j - a_{j-1}) of e; near the record's ends those rows of it that are there tell, SPIKE_ROW
+ * of them left over.  A grid of step q makes differences of up
  * to LEAVES q of what is smooth (stuck.c).
  *
  * The step beside poles whose basis is Q: with v = u - Q Q'u, u being 0 before its row and 1 from
@@ -45,13 +47,14 @@
 #include "modal/linalg/workspace.h"
 
 enum {
-    STEPS_MOST = 4,              /* of a channel: more are a motion of their own */
+    STEPS_MOST = 4,              /* of a channel, spikes as well: more are a motion of their own */
     LOOKS = 8,                   /* at a column: each sees one place */
     SETTLES = 4,                 /* fits without it until its row is the one */
     ABOUT = 64,                  /* rows before (2), and after: of p */
     ROWS_LEAST = 8,              /* over p */
     SAMPLE = 8192,               /* numbers of a median */
     LEAVES = 4,                  /* as above */
+    SPIKE_ROW = 2,               /* the first that may be one: of fewer rows before it is an onset */
     REACH = 8,                   /* rows that (3) looks about: noise moves a step's own by some
                                   * s^2 / h^2 of them, and one that (2) tells is above s / 2 */
     ROWS_EACH = 2 * REACH + 1    /* where it may be */
@@ -61,13 +64,17 @@ static const double
     HALVES = 8;                  /* deviations that noise's halves may differ by, as colour.h has
                                   * them: no ordinary number of records exceeds them */
 
+/* At difference M: a sample more is another from there on, or the next one alone. */
+enum kind { STEP, SPIKE, KINDS };
+struct place { enum kind kind; int m; };
+
 struct look {
     int n, p;                    /* differences; order */
     double *z, *e;               /* z over its largest magnitude */
     double *h, *part;            /* room for sums of (2), and for a median */
     bool *out;                   /* differences that are none of motion */
     double a[2][RECURRENCE_MOST + 1];            /* (1), forward and back */
-    double aa;                   /* sum_j a_j^2 */
+    double form[KINDS][RECURRENCE_MOST + 2];     /* what one leaves of e from its first row on */
     int sense;                   /* of e: 1 forward, -1 back */
     double limit;                /* t */
     double jump;                 /* least h */
@@ -90,25 +97,55 @@ static bool fit(struct look *k, bool back)
 static void leave(struct look *k, int sense)
 {
     const double *a = k->a[sense < 0];
+    int p = k->p;
 
     k->sense = sense;
-    k->aa = cblas_ddot(k->p + 1, a, 1, a, 1);
-    recurrence_leaves(a, k->p, sense, k->z, k->n, k->e);
+    recurrence_leaves(a, p, sense, k->z, k->n, k->e);
+    for (int j = 0; j <= p + 1; j++) {
+        k->form[STEP][j] = j <= p ? a[j] : 0;
+        k->form[SPIKE][j] = sense * ((j <= p ? a[j] : 0) - (j > 0 ? a[j - 1] : 0));
+    }
 }
 
-static double size_of(const struct look *k, int m)
+/* The rows of e that show it, COUNT of them from E on, SENSE apart, and its form there: near the
+ * record's ends some of it is beyond. */
+struct rows { const double *e, *form; int first, count; };
+
+static struct rows rows_of(const struct look *k, struct place at)
 {
-    const double *a = k->a[k->sense < 0], *e = k->e + m;
+    int low = k->sense > 0 ? k->p : 0, high = k->sense > 0 ? k->n : k->n - k->p,
+        row = at.kind == SPIKE && k->sense < 0 ? at.m + 1 : at.m,
+        end = k->p + 1 + (at.kind == SPIKE), j = 0;
 
-    /* back, the first of both is the last that BLAS begins at */
-    return cblas_ddot(k->p + 1, a, 1, k->sense > 0 ? e : e - k->p, k->sense) / k->aa;
+    if (k->sense > 0) {
+        j = row < low ? low - row : 0;
+        end = row + end > high ? high - row : end;
+    } else {
+        j = row >= high ? row - high + 1 : 0;
+        end = row - end < low - 1 ? row - low + 1 : end;
+    }
+    return (struct rows) { k->e + row + k->sense * j, k->form[at.kind] + j, row + k->sense * j,
+                           end > j ? end - j : 0 };
 }
 
-/* Of e about the step M, but not of it. */
-static double size_about(const struct look *k, int m)
+static double square_of(const struct rows *r)
+{
+    return cblas_ddot(r->count, r->form, 1, r->form, 1);
+}
+
+static double size_of(const struct look *k, const struct rows *r)
+{
+    /* back, the first of both is the last that BLAS begins at */
+    return r->count == 0 ? 0
+         : cblas_ddot(r->count, r->form, 1, k->sense > 0 ? r->e : r->e - r->count + 1, k->sense)
+               / square_of(r);
+}
+
+/* Of e about it, but not of it. */
+static double size_about(const struct look *k, const struct rows *r)
 {
     int first = k->sense > 0 ? k->p : 0, last = k->sense > 0 ? k->n : k->n - k->p,
-        before = k->sense > 0 ? m : m - k->p, after = before + k->p + 1,
+        before = k->sense > 0 ? r->first : r->first - r->count + 1, after = before + r->count,
         begin = before - ABOUT > first ? before - ABOUT : first,
         end = after + ABOUT < last ? after + ABOUT : last;
     double size = before > begin ? wild_size(k->e + begin, before - begin, k->part) : 0;
@@ -126,69 +163,152 @@ static double size_of_all(const struct look *k)
     return fmax(wild_size(k->h, count, k->part), NEAR);
 }
 
-/* Where (2) is largest, of e forward; -1: nowhere over its limit. */
-static int largest(const struct look *k)
+static bool is_out(const struct look *k, struct place at)
 {
-    int first = 2 * k->p, count = k->n - 4 * k->p, at = -1;      /* rows of noise on either side */
-    double size = size_of_all(k), most = 0;
-
-    if (count <= 0)
-        return -1;
-    recurrence_leaves(k->a[0], k->p, -1, k->e + first, count + k->p, k->h);
-    for (int i = 0; i < count; i++)
-        if (fabs(k->h[i]) > most && !k->out[first + i])
-            most = fabs(k->h[i]), at = first + i;
-    return most > k->limit * fmax(size * sqrt(k->aa), wild_size(k->h, count, k->part)) ? at : -1;
+    return k->out[at.m] || (at.kind == SPIKE && k->out[at.m + 1]);
 }
 
-/* Does a step at M, *h high, explain what is there? */
-static bool explains(const struct look *k, int m, double *h)
+/* The largest of t among COUNT sums of (2) from difference FIRST on, over *most; of e of SIZE.
+ * Returns the size that their own median says. */
+static double largest_sum(const struct look *k, enum kind kind, double size, int first, int count,
+                        double *most, struct place *at)
 {
-    const double *a = k->a[k->sense < 0];
-    double size = fmax(size_about(k, m), size_of_all(k)), sum = 0, x = -log(WILD_ALARM);
-    int n = k->p + 1;
+    double norm = sqrt(cblas_ddot(k->p + 2, k->form[kind], 1, k->form[kind], 1));
 
-    *h = size_of(k, m);
+    size = fmax(size, wild_size(k->h, count, k->part) / norm);
+    for (int i = 0; i < count; i++) {
+        struct place here = { kind, first + i };
+        if (fabs(k->h[i]) > *most * size * norm && !is_out(k, here))
+            *most = fabs(k->h[i]) / (size * norm), *at = here;
+    }
+    return size;
+}
+
+/* The same of spikes at differences FIRST to LAST - 1, some of whose rows are beyond the ends. */
+static void largest_at_end(const struct look *k, double size, int first, int last, double *most,
+                           struct place *at)
+{
+    for (int m = first; m < last; m++) {
+        struct place here = { SPIKE, m };
+        struct rows r = rows_of(k, here);
+        double t = fabs(size_of(k, &r)) * sqrt(square_of(&r)) / size;
+        if (r.count > SPIKE_ROW && t > *most && !is_out(k, here))
+            *most = t, *at = here;
+    }
+}
+
+/* Spikes among the first rows, by those after them. */
+static void largest_at_begin(const struct look *k, double size, double *most, struct place *at)
+{
+    struct look head = *k;
+
+    head.n = k->n < 5 * k->p ? k->n : 5 * k->p;
+    head.e = k->h;
+    leave(&head, -1);
+    largest_at_end(&head, fmax(size, wild_size(head.e + 2 * k->p, head.n - 3 * k->p, k->part)),
+                   SPIKE_ROW - 1, 2 * k->p, most, at);
+}
+
+/* Where t is largest, of e forward, and back where there are no rows before; false: nowhere over
+ * its limit. */
+static bool largest(const struct look *k, struct place *at)
+{
+    int first = 2 * k->p, count = k->n - 4 * k->p;      /* rows of noise on either side */
+    double size = size_of_all(k), most = k->limit;
+
+    if (count <= 0)
+        return false;
+    recurrence_leaves(k->a[0], k->p, -1, k->e + first, count + k->p, k->h);
+    largest_sum(k, STEP, size, first, count, &most, at);
+    for (int i = 0; i < count - 1; i++)
+        k->h[i] -= k->h[i + 1];
+    size = largest_sum(k, SPIKE, size, first, count - 1, &most, at);
+    largest_at_end(k, size, first + count - 1, k->n - 1, &most, at);
+    largest_at_begin(k, size, &most, at);
+    return most > k->limit;
+}
+
+/* Is what is there, but for H of it, chi-squared? */
+static bool leaves_chi(const struct rows *r, int sense, double h, double size)
+{
+    double sum = 0, x = -log(WILD_ALARM);
+    int n = r->count;
+
     for (int j = 0; j < n; j++)
-        sum += pow((k->e[m + k->sense * j] - *h * a[j]) / size, 2);
-    return fabs(*h) * sqrt(k->aa) > k->limit * size && fabs(*h) > k->jump
-        && sum < n + 2 * sqrt(n * x) + 2 * x;
+        sum += pow((r->e[sense * j] - h * r->form[j]) / size, 2);
+    return sum < n + 2 * sqrt(n * x) + 2 * x;
+}
+
+/* Does one of *h explain what is there?  Of PART of its rows no more is asked than that it does. */
+static bool explains(const struct look *k, struct place at, bool part, double *h)
+{
+    struct rows r = rows_of(k, at);
+    double size = fmax(size_about(k, &r), size_of_all(k));
+
+    if (!part)
+        *h = size_of(k, &r);
+    return leaves_chi(&r, k->sense, *h, size) && fabs(*h) > k->jump
+        && (part || fabs(*h) * sqrt(square_of(&r)) > k->limit * size);
+}
+
+/* The sense in which more of its rows are in the record. */
+static int sense_of(const struct look *k, struct place at)
+{
+    return at.m < 2 * k->p ? -1 : 1;
 }
 
 /* Either way it does, as what a recurrence leaves of motion in one it does not. */
-static bool is_step(struct look *k, int m, double *h)
+static bool is_there(struct look *k, struct place at, double *h)
 {
-    double back;
+    int sense = sense_of(k, at);
+    bool part = at.m < k->p || at.m >= k->n - k->p - 1;
+    double other;
 
-    leave(k, -1);
-    if (!explains(k, m, &back))
+    leave(k, sense);
+    if (!explains(k, at, false, h))
         return false;
-    leave(k, 1);
-    return explains(k, m, h) && *h * back > 0;
+    leave(k, -sense);
+    other = *h;
+    return explains(k, at, part, &other) && *h * other > 0;
 }
 
-/* The row about *m whose step is the largest of a recurrence that leaves it out: one that does not
+static void set_out(struct look *k, struct place at, bool out)
+{
+    k->out[at.m] = out;
+    if (at.kind == SPIKE)
+        k->out[at.m + 1] = out;
+}
+
+/* The row about it where it is the largest of a recurrence that leaves it out: one that does not
  * is bent by it. False: too few rows. */
-static bool settle(struct look *k, int *m)
+static bool settle(struct look *k, struct place *at)
 {
     for (int again = 0; again < SETTLES; again++) {
-        int first = *m - k->p > k->p ? *m - k->p : k->p,
-            last = *m + k->p < k->n - 1 - k->p ? *m + k->p : k->n - 1 - k->p, best = *m;
-        k->out[*m] = true;
+        int least = at->kind == SPIKE ? SPIKE_ROW - 1 : k->p,
+            beyond = at->kind == SPIKE ? k->n - 1 : k->n - k->p,
+            first = at->m - k->p > least ? at->m - k->p : least,
+            last = at->m + k->p < beyond ? at->m + k->p : beyond - 1;
+        struct place best = *at;
+        double most = 0;
+        set_out(k, *at, true);
         if (!fit(k, true))
             return false;
-        leave(k, 1);
-        for (int l = first; l <= last; l++)
-            if (fabs(size_of(k, l)) > fabs(size_of(k, best)) && (l == *m || !k->out[l]))
-                best = l;
-        if (best == *m)
+        leave(k, sense_of(k, *at));
+        for (int l = first; l <= last; l++) {
+            struct place here = { at->kind, l };
+            struct rows r = rows_of(k, here);
+            double t = fabs(size_of(k, &r)) * sqrt(square_of(&r));
+            if (t > most && r.count > SPIKE_ROW && (l == at->m || !is_out(k, here)))
+                most = t, best = here;
+        }
+        if (best.m == at->m)
             break;
-        k->out[*m] = false, k->out[best] = true, *m = best;
+        set_out(k, *at, false), set_out(k, best, true), *at = best;
     }
     return true;
 }
 
-/* Without the steps that were told, does (1) leave noise?  Of more modes than p / 2 it leaves
+/* Without what was told, does (1) leave noise?  Of more modes than p / 2 it leaves
  * motion that dies away, in which nothing is told: its halves differ. Of n white numbers the sums
  * of squares of both halves differ by sqrt(2 n) variances in the standard deviation. */
 static bool leaves_noise(struct look *k)
@@ -205,31 +325,35 @@ static bool leaves_noise(struct look *k)
     return fabs(first - last) <= HALVES * sqrt(2.0 * n) * (first + last) / n;
 }
 
+struct told { struct place at; double size; };
+
 /* Up to STEPS_MOST of the column Y, sizes over z's UNIT. */
-static int look_at_column(struct look *k, const double *y, double unit, struct step *found)
+static int look_at_column(struct look *k, const double *y, double unit, struct told *found)
 {
     int count = 0;
 
-    for (int look = 0; look < LOOKS && count < STEPS_MOST && fit(k, false); look++) {
+    for (int look = 0; look < LOOKS && count < STEPS_MOST && fit(k, true); look++) {
+        struct place at;
         double h;
         leave(k, 1);
-        int m = largest(k);
-        if (m < 0)
+        if (!largest(k, &at))
             break;
         if (look == 0)
             k->jump = LEAVES * grid_of(y, 1, k->n + 1).step / unit;
-        if (!settle(k, &m))
+        if (!settle(k, &at))
             break;
-        if (!is_step(k, m, &h))
+        if (!is_there(k, at, &h))
             continue;
-        found[count++] = (struct step) { m + 1, 0, h, 0 };
-        k->z[m] -= h;
+        found[count++] = (struct told) { at, h };
+        k->z[at.m] -= h;
+        if (at.kind == SPIKE)
+            k->z[at.m + 1] += h;
     }
     return count > 0 && leaves_noise(k) ? count : 0;
 }
 
-static enum modal_status add(struct steps *s, const struct step *found, int count, int channel,
-                             double unit, struct modal_error *err)
+static enum modal_status add(struct steps *s, const struct told *found, int count, enum kind kind,
+                             int channel, double unit, struct modal_error *err)
 {
     struct step *at = realloc(s->at, sizeof *at * (size_t)(s->count + count));
 
@@ -237,11 +361,13 @@ static enum modal_status add(struct steps *s, const struct step *found, int coun
         return modal_fail(err, MODAL_NO_MEMORY, "steps: no memory for %d", count);
     s->at = at;
     for (int i = 0; i < count; i++)
-        at[s->count++] = (struct step) { found[i].row, channel, found[i].size * unit, 0 };
+        if (found[i].at.kind == kind)
+            at[s->count++] = (struct step) { found[i].at.m + 1, channel, found[i].size * unit, 0 };
     return MODAL_OK;
 }
 
-enum modal_status steps_find(const struct matrix *Y, struct steps *out, struct modal_error *err)
+enum modal_status steps_find(const struct matrix *Y, struct steps *out, struct steps *spikes,
+                             struct modal_error *err)
 {
     int n = Y->m - 1, p = n / ROWS_LEAST < RECURRENCE_MOST ? n / ROWS_LEAST : RECURRENCE_MOST;
     struct workspace space = { 0 };
@@ -250,13 +376,13 @@ enum modal_status steps_find(const struct matrix *Y, struct steps *out, struct m
                       .h = workspace_numbers(&space, (size_t)n, 1),
                       .part = workspace_numbers(&space, (size_t)n, 1),
                       .out = workspace_zeros(&space, (size_t)n, sizeof *k.out),
-                      .limit = wild_standing_out((double)n * Y->n) };
+                      .limit = wild_standing_out((double)KINDS * n * Y->n) };
     enum modal_status rc = workspace_check(&space, "steps: no memory", err);
 
-    *out = (struct steps) { 0 };
+    *out = *spikes = (struct steps) { 0 };
     for (int c = 0; c < Y->n && rc == MODAL_OK && p > 1; c++) {
         const double *y = Y->x + (size_t)c * (size_t)Y->ld;
-        struct step found[STEPS_MOST];
+        struct told found[STEPS_MOST];
         double unit = 0;
         for (int l = 0; l < n; l++)
             unit = fmax(unit, fabs(y[l + 1] - y[l]));
@@ -265,12 +391,12 @@ enum modal_status steps_find(const struct matrix *Y, struct steps *out, struct m
         for (int l = 0; l < n; l++)
             k.z[l] = (y[l + 1] - y[l]) / unit, k.out[l] = false;
         int count = look_at_column(&k, y, unit, found);
-        if (count > 0)
-            rc = add(out, found, count, c, unit, err);
+        if (count > 0 && (rc = add(out, found, count, STEP, c, unit, err)) == MODAL_OK)
+            rc = add(spikes, found, count, SPIKE, c, unit, err);
     }
     workspace_free(&space);
     if (rc != MODAL_OK)
-        steps_done(out);
+        steps_done(out), steps_done(spikes);
     return rc;
 }
 

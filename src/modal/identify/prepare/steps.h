@@ -1,4 +1,5 @@
-/* steps.h - a channel's mean that jumps and stays: a sensor that slips, a load that goes */
+/* steps.h - a channel's mean that jumps and stays: a sensor that slips, a load that goes; and one
+ * sample that is off by itself */
 #ifndef MODAL_STEPS_H
 #define MODAL_STEPS_H
 #include <complex.h>
@@ -11,11 +12,12 @@ struct step { int row, channel; double size, std; };
 struct steps { struct step *at; int count; };         /* owned; by channels */
 
 /*
- * The steps of Y (L x S), told by what samples are by those about them (steps.c), their std 0. Of a
- * record without any one in 1 / WILD_ALARM (wild.h) has one. *out is the caller's to steps_done.
- * Fails with MODAL_NO_MEMORY.
+ * The steps of Y (L x S) and its lone SPIKES, SIZE off, told by what samples are by those about
+ * them (steps.c), their std 0. Of a record without any one in 1 / WILD_ALARM (wild.h) has one. Both
+ * are the caller's to steps_done. Fails with MODAL_NO_MEMORY.
  */
-enum modal_status steps_find(const struct matrix *Y, struct steps *out, struct modal_error *err);
+enum modal_status steps_find(const struct matrix *Y, struct steps *out, struct steps *spikes,
+                             struct modal_error *err);
 
 /* Y without the steps that it has, or with them again (SENSE -1). */
 void steps_take(const struct steps *s, int sense, struct matrix *Y);

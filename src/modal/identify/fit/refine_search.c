@@ -104,20 +104,26 @@ static double set_weights(struct work *w, const double *rss, bool equal)
     return change;
 }
 
-/* The damped step: min |[R_J; sqrt(mu) diag] delta - [g; 0]|. False where it has no solution. */
-bool refine_damped_step(int n, const double *T, double mu, double *A, double *delta)
+/* A = [R_J; 0], 2 n x n, and delta = [g; 0]. */
+static void linear_model(int n, const double *T, double *A, double *delta)
 {
-    int ld = 2 * n, P = n + 1;
+    memset(A, 0, 2 * (size_t)n * (size_t)n * sizeof *A);
+    memset(delta, 0, 2 * (size_t)n * sizeof *delta);
+    for (int j = 0; j < n; j++)
+        memcpy(A + j * 2 * n, T + j * (n + 1), (size_t)(j + 1) * sizeof *A);
+    memcpy(delta, T + n * (n + 1), (size_t)n * sizeof *delta);
+}
 
-    memset(A, 0, (size_t)ld * (size_t)n * sizeof *A);
-    memset(delta, 0, (size_t)ld * sizeof *delta);
+/* min |[R_J; sqrt(mu) diag] delta - [g; 0]|. False where it has no solution. */
+static bool solve_damped(int n, double mu, double *A, double *delta)
+{
+    int ld = 2 * n;
+
     for (int j = 0; j < n; j++) {
-        memcpy(A + j * ld, T + j * P, (size_t)(j + 1) * sizeof *A);
-        double norm = cblas_dnrm2(j + 1, T + j * P, 1);
+        double norm = cblas_dnrm2(n, A + j * ld, 1);
         /* Marquardt's scaling: mu is a part of each column's own square */
         A[n + j + j * ld] = sqrt(mu) * (norm > 0 ? norm : 1);
     }
-    memcpy(delta, T + n * P, (size_t)n * sizeof *delta);
     /* by QR of R_J over the damping: J^T J would square the condition */
     if (LAPACKE_dgels(LAPACK_COL_MAJOR, 'N', ld, n, 1, A, ld, delta, ld) != 0)
         return false;
@@ -125,6 +131,117 @@ bool refine_damped_step(int n, const double *T, double mu, double *A, double *de
         if (!isfinite(delta[i]))
             return false;
     return true;
+}
+
+bool refine_damped_step(int n, const double *T, double mu, double *A, double *delta)
+{
+    linear_model(n, T, A, delta);
+    return solve_damped(n, mu, A, delta);
+}
+
+/*
+ * Of two pairs that overlap the data tell the mean m of the exponents and the square s of half
+ * their difference d: what they are together is an even function of d, whose derivative in d is 0
+ * at d = 0, where a descent in the exponents themselves would end.  Steps of such are steps of m
+ * and s,
+ *
+ *     d(lambda_1), d(lambda_2) = dm +- ds / (2 d),   then   m + dm +- sqrt(s + ds).             (8)
+ *
+ * So it is where their amplitudes are alike, as they become for any motion (A + B t) e^{m t} as d
+ * vanishes, A +- B / (2 d). Of a strong one and a weak one the strong one itself is told, and they
+ * are stepped as they are.
+ */
+static double complex half_apart(const struct point *at, int i, int j)
+{
+    return CMPLX(at->a[i] - at->a[j], at->b[i] - at->b[j]) / 2;
+}
+
+static bool overlap(const struct work *w, const struct point *at, int i, int j)
+{
+    double wide = fmax(2 * M_PI / w->L, fmin(fabs(at->a[i]), fabs(at->a[j])));
+
+    return cabs(half_apart(at, i, j)) * 2 < wide;
+}
+
+/* By their columns of R_J, to a factor of two. */
+static bool alike(const struct work *w, const struct evaluation *e, int i, int j)
+{
+    int n = w->parameters + 1;
+    double one = cblas_dnrm2(n, e->T + w->first[i] * n, 1),
+           other = cblas_dnrm2(n, e->T + w->first[j] * n, 1);
+
+    return fmax(one, other) < 2 * fmin(one, other);
+}
+
+/* s->partner: of each pole the nearest that it overlaps, each in one pair; -1: none. */
+static void find_partners(const struct work *w, struct search *s)
+{
+    for (int i = 0; i < w->count; i++)
+        s->partner[i] = -1;
+    for (int i = 0; i < w->count && !w->tied; i++) {
+        int best = -1;
+        if (w->kind[i] != POLE_PAIR || w->first[i] < 0 || s->partner[i] >= 0)
+            continue;
+        for (int j = i + 1; j < w->count; j++)
+            if (w->kind[j] == POLE_PAIR && w->first[j] >= 0 && s->partner[j] < 0
+                && overlap(w, &s->at, i, j) && half_apart(&s->at, i, j) != 0
+                && alike(w, &s->now, i, j)
+                && (best < 0 || cabs(half_apart(&s->at, i, j))
+                                    < cabs(half_apart(&s->at, i, best))))
+                best = j;
+        s->partner[i] = best;
+        if (best >= 0)
+            s->partner[best] = i;
+    }
+}
+
+/* Two columns of N numbers, of Re and Im, times the complex number F. */
+static void turn_columns(int n, double *re, double *im, double complex f)
+{
+    for (int k = 0; k < n; k++) {
+        double x = re[k] * creal(f) + im[k] * cimag(f);
+        im[k] = im[k] * creal(f) - re[k] * cimag(f);
+        re[k] = x;
+    }
+}
+
+/* R_J by (8): of a pair's columns, those of m and of s. */
+static void to_means(const struct work *w, const struct search *s)
+{
+    int n = w->parameters;
+
+    for (int i = 0; i < w->count; i++) {
+        int j = s->partner[i];
+        if (j < i)
+            continue;
+        double *one = s->A + w->first[i] * 2 * n, *other = s->A + w->first[j] * 2 * n;
+        for (int c = 0; c < 2; c++, one += 2 * n, other += 2 * n)
+            for (int k = 0; k < n; k++) {
+                double x = one[k];
+                one[k] = x + other[k], other[k] = x - other[k];
+            }
+        turn_columns(n, other - 4 * n, other - 2 * n, 1 / (2 * half_apart(&s->at, i, j)));
+    }
+}
+
+/* Steps of exponents from those of m and s: LINEAR, or as far as they go. */
+static void from_means(const struct work *w, const struct search *s, bool linear,
+                       const double *delta, double *out)
+{
+    memcpy(out, delta, (size_t)w->parameters * sizeof *out);
+    for (int i = 0; i < w->count; i++) {
+        int j = s->partner[i];
+        if (j < i)
+            continue;
+        const double *m = delta + w->first[i], *t = delta + w->first[j];
+        double complex d = half_apart(&s->at, i, j), ds = CMPLX(t[0], t[1]), half = ds / (2 * d);
+        if (!linear) {
+            double complex root = csqrt(d * d + ds);
+            half = (creal(root * conj(d)) < 0 ? -root : root) - d;
+        }
+        out[w->first[i]] = m[0] + creal(half), out[w->first[i] + 1] = m[1] + cimag(half);
+        out[w->first[j]] = m[0] - creal(half), out[w->first[j] + 1] = m[1] - cimag(half);
+    }
 }
 
 /* |g|^2 - |g - R_J delta|^2: what (4) promises. */
@@ -204,6 +321,8 @@ bool refine_search_new(struct search *s, struct work *w)
     struct workspace *held = &w->held;
 
     s->A = workspace_numbers(held, 2 * n, n), s->delta = workspace_numbers(held, 2 * n, 1);
+    s->step = workspace_numbers(held, n, 1);
+    s->partner = workspace_zeros(held, poles, sizeof *s->partner);
     for (int i = 0; i < 2; i++) {
         points[i]->a = workspace_numbers(held, poles, 1);
         points[i]->b = workspace_numbers(held, poles, 1);
@@ -333,15 +452,20 @@ static enum modal_status try_step(struct work *w, struct search *s, struct dampi
     enum modal_status rc;
 
     s->iterations++, s->evaluations++;
-    if (!refine_damped_step(n, s->now.T, d->mu, s->A, s->delta)) {
+    find_partners(w, s);
+    linear_model(n, s->now.T, s->A, s->delta);
+    to_means(w, s);
+    if (!solve_damped(n, d->mu, s->A, s->delta)) {
         damp_more(d);
         return MODAL_OK;
     }
-    refine_take_step(w, &s->at, s->delta, &s->trial);
+    from_means(w, s, true, s->delta, s->step);
+    promise = promised(n, s->now.T, s->step);
+    from_means(w, s, false, s->delta, s->step);
+    refine_take_step(w, &s->at, s->step, &s->trial);
     rc = refine_evaluate(w, &s->trial, &s->next, err);
     if (rc != MODAL_OK)
         return rc;
-    promise = promised(n, s->now.T, s->delta);
     fall = s->now.F - s->next.F;
     if (s->next.degenerate || !(fall > 0)) {  /* NAN too */
         damp_more(d);

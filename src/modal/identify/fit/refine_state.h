@@ -68,6 +68,8 @@ struct search {
     struct point at, trial;
     struct evaluation now, next;
     double *A, *delta;            /* of damped_step */
+    double *step;                 /* delta, of the exponents themselves */
+    int *partner;                 /* of each pole: the one that it is stepped together with, -1 */
     int iterations, evaluations;
 };
 

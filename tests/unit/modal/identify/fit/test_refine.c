@@ -87,6 +87,37 @@ TEST(lines_of_one_multiplier_have_one_exponent_and_the_errors_of_all_of_them)
     refined_done(&r);
 }
 
+/* A record (A + B t) e^{mt} and more, of two exponents m +- d, looks the same with -d, and so has
+ * no slope in d where d is small: begun at small d of other directions, the search comes to the
+ * true pair all the same. */
+TEST(two_exponents_that_begin_nearly_equal_come_apart_in_whatever_direction_is_right)
+{
+    for (int turn = 0; turn < 8; turn++) {
+        struct decay d = three(1200, 21 + (uint64_t)turn);
+        struct random rng = { 31 + (uint64_t)turn };
+        double complex apart = 0.11 * cexp(0.3 * turn * I), m = d.lambda[0], start[3];
+        double re[3], im[3], sd;
+        struct refined r;
+
+        d.lambda[0] = m + apart, d.lambda[1] = m - apart;
+        for (int c = 0; c < 3; c++)
+            d.B[1][c] = -d.B[0][c];
+        struct matrix Y = signals_of(&d);
+        struct refine_data data = { &Y, d.dt, 0, 0, NULL, false, 0, NULL, 0, 0 };
+        sd = decay_noise(&d, y, 1200, 60, &rng);
+        decay_bound(&d, sd, re, im);
+        start[0] = m + 0.01 * I * apart, start[1] = m - 0.01 * I * apart, start[2] = d.lambda[2];
+        CHECK(refine_poles(&data, start, 3, NULL, NULL, &r, NULL) == MODAL_OK);
+        CHECK(r.end == REFINE_CONVERGED && r.iterations < 40);
+        for (int j = 0; j < 2; j++) {
+            int k = cabs(r.lambda[0] - d.lambda[j]) > cabs(r.lambda[1] - d.lambda[j]);
+            CHECK(fabs(creal(r.lambda[k] - d.lambda[j])) < 5 * re[j]);
+            CHECK(fabs(cimag(r.lambda[k] - d.lambda[j])) < 5 * im[j]);
+        }
+        refined_done(&r);
+    }
+}
+
 /* White noise: standard errors are the bound at the true noise level up to its estimate's scatter,
  * 1/sqrt(2 * 3580) = 1.2 %; 5 of it. */
 TEST(standard_errors_are_the_cramer_rao_bound)

@@ -18,7 +18,8 @@ const struct result_code result_codes[] = {
       "take the exponents for rough; another `window` or `band` may converge" },
     { "fast_decay", "identify", "a mode is gone after a few samples: its exponent rests on them",
       "sample faster, or start the window later to drop it" },
-    { "growth_hides", "identify", "a mode grows so much that others are below its rounding errors",
+    { "growth_hides", "identify", "a mode grows so much that others are below its rounding errors: "
+      "where that begins the record is cut, if the part before tells more",
       "use a shorter window to see the rest" },
     { "near_nyquist", "identify", "a mode near half the sampling rate may be a faster one, folded",
       "sample faster" },

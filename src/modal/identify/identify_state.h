@@ -43,7 +43,8 @@ struct work {
     struct grid *grid;              /* per channel, in the batch's unit; NULL: not looked for */
     int cut;                        /* rows kept of a record that ends below its grid; 0: all */
     int grown;                      /* so of one that grows until rounding hides all else */
-    struct matrix whole; double *whole_scale;   /* rec.Y and rec.scale before; x NULL: as they are */
+    /* rec.Y and rec.scale before that; x NULL: as they are */
+    struct matrix whole; double *whole_scale;
     struct wild wild;               /* what rec.Y lacks of the record */
     struct steps steps;             /* so, sizes in the batch's unit */
     struct steps spikes;            /* so: that rec.Y was without before poles were looked for */

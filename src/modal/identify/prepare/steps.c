@@ -18,9 +18,9 @@
  * what is there: the sum of squares of e[m + j] - h a_j is chi-squared of p + 1 degrees of freedom,
  * and exceeds p + 1 + 2 sqrt((p + 1) x) + 2 x with a probability e^-x = WILD_ALARM at most [LM00].
  * An onset or a motion struck anew leaves more.  A spike is one step up and one down at the next
- * row, h (a_j - a_{j-1}) of e; near the record's ends those rows of it that are there tell, SPIKE_ROW
- * of them left over.  A grid of step q makes differences of up
- * to LEAVES q of what is smooth (stuck.c).
+ * row, h (a_j - a_{j-1}) of e; near the record's ends those rows of it that are there tell, more
+ * than SPIKE_ROW of them.  A grid of step q makes differences of up to LEAVES q of what is smooth
+ * (stuck.c).
  *
  * The step beside poles whose basis is Q: with v = u - Q Q'u, u being 0 before its row and 1 from
  * there on, r what the poles leave of the record as it was sent,
@@ -54,7 +54,8 @@ enum {
     ROWS_LEAST = 8,              /* over p */
     SAMPLE = 8192,               /* numbers of a median */
     LEAVES = 4,                  /* as above */
-    SPIKE_ROW = 2,               /* the first that may be one: of fewer rows before it is an onset */
+    SPIKE_ROW = 2,               /* the first that may be one: with fewer rows before it, an
+                                  * onset is as likely */
     REACH = 8,                   /* rows that (3) looks about: noise moves a step's own by some
                                   * s^2 / h^2 of them, and one that (2) tells is above s / 2 */
     ROWS_EACH = 2 * REACH + 1    /* where it may be */

@@ -4,7 +4,7 @@
  *
  * Truth is what makes the record; a mode is right within five of its own standard errors, and
  * those of another unit against what is told in one unit. */
-/* Tests as well: parts.c rounding.c */
+/* Tests as well: identify_growth.c parts.c rounding.c */
 #include "check.h"
 #include "modal/identify/identify.h"
 #include "signals.h"

@@ -210,17 +210,25 @@ def test_multipliers_of_a_period_of_no_whole_samples_are_found_and_no_other(seed
     assert document["stability"]["stable"] == (abs(r["multipliers"]).max() < 1)
 
 
-# multipliers in the upper half plane, and how far off they may be: five times what 56 dB make, or
+# multipliers in the upper half plane, and how far off they may be: five times what noise makes, or
 # what the integration of the record left
 UNEVEN = {"decays_56dB": ([0.33636 + 0.08983j, -0.75039 + 0.41704j, -0.61889 + 0.13372j],
                                  4e-3),
           "decays": ([0.4080783092 + 0.6204076018j, -0.3632165434 + 0.7516656769j,
-                             -0.1138596693 + 0.7100071076j], 1e-9)}
+                             -0.1138596693 + 0.7100071076j], 1e-9),
+          "close_22dB": ([-0.3840753939 + 0.7771508122j, 0.1020494376 + 0.8608502805j,
+                          -0.9941209705, -0.9878203523], [0.027, 0.058, 0.0035, 0.0075]),
+          "grows_59dB": ([-0.7981075538 + 0.7027444631j, -0.7866114764,
+                          -0.2941580716 + 0.6733754689j, -0.9134656270 + 0.1437783060j,
+                          -0.9703165466 + 0.2293016115j, -0.9949509849],
+                         [0.0016, 0.19, 0.0041, 0.044, 0.0078, 0.00016])}
 
 
 @pytest.mark.parametrize("name", UNEVEN)
-def test_strongly_damped_multipliers_of_uneven_periods_are_all_there_is(name, monkeypatch):
-    """19.29 and 47.07 samples a period; poles each for itself ended at the limit of work."""
+def test_strongly_damped_and_close_multipliers_of_uneven_periods_are_all_there_is(name):
+    """19.29 and 47.07 samples a period: poles each for itself ended at the limit of work.  12.74 and
+    11.74: of lines that the record does not resolve all left that gained little beside the others.
+    """
     multipliers, off = UNEVEN[name]
     path = pathlib.Path(__file__).parents[1] / "data" / "reference" / "uneven" / f"{name}.h5"
     out = subprocess.run([BUILD / "bin" / "modalctl", "--local", "--json", "identify", path],
@@ -228,9 +236,10 @@ def test_strongly_damped_multipliers_of_uneven_periods_are_all_there_is(name, mo
     document = json.loads(out)
     found = [complex(mode["multiplier"][0], abs(mode["multiplier"][1]))
              for mode in document["modes"]]
+    off = off if isinstance(off, list) else [off] * len(multipliers)
     assert len(found) == len(multipliers)
-    assert all(min(abs(f - m) for f in found) < off for m in multipliers)
-    assert document["stability"]["stable"] is True
+    assert all(min(abs(f - m) for f in found) < o for m, o in zip(multipliers, off))
+    assert document["stability"]["stable"] == (max(abs(m) for m in multipliers) < 1)
 
 
 def test_a_slow_pole_that_grows_is_no_multiplier_where_lines_of_others_stand_in(monkeypatch):

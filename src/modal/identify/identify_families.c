@@ -17,18 +17,19 @@
  * searched as such (identify_periods.c).  Then, in the samples themselves, of all lines below
  * Nyquist those are kept that pay, all exponents are refined, and families that do not pay leave,
  * by the criterion of all searches (criterion.h).  Where others' lines can stand in for those of a
- * family, as where the record does not resolve them, it leaves for them.
+ * family, as where the record does not resolve them, it leaves for them.  At last each family is
+ * tried as two, which even phases of few periods did not tell apart.
  *
  * [D96] Djuric, IEEE Trans. Signal Process. 44 (1996) 1744-1751.
  */
 #include "modal/identify/identify_state.h"
 #include <cblas.h>
-#include <lapacke.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include "modal/identify/fit/colour.h"
 #include "modal/identify/linear/exponents.h"
+#include "modal/identify/order/lines.h"
 #include "modal/identify/order/remainder.h"
 #include "modal/identify/prepare/fold.h"
 #include "modal/identify/prepare/turns.h"
@@ -43,15 +44,9 @@ enum {
     LINES_MOST = 256,           /* of all families: beyond, a fit is seconds */
     ROUNDS = 4                  /* of lines by exponents and exponents by lines */
 };
-/* Without a family: its lines left out, others put in their place, those refined. */
-enum { ALONE, PUT, REFINED, WAYS };
-
-/* Lines of families. */
-struct lines {
-    int count;
-    double complex *lambda;     /* the head of a family first, but where it did not pay */
-    int *family;                /* per line */
-};
+/* Without a family: its lines left out, others put in their place, those refined, and chosen from.
+ * */
+enum { ALONE, PUT, REFINED, PRUNED, WAYS };
 
 struct families {
     const struct work *w;
@@ -223,6 +218,13 @@ static void all_lines(struct families *f, double fastest)
     }
 }
 
+static void copy_lines(const struct lines *from, struct lines *to)
+{
+    memcpy(to->lambda, from->lambda, sizeof *to->lambda * (size_t)from->count);
+    memcpy(to->family, from->family, sizeof *to->family * (size_t)from->count);
+    to->count = from->count;
+}
+
 static int lines_columns(const struct families *f, const struct lines *l)
 {
     return poles_order(l->lambda, l->count, f->w->tau);
@@ -241,107 +243,6 @@ static void make_lines(struct families *f)
     }
 }
 
-/* -2 ln(likelihood) that one of so many POLES, with so many of their COLUMNS, must gain, the
- * exponents being there. */
-static double price_of(const struct criterion *c, int poles, int order, int columns)
-{
-    return criterion_price(c, poles, order, 0) - criterion_price(c, poles - 1, order - columns, 0);
-}
-
-/* What the variance of signal g is, as far as FREE rows tell. */
-static double noise_of(const struct projected *p, int g, int free_rows)
-{
-    return fmax(p->rss[g] / (free_rows > 1 ? free_rows : 1), p->criterion.floor2[g]);
-}
-
-/* chi2[i]: of the amplitudes of line i in all signals, the others fitted beside.  R is inverted. */
-static enum modal_status chi_squared(const struct families *f, const struct lines *l,
-                                     struct projected *p, double *chi2, struct modal_error *err)
-{
-    int q = p->order, S = p->columns, free_rows = f->w->data.Y->m - q;
-
-    if (LAPACKE_dtrtri(LAPACK_COL_MAJOR, 'U', 'N', q, p->R, q) != 0)
-        return modal_fail(err, MODAL_NO_CONVERGENCE, "identify: lines that coincide");
-    cblas_dtrmm(CblasColMajor, CblasLeft, CblasUpper, CblasNoTrans, CblasNonUnit, q, S, 1, p->R, q,
-                p->Z, q);                                        /* amplitudes */
-    for (int i = 0, c = 0; i < l->count; i++) {
-        int n = pole_order(l->lambda[i], f->w->tau), rest = q - c;
-        const double *r0 = p->R + c + (size_t)c * (size_t)q, *r1 = n > 1 ? r0 + 1 : r0;
-        double a = cblas_ddot(rest, r0, q, r0, q), d = cblas_ddot(rest, r1, q, r1, q),
-               b = n > 1 ? cblas_ddot(rest, r0, q, r1, q) : 0, det = n > 1 ? a * d - b * b : a;
-        chi2[i] = 0;
-        for (int s = 0; s < S; s++) {
-            const double *x = p->Z + c + (size_t)s * (size_t)q;
-            double y = n > 1 ? (d * x[0] * x[0] - 2 * b * x[0] * x[1] + a * x[1] * x[1]) / det
-                             : x[0] * x[0] / det;
-            chi2[i] += y > 0 ? y / noise_of(p, s, free_rows) : 0;
-        }
-        c += n;
-    }
-    return MODAL_OK;
-}
-
-/* Lines that gain less than LEAST leave, the lesser half of them at a time, but the best of each
- * family; *left: there were any. */
-static void drop_lines(struct lines *l, const double *chi2, const double *least, bool *left)
-{
-    double median = HUGE_VAL;
-    int failing = 0, kept = 0, below;
-
-    for (int i = 0; i < l->count; i++)
-        failing += chi2[i] < least[i];
-    *left = false;
-    /* the value that half of those are below, found by counting: lines are few */
-    for (int i = 0; i < l->count && failing > 0; i++) {
-        below = 0;
-        for (int j = 0; j < l->count; j++)
-            below += chi2[j] < least[j] && chi2[j] <= chi2[i];
-        if (chi2[i] < least[i] && 2 * below >= failing)
-            median = fmin(median, chi2[i]);
-    }
-    for (int i = 0; i < l->count; i++) {
-        bool best = true;
-        for (int j = 0; j < l->count; j++)
-            best &= l->family[j] != l->family[i] || chi2[j] < chi2[i]
-                 || (chi2[j] == chi2[i] && j >= i);
-        if (!best && chi2[i] < least[i] && chi2[i] <= median) {
-            *left = true;
-            continue;
-        }
-        l->lambda[kept] = l->lambda[i], l->family[kept++] = l->family[i];
-    }
-    l->count = kept;
-}
-
-/* L, which begins as all lines: those that pay. */
-static enum modal_status choose_lines(struct families *f, struct lines *l, struct modal_error *err)
-{
-    double *chi2 = workspace_numbers(&f->space, (size_t)f->all.count, 2),
-           *least = chi2 != NULL ? chi2 + f->all.count : NULL;
-    bool left = true;
-    enum modal_status rc = MODAL_OK;
-
-    if (f->space.failed)
-        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d lines", f->all.count);
-    memcpy(l->lambda, f->all.lambda, sizeof *l->lambda * (size_t)f->all.count);
-    memcpy(l->family, f->all.family, sizeof *l->family * (size_t)f->all.count);
-    l->count = f->all.count;
-    while (rc == MODAL_OK && left) {
-        struct projected p = { 0 };
-        rc = refine_project(&f->w->data, l->lambda, l->count, NULL, &p, err);
-        if (rc == MODAL_OK && p.degenerate)
-            rc = modal_fail(err, MODAL_NO_CONVERGENCE, "identify: lines that coincide");
-        for (int i = 0; i < l->count && rc == MODAL_OK; i++)
-            least[i] = price_of(&p.criterion, l->count, p.order,
-                                pole_order(l->lambda[i], f->w->tau));
-        rc = rc == MODAL_OK ? chi_squared(f, l, &p, chi2, err) : rc;
-        projected_done(&p);
-        if (rc == MODAL_OK)
-            drop_lines(l, chi2, least, &left);
-    }
-    return rc;
-}
-
 /* ---- exponents ---- */
 
 /* HEAD by the lines of FIT, of L. */
@@ -352,28 +253,43 @@ static void take_heads(const struct families *f, const struct lines *l, const st
         head[l->family[i]] = principal(f, fit->lambda[i]);
 }
 
-/* Exponents by lines and lines by exponents, until the lines stay; *fit is the caller's. */
+/* Exponents by lines and lines by exponents, until the lines stay; those of L, where there are any,
+ * have *FIT, and stay where others are no better. */
 static enum modal_status settle_lines(struct families *f, struct lines *l, struct refined *fit,
                                       struct modal_error *err)
 {
+    struct lines other;
     int before = -1;
     enum modal_status rc = MODAL_OK;
 
+    if (!lines_new(f, &other, f->room))
+        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d lines", f->room);
     for (int i = 0; i < ROUNDS && rc == MODAL_OK && !f->given_up; i++) {
         struct refine_options opt = { .rival = f->rival, .work = f->work };
+        struct refined look;
+        bool better;
         make_lines(f);
-        if ((rc = choose_lines(f, l, err)) != MODAL_OK || l->count == before)
+        copy_lines(&f->all, &other);
+        if ((rc = lines_choose(&f->w->data, &other, err)) != MODAL_OK || other.count == before)
             break;
-        before = l->count;
-        refined_done(fit);
-        rc = refine_poles(&f->w->data, l->lambda, l->count, NULL, &opt, fit, err);
+        before = other.count;
+        rc = refine_poles(&f->w->data, other.lambda, other.count, NULL, &opt, &look, err);
         if (rc != MODAL_OK)
             break;
-        take_heads(f, l, fit, f->head);
-        f->spent += fit->work, f->work = fmax(f->work - fit->work, 1);
-        f->given_up = fit->end == REFINE_HOPELESS || fit->end == REFINE_STOPPED;
+        f->spent += look.work, f->work = fmax(f->work - look.work, 1);
+        better = l->count == 0 || look.bic < fit->bic;
+        if (better) {
+            take_heads(f, &other, &look, f->head);
+            copy_lines(&other, l);
+            refined_done(fit);
+            *fit = look;
+            f->given_up = fit->end == REFINE_HOPELESS || fit->end == REFINE_STOPPED;
+        } else {
+            refined_done(&look);
+            break;
+        }
     }
-    return rc;
+    return rc == MODAL_NO_CONVERGENCE && l->count > 0 ? MODAL_OK : rc;
 }
 
 /* L without family J. */
@@ -425,43 +341,72 @@ static int exponents_of(const struct families *f, int first, int last)
     return count;
 }
 
+/* Is there another that the record does not tell from family J? */
+static bool has_neighbour(const struct families *f, int j)
+{
+    bool has = false;
+
+    for (int i = 0; i < f->count; i++)
+        has |= i != j
+            && cabs(f->head[i] - f->head[j]) < M_PI / (f->w->tau * f->w->data.Y->m);
+    return has;
+}
+
+/* LESS made ready for WAY; *ready: it is another than the way before had. */
+static enum modal_status go_way(const struct families *f, const struct lines *l, int j, int way,
+                                bool exact, struct lines *less, bool *ready,
+                                struct modal_error *err)
+{
+    int before = less->count;
+    enum modal_status rc = MODAL_OK;
+
+    if (way == ALONE)
+        without(l, j, less);
+    if (way == PUT && !exact)
+        stand_in(f, l, j, less);
+    if (way == PRUNED)
+        rc = lines_choose(&f->w->data, less, err);
+    *ready = way == ALONE || way == REFINED || less->count != before;
+    return rc;
+}
+
 /* L without family J for *BEST, what the least is under the criterion of FIT, so far, *idle and
- * HEAD, where it is less: as the exponents are, and with what may stand in for its lines, refined
- * where that is near. */
+ * HEAD, where it is less: as the exponents are, with what may stand in for its lines, refined where
+ * that is near, or one is that may take its place, and then less the lines that do not pay. */
 static enum modal_status try_without(struct families *f, const struct lines *l, int j,
                                      const struct refined *fit, struct lines *less, double *best,
                                      int *idle, double complex *head, struct modal_error *err)
 {
-    struct refine_options opt = { .iterations = -1, .work = f->work };
-    double own = fit->bic + short_of(f, exponents_of(f, j, j + 1));
-    bool exact = fit->residual <= REFINE_EXACT * safe_matrix_norm(f->w->data.Y);
+    double own = fit->bic + short_of(f, exponents_of(f, j, j + 1)),
+           a_column = f->w->data.Y->n * log((double)f->w->data.Y->m * f->w->data.Y->n);
+    bool exact = fit->residual <= REFINE_EXACT * safe_matrix_norm(f->w->data.Y),
+         near = has_neighbour(f, j), ready;
+    int alone = 0;
     enum modal_status rc = MODAL_OK;
-    int alone;
 
-    without(l, j, less);
-    alone = less->count;
-    for (int way = 0; way < WAYS && rc == MODAL_OK; way++) {
+    for (int way = 0; way < WAYS && rc == MODAL_OK && (way < REFINED || near); way++) {
+        struct refine_options opt = { .iterations = way < REFINED ? -1 : 0, .work = f->work };
         struct refined look;
-        bool near;
-        if (way == PUT && !exact)
-            stand_in(f, l, j, less);
-        if (way == PUT && less->count == alone)
-            break;
-        opt.iterations = way == REFINED ? 0 : -1;
+        rc = go_way(f, l, j, way, exact, less, &ready, err);
+        if (rc != MODAL_OK || !ready)
+            continue;
+        /* lines put in its place may leave again */
+        alone = way == ALONE ? lines_columns(f, less) : alone;
+        opt.rival = own + a_column * (lines_columns(f, less) - alone);
         rc = refine_poles(&f->w->data, less->lambda, less->count, NULL, &opt, &look, err);
         if (rc != MODAL_OK)
             break;
-        near = look.bic < own + ORDER_SPLIT_REACH;
+        near |= look.bic < own + ORDER_SPLIT_REACH;
         if (look.bic - own < *best && look.end != REFINE_DEGENERATE) {
             *best = look.bic - own, *idle = j;
             take_heads(f, less, &look, head);
         }
+        for (int i = 0; i < less->count && way == REFINED; i++)
+            less->lambda[i] = look.lambda[i];
         f->spent += look.work, f->work = fmax(f->work - look.work, 1);
         refined_done(&look);
-        if (way == PUT && !near)
-            break;
     }
-    return rc;
+    return rc == MODAL_NO_CONVERGENCE ? MODAL_OK : rc;
 }
 
 /* The family that the lines do best without; -1: all pay. */
@@ -490,25 +435,157 @@ static void drop_family(struct families *f, int j)
     f->count--;
 }
 
+/* Room for the lines of all families, from -Nyquist to Nyquist and one at either end. */
+static enum modal_status make_room(struct families *f, struct lines *l, struct modal_error *err)
+{
+    f->room = f->count * ((int)(2 * M_PI / f->w->tau / f->Omega) + 2);
+    return lines_new(f, &f->all, f->room) && lines_new(f, l, f->room)
+        ? MODAL_OK
+        : modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d lines", f->room);
+}
+
+/* ---- one family as two ---- */
+
+/* Family J of F in G as two: along the axis that it lies on, or that a record does not tell it from,
+ * else along its frequency. So put they explain what the one and its derivative do, but for
+ * (half t)^2 / 2 of its amplitude: 3 % at the ends of the record, where strong families can spare
+ * no more. */
+static bool part_family(const struct families *f, int j, struct families *g)
+{
+    double half = ORDER_SPLIT_HALF / 2 / (f->w->tau * f->w->data.Y->m), re = creal(f->head[j]),
+           im = cimag(f->head[j]), axis = im < f->Omega / 4 ? 0 : f->Omega / 2;
+    bool real = fabs(im - axis) < 4 * M_PI * half;
+
+    *g = *f;
+    g->space = (struct workspace) { 0 };
+    g->head = NULL, g->count = 0;
+    for (int i = 0; i < f->count; i++)
+        if (!add_head(g, f->head[i]))
+            return false;
+    g->head[j] = real ? CMPLX(re + half, axis) : CMPLX(re, im + half);
+    return add_head(g, real ? CMPLX(re - half, axis) : CMPLX(re, im - half));
+}
+
+/* Of all lines of G those that L has of its families. */
+static void part_lines(const struct families *g, const struct lines *l, int j, struct lines *more)
+{
+    double near = 3 * M_PI * ORDER_SPLIT_HALF / (g->w->tau * g->w->data.Y->m);
+
+    for (int a = 0; a < g->all.count; a++) {
+        int family = g->all.family[a] < g->count - 1 ? g->all.family[a] : j;
+        bool has = false;
+        for (int i = 0; i < l->count && !has; i++)
+            has = l->family[i] == family
+               && fabs(cimag(l->lambda[i]) - cimag(g->all.lambda[a])) < near;
+        if (!has)
+            continue;
+        more->family[more->count] = g->all.family[a];
+        more->lambda[more->count++] = g->all.lambda[a];
+    }
+}
+
+/* G, with MORE lines like those of L, refined where that comes near the criterion OWN; *look, the
+ * caller's: below it, or empty. */
+static enum modal_status fit_parted(struct families *g, const struct lines *l, int j, double own,
+                                    struct lines *more, struct refined *look,
+                                    struct modal_error *err)
+{
+    double dearer = short_of(g, exponents_of(g, 0, g->count)), worth = -HUGE_VAL;
+    enum modal_status rc = make_room(g, more, err);
+
+    if (rc != MODAL_OK)
+        return rc;
+    all_lines(g, NYQUIST * M_PI / g->w->tau);
+    part_lines(g, l, j, more);
+    if (lines_columns(g, more) > ROWS_SHARE * g->w->data.Y->m)
+        return MODAL_OK;
+    rc = lines_choose(&g->w->data, more, err);
+    for (int most = -1; most <= 0 && rc == MODAL_OK && worth < own + ORDER_SPLIT_REACH; most++) {
+        struct refine_options opt = { .iterations = most, .work = g->work,
+                                      .rival = own - dearer };
+        refined_done(look);
+        rc = refine_poles(&g->w->data, more->lambda, more->count, NULL, &opt, look, err);
+        if (rc != MODAL_OK)
+            break;
+        worth = look->end == REFINE_DEGENERATE ? HUGE_VAL : look->bic + dearer;
+        g->spent += look->work, g->work = fmax(g->work - look->work, 1);
+    }
+    if (rc == MODAL_OK && worth < own && refined_converged(look))
+        take_heads(g, more, look, g->head);
+    else
+        refined_done(look);
+    return rc == MODAL_NO_CONVERGENCE ? MODAL_OK : rc;       /* lines that coincide: it stays one */
+}
+
+/* F, its lines L and *FIT become G's. */
+static enum modal_status take_parted(struct families *f, const struct families *g,
+                                     const struct lines *more, struct refined *look,
+                                     struct lines *l, struct refined *fit,
+                                     struct modal_error *err)
+{
+    enum modal_status rc;
+
+    for (int i = 0; i < f->count; i++)
+        f->head[i] = g->head[i];
+    if (!add_head(f, g->head[g->count - 1]))
+        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d families", g->count);
+    rc = make_room(f, l, err);
+    if (rc != MODAL_OK)
+        return rc;
+    copy_lines(more, l);
+    refined_done(fit);
+    *fit = *look, *look = (struct refined) { 0 };
+    return MODAL_OK;
+}
+
+/* The first family of L that is better as two becomes so, *parted: there is one. */
+static enum modal_status part_one(struct families *f, struct lines *l, struct refined *fit,
+                                  bool *parted, struct modal_error *err)
+{
+    double own = fit->bic + short_of(f, exponents_of(f, 0, f->count));
+    int count = f->count;
+    enum modal_status rc = MODAL_OK;
+
+    *parted = false;
+    for (int j = 0; j < count && rc == MODAL_OK && !*parted; j++) {
+        struct families g;
+        struct lines more = { 0 };
+        struct refined look = { 0 };
+        rc = part_family(f, j, &g) ? fit_parted(&g, l, j, own, &more, &look, err)
+                                   : modal_fail(err, MODAL_NO_MEMORY,
+                                                "identify: no memory for %d families", count);
+        f->spent = g.spent, f->work = g.work;
+        *parted = rc == MODAL_OK && look.poles > 0;
+        if (*parted)
+            rc = take_parted(f, &g, &more, &look, l, fit, err);
+        refined_done(&look);
+        workspace_free(&g.space);
+    }
+    return rc;
+}
+
 /* *FIT: families that pay, and their lines. */
 static enum modal_status fit_families(struct families *f, struct refined *fit,
                                       struct modal_error *err)
 {
     struct lines l = { 0 };
+    double least = HUGE_VAL;                         /* of what was better as more families */
+    bool parted = false;
     int idle = 0;
-    enum modal_status rc = MODAL_OK;
+    enum modal_status rc = make_room(f, &l, err);
 
-    /* from -Nyquist to Nyquist, and one at either end */
-    f->room = f->count * ((int)(2 * M_PI / f->w->tau / f->Omega) + 2);
-    if (!lines_new(f, &f->all, f->room) || !lines_new(f, &l, f->room))
-        rc = modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d lines", f->room);
-    while (rc == MODAL_OK && idle >= 0 && !f->given_up) {
+    while (rc == MODAL_OK && (idle >= 0 || parted) && !f->given_up) {
         rc = settle_lines(f, &l, fit, err);
         for (int i = 0; i < l.count && rc == MODAL_OK; i++)
             l.lambda[i] = fit->lambda[i];
         rc = rc == MODAL_OK ? find_idle(f, &l, fit, &idle, err) : rc;
         if (rc == MODAL_OK && idle >= 0)
-            drop_family(f, idle);
+            drop_family(f, idle), l.count = 0;
+        parted = false;
+        if (rc != MODAL_OK || idle >= 0 || f->given_up || !(fit->bic < least))
+            continue;
+        least = fit->bic;
+        rc = part_one(f, &l, fit, &parted, err);
     }
     return rc;
 }

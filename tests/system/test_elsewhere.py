@@ -688,7 +688,7 @@ def test_sigterm_lets_a_job_finish_within_the_grace_and_gives_it_back_after(site
     it = site()
     ann = it.client("ann")
     kind = it.worker("--grace", 1000)
-    job = scene_job(ann, seconds=0.5)["job"]
+    job = scene_job(ann, seconds=0.1)["job"]
     until(lambda: state(ann, job)["attempts"] == 1)
     kind.terminate()
     assert kind.wait(PATIENCE_S) == 0

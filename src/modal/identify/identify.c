@@ -269,7 +269,8 @@ static enum modal_status analyse_by_lines(struct work *w, struct identify_result
     enum modal_status rc;
 
     if (fold.phases == 0 || !w->refine || w->opt.method != IDENTIFY_AUTO
-        || w->opt.rank.rule != RANK_AUTO || (w->choice.chosen >= 0 && fold_tells(w)))
+        || w->opt.rank.rule != RANK_AUTO || (w->choice.chosen >= 0 && fold_tells(w))
+        || (w->choice.chosen < 0 && out->begun))   /* lines had none in what was known */
         return MODAL_OK;
     set_fold(w, 0, out);
     rc = analyse(w, out, err);

@@ -519,10 +519,12 @@ enum modal_status work_begin_at_known(struct work *w, struct identify_result *ou
     *found = false;
     if (w->shift > 1 && w->refine && w->opt.method == IDENTIFY_AUTO
         && w->opt.rank.rule == RANK_AUTO && w->opt.rank.most == 0)
-        rc = work_try_known(w, &f.choice, err);
-    *found = out->begun = rc == MODAL_OK && f.choice.chosen >= 0;
-    if (*found)
+        rc = work_try_known(w, &f.choice, found, err);
+    out->begun = *found;
+    if (f.choice.chosen >= 0)
         rc = put_found(w, &f, out, err);
+    else
+        w->choice = (struct order_choice) { .chosen = -1 };
     found_done(&f);
     return rc;
 }

@@ -113,15 +113,38 @@ static void keep_better(struct order_choice *best, struct order_choice *other, i
     *other = (struct order_choice) { .chosen = -1 };
 }
 
+/* As remainder_of() has it; without a FIT (NULL) all is noise, each signal's of its own size. */
+static enum modal_status rest_of(const struct work *w, const struct refined *fit, struct matrix *E,
+                                 struct modal_error *err)
+{
+    const struct matrix *Y = w->data.Y;
+    int phases = w->data.phases;
+
+    if (fit != NULL)
+        return remainder_of(&w->data, fit, E, err);
+    *E = matrix_new(Y->m, Y->n);
+    if (E->x == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d periods", Y->m);
+    matrix_copy(Y->m, Y->n, Y->x, Y->ld, E->x, E->ld);
+    for (int c = 0; c < Y->n; c += phases) {
+        double *x = E->x + (size_t)c * (size_t)E->ld;
+        size_t count = (size_t)Y->m * (size_t)phases;
+        double rms = safe_norm(x, count) / sqrt((double)count);
+        for (size_t i = 0; i < count && rms > 0; i++)
+            x[i] /= rms;
+    }
+    return MODAL_OK;
+}
+
 /* The share of its columns in which what FIT leaves is free (whiten.h): 1 where chance may be all;
  * next to nothing where rows are too few to tell. */
 static enum modal_status white_share(const struct work *w, const struct refined *fit, double *share,
                                      struct modal_error *err)
 {
     struct matrix E = { 0 };
-    int free_rows = w->data.Y->m - fit->order;
+    int free_rows = w->data.Y->m - (fit != NULL ? fit->order : 0);
     double spread = 0;
-    enum modal_status rc = remainder_of(&w->data, fit, &E, err);
+    enum modal_status rc = rest_of(w, fit, &E, err);
 
     if (rc == MODAL_OK && E.x != NULL)
         rc = noise_spread(&E, free_rows, &spread, err);
@@ -346,8 +369,8 @@ enum modal_status work_choose_periodic(struct work *w, struct order_choice *best
     return rc;
 }
 
-/* Is what FIT leaves white in all columns, and from sample to sample, so that no search would begin
- * anew with other noise? */
+/* Is what FIT (NULL: none) leaves white in all columns, and from sample to sample, so that no search
+ * would begin anew with other noise? */
 static enum modal_status noise_is_white(const struct work *w, const struct refined *fit,
                                         bool *white, struct modal_error *err)
 {
@@ -359,30 +382,57 @@ static enum modal_status noise_is_white(const struct work *w, const struct refin
                                                     "identify: no memory for %d periods", Y.m);
 
     if (rc == MODAL_OK && share >= 1)
-        rc = remainder_of(&w->data, fit, &E, err);
+        rc = rest_of(w, fit, &E, err);
     if (rc == MODAL_OK && E.x != NULL) {
         matrix_copy(Y.m, Y.n, w->folded.x, w->folded.ld, Y.x, Y.ld);
-        rc = whiten_periods(&copy, &E, fit->order, least_gain(w), &told, err);
+        rc = whiten_periods(&copy, &E, fit != NULL ? fit->order : 0, least_gain(w), &told, err);
     }
     *white = rc == MODAL_OK && share >= 1 && told == 0;
     free(E.x), free(Y.x);
     return rc;
 }
 
-enum modal_status work_try_known(struct work *w, struct order_choice *best,
+/* The pole that the signals show most of. */
+static enum modal_status strongest_of_all(const struct work *w, double complex *lambda,
+                                          struct modal_error *err)
+{
+    struct matrix E = { 0 };
+    double chi2;
+    enum modal_status rc = rest_of(w, NULL, &E, err);
+
+    if (rc == MODAL_OK)
+        rc = remainder_peak(&E, w->data.tau, lambda, &chi2, err);
+    free(E.x);
+    return rc;
+}
+
+enum modal_status work_try_known(struct work *w, struct order_choice *best, bool *found,
                                  struct modal_error *err)
 {
+    double complex strongest = 0;
     struct order_source source = { .known = w->opt.known->lambda,
                                    .known_count = w->opt.known->count };
-    bool white = false;
-    enum modal_status rc = descend_from(w, &source, best, err);
+    const struct refined *fit = NULL;
+    bool pays = false;
+    enum modal_status rc = MODAL_OK;
 
-    if (rc == MODAL_OK && best->clean && work_bic_chosen(best) < work_bic_of_nothing(&w->data))
-        rc = noise_is_white(w, &best->candidates[best->chosen].fit, &white, err);
-    if (!white) {
+    *found = false;
+    if (source.known_count == 0) {                   /* still none, unless this one pays */
+        rc = strongest_of_all(w, &strongest, err);
+        source.known = &strongest, source.known_count = 1;
+    }
+    if (rc == MODAL_OK)
+        rc = descend_from(w, &source, best, err);
+    pays = rc == MODAL_OK && best->clean && work_bic_chosen(best) < work_bic_of_nothing(&w->data);
+    if (pays)
+        fit = &best->candidates[best->chosen].fit;
+    if (rc == MODAL_OK && (pays || w->opt.known->count == 0))
+        rc = noise_is_white(w, fit, found, err);
+    if (!*found || !pays) {
         order_done(best);
         *best = (struct order_choice) { .chosen = -1 };
-        w->spent = 0;                                /* what is tried first is no search's cost */
     }
+    if (!*found)
+        w->spent = 0;                                /* what is tried first is no search's cost */
     return rc;
 }

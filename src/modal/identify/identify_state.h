@@ -233,8 +233,9 @@ enum modal_status work_choose_periodic(struct work *w, struct order_choice *best
                                        struct modal_error *err);
 
 /* *best, empty: the poles of w->opt.known, refined and completed as any from above, where they
- * leave noise that no search would take for anything else; else it stays empty. */
-enum modal_status work_try_known(struct work *w, struct order_choice *best,
+ * leave noise that no search would take for anything else; else it stays empty.  *found: they are
+ * the answer; or there are none, where none were known, no pole pays and all is such noise. */
+enum modal_status work_try_known(struct work *w, struct order_choice *best, bool *found,
                                  struct modal_error *err);
 
 /* ---- identify_poles.c ---- */

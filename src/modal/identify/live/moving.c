@@ -297,7 +297,7 @@ static enum modal_status from_known(struct moving *m, struct identify_result *ou
 static enum modal_status keep_periodic(struct moving *m, const struct identify_result *result,
                                        struct modal_error *err)
 {
-    m->periodic = result->shift > 1 && result->chosen.count > 0;
+    m->periodic = result->shift > 1;
     if (m->periodic && !poles_take(&m->own, result->chosen.lambda, result->chosen.count))
         return modal_fail(err, MODAL_NO_MEMORY, "moving: no memory for %d poles",
                           result->chosen.count);

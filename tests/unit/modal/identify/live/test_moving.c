@@ -287,6 +287,41 @@ TEST(a_mode_of_a_periodic_system_that_begins_between_two_windows_is_found)
     free(x);
 }
 
+/* Noise alone, then a mode; the windows that it fills in part are left out.  Each window of noise was
+ * searched from nothing. */
+TEST(windows_of_a_periodic_system_in_which_there_is_no_mode_are_updated_until_one_begins)
+{
+    enum { BEGINS = 1500, WINDOW = 600, SAMPLES = 2600, CHANNELS = 3 };
+    double *x = malloc(sizeof *x * SAMPLES * CHANNELS);
+    struct random r = { 72 };
+    double complex lambda = decay_pole(0.35, 1e-4);
+    struct moving_options opt = { .channels = CHANNELS, .window = WINDOW, .dt = 0.05, .period = 1 };
+    struct identify_result result;
+    struct moving_cost cost;
+    struct moving *m;
+
+    for (int i = 0; i < SAMPLES * CHANNELS; i++) {
+        double t = 0.05 * (i / CHANNELS - BEGINS);
+        x[i] = 0.02 * random_normal(&r)
+             + (t < 0 ? 0 : exp(creal(lambda) * t) * cos(cimag(lambda) * t + i % CHANNELS)
+                                * (1 + cos(2 * M_PI * t) / 3));
+    }
+    CHECK(moving_new(&opt, &m, NULL) == MODAL_OK);
+    for (int at = 0; at < SAMPLES; at += 100) {
+        int before = at + 100 - WINDOW;
+        CHECK(moving_push(m, x + at * CHANNELS, 100, NULL) == MODAL_OK);
+        if (before < 0 || (before < BEGINS && at + 100 > BEGINS))
+            continue;
+        CHECK(moving_identify(m, &result, &cost, NULL) == MODAL_OK);
+        CHECK(cost.updated || before == 0 || before > BEGINS);
+        CHECK(result.mode_count == (before < BEGINS ? 0 : 1));
+        CHECK(before < BEGINS || shows(&result, 0.35));
+        identify_result_done(&result);
+    }
+    moving_free(m);
+    free(x);
+}
+
 /* Windows of 600 samples, 300 left out between one and the next. */
 TEST(a_window_behind_a_gap_is_updated_from_the_poles_before_it_and_is_what_a_batch_says)
 {

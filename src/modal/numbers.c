@@ -3,8 +3,8 @@
 #include <math.h>
 #include <stdlib.h>
 
-/* numbers, which n^2 / 4 moves sort sooner than qsort's calls do: by measurement up to 256, and twice
- * as many moves where they come in the reverse order */
+/* numbers, which n^2 / 4 moves sort sooner than qsort's calls do: by measurement up to 256, and in
+ * the reverse order there are twice as many moves */
 enum { FEW = 64 };
 
 static int by_value(const void *a, const void *b)

@@ -311,7 +311,8 @@ def records_right(run):
 
 def report(run):
     """Each figure beside what is wanted; False: one is not so."""
-    words, last, n = run.words, [of[-2] for of in run.lines if len(of) > 1], run.each * len(run.hosts)
+    words, n = run.words, run.each * len(run.hosts)
+    last = [of[-2] for of in run.lines if len(of) > 1]
     settled, spans = run.settled(), run.intervals()
     left_out = sum(one[2] for one in settled)
     rows = [
@@ -358,7 +359,8 @@ def one_run(words):
     with tempfile.TemporaryDirectory(prefix="mdlogs") as folder:
         logs = folder if bytes_s * words.seconds < LOGS_MOST else ""
         print(f"{words.streams} streams of {words.channels} channels at {words.rate:g} Hz, "
-              f"{words.hosts} hosts, {words.seconds:g} s, {words.kills} kills, load {words.load:g}: "
+              f"{words.hosts} hosts, {words.seconds:g} s, {words.kills} kills, "
+              f"load {words.load:g}: "
               f"windows of {words.window} samples every {hop}, {1e3 * cost_s:.3g} ms each before",
               flush=True)
         return 0 if report(Run(words, words.seconds, hop, words.kills, logs)) else 1

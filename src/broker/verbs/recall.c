@@ -1,14 +1,149 @@
 /*
- * recall.c - the samples of a live window that are no more in memory, from disk
+ * recall.c - streams and their live windows as a daemon that starts again finds them
  *
- * After a restart an open stream's windows go on from its file.  One that was sealed before its
- * newest window was told has that window's samples in its batch.
+ * An open stream's windows go on from its file.  One that was sealed before its newest window was
+ * told has that window's samples in its batch (windows.c).
  */
 #include "broker/core/inputs.h"
 #include "broker/verbs/streams.h"
 #include "broker/verbs/verbs.h"
 #include <stdlib.h>
 #include <string.h>
+
+/* ---- what the ledger has ---- */
+
+/* The stream of note R, as it was opened; TEXT: all of the note, for the caller to delete.  NULL:
+ * it cannot be kept. */
+static struct stream *load(struct core *c, const struct note_record *r, cJSON **text)
+{
+    cJSON *open;
+    const char *user = "", *name = "";
+    double epoch = 0, begin = 0;
+    struct wire_input w;
+    struct stream *s;
+
+    if (json_read(r->text, strlen(r->text), text, NULL) != MODAL_OK)
+        return NULL;
+    open = cJSON_GetObjectItemCaseSensitive(*text, "open");
+    json_get_string(*text, "", "user", &user, NULL);
+    json_get_string(*text, "", "name", &name, NULL);
+    json_get_number(*text, "", "epoch", 0, WIRE_INTEGER_MOST, &epoch, NULL);
+    json_get_number(*text, "", "begin", 0, WIRE_INTEGER_MOST, &begin, NULL);
+    cJSON_AddNumberToObject(open, "samples", 1);
+    /* without samples it has no row that would keep it */
+    input_number_past(c, strtoll(r->name, NULL, 10));
+    if (wire_input_read(open, "", WIRE_BATCH, &w, NULL) != MODAL_OK)
+        return NULL;
+    s = stream_make(c, user_get(c, user), name, &w,
+                    cJSON_GetObjectItemCaseSensitive(open, "window"), strtoll(r->name, NULL, 10));
+    s->epoch = s->durable_epoch = (uint64_t)epoch;
+    s->begin = s->next = s->durable = s->run_from = (uint64_t)begin;
+    return s;
+}
+
+void stream_load_note(struct core *c, const struct note_record *r)
+{
+    cJSON *text = NULL;
+
+    load(c, r, &text);
+    cJSON_Delete(text);
+}
+
+void stream_load_sealed(struct core *c, const struct note_record *r)
+{
+    cJSON *text = NULL, *gap;
+    struct stream *s = load(c, r, &text);
+    double batch = 0, end = 0, run_from = 0;
+
+    if (s != NULL) {
+        json_get_number(text, "", "batch", 0, WIRE_INTEGER_MOST, &batch, NULL);
+        json_get_number(text, "", "end", 0, WIRE_INTEGER_MOST, &end, NULL);
+        json_get_number(text, "", "run_from", 0, WIRE_INTEGER_MOST, &run_from, NULL);
+        s->batch = (int64_t)batch;
+        s->next = s->durable = (uint64_t)end, s->run_from = (uint64_t)run_from;
+        cJSON_ArrayForEach(gap, cJSON_GetObjectItemCaseSensitive(text, "gaps"))
+            gaps_add(s, (uint64_t)cJSON_GetNumberValue(cJSON_GetArrayItem(gap, 0)),
+                     (uint64_t)cJSON_GetNumberValue(cJSON_GetArrayItem(gap, 1)));
+        s->user->bytes -= (int64_t)s->missing;     /* its batch is charged for them */
+        s->missing = 0;
+        s->closing = s->closed = true;
+        c->inputs->open_streams--;
+    }
+    cJSON_Delete(text);
+}
+
+/* Segments, in the order in which they came, find their streams once all notes are read. */
+void stream_load_segment(struct core *c, const struct segment_record *r)
+{
+    struct stream *s = stream_by_id(c, r->stream);
+
+    if (s == NULL || s->closed)
+        return;
+    /* an epoch whose samples were on disk before its note was */
+    if (r->epoch > s->epoch) {
+        s->epoch = s->durable_epoch = r->epoch;
+        gaps_drop(s);
+    }
+    if (r->epoch == s->epoch) {
+        bool any = s->segment_count > 0 && s->segments[s->segment_count - 1].epoch == s->epoch;
+        if (!any)
+            s->begin = s->next = s->run_from = r->first;
+        if (r->first > s->next) {
+            gaps_add(s, s->next, r->first);
+            s->run_from = r->first;
+        }
+        s->next = s->durable = r->first + r->count;
+    }
+    segments_add(s, r->epoch, r->first, r->count);
+}
+
+/* The one of `window_verdicts` that TEXT is; NULL: none. */
+static const char *verdict_of(const char *text)
+{
+    for (int i = 0; window_verdicts[i] != NULL; i++)
+        if (text != NULL && strcmp(window_verdicts[i], text) == 0)
+            return window_verdicts[i];
+    return NULL;
+}
+
+void window_load_next(struct core *c, const struct note_record *r)
+{
+    const int64_t id = strtoll(r->name, NULL, 10);
+    cJSON *text = NULL;
+    const char *verdict = NULL;
+    double epoch = -1, next = 0, told = 0;
+
+    if (json_read(r->text, strlen(r->text), &text, NULL) != MODAL_OK)
+        return;
+    json_get_number(text, "", "epoch", 0, WIRE_INTEGER_MOST, &epoch, NULL);
+    json_get_number(text, "", "next", 0, WIRE_INTEGER_MOST, &next, NULL);
+    json_get_number(text, "", "told", 0, WIRE_INTEGER_MOST, &told, NULL);
+    json_get_string(text, "", "verdict", &verdict, NULL);
+    for (struct stream *s = c->streams; s != NULL; s = s->next_stream)
+        if (s->id == id && (double)s->epoch == epoch) {
+            s->window.next = (uint64_t)next;
+            s->window.verdict = verdict_of(verdict);
+            s->window.told_epoch = s->epoch;
+            s->window.told = (uint64_t)told;
+        }
+    cJSON_Delete(text);
+}
+
+void window_load_verdict(struct core *c, const struct note_record *r)
+{
+    input_judge(c, strtoll(r->name, NULL, 10), verdict_of(r->text), NULL);
+}
+
+void window_load_tracks(struct core *c, const struct note_record *r)
+{
+    int64_t id = strtoll(r->name, NULL, 10);
+
+    for (struct stream *s = c->streams; s != NULL; s = s->next_stream)
+        if (s->id == id && s->window.tracks == NULL)
+            s->window.tracks = grab_text(r->text);
+}
+
+/* ---- the samples ---- */
 
 /* S has samples from before the start: its windows go on from them. */
 static void recall(struct core *c, struct stream *s)
@@ -31,37 +166,8 @@ static void recall(struct core *c, struct stream *s)
     core_task(c, task, user_turn(s->user, 0));
 }
 
-/* The samples of S's last window are not to be had: nobody is told of it. */
-static void give_up_last(struct core *c, struct stream *s)
-{
-    struct transaction *t = transaction_new();
-
-    s->window.next = s->durable + 1;
-    stream_notes_end(t, s);
-    core_commit(c, t);
-}
-
-void window_read_last(struct core *c, struct stream *s)
-{
-    struct window *w = &s->window;
-    const uint64_t size = sample_bytes(s), from = s->durable - w->samples;
-    struct input *input = input_by_id(c, s->batch);
-    struct task *task = NULL;
-
-    if (input != NULL && window_is_untold(s))
-        task = input_piece(input, (from - s->begin) * size, w->samples * size);
-    if (task == NULL) {
-        give_up_last(c, s);
-        return;
-    }
-    w->reading = true;
-    task->type = TASK_BATCH_READ;
-    task->owner = s;
-    task->epoch = s->epoch;
-    core_task(c, task, user_turn(s->user, 0));
-}
-
-/* A stream that was sealed before the start is there for its last window, and for who asks again. */
+/* A stream that was sealed before the start is there for its last window, and for who asks
+ * again. */
 static void recall_sealed(struct core *c, struct stream *s)
 {
     const struct input *input = input_by_id(c, s->batch);
@@ -71,7 +177,7 @@ static void recall_sealed(struct core *c, struct stream *s)
         memcpy(s->sha256, input_sha256(input), sizeof s->sha256);
         s->has_batch = true;
     }
-    window_read_last(c, s);
+    window_offer(c, s);
 }
 
 void windows_recall(struct core *c)
@@ -110,7 +216,7 @@ void window_recalled(struct core *c, struct task *task)
     if (last && task->status == MODAL_OK)
         take_recalled(s, first, end, task->text->data);
     else if (last)
-        give_up_last(c, s);
+        window_forget_last(c, s);
     else if (task->status == MODAL_OK && !s->closed && task->epoch == s->epoch && w->here == end)
         take_recalled(s, first, end, task->text->data);
     window_offer(c, s);

@@ -211,11 +211,6 @@ void segments_cut(struct stream *s);
 void stream_note(struct transaction *t, const struct stream *s);
 /* Nothing any more. */
 void stream_notes_end(struct transaction *t, const struct stream *s);
-/* One that the ledger has, open or sealed. */
-void stream_load_note(struct core *c, const struct note_record *r);
-void stream_load_sealed(struct core *c, const struct note_record *r);
-/* A segment of an open one, in the order in which they came, once all notes are read. */
-void stream_load_segment(struct core *c, const struct segment_record *r);
 
 /* ---- windows.c ---- */
 
@@ -227,17 +222,16 @@ enum modal_status window_check(const cJSON *text, const struct wire_input *w,
 void window_init(struct stream *s, const cJSON *text, const struct wire_input *w);
 /* What it holds of memory. */
 void window_done(struct window *w);
-/* What was known of a stream's tracks when the daemon ended; once the stream is there. */
-void window_load_tracks(struct core *c, const struct note_record *r);
 /* SEGMENT is committed: its samples are the latest. */
 void window_keep(struct stream *s, const struct segment_record *segment);
 /* An epoch begins, or samples were taken back: windows begin anew. */
 void window_reset(struct stream *s);
-/* Which window of a stream is due next; once the stream is there. */
-void window_load_next(struct core *c, const struct note_record *r);
 /* Once its batch has a row, the verdict of its last window is the batch's too, and durable by T. */
 void window_keep_verdict(struct core *c, const struct stream *s, struct transaction *t);
-void window_load_verdict(struct core *c, const struct note_record *r);
+/* What a window may say, in words; the last is NULL. */
+extern const char *const window_verdicts[];
+/* The samples of S's last window are not to be had: nobody is told of it. */
+void window_forget_last(struct core *c, struct stream *s);
 /* Is the newest window that S's durable samples make not told yet? */
 bool window_is_untold(const struct stream *s);
 /* S has more durable samples, or its worker is free again: where a window is due, it waits for
@@ -259,10 +253,18 @@ bool window_late(const struct core *c, const struct slot *worker);
 
 /* ---- recall.c ---- */
 
+/* A stream that the ledger has, open or sealed. */
+void stream_load_note(struct core *c, const struct note_record *r);
+void stream_load_sealed(struct core *c, const struct note_record *r);
+/* A segment of an open one, in the order in which they came, once all notes are read. */
+void stream_load_segment(struct core *c, const struct segment_record *r);
+/* Once the stream is there: which window is due next, what was known of its tracks. */
+void window_load_next(struct core *c, const struct note_record *r);
+void window_load_tracks(struct core *c, const struct note_record *r);
+/* Of a batch. */
+void window_load_verdict(struct core *c, const struct note_record *r);
 /* All is loaded: windows go on from the samples that are there. */
 void windows_recall(struct core *c);
-/* S is sealed, and its newest window, which is not told yet, not in memory: out of the batch. */
-void window_read_last(struct core *c, struct stream *s);
 /* TASK_SAMPLES_READ or TASK_BATCH_READ has come back. */
 void window_recalled(struct core *c, struct task *task);
 

@@ -9,11 +9,13 @@
  * the order within a round.  That is free, and a window goes rather to the worker that had the one
  * before: that gets only what is new.  Another takes it once the next one is due.  The newest
  * window of a closed stream has its turn like any: a run that is shorter than the wait for a
- * worker has its verdict too, over a restart, too: its samples are then in its batch.  Windows go before jobs, being small, unless these have had less
+ * worker has its verdict too, over a restart as well, for its samples are in its batch then.
+ * Windows go before jobs, being small, unless these have had less
  * than half of the workers.  To a worker elsewhere they go where the configuration lets them and
  * the way is short (slot_takes_windows).  One that kills its worker goes to another,
  * LIVE_DEATHS_MOST times; one that is given back goes to another as well, and that is no death.
  */
+#include "broker/core/inputs.h"
 #include "broker/core/slots.h"
 #include "broker/verbs/streams.h"
 #include "broker/verbs/verbs.h"
@@ -167,46 +169,7 @@ void window_reset(struct stream *s)
     alarms_reset(s->window.alarms);
 }
 
-/* ---- after a restart ------------------------------------------------------------------------- */
-
-static const char *const verdicts[] = { "stable", "unstable", "undecided", NULL };
-
-/* The one of `verdicts` that TEXT is; NULL: none. */
-static const char *verdict_of(const char *text)
-{
-    for (int i = 0; verdicts[i] != NULL; i++)
-        if (text != NULL && strcmp(verdicts[i], text) == 0)
-            return verdicts[i];
-    return NULL;
-}
-
-void window_load_next(struct core *c, const struct note_record *r)
-{
-    const int64_t id = strtoll(r->name, NULL, 10);
-    cJSON *text = NULL;
-    const char *verdict = NULL;
-    double epoch = -1, next = 0, told = 0;
-
-    if (json_read(r->text, strlen(r->text), &text, NULL) != MODAL_OK)
-        return;
-    json_get_number(text, "", "epoch", 0, WIRE_INTEGER_MOST, &epoch, NULL);
-    json_get_number(text, "", "next", 0, WIRE_INTEGER_MOST, &next, NULL);
-    json_get_number(text, "", "told", 0, WIRE_INTEGER_MOST, &told, NULL);
-    json_get_string(text, "", "verdict", &verdict, NULL);
-    for (struct stream *s = c->streams; s != NULL; s = s->next_stream)
-        if (s->id == id && (double)s->epoch == epoch) {
-            s->window.next = (uint64_t)next;
-            s->window.verdict = verdict_of(verdict);
-            s->window.told_epoch = s->epoch;
-            s->window.told = (uint64_t)told;
-        }
-    cJSON_Delete(text);
-}
-
-void window_load_verdict(struct core *c, const struct note_record *r)
-{
-    input_judge(c, strtoll(r->name, NULL, 10), verdict_of(r->text), NULL);
-}
+const char *const window_verdicts[] = { "stable", "unstable", "undecided", NULL };
 
 bool window_is_untold(const struct stream *s)
 {
@@ -264,6 +227,36 @@ static void queue(struct core *c, struct stream *s)
     slots->due_count++;
 }
 
+void window_forget_last(struct core *c, struct stream *s)
+{
+    struct transaction *t = transaction_new();
+
+    s->window.next = s->durable + 1;
+    stream_notes_end(t, s);
+    core_commit(c, t);
+}
+
+/* S is sealed, and its newest window, which is not told yet, not in memory: out of the batch. */
+static void read_last(struct core *c, struct stream *s)
+{
+    struct window *w = &s->window;
+    const uint64_t size = sample_bytes(s), from = s->durable - w->samples;
+    struct input *input = input_by_id(c, s->batch);
+    struct task *task = NULL;
+
+    if (input != NULL && window_is_untold(s))
+        task = input_piece(input, (from - s->begin) * size, w->samples * size);
+    if (task == NULL) {
+        window_forget_last(c, s);
+        return;
+    }
+    w->reading = true;
+    task->type = TASK_BATCH_READ;
+    task->owner = s;
+    task->epoch = s->epoch;
+    core_task(c, task, user_turn(s->user, 0));
+}
+
 void window_offer(struct core *c, struct stream *s)
 {
     struct window *w = &s->window;
@@ -273,7 +266,7 @@ void window_offer(struct core *c, struct stream *s)
     if (is_due(s))
         queue(c, s);
     else if (s->closed && !w->reading && window_is_untold(s))
-        window_read_last(c, s);
+        read_last(c, s);
     else if (s->closed) {                          /* no more will come */
         free(w->recent);
         w->recent = NULL;
@@ -514,15 +507,6 @@ static void keep_tracks(struct stream *s, struct transaction *t, const char *tra
         (struct note_record) { "tracks", transaction_text(t, name), transaction_text(t, tracks) };
 }
 
-void window_load_tracks(struct core *c, const struct note_record *r)
-{
-    int64_t id = strtoll(r->name, NULL, 10);
-
-    for (struct stream *s = c->streams; s != NULL; s = s->next_stream)
-        if (s->id == id && s->window.tracks == NULL)
-            s->window.tracks = grab_text(r->text);
-}
-
 /* How far the samples are ahead of a window of the present epoch, and what is missing of them. */
 static void add_lag(cJSON *text, const struct stream *s)
 {
@@ -568,7 +552,7 @@ static const char *add_verdict(cJSON *text, const cJSON *document)
     const cJSON *mode = least_damped(cJSON_GetObjectItemCaseSensitive(document, "modes"));
     const cJSON *std = cJSON_GetObjectItemCaseSensitive(mode, "std");
 
-    const char *verdict = stable == NULL ? NULL : verdicts[cJSON_IsTrue(stable) ? 0
+    const char *verdict = stable == NULL ? NULL : window_verdicts[cJSON_IsTrue(stable) ? 0
                                                            : cJSON_IsFalse(stable) ? 1 : 2];
 
     if (verdict != NULL)

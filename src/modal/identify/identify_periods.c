@@ -369,8 +369,8 @@ enum modal_status work_choose_periodic(struct work *w, struct order_choice *best
     return rc;
 }
 
-/* Is what FIT (NULL: none) leaves white in all columns, and from sample to sample, so that no search
- * would begin anew with other noise? */
+/* Is what FIT (NULL: none) leaves white in all columns, and from sample to sample, so that no
+ * search would begin anew with other noise? */
 static enum modal_status noise_is_white(const struct work *w, const struct refined *fit,
                                         bool *white, struct modal_error *err)
 {

@@ -80,7 +80,7 @@ struct job {
     double lags[COLOUR_LAGS]; bool lags_known;
     struct moving_fit first, own, channels;      /* on signals as sent, weighed; own poles on the
                                                   * channels, where they are not the signals */
-    double *Phi;                  /* rows x order: columns of own's poles; NULL: not asked for yet */
+    double *Phi;                  /* rows x order: columns of own's poles; NULL: not made yet */
     double work;
     enum growth *growth;          /* of each of own's poles */
     bool exact;                   /* what is left is rounding */

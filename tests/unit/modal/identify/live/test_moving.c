@@ -287,8 +287,8 @@ TEST(a_mode_of_a_periodic_system_that_begins_between_two_windows_is_found)
     free(x);
 }
 
-/* Noise alone, then a mode; the windows that it fills in part are left out.  Each window of noise was
- * searched from nothing. */
+/* Noise alone, then a mode; the windows that it fills in part are left out.  Each window of noise
+ * was searched from nothing. */
 TEST(windows_of_a_periodic_system_in_which_there_is_no_mode_are_updated_until_one_begins)
 {
     enum { BEGINS = 1500, WINDOW = 600, SAMPLES = 2600, CHANNELS = 3 };

@@ -5,6 +5,7 @@
  * Of the last SUMS_MOST samples of the present epoch and this life of the daemon a CRC-32C each is
  * in memory; of older ones nothing is known here, and they are compared with the file.
  */
+#include "broker/core/inputs.h"
 #include "broker/verbs/streams.h"
 #include "broker/verbs/verbs.h"
 #include "base/crc32c.h"
@@ -206,4 +207,19 @@ void segments_drop(struct stream *s)
     s->crcs = NULL;
     s->segment_room = 0;
     s->crc_count = s->crc_room = 0;
+}
+
+struct task *batch_task(const struct core *c, struct stream *s, uint64_t first, uint64_t count)
+{
+    const struct input *input = input_by_id(c, s->batch);
+    const uint64_t size = sample_bytes(s);
+    struct task *task =
+        input != NULL ? input_piece(input, (first - s->begin) * size, count * size) : NULL;
+
+    if (task != NULL) {
+        task->type = TASK_BATCH_READ;
+        task->owner = s;
+        task->epoch = s->epoch;
+    }
+    return task;
 }

@@ -204,6 +204,8 @@ void segments_add(struct stream *s, uint64_t epoch, uint64_t first, uint64_t cou
 void segments_drop(struct stream *s);
 /* Back to what is committed. */
 void segments_cut(struct stream *s);
+/* What reads COUNT samples from FIRST on of the batch that S was sealed into; NULL: it has gone. */
+struct task *batch_task(const struct core *c, struct stream *s, uint64_t first, uint64_t count);
 
 /* ---- stream_notes.c ---- */
 

@@ -15,7 +15,6 @@
  * the way is short (slot_takes_windows).  One that kills its worker goes to another,
  * LIVE_DEATHS_MOST times; one that is given back goes to another as well, and that is no death.
  */
-#include "broker/core/inputs.h"
 #include "broker/core/slots.h"
 #include "broker/verbs/streams.h"
 #include "broker/verbs/verbs.h"
@@ -240,20 +239,14 @@ void window_forget_last(struct core *c, struct stream *s)
 static void read_last(struct core *c, struct stream *s)
 {
     struct window *w = &s->window;
-    const uint64_t size = sample_bytes(s), from = s->durable - w->samples;
-    struct input *input = input_by_id(c, s->batch);
-    struct task *task = NULL;
+    struct task *task = window_is_untold(s) ? batch_task(c, s, s->durable - w->samples, w->samples)
+                                            : NULL;
 
-    if (input != NULL && window_is_untold(s))
-        task = input_piece(input, (from - s->begin) * size, w->samples * size);
     if (task == NULL) {
         window_forget_last(c, s);
         return;
     }
     w->reading = true;
-    task->type = TASK_BATCH_READ;
-    task->owner = s;
-    task->epoch = s->epoch;
     core_task(c, task, user_turn(s->user, 0));
 }
 

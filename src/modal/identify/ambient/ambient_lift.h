@@ -1,4 +1,5 @@
-/* ambient_lift.h - the samples of each period side by side: a periodic system as a constant one */
+/* ambient_lift.h - the samples of each period side by side: a periodic system as a constant one,
+ * where all of it keeps to the angle, whose speed may wander (see ambient_lift.c) */
 #ifndef MODAL_AMBIENT_LIFT_H
 #define MODAL_AMBIENT_LIFT_H
 #include <complex.h>

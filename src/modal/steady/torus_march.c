@@ -531,6 +531,29 @@ static enum modal_status decide(struct torus_solver *s, struct exact *a, struct 
     return rc;
 }
 
+/* A copy of NOW into BEST where its lines are known better: a record longer than as many lines as
+ * are told at the most knows no more. */
+static enum modal_status keep_better(const struct torus_lines *now, int q, struct torus_lines *best,
+                                     struct modal_error *err)
+{
+    size_t K = (size_t)now->count;
+    struct torus_lines copy = *now;
+
+    if (now->count == 0 || (best->count > 0 && best->line <= now->line))
+        return MODAL_OK;
+    copy.index = malloc(K * sizeof *copy.index);
+    copy.X = malloc((size_t)q * K * sizeof *copy.X);
+    if (copy.index == NULL || copy.X == NULL) {
+        free(copy.index), free(copy.X);
+        return modal_fail(err, MODAL_NO_MEMORY, "torus: no memory for %d combinations", now->count);
+    }
+    memcpy(copy.index, now->index, K * sizeof *copy.index);
+    memcpy(copy.X, now->X, (size_t)q * K * sizeof *copy.X);
+    torus_lines_done(best);
+    *best = copy;
+    return MODAL_OK;
+}
+
 /* With N samples a turn; *FINER: it asks for more. */
 static enum modal_status march_exactly(struct torus_solver *s, int N, double wanted,
                                        struct torus_lines *best, bool *finer,
@@ -538,6 +561,7 @@ static enum modal_status march_exactly(struct torus_solver *s, int N, double wan
 {
     struct exact a = { .columns = 2 * s->p->n < TORUS_EXPONENTS ? 2 * s->p->n : TORUS_EXPONENTS };
     double before[2] = { HUGE_VAL, HUGE_VAL }, moves[2] = { HUGE_VAL, HUGE_VAL };
+    struct torus_lines now = { 0 };
     bool settled = false, ended = false;
     enum modal_status rc = torus_pieces_new(s, N, a.columns, &a.m, err);
 
@@ -550,14 +574,19 @@ static enum modal_status march_exactly(struct torus_solver *s, int N, double wan
          turns *= 2) {
         struct torus_errors e = { 0 };
 
-        rc = read_exactly(s, &a, N, turns, wanted, best, moves, &ended, &e, err);
-        *finer = !ended && e.folded > fmax(LEFT * wanted * best->amplitude, e.line);
+        rc = read_exactly(s, &a, N, turns, wanted, &now, moves, &ended, &e, err);
+        *finer = !ended && e.folded > fmax(LEFT * wanted * now.amplitude, e.line);
+        if (now.count == 0)
+            torus_lines_done(best);
+        if (rc == MODAL_OK)
+            rc = keep_better(&now, s->q, best, err);
         if (rc == MODAL_OK && !ended && !*finer)
             see_growth(s, &a);
-        ended = ended || *finer || (turns >= TOLD_APART && best->line > CLOSER * before[0]);
+        ended = ended || *finer || (turns >= TOLD_APART && now.line > CLOSER * before[0]);
         before[0] = before[1];
-        before[1] = best->line;
+        before[1] = now.line;
     }
+    torus_lines_done(&now);
     if (rc == MODAL_OK && best->count > 0 && !*finer)
         rc = decide(s, &a, err);
     for (int l = 0; rc == MODAL_OK && best->count > 0 && l < s->p->laws; l++)
@@ -575,8 +604,14 @@ enum modal_status torus_march_exactly(struct torus_solver *s, double wanted,
     enum modal_status rc = MODAL_OK;
 
     for (; rc == MODAL_OK && finer && N <= SAMPLES_MOST; N *= 2) {
-        torus_lines_done(best);
-        rc = march_exactly(s, N, wanted, best, &finer, err);
+        struct torus_lines now = { 0 };
+
+        rc = march_exactly(s, N, wanted, &now, &finer, err);
+        if (rc == MODAL_OK && now.count > 0 && (best->count == 0 || now.line < best->line)) {
+            torus_lines_done(best);
+            *best = now;
+        } else                            /* finer samples left no work for as long a record */
+            torus_lines_done(&now);
     }
     return rc;
 }

@@ -21,6 +21,8 @@ static const double HALF = 0.5;           /* of it: truncation that growth is wo
 static const double BESIDE = 0.1;         /* of truncation: sampling that more lines are worth
                                            * while for */
 static const double TARGET_USUAL = 1e-6;  /* as with one tone */
+static const double LITTLE = 0.01;        /* of a motion that has settled: lines known so well are
+                                           * worth more than a first balance, whatever they leave */
 static const double BEHIND = 0.1;         /* of a balance's error: lines that have less it does not
                                            * reach by growing two or three times */
 static const double ROUGH = 0.01;         /* of a motion that a march begins at: the first set
@@ -156,7 +158,7 @@ static enum modal_status march_exactly(struct torus_solver *s, double target,
         && torus_lines_stand(s, lines, NULL);
     if (*met)
         torus_adopt(s, lines, target, out);
-    else if (!torus_lines_stand(s, lines, NULL))
+    else if (lines->line > LITTLE * lines->amplitude || lines->error > lines->amplitude)
         torus_lines_done(lines);
     return rc;
 }

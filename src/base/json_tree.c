@@ -9,12 +9,16 @@
 
 void json_path(char out[128], const char *base, const char *key)
 {
-    char path[256];
     /* an empty key has a name too, or the error would name the document */
-    const char *name = key[0] != '\0' ? key : "\"\"";
+    const char *part[] = { base, base[0] != '\0' && key[0] != '[' ? "." : "",
+                           key[0] != '\0' ? key : "\"\"" };
+    size_t n = 0;
 
-    snprintf(path, sizeof path, "%s%s%s", base, base[0] != '\0' && key[0] != '[' ? "." : "", name);
-    snprintf(out, 128, "%.127s", path);
+    /* a path for each key that a scene has: snprintf takes twenty times as long */
+    for (int i = 0; i < 3; i++)
+        for (const char *c = part[i]; *c != '\0' && n < 127; c++)
+            out[n++] = *c;
+    out[n] = '\0';
 }
 
 const cJSON *json_member(const cJSON *object, const char *key)

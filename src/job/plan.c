@@ -1,6 +1,7 @@
 /* plan.c - see plan.h; tested by tests/unit/job/test_scene_jobs.c */
 #include "job/plan.h"
 #include <math.h>
+#include <stdlib.h>
 #include <time.h>
 #include "modal/scene/craig_bampton.h"
 
@@ -36,25 +37,42 @@ static double unit_cost(const struct law *law)
 /* One law's cost: of a thousand contacts one is timed. */
 struct timed { const struct law_class *kind; double each; };
 
-static double seconds_of(const struct program *p, int effect, struct timed *last)
+/* To three digits: more would be the clock's noise, and long to print. */
+static double three_digits(double x)
 {
-    const struct program_effect *e = &p->effect[effect];
+    double unit = x > 0 ? pow(10, 2 - floor(log10(x))) : 0;
 
-    if (e->seconds > 0 || e->evaluations == 0)
+    return isfinite(unit) && unit > 0 ? rint(x * unit) / unit : x;
+}
+
+/* LAW: the first of effect E, -1 where it has none. */
+static double seconds_of(const struct program *p, const struct program_effect *e, int law,
+                         struct timed *last)
+{
+    if (e->seconds > 0 || e->evaluations == 0 || law < 0)
         return e->seconds;
-    for (int i = 0; i < p->laws; i++)
-        if (p->law[i].effect == effect) {
-            if (p->law[i].kind != last->kind)
-                *last = (struct timed){ p->law[i].kind, unit_cost(&p->law[i]) };
-            return (double)e->evaluations * last->each;
-        }
-    return 0;
+    if (p->law[law].kind != last->kind)
+        *last = (struct timed){ p->law[law].kind, unit_cost(&p->law[law]) };
+    return three_digits((double)e->evaluations * last->each);
+}
+
+/* The first law of each effect, -1: none; NULL without memory.  The caller frees. */
+static int *first_laws(const struct program *p)
+{
+    int *first = malloc(((size_t)p->effects + 1) * sizeof *first);
+
+    for (int i = 0; first != NULL && i < p->effects; i++)
+        first[i] = -1;
+    for (int l = p->laws - 1; first != NULL && l >= 0; l--)
+        first[p->law[l].effect] = l;
+    return first;
 }
 
 cJSON *plan_print(const struct program *p, const char *integrator)
 {
     cJSON *plan = cJSON_CreateObject(), *effects;
     struct timed last = { 0 };
+    int *first = first_laws(p);
 
     cJSON_AddStringToObject(plan, "class", program_class_name(program_class(p)));
     cJSON_AddNumberToObject(plan, "states", program_states(p));
@@ -69,10 +87,12 @@ cJSON *plan_print(const struct program *p, const char *integrator)
         cJSON_AddStringToObject(row, "type", e->type);
         cJSON_AddNumberToObject(row, "states", e->states);
         cJSON_AddNumberToObject(row, "evaluations", (double)does->evaluations);
-        json_set_number(row, "seconds", seconds_of(p, (int)(does - p->effect), &last));
+        json_set_number(row, "seconds",
+                        seconds_of(p, does, first != NULL ? first[does - p->effect] : -1, &last));
         cJSON_AddBoolToObject(row, "active", does->active);
         cJSON_AddItemToArray(effects, row);
     }
+    free(first);
     return plan;
 }
 

@@ -260,6 +260,19 @@ def test_twenty_rigid_sliders_push_with_their_limit_where_they_move_and_never_wi
     assert numpy.sqrt(((force - limit * numpy.sign(rate))[moving]**2).mean()) < 0.1 * limit
 
 
+def test_a_thousand_open_gaps_are_told_with_the_digits_that_their_cost_has(tmp_path):
+    n = 1000
+    answer = run(tmp_path, {
+        "structure": {"type": "chain", "masses": [1] * n, "springs": [1] * (n + 1),
+                      "dampers": [0.03] * (n + 1)}, "omega": OMEGA,
+        "effects": [{**LAWS["gap"], "clearance": 30 * LOAD, "dof": f"x{i + 1}"} for i in range(n)],
+        "excitation": [{"dof": "x1", "k": 1, "cos": LOAD}], "steady": {"stability": False}})
+    told = answer["plan"]["effects"]
+    assert answer["converged"] and len(told) == n and not any(e["active"] for e in told)
+    assert all(e["evaluations"] > 0 and e["seconds"] == float(f"{e['seconds']:.3g}") > 0
+               for e in told)
+
+
 def test_contacts_are_reached_by_stepping_the_load_up_before_any_path_is_walked(tmp_path):
     K = chain(20)
     answer = run(tmp_path, scene_of(K, 0.03 * K + 0.05 * numpy.eye(20), "gap"))

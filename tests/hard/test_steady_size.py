@@ -369,3 +369,20 @@ def test_a_stable_orbit_beside_an_unstable_one_is_given_where_stability_is_asked
     x, v = X.sum(axis=1).real, (1j * k * scene["omega"] * X).sum(axis=1).real
     end, _ = marched(scene, 20, x, v)
     assert abs(end - x).max() <= 1e-3 * abs(X).sum(axis=1).max()
+
+
+@pytest.mark.parametrize("n", [1, 2, 5])
+def test_sliders_a_hundred_million_times_as_stiff_as_the_chain_move_as_rigid_ones(tmp_path, n):
+    """All of them slip; rounding leaves 1e-8 of the forces.  Rigid friction is another method's."""
+    scene = {"structure": {"type": "chain", "masses": [1] * n, "springs": [1] * (n + 1),
+                           "dampers": [0.03] * (n + 1)}, "omega": OMEGA,
+             "effects": [{"type": "friction", "dof": f"x{i + 1}", "stiffness": 1e8, "limit": 0.05}
+                         for i in range(n)],
+             "excitation": [{"dof": "x1", "k": 1, "cos": LOAD}], "steady": {"stability": False}}
+    stiff = run(tmp_path, {**scene, "steady": {"stability": False, "harmonics": 7}})
+    rigid = run(tmp_path, {**scene, "effects": [{"type": "coulomb", "dof": f"x{i + 1}",
+                                                 "limit": 0.05} for i in range(n)]})
+    assert stiff["converged"] and rigid["converged"] and stiff["residual"] < 1e-7
+    for ours, theirs in zip(stiff["harmonics"], rigid["harmonics"]):
+        a, b = (complex(h["re"][1], h["im"][1]) for h in (ours, theirs))
+        assert abs(a - b) < stiff["total_error"] + rigid["total_error"]

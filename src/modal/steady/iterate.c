@@ -55,7 +55,9 @@ static const double STALLS_SHORT = 0.9;
 /* The relative residual of a motion that balances to rounding, though steps may be long: something
  * is held by nothing. */
 static const double BALANCED = 1e-13;
-/* Steps below this of the largest dof are rounding, soft dofs beside stiff ones. */
+/* Steps below this of the largest dof are rounding, soft dofs beside stiff ones; and below the
+ * residual that rounding leaves of stiff laws: what slips is held by the structure alone, which the
+ * forces deform by the motion itself. */
 static const double SMALL = 1e-9;
 /* A residual above this that the last step did not reduce by a tenth is of a singular J. */
 static const double UNBALANCED = 1e-6;
@@ -455,7 +457,7 @@ static bool settled(const struct balance *b, const struct newton_work *w, const 
     if (!(report->step <= tolerance || (report->step < FLOOR && rate > stalls && lambda == 1)
           /* rounding of the large ones is all that moves the small */
           || (rate > stalls && report->residual <= rounded(b, X)
-              && overall_step(b, w->step, X) <= SMALL)
+              && overall_step(b, w->step, X) <= fmax(SMALL, rounded(b, X)))
           /* a loose one: the next step will be */
           || (tolerance > FLOOR && last < HUGE_VAL && rate < SHRINKS && lambda == 1
               && report->step * rate / (1 - rate) <= tolerance / 2)))
@@ -580,7 +582,8 @@ static void give_up(const struct balance *b, const struct newton_work *w, const 
 
     /* A residual of rounding: steps that nothing shortens are along what nothing holds. */
     report->open = balance_open(b) && report->residual <= BALANCED;
-    report->converged = report->open || (report->residual <= rounded(b, X) && overall <= SMALL);
+    report->converged = report->open || (report->residual <= rounded(b, X)
+                                        && overall <= fmax(SMALL, rounded(b, X)));
     report->step = report->open ? report->residual : report->converged ? overall : report->step;
     report->reason = "no step of Newton's method shortens the next";
 }

@@ -210,6 +210,26 @@ def test_multipliers_of_a_period_of_no_whole_samples_are_found_and_no_other(seed
     assert document["stability"]["stable"] == (abs(r["multipliers"]).max() < 1)
 
 
+@pytest.mark.parametrize("each", [24, 24.4])
+@pytest.mark.parametrize("kind", ["multiplier", "parabola"])
+def test_slow_growth_is_unstable_where_it_is_a_multiplier_and_not_where_an_orbit_drifts(
+        each, kind, monkeypatch):
+    """1.3 turns and e^1 in 34 periods, beside a multiplier that decays, at 60 dB; an orbit that
+    changes with the square of time."""
+    rng, t = np.random.default_rng(3), np.arange(int(34 * each)) / each
+    y = np.zeros((len(t), 2))
+    for z in [-0.1 + 1.3j] + ([0.03 + 0.25j] if kind == "multiplier" else []):
+        for k in range(-2, 3):
+            g = (rng.standard_normal(2) + 1j * rng.standard_normal(2)) * 0.5 ** abs(k)
+            y += (np.exp((z + 2j * np.pi * k) * t)[:, None] * g).real
+    if kind == "parabola":
+        y += (t / t[-1])[:, None] ** 2 * (1 + 0.5 * np.cos(2 * np.pi * t))[:, None]
+    y += 1e-3 * y.std() * rng.standard_normal(y.shape)
+    monkeypatch.setattr(families, "CTL", str(BUILD / "bin" / "modalctl"))
+    stable = families.identify(dict(y=y, dt=1 / each, period=1.0))["stability"]["stable"]
+    assert stable is False if kind == "multiplier" else stable is not False
+
+
 # multipliers in the upper half plane, and how far off they may be: five times what noise makes, or
 # what the integration of the record left
 UNEVEN = {"decays_56dB": ([0.33636 + 0.08983j, -0.75039 + 0.41704j, -0.61889 + 0.13372j],

@@ -215,7 +215,7 @@ enum modal_status work_widen(struct work *w, const struct batch *b,
         doubt_growth_below_grid(w, f);
     /* what noise with a memory shows in the whole record it shows in half of it as well */
     for (int j = 0; j < p->count && w->facts.told > 0; j++)
-        if (p->growth[j] == GROWTH_IN_HALF)
+        if (p->growth[j] == GROWTH_IN_HALF || p->growth[j] == GROWTH_IN_HALVES)
             p->growth[j] = GROWTH_UNSEEN;
     synthesis_done(&own);
     return rc;

@@ -109,13 +109,15 @@ struct identify_options {
 
 struct identify_harmonic { int k; double magnitude; };
 
-/* Where Re(exponent) > 0: neither half of the record shows it alone; one does; the fit is exact, or
- * the halves were too short to ask; UNASKED: a periodic system's were.  NEVER: halves contradict
+/* Where Re(exponent) > 0: neither half of the record shows it alone; one does; of a periodic system
+ * both do, as steady (parts.h); the fit is exact, or the halves were too short to ask; UNASKED: a
+ * periodic system's were.  NEVER: halves contradict
  * the whole, but it and both of them decay, each by three of its own standard errors.  BELOW_GRID:
  * it never reaches half a step of the grid that the samples lie on; what decays is rounded by ever
  * more of itself, and that looks like growth. */
 enum growth {
-    GROWTH_UNSEEN, GROWTH_IN_HALF, GROWTH_EXACT, GROWTH_UNASKED, GROWTH_NEVER, GROWTH_BELOW_GRID
+    GROWTH_UNSEEN, GROWTH_IN_HALF, GROWTH_IN_HALVES, GROWTH_EXACT, GROWTH_UNASKED, GROWTH_NEVER,
+    GROWTH_BELOW_GRID
 };
 
 struct identify_mode {

@@ -121,9 +121,9 @@ static bool believed(const struct identify_result *r, int i, double duration)
         return true;
     if (m->growth == GROWTH_UNASKED)
         return !weak;
-    if (slow && (weak || creal(m->exponent) * duration < RISE))
+    if (slow && (weak || (creal(m->exponent) * duration < RISE && m->growth != GROWTH_IN_HALVES)))
         return false;
-    return m->growth == GROWTH_IN_HALF && !shadow;
+    return (m->growth == GROWTH_IN_HALF || m->growth == GROWTH_IN_HALVES) && !shadow;
 }
 
 static bool spurious(const struct identify_mode *m)

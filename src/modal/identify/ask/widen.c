@@ -109,6 +109,8 @@ static enum growth growth_of(const struct refine_data *d, const struct part_say 
 {
     if (strength < 0)
         return d->phases > 1 ? GROWTH_UNASKED : GROWTH_EXACT;
+    if (say->steady && (d->phases > 1 || d->omega > 0))
+        return GROWTH_IN_HALVES;
     return say->grows                                          ? GROWTH_IN_HALF
         : say->re > 0 && decays && say->decay > PARTS_CLEAR * factor ? GROWTH_NEVER
                                                                : GROWTH_UNSEEN;

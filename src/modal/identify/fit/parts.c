@@ -23,6 +23,11 @@
  * errors is contradicted, and by that difference.  Where the linear model at the start already
  * says that (1) will hold, the search ends there (refine.h, `rival`).
  *
+ * What grows as a power of time, t^n, grows at n / t: in the middle of either half at 4 n / T and at
+ * 4 n / (3 T). An exponent between them is off a third of itself in one half at least, which (1)
+ * tells where that is more than the root of its right side in the half's standard errors: it is
+ * steady, of both halves, where it grows by three times as many.
+ *
  * [W38] Wilks, Ann. Math. Statist. 9 (1938) 60-62.
  */
 #include "modal/identify/fit/parts.h"
@@ -163,13 +168,14 @@ static double differs(double own, double whole, double std)
 static void compare(const struct half *h, const double complex *lambda, int count, bool counts,
                     struct part_say *say)
 {
-    for (int j = 0; j < count; j++)
-        say[j].decay =
-            h->own.end == REFINE_DEGENERATE || h->own.poles < count ? -HUGE_VAL : say[j].decay;
+    double told = 3 * sqrt(allowed(h->own.parameters));
+
+    for (int j = 0; j < count && (h->own.end == REFINE_DEGENERATE || h->own.poles < count); j++)
+        say[j].decay = -HUGE_VAL, say[j].steady = false;
     for (int j = 0; j < count && h->own.poles > 0; j++) {
         double complex own = h->own.lambda[j];
         if (h->fixed[j]) {
-            say[j].decay = -HUGE_VAL;      /* the half says nothing of it */
+            say[j].decay = -HUGE_VAL, say[j].steady = false;    /* the half says nothing of it */
             continue;
         }
         if (counts) {
@@ -178,6 +184,7 @@ static void compare(const struct half *h, const double complex *lambda, int coun
             say[j].im = fmax(say[j].im, differs(cimag(own), cimag(lambda[j]), h->own.std_im[j]));
         }
         say[j].grows |= creal(own) > PARTS_CLEAR * h->own.std_re[j];
+        say[j].steady &= !counts && creal(own) > told * h->own.std_re[j];
         say[j].decay =
             h->own.std_re[j] > 0 ? fmin(say[j].decay, -creal(own) / h->own.std_re[j]) : -HUGE_VAL;
     }
@@ -191,7 +198,7 @@ enum modal_status parts_ask(const struct refine_data *data, const double complex
 
     *strength = -1;
     for (int j = 0; j < count; j++)
-        say[j] = (struct part_say) { .decay = HUGE_VAL };
+        say[j] = (struct part_say) { .steady = true, .decay = HUGE_VAL };
     if (count == 0 || rows * (data->share > 0 ? data->share : 1) < 2 * order + PARTS_SPARE)
         return MODAL_OK;
     for (int later = 0; later < 2 && rc == MODAL_OK; later++) {

@@ -747,6 +747,27 @@ def test_a_free_tone_is_swept_over_a_number_of_the_scene(tmp_path):
         assert maxima(point) == pytest.approx(maxima(alone), rel=1e-5)
 
 
+# A record of 32 samples a turn is one of pieces; the other way takes 64 and more.
+@pytest.mark.parametrize("effect", [{"type": "friction", "stiffness": 0.5, "limit": 0.1},
+                                    {"type": "gap", "stiffness": 1, "clearance": 0.2}])
+def test_a_chain_whose_far_end_motion_reaches_late_is_marched_in_pieces(effect, tmp_path):
+    n, tones = 5, [0.8, 0.8 * GOLDEN]
+    K = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+    K[-1, -1] = 1
+    scene = chain(np.ones(n), 0.05 * K + 0.05 * np.eye(n), K,
+                  [{**effect, "dof": f"x{i}"} for i in range(n)],
+                  [(n - 1, [1, 0], 0.2, 0), (n // 2, [0, 1], 0.2, 0)], tones)
+    result = run("steady", scene, tmp_path, "-o", "target.error=1e-3")[1]
+    assert result["method"] == "march" and result["N"] <= 32 * 512 and result["converged"]
+    dt, steps, seen = 0.1, 32000, 4000             # the gaps' slowest disturbance: -0.0045 1/s
+    scene["time"] = {"dt": dt, "duration": dt * steps}
+    csv = tmp_path / "record.csv"
+    run("simulate", scene, tmp_path, "-o", "integrator=rk4", "-o", "substeps=20", "-O", str(csv))
+    x = np.loadtxt(csv, delimiter=",", skiprows=1, usecols=range(1, n + 1)).T[:, steps - seen:steps]
+    off = np.abs(x - all_motions(result, np.arange(steps - seen, steps) * dt)).max()
+    assert off <= 3 * result["total_error"]
+
+
 def test_where_two_tones_meet_a_sweep_has_no_answer_and_goes_on(tmp_path):
     status, curve = run("steady", oscillator(SPRING, [0.7, 1]), tmp_path, "--sweep",
                         "tones[1]=0.6:0.8:3")

@@ -52,6 +52,8 @@ static const double FAST = 0.5;           /* rad a step of the fastest frequency
 static const double ROUNDING = 1e-17;     /* of u: what a term of a series is left out at */
 static const double JUST = 1e-9;          /* of a piece: a turn so near its begin is the one that it
                                            * begins at, whose rate is 0 but for rounding */
+static const double SHORT = 1e-3;         /* of a step: in what first arrives there is no turn */
+static const double NONE = 0.1;           /* of a piece: a turn mended is nearer by far */
 static const double SAME = 1e-14;         /* of a step: cuts that are one */
 
 /* A law's line in each of some regimes; fast: rad/s, a bound of A's growth. */
@@ -358,13 +360,11 @@ static void go_to(const struct torus_pieces *m, double T)
     series(m, m->now, T, 1, m->u, m->to);
 }
 
-/* The instant of a turn of law L, near T and before END, mended: its rate is 0.  Newton's step from
- * the cubic's 1e-6 of a piece leaves 1e-12; it may not take the piece away, nor double it. */
-static double mend_turn(const struct torus_pieces *m, int l, double T, double end)
+/* How far from m->to, at T, law L's rate is 0: Newton's step. */
+static double to_turn(const struct torus_pieces *m, int l)
 {
     double v, bend = 0;
 
-    go_to(m, T);
     sees(m, l, m->to, &v);
     for (int i = 0; i < m->n; i++) {
         double a = 0;
@@ -373,7 +373,22 @@ static double mend_turn(const struct torus_pieces *m, int l, double T, double en
             a += m->now->A[i * m->D + j] * m->to[j];
         bend += m->see[l * m->n + i] * a;
     }
-    return bend != 0 ? fmin(fmax(T - v / bend, 0.5 * T), fmin(2 * T, end)) : T;
+    return bend != 0 ? -v / bend : v != 0 ? HUGE_VAL : 0;
+}
+
+/* The instant of a turn of law L, near T and before END, mended: its rate is 0.  Newton's step from
+ * the cubic's 1e-6 of a piece leaves 1e-12; it may not take the piece away, nor double it.  0: it
+ * is none.  Where motion has only begun to arrive, as a high power of time, the cubic has turns
+ * that it has not. */
+static double mend_turn(const struct torus_pieces *m, int l, double T, double end)
+{
+    double off;
+
+    go_to(m, T);
+    off = to_turn(m, l);
+    T = fabs(off) < HUGE_VAL ? fmin(fmax(T + off, 0.5 * T), fmin(2 * T, end)) : T;
+    go_to(m, T);
+    return fabs(to_turn(m, l)) < NONE * T ? T : 0;
 }
 
 /* The same of a crossing to NEXT. */
@@ -456,19 +471,23 @@ static bool to_event(struct torus_pieces *m, double T, double *done)
  * The whole rest of the step is the first trial of each. */
 static bool step_cut(struct torus_pieces *m)
 {
-    double left = m->h;
+    double left = m->h, reach = left;
 
     for (int cuts = 0; cuts < CUTS_MOST; cuts++) {
-        double T = left, s, gone;
+        double T = reach, whole = left, s, gone;
         bool changed;
         int law;
 
-        go_to(m, left);
-        s = first_turn(m, left, &law);
-        if (law >= 0) {
-            T = mend_turn(m, law, s * left, left);
-            go_to(m, T);
+        go_to(m, reach);
+        s = first_turn(m, reach, &law);
+        if (law >= 0)
+            T = mend_turn(m, law, s * reach, reach);
+        if (T == 0 && reach > SHORT * m->h) {      /* of shorter ones the cubic knows more */
+            reach /= 2;
+            continue;
         }
+        if (T == 0)
+            go_to(m, T = reach);
         if (!ask_all(m, &changed))
             return false;
         if (changed) {
@@ -479,6 +498,7 @@ static bool step_cut(struct torus_pieces *m)
             arrive(m, T);
             left -= T;
         }
+        reach = reach < whole ? fmin(left, 2 * reach) : left;
         m->work += 40.0 * m->n * m->D * (2 + m->columns);
         if (left <= SAME * m->h)
             return true;

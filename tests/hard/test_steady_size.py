@@ -273,6 +273,15 @@ def test_a_thousand_open_gaps_are_told_with_the_digits_that_their_cost_has(tmp_p
                for e in told)
 
 
+def test_gaps_that_rest_leaves_open_are_not_sought_twice_from_the_motion_without_them(tmp_path):
+    """Newton's first step from rest leads there; the same nine steps from there were taken again,
+    39 in all.
+    """
+    scene = scene_of(chain(100), 0.03 * chain(100) + 0.05 * numpy.eye(100), "gap")
+    answer = run(tmp_path, scene)
+    assert answer["converged"] and answer["iterations"] < 35
+
+
 def test_contacts_are_reached_by_stepping_the_load_up_before_any_path_is_walked(tmp_path):
     K = chain(20)
     answer = run(tmp_path, scene_of(K, 0.03 * K + 0.05 * numpy.eye(20), "gap"))

@@ -473,6 +473,7 @@ struct attempt {
     double complex *X;                  /* filled by ways_begin from it, the next way's start */
     struct steady_point *point;
     bool ended;                         /* nothing is tried after this way */
+    bool rested;                        /* Newton's method set out from rest */
     bool timed;                         /* a motion in time was sought */
     bool ramped;                        /* loads were ramped up and dampers down */
     bool walked;                        /* the branch over levels was followed */
@@ -523,8 +524,10 @@ static enum modal_status direct_by_gain(struct attempt *a, struct modal_error *e
 /* Its last residual is that of the answer, which need not be evaluated again. */
 static enum modal_status newton_near(struct attempt *a, struct modal_error *err)
 {
-    enum modal_status rc = try_newton(a->s, a->b, "newton", a->X, a->point, err);
+    enum modal_status rc;
 
+    a->rested = numbers_modulus(a->X, (size_t)a->b->q * ((size_t)a->b->H + 1)) == 0;
+    rc = try_newton(a->s, a->b, "newton", a->X, a->point, err);
     a->s->current = rc == MODAL_OK && a->point->converged;
     return rc;
 }
@@ -554,9 +557,18 @@ static enum modal_status newton_from_rest(struct attempt *a, struct modal_error 
     return try_again(a->s, a->b, false, a->X, a->point, err);
 }
 
-/* From (1). */
+/* From (1), which Newton's first step from rest led to where laws have no slope there, as gaps. */
 static enum modal_status newton_without_laws(struct attempt *a, struct modal_error *err)
 {
+    size_t size = (size_t)a->b->q * ((size_t)a->b->H + 1);
+    enum modal_status rc = MODAL_OK;
+
+    memset(a->X, 0, size * sizeof *a->X);
+    if (a->rested && (rc = balance_residual(a->b, a->X, false, err)) == MODAL_OK
+        && aft_slope(a->b->aft) == 0 && numbers_modulus(a->b->F, size) == 0)
+        return MODAL_OK;
+    if (rc != MODAL_OK && rc != MODAL_OVERFLOW)
+        return rc;
     return try_again(a->s, a->b, true, a->X, a->point, err);
 }
 

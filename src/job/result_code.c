@@ -64,8 +64,6 @@ const struct result_code result_codes[] = {
     { "parts_disagree", "identify", "halves of the record have other exponents; standard "
       "deviations were widened, or left out where no verdict can be given", "identify parts by "
       "`window`, or give response=ambient where it is excited all the time" },
-    { "orders_disagree", "identify", "other orders are as likely; standard deviations were widened",
-      "record longer, or give rank.fixed where the order is known" },
     { "amplitude_dependent", "identify", "the mode changes as it decays",
       "read `trend`, or identify parts by `window`" },
     { "changes_in_record", "identify", "not one system throughout",

@@ -139,7 +139,7 @@ static bool growth_is_doubtful(const struct work *w, const struct trend_input *i
 {
     return !w->facts.doubt.exact
         && (!w->facts.converged || w->facts.doubt.colour > 1 || w->facts.doubt.contradiction > 1
-            || w->facts.doubt.rivals || verdict_crowd_grows(r)
+            || verdict_crowd_grows(r)
             || (w->X->n < 2 && trend_crowds(in, r->modes[r->decides].exponent)));
 }
 

@@ -269,11 +269,6 @@ void diagnose(struct identify_result *r, const struct diagnose_facts *f)
                 creal(r->clusters[i].centroid), cimag(r->clusters[i].centroid));
     about_colour(r, f);
     about_parts(r, f);
-    if (f->doubt.rivals)
-        identify_diagnose(
-            r, "orders_disagree", -1,
-            "fits of other orders are as likely and have other exponents: standard errors were "
-            "widened to the differences; record longer, or give rank.fixed if the order is known");
     about_rounding(r, f);
     about_zeros(r, f);
     about_channels(r);

@@ -34,9 +34,8 @@ struct diagnose_facts {
  * Codes: no_modes, rank_at_rounding, cut_pair, rank_too_low, too_many_unknowns, order_work_limit,
  * not_converged, offset, periodic_orbit, fast_decay, growth_hides, near_nyquist, short_record,
  * unresolved_pair, aliases, near_tie, near_defective, dominated_signal, poor_reconstruction,
- * coloured_residual, ends_below_grid, below_rounding, parts_disagree, orders_disagree,
- * growth_unconfirmed (verdict.c), not_free_throughout (event.h), wild_samples (wild.h),
- * step (steps.h).
+ * coloured_residual, ends_below_grid, below_rounding, parts_disagree, growth_unconfirmed
+ * (verdict.c), not_free_throughout (event.h), wild_samples (wild.h), step (steps.h).
  */
 void diagnose(struct identify_result *result, const struct diagnose_facts *facts);
 #endif

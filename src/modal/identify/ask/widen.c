@@ -1,4 +1,4 @@
-/* widen.c - five doubts, each with the size of its error
+/* widen.c - four doubts, each with the size of its error
  *
  * A fit to rounding is not doubted; but rounding errors are not white noise, and those of the fit
  * add to the data's: its standard errors grow by WIDEN_ROUNDING. Else:
@@ -9,9 +9,6 @@
  *            (parts.c) whether the mode decays is not in doubt where the whole and both halves
  *            decay clearly by their own errors (GROWTH_NEVER), whatever their difference, unless
  *            one of the doubts below widens it further
- *   rivals   a candidate of another order whose BIC is lower than the chosen one's, or higher by
- *            less than RIVAL, has another exponent: posterior odds are exp(-difference / 2) [KR95],
- *            so neither is ruled out, and the error is at least the difference
  *   slow     what turns less than once in the record is told from an offset, a drift and other slow
  *            parts by the model alone: its error is at least its scatter (root mean square) over
  *            the orders that explain the record
@@ -21,8 +18,6 @@
  *
  * A difference counts from PARTS_CLEAR standard errors on: in ordinary noise fewer than one pole in
  * 300 has one.
- *
- * [KR95] Kass and Raftery, J. Amer. Statist. Assoc. 90 (1995) 773-795.
  */
 #include "modal/identify/ask/widen.h"
 #include <math.h>
@@ -34,9 +29,6 @@
 #include "modal/identify/linear/exponents.h"
 #include "modal/identify/order/order.h"
 #include "modal/linalg/svd.h"
-
-static const double
-    RIVAL = 6;                      /* of BIC: odds of 20 to 1 [KR95] */
 
 static bool at_rounding(const struct refine_data *d, double residual)
 {
@@ -149,42 +141,6 @@ static int nearest_in(const struct refined *f, double complex lambda, double wid
     return best;
 }
 
-static double clear_of(double a, double b, double std)
-{
-    double d = fabs(a - b);
-
-    return d > PARTS_CLEAR * std ? d : 0;
-}
-
-static bool for_rivals(const struct refine_data *d, const struct order_choice *choice,
-                       struct poles *p)
-{
-    const struct refined *own = &choice->candidates[choice->chosen].fit;
-    double width = M_PI / (d->tau * d->Y->m);  /* half a line of the record */
-    bool any = false;
-
-    for (int i = 0; i < choice->count; i++) {
-        const struct refined *f = &choice->candidates[i].fit;
-        if (i == choice->chosen || !choice->candidates[i].refined || f->end == REFINE_DEGENERATE
-            || f->order == own->order || !(f->bic < own->bic + RIVAL))
-            continue;
-        for (int j = 0; j < p->count; j++) {
-            int k = nearest_in(f, p->lambda[j], width);
-            double re = k < 0 ? 0
-                              : clear_of(creal(p->lambda[j]), creal(f->lambda[k]),
-                                         /* as if independent: the two fits share their data, and
-                                          * differ by less */
-                                         hypot(p->std_re[j], f->std_re[k]));
-            double im = k < 0 ? 0
-                              : clear_of(cimag(p->lambda[j]), cimag(f->lambda[k]),
-                                         hypot(p->std_im[j], f->std_im[k]));
-            any |= re > 0 || im > 0;
-            at_least(p, j, re, im);
-        }
-    }
-    return any;
-}
-
 /* Fits that explain about as much as the chosen one, whatever their order: what they leave is no
  * more than twice its rest, or a thousandth of all. */
 static bool explains(const struct refined *f, double own, double all)
@@ -237,7 +193,7 @@ static void for_pairs(const struct refine_data *d, struct poles *p)
         }
 }
 
-/* The five doubts, in their order. */
+/* The four doubts, in their order. */
 static enum modal_status doubt(const struct refine_data *d, const struct order_choice *choice,
                                struct poles *p, double *factor, struct widened *out,
                                struct modal_error *err)
@@ -252,11 +208,9 @@ static enum modal_status doubt(const struct refine_data *d, const struct order_c
         rc = for_colour(d, choice, p, factor, &out->colour, err);
     if (rc == MODAL_OK)
         rc = for_parts(d, p, factor, &out->contradiction, err);
-    if (rc == MODAL_OK)
-        out->rivals = for_rivals(d, choice, p);
     if (rc == MODAL_OK && constant)
         for_slow(d, choice, p);
-    if (rc == MODAL_OK && constant && (out->colour > 1 || out->contradiction > 1 || out->rivals))
+    if (rc == MODAL_OK && constant && (out->colour > 1 || out->contradiction > 1))
         for_pairs(d, p);
     return rc;
 }

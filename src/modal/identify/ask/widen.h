@@ -16,7 +16,6 @@ struct widened {
     bool exact;             /* to rounding: nothing is doubted, and none of the below asked */
     double colour;          /* largest factor for a residual that is not white; 1: none */
     double contradiction;   /* by half of the record: parts.h; above 1 it counts */
-    bool rivals;            /* other orders that fit as well have other exponents */
 };
 
 /*

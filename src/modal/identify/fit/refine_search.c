@@ -173,17 +173,23 @@ static bool alike(const struct work *w, const struct evaluation *e, int i, int j
     return fmax(one, other) < 2 * fmin(one, other);
 }
 
+/* Has pole J two parameters of its own? */
+static bool is_free_pair(const struct work *w, int j)
+{
+    return w->kind[j] == POLE_PAIR && w->first[j] >= 0 && w->turn[j] == 1 && !w->tied;
+}
+
 /* s->partner: of each pole the nearest that it overlaps, each in one pair; -1: none. */
 static void find_partners(const struct work *w, struct search *s)
 {
     for (int i = 0; i < w->count; i++)
         s->partner[i] = -1;
-    for (int i = 0; i < w->count && !w->tied; i++) {
+    for (int i = 0; i < w->count; i++) {
         int best = -1;
-        if (w->kind[i] != POLE_PAIR || w->first[i] < 0 || s->partner[i] >= 0)
+        if (!is_free_pair(w, i) || s->partner[i] >= 0)
             continue;
         for (int j = i + 1; j < w->count; j++)
-            if (w->kind[j] == POLE_PAIR && w->first[j] >= 0 && s->partner[j] < 0
+            if (is_free_pair(w, j) && s->partner[j] < 0
                 && overlap(w, &s->at, i, j) && half_apart(&s->at, i, j) != 0
                 && alike(w, &s->now, i, j)
                 && (best < 0 || cabs(half_apart(&s->at, i, j))

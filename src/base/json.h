@@ -62,9 +62,10 @@ void json_text_raw(struct json_text *text, const char *json);
 void json_text_bytes(struct json_text *text, const char *bytes, size_t count);
 void json_text_quoted(struct json_text *text, const char *value);
 
+enum { JSON_PATH_SIZE = 128 };      /* bytes of a path, its end among them */
 /* A path for error messages: "effects[2]" + "stiffness" -> "effects[2].stiffness"; "" + "a" ->
  * "a". */
-void json_path(char out[128], const char *base, const char *key);
+void json_path(char out[JSON_PATH_SIZE], const char *base, const char *key);
 
 /* The member KEY of OBJECT; NULL: there is none, or it is no object. */
 const cJSON *json_member(const cJSON *object, const char *key);

@@ -7,7 +7,7 @@
 #include <string.h>
 #include "base/near.h"
 
-void json_path(char out[128], const char *base, const char *key)
+void json_path(char out[JSON_PATH_SIZE], const char *base, const char *key)
 {
     /* an empty key has a name too, or the error would name the document */
     const char *part[] = { base, base[0] != '\0' && key[0] != '[' ? "." : "",
@@ -16,7 +16,7 @@ void json_path(char out[128], const char *base, const char *key)
 
     /* a path for each key that a scene has: snprintf takes twenty times as long */
     for (int i = 0; i < 3; i++)
-        for (const char *c = part[i]; *c != '\0' && n < 127; c++)
+        for (const char *c = part[i]; *c != '\0' && n + 1 < JSON_PATH_SIZE; c++)
             out[n++] = *c;
     out[n] = '\0';
 }

@@ -16,7 +16,8 @@ WAVE = b"".join(struct.pack("<d", math.sin(0.01 * k)) for k in range(SAMPLES))
 EACH, CONNECTIONS = 60, 8               # 31 MB: less than what may wait
 
 
-# A disk whose syncs take 0.2 s: 30 of these submissions each, 480 in 3 s, however slow their sender.
+# A disk whose syncs take 0.2 s: 30 of these submissions each, 480 in 3 s, however slow their
+# sender.
 SLOW_DISK = {"LD_PRELOAD": str(BUILD / "fault" / "libslow.so"), "SYNC_US": "200000"}
 
 

@@ -35,7 +35,8 @@ def beam_modes():
     """Squared frequencies and the end's share of each, of unit modal mass."""
     l = LENGTH / ELEMENTS
     k = EI / l ** 3 * numpy.array([[12, 6 * l, -12, 6 * l], [6 * l, 4 * l * l, -6 * l, 2 * l * l],
-                                   [-12, -6 * l, 12, -6 * l], [6 * l, 2 * l * l, -6 * l, 4 * l * l]])
+                                   [-12, -6 * l, 12, -6 * l],
+                                   [6 * l, 2 * l * l, -6 * l, 4 * l * l]])
     m = MASS * l / 420 * numpy.array([[156, 22 * l, 54, -13 * l],
                                       [22 * l, 4 * l * l, 13 * l, -3 * l * l],
                                       [54, 13 * l, 156, -22 * l],

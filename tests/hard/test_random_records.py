@@ -246,8 +246,9 @@ UNEVEN = {"decays_56dB": ([0.33636 + 0.08983j, -0.75039 + 0.41704j, -0.61889 + 0
 
 @pytest.mark.parametrize("name", UNEVEN)
 def test_strongly_damped_and_close_multipliers_of_uneven_periods_are_all_there_is(name):
-    """19.29 and 47.07 samples a period: poles each for itself ended at the limit of work.  12.74 and
-    11.74: of lines that the record does not resolve all left that gained little beside the others.
+    """19.29 and 47.07 samples a period: poles each for itself ended at the limit of work.  12.74
+    and 11.74: of lines that the record does not resolve all left that gained little beside the
+    others.
     """
     multipliers, off = UNEVEN[name]
     path = pathlib.Path(__file__).parents[1] / "data" / "reference" / "uneven" / f"{name}.h5"

@@ -159,8 +159,8 @@ static enum modal_status list_all(hid_t file, const char *path, struct arrays *a
                                 "truncated or damaged, or has more than %d datasets, or %d with "
                                 "more than one name", path, ARRAYS_MOST, SHARED_MOST);
     if (walk.deep && arrays->count == 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "file", "%s: what it has lies in groups whose "
-                                "names are longer than %d bytes together", path, NAME_MOST);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "file", "%s: what it has lies in groups "
+                                "whose names are longer than %d bytes together", path, NAME_MOST);
     return MODAL_OK;
 }
 
@@ -223,7 +223,12 @@ static enum modal_status load(const struct arrays *arrays, const struct array *a
 /* ---- the signals ---- */
 
 /* What to read of a file, and what it says of their step. */
-struct plan { char name[NAME_MOST + 1]; size_t rows, columns; bool turned, by_columns; struct signals step; };
+struct plan {
+    char name[NAME_MOST + 1];
+    size_t rows, columns;
+    bool turned, by_columns;
+    struct signals step;
+};
 
 static enum modal_status plan_signals(struct arrays *arrays, struct source *from,
                                       const struct signals_options *options, struct plan *plan,

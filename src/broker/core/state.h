@@ -195,8 +195,8 @@ struct ledger_change *transaction_add(struct transaction *t, enum ledger_verb ve
 const char *transaction_text(struct transaction *t, const char *text);
 /* SUMS of INPUT as rows of its chunks. */
 void transaction_add_sums(struct transaction *t, int64_t input, const struct sums *sums);
-/* CHUNK of INPUT, of T's only one, as a row; ROW: that of the chunk before, length 0: there is none,
- * and then this one's. */
+/* CHUNK of INPUT, of T's only one, as a row; ROW: that of the chunk before, length 0: there is
+ * none, and then this one's. */
 void transaction_add_chunk(struct transaction *t, int64_t input, struct chunk_record *row,
                            const struct chunk_record *chunk);
 /* BLOB, into which changes point, stays as long as T. */

@@ -50,8 +50,8 @@ void transaction_add_sums(struct transaction *t, int64_t input, const struct sum
     }
 }
 
-/* It joins those before while all of them are not more than a chunk may be, so that chunks of a byte
- * have no rows each, which nobody is charged for. */
+/* It joins those before while all of them are not more than a chunk may be, so that chunks of a
+ * byte have no rows each, which nobody is charged for. */
 void transaction_add_chunk(struct transaction *t, int64_t input, struct chunk_record *row,
                            const struct chunk_record *chunk)
 {
@@ -119,18 +119,14 @@ void transaction_join(struct transaction *t, struct after *after)
  * long as some COST bytes more in one that has many (30 us, at 150 MB/s), so that BEHIND_MOST
  * are 15 ms of work, or 512 submissions a sync where the disk is slow.  On a full disk that refuses
  * the rest, what must pass may wait for room for long, and those behind it are to be told. */
-enum { COST = 4096, BEHIND_MOST = 2 << 20 };
+enum {
+    COST = 4096,                  /* bytes, as above */
+    BEHIND_MOST = 2 << 20         /* bytes, as above */
+};
 
 bool core_is_behind(const struct core *c)
 {
     return c->behind >= BEHIND_MOST && !c->disk.full;
-}
-
-uint64_t core_turn(struct core *c, const char *key, uint64_t peer)
-{
-    const struct user *user = user_of_key(c, key);
-
-    return user == NULL ? 0 : user_turn(user, peer);
 }
 
 void core_commit(struct core *c, struct transaction *t)

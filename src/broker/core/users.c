@@ -77,6 +77,13 @@ uint64_t user_turn(const struct user *user, uint64_t peer)
     return keyless && peer != 0 ? peer : user->number;
 }
 
+uint64_t core_turn(struct core *c, const char *key, uint64_t peer)
+{
+    const struct user *user = user_of_key(c, key);
+
+    return user == NULL ? 0 : user_turn(user, peer);
+}
+
 bool role_is_client(enum wire_role role)
 {
     return role != WIRE_ROLE_NONE && role != WIRE_ROLE_WORKER;

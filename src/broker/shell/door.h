@@ -4,9 +4,11 @@
 #include "broker/kit/fair_queue.h"
 #include "broker/shell/received.h"
 
-/* Bytes that wait: past DOOR_MOST nobody waits with more than an equal share of it, past DOOR_FULL,
- * which pushes of streams alone may fill, no more is read. */
-enum { DOOR_MOST = 64 << 20, DOOR_FULL = 2 * DOOR_MOST };
+/* Bytes that wait. */
+enum {
+    DOOR_MOST = 64 << 20,           /* past it nobody waits with more than an equal share of it */
+    DOOR_FULL = 2 * DOOR_MOST       /* which pushes of streams alone may fill: no more is read */
+};
 
 /* Zero: nobody waits. */
 struct door { struct fair_queue waiting; };

@@ -18,9 +18,9 @@
 
 enum {
     PAGE = 256,               /* events read at once */
-    /* of a step, 1 ms: looking at an event is one, telling it TELL; and what one connection has of
-     * it before the next */
-    TELL = 16, WORK_STEP = 256 * TELL, WORK_TURN = 64 * TELL,
+    TELL = 16,                /* what telling an event takes, as many times as looking at it */
+    WORK_STEP = 256 * TELL,   /* of a step: 1 ms */
+    WORK_TURN = 64 * TELL,    /* what one connection has of it before the next */
     PRUNED_AT_LEAST = 1024,   /* events go in such groups: pruning costs a transaction */
 };
 
@@ -149,7 +149,7 @@ static int64_t ring_last(const struct core *c)
     return c->last_event;                        /* committed */
 }
 
-/* What S has not been told, as far as it is in memory and WORK goes; true: there is more of that. */
+/* What S has not been told, as far as it is in memory and WORK goes; true: there is more. */
 static bool tell(struct core *c, struct subscription *s, int64_t last, int *work)
 {
     while (s->next_event <= last && *work > 0) {
@@ -368,7 +368,8 @@ void events_request(struct core *c, const struct request *q)
     l = listener_get(c, q->event->peer);
     s = grab(sizeof *s);
     *s = (struct subscription) {
-        .next = l->subscriptions, .number = ++c->events->next_subscription, .listener = l, .user = q->user, .reply = q->reply,
+        .next = l->subscriptions, .number = ++c->events->next_subscription, .listener = l,
+        .user = q->user, .reply = q->reply,
         .job = job == NULL ? 0 : job->id, .stream = grab_text(q->wire.events.stream),
         .kinds = q->wire.events.kinds };
     snprintf(s->key, sizeof s->key, "%s", q->event->key);

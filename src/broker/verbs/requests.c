@@ -135,7 +135,8 @@ static void on_delete(struct core *c, const struct request *q)
     struct job *job = q->job;
 
     if (job_state_final(job->state) && job->last != NULL) {
-        answer_fail(c, &q->reply, MODAL_CONFLICT, "job", NULL, "that the job is %s is not stored yet",
+        answer_fail(c, &q->reply, MODAL_CONFLICT, "job", NULL,
+                    "that the job is %s is not stored yet",
                     job->deleting || job->hidden ? "deleted" : job_states[job->state]);
         return;
     }

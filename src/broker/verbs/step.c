@@ -190,8 +190,8 @@ static void one_committed(struct core *c, struct transaction *t)
     transaction_free(t);
 }
 
-/* The ledger has no room for what must pass.  Whoever waits for that of a job is told, once, and may
- * ask again. */
+/* The ledger has no room for what must pass.  Whoever waits for that of a job is told, once, and
+ * may ask again. */
 static void stuck(struct core *c)
 {
     room_want(c, RESERVE_LAST + RESERVE_LAST / 4);

@@ -29,7 +29,7 @@
 #include <string.h>
 #include "modal/identify/fit/colour.h"
 #include "modal/identify/linear/exponents.h"
-#include "modal/identify/order/lines.h"
+#include "modal/identify/order/choose_lines.h"
 #include "modal/identify/order/remainder.h"
 #include "modal/identify/prepare/fold.h"
 #include "modal/identify/prepare/turns.h"
@@ -446,8 +446,8 @@ static enum modal_status make_room(struct families *f, struct lines *l, struct m
 
 /* ---- one family as two ---- */
 
-/* Family J of F in G as two: along the axis that it lies on, or that a record does not tell it from,
- * else along its frequency. So put they explain what the one and its derivative do, but for
+/* Family J of F in G as two: along the axis that it lies on, or that a record does not tell it
+ * from, else along its frequency. So put they explain what the one and its derivative do, but for
  * (half t)^2 / 2 of its amplitude: 3 % at the ends of the record, where strong families can spare
  * no more. */
 static bool part_family(const struct families *f, int j, struct families *g)

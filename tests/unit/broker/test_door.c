@@ -1,4 +1,5 @@
 /* Requests that wait for the ledger are taken in turn, and nobody's fill the room of all. */
+/* Tests as well: received.c */
 #include "broker/shell/door.h"
 #include "check.h"
 #include <stdlib.h>

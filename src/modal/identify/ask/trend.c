@@ -454,8 +454,8 @@ static double kendall(const struct window *w, int n, double (*x)(const struct wi
 static double frequency_at(const struct window *w) { return w->frequency; }
 static double damping_at(const struct window *w) { return w->damping; }
 
-/* Do two windows differ in x by more than `least` of its size and six of their standard errors?  The
- * extremes alone do not say: the last window has the least signal, and errors to suit. */
+/* Do two windows differ in x by more than `least` of its size and six of their standard errors?
+ * The extremes alone do not say: the last window has the least signal, and errors to suit. */
 static bool changes(const struct window *w, int n, double (*x)(const struct window *), bool damping,
                     double least)
 {

@@ -23,8 +23,8 @@
  * errors is contradicted, and by that difference.  Where the linear model at the start already
  * says that (1) will hold, the search ends there (refine.h, `rival`).
  *
- * What grows as a power of time, t^n, grows at n / t: in the middle of either half at 4 n / T and at
- * 4 n / (3 T). An exponent between them is off a third of itself in one half at least, which (1)
+ * What grows as a power of time, t^n, grows at n / t: in the middle of either half at 4 n / T and
+ * at 4 n / (3 T). An exponent between them is off a third of itself in one half at least, which (1)
  * tells where that is more than the root of its right side in the half's standard errors: it is
  * steady, of both halves, where it grows by three times as many.
  *

@@ -17,8 +17,8 @@
 struct part_say {
     double re, im;      /* by how much a half contradicts it, 1/s; 0 where none does */
     bool grows;         /* a half alone shows that Re > 0, by three of its own standard errors */
-    bool steady;        /* both show so, and so clearly that a rate would be told which falls by three
-                         * from one to the other, as that of a power of time does */
+    bool steady;        /* both show so, and so clearly that a rate would be told which falls by
+                         * three from one to the other, as that of a power of time does */
     double decay;       /* -Re over its own standard error, the least of the halves'; -HUGE_VAL
                          * where a half cannot say */
 };

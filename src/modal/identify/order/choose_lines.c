@@ -1,5 +1,5 @@
 /*
- * lines.c - lines that leave, one after the other
+ * choose_lines.c - lines that leave, one after the other
  *
  * Of amplitudes X, of covariance C in noise of variance 1, those of columns I leave behind
  *
@@ -10,7 +10,7 @@
  * once those have gone: to leave out all that gain little at once would lose what they explain
  * together.  (1) costs columns^2 a line; of all lines together about as much as one fit.
  */
-#include "modal/identify/order/lines.h"
+#include "modal/identify/order/choose_lines.h"
 #include <cblas.h>
 #include <float.h>
 #include <lapacke.h>

@@ -1,6 +1,6 @@
 /* Which lines stay: of lines that the record does not resolve, and of such as are not there. */
 #include "check.h"
-#include "modal/identify/order/lines.h"
+#include "modal/identify/order/choose_lines.h"
 #include "signals.h"
 
 enum { L = 300, MOST = 8 };

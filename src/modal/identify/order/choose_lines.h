@@ -1,6 +1,6 @@
-/* lines.h - which of a periodic system's lines a record shows */
-#ifndef MODAL_LINES_H
-#define MODAL_LINES_H
+/* choose_lines.h - which of a periodic system's lines a record shows */
+#ifndef MODAL_CHOOSE_LINES_H
+#define MODAL_CHOOSE_LINES_H
 #include <complex.h>
 #include "base/error.h"
 #include "modal/identify/fit/refine.h"

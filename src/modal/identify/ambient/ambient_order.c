@@ -34,10 +34,10 @@ enum {
     WIDEST = 48,                 /* the spectrum between the modes in so many bins at least */
     STEPS_TRIAL = 20,            /* of a fit that is one of many */
     STEPS_MOST = 60,             /* of the answer's */
-    SETTLING_MOST = 2 * STEPS_MOST,   /* of all that are settled; of an ambient record ten or so */
     ABOVE = 2,                   /* orders that are fitted beyond the best of the ladder's */
     ROUNDS = 12,                 /* of pairs that leave */
-    CORRECTIONS = 3              /* of what is seen; each leaves less than a tenth of the last */
+    CORRECTIONS = 3,             /* of what is seen; each leaves less than a tenth of the last */
+    SETTLING_MOST = CORRECTIONS * STEPS_MOST   /* of all that are settled, as of one that is slow */
 };
 static const double
     ALARM = 0.01,                /* probability of a pair too many in a record, (1) */

@@ -275,7 +275,8 @@ static void from_client(struct daemon *d, struct received *r)
     else if (door_admits(&d->door, r, turn))
         door_put(&d->door, r, turn);
     else {
-        modal_fail(&err, MODAL_BUSY, "more requests that wait to be stored than are kept");
+        modal_fail(&err, MODAL_BUSY, "%zu bytes of requests wait to be stored, at most %d, of "
+                   "which each who waits may have an equal share", d->door.waiting.size, DOOR_MOST);
         ask(d, r, &err);
     }
 }

@@ -95,9 +95,7 @@ static enum modal_status work_start(struct work *w, struct modal_error *err)
     if (w->column == NULL || w->mode == NULL || w->harmonic == NULL || w->flipped == NULL
         || w->products.x == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "modes: no memory for %d poles", p->count);
-    rc = synthesis_products(p->lambda, p->count, p->tau, w->Y->m, w->products.x, err);
-    if (rc != MODAL_OK)
-        return rc;
+    synthesis_products(p->lambda, p->count, p->tau, w->Y->m, w->products.x);
     for (int j = 0, c = 0; j < p->count; j++) {
         w->column[j] = c;
         c += pole_order(p->lambda[j], p->tau);

@@ -273,32 +273,65 @@ static enum modal_status fit_tall(const double complex *lambda, double tau, cons
     return rc;
 }
 
-enum modal_status synthesis_products(const double complex *lambda, int count, double tau, int L,
-                                     double *G, struct modal_error *err)
+/* ---- products ---- */
+
+/* e^w - 1, to its own digits where w is small. */
+static double complex exp_less_one(double complex w)
+{
+    double a = creal(w), b = cimag(w), half = sin(0.5 * b);
+
+    return CMPLX(expm1(a) * cos(b) - 2 * half * half, exp(a) * sin(b));
+}
+
+/* e^{-scale} sum_{l < L} e^{(a + ib) l} = e^{-scale} (e^{wL} - 1) / (e^w - 1), from the end where it
+ * grows; scale is at least what the last one has grown to. */
+static double complex sum_of_powers(double a, double b, int L, double scale)
+{
+    /* whole turns a row are none: else L of their rounding */
+    double complex w = CMPLX(a, remainder(b, 2 * M_PI)), first = -scale, below;
+
+    if (a > 0)
+        first += (L - 1) * w, w = -w;
+    below = exp_less_one(w);
+    return cexp(first) * (below == 0 ? L : exp_less_one(L * w) / below);
+}
+
+/* lambda tau, its phase 0 or half a turn where the pole is no pair. */
+static double complex row_of_pole(double complex lambda, double tau)
+{
+    enum pole_kind kind = pole_kind(lambda, tau);
+    double turn = kind == POLE_NEGATIVE ? M_PI : 0;
+
+    return CMPLX(creal(lambda) * tau, kind == POLE_PAIR ? cimag(lambda) * tau : turn);
+}
+
+/* Of the columns of two poles, per row at a + ib: those of the first down, 2 x 2; of a pole that is
+ * no pair the second means nothing. */
+static void multiply_columns(const double complex *z, int L, double scale, double *G)
+{
+    double complex sum = sum_of_powers(creal(z[0] + z[1]), cimag(z[0] + z[1]), L, scale),
+        less = sum_of_powers(creal(z[0] + z[1]), cimag(z[0] - z[1]), L, scale);
+
+    /* Re x Re y = Re(xy + x conj y) / 2, and so on; columns are Re and -Im */
+    G[0] = 0.5 * creal(less + sum), G[3] = 0.5 * creal(less - sum);
+    G[1] = -0.5 * cimag(sum + less), G[2] = 0.5 * cimag(less - sum);
+}
+
+void synthesis_products(const double complex *lambda, int count, double tau, int L, double *G)
 {
     int n = poles_order(lambda, count, tau);
-    bool tall = doubling_pays(L, n, 0);
-    double *reference = malloc(((size_t)count + 1) * sizeof *reference);
-    struct matrix basis = { L, n, L, NULL };
-    struct tall t = { 0 };
-    enum modal_status rc = tall ? tall_new(lambda, count, tau, L, n, NULL, &t, err) : MODAL_OK;
 
-    if (tall)
-        basis = t.R;
-    else
-        basis.x = malloc(sizeof(double) * ((size_t)L * (size_t)n + 1));
-    if (rc == MODAL_OK && (basis.x == NULL || reference == NULL))
-        rc = modal_fail(err, MODAL_NO_MEMORY, "synthesis: no memory for %d poles", count);
-    if (rc == MODAL_OK && !tall)
-        synthesis_basis(lambda, count, tau, &basis, reference);
-    if (rc == MODAL_OK && n > 0)    /* V^T V, for energies: of the triangle R^T R is the same sum */
-        cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, n, n, basis.m, 1, basis.x, basis.ld,
-                    basis.x, basis.ld, 0, G, n);
-    if (!tall)
-        free(basis.x);
-    free(reference);
-    tall_done(&t);
-    return rc;
+    for (int j = 0, column = 0; j < count; column += pole_order(lambda[j], tau), j++)
+        for (int i = 0, row = 0; i <= j; row += pole_order(lambda[i], tau), i++) {
+            double complex z[2] = { row_of_pole(lambda[i], tau), row_of_pole(lambda[j], tau) };
+            double part[4], scale = (L - 1) * (fmax(creal(z[0]), 0) + fmax(creal(z[1]), 0));
+            multiply_columns(z, L, scale, part);
+            for (int q = 0; q < pole_order(lambda[j], tau); q++)
+                for (int p = 0; p < pole_order(lambda[i], tau); p++) {
+                    size_t to = (size_t)(row + p), at = (size_t)(column + q);
+                    G[to + at * (size_t)n] = G[at + to * (size_t)n] = part[p + 2 * q];
+                }
+        }
 }
 
 /* ---- all ---- */

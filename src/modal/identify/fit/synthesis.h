@@ -38,7 +38,8 @@ enum modal_status synthesis_fit_blocks(const double complex *lambda, int count, 
                                        struct modal_error *err);
 void synthesis_done(struct synthesis *s);
 
-/* The products of all columns of the basis of L rows, columns scaled: G, order x order. */
-enum modal_status synthesis_products(const double complex *lambda, int count, double tau, int L,
-                                     double *G, struct modal_error *err);
+/* The products of all columns of the basis of L rows, columns scaled: G, order x order. They are
+ * geometric sums, right to the rounding of the larger of the two columns of each pole: no column is
+ * made. */
+void synthesis_products(const double complex *lambda, int count, double tau, int L, double *G);
 #endif

@@ -1,5 +1,6 @@
 /* field.c - see field.h */
 #include "field.h"
+#include <limits.h>
 #include <math.h>
 
 const cJSON *field_get(const cJSON *object, const char *key)
@@ -31,4 +32,21 @@ double field_number(const cJSON *object, const char *key, double otherwise)
     const cJSON *item = field_get(object, key);
 
     return cJSON_IsNumber(item) ? item->valuedouble : otherwise;
+}
+
+/* cJSON keeps what is beyond an int at its ends. */
+static int index_of(const cJSON *item)
+{
+    return cJSON_IsNumber(item) && item->valueint >= 0 && item->valueint < INT_MAX ? item->valueint
+                                                                                  : -1;
+}
+
+int field_index(const cJSON *object, const char *key)
+{
+    return index_of(field_get(object, key));
+}
+
+int field_index_at(const cJSON *list, int i)
+{
+    return index_of(cJSON_GetArrayItem(list, i));
 }

@@ -56,7 +56,7 @@ static enum modal_status read_error(const cJSON *answer, const cJSON **detail,
 static enum modal_status add_line(struct gather *g, const cJSON *task, cJSON *answer,
                                   enum modal_status rc, struct modal_error *err)
 {
-    long line = (long)field_number(task, "line", 0);
+    long line = field_index(task, "line");
     const char *name = field_word(task, "name", "-");
     const cJSON *detail = NULL;
 

@@ -1,6 +1,5 @@
 /* plot.c - see plot.h */
 #include "plot.h"
-#include <limits.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -350,7 +349,7 @@ static bool plot_tradeoff(struct svg *svg, FILE *file, const cJSON *result,
 {
     struct svg_panel p = panel_of("CPU seconds", "relative error");
     const cJSON *rung, *best = cJSON_GetArrayItem(field_get(result, "rungs"),
-                                                  (int)field_number(result, "recommended", -1));
+                                                  field_index(result, "recommended"));
     double bound = field_real(result, "bound");
 
     (void)input;
@@ -389,14 +388,9 @@ static const char *grid_path(const cJSON *grid, int axis)
     return axis_of(path);
 }
 
-/* -1 where it is no place in a list: cJSON keeps what is beyond an int at its ends. */
 static int index_of(const cJSON *point, int axis)
 {
-    const cJSON *i = cJSON_GetArrayItem(field_get(point, "index"), axis);
-
-    if (!cJSON_IsNumber(i))
-        return 0;
-    return i->valueint >= 0 && i->valueint < INT_MAX ? i->valueint : -1;
+    return field_index_at(field_get(point, "index"), axis);
 }
 
 /* What tells how stable a point is: its largest multiplier, or e^-margin. */

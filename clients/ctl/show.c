@@ -37,15 +37,14 @@ static const char *verdict(const cJSON *stability)
 /* The mode that the verdict rests on, where it is another than the one that the margin is of. */
 static void show_decides(const cJSON *stability, const cJSON *modes)
 {
-    const cJSON *mode = cJSON_IsNumber(field_get(stability, "decides"))
-                            ? cJSON_GetArrayItem(modes, (int)field_real(stability, "decides"))
-                            : NULL;
+    int decides = field_index(stability, "decides");
+    const cJSON *mode = cJSON_GetArrayItem(modes, decides);
     double re = field_at(field_get(mode, "exponent"), 0);
     double std = field_at(field_get(field_get(mode, "std"), "exponent"), 0);
 
     if (!isfinite(re) || -re == field_real(stability, "margin"))
         return;
-    printf("; mode %d decides, Re %.4g 1/s", (int)field_real(stability, "decides"), re);
+    printf("; mode %d decides, Re %.4g 1/s", decides, re);
     if (isfinite(std))
         printf(" +- %.2g", std);
 }
@@ -334,9 +333,7 @@ static void show_floquet(const cJSON *result)
 static void show_tradeoff(const cJSON *result)
 {
     const cJSON *rung;
-    int i = 0, recommended = cJSON_IsNumber(field_get(result, "recommended"))
-                                 ? field_get(result, "recommended")->valueint
-                                 : -1;
+    int i = 0, recommended = field_index(result, "recommended");
 
     printf("%3s %12s %12s %7s  settings\n", "", "error", "seconds", "pareto");
     cJSON_ArrayForEach(rung, field_get(result, "rungs")) {
@@ -384,7 +381,7 @@ static void show_sweep(const cJSON *result)
         int i = 0;
         cJSON_ArrayForEach(axis, grid)
             cell(22, "%.9g", field_at(field_get(axis, "values"),
-                                      (int)field_at(field_get(point, "index"), i++)));
+                                      field_index_at(field_get(point, "index"), i++)));
         printf(" %12s", verdict(stability));
         cell(16, "%.9g", field_real(stability, "max_multiplier"));
         if (moves) {

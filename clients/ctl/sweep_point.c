@@ -24,10 +24,7 @@ struct sweep_amplitude sweep_amplitude(const cJSON *point)
 
 double sweep_value(const cJSON *axis, const cJSON *point, int i)
 {
-    double index = field_at(cJSON_GetObjectItemCaseSensitive(point, "index"), i);
-
-    return field_at(cJSON_GetObjectItemCaseSensitive(axis, "values"),
-                     isfinite(index) ? (int)index : -1);
+    return field_at(field_get(axis, "values"), field_index_at(field_get(point, "index"), i));
 }
 
 /* A steady state that was not found is told by the first of its diagnostics. */
@@ -60,8 +57,8 @@ int sweep_exit(const cJSON *result)
         }
     if (count == 0)
         return 0;
-    fprintf(stderr, "modalctl: %d of %d points failed, the first at", count,
-            (int)field_number(options, "count", cJSON_GetArraySize(points)));
+    fprintf(stderr, "modalctl: %d of %.0f points failed, the first at", count,
+            field_number(options, "count", cJSON_GetArraySize(points)));
     cJSON_ArrayForEach(axis, cJSON_GetObjectItemCaseSensitive(result, "grid")) {
         fprintf(stderr, " %s = %g", field_word(axis, "path", "-"), sweep_value(axis, first, i));
         i++;

@@ -2,6 +2,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "check.h"
+#include "ctl/plot.h"
 #include "web/board.h"
 #include "web/feed.h"
 #include "web/html.h"
@@ -140,6 +141,34 @@ TEST(the_board_keeps_the_streams_told_of_last_and_the_alarms_that_hold)
     }
     CHECK(board.edges == 3 && strcmp(board.edge[0].state, "cleared") == 0);
     board_clear(&board);
+}
+
+TEST(a_place_in_no_list_is_drawn_as_none)
+{
+    static const char *const rows[] = {
+        "{\"kind\":\"tradeoff\",\"bound\":16,\"recommended\":7e34,"
+        "\"rungs\":[{\"error\":1e-3,\"seconds\":0.1,\"pareto\":true}]}",
+        "{\"kind\":\"tradeoff\",\"bound\":16,\"recommended\":-7e34,"
+        "\"rungs\":[{\"error\":1e-3,\"seconds\":0.1,\"pareto\":true}]}",
+        "{\"kind\":\"sweep\",\"grid\":[{\"path\":\"c\",\"values\":[1,2]}],"
+        "\"points\":[{\"index\":[1e300],\"stability\":{\"max_multiplier\":0.5}}]}",
+    };
+
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        cJSON *result = cJSON_Parse(rows[i]);
+        struct html html;
+        size_t length;
+        char *text;
+
+        CHECK(result != NULL && html_begin(&html));
+        CHECK(plot_draw(html.file, cJSON_GetObjectItem(result, "kind")->valuestring, result, NULL,
+                        NULL) == MODAL_OK);
+        text = html_end(&html, &length);
+        CHECK(text != NULL && strstr(text, "<svg") != NULL);
+        CHECK(strstr(text, "recommended") == NULL);
+        free(text);
+        cJSON_Delete(result);
+    }
 }
 
 TEST(no_document_makes_markup_of_its_own)

@@ -121,7 +121,6 @@ bool workers_idle(const struct core *c)
 void slots_init(struct core *c)
 {
     c->slots = grab(sizeof *c->slots);
-    c->slots->due_end = c->slots->round_end = &c->slots->due;
 }
 
 void slots_done(struct core *c)

@@ -23,6 +23,9 @@ struct remote {
     char *said;                           /* its last STDERR; NULL: none */
 };
 
+/* Streams that wait, the first of them first; what their windows are expected to take. */
+struct waiting { struct stream *first, **end; double cost_s; };
+
 struct slot {
     enum slot_state state;
     bool watched;                         /* a TIMER_LEASE is set */
@@ -39,7 +42,10 @@ struct slot {
     bool ready;                           /* READY has come meanwhile */
     /* expected_s: what its user's share was charged at the start */
     double cpu_s, expected_s;
-    struct stream *live;                  /* whose window it has instead of a job */
+    /* whose window it has instead of a job; behind it, in their order, those that it has ahead */
+    struct stream *live, **live_end;
+    int ahead; double ahead_s;            /* how many these are, and what they are to take */
+    struct waiting due[2];                /* as slots.due, of streams whose window it has */
     uint64_t process;                     /* counts the slot's processes */
     struct remote *remote;                /* NULL: its worker is a process of ours */
 };
@@ -53,9 +59,10 @@ struct slots {
     double link_bytes_s;                  /* at which a large input went elsewhere last, */
     int64_t link_ns;                      /* mono, at that time; 0: none did */
     int windows;                          /* begun: their attempts have numbers of their own */
-    /* streams whose windows are due; up to `round_end` who had none in this round of turns */
-    struct stream *due, **due_end; int due_count;
-    struct stream **round_end; int64_t round;
+    /* Streams whose windows are due and that no worker has; at [round % 2] who had none in this
+     * round of turns.  In all such lists there are `due_count`, and `due_now` of this round. */
+    struct waiting due[2]; int due_count, due_now;
+    int64_t round, turns;                 /* turns: that have been waited for so far */
     int64_t windows_skipped;
     /* had of workers by windows and by jobs since both have waited for one, ns */
     int64_t windows_ns, jobs_ns;

@@ -368,6 +368,8 @@ void tombstones_sort(struct core *c);
 void tombstones_trim(struct core *c, struct user *user, struct transaction *t);
 /* Those past their age go, here and in the ledger. */
 void tombstones_retain(struct core *c);
+/* Has anybody a job that may start on the worker of SLOT? */
+bool user_any_waits(struct core *c, int slot);
 /* Which job starts next on the worker of SLOT, out of the queue; NULL: none. */
 struct job *user_next(struct core *c, int slot);
 /* An attempt ended, charged with EXPECTED_S at its start, after SECONDS and CPU_S. */

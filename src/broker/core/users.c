@@ -425,6 +425,15 @@ static void pass_rounds(struct core *c, double rounds)
     }
 }
 
+bool user_any_waits(struct core *c, int slot)
+{
+    bool any = false;
+
+    for (size_t n = 0; n < c->user_count && !any; n++)
+        any = competes(c, c->user_list[n], slot);
+    return any;
+}
+
 struct job *user_next(struct core *c, int slot)
 {
     struct user *best = NULL;

@@ -26,7 +26,11 @@ struct window {
     struct alarms *alarms;                /* NULL: none */
     char *tracks;                         /* as the latest worker told them; NULL: nothing yet */
     bool running;                         /* a worker has it, or had it before it is told dead */
-    bool queued; struct stream *behind;   /* among those that wait for a worker */
+    int attempt;                          /* its number, for that worker */
+    double cost_s;                        /* of a processor, that the one before took */
+    bool queued;                          /* among those that wait for a worker */
+    struct stream *behind;                /* of these, or of those that its worker has */
+    int64_t turn;                         /* its place among all that waited */
     int64_t round;                        /* of turns, in which it had its latest window */
     uint64_t skipped;                     /* left out since the one told last */
     uint64_t skipped_all;                 /* and since the daemon began with the stream */

@@ -239,8 +239,10 @@ bool window_is_untold(const struct stream *s);
 /* S has more durable samples, or its worker is free again: where a window is due, it waits for
  * a worker. */
 void window_offer(struct core *c, struct stream *s);
-/* A window that is due to the idle worker of SLOT; false: none is. */
+/* A window that is due to the worker of SLOT, which is idle or has one; false: none is. */
 bool window_start(struct core *c, int slot);
+/* Has the worker of SLOT windows, and may it have one more behind them? */
+bool window_fits_ahead(const struct core *c, int slot);
 /* Windows go first, unless they have had more than half: of the workers in slots FROM to END that
  * are busy, or, where these are as many, of the time since both waited. */
 bool windows_first(const struct core *c, int from, int end);
@@ -248,8 +250,9 @@ bool windows_first(const struct core *c, int from, int end);
 void window_end(struct core *c, int slot, const struct wire_message *m);
 /* The worker of SLOT died under its window: once more on another, unless the window is to blame. */
 void window_died(struct core *c, int slot);
-/* The worker of SLOT gives its window back: it is due again, and nothing is said against it. */
-void window_back(struct core *c, int slot);
+/* The worker of SLOT gives its windows back: they are due again, and nothing is said against
+ * them. */
+void windows_back(struct core *c, int slot);
 /* Has WORKER had its window longer than one may take? */
 bool window_late(const struct core *c, const struct slot *worker);
 

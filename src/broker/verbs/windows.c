@@ -3,13 +3,11 @@
  * who watches
  *
  * A window is due when its last sample is on stable storage, every `hop` samples, and never over a
- * gap or an epoch.  Streams whose windows are due wait in one queue, and each gets its newest
- * window in its turn; what came due before is left out, and counted.  Turns go round by round: who
- * waits gets a window before anybody gets two, so that no stream has more than its share, whatever
- * the order within a round.  That is free, and a window goes rather to the worker that had the one
- * before: that gets only what is new.  Another takes it once the next one is due.  The newest
- * window of a closed stream has its turn like any: a run that is shorter than the wait for a
- * worker has its verdict too, over a restart as well, for its samples are in its batch then.
+ * gap or an epoch.  Whose turn it is, turns.c says; what came due before is left out, and counted.
+ * A worker has its next windows before it has ended the one that it works on: from the end of one
+ * to the beginning of the next there is no way to the daemon and back.  The newest window of a
+ * closed stream has its turn like any: a run that is shorter than the wait for a worker has its
+ * verdict too, over a restart as well, for its samples are in its batch then.
  * Windows go before jobs, being small, unless these have had less
  * than half of the workers.  To a worker elsewhere they go where the configuration lets them and
  * the way is short (slot_takes_windows).  One that kills its worker goes to another,
@@ -17,6 +15,7 @@
  */
 #include "broker/core/slots.h"
 #include "broker/verbs/streams.h"
+#include "broker/verbs/turns.h"
 #include "broker/verbs/verbs.h"
 #include "wire/frame.h"
 #include <math.h>
@@ -38,7 +37,13 @@ enum {
     /* bytes of what is known of tracks: all that are followed at once take less */
     TRACKS_MOST = 256 * 1024,
     EDGES_MOST = 512,         /* of one window: each track that is followed may begin and end */
+    /* that a worker has ahead: the daemon has some 0.3 ms of work with each, and more do not come
+     * back in the time of ahead_s */
+    AHEAD_MOST = 64,
 };
+/* What a worker has ahead lasts while the loop is elsewhere: four sources of 5 ms each (loop.c)
+ * between two looks at the workers. */
+static const double ahead_s = 0.02;
 
 /* A window as open describes it, in samples. */
 struct description { uint64_t samples, hop; const cJSON *options; };
@@ -182,50 +187,6 @@ bool window_is_untold(const struct stream *s)
 
 /* ---- to a worker ----------------------------------------------------------------------------- */
 
-static bool is_due(struct stream *s)
-{
-    struct window *w = &s->window;
-    uint64_t least = (s->run_from > w->here ? s->run_from : w->here) + w->samples;
-
-    if (w->samples == 0 || w->recent == NULL || s->durable_epoch != s->epoch || s->durable < least)
-        return false;
-    if (w->next < least)
-        w->next = least;
-    return s->durable >= w->next;
-}
-
-static bool has_window(const struct core *c, const struct stream *s, int slot)
-{
-    return s->window.slot == slot && s->window.process == c->slots->at[slot].process;
-}
-
-/* The worker that has the window is idle, or will be soon. */
-static bool is_awaited(const struct core *c, const struct stream *s)
-{
-    const int slot = s->window.slot;
-    const struct slot *own = slot >= 0 ? &c->slots->at[slot] : NULL;
-
-    return own != NULL && has_window(c, s, slot) && slot_takes_windows(c, slot)
-        && (own->state == SLOT_IDLE || own->state == SLOT_TAKEN || own->live != NULL);
-}
-
-/* Behind who waits in this round; where it had its window in this round, in the next. */
-static void queue(struct core *c, struct stream *s)
-{
-    struct slots *slots = c->slots;
-    struct window *w = &s->window;
-    struct stream **link = w->round < slots->round ? slots->round_end : slots->due_end;
-
-    w->queued = true;
-    w->behind = *link;
-    if (slots->due_end == link)
-        slots->due_end = &w->behind;
-    if (w->round < slots->round)
-        slots->round_end = &w->behind;
-    *link = s;
-    slots->due_count++;
-}
-
 void window_forget_last(struct core *c, struct stream *s)
 {
     struct transaction *t = transaction_new();
@@ -256,71 +217,14 @@ void window_offer(struct core *c, struct stream *s)
 
     if (w->queued || w->running)
         return;
-    if (is_due(s))
-        queue(c, s);
+    if (window_is_due(s))
+        turn_wait(c, s);
     else if (s->closed && !w->reading && window_is_untold(s))
         read_last(c, s);
     else if (s->closed) {                          /* no more will come */
         free(w->recent);
         w->recent = NULL;
     }
-}
-
-/* The stream at *LINK of the queue, out of it. */
-static struct stream *unqueue(struct core *c, struct stream **link)
-{
-    struct stream *s = *link;
-
-    *link = s->window.behind;
-    if (c->slots->due_end == &s->window.behind)
-        c->slots->due_end = link;
-    if (c->slots->round_end == &s->window.behind)
-        c->slots->round_end = link;
-    s->window.queued = false;
-    c->slots->due_count--;
-    return s;
-}
-
-/* The next one is due as well. */
-static bool is_late(const struct stream *s)
-{
-    return s->durable - s->window.next >= s->window.hop;
-}
-
-/* Where nobody waits of this round, the next begins with all who wait. */
-static void begin_round(struct slots *slots)
-{
-    if (slots->round_end != &slots->due)
-        return;
-    slots->round++;
-    slots->round_end = slots->due_end;
-}
-
-/* The stream whose turn it is, out of the queue: of this round one that the worker of SLOT has,
- * else the first of all that this worker or none is to go on with. */
-static struct stream *take_due(struct core *c, int slot)
-{
-    struct stream **link = &c->slots->due, **found = NULL;
-
-    begin_round(c->slots);
-    for (; *link != NULL && (found == NULL || link != c->slots->round_end);) {
-        struct stream *s = *link;
-        if (!is_due(s)) {                          /* begun anew */
-            unqueue(c, link);
-            continue;
-        }
-        if (has_window(c, s, slot)) {
-            found = link;
-            break;
-        }
-        if (found == NULL && (!is_awaited(c, s) || is_late(s)))
-            found = link;
-        link = &s->window.behind;
-    }
-    if (found == NULL)
-        return NULL;
-    (*found)->window.round = c->slots->round;
-    return unqueue(c, found);
 }
 
 /* The window that is due, as raw samples from *FIRST on: those before KNOWN are where they are
@@ -345,6 +249,55 @@ static struct blob *cut_window(struct core *c, struct stream *s, uint64_t known,
     w->skipped_all += skipped;
     c->slots->windows_skipped += (int64_t)skipped;
     return blob_take(data, count * size);
+}
+
+/* What it is expected to take: as the one before. */
+static double ahead_cost_s(const struct stream *s)
+{
+    return s->window.cost_s > 0 ? s->window.cost_s : ahead_s;
+}
+
+/* S's window is what the worker of SLOT works on from now on. */
+static void begin(struct core *c, int slot, struct stream *s)
+{
+    struct slot *worker = &c->slots->at[slot];
+
+    worker->live = s;
+    worker->attempt = s->window.attempt;
+    worker->started_ns = worker->heard_ns = c->now.mono_ns;
+    slot_set(c, slot, SLOT_BUSY);
+}
+
+/* S's window is sent to the worker of SLOT, behind those that it has. */
+static void join(struct core *c, int slot, struct stream *s)
+{
+    struct slot *worker = &c->slots->at[slot];
+
+    s->window.behind = NULL;
+    if (worker->live == NULL)
+        begin(c, slot, s);
+    else {
+        *worker->live_end = s;
+        worker->ahead++;
+        worker->ahead_s += ahead_cost_s(s);
+    }
+    worker->live_end = &s->window.behind;
+}
+
+/* The stream whose window the worker of SLOT has had: it goes on with the next that it has. */
+static struct stream *leave(struct core *c, int slot)
+{
+    struct slot *worker = &c->slots->at[slot];
+    struct stream *s = worker->live, *next = s->window.behind;
+
+    s->window.running = false;
+    worker->live = NULL;
+    if (next == NULL)
+        return s;
+    worker->ahead--;
+    worker->ahead_s = worker->ahead > 0 ? worker->ahead_s - ahead_cost_s(next) : 0;
+    begin(c, slot, next);
+    return s;
 }
 
 static cJSON *run_header(const struct stream *s, int attempt, uint64_t first)
@@ -388,7 +341,7 @@ bool windows_first(const struct core *c, int from, int end)
 bool window_start(struct core *c, int slot)
 {
     struct slot *worker = &c->slots->at[slot];
-    struct stream *s = take_due(c, slot);
+    struct stream *s = turn_take(c, slot);
     struct window *w;
     struct blob *data;
     uint64_t first = 0;
@@ -396,17 +349,25 @@ bool window_start(struct core *c, int slot)
     if (s == NULL)
         return false;
     w = &s->window;
-    data = cut_window(c, s, has_window(c, s, slot) ? w->to + 1 : 0, &first);
+    data = cut_window(c, s, window_is_with(c, s, slot) ? w->to + 1 : 0, &first);
     w->running = true;
     w->slot = slot;
     w->process = worker->process;
-    worker->live = s;
-    slot_set(c, slot, SLOT_BUSY);
-    worker->attempt = ++c->slots->windows;
+    w->attempt = ++c->slots->windows;
     worker->jobs++;
-    worker->started_ns = worker->heard_ns = c->now.mono_ns;
-    worker_send(c, slot, "RUN", run_header(s, worker->attempt, first), data);
+    worker_send(c, slot, "RUN", run_header(s, w->attempt, first), data);
+    join(c, slot, s);
     return true;
+}
+
+bool window_fits_ahead(const struct core *c, int slot)
+{
+    const struct slot *worker = &c->slots->at[slot];
+    const int64_t jobs_most = c->settings.worker_jobs;
+
+    return worker->live != NULL && worker->remote == NULL && slot < c->settings.workers
+        && (jobs_most == 0 || worker->jobs < jobs_most) && worker->ahead < AHEAD_MOST
+        && worker->ahead_s < ahead_s;
 }
 
 bool window_late(const struct core *c, const struct slot *worker)
@@ -633,6 +594,15 @@ static void try_again(struct core *c, struct stream *s)
     window_offer(c, s);
 }
 
+void windows_back(struct core *c, int slot)
+{
+    while (c->slots->at[slot].live != NULL) {
+        struct stream *s = leave(c, slot);
+        s->window.slot = -1;
+        try_again(c, s);
+    }
+}
+
 /* A window that killed each worker that had it: who watches is told so. */
 static void give_up(struct core *c, struct stream *s)
 {
@@ -649,10 +619,9 @@ static void give_up(struct core *c, struct stream *s)
 
 void window_died(struct core *c, int slot)
 {
-    struct stream *s = c->slots->at[slot].live;
+    struct stream *s = leave(c, slot);
 
-    c->slots->at[slot].live = NULL;
-    s->window.running = false;
+    windows_back(c, slot);                         /* it had not begun with these */
     s->window.slot = -1;
     if (++s->window.died < LIVE_DEATHS_MOST)
         try_again(c, s);
@@ -661,19 +630,11 @@ void window_died(struct core *c, int slot)
     window_offer(c, s);
 }
 
-void window_back(struct core *c, int slot)
-{
-    struct stream *s = c->slots->at[slot].live;
-
-    c->slots->at[slot].live = NULL;
-    s->window.running = false;
-    s->window.slot = -1;
-    try_again(c, s);
-}
-
 void window_end(struct core *c, int slot, const struct wire_message *m)
 {
-    struct stream *s = c->slots->at[slot].live;
+    struct slot *worker = &c->slots->at[slot];
+    const int64_t began_ns = worker->started_ns;
+    struct stream *s = leave(c, slot);
     const cJSON *told = cJSON_GetObjectItemCaseSensitive(m->header, "error");
     struct modal_error err;
     cJSON *error = NULL;
@@ -681,10 +642,10 @@ void window_end(struct core *c, int slot, const struct wire_message *m)
 
     json_get_number(m->header, "", "cpu_s", 0, LIVE_LIMIT_S, &cpu_s, NULL);
     slot_window_back(c, slot, cpu_s);
-    c->slots->at[slot].live = NULL;
-    c->slots->at[slot].state = SLOT_TAKEN;
-    c->slots->windows_ns += c->now.mono_ns - c->slots->at[slot].started_ns;
-    s->window.running = false;
+    if (worker->live == NULL)
+        worker->state = SLOT_TAKEN;
+    c->slots->windows_ns += c->now.mono_ns - began_ns;
+    s->window.cost_s = cpu_s;
     s->window.died = 0;
     if (told != NULL) {
         s->window.slot = -1;

@@ -9,6 +9,7 @@
 #include "base/crc32c.h"
 #include "broker/core/jobs.h"
 #include "broker/core/slots.h"
+#include "broker/verbs/turns.h"
 #include "broker/verbs/verbs.h"
 #include "wire/frame.h"
 #include <math.h>
@@ -170,6 +171,16 @@ static void schedule_remotes(struct core *c)
     }
 }
 
+/* What this host's workers go on with, unless it is a job's turn. */
+static void give_ahead(struct core *c)
+{
+    for (int slot = 0; slot < c->slots->count; slot++)
+        while (c->slots->due_count > 0 && window_fits_ahead(c, slot)
+               && (windows_first(c, 0, c->slots->count) || !user_any_waits(c, slot))
+               && window_start(c, slot))
+            ;
+}
+
 void workers_schedule(struct core *c)
 {
     if (c->draining || c->terminating || c->now.mono_ns < c->disk.hold_until)
@@ -177,6 +188,7 @@ void workers_schedule(struct core *c)
     for (int slot = 0; slot < c->slots->count; slot++)
         if (c->slots->at[slot].state == SLOT_IDLE)
             give(c, slot, 0, c->slots->count);
+    give_ahead(c);
     schedule_remotes(c);
 }
 
@@ -301,6 +313,7 @@ void worker_exit(struct core *c, int slot, int status, const char *stderr_text)
     struct job *job = s->job;
     int64_t again_ns = 0;
 
+    turns_free(c, slot);
     if (s->live != NULL) {
         window_died(c, slot);
         c->counts.deaths++;
@@ -676,7 +689,7 @@ void worker_dismiss(struct core *c, int slot)
     if (c->slots->at[slot].job != NULL)
         give_back(c, slot);
     else if (c->slots->at[slot].live != NULL)
-        window_back(c, slot);
+        windows_back(c, slot);
     c->slots->at[slot].remote->leaving = true;
     worker_kill(c, slot);
 }

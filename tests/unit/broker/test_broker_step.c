@@ -34,7 +34,7 @@
 
 enum {
     KEYS = 24,
-    WORKERS = 3,
+    WORKERS = 3, AHEAD = 64,
     REMOTES = 4,
     STEPS = 400,
     ROWS = 4096,
@@ -116,6 +116,7 @@ struct world {
         char job[9];
         int attempt;
         bool busy, silent;
+        int ahead[AHEAD], ahead_count;      /* attempts of windows behind the one that it has */
         char old_job[9];
         int old_attempt;
         bool booting;
@@ -623,20 +624,40 @@ static void told(const struct action *a)
 
 static bool slot_waits[WORKERS];               /* its death is known, its successor not there */
 
-/* A worker whose death is not known yet may be told to run; what it is told is lost with it. */
+/* A worker whose death is not known yet may be told to run; what it is told is lost with it.  One
+ * that has a window may have others behind it. */
 static void to_worker(const struct action *a)
 {
     cJSON *header = cJSON_Parse(a->header);
-    int slot = a->slot;
+    const char *job = cJSON_GetStringValue(cJSON_GetObjectItem(header, "job"));
+    const bool run = strcmp(a->verb, "RUN") == 0;
+    const int slot = a->slot, *count = &w->workers[slot].ahead_count,
+              attempt = run ? cJSON_GetObjectItem(header, "attempt")->valueint : 0;
+    const bool ahead = run && w->workers[slot].busy && strcmp(job, "live") == 0
+                       && strcmp(w->workers[slot].job, "live") == 0 && *count < AHEAD;
 
-    if (strcmp(a->verb, "RUN") == 0) {
-        if (w->workers[slot].busy || (!w->workers[slot].alive && slot_waits[slot]))
-            violate(4, "RUN to a worker that is not idle");
-        copy(w->workers[slot].job, 9, cJSON_GetObjectItem(header, "job")->valuestring);
-        w->workers[slot].attempt = (int)cJSON_GetObjectItem(header, "attempt")->valuedouble;
+    if (run && ((w->workers[slot].busy && !ahead) || (!w->workers[slot].alive && slot_waits[slot])))
+        violate(4, "RUN to a worker that is not idle");
+    if (ahead)
+        w->workers[slot].ahead[w->workers[slot].ahead_count++] = attempt;
+    else if (run) {
+        copy(w->workers[slot].job, 9, job);
+        w->workers[slot].attempt = attempt;
         w->workers[slot].busy = true;
     }
     cJSON_Delete(header);
+}
+
+/* It has ended what it had, and begins with what it has behind that. */
+static void worker_goes_on(int slot)
+{
+    int *ahead = w->workers[slot].ahead;
+
+    w->workers[slot].busy = w->workers[slot].ahead_count > 0;
+    if (!w->workers[slot].busy)
+        return;
+    w->workers[slot].attempt = ahead[0];
+    memmove(ahead, ahead + 1, (size_t)--w->workers[slot].ahead_count * sizeof *ahead);
 }
 
 /* What arrives where somebody is: not where the connection is cut. */
@@ -690,6 +711,7 @@ static void carry_out(struct action *a)
     case ACT_SPAWN:
         w->workers[a->slot].alive = w->workers[a->slot].booting = true;
         w->workers[a->slot].busy = w->workers[a->slot].silent = false;
+        w->workers[a->slot].ahead_count = 0;
         break;
     case ACT_KILL:
         w->workers[a->slot].alive = false;
@@ -953,12 +975,12 @@ static void worker_acts(void)
     } else if (w->workers[slot].busy && what < 14) {
         memcpy(w->workers[slot].old_job, w->workers[slot].job, sizeof w->workers[slot].job);
         w->workers[slot].old_attempt = w->workers[slot].attempt;
-        w->workers[slot].busy = false;
+        worker_goes_on(slot);
         if (what < 12)
-            worker_says(slot, "DONE", w->workers[slot].job, w->workers[slot].attempt,
-                        ",\"cpu_s\":0.1", "{\"kind\":\"identify\"}");
+            worker_says(slot, "DONE", w->workers[slot].old_job, w->workers[slot].old_attempt,
+                        ",\"cpu_s\":0.001", "{\"kind\":\"identify\"}");
         else
-            worker_says(slot, "FAILED", w->workers[slot].job, w->workers[slot].attempt,
+            worker_says(slot, "FAILED", w->workers[slot].old_job, w->workers[slot].old_attempt,
                         ",\"error\":{\"code\":\"no_convergence\",\"message\":\"x\"}", NULL);
         worker_says(slot, "READY", "", 0, ",\"pid\":7", NULL);
     } else
@@ -1448,8 +1470,9 @@ static void settle(void)
                 w->workers[slot].booting = false;
                 worker_says(slot, "READY", "", 0, ",\"pid\":7", NULL);
             } else if (w->workers[slot].alive && w->workers[slot].busy) {
-                w->workers[slot].busy = false;
-                worker_says(slot, "DONE", w->workers[slot].job, w->workers[slot].attempt, "", "{}");
+                const int attempt = w->workers[slot].attempt;
+                worker_goes_on(slot);
+                worker_says(slot, "DONE", w->workers[slot].job, attempt, "", "{}");
                 worker_says(slot, "READY", "", 0, ",\"pid\":7", NULL);
             }
         }

@@ -1,0 +1,16 @@
+/* turns.h - whose window is next where there are more than workers; for windows.c */
+#ifndef BROKER_TURNS_H
+#define BROKER_TURNS_H
+#include "broker/verbs/verbs.h"
+
+/* Has S the samples of a window that is due? */
+bool window_is_due(struct stream *s);
+/* Has the worker of SLOT the window of S before? */
+bool window_is_with(const struct core *c, const struct stream *s, int slot);
+/* S, whose window is due, waits for a worker. */
+void turn_wait(struct core *c, struct stream *s);
+/* The stream whose turn it is at the worker of SLOT, which waits no more; NULL: none's. */
+struct stream *turn_take(struct core *c, int slot);
+/* The worker of SLOT is gone: those that it was to go on with wait for any. */
+void turns_free(struct core *c, int slot);
+#endif

@@ -7,7 +7,9 @@
  * takes no more messages is passed over until it does.
  *
  * One may have thousands of subscriptions, to each of which an event goes, and a replay is of as
- * many as are kept.  So a step tells a bounded number, and connections have turns.
+ * many as are kept.  So a step tells a bounded number, and connections have turns.  A host has a
+ * subscription of each of its streams: one of a stream is looked at when that has an event, and
+ * goes from this to the stream's next, however many others have them meanwhile.
  */
 #include "broker/core/jobs.h"
 #include "broker/verbs/events.h"
@@ -61,19 +63,142 @@ static void listener_leave(struct core *c, struct listener *l)
     free(l);
 }
 
-static void drop(struct subscription *s)
+/* ---- of a stream ----------------------------------------------------------------------------- */
+
+static bool has_stream(const void *value, const void *key)
+{
+    return strcmp(((const struct topic *)value)->stream, key) == 0;
+}
+
+static struct topic *topic_of(const struct core *c, const char *stream)
+{
+    return map_find(&c->events->topics, map_hash_text(stream), has_stream, stream);
+}
+
+/* S is of STREAM from now on. */
+static void topic_join(struct core *c, struct subscription *s, const char *stream)
+{
+    struct topic *topic = topic_of(c, stream);
+
+    if (topic == NULL) {
+        topic = grab(sizeof *topic);
+        topic->stream = grab_text(stream);
+        if (!map_put(&c->events->topics, map_hash_text(stream), topic))
+            abort();
+    }
+    s->topic = topic;
+    s->same = topic->subscriptions;
+    topic->subscriptions = s;
+}
+
+static void topic_leave(struct core *c, struct subscription *s)
+{
+    struct topic *topic = s->topic;
+    struct subscription **link = &topic->subscriptions;
+
+    while (*link != s)
+        link = &(*link)->same;
+    *link = s->same;
+    if (topic->subscriptions != NULL)
+        return;
+    map_remove(&c->events->topics, map_hash_text(topic->stream), topic);
+    free(topic->stream);
+    free(topic);
+}
+
+/* S, of a stream, may have something to be told. */
+static void make_ready(struct subscription *s)
 {
     struct listener *l = s->listener;
-    struct subscription **link = &l->subscriptions;
 
+    s->waits = true;
+    s->ready = NULL;
+    *(l->ready == NULL ? &l->ready : l->ready_end) = s;
+    l->ready_end = &s->ready;
+}
+
+/* The one at *LINK of the ready ones of L is told all. */
+static void leave_ready(struct listener *l, struct subscription **link)
+{
+    struct subscription *s = *link;
+
+    *link = s->ready;
+    if (l->ready_end == &s->ready)
+        l->ready_end = link;
+    s->waits = false;
+}
+
+/* ROW is committed: who waits for nothing has seen all before it. */
+static void topic_stir(struct core *c, const struct event_row *row)
+{
+    struct topic *topic = row->topic == NULL ? NULL : topic_of(c, row->topic);
+    struct events *events = c->events;
+
+    if (topic == NULL)
+        return;
+    if (topic->last > 0 && events->ring[topic->last % RING].number == topic->last)
+        events->after[topic->last % RING] = row->number;
+    topic->last = row->number;
+    for (struct subscription *s = topic->subscriptions; s != NULL; s = s->same)
+        if (!s->waits) {
+            s->next_event = row->number;
+            make_ready(s);
+        }
+}
+
+/* The number that S looks at after ROW: of its stream the next, where that is known. */
+static int64_t number_after(const struct core *c, const struct subscription *s,
+                            const struct event_row *row, int64_t last)
+{
+    const int64_t next = c->events->after[row->number % RING];
+
+    if (s->topic == NULL || row->topic == NULL || strcmp(row->topic, s->topic->stream) != 0)
+        return row->number + 1;
+    return row->number == s->topic->last ? last + 1 : next > 0 ? next : row->number + 1;
+}
+
+/* ---- subscriptions --------------------------------------------------------------------------- */
+
+/* Out of those of no stream, or of its stream and the ready ones. */
+static void unlist(struct core *c, struct subscription *s)
+{
+    struct listener *l = s->listener;
+    struct subscription **link = s->topic == NULL ? &l->general : &l->ready;
+
+    if (s->topic == NULL) {
+        while (*link != s)
+            link = &(*link)->general;
+        *link = s->general;
+        if (l->at == s)
+            l->at = s->general;
+        return;
+    }
+    while (s->waits && *link != s)
+        link = &(*link)->ready;
+    if (s->waits)
+        leave_ready(l, link);
+    topic_leave(c, s);
+}
+
+static void drop(struct core *c, struct subscription *s)
+{
+    struct subscription **link = &s->listener->subscriptions;
+
+    unlist(c, s);
     while (*link != s)
         link = &(*link)->next;
     *link = s->next;
-    if (l->at == s)
-        l->at = s->next;
     s->user->subscriptions--;
-    free(s->stream);
     free(s);
+}
+
+/* All of L's. */
+static void drop_all(struct core *c, struct listener *l)
+{
+    while (l->ready != NULL)
+        leave_ready(l, &l->ready);
+    while (l->subscriptions != NULL)
+        drop(c, l->subscriptions);
 }
 
 static void send_event(struct core *c, const struct subscription *s, const struct event_row *row)
@@ -117,7 +242,7 @@ static bool wants(const struct subscription *s, const struct event_row *row)
     return is_of_kinds(row->text, s->kinds)
         && (row->user == NULL || strcmp(row->user, s->user->name) == 0)
         && (s->job == 0 || s->job == row->job)
-        && (s->stream == NULL || (row->topic != NULL && strcmp(row->topic, s->stream) == 0));
+        && (s->topic == NULL || (row->topic != NULL && strcmp(row->topic, s->topic->stream) == 0));
 }
 
 static void read_page(struct core *c, struct subscription *s)
@@ -153,40 +278,77 @@ static int64_t ring_last(const struct core *c)
 static bool tell(struct core *c, struct subscription *s, int64_t last, int *work)
 {
     while (s->next_event <= last && *work > 0) {
-        const struct event_row *row = &c->events->ring[s->next_event++ % RING];
+        const struct event_row *row = &c->events->ring[s->next_event % RING];
         *work -= 1;
         if (wants(s, row)) {
             send_event(c, s, row);
             *work -= TELL;
         }
+        s->next_event = number_after(c, s, row, last);
     }
     return s->next_event <= last;
 }
 
-/* L's turn; *FIRST: ring_first, looked for once for all who have something to be told, 0: not yet.
- * true: it wants another. */
-static bool pump(struct core *c, struct listener *l, int64_t *first, int *work)
+/* What S has to be told, or a page of it read; *FIRST: ring_first, looked for once for all who have
+ * something to be told, 0: not yet.  true: it has been told all. */
+static bool tell_all(struct core *c, struct subscription *s, int64_t *first, int *work)
 {
-    struct subscription *begin = l->at != NULL ? l->at : l->subscriptions, *s = begin;
-    int64_t last = ring_last(c);
-    bool more = false;
+    const int64_t last = ring_last(c);
+
+    if (s->next_event > last)
+        return true;
+    if (*first == 0)
+        *first = ring_first(c, last);
+    if (s->next_event >= *first)
+        return !tell(c, s, last, work);
+    if (!s->listener->reading)
+        read_page(c, s);
+    return false;
+}
+
+/* L's of no stream, in turn; true: they want another. */
+static bool pump_general(struct core *c, struct listener *l, int64_t *first, int *work)
+{
+    struct subscription *begin = l->at != NULL ? l->at : l->general, *s = begin;
 
     do {
+        if (s == NULL)
+            return false;
         if (*work <= 0) {
-            more = true;
-            break;
+            l->at = s;
+            return true;
         }
-        if (s->next_event <= last) {
-            if (*first == 0)
-                *first = ring_first(c, last);
-            if (s->next_event >= *first)
-                more |= tell(c, s, last, work);
-            else if (!l->reading)
-                read_page(c, s);
-        }
-        s = s->next != NULL ? s->next : l->subscriptions;
+        tell_all(c, s, first, work);
+        s = s->general != NULL ? s->general : l->general;
     } while (s != begin);
     l->at = s;
+    return *work <= 0;
+}
+
+/* L's of a stream that are ready, the first of them first; true: they want another turn. */
+static bool pump_ready(struct core *c, struct listener *l, int64_t *first, int *work)
+{
+    struct subscription **link = &l->ready;
+
+    while (*link != NULL && *work > 0)
+        if (tell_all(c, *link, first, work))
+            leave_ready(l, link);
+        else
+            link = &(*link)->ready;
+    return *work <= 0;
+}
+
+/* L's turn, in which either kind comes first in turn; true: it wants another. */
+static bool pump(struct core *c, struct listener *l, int64_t *first, int *work)
+{
+    bool more = false;
+
+    l->ready_first = !l->ready_first;
+    if (l->ready_first)
+        more |= pump_ready(c, l, first, work);
+    more |= pump_general(c, l, first, work);
+    if (!l->ready_first)
+        more |= pump_ready(c, l, first, work);
     return more;
 }
 
@@ -235,7 +397,9 @@ void events_committed(struct core *c, struct after *after)
         row->user = grab_text(stream_user(after->stream)->name);
         row->topic = grab_text(stream_name(after->stream));
     }
+    c->events->after[after->value % RING] = 0;
     c->last_event = after->value;
+    topic_stir(c, row);
     c->events->stirred = true;
 }
 
@@ -304,7 +468,7 @@ void events_revoke(struct core *c)
             behind = s->next;
             if (!user_admits(c, s->user, s->key)) {
                 answer_error(c, &s->reply, &err, NULL);
-                drop(s);
+                drop(c, s);
             }
         }
         listener_leave(c, l);
@@ -329,7 +493,7 @@ static void unsubscribe(struct core *c, const struct request *q)
 
     if (s != NULL) {
         struct listener *l = s->listener;
-        drop(s);
+        drop(c, s);
         listener_leave(c, l);
         header = answer_new(&q->reply);
         cJSON_AddStringToObject(header, "subscription", number);
@@ -370,13 +534,20 @@ void events_request(struct core *c, const struct request *q)
     *s = (struct subscription) {
         .next = l->subscriptions, .number = ++c->events->next_subscription, .listener = l,
         .user = q->user, .reply = q->reply,
-        .job = job == NULL ? 0 : job->id, .stream = grab_text(q->wire.events.stream),
-        .kinds = q->wire.events.kinds };
+        .job = job == NULL ? 0 : job->id, .kinds = q->wire.events.kinds };
     snprintf(s->key, sizeof s->key, "%s", q->event->key);
     s->next_event = !q->wire.events.replay ? ring_last(c) + 1
                   : q->wire.events.from > 0 ? (int64_t)q->wire.events.from : 1;
     q->user->subscriptions++;
     l->subscriptions = s;
+    if (q->wire.events.stream != NULL) {
+        topic_join(c, s, q->wire.events.stream);
+        if (s->next_event <= ring_last(c))
+            make_ready(s);
+    } else {
+        s->general = l->general;
+        l->general = s;
+    }
     c->events->stirred = true;
     header = answer_new(&q->reply);
     snprintf(number, sizeof number, "%llu", (unsigned long long)s->number);
@@ -393,8 +564,8 @@ void events_peer(struct core *c, uint64_t peer, enum event_type type)
     if (l == NULL)
         return;
     l->full = type == EVENT_PEER_FULL;
-    while (type == EVENT_PEER_GONE && l->subscriptions != NULL)
-        drop(l->subscriptions);
+    if (type == EVENT_PEER_GONE)
+        drop_all(c, l);
     listener_leave(c, l);
 }
 
@@ -428,10 +599,10 @@ void events_done(struct core *c)
         free(events->ring[i].text);
     }
     while ((l = events->listeners) != NULL) {
-        while (l->subscriptions != NULL)
-            drop(l->subscriptions);
+        drop_all(c, l);
         events->listeners = l->next;
         free(l);
     }
+    map_done(&events->topics);
     free(events);
 }

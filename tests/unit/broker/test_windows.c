@@ -4,21 +4,28 @@
  */
 #include "check.h"
 #include <limits.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 #include "base/crc32c.h"
 #include "broker/core/core.h"
 #include "broker/core/state.h"
 #include "wire/frame.h"
 
-enum { WORKERS = 8 };
+enum { WORKERS = 8, RUNS_MOST = 80 };
 
 static struct core *core;
 static struct transaction *waiting;
-/* What each worker was last told to run. */
-static struct run { char attempt[32], stream[32]; bool told; } runs[WORKERS];
+/* What each worker was told to run and has not ended yet, the oldest first. */
+static struct run { char attempt[32], stream[32]; } runs[WORKERS][RUNS_MOST];
+static int told[WORKERS];
 static char stream[9];
-static int events;
+static int events, heard;          /* heard: EVENTs to subscribers */
+/* Of each subscription its EVENTs and the number of the last; of each topic, by its first letter,
+ * its events. */
+static int heard_by[5000], events_of[256];
+static int64_t heard_last[5000];
 static char last_event[4096];
 static bool window_noted;
 static char last_verdict[32];      /* as it was noted of a batch */
@@ -43,9 +50,23 @@ static void remember_run(const char *header, struct run *run)
 
     remember(header, "attempt", run->attempt, sizeof run->attempt);
     remember(live, "stream", run->stream, sizeof run->stream);
-    run->told = true;
     free(live);
     cJSON_Delete(read);
+}
+
+/* No number comes twice, nor before a smaller one. */
+static void hear(const char *header)
+{
+    char subscription[24] = "0", number[24] = "0";
+    int by;
+
+    remember(header, "subscription", subscription, sizeof subscription);
+    remember(header, "number", number, sizeof number);
+    by = atoi(subscription);
+    CHECK(by > 0 && by < 5000 && atoll(number) > heard_last[by]);
+    heard_last[by] = atoll(number);
+    heard_by[by]++;
+    heard++;
 }
 
 static void carry_out(const struct action *a)
@@ -56,6 +77,7 @@ static void carry_out(const struct action *a)
         for (size_t i = 0; i < waiting->count; i++)
             if (waiting->changes[i].verb == LEDGER_EVENT_PUT) {
                 events++;
+                events_of[(unsigned char)waiting->changes[i].event.topic[0]]++;
                 snprintf(last_event, sizeof last_event, "%s", waiting->changes[i].event.text);
             } else if (waiting->changes[i].verb == LEDGER_NOTE_PUT
                        && strcmp(waiting->changes[i].note.topic, "verdict") == 0)
@@ -74,10 +96,14 @@ static void carry_out(const struct action *a)
         task_free(a->task);
         return;
     }
-    if (a->type == ACT_SEND)
+    if (a->type == ACT_SEND && strcmp(a->verb, "EVENT") == 0)
+        hear(a->header);
+    else if (a->type == ACT_SEND)
         remember(a->header, "stream", stream, sizeof stream);
-    if (a->type == ACT_WORKER && strcmp(a->verb, "RUN") == 0)
-        remember_run(a->header, &runs[a->slot]);
+    if (a->type == ACT_WORKER && strcmp(a->verb, "RUN") == 0) {
+        CHECK(told[a->slot] < RUNS_MOST);
+        remember_run(a->header, &runs[a->slot][told[a->slot]++]);
+    }
     free(a->header);
     blob_drop(a->body);
 }
@@ -142,7 +168,10 @@ static void start_workers(int count)
         .secret = 0x1234567 };
 
     settings.workers = count;
-    memset(runs, 0, sizeof runs);
+    memset(told, 0, sizeof told);
+    memset(heard_by, 0, sizeof heard_by);
+    memset(heard_last, 0, sizeof heard_last);
+    memset(events_of, 0, sizeof events_of);
     core = core_new(&settings, now);
     carry_out_all(core_loaded(core, now));
     for (slot = 0; slot < count; slot++)
@@ -153,7 +182,7 @@ static void start_workers(int count)
 /* Open stream NAME with a window of WINDOW samples every HOP; its ident is in `stream`. */
 static void open_stream(const char *name, int window, int hop)
 {
-    char header[240];
+    char header[600];
 
     snprintf(header, sizeof header, "{\"id\":1,\"op\":\"open\",\"name\":\"%s\","
              "\"channels\":1,\"dt\":0.5,\"window\":{\"samples\":%d,\"hop\":%d,\"options\":{}}}",
@@ -168,10 +197,23 @@ static void push(const char *ident, int first, int count)
 
     for (int i = 0; i < count; i++)
         samples[i] = (first + i) % 2 == 0 ? 1 : -1;
-    snprintf(header, sizeof header, "{\"id\":2,\"op\":\"push\",\"stream\":\"%s\","
+    snprintf(header, sizeof header, "{\"id\":2,\"op\":\"push\",\"stream\":\"%.8s\","
              "\"epoch\":0,\"first\":%d,\"count\":%d,\"crc32c\":%u}", ident, first, count,
              crc32c(0, samples, (size_t)count * sizeof *samples));
     say(WIRE_VERSION, "STREAM", header, samples, (size_t)count * sizeof *samples);
+}
+
+/* COUNT streams named s0 .., whose idents are in IDENTS, each with a window's samples. */
+static void open_full(int count, char idents[][9])
+{
+    char name[16];
+
+    for (int k = 0; k < count; k++) {
+        snprintf(name, sizeof name, "s%d", k);
+        open_stream(name, 8, 2);
+        memcpy(idents[k], stream, sizeof stream);
+        push(stream, 0, 8);
+    }
 }
 
 static void start(void)
@@ -179,7 +221,7 @@ static void start(void)
     start_workers(1);
     open_stream("s", 8, 8);
     push(stream, 0, 8);
-    CHECK(runs[0].told);                          /* the worker has the window */
+    CHECK(told[0] == 1);                          /* the worker has the window */
     events = 0;
 }
 
@@ -196,13 +238,16 @@ static void close_stream(void)
     step((struct event) { .type = EVENT_TASK, .task = task });
 }
 
-/* The window's worker ends it with DOCUMENT. */
+/* The window's worker ends it with DOCUMENT, after so long, which it tells where that is not 0. */
+static double cpu_s;
+
 static void found(const char *document)
 {
     char header[80];
 
-    snprintf(header, sizeof header, "{\"job\":\"live\",\"attempt\":%s}",
-             runs[slot].attempt);
+    snprintf(header, sizeof header, "{\"job\":\"live\",\"attempt\":%s,\"cpu_s\":%g}",
+             runs[slot][0].attempt, cpu_s);
+    memmove(runs[slot], runs[slot] + 1, (size_t)--told[slot] * sizeof *runs[slot]);
     say(WIRE_WORKER, "DONE", header, document, strlen(document));
 }
 
@@ -232,6 +277,166 @@ TEST(a_worker_cannot_put_another_streams_name_into_an_event_of_a_track)
     core_free(core);
 }
 
+/* The worker ends what it has, one after the other, and is idle then. */
+static void end_all(void)
+{
+    while (told[slot] > 0) {
+        found("{\"modes\":[]}");
+        say(WIRE_WORKER, "READY", "{\"job\":\"\",\"attempt\":0,\"pid\":7}", NULL, 0);
+    }
+}
+
+/* ---- subscribers ----------------------------------------------------------------------------- */
+
+static void subscribe(const char *name)
+{
+    char header[80];
+
+    snprintf(header, sizeof header, "{\"id\":4,\"stream\":\"%s\"}", name);
+    say(WIRE_VERSION, "EVENTS", header, NULL, 0);
+}
+
+/* Of COUNT subscriptions one is of the stream that has windows: processor's ns of each of these,
+ * the least of three times 200. */
+static double window_ns(int count)
+{
+    double least = HUGE_VAL;
+    char name[16], ident[9];
+    int sent = 8;
+
+    start_workers(1);
+    open_stream("s", 8, 2);
+    memcpy(ident, stream, sizeof stream);
+    for (int k = 1; k < count; k++) {
+        snprintf(name, sizeof name, "other%d", k);
+        subscribe(name);
+    }
+    subscribe("s");
+    push(ident, 0, 8);
+    found("{\"modes\":[]}");
+    for (int repeat = 0; repeat < 3; repeat++) {
+        const clock_t from = clock();
+        heard = 0;
+        for (int k = 0; k < 200; k++, sent += 2) {
+            say(WIRE_WORKER, "READY", "{\"job\":\"\",\"attempt\":0,\"pid\":7}", NULL, 0);
+            push(ident, sent, 2);
+            found("{\"modes\":[]}");
+        }
+        least = fmin(least, (double)(clock() - from) / CLOCKS_PER_SEC * 1e9 / 200);
+        CHECK(heard == 200);
+    }
+    core_free(core);
+    return least;
+}
+
+/* 0.25 us for each of the others made three times as much of it. */
+TEST(what_a_window_costs_does_not_grow_with_the_subscriptions_of_other_streams)
+{
+    const double few = window_ns(40), many = window_ns(4000);
+
+    printf("%.0f ns a window beside 40 subscriptions, %.0f beside 4000\n", few, many);
+    CHECK(many < 2 * few);
+}
+
+/* Subscription 1 is of `t` as it goes on, 2 of `s`, made in the middle, from the first event on. */
+TEST(who_subscribes_to_one_of_two_streams_is_told_each_of_its_events_once_and_in_order)
+{
+    char s[9], other[9];
+
+    start_workers(1);
+    open_stream("s", 8, 2);
+    memcpy(s, stream, sizeof stream);
+    open_stream("t", 8, 2);
+    memcpy(other, stream, sizeof stream);
+    subscribe("t");
+    push(s, 0, 8);
+    push(other, 0, 8);
+    for (int k = 0; k < 200; k++) {
+        if (k == 100)
+            say(WIRE_VERSION, "EVENTS", "{\"id\":5,\"stream\":\"s\",\"from\":1}", NULL, 0);
+        end_all();
+        push(s, 8 + 2 * k, 2);
+        if (k % 3 == 0)
+            push(other, 8 + 2 * (k / 3), 2);
+    }
+    end_all();
+    CHECK(events_of['s'] == 201 && events_of['t'] == 1 + 67);
+    CHECK(heard_by[1] == events_of['t'] && heard_by[2] == events_of['s']);
+    core_free(core);
+}
+
+/* ---- ahead ----------------------------------------------------------------------------------- */
+
+/* Of windows of 1 ms each more than 20 ms are ahead of a worker, of 30 ms one, behind the one that
+ * it works on. */
+TEST(a_worker_has_its_next_windows_while_it_works_on_one_as_many_as_last_20_ms)
+{
+    static const struct { double cpu_s; int told; } cases[] = { { 0.001, 21 }, { 0.03, 2 } };
+    char idents[40][9];
+
+    events = 0;
+    for (size_t i = 0; i < 2; i++) {
+        cpu_s = cases[i].cpu_s;
+        start_workers(1);
+        open_full(40, idents);
+        end_all();
+        for (int k = 0; k < 40; k++)
+            push(idents[k], 8, 2);
+        CHECK(told[0] >= cases[i].told && told[0] <= cases[i].told + 1);
+        end_all();
+        CHECK(events == 80);
+        events = 0;
+        core_free(core);
+    }
+    cpu_s = 0;
+}
+
+TEST(of_a_worker_that_dies_the_windows_behind_its_own_are_told_by_the_next_and_not_blamed)
+{
+    char idents[3][9];
+
+    events = 0;
+    start_workers(1);
+    open_full(3, idents);
+    CHECK(told[0] == 2);
+    for (int death = 0; death < 4; death++) {
+        step((struct event) { .type = EVENT_EXIT, .slot = 0, .status = 9, .stderr_text = "" });
+        CHECK(events == 0);                        /* no window has had three workers */
+        told[0] = 0;
+        now.mono_ns += 10 * SECOND;
+        step((struct event) { .type = EVENT_TIME });
+        say(WIRE_WORKER, "READY", "{\"job\":\"\",\"attempt\":0,\"pid\":7}", NULL, 0);
+        CHECK(told[0] == 2);
+    }
+    end_all();
+    CHECK(events == 3);
+    core_free(core);
+}
+
+/* Four windows of 0.6 s at one worker, and 1 s until the next: the fourth would be left out. */
+TEST(a_free_worker_takes_what_another_would_not_do_before_the_next_is_due)
+{
+    char idents[4][9];
+
+    cpu_s = 0.6;
+    start_workers(2);
+    slot = 1;
+    open_stream("other", 8, 8);
+    push(stream, 0, 8);                            /* the first has it ... */
+    slot = 0;
+    CHECK(told[0] == 1 && told[1] == 0);
+    open_full(4, idents);                          /* ... and these are shared by both */
+    while (told[0] + told[1] > 0)
+        for (slot = 0; slot < 2; slot++)
+            end_all();
+    slot = 0;
+    for (int k = 0; k < 4; k++)
+        push(idents[k], 8, 2);
+    CHECK(told[0] > 0 && told[1] > 0 && told[0] + told[1] == 4);
+    core_free(core);
+    cpu_s = 0;
+}
+
 /* ---- turns ----------------------------------------------------------------------------------- */
 
 enum {
@@ -248,7 +453,7 @@ static struct simulated { char ident[9]; int sent, worker, had, again; } all[STR
 /* Ticks that the run of the worker `slot` takes. */
 static int begin_run(uint64_t *dice)
 {
-    const int which = atoi(runs[slot].stream) - 1;
+    const int which = atoi(runs[slot][0].stream) - 1;
     const bool again = which >= 0 && which < STREAMS_MOST && all[which].worker == slot;
 
     CHECK(which >= 0 && which < STREAMS_MOST);
@@ -262,13 +467,12 @@ static int begin_run(uint64_t *dice)
 /* The worker `slot` at TICK: it ends what it has had long enough, and begins what it is told. */
 static void work(int tick, int *until, uint64_t *dice)
 {
-    if (runs[slot].told && *until <= tick && *until > 0) {
-        runs[slot].told = false;
+    if (told[slot] > 0 && *until <= tick && *until > 0) {
         found("{\"modes\":[]}");
         say(WIRE_WORKER, "READY", "{\"job\":\"\",\"attempt\":0,\"pid\":7}", NULL, 0);
         *until = 0;
     }
-    if (runs[slot].told && *until == 0)
+    if (told[slot] > 0 && *until == 0)
         *until = tick + begin_run(dice);
 }
 
@@ -297,7 +501,7 @@ static void run_streams(int workers, int streams, double load, int hops)
 static void measure_turns(int workers, int streams, double load, int *least, int *most,
                           double *kept)
 {
-    int told = 0, again = 0;
+    int had = 0, again = 0;
     char name[16];
 
     *least = INT_MAX;
@@ -318,10 +522,10 @@ static void measure_turns(int workers, int streams, double load, int *least, int
     for (int k = 0; k < streams; k++) {
         *least = all[k].had < *least ? all[k].had : *least;
         *most = all[k].had > *most ? all[k].had : *most;
-        told += all[k].had;
+        had += all[k].had;
         again += all[k].again;
     }
-    *kept = (double)again / told;
+    *kept = (double)again / had;
     core_free(core);
 }
 

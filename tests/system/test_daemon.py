@@ -15,7 +15,8 @@ import time
 
 import pytest
 
-from wire import BUILD, PATIENCE_S, Client, Daemon, crc32c, identity, submit, until, woken
+from wire import (BUILD, PATIENCE_S, Client, Daemon, crc32c, executed, identity, submit, until,
+                  woken)
 
 HERE = pathlib.Path(__file__).parent
 FAKE = f"worker_path = {HERE / 'fake_worker.py'}\n"
@@ -70,8 +71,7 @@ def test_the_children_of_a_killed_worker_are_gone_too(tmp_path):
         child = int((tmp_path / "child").read_text())
         os.kill(child, 0)
         assert c.ask("CANCEL", job=job)["state"] == "cancelled"
-        until(lambda: not pathlib.Path(f"/proc/{child}").exists()
-              or "Z" in pathlib.Path(f"/proc/{child}/stat").read_text().split()[2])
+        until(lambda: executed(child) is None)
 
 
 def test_a_workers_last_words_are_one_line_of_the_log():

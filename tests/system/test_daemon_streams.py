@@ -11,7 +11,7 @@ import struct
 import pytest
 
 from lab import Lab
-from wire import Daemon, crc32c, identity, scene_job, submit, until
+from wire import Daemon, crc32c, identity, scene_job, signal_to, submit, until
 
 FAKE = f"worker_path = {pathlib.Path(__file__).parent / 'fake_worker.py'}\n"
 
@@ -325,8 +325,8 @@ def test_the_newest_window_of_a_sealed_stream_is_told_after_a_restart_of_the_dae
         for s in streams:
             assert push(c, s, 0, 0, rows(0, end)).ok
         sealed = [c.ask("STREAM", op="close", stream=s) for s in streams]
-        d.kill()
-        os.kill(held, signal.SIGKILL)
+        d.kill()                              # which ends its worker, held or not, but not at once
+        signal_to(held, signal.SIGKILL)       # nor one that was held before it had asked for that
         d.start()
         c = d.client()
         assert c.ask("EVENTS", kinds=["modes"], **{"from": 1}).ok
@@ -589,8 +589,6 @@ def test_a_window_that_kills_three_workers_is_told_of_and_the_next_goes_on():
 
 
 def test_a_worker_killed_between_windows_costs_one_found_from_nothing():
-    import os
-    import signal
     dt, window, hop = 0.05, 600, 100
     y = decays(1200, dt, 8)
     with Daemon(workers=1) as d:
@@ -605,8 +603,7 @@ def test_a_worker_killed_between_windows_costs_one_found_from_nothing():
                 if reply.verb == "EVENT":
                     events.append(reply.header)
             if at == 800:
-                for pid in d.children():
-                    os.kill(pid, signal.SIGKILL)
+                d.kill_workers()
         assert [e["update"]["updated"] for e in events] == [False, True, True, True, False, True,
                                                             True]
         assert all(len(e["modes"]) == 3 for e in events)

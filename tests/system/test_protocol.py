@@ -498,8 +498,7 @@ def test_only_a_dead_job_can_be_tried_again(client):
 def test_a_job_survives_the_death_of_its_worker(daemon, client):
     gate = daemon.gate()
     job = running(client, gate)
-    for pid in daemon.children():
-        os.kill(pid, signal.SIGKILL)
+    daemon.kill_workers()
     until(lambda: client.ask("STATUS", job=job)["attempts"] == 2)
     gate.open()
     done = wait(client, job)

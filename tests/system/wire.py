@@ -1,6 +1,7 @@
 """A daemon of one test's own, and raw frames to it: nothing between the test and the protocol but
 pyzmq.
 """
+import contextlib
 import fcntl
 import hashlib
 import json
@@ -90,6 +91,20 @@ def woken(pid):
     status = [(task / "status").read_text() for task in pathlib.Path(f"/proc/{pid}/task").iterdir()]
     return sum(int(re.search(r"^voluntary_ctxt_switches:\s*(\d+)", text, re.MULTILINE)[1])
                for text in status)
+
+
+def executed(pid):
+    """The program it runs; None where it has ended."""
+    try:
+        return os.readlink(f"/proc/{pid}/exe")
+    except OSError:
+        return None
+
+
+def signal_to(pid, number):
+    """To one that may end by itself meanwhile."""
+    with contextlib.suppress(ProcessLookupError):
+        os.kill(pid, number)
 
 
 class Client:
@@ -208,9 +223,16 @@ class Daemon:
         return status
 
     def children(self):
+        """Its workers.  Neither one that is being started, which is the daemon still and holds it
+        until it is another program, nor one that has ended.
+        """
         out = subprocess.run(["ps", "-o", "pid=", "--ppid", str(self.pid)], capture_output=True,
                              text=True).stdout.split()
-        return [int(pid) for pid in out]
+        return [int(pid) for pid in out if executed(pid) not in (None, executed(self.pid))]
+
+    def kill_workers(self):
+        for pid in self.children():
+            signal_to(pid, signal.SIGKILL)
 
     def __enter__(self):
         return self

@@ -93,6 +93,7 @@ struct transaction {
     int64_t group;                /* ... and it was so large; of the others 0 */
     int64_t ledger_bytes;         /* the ledger and its log then, on disk */
     int64_t cost;                 /* as the core counts what is under way */
+    uint64_t turn;                /* whose request it came of; 0: nobody's */
     struct transaction *next;     /* for the queues of whoever has it */
     struct transaction *before, *after_it;   /* the core's, of what is not committed */
 };
@@ -219,6 +220,7 @@ struct event {
     const char *verb, *id;                  /* of a malformed one, as far as read */
     const struct modal_error *fault;
     struct blob **body;                     /* as message->body; the core shares what it keeps */
+    uint64_t turn;                          /* of a request that changes something; 0: nobody's */
     int slot, status;
     const char *stderr_text;
     struct transaction *transaction;
@@ -243,9 +245,9 @@ struct actions *core_loaded(struct core *core, struct moment now);
 /* The actions are the core's until the next call; what they point to is the caller's. */
 struct actions *core_step(struct core *core, const struct event *event, struct moment now);
 
-/* Has the ledger as much before it as may be?  Then no client asks for more: what it has not begun
- * with is taken in turn. */
-bool core_is_behind(const struct core *core);
+/* May TURN ask for more of what changes something?  Not while the ledger has his part of what may
+ * be before it: then what he wants waits. */
+bool core_admits(const struct core *core, uint64_t turn);
 /* Whose the request of PEER's is, who has KEY: user_turn; 0: nobody's. */
 uint64_t core_turn(struct core *core, const char *key, uint64_t peer);
 

@@ -9,6 +9,7 @@
 #include "broker/kit/ident.h"
 #include "broker/kit/map.h"
 #include "broker/kit/memory.h"
+#include "broker/kit/shares.h"
 #include "wire/protocol.h"
 
 #define SECOND INT64_C(1000000000)
@@ -155,7 +156,8 @@ struct core {
     bool draining, terminating, stopped;
     int64_t uncommitted, tasks;
     struct transaction *oldest, *newest;  /* of those */
-    int64_t behind;                       /* their costs */
+    struct shares behind;                 /* their costs */
+    uint64_t asking;                      /* whose request is handled; 0: nobody's */
     int64_t next_event, last_event;       /* numbers; the last is committed */
     struct account *accounts; size_t account_count;
     struct map users; struct user **user_list; size_t user_count;

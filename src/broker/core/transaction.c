@@ -115,18 +115,20 @@ void transaction_join(struct transaction *t, struct after *after)
 }
 
 /* What the ledger has before it is some two groups of commits, the one that is written and the one
- * behind it: who comes waits for those, and for his turn.  A transaction of a few rows takes as
- * long as some COST bytes more in one that has many (30 us, at 150 MB/s), so that BEHIND_MOST
- * are 15 ms of work, or 512 submissions a sync where the disk is slow.  On a full disk that refuses
- * the rest, what must pass may wait for room for long, and those behind it are to be told. */
+ * behind it.  Who has nothing there goes into the latter at once: he waits for less than two syncs
+ * where another's flood is, for one where none is.  A transaction of a few rows takes as long as
+ * some COST bytes more in one that has many (30 us, at 150 MB/s), so that what one alone may have,
+ * half of BEHIND_MOST, is 15 ms of work, or 512 submissions a sync where the disk is slow.  On a
+ * full disk that refuses the rest, what must pass may wait for room for long, and those behind it
+ * are to be told. */
 enum {
     COST = 4096,                  /* bytes, as above */
-    BEHIND_MOST = 2 << 20         /* bytes, as above */
+    BEHIND_MOST = 4 << 20         /* bytes, as above */
 };
 
-bool core_is_behind(const struct core *c)
+bool core_admits(const struct core *c, uint64_t turn)
 {
-    return c->behind >= BEHIND_MOST && !c->disk.full;
+    return c->disk.full || shares_admit(&c->behind, turn, BEHIND_MOST);
 }
 
 void core_commit(struct core *c, struct transaction *t)
@@ -134,7 +136,8 @@ void core_commit(struct core *c, struct transaction *t)
     t->cost = COST;
     for (size_t i = 0; i < sizeof t->keep / sizeof *t->keep; i++)
         t->cost += t->keep[i] == NULL ? 0 : (int64_t)t->keep[i]->size;
-    c->behind += t->cost;
+    t->turn = c->asking;
+    shares_add(&c->behind, t->turn, t->cost);
     c->uncommitted++;
     t->before = c->newest;
     *(c->newest == NULL ? &c->oldest : &c->newest->after_it) = t;
@@ -146,7 +149,7 @@ void core_committed(struct core *c, struct transaction *t)
 {
     *(t->before == NULL ? &c->oldest : &t->before->after_it) = t->after_it;
     *(t->after_it == NULL ? &c->newest : &t->after_it->before) = t->before;
-    c->behind -= t->cost;
+    shares_add(&c->behind, t->turn, -t->cost);
     c->uncommitted--;
 }
 

@@ -60,14 +60,30 @@ void fair_queue_put(struct fair_queue *queue, struct fair_item *item)
     queue->size += item->size;
 }
 
-struct fair_item *fair_queue_take(struct fair_queue *queue)
+/* The first who MAY, who is in the round no more; NULL: none. */
+static struct turn *leave(struct fair_queue *queue, fair_may *may, const void *context)
 {
-    struct turn *turn = queue->first;
+    struct turn *before = NULL, *turn = queue->first;
+
+    while (turn != NULL && may != NULL && !may(context, turn->number)) {
+        before = turn;
+        turn = turn->next;
+    }
+    if (turn == NULL)
+        return NULL;
+    *(before == NULL ? &queue->first : &before->next) = turn->next;
+    if (queue->last == turn)
+        queue->last = before;
+    return turn;
+}
+
+struct fair_item *fair_queue_take(struct fair_queue *queue, fair_may *may, const void *context)
+{
+    struct turn *turn = leave(queue, may, context);
     struct fair_item *item;
 
     if (turn == NULL)
         return NULL;
-    queue->first = turn->next;
     item = turn->first;
     turn->first = item->next;
     turn->size -= item->size;

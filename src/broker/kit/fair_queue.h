@@ -19,8 +19,12 @@ struct fair_queue {
 
 /* ITEM, which is QUEUE's until it is taken, behind the others of its turn. */
 void fair_queue_put(struct fair_queue *queue, struct fair_item *item);
-/* The item of who is first, who is last then if he has more; NULL: there is none. */
-struct fair_item *fair_queue_take(struct fair_queue *queue);
+/* Whether TURN's may be taken now. */
+typedef bool fair_may(const void *context, uint64_t turn);
+
+/* The item of the first who MAY, who is last then if he has more; NULL: there is none.  MAY NULL:
+ * everybody. */
+struct fair_item *fair_queue_take(struct fair_queue *queue, fair_may *may, const void *context);
 /* The sizes of TURN's items together. */
 size_t fair_queue_size(const struct fair_queue *queue, uint64_t turn);
 #endif

@@ -2,9 +2,10 @@
  * door.c - the ledger is one queue, so who enters it does so in turn
  *
  * What is in the ledger's queue is committed in that order, whoever's it is: numbers of events and
- * edges of jobs follow each other.  So no more than a few groups of commits are let in
- * (core_is_behind), and whatever else clients ask that changes something waits here, in a queue of
- * each user, or where there are no keys of each connection.  What only reads passes by.
+ * edges of jobs follow each other.  So no more than a few groups of commits are let in, of which
+ * nobody has so much that none is left for another (core_admits), and whatever else clients ask
+ * that changes something waits here, in a queue of each user, or where there are no keys of each
+ * connection.  What only reads passes by.
  *
  * A user may have a thousand connections, and each may send without reading an answer.  To stop
  * reading would make all others wait for one message of each; so who waits with more than his share
@@ -72,13 +73,15 @@ void door_put(struct door *door, struct received *r, uint64_t turn)
     r->count = 0;
 }
 
-bool door_take(struct door *door, struct received *r)
+bool door_take(struct door *door, fair_may *may, const void *context, struct received *r,
+               uint64_t *turn)
 {
-    struct waiting *w = (struct waiting *)fair_queue_take(&door->waiting);
+    struct waiting *w = (struct waiting *)fair_queue_take(&door->waiting, may, context);
 
     if (w == NULL)
         return false;
     *r = w->received;
+    *turn = w->fair.turn;
     free(w);
     return true;
 }
@@ -86,7 +89,8 @@ bool door_take(struct door *door, struct received *r)
 void door_done(struct door *door)
 {
     struct received r;
+    uint64_t turn;
 
-    while (door_take(door, &r))
+    while (door_take(door, NULL, NULL, &r, &turn))
         received_release(&r);
 }

@@ -17,8 +17,10 @@ struct door { struct fair_queue waiting; };
 bool door_admits(const struct door *door, const struct received *r, uint64_t turn);
 /* R waits, whose frames are the door's. */
 void door_put(struct door *door, struct received *r, uint64_t turn);
-/* Whose turn it is, without its peer, into R, the caller's to release; false: nobody waits. */
-bool door_take(struct door *door, struct received *r);
+/* Whose turn it is of those who MAY, as fair_queue_take has it, without its peer, into R, the
+ * caller's to release, and TURN; false: nobody. */
+bool door_take(struct door *door, fair_may *may, const void *context, struct received *r,
+               uint64_t *turn);
 /* Nobody waits any more. */
 void door_done(struct door *door);
 #endif

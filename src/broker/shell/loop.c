@@ -244,8 +244,9 @@ static bool changes(int verb)
     return verb >= 0 && wire_verb_role((enum wire_verb)verb) != WIRE_ROLE_READ;
 }
 
-/* REFUSED, if it is not NULL, is all that comes of it. */
-static void ask(struct daemon *d, struct received *r, const struct modal_error *refused)
+/* TURN's; REFUSED, if it is not NULL, is all that comes of it. */
+static void ask(struct daemon *d, struct received *r, uint64_t turn,
+                const struct modal_error *refused)
 {
     struct wire_message message;
     struct modal_error err;
@@ -256,7 +257,7 @@ static void ask(struct daemon *d, struct received *r, const struct modal_error *
     step(d, &(struct event) {
         .type = EVENT_REQUEST, .peer = r->number, .key = r->key,
         .message = rc == MODAL_OK && refused == NULL ? &message : NULL, .verb = message.verb,
-        .id = message.id, .fault = &err, .body = r->frames + 3 });
+        .id = message.id, .fault = &err, .body = r->frames + 3, .turn = turn });
     wire_close(&message);
 }
 
@@ -270,15 +271,20 @@ static void from_client(struct daemon *d, struct received *r)
 
     if (!changes(verb) && accept_gone(r->peer->fd))
         return;
-    if (turn == 0 || (d->door.waiting.size == 0 && !core_is_behind(d->core)))
-        ask(d, r, NULL);
+    if (turn == 0 || (fair_queue_size(&d->door.waiting, turn) == 0 && core_admits(d->core, turn)))
+        ask(d, r, turn, NULL);
     else if (door_admits(&d->door, r, turn))
         door_put(&d->door, r, turn);
     else {
         modal_fail(&err, MODAL_BUSY, "%zu bytes of requests wait to be stored, at most %d, of "
                    "which each who waits may have an equal share", d->door.waiting.size, DOOR_MOST);
-        ask(d, r, &err);
+        ask(d, r, turn, &err);
     }
+}
+
+static bool may_enter(const void *core, uint64_t turn)
+{
+    return core_admits(core, turn);
 }
 
 /* Those who wait are let in, until the ledger has enough; true: there may be more. */
@@ -286,13 +292,14 @@ static bool let_in(struct daemon *d)
 {
     int64_t now = clock_ns(CLOCK_MONOTONIC);
     struct received r;
+    uint64_t turn;
 
-    while (!d->stop && d->door.waiting.size > 0 && !core_is_behind(d->core)) {
+    while (!d->stop && core_admits(d->core, 0)
+           && door_take(&d->door, may_enter, d->core, &r, &turn)) {
+        ask(d, &r, turn, NULL);
+        received_release(&r);
         if (clock_ns(CLOCK_MONOTONIC) - now >= ROUND_NS)
             return true;
-        door_take(&d->door, &r);
-        ask(d, &r, NULL);
-        received_release(&r);
     }
     return false;
 }

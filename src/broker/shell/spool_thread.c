@@ -580,7 +580,7 @@ static struct task *next_task(struct spool_threads *s, struct hashing **offered)
     while (s->tasks.first == NULL && s->offers == NULL && !s->stop)
         pthread_cond_wait(&s->more, &s->mutex);
     *offered = find_offer(s, NULL);
-    task = *offered != NULL ? NULL : (struct task *)fair_queue_take(&s->tasks);
+    task = *offered != NULL ? NULL : (struct task *)fair_queue_take(&s->tasks, NULL, NULL);
     pthread_mutex_unlock(&s->mutex);
     return task;
 }
@@ -635,7 +635,7 @@ static struct task *next_seal(struct spool_threads *s, bool awaited)
     pthread_mutex_lock(&s->mutex);
     while (s->seals.first == NULL && !s->stop && awaited)
         pthread_cond_wait(&s->sealable, &s->mutex);
-    task = s->stop ? NULL : (struct task *)fair_queue_take(&s->seals);
+    task = s->stop ? NULL : (struct task *)fair_queue_take(&s->seals, NULL, NULL);
     pthread_mutex_unlock(&s->mutex);
     return task;
 }
@@ -771,7 +771,7 @@ void spool_threads_stop(struct spool_threads *s)
         pthread_join(s->threads[i], NULL);
     pthread_join(s->sealer, NULL);
     /* their files are orphans, which the next start removes */
-    while ((task = (struct task *)fair_queue_take(&s->seals)) != NULL) {
+    while ((task = (struct task *)fair_queue_take(&s->seals, NULL, NULL)) != NULL) {
         upload_close(task->upload);
         task_free(task);
     }

@@ -253,6 +253,7 @@ void core_free(struct core *c)
     while (c->answers != NULL)
         answers_free(c->answers);
     heap_done(&c->timers);
+    shares_done(&c->behind);
     region_close(&c->region);
     free(c->out.items);
     free(c);

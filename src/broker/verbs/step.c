@@ -347,7 +347,11 @@ struct actions *core_step(struct core *c, const struct event *e, struct moment n
     c->out.count = 0;
     c->now = now;
     switch (e->type) {
-    case EVENT_REQUEST:    request_handle(c, e); break;
+    case EVENT_REQUEST:
+        c->asking = e->turn;
+        request_handle(c, e);
+        c->asking = 0;
+        break;
     case EVENT_PEER_FULL: case EVENT_PEER_READY: events_peer(c, e->peer, e->type); break;
     case EVENT_PEER_GONE:
         events_peer(c, e->peer, e->type);

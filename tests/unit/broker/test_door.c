@@ -1,5 +1,6 @@
 /* Requests that wait for the ledger are taken in turn, and nobody's fill the room of all. */
-/* Tests as well: received.c */
+/* Tests as well: received.c shares.c */
+#include "broker/kit/shares.h"
 #include "broker/shell/door.h"
 #include "check.h"
 #include <stdlib.h>
@@ -29,8 +30,9 @@ static bool put(struct door *door, const char *verb, uint64_t turn, uint64_t num
 static uint64_t take(struct door *door)
 {
     struct received r;
+    uint64_t turn;
 
-    if (!door_take(door, &r))
+    if (!door_take(door, NULL, NULL, &r, &turn))
         return 0;
     received_release(&r);
     return r.number;
@@ -48,6 +50,68 @@ TEST(who_has_one_waits_for_one_of_each_other_and_of_one_all_come_in_their_order)
     CHECK(put(&door, "UPLOAD", 3, 301, 100));
     for (size_t i = 0; i < sizeof order / sizeof *order; i++)
         CHECK(take(&door) == order[i]);
+}
+
+static bool is_not(const void *number, uint64_t turn)
+{
+    return turn != *(const uint64_t *)number;
+}
+
+TEST(who_may_not_enter_is_passed_over_and_keeps_his_place)
+{
+    static const uint64_t order[] = { 201, 202, 203 }, then[] = { 101, 204, 102, 0 };
+    uint64_t one = 1, turn;
+    struct door door = { 0 };
+    struct received r;
+
+    for (uint64_t i = 1; i <= 2; i++)
+        CHECK(put(&door, "SUBMIT", 1, 100 + i, 100));
+    for (uint64_t i = 1; i <= 4; i++)
+        CHECK(put(&door, "SUBMIT", 2, 200 + i, 100));
+    for (size_t i = 0; i < sizeof order / sizeof *order; i++) {
+        CHECK(door_take(&door, is_not, &one, &r, &turn) && r.number == order[i] && turn == 2);
+        received_release(&r);
+    }
+    for (size_t i = 0; i < sizeof then / sizeof *then; i++)
+        CHECK(take(&door) == then[i]);
+    CHECK(put(&door, "SUBMIT", 1, 103, 100));
+    CHECK(!door_take(&door, is_not, &one, &r, &turn));
+    CHECK(put(&door, "SUBMIT", 2, 205, 100));      /* behind one that was passed over */
+    CHECK(take(&door) == 103 && take(&door) == 205 && take(&door) == 0);
+}
+
+/* What N turns come to by UNIT each in turn, each while he may, of 1000. */
+static void fill(struct shares *shares, uint64_t n, int64_t unit)
+{
+    for (bool more = true; more;) {
+        more = false;
+        for (uint64_t turn = 1; turn <= n; turn++)
+            if (shares_admit(shares, turn, 1000)) {
+                shares_add(shares, turn, unit);
+                more = true;
+            }
+    }
+}
+
+TEST(one_alone_comes_to_a_half_nine_to_nine_tenths_and_another_may_still)
+{
+    static const struct { uint64_t n; int64_t total; } cases[] = { { 1, 500 }, { 9, 900 } };
+
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        struct shares shares = { 0 };
+
+        fill(&shares, cases[i].n, 1);
+        CHECK(shares.total == cases[i].total && !shares_admit(&shares, 1, 1000));
+        CHECK(shares_admit(&shares, 77, 1000));
+        shares_add(&shares, 77, 1);
+        shares_add(&shares, 0, 1000);              /* nobody's, and of no part */
+        CHECK(!shares_admit(&shares, 78, 1000));
+        shares_add(&shares, 0, -1000);
+        shares_add(&shares, 1, -cases[i].total / (int64_t)cases[i].n);
+        CHECK(shares_admit(&shares, 1, 1000));
+        shares_done(&shares);
+        CHECK(shares.total == 0 && shares_admit(&shares, 77, 1));
+    }
 }
 
 TEST(who_fills_the_room_is_refused_and_another_is_not)

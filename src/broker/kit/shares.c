@@ -1,0 +1,55 @@
+/* shares.c - see shares.h */
+#include "broker/kit/shares.h"
+#include "broker/kit/memory.h"
+#include <stdlib.h>
+
+struct share { uint64_t turn; int64_t size; };
+
+static bool has_turn(const void *value, const void *key)
+{
+    return ((const struct share *)value)->turn == *(const uint64_t *)key;
+}
+
+static struct share *find(const struct shares *shares, uint64_t turn)
+{
+    return map_find(&shares->by_turn, map_hash_number(turn), has_turn, &turn);
+}
+
+void shares_add(struct shares *shares, uint64_t turn, int64_t amount)
+{
+    struct share *share = find(shares, turn);
+
+    shares->total += amount;
+    if (turn == 0)
+        return;
+    if (share == NULL) {
+        share = grab(sizeof *share);
+        share->turn = turn;
+        if (!map_put(&shares->by_turn, map_hash_number(turn), share))
+            abort();
+    }
+    share->size += amount;
+    if (share->size == 0) {
+        map_remove(&shares->by_turn, map_hash_number(turn), share);
+        free(share);
+    }
+    if (shares->by_turn.count == 0)
+        map_done(&shares->by_turn);
+}
+
+bool shares_admit(const struct shares *shares, uint64_t turn, int64_t most)
+{
+    const struct share *share = find(shares, turn);
+
+    return (share == NULL ? 0 : share->size) < most - shares->total;
+}
+
+void shares_done(struct shares *shares)
+{
+    struct share *share;
+
+    for (size_t at = 0; (share = map_next(&shares->by_turn, &at)) != NULL;)
+        free(share);
+    map_done(&shares->by_turn);
+    shares->total = 0;
+}

@@ -76,6 +76,52 @@ def test_an_error_is_raised_where_it_was_asked_for_and_nowhere_else(client):
         assert all(pool.map(lambda k: (bad if k % 2 else good)(k), range(200)))
 
 
+LIES = {
+    "nested": [b"REPLY", b'{"id":1,"a":' + b"[" * 30000 + b"]" * 30000 + b"}"],
+    "list": [b"REPLY", b"[]"],
+    "number": [b"ERROR", b"7"],
+    "null": [b"REPLY", b"null"],
+    "listed id": [b"EVENT", b'{"id":[1]}'],
+    "true id": [b"REPLY", b'{"id":true}'],
+    "digits": [b"REPLY", b'{"id":' + b"9" * 5000 + b"}"],
+    "kind": [b"\xff\xfe", b'{"id":1}'],
+}
+ERRORS = {
+    "no error": [b"ERROR", b'{"id":1,"error":[]}'],
+    "no document": [b"REPLY", b'{"id":1}', b"\xff"],
+    "nested document": [b"REPLY", b'{"id":1}', b"[" * 30000],
+}
+
+
+@pytest.mark.parametrize("lie", [*LIES, *ERRORS])
+def test_a_lie_of_the_server_ends_neither_the_client_nor_another_request(lie):
+    """What is no answer is passed over; what is one and says nothing is an error of ours."""
+    server = zmq.Context.instance().socket(zmq.ROUTER)
+    server.linger, server.rcvtimeo = 0, PATIENCE * 1000
+    port = server.bind_to_random_port("tcp://127.0.0.1")
+
+    def serve():
+        for number in (1, 2):
+            who = server.recv_multipart()[0]
+            if number == 1:
+                server.send_multipart([who, b"MODALD1", *(LIES | ERRORS)[lie]])
+            server.send_multipart([who, b"MODALD1", b"REPLY", b'{"id":%d,"true":1}' % number])
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    client = modald.connect(f"tcp://127.0.0.1:{port}")
+    if lie in ERRORS:
+        with pytest.raises(modald.Error) as failed:
+            client.stats()
+        assert failed.value.code == "bad_frame"
+    else:
+        assert client.stats()["true"] == 1
+    assert client.stats()["true"] == 1
+    client.close()
+    thread.join()
+    server.close()
+
+
 def test_who_waits_when_the_client_is_closed_is_told_so(daemon):
     c, said = daemon.client(), []
     held = daemon.client()

@@ -52,6 +52,14 @@ def _text(scene: Any) -> bytes:
         raise Error("bad_input", f"the scene is no JSON: {why}", "scene") from why
 
 
+def _document(body: Sequence[bytes]) -> Any:
+    """What an answer's body says, which is JSON."""
+    try:
+        return wire.loads(body[0])
+    except (IndexError, ValueError) as why:
+        raise Error("bad_frame", f"the daemon's answer has no document: {why}") from why
+
+
 def _plain(value: Any) -> Any:
     """An attribute of HDF5 as JSON has it: numbers, text (there bytes of a fixed length), lists."""
     value = value.tolist() if hasattr(value, "tolist") else value
@@ -426,7 +434,7 @@ class Client:
                     waiting.extend(parts)
                     continue
                 several = kind == "REPLY" and len(parts) > 1
-                answers = wire.loads(bodies[0])["jobs"] if several else [answer] * len(parts)
+                answers = _document(bodies)["jobs"] if several else [answer] * len(parts)
                 waiting.extend(self._take(parts, answers, out))
         return [job for job in out if job is not None]
 
@@ -520,7 +528,7 @@ class Client:
 
     def result(self, job: str) -> Result:
         """The result of a done job, an id or "key:K"."""
-        return Result(wire.loads(self._fetch(job, "document")[0]))
+        return Result(_document(self._fetch(job, "document")))
 
     def result_bytes(self, job: str) -> bytes:
         """The result to the byte."""
@@ -542,7 +550,7 @@ class Client:
         header: Document = {"limit": limit, **({"state": state} if state else {}),
                             **({"kind": kind} if kind else {})}
         while True:
-            page = wire.loads(self.ask("LIST", header)[1][0])
+            page = _document(self.ask("LIST", header)[1])
             yield from page["jobs"]
             if page["next"] is None:
                 return
@@ -559,7 +567,7 @@ class Client:
         header: Document = {"limit": limit, **({"name": name} if name else {}),
                             **({"user": user} if user else {})}
         while True:
-            page = wire.loads(self.ask("STREAMS", header)[1][0])
+            page = _document(self.ask("STREAMS", header)[1])
             yield from page["streams"]
             if page["next"] is None:
                 return
@@ -607,7 +615,7 @@ class Client:
         """Counts and sizes of the service; `["workers"]["names"]`: of workers of other hosts."""
         stats, body = self.ask("STATS")
         if body:
-            stats["workers"]["names"] = wire.loads(body[0])
+            stats["workers"]["names"] = _document(body)
         return stats
 
     def whoami(self) -> Document:
@@ -616,7 +624,7 @@ class Client:
 
     def metrics(self) -> str:
         """Prometheus text."""
-        return self.ask("METRICS")[1][0].decode()
+        return b"".join(self.ask("METRICS")[1]).decode(errors="replace")
 
     def drain(self) -> Document:
         """Take and start no more jobs (role admin)."""

@@ -63,6 +63,8 @@ class Error(Exception):
     @classmethod
     def of(cls, error: Any) -> "Error":
         """From an answer's `error`."""
+        if not isinstance(error, dict):
+            return cls("bad_frame", "the daemon's answer is an error and says none")
         return cls(error.get("code", "internal"), error.get("message", ""), error.get("field"),
                    error.get("detail"))
 
@@ -334,7 +336,7 @@ class Link:
             elif number is None and kind == "ERROR":    # a header of ours that could not be read
                 talks = list(set(self._asking.values()))
             else:
-                talk = self._asking.pop(number, None) if isinstance(number, int) else None
+                talk = self._asking.pop(number, None)
                 talks = [talk] if talk is not None else []
         size = sum(map(len, frames))
         for talk in talks:

@@ -135,7 +135,11 @@ def loads(text: bytes | str) -> Any:
         if not math.isfinite(value):
             raise ValueError(f"{s} is beyond a double")
         return value
-    return json.loads(text, object_pairs_hook=_unique, parse_constant=_refuse, parse_float=number)
+    try:
+        return json.loads(text, object_pairs_hook=_unique, parse_constant=_refuse,
+                          parse_float=number)
+    except RecursionError as why:
+        raise ValueError("nested too deeply") from why
 
 
 def dumps(value: Any) -> bytes:
@@ -191,4 +195,7 @@ def decode(frames: Sequence[bytes]) -> tuple[str, dict[str, Any], list[bytes]]:
     """Kind (REPLY, ERROR, EVENT), header and body of an answer."""
     if len(frames) < 3 or frames[0] != VERSION:
         raise ValueError("not a message of MODALD1")
-    return frames[1].decode(), loads(frames[2]), list(frames[3:])
+    header = loads(frames[2])
+    if not isinstance(header, dict) or type(header.get("id", 0)) not in (int, type(None)):
+        raise ValueError("not a header of MODALD1")
+    return frames[1].decode(), header, list(frames[3:])

@@ -274,6 +274,39 @@ def test_a_decay_that_is_over_early_is_told_from_an_ambient_record(ctl, tmp_path
     assert "not_ambient" in codes(said) and said["stability"]["stable"] is None
 
 
+def test_a_decay_in_one_direction_of_three_is_told_from_an_ambient_record(ctl, tmp_path):
+    """One mode of 1.9 Hz over 29 decay times, 6 % noise in three channels: of their orthogonal
+    signals one is nothing but noise, and as large as the others where each has unit variance."""
+    rng = np.random.default_rng(87149)
+    rng.integers(1, 6, 2)
+    hertz, zeta = rng.uniform(1, 8), np.exp(rng.uniform(*np.log([0.002, 0.05])))
+    w, dt = 2 * np.pi * hertz, 1 / (hertz * rng.uniform(2.5, 8))
+    rng.uniform(2, 12)
+    lam = -zeta * w + 1j * w * np.sqrt(1 - zeta ** 2)
+    shape = rng.standard_normal((1, 3)) + 1j * rng.standard_normal((1, 3))
+    Y = (np.exp(lam * np.arange(600) * dt)[:, None] @ shape).real
+    noise = 10 ** rng.uniform(-3, -1, 2)[1]
+    rng.uniform(size=2)
+    Y += noise * Y.std() * rng.standard_normal(Y.shape)
+    said = ctl("identify", write_batch(tmp_path / "a.h5", Y, dt=dt), *AMBIENT).document
+    assert "not_ambient" in codes(said) and said["stability"]["stable"] is None
+    assert all(m["std"]["damping_ratio"] is None for m in said["modes"])
+
+
+@pytest.mark.parametrize("seed", [2, 5])
+def test_what_noise_drives_for_two_decay_times_is_not_taken_for_free(ctl, tmp_path, seed):
+    """As many decaying motions as modes leave a third of it."""
+    rng = np.random.default_rng(seed)
+    p = rng.integers(3, 7)
+    w, zeta = 2 * np.pi * np.sort(rng.uniform(1, 8, p)), rng.uniform(0.003, 0.03, p)
+    s = bench_ambient.System(w * (-zeta + 1j * np.sqrt(1 - zeta ** 2)), rng.standard_normal((2, p)),
+                             rng.standard_normal((p, p)) / 1j, 0.025, 1e-3)
+    Y = s.samples(int(1.3 / (zeta * w).min() / 0.025) + 300, rng)
+    said = ctl("identify", write_batch(tmp_path / "a.h5", Y, dt=s.dt), *AMBIENT).document
+    assert "not_ambient" not in codes(said)
+    assert any(m["std"]["frequency_hz"] is not None for m in said["modes"])
+
+
 def test_a_gust_of_ten_times_the_energy_is_no_free_decay(ctl, tmp_path):
     for seed in range(8):
         Y = record(seed)
@@ -353,6 +386,24 @@ def unseen(seed, modes, channels, samples, cycles):
                              rng.standard_normal((channels, modes)),
                              rng.standard_normal((modes, max(modes, 2))) / 1j, dt, 0.01)
     return s.samples(samples, rng), dt
+
+
+def test_eleven_modes_that_draw_a_driven_one_are_not_taken_for_free(ctl, tmp_path):
+    """One mode of 7.27 Hz, damping 0.0023, over two decay times, noise 1 %: it was unstable.  Noise
+    through a filter of three coefficients is likelier."""
+    rng = np.random.default_rng(80139)
+    rng.integers(1, 7), rng.integers(1, 4)
+    w, zeta = 2 * np.pi * rng.uniform(1, 8, 1), np.exp(rng.uniform(*np.log([0.002, 0.05]), 1))
+    rng.uniform(), rng.uniform(), rng.uniform()
+    dt = 2 * np.pi / (w[0] * rng.uniform(2.5, 8))
+    samples = int(rng.choice([40, 100, 300]) / w[0] * 2 * np.pi / dt)
+    noise = rng.choice([0, 1e-4, 0.01, 0.1])
+    s = bench_ambient.System(w * (-zeta + 1j * np.sqrt(1 - zeta ** 2)), rng.standard_normal((1, 1)),
+                             rng.standard_normal((1, 2)) / 1j, dt, noise)
+    said = ctl("identify", write_batch(tmp_path / "a.h5", s.samples(samples, rng), dt=dt)).document
+    advice, = [d["message"] for d in said["diagnostics"] if d["code"] == "not_free_decay"]
+    assert "response=ambient" in advice and said["stability"]["stable"] is None
+    assert all(m["std"]["damping_ratio"] is None for m in said["modes"])
 
 
 @pytest.mark.parametrize("seed, modes, channels, samples, cycles",

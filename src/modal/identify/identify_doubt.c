@@ -4,14 +4,17 @@
 #include <cblas.h>
 #include <float.h>
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 #include "modal/identify/ask/merge.h"
 #include "modal/identify/ask/screen.h"
 #include "modal/identify/ask/trend.h"
 #include "modal/identify/ask/verdict.h"
+#include "modal/identify/fit/stationary.h"
 #include "modal/identify/linear/exponents.h"
 #include "modal/linalg/svd.h"
 
+enum { NOISE_ROWS = 65536 };      /* asked whether they are noise: the first, where motion is */
 static const double
     ORBIT_LEAST = 0.01,          /* of the energy: less may be what others leave */
     REBUILT = 0.15;              /* of the rms is left at most of what decays, as in trend.c */
@@ -179,29 +182,66 @@ static bool says(const struct identify_result *r, const char *code)
     return said;
 }
 
-/*
- * Do many exponents about one frequency draw what drives one mode?  They are others in either half,
- * and what they leave is no noise; of a mode that changes by itself trend_watch() has said so.  Of
- * several signals shapes tell, and the energy of windows.
- */
-static void say_crowd(const struct work *w, struct identify_result *out)
+/* The logarithms of the likelihoods of the first rows: each signal as stationary noise, and as that
+ * beside the chosen poles, each number of which costs ln(rows)/2. */
+static enum modal_status weigh_noise(const struct work *w, double *noise, double *modes,
+                                     struct modal_error *err)
 {
-    struct trend_input in = { .X = w->X, .tau = w->rec.step, .lambda = w->poles.lambda,
-                              .count = w->poles.count, .hertz = w->rec.shift_rad_s / (2 * M_PI) };
-    const struct widened *doubt = &w->facts.doubt;
+    const struct poles *p = &w->poles;
+    struct matrix X = *w->X, E;
+    struct synthesis f = { 0 };
+    int order = poles_order(p->lambda, p->count, w->rec.step);
+    enum modal_status rc = MODAL_OK;
+    double one;
 
-    if (w->X->n > 1 || w->shift > 1 || w->rec.period > 0 || out->mode_count == 0 || out->driven
-        || says(out, "amplitude_dependent")
-        || says(out, "changes_in_record") || doubt->exact || !(doubt->colour > 1)
-        || !(doubt->contradiction > 1) || !(out->total_relative_error >= REBUILT)
-        || !trend_crowds(&in, out->modes[0].exponent))
-        return;
+    X.m = X.m < NOISE_ROWS ? X.m : NOISE_ROWS;
+    E = matrix_new(X.m, X.n);
+    if (E.x == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d x %d", X.m, X.n);
+    rc = synthesis_fit(p->lambda, p->count, w->rec.step, &X, &E, &f, err);
+    *noise = 0, *modes = -0.5 * order * (1 + X.n) * log(X.m);
+    for (int c = 0; c < X.n && rc == MODAL_OK; c++) {
+        const double *x = X.x + (size_t)c * (size_t)X.ld;
+        double *e = E.x + (size_t)c * (size_t)E.ld;
+        cblas_dscal(X.m, -1, e, 1);
+        cblas_daxpy(X.m, 1, x, 1, e, 1);
+        rc = stationary_likelihood(x, X.m, &one, err);
+        *noise += one;
+        if (rc == MODAL_OK)
+            rc = stationary_likelihood(e, X.m, &one, err);
+        *modes += one;
+    }
+    synthesis_done(&f);
+    free(E.x);
+    return rc;
+}
+
+/*
+ * Where the chosen poles leave what is no white noise: is all of it likelier noise that passed a
+ * filter?  Beside decaying modes there may be such noise, too; it is no free response where they
+ * are not worth their price over it alone.
+ */
+static enum modal_status say_noise(const struct work *w, struct identify_result *out,
+                                   struct modal_error *err)
+{
+    const struct widened *doubt = &w->facts.doubt;
+    double noise = 0, modes = 0;
+    enum modal_status rc;
+
+    if (!w->refine || w->shift > 1 || w->rec.period > 0 || out->mode_count == 0 || out->driven
+        || w->X->x == NULL || says(out, "amplitude_dependent") || doubt->exact
+        || !(doubt->colour > 1))
+        return MODAL_OK;
+    rc = weigh_noise(w, &noise, &modes, err);
+    if (rc != MODAL_OK || modes > noise)
+        return rc;
     out->driven = true;
-    identify_diagnose(out, "not_free_decay", -1, "many exponents about %.5g Hz, others in either "
-                      "half of the record, leave what is no white noise: the response is driven, "
+    identify_diagnose(out, "not_free_decay", -1, "stationary noise through a filter is likelier "
+                      "than these modes with such noise beside them: the response is driven, "
                       "of which there are no standard errors and no verdict; give response=ambient "
                       "where nobody measured the excitation, response=forced and its channels as "
-                      "inputs where it was measured", cabs(out->modes[0].resolved) / (2 * M_PI));
+                      "inputs where it was measured");
+    return MODAL_OK;
 }
 
 /*
@@ -253,7 +293,8 @@ enum modal_status work_conclude(struct work *w, const struct batch *batch,
     w->facts.tau = w->tau;
     w->facts.orbit = has_orbit(w, out);
     w->facts.below = w->rec.below;
-    say_crowd(w, out);
+    if ((rc = say_noise(w, out, err)) != MODAL_OK)
+        return rc;
     w->facts.rejected |= is_rejected(w, out);
     diagnose(out, &w->facts);
     screen_samples(batch, out);

@@ -41,7 +41,6 @@ enum {
     UNITS = PARTS * 8,           /* and for the part that holds most of the energy */
     MAINS = 20,                  /* multiples */
     TOLD = 3,                    /* diagnostics of one kind about modes */
-    FEW = 8,                     /* motions: of more even 1500 samples of noise are rebuilt */
     SAMPLES_LEAST = 256          /* what UNITS of four samples need */
 };
 static const double
@@ -52,8 +51,7 @@ static const double
     GRID[] = { 50, 60 },         /* Hz */
     UNSTEADY = 40,               /* chi-squared of 7 degrees of freedom: 1e-6 */
     SHORT = 0.25,                /* a part of the record as short as this, */
-    NEARLY_ALL = 0.9,            /* with so much of its energy, is where the motion was */
-    REBUILT = 0.4;               /* left of a record at most that is free, as in trend.c */
+    NEARLY_ALL = 0.9;            /* with so much of its energy, is where the motion was */
 
 struct work {
     struct identify_options opt;
@@ -638,38 +636,25 @@ static void about_time(const struct work *w, const struct spectrum *s, struct id
                           "small; identify parts by `window`", sum, PARTS - 1);
 }
 
-/*
- * Do as many exponentials as there are modes and lines, a few, rebuild far more than lines of
- * constant amplitude do?  Or one more, for what the spectra take together (two that are near each
- * other) or a pencil puts at its noise; with that a short answer to lasting excitation is rebuilt
- * better, too, and half as much may be left.  Asked only where something is to be said: where a
- * mode's width tells its damping, a free response has decayed or grown.
- */
+/* Is the record likelier free?  Asked only where something is to be said: where a mode's width
+ * tells its damping, a free response has decayed or grown. */
 static enum modal_status about_free(const struct work *w, struct identify_result *r,
                                     struct modal_error *err)
 {
-    struct matrix less = w->rec.Y;
-    int found = r->mode_count + w->line_count, motions = 0;
-    double left = 1, lines;
-    bool rebuilt = false;
+    struct ambient_free_input in = { &w->whole, &w->rec.Y, w->line_count, w->rec.step };
+    int motions = 0;
+    double left;
     enum modal_status rc = MODAL_OK;
 
-    if (r->driven || r->diagnostic_count == 0 || found == 0)
-        return MODAL_OK;
-    less.m = w->whole.m;
-    lines = safe_matrix_norm(&less) / safe_matrix_norm(&w->whole);
-    for (int more = 0; rc == MODAL_OK && !rebuilt && more <= 1; more++) {
-        motions = found + more < FEW ? found + more : FEW;
-        rc = ambient_free_left(&w->whole, w->rec.step, 2 * motions, &left, err);
-        rebuilt = left < REBUILT / (1 + more) * lines;
-    }
-    if (rc != MODAL_OK || !rebuilt)
+    if (!r->driven && r->diagnostic_count > 0)
+        rc = ambient_free(&in, &motions, &left, err);
+    if (rc != MODAL_OK || motions == 0)
         return rc;
     r->driven = true;
     identify_diagnose(r, "not_ambient", -1, "%d decaying or growing motions rebuild the record but "
-                      "for %.2g of its rms: a free response, not the answer to a lasting "
-                      "excitation, of which there are no standard errors and no verdict; give "
-                      "response=free", motions, left);
+                      "for %.2g of its rms, likelier than noise is: a free response, not the "
+                      "answer to a lasting excitation, of which there are no standard errors and "
+                      "no verdict; give response=free", motions, left);
     return MODAL_OK;
 }
 

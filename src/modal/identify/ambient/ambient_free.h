@@ -1,4 +1,4 @@
-/* ambient_free.h - do few decaying or growing motions rebuild what was sent as ambient? */
+/* ambient_free.h - is a record that was sent as ambient likelier a free response? */
 #ifndef MODAL_AMBIENT_FREE_H
 #define MODAL_AMBIENT_FREE_H
 #include "base/error.h"
@@ -8,11 +8,13 @@
 enum { AMBIENT_FREE_ROWS = 65536 };
 
 /*
- * *left: the norm of what ORDER exponentials, a pencil's, leave of Y (samples x channels, kept; its
- * strongest orthogonal signals) over that of Y; 1 where there are none.  STEP seconds a sample.
- * A free response is rebuilt to its noise, an answer to lasting excitation, whose amplitudes and
- * phases change by it, only as far as it is short.  Fails with MODAL_NO_MEMORY.
+ * Of Y (samples x channels, kept), its strongest orthogonal signal: *motions is the number of
+ * decaying or growing vibrations, the fewest tried first, that are likelier with white noise than
+ * stationary noise is, and *left what they leave of its rms; 0 where none are.  LESS: the first
+ * rows of it are Y without the COUNT lines of constant amplitude that were found, which are
+ * stationary, too.  STEP seconds a sample.  Fails with MODAL_NO_MEMORY.
  */
-enum modal_status ambient_free_left(const struct matrix *Y, double step, int order, double *left,
-                                    struct modal_error *err);
+struct ambient_free_input { const struct matrix *Y, *less; int count; double step; };
+enum modal_status ambient_free(const struct ambient_free_input *in, int *motions, double *left,
+                               struct modal_error *err);
 #endif

@@ -98,15 +98,25 @@ static int vfs_read(sqlite3_file *base, void *data, int amount, sqlite3_int64 of
     return file_vfs_page_good(data, offset) ? SQLITE_OK : SQLITE_IOERR_DATA;
 }
 
+/* As the default VFS writes, which takes of what file.h has for a full disk ENOSPC alone. */
+static int write_real(sqlite3_file *base, const void *data, int amount, sqlite3_int64 offset)
+{
+    int rc;
+
+    errno = 0;
+    rc = real(base)->pMethods->xWrite(real(base), data, amount, offset);
+    return rc == SQLITE_IOERR_WRITE && (errno == EDQUOT || errno == EFBIG) ? SQLITE_FULL : rc;
+}
+
 static int write_through(sqlite3_file *base, const void *data, int amount, sqlite3_int64 offset,
                          bool cut)
 {
     int half = cut ? amount / 2 : 0;
-    int rc = half > 0 ? real(base)->pMethods->xWrite(real(base), data, half, offset) : SQLITE_OK;
+    int rc = half > 0 ? write_real(base, data, half, offset) : SQLITE_OK;
 
-    return rc != SQLITE_OK ? rc
-                           : real(base)->pMethods->xWrite(real(base), (const char *)data + half,
-                                                          amount - half, offset + half);
+    return rc != SQLITE_OK
+               ? rc
+               : write_real(base, (const char *)data + half, amount - half, offset + half);
 }
 
 static int vfs_write(sqlite3_file *base, const void *data, int amount, sqlite3_int64 offset)

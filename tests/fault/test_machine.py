@@ -1,9 +1,10 @@
 """The machine under the daemon: a slow disk (F8), no descriptors left (F9), a clock that jumps
-(F15), no processor to spare (F22).
+(F15), no processor to spare (F22), files that may not grow.
 """
 import os
 import pathlib
 import shutil
+import struct
 import subprocess
 import sys
 import threading
@@ -54,6 +55,30 @@ def test_a_slow_disk_delays_only_what_needs_it(tmp_path):
               f"acknowledged, each time after {min(acked):.2f} s or more")
         # a read that waited for a sync would see one of these a read
         assert meanwhile < 25 and min(acked) > 1
+
+
+def test_a_limit_on_the_size_of_files_is_a_full_disk_and_ends_nothing():
+    """RLIMIT_FSIZE of 1 MB, whose signal ended the daemon without a word; what was acknowledged
+    stays, and what comes when the limit is gone is taken."""
+    def limit(most):
+        subprocess.run(["prlimit", "--pid", str(d.pid), f"--fsize={most}:"], check=True)
+
+    with Daemon(config=FAKE, workers=0) as d:
+        c = d.client()
+        first = submit(c, key="first")["job"]
+        limit(1000000)
+        told = [c.ask("SUBMIT", [bytes(8 * i) + struct.pack("<d", i) + bytes(8 * (7999 - i))],
+                      kind="identify", input={"content": "batch", "samples": 8000, "channels": 1,
+                                              "dt": 1}).code for i in range(40)]
+        assert set(told) == {None, "storage_full"}, told
+        assert c.ask("STATUS", job=first)["state"] == "queued" and c.ask("STATS").ok
+        limit("unlimited")
+        until(lambda: submit(c, key="last").ok)
+        d.kill()
+        d.start()
+        c = d.client()
+        assert c.ask("STATUS", job="key:first")["job"] == first
+        assert c.ask("STATS")["jobs"]["queued"] == 2 + told.count(None)
 
 
 def descriptors(d):

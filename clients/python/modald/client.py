@@ -528,7 +528,7 @@ class Client:
 
     def result(self, job: str) -> Result:
         """The result of a done job, an id or "key:K"."""
-        return Result(_document(self._fetch(job, "document")))
+        return Result(_document([self._fetch(job, "document")[0]]))
 
     def result_bytes(self, job: str) -> bytes:
         """The result to the byte."""

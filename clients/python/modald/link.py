@@ -329,14 +329,14 @@ class Link:
         except ValueError:
             return True                                 # no message of the protocol
         kind, header, _ = message
-        number = header.get("id")
+        number: int | None = header.get("id")
         with self._lock:
             if kind == "EVENT":
                 talks = list(self._listeners)
             elif number is None and kind == "ERROR":    # a header of ours that could not be read
                 talks = list(set(self._asking.values()))
             else:
-                talk = self._asking.pop(number, None)
+                talk = self._asking.pop(number or 0, None)
                 talks = [talk] if talk is not None else []
         size = sum(map(len, frames))
         for talk in talks:

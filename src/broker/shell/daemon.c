@@ -205,6 +205,7 @@ static enum modal_status open_signals(struct daemon *d, struct modal_error *err)
     d->signals = fds[0];
     signal_pipe = fds[1];
     signal(SIGPIPE, SIG_IGN);
+    signal(SIGXFSZ, SIG_IGN);                      /* a file's limit is a full disk: EFBIG */
     for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++)
         sigaction(numbers[i], &action, NULL);
     return MODAL_OK;

@@ -65,15 +65,18 @@ def test_forty_streams_cost_their_host_three_threads_and_less_than_2_mb_each(tmp
         assert last["rss_kb"] < 2048 * STREAMS
 
 
-def test_a_slow_ring_gives_back_what_was_read(tmp_path):
-    """10 streams of 64 channels at 160 Hz, 85 kB/s each: in 20 s 1.7 MB go through each ring, which
-    would all be there still."""
+@pytest.mark.parametrize("streams, rate, seconds, most_kb", [(10, 160, 20, 1600),
+                                                             (4, 5000, 8, 4096)])
+def test_a_ring_gives_back_what_was_read(tmp_path, streams, rate, seconds, most_kb):
+    """64 channels: at 160 Hz 85 kB/s a stream, so that in 20 s 1.7 MB go through its ring, which
+    would all be there still; at 5 kHz 20 MB in 8 s, and half of the ring of 8 MB is more than 1 s
+    of what waits for the daemon."""
     if sanitized.SANITIZED:
         pytest.skip("sanitizers keep memory of their own")
     with Daemon(workers=1) as daemon:
-        lines = end(begin(10, 64, 160, 20, MODALD_URL=daemon.endpoint, MODALD_SPILL=tmp_path,
-                          MODALD_CLOSE_WAIT="60"))
-    assert lines[-2]["dropped"] == 0 and lines[-2]["rss_kb"] < 1600 * 10
+        lines = end(begin(streams, 64, rate, seconds, MODALD_URL=daemon.endpoint,
+                          MODALD_SPILL=tmp_path, MODALD_CLOSE_WAIT="60"))
+    assert lines[-2]["dropped"] == 0 and lines[-2]["rss_kb"] < most_kb * streams
 
 
 def waked(pid):

@@ -217,7 +217,7 @@ static void fill_window(modald_stream *s)
     }
 }
 
-/* Nothing is in flight: what a burst took goes back to the system, but for a few. */
+/* What a burst took and is spare again goes back to the system, but for a few. */
 static void shrink(modald_stream *s)
 {
     int kept = s->spares < LOANS_KEPT ? s->spares : LOANS_KEPT;
@@ -244,8 +244,11 @@ static void retire(modald_stream *s)
         *f = (struct frame) { 0 };
         s->first_frame = (s->first_frame + 1) % WINDOW;
         s->frames--;
+        s->retired++;
     }
-    if (s->frames == 0)
+    if (s->frames == 0 || s->retired >= WINDOW) {   /* a fast stream has always some in flight */
         shrink(s);
+        s->retired = 0;
+    }
     spill_drained(s);
 }

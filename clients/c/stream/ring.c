@@ -15,7 +15,9 @@
 #define MADV_POPULATE_WRITE 23      /* of Linux 5.14; one of before says no, and nothing is lost */
 #endif
 
-static const double piece_slow = 0.125;      /* s a piece: a ring of 8 MiB lasts for 8 */
+/* s a piece: to give it back and have another ready takes the sender 0.05 ms, here at most a
+ * hundredth of its time.  So a stream of up to 25 MB/s has what it uses, a faster one its ring. */
+static const double piece_slow = 0.005;
 
 /* Room for one slot, or NULL: full, the sample is counted as a gap; or not ours. */
 static inline double *next_slot(modald_stream *s)

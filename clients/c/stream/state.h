@@ -53,7 +53,7 @@
  * open.  What lies behind that comes in huge pages, one fault in many thousand pushes, where a host
  * runs away from its sender; where it does not, the sender has RING_AHEAD of small pages ready
  * before it, and gives those back that were read, before the tail lets the host write there again.
- * So a slow stream has about 1 MB, and a fast one its whole ring.
+ * So a stream of up to 25 MB/s has about 1 MB of it, and a faster one all.
  *
  * The host's process is the host's.  The sender's thread has a table of descriptors of its own, all
  * of libzmq's and the spill file's in it: the host may close every number it finds, run out of
@@ -270,6 +270,7 @@ struct modald_stream {
     int spares, spares_least;   /* least: since the others were given back */
     struct frame window[WINDOW], build;
     int first_frame, frames;    /* the window is a ring of its own */
+    int retired;                /* frames acknowledged since spare ones were given back */
     uint64_t taken;             /* slots put into frames */
     double build_since;
     size_t frame_samples;

@@ -11,10 +11,10 @@
  * and takes no lock.  One thread pushes to a stream; streams are independent, and may be as many
  * as there are simulations: those of a process to one endpoint with one key file share a connection
  * and a sending thread (three threads in all, two of them libzmq's), and one of up to 25 MB/s costs
- * 1 to 2 MB.  Samples leave 50 ms after the first of them was pushed, once all before are acknowledged,
- * or as soon as 64 KiB are there.  In a child that the host forks its streams do nothing, and need
- * not be closed; a closed stream is like none.  The sending thread has its own descriptors and
- * takes no signals; paths and all of the environment are read at modald_open.
+ * 1 to 2 MB.  Samples leave 50 ms after the first of them was pushed, once all before are
+ * acknowledged, or as soon as 64 KiB are there.  In a child that the host forks its streams do
+ * nothing, and need not be closed; a closed stream is like none.  The sending thread has its own
+ * descriptors and takes no signals; paths and all of the environment are read at modald_open.
  *
  * Environment:
  *   MODALD_URL        the daemon's endpoint; unset: no-op

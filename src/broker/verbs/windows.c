@@ -251,12 +251,6 @@ static struct blob *cut_window(struct core *c, struct stream *s, uint64_t known,
     return blob_take(data, count * size);
 }
 
-/* What it is expected to take: as the one before. */
-static double ahead_cost_s(const struct stream *s)
-{
-    return s->window.cost_s > 0 ? s->window.cost_s : ahead_s;
-}
-
 /* S's window is what the worker of SLOT works on from now on. */
 static void begin(struct core *c, int slot, struct stream *s)
 {
@@ -279,7 +273,7 @@ static void join(struct core *c, int slot, struct stream *s)
     else {
         *worker->live_end = s;
         worker->ahead++;
-        worker->ahead_s += ahead_cost_s(s);
+        worker->ahead_s += s->window.expected_s;
     }
     worker->live_end = &s->window.behind;
 }
@@ -295,7 +289,7 @@ static struct stream *leave(struct core *c, int slot)
     if (next == NULL)
         return s;
     worker->ahead--;
-    worker->ahead_s = worker->ahead > 0 ? worker->ahead_s - ahead_cost_s(next) : 0;
+    worker->ahead_s = worker->ahead > 0 ? worker->ahead_s - next->window.expected_s : 0;
     begin(c, slot, next);
     return s;
 }
@@ -345,11 +339,14 @@ bool window_start(struct core *c, int slot)
     struct window *w;
     struct blob *data;
     uint64_t first = 0;
+    bool with;
 
     if (s == NULL)
         return false;
     w = &s->window;
-    data = cut_window(c, s, window_is_with(c, s, slot) ? w->to + 1 : 0, &first);
+    with = window_is_with(c, s, slot);
+    data = cut_window(c, s, with ? w->to + 1 : 0, &first);
+    w->expected_s = with && w->cost_s > 0 ? w->cost_s : ahead_s;   /* anew: nobody knows */
     w->running = true;
     w->slot = slot;
     w->process = worker->process;

@@ -152,6 +152,29 @@ def test_coloured_excitation_is_said_and_is_no_mode(ctl, tmp_path):
     assert len(hertz) == 2 and np.allclose(hertz, [2.0, 5.5], rtol=0.01)
 
 
+def test_the_edge_of_a_high_pass_filter_is_no_mode(ctl, tmp_path):
+    """A coupling of the fourth order at 0.5 Hz leaves a gap in the spectrum of each channel."""
+    for seed in range(2):
+        Y = scipy.signal.sosfilt(scipy.signal.butter(4, 0.5, "high", fs=50, output="sos"),
+                                 record(seed, channels=2), axis=0)
+        said = identify(ctl, tmp_path / "a.h5", Y).document
+        assert all(m["amplitude"] > 0 for m in said["modes"]), seed
+        hertz = sorted(m["frequency_hz"] for m in said["modes"])
+        assert len(hertz) == 3 and np.allclose(hertz, [2, 2.06, 5.5], rtol=0.01), (seed, hertz)
+
+
+@pytest.mark.parametrize("how", ["stays", "weaker"])
+def test_a_channel_that_fails_within_the_record_is_named(ctl, tmp_path, how):
+    """All signals together are as steady as chance has it."""
+    Y = record(3, hertz=(2.0, 3.1, 5.5), channels=5)
+    Y[8000:, 2] = 0.01 if how == "stays" else Y[8000:, 2] / 10
+    said = identify(ctl, tmp_path / "a.h5", Y).document
+    which = [d for d in said["diagnostics"] if d["code"] == "not_stationary"]
+    assert len(which) == 1 and "channel 2" in which[0]["message"], codes(said)
+    assert "not_stationary" not in codes(identify(ctl, tmp_path / "b.h5", record(3, channels=5))
+                                         .document)
+
+
 def test_lines_of_constant_amplitude_are_told_from_modes_and_do_not_disturb_them(ctl, tmp_path):
     Y, t = record(14), np.arange(20000)[:, None] * DT
     plain = identify(ctl, tmp_path / "a.h5", Y).document

@@ -7,13 +7,6 @@
  * An error to be had [Au14]: of N_c cycles a damping ratio z is known to sqrt(z / (2 pi N_c)) at
  * best: the share ENOUGH of it takes so many more cycles as the square of its own share over that.
  *
- * Stationarity.  The mean square of a part of M samples of a Gaussian record with spectrum S has
- * the variance 2/M <tr S^2>, <> the mean over all frequencies; over the square of its mean <tr S>
- * that is v, and were the part's energy a gamma variable, its logarithm's variance trigamma(1/v),
- * which is v + v^2 to what matters here.  The sum of squares of the parts' logarithms about their
- * mean over that is held against chi-squared.  For lines beside each other, with coefficients f
- * and g, |f^H g|^2 has the mean tr S^2.
- *
  * [Au14] Au, Mechanical Systems and Signal Processing 48 (2014) 15-33.
  */
 #include "modal/identify/ambient/ambient.h"
@@ -26,6 +19,7 @@
 #include "modal/identify/ambient/ambient_lift.h"
 #include "modal/identify/ambient/ambient_lines.h"
 #include "modal/identify/ambient/ambient_order.h"
+#include "modal/identify/ambient/ambient_steady.h"
 #include "modal/identify/answer/modes.h"
 #include "modal/identify/ask/diagnose.h"
 #include "modal/identify/ask/verdict.h"
@@ -37,21 +31,16 @@
 #include "modal/linalg/svd.h"
 
 enum {
-    PARTS = 8,                   /* of the record, for stationarity */
-    UNITS = PARTS * 8,           /* and for the part that holds most of the energy */
     MAINS = 20,                  /* multiples */
     TOLD = 3,                    /* diagnostics of one kind about modes */
-    SAMPLES_LEAST = 256          /* what UNITS of four samples need */
+    SAMPLES_LEAST = 4 * AMBIENT_STEADY_UNITS
 };
 static const double
     ENOUGH = 0.15,               /* of a damping ratio: what is known no better is hardly known */
     NARROW = 1,                  /* decay over the record: no wider than a line of it */
     SOUND = 0.5,                 /* of the least error that theory knows */
     NYQUIST = 0.95,              /* of it: what turns faster may have folded there */
-    GRID[] = { 50, 60 },         /* Hz */
-    UNSTEADY = 40,               /* chi-squared of 7 degrees of freedom: 1e-6 */
-    SHORT = 0.25,                /* a part of the record as short as this, */
-    NEARLY_ALL = 0.9;            /* with so much of its energy, is where the motion was */
+    GRID[] = { 50, 60 };         /* Hz */
 
 struct work {
     struct identify_options opt;
@@ -293,9 +282,9 @@ static void to_columns(const struct work *w, const double complex *x, double com
     }
 }
 
-/* The rms over all channels of the mode's part, of which phi row^T is half the covariance. */
-static double amplitude_of(const struct work *w, const double complex *phi,
-                           const double complex *row)
+/* The mean square over all channels of the mode's part, of which phi row^T is half the covariance;
+ * below zero where it takes from that of others. */
+static double part_of(const struct work *w, const double complex *phi, const double complex *row)
 {
     double sum = 0;
     int S = w->rec.Y.n;
@@ -308,7 +297,22 @@ static double amplitude_of(const struct work *w, const double complex *phi,
         }
         sum += 2 * creal(a * b);
     }
-    return sqrt(fmax(sum, 0) / S * w->spectrum.samples / w->rec.Y.m);
+    return sum / S * w->spectrum.samples / w->rec.Y.m;
+}
+
+/* Does mode K, with those whose peaks overlap with its own, add to the mean square?  A mode does;
+ * what takes from it draws the edge of a filter, or a gap in the excitation's spectrum. */
+static bool adds(const struct whittle *fit, const double *part, int k)
+{
+    const struct whittle_mode *q = fit->mode;
+    double sum = 0;
+
+    for (int j = 0; j < fit->count; j++)
+        /* as whittle_exponent() has it, turns are of either sign */
+        if (fabs(fabs(cimag(q[j].lambda)) - fabs(cimag(q[k].lambda)))
+            <= -creal(q[j].lambda) - creal(q[k].lambda))
+            sum += part[j];
+    return sum > 0;
 }
 
 static enum modal_status shape_of(const struct work *w, const double complex *moved,
@@ -353,7 +357,7 @@ static enum modal_status report_modes(struct work *w, struct identify_result *ou
 {
     const struct whittle *fit = w->found.model;
     struct whittle_covariances v;
-    double dt = w->step;
+    double dt = w->step, part[WHITTLE_MODES_MOST];
     double complex *moved = malloc(sizeof *moved * (size_t)w->rec.Y.n);
     enum modal_status rc = MODAL_OK;
 
@@ -361,19 +365,22 @@ static enum modal_status report_modes(struct work *w, struct identify_result *ou
     if (out->modes == NULL || moved == NULL)
         rc = modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d modes", fit->count);
     whittle_covariances(fit, &v);
+    for (int k = 0; k < fit->count; k++)
+        part[k] = part_of(w, fit->mode[k].phi, v.row[k]);
     for (int k = 0; rc == MODAL_OK && k < fit->count; k++) {
         const struct whittle_mode *q = &fit->mode[k];
+        bool peak;
         struct identify_mode *m = &out->modes[out->mode_count];
         double complex lambda = whittle_exponent(q, w->spectrum.samples) / dt;
         *m = (struct identify_mode) {
             .exponent = lambda, .resolved = lambda, .multiplier = multiplier_of(lambda, w->span),
-            .amplitude = amplitude_of(w, q->phi, v.row[k]), .persistence = NAN, .residual = NAN,
+            .amplitude = sqrt(fmax(part[k], 0)), .persistence = NAN, .residual = NAN,
             .std_re = is_line(w, lambda * dt) || !is_sound(w, q) ? NAN : q->std_decay / dt,
             .std_im = is_sound(w, q) ? q->std_turn / dt : NAN, .runner_up = NAN };
         rc = resolve(w, q, moved, m, err);
-        w->broad += !has_peak(w, m->resolved);
-        if (rc != MODAL_OK || (has_peak(w, m->resolved) && is_asked(w, m->resolved)
-                               && !take_mains(w, q, m)))
+        peak = has_peak(w, m->resolved) && adds(fit, part, k);
+        w->broad += !peak;
+        if (rc != MODAL_OK || (peak && is_asked(w, m->resolved) && !take_mains(w, q, m)))
             out->mode_count++;
         else
             free(m->harmonics), free(m->shape);
@@ -534,8 +541,8 @@ static void about_poles(const struct work *w, struct identify_result *r)
                           "detrend=mean leaves it in", 100 * w->drift, AMBIENT_DRIFT_LINES);
     if (w->broad > 0)
         identify_diagnose(r, "coloured_excitation", -1, "%d pole%s without a peak: the spectrum "
-                          "of the excitation, or a motion damped beyond 70 %%; fitted beside the "
-                          "modes and not counted among them", w->broad,
+                          "of the excitation or a filter's edge, or a motion damped beyond 70 %%; "
+                          "fitted beside the modes and not counted among them", w->broad,
                           w->broad > 1 ? "s" : "");
     if (w->pod.count < w->rec.channels && w->pod.count == WHITTLE_CHANNELS_MOST)
         identify_diagnose(r, "channels_reduced", -1, "%d channels were reduced to their %d "
@@ -554,86 +561,6 @@ static void about_poles(const struct work *w, struct identify_result *r)
         identify_diagnose(r, "not_converged", -1, "the fit to the spectra did not converge: errors "
                           "are unknown and no verdict is given; give `band` to look at less, "
                           "or rank.fixed");
-}
-
-/* Mean squares of UNITS equal parts of the signals. */
-static void energies(const struct matrix *Z, double *energy)
-{
-    int rows = Z->m / UNITS;
-
-    for (int u = 0; u < UNITS; u++) {
-        energy[u] = 0;
-        for (int j = 0; j < Z->n; j++) {
-            const double *z = Z->x + (size_t)j * Z->ld + (size_t)u * rows;
-            energy[u] += cblas_ddot(rows, z, 1, z, 1) / rows;
-        }
-    }
-}
-
-/* v of a part of so many samples. */
-static double variance_of_part(const struct spectrum *s, double samples)
-{
-    double square = 0, mean = 0;
-    int l = s->channels;
-
-    for (int j = 0; j < s->lines; j++) {
-        const double complex *f = s->F + (size_t)j * l;
-        double complex both = 0;
-        for (int c = 0; c < l; c++) {
-            mean += creal(f[c] * conj(f[c])) / s->lines;
-            both += j > 0 ? f[c] * conj(f[c - l]) : 0;
-        }
-        square += creal(both * conj(both)) / s->lines;
-    }
-    return 2 / samples * square / (mean * mean);
-}
-
-/* Is nearly all the energy in a short part? */
-static bool is_short(const double *energy, double *share)
-{
-    int reach = (int)(SHORT * UNITS);
-    double all = 0, least = HUGE_VAL;
-
-    *share = 0;
-    for (int u = 0; u < UNITS; u++)
-        /* noise lasts throughout: what is over it is the motion's */
-        least = fmin(least, energy[u]);
-    for (int u = 0; u < UNITS; u++)
-        all += energy[u] - least;
-    for (int first = 0; first + reach <= UNITS; first++) {
-        double part = 0;
-        for (int u = first; u < first + reach; u++)
-            part += energy[u] - least;
-        *share = fmax(*share, part / all);
-    }
-    return *share > NEARLY_ALL;
-}
-
-static void about_time(const struct work *w, const struct spectrum *s, struct identify_result *r)
-{
-    double energy[UNITS], part[PARTS] = { 0 }, mean = 0, sum = 0, share;
-    double v = variance_of_part(s, w->Z.m / (double)PARTS);
-
-    energies(&w->Z, energy);
-    for (int u = 0; u < UNITS; u++)
-        part[u * PARTS / UNITS] += energy[u];
-    for (int i = 0; i < PARTS; i++)
-        mean += log(part[i]) / PARTS;
-    for (int i = 0; i < PARTS; i++)
-        sum += (log(part[i]) - mean) * (log(part[i]) - mean) / (v + v * v);
-    if (!(sum > UNSTEADY))
-        return;
-    if (is_short(energy, &share)) {
-        r->driven = true;
-        identify_diagnose(r, "not_ambient", -1, "%.0f %% of the energy lie in a quarter of the "
-                          "record: a free decay or a hit, not the answer to a lasting excitation, "
-                          "of which there are no standard errors and no verdict; give "
-                          "response=free, or `window` to look at another part", 100 * share);
-    } else
-        identify_diagnose(r, "not_stationary", -1, "eighths of the record differ in energy by "
-                          "more than a steady excitation explains (chi-squared %.3g of %d degrees "
-                          "of freedom): modes are a mean over it and their errors may be too "
-                          "small; identify parts by `window`", sum, PARTS - 1);
 }
 
 /* Is the record likelier free?  Asked only where something is to be said: where a mode's width
@@ -692,12 +619,15 @@ static enum modal_status about_all_time(const struct work *w, struct identify_re
                                         struct modal_error *err)
 {
     struct spectrum whole;
-    enum modal_status rc = MODAL_OK;
+    struct ambient_steady_input in = { &w->Z, &w->spectrum, w->periodic ? NULL : &w->rec, w->back };
+    enum modal_status rc;
 
     if (w->opt.band[1] == 0)
-        about_time(w, &w->spectrum, out);
-    else if ((rc = spectrum_make(&w->Z, first_line(w), 0, &whole, err)) == MODAL_OK) {
-        about_time(w, &whole, out);
+        return ambient_steady_tell(&in, out, err);
+    rc = spectrum_make(&w->Z, first_line(w), 0, &whole, err);
+    if (rc == MODAL_OK) {
+        in.spectrum = &whole;
+        rc = ambient_steady_tell(&in, out, err);
         spectrum_done(&whole);
     }
     return rc;

@@ -5,14 +5,20 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { AFRESH = 32 };                       /* products of a wave: their rounding is some 1e-15 */
+enum {
+    AFRESH = 32,                            /* products of a wave: their rounding is some 1e-15 */
+    PAD = 4,                                /* numbers, a line of a cache: rows a power of two apart
+                                             * would all be in the same few of its places, and
+                                             * transforms across 256 of them take 15 times as long */
+};
 static const double NOTHING = 1e-13;        /* of a sum of frequencies: its rounding */
 
 struct torus_grid {
     struct torus_tones tones;
     int N, lines, size[TORUS_TONES_MOST];   /* size of the lead: N */
+    int apart;                              /* rows of x */
     int other[TORUS_TONES_MOST - 1];        /* the tones but the lead; unused: -1 */
-    fftw_complex *x;                        /* [line][N] */
+    fftw_complex *x;                        /* [line][N, then PAD] */
     fftw_plan along_back, across_back, along, across;   /* in place */
 };
 
@@ -82,7 +88,8 @@ enum modal_status torus_grid_new(const struct torus_tones *t, int N, const int *
 
     if (g == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "torus: no memory");
-    *g = (struct torus_grid) { .tones = *t, .N = N, .lines = 1, .other = { -1, -1 } };
+    *g = (struct torus_grid) { .tones = *t, .N = N, .lines = 1, .apart = N + PAD,
+                               .other = { -1, -1 } };
     for (int j = 0; j < t->count; j++) {
         g->size[j] = j == t->lead ? N : lines[j];
         if (j != t->lead) {
@@ -92,15 +99,17 @@ enum modal_status torus_grid_new(const struct torus_tones *t, int N, const int *
     }
     for (int r = 0; r < rank; r++)                     /* FFTW's rows first: the last tone */
         across[r] = g->size[g->other[rank - 1 - r]];
-    g->x = fftw_alloc_complex((size_t)g->lines * (size_t)N);
+    g->x = fftw_alloc_complex((size_t)g->lines * (size_t)g->apart);
     if (g->x != NULL) {
-        g->along_back = fftw_plan_many_dft(1, &N, g->lines, g->x, NULL, 1, N, g->x, NULL, 1, N,
+        int A = g->apart;
+
+        g->along_back = fftw_plan_many_dft(1, &N, g->lines, g->x, NULL, 1, A, g->x, NULL, 1, A,
                                            FFTW_BACKWARD, FFTW_ESTIMATE);
-        g->along = fftw_plan_many_dft(1, &N, g->lines, g->x, NULL, 1, N, g->x, NULL, 1, N,
+        g->along = fftw_plan_many_dft(1, &N, g->lines, g->x, NULL, 1, A, g->x, NULL, 1, A,
                                       FFTW_FORWARD, FFTW_ESTIMATE);
-        g->across_back = fftw_plan_many_dft(rank, across, N, g->x, NULL, N, 1, g->x, NULL, N, 1,
+        g->across_back = fftw_plan_many_dft(rank, across, N, g->x, NULL, A, 1, g->x, NULL, A, 1,
                                             FFTW_BACKWARD, FFTW_ESTIMATE);
-        g->across = fftw_plan_many_dft(rank, across, N, g->x, NULL, N, 1, g->x, NULL, N, 1,
+        g->across = fftw_plan_many_dft(rank, across, N, g->x, NULL, A, 1, g->x, NULL, A, 1,
                                        FFTW_FORWARD, FFTW_ESTIMATE);
     }
     if (g->along == NULL || g->across == NULL || g->along_back == NULL || g->across_back == NULL) {
@@ -166,7 +175,7 @@ static size_t spot_of(const struct torus_grid *g, struct torus_index k)
         if (j != g->tones.lead)
             line = line * (size_t)g->size[j]
                 + (size_t)(((k.k[j] % g->size[j]) + g->size[j]) % g->size[j]);
-    return line * (size_t)g->N + (size_t)(((k.k[g->tones.lead] % g->N) + g->N) % g->N);
+    return line * (size_t)g->apart + (size_t)(((k.k[g->tones.lead] % g->N) + g->N) % g->N);
 }
 
 int torus_grid_indices(const struct torus_grid *g, struct torus_index *out)
@@ -196,12 +205,17 @@ static double shear_of(const struct torus_grid *g, int line)
     return sum;
 }
 
+static fftw_complex *row_at(const struct torus_grid *g, int line)
+{
+    return g->x + (size_t)line * (size_t)g->apart;
+}
+
 /* Row LINE times e^{i sign shear (theta_n + 2 pi turn)}. */
 static void turn_row(struct torus_grid *g, int line, int sign, int turn)
 {
     double shear = sign * shear_of(g, line), step = 2 * M_PI * shear / g->N;
     double whole = fmod(shear, 1);                     /* 2 pi turn shear, less whole turns */
-    double complex *x = g->x + (size_t)line * (size_t)g->N, wave = 1;
+    double complex *x = row_at(g, line), wave = 1;
     double complex advance = CMPLX(cos(step), sin(step));
 
     if (shear == 0)
@@ -209,7 +223,8 @@ static void turn_row(struct torus_grid *g, int line, int sign, int turn)
     for (int n = 0; n < g->N; n++) {
         wave = n % AFRESH == 0 ? cexp(I * (step * n + 2 * M_PI * fmod(whole * turn, 1)))
                                : wave * advance;
-        x[n] *= wave;
+        x[n] = CMPLX(creal(x[n]) * creal(wave) - cimag(x[n]) * cimag(wave),
+                     creal(x[n]) * cimag(wave) + cimag(x[n]) * creal(wave));
     }
 }
 
@@ -225,9 +240,7 @@ static void execute_back(struct torus_grid *g, int turn)
 void torus_synthesize(struct torus_grid *g, int count, const struct torus_index *index,
                       const double complex *X, int derivative, int turn, double *x)
 {
-    size_t points = (size_t)g->lines * (size_t)g->N;
-
-    memset(g->x, 0, points * sizeof *g->x);
+    memset(g->x, 0, (size_t)g->lines * (size_t)g->apart * sizeof *g->x);
     for (int i = 0; i < count; i++) {
         double Omega = torus_frequency(&g->tones, index[i]);
 
@@ -235,17 +248,17 @@ void torus_synthesize(struct torus_grid *g, int count, const struct torus_index 
             : derivative == 1 ? I * Omega * X[i] : -Omega * Omega * X[i];
     }
     execute_back(g, turn);
-    for (size_t i = 0; i < points; i++)
-        x[i] = creal(g->x[i]);
+    for (int line = 0; line < g->lines; line++)
+        for (int n = 0; n < g->N; n++)
+            *x++ = creal(row_at(g, line)[n]);
 }
 
 void torus_synthesize_both(struct torus_grid *g, int count, const struct torus_index *index,
                            const double complex *X, int turn, double *x, double *v)
 {
-    size_t points = (size_t)g->lines * (size_t)g->N;
     double lead = g->tones.omega[g->tones.lead];
 
-    memset(g->x, 0, points * sizeof *g->x);
+    memset(g->x, 0, (size_t)g->lines * (size_t)g->apart * sizeof *g->x);
     for (int i = 0; i < count; i++) {     /* of x + i v / w_lead, alike in size: k and -k */
         struct torus_index k = index[i], minus = { { -k.k[0], -k.k[1], -k.k[2] } };
         double turns = torus_frequency(&g->tones, k) / lead;
@@ -254,18 +267,20 @@ void torus_synthesize_both(struct torus_grid *g, int count, const struct torus_i
         g->x[spot_of(g, minus)] += 0.5 * (1 + turns) * conj(X[i]);
     }
     execute_back(g, turn);
-    for (size_t i = 0; i < points; i++) {
-        x[i] = creal(g->x[i]);
-        v[i] = lead * cimag(g->x[i]);
-    }
+    for (int line = 0; line < g->lines; line++)
+        for (int n = 0; n < g->N; n++) {
+            *x++ = creal(row_at(g, line)[n]);
+            *v++ = lead * cimag(row_at(g, line)[n]);
+        }
 }
 
 void torus_analyze(struct torus_grid *g, const double *x)
 {
     size_t points = (size_t)g->lines * (size_t)g->N;
 
-    for (size_t i = 0; i < points; i++)
-        g->x[i] = x[i] / (double)points;
+    for (int line = 0; line < g->lines; line++)
+        for (int n = 0; n < g->N; n++)
+            row_at(g, line)[n] = *x++ / (double)points;
     fftw_execute(g->across);
     for (int line = 0; line < g->lines; line++)
         turn_row(g, line, -1, 0);

@@ -250,7 +250,7 @@ static enum modal_status precondition_new(struct torus_solver *s, bool *regular,
     }
     *regular = order > 0
         && LAPACKE_dgetrf_work(LAPACK_COL_MAJOR, order, order, s->J, order, s->pivot) == 0;
-    budget_add(s->work, pow(order, 3) / (2 * BUDGET_DENSE));
+    budget_add(s->work, pow(order, 3) / (3 * BUDGET_DENSE));
     return factor_outer(s, regular, err);
 }
 
@@ -425,11 +425,19 @@ static enum modal_status damp(struct torus_solver *s, const double complex *step
     return MODAL_OK;
 }
 
-/* A preconditioner for the next step: false, with the reason, where there is no such step. */
-static enum modal_status prepare(struct torus_solver *s, bool *ready, struct modal_error *err)
+/* A preconditioner for the next step, the one at hand where KEPT: false, with the reason, where
+ * there is no such step. */
+static enum modal_status prepare(struct torus_solver *s, bool kept, bool *ready,
+                                 struct modal_error *err)
 {
-    enum modal_status rc = precondition_new(s, ready, err);
+    double before = s->work->spent;
+    enum modal_status rc = MODAL_OK;
 
+    *ready = true;
+    if (!kept) {
+        rc = precondition_new(s, ready, err);
+        s->making = s->work->spent - before;
+    }
     if (rc != MODAL_OK || !*ready)
         s->reason = "the derivative is singular";
     else if (budget_spent(s->work)) {
@@ -456,16 +464,18 @@ static enum modal_status keep_or_leave(struct torus_solver *s, const double comp
 }
 
 /* One step, the one before having been LAST long; *GOES_ON: another may help.  WORK: four
- * vectors. */
+ * vectors.  A preconditioner serves as long as the products of a step cost less than a new one:
+ * *KEPT, of this step, then of the next.  A free tone moves the linear parts too. */
 static enum modal_status advance(struct torus_solver *s, double complex *work, double last,
-                                 bool *converged, bool *goes_on, struct modal_error *err)
+                                 bool *kept, bool *converged, bool *goes_on,
+                                 struct modal_error *err)
 {
     size_t n = (size_t)s->q * (size_t)s->count;
     double tolerance = s->opt->tolerance > 0 ? s->opt->tolerance : 1e-10;
     double complex *b = work, *step = work + n, *X = work + 2 * n, *F = work + 3 * n;
-    double size, factor, now;
-    bool ready = false;
-    enum modal_status rc = prepare(s, &ready, err);
+    double size, factor, now, begun;
+    bool ready = false, old = *kept;
+    enum modal_status rc = prepare(s, old, &ready, err);
 
     *goes_on = false;
     if (rc != MODAL_OK || !ready)
@@ -475,7 +485,9 @@ static enum modal_status advance(struct torus_solver *s, double complex *work, d
         b[j] = -s->R[j];
     torus_precondition(s, b);
     size = norm(n, b);
+    begun = s->work->spent;
     rc = torus_newton_step(s, b, step, err);
+    *kept = s->tone.index < 0 && s->work->spent - begun < s->making;
     if (rc == MODAL_OK)
         rc = damp(s, step, size, X, F, &factor, &now, err);
     if (rc != MODAL_OK)
@@ -493,7 +505,8 @@ static enum modal_status advance(struct torus_solver *s, double complex *work, d
         *converged = s->step < FAR;
     }
     *converged |= s->rough > 0 && fmax(now, s->step * norm(n, X)) <= s->rough * norm(n, X);
-    *goes_on = !(now >= size) && !*converged;
+    *goes_on = (!(now >= size) || old) && !*converged;
+    *kept = *kept && now < size;
     return rc;
 }
 
@@ -504,14 +517,15 @@ static enum modal_status newton(struct torus_solver *s, bool *converged, struct 
     int most = s->opt->max_iterations > 0 ? s->opt->max_iterations : ITERATIONS_USUAL;
     double begun = s->tone.index >= 0 ? cabs(s->X[torus_tone_place(s)]) : 0;
     double complex *work = malloc(4 * n * sizeof *work + 1);
-    bool goes_on = true;
+    bool goes_on = true, kept = false;
     enum modal_status rc = work == NULL ? modal_fail(err, MODAL_NO_MEMORY, "torus: no memory")
                                         : forces(s, s->X, s->F, err);
 
     *converged = false;
     s->reason = "Newton's method did not converge";
     for (int i = 0; rc == MODAL_OK && i < most && goes_on; i++)
-        rc = advance(s, work, i > 0 ? s->step : HUGE_VAL, converged, &goes_on, err);
+        rc = advance(s, work, i > 0 ? s->step : HUGE_VAL, &kept, converged, &goes_on,
+                     err);
     if (rc == MODAL_OK && s->tone.index >= 0
         && cabs(s->X[torus_tone_place(s)]) <= FLOOR * begun) {
         *converged = false;

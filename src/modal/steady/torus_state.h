@@ -12,7 +12,7 @@ struct torus_laws;
 
 enum {
     TORUS_UNKNOWNS_MOST = 6000,    /* what a few seconds solve for */
-    TORUS_CORE_MOST = 700,         /* of the dense derivative: 0.2 s a factorization */
+    TORUS_CORE_MOST = 2400,       /* of the dense derivative: 0.4 s a factorization, 46 MB */
     TORUS_POINTS_MOST = 1 << 21,   /* samples of one evaluation: of a finer grid than one solves
                                     * on */
     TORUS_FINER_MOST = 1,          /* doublings of lines: with torus_highest's, half of them */
@@ -71,6 +71,7 @@ struct torus_solver {
     int core;                             /* combinations of the dense derivative */
     double *J;                            /* it, factored */
     int *pivot;
+    double making;                        /* budget.h: what J cost */
     double complex *outer;                /* of the other combinations, q x q: S with the laws'
                                            * mean slopes, factored */
     int *outer_pivot;

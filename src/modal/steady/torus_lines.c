@@ -26,7 +26,6 @@
  */
 #include "modal/steady/torus_lines.h"
 #include <cblas.h>
-#include <fftw3.h>
 #include <lapacke.h>
 #include <math.h>
 #include <stdlib.h>
@@ -44,8 +43,8 @@ enum {
 };
 static const double APART = 1.5;          /* turns of the record that lines are apart at least: (2)
                                            * multiplies what is no line by some 2 there */
-static const double LEFT = 0.3;           /* of the error asked for, as in torus_solve.c */
-static const double FEWER = 0.03;         /* of it: lines that are not worth being told */
+static const double FEWER = 0.01;         /* of the error asked for, which is a line's: smaller ones
+                                           * are not worth being told, nor is what they leak */
 static const double LAST = 0.125;         /* of the lines below N / 2, as in torus_error.c */
 static const double BEYOND = 4.06;        /* 2 / ((1 - LAST)^-3 - 1): see above */
 static const double SAME = 1e-6;          /* turns of the record between lines that coincide: a
@@ -285,22 +284,26 @@ static bool is_last(const struct torus_sheet *a, struct torus_index k)
     return 2 * turns_of(a, k) > (1 - LAST) * a->N;
 }
 
-/* Of ALL lines those to keep at the front of LIST, by row: apart from each other, and so many that
- * the rest sum to less than LEAVE; the mean always. */
+/* Of ALL lines those to keep at the front of LIST, by row: apart from each other, and larger than
+ * LEAVE; the mean always. */
 static int keep(struct torus_sheet *a, struct line *list, int all, double leave, double *taken)
 {
-    int most = (TORUS_UNKNOWNS_MOST / a->s->q + 1) / 2, count = 0;
-    double sum = 0;
+    int most = (TORUS_UNKNOWNS_MOST / a->s->q + 1) / 2, count = 0, large = 0;
 
     for (int c = 0; c < cells_of(a); c++)
         taken[c] = -1;
     for (int o = 0; o < TORUS_SHEET_ORDERS; o++)
         a->nearest[o] = APART;
-    for (int l = 0; l < all; l++)
+    for (int l = 0; l < all; l++) {
         if (torus_order(list[l].k) == 0)
             list[l].size = HUGE_VAL;
-    qsort(list, (size_t)all, sizeof *list, by_claim);
-    for (int l = 0; l < all; l++) {
+        if (list[l].size > leave)
+            list[large++] = list[l];
+        else
+            a->last += is_last(a, list[l].k) ? list[l].size : 0;
+    }
+    qsort(list, (size_t)large, sizeof *list, by_claim);
+    for (int l = 0; l < large; l++) {
         int order = torus_order(list[l].k);
         double far = claim(a, turns_of(a, list[l].k), taken);
 
@@ -309,11 +312,8 @@ static int keep(struct torus_sheet *a, struct line *list, int all, double leave,
         else if (far > SAME && order < TORUS_SHEET_ORDERS)
             a->nearest[order] = fmin(a->nearest[order], far);
     }
-    qsort(list, (size_t)count, sizeof *list, by_size);
-    while (count > 1 && sum + list[count - 1].size <= leave) {
-        sum += list[--count].size;
-        a->last += is_last(a, list[count].k) ? list[count].size : 0;
-    }
+    if (count > most)
+        qsort(list, (size_t)count, sizeof *list, by_size);
     count = count < most ? count : most;
     qsort(list, (size_t)count, sizeof *list, by_row);
     return count;
@@ -475,9 +475,9 @@ static double largest(const struct torus_sheet *a, const double *signal, int i)
     return most;
 }
 
-/* What was read, by rising order and with torus.h's signs, without the least, which sum to LEAVE
- * or less: that is added to *LEFT.  What leaked into many is found to be nothing once they are
- * told apart. */
+/* What was read, by rising order and with torus.h's signs, without those of LEAVE or less, whose
+ * sum is added to *LEFT.  What leaked into many is found to be nothing once they are told
+ * apart. */
 static enum modal_status sort_lines(struct torus_sheet *a, const struct line *list,
                                     double complex *room, double leave, double *left,
                                     struct modal_error *err)
@@ -494,7 +494,7 @@ static enum modal_status sort_lines(struct torus_sheet *a, const struct line *li
         sorted[l].row = (int)l;                    /* where its X is */
     }
     qsort(sorted, K, sizeof *sorted, by_size);
-    while (a->count > 1 && sum + sorted[a->count - 1].size <= leave)
+    while (a->count > 1 && sorted[a->count - 1].size <= leave)
         sum += sorted[--a->count].size;
     *left += sum;
     qsort(sorted, (size_t)a->count, sizeof *sorted, by_order);
@@ -510,32 +510,61 @@ static enum modal_status sort_lines(struct torus_sheet *a, const struct line *li
     return MODAL_OK;
 }
 
-/* The largest line of what no line explains, wherever it is: of W times it, by FFT. */
-static enum modal_status unexplained(const struct torus_sheet *a, double *most,
-                                     struct modal_error *err)
+/* z_k <- sum_n z_n e^{-2 pi i n k / M} of M = 2^p numbers, TURN being e^{-2 pi i j / 2 M} for j < M:
+ * to plan one that serves once takes FFTW several times as long as to go through it. */
+static void transform(double complex *z, size_t M, const double complex *turn)
 {
-    int samples = a->N * a->turns;
-    double largest = 0, *x = fftw_alloc_real((size_t)samples);
-    fftw_complex *X = fftw_alloc_complex((size_t)samples / 2 + 1);
-    fftw_plan plan = x != NULL && X != NULL
-                         ? fftw_plan_dft_r2c_1d(samples, x, X, FFTW_ESTIMATE) : NULL;
+    for (size_t i = 1, j = 0; i < M; i++) {            /* j is i with its bits reversed */
+        size_t bit = M / 2;
+        double complex was = z[i];
 
-    for (int i = 0; plan != NULL && i < a->outputs; i++) {
+        for (; j & bit; bit /= 2)
+            j ^= bit;
+        j |= bit;
+        if (i < j)
+            z[i] = z[j], z[j] = was;
+    }
+    for (size_t half = 1; half < M; half *= 2)
+        for (size_t first = 0; first < M; first += 2 * half)
+            for (size_t k = first; k < first + half; k++) {
+                double complex b = turned(z[k + half], turn[(k - first) * (M / half)]);
+
+                z[k + half] = z[k] - b;
+                z[k] += b;
+            }
+}
+
+/* The largest line of what no line explains, wherever it is: of W times it.  Even and odd samples
+ * are one number of half as many, z = x + i y, whose transforms are those of both:
+ * X_k + e^{-pi i k / M} Y_k is the whole record's. */
+static enum modal_status unexplained(struct torus_sheet *a, double *most, struct modal_error *err)
+{
+    size_t M = (size_t)a->N * (size_t)a->turns / 2, wide = (size_t)a->outputs;
+    double complex *z = workspace_zeros(&a->space, M, sizeof *z),
+                   *turn = workspace_zeros(&a->space, M, sizeof *turn);
+    double step = M_PI / (double)M, largest = 0;
+    enum modal_status rc = workspace_check(&a->space, "torus: no memory for a record", err);
+
+    for (size_t j = 0; rc == MODAL_OK && j < M; j++)
+        turn[j] = j % AFRESH == 0 ? CMPLX(cos(step * (double)j), -sin(step * (double)j))
+                                  : turned(turn[j - 1], turn[1]);
+    for (size_t i = 0; rc == MODAL_OK && i < wide; i++) {
         if (!a->reported[i])
             continue;
-        for (int n = 0; n < samples; n++)
-            x[n] = a->window[n] * a->left[(size_t)n * (size_t)a->outputs + (size_t)i];
-        fftw_execute(plan);
-        for (int k = 0; k <= samples / 2; k++)
-            largest = larger(largest, (k == 0 ? 1 : 4) * (creal(X[k]) * creal(X[k])
-                                                          + cimag(X[k]) * cimag(X[k])));
+        for (size_t n = 0; n < M; n++)
+            z[n] = CMPLX(a->window[2 * n] * a->left[2 * n * wide + i],
+                         a->window[2 * n + 1] * a->left[(2 * n + 1) * wide + i]);
+        transform(z, M, turn);
+        for (size_t k = 0; k < M; k++) {
+            double complex p = z[k], q = conj(z[k > 0 ? M - k : 0]);
+            double complex X = 0.5 * (p + q) + turned(-0.5 * I * (p - q), turn[k]);
+
+            largest = larger(largest, (k == 0 ? 1 : 4) * (creal(X) * creal(X)
+                                                          + cimag(X) * cimag(X)));
+        }
     }
     *most = sqrt(largest);
-    fftw_free(x), fftw_free(X);
-    if (plan == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "torus: no memory for a record");
-    fftw_destroy_plan(plan);
-    return MODAL_OK;
+    return rc;
 }
 
 enum modal_status torus_sheet_read(struct torus_sheet *a, struct torus_errors *e, double *amplitude,
@@ -546,6 +575,7 @@ enum modal_status torus_sheet_read(struct torus_sheet *a, struct torus_errors *e
     double *taken = workspace_zeros(&a->space, (size_t)cells_of(a), sizeof *taken);
     double complex *sum = workspace_zeros(&a->space, 3 * (size_t)a->N, sizeof *sum),
                    *turn = sum + 2 * a->N, *more;
+    double leave;
     enum modal_status rc = workspace_check(&a->space, "torus: no memory for a record", err);
 
     if (rc != MODAL_OK)
@@ -553,9 +583,10 @@ enum modal_status torus_sheet_read(struct torus_sheet *a, struct torus_errors *e
     *amplitude = 0;
     for (int i = 0; i < a->outputs; i++)
         *amplitude = fmax(*amplitude, a->reported[i] ? largest(a, a->x, i) : 0);
+    leave = FEWER * a->wanted * *amplitude;
     for (int m = 0; m < a->N; m++)
         turn[m] = cexp(2 * M_PI * I * m / a->N);
-    a->count = keep(a, list, sheet(a, list, sum, turn), LEFT * a->wanted * *amplitude, taken);
+    a->count = keep(a, list, sheet(a, list, sum, turn), leave, taken);
     most = (size_t)a->outputs * (size_t)a->count;
     a->index = workspace_zeros(&a->space, (size_t)a->count, sizeof *a->index);
     a->X = workspace_zeros(&a->space, most, sizeof *a->X);
@@ -587,7 +618,7 @@ enum modal_status torus_sheet_read(struct torus_sheet *a, struct torus_errors *e
         }
     e->sampling = BEYOND * a->last;
     budget_add(a->s->work, torus_sheet_work(a));
-    return sort_lines(a, list, more, FEWER * a->wanted * *amplitude, &e->truncation, err);
+    return sort_lines(a, list, more, leave, &e->truncation, err);
 }
 
 bool torus_sheet_lay(struct torus_sheet *a, int N, int turns, double wanted)
@@ -630,13 +661,13 @@ enum modal_status torus_sheet_room(struct torus_sheet *a, struct modal_error *er
     a->sum = workspace_zeros(&a->space, 2 * (size_t)a->rows * (size_t)(a->N * a->outputs),
                              sizeof *a->sum);
     rc = workspace_check(&a->space, "torus: no memory for a record", err);
-    for (size_t n = 0; rc == MODAL_OK && n < samples; n++) {
+    for (size_t n = 0; rc == MODAL_OK && n < samples / 2; n++) {   /* the same from both ends */
         double u = (2 * (double)n + 1) / (double)samples - 1;
 
         sum += a->window[n] = exp(M_PI * a->bins * (sqrt(1 - u * u) - 1));
     }
-    for (size_t n = 0; rc == MODAL_OK && n < samples; n++)
-        a->window[n] /= sum;
+    for (size_t n = 0; rc == MODAL_OK && n < samples / 2; n++)
+        a->window[samples - 1 - n] = a->window[n] /= 2 * sum;
     if (rc == MODAL_OK)
         fill_waves(a);
     sum = 0;

@@ -322,6 +322,59 @@ static void test_lines_less_than_two_turns_of_a_record_apart_are_told(void **sta
     workspace_free(&a.space);
 }
 
+/* Of an error of 1e-4: a hundred lines of 9e-7 are 9e-5 together, and none is of any use. */
+static void test_lines_far_below_the_error_asked_for_are_not_told_however_many(void **state)
+{
+    const double w[2] = { 1, 1.4142135623730951 };
+    struct torus_options opt = { .dofs_count = 0 };
+    struct torus_solver s = { .tones = torus_tones_of(w, 2), .q = 1, .opt = &opt };
+    bool reported = true;
+    struct torus_sheet a = { .s = &s, .outputs = 1, .reported = &reported };
+    struct torus_errors e = { 0 };
+    double amplitude;
+
+    (void)state;
+    assert_true(torus_sheet_lay(&a, 32, 512, 1e-4));
+    assert_int_equal(torus_sheet_room(&a, NULL), MODAL_OK);
+    for (int n = 0; n < 32 * 512; n++)
+        for (int m = 0; m <= 100; m++) {
+            struct torus_index k = { { m == 0 ? 1 : m % 10, m == 0 ? 0 : 1 + m / 10 } };
+
+            a.x[n] += (m == 0 ? 1 : 9e-7) * cos(torus_frequency(&s.tones, k) * 2 * M_PI / w[1] * n
+                                                / 32);
+        }
+    assert_int_equal(torus_sheet_read(&a, &e, &amplitude, NULL), MODAL_OK);
+    assert_int_equal(a.count, 2);                  /* that of 1 and the mean */
+    assert_true(e.line > 8e-7 && e.line < 1e-6);   /* the largest left out, wherever it is */
+    assert_true(e.truncation > 8e-5);
+    workspace_free(&a.space);
+}
+
+/* Three masses, tones 1.5e-7 apart and a spring that holds twice as much as the structure: the
+ * motion beats through some 600 combinations, each of weight for the others. */
+static void test_twin_tones_of_a_strong_spring_are_balanced_whole(void **state)
+{
+    const double w[2] = { 123.920744, 123.920762 };
+    struct program *p =
+        lower("{\"structure\":{\"type\":\"matrices\","
+              "\"M\":[[2.27e-3,0,0],[0,3.4e-3,0],[0,0,1.374e-3]],"
+              "\"C\":[[0.0838,-0.0401,0],[-0.0401,0.164,-0.0812],[0,-0.0812,0.0985]],"
+              "\"K\":[[1206,-875,0],[-875,2646,-1772],[0,-1772,1772]],"
+              "\"dofs\":[\"x\",\"y\",\"z\"]},"
+              "\"effects\":[{\"type\":\"cubic_spring\",\"dof\":\"x\",\"coefficient\":16.44}],"
+              "\"excitation\":[{\"dof\":\"y\",\"k\":[1,0],\"cos\":3518,\"sin\":1710},"
+              "{\"dof\":\"x\",\"k\":[0,1],\"cos\":4259}]}");
+    struct torus_point point;
+
+    (void)state;
+    solve(p, w, 2, 1e-6, &point);
+    assert_true(point.converged && point.count > 500);
+    assert_true(point.error < 3e-4 * point.amplitude);      /* 1.7e-3 where 700 numbers were solved
+                                                             * for and the rest followed them */
+    torus_point_done(&point);
+    program_free(p);
+}
+
 static void test_laws_that_are_no_function_of_a_path_are_refused(void **state)
 {
     struct program *p = lower(
@@ -349,6 +402,8 @@ int main(void)
         cmocka_unit_test(test_a_slider_that_never_slips_is_a_spring_of_undetermined_place),
         cmocka_unit_test(test_a_slider_under_tones_one_per_cent_apart_moves_as_marching_says),
         cmocka_unit_test(test_lines_less_than_two_turns_of_a_record_apart_are_told),
+        cmocka_unit_test(test_lines_far_below_the_error_asked_for_are_not_told_however_many),
+        cmocka_unit_test(test_twin_tones_of_a_strong_spring_are_balanced_whole),
         cmocka_unit_test(test_laws_that_are_no_function_of_a_path_are_refused),
     };
 

@@ -446,14 +446,27 @@ static enum modal_status set_out(struct torus_sweep *w, const char **reason,
     return rc;
 }
 
-/* Whether TO, from SEEN at LENGTH, is the branch's next place; *OFF: their distance. */
+/* How far from TO a place foreseen may be for the errors of both alone: those of the trail's places
+ * go into it as their motions do. */
+static double unsure(const struct torus_sweep *w, double along, const struct place *to)
+{
+    double weight[TRAIL], sum = to->motion.error;
+
+    weigh(w, along, weight);
+    for (int a = 0; a < w->trailing; a++)
+        sum += fabs(weight[a]) * w->trail[a].motion.error;
+    return sum / w->largest;
+}
+
+/* Whether TO, from SEEN at LENGTH, is the branch's next place; *OFF: their distance, less what
+ * their errors may make of it. */
 static bool is_next(const struct torus_sweep *w, const struct place *seen, const struct place *to,
                     double length, bool ended, double *off)
 {
     const struct place *last = &w->trail[w->trailing - 1];
     double far = distance(w, last, to);
 
-    *off = distance(w, seen, to);
+    *off = fmax(distance(w, seen, to) - unsure(w, last->along + length, to), 0);
     if (!(far > 0) || !(product(w, last, to, &w->trail[w->trailing - 2], last) > 0))
         return false;
     return *off < OFF * length || (ended && far < length)

@@ -818,6 +818,16 @@ def test_a_branch_of_tones_changes_its_stability_at_its_folds(path, values, tone
     assert all((value[n + 1] - value[n]) * (value[-1] - value[0]) < 0 for n in outer)
 
 
+# Where places are known to a hundredth of themselves, two of them tell no direction of a branch to
+# better than that.
+def test_a_branch_goes_on_where_its_places_are_known_to_a_hundredth(tmp_path):
+    scene = oscillator([{"type": "gap", "dof": "x", "stiffness": 2, "clearance": 0.2}], [0.8, 1.4])
+    curve = run("steady", scene, tmp_path, "--continue", "tones[1]=1.4:1.45", "-o",
+                "target.error=1e-4", "-o", "stability=false")[1]
+    assert curve["complete"] and curve["points"][-1]["value"] == 1.45
+    assert max(point["total_error"] for point in curve["points"]) > 1e-3
+
+
 def test_a_branch_that_begins_nowhere_says_so(tmp_path):
     status, said = run("steady", hardening(0.1), tmp_path, "--continue", "tones[1]=0.8:0.9")
     assert status == 0 and not said["complete"] and "set out" in said["reason"]

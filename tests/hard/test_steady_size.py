@@ -202,15 +202,34 @@ def left_of_joint(answer, K, M, C, scene, samples=1 << 12):
     return abs(left).max() / max(abs(F).max(), abs(P).max()), X.shape[0] == n
 
 
-def test_a_lap_joint_that_slides_is_in_balance(tmp_path):
-    """A patch of 5 x 5 contacts; the load is above what friction holds."""
-    K, M, C, scene = lap_joint(5, harmonics=3, load=0.005)
+def joint_answer(tmp_path, patch, harmonics, load):
+    """Of all dofs, and its matrices and scene."""
+    K, M, C, scene = lap_joint(patch, harmonics, load=load)
     for name, matrix in (("K", K), ("M", M), ("C", C)):
         scipy.io.mmwrite(tmp_path / f"{name}.mtx", matrix.tocoo(), precision=17,
                          symmetry="symmetric")
-    del scene["steady"]["dofs"]
+    scene["steady"]["dofs"] = [f"x{i + 1}" for i in range(K.shape[0])]
     scene["structure"] = {"type": "matrices", **{name: f"{name}.mtx" for name in "KMC"}}
-    answer = run(tmp_path, scene)
+    return run(tmp_path, scene), K, M, C, scene
+
+
+def test_a_hundred_contacts_that_slide_are_in_balance_at_21_harmonics(tmp_path):
+    answer, *joint = joint_answer(tmp_path, 10, 21, 0.0035)
+    left, whole = left_of_joint(answer, *joint, samples=1 << 13)
+    assert answer["converged"] and whole
+    assert left < 21**2 * (2 * numpy.pi / 8192) ** 2     # as close(), of the last harmonic
+
+
+def test_a_joint_that_sticks_states_no_more_error_than_rounding(tmp_path):
+    """It is linear: 5 x 5 contacts of which none slides, some dofs at rest by symmetry."""
+    answer, *_ = joint_answer(tmp_path, 5, 21, 0.0025)
+    largest = max(numpy.hypot(m["re"], m["im"]).max() for m in answer["harmonics"])
+    assert answer["converged"] and 0 < answer["total_error"] < 1e-9 * largest
+
+
+def test_a_lap_joint_that_slides_is_in_balance(tmp_path):
+    """A patch of 5 x 5 contacts; the load is above what friction holds."""
+    answer, K, M, C, scene = joint_answer(tmp_path, 5, 3, 0.005)
     left, whole = left_of_joint(answer, K, M, C, scene)
     assert answer["converged"] and whole
     assert left < 9 * (2 * numpy.pi / 4096) ** 2     # as close(), of the third harmonic

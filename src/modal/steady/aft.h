@@ -39,6 +39,12 @@ struct aft_target {
 /* dF/du of the last aft_force, added once into INTO. */
 enum modal_status aft_add_derivative(struct aft *w, const struct aft_target *into,
                                      struct modal_error *err);
+/* The same as it is: VISIT is given, of each law, how the force of input I changes with the
+ * displacement of input J, 2 HJ + 1 rows and columns, which is lost after. */
+enum modal_status aft_each_slope(struct aft *w,
+                                 void (*visit)(void *context, int law, int i, int j,
+                                               const double *block),
+                                 void *context, struct modal_error *err);
 
 /* N. */
 int aft_samples(const struct aft *w);

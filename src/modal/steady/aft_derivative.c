@@ -140,34 +140,33 @@ static void level_blocks(struct aft *w, const struct aft_law *a, int i, int j)
     }
 }
 
-/* w->block, weighed, onto the dofs (row, column) of the target. */
-static void add_block(const struct aft *w, double weight, int row, int column,
-                      const struct aft_target *into)
+/* A visit of aft_each_slope's: onto the ends of both inputs. */
+struct onto { const struct aft *w; const struct aft_target *into; };
+
+static void add_ends(void *context, int l, int i, int j, const double *block)
 {
-    int n = 2 * w->HJ + 1;
-
-    for (int c = 0; c < n; c++) {
-        double *out = into->column(into->context, row, column, c);
-        const double *in = w->block + (size_t)c * (size_t)n;
-
-        for (int r = 0; r < n; r++)
-            out[r] += weight * in[r];
-    }
-}
-
-/* w->block, of force i by displacement j, onto the ends of both. */
-static void add_ends(const struct aft *w, const struct aft_law *a, int i, int j,
-                     const struct aft_target *into)
-{
+    const struct onto *onto = context;
+    const struct aft_law *a = &onto->w->law[l];
     const struct law *law = a->law;
+    int n = 2 * onto->w->HJ + 1;
 
     for (int r = law->start[i]; r < law->start[i + 1]; r++)
-        for (int c = law->start[j]; c < law->start[j + 1]; c++)
-            add_block(w, law->end[r].weight * law->end[c].weight, a->place[r], a->place[c], into);
+        for (int c = law->start[j]; c < law->start[j + 1]; c++) {
+            double weight = law->end[r].weight * law->end[c].weight;
+
+            for (int k = 0; k < n; k++) {
+                double *out = onto->into->column(onto->into->context, a->place[r], a->place[c], k);
+
+                for (int e = 0; e < n; e++)
+                    out[e] += weight * block[(size_t)k * (size_t)n + (size_t)e];
+            }
+        }
 }
 
-enum modal_status aft_add_derivative(struct aft *w, const struct aft_target *into,
-                                     struct modal_error *err)
+enum modal_status aft_each_slope(struct aft *w,
+                                 void (*visit)(void *context, int law, int i, int j,
+                                               const double *block),
+                                 void *context, struct modal_error *err)
 {
     size_t stride = 2 * (size_t)w->H + 1;
     enum modal_status rc = MODAL_OK;
@@ -188,10 +187,18 @@ enum modal_status aft_add_derivative(struct aft *w, const struct aft_target *int
 
                 gain_block(w, a->gain + at, a->damp + at);
                 level_blocks(w, a, i, j);
-                add_ends(w, a, i, j, into);
+                visit(context, l, i, j, w->block);
             }
     }
     return rc;
+}
+
+enum modal_status aft_add_derivative(struct aft *w, const struct aft_target *into,
+                                     struct modal_error *err)
+{
+    struct onto onto = { w, into };
+
+    return aft_each_slope(w, add_ends, &onto, err);
 }
 
 double aft_slope(const struct aft *w)

@@ -32,6 +32,7 @@
 #include "modal/steady/blocks.h"
 #include "modal/steady/budget.h"
 #include "modal/steady/by_harmonic.h"
+#include "modal/steady/by_inputs.h"
 #include "modal/steady/condense.h"
 #include "modal/steady/pattern.h"
 #include "modal/steady/stiffness.h"
@@ -42,11 +43,14 @@ static const double OPEN = 1e-13;
 /* What GMRES leaves: Newton's steps then shrink as much each, and are long before another vector
  * costs less than another derivative; errors have three digits. */
 static const double FORCING = 1e-3;
+/* The same where another derivative costs no factors: below what a step of 1/16 must gain, 1/64. */
+static const double FORCING_ON_INPUTS = 1.0 / 64;
 /* Below this of the largest dof a dof's own scale counts as that: it is 0 by symmetry. */
 static const double FAINT = 1e-12;
 enum {
     ORDER_MOST = 12000,        /* a full matrix of it is 1.15 GB */
-    ENTRIES_MOST = 1 << 24,    /* of S: 256 MB */
+    ENTRIES_MOST = 1 << 24,    /* of S, full: 256 MB; */
+    ENTRIES_SPARSE = 1 << 27,  /* sparse: 2 GB, a mesh of 14,000 dofs at 84 harmonics half of it */
     SOLUTIONS = 3,             /* of one derivative, with those of trial steps */
     SMALL_ORDER = 24           /* up to which a call of LAPACK costs more than its sums */
 };
@@ -58,6 +62,7 @@ enum modal_status balance_new(const struct program *p, struct condense *c, int H
     const struct pattern *pattern = condense_pattern(c);
     size_t q = (size_t)condense_kept(c), K = (size_t)H + 1, order = q * (2 * (size_t)H + 1);
     size_t entries = (size_t)pattern_entries(pattern) * K;
+    size_t most = pattern->full ? ENTRIES_MOST : ENTRIES_SPARSE;
     enum modal_status rc = MODAL_OK;
 
     if (b == NULL)
@@ -65,10 +70,10 @@ enum modal_status balance_new(const struct program *p, struct condense *c, int H
     *b = (struct balance) { .p = p, .c = c, .q = (int)q, .H = H, .order = (int)order,
                             .pattern = pattern, .level = 1, .HJ = H, .small = (int)order,
                             .forcing = FORCING };
-    if (entries > ENTRIES_MOST) {
+    if (entries > most) {
         rc = modal_fail_field(err, MODAL_TOO_LARGE, "steady.harmonics",
                               "%d nonlinear dofs at %d harmonics have %zu dynamic "
-                              "stiffnesses; the most is %d", b->q, H, entries, ENTRIES_MOST);
+                              "stiffnesses; the most is %zu", b->q, H, entries, most);
         goto out;
     }
     b->S = workspace_zeros(&b->space, entries, sizeof *b->S);
@@ -103,6 +108,7 @@ void balance_free(struct balance *b)
     stiffness_free(b->stiffness);
     blocks_free(b->blocks);
     by_harmonic_free(b->apart);
+    by_inputs_free(b->inputs);
     free(b->J);
     workspace_free(&b->space);
     free(b);
@@ -369,28 +375,70 @@ static enum modal_status clear_derivative(struct balance *b, struct modal_error 
     return rc;
 }
 
-enum modal_status balance_derivative(struct balance *b, struct modal_error *err)
+/* S_k onto the diagonal of harmonics, and the periodic matrices' exact derivative. */
+static void add_matrices(struct balance *b)
 {
     const struct pattern *p = b->pattern;
-    const struct aft_target into = { column_of, b };
-    enum modal_status rc = clear_derivative(b, err);
 
-    b->factored = false;
-    budget_add(b->budget, (double)b->p->laws * 16 * (b->HJ + 1) * (b->HJ + 1));
-    if (rc == MODAL_OK)
-        rc = aft_add_derivative(b->aft, &into, err);
-    if (rc != MODAL_OK)
-        return rc;
-    each_periodic(b, NULL);                             /* dT/dX, exact */
+    each_periodic(b, NULL);                             /* dT/dX */
     for (int k = 0; k <= b->HJ; k++) {
         const double complex *S = b->S + (size_t)k * (size_t)pattern_entries(p);
 
         for (int j = 0; j < b->q; j++)
             for (int e = p->start[j]; e < p->start[j + 1]; e++)
-                /* S_k is on the diagonal of harmonics */
                 add_complex(b, p->index[e], k, j, k, S[e], 0);
     }
-    return MODAL_OK;
+}
+
+bool balance_on_inputs(const struct balance *b)
+{
+    return !b->whole && b->damping == 0 && joint_serves(b->joint);
+}
+
+/* The derivative on what laws read alone. */
+static enum modal_status derivative_on_inputs(struct balance *b, struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+
+    if (b->inputs != NULL && by_inputs_harmonics(b->inputs) != b->HJ) {
+        by_inputs_free(b->inputs);
+        b->inputs = NULL;
+    }
+    if (b->inputs == NULL)
+        rc = by_inputs_new(b->joint, b->HJ, true, &b->inputs, err);
+    return rc == MODAL_OK ? by_inputs_set(b->inputs, b->aft, err) : rc;
+}
+
+enum modal_status balance_derivative(struct balance *b, struct modal_error *err)
+{
+    const struct aft_target into = { column_of, b };
+    enum modal_status rc;
+
+    b->factored = false;
+    budget_add(b->budget, (double)b->p->laws * 16 * (b->HJ + 1) * (b->HJ + 1));
+    if ((b->on_inputs = balance_on_inputs(b)))
+        return derivative_on_inputs(b, err);
+    rc = clear_derivative(b, err);
+    if (rc == MODAL_OK)
+        rc = aft_add_derivative(b->aft, &into, err);
+    if (rc == MODAL_OK)
+        add_matrices(b);
+    return rc;
+}
+
+/* Blocks of the derivative that is kept on the inputs; false for want of memory. */
+static bool write_blocks(struct balance *b)
+{
+    const struct aft_target into = { column_of, b };
+
+    if (!b->on_inputs)
+        return true;
+    if (clear_derivative(b, NULL) != MODAL_OK)
+        return false;
+    by_inputs_add(b->inputs, &into);
+    add_matrices(b);
+    b->on_inputs = false;
+    return true;
 }
 
 /* As dgetrf; of such orders the library spends more on being called than on its sums. */
@@ -497,6 +545,26 @@ static bool factor_apart(struct balance *b)
     return b->iterates;
 }
 
+/* y <- J^-1 y where the derivative is kept on the inputs; false where that does not come there, and
+ * y is as it was, the derivative in factors by themselves. */
+static bool solve_on_inputs(struct balance *b, double *y)
+{
+    double before;
+    bool ok;
+
+    if (!b->on_inputs)
+        return false;
+    before = by_inputs_work(b->inputs);
+    memcpy(b->kept, y, (size_t)b->small * sizeof *y);
+    ok = by_inputs_solve(b->inputs, b->S, b->omega, fmax(b->forcing, FORCING_ON_INPUTS), y);
+    budget_add(b->budget, by_inputs_work(b->inputs) - before);
+    if (ok)
+        return true;
+    memcpy(y, b->kept, (size_t)b->small * sizeof *y);
+    b->factored = write_blocks(b) && (factor_apart(b) || factor_blocks(b, NULL));
+    return false;
+}
+
 /* y <- J^-1 y, b->small entries.  Where GMRES does not come there, the blocks are factored whole if
  * the budget pays for it. */
 static void solve_blocks(struct balance *b, double *y)
@@ -504,6 +572,8 @@ static void solve_blocks(struct balance *b, double *y)
     double before;
     bool ok;
 
+    if (solve_on_inputs(b, y) || !b->factored)
+        return;
     if (!b->iterates) {
         blocks_solve(b->blocks, y);
         return;
@@ -523,6 +593,12 @@ bool balance_factor(struct balance *b, int *sign)
     int n = b->small, s = 1;
     double most = 0, least = HUGE_VAL;
 
+    if (b->on_inputs && sign == NULL) {                 /* nothing to factor */
+        b->rcond = 1;
+        return b->factored = true;
+    }
+    if (!write_blocks(b))
+        return false;
     if (!b->pattern->full)
         return (sign == NULL && factor_apart(b)) || factor_blocks(b, sign);
     b->factored = false;
@@ -552,7 +628,7 @@ bool balance_factor(struct balance *b, int *sign)
 bool balance_factor_stiffened(struct balance *b, double mu)
 {
     b->iterates = false;
-    return b->factored = blocks_factor_stiffened(b->blocks, mu);
+    return b->factored = write_blocks(b) && blocks_factor_stiffened(b->blocks, mu);
 }
 
 void balance_set_order(struct balance *b, int HJ)
@@ -623,6 +699,21 @@ void balance_solve(struct balance *b, double *y, int columns)
         if (b->HJ < b->H)
             solve_tail(b, column);
     }
+}
+
+bool balance_solve_springs(struct balance *b, double *y)
+{
+    struct by_inputs *s = NULL;
+    double before;
+    bool ok;
+
+    if (!balance_on_inputs(b) || by_inputs_new(b->joint, b->H, false, &s, NULL) != MODAL_OK)
+        return false;
+    before = by_inputs_work(s);
+    ok = by_inputs_solve(s, b->S, b->omega, FORCING_ON_INPUTS, y);
+    budget_add(b->budget, by_inputs_work(s) - before);
+    by_inputs_free(s);
+    return ok;
 }
 
 /* Of numbers, NaN apart: cheaper than fmax. */

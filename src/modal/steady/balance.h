@@ -15,7 +15,9 @@ struct aft;
 struct blocks;
 struct budget;
 struct by_harmonic;
+struct by_inputs;
 struct condense;
+struct joint;
 struct pattern;
 struct program;
 struct stiffness;
@@ -36,6 +38,10 @@ struct balance {
     double *R, *J, *row;             /* residual, derivative (then its factors), row scales */
     struct blocks *blocks;           /* the derivative, where the pattern is not full: no J then */
     struct by_harmonic *apart;       /* its harmonics' own factors; NULL: not yet asked for */
+    struct joint *joint;             /* what laws read, the session's; NULL: not looked at */
+    struct by_inputs *inputs;        /* the derivative, where that is what it is kept of */
+    bool on_inputs;                  /* the last derivative is, and no blocks */
+    bool whole;                      /* blocks are asked for: their columns, or their sign */
     bool iterates, direct;           /* the last factors are those; blocks of this order have been
                                       * found better factored whole */
     int *pivot;                      /* of J's factors */
@@ -70,6 +76,9 @@ enum modal_status balance_residual(struct balance *b, const double complex *X, b
                                    struct modal_error *err);
 /* b->J at the X of the last residual, which had none yet. */
 enum modal_status balance_derivative(struct balance *b, struct modal_error *err);
+/* Whether derivatives are solved on what laws read (by_inputs.h): all harmonics for the cost of
+ * one, and no blocks. */
+bool balance_on_inputs(const struct balance *b);
 /*
  * Keep harmonics past HJ out of the derivative: their rows are solved with S_k, as in [CG89] (7),
  * exact but for the laws' slope over |S_k|.  HJ = H undoes it.
@@ -90,6 +99,10 @@ double balance_dense_work(int n);
 bool balance_open(const struct balance *b);
 /* y <- J^-1 y, order entries, `columns` columns. */
 void balance_solve(struct balance *b, double *y, int columns);
+
+/* y <- y through S and each law as a spring, `order` entries, to some percent, where derivatives
+ * are solved on what laws read; else false, and y is lost. */
+bool balance_solve_springs(struct balance *b, double *y);
 
 /* The real vector of X (aft.h) into u, b->order entries, */
 void balance_pack(const struct balance *b, const double complex *X, double *u);

@@ -1,7 +1,7 @@
 /*
  * by_harmonic.c - see by_harmonic.h
  *
- * J d = r by GMRES [SS86], preconditioned from the left, so that the norm is one of motions, with
+ * J d = r by GMRES, preconditioned from the left, so that the norm is one of motions, with
  *
  *     P = the parts T_k of J that are of harmonic k in both rows and columns,                   (1)
  *
@@ -11,14 +11,13 @@
  *
  * With F operations and L entries in the factors of one T_k those of the blocks, of m rows, have
  * m^3 F and m^2 L: nothing else of them need be known to tell which way is cheaper.
- *
- * [SS86] Saad and Schultz, SIAM J. Sci. Stat. Comput. 7 (1986) 856-869.
  */
 #include "modal/steady/by_harmonic.h"
 #include <complex.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/linalg/gmres.h"
 #include "modal/linalg/sparse_lu.h"
 #include "modal/linalg/workspace.h"
 #include "modal/steady/blocks.h"
@@ -36,12 +35,13 @@ struct by_harmonic {
     double complex *T;                    /* [k entries + e] */
     struct sparse_lu **factors;           /* of each k */
     double complex *in, *out;             /* q each */
-    double *vector[VECTORS_MOST + 1];     /* of GMRES, q m each, made when first used */
+    struct gmres *gmres;
+    const struct blocks *blocks;          /* of the solution under way */
     double work, rcond, flops, fill;      /* F and L of the opening comment */
     double making, solving;               /* work of the factors there are; 0: none; of the last
                                            * solution */
     bool old;                             /* they are of blocks before these */
-    struct workspace space;               /* of the arrays but `vector` */
+    struct workspace space;               /* of the arrays */
 };
 
 enum modal_status by_harmonic_new(const struct pattern *pattern, int HJ, struct by_harmonic **out,
@@ -58,7 +58,9 @@ enum modal_status by_harmonic_new(const struct pattern *pattern, int HJ, struct 
     s->factors = workspace_zeros(&s->space, K, sizeof *s->factors);
     s->in = workspace_zeros(&s->space, (size_t)s->q, sizeof *s->in);
     s->out = workspace_zeros(&s->space, (size_t)s->q, sizeof *s->out);
-    rc = workspace_check(&s->space, "by harmonic: no memory", err);
+    s->gmres = gmres_new((size_t)s->q * (size_t)s->m, VECTORS_MOST);
+    rc = s->gmres == NULL ? modal_fail(err, MODAL_NO_MEMORY, "by harmonic: no memory")
+                          : workspace_check(&s->space, "by harmonic: no memory", err);
     for (size_t k = 0; rc == MODAL_OK && k < K; k++)
         rc = sparse_lu_new(s->q, pattern->start, pattern->index, true, &s->factors[k], err);
     if (rc == MODAL_OK)
@@ -74,8 +76,7 @@ void by_harmonic_free(struct by_harmonic *s)
         return;
     for (int k = 0; s->factors != NULL && k < s->K; k++)
         sparse_lu_free(s->factors[k]);
-    for (int i = 0; i <= VECTORS_MOST; i++)
-        free(s->vector[i]);
+    gmres_free(s->gmres);
     workspace_free(&s->space);
     free(s);
 }
@@ -151,104 +152,26 @@ static void precondition(struct by_harmonic *s, double *y)
     }
 }
 
-static double dot(size_t n, const double *a, const double *b)
+/* out <- P^-1 B in */
+static void product(void *context, const double *in, double *out)
 {
-    double sum = 0;
+    struct by_harmonic *s = context;
 
-    for (size_t i = 0; i < n; i++)
-        sum += a[i] * b[i];
-    return sum;
-}
-
-/* y += factor x */
-static void add(size_t n, double factor, const double *x, double *y)
-{
-    for (size_t i = 0; i < n; i++)
-        y[i] += factor * x[i];
-}
-
-/* Vector I, there from now on; false: no memory. */
-static bool have_vector(struct by_harmonic *s, int i)
-{
-    if (s->vector[i] == NULL)
-        s->vector[i] = malloc(((size_t)s->q * (size_t)s->m + 1) * sizeof **s->vector);
-    return s->vector[i] != NULL;
-}
-
-/* The least squares of Hessenberg's matrix, turned column by column: its triangle, the right side,
- * the turns. */
-struct least { double R[VECTORS_MOST][VECTORS_MOST + 1], g[VECTORS_MOST + 1], c[VECTORS_MOST],
-               s[VECTORS_MOST]; };
-
-/* Column K of it is new. */
-static void turn(struct least *l, int k)
-{
-    double *h = l->R[k], size;
-
-    for (int j = 0; j < k; j++) {                       /* Givens' rotations of those before */
-        double t = l->c[j] * h[j] + l->s[j] * h[j + 1];
-
-        h[j + 1] = l->c[j] * h[j + 1] - l->s[j] * h[j];
-        h[j] = t;
-    }
-    size = hypot(h[k], h[k + 1]);
-    l->c[k] = size > 0 ? h[k] / size : 1;
-    l->s[k] = size > 0 ? h[k + 1] / size : 0;
-    h[k] = size;
-    l->g[k + 1] = -l->s[k] * l->g[k];
-    l->g[k] *= l->c[k];
-}
-
-/* y <- the combination of the first K vectors that leaves least. */
-static void combine(struct by_harmonic *s, struct least *l, int k, double *y)
-{
-    size_t n = (size_t)s->q * (size_t)s->m;
-
-    memset(y, 0, n * sizeof *y);
-    for (int i = k - 1; i >= 0; i--) {
-        for (int j = i + 1; j < k; j++)
-            l->g[i] -= l->R[j][i] * l->g[j];
-        l->g[i] = l->R[i][i] != 0 ? l->g[i] / l->R[i][i] : 0;
-        add(n, l->g[i], s->vector[i], y);
-    }
+    blocks_multiply(s->blocks, in, out);
+    precondition(s, out);
 }
 
 /* y <- B^-1 y with the factors there are; false where it is not reached, or for want of memory. */
 static bool solve(struct by_harmonic *s, const struct blocks *b, double left, double *y)
 {
-    size_t n = (size_t)s->q * (size_t)s->m;
-    struct least *l = calloc(1, sizeof *l);
-    double first;
-    bool ok = l != NULL && have_vector(s, 0);
-    int k = 0;
+    double n = (double)s->q * s->m, k;
+    bool ok;
 
-    if (!ok) {
-        free(l);
-        return false;
-    }
-    s->solving = 0;
+    s->blocks = b;
     precondition(s, y);
-    first = l->g[0] = sqrt(dot(n, y, y));
-    for (size_t i = 0; i < n; i++)
-        s->vector[0][i] = first > 0 ? y[i] / first : 0;
-    for (; fabs(l->g[k]) > left * first && k < VECTORS_MOST && have_vector(s, k + 1); k++) {
-        double *w = s->vector[k + 1], size;
-
-        blocks_multiply(b, s->vector[k], w);
-        precondition(s, w);
-        for (int j = 0; j <= k; j++) {                  /* modified Gram and Schmidt */
-            l->R[k][j] = dot(n, s->vector[j], w);
-            add(n, -l->R[k][j], s->vector[j], w);
-        }
-        l->R[k][k + 1] = size = sqrt(dot(n, w, w));
-        for (size_t i = 0; size > 0 && i < n; i++)
-            w[i] /= size;
-        turn(l, k);
-        s->solving += product_work(s, b) + k * (double)n / BUDGET_DENSE;
-    }
-    ok = isfinite(first) && fabs(l->g[k]) <= left * first;
-    combine(s, l, k, y);
-    free(l);
+    ok = gmres_solve(s->gmres, product, s, left, y);
+    k = gmres_vectors(s->gmres);
+    s->solving = k * product_work(s, b) + k * (k - 1) / 2 * n / BUDGET_DENSE;
     s->work += s->solving;
     return ok;
 }

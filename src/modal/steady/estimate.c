@@ -52,6 +52,7 @@ enum {
                                  * has sparse factors, four times as many: */
     WIDE_LEAST = 64,            /* harmonics that fall as k^-3 are 64 times smaller there */
     WIDEN = 4,   /* k^-3 falls to a 64th */
+    WIDEN_ON_INPUTS = 2,        /* of the modes that few harmonics need; to an eighth */
     WIDE_MORE = 64              /* where four times as many are too many */
 };
 
@@ -98,13 +99,43 @@ static void widen_motion(const double complex *X, int q, int H, int H2, double c
         memcpy(E + i * (H2 + 1), X + i * (H + 1), ((size_t)H + 1) * sizeof *E);
 }
 
+/* In place of (1), what R of E drives through S_k and the laws as springs, of all harmonics at once
+ * where that is cheap; *DONE false: it is not. */
+static enum modal_status tail_together(struct balance *wide, int H, double complex *E, bool *done,
+                                       struct modal_error *err)
+{
+    int q = wide->q, K = wide->H + 1, n = 2 * wide->H + 1;
+    double *y = NULL;
+
+    *done = balance_on_inputs(wide);
+    if (!*done)
+        return MODAL_OK;
+    y = calloc((size_t)wide->order + 1, sizeof *y);
+    if (y == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory for a tail");
+    for (int i = 0; i < q; i++)
+        for (int r = 2 * H + 1; r < n; r++)
+            y[i * n + r] = -wide->R[i * n + r];
+    *done = balance_solve_springs(wide, y);
+    for (int i = 0; *done && i < q; i++)
+        for (int k = H + 1; k < K; k++)
+            E[i * K + k] += CMPLX(y[i * n + 2 * k - 1], y[i * n + 2 * k]);
+    free(y);
+    return MODAL_OK;
+}
+
 /* (1): harmonics past H of E from the wide balance's F */
-static enum modal_status tail_of(const struct balance *wide, int H, double complex *E,
+static enum modal_status tail_of(struct balance *wide, int H, double complex *E,
                                  struct modal_error *err)
 {
     int q = wide->q, K = wide->H + 1;
-    double complex *rhs = malloc(((size_t)q + 1) * sizeof *rhs);
+    double complex *rhs;
+    bool done;
+    enum modal_status rc = tail_together(wide, H, E, &done, err);
 
+    if (rc != MODAL_OK || done)
+        return rc;
+    rhs = malloc(((size_t)q + 1) * sizeof *rhs);
     if (rhs == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory for a tail");
     for (int k = H + 1; k < K; k++) {
@@ -167,8 +198,10 @@ static enum modal_status wide_balance(struct steady *s, int H2, int N2, bool loc
 {
     enum modal_status rc = balance_new(s->p, s->c, H2, N2, located, out, err);
 
-    if (rc == MODAL_OK)
+    if (rc == MODAL_OK) {
         (*out)->budget = &s->budget;
+        (*out)->joint = s->joint;
+    }
     return rc;
 }
 
@@ -197,7 +230,8 @@ static void estimate_done(struct estimate *e)
 static enum modal_status estimate_init(struct steady *s, const struct balance *b,
                                        struct estimate *e, struct modal_error *err)
 {
-    int H = b->H, H2 = H < WIDE_FEW && !condense_factors(s->c) ? WIDE_LEAST
+    int H = b->H, H2 = balance_on_inputs(b) && H >= WIDE_FEW ? WIDEN_ON_INPUTS * H
+                       : H < WIDE_FEW && !condense_factors(s->c) ? WIDE_LEAST
                        : WIDEN * H < ORBIT_HARMONICS_MOST / 2 ? WIDEN * H
                                                               : H + WIDE_MORE;
     long sampled = b->aft != NULL ? 2L * aft_samples(b->aft) : 0;

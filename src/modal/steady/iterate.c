@@ -434,7 +434,8 @@ int iterate_order(const struct balance *b, double slope)
 /* The harmonics of the matrix of Newton's method. */
 static int matrix_order(const struct balance *b, const struct iterate_options *opt)
 {
-    bool whole = b->order < ORDER_TAIL || opt->by_differences || opt->cutoff > 0;
+    bool whole = b->order < ORDER_TAIL || opt->by_differences || opt->cutoff > 0
+                 || balance_on_inputs(b);
 
     return whole ? b->H : iterate_order(b, opt->slope);
 }
@@ -455,13 +456,17 @@ static bool settled(const struct balance *b, const struct newton_work *w, const 
     double rate = report->step / last, stalls = b->HJ < b->H ? STALLS_SHORT : STALLS;
 
     if (!(report->step <= tolerance || (report->step < FLOOR && rate > stalls && lambda == 1)
-          /* rounding of the large ones is all that moves the small */
-          || (rate > stalls && report->residual <= rounded(b, X)
-              && overall_step(b, w->step, X) <= fmax(SMALL, rounded(b, X)))
           /* a loose one: the next step will be */
           || (tolerance > FLOOR && last < HUGE_VAL && rate < SHRINKS && lambda == 1
-              && report->step * rate / (1 - rate) <= tolerance / 2)))
-        return false;
+              && report->step * rate / (1 - rate) <= tolerance / 2))) {
+        double overall = overall_step(b, w->step, X);
+
+        /* rounding of the large ones is all that moves the small */
+        if (!(rate > stalls && report->residual <= rounded(b, X)
+              && overall <= fmax(SMALL, rounded(b, X))))
+            return false;
+        report->step = overall;
+    }
     report->step *= last < HUGE_VAL ? fmin(1, rate) : 1;  /* the next step, which is not taken */
     report->converged = true;
     return true;
@@ -698,6 +703,7 @@ enum modal_status iterate_newton(struct balance *b, const struct iterate_options
     enum modal_status rc = MODAL_OK;
     int HJ;
 
+    b->whole = opt->cutoff > 0;
     /* A slope to choose HJ by: of the options, or of the force at the start. */
     rc = b->order < ORDER_TAIL || opt->slope > 0 || opt->evaluated
              ? MODAL_OK

@@ -102,6 +102,7 @@ static void path_done(struct path *p)
 {
     workspace_free(&p->space);
     blocks_free(p->border);
+    p->b->whole = false;
 }
 
 /* Room for a balance of p->n unknowns; path_done frees it, made or half made. */
@@ -110,6 +111,7 @@ static enum modal_status path_init(struct path *p, struct modal_error *err)
     size_t n = (size_t)p->n + 2;
     bool full = p->b->pattern->full;
 
+    p->b->whole = true;
     p->u = workspace_zeros(&p->space, n, sizeof *p->u);
     p->t = workspace_zeros(&p->space, n, sizeof *p->t);
     p->old_t = workspace_zeros(&p->space, n, sizeof *p->old_t);

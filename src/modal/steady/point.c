@@ -127,6 +127,7 @@ enum modal_status steady_balance(struct steady *s, int H, struct balance **out,
     if (rc == MODAL_OK) {
         /* all balances of a session count together */
         s->balance[s->balances]->budget = &s->budget;
+        s->balance[s->balances]->joint = s->joint;
         *out = s->balance[s->balances++];
     }
     return rc;

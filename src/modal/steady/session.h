@@ -26,6 +26,7 @@ struct steady {
     bool current;               /* the last residual of the balance at hand was of the point's X */
     double slope;               /* the laws' largest, as the last rough start showed it; 0: not
                                  * yet */
+    struct joint *joint;        /* of its balances (by_inputs.h); NULL: none */
     struct balance *balance[BALANCES];
     int balances;               /* of them */
     struct budget budget;       /* of the solution under way */

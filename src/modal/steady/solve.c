@@ -22,6 +22,7 @@
 #include "modal/steady/at_rest.h"
 #include "modal/steady/balance.h"
 #include "modal/steady/by_cycle.h"
+#include "modal/steady/by_inputs.h"
 #include "modal/steady/condense.h"
 #include "modal/steady/cycle.h"
 #include "modal/steady/estimate.h"
@@ -150,6 +151,8 @@ enum modal_status steady_new(const struct program *p, const struct steady_option
     rc = opt->reduce > 0 ? reduce(s, err) : MODAL_OK;
     if (rc == MODAL_OK)
         rc = condense_new(s->p, structure(s->p, &s->opt), &s->c, err);
+    if (rc == MODAL_OK && !s->opt.by_differences)
+        rc = joint_new(s->p, condense_place(s->c), condense_pattern(s->c), &s->joint, err);
     if (rc == MODAL_OK && s->opt.dofs != NULL)
         condense_want(s->c, s->opt.dofs, s->opt.dofs_count);
     if (rc == MODAL_OK && s->opt.krylov > 0)
@@ -176,6 +179,7 @@ void steady_free(struct steady *s)
         return;
     for (int i = 0; i < s->balances; i++)
         balance_free(s->balance[i]);
+    joint_free(s->joint);
     condense_free(s->c);
     at_rest_free(s->rest);
     steady_free(s->finer);

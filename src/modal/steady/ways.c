@@ -142,10 +142,13 @@ static void laws_left_out(const struct balance *b, double complex *X)
     double complex *rhs = malloc(((size_t)q + 1) * sizeof *rhs);
 
     for (int k = 0; rhs != NULL && k < K; k++) {
+        /* what no load drives rests, whatever S_k is */
+        bool driven = numbers_modulus(b->load + k * q, (size_t)q) > 0;
+
         memcpy(rhs, b->load + k * q, (size_t)q * sizeof *rhs);
-        if (stiffness_solve(b->stiffness, k, rhs))
+        if (!driven || stiffness_solve(b->stiffness, k, rhs))
             for (int i = 0; i < q; i++)
-                X[i * K + k] = isfinite(cabs(rhs[i])) ? rhs[i] : 0;
+                X[i * K + k] = driven && isfinite(cabs(rhs[i])) ? rhs[i] : 0;
     }
     free(rhs);
 }

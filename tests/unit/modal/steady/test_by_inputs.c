@@ -1,0 +1,102 @@
+/* Derivatives solved on what laws read, beside their blocks factored whole. */
+#include "check.h"
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include "modal/scene/program.h"
+#include "modal/steady/aft.h"
+#include "modal/steady/balance.h"
+#include "modal/steady/by_inputs.h"
+#include "modal/steady/condense.h"
+#include "scene_text.h"
+
+enum { DOFS = 200, SLIDERS = 24, H = 5, ORDER = DOFS * (2 * H + 1) };
+
+/* A chain of DOFS masses with sliders at the first SLIDERS, every dof kept. */
+static struct program *chain_of_sliders(int sliders)
+{
+    char *text = calloc(1, 64 * DOFS + 256 * SLIDERS), *at = text;
+    struct program *p;
+
+    at += sprintf(at, "{'structure':{'type':'chain','masses':[");
+    for (int i = 0; i < DOFS; i++)
+        at += sprintf(at, "%s1", i > 0 ? "," : "");
+    at += sprintf(at, "],'springs':[");
+    for (int i = 0; i <= DOFS; i++)
+        at += sprintf(at, "%s1", i > 0 ? "," : "");
+    at += sprintf(at, "],'dampers':[");
+    for (int i = 0; i <= DOFS; i++)
+        at += sprintf(at, "%s0.03", i > 0 ? "," : "");
+    at += sprintf(at, "]},'omega':0.02,'excitation':[{'dof':'x1','k':1,'cos':0.5}],'effects':[");
+    for (int i = 0; i < sliders; i++)
+        at += sprintf(at, "%s{'type':'friction','dof':'x%d','stiffness':0.3,'limit':0.05}",
+                      i > 0 ? "," : "", i + 1);
+    sprintf(at, "]}");
+    p = program_text(text);
+    free(text);
+    return p;
+}
+
+/* A motion of which some sliders slip and some stick. */
+static void move(double complex *X)
+{
+    for (int i = 0; i < DOFS; i++)
+        for (int k = 1; k <= H; k++)
+            X[i * (H + 1) + k] = CMPLX(cos(i + k), sin(2 * i - k)) * exp(-0.1 * i) / (k * k);
+}
+
+TEST(what_is_solved_on_the_laws_inputs_is_what_the_whole_blocks_give)
+{
+    struct program *p = chain_of_sliders(SLIDERS);
+    struct condense *c = NULL;
+    struct balance *b = NULL;
+    struct joint *joint = NULL;
+    struct by_inputs *s = NULL;
+    double complex *X = calloc(DOFS * (H + 1), sizeof *X);
+    double *y = calloc(ORDER, sizeof *y), *z = calloc(ORDER, sizeof *z);
+
+    CHECK(condense_new(p, CONDENSE_SPARSE, &c, NULL) == MODAL_OK);
+    CHECK(balance_new(p, c, H, 256, true, &b, NULL) == MODAL_OK);
+    CHECK(balance_set(b, 0.02, 1, NULL) == MODAL_OK);
+    CHECK(joint_new(p, condense_place(c), condense_pattern(c), &joint, NULL) == MODAL_OK);
+    CHECK(joint_serves(joint));
+    move(X);
+    CHECK(balance_residual(b, X, true, NULL) == MODAL_OK);
+    CHECK(by_inputs_new(joint, H, true, &s, NULL) == MODAL_OK && by_inputs_harmonics(s) == H);
+    CHECK(by_inputs_set(s, b->aft, NULL) == MODAL_OK);
+    for (int i = 0; i < ORDER; i++)
+        y[i] = z[i] = cos(0.7 * i);
+    b->forcing = 1e-13;
+    CHECK(balance_factor(b, NULL));
+    balance_solve(b, z, 1);
+    CHECK(by_inputs_solve(s, b->S, 0.02, 1e-13, y) && by_inputs_work(s) > 0);
+    for (int i = 0; i < ORDER; i++)
+        CHECK_NEAR(y[i], z[i], 1e-8);
+    /* the same through a balance that keeps its derivative so */
+    b->joint = joint;
+    CHECK(balance_on_inputs(b) && balance_residual(b, X, true, NULL) == MODAL_OK && b->on_inputs);
+    CHECK(balance_factor(b, NULL) && !balance_open(b));
+    by_inputs_free(s);
+    balance_free(b);
+    joint_free(joint);
+    condense_free(c);
+    program_free(p);
+    free(X);
+    free(y);
+    free(z);
+}
+
+TEST(few_inputs_are_left_to_factors)
+{
+    struct program *p = chain_of_sliders(3);
+    struct condense *c = NULL;
+    struct joint *joint = NULL;
+
+    CHECK(condense_new(p, CONDENSE_SPARSE, &c, NULL) == MODAL_OK);
+    CHECK(joint_new(p, condense_place(c), condense_pattern(c), &joint, NULL) == MODAL_OK);
+    CHECK(joint == NULL && !joint_serves(joint));
+    joint_free(joint);
+    condense_free(c);
+    program_free(p);
+}

@@ -162,6 +162,41 @@ def test_a_step_brings_no_mode_and_is_told_with_its_size(size, everywhere, monke
             assert any(f"at {row} s" in d["message"] for row in (599, 600, 601))
 
 
+def turning_motion(rng, each):
+    """Three multipliers, each with five lines, in 40 periods of EACH samples and two channels."""
+    t = np.arange(int(40 * each)) / each
+    y = np.zeros((len(t), 2))
+    exponents = np.array([-.05 + 1.1j, -.08 + 2.2j, -.03 + .4j])
+    for k in range(-2, 3):
+        shape = (rng.normal(size=(3, 2)) + 1j * rng.normal(size=(3, 2))) * 0.5 ** abs(k)
+        y += (np.exp(np.outer(t, exponents + 2j * np.pi * k)) @ shape).real
+    return exponents, y + 0.003 * y.std() * rng.normal(size=y.shape)
+
+
+@pytest.mark.parametrize("each", [24, 24.37])
+@pytest.mark.parametrize("kind", ["step", "spike", "held"])
+def test_faults_of_a_periodic_record_bring_no_multiplier_and_are_told(kind, each, monkeypatch):
+    """Such records had 11 to 13 multipliers for three, and no word."""
+    monkeypatch.setattr(turning, "CTL", str(BUILD / "bin" / "modalctl"))
+    rng = np.random.default_rng([14, len(kind)])
+    for _ in range(3):
+        exponents, y = turning_motion(rng, each)
+        rows = len(y)
+        if kind == "step":
+            y[rows // 2:, 1] += y.std()
+        elif kind == "spike":
+            y[rng.integers(5, rows - 5), 0] += 10 * y.std()
+        else:
+            y[rows // 3:rows // 3 + 12, 0] = y[rows // 3, 0]
+        document = turning.identify({"y": y, "p": each})
+        assert {d["code"] for d in document["diagnostics"]} - {"aliases", "near_tie"} \
+            == {"step" if kind == "step" else "wild_samples"}
+        found = [complex(*m["exponent"]) for m in document["modes"]]
+        assert len(found) == 3
+        assert all(min(abs(f - z) for f in found) < 0.003 for z in exponents)
+        assert document["stability"]["stable"] is True
+
+
 @pytest.mark.parametrize("grid", [2 ** -5, 2 ** -9, 2 ** -13, 1e-3])
 def test_a_rounded_decay_after_quiet_has_no_wild_samples(grid, monkeypatch):
     """Equal neighbours are common on a grid, and before an onset."""

@@ -89,7 +89,7 @@ enum modal_status work_cut_growth(struct work *w, bool *cut, struct modal_error 
     enum modal_status rc;
 
     *cut = false;
-    if (!work_may_take_wild(w) || fit == NULL || !grows(fit))
+    if (!work_may_take_wild(w) || w->rec.period > 0 || fit == NULL || !grows(fit))
         return MODAL_OK;
     f2 = rounding_share(w, fit);
     if (!(fit->residual < ABOVE * sqrt(f2) * safe_matrix_norm(w->data.Y)))

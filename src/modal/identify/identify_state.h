@@ -124,8 +124,8 @@ void work_report_grids(const struct work *w, struct identify_result *out);
 enum modal_status work_begin_wild(struct work *w, struct modal_error *err);
 /* Are wild samples looked for in such a record, and put back? */
 bool work_may_take_wild(const struct work *w);
-/* rec.Y without the samples that stand out of what the chosen poles leave: w->wild. Of records of
- * constant systems that are in memory and no longer than a pencil reads. */
+/* rec.Y without the samples that stand out of what the chosen poles leave: w->wild. Of records
+ * that are in memory and no longer than a pencil reads. */
 enum modal_status work_take_wild(struct work *w, struct modal_error *err);
 /* rec.Y as it was sent. */
 void work_put_wild_back(struct work *w);

@@ -54,15 +54,15 @@ static void drop_late(struct work *w)
 static int leave_slow_out(const struct work *w, const struct refined *fit, double complex *others,
                           double *price)
 {
-    int S = w->rec.channels, count = 0;
-    double record = w->tau * w->rec.Y.m;
+    int S = w->rec.channels * w->shift, count = 0;
+    double record = w->rec.step * w->rec.Y.m;
 
     *price = 0;
     for (int j = 0; j < fit->poles; j++) {
         int order = pole_order(fit->lambda[j], w->tau);
         if (cabs(fit->lambda[j]) * record < 2 * M_PI)
             *price += (S * order + (fit->lambda[j] != 0) * (1 + 1.0 / S) * order)
-                    * log((double)w->rec.Y.m * S);
+                    * log((double)w->rec.Y.m * w->rec.channels);
         else
             others[count++] = fit->lambda[j];
     }
@@ -79,6 +79,7 @@ static enum modal_status fit_steps(struct work *w, const struct refined *fit, do
     double complex *others = malloc(sizeof *others * (size_t)fit->poles);
     double price = 0, left, more, far;
     int count = fit->poles;
+    struct rebuild_model all = { fit->lambda, fit->poles, w->tau, w->shift };
     enum modal_status rc = MODAL_OK;
 
     if (without.at == NULL || others == NULL) {
@@ -86,10 +87,11 @@ static enum modal_status fit_steps(struct work *w, const struct refined *fit, do
     } else {
         memcpy(without.at, w->steps.at, bytes);
         count = leave_slow_out(w, fit, others, &price);
-        rc = steps_fit(fit->lambda, fit->poles, w->tau, &w->rec.Y, &w->steps, moved, &left, err);
+        rc = steps_fit(&all, &w->rec.Y, &w->steps, moved, &left, err);
     }
     if (rc == MODAL_OK && count < fit->poles) {
-        rc = steps_fit(others, count, w->tau, &w->rec.Y, &without, &far, &more, err);
+        all.lambda = others, all.count = count;
+        rc = steps_fit(&all, &w->rec.Y, &without, &far, &more, err);
         if (rc == MODAL_OK && more < left + price)
             memcpy(w->steps.at, without.at, bytes), *moved = far;
     }

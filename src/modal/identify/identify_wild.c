@@ -19,7 +19,7 @@ static void scale_wild(struct work *w, bool out)
 
 bool work_may_take_wild(const struct work *w)
 {
-    return w->refine && w->shift == 1 && w->rec.period <= 0 && !w->rec.wide && w->rec.gain == 1
+    return w->refine && !w->rec.wide && w->rec.gain == 1
         && w->rec.decimation == 1 && !w->opt.difference && w->data.blocks == NULL
         && w->ragged == 0 && w->opt.scale == SCALE_RMS;
 }
@@ -77,13 +77,14 @@ static enum modal_status take_robust(struct work *w, const struct refined *fit,
                                      struct modal_error *err)
 {
     double complex *best = malloc(sizeof *best * ((size_t)fit->poles + 1));
-    int count;
+    struct rebuild_model poles = { fit->lambda, fit->poles, w->tau, w->shift };
     enum modal_status rc = best == NULL
         ? modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d poles", fit->poles)
-        : wild_strongest(fit->lambda, fit->poles, w->tau, &w->rec.Y, best, &count, err);
+        : wild_strongest(&poles, &w->rec.Y, best, &poles.count, err);
 
+    poles.lambda = best;
     if (rc == MODAL_OK)
-        rc = wild_take(best, count, w->tau, &w->rec.Y, &w->wild, err);
+        rc = wild_take(&poles, &w->rec.Y, &w->wild, err);
     free(best);
     return rc;
 }
@@ -102,8 +103,9 @@ enum modal_status work_take_wild(struct work *w, struct modal_error *err)
         return MODAL_OK;
     scale_wild(w, false);
     if (w->wild.count == w->wild.known_count)
-        rc = wild_take(fit->lambda, fit->poles, w->tau, &w->rec.Y, &w->wild, err);
-    if (rc == MODAL_OK && w->wild.count > w->wild.known_count)
+        rc = wild_take(&(struct rebuild_model) { fit->lambda, fit->poles, w->tau, w->shift },
+                       &w->rec.Y, &w->wild, err);
+    if (rc == MODAL_OK && w->wild.count > 0)
         rc = take_robust(w, fit, err);
     scale_wild(w, true);
     return rc;
@@ -140,8 +142,8 @@ enum modal_status work_widen_for_lacking(const struct work *w, struct poles *p,
     for (int j = 0; j < 2 * p->count; j++)
         factor[j] = 1 / sqrt(1 - w->wild.share);
     if (work_may_take_wild(w))
-        rc = bound_factors(p->lambda, p->count, p->tau, &w->rec.Y, &w->wild, &w->steps, factor,
-                           err);
+        rc = bound_factors(&(struct rebuild_model) { p->lambda, p->count, p->tau, w->shift },
+                           &w->rec.Y, &w->wild, &w->steps, factor, err);
     for (int j = 0; j < p->count && rc == MODAL_OK; j++)
         p->std_re[j] *= size * factor[2 * j], p->std_im[j] *= size * factor[2 * j + 1];
     free(factor);

@@ -248,11 +248,11 @@ static enum modal_status copy_columns(const struct batch *b, size_t first, size_
 static enum modal_status mend(const struct batch *b, const struct identify_options *opt,
                               struct record *r, struct modal_error *err)
 {
-    bool periodic = opt->period > 0 || (opt->period == 0 && b->period > 0);
+    double period = opt->period == 0 ? b->period : fmax(opt->period, 0);
 
-    if (periodic || opt->method != IDENTIFY_AUTO || opt->refine == CHOICE_NO)
+    if (opt->method != IDENTIFY_AUTO || opt->refine == CHOICE_NO)
         return MODAL_OK;
-    return stuck_mend(&r->Y, &r->stuck, err);
+    return stuck_mend(&r->Y, (int)ceil(fmin(period / b->dt, r->Y.m)), &r->stuck, err);
 }
 
 /* The line (or mean) of least squares taken out; about the middle, offset and slope are

@@ -411,9 +411,8 @@ void steps_take(const struct steps *s, int sense, struct matrix *Y)
 /* ---- (3) ---- */
 
 /* Columns COUNT x (2 REACH + 1) of V: each step, at each row it may be. */
-static enum modal_status steps_columns(const double complex *lambda, int count, double tau,
-                                       const struct steps *s, struct matrix *V,
-                                       struct modal_error *err)
+static enum modal_status steps_columns(const struct rebuild_model *poles, const struct steps *s,
+                                       struct matrix *V, struct modal_error *err)
 {
     struct matrix F = matrix_new(V->m, V->n);
     struct synthesis fit = { 0 };
@@ -426,7 +425,7 @@ static enum modal_status steps_columns(const double complex *lambda, int count, 
             V->x[l + (size_t)j * (size_t)V->m] = l >= first;
     if (F.x == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "steps: no memory for %d rows", V->m);
-    rc = synthesis_fit(lambda, count, tau, V, &F, &fit, err);
+    rc = rebuild_record(poles, V, &F, &fit, err);
     for (size_t i = 0; i < (size_t)V->m * (size_t)V->n && rc == MODAL_OK; i++)
         V->x[i] -= F.x[i];
     synthesis_done(&fit);
@@ -463,21 +462,20 @@ static double fit_one(struct step *s, const double *V, int L, double *e, double 
     return stays ? fabs(h - before) / fmax(s->std, DBL_MIN) : HUGE_VAL;
 }
 
-enum modal_status steps_fit(const double complex *lambda, int count, double tau,
-                            const struct matrix *Y, struct steps *s, double *moved,
-                            double *left, struct modal_error *err)
+enum modal_status steps_fit(const struct rebuild_model *poles, const struct matrix *Y,
+                            struct steps *s, double *moved, double *left, struct modal_error *err)
 {
     size_t L = (size_t)Y->m;
     struct matrix V = matrix_new(Y->m, s->count * ROWS_EACH), F = matrix_new(Y->m, Y->n);
     struct synthesis fit = { 0 };
-    double freedom = fmax(Y->m - poles_order(lambda, count, tau) - 1, 1);
+    double freedom = fmax(Y->m - rebuild_order(poles) - 1, 1);
     enum modal_status rc = V.x == NULL || F.x == NULL
         ? modal_fail(err, MODAL_NO_MEMORY, "steps: no memory for %d rows", Y->m)
-        : steps_columns(lambda, count, tau, s, &V, err);
+        : steps_columns(poles, s, &V, err);
 
     *moved = *left = 0;
     if (rc == MODAL_OK)
-        rc = synthesis_fit(lambda, count, tau, Y, &F, &fit, err);
+        rc = rebuild_record(poles, Y, &F, &fit, err);
     for (size_t c = 0; c < (size_t)Y->n && rc == MODAL_OK; c++)
         for (size_t l = 0; l < L; l++)
             F.x[l + c * L] = Y->x[l + c * (size_t)Y->ld] - F.x[l + c * L];

@@ -2,9 +2,9 @@
  * sample that is off by itself */
 #ifndef MODAL_STEPS_H
 #define MODAL_STEPS_H
-#include <complex.h>
 #include <stdbool.h>
 #include "base/error.h"
+#include "modal/identify/prepare/rebuild.h"
 #include "modal/linalg/matrix.h"
 
 /* CHANNEL is SIZE higher from ROW on. */
@@ -28,8 +28,8 @@ void steps_take(const struct steps *s, int sense, struct matrix *Y);
  * of what they leave in channels whose noise each has its own size. Fails with MODAL_NO_MEMORY,
  * MODAL_NO_CONVERGENCE.
  */
-enum modal_status steps_fit(const double complex *lambda, int count, double tau,
-                            const struct matrix *Y, struct steps *s, double *moved,
-                            double *left, struct modal_error *err);
+enum modal_status steps_fit(const struct rebuild_model *poles, const struct matrix *Y,
+                            struct steps *s, double *moved, double *left,
+                            struct modal_error *err);
 void steps_done(struct steps *s);
 #endif

@@ -23,6 +23,9 @@
  *
  *     2 S C(N + M, N) (1 + LEAVES)^(-N / 2) < ALARM.
  *
+ * A periodic motion may rest or meet a stop in each period: what it comes to in the last one of the
+ * record is its own.
+ *
  * In their place come the numbers that leave the least sum of squares in recurrences of the samples
  * forward and back, fitted to the others [JVV86],
  *
@@ -60,6 +63,7 @@ struct run { int begin, count; };
 
 struct look {
     int L, p;
+    int period;                  /* rows, at least; 0: none */
     double *z;                   /* a column about its mean, its largest magnitude 1 */
     double *e;
     const double *sent;          /* the column */
@@ -130,12 +134,21 @@ static void count_pairs(const struct look *k, int from, int to, int *equal, int 
             ++*pairs, *equal += k->sent[l - 1] == k->sent[l];
 }
 
+/* Is VALUE the motion's own: one that it comes to in its last period? */
+static bool returns(const struct look *k, double value)
+{
+    for (int l = k->L > k->period ? k->L - k->period : 0; l < k->L; l++)
+        if (k->sent[l] == value)
+            return k->period > 0;
+    return false;
+}
+
 static bool is_stuck(const struct look *k, struct run r)
 {
     int m = r.count - 1, about = 2 * r.count > ABOUT ? 2 * r.count : ABOUT, equal = 0, pairs = 0;
     double most = log(WILD_ALARM / k->all);
 
-    if (!jumps(k, r) || !(ln_chance(k->equal - m, k->pairs - m, m) < most))
+    if (!jumps(k, r) || returns(k, k->sent[r.begin]) || !(ln_chance(k->equal - m, k->pairs - m, m) < most))
         return false;
     count_pairs(k, r.begin - about, r.begin, &equal, &pairs);
     count_pairs(k, r.begin + r.count, r.begin + r.count + about, &equal, &pairs);
@@ -215,7 +228,7 @@ static void mark_cut(struct look *k, double value, bool both)
     int near, at = count_at(k, value, both, &near);
     double chance, equal, pairs;
 
-    if (at < 2)
+    if (at < 2 || returns(k, value) || (both && returns(k, -value)))
         return;
     equal = equal_others(k, value, both, &pairs);
     chance = k->step > 0 ? lgamma(at + near + 1.0) - lgamma(at + 1.0) - lgamma(near + 1.0)
@@ -401,12 +414,12 @@ static enum modal_status keep(const struct look *k, int c, int count, double mea
     return MODAL_OK;
 }
 
-enum modal_status stuck_mend(struct matrix *Y, struct wild *out, struct modal_error *err)
+enum modal_status stuck_mend(struct matrix *Y, int period, struct wild *out, struct modal_error *err)
 {
     size_t L = (size_t)Y->m;
     int p = Y->m / ROWS_LEAST < ORDER_MOST ? Y->m / ROWS_LEAST : ORDER_MOST;
-    struct look k = { .L = Y->m, .p = p, .all = (double)L * Y->n, .z = malloc(L * sizeof(double)),
-                      .e = malloc(L * sizeof(double)), .out = malloc(L * sizeof(bool)),
+    struct look k = { .L = Y->m, .p = p, .period = period, .all = (double)L * Y->n,
+                      .z = malloc(L * sizeof(double)), .e = malloc(L * sizeof(double)), .out = malloc(L * sizeof(bool)),
                       .run = malloc((L / RUN_LEAST + 1) * sizeof *k.run) };
     enum modal_status rc = k.z != NULL && k.e != NULL && k.out != NULL && k.run != NULL ? MODAL_OK
         : modal_fail(err, MODAL_NO_MEMORY, "stuck: no memory for %d rows", Y->m);

@@ -28,7 +28,6 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/identify/fit/refine.h"
-#include "modal/identify/fit/synthesis.h"
 #include "modal/identify/linear/exponents.h"
 #include "modal/linalg/svd.h"
 #include "modal/numbers.h"
@@ -53,7 +52,7 @@ struct look {
     bool *out;                   /* L x S */
     double limit;                /* (1) */
     double left;                 /* by the last fit */
-    int order;
+    int order;                   /* numbers of each column that the fit has */
 };
 
 static void look_done(struct look *k)
@@ -203,14 +202,13 @@ static enum modal_status take_out(const struct look *k, struct matrix *Y, struct
 }
 
 /* Once more of (1). False: no others stand out than before, and the fit has settled. */
-static enum modal_status pass(const double complex *lambda, int count, double tau,
-                              struct matrix *Y, struct look *k, struct wild *w, bool *more,
-                              struct modal_error *err)
+static enum modal_status pass(const struct rebuild_model *poles, struct matrix *Y, struct look *k,
+                              struct wild *w, bool *more, struct modal_error *err)
 {
     struct synthesis s = { 0 };
     int before = w->count;
     double left = k->left;
-    enum modal_status rc = synthesis_fit(lambda, count, tau, Y, &k->F, &s, err);
+    enum modal_status rc = rebuild_record(poles, Y, &k->F, &s, err);
 
     for (int c = 0; c < Y->n && rc == MODAL_OK; c++) {
         sent_column(Y, w, c, k->part);
@@ -226,13 +224,13 @@ static enum modal_status pass(const double complex *lambda, int count, double ta
     return rc;
 }
 
-enum modal_status wild_take(const double complex *lambda, int count, double tau, struct matrix *Y,
-                            struct wild *w, struct modal_error *err)
+enum modal_status wild_take(const struct rebuild_model *poles, struct matrix *Y, struct wild *w,
+                            struct modal_error *err)
 {
     size_t L = (size_t)Y->m, S = (size_t)Y->n;
     struct look k = { .Y = Y, .F = matrix_new(Y->m, Y->n), .e = malloc(L * sizeof(double)),
                       .part = malloc(L * sizeof(double)), .out = malloc(L * S),
-                      .order = poles_order(lambda, count, tau),
+                      .order = rebuild_order(poles),
                       .left = HUGE_VAL, .limit = wild_standing_out((double)L * Y->n) };
     bool more = true;
     enum modal_status rc = MODAL_OK;
@@ -242,7 +240,7 @@ enum modal_status wild_take(const double complex *lambda, int count, double tau,
     if (Y->m - k.order < ROWS_LEAST)
         more = false;
     for (int i = 0; i < PASSES && more && rc == MODAL_OK; i++)
-        rc = pass(lambda, count, tau, Y, &k, w, &more, err);
+        rc = pass(poles, Y, &k, w, &more, err);
     look_done(&k);
     return rc;
 }
@@ -259,36 +257,35 @@ static int by_strength(const void *a, const void *b)
 }
 
 /* The poles by their motion's energy in the record. */
-static enum modal_status rank_poles(const double complex *lambda, int count, double tau,
-                                    const struct matrix *Y, struct strength *rank,
-                                    struct modal_error *err)
+static enum modal_status rank_poles(const struct rebuild_model *p, const struct matrix *Y,
+                                    struct strength *rank, struct modal_error *err)
 {
     struct synthesis s = { 0 };
-    enum modal_status rc = synthesis_fit(lambda, count, tau, Y, NULL, &s, err);
+    enum modal_status rc = rebuild_record(p, Y, NULL, &s, err);
 
-    for (int j = 0; j < count && rc == MODAL_OK; j++) {
-        double rate = 2 * fabs(creal(lambda[j])) * tau, sum = 0;
-        for (int c = 0; c < Y->n; c++)
-            sum += pow(cabs(s.coefficient[j + (size_t)c * (size_t)count]), 2);
+    for (int j = 0; j < p->count && rc == MODAL_OK; j++) {
+        double rate = 2 * fabs(creal(p->lambda[j])) * p->tau, sum = 0;
+        for (int c = 0; c < Y->n * p->shift; c++)
+            sum += pow(cabs(s.coefficient[j + (size_t)c * (size_t)p->count]), 2);
         /* of a column whose largest number is 1 */
-        sum *= rate > 0 ? -expm1(-rate * Y->m) / rate : Y->m;
-        rank[j] = (struct strength) { sum, lambda[j] };
+        sum *= rate > 0 ? -expm1(-rate * (Y->m / p->shift)) / rate : Y->m / p->shift;
+        rank[j] = (struct strength) { sum, p->lambda[j] };
     }
     synthesis_done(&s);
-    qsort(rank, rc == MODAL_OK ? (size_t)count : 0, sizeof *rank, by_strength);
+    qsort(rank, rc == MODAL_OK ? (size_t)p->count : 0, sizeof *rank, by_strength);
     return rc;
 }
 
 /* Bayes' criterion of COUNT poles, by medians. */
-static enum modal_status robust_worth(const double complex *lambda, int count, double tau,
-                                      const struct matrix *Y, struct matrix *F, double *room,
-                                      double *worth, struct modal_error *err)
+static enum modal_status robust_worth(const struct rebuild_model *p, const struct matrix *Y,
+                                      struct matrix *F, double *room, double *worth,
+                                      struct modal_error *err)
 {
     struct synthesis s = { 0 };
     int L = Y->m, S = Y->n;
-    enum modal_status rc = synthesis_fit(lambda, count, tau, Y, F, &s, err);
+    enum modal_status rc = rebuild_record(p, Y, F, &s, err);
 
-    *worth = poles_order(lambda, count, tau) * (S + 1) * log((double)L * S);
+    *worth = (S * rebuild_order(p) + poles_order(p->lambda, p->count, p->tau)) * log((double)L * S);
     for (int c = 0; c < S && rc == MODAL_OK; c++) {
         const double *y = Y->x + (size_t)c * (size_t)Y->ld;
         double *e = F->x + (size_t)c * (size_t)L,
@@ -301,16 +298,17 @@ static enum modal_status robust_worth(const double complex *lambda, int count, d
     return rc;
 }
 
-enum modal_status wild_strongest(const double complex *lambda, int count, double tau,
-                                 const struct matrix *Y, double complex *best, int *best_count,
-                                 struct modal_error *err)
+enum modal_status wild_strongest(const struct rebuild_model *poles, const struct matrix *Y,
+                                 double complex *best, int *best_count, struct modal_error *err)
 {
     struct matrix F = matrix_new(Y->m, Y->n);
     double *room = malloc((size_t)Y->m * sizeof *room), least = HUGE_VAL, worth;
-    struct strength *rank = calloc((size_t)count + 1, sizeof *rank);
+    struct strength *rank = calloc((size_t)poles->count + 1, sizeof *rank);
+    struct rebuild_model some = *poles;
+    int count = poles->count;
     enum modal_status rc = F.x == NULL || room == NULL || rank == NULL
         ? modal_fail(err, MODAL_NO_MEMORY, "wild: no memory for %d rows", Y->m)
-        : rank_poles(lambda, count, tau, Y, rank, err);
+        : rank_poles(poles, Y, rank, err);
 
     *best_count = 0;
     for (int j = 0; j < count && rc == MODAL_OK; j++)
@@ -318,7 +316,8 @@ enum modal_status wild_strongest(const double complex *lambda, int count, double
     /* numbers a third apart: all of the fits cost a few times the largest */
     for (int k = 1, step; k <= count && rc == MODAL_OK; k += step) {
         step = k < count && count - k < k / 3 + 1 ? count - k : k / 3 + 1;
-        rc = robust_worth(best, k, tau, Y, &F, room, &worth, err);
+        some.lambda = best, some.count = k;
+        rc = robust_worth(&some, Y, &F, room, &worth, err);
         if (rc == MODAL_OK && worth < least)
             least = worth, *best_count = k;
     }

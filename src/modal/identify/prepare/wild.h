@@ -4,6 +4,7 @@
 #include <complex.h>
 #include <stdbool.h>
 #include "base/error.h"
+#include "modal/identify/prepare/rebuild.h"
 #include "modal/linalg/matrix.h"
 
 struct wild_sample { int row, channel; double sent; };
@@ -29,23 +30,22 @@ double wild_standing_out(double n);
 double wild_size(const double *e, int count, double *room);
 
 /*
- * The samples of Y (L x S, a step TAU apart) that stand out of what COUNT poles leave (wild.c), and
+ * The samples of Y (L x S) that stand out of what the poles leave (wild.c), and
  * that the poles rebuild in their place: a fit to Y is then one to the others, but for steps of
  * `share` of the way. What *w has was taken out of Y before, and is put back first. None, and Y
  * whole, where they are no few: w->count 0.
  *
  * Fails with MODAL_NO_MEMORY, MODAL_NO_CONVERGENCE, and *w is then still what Y lacks.
  */
-enum modal_status wild_take(const double complex *lambda, int count, double tau, struct matrix *Y,
-                            struct wild *w, struct modal_error *err);
+enum modal_status wild_take(const struct rebuild_model *poles, struct matrix *Y, struct wild *w,
+                            struct modal_error *err);
 /*
- * The strongest of COUNT poles, into BEST, that has room for them: as many as the medians of what
+ * The strongest of the poles, into BEST, that has room for them: as many as the medians of what
  * they leave ask for, by Bayes' criterion. Poles may have drawn wild samples, of which a median
  * knows nothing. Fails as wild_take does.
  */
-enum modal_status wild_strongest(const double complex *lambda, int count, double tau,
-                                 const struct matrix *Y, double complex *best, int *best_count,
-                                 struct modal_error *err);
+enum modal_status wild_strongest(const struct rebuild_model *poles, const struct matrix *Y,
+                                 double complex *best, int *best_count, struct modal_error *err);
 /* Y is whole again, *w empty. */
 void wild_put_back(struct matrix *Y, struct wild *w);
 void wild_done(struct wild *w);

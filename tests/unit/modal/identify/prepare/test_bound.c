@@ -23,7 +23,8 @@ static void factors(double complex lambda, struct wild wild, struct steps steps,
     struct modal_error err;
 
     make(lambda);
-    CHECK(bound_factors(&lambda, 1, 1, &Y, &wild, &steps, factor, &err) == MODAL_OK);
+    CHECK(bound_factors(&(struct rebuild_model) { &lambda, 1, 1, 1 }, &Y, &wild, &steps,
+                        factor, &err) == MODAL_OK);
 }
 
 /* The variance of an undamped sine's frequency, and of its damping, goes as L^-3 (to 1 / turns). */
@@ -76,4 +77,37 @@ TEST(what_lacks_nothing_costs_nothing)
 
     factors(CMPLX(-1e-3, 0.3137), (struct wild) { 0 }, (struct steps) { 0 }, factor);
     CHECK(factor[0] == 1 && factor[1] == 1);
+}
+
+/* At four phases of a period a sine is one of four times the frequency: what is known of it goes as
+ * before with the periods that are there, and so does a step's price. */
+TEST(periods_that_lack_samples_cost_what_rows_do)
+{
+    enum { SHIFT = 4 };
+    static struct wild_sample at[ROWS / 2];
+    struct step jump = { ROWS / 2, 0, 1, 0 };
+    struct wild none = { 0 }, half = { .at = at, .count = ROWS / 2 };
+    struct steps still = { 0 }, step = { &jump, 1 };
+    double complex lambda = CMPLX(-1e-9, 0.3137);
+    struct matrix Y = { ROWS, 1, ROWS, y };
+    struct rebuild_model poles = { &lambda, 1, SHIFT, SHIFT };
+    struct modal_error err;
+    double factor[2];
+
+    make(lambda);
+    for (int i = 0; i < ROWS / 2; i++)
+        at[i] = (struct wild_sample) { ROWS / 2 + i, 0, 0 };
+    CHECK(bound_factors(&poles, &Y, &half, &still, factor, &err) == MODAL_OK);
+    CHECK_NEAR(factor[0], sqrt(8), 0.03);
+    CHECK_NEAR(factor[1], sqrt(8), 0.03);
+    for (int i = 0; i < ROWS / 2; i++)
+        at[i].row = 2 * i;
+    CHECK(bound_factors(&poles, &Y, &half, &still, factor, &err) == MODAL_OK);
+    CHECK_NEAR(factor[0], sqrt(2), 0.03);
+    CHECK(bound_factors(&poles, &Y, &none, &still, factor, &err) == MODAL_OK);
+    CHECK(factor[0] == 1 && factor[1] == 1);
+    lambda = -1e-9;
+    make(lambda);
+    CHECK(bound_factors(&poles, &Y, &none, &step, factor, &err) == MODAL_OK);
+    CHECK_NEAR(factor[0], 2, 0.02);
 }

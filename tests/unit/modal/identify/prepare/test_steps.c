@@ -204,7 +204,8 @@ TEST(rows_sizes_and_errors_of_a_fitted_step_are_those_of_least_squares)
         make(seed, NOISE);
         jump(0, 700, 0.21);
         steps_take(&s, 1, &Y);
-        CHECK(steps_fit(lambda, 2, 1, &Y, &s, &moved, &left, &err) == MODAL_OK);
+        CHECK(steps_fit(&(struct rebuild_model) { lambda, 2, 1, 1 }, &Y, &s, &moved, &left, &err)
+              == MODAL_OK);
         CHECK(moved > 1 && at.row == 700);
         /* 700 rows before and 800 after: 1/700 + 1/800 where nothing else is fitted but an offset
          * that is none: 1/800 */

@@ -23,13 +23,18 @@ static void make(uint64_t seed, double noise, int quiet)
         y[i] = i % ROWS < quiet ? 0 : clean[i] + noise * random_normal(&r);
 }
 
-static int mended(struct wild *out)
+static int mended_of_period(int period, struct wild *out)
 {
     struct matrix Y = { ROWS, WIDTH, ROWS, y };
     struct modal_error err;
 
-    CHECK(stuck_mend(&Y, out, &err) == MODAL_OK);
+    CHECK(stuck_mend(&Y, period, out, &err) == MODAL_OK);
     return out->count;
+}
+
+static int mended(struct wild *out)
+{
+    return mended_of_period(0, out);
 }
 
 /* Nothing is stuck, and y is as it was. */
@@ -61,6 +66,23 @@ TEST(a_sine_that_meets_its_extreme_at_each_crest_is_not_cut)
             y[i] = (float)cos(2 * M_PI * (i % ROWS) / each + M_PI / each);
         check_whole();
     }
+}
+
+/* A contact's force is zero where it is open, and 1 at a stop. */
+TEST(what_a_periodic_motion_comes_to_in_its_last_period_is_neither_dropped_nor_cut)
+{
+    struct wild w;
+
+    make(5, NOISE, 0);
+    for (int i = 0; i < ALL; i++)
+        y[i] = fmin(1, fmax(0, clean[i] + 2 * sin(2 * M_PI * (i % ROWS) / 50)));
+    CHECK(mended_of_period(50, &w) == 0);
+    wild_done(&w);
+    memset(y + 700, 0, 20 * sizeof *y);
+    for (int i = 0; i < ALL; i++)
+        y[i] += i % ROWS < 700 || i % ROWS >= 720 || i >= ROWS ? 1e-3 * sin(i) : 0;
+    CHECK(mended_of_period(50, &w) == 20);
+    wild_done(&w);
 }
 
 /* What a fit of some ten numbers to hundreds leaves of white noise: less than the noise itself, and

@@ -2,6 +2,7 @@
 #include "check.h"
 #include "signals.h"
 #include <complex.h>
+#include <math.h>
 #include <stdlib.h>
 #include "modal/identify/prepare/wild.h"
 
@@ -32,7 +33,7 @@ static int taken(struct case_of *k, struct wild *w)
 {
     struct modal_error err;
 
-    CHECK(wild_take(k->lambda, 2, 1, &k->Y, w, &err) == MODAL_OK);
+    CHECK(wild_take(&(struct rebuild_model) { k->lambda, 2, 1, 1 }, &k->Y, w, &err) == MODAL_OK);
     return w->count;
 }
 
@@ -118,4 +119,27 @@ TEST(more_than_a_few_are_not_taken_out_nor_what_begins_the_record)
     k.Y.x[0] += 1000 * NOISE, k.Y.x[ROWS - 1] += 1000 * NOISE;
     CHECK(taken(&k, &w) == 0);
     done(&k, &w);
+}
+
+/* Poles know the motion of a period of five samples by an amplitude at each, of which one channel's
+ * noise has one size. */
+TEST(spikes_stand_out_of_what_the_multipliers_of_periods_leave)
+{
+    enum { SHIFT = 5 };
+
+    for (uint64_t seed = 1; seed <= 20; seed++) {
+        struct case_of k = make(seed);
+        struct rebuild_model poles = { k.lambda, 2, SHIFT, SHIFT };
+        struct modal_error err;
+        struct wild w = { 0 };
+        for (int i = 0; i < ROWS * WIDTH; i++)
+            k.Y.x[i] += k.clean[i] * 0.5 * cos(2 * M_PI * (i % ROWS) / SHIFT);
+        for (int i = 0; i < 10; i++)
+            k.Y.x[100 + 137 * i] += (i % 2 ? 1 : -1) * (1 + i);
+        CHECK(wild_take(&poles, &k.Y, &w, &err) == MODAL_OK);
+        CHECK(w.count == 10);
+        for (int i = 0; i < w.count; i++)
+            CHECK(w.at[i].channel == 0 && (w.at[i].row - 100) % 137 == 0);
+        done(&k, &w);
+    }
 }

@@ -525,6 +525,7 @@ static enum modal_status learn(struct condense *c, int k, struct modal_error *er
     memset(h->S, 0, entries * sizeof *h->S);
     memset(h->p, 0, q * sizeof *h->p);
     h->doubt = 0;
+    h->rough = false;
     c->level = 1;
     rc = factor_at(c, k, k * c->omega, h->S, h->p, err);
     c->level = level;
@@ -574,7 +575,7 @@ static enum modal_status recall(struct condense *c, int H, double complex *S, do
     /* H, its half, their quarters: a basis serves best between what it was made of. */
     for (int step = stride_over(H); rc == MODAL_OK && step > 0; step /= 2)
         for (int k = H; rc == MODAL_OK && k >= 0; k -= step)
-            if (c->harmonic[k].stale && (c->needed == NULL || k <= c->exact || c->needed[k]))
+            if (condense_lacks(c, k))
                 rc = learn(c, k, err);
     if (rc != MODAL_OK)
         condense_forget(c, 0);

@@ -69,6 +69,9 @@ static const double SHARE = 0.1;
 static const double SHIFT = 0.1;
 /* Of what factors would cost along all points, what (3) may. */
 static const double VENTURE = 0.5;
+/* Where an estimate asks, which needs a digit or two: S^-1 F has them still where S's condition is
+ * 100. */
+static const double ROUGH = 1e-4;
 /* The least reciprocal condition of L^ that tells anything. */
 static const double CONDITION = 64 * DBL_EPSILON;
 
@@ -522,14 +525,14 @@ static int take(struct condense_basis *b, const double complex *x, int wide)
     return wide;
 }
 
-void condense_basis_join(struct condense *c, bool as_it_is)
+void condense_basis_join(struct condense *c, bool rough)
 {
     struct condense_basis *b = c->basis;
     double complex *unit = c->right;                    /* its first column, read by then */
     int wide = 0;
 
     if (b->factors != NULL) {               /* (3): what it does not serve is factored */
-        b->failed += b->ended && !as_it_is;
+        b->failed += b->ended && !rough;
         if (b->failed > b->served)
             condense_basis_free(c);
         return;
@@ -727,8 +730,8 @@ static double solve_diagonal(struct condense *c, double s)
     return sqrt(sum);
 }
 
-/* Harmonic K by V as it is into H; false: it does not serve. */
-static bool serves(struct condense *c, int k, struct condense_harmonic *h)
+/* Harmonic K by V as it is into H, to TOLERANCE; false: it does not serve. */
+static bool serves(struct condense *c, int k, double tolerance, struct condense_harmonic *h)
 {
     struct condense_basis *b = c->basis;
     double s = k * c->omega, inverse;
@@ -746,20 +749,27 @@ static bool serves(struct condense *c, int k, struct condense_harmonic *h)
             h->p[c->place[c->load[l].dof]] += c->load[l].value;
     answer(c, h);
     h->doubt = doubt(c, k, inverse, h);
-    return h->doubt <= b->tolerance;
+    return h->doubt <= tolerance;
 }
 
-bool condense_basis_answer(struct condense *c, int k, bool as_it_is, struct condense_harmonic *h)
+/* Has V by (3) room and work for estimates: half of them are left to what is solved for? */
+static bool spares(const struct condense_basis *b)
+{
+    return b->factors != NULL && 2 * b->m < b->most && 2 * b->spent < ventured(b);
+}
+
+bool condense_basis_answer(struct condense *c, int k, bool rough, struct condense_harmonic *h)
 {
     struct condense_basis *b = c->basis;
 
-    if (!as_it_is)
+    if (!rough)
         b->highest = k > b->highest ? k : b->highest;
-    if (k == 0 || (b->m == 0 && (as_it_is || !grow(c, k * c->omega))))
+    if (k == 0 || (b->m == 0 && (rough || !grow(c, k * c->omega))))
         return false;
-    while (!serves(c, k, h))
-        if (as_it_is || !grow(c, k * c->omega))
+    while (!serves(c, k, rough ? fmax(ROUGH, b->tolerance) : b->tolerance, h))
+        if ((rough && !spares(b)) || !grow(c, k * c->omega))
             return false;
+    h->rough = h->doubt > b->tolerance;
     b->served++;
     return true;
 }

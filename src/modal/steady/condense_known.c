@@ -45,6 +45,13 @@ enum modal_status condense_add_harmonic(struct condense *c, struct modal_error *
                : modal_fail(err, MODAL_NO_MEMORY, "condense: no memory for a harmonic");
 }
 
+bool condense_lacks(const struct condense *c, int k)
+{
+    const struct condense_harmonic *h = &c->harmonic[k];
+
+    return c->needed == NULL || k <= c->exact ? h->stale || h->rough : h->stale && c->needed[k];
+}
+
 static bool same_matrix(const struct sparse *a, const struct sparse *b)
 {
     size_t rows = (size_t)a->m + 1, entries;

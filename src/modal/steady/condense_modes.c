@@ -174,12 +174,14 @@ struct fit { double mm, mk, kk, cm, ck, scale, worst; };
  * leave. */
 static void fit_entry(struct fit *f, double m, double d, double k, double alpha, double beta)
 {
-    f->mm += m * m;                       /* normal equations of C = alpha M + beta K */
+    double left = d - alpha * m - beta * k;
+
+    f->mm += m * m;                       /* normal equations of what is left of C */
     f->mk += m * k;
     f->kk += k * k;
-    f->cm += d * m;
-    f->ck += d * k;
-    f->worst = fmax(f->worst, fabs(d - alpha * m - beta * k));
+    f->cm += left * m;
+    f->ck += left * k;
+    f->worst = fmax(f->worst, fabs(left));
     f->scale = fmax(f->scale, fabs(d));
 }
 
@@ -195,14 +197,15 @@ bool condense_proportional(const struct condense *c, double *alpha, double *beta
 
     *alpha = *beta = 0;
     ok = ok && column != NULL;
-    /* Least squares over all entries for alpha and beta, then how far off they are. */
-    for (int pass = 0; ok && pass < 2; pass++) {
+    /* Least squares over all entries for alpha and beta, once more for what that leaves, as sums
+     * of 100,000 entries are rounded, then how far off they are. */
+    for (int pass = 0; ok && pass < 3; pass++) {
         double det = f.mm * f.kk - f.mk * f.mk;
 
-        if (pass == 1) {
-            *alpha = det > APART * f.mm * f.kk ? (f.cm * f.kk - f.ck * f.mk) / det
-                     : f.mm > 0 ? f.cm / f.mm : 0;
-            *beta = det > APART * f.mm * f.kk ? (f.ck * f.mm - f.cm * f.mk) / det : 0;
+        if (pass > 0) {
+            *alpha += det > APART * f.mm * f.kk ? (f.cm * f.kk - f.ck * f.mk) / det
+                      : f.mm > 0 ? f.cm / f.mm : 0;
+            *beta += det > APART * f.mm * f.kk ? (f.ck * f.mm - f.cm * f.mk) / det : 0;
         }
         f = (struct fit) { 0 };
         for (int i = 0; i < c->n; i++) {

@@ -37,6 +37,7 @@ struct condense {
         double complex *S, *p, *row;
         double doubt;                /* relative, of what a basis made; 0: factored */
         bool stale;
+        bool rough;                  /* made for an estimate, and for no more */
     } *harmonic;
     int known, harmonics;            /* harmonics: places */
     const bool *needed;              /* of condense_rough, past harmonic `exact`; NULL: all */
@@ -62,6 +63,8 @@ static inline double complex factor_of(int t, double s)
 
 /* What is kept of the last omega goes, but harmonics below KEEP. */
 void condense_forget(struct condense *c, int keep);
+/* Is harmonic K asked for, and not known so well? */
+bool condense_lacks(const struct condense *c, int k);
 /* Room for one more harmonic, which is stale.  Fails with MODAL_NO_MEMORY. */
 enum modal_status condense_add_harmonic(struct condense *c, struct modal_error *err);
 
@@ -74,11 +77,11 @@ void condense_kept_block(struct condense *c, double s, double complex *S);
 /* Whether C = alpha M + beta K entry by entry, on the whole structure. */
 bool condense_proportional(const struct condense *c, double *alpha, double *beta);
 
-/* Harmonic K by the basis into H, which grows where it does not serve, unless AS_IT_IS; false: it
- * does not serve there, and H is to be made anew. */
-bool condense_basis_answer(struct condense *c, int k, bool as_it_is, struct condense_harmonic *h);
+/* Harmonic K by the basis into H, which grows where it does not serve, as far as it may; ROUGH: as
+ * condense_rough has it; false: it does not serve there, and H is to be made anew. */
+bool condense_basis_answer(struct condense *c, int k, bool rough, struct condense_harmonic *h);
 /* The solutions in c->right, which is lost, and those of the dofs wanted join the basis, which may
- * give itself up; AS_IT_IS: one that does not live on such solutions is let alone. */
-void condense_basis_join(struct condense *c, bool as_it_is);
+ * give itself up; ROUGH: one that does not live on such solutions is let alone. */
+void condense_basis_join(struct condense *c, bool rough);
 void condense_basis_free(struct condense *c);       /* of none, too */
 #endif

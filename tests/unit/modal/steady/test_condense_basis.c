@@ -1,11 +1,11 @@
 /* test_condense_basis.c - a basis that harmonics and frequencies share answers as factors do, to
  * the error that it states, and seldom asks for any */
-/* Tests as well: condense.c */
+/* Tests as well: condense.c condense_known.c condense_modes.c */
 #include "check.h"
 #include <complex.h>
 #include <stdlib.h>
 #include "modal/scene/program.h"
-#include "modal/steady/condense.h"
+#include "modal/steady/condense_state.h"
 #include "modal/steady/pattern.h"
 #include "scene_text.h"
 
@@ -150,5 +150,72 @@ TEST(harmonics_that_an_estimate_does_not_need_are_left_and_made_when_they_are_as
     CHECK(b.S[1] == a.S[1] && b.S[2] == a.S[2] && b.x[2] == a.x[2] && b.S[3] == a.S[3]);
     condense_free(whole);
     condense_free(some);
+    program_free(p);
+}
+
+TEST(what_an_estimate_asks_for_takes_no_factors_holds_to_its_digits_and_is_made_anew_for_a_solution)
+{
+    static const bool needed[H + 1] = { [3] = true };
+    static const int seen = SEEN;
+    struct program *p = chain(2);
+    struct condense *alone, *shared;
+    struct modal_error err = { 0 };
+    int rough = 0;
+
+    CHECK(condense_new(p, CONDENSE_LINEAR, &alone, &err) == MODAL_OK);
+    CHECK(condense_new(p, CONDENSE_LINEAR, &shared, &err) == MODAL_OK);
+    condense_want(alone, &seen, 1);
+    condense_want(shared, &seen, 1);
+    CHECK(condense_share(shared, 1e-10, POINTS, &err) == MODAL_OK);
+    for (int i = 0; i < POINTS; i++) {
+        struct answer a = ask(alone, omega_at(i)), b;
+
+        CHECK(condense_at(shared, omega_at(i), 1, 2, b.S, b.p, &err) == MODAL_OK);
+        condense_rough(shared, 2, needed);
+        b = ask(shared, omega_at(i));
+        for (int k = 1; k <= 2; k++)
+            CHECK(cabs(a.S[k] - b.S[k]) <= 1e-9 * cabs(a.S[k]));
+        CHECK(condense_doubt(shared, H) > 0);                           /* by the basis */
+        CHECK(cabs(a.S[H] - b.S[H]) <= 3e-4 * cabs(a.S[H]));
+        rough += condense_doubt(shared, H) > 1e-10;
+        condense_rough(shared, 0, NULL);
+        if (i < POINTS - 1)
+            continue;
+        b = ask(shared, omega_at(i));
+        CHECK(condense_doubt(shared, H) <= 1e-10);
+        CHECK(cabs(a.S[H] - b.S[H]) <= 1e-9 * cabs(a.S[H]));
+    }
+    CHECK(rough > 0);
+    condense_free(alone);
+    condense_free(shared);
+    program_free(p);
+}
+
+/* 240,000 entries: what sums of them are rounded by is more than entries may be off. */
+TEST(damping_of_a_large_structure_in_proportion_to_its_matrices_is_known_as_that)
+{
+    enum { LARGE = 80000 };
+    char *text = malloc(12 * LARGE), *at = text;
+    struct condense *c;
+    struct program *p;
+    struct modal_error err = { 0 };
+    double alpha, beta;
+
+    assert_non_null(text);
+    at += sprintf(at, "{'omega':1,'structure':{'type':'chain','masses':[1");
+    for (int i = 1; i < LARGE; i++)
+        at += sprintf(at, ",%g", 1 + 0.2 * (i % 7));
+    at += sprintf(at, "],'springs':[1");
+    for (int i = 0; i < LARGE; i++)
+        at += sprintf(at, ",1");
+    at += sprintf(at, "]},'effects':[{'type':'cubic_spring','dof':'x10','coefficient':1},"
+                  "{'type':'rayleigh_damping','alpha':0.01,'beta':0.02}]}");
+    p = program_text(text);
+    free(text);
+    CHECK(condense_new(p, CONDENSE_LINEAR, &c, &err) == MODAL_OK);
+    CHECK(condense_proportional(c, &alpha, &beta));
+    CHECK_NEAR(alpha, 0.01, 1e-13);
+    CHECK_NEAR(beta, 0.02, 1e-13);
+    condense_free(c);
     program_free(p);
 }

@@ -31,12 +31,13 @@ static int by_place(const void *a, const void *b)
     return x->channel != y->channel ? x->channel - y->channel : x->row - y->row;
 }
 
-/* S as it was sent, where it is off by so much; false: of a record that was cut before it. */
+/* S as it was sent, where it is off by so much; false: of a record that was cut before it, or of a
+ * channel that has no scale, being nothing beside the others. */
 static bool as_sent(const struct work *w, struct wild_sample *s)
 {
     if (!work_may_take_wild(w))
         return true;
-    if (s->row >= w->rec.Y.m)
+    if (s->row >= w->rec.Y.m || !(w->rec.scale[s->channel] > 0))
         return false;
     s->sent += w->rec.scale[s->channel]
              * w->rec.Y.x[s->row + (size_t)s->channel * (size_t)w->rec.Y.ld];

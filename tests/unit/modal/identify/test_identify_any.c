@@ -7,6 +7,7 @@
 #include "check.h"
 #include <complex.h>
 #include <stdbool.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include "modal/identify/identify.h"
 
@@ -131,6 +132,23 @@ TEST(any_finite_signal_gets_a_sound_answer_or_an_error_with_a_field)
         free(x);
     }
     CHECK(answered > TRIALS / 3);
+}
+
+/* The channel that is stuck for 7 samples is 1e261 at most, the other 1e304. */
+TEST(samples_that_are_stuck_in_a_channel_below_rounding_are_no_failure_of_the_other)
+{
+    enum { HEAD = 3, K = 37, S = 2 };
+    FILE *file = fopen(TEST_DATA "/../seeds/fuzz_batch/stuck_in_a_channel_below_rounding", "rb");
+    double x[K * S];
+    struct batch batch = { .samples = K, .channels = S, .signals = x, .dt = 0.1 };
+    struct identify_options opt = { .rows = 8, .columns = 8 };
+    struct identify_result r;
+    struct modal_error err = { .field = "" };
+
+    CHECK(file != NULL && fseek(file, HEAD, SEEK_SET) == 0 && fread(x, sizeof x, 1, file) == 1);
+    fclose(file);
+    CHECK(modal_identify(&batch, &opt, &r, &err) == MODAL_OK && sound(&r));
+    identify_result_done(&r);
 }
 
 TEST(the_same_signals_give_the_same_bits)

@@ -464,8 +464,9 @@ static enum modal_status keep_or_leave(struct torus_solver *s, const double comp
 }
 
 /* One step, the one before having been LAST long; *GOES_ON: another may help.  WORK: four
- * vectors.  A preconditioner serves as long as the products of a step cost less than a new one:
- * *KEPT, of this step, then of the next.  A free tone moves the linear parts too. */
+ * vectors.  A preconditioner serves as long as whole steps shrink what is left and their products
+ * cost less than a new one: *KEPT, of this step, then of the next.  Where steps are cut the norm
+ * that it makes leads nowhere, and a free tone moves the linear parts too. */
 static enum modal_status advance(struct torus_solver *s, double complex *work, double last,
                                  bool *kept, bool *converged, bool *goes_on,
                                  struct modal_error *err)
@@ -506,7 +507,7 @@ static enum modal_status advance(struct torus_solver *s, double complex *work, d
     }
     *converged |= s->rough > 0 && fmax(now, s->step * norm(n, X)) <= s->rough * norm(n, X);
     *goes_on = (!(now >= size) || old) && !*converged;
-    *kept = *kept && now < size;
+    *kept = *kept && now <= SHRINKS * size;
     return rc;
 }
 

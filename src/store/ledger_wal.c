@@ -315,6 +315,20 @@ void ledger_mark_close(struct ledger_mark *mark)
 
 /* --- the check --- */
 
+/* A database has its first page before it has a log: SQLite takes one without for a new one, and
+ * drops the log that is there. */
+static enum modal_status check_database(const char *wal, struct modal_error *err)
+{
+    struct stat known;
+    char path[4200];
+
+    snprintf(path, sizeof path, "%.*s", (int)(strlen(wal) - 4), wal);
+    if (stat(path, &known) < 0 ? errno != ENOENT : known.st_size > 0)
+        return MODAL_OK;
+    return modal_fail(err, MODAL_CORRUPT, "%s is empty, and the groups in its log, %s, were "
+                      "acknowledged", path, wal);
+}
+
 /* Once, as it is now; the mark before it, for it may be moving. */
 static enum modal_status look(struct wal *wal, const char *path, uint64_t *end,
                               struct modal_error *err)
@@ -332,6 +346,8 @@ static enum modal_status look(struct wal *wal, const char *path, uint64_t *end,
     rc = file_read(wal->fd, wal->header, HEADER, 0, &got, err);
     if (rc == MODAL_OK && got == HEADER)
         rc = check(wal, path, end, err);
+    if (rc == MODAL_OK && *end > HEADER)
+        rc = check_database(path, err);
     return wal->read == MODAL_OK ? rc : modal_fail(err, wal->read, "%s", wal->why.message);
 }
 

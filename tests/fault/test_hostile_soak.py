@@ -64,8 +64,9 @@ class Honest(threading.Thread):
 
     def job(self, key, body, **header):
         """What was acknowledged once is answered by the same job however often it is said."""
+        # the run limit of the configuration is for the hostile: a busy machine takes its time
         reply = patiently(self.client, "SUBMIT", body, kind="identify", options={"rank.fixed": 2},
-                          key=key, **header)
+                          key=key, run_limit_s=PATIENCE_S, **header)
         assert reply.ok and self.acks.setdefault(key, reply["job"]) == reply["job"], reply
         while (doc := patiently(self.client, "WAIT", job=reply["job"],
                                 timeout_s=1))["state"] in ("queued", "running", "dead"):

@@ -1262,3 +1262,25 @@ TEST(damage_to_any_group_of_the_log_is_reported)
     CHECK(load(opened).jobs == 8);
     stop(opened);
 }
+
+/* SQLite drops the log of a database without a page. */
+TEST(a_database_that_was_emptied_or_is_gone_is_reported_while_its_log_has_groups)
+{
+    struct ledger *ledger = start(), *opened = NULL;
+    struct modal_error err;
+    char path[128];
+
+    CHECK(one(ledger, job_put(1, NULL)) == MODAL_OK);
+    ledger_close(ledger);
+    shell("cp %s/ledger.db %s/whole");
+    snprintf(path, sizeof path, "%s/ledger.db", dir);
+    CHECK(truncate(path, 0) == 0);
+    CHECK(ledger_open(dir, &opened, &err) == MODAL_CORRUPT && opened == NULL);
+    CHECK(strstr(err.message, "ledger.db is empty") != NULL);
+    CHECK(unlink(path) == 0);
+    CHECK(ledger_open(dir, &opened, NULL) == MODAL_CORRUPT && opened == NULL);
+    shell("mv %s/whole %s/ledger.db");
+    CHECK(ledger_open(dir, &opened, NULL) == MODAL_OK);
+    CHECK(load(opened).jobs == 1);
+    stop(opened);
+}

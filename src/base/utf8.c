@@ -39,6 +39,15 @@ bool utf8_valid(const char *text)
     return true;
 }
 
+const char *utf8_control(const char *text)
+{
+    const unsigned char *p = (const unsigned char *)text;
+
+    while (p[0] >= 0x20 && p[0] != 0x7f && !(p[0] == 0xc2 && p[1] >= 0x80 && p[1] <= 0x9f))
+        p++;
+    return (const char *)p;
+}
+
 char *utf8_from(const char *bytes, size_t length)
 {
     char *text = malloc(2 * length + 1);        /* a Latin-1 byte takes two at most */

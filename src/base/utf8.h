@@ -11,6 +11,10 @@ int utf8_length(const char *p, const char *end);
 /* Is the string UTF-8 all through? */
 bool utf8_valid(const char *text);
 
+/* The first control character of TEXT, U+0000 to U+001F or U+007F to U+009F, as terminals obey them;
+ * its end where there is none. */
+const char *utf8_control(const char *text);
+
 /* A copy of LENGTH bytes, up to the first zero byte, as UTF-8: as they stand where they are it,
  * else each byte taken as Latin-1, which can express all.  The caller frees it; NULL when memory
  * runs out. */

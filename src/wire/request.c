@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/json.h"
+#include "base/utf8.h"
 #include "wire/frame.h"
 #include "wire/protocol.h"
 
@@ -49,8 +50,7 @@ static enum modal_status get_text(const cJSON *object, const char *base, const c
 
     if (rc != MODAL_OK || text == NULL)
         return rc;
-    for (p = text; (unsigned char)*p >= 0x20 && *p != 0x7f; p++)
-        ;
+    p = utf8_control(text);
     if (*p == 0 && (size_t)(p - text) >= low && (size_t)(p - text) <= high) {
         *out = text;
         return MODAL_OK;

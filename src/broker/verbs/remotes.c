@@ -5,6 +5,7 @@
  * worker that is asked for with each message and each reload, and ends with its connection, its
  * lease or its leave.  Its name is for people: two may have the same.
  */
+#include "base/utf8.h"
 #include "broker/core/slots.h"
 #include "broker/verbs/verbs.h"
 #include "wire/frame.h"
@@ -40,14 +41,13 @@ static void refuse(struct core *c, uint64_t peer, const struct modal_error *err)
 static enum modal_status need_name(const cJSON *header, const char *key, char out[NAME_MOST],
                                    struct modal_error *err)
 {
-    const char *text = NULL, *p;
+    const char *text = NULL, *end;
     enum modal_status rc = json_need_string(header, "", key, &text, err);
 
     if (rc != MODAL_OK)
         return rc;
-    for (p = text; (unsigned char)*p > 0x20 && *p != 0x7f; p++)
-        ;
-    if (*p != 0 || p == text || p - text >= NAME_MOST)
+    end = utf8_control(text);
+    if (*end != 0 || strchr(text, ' ') != NULL || end == text || end - text >= NAME_MOST)
         return modal_fail_field(err, MODAL_BAD_INPUT, key,
                                 "%s is no name; accepted: 1 to %d bytes without spaces or control "
                                 "characters", key, NAME_MOST - 1);

@@ -26,6 +26,17 @@ TEST(a_malformed_sequence_has_no_length)
     }
 }
 
+TEST(control_characters_are_those_of_category_cc_and_no_others)
+{
+    static const struct { const char *text; int at; } cases[] = {
+        { "", 0 },           { "a b", 3 },        { "a\x1f", 1 },       { "\x7f", 0 },
+        { "ab\xc2\x80", 2 },  { "\xc2\x9b" "31m", 0 }, { "x\xc2\x9f", 1 }, { "\xc2\xa0", 2 },
+        { "\xc3\x9b", 2 },   { "\xe2\x82\x9b", 3 }, { "a\nb", 1 } };
+
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++)
+        CHECK(utf8_control(cases[i].text) == cases[i].text + cases[i].at);
+}
+
 TEST(bytes_become_utf8_and_end_at_the_first_zero)
 {
     char *same = utf8_from("gr\xc3\xbc\xc3\x9f", 7), *latin = utf8_from("gr\xfc\xdf", 4),

@@ -394,8 +394,10 @@ static void tell(const struct track *t, enum track_state state, struct track_edg
     edges[(*edge_count)++] = (struct track_edge) { t->number, state, t->still.exponent };
 }
 
-static void judge(struct track *t, const struct track_window *w, struct track_edge *edges,
-                  int *edge_count)
+/* HIDDEN: where it was missed, what another track has may be its own: which of the two goes on,
+ * only the next windows tell, and one mode has no two tracks that live. */
+static void judge(struct track *t, const struct track_window *w, bool hidden,
+                  struct track_edge *edges, int *edge_count)
 {
     uint64_t length = w->to + 1 - w->from;
 
@@ -406,7 +408,8 @@ static void judge(struct track *t, const struct track_window *w, struct track_ed
         t->counts = true;
         if (!t->native)
             tell(t, TRACK_BORN, edges, edge_count);
-    } else if (t->counts && !t->died && t->missed >= MISSED_DIES && w->to - t->last >= length) {
+    } else if (t->counts && !t->died && t->missed > 0
+               && (hidden || (t->missed >= MISSED_DIES && w->to - t->last >= length))) {
         t->died = true;
         tell(t, TRACK_DIED, edges, edge_count);
     }
@@ -485,12 +488,13 @@ static void begin_anew(struct tracks *t, const struct track_window *w)
     *t = (struct tracks) { .next = t->next, .epoch = w->epoch, .first_to = w->to, .begun = true };
 }
 
+/* HIDDEN: of a track that has no mode, whether one that another has would go with it too. */
 static enum modal_status assign(struct tracks *t, const struct track_window *w,
                                 const struct track_mode *modes, int count, struct both_ways *ahead,
-                                int *column, struct modal_error *err)
+                                int *column, bool *hidden, struct modal_error *err)
 {
     size_t n = (size_t)t->count;
-    double *value = malloc(sizeof *value * ((size_t)count * n + 1));
+    double *value = calloc((size_t)count * n + 1, sizeof *value);
     enum modal_status rc;
 
     if (value == NULL)
@@ -501,6 +505,9 @@ static enum modal_status assign(struct tracks *t, const struct track_window *w,
             value[j * n + i] = worth(t, &t->track[i], &ahead[i], &modes[j], w);
     }
     rc = assign_best(value, count, t->count, column, err);
+    for (size_t i = 0; i < n && rc == MODAL_OK; i++)
+        for (size_t j = 0; j < (size_t)count; j++)
+            hidden[i] |= column[j] >= 0 && value[j * n + i] > 0;
     free(value);
     return rc;
 }
@@ -511,6 +518,7 @@ enum modal_status tracks_follow(struct tracks *t, const struct track_window *w,
 {
     struct both_ways ahead[TRACKS_MOST];
     int column[TRACKS_MOST];
+    bool hidden[TRACKS_MOST] = { false };
     bool anew = !t->begun || w->epoch != t->epoch || w->to <= t->to;
     enum modal_status rc = MODAL_OK;
 
@@ -524,7 +532,7 @@ enum modal_status tracks_follow(struct tracks *t, const struct track_window *w,
             return modal_fail(err, MODAL_BAD_INPUT, "track: mode %d has no exponent", j);
     }
     if (!anew)
-        rc = assign(t, w, modes, count, ahead, column, err);
+        rc = assign(t, w, modes, count, ahead, column, hidden, err);
     if (rc != MODAL_OK)
         return rc;
     if (anew)
@@ -533,7 +541,7 @@ enum modal_status tracks_follow(struct tracks *t, const struct track_window *w,
     t->to = w->to;
     t->windows += !anew;
     for (int i = 0; i < t->count; i++)
-        judge(&t->track[i], w, edges, edge_count);
+        judge(&t->track[i], w, hidden[i], edges, edge_count);
     forget_over(t, w);
     for (int j = 0; j < count; j++)
         if (column[j] < 0) {

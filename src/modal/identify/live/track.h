@@ -71,8 +71,8 @@ void track_shape(const double complex *shape, int count, double complex out[TRAC
  *   number   COUNT
  *   edges    room for 2 TRACKS_MOST; *EDGE_COUNT of them.  A track is born once every window has
  *            shown it for as long as a window is, unless it was there from the epoch's first window
- *            on; it has died when two windows, and all of a window's length, have not shown it, and
- *            is back when one does.
+ *            on; it has died when two windows, and all of a window's length, have not shown it, or
+ *            one in which the mode of another track may be its own, and is back when one does.
  *
  * Another epoch, or a window that does not end behind the last one, begins anew; numbers go on.
  * Fails with MODAL_BAD_INPUT (too many modes, an exponent that is none) and MODAL_NO_MEMORY, and

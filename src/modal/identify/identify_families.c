@@ -371,8 +371,9 @@ static enum modal_status go_way(const struct families *f, const struct lines *l,
 }
 
 /* L without family J for *BEST, what the least is under the criterion of FIT, so far, *idle and
- * HEAD, where it is less: as the exponents are, with what may stand in for its lines, refined where
- * that is near, or one is that may take its place, and then less the lines that do not pay. */
+ * HEAD, where it is less: as the exponents are, and where that does not do, with what may stand in
+ * for its lines, refined where that is near, or one is that may take its place, and then less the
+ * lines that do not pay. */
 static enum modal_status try_without(struct families *f, const struct lines *l, int j,
                                      const struct refined *fit, struct lines *less, double *best,
                                      int *idle, double complex *head, struct modal_error *err)
@@ -380,11 +381,11 @@ static enum modal_status try_without(struct families *f, const struct lines *l, 
     double own = fit->bic + short_of(f, exponents_of(f, j, j + 1)),
            a_column = f->w->data.Y->n * log((double)f->w->data.Y->m * f->w->data.Y->n);
     bool exact = fit->residual <= REFINE_EXACT * safe_matrix_norm(f->w->data.Y),
-         near = has_neighbour(f, j), ready;
+         near = has_neighbour(f, j), ready, idles = false;
     int alone = 0;
     enum modal_status rc = MODAL_OK;
 
-    for (int way = 0; way < WAYS && rc == MODAL_OK && (way < REFINED || near); way++) {
+    for (int way = 0; way < WAYS && rc == MODAL_OK && (way < REFINED || near) && !idles; way++) {
         struct refine_options opt = { .iterations = way < REFINED ? -1 : 0, .work = f->work };
         struct refined look;
         rc = go_way(f, l, j, way, exact, less, &ready, err);
@@ -397,6 +398,7 @@ static enum modal_status try_without(struct families *f, const struct lines *l, 
         if (rc != MODAL_OK)
             break;
         near |= look.bic < own + ORDER_SPLIT_REACH;
+        idles = look.bic < own && look.end != REFINE_DEGENERATE;
         if (look.bic - own < *best && look.end != REFINE_DEGENERATE) {
             *best = look.bic - own, *idle = j;
             take_heads(f, less, &look, head);
@@ -578,11 +580,13 @@ static enum modal_status fit_families(struct families *f, struct refined *fit,
         rc = settle_lines(f, &l, fit, err);
         for (int i = 0; i < l.count && rc == MODAL_OK; i++)
             l.lambda[i] = fit->lambda[i];
-        rc = rc == MODAL_OK ? find_idle(f, &l, fit, &idle, err) : rc;
+        parted = false;
+        if (rc != MODAL_OK || f->given_up)
+            break;
+        rc = find_idle(f, &l, fit, &idle, err);
         if (rc == MODAL_OK && idle >= 0)
             drop_family(f, idle), l.count = 0;
-        parted = false;
-        if (rc != MODAL_OK || idle >= 0 || f->given_up || !(fit->bic < least))
+        if (rc != MODAL_OK || idle >= 0 || !(fit->bic < least))
             continue;
         least = fit->bic;
         rc = part_one(f, &l, fit, &parted, err);

@@ -227,6 +227,18 @@ def test_a_joint_that_sticks_states_no_more_error_than_rounding(tmp_path):
     assert answer["converged"] and 0 < answer["total_error"] < 1e-9 * largest
 
 
+def test_a_joint_that_slides_states_the_error_that_twice_the_harmonics_show(tmp_path):
+    """5 x 5 contacts; by a third too little or 30 times too much at most."""
+    few, many = (joint_answer(tmp_path, 5, harmonics, 0.0035)[0] for harmonics in (21, 42))
+    wave = numpy.exp(2j * numpy.pi * numpy.outer(numpy.arange(43), numpy.arange(512)) / 512)
+    low, high = (numpy.array([m["re"] for m in a["harmonics"]])
+                 + 1j * numpy.array([m["im"] for m in a["harmonics"]]) for a in (few, many))
+    high[:, :22] -= low
+    true = abs((high @ wave).real).max()
+    assert few["converged"] and many["converged"]
+    assert true / 3 < few["total_error"] < 30 * true
+
+
 def test_a_lap_joint_that_slides_is_in_balance(tmp_path):
     """A patch of 5 x 5 contacts; the load is above what friction holds."""
     answer, K, M, C, scene = joint_answer(tmp_path, 5, 3, 0.005)

@@ -43,9 +43,9 @@
 enum {
     INPUTS_LEAST = 20,      /* fewer are condensed to, or cheap as they are */
     DOFS_LEAST = 4,         /* dofs an input: below, factors of each harmonic fill little more */
-    MODES = 80,             /* of (3), chosen: the search for more costs more than corrections, on
-                             * joints of up to 10 x 10 contacts at 21 harmonics of the first
-                             * resonance, where three corrections do */
+    MODES = 120,            /* of (3), chosen: of a joint of 20 x 20 contacts 80 do not reach twice
+                             * the 21 harmonics of its first resonance, for its error, and their
+                             * factors cost more than the search for 40 more */
     PANEL = 64,             /* right-hand sides at once */
     VECTORS_MOST = 150,     /* of GMRES: joints that slide everywhere were seen to take 100 */
     CORRECTIONS_MOST = 16,  /* each at least SLOW of the one before, or w better known */

@@ -11,7 +11,7 @@ int utf8_length(const char *p, const char *end);
 /* Is the string UTF-8 all through? */
 bool utf8_valid(const char *text);
 
-/* The first control character of TEXT, U+0000 to U+001F or U+007F to U+009F, as terminals obey them;
+/* The first control character of TEXT, U+0000 to U+001F or U+007F to U+009F, which terminals obey:
  * its end where there is none. */
 const char *utf8_control(const char *text);
 

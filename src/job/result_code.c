@@ -36,9 +36,9 @@ const struct result_code result_codes[] = {
     { "coloured_excitation", "identify", "part of an ambient spectrum is no mode's: it has no peak",
       "none is needed: it was fitted beside the modes" },
     { "not_ambient", "identify", "an ambient record whose motion is over within a quarter of it, "
-      "or that few decaying motions rebuild", "give response=free, or `window`" },
-    { "not_stationary", "identify", "eighths of an ambient record differ beyond chance",
-      "identify parts by `window`" },
+      "or that is likelier a few decaying motions", "give response=free, or `window`" },
+    { "not_stationary", "identify", "eighths of an ambient record, or of a channel of it, differ "
+      "beyond chance", "identify parts by `window`, or leave the channel out by `signals`" },
     { "channels_reduced", "identify", "an ambient record's channels were reduced to the strongest "
       "signals", "name few channels by `signals` where a weak mode matters" },
     { "short_record", "identify", "a mode turns less often than its damping needs",

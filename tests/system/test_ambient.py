@@ -2,7 +2,7 @@
 against the bound of the Whittle likelihood (both by tests/bench/bench_ambient.py, in numpy); what
 it says of records that are none; what it refuses.
 """
-# Tests as well: ambient_drift.c ambient_free.c response.c
+# Tests as well: ambient_drift.c ambient_free.c ambient_steady.c response.c
 import pathlib
 import subprocess
 import sys

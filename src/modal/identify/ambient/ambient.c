@@ -33,7 +33,7 @@
 enum {
     MAINS = 20,                  /* multiples */
     TOLD = 3,                    /* diagnostics of one kind about modes */
-    SAMPLES_LEAST = 4 * AMBIENT_STEADY_UNITS
+    SAMPLES_LEAST = 4 * AMBIENT_STEADY_UNITS    /* four to a unit have an energy */
 };
 static const double
     ENOUGH = 0.15,               /* of a damping ratio: what is known no better is hardly known */

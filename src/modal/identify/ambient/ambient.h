@@ -24,8 +24,8 @@
  *   narrow_line          a line taken off (ambient_lines.h), or a mode that is no wider: no verdict
  *   mains_line           such a line at a multiple of the mains' frequency: no harm
  *   drift                a polynomial in time taken off (ambient_drift.h); no detrend was asked for
- *   coloured_excitation  poles without a peak of their own, or whose part takes from that of others:
- *                        the excitation's or a filter's, no modes
+ *   coloured_excitation  poles without a peak of their own, or whose part takes from others': the
+ *                        excitation's or a filter's, no modes
  *   channels_reduced     more channels than are fitted; the share of the energy that is left out
  *   not_stationary       eighths of the record, or of a channel alone, differ by more than chance
  *   not_converged        neither errors nor a verdict

@@ -64,10 +64,10 @@ enum modal_status ambient_free(const struct ambient_free_input *in, int *motions
 {
     struct pod pod = { 0 };
     struct pencil p = { 0 };
+    struct pod_options how = { .most = WHITTLE_CHANNELS_MOST };
     struct matrix x;
     double noise = 0, rest, N = in->Y->m;
-    enum modal_status rc = pod_reduce(in->Y, &(struct pod_options) { .most = WHITTLE_CHANNELS_MOST },
-                                      &pod, err);
+    enum modal_status rc = pod_reduce(in->Y, &how, &pod, err);
 
     *motions = 0;
     if (rc != MODAL_OK || pod.count == 0)

@@ -15,6 +15,7 @@ enum { AMBIENT_FREE_ROWS = 65536 };
  * stationary, too.  STEP seconds a sample.  Fails with MODAL_NO_MEMORY.
  */
 struct ambient_free_input { const struct matrix *Y, *less; int count; double step; };
+/* *motions and *left of that. */
 enum modal_status ambient_free(const struct ambient_free_input *in, int *motions, double *left,
                                struct modal_error *err);
 #endif

@@ -2,8 +2,9 @@
  * ambient_steady.c - mean squares of parts of the record
  *
  * The mean square of a part of M samples of a Gaussian record with spectrum S has the variance
- * 2/M <tr S^2>, <> the mean over all frequencies; over the square of its mean <tr S> that is v, and were the part's energy a gamma variable, its logarithm's variance trigamma(1/v),
- * which is v + v^2 to what matters here.  The sum of squares of the parts' logarithms about their
+ * 2/M <tr S^2>, <> the mean over all frequencies; over the square of its mean <tr S> that is v, and
+ * were the part's energy a gamma variable, its logarithm's variance trigamma(1/v), which is v + v^2
+ * to what matters here.  The sum of squares of the parts' logarithms about their
  * mean over that is held against chi-squared.  For lines beside each other, with coefficients f
  * and g, |f^H g|^2 has the mean tr S^2.
  */

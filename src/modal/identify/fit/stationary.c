@@ -3,7 +3,8 @@
  *
  * The forward and the backward error of order n - 1 at sample t, f and b, become
  *
- *     f' = f[t] - k b[t-1],  b' = b[t-1] - k f[t],  k = 2 sum f[t] b[t-1] / sum (f[t]^2 + b[t-1]^2),
+ *     f' = f[t] - k b[t-1],  b' = b[t-1] - k f[t],
+ *     k = 2 sum f[t] b[t-1] / sum (f[t]^2 + b[t-1]^2),
  *
  * the variance of the innovations v (1 - k^2).  |k| <= 1: the filter is stable whatever the signal
  * does, and as both directions of time are asked alike, a decay, which is no growth, pays for it.
@@ -17,9 +18,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Coefficients at most, and samples to each at least: a filter that is shorter than the best is
- * less likely than the signal's own, and BIC seldom asks for more. */
-enum { ORDER_MOST = 256, SAMPLES_EACH = 4 };
+enum {
+    ORDER_MOST = 256,            /* coefficients: a shorter filter than the best is less likely */
+    SAMPLES_EACH = 4             /* to a coefficient at least: it costs ln(N)/2, and they tell more */
+};
 
 enum modal_status stationary_likelihood(const double *x, int N, double *likelihood,
                                         struct modal_error *err)

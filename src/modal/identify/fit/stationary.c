@@ -20,7 +20,7 @@
 
 enum {
     ORDER_MOST = 256,            /* coefficients: a shorter filter than the best is less likely */
-    SAMPLES_EACH = 4             /* to a coefficient at least: it costs ln(N)/2, and they tell more */
+    SAMPLES_EACH = 4             /* to a coefficient at least: each costs ln(N)/2 */
 };
 
 enum modal_status stationary_likelihood(const double *x, int N, double *likelihood,

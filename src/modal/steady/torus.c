@@ -9,7 +9,7 @@ enum {
     AFRESH = 32,                            /* products of a wave: their rounding is some 1e-15 */
     PAD = 4,                                /* numbers, a line of a cache: rows a power of two apart
                                              * would all be in the same few of its places, and
-                                             * transforms across 256 of them take 15 times as long */
+                                             * transforms across 256 take 15 times as long */
 };
 static const double NOTHING = 1e-13;        /* of a sum of frequencies: its rounding */
 

@@ -510,8 +510,8 @@ static enum modal_status sort_lines(struct torus_sheet *a, const struct line *li
     return MODAL_OK;
 }
 
-/* z_k <- sum_n z_n e^{-2 pi i n k / M} of M = 2^p numbers, TURN being e^{-2 pi i j / 2 M} for j < M:
- * to plan one that serves once takes FFTW several times as long as to go through it. */
+/* z_k <- sum_n z_n e^{-2 pi i n k / M} of M = 2^p numbers, TURN being e^{-pi i j / M} for j < M: to
+ * plan one that serves once takes FFTW several times as long as to go through it. */
 static void transform(double complex *z, size_t M, const double complex *turn)
 {
     for (size_t i = 1, j = 0; i < M; i++) {            /* j is i with its bits reversed */

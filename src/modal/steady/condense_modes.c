@@ -24,6 +24,7 @@
 #include <string.h>
 #include "modal/steady/condense_state.h"
 
+enum { PASSES = 3 };              /* of the fit: what is, what that leaves, how far off */
 /* Damping off alpha M + beta K by less than this, relative, is proportional: texts of 15 digits. */
 static const double PROPORTIONAL = 1e-12;
 /* M and K are told apart where the squared sine of the angle between them exceeds this. */
@@ -199,7 +200,7 @@ bool condense_proportional(const struct condense *c, double *alpha, double *beta
     ok = ok && column != NULL;
     /* Least squares over all entries for alpha and beta, once more for what that leaves, as sums
      * of 100,000 entries are rounded, then how far off they are. */
-    for (int pass = 0; ok && pass < 3; pass++) {
+    for (int pass = 0; ok && pass < PASSES; pass++) {
         double det = f.mm * f.kk - f.mk * f.mk;
 
         if (pass > 0) {

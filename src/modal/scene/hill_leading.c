@@ -54,7 +54,13 @@ static const double SLOW = 1.0 / 1024;   /* the same where what pulsates is more
 static const double WORK_GROWTH = 2e10;  /* operations to count them: chosen, some 20 seconds */
 static const double WORK_SUMS = 4e10;    /* operations to find pairs: chosen, some 30 seconds */
 
-struct disc { double complex middle; double radius; int leading; };
+struct disc {                    /* a window that was looked through */
+    double complex middle;
+    double radius;
+    int count;
+    double away[GROUP + MORE];   /* of what it found, ascending; windows are of no more */
+    int leading;                 /* so many of these, up to the farthest leading one */
+};
 
 struct search {
     const struct program *p;
@@ -67,7 +73,7 @@ struct search {
     struct hill_found found;
     struct disc disc[WINDOWS_MOST];      /* that were looked through */
     int discs;
-    struct disc looked;                  /* the last: it settled so far, or as far as asked */
+    struct disc looked;                  /* the last of all searches */
 };
 
 /* The one text of it here. */
@@ -146,6 +152,7 @@ static enum modal_status look(struct search *s, double complex shift, int wanted
 
     shift += OFF_AXIS * s->found.W;
     wanted = wanted < 2 * s->n ? wanted : 2 * s->n;
+    wanted = wanted < GROUP + MORE ? wanted : GROUP + MORE;
     do {
         rc = open_window(s, shift, s->harmonics, wanted, seed, &h, err);
         more = rc == MODAL_OK && edge_of(s, &h) > EDGE && s->harmonics < HARMONICS_MOST;
@@ -157,22 +164,35 @@ static enum modal_status look(struct search *s, double complex shift, int wanted
     if (rc != MODAL_OK)
         return rc;
     s->windows++;
-    s->looked = (struct disc){ shift, h.complete ? HUGE_VAL : h.radius, 0 };
+    s->looked = (struct disc){ .middle = shift, .radius = h.radius, .count = h.count };
+    for (int i = 0; i < h.count; i++)
+        s->looked.away[i] = cabs(h.exponent[i] - I * (h.middle[i] * s->found.W) - shift);
     if (seed == 1 && h.count > 0)
-        s->disc[s->discs++] = (struct disc){ shift, h.radius, 0 };
+        s->disc[s->discs++] = s->looked;
     rc = hill_found_add(&s->found, &h, err);
     hill_window_done(&h);
     return rc;
 }
 
-/* The window that has Z, or what is conjugate to it, within SHARE of its radius; -1: none. */
+/* From D's middle to Z, or to what is conjugate to it where that is nearer. */
+static double away_of(const struct disc *d, double complex z)
+{
+    return fmin(cabs(z - d->middle), cabs(conj(z) - d->middle));
+}
+
+/* Of the windows that have Z, or what is conjugate to it, within SHARE of their radius the one
+ * where it lies deepest; -1: none. */
 static int window_of(const struct search *s, double complex z, double share)
 {
+    double least = share;
+    int deepest = -1;
+
     for (int i = 0; i < s->discs; i++)
-        if (fmin(cabs(z - s->disc[i].middle), cabs(conj(z) - s->disc[i].middle))
-            <= share * s->disc[i].radius)
-            return i;
-    return -1;
+        if (away_of(&s->disc[i], z) <= least * s->disc[i].radius) {
+            least = away_of(&s->disc[i], z) / s->disc[i].radius;
+            deepest = i;
+        }
+    return deepest;
 }
 
 /* Does one of the first LAST lie farther out than RADIUS? */
@@ -422,28 +442,31 @@ static bool saw_leading(const struct search *s, int i, int last)
     for (int k = 0; k < last && k < s->found.count; k++) {
         double complex z = s->found.motion[k].exponent;
         if (window_of(s, z, 1) == i
-            && !(fmin(cabs(z - s->looked.middle), cabs(conj(z) - s->looked.middle))
-                 <= s->looked.radius + KNOWN * s->found.W))
+            && !(away_of(&s->looked, z) <= s->looked.radius + KNOWN * s->found.W))
             return false;
     }
     return true;
 }
 
-/* Once more through the windows that have leading ones, for as many and some more. */
+/* Once more through the windows that have leading ones, for as many as reach these and some more:
+ * a second of what is double is among those. */
 static enum modal_status repeat(struct search *s, struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
     int last = hill_found_last(&s->found);
 
-    for (int i = 0; i < last && i < s->found.count; i++) {
-        int at = window_of(s, s->found.motion[i].exponent, 1);
-        if (at >= 0)
-            s->disc[at].leading++;
+    for (int k = 0; k < last && k < s->found.count; k++) {
+        double complex z = s->found.motion[k].exponent;
+        int i = window_of(s, z, 1), within = 0;
+        for (int j = 0; i >= 0 && j < s->disc[i].count; j++)
+            within += s->disc[i].away[j] <= away_of(&s->disc[i], z) + KNOWN * s->found.W;
+        if (i >= 0)
+            s->disc[i].leading = within > s->disc[i].leading ? within : s->disc[i].leading;
     }
     for (int i = 0; rc == MODAL_OK && i < s->discs; i++)
         if (s->disc[i].leading > 0) {
-            rc = look(s, s->disc[i].middle - OFF_AXIS * s->found.W,
-                      2 * s->disc[i].leading + MORE, 2, err);
+            rc = look(s, s->disc[i].middle - OFF_AXIS * s->found.W, s->disc[i].leading + MORE, 2,
+                      err);
             s->missed = s->missed || (rc == MODAL_OK && !saw_leading(s, i, last));
         }
     return rc;

@@ -520,7 +520,6 @@ static enum modal_status report(struct search *s, const struct ritz *z, int want
     dofwise_weights(s->p, s->period, weight);
     for (size_t i = 0; i < count; i++)
         take(s, z, z->order[i], weight, out);
-    out->complete = z->settled >= wanted;
     out->radius = count > 0 ? s->W / cabs(z->theta[z->order[count - 1]]) : 0;
     return MODAL_OK;
 }

@@ -6,13 +6,11 @@
 #ifndef MODAL_HILL_WINDOW_H
 #define MODAL_HILL_WINDOW_H
 #include <complex.h>
-#include <stdbool.h>
 #include "modal/linalg/workspace.h"
 #include "modal/scene/program.h"
 
 struct hill_window {
     int count;                   /* settled ones, ascending in distance; one copy of each pair */
-    bool complete;               /* as many as were wanted */
     double radius;               /* within which of SHIFT none is missing */
     double complex *exponent;    /* not folded: with `middle` W in its imaginary part */
     double *residual;            /* of the multiplier, over its size: |Phi y - rho y| / |rho y| */

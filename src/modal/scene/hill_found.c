@@ -36,8 +36,10 @@ bool hill_motion_real(const struct hill_motion *f)
     return f->turn * cabs(f->multiplier) <= f->bar;
 }
 
-/* Is I of H a copy of an earlier one, or the lower one of a pair both of which are there? */
-static bool repeated(const struct hill_found *s, const struct hill_window *h, int i)
+/* Is I of H, the motion F, a copy of an earlier one, or the lower one of a pair both of which are
+ * there?  Two that rounding parts from the real axis, as of a double one, are no pair. */
+static bool repeated(const struct hill_found *s, const struct hill_window *h, int i,
+                     const struct hill_motion *f)
 {
     double complex here = h->exponent[i];
     double near = KNOWN * s->W;
@@ -45,7 +47,8 @@ static bool repeated(const struct hill_found *s, const struct hill_window *h, in
     for (int j = 0; j < h->count; j++) {
         if (j < i && h->middle[j] != h->middle[i] && cabs(h->exponent[j] - here) <= near)
             return true;
-        if (j != i && cimag(here) < -near && cabs(conj(h->exponent[j]) - here) <= near)
+        if (j != i && cimag(here) < -near && !hill_motion_real(f)
+            && cabs(conj(h->exponent[j]) - here) <= near)
             return true;
     }
     return false;
@@ -163,14 +166,17 @@ enum modal_status hill_found_add(struct hill_found *s, const struct hill_window 
                            sin(2 * M_PI * remainder(cimag(h->exponent[i]) / s->W, 1)),
                            h->start + (size_t)i * states, s->runs, false };
         double size = cabs(f.multiplier);
+        bool lower = f.turn < 0;
 
-        if (abs(h->middle[i]) > 2 * s->reach || repeated(s, h, i) || !isfinite(size))
+        if (abs(h->middle[i]) > 2 * s->reach || !isfinite(size))
             continue;
         /* what lambda T is rounded by turns the multiplier */
         f.residual = (h->residual[i] + ROUNDING * cabs(h->exponent[i]) * s->period) * size;
         f.bar = bar_of(f.residual, f.condition);
-        if (f.turn < 0) {
-            f.turn = -f.turn;
+        f.turn = fabs(f.turn);
+        if (repeated(s, h, i, &f))
+            continue;
+        if (lower && !hill_motion_real(&f)) {
             f.multiplier = conj(f.multiplier);
             f.exponent = conj(f.exponent);
             for (size_t k = 0; k < states; k++)

@@ -547,9 +547,9 @@ static enum modal_status report(struct search *s, int last, struct hill_leading 
         for (int side = 0; side < (hill_motion_real(&s->found.motion[i]) ? 1 : 2); side++) {
             const struct hill_motion *f = &s->found.motion[i];
             size_t at = (size_t)out->count++;
-            out->multiplier[at] = hill_motion_real(f)  ? creal(f->multiplier)
-                                  : side == 0 ? f->multiplier
-                                              : conj(f->multiplier);
+            out->multiplier[at] = side == 0 ? f->multiplier : conj(f->multiplier);
+            if (hill_motion_real(f) && fabs(cimag(f->multiplier)) <= KNOWN * cabs(f->multiplier))
+                out->multiplier[at] = creal(f->multiplier);  /* else its vector is not real */
             out->residual[at] = f->residual;
             out->condition[at] = f->condition;
             for (size_t k = 0; k < states; k++)

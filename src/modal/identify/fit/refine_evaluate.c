@@ -13,6 +13,7 @@ enum {
     PANEL_ENTRIES = 1 << 16,        /* of Y at a time, */
     PANEL_LEAST = 4,                /* but so many columns: one read of Q serves all of them */
     REFLECT = 64,                   /* columns of a block of LAPACK's QR */
+    STACK_BLOCK = REFLECT / 2,      /* of the stack's: its factor and workspace fit one REFLECT */
     TALL = 4096                     /* rows from which a triangle is made by blocks of them */
 };
 
@@ -286,9 +287,12 @@ enum modal_status refine_reduce_stack(struct work *w, int rows, double *T, struc
     if (P > REFINE_ORDER_MOST + 1)
         return modal_fail(err, MODAL_BAD_INPUT, "refine: %d parameters; accepted: %d", P - 1,
                           REFINE_ORDER_MOST);
-    if (LAPACKE_dgeqrf_work(LAPACK_COL_MAJOR, rows, P, w->stack, w->stack_rows, tau, w->reflect,
-                            REFLECT * P)
-        != 0)
+    /* dgeqrf takes up to 128 columns one by one */
+    if (n > STACK_BLOCK
+            ? LAPACKE_dgeqrt_work(LAPACK_COL_MAJOR, rows, P, STACK_BLOCK, w->stack, w->stack_rows,
+                                  w->reflect, STACK_BLOCK, w->reflect + STACK_BLOCK * P) != 0
+            : LAPACKE_dgeqrf_work(LAPACK_COL_MAJOR, rows, P, w->stack, w->stack_rows, tau,
+                                  w->reflect, REFLECT * P) != 0)
         return modal_fail(err, MODAL_NO_CONVERGENCE, "refine: QR of %d x %d", rows, P);
     memset(T, 0, (size_t)P * (size_t)P * sizeof *T);
     for (int j = 0; j < P; j++)

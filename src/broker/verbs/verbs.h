@@ -241,8 +241,8 @@ bool window_is_untold(const struct stream *s);
 void window_offer(struct core *c, struct stream *s);
 /* A window that is due to the worker of SLOT, which is idle or has one; false: none is. */
 bool window_start(struct core *c, int slot);
-/* Has the worker of SLOT windows, and may it have one more behind them? */
-bool window_fits_ahead(const struct core *c, int slot);
+/* What this host's workers go on with after their windows, unless it is a job's turn. */
+void windows_give_ahead(struct core *c);
 /* Windows go first, unless they have had more than half: of the workers in slots FROM to END that
  * are busy, or, where these are as many, of the time since both waited. */
 bool windows_first(const struct core *c, int from, int end);

@@ -3,7 +3,8 @@
  * who watches
  *
  * A window is due when its last sample is on stable storage, every `hop` samples, and never over a
- * gap or an epoch.  Whose turn it is, turns.c says; what came due before is left out, and counted.
+ * gap or an epoch.  Whose turn it is, window_turns.c says; what came due before is left out, and
+ * counted.
  * A worker has its next windows before it has ended the one that it works on: from the end of one
  * to the beginning of the next there is no way to the daemon and back.  The newest window of a
  * closed stream has its turn like any: a run that is shorter than the wait for a worker has its
@@ -15,8 +16,8 @@
  */
 #include "broker/core/slots.h"
 #include "broker/verbs/streams.h"
-#include "broker/verbs/turns.h"
 #include "broker/verbs/verbs.h"
+#include "broker/verbs/window_turns.h"
 #include "wire/frame.h"
 #include <math.h>
 #include <stdio.h>
@@ -357,7 +358,8 @@ bool window_start(struct core *c, int slot)
     return true;
 }
 
-bool window_fits_ahead(const struct core *c, int slot)
+/* Has the worker of SLOT windows, and may it have one more behind them? */
+static bool fits_ahead(const struct core *c, int slot)
 {
     const struct slot *worker = &c->slots->at[slot];
     const int64_t jobs_most = c->settings.worker_jobs;
@@ -365,6 +367,15 @@ bool window_fits_ahead(const struct core *c, int slot)
     return worker->live != NULL && worker->remote == NULL && slot < c->settings.workers
         && (jobs_most == 0 || worker->jobs < jobs_most) && worker->ahead < AHEAD_MOST
         && worker->ahead_s < ahead_s;
+}
+
+void windows_give_ahead(struct core *c)
+{
+    for (int slot = 0; slot < c->slots->count; slot++)
+        while (c->slots->due_count > 0 && fits_ahead(c, slot)
+               && (windows_first(c, 0, c->slots->count) || !user_any_waits(c, slot))
+               && window_start(c, slot))
+            ;
 }
 
 bool window_late(const struct core *c, const struct slot *worker)

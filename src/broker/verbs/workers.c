@@ -9,8 +9,8 @@
 #include "base/crc32c.h"
 #include "broker/core/jobs.h"
 #include "broker/core/slots.h"
-#include "broker/verbs/turns.h"
 #include "broker/verbs/verbs.h"
+#include "broker/verbs/window_turns.h"
 #include "wire/frame.h"
 #include <math.h>
 #include <signal.h>
@@ -171,16 +171,6 @@ static void schedule_remotes(struct core *c)
     }
 }
 
-/* What this host's workers go on with, unless it is a job's turn. */
-static void give_ahead(struct core *c)
-{
-    for (int slot = 0; slot < c->slots->count; slot++)
-        while (c->slots->due_count > 0 && window_fits_ahead(c, slot)
-               && (windows_first(c, 0, c->slots->count) || !user_any_waits(c, slot))
-               && window_start(c, slot))
-            ;
-}
-
 void workers_schedule(struct core *c)
 {
     if (c->draining || c->terminating || c->now.mono_ns < c->disk.hold_until)
@@ -188,7 +178,7 @@ void workers_schedule(struct core *c)
     for (int slot = 0; slot < c->slots->count; slot++)
         if (c->slots->at[slot].state == SLOT_IDLE)
             give(c, slot, 0, c->slots->count);
-    give_ahead(c);
+    windows_give_ahead(c);
     schedule_remotes(c);
 }
 

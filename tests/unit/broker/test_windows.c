@@ -1,3 +1,4 @@
+/* Tests as well: window_turns.c */
 /*
  * test_windows.c - whose turn a live window is, with workers that each take their time; and what a
  * worker says of one, as one that was taken over might

@@ -1,5 +1,5 @@
 /*
- * turns.c - whose window is next where there are more than workers
+ * window_turns.c - whose window is next where there are more than workers
  *
  * Each stream whose window is due gets its newest one in its turn.  Turns go round by round: who
  * waits gets a window before anybody gets two, so that no stream has more than its share, whatever
@@ -13,7 +13,7 @@
  *   - has more in its list than it can do in a hop, so that the last would come to that:
  *     from nothing, a window that is late costs more, but one left out is not told at all.
  */
-#include "broker/verbs/turns.h"
+#include "broker/verbs/window_turns.h"
 #include "broker/core/slots.h"
 #include "broker/verbs/streams.h"
 

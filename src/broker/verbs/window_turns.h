@@ -1,6 +1,6 @@
-/* turns.h - whose window is next where there are more than workers; for windows.c */
-#ifndef BROKER_TURNS_H
-#define BROKER_TURNS_H
+/* window_turns.h - whose window is next where there are more than workers; for windows.c */
+#ifndef BROKER_WINDOW_TURNS_H
+#define BROKER_WINDOW_TURNS_H
 #include "broker/verbs/verbs.h"
 
 /* Has S the samples of a window that is due? */

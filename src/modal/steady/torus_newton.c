@@ -209,14 +209,25 @@ static void stiffen_ways(struct torus_solver *s, size_t n)
                     * s->way[(size_t)w * q + i] * s->way[(size_t)w * q + j];
 }
 
+/* Numbers of the dense derivative at the most: so many that a factorization costs what the products
+ * of a step without it may, and TORUS_CORE_LEAST anyway. */
+static int core_most(const struct torus_solver *s)
+{
+    double points = (double)torus_grid_lines(s->grid) * torus_grid_samples(s->grid);
+    double product = points * s->p->laws * BUDGET_SAMPLE * 0.75;
+
+    return (int)fmin(fmax(cbrt(3.0 * BUDGET_DENSE * KRYLOV_MOST * product), TORUS_CORE_LEAST),
+                     TORUS_CORE_MOST);
+}
+
 /* The preconditioner at the motion of the last forces: false where it is singular. */
 static enum modal_status precondition_new(struct torus_solver *s, bool *regular,
                                           struct modal_error *err)
 {
-    int core = s->count, n, order;
+    int core = s->count, most = core_most(s), n, order;
     size_t q = (size_t)s->q;
 
-    while (core > 1 && s->q * (2 * core - 1) > TORUS_CORE_MOST)
+    while (core > 1 && s->q * (2 * core - 1) > most)
         core--;
     n = 2 * core - 1, order = s->q * n;
     free(s->J), free(s->pivot);

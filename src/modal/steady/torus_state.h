@@ -12,6 +12,7 @@ struct torus_laws;
 
 enum {
     TORUS_UNKNOWNS_MOST = 6000,    /* what a few seconds solve for */
+    TORUS_CORE_LEAST = 700,        /* 15 ms */
     TORUS_CORE_MOST = 2400,       /* of the dense derivative: 0.4 s a factorization, 46 MB */
     TORUS_POINTS_MOST = 1 << 21,   /* samples of one evaluation: of a finer grid than one solves
                                     * on */

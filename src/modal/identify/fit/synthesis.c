@@ -283,8 +283,8 @@ static double complex exp_less_one(double complex w)
     return CMPLX(expm1(a) * cos(b) - 2 * half * half, exp(a) * sin(b));
 }
 
-/* e^{-scale} sum_{l < L} e^{(a + ib) l} = e^{-scale} (e^{wL} - 1) / (e^w - 1), from the end where it
- * grows; scale is at least what the last one has grown to. */
+/* e^{-scale} sum_{l < L} e^{(a + ib) l} = e^{-scale} (e^{wL} - 1) / (e^w - 1), from the end where
+ * it grows; scale is at least what the last one has grown to. */
 static double complex sum_of_powers(double a, double b, int L, double scale)
 {
     /* whole turns a row are none: else L of their rounding */

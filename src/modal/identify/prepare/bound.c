@@ -3,8 +3,8 @@
  *
  * At each phase of a period (one of a constant system) channel c has the model Phi B_c + U_c h, U_c
  * its steps, in white noise of size s_c.  With J_c, the derivatives of Phi B_c by the poles' parts,
- * and P the projection onto what Phi leaves of the rows that are there, the information of steps and
- * poles, amplitudes being unknown, is
+ * and P the projection onto what Phi leaves of the rows that are there, the information of steps
+ * and poles, amplitudes being unknown, is
  *
  *     G_c = sum over phases [U_c J_c]' P [U_c J_c] / s_c^2,                                     (1)
  *
@@ -15,6 +15,7 @@
 #include <lapacke.h>
 #include <math.h>
 #include <string.h>
+#include "modal/identify/fit/synthesis.h"
 #include "modal/identify/linear/exponents.h"
 #include "modal/identify/linear/powers.h"
 #include "modal/linalg/svd.h"

@@ -10,8 +10,8 @@
 /*
  * FACTOR, 2 of each pole: the Cramer-Rao bounds of the poles' real and imaginary parts from the
  * samples of Y (L x S) that are not WILD, with the sizes of STEPS fitted, over those of Y as if all
- * of it were known (bound.c). Y has the wild samples rebuilt and is without the steps. 1 where the poles
- * are so ill determined that the bounds are not known. Fails with MODAL_NO_MEMORY,
+ * of it were known (bound.c). Y has the wild samples rebuilt and is without the steps. 1 where the
+ * poles are so ill determined that the bounds are not known. Fails with MODAL_NO_MEMORY,
  * MODAL_NO_CONVERGENCE.
  */
 enum modal_status bound_factors(const struct rebuild_model *poles, const struct matrix *Y,

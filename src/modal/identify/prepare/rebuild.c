@@ -1,6 +1,7 @@
 /* rebuild.c - see rebuild.h: the periods of a record are fitted, and put back into samples */
 #include "modal/identify/prepare/rebuild.h"
 #include <stdlib.h>
+#include "modal/identify/fit/synthesis.h"
 #include "modal/identify/linear/exponents.h"
 #include "modal/identify/prepare/fold.h"
 

@@ -3,8 +3,9 @@
 #define MODAL_REBUILD_H
 #include <complex.h>
 #include "base/error.h"
-#include "modal/identify/fit/synthesis.h"
 #include "modal/linalg/matrix.h"
+
+struct synthesis;
 
 /* Poles with an amplitude for each channel or, of a system with a period of SHIFT samples, for each
  * sample of a period (fold.h). */

@@ -148,7 +148,8 @@ static bool is_stuck(const struct look *k, struct run r)
     int m = r.count - 1, about = 2 * r.count > ABOUT ? 2 * r.count : ABOUT, equal = 0, pairs = 0;
     double most = log(WILD_ALARM / k->all);
 
-    if (!jumps(k, r) || returns(k, k->sent[r.begin]) || !(ln_chance(k->equal - m, k->pairs - m, m) < most))
+    if (!jumps(k, r) || returns(k, k->sent[r.begin])
+        || !(ln_chance(k->equal - m, k->pairs - m, m) < most))
         return false;
     count_pairs(k, r.begin - about, r.begin, &equal, &pairs);
     count_pairs(k, r.begin + r.count, r.begin + r.count + about, &equal, &pairs);
@@ -414,12 +415,14 @@ static enum modal_status keep(const struct look *k, int c, int count, double mea
     return MODAL_OK;
 }
 
-enum modal_status stuck_mend(struct matrix *Y, int period, struct wild *out, struct modal_error *err)
+enum modal_status stuck_mend(struct matrix *Y, int period, struct wild *out,
+                             struct modal_error *err)
 {
     size_t L = (size_t)Y->m;
     int p = Y->m / ROWS_LEAST < ORDER_MOST ? Y->m / ROWS_LEAST : ORDER_MOST;
     struct look k = { .L = Y->m, .p = p, .period = period, .all = (double)L * Y->n,
-                      .z = malloc(L * sizeof(double)), .e = malloc(L * sizeof(double)), .out = malloc(L * sizeof(bool)),
+                      .z = malloc(L * sizeof(double)), .e = malloc(L * sizeof(double)),
+                      .out = malloc(L * sizeof(bool)),
                       .run = malloc((L / RUN_LEAST + 1) * sizeof *k.run) };
     enum modal_status rc = k.z != NULL && k.e != NULL && k.out != NULL && k.run != NULL ? MODAL_OK
         : modal_fail(err, MODAL_NO_MEMORY, "stuck: no memory for %d rows", Y->m);

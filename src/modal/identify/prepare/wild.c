@@ -28,6 +28,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/identify/fit/refine.h"
+#include "modal/identify/fit/synthesis.h"
 #include "modal/identify/linear/exponents.h"
 #include "modal/linalg/svd.h"
 #include "modal/numbers.h"

@@ -1,3 +1,4 @@
+/* Tests as well: rebuild.c */
 /* test_wild.c - spikes and dropouts stand out of what poles leave, noise does not */
 #include "check.h"
 #include "signals.h"

@@ -302,7 +302,7 @@ static void subscribe(const char *name)
 static double window_ns(int count)
 {
     double least = HUGE_VAL;
-    char name[16], ident[9];
+    char name[24], ident[9];
     int sent = 8;
 
     start_workers(1);

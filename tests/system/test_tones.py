@@ -634,8 +634,8 @@ def test_a_contact_beside_a_slider_at_rest_is_told_through_a_whole_beat(tmp_path
         load = 0.0422 * math.cos(tones[0] * t) + 0.0295 * math.cos(tones[1] * t)
         return (load - C * v - (K + 0.25) * x - 6.949 * max(0, x - 0.0364)) / M
     h, steps = 0.005, 200000                       # two beats
-    x = rk4(acceleration, *start, h, steps, lambda x: None)
-    off = np.abs(x - motion(result, np.arange(steps + 1) * h)).max()
+    x = rk4(acceleration, *start, h, steps, lambda x: None)[::20]
+    off = np.abs(x - motion(result, np.arange(len(x)) * 20 * h)).max()
     assert result["converged"] and off <= 3 * result["total_error"] + 1e-4 * np.abs(x).max()
 
 

@@ -307,9 +307,10 @@ def test_from_a_cold_start_all_jobs_are_done_once_though_a_node_dies_under_them(
         alone = [here.submit("identify", batch(400 + i, 2)).result(PATIENCE_S) for i in range(7)]
     assert all(same(dict(r)) == same(dict(alone[i % 7])) for i, r in enumerate(results))
     again += [ann.ask("WAIT", job=job, timeout_s=250)["attempts"] for job in long]
-    # two were under way on n1, or one; a busy machine's pilots may have been silent for too long
+    # two were under way on n1, or one; a busy machine's pilots may have been silent for too long,
+    # also once their result was here
     assert 1 in again and max(again) > 1
-    assert it.counted("modald_worker_deaths_total") == sum(again) - len(again)
+    assert it.counted("modald_worker_deaths_total") >= sum(again) - len(again)
     assert len(set(json.loads(ann.ask("LIST", limit=1000).body[0])["jobs"][i]["job"]
                    for i in range(count + 4))) == count + 4
 

@@ -77,7 +77,8 @@ static bool have_vector(struct gmres *g, int i)
     return g->vector[i] != NULL;
 }
 
-/* Column K of Hessenberg's matrix is new. */
+/* Column K of Hessenberg's matrix is new.  Where all of it vanishes, A being singular, it takes
+ * nothing from what is left: the turn is by a right angle. */
 static void turn(struct gmres *g, int k)
 {
     double *h = g->R + (size_t)k * ((size_t)g->most + 1), size;
@@ -89,8 +90,8 @@ static void turn(struct gmres *g, int k)
         h[j] = t;
     }
     size = hypot(h[k], h[k + 1]);
-    g->c[k] = size > 0 ? h[k] / size : 1;
-    g->s[k] = size > 0 ? h[k + 1] / size : 0;
+    g->c[k] = size > 0 ? h[k] / size : 0;
+    g->s[k] = size > 0 ? h[k + 1] / size : 1;
     h[k] = size;
     g->g[k + 1] = -g->s[k] * g->g[k];
     g->g[k] *= g->c[k];
@@ -115,7 +116,7 @@ static void combine(struct gmres *g, int k, double *y)
 bool gmres_solve(struct gmres *g, void (*apply)(void *context, const double *in, double *out),
                  void *context, double left, double *y)
 {
-    double first;
+    double first, size = 1;                 /* size: of the newest vector, 0 where there is none */
     bool ok;
     int k = 0;
 
@@ -125,8 +126,8 @@ bool gmres_solve(struct gmres *g, void (*apply)(void *context, const double *in,
     first = g->g[0] = sqrt(dot(g->n, y, y));
     for (size_t i = 0; i < g->n; i++)
         g->vector[0][i] = first > 0 ? y[i] / first : 0;
-    for (; fabs(g->g[k]) > left * first && k < g->most && have_vector(g, k + 1); k++) {
-        double *w = g->vector[k + 1], *h = g->R + (size_t)k * ((size_t)g->most + 1), size;
+    for (; fabs(g->g[k]) > left * first && size > 0 && k < g->most && have_vector(g, k + 1); k++) {
+        double *w = g->vector[k + 1], *h = g->R + (size_t)k * ((size_t)g->most + 1);
 
         apply(context, g->vector[k], w);
         for (int j = 0; j <= k; j++) {

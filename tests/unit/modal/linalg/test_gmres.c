@@ -46,3 +46,21 @@ TEST(what_so_few_vectors_do_not_reach_is_near_and_said_not_to_be_reached)
     CHECK(gmres_solve(g, tridiagonal, &products, 1e-3, zero) && zero[0] == 0 && zero[N - 1] == 0);
     gmres_free(g);
 }
+
+/* out <- (0, in_0): of no vector the first is made. */
+static void shift(void *context, const double *in, double *out)
+{
+    ++*(int *)context;
+    out[0] = 0;
+    out[1] = in[0];
+}
+
+TEST(what_a_singular_operator_does_not_reach_is_said_not_to_be_reached)
+{
+    struct gmres *g = gmres_new(2, 2);
+    double y[2] = { 1, 0 };
+    int products = 0;
+
+    CHECK(!gmres_solve(g, shift, &products, 1e-3, y) && isfinite(y[0]) && isfinite(y[1]));
+    gmres_free(g);
+}

@@ -345,6 +345,19 @@ def test_short_ambient_records_are_not_taken_for_free(ctl, tmp_path):
         assert "not_ambient" not in codes(said), seed
 
 
+def test_a_dead_channel_does_not_make_a_decay_in_coloured_noise_a_driven_response(ctl, tmp_path):
+    rng, t = np.random.default_rng(5), np.arange(2000) * 0.01
+    noise = scipy.signal.lfilter([1], [1, -0.9], rng.standard_normal((2000, 3)), axis=0)
+    Y = 0.01 * noise
+    for hertz, zeta in ((3.0, 0.01), (7.1, 0.008)):
+        Y += np.real(np.outer(np.exp((1j - zeta) * 2 * np.pi * hertz * t),
+                              rng.uniform(0.5, 1, 3) * np.exp(1j * rng.uniform(0, 6, 3))))
+    Y[:, 2] = 0
+    said = ctl("identify", write_batch(tmp_path / "a.h5", Y, dt=0.01)).document
+    assert {"zero_channel", "coloured_residual"} <= set(codes(said))
+    assert "not_free_decay" not in codes(said)
+
+
 def test_an_ambient_record_taken_for_free_is_flagged_and_says_what_to_give(ctl, tmp_path):
     said = ctl("identify", write_batch(tmp_path / "a.h5", record(0, 3000), dt=DT)).document
     advice, = [d["message"] for d in said["diagnostics"] if d["code"] == "not_free_decay"]

@@ -206,6 +206,8 @@ static enum modal_status weigh_noise(const struct work *w, double *noise, double
         cblas_dscal(X.m, -1, e, 1);
         cblas_daxpy(X.m, 1, x, 1, e, 1);
         rc = stationary_likelihood(x, X.m, &one, err);
+        if (rc == MODAL_OK && one == HUGE_VAL)     /* zero, a dead channel: it tells nothing */
+            continue;
         *noise += one;
         if (rc == MODAL_OK)
             rc = stationary_likelihood(e, X.m, &one, err);

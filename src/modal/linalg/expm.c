@@ -71,6 +71,20 @@ void expm_free(struct expm *w)
     free(w);
 }
 
+static inline void small_multiply(int n, double alpha, const double *A, const double *B,
+                                  double beta, double *C)
+{
+    for (int j = 0; j < n; j++) {
+        double column[INLINE_MOST] = { 0 };     /* a compiler cannot tell that C is not A */
+        for (int k = 0; k < n; k++)
+            for (int i = 0; i < n; i++)
+                column[i] += A[i + k * n] * B[k + j * n];
+        for (int i = 0; i < n; i++)
+            /* as BLAS has it: with beta 0 what C holds, a NaN too, is not read */
+            C[i + j * n] = alpha * column[i] + (beta != 0 ? beta * C[i + j * n] : 0);
+    }
+}
+
 void square_multiply(int n, double alpha, const double *A, const double *B, double beta, double *C)
 {
     if (n > INLINE_MOST) {
@@ -78,14 +92,10 @@ void square_multiply(int n, double alpha, const double *A, const double *B, doub
                     n);
         return;
     }
-    for (int j = 0; j < n; j++) {
-        double column[INLINE_MOST] = { 0 };     /* so that C may be A or B */
-        for (int k = 0; k < n; k++)
-            for (int i = 0; i < n; i++)
-                column[i] += A[i + k * n] * B[k + j * n];
-        for (int i = 0; i < n; i++)
-            /* as BLAS has it: with beta 0 what C holds, a NaN too, is not read */
-            C[i + j * n] = alpha * column[i] + (beta != 0 ? beta * C[i + j * n] : 0);
+    switch (n) {    /* as many as one or two oscillators have: a compiler that knows n unrolls */
+    case 2: small_multiply(2, alpha, A, B, beta, C); break;
+    case 4: small_multiply(4, alpha, A, B, beta, C); break;
+    default: small_multiply(n, alpha, A, B, beta, C);
     }
 }
 

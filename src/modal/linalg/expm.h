@@ -24,7 +24,8 @@ enum modal_status expm(struct expm *w, const double *A, double *E, struct modal_
 enum modal_status expm_driven(struct expm *w, int states, const double *A, double *E,
                               struct modal_error *err);
 
-/* C = alpha A B + beta C, all n x n by columns: small sizes inline, others by BLAS. */
+/* C = alpha A B + beta C, all n x n by columns, C apart from A and B: small sizes inline, others by
+ * BLAS. */
 void square_multiply(int n, double alpha, const double *A, const double *B, double beta, double *C);
 
 #endif

@@ -65,13 +65,28 @@ static enum modal_status fail_fd(struct modal_error *err, enum file_call call, i
         error_;                                                              \
     })
 
+static enum modal_status fail_other(const char *path, struct modal_error *err)
+{
+    return modal_fail(err, MODAL_IO, "%s is no file; accepted: a file, no device, FIFO, socket or "
+                      "folder in its place", path);
+}
+
 enum modal_status file_open(const char *path, int flags, mode_t mode, int *fd,
                             struct modal_error *err)
 {
-    int got = -1, error = TRY(FILE_OPEN, got = open(path, flags | O_CLOEXEC, mode));
+    int got = -1;
+    int error = TRY(FILE_OPEN, got = open(path, flags | O_CLOEXEC | O_NONBLOCK, mode));
+    struct stat known;
 
+    if (error == ENXIO)                /* a socket, or a FIFO that nobody reads */
+        return fail_other(path, err);
     if (error != 0)
         return fail(err, FILE_OPEN, path, error);
+    if (fstat(got, &known) == 0 && !S_ISREG(known.st_mode)
+        && !((flags & O_DIRECTORY) != 0 && S_ISDIR(known.st_mode))) {
+        close(got);
+        return fail_other(path, err);
+    }
     *fd = got;
     return MODAL_OK;
 }

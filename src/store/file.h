@@ -31,7 +31,9 @@ enum file_call {
 };
 extern const char *const file_calls[FILE_CALL_COUNT];   /* "open", "pread", ... */
 
-/* Open PATH with open(2)'s FLAGS (O_CLOEXEC is added) and MODE; the caller closes *FD. */
+/* Open PATH with open(2)'s FLAGS (O_CLOEXEC is added) and MODE; the caller closes *FD.  What is no
+ * file (with O_DIRECTORY: no folder), such as a FIFO, is MODAL_IO, and nobody waits for its other
+ * end. */
 enum modal_status file_open(const char *path, int flags, mode_t mode, int *fd,
                             struct modal_error *err);
 
@@ -69,6 +71,8 @@ enum modal_status file_put(const char *path, const void *data, size_t length, mo
 /* A whole file of at most MOST bytes; the caller frees *DATA, which is followed by a zero byte. */
 enum modal_status file_get(const char *path, size_t most, char **data, size_t *length,
                            struct modal_error *err);
+
+enum { FILE_PAGE_DATA = 4088 };    /* bytes of a database's page before its checksum */
 
 /* The name of SQLite's VFS that passes this place; registered at the first call. */
 const char *file_vfs(void);

@@ -312,13 +312,17 @@ static enum modal_status or_full(const char *dir, enum modal_status rc, struct m
     return rc;
 }
 
-/* A file that an earlier version, or SQLite by itself, made for others to read; its owner alone
- * may change that. */
+/* A file that SQLite opens, which waits for the other end of a FIFO.  One that an earlier version,
+ * or SQLite by itself, made for others to read is closed to them; its owner alone may do that. */
 static enum modal_status close_to_others(const char *path, struct modal_error *err)
 {
     struct stat known;
 
-    if (stat(path, &known) != 0 || (known.st_mode & 0777 & ~(mode_t)LEDGER_MODE) == 0)
+    if (stat(path, &known) != 0)
+        return MODAL_OK;
+    if (!S_ISREG(known.st_mode))
+        return modal_fail(err, MODAL_IO, "%s is no file; accepted: a file or nothing", path);
+    if ((known.st_mode & 0777 & ~(mode_t)LEDGER_MODE) == 0)
         return MODAL_OK;
     if (chmod(path, known.st_mode & LEDGER_MODE) == 0 || errno == EPERM)
         return MODAL_OK;
@@ -328,7 +332,7 @@ static enum modal_status close_to_others(const char *path, struct modal_error *e
 /* SQLite would make it for all to read; its log and index take the mode of the database. */
 enum modal_status ledger_db_make(const char *path, struct modal_error *err)
 {
-    static const char *const beside[] = { "", "-wal", "-shm" };
+    static const char *const beside[] = { "", "-wal", "-shm", "-journal" };
     char name[4200];
     int fd = -1;
     enum modal_status rc = file_open(path, O_RDWR | O_CREAT, LEDGER_MODE, &fd, err);

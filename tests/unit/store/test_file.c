@@ -122,3 +122,23 @@ TEST(with_fault_points_the_nth_call_fails_as_told_and_the_others_pass)
     CHECK(file_fault_count(FILE_PWRITE) > 3);
     stop();
 }
+
+/* Neither is waited for: the other end of a FIFO may never come. */
+TEST(what_is_no_file_in_the_place_of_one_is_refused_at_once)
+{
+    static const int ways[] = { O_RDONLY, O_WRONLY | O_CREAT, O_RDWR | O_CREAT };
+    struct modal_error err;
+    int fd = -1;
+
+    start();
+    CHECK(mkfifo(path, 0600) == 0);
+    for (size_t i = 0; i < sizeof ways / sizeof *ways; i++) {
+        CHECK(file_open(path, ways[i], 0600, &fd, &err) == MODAL_IO && fd == -1);
+        CHECK(strstr(err.message, "/x is no file") != NULL);
+        CHECK(file_open("/dev/zero", ways[i], 0600, &fd, &err) == MODAL_IO && fd == -1);
+    }
+    CHECK(file_open(dir, O_RDONLY, 0, &fd, NULL) == MODAL_IO && fd == -1);
+    CHECK(file_open(dir, O_RDONLY | O_DIRECTORY, 0, &fd, NULL) == MODAL_OK);
+    close(fd);
+    stop();
+}

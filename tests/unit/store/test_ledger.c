@@ -1284,3 +1284,56 @@ TEST(a_database_that_was_emptied_or_is_gone_is_reported_while_its_log_has_groups
     CHECK(load(opened).jobs == 1);
     stop(opened);
 }
+
+static void reads(int jobs)
+{
+    struct ledger *ledger = NULL;
+
+    CHECK(ledger_open(dir, &ledger, NULL) == MODAL_OK);
+    CHECK(load(ledger).jobs == jobs);
+    ledger_close(ledger);
+}
+
+/* What the log had before it was moved to the database, as at leisure, nobody misses. */
+TEST(a_log_that_was_emptied_or_is_gone_is_reported_unless_the_database_has_what_it_had)
+{
+    struct ledger *ledger = start(), *opened = NULL;
+    struct modal_error err;
+    char path[128];
+    bool more;
+
+    snprintf(path, sizeof path, "%s/ledger.db-wal", dir);
+    CHECK(one(ledger, job_put(1, NULL)) == MODAL_OK);
+    CHECK(ledger_idle(ledger, &more, NULL) == MODAL_OK && !more);
+    ledger_close(ledger);
+    reads(1);
+    CHECK(unlink(path) == 0);
+    reads(1);
+    CHECK(ledger_open(dir, &ledger, NULL) == MODAL_OK);
+    CHECK(one(ledger, job_put(2, NULL)) == MODAL_OK);
+    ledger_close(ledger);
+    shell("cp %s/ledger.db-wal %s/whole");
+    CHECK(truncate(path, 0) == 0);
+    CHECK(ledger_open(dir, &opened, &err) == MODAL_CORRUPT && opened == NULL);
+    CHECK(strstr(err.message, "ledger.db-wal is empty or gone") != NULL);
+    CHECK(truncate(path, 3 * 4120) == 0);                      /* zeros */
+    CHECK(ledger_open(dir, &opened, NULL) == MODAL_CORRUPT && opened == NULL);
+    CHECK(unlink(path) == 0);
+    CHECK(ledger_open(dir, &opened, NULL) == MODAL_CORRUPT && opened == NULL);
+    shell("cp %s/whole %s/ledger.db-wal");
+    reads(2);
+    CHECK(ledger_open(dir, &ledger, NULL) == MODAL_OK);
+    CHECK(ledger_checkpoint(ledger, NULL) == MODAL_OK);
+    ledger_close(ledger);
+    CHECK(truncate(path, 0) == 0);
+    reads(2);
+    CHECK(ledger_open(dir, &ledger, NULL) == MODAL_OK);
+    CHECK(one(ledger, job_put(3, NULL)) == MODAL_OK);
+    ledger_close(ledger);
+    CHECK(truncate(path, 0) == 0);
+    CHECK(ledger_open(dir, &opened, NULL) == MODAL_CORRUPT && opened == NULL);
+    unmark();                                                  /* as the message says */
+    CHECK(ledger_open(dir, &ledger, NULL) == MODAL_OK);
+    CHECK(load(ledger).jobs == 2);
+    stop(ledger);
+}

@@ -4,6 +4,7 @@
 import os
 import pathlib
 import shutil
+import signal
 import struct
 import subprocess
 import sys
@@ -15,7 +16,7 @@ import pytest
 HERE = pathlib.Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent / "system"))
 import sanitized  # noqa: E402
-from wire import BUILD, Daemon, crc32c, submit, until  # noqa: E402
+from wire import BUILD, Client, Daemon, crc32c, submit, until  # noqa: E402
 
 FAKE = f"worker_path = {HERE.parent / 'system' / 'fake_worker.py'}\n"
 CLOCK = BUILD / "fault" / "libclock.so"
@@ -79,6 +80,105 @@ def test_a_limit_on_the_size_of_files_is_a_full_disk_and_ends_nothing():
         c = d.client()
         assert c.ask("STATUS", job="key:first")["job"] == first
         assert c.ask("STATS")["jobs"]["queued"] == 2 + told.count(None)
+
+
+def test_a_fifo_in_the_place_of_a_file_of_the_data_folder_is_refused_by_name(tmp_path):
+    """Whoever opens one waits for who opens its other end: the start never ended."""
+    with Daemon(folder=tmp_path, config=FAKE, workers=0) as d:
+        submit(d.client(), key="kept")
+        d.kill()
+        for name in ("LOCK", "RESERVE", "tape", "ledger.db", "ledger.db-wal", "ledger.db-shm",
+                     "ledger.db-journal"):
+            place, kept = tmp_path / "data" / name, tmp_path / "kept"
+            if place.exists():
+                place.rename(kept)
+            os.mkfifo(place)
+            d.start(ready=False)
+            assert d.process.wait(120) == 1 and f"{name} is no file" in d.text(), name
+            d.log.close()
+            place.unlink(missing_ok=True)
+            if kept.exists():
+                kept.rename(place)
+        d.start()
+        assert d.client().ask("STATUS", job="key:kept")["state"] == "queued"
+
+
+def test_a_log_that_nobody_reads_stops_nobody_and_tells_what_it_dropped(tmp_path):
+    """stderr is a pipe of 64 KiB; the daemon stood still when it was full.  Every line is in it at
+    last, or counted.
+    """
+    read, write = os.pipe()
+    (tmp_path / "conf").write_text(FAKE)
+    command = [BUILD / "bin" / "modald", "--data", tmp_path / "data", "--bind",
+               f"ipc://{tmp_path}/s", "--workers", "0", "--config", tmp_path / "conf"]
+    process = subprocess.Popen([str(word) for word in command], stderr=write)
+    try:
+        c, said = Client(f"ipc://{tmp_path}/s"), b""
+        jobs = [c.answer(c.send("SUBMIT", [struct.pack("<d", i) + bytes(120)], kind="identify",
+                                options={"until": "never"}, key=f"{i:0120d}",
+                                input={"content": "batch", "samples": 16, "channels": 1,
+                                       "dt": 1}))["job"] for i in range(1500)]
+        assert c.ask("STATS")["jobs"]["queued"] == len(jobs)
+        os.set_blocking(read, False)
+
+        def is_told():
+            nonlocal said
+            try:
+                said += os.read(read, 1 << 20)
+            except BlockingIOError:
+                pass
+            return b"event=log_dropped" in said
+        until(is_told)
+        lines = [line for line in said.decode().splitlines() if "event=edge" in line]
+        dropped = int(said.decode().split("event=log_dropped lines=")[1].split()[0])
+        assert len(lines) + dropped == len(jobs) and len(lines) > 0 and dropped > 0
+        assert c.ask("CANCEL", job=jobs[0]).ok
+        until(lambda: is_told() and f"job={jobs[0]} user=local kind=identify from=queued "
+              "to=cancelled" in said.decode())
+        c.close()
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(120) == 0
+        os.set_blocking(write, False)
+    finally:
+        process.kill()
+        process.wait()
+        os.close(read)
+        os.close(write)
+
+
+def test_a_stray_signal_is_told_and_ends_nothing():
+    with Daemon(config=FAKE, workers=0) as d:
+        strays = [signal.SIGUSR1, signal.SIGUSR2, signal.SIGALRM, signal.SIGVTALRM, signal.SIGPROF,
+                  signal.SIGIO, signal.SIGPWR, signal.SIGXCPU, signal.SIGSTKFLT,
+                  signal.SIGRTMIN, signal.SIGRTMAX, signal.SIGPIPE, signal.SIGHUP]
+        for number in strays:
+            os.kill(d.pid, number)
+            assert d.client().ask("HELLO").ok, number
+        for number in strays[:-2]:
+            until(lambda number=number: f"event=signal number={int(number)} " in d.text())
+
+
+@pytest.mark.skipif(sanitized.SANITIZED, reason="the sanitizer has descriptors of its own")
+def test_too_few_open_files_are_refused_at_the_start_and_enough_serve_a_client(tmp_path):
+    """Of 24 a daemon that was ready ended at its first read; as many as it asks for do."""
+    with Daemon(folder=tmp_path, config=FAKE, workers=2) as d:
+        d.stop()
+        d.wrap = ["prlimit", "--nofile=24"]
+        d.start(ready=False)
+        assert d.process.wait(120) == 1
+        d.log.close()
+        told = d.text().rpartition("24 files may be open at once")[2]
+        needed = int(told.split("one client need ")[1].split(",")[0])
+        d.wrap = ["prlimit", f"--nofile={needed - 1}"]
+        d.start(ready=False)
+        assert d.process.wait(120) == 1
+        d.log.close()
+        d.wrap = ["prlimit", f"--nofile={needed}"]
+        d.start()
+        c = d.client()
+        jobs = [submit(c, phase=0.1 * i)["job"] for i in range(4)]
+        assert all(c.ask("WAIT", job=job, timeout_s=250)["state"] == "done" for job in jobs)
+        assert all(c.ask("RESULT", job=job).ok for job in jobs)
 
 
 def descriptors(d):

@@ -3,6 +3,7 @@
 #include "base/sha256.h"
 #include "broker/shell/accept.h"
 #include "broker/shell/intake.h"
+#include "broker/shell/log_out.h"
 #include "broker/shell/loop.h"
 #include "broker/shell/notify.h"
 #include "store/file.h"
@@ -196,7 +197,10 @@ static void on_signal(int number)
 
 static enum modal_status open_signals(struct daemon *d, struct modal_error *err)
 {
-    static const int numbers[] = { SIGTERM, SIGINT, SIGHUP, SIGCHLD };
+    /* the latter end a process by default: a stray one is told and ends nothing */
+    static const int numbers[] = { SIGTERM, SIGINT, SIGHUP, SIGCHLD,
+                                   SIGUSR1, SIGUSR2, SIGALRM, SIGVTALRM, SIGPROF, SIGIO, SIGPWR,
+                                   SIGSTKFLT, SIGXCPU };
     struct sigaction action = { .sa_handler = on_signal, .sa_flags = SA_RESTART };
     int fds[2];
 
@@ -208,17 +212,39 @@ static enum modal_status open_signals(struct daemon *d, struct modal_error *err)
     signal(SIGXFSZ, SIG_IGN);                      /* a file's limit is a full disk: EFBIG */
     for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++)
         sigaction(numbers[i], &action, NULL);
+    for (int number = SIGRTMIN; number <= SIGRTMAX; number++)
+        sigaction(number, &action, NULL);
     return MODAL_OK;
 }
 
-static void raise_descriptors(void)
+/* Descriptors without which a daemon answers nobody, or ends at its first read of the ledger. */
+enum {
+    FEW_OWN      = 24,    /* counted: stdin to stderr, lock, ledger, tape, sockets' own, pipes */
+    FEW_A_WORKER = 3,     /* its stderr, what is handed to it, its connection */
+    FEW_A_THREAD = 4,     /* of the spool: the ledger's three files, and one that it reads */
+    FEW_SPARE    = 5,     /* the pipes of a worker that begins, and one client */
+};
+
+/* As many as the system grants, enough of them. */
+static enum modal_status raise_descriptors(const struct config *config, struct modal_error *err)
 {
+    rlim_t needed = (rlim_t)(FEW_OWN + config->bind_count + config->worker_bind_count
+                             + FEW_A_WORKER * config->workers
+                             + FEW_A_THREAD * config->spool_threads + FEW_SPARE);
     struct rlimit limit;
 
-    if (getrlimit(RLIMIT_NOFILE, &limit) == 0 && limit.rlim_cur < limit.rlim_max) {
+    if (getrlimit(RLIMIT_NOFILE, &limit) != 0)
+        return MODAL_OK;
+    if (limit.rlim_cur < limit.rlim_max) {
         limit.rlim_cur = limit.rlim_max < DESCRIPTORS_MOST ? limit.rlim_max : DESCRIPTORS_MOST;
         setrlimit(RLIMIT_NOFILE, &limit);
     }
+    if (limit.rlim_cur >= needed)
+        return MODAL_OK;
+    return modal_fail(err, MODAL_BUSY, "%llu files may be open at once (ulimit -n, LimitNOFILE=); "
+                      "%d workers and one client need %llu, each further client one more",
+                      (unsigned long long)limit.rlim_cur, config->workers,
+                      (unsigned long long)needed);
 }
 
 /* A folder that was there before we came keeps its mode; whoever made it is told what it lets
@@ -335,7 +361,8 @@ static enum modal_status begin(struct daemon *d, struct modal_error *err)
 {
     enum modal_status rc = open_signals(d, err);
 
-    raise_descriptors();
+    if (rc == MODAL_OK)
+        rc = raise_descriptors(d->config, err);
     accept_most(d->config->connections);
     if (rc == MODAL_OK)
         rc = open_store(d, err);
@@ -433,7 +460,7 @@ int daemon_run(struct config *config, config_again *again, void *context)
     struct modal_error err;
     int status = 1;
 
-    setvbuf(stderr, NULL, _IOFBF, 1 << 16);
+    log_out_begin();
     /* malloc_trim gives back the top of the first arena alone (glibc 2.36): up to the threshold
      * below stayed in any other */
     mallopt(M_ARENA_MAX, 1);
@@ -455,7 +482,7 @@ int daemon_run(struct config *config, config_again *again, void *context)
         loop_log("level=notice event=stopped");
     }
     end(d);
-    fflush(stderr);
+    log_out_end();
     free(d);
     config_done(config);
     return status;

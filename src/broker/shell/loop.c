@@ -10,6 +10,7 @@
 #include "broker/shell/accept.h"
 #include "broker/shell/hangup.h"
 #include "broker/shell/intake.h"
+#include "broker/shell/log_out.h"
 #include "broker/shell/notify.h"
 #include "broker/verbs/verbs.h"
 #include "store/file.h"
@@ -40,7 +41,7 @@ enum { TRIM_SHARE = 1000 };             /* of the loop's time at most one part, 
 #define ROUND_NS 5000000
 enum {
     ROUND = 128,                             /* messages of one source before the others' */
-    POLL_MOST = 5 + SLOTS_MOST,              /* sockets, threads, signals; the workers' stderr */
+    POLL_MOST = 6 + SLOTS_MOST,              /* sockets, threads, signals; stderr, the workers' */
 };
 
 static int64_t clock_ns(clockid_t clock)
@@ -56,6 +57,16 @@ static int64_t clock_ns(clockid_t clock)
 struct moment loop_now(void)
 {
     return (struct moment) { clock_ns(CLOCK_MONOTONIC), clock_ns(CLOCK_REALTIME) };
+}
+
+/* What stderr takes, and what it did not when it takes again. */
+static void flush_log(void)
+{
+    unsigned long dropped = log_out_flush();
+
+    if (dropped > 0)
+        loop_log("level=warning event=log_dropped lines=%lu "
+                 "message=\"nobody read the log meanwhile\"", dropped);
 }
 
 /* Written before the answer that it is about, unless it is one of the many. */
@@ -75,11 +86,9 @@ static void write_line(const char *text)
         snprintf(stamp, sizeof stamp, "time=%s.%03dZ ", date, (int)(millisecond % 1000));
         stamped = millisecond;
     }
-    fputs(stamp, stderr);
-    fputs(text, stderr);
-    putc('\n', stderr);
+    log_out_put(stamp, text);
     if (strncmp(text, "level=info", 10) != 0)
-        fflush(stderr);
+        flush_log();
 }
 
 void loop_log(const char *format, ...)
@@ -515,8 +524,11 @@ static void handle_signals(struct daemon *d)
             reap_children(d);
         else if (number == SIGHUP)
             reload(d);
-        else
+        else if (number == SIGTERM || number == SIGINT)
             terminate(d);
+        else
+            loop_log("level=warning event=signal number=%d message=\"%s: passed over; accepted: "
+                     "SIGTERM, SIGINT and SIGHUP\"", number, strsignal(number));
     }
 }
 
@@ -661,6 +673,7 @@ static long wait_ms(const struct daemon *d)
 enum {
     AT_ZAP = -1,         /* in place of a slot: none's */
     AT_REMOTES = -2,     /* likewise, the socket of workers elsewhere */
+    AT_LOG = -3,         /* likewise, stderr: only to wake, each round writes what it takes */
 };
 
 /* Nothing is read of clients then. */
@@ -685,6 +698,10 @@ static int poll_items(const struct daemon *d, zmq_pollitem_t items[POLL_MOST + 1
     if (d->zap != NULL) {
         slots[n] = AT_ZAP;
         items[n++] = (zmq_pollitem_t) { d->zap, 0, ZMQ_POLLIN, 0 };
+    }
+    if (log_out_waits()) {
+        slots[n] = AT_LOG;
+        items[n++] = (zmq_pollitem_t) { NULL, STDERR_FILENO, ZMQ_POLLOUT, 0 };
     }
     for (int slot = 0; slot < SLOTS_MOST && n < POLL_MOST + 1; slot++)
         if (d->pool.slots[slot].pid > 0 && d->pool.slots[slot].stderr_fd >= 0) {
@@ -726,10 +743,11 @@ void loop_run(struct daemon *d)
     bool more = false;
 
     while (!d->stop) {
-        int n = poll_items(d, items, slots);
         bool ended;
+        int n;
 
-        fflush(stderr);                            /* one write for all edges of a round */
+        flush_log();                               /* one write for all edges of a round */
+        n = poll_items(d, items, slots);
         if (zmq_poll(items, n, more ? 0 : wait_ms(d)) < 0 && errno != EINTR)
             break;
         handle_others(d, items, slots, n);

@@ -13,6 +13,7 @@
 #include "scene_help.h"
 #include "schema.h"
 #include "sweep_shares.h"
+#include "terminal.h"
 #include "verbs.h"
 
 #define JOB_TAKES (TAKES_OPTIONS | TAKES_SUBMIT | TAKES_TIMEOUT)
@@ -225,6 +226,7 @@ int main(int argc, char **argv)
     int status;
 
     signal(SIGPIPE, SIG_IGN);
+    terminal_guard();
     status = args_read(argc, (const char *const *)argv, &args, &err) == MODAL_OK
                  ? dispatch(&args, argv)
                  : outcome_failure(args.json, &err, NULL);

@@ -5,7 +5,9 @@
 #include <stdio.h>
 #include <string.h>
 #include <unistd.h>
+#include "base/utf8.h"
 #include "client.h"
+#include "terminal.h"
 
 enum {
     BAR = 30,                 /* signs of a bar: a line of it fits 80 columns */
@@ -33,10 +35,19 @@ static bool is_due(const char *what, bool terminal)
     return true;
 }
 
+static void show(const char *line)
+{
+    FILE *to = terminal_stderr();
+
+    fputc('\r', to);
+    utf8_put(to, line, strlen(line));
+    fputs("\033[K\r", to);
+}
+
 static void put(bool terminal, const char *line)
 {
     if (terminal)
-        fprintf(stderr, "\r%s\033[K\r", line);
+        show(line);
     else
         fprintf(stderr, "modalctl: %s\n", line);
 }
@@ -80,6 +91,6 @@ void progress_count(const char *what, size_t done, size_t all, size_t failed)
 void progress_end(void)
 {
     if (now.what[0] != 0 && isatty(STDERR_FILENO))
-        fputs("\r\033[K", stderr);
+        fputs("\r\033[K", terminal_stderr());
     now.what[0] = 0;
 }

@@ -8,6 +8,8 @@
 #include <sys/ioctl.h>
 #include <termios.h>
 #include <unistd.h>
+#include "base/utf8.h"
+#include "terminal.h"
 
 /* Of a terminal that does not say: a VT100's. */
 enum {
@@ -123,18 +125,19 @@ static size_t cut(const char *line, size_t length, int columns)
 
 void screen_show(const char *text)
 {
+    FILE *out = terminal_stdout();
     int columns, rows;
 
     screen_size(&columns, &rows);
-    fputs("\033[H", stdout);
+    fputs("\033[H", out);
     for (int row = 0; row < rows && *text != 0; row++) {
         size_t length = strcspn(text, "\n");
-        fwrite(text, 1, cut(text, length, columns), stdout);
-        fputs(row + 1 < rows ? "\033[K\r\n" : "\033[K", stdout);
+        utf8_put(out, text, cut(text, length, columns));
+        fputs(row + 1 < rows ? "\033[K\r\n" : "\033[K", out);
         text += length + (text[length] == '\n');
     }
-    fputs("\033[J", stdout);
-    fflush(stdout);
+    fputs("\033[J", out);
+    fflush(out);
 }
 
 int screen_key(double seconds)

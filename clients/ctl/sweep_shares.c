@@ -18,6 +18,7 @@
 #include "job/sweep.h"
 #include "base/sha256.h"
 #include "sweep_whole.h"
+#include "terminal.h"
 #include "verbs.h"
 #include "wire/protocol.h"
 
@@ -210,7 +211,8 @@ static void print_progress(void *context, const char *what, double fraction)
     struct shown *shown = context;
 
     (void)what;
-    fprintf(stderr, "\rsweep    %3.0f %% \r", 100 * (shown->done + fraction) / shown->shares);
+    fprintf(terminal_stderr(), "\rsweep    %3.0f %% \r",
+            100 * (shown->done + fraction) / shown->shares);
 }
 
 /* Until share I has ended, with its result in its document. */

@@ -5,9 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
+#include "base/utf8.h"
 #include "url.h"
-
-enum { DELETED = 0x7f };         /* the one control sign that is not below the space */
 
 bool html_begin(struct html *html)
 {
@@ -36,6 +35,8 @@ void html_raw(struct html *html, const char *markup)
 
 void html_text(struct html *html, const char *text)
 {
+    int control;
+
     for (; *text != 0; text++)
         switch (*text) {
         case '<': fputs("&lt;", html->file); break;
@@ -45,10 +46,12 @@ void html_text(struct html *html, const char *text)
         case '\'': fputs("&#39;", html->file); break;
         case '\n': case '\t': fputc(*text, html->file); break;
         default:
-            if ((unsigned char)*text < ' ' || *text == DELETED)
-                fputs("\xef\xbf\xbd", html->file);
-            else
+            control = utf8_control_length(text);
+            if (control == 0)
                 fputc(*text, html->file);
+            else
+                fputs("\xef\xbf\xbd", html->file);
+            text += control > 0 ? control - 1 : 0;
         }
 }
 

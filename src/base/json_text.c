@@ -69,7 +69,7 @@ static size_t plain_length(const char *s)
 {
     size_t n = 0;
 
-    while ((unsigned char)s[n] >= 0x20 && (unsigned char)s[n] < 0x80 && s[n] != '"' && s[n] != '\\')
+    while ((unsigned char)s[n] >= 0x20 && (unsigned char)s[n] < 0x7f && s[n] != '"' && s[n] != '\\')
         n++;
     return n;
 }
@@ -87,12 +87,13 @@ static void put_quoted(struct json_text *t, const char *s, size_t n)
 }
 
 /* A byte that is no UTF-8 (a file's name in another encoding) stands as U+FFFD: what is printed can
- * be read. */
+ * be read.  Control characters are escaped, all of them, though JSON wants it of those below U+0020
+ * alone: a terminal may be where it is read. */
 void json_text_quoted(struct json_text *t, const char *s)
 {
     const char *end, *from = s;                    /* from: what is not put yet */
     size_t simple = plain_length(s);
-    int n;
+    int n, control;
 
     if (s[simple] == '\0') {
         put_quoted(t, s, simple);
@@ -102,18 +103,18 @@ void json_text_quoted(struct json_text *t, const char *s)
     json_text_bytes(t, "\"", 1);
     for (; s < end; s += n > 0 ? n : 1) {
         char escape[8];
-        bool plain = *s != '"' && *s != '\\' && (unsigned char)*s >= 0x20;
         n = (unsigned char)*s < 0x80 ? 1 : utf8_length(s, end);
-        if (plain && n > 0)
+        control = n > 0 ? utf8_control_length(s) : 0;
+        if (n > 0 && control == 0 && *s != '"' && *s != '\\')
             continue;
         json_text_bytes(t, from, (size_t)(s - from));
-        from = s + 1;
+        from = s + (n > 0 ? n : 1);
         if (n == 0)
             json_text_bytes(t, "\xef\xbf\xbd", 3);
-        else if ((unsigned char)*s < 0x20)
-            json_text_bytes(t, escape,
-                            (size_t)snprintf(escape, sizeof escape, "\\u%04x", (unsigned char)*s));
-        else
+        else if (control > 0) {
+            utf8_control_escape(s, control, escape);
+            json_text_bytes(t, escape, strlen(escape));
+        } else
             json_text_bytes(t, (char[]) { '\\', *s }, 2);
     }
     json_text_bytes(t, from, strlen(from));

@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/json.h"
+#include "base/utf8.h"
 
 enum {
     /* the digits of the largest double by %f, its point and those behind it */
@@ -35,7 +36,8 @@ static struct conversion read_conversion(const char *percent)
 /* Whether VALUE may stand without quotes. */
 static bool is_bare(const char *value)
 {
-    while ((unsigned char)*value > ' ' && *value != 0x7f && *value != '"' && *value != '\\')
+    while ((unsigned char)*value > ' ' && utf8_control_length(value) == 0 && *value != '"'
+           && *value != '\\')
         value++;
     return *value == '\0';
 }

@@ -60,9 +60,8 @@ static enum modal_status get_text(const cJSON *object, const char *base, const c
         return modal_fail_field(err, MODAL_BAD_INPUT, path,
                                 "%s has %zu bytes; accepted: %zu to %zu", path, strlen(text), low,
                                 high);
-    return modal_fail_field(err, MODAL_BAD_INPUT, path,
-                            "%s has a control character at byte %td; accepted: text without", path,
-                            p - text);
+    return modal_fail_field(err, MODAL_BAD_INPUT, path, "%s has a control character at byte %td; "
+                            "accepted: text without", path, p - text);
 }
 
 static enum modal_status need_text(const cJSON *object, const char *key, size_t high,
@@ -107,9 +106,10 @@ static enum modal_status read_names(const cJSON *object, const char *base, struc
         return modal_fail_field(err, MODAL_BAD_INPUT, path, "%s must be a list of texts", path);
     cJSON_ArrayForEach(name, names) {
         snprintf(item, sizeof item, "%s[%llu]", path, (unsigned long long)count++);
-        if (!cJSON_IsString(name) || strlen(name->valuestring) > WIRE_NAME_MOST)
-            return modal_fail_field(err, MODAL_BAD_INPUT, item,
-                                    "%s must be a text of at most %d bytes", item, WIRE_NAME_MOST);
+        if (!cJSON_IsString(name) || strlen(name->valuestring) > WIRE_NAME_MOST
+            || *utf8_control(name->valuestring) != 0)
+            return modal_fail_field(err, MODAL_BAD_INPUT, item, "%s must be a text of at most %d "
+                                    "bytes without control characters", item, WIRE_NAME_MOST);
     }
     if (count != out->channels)
         return modal_fail_field(err, MODAL_BAD_INPUT, path,

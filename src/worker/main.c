@@ -14,6 +14,7 @@
 #include <string.h>
 #include <unistd.h>
 #include "base/machine.h"
+#include "base/utf8.h"
 #include "job/blas_core.h"
 #include "worker/confine.h"
 #include "worker/descriptors.h"
@@ -208,6 +209,8 @@ int main(int argc, char **argv)
     if ((arguments.keyfile == NULL || go_elsewhere(&arguments, &err) == MODAL_OK)
         && work(&arguments, &err) == MODAL_OK)
         return 0;
-    fprintf(stderr, "modald-worker: %s\n", err.message);
+    fputs("modald-worker: ", stderr);
+    utf8_put(stderr, err.message, strlen(err.message));     /* a server may have written it */
+    fputc('\n', stderr);
     return arguments.keyfile != NULL && is_final(err.status) ? 2 : 1;
 }

@@ -2,6 +2,7 @@
 job runs."""
 import csv
 import json
+import math
 import os
 import pathlib
 import re
@@ -725,3 +726,24 @@ def test_a_curve_without_time_for_a_point_has_timed_out(tmp_path):
                            "--continue", "omega=0.3:200", "--timeout", "0"], cwd=tmp_path,
                           capture_output=True, text=True, env=environment(), timeout=PATIENCE)
     assert done.returncode == 5
+
+
+HOSTILE = "x\x1b]0;title\x07\x9b31m\u202ey\r"
+
+
+def test_nothing_that_others_wrote_commands_the_terminal(tmp_path):
+    """Names of channels, of whoever made the file, to stdout; words to stderr: ESC, U+009B and what
+    turns text around are shown, not obeyed."""
+    table = tmp_path / "x.csv"
+    rows = [f"{0.01 * k},{math.exp(-0.008 * k) * math.cos(0.31 * k)}" for k in range(400)]
+    table.write_text(f't,"{HOSTILE[:-1]}"\n' + "\n".join(rows) + "\n")
+    for words in (["--local", "identify", str(table)], ["--local", HOSTILE]):
+        mine, theirs = terminal()
+        process = subprocess.Popen([str(BUILD / "bin" / "modalctl"), *words], stdin=theirs,
+                                   stdout=theirs, stderr=theirs, env=environment())
+        process.wait(PATIENCE)
+        said = os.read(mine, 65536).decode()
+        os.close(mine)
+        os.close(theirs)
+        assert "\\u001b]0;title\\u0007\\u009b31m\\u202ey" in said, said
+        assert not re.search("[\x1b\x07\x9b\u202e]", said), said

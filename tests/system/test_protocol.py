@@ -158,12 +158,17 @@ def test_the_order_of_options_is_no_difference(client):
     assert submit(client, key="order", options={"progress": 0.5, "say": "x"})["job"] == first["job"]
 
 
-@pytest.mark.parametrize("sign", ["\x1b", "\x7f", "\x80", "\x9b", "\x9f"])
-def test_no_key_unit_or_name_of_a_stream_has_a_sign_that_a_terminal_obeys(client, sign):
+@pytest.mark.parametrize("sign", ["\x1b", "\x7f", "\x80", "\x9b", "\x9f", "\u202e",
+                                  "\u2066", "\u200f"])
+def test_no_key_unit_or_name_of_a_stream_or_channel_has_a_sign_that_a_terminal_obeys(client, sign):
     text, what = f"a{sign}31m", dict(content="batch", samples=400, channels=1, dt=0.01)
     for verb, header in (("SUBMIT", {"kind": "identify", "key": text, "input": what}),
                          ("SUBMIT", {"kind": "identify", "input": {**what, "units": text}}),
+                         ("SUBMIT", {"kind": "identify", "input": {**what, "names": [text]}}),
                          ("UPLOAD", {"op": "begin", "key": text, **what}),
+                         ("UPLOAD", {"op": "begin", "names": [text], **what}),
+                         ("STREAM", {"op": "open", "name": "x", "names": [text], "channels": 1,
+                                     "dt": 0.01}),
                          ("STREAM", {"op": "open", "name": text, "channels": 1, "dt": 0.01})):
         reply = client.ask(verb, [bytes(3200)] if verb == "SUBMIT" else [], **header)
         assert reply.code == "bad_input" and "control" in reply["error"]["message"], reply

@@ -531,3 +531,10 @@ def test_the_notebook_of_a_service_counts_what_it_did():
     assert lines[2].startswith("20 ") and numbers(lines[2]) == pytest.approx(
         [np.hypot(w, 0.1) / (2 * np.pi) for w in (10, 29)], abs=1e-4)
     assert lines[3:] == ["done 20 queued 0 disk good", "failed 0"]
+
+
+def test_the_text_of_an_error_commands_no_terminal():
+    """A server wrote it."""
+    error = modald.Error.of({"code": "busy", "message": "a\x1b[31m\x9b1m\u202eb\tü"})
+    assert str(error) == "busy: a\\x1b[31m\\x9b1m\\u202eb\tü"
+    assert error.message == "a\x1b[31m\x9b1m\u202eb\tü"

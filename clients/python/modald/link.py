@@ -47,13 +47,19 @@ _EVENTS = (zmq.EVENT_HANDSHAKE_SUCCEEDED | zmq.EVENT_DISCONNECTED
            | zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL)
 
 
+def shown(text: str) -> str:
+    """TEXT for people to read, whoever wrote it: what a terminal would obey is escaped."""
+    return "".join(c if c.isprintable() or c in "\n\t" else c.encode("unicode_escape").decode()
+                   for c in text)
+
+
 class Error(Exception):
     """A failure: `code` is the protocol's, `field` names what is at fault, `detail` says more."""
 
     def __init__(self, code: str, message: str, field: str | None = None,
                  detail: Document | None = None):
         """Of a `code` of proto/PROTOCOL.md, or "timeout", "no_server"."""
-        super().__init__(f"{code}: {field + ': ' if field else ''}{message}")
+        super().__init__(shown(f"{code}: {field + ': ' if field else ''}{message}"))
         self.code, self.message, self.field, self.detail = code, message, field, detail or {}
 
     def __reduce__(self) -> tuple[Any, ...]:

@@ -16,6 +16,7 @@
 #include "store/file.h"
 #include "wire/frame.h"
 #include <errno.h>
+#include <fcntl.h>
 #include <malloc.h>
 #include <signal.h>
 #include <stdarg.h>
@@ -560,18 +561,21 @@ static void write_metrics(struct daemon *d)
     struct blob *text = metrics_text(d->core, NULL);
     struct modal_error err;
     char path[PATH_ROOM + 8];
-    FILE *file;
+    int fd = -1;
+    enum modal_status rc;
 
     snprintf(path, sizeof path, "%s.tmp", d->config->metrics_file);
-    file = fopen(path, "w");
-    if (file == NULL || fchmod(fileno(file), 0640) != 0
-        || fwrite(text->data, 1, text->size, file) != text->size || fflush(file) != 0
-        || rename(path, d->config->metrics_file) != 0) {
-        modal_fail(&err, MODAL_IO, "%s: %s", path, strerror(errno));
+    rc = file_open(path, O_WRONLY | O_CREAT | O_TRUNC, 0640, &fd, &err);
+    if (rc == MODAL_OK && fchmod(fd, 0640) != 0)
+        rc = modal_fail(&err, MODAL_IO, "%s: %s", path, strerror(errno));
+    if (rc == MODAL_OK)
+        rc = file_write(fd, text->data, text->size, 0, &err);
+    if (rc == MODAL_OK)
+        rc = file_rename(path, d->config->metrics_file, &err);
+    if (rc != MODAL_OK)
         loop_log_error("metrics_file", &err);
-    }
-    if (file != NULL)
-        fclose(file);
+    if (fd >= 0)
+        close(fd);
     blob_drop(text);
 }
 

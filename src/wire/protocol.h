@@ -22,6 +22,7 @@ enum {
     WIRE_INLINE_MOST     = 65536,             /* an input in SUBMIT's own body; chosen: 8192
                                                  doubles, sent again whole if need be */
     WIRE_JOBS_MOST       = 256,               /* in SUBMITS: 256 bytes of its header to each */
+    WIRE_PUSHES_MOST     = 512,               /* in one message: 128 bytes of its header to each */
     WIRE_CHUNK_MOST      = 262144,            /* bytes, chosen: 2 ms at 1 Gbit/s for who waits
                                                  behind */
     WIRE_CHANNELS_MOST   = 65536,             /* a row of 512 KiB fits one body frame */

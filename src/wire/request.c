@@ -9,6 +9,7 @@
 #include "base/utf8.h"
 #include "wire/frame.h"
 #include "wire/protocol.h"
+#include "wire/pushes.h"
 
 static const char *const wire_contents[] = { "batch", "scene", NULL };
 const char *const wire_parts[] = { "document", "batch", "input", "stderr", NULL };
@@ -658,17 +659,15 @@ static enum modal_status read_push(const struct wire_message *m, struct wire_req
                                    struct modal_error *err)
 {
     uint64_t crc = 0;
-    enum modal_status rc = get_integer(m->header, "", "epoch", 0, WIRE_INTEGER_MOST, true,
-                                       &out->stream.epoch, err);
+    const struct { const char *key; uint64_t least; double most; uint64_t *to; } numbers[] = {
+        { "epoch", 0, WIRE_INTEGER_MOST, &out->stream.epoch },
+        { "first", 0, WIRE_INTEGER_MOST, &out->stream.first },
+        { "count", 1, WIRE_BODY_MOST / 8, &out->stream.count },
+        { "crc32c", 0, UINT32_MAX, &crc } }, *n;
+    enum modal_status rc = MODAL_OK;
 
-    if (rc == MODAL_OK)
-        rc = get_integer(m->header, "", "first", 0, WIRE_INTEGER_MOST, true, &out->stream.first,
-                         err);
-    if (rc == MODAL_OK)
-        rc = get_integer(m->header, "", "count", 1, WIRE_BODY_MOST / 8, true, &out->stream.count,
-                         err);
-    if (rc == MODAL_OK)
-        rc = get_integer(m->header, "", "crc32c", 0, 4294967295.0, true, &crc, err);
+    for (n = numbers; rc == MODAL_OK && n < numbers + sizeof numbers / sizeof *numbers; n++)
+        rc = get_integer(m->header, "", n->key, n->least, n->most, true, n->to, err);
     if (rc == MODAL_OK && m->body_count != 1)
         rc = modal_fail_field(err, MODAL_BAD_INPUT, "body",
                               "a push of %d body frames; accepted: one", m->body_count);
@@ -683,23 +682,24 @@ static enum modal_status read_push(const struct wire_message *m, struct wire_req
 static enum modal_status read_stream(const struct wire_message *m, struct wire_request *out,
                                      struct modal_error *err)
 {
-    static const char *const ops[] = { "open", "push", "close", NULL };
+    static const char *const ops[] = { "open", "push", "pushes", "close", NULL };
     int op = -1;
     enum modal_status rc = json_get_choice(m->header, "", "op", ops, &op, err);
 
-    if (rc == MODAL_OK && op < 0)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "op",
-                              "op is missing; accepted: open, push, close");
     if (rc != MODAL_OK)
         return rc;
+    if (op < 0)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "op",
+                                "op is missing; accepted: open, push, pushes, close");
     out->stream.op = op;
-    if (op == WIRE_OPEN)
-        return read_open(m->header, out, err);
+    if (op == WIRE_OPEN || op == WIRE_PUSHES)
+        return op == WIRE_OPEN ? read_open(m->header, out, err)
+                               : wire_pushes_check(m, &out->stream.parts, err);
     rc = need_text(m->header, "stream", WIRE_ID_MOST, &out->stream.stream, err);
-    if (rc == MODAL_OK)
-        rc = op == WIRE_PUSH ? read_push(m, out, err)
-                             : json_get_bool(m->header, "", "broken", &out->stream.broken, err);
-    return rc;
+    if (rc == MODAL_OK && op == WIRE_PUSH)
+        return read_push(m, out, err);
+    return rc != MODAL_OK ? rc
+                          : json_get_bool(m->header, "", "broken", &out->stream.broken, err);
 }
 
 static enum modal_status read_streams(const struct wire_message *m, struct wire_request *out,
@@ -754,8 +754,8 @@ static const struct row {
     [WIRE_DRAIN]   = { "DRAIN",   WIRE_ROLE_ADMIN,  read_nothing,  false, { "id" } },
     [WIRE_UNDRAIN] = { "UNDRAIN", WIRE_ROLE_ADMIN,  read_nothing,  false, { "id" } },
     [WIRE_STREAM]  = { "STREAM",  WIRE_ROLE_SUBMIT, read_stream,   true,
-        { "id", "op", "name", "stream", "epoch", "first", "count", "crc32c", "broken", "window",
-          DESCRIPTION } },
+        { "id", "op", "name", "stream", "epoch", "first", "count", "crc32c", "parts", "broken",
+          "window", DESCRIPTION } },
     [WIRE_STREAMS] = { "STREAMS", WIRE_ROLE_READ,   read_streams,  false,
         { "id", "name", "user", "limit", "after" } },
 };

@@ -98,12 +98,13 @@ struct wire_request {
             unsigned kinds;           /* bits of wire_events; 0: all */
         } events;
         struct {
-            enum { WIRE_OPEN, WIRE_PUSH, WIRE_CLOSE } op;
+            enum { WIRE_OPEN, WIRE_PUSH, WIRE_PUSHES, WIRE_CLOSE } op;
             const char *name, *stream;
             struct wire_input input;              /* open: samples 0 */
             const cJSON *window;                  /* object, or NULL */
             uint64_t epoch, first, count;
             uint32_t crc32c;
+            const cJSON *parts;                   /* array of pushes; see wire_push_read */
             bool broken;
         } stream;
         struct wire_streams {

@@ -49,7 +49,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
                           .stream = "abcd", .opened = (data[0] & 4) != 0, .link = &link,
                           .opening = (data[0] & 8) != 0, .open_id = 1 * LINK_STREAMS,
                           .events_id = 2 * LINK_STREAMS };
-    on_message(&link, kinds[data[0] % 3], header);
+    on_message(&link, kinds[data[0] % 3], header, NULL);
     compare_members(header);
     free(header);
     if (!isfinite(s.estimate.frequency_hz) || !isfinite(s.estimate.damping_ratio)

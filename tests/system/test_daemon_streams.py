@@ -8,11 +8,13 @@ import pathlib
 import signal
 import struct
 
+import jsonschema
 import pytest
 
 from lab import Lab
 from wire import Daemon, crc32c, identity, scene_job, signal_to, submit, until
 
+SCHEMAS = pathlib.Path(__file__).resolve().parents[2] / "proto" / "schema"
 FAKE = f"worker_path = {pathlib.Path(__file__).parent / 'fake_worker.py'}\n"
 
 
@@ -149,6 +151,66 @@ def test_a_wrong_push_names_what_is_wrong_and_harms_nothing(client, change, fiel
     reply = client.ask("STREAM", [data], **header)
     assert reply.code in ("bad_input", "conflict") and reply["error"]["field"] == field
     assert push(client, s, 0, 0, data)["next"] == 10
+
+
+def pushes(client, *parts):
+    """Parts (stream, epoch, first, samples as bytes), in one message."""
+    return client.ask("STREAM", [b"".join(data for *_, data in parts)], op="pushes",
+                      parts=[[*of, len(data), crc32c(data)] for *of, data in parts])
+
+
+def test_pushes_of_many_streams_in_one_message_are_each_what_a_push_is(client):
+    a, b, c = (begin(client, name)["stream"] for name in ("many1", "many2", "many3"))
+    answer = pushes(client, (a, 0, 0, rows(0, 5)), (b, 0, 7, rows(7, 3)), (a, 0, 5, rows(5, 2)))
+    jsonschema.validate(answer.header, json.loads((SCHEMAS / "stream.reply.json").read_text()))
+    told = json.loads(answer.body[0])
+    jsonschema.validate(told, json.loads((SCHEMAS / "stream.page.json").read_text()))
+    assert answer["count"] == 3
+    assert told["parts"] == [{"epoch": 0, "next": 5}, {"epoch": 0, "next": 10},
+                             {"epoch": 0, "next": 7}]
+    answer = pushes(client, (a, 0, 3, rows(3, 4)),                    # a repeat
+                    ("nobody", 0, 0, rows(0, 9)),
+                    (b, 0, 8, rows(8, 4, factor=-1)),                 # other bytes: an epoch
+                    (c, 0, 0, rows(0, 1)[:-8]),                       # no whole sample
+                    (c, 0, 0, rows(0, 6)),
+                    (a, 9, 7, rows(7, 1)),                            # an epoch to come
+                    (a, 0, 7, rows(7, 3)))
+    parts = json.loads(answer.body[0])["parts"]
+    assert [part.get("error", {}).get("code") for part in parts] == [
+        None, "not_found", None, "bad_input", None, "conflict", None]
+    assert [(part["epoch"], part["next"]) for part in parts if "next" in part] == [
+        (0, 7), (1, 12), (0, 6), (0, 10)]
+    for stream, first, count, factor in ((a, 0, 10, 1), (b, 8, 4, -1), (c, 0, 6, 1)):
+        closed = client.ask("STREAM", op="close", stream=stream)
+        assert closed["sha256"] == identity(count, 2, 0.01, rows(first, count, factor=factor))
+
+
+def test_pushes_that_were_answered_outlive_a_kill_and_as_many_more_are_repeats():
+    with Daemon(config=FAKE, workers=1) as d:
+        c = d.client()
+        assert begin(c, "kept-0")["parts"] == 512
+        streams = [begin(c, f"kept-{k}")["stream"] for k in range(512)]
+        for at in (0, 3):
+            parts = json.loads(pushes(c, *((s, 0, at, rows(at, 3)) for s in streams)).body[0])
+            assert parts["parts"] == 512 * [{"epoch": 0, "next": at + 3}]
+        d.kill()
+        d.start()
+        c = d.client()
+        parts = json.loads(pushes(c, *((s, 0, 2, rows(2, 5)) for s in streams)).body[0])
+        assert parts["parts"] == 512 * [{"epoch": 0, "next": 7}]
+        for s in streams[::100]:
+            closed = c.ask("STREAM", op="close", stream=s)
+            assert closed["sha256"] == identity(7, 2, 0.01, rows(0, 7))
+
+
+def test_a_list_of_pushes_that_is_none_is_refused_as_a_whole(client):
+    s = begin(client, "whole")["stream"]
+    data = rows(0, 2)
+    for parts, field in (([[s, 0, 0, len(data)]], "parts"), ([], "parts"), ("s", "parts"),
+                         ([[s, 0, 0, 8, 1]], "body"), (513 * [[s, 0, 0, 8, 1]], "parts")):
+        error = client.ask("STREAM", [data], op="pushes", parts=parts)
+        assert (error.code, error["error"]["field"]) == ("bad_input", field)
+    assert begin(client, "whole")["next"] == 0
 
 
 def test_a_stream_of_nobody_is_not_found_and_other_channels_conflict(client):

@@ -181,6 +181,8 @@ static void close_link(struct link *l)
         zmq_close(l->monitor);
     l->socket = l->monitor = NULL;
     l->ready = l->lost = false;
+    l->parts_most = 0;
+    forget_together(l);
 }
 
 static bool open_link(struct link *l)
@@ -225,5 +227,7 @@ static void close_socket(struct link *l)
     if (l->context != NULL)
         zmq_ctx_term(l->context);
     l->context = NULL;
+    free(l->letter);
+    l->letter = NULL;
     explicit_bzero(l->keys, sizeof l->keys);
 }

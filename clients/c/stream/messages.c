@@ -68,6 +68,162 @@ static void send_open(modald_stream *s)
     send_message(s, "EVENTS", events, NULL, 0);
 }
 
+/* ---- frames of many streams in one message --------------------------------------------------- */
+
+/* The frames of T, which will not be answered, are not sent. */
+static void take_back(struct link *l, const struct together *t)
+{
+    for (int part = 0; part < t->count; part++) {
+        modald_stream *s = l->streams[t->slots[part]];
+        for (int i = 0; s != NULL && i < s->frames; i++) {
+            struct frame *f = frame_at(s, i);
+            if (f->id == t->id && f->part == part) {
+                f->id = 0;
+                s->flying -= bytes_of(s, f->count);
+            }
+        }
+    }
+}
+
+static bool send_letter(struct link *l)
+{
+    struct letter *letter = l->letter;
+    void *to = l->socket;
+
+    letter->header[letter->written++] = ']';
+    letter->header[letter->written++] = '}';
+    return l->ready && l->asked < ASKED_MOST
+        && zmq_send(to, version, strlen(version), ZMQ_SNDMORE | ZMQ_DONTWAIT) >= 0
+        && zmq_send(to, "STREAM", strlen("STREAM"), ZMQ_SNDMORE | ZMQ_DONTWAIT) >= 0
+        && zmq_send(to, letter->header, letter->written, ZMQ_SNDMORE | ZMQ_DONTWAIT) >= 0
+        && zmq_send(to, letter->body, letter->length, ZMQ_DONTWAIT) >= 0;
+}
+
+static bool send_together(struct link *l)
+{
+    struct together *t = l->making;
+    bool sent;
+
+    if (t == NULL)
+        return true;
+    l->making = NULL;
+    sent = send_letter(l);
+    if (sent) {
+        l->asked++;
+        t->sent_at = now();
+        t->next = l->sent;
+        l->sent = t;
+    } else {
+        take_back(l, t);
+        free(t);
+    }
+    return sent;
+}
+
+static bool begin_together(struct link *l)
+{
+    struct together *t;
+
+    if (l->making != NULL)
+        return true;
+    if (!l->ready || l->asked >= ASKED_MOST)
+        return false;
+    if (l->letter == NULL)
+        l->letter = malloc(sizeof *l->letter);
+    t = l->letter != NULL ? malloc(sizeof *t) : NULL;
+    if (t == NULL)
+        return false;
+    t->id = ++l->questions * LINK_STREAMS;
+    t->count = 0;
+    l->letter->length = 0;
+    l->letter->written = (size_t)snprintf(l->letter->header, HEADER_MOST,
+                                          "{\"id\":%lld,\"op\":\"pushes\",\"parts\":[",
+                                          (long long)t->id);
+    l->making = t;
+    return true;
+}
+
+/* Is there no room for a frame of LENGTH bytes more? */
+static bool is_full(const struct link *l, size_t length)
+{
+    return l->making != NULL
+        && (l->making->count >= l->parts_most || l->letter->length + length > FRAME_BYTES
+            || l->letter->written + PART_MOST > HEADER_MOST);
+}
+
+static bool put_in(modald_stream *s, struct frame *f)
+{
+    struct link *l = s->link;
+    size_t length = bytes_of(s, f->count);
+    struct letter *letter;
+
+    if ((is_full(l, length) && !send_together(l)) || !begin_together(l))
+        return false;
+    letter = l->letter;
+    letter->written += (size_t)snprintf(
+        letter->header + letter->written, HEADER_MOST - letter->written,
+        "%s[\"%s\",%llu,%llu,%zu,%lu]", l->making->count > 0 ? "," : "", s->stream,
+        (unsigned long long)s->epoch, (unsigned long long)f->first, length, (unsigned long)f->crc);
+    memcpy(letter->body + letter->length, f->data, length);
+    letter->length += length;
+    f->id = l->making->id;
+    f->part = l->making->count;
+    l->making->slots[l->making->count++] = (short)s->slot;
+    s->flying += length;
+    s->asked_at = now();
+    return true;
+}
+
+/* Nothing that was sent together will be answered. */
+static void forget_together(struct link *l)
+{
+    struct together *t;
+
+    free(l->making);
+    l->making = NULL;
+    while ((t = l->sent) != NULL) {
+        l->sent = t->next;
+        free(t);
+        l->asked--;
+    }
+}
+
+static bool is_overdue(const struct link *l)
+{
+    const struct together *t = l->sent;
+
+    while (t != NULL && now() <= t->sent_at + answer_patience)
+        t = t->next;
+    return t != NULL;
+}
+
+/* The message ID, out of those that have no answer; NULL: it is none of them. */
+static struct together *answered(struct link *l, uint64_t id)
+{
+    struct together **at = &l->sent, *t;
+
+    while (*at != NULL && (*at)->id != (int64_t)id)
+        at = &(*at)->next;
+    t = *at;
+    if (t != NULL) {
+        *at = t->next;
+        l->asked--;
+    }
+    return t;
+}
+
+/* ---- frames ---------------------------------------------------------------------------------- */
+
+/* May it go with others?  There the stream's name is written as it is. */
+static bool may_join(const modald_stream *s, const struct frame *f)
+{
+    static const char signs[] = "0123456789abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ";
+
+    return s->flows && s->link->parts_most > 0 && s->link->slots > 1
+        && bytes_of(s, f->count) < FRAME_ENOUGH && s->stream[strspn(s->stream, signs)] == 0;
+}
+
+/* A message of its own; those of before go before it. */
 static bool send_frame(modald_stream *s, struct frame *f)
 {
     size_t length = bytes_of(s, f->count);
@@ -80,9 +236,10 @@ static bool send_frame(modald_stream *s, struct frame *f)
     append(text, sizeof text, ",\"epoch\":%llu,\"first\":%llu,\"count\":%llu,\"crc32c\":%lu}",
            (unsigned long long)s->epoch, (unsigned long long)f->first, (unsigned long long)f->count,
            (unsigned long)f->crc);
-    if (!send_message(s, "STREAM", text, f->data, length))
+    if (!send_together(s->link) || !send_message(s, "STREAM", text, f->data, length))
         return false;
     f->id = id;
+    f->part = 0;
     s->link->fast |= length >= FRAME_ENOUGH;
     s->flying += length;
     s->asked_at = now();
@@ -110,7 +267,8 @@ static bool send_frames(modald_stream *s)
         size_t length = bytes_of(s, f->count);
         if (f->id != 0)
             continue;
-        if ((s->flying > 0 && s->flying + length > s->credit) || !send_frame(s, f))
+        if ((s->flying > 0 && s->flying + length > s->credit)
+            || !(may_join(s, f) ? put_in(s, f) : send_frame(s, f)))
             return sent;
         sent = true;
     }
@@ -121,7 +279,7 @@ static void begin_anew(modald_stream *s)
 {
     s->link->asked -= s->asked;
     s->asked = 0;
-    s->opened = s->opening = s->closing = false;
+    s->opened = s->opening = s->closing = s->flows = false;
     s->first_id = (s->link->questions + 1) * LINK_STREAMS;
     s->flying = 0;
     s->events_id = 0;
@@ -142,16 +300,41 @@ static void set_epoch(modald_stream *s, uint64_t epoch)
 
 /* What is read of a message: its members by name. */
 enum member_of_message {
-    ID, CREDIT, STREAM, EPOCH, ERROR, STREAM_ID, TO, VERDICT, FREQUENCY, FREQUENCY_STD, DAMPING,
+    ID, CREDIT, PARTS, STREAM, EPOCH, ERROR, STREAM_ID, TO, VERDICT, FREQUENCY, FREQUENCY_STD, DAMPING,
     DAMPING_STD, STABILITY, MODES, MEMBERS
 };
 static const char *const member_names[MEMBERS] = {
-    [ID] = "id", [CREDIT] = "credit", [STREAM] = "stream", [EPOCH] = "epoch", [ERROR] = "error",
+    [ID] = "id", [CREDIT] = "credit", [PARTS] = "parts", [STREAM] = "stream", [EPOCH] = "epoch", [ERROR] = "error",
     [STREAM_ID] = "stream_id", [TO] = "to", [VERDICT] = "verdict",
     [FREQUENCY] = "frequency_hz", [FREQUENCY_STD] = "frequency_hz_std",
     [DAMPING] = "damping_ratio", [DAMPING_STD] = "damping_ratio_std",
     [STABILITY] = "stability", [MODES] = "modes",
 };
+
+/* The PART of message ID that is S's is taken. */
+static void acknowledge(modald_stream *s, int64_t id, int part, const char *const *members)
+{
+    uint64_t epoch = count_at(members[EPOCH], s->epoch);
+
+    for (int i = 0; i < s->frames; i++) {
+        struct frame *f = frame_at(s, i);
+        size_t length = bytes_of(s, f->count);
+        if (f->id != id || id == 0 || f->part != part)
+            continue;
+        f->acknowledged = s->flows = true;
+        s->link->fast |= length >= FRAME_ENOUGH;
+        s->link->moved_at = now();
+        s->link->vain_until = 0;
+        s->flying -= s->flying >= length ? length : s->flying;
+        /* and we did not go back */
+        if (epoch != s->epoch && f->first > 0 && f->first == s->went_on)
+            warn_once(s, "another run pushes to a stream of this name; "
+                         "each begins the record anew");
+        s->went_on = f->first + f->count;
+        set_epoch(s, epoch);
+    }
+    retire(s);
+}
 
 static void on_reply(modald_stream *s, const char *const *members)
 {
@@ -164,28 +347,11 @@ static void on_reply(modald_stream *s, const char *const *members)
         s->opened = true;
         s->opening = false;
         s->link->pause = pause_least;
+        s->link->parts_most = (int)fmin(number_at(members[PARTS], 0), TOGETHER_MOST);
     } else if (id == s->close_id && s->closing) {
         s->closed = true;
     }
-    for (int i = 0; i < s->frames; i++) {
-        struct frame *f = frame_at(s, i);
-        size_t length = bytes_of(s, f->count);
-        if (f->id != id || id == 0)
-            continue;
-        f->acknowledged = true;
-        s->link->fast |= length >= FRAME_ENOUGH;
-        s->link->moved_at = now();
-        s->link->vain_until = 0;
-        s->flying -= s->flying >= length ? length : s->flying;
-        uint64_t epoch = count_at(members[EPOCH], s->epoch);
-        /* and we did not go back */
-        if (epoch != s->epoch && f->first > 0 && f->first == s->went_on)
-            warn_once(s, "another run pushes to a stream of this name; "
-                         "each begins the record anew");
-        s->went_on = f->first + f->count;
-        set_epoch(s, epoch);
-    }
-    retire(s);
+    acknowledge(s, id, 0, members);
 }
 
 /* s before a busy daemon is asked again, whatever it says. */
@@ -307,10 +473,31 @@ static void note_answer(modald_stream *s, uint64_t id)
     }
 }
 
+/* T has its answer: the one part of each of its streams, or an error for all. */
+static void on_together(struct link *l, const struct together *t, const char *const *header,
+                        const char *body)
+{
+    const char *at = first_element(member(body, "parts")), *members[MEMBERS];
+    const bool refused = header[ERROR] != NULL;
+
+    for (int part = 0; part < t->count && (refused || at != NULL); part++) {
+        modald_stream *s = l->streams[t->slots[part]];
+        bool good = refused || read_object(at, member_names, MEMBERS, members) != NULL;
+        members[ID] = header[ID];
+        if (s != NULL && good && t->id >= s->first_id) {
+            if (refused || members[ERROR] != NULL)
+                on_error(s, refused ? header : members);
+            else
+                acknowledge(s, t->id, part, members);
+        }
+        at = refused ? NULL : next_element(at);
+    }
+}
+
 /* A message of KIND, its header as text that is ours to read; one that is no whole object, or says
  * what we read twice, is passed over.  It is for the stream that asked; an event is for those whose
  * samples it tells of, and what answers no question for all. */
-static void on_message(struct link *l, const char *kind, const char *header)
+static void on_message(struct link *l, const char *kind, const char *header, const char *body)
 {
     static const struct {
         const char *kind;
@@ -322,7 +509,13 @@ static void on_message(struct link *l, const char *kind, const char *header)
     const char *end = read_object(skip_space(header), member_names, MEMBERS, members);
     uint64_t id = count_at(members[ID], 0);
     int first = id > 0 ? (int)(id % LINK_STREAMS) : 0, last = id > 0 ? first + 1 : l->slots;
+    struct together *t = id > 0 ? answered(l, id) : NULL;
 
+    if (t != NULL) {
+        on_together(l, t, members, body);
+        free(t);
+        return;
+    }
     if (id > 0 && l->streams[first] != NULL)
         note_answer(l->streams[first], id);
     for (size_t i = 0; i < sizeof kinds / sizeof kinds[0]; i++)
@@ -335,7 +528,7 @@ static void on_message(struct link *l, const char *kind, const char *header)
 /* One message: what it cost; 0: there is none. */
 static size_t receive(struct link *l)
 {
-    char kind[8] = "", *header = NULL;
+    char kind[8] = "", *header = NULL, *body = NULL;
     size_t cost = 0;
     bool more = true;
     zmq_msg_t part;
@@ -351,10 +544,13 @@ static size_t receive(struct link *l)
             memcpy(kind, zmq_msg_data(&part), size);
         if (i == 2)
             header = strndup(zmq_msg_data(&part), size);
+        if (i == 3)
+            body = strndup(zmq_msg_data(&part), size);
     }
     zmq_msg_close(&part);
     if (header != NULL)
-        on_message(l, kind, header);
+        on_message(l, kind, header, body);
     free(header);
+    free(body);
     return cost;
 }

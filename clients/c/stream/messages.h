@@ -10,6 +10,15 @@ static void send_open(modald_stream *s);
  * none, or no room. */
 static bool send_frames(modald_stream *s);
 
+/* What frames that go together are begun goes out; false: it could not, and is not sent. */
+static bool send_together(struct link *l);
+
+/* Is something that was sent together without an answer for too long? */
+static bool is_overdue(const struct link *l);
+
+/* Nothing that was sent together will be answered. */
+static void forget_together(struct link *l);
+
 /* Ask to seal the stream. */
 static void send_close(modald_stream *s);
 

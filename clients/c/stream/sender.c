@@ -77,7 +77,7 @@ static bool is_over(const modald_stream *s)
  * one has said nothing since. */
 static void ask_again(modald_stream *s)
 {
-    if (s->link->heard_at > s->asked_at)
+    if (s->link->heard_at > s->asked_at && !is_overdue(s->link))
         begin_anew(s);
     else
         drop_link(s->link);
@@ -238,6 +238,7 @@ static double turn(struct link *l, double idle)
         if (l->start == 0 && l->asked >= ASKED_MOST)
             l->start = slot + 1;
     }
+    send_together(l);
     while (l->slots > 0 && l->streams[l->slots - 1] == NULL)
         l->slots--;
     return closing ? moment

@@ -23,7 +23,9 @@
  * Frames carry what there is: one leaves when FRAME_ENOUGH is there, else when its first sample is
  * frame_age_most old and all before it is acknowledged.  A slow stream has few, a slow daemon too.
  * With the first of a link that leaves for its age go all that were begun: a beat of the link, for
- * which libzmq, kernel and daemon are waked once, however many its streams are.
+ * which libzmq, kernel and daemon are waked once, however many its streams are.  They go together,
+ * in messages of TOGETHER_MOST, and are answered so.  What may take the daemon longer, the first
+ * frame of a stream after it was opened, which may be a repeat, goes alone: nobody waits for it.
  *
  * Window: at most WINDOW frames built and not acknowledged.  A frame is sent once a connection, in
  * order, within the daemon's credit; a lost connection makes all of them unsent.  Repeats are
@@ -115,6 +117,8 @@ enum {
                                  * processor for its cache */
     DESCRIPTORS = 32,           /* that libzmq may need: it ends the process where it gets none */
     CLOSED_KEPT = 256,          /* handles of closed streams, for hosts that push once more */
+    TOGETHER_MOST = 512,        /* frames of a message, where the daemon takes as many */
+    PART_MOST = 256,            /* bytes of a frame in its header: a name of 128 and four numbers */
     ASKED_MOST = 512,           /* questions of a connection without an answer: a daemon keeps 1024
                                  * answers of one that is slow to read */
     SEND_MOST = 1024,           /* messages on their way to libzmq's thread, a turn of streams;
@@ -152,7 +156,24 @@ struct frame {
     uint64_t ring_end;          /* the tail once it is acknowledged; 0: it came from the file */
     uint64_t file_end;          /* the spill's offset once it is acknowledged */
     int64_t id;                 /* of the message; 0: not sent */
+    int part;                   /* which one of it */
     bool acknowledged;
+};
+
+/* Frames of several streams that are one message, which is being made or has no answer yet. */
+struct together {
+    struct together *next;
+    int64_t id;
+    double sent_at;
+    int count;
+    short slots[TOGETHER_MOST]; /* whose, in its link */
+};
+
+/* A message of them as it is made. */
+struct letter {
+    size_t written, length;     /* bytes of the header so far, of the body */
+    char header[HEADER_MOST];
+    char body[FRAME_BYTES];
 };
 
 /* Samples of a frame: libzmq is lent them instead of taking a copy, and gives them back from a
@@ -204,6 +225,9 @@ struct link {
     double moved_at;            /* when samples of a stream were taken last */
     double beat;                /* frames that were begun before it leave */
     bool fast;                  /* in this turn a frame of FRAME_ENOUGH was sent or taken */
+    int parts_most;             /* frames that the daemon takes together; 0: none */
+    struct together *making, *sent;          /* making NULL: none is begun */
+    struct letter *letter;      /* of the one that is made; NULL: none was yet */
     double vain_until;          /* no close waits before: one did, and nothing moved */
     int64_t questions;          /* asked so far */
     int asked;                  /* of them without an answer */
@@ -250,6 +274,7 @@ struct modald_stream {
     int slot;                   /* in its link */
     int asked;                  /* questions without an answer */
     bool opened, opening, closing, closed;
+    bool flows;                 /* a frame was acknowledged since it was opened */
     double until;               /* of a stream that is closed: when it is given up; 0: it is not */
     double quiet_until;         /* nothing is asked before: the daemon said so */
     int64_t first_id;           /* what was asked before counts no more */

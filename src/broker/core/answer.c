@@ -80,14 +80,14 @@ void answers_free(struct answers *all)
     free(all);
 }
 
-/* The parts as {"jobs":[...]}. */
+/* The parts as {"jobs":[...]}, those of pushes as {"parts":[...]}. */
 static struct blob *join(const struct answers *all)
 {
     struct json_text t = { 0 };
     char *text;
 
     json_text_open(&t, NULL);
-    json_text_key(&t, "jobs");
+    json_text_key(&t, all->reply.verb == WIRE_SUBMITS ? "jobs" : "parts");
     json_text_raw(&t, "[");
     for (int i = 0; i < all->count; i++) {
         json_text_raw(&t, i > 0 ? "," : "");
@@ -98,8 +98,7 @@ static struct blob *join(const struct answers *all)
     return blob_take(text, strlen(text));
 }
 
-/* TEXT, the answer to one part, to its place; with the last of them all go. */
-static void put_part(struct core *c, const struct reply *part, char *text)
+void answer_part(struct core *c, const struct reply *part, char *text)
 {
     struct answers *all = part->all;
     cJSON *header;
@@ -131,7 +130,7 @@ void answer_error(struct core *c, const struct reply *reply, const struct modal_
     }
     c->counts.rejects[err->status]++;
     if (reply->all != NULL) {
-        put_part(c, reply, wire_error_part(err, detail));
+        answer_part(c, reply, wire_error_part(err, detail));
         return;
     }
     core_act(c, (struct action) { .type = ACT_SEND,
@@ -291,7 +290,7 @@ void answer_doc(struct core *c, const struct reply *reply, const struct job *job
     if (reply->verb == WIRE_DELETE)
         json_text_bool(&t, "deleted", true);
     if (reply->all != NULL)
-        put_part(c, reply, text_end(&t));
+        answer_part(c, reply, text_end(&t));
     else
         answer_text(c, reply, text_end(&t), body);
 }

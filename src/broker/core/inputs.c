@@ -260,7 +260,7 @@ void input_record_fill(const struct input *input, struct transaction *t, struct 
     memcpy(out->sha256, input->sha256, 32);
     if (input->inline_data && input->data != NULL) {
         out->data = input->data->data;
-        transaction_keep(t, input->data);
+        transaction_keep(t, input->data, input->data->size);
     }
 }
 

@@ -31,7 +31,7 @@ enum { HOUSEKEEPING_S = 10 };
 /* Who is to be answered, and what with. */
 struct reply {
     uint64_t peer;                        /* 0: nobody */
-    /* of a part of SUBMITS: where its answer waits for the others */
+    /* of a part of SUBMITS or of pushes: where its answer waits for the others */
     struct answers *all; int place;
     char id[WIRE_ID_MOST * 6 + 3];
     enum wire_verb verb;
@@ -116,7 +116,7 @@ enum {
     REMOTES_MOST = 1024,
 };
 
-/* The answers to the parts of one SUBMITS: sent, as a list, when all are there. */
+/* The answers to the parts of one message: sent, as a list, when all are there. */
 struct answers {
     struct answers *next, **link;         /* of all that wait, in the core */
     struct reply reply;
@@ -201,8 +201,8 @@ void transaction_add_sums(struct transaction *t, int64_t input, const struct sum
  * none, and then this one's. */
 void transaction_add_chunk(struct transaction *t, int64_t input, struct chunk_record *row,
                            const struct chunk_record *chunk);
-/* BLOB, into which changes point, stays as long as T. */
-void transaction_keep(struct transaction *t, struct blob *blob);
+/* BLOB, into SIZE bytes of which changes point, stays as long as T. */
+void transaction_keep(struct transaction *t, struct blob *blob, size_t size);
 /* What follows T's commit, in this order; T's. */
 struct after *transaction_after(struct transaction *t, enum after_type type);
 /* The list AFTER, T's from here on; NULL is none. */
@@ -241,6 +241,8 @@ void answer_fail(struct core *c, const struct reply *reply, enum modal_status st
     __attribute__((format(printf, 6, 7)));
 /* Where COUNT answers wait for each other; it goes with the last of them. */
 struct answers *answers_new(struct core *c, const struct reply *reply, int count);
+/* TEXT, an object, answers the PART of a message; it is taken. */
+void answer_part(struct core *c, const struct reply *part, char *text);
 /* At the end, with what it has. */
 void answers_free(struct answers *answers);
 /* An object of one member, for details; the caller's. */

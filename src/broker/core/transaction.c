@@ -31,8 +31,9 @@ const char *transaction_text(struct transaction *t, const char *text)
     return arena_text(&t->arena, text);
 }
 
-void transaction_keep(struct transaction *t, struct blob *blob)
+void transaction_keep(struct transaction *t, struct blob *blob, size_t size)
 {
+    t->cost += (int64_t)size;
     for (size_t i = 0; i < sizeof t->keep / sizeof *t->keep; i++)
         if (t->keep[i] == NULL) {
             t->keep[i] = blob_share(blob);
@@ -133,9 +134,7 @@ bool core_admits(const struct core *c, uint64_t turn)
 
 void core_commit(struct core *c, struct transaction *t)
 {
-    t->cost = COST;
-    for (size_t i = 0; i < sizeof t->keep / sizeof *t->keep; i++)
-        t->cost += t->keep[i] == NULL ? 0 : (int64_t)t->keep[i]->size;
+    t->cost += COST;
     t->turn = c->asking;
     shares_add(&c->behind, t->turn, t->cost);
     c->uncommitted++;

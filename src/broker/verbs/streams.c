@@ -13,6 +13,8 @@
 #include "broker/verbs/streams.h"
 #include "broker/verbs/verbs.h"
 #include "wire/frame.h"
+#include "wire/protocol.h"
+#include "wire/pushes.h"
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -44,15 +46,24 @@ static struct stream *stream_open_named(const struct core *c, const struct user 
 
 static void answer_state(struct core *c, const struct reply *reply, const struct stream *s)
 {
-    cJSON *header = answer_new(reply);
     char ident[9], hex[65];
+    cJSON *header;
 
+    if (reply->all != NULL) {
+        answer_part(c, reply,
+                    grab_format("{\"epoch\":%llu,\"next\":%llu}",
+                                (unsigned long long)s->durable_epoch,
+                                (unsigned long long)s->durable));
+        return;
+    }
+    header = answer_new(reply);
     ident_text(ident, ~c->settings.secret, s->id);
     cJSON_AddStringToObject(header, "stream", ident);
     cJSON_AddStringToObject(header, "name", s->name);
     cJSON_AddNumberToObject(header, "epoch", (double)s->durable_epoch);
     cJSON_AddNumberToObject(header, "next", (double)s->durable);
     cJSON_AddNumberToObject(header, "credit", (double)core_window(c) / 2);
+    cJSON_AddNumberToObject(header, "parts", WIRE_PUSHES_MOST);
     if (s->closed) {
         cJSON_AddNumberToObject(header, "samples", (double)(s->next - s->begin));
         gaps_write(header, s);
@@ -278,12 +289,12 @@ static bool comes_late(struct core *c, const struct stream *s, const struct push
 /* Into the file and the ledger: what is new of P, or, where it begins an epoch, all. */
 static void accept(struct core *c, struct stream *s, const struct push *p)
 {
-    const char *data = p->body->data;
+    const char *data = p->data;
     uint64_t size = sample_bytes(s), known;
     struct transaction *t = transaction_new();
     struct after *after = after_new(AFTER_STREAM, &p->reply);
 
-    transaction_keep(t, p->body);
+    transaction_keep(t, p->body, p->count * size);
     t->refusable = FIRST_REFUSED;
     t->fence = &s->fence;
     if (p->same == OTHER) {                            /* they are new after all */
@@ -306,12 +317,17 @@ static void accept(struct core *c, struct stream *s, const struct push *p)
     core_commit(c, t);
 }
 
+/* Of a message with others its own samples are kept alone: what is held is within the credit. */
 static void hold(struct stream *s, const struct push *p)
 {
     struct push *held = grab(sizeof *held);
 
     *held = *p;
-    held->body = blob_share(p->body);
+    held->body = p->reply.all == NULL ? blob_share(p->body)
+                                      : blob_copy(p->data, p->count * sample_bytes(s));
+    if (held->body == NULL)
+        abort();
+    held->data = held->body->data;
     if (s->held == NULL) {
         s->held_end = &s->held;
         s->held_reach = 0;
@@ -355,7 +371,7 @@ static void go_on(struct core *c, struct stream *s)
     while (s->held != NULL && !s->comparing) {
         struct push *p = s->held;
         if (p->same == UNTOLD)
-            p->same = samples_compare(s, p->first, p->count, p->body->data);
+            p->same = samples_compare(s, p->first, p->count, p->data);
         if (p->same == UNKNOWN) {
             if (is_durable(s))
                 compare(c, s);
@@ -391,7 +407,7 @@ void stream_compared(struct core *c, struct task *task)
 static void accept_or_hold(struct core *c, struct stream *s, struct push *p)
 {
     if (s->held == NULL)
-        p->same = samples_compare(s, p->first, p->count, p->body->data);
+        p->same = samples_compare(s, p->first, p->count, p->data);
     if (p->same == SAME || p->same == OTHER) {
         if (!comes_late(c, s, p))
             accept(c, s, p);
@@ -418,40 +434,84 @@ static bool gaps_too_large(struct core *c, const struct stream *s, const struct 
     return true;
 }
 
-static void on_push(struct core *c, const struct request *q, struct stream *s)
+/* P, of EPOCH, whose samples are BYTES long. */
+static void push(struct core *c, struct stream *s, struct push *p, uint64_t epoch, size_t bytes)
 {
-    struct push push = {
-        .reply = q->reply, .first = q->wire.stream.first, .count = q->wire.stream.count,
-        .crc = q->wire.stream.crc32c, .body = q->event->body[0] };
-    uint64_t size = push.count * sample_bytes(s);
-    const char *data = q->event->message->body[0].data;
-    const struct reply *reply = &push.reply;
+    uint64_t size = p->count * sample_bytes(s);
+    const struct reply *reply = &p->reply;
 
-    if (q->event->message->body_bytes != size)
+    if (bytes != size)
         answer_fail(c, reply, MODAL_BAD_INPUT, "body", NULL,
                     "a body of %zu bytes; accepted: %llu samples of %llu channels, 8 bytes each",
-                    q->event->message->body_bytes, (unsigned long long)push.count,
-                    (unsigned long long)s->channels);
-    else if (crc32c(0, data, size) != push.crc)
+                    bytes, (unsigned long long)p->count, (unsigned long long)s->channels);
+    else if (crc32c(0, p->data, size) != p->crc)
         answer_fail(c, reply, MODAL_BAD_INPUT, "crc32c", NULL,
-                    "crc32c is %u; accepted: %u, that of the samples as they came", push.crc,
-                    crc32c(0, data, size));
-    else if (gap_too_long(c, s, push.first, push.count))
+                    "crc32c is %u; accepted: %u, that of the samples as they came", p->crc,
+                    crc32c(0, p->data, size));
+    else if (gap_too_long(c, s, p->first, p->count))
         answer_fail(c, reply, MODAL_TOO_LARGE, "first", NULL,
                     "a gap from sample %llu to %llu makes a batch over input_bytes; accepted: at "
                     "most %lld bytes",
-                    (unsigned long long)s->next, (unsigned long long)push.first,
+                    (unsigned long long)s->next, (unsigned long long)p->first,
                     (long long)c->settings.input_bytes);
     /* an earlier one was on its way when the present began */
-    else if (q->wire.stream.epoch > s->epoch)
+    else if (epoch > s->epoch)
         answer_fail(c, reply, MODAL_CONFLICT, "epoch", answer_number("expected", (double)s->epoch),
                     "the stream is in epoch %llu", (unsigned long long)s->epoch);
     else if (s->closed || s->closing)
         answer_fail(c, reply, MODAL_CONFLICT, "stream", NULL, "the stream is closed");
-    else if (room_is_full(c) || atomic_load(&s->fence) || (s->resumes && push.first > s->next))
+    else if (room_is_full(c) || atomic_load(&s->fence) || (s->resumes && p->first > s->next))
         refuse_behind(c, s, room_is_full(c) || atomic_load(&s->fence), reply);
-    else if (!gaps_too_large(c, s, &push) && may_push(c, s, &push, size))
-        accept_or_hold(c, s, &push);
+    else if (!gaps_too_large(c, s, p) && may_push(c, s, p, size))
+        accept_or_hold(c, s, p);
+}
+
+static void on_push(struct core *c, const struct request *q, struct stream *s)
+{
+    struct push one = {
+        .reply = q->reply, .first = q->wire.stream.first, .count = q->wire.stream.count,
+        .crc = q->wire.stream.crc32c, .body = q->event->body[0],
+        .data = q->event->message->body[0].data };
+
+    push(c, s, &one, q->wire.stream.epoch, q->event->message->body_bytes);
+}
+
+/* The stream of Q's user that has IDENT; NULL, and told to REPLY: none has. */
+static struct stream *stream_asked(struct core *c, const struct request *q, const char *ident,
+                                   const struct reply *reply)
+{
+    struct stream *s = stream_by_id(c, ident_number(~c->settings.secret, ident));
+
+    if (s != NULL && s->user == q->user)
+        return s;
+    answer_fail(c, reply, MODAL_NOT_FOUND, "stream", NULL, "no such stream of yours");
+    return NULL;
+}
+
+/* Each part is a push of its own, with its own transaction and answer; only the message is
+ * shared. */
+static void on_pushes(struct core *c, const struct request *q)
+{
+    const cJSON *parts = q->wire.stream.parts, *at;
+    struct push one = {
+        .reply = { .peer = q->reply.peer, .verb = WIRE_STREAM }, .body = q->event->body[0],
+        .data = q->event->message->body[0].data };
+
+    one.reply.all = answers_new(c, &q->reply, cJSON_GetArraySize(parts));
+    cJSON_ArrayForEach(at, parts) {
+        const struct wire_push part = wire_push_read(at);
+        struct stream *s = stream_asked(c, q, part.stream, &one.reply);
+
+        one.first = part.first;
+        one.crc = part.crc32c;
+        one.same = UNTOLD;
+        if (s != NULL) {
+            one.count = part.bytes / sample_bytes(s);
+            push(c, s, &one, part.epoch, part.bytes);
+        }
+        one.data += part.bytes;
+        one.reply.place++;
+    }
 }
 
 /* ---- closing: the present epoch becomes a batch ---------------------------------------------- */
@@ -572,16 +632,13 @@ void stream_request(struct core *c, const struct request *q)
 {
     struct stream *s;
 
-    if (q->wire.stream.op == WIRE_OPEN) {
+    if (q->wire.stream.op == WIRE_OPEN)
         on_open(c, q);
+    else if (q->wire.stream.op == WIRE_PUSHES)
+        on_pushes(c, q);
+    else if ((s = stream_asked(c, q, q->wire.stream.stream, &q->reply)) == NULL)
         return;
-    }
-    s = stream_by_id(c, ident_number(~c->settings.secret, q->wire.stream.stream));
-    if (s == NULL || s->user != q->user) {
-        answer_fail(c, &q->reply, MODAL_NOT_FOUND, "stream", NULL, "no such stream of yours");
-        return;
-    }
-    if (q->wire.stream.op == WIRE_PUSH)
+    else if (q->wire.stream.op == WIRE_PUSH)
         on_push(c, q, s);
     else
         on_close(c, q, s);

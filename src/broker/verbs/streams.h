@@ -11,6 +11,7 @@ struct push {
     uint64_t first, count;
     uint32_t crc;
     struct blob *body;
+    const char *data;        /* of the samples, in the body */
     enum sameness same;      /* as those of their indices that are there */
 };
 

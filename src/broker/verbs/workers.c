@@ -366,7 +366,7 @@ void job_result_put(struct core *c, struct task *task)
     *row = task->record;
     memcpy(row->input, input_sha256(job->input), 32);
     memcpy(row->settings, job->settings, 32);
-    transaction_keep(t, task->text);
+    transaction_keep(t, task->text, task->text->size);
     job->result_bytes = task->text->size;
     document_keep(c, job, task->text);
     input_use(c, job->output, 1);

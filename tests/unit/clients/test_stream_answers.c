@@ -12,7 +12,7 @@ static void hear_said(const char *kind, const char *text)
 {
     char *exact = strdup(text);          /* of its size: a sanitizer sees a byte too many */
 
-    on_message(&link_of_s, kind, exact);
+    on_message(&link_of_s, kind, exact, NULL);
     free(exact);
 }
 
@@ -104,6 +104,42 @@ TEST(a_key_inside_a_string_or_another_object_is_no_key)
     hear_said("REPLY", "{\"id\":36864,\"credit\":5,\"credit\":6}");
     hear_said("REPLY", "{\"id\":36864,\"credit\":5");
     CHECK(s.credit == 8);
+}
+
+/* What goes together is answered part for part: the one that was refused is sent again, of the other
+ * what was taken is. */
+TEST(each_part_of_an_answer_to_many_streams_is_its_own_streams)
+{
+    static double sample = 2.385;
+    static modald_stream other;
+    const char *body = "{\"parts\":[{\"epoch\":3,\"next\":8},{\"error\":{\"code\":\"busy\","
+                       "\"message\":\"one behind another\"}},{\"epoch\":3,\"next\":9}]}";
+    struct together *t = calloc(1, sizeof *t);
+    char header[] = "{\"id\":36864,\"verb\":\"STREAM\",\"count\":3}";
+
+    begin();
+    other = s;
+    other.slot = 1;
+    link_of_s.streams[1] = &other;
+    link_of_s.slots = 2;
+    link_of_s.asked = 1;
+    *t = (struct together) { .id = 36864, .count = 3, .slots = { 0, 1, 0 } };
+    link_of_s.sent = t;
+    for (int k = 0; k < 2; k++)
+        *frame_at(&s, s.frames++) = (struct frame) {
+            .first = 7 + (uint64_t)k, .count = 1, .data = &sample, .id = 36864, .part = 2 * k };
+    *frame_at(&other, other.frames++) = (struct frame) {
+        .first = 4, .count = 1, .data = &sample, .id = 36864, .part = 1 };
+    s.flying = 16;
+    other.flying = 8;
+    CHECK(is_overdue(&link_of_s));                     /* it was sent at 0 */
+    on_message(&link_of_s, "REPLY", header, body);
+    CHECK(s.frames == 0 && s.acknowledged == 2 && s.flying == 0 && s.flows && s.went_on == 9);
+    CHECK(other.frames == 1 && other.acknowledged == 0 && other.flying == 0 && !other.opened);
+    CHECK(frame_at(&other, 0)->id == 0 && other.quiet_until > 0);
+    CHECK(link_of_s.sent == NULL && link_of_s.asked == 0 && !is_overdue(&link_of_s));
+    link_of_s.streams[1] = NULL;
+    link_of_s.slots = 1;
 }
 
 TEST(a_number_that_is_none_or_no_count_changes_nothing)

@@ -300,11 +300,12 @@ static void set_epoch(modald_stream *s, uint64_t epoch)
 
 /* What is read of a message: its members by name. */
 enum member_of_message {
-    ID, CREDIT, PARTS, STREAM, EPOCH, ERROR, STREAM_ID, TO, VERDICT, FREQUENCY, FREQUENCY_STD, DAMPING,
-    DAMPING_STD, STABILITY, MODES, MEMBERS
+    ID, CREDIT, PARTS, STREAM, EPOCH, ERROR, STREAM_ID, TO, VERDICT, FREQUENCY, FREQUENCY_STD,
+    DAMPING, DAMPING_STD, STABILITY, MODES, MEMBERS
 };
 static const char *const member_names[MEMBERS] = {
-    [ID] = "id", [CREDIT] = "credit", [PARTS] = "parts", [STREAM] = "stream", [EPOCH] = "epoch", [ERROR] = "error",
+    [ID] = "id", [CREDIT] = "credit", [PARTS] = "parts", [STREAM] = "stream",
+    [EPOCH] = "epoch", [ERROR] = "error",
     [STREAM_ID] = "stream_id", [TO] = "to", [VERDICT] = "verdict",
     [FREQUENCY] = "frequency_hz", [FREQUENCY_STD] = "frequency_hz_std",
     [DAMPING] = "damping_ratio", [DAMPING_STD] = "damping_ratio_std",

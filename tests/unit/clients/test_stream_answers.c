@@ -106,8 +106,8 @@ TEST(a_key_inside_a_string_or_another_object_is_no_key)
     CHECK(s.credit == 8);
 }
 
-/* What goes together is answered part for part: the one that was refused is sent again, of the other
- * what was taken is. */
+/* What goes together is answered part for part: the one that was refused is to be sent again, the
+ * others are taken. */
 TEST(each_part_of_an_answer_to_many_streams_is_its_own_streams)
 {
     static double sample = 2.385;

@@ -1,6 +1,6 @@
 /* test_wire.c - frames and requests against proto/PROTOCOL.md: each limit from both sides, and the
  * vectors of proto/vectors */
-/* Tests as well: error.c frame.c request.c */
+/* Tests as well: error.c frame.c pushes.c request.c */
 #include "check.h"
 #include <dirent.h>
 #include <stdlib.h>

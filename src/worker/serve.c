@@ -359,19 +359,35 @@ static enum modal_status send_failed(struct run *run, const struct modal_error *
     return link_send(run->link, "FAILED", header, NULL, 0, err);
 }
 
-static enum modal_status send_done(struct run *run, const struct job_result *result,
+/* DOCUMENT of a live window, which goes in one frame: shapes that are longer leave no event room
+ * for modes. */
+static char *window_text(cJSON *document)
+{
+    char *text = json_print(document);
+    cJSON *mode;
+
+    if (text == NULL || strlen(text) <= WIRE_BODY_MOST)
+        return text;
+    cJSON_ArrayForEach(mode, cJSON_GetObjectItemCaseSensitive(document, "modes"))
+        cJSON_DeleteItemFromObjectCaseSensitive(mode, "shape");
+    free(text);
+    return json_print(document);
+}
+
+/* LIVE: of a window. */
+static enum modal_status send_done(struct run *run, const struct job_result *result, bool live,
                                    struct modal_error *err)
 {
-    char *text = json_print(result->result);
+    char *text = live ? window_text(result->result) : json_print(result->result);
+    const size_t most = live ? WIRE_BODY_MOST : WIRE_DOCUMENT_MOST;
     size_t length = text != NULL ? strlen(text) : 0;
     struct modal_error why;
     enum modal_status rc = MODAL_OK;
     cJSON *header;
 
-    if (text == NULL || length > WIRE_DOCUMENT_MOST) {
+    if (text == NULL || length > most) {
         modal_fail(&why, text == NULL ? MODAL_NO_MEMORY : MODAL_TOO_LARGE,
-                   "the result document takes %zu bytes; at most %d are kept", length,
-                   WIRE_DOCUMENT_MOST);
+                   "the result document takes %zu bytes; at most %zu are kept", length, most);
         free(text);
         return send_failed(run, &why, err);
     }
@@ -430,7 +446,7 @@ static enum modal_status run_job(struct run *run, struct live_windows *windows,
         name_limit(&why, run->memory);
         return send_failed(run, &why, err);
     }
-    rc = send_done(run, &result, err);
+    rc = send_done(run, &result, live != NULL, err);
     job_result_done(&result);
     return rc;
 }

@@ -1,10 +1,12 @@
 """Streams in the daemon (PROTOCOL.md, section 11): durable by index, repeats, epochs, gaps,
 resumption, sealing, live windows."""
 # Tests as well: live_windows.c windows.c recall.c stream_notes.c
+import cmath
 import json
 import math
 import os
 import pathlib
+import random
 import signal
 import struct
 
@@ -370,6 +372,28 @@ def test_windows_go_on_after_a_restart_from_the_samples_that_are_durable():
         first = told[len(before)]
         assert kill - window <= first["from"] < kill and first["to"] < end
         assert sum(1 + e["skipped"] for e in told) == (end - window) // hop + 1
+
+
+def test_a_window_whose_shapes_are_longer_than_a_frame_is_told_without_them():
+    """Three modes of 8192 channels: each shape has 8192 pairs of some 17 digits."""
+    window, channels, dt = 16, 8192, 0.01
+    dice = random.Random(2385)
+    shapes = [[complex(dice.gauss(0, 1), dice.gauss(0, 1)) for _ in range(channels)]
+              for _ in range(3)]
+    steps = [cmath.exp((-0.02 + 1j) * 2 * math.pi * f * dt) for f in (5.0, 14.3, 23.6)]
+    data = [(sum(shape[ch] * step ** i for shape, step in zip(shapes, steps))).real
+            + 1e-6 * dice.gauss(0, 1) for i in range(window) for ch in range(channels)]
+    with Daemon(workers=1) as d:
+        c = d.client()
+        assert c.ask("EVENTS", stream="long").ok
+        s = c.ask("STREAM", op="open", name="long", channels=channels, dt=dt,
+                  window={"samples": window, "hop": window, "options": {"shapes": True}})["stream"]
+        for at in range(0, window, 4):
+            piece = data[at * channels:(at + 4) * channels]
+            assert push(c, s, 0, at, struct.pack(f"<{len(piece)}d", *piece), channels).ok
+        told = windows_told(c, lambda told: told)[0]
+        assert "error" not in told and told["verdict"] == "stable"
+        assert len(told["modes"]) == 3 and all("shape" not in mode for mode in told["modes"])
 
 
 def test_the_newest_window_of_a_sealed_stream_is_told_after_a_restart_of_the_daemon():

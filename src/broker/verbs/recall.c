@@ -108,7 +108,7 @@ static const char *verdict_of(const char *text)
 
 void window_load_next(struct core *c, const struct note_record *r)
 {
-    const int64_t id = strtoll(r->name, NULL, 10);
+    struct stream *s = stream_by_id(c, strtoll(r->name, NULL, 10));
     cJSON *text = NULL;
     const char *verdict = NULL;
     double epoch = -1, next = 0, told = 0;
@@ -119,13 +119,12 @@ void window_load_next(struct core *c, const struct note_record *r)
     json_get_number(text, "", "next", 0, WIRE_INTEGER_MOST, &next, NULL);
     json_get_number(text, "", "told", 0, WIRE_INTEGER_MOST, &told, NULL);
     json_get_string(text, "", "verdict", &verdict, NULL);
-    for (struct stream *s = c->streams; s != NULL; s = s->next_stream)
-        if (s->id == id && (double)s->epoch == epoch) {
-            s->window.next = (uint64_t)next;
-            s->window.verdict = verdict_of(verdict);
-            s->window.told_epoch = s->epoch;
-            s->window.told = (uint64_t)told;
-        }
+    if (s != NULL && (double)s->epoch == epoch) {
+        s->window.next = (uint64_t)next;
+        s->window.verdict = verdict_of(verdict);
+        s->window.told_epoch = s->epoch;
+        s->window.told = (uint64_t)told;
+    }
     cJSON_Delete(text);
 }
 
@@ -136,11 +135,10 @@ void window_load_verdict(struct core *c, const struct note_record *r)
 
 void window_load_tracks(struct core *c, const struct note_record *r)
 {
-    int64_t id = strtoll(r->name, NULL, 10);
+    struct stream *s = stream_by_id(c, strtoll(r->name, NULL, 10));
 
-    for (struct stream *s = c->streams; s != NULL; s = s->next_stream)
-        if (s->id == id && s->window.tracks == NULL)
-            s->window.tracks = grab_text(r->text);
+    if (s != NULL && s->window.tracks == NULL)
+        s->window.tracks = grab_text(r->text);
 }
 
 /* ---- the samples ---- */

@@ -101,6 +101,28 @@ def test_frames_of_forty_slow_streams_leave_together(tmp_path):
     assert times[-1] - times[0] < 600 * (told[-1]["s"] - told[0]["s"])
 
 
+def counted(client, *names):
+    """Counters of METRICS."""
+    lines = client.ask("METRICS").body[0].decode().splitlines()
+    return [float(line.split()[1]) for name in names for line in lines
+            if line.split()[0] == f"modald_{name}_total"]
+
+
+def test_frames_of_forty_slow_streams_are_one_message_and_one_answer(tmp_path):
+    """Each is a transaction of its own; once each was asked and answered by itself, too."""
+    with Daemon(workers=1) as daemon:
+        client = daemon.client()
+        host = begin(STREAMS, CHANNELS, RATE, 5, MODALD_URL=daemon.endpoint, MODALD_SPILL=tmp_path,
+                     MODALD_CLOSE_WAIT="60")
+        seen = []
+        for _ in range(4):
+            json.loads(host.stdout.readline())
+            seen.append(counted(client, "transactions", "replies"))
+        end(host)
+    stored, answered = (last - first for first, last in zip(seen[0], seen[-1]))
+    assert stored >= 2 * STREAMS and answered < stored / 4
+
+
 def test_samples_of_a_slow_stream_travel_more_than_one_to_a_frame(tmp_path):
     """200 samples at 30 Hz: two in 50 ms.  Once each was a frame, and an entry in the ledger."""
     class Counting(Peer):

@@ -323,12 +323,18 @@ bool work_begins_at_head(const struct work *w)
         && w->opt.rank.rule == RANK_AUTO && w->opt.rank.most == 0 && !driven(w);
 }
 
-/* ROWS of all are searched. */
-static void search_rows(struct work *w, const struct matrix *all, int rows, struct matrix *part)
+/* What is searched of a record: its first rows, or its last (LATE). */
+struct end { struct matrix all, weighted, part; bool late; };
+
+static void search_rows(struct work *w, struct end *e, int rows)
 {
-    *part = *all, part->m = rows;
-    w->X = w->data.Y = rows < all->m ? part : all;
-    w->weighted.m = w->weighted.x != NULL ? rows : 0;
+    int skip = e->late ? e->all.m - rows : 0;
+
+    e->part = e->all, e->part.m = rows, e->part.x += skip;
+    w->X = w->data.Y = &e->part;
+    w->weighted = e->weighted;
+    if (w->weighted.x != NULL)
+        w->weighted.m = rows, w->weighted.x += skip;
 }
 
 /* A fit to all rows, or more, that begins with what F found in fewer. */
@@ -356,6 +362,25 @@ static enum modal_status search_on(struct work *w, struct identify_result *out, 
     return rc;
 }
 
+/* What the first rows show, or where they show nothing the last: of what grows. */
+static enum modal_status search_end(struct work *w, struct identify_result *out, struct end *e,
+                                    struct found *f, struct modal_error *err)
+{
+    enum modal_status rc;
+
+    search_rows(w, e, HEAD);
+    rc = work_decompose(w, out, err);
+    if (rc == MODAL_OK)
+        rc = choose_from_above(w, out, f, err);
+    if (rc != MODAL_OK || e->late || f->choice.chosen >= 0 || driven(w) || w->endless)
+        return rc;
+    e->late = true;
+    found_done(f);
+    *f = (struct found) { .choice = { .chosen = -1 } };
+    pencil_done(&w->pencil);
+    return search_end(w, out, e, f, err);
+}
+
 /* *found: one set of modes in white noise, in all rows; or none, where noise drives the head. Else
  * nothing is. */
 enum modal_status work_grow_from_head(struct work *w, struct identify_result *out, bool *found,
@@ -363,7 +388,7 @@ enum modal_status work_grow_from_head(struct work *w, struct identify_result *ou
 {
     const struct matrix *all = w->X;
     struct found f = { .choice = { .chosen = -1 } };
-    struct matrix part;
+    struct end e = { .all = *all, .weighted = w->weighted };
     int rows = HEAD, most;
     double grow = all->m / (double)HEAD;
     enum modal_status rc;
@@ -371,17 +396,14 @@ enum modal_status work_grow_from_head(struct work *w, struct identify_result *ou
     for (most = 1; pow(GROW, most) < grow;)
         most++;
     grow = pow(grow, 1.0 / most);
-    search_rows(w, all, rows, &part);
-    rc = work_decompose(w, out, err);
-    if (rc == MODAL_OK)
-        rc = choose_from_above(w, out, &f, err);
+    rc = search_end(w, out, &e, &f, err);
     while (rc == MODAL_OK && f.choice.clean && rows < all->m) {
         rows = --most > 0 ? (int)(grow * rows) : all->m;
-        search_rows(w, all, rows, &part);
+        search_rows(w, &e, rows);
         rc = search_on(w, out, &f, err);
     }
     *found = rc == MODAL_OK && f.choice.clean && !f.choice.crowded;
-    search_rows(w, all, all->m, &part);
+    w->X = w->data.Y = all, w->weighted = e.weighted;
     if (*found)
         rc = put_found(w, &f, out, err);
     else

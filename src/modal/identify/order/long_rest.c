@@ -10,6 +10,14 @@
  * Parts of the record are its first L, L/4, L/16, ... rows: of the chi-squared that its best
  * number of rows shows of a decay e^{-a l}, A^2 (1 - e^{-a n})^2 / (2 a^2 n), twice or half of them
  * show 0.82. Shorter ones were asked when fewer rows were searched.
+ *
+ * Poles about the largest ordinate are asked of the sums over blocks of B rows of
+ *
+ *     e_l e^{-i phi l},   phi = theta - pi / (2 B),                                          (1)
+ *
+ * theta its angle: a pole e^{lambda l} is one of them too, e^{(lambda - i phi) B t} in block t,
+ * that at theta with a quarter of a turn a block, 0.9 of it left; their real and imaginary parts
+ * are twice as many signals of few rows, that a pencil takes.
  */
 #include "modal/identify/order/long_rest.h"
 #include <fftw3.h>
@@ -18,12 +26,13 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/identify/fit/compressed.h"
-#include "modal/identify/linear/pencil.h"
 #include "modal/identify/linear/powers.h"
+#include "modal/identify/order/periodogram.h"
 #include "modal/identify/order/remainder.h"
 
 enum {
     CHUNK = 1 << 14,                /* rows at once: 128 kB a channel, in a second cache */
+    BLOCKS_LEAST = 16,              /* rows of what a pencil is asked of */
     SHORTER = 4                     /* from one part of the record to the next: 0.82 is seen */
 };
 
@@ -53,20 +62,27 @@ static bool model_new(struct model *m, const struct refine_data *data, const str
 {
     const struct compressed *b = data->blocks;
     size_t n = 2 * (size_t)fit->poles, blocks = ((size_t)1 << b->levels) + 1, S = (size_t)b->Y.n;
-    size_t most = (size_t)transform_length(b->Y.m);
 
     *m = (struct model) { .blocks = b, .fit = fit, .n = (int)n, .B = b->block,
                           .count = (int)blocks };
     m->table = malloc(n * (size_t)b->block * sizeof *m->table);
     m->turn = malloc(n * blocks * sizeof *m->turn), m->C = calloc(n * S, sizeof *m->C);
     m->unit = calloc(S, sizeof *m->unit), m->X = malloc(n * blocks * sizeof *m->X);
+    return m->table != NULL && m->turn != NULL && m->C != NULL && m->unit != NULL && m->X != NULL;
+}
+
+/* Room for what is left. */
+static bool rest_new(struct model *m)
+{
+    const struct compressed *b = m->blocks;
+    size_t S = (size_t)b->Y.n, most = (size_t)periodogram_length(b->Y.m);
+
     m->rest = malloc(((size_t)b->rows << b->levels) * S * sizeof *m->rest);
     m->tail = (struct matrix) { b->left, b->Y.n, b->left > 0 ? b->left : 1,
                                 malloc(((size_t)b->left * S + 1) * sizeof(double)) };
-    m->x = fftw_alloc_real(2 * (most / 2 + 1));
+    m->x = fftw_alloc_real(most);
     m->power = malloc((most / 2 + 1) * sizeof *m->power);
-    return m->table != NULL && m->turn != NULL && m->C != NULL && m->unit != NULL && m->X != NULL
-        && m->rest != NULL && m->tail.x != NULL && m->x != NULL && m->power != NULL;
+    return m->rest != NULL && m->tail.x != NULL && m->x != NULL && m->power != NULL;
 }
 
 /* The first block's columns, and what they are turned by in the others. */
@@ -168,44 +184,32 @@ static enum modal_status leave_blocks(struct model *m, struct modal_error *err)
     return MODAL_OK;
 }
 
-/* The ordinates of ROWS rows, transformed as N with zeros after them, added to those of others. */
-static void add_ordinates(struct model *m, int rows, int n, fftw_plan plan)
-{
-    fftw_complex *X = (fftw_complex *)m->x;
-
-    memset(m->x + rows, 0, (size_t)(n - rows) * sizeof *m->x);
-    fftw_execute(plan);
-    for (int k = 0; k <= n / 2; k++) {
-        /* real bins have one number, the others two */
-        double half = k == 0 || 2 * k == n ? 0.5 : 1;
-        m->power[k] +=
-            (float)(half * (creal(X[k]) * creal(X[k]) + cimag(X[k]) * cimag(X[k])) / rows);
-    }
-}
-
 /* Lines in the first ROWS of all columns; the colour of all of them. */
 static enum modal_status look_at_rows(struct model *m, int rows, struct long_rest *out,
                                       struct modal_error *err)
 {
-    enum modal_status rc = MODAL_OK;
-    int L = m->blocks->Y.m, n = transform_length(rows);
-    fftw_plan plan = fftw_plan_dft_r2c_1d(n, m->x, (fftw_complex *)m->x, FFTW_ESTIMATE);
+    int L = m->blocks->Y.m, n = periodogram_length(rows), count;
+    struct periodogram *p = NULL;
+    enum modal_status rc = periodogram_new(rows, m->x, &p, err);
 
-    if (plan == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "long_rest: no memory for a transform of %d", n);
-    memset(m->power, 0, ((size_t)n / 2 + 1) * sizeof *m->power);
+    if (rc != MODAL_OK)
+        return rc;
+    count = periodogram_count(p);
+    memset(m->power, 0, (size_t)count * sizeof *m->power);
     for (int c = 0; c < m->blocks->Y.n && rc == MODAL_OK; c++) {
         leave_column(m, c);
         if (rows == L)
             rc = colour_add(m->x, L, &out->colour, err);
         if (m->unit[c] == 0)
             continue;
-        add_ordinates(m, rows, n, plan);
+        memset(m->x + rows, 0, (size_t)(n - rows) * sizeof *m->x);
+        periodogram_add(p, 1.0 / rows, m->power);
     }
-    fftw_destroy_plan(plan);
-    for (int k = 0; k <= n / 2 && rc == MODAL_OK; k++)
+    for (int k = 0; k < count && rc == MODAL_OK; k++)
         /* unit variance: twice an ordinate is chi-squared of two numbers a column */
-        out->chi2 = fmax(out->chi2, 2 * m->power[k]);
+        if (2 * m->power[k] > out->chi2)
+            out->chi2 = 2 * m->power[k], out->angle = periodogram_angle(p, k), out->rows = rows;
+    periodogram_free(p);
     return rc;
 }
 
@@ -228,29 +232,118 @@ static enum modal_status look(struct model *m, const struct refine_data *data, i
     return rc;
 }
 
+/* Amplitudes and tables of what FIT says of DATA; *known: poles that coincide say nothing. */
+static enum modal_status model_fit(struct model *m, const struct refine_data *data,
+                                   const struct refined *fit, bool *known,
+                                   struct modal_error *err)
+{
+    struct projected p = { 0 };
+    enum modal_status rc = refine_project(data, fit->lambda, fit->poles, NULL, &p, err);
+
+    *known = !p.degenerate;
+    if (rc == MODAL_OK && *known && !model_new(m, data, fit))
+        rc = modal_fail(err, MODAL_NO_MEMORY, "long_rest: no memory for %d poles", fit->poles);
+    if (rc == MODAL_OK && *known) {
+        fill_tables(m, data->tau);
+        take_amplitudes(m, data, &p);
+    }
+    projected_done(&p);
+    return rc;
+}
+
 enum modal_status long_rest_look(const struct refine_data *data, const struct refined *fit,
                                  int seen, struct long_rest *out, struct modal_error *err)
 {
     struct model m = { 0 };
-    struct projected p = { 0 };
-    enum modal_status rc = refine_project(data, fit->lambda, fit->poles, NULL, &p, err);
+    enum modal_status rc;
 
-    *out = (struct long_rest) { .known = !p.degenerate };
-    if (rc != MODAL_OK || p.degenerate)
+    *out = (struct long_rest) { .chi2 = 0 };
+    rc = model_fit(&m, data, fit, &out->known, err);
+    if (rc != MODAL_OK || !out->known)
         goto out;
     out->beside = calloc((size_t)fit->poles, sizeof *out->beside);
-    if (!model_new(&m, data, fit) || out->beside == NULL) {
+    if (!rest_new(&m) || out->beside == NULL) {
         rc = modal_fail(err, MODAL_NO_MEMORY, "long_rest: no memory for %d rows", data->Y->m);
         goto out;
     }
-    fill_tables(&m, data->tau);
-    take_amplitudes(&m, data, &p);
     rc = look(&m, data, seen, out, err);
 out:
-    projected_done(&p);
     model_done(&m);
     if (rc != MODAL_OK)
         long_rest_done(out);
+    return rc;
+}
+
+/* Column C of the rest times e^{-i angle l}, added up block by block: Re and Im, of COUNT blocks.
+ * W: the first block's turns; T: those times the table. */
+static void shift_column(struct model *m, int c, double angle, const double *W, const double *T,
+                         struct matrix *D)
+{
+    const double *y = m->blocks->Y.x + (size_t)c * (size_t)m->blocks->Y.ld;
+    double *re = D->x + (size_t)(2 * c) * (size_t)D->ld, *im = re + D->ld, z[2];
+
+    turn_column(m, c);
+    for (int t = 0; t < D->m; t++) {
+        const double *X = m->X + (size_t)t * (size_t)m->n;
+        double turn = fmod(angle * m->B, 2 * M_PI) * t, co = cos(turn), si = sin(turn);
+        cblas_dgemv(CblasColMajor, CblasTrans, m->B, 2, m->unit[c], W, m->B,
+                    y + (size_t)t * (size_t)m->B, 1, 0, z, 1);
+        cblas_dgemv(CblasColMajor, CblasNoTrans, 2, m->n, -m->unit[c], T, 2, X, 1, 1, z, 1);
+        re[t] = z[0] * co + z[1] * si, im[t] = z[1] * co - z[0] * si;
+    }
+}
+
+/* The rest about ANGLE, a row a block. */
+static enum modal_status shift_rest(struct model *m, double angle, struct matrix *D,
+                                    struct modal_error *err)
+{
+    size_t B = (size_t)m->B, n = (size_t)m->n;
+    double *W = malloc(2 * (B + n) * sizeof *W), *T = W + 2 * B;
+
+    if (W == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "long_rest: no memory for %d blocks", D->m);
+    for (int i = 0; i < m->B; i++)
+        W[i] = cos(angle * i), W[i + m->B] = -sin(angle * i);
+    cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, 2, m->n, m->B, 1, W, m->B, m->table, m->B,
+                0, T, 2);
+    for (int c = 0; c < m->blocks->Y.n; c++)
+        shift_column(m, c, angle, W, T, D);
+    free(W);
+    return MODAL_OK;
+}
+
+enum modal_status long_rest_poles(const struct refine_data *data, const struct refined *fit,
+                                  const struct long_rest *rest, int most, double complex *lambda,
+                                  int *count, struct modal_error *err)
+{
+    struct model m = { 0 };
+    struct matrix D = { 0 };
+    double angle = 0, step = 0;
+    bool known;
+    int found = 0;
+    enum modal_status rc = model_fit(&m, data, fit, &known, err);
+
+    *count = 0;
+    if (rc != MODAL_OK || !known || (D.m = rest->rows / m.B) < BLOCKS_LEAST)
+        goto out;
+    D.n = 2 * data->Y->n, D.ld = D.m;
+    D.x = malloc(sizeof *D.x * (size_t)D.ld * (size_t)D.n);
+    if (D.x == NULL) {
+        rc = modal_fail(err, MODAL_NO_MEMORY, "long_rest: no memory for %d blocks", D.m);
+        goto out;
+    }
+    step = data->tau * m.B, angle = rest->angle - M_PI_2 / m.B;  /* (1) */
+    rc = shift_rest(&m, angle, &D, err);
+    if (rc == MODAL_OK)
+        rc = remainder_poles(&D, step, most, lambda, &found, err);
+    for (int j = 0; j < found && rc == MODAL_OK; j++) {
+        double theta = angle + cimag(lambda[j]) * data->tau;
+        if (pole_kind(lambda[j], step) == POLE_PAIR && theta > 0 && theta < M_PI)
+            lambda[(*count)++] = CMPLX(creal(lambda[j]), theta / data->tau);
+    }
+out:
+    free(D.x);
+    model_done(&m);
     return rc;
 }
 

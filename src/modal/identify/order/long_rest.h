@@ -8,6 +8,8 @@
 struct long_rest {
     bool known;                  /* false: the poles coincide, and the rest means nothing */
     double chi2;                 /* as remainder_peak, but of parts with SEEN rows or more twice */
+    double angle;                /* radians a row: where, in the first ROWS of the record */
+    int rows;
     struct colour_spread spread; /* of its columns, about the poles */
     struct colour_sum colour;
     double *beside;              /* per pole: as remainder_split; 0 for what is no pair */
@@ -19,5 +21,13 @@ struct long_rest {
  */
 enum modal_status long_rest_look(const struct refine_data *data, const struct refined *fit,
                                  int seen, struct long_rest *out, struct modal_error *err);
+
+/*
+ * Poles about the angle of REST, which is what FIT leaves of DATA: at most MOST into LAMBDA, a
+ * start for a fit. *count is 0 where there are none. Fails as long_rest_look.
+ */
+enum modal_status long_rest_poles(const struct refine_data *data, const struct refined *fit,
+                                  const struct long_rest *rest, int most, double complex *lambda,
+                                  int *count, struct modal_error *err);
 void long_rest_done(struct long_rest *r);
 #endif

@@ -57,8 +57,8 @@ static enum modal_status join_poles(struct climb *c, int count, int *best, bool 
     return rc;
 }
 
-/* Poles in what the best leaves, E: those that a pencil shows; where they are no good the one that
- * E shows most of, PEAK. */
+/* Poles in what the best leaves, E, or c->rest where data have blocks: those that a pencil shows;
+ * where they are no good the one that it shows most of, PEAK. */
 static enum modal_status add_poles(struct climb *c, const struct matrix *E, double complex peak,
                                    int *best, bool *better, struct modal_error *err)
 {
@@ -68,8 +68,10 @@ static enum modal_status add_poles(struct climb *c, const struct matrix *E, doub
 
     if (room < 1 || count + MORE_MOST > c->poles_most)
         return MODAL_OK;
-    rc = remainder_poles(E, c->data->tau, room < MORE_MOST ? room : MORE_MOST, c->lambda + count,
-                         &more, err);
+    room = room < MORE_MOST ? room : MORE_MOST;
+    rc = c->data->blocks != NULL
+             ? long_rest_poles(c->data, fit, &c->rest, room, c->lambda + count, &more, err)
+             : remainder_poles(E, c->data->tau, room, c->lambda + count, &more, err);
     more += count;
     memcpy(c->lambda, fit->lambda, (size_t)count * sizeof *c->lambda);
     while (more > count && poles_order(c->lambda, more, c->data->tau) > climb_order_most(c))
@@ -99,13 +101,8 @@ static enum modal_status search_once(struct climb *c, int *best, bool *better,
     bool spreads = c->data->phases <= 1;
     struct matrix E = { 0 };
     struct colour_spread spread = { 0 };
-    enum modal_status rc = MODAL_OK;
+    enum modal_status rc = remainder_of(c->data, fit, &E, err);
 
-    if (c->data->blocks != NULL
-        && ((rc = climb_rest(c, *best, err)) != MODAL_OK
-            || !(c->rest.chi2 > climb_worth_looking(c, fit, count, &c->rest.spread))))
-        return rc;
-    rc = remainder_of(c->data, fit, &E, err);
     if (rc == MODAL_OK && E.x != NULL)
         rc = remainder_peak(&E, c->data->tau, &peak, &chi2, err);
     if (rc == MODAL_OK && E.x != NULL && spreads)
@@ -117,6 +114,19 @@ static enum modal_status search_once(struct climb *c, int *best, bool *better,
     return rc;
 }
 
+/* The same of data in blocks. */
+static enum modal_status search_blocks(struct climb *c, int *best, bool *better,
+                                       struct modal_error *err)
+{
+    const struct refined *fit = &c->choice.candidates[*best].fit;
+    double count = REMAINDER_FILTERS * (double)c->data->Y->m;
+    enum modal_status rc = climb_rest(c, *best, err);
+
+    if (rc != MODAL_OK || !(c->rest.chi2 > climb_worth_looking(c, fit, count, &c->rest.spread)))
+        return rc;
+    return add_poles(c, NULL, CMPLX(0, c->rest.angle / c->data->tau), best, better, err);
+}
+
 enum modal_status climb_search_remainder(struct climb *c, int *best, struct modal_error *err)
 {
     bool better = true;
@@ -124,7 +134,8 @@ enum modal_status climb_search_remainder(struct climb *c, int *best, struct moda
 
     while (rc == MODAL_OK && better && !climb_spent(c, 1)) {
         better = false;
-        rc = search_once(c, best, &better, err);
+        rc = c->data->blocks != NULL ? search_blocks(c, best, &better, err)
+                                     : search_once(c, best, &better, err);
     }
     return rc;
 }

@@ -100,6 +100,28 @@ TEST(a_mode_that_grows_out_of_the_noise_after_the_head_is_found)
     identify_result_done(&r);
 }
 
+/* Nothing but noise in the head: it is begun at its end, and no Hankel matrix of all rows is made. */
+TEST(a_long_record_that_only_grows_is_found_from_its_end_with_the_errors_of_all_of_it)
+{
+    const double complex lambda[] = { CMPLX(1e-4, 1.3), CMPLX(7e-5, 0.4) };
+    struct random rng = { 36 };
+    struct batch b = record(lambda, 0, 0.1, &rng);
+    struct identify_result r;
+
+    for (int j = 0; j < 2; j++)
+        for (int c = 0; c < CHANNELS; c++)
+            for (int l = 0; l < ROWS; l++)
+                y[l * CHANNELS + c] += creal(cexp(lambda[j] * (l - ROWS) + I * c));
+    CHECK(modal_identify(&b, NULL, &r, NULL) == MODAL_OK);
+    CHECK(all_found(&r, lambda, 2) && r.verdict == VERDICT_UNSTABLE);
+    CHECK(r.used.rows + r.used.columns < ROWS / 2);
+    for (int m = 0; m < r.mode_count; m++) {
+        double complex decays = -conj(r.modes[m].exponent);  /* the same in reversed time */
+        CHECK_NEAR(r.modes[m].std_im / bound(decays, 0.1), 1, 0.05);
+    }
+    identify_result_done(&r);
+}
+
 /* Exact signals leave rounding, and nothing else is made of it. */
 TEST(a_long_record_without_noise_shows_its_modes_to_rounding)
 {

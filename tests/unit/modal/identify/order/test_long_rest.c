@@ -65,6 +65,30 @@ TEST(one_reading_says_of_a_remainder_what_many_say)
     scene_done(&s);
 }
 
+/* What was not fitted: the weak pair, and one beside a pair that was. */
+TEST(poles_that_a_remainder_shows_are_those_that_were_not_fitted)
+{
+    struct scene s = scene_of(40);
+    struct refine_data data = { .Y = &s.Y, .tau = s.d.dt, .blocks = compressed_new(&s.Y) };
+    struct long_rest rest;
+    double complex found[8];
+    double record = L * s.d.dt, least = HUGE_VAL;
+    int count;
+
+    CHECK(long_rest_look(&data, &s.fit, L, &rest, NULL) == MODAL_OK && rest.known);
+    CHECK(rest.rows == L && long_rest_poles(&data, &s.fit, &rest, 8, found, &count, NULL)
+          == MODAL_OK);
+    for (int k = 0; k < count; k++)
+        for (int j = 2; j < 4; j++)
+            least = fmin(least, cabs(found[k] - s.d.lambda[j]) * record);
+    CHECK(count >= 1 && count <= 8 && least < 0.5);    /* radians over the record */
+    CHECK(fabs(rest.angle / s.d.dt - cimag(s.d.lambda[2])) * record < M_PI
+          || fabs(rest.angle / s.d.dt - cimag(s.d.lambda[3])) * record < M_PI);
+    compressed_free(data.blocks);
+    long_rest_done(&rest);
+    scene_done(&s);
+}
+
 /* Of a decay e^{-a l} n rows show (1 - e^{-a n})^2 / (a n), here 0.05 in all of them and 0.41 in a
  * sixteenth; where so many were searched before they are not looked at again. */
 TEST(shorter_parts_are_looked_at_down_to_those_that_were)

@@ -115,6 +115,15 @@ static bool work_plan(struct work *w, bool whole)
     return true;
 }
 
+/* Does (4) of N columns cost more than their turn and that of as many columns as Z has rows? QRs of
+ * n (k - q) x P, n x k and k (k - q) x P. */
+static bool turn_pays(const struct work *w, int n)
+{
+    double k = w->most_columns, P = w->parameters + 1, one = (k - w->order) * P * P;
+
+    return n * k * k + k * one < n * one;
+}
+
 /* For a QR of all rows, or by doubling. */
 static bool allocate_rows(struct work *w, bool whole)
 {
@@ -135,6 +144,9 @@ static bool allocate_rows(struct work *w, bool whole)
     w->C = workspace_numbers(space, (size_t)q, (size_t)w->panel);
     w->rest = workspace_numbers(space, w->join ? 0 : w->doubled ? 1 : L, (size_t)w->panel);
     w->stack = workspace_numbers(space, (size_t)w->stack_rows, (size_t)P);
+    if (turn_pays(w, w->panel))
+        w->turned = workspace_numbers(space, (size_t)(w->panel + w->most_columns),
+                                      (size_t)w->most_columns);
     w->reflect = workspace_numbers(space, REFLECT, (size_t)(w->columns + w->panel + P));
     return !w->space.failed;
 }
@@ -364,11 +376,35 @@ static void project_panel(struct work *w, int c0, int n, struct evaluation *e)
     }
 }
 
+/* (4) sums over columns, and their turn by an orthogonal matrix is no matter: of N in a panel, more
+ * than Z has rows, as many as rows. */
+static enum modal_status turn_panel(struct work *w, int c0, int *n, bool *turned,
+                                    struct modal_error *err)
+{
+    int k = w->most_columns;
+    struct matrix A = { *n, k, *n, w->turned }, T = { k, k, k, w->turned + (size_t)*n * (size_t)k };
+    enum modal_status rc;
+
+    *turned = turn_pays(w, *n);
+    if (!*turned)
+        return MODAL_OK;
+    for (int c = 0; c < *n; c++)
+        for (int l = 0; l < k; l++)
+            A.x[c + (size_t)l * (size_t)*n] = w->weight[(c0 + c) / w->phases] * w->Z[l + c * k];
+    rc = qr_triangle(&A, &T, err);
+    for (int c = 0; c < k && rc == MODAL_OK; c++)
+        for (int l = 0; l < k; l++)
+            w->Z[l + c * k] = T.x[c + (size_t)l * (size_t)k];
+    *n = k;
+    return rc;
+}
+
 /* One panel: its projections, its residuals, its rows of (4). */
 static enum modal_status panel_pass(struct work *w, int c0, int n, struct evaluation *e,
                                     struct modal_error *err)
 {
     int q = w->order, k = w->most_columns, P = w->parameters + 1;
+    bool turned = false;
     enum modal_status rc = MODAL_OK;
 
     if (w->doubled)
@@ -381,12 +417,14 @@ static enum modal_status panel_pass(struct work *w, int c0, int n, struct evalua
         memcpy(w->all + (size_t)(c0 + c) * (size_t)q, w->Z + c * k, (size_t)q * sizeof *w->all);
     if (rc != MODAL_OK || w->parameters == 0 || k == q)
         return rc;
+    if ((rc = turn_panel(w, c0, &n, &turned, err)) != MODAL_OK)
+        return rc;
     matrix_copy(q, n, w->Z, k, w->C, q);
     /* C = R11^{-1} Q1^T Y */
     cblas_dtrsm(CblasColMajor, CblasLeft, CblasUpper, CblasNoTrans, CblasNonUnit, q, n, 1, w->R, k,
                 w->C, q);
     for (int c = 0; c < n; c++)
-        refine_channel_rows(w, c, w->weight[(c0 + c) / w->phases], P + c * (k - q));
+        refine_channel_rows(w, c, turned ? 1 : w->weight[(c0 + c) / w->phases], P + c * (k - q));
     refine_triangle_to_stack(w, e->T);
     return refine_reduce_stack(w, P + n * (k - q), e->T, err);
 }

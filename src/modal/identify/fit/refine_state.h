@@ -45,6 +45,7 @@ struct work {
     double *all;
     double *C;                   /* order x panel */
     double *rest;                /* L x panel: P Y */
+    double *turned;              /* panel x most_columns, and a triangle; NULL: columns are few */
     double *stack;               /* rows of (4) of one panel below the triangle so far */
     int stack_rows;
     double *reflect;             /* workspace of LAPACK's QR, REFLECT blocks of columns */

@@ -100,7 +100,7 @@ TEST(a_mode_that_grows_out_of_the_noise_after_the_head_is_found)
     identify_result_done(&r);
 }
 
-/* Nothing but noise in the head: it is begun at its end, and no Hankel matrix of all rows is made. */
+/* Nothing but noise in the head: it is begun at its end; no Hankel matrix of all rows is made. */
 TEST(a_long_record_that_only_grows_is_found_from_its_end_with_the_errors_of_all_of_it)
 {
     const double complex lambda[] = { CMPLX(1e-4, 1.3), CMPLX(7e-5, 0.4) };

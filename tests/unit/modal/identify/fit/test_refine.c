@@ -243,6 +243,47 @@ TEST(phases_of_a_periodic_signal_share_one_multiplier_and_one_noise_level)
     refined_done(&r);
 }
 
+/* Thirty times the same columns: 30 times the information at the same noise. Sixteen join the QR,
+ * of 480 the derivatives are turned to as many columns as there are rows of Q. */
+TEST(columns_that_repeat_leave_the_exponents_and_divide_their_errors)
+{
+    enum { ROWS = 40, COLUMNS = 16, TIMES = 30, ALL = COLUMNS * TIMES, UNKNOWNS = 6 };
+    const double complex lambda[] = { CMPLX(-0.02, 0.7), CMPLX(-0.05, 1.9), CMPLX(-0.01, 2.6) };
+    struct random rng = { 41 };
+    struct matrix Y = { ROWS, ALL, ROWS, y }, one = { ROWS, COLUMNS, ROWS, y };
+    struct refine_data all = { .Y = &Y, .tau = 1, .phases = ALL },
+                       few = { .Y = &one, .tau = 1, .phases = COLUMNS };
+    struct refine_options settle = { .settle = true };
+    double complex start[3];
+    struct refined r, as;
+    double expected;
+
+    for (int i = 0; i < ROWS * COLUMNS; i++)
+        y[i] = 0.1 * random_normal(&rng);
+    for (int j = 0; j < 3; j++) {
+        for (int c = 0; c < COLUMNS; c++) {
+            double complex B = CMPLX(random_normal(&rng), random_normal(&rng));
+            for (int l = 0; l < ROWS; l++)
+                y[l + c * ROWS] += creal(B * cexp(lambda[j] * l));
+        }
+        start[j] = lambda[j] * CMPLX(1.001, 0.0007);
+    }
+    for (int i = ROWS * COLUMNS; i < ROWS * ALL; i++)
+        y[i] = y[i - ROWS * COLUMNS];
+    CHECK(refine_poles(&all, start, 3, NULL, &settle, &r, NULL) == MODAL_OK);
+    CHECK(refine_poles(&few, start, 3, NULL, &settle, &as, NULL) == MODAL_OK);
+    /* degrees of freedom: each column less its amplitudes, all less the exponents */
+    expected = sqrt((COLUMNS * (ROWS - UNKNOWNS) - UNKNOWNS)
+                    / (double)(ALL * (ROWS - UNKNOWNS) - UNKNOWNS));
+    for (int j = 0; j < 3; j++) {
+        CHECK_NEAR(cabs(r.lambda[j] - as.lambda[j]), 0, 1e-6 * as.std_im[j]);
+        CHECK_NEAR(r.std_re[j] / as.std_re[j], expected, 1e-9);
+        CHECK_NEAR(r.std_im[j] / as.std_im[j], expected, 1e-9);
+    }
+    CHECK_NEAR(r.residual / as.residual, sqrt(TIMES), 1e-9);
+    refined_done(&r), refined_done(&as);
+}
+
 /* Known nowhere at first, then where the search went; a ten-thousandth of a standard error is what
  * both are settled to. Multiplications are counted: all rows are read a few times, not with each
  * step. */

@@ -2,7 +2,7 @@
  * periodogram.c - a long real transform in place, without tables of its length
  *
  * A plan of FFTW for 10^6 numbers has tables as long as they, which take three times as long to
- * make as the transform does.  Here the N = 2 M numbers are M complex ones z_j, x_{2j} + i x_{2j+1},
+ * make as the transform does.  Here N = 2 M numbers are M complex ones, z_j = x_{2j} + i x_{2j+1},
  * M = m n, and in four steps, with j = j_1 n + j_2 and k = k_1 + m k_2
  *
  *     Z_k = sum_{j_2} w_n^{j_2 k_2} w_M^{j_2 k_1} sum_{j_1} w_m^{j_1 k_1} z_j,

@@ -32,7 +32,8 @@ static void check_rows(int rows)
         x[l] = kept[l] = random_normal(&rng);
     periodogram_add(p, 1, power);
     for (int i = 0; i < count; i++) {
-        double theta = periodogram_angle(p, i), half = theta > 1e-9 && theta < M_PI - 1e-9 ? 1 : 0.5;
+        double theta = periodogram_angle(p, i);
+        double half = theta > 1e-9 && theta < M_PI - 1e-9 ? 1 : 0.5;
         CHECK(theta >= 0 && theta <= M_PI + 1e-9);
         sum += power[i];
         if (i % (count / 60 + 1) == 0 || half < 1)

@@ -25,6 +25,7 @@
 #include "modal/steady/balance.h"
 #include "modal/steady/condense.h"
 #include "modal/steady/cycle.h"
+#include "modal/steady/estimate.h"
 #include "modal/steady/session.h"
 #include "modal/steady/settle.h"
 #include "modal/steady/stiffness.h"
@@ -48,6 +49,7 @@ static const double OFF_MOST = 3;
 enum {
     H_CYCLE_MOST = 1024,    /* an eighth of the samples: what folds onto them is small */
     H_LEAST = 8,   /* as solve.c begins */
+    FINER_MOST = 8,         /* times the harmonics given: what contacts leave falls as 1 / H */
     LOAD_FEW = 4            /* highest load past which the search begins at twice that */
 };
 
@@ -189,6 +191,19 @@ static enum modal_status residual_of_cycle(const struct steady *s, struct balanc
     return rc;
 }
 
+/* Whether nothing holds the mean of POINT, of balance B, where it is told for little. */
+static enum modal_status ask_mean(struct steady *s, struct balance *b, struct steady_point *point,
+                                  struct modal_error *err)
+{
+    enum modal_status rc;
+
+    if (s->jumps || steady_factor_work(s, b->H) > SHARE_OF_STABLE * s->budget.most)
+        return MODAL_OK;
+    rc = balance_residual(b, point->X, true, err);
+    point->open = rc == MODAL_OK && balance_factor(b, NULL) && balance_open(b);
+    return rc == MODAL_OVERFLOW ? MODAL_OK : rc;
+}
+
 /* The cycle as the point's answer, at the options' H or at the least that meets the target. */
 static enum modal_status cycle_point(struct steady *s, const struct cycle *c, double omega,
                                      struct steady_point *point, struct modal_error *err)
@@ -215,6 +230,8 @@ static enum modal_status cycle_point(struct steady *s, const struct cycle *c, do
         rc = steady_balance(s, H, &b, err);
     if (rc == MODAL_OK)
         rc = balance_set(b, omega, 1, err);                /* recovery at this H */
+    if (rc == MODAL_OK && c->closed)
+        rc = ask_mean(s, b, point, err);
     if (rc == MODAL_OK && c->closed && c->force != NULL)
         rc = residual_of_cycle(s, b, c, g, point, err);
     else
@@ -276,9 +293,11 @@ enum modal_status solve_by_cycle(struct steady *s, double omega, const struct st
     return rc;
 }
 
-/* max over counted dofs and instants of |X - MARCHED|, the latter as settle_look gives it. */
+/* max over counted dofs and instants of |X - OTHER|, the latter as settle_look gives it; X itself
+ * into SEEN, in the same places, if that is not NULL. */
 static enum modal_status distance_to(struct steady *s, const struct steady_point *point,
-                                     const double *marched, double *far, struct modal_error *err)
+                                     const double *other, double *seen, double *far,
+                                     struct modal_error *err)
 {
     int count = s->opt.dofs != NULL ? s->opt.dofs_count : s->p->n, H = point->H;
     double complex *X = calloc((size_t)H + 1, sizeof *X);
@@ -295,7 +314,9 @@ static enum modal_status distance_to(struct steady *s, const struct steady_point
 
             for (int k = 0; k <= H; k++)
                 x += creal(X[k] * cexp(I * TWO_PI * ((double)j * k / SETTLE_INSTANTS)));
-            *far = fmax(*far, fabs(x - marched[dof * SETTLE_INSTANTS + j]));
+            *far = fmax(*far, fabs(x - other[dof * SETTLE_INSTANTS + j]));
+            if (seen != NULL)
+                seen[dof * SETTLE_INSTANTS + j] = x;
         }
     }
     free(X);
@@ -311,6 +332,12 @@ static bool has_events(const struct program *p)
     return false;
 }
 
+/* Whether what is left of the equation of motion is too much for errors of first order. */
+static bool leaves_much(const struct steady_point *point)
+{
+    return point->tail_max > MUCH_LEFT * point->load_max;
+}
+
 /* Whether the answer may be asked for in time: laws have events, nobody said how to solve, and what
  * its series leaves is much.  Fewer than H_LEAST harmonics are asked for as what they are, a
  * describing function. */
@@ -322,26 +349,97 @@ static bool wants_look(const struct steady *s, const struct steady_point *point)
         && !s->searching && o->method == STEADY_AUTO && o->cutoff == 0 && !o->unlocated
         && !o->by_differences && !o->reduced && o->samples == 0 && isfinite(point->error)
         && point->H >= H_LEAST && has_events(s->p)
-        && point->tail_max > MUCH_LEFT * point->load_max && settle_takes(s->p);
+        && leaves_much(point) && settle_takes(s->p);
 }
 
-/* POINT becomes the cycle C, if that closes; else it is not converged if a period went FAR. */
+/* FINER, the like of POINT at twice its harmonics or up to FINER_MOST times as many, the least
+ * that leave little; *FOUND false: there is none. */
+static enum modal_status find_finer(struct steady *s, const struct steady_point *point,
+                                    struct steady_point *finer, bool *found,
+                                    struct modal_error *err)
+{
+    const struct steady_point *from = point;
+    double complex *X;
+    struct balance *b;
+    enum modal_status rc = MODAL_OK;
+
+    *found = false;
+    for (int times = 2; rc == MODAL_OK && !*found && times <= FINER_MOST
+                        && times * point->H <= H_CYCLE_MOST; times *= 2) {
+        const struct steady_start start = { from->q, from->H, from->X };
+        struct steady_point next;
+
+        rc = steady_balance(s, times * point->H, &b, err);
+        if (rc == MODAL_OK)
+            rc = balance_set(b, point->omega, 1, err);
+        if (rc != MODAL_OK)
+            return rc;
+        X = calloc((size_t)b->q * ((size_t)b->H + 1) + 1, sizeof *X);
+        if (X == NULL)
+            return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory");
+        start_write(b, &start, X);
+        rc = estimate_near(s, b, X, &next, found, err);
+        free(X);
+        if (rc != MODAL_OK || !*found)
+            return rc;
+        steady_point_done(finer);
+        *finer = next;
+        from = finer;
+        *found = !leaves_much(finer);
+    }
+    return rc;
+}
+
+/* A period went FAR from POINT, and none closes near: the harmonics given may be too few to march
+ * from.  With as many more as leave little it is what they say, which its error must reach. */
+static enum modal_status ask_finer(struct steady *s, struct steady_point *point,
+                                   struct modal_error *err)
+{
+    double *none = calloc(2 * SETTLE_INSTANTS * (size_t)s->p->n + 1, sizeof *none),
+           *x = none + SETTLE_INSTANTS * (size_t)s->p->n, off = 0;
+    struct steady_point finer = { 0 };
+    struct balance *b;
+    bool found = false;
+    enum modal_status rc =
+        none == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory")
+                     : find_finer(s, point, &finer, &found, err);
+
+    if (rc == MODAL_OK && found)
+        rc = distance_to(s, &finer, none, x, &off, err);
+    if (rc == MODAL_OK)
+        rc = steady_balance(s, point->H, &b, err);
+    if (rc == MODAL_OK)
+        rc = balance_set(b, point->omega, 1, err);      /* recovery at this H again */
+    if (rc == MODAL_OK && found)
+        rc = distance_to(s, point, x, NULL, &off, err);
+    off += finer.error;
+    if (rc == MODAL_OK && found && off < point->amplitude) {
+        point->truncation += fmax(0, off - point->error);
+        point->error = fmax(point->error, off);
+    } else if (rc == MODAL_OK) {
+        point->converged = false;
+        point->fewer = true;
+        point->reason = "a period that is marched from it does not end where it began";
+    }
+    steady_point_done(&finer);
+    free(none);
+    return rc;
+}
+
+/* POINT becomes the cycle C, if that closes; if not, and a period went FAR, more harmonics are
+ * asked whether it is one. */
 static enum modal_status take_cycle(struct steady *s, struct settle *search, struct cycle *c,
                                     double far, struct steady_point *point,
                                     struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
 
-    if (!c->closed && far > OFF_MOST * point->error) {
-        point->converged = false;
-        point->fewer = true;
-        point->reason = "a period that is marched from it does not end where it began";
-    }
-    if (c->closed)
-        rc = settle_multipliers(search, SHARE_OF_STABLE * s->budget.most, c, err);
-    if (rc == MODAL_OK && c->closed)
+    if (!c->closed)
+        return far > OFF_MOST * point->error ? ask_finer(s, point, err) : MODAL_OK;
+    rc = settle_multipliers(search, SHARE_OF_STABLE * s->budget.most, c, err);
+    if (rc == MODAL_OK)
         rc = cycle_point(s, c, point->omega, point, err);
-    if (rc == MODAL_OK && c->closed)
+    if (rc == MODAL_OK)
         describe(s, c, point);
     return rc;
 }
@@ -369,7 +467,7 @@ enum modal_status time_look(struct steady *s, struct steady_point *point, struct
     if (rc == MODAL_OK)
         rc = settle_look(search, x, x + n, most, x + 2 * n, &ended, err);
     if (rc == MODAL_OK && ended)
-        rc = distance_to(s, point, x + 2 * n, &far, err);
+        rc = distance_to(s, point, x + 2 * n, NULL, &far, err);
     if (rc == MODAL_OK && ended) {
         rc = settle_close_from(search, most, &c, err);
         if (rc == MODAL_OK)
@@ -468,14 +566,16 @@ enum modal_status time_attractor(struct steady *s, const struct balance *b, doub
     return rc == MODAL_OK ? start_of_motion(s, b, X, found, err) : rc;
 }
 
-enum modal_status time_answer(struct steady *s, double omega, struct steady_point *point,
-                              struct modal_error *err)
+enum modal_status time_answer(struct steady *s, double omega, double rest,
+                              struct steady_point *point, struct modal_error *err)
 {
+    double share = SHARE_OF_TIME * s->budget.most,
+           most = time_closed(s) ? fmax(rest, share) : fmin(rest, share);
     enum modal_status rc = MODAL_OK;
 
-    if (!time_closed(s))
+    if (s->settled == NULL || s->settled->search == NULL || most <= 0)
         return MODAL_OK;
-    rc = settle_close(s->settled->search, SHARE_OF_TIME * s->budget.most, &s->settled->motion, err);
+    rc = settle_close(s->settled->search, most, &s->settled->motion, err);
     if (rc != MODAL_OK || !s->settled->motion.closed)
         return rc;
     rc = settle_multipliers(s->settled->search, SHARE_OF_TIME * s->budget.most,

@@ -393,6 +393,29 @@ out:
     return rc == MODAL_OVERFLOW ? MODAL_OK : rc;
 }
 
+enum modal_status estimate_near(struct steady *s, struct balance *b, double complex *X,
+                                struct steady_point *point, bool *found, struct modal_error *err)
+{
+    struct iterate_options opt = steady_iterate_options(s);
+    struct iterate_report r = { 0 };
+    enum modal_status rc = iterate_newton(b, &opt, X, &r, err);
+
+    *found = rc == MODAL_OK && r.converged;
+    if (!*found)
+        return rc;
+    rc = steady_point_of(s, b, X, point, err);
+    if (rc == MODAL_OK) {
+        point->method = "newton";
+        point->attempts = 1;
+        point->iterations = r.iterations;
+        point->step = r.step;
+        point->work = s->budget;
+        rc = estimate_errors(s, b, point, err);
+    }
+    *found = rc == MODAL_OK;
+    return rc;
+}
+
 enum modal_status steady_estimate_point(struct steady *s, struct steady_point *point,
                                         struct modal_error *err)
 {

@@ -719,7 +719,7 @@ enum modal_status settle_close_from(struct settle *s, double most, struct cycle 
 enum modal_status settle_close(struct settle *s, double most, struct cycle *out,
                                struct modal_error *err)
 {
-    if (s->pace == &s->own)
+    if (s->drifts || (out->closed && s->pace == &s->own))
         return MODAL_OK;                                /* it is as good as can be */
     s->pace = &s->own;
     s->periods = 0;

@@ -38,8 +38,8 @@ void settle_free(struct settle *s);
 enum modal_status settle_find(struct settle *s, const double *x0, const double *v0, double most,
                               bool attracted, struct cycle *out, struct modal_error *err);
 
-/* The motion itself, to 1e-9, in place of that of settle_find, in OUT; not closed where that costs
- * more than MOST.  Fails as settle_find. */
+/* The motion itself, to 1e-9, in place of that of settle_find, in OUT, or sought on from where that
+ * ended; not closed where that costs more than MOST.  Fails as settle_find. */
 enum modal_status settle_close(struct settle *s, double most, struct cycle *out,
                                struct modal_error *err);
 

@@ -610,9 +610,9 @@ static enum modal_status solve_any(struct steady *s, double omega, const struct 
         return rc;
     rc = s->opt.harmonics > 0 ? solve_at(s, s->opt.harmonics, omega, start, point, err)
                               : solve_to_target(s, omega, start, NULL, point, err);
-    /* What repeats in time is an answer where no balance settles. */
+    /* What repeats in time is an answer where no balance settles; nothing else is left to pay. */
     if (rc == MODAL_OK && !point->converged)
-        rc = time_answer(s, omega, point, err);
+        rc = time_answer(s, omega, fmax(0, s->budget.most - s->budget.spent), point, err);
     time_forget(s);
     if (rc == MODAL_OK)
         rc = time_look(s, point, err);
@@ -712,8 +712,6 @@ enum modal_status steady_solve_attractor(struct steady *s, const struct steady_p
                                          struct steady_point *point, bool *found,
                                          struct modal_error *err)
 {
-    struct iterate_options opt = steady_iterate_options(s);
-    struct iterate_report r = { 0 };
     struct balance *b;
     double complex *X = NULL;
     enum modal_status rc = steady_balance(s, like->H, &b, err);
@@ -729,18 +727,7 @@ enum modal_status steady_solve_attractor(struct steady *s, const struct steady_p
     if (rc == MODAL_OK)
         rc = time_attractor(s, b, X, found, err);
     if (rc == MODAL_OK && *found)
-        rc = iterate_newton(b, &opt, X, &r, err);
-    *found = *found && rc == MODAL_OK && r.converged;
-    if (*found)
-        rc = steady_point_of(s, b, X, point, err);
-    if (rc == MODAL_OK && *found) {
-        point->method = "newton";
-        point->attempts = 1;
-        point->iterations = r.iterations;
-        point->step = r.step;
-        point->work = s->budget;
-        rc = estimate_errors(s, b, point, err);
-    }
+        rc = estimate_near(s, b, X, point, found, err);
     if (rc == MODAL_OK)
         rc = balance_set(b, like->omega, 1, err);       /* recovery at this order */
     free(X);
@@ -757,7 +744,7 @@ enum modal_status steady_follow_attractor(struct steady *s, double omega,
     point->omega = omega;
     point->level = 1;
     steady_allow_work(s);
-    rc = time_answer(s, omega, point, err);
+    rc = time_answer(s, omega, 0, point, err);
     *found = rc == MODAL_OK && point->converged;
     point->attempts = 1;
     point->work = s->budget;

@@ -304,6 +304,32 @@ def test_a_thousand_open_gaps_are_told_with_the_digits_that_their_cost_has(tmp_p
                for e in told)
 
 
+@pytest.mark.parametrize("law, held", [({"type": "gap", "stiffness": 50.0, "clearance": 9.0}, 0),
+                                       ({"type": "gap", "stiffness": 0.3, "clearance": -9.0}, 0),
+                                       ({"type": "friction", "stiffness": 0.3, "limit": 9.0}, 1)])
+def test_the_verdict_where_all_laws_rest_is_of_a_linear_scene_and_costs_what_it_does(tmp_path, law,
+                                                                                 held):
+    """Gaps that stay open, or closed, sliders that stick: disturbances see springs at most, and
+    what each slider holds stays.  Beside numpy's eigenvalues, and the CPU of the scene without
+    laws, of which 300 gaps took twenty times as much."""
+    n = 300
+    scene = scene_of(chain(n) + 0.1 * numpy.eye(n), 0.05 * numpy.eye(n), "gap")
+    without = {**scene, "effects": []}
+    scene["effects"] = [{**law, "dof": f"x{i + 1}"} for i in range(n)]
+    answer, linear = (run(tmp_path, each, "-o", "stability=true") for each in (scene, without))
+    closed = 0.3 if law.get("clearance", 0) < 0 or held else 0.0
+    stiff = numpy.linalg.eigvalsh(chain(n) + (0.1 + closed) * numpy.eye(n))
+    slow = numpy.sqrt(stiff - 0.025 ** 2)                       # C = 0.05 M: all decay alike
+    turn = numpy.exp((-0.025 + 1j * slow) * 2 * numpy.pi / OMEGA)
+    expected = numpy.sort_complex(numpy.r_[turn, turn.conj(), numpy.ones(held * n)])
+    got = numpy.array([complex(*z) for z in answer["stability"]["multipliers"]])
+    far = numpy.abs(got[:, None] - expected[None, :])
+    assert len(got) == len(expected)
+    assert max(far.min(0).max(), far.min(1).max()) < 1e-9
+    assert answer["stability"]["stable"] is (None if held else True)
+    assert answer["cost"]["cpu_s"] < 3 * linear["cost"]["cpu_s"]
+
+
 def test_gaps_that_rest_leaves_open_are_not_sought_twice_from_the_motion_without_them(tmp_path):
     """Newton's first step from rest leads there; the same nine steps from there were taken again,
     39 in all.

@@ -182,6 +182,7 @@ int at_rest_harmonics(const struct at_rest *a)
     return condense_highest_load(a->c) > 1 ? condense_highest_load(a->c) : 1;
 }
 
+const struct program *at_rest_program(const struct at_rest *a) { return &a->linear; }
 double at_rest_work(const struct at_rest *a) { return condense_work(a->c); }
 
 /* Whether law LAW stays where it rests in the motion at hand. */

@@ -25,6 +25,8 @@ enum modal_status at_rest_solve(struct at_rest *a, double omega, struct steady_p
                                 bool *found, struct modal_error *err);
 /* The least H that holds the loads, at least 1. */
 int at_rest_harmonics(const struct at_rest *a);
+/* The program with its laws' springs and forces at rest in their place, borrowed. */
+const struct program *at_rest_program(const struct at_rest *a);
 /* Operations (budget.h) so far. */
 double at_rest_work(const struct at_rest *a);
 #endif

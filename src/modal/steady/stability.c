@@ -2,8 +2,8 @@
  * stability.c - see stability.h
  *
  * The multipliers are the eigenvalues of the monodromy matrix (monodromy.h), its steps doubled
- * until they settle.  A linear scene has its own whatever the motion, and a motion followed from
- * event to event comes with them.  Of more than STABILITY_STATES_MOST states, or where two maps
+ * until they settle.  A linear scene has its own whatever the motion, so has one of many laws that
+ * all rest (at_rest.h), and a motion followed from event to event comes with them.  Of more than STABILITY_STATES_MOST states, or where two maps
  * cost more than is allowed, the leading multipliers alone are asked for (large_stability.h).
  *
  * A multiplier rho is of modulus 1 where ||rho| - 1| is below its error.  With error e_m the change
@@ -22,6 +22,8 @@
 #include "modal/linalg/eigen.h"
 #include "modal/scene/floquet.h"
 #include "modal/scene/period_map.h"
+#include "modal/scene/program.h"
+#include "modal/steady/at_rest.h"
 #include "modal/steady/disturbance.h"
 #include "modal/steady/large_stability.h"
 #include "modal/steady/monodromy.h"
@@ -200,6 +202,38 @@ static enum modal_status known_stability(const struct steady_point *point, struc
     return MODAL_OK;
 }
 
+/* Of a motion in which every law rests: disturbances see springs, and what a slider holds
+ * stays, a multiplier of 1 each. */
+static enum modal_status stability_at_rest(const struct steady *s, const struct steady_point *point,
+                                           struct stability *out, struct modal_error *err)
+{
+    const struct program *p = s->p;
+    double complex *all;
+    int held = 0;
+    enum modal_status rc = linear_stability(at_rest_program(s->rest), point->omega, out, err);
+
+    for (int l = 0; l < p->laws; l++)
+        held += point->undetermined[l] ? p->law[l].memory : 0;
+    if (rc != MODAL_OK || held == 0 || out->multiplier == NULL)
+        return rc;
+    all = malloc(((size_t)out->count + (size_t)held) * sizeof *all);
+    if (all == NULL) {
+        stability_done(out);
+        return modal_fail(err, MODAL_NO_MEMORY, "stability: no memory");
+    }
+    for (int i = 0, from = 0; i < out->count + held; i++) {
+        bool own = from < out->count
+            && (cabs(out->multiplier[from]) > 1 || i - from == held);
+
+        all[i] = own ? out->multiplier[from++] : 1;     /* |.| descending */
+    }
+    free(out->multiplier);
+    out->multiplier = all;
+    out->count += held;
+    judge(out);
+    return MODAL_OK;
+}
+
 /* By the whole monodromy matrix, or of many states by the leading multipliers. */
 static enum modal_status nonlinear_stability(struct disturbance *u, struct stability *out,
                                              struct modal_error *err)
@@ -235,6 +269,8 @@ static enum modal_status stability_alone(struct steady *s, const struct steady_p
         return linear_stability(u.p, point->omega, out, err);
     if (point->states > 0)
         return known_stability(point, out, err);
+    if (point->linear != NULL)
+        return stability_at_rest(s, point, out, err);
     steady_allow_work(s);
     if (point->followed)
         u.reason = "disturbances of rigid friction beside laws with a memory, or of more than 16 "

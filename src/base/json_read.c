@@ -604,3 +604,61 @@ enum modal_status json_read_pooled(const char *text, size_t length, cJSON **out,
         json_pool_free(own);
     return rc;
 }
+
+/* ---- a member as it is written --------------------------------------------------------------- */
+
+static size_t skip_blanks(const char *text, size_t length, size_t at)
+{
+    while (at < length && memchr(" \t\r\n", text[at], 4) != NULL)
+        at++;
+    return at;
+}
+
+/* Behind the string that begins AT. */
+static size_t skip_quoted(const char *text, size_t length, size_t at)
+{
+    for (at++; at < length && text[at] != '"'; at++)
+        at += text[at] == '\\';
+    return at + 1;
+}
+
+/* Behind the value that begins AT. */
+static size_t skip_member(const char *text, size_t length, size_t at)
+{
+    size_t depth = 0;
+
+    while (at < length) {
+        const char c = text[at];
+        if (depth == 0 && (c == ',' || c == '}' || c == ']'))
+            break;
+        depth += c == '{' || c == '[';
+        depth -= c == '}' || c == ']';
+        at = c == '"' ? skip_quoted(text, length, at) : at + 1;
+    }
+    return at;
+}
+
+const char *json_find_text(const char *text, size_t length, const char *key, size_t *found)
+{
+    const size_t size = strlen(key);
+    size_t at = skip_blanks(text, length, 0);
+
+    if (at >= length || text[at] != '{')
+        return NULL;
+    do {
+        const size_t name = skip_blanks(text, length, at + 1) + 1,
+                     behind = skip_quoted(text, length, name - 1),
+                     colon = skip_blanks(text, length, behind),
+                     value = skip_blanks(text, length, colon + 1);
+        at = skip_member(text, length, value);
+        if (at >= length)
+            return NULL;
+        if (behind - 1 - name == size && memcmp(text + name, key, size) == 0) {
+            *found = at - value;
+            while (*found > 0 && memchr(" \t\r\n", text[value + *found - 1], 4) != NULL)
+                --*found;
+            return text + value;
+        }
+    } while (text[at] == ',');
+    return NULL;
+}

@@ -554,6 +554,18 @@ static void note_told(const struct stream *s, struct transaction *t)
         (struct note_record) { "window", transaction_text(t, name), transaction_text(t, text) };
 }
 
+/* The member KEY of FOUND, where it has one, as its worker wrote it. */
+static void add_part(cJSON *text, const struct wire_frame *found, const char *key)
+{
+    size_t length;
+    const char *value = json_find_text(found->data, found->size, key, &length);
+    char *copy = value != NULL ? strndup(value, length) : NULL;
+
+    if (copy != NULL)
+        cJSON_AddRawToObject(text, key, copy);
+    free(copy);
+}
+
 /* What a window gave, as a numbered event: the modes and the verdict of FOUND, the ERROR, or
  * both; either may be NULL. */
 static void tell_result(struct core *c, struct stream *s, const struct wire_frame *found,
@@ -561,7 +573,7 @@ static void tell_result(struct core *c, struct stream *s, const struct wire_fram
 {
     static const char *const parts[] = { "modes", "stability", "diagnostics", "update" };
     const struct window *w = &s->window;
-    cJSON *document = NULL, *text = event_of(c, s, "modes"), *part, *edges;
+    cJSON *document = NULL, *text = event_of(c, s, "modes"), *edges;
     struct transaction *t = transaction_new();
 
     if (found != NULL)
@@ -570,9 +582,8 @@ static void tell_result(struct core *c, struct stream *s, const struct wire_fram
     s->window.verdict = add_verdict(text, document);
     s->window.told_epoch = w->epoch;
     s->window.told = w->to;
-    for (size_t i = 0; i < sizeof parts / sizeof *parts; i++)
-        if ((part = cJSON_DetachItemFromObjectCaseSensitive(document, parts[i])) != NULL)
-            cJSON_AddItemToObject(text, parts[i], part);
+    for (size_t i = 0; document != NULL && i < sizeof parts / sizeof *parts; i++)
+        add_part(text, found, parts[i]);
     if (error != NULL)
         cJSON_AddItemToObject(text, "error", cJSON_Duplicate(error, true));
     add_lag(text, s);

@@ -283,6 +283,33 @@ TEST(a_text_written_without_a_tree_reads_as_what_was_written)
     free(t.x);
 }
 
+TEST(a_member_is_found_as_it_is_written)
+{
+    static const char text[] = " {\"s\":\"a,\\\"b\\\\\", \"o\" : {\"k\":[1,{\"x\":2}],\"s\":3} ,"
+                               "\"n\":1.50,\"key\":null,\"k\":\"}]\",\"\":[]\n}";
+    static const char *const pairs[][2] = {
+        { "s", "\"a,\\\"b\\\\\"" }, { "o", "{\"k\":[1,{\"x\":2}],\"s\":3}" }, { "n", "1.50" },
+        { "key", "null" }, { "k", "\"}]\"" }, { "", "[]" }, { "x", NULL }, { "ke", NULL }
+    };
+    static const char *const others[] = { "", " ", "{}", "[{\"n\":1}]", "\"n\"", "{\"m\":1}" };
+    size_t found;
+
+    for (size_t i = 0; i < sizeof pairs / sizeof *pairs; i++) {
+        const char *value = json_find_text(text, strlen(text), pairs[i][0], &found);
+        CHECK((value == NULL) == (pairs[i][1] == NULL));
+        CHECK(value == NULL || (found == strlen(pairs[i][1])
+                                && memcmp(value, pairs[i][1], found) == 0));
+    }
+    for (size_t i = 0; i < sizeof others / sizeof *others; i++)
+        CHECK(json_find_text(others[i], strlen(others[i]), "n", &found) == NULL);
+    for (size_t length = 0; length < strlen(text); length++) {        /* cut anywhere it ends */
+        char *exact = malloc(length > 0 ? length : 1);
+        memcpy(exact, text, length);
+        json_find_text(exact, length, "none", &found);
+        free(exact);
+    }
+}
+
 TEST(an_unknown_key_is_named_and_the_accepted_ones_listed)
 {
     static const char *const names[] = { "stiffness", "limit", NULL };

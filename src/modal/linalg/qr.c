@@ -13,6 +13,17 @@ enum { PANEL_LEAST = 256 };
 /* of a column's length: a QR's rounding, and its bound's modest factor */
 static const double DEPENDENT = 32 * DBL_EPSILON;
 
+bool qr_in_place(int m, int n, double *x, int ld, double *work)
+{
+    if (n == 0)
+        return true;
+    if ((m < n ? m : n) > QR_BLOCK)
+        return LAPACKE_dgeqrt_work(LAPACK_COL_MAJOR, m, n, QR_BLOCK, x, ld, work, QR_BLOCK,
+                                   work + (size_t)QR_BLOCK * n) == 0;
+    return LAPACKE_dgeqrf_work(LAPACK_COL_MAJOR, m, n, x, ld, work, work + n,
+                               (2 * QR_BLOCK - 1) * n) == 0;
+}
+
 /* tau (n numbers, the caller frees) of the factored A, or NULL with ERR and *RC set. */
 static double *factor(struct matrix *A, enum modal_status *rc, struct modal_error *err)
 {
@@ -59,7 +70,7 @@ enum modal_status qr_orthonormal(struct matrix *A, struct matrix *R, struct moda
 /* The triangle of [R; rows first .. first + count - 1 of A] back into the top of STACK, ld n +
  * panel. */
 static bool join_rows(const struct matrix *A, int first, int count, int above, double *stack,
-                      int ld, double *tau, double *work, int room)
+                      int ld, double *work)
 {
     int n = A->n, m = above + count;
 
@@ -69,20 +80,19 @@ static bool join_rows(const struct matrix *A, int first, int count, int above, d
         memcpy(stack + above + (size_t)j * ld, A->x + first + (size_t)j * A->ld,
                sizeof(double) * (size_t)count);
     }
-    return LAPACKE_dgeqrf_work(LAPACK_COL_MAJOR, m, n, stack, ld, tau, work, room) == 0;
+    return qr_in_place(m, n, stack, ld, work);
 }
 
 static enum modal_status triangle_by_panels(const struct matrix *A, int panel, struct matrix *R,
                                             struct modal_error *err)
 {
-    int n = A->n, ld = n + panel, room = 32 * n;
-    double *stack = malloc(sizeof *stack * ((size_t)ld * n + (size_t)room + (size_t)n));
+    int n = A->n, ld = n + panel;
+    double *stack = malloc(sizeof *stack * ((size_t)ld * n + QR_ROOM(n)));
     bool ok = stack != NULL;
 
     for (int first = 0, above = 0; ok && first < A->m; above = n) {
         int count = A->m - first < ld - above ? A->m - first : ld - above;
-        ok = join_rows(A, first, count, above, stack, ld, stack + (size_t)ld * n + room,
-                       stack + (size_t)ld * n, room);
+        ok = join_rows(A, first, count, above, stack, ld, stack + (size_t)ld * n);
         first += count;
     }
     if (ok)
@@ -94,18 +104,22 @@ static enum modal_status triangle_by_panels(const struct matrix *A, int panel, s
 
 enum modal_status qr_triangle(struct matrix *A, struct matrix *R, struct modal_error *err)
 {
-    enum modal_status rc;
     int panel = 3 * A->n > PANEL_LEAST ? 3 * A->n : PANEL_LEAST;
-    double *tau;
+    double *work;
+    bool ok;
 
+    if (A->m < A->n)
+        return modal_fail(err, MODAL_BAD_INPUT, "qr: %d x %d is wider than tall", A->m, A->n);
     /* panels read A once; they pay where there are several */
     if (A->n > 0 && A->m > 2 * (A->n + panel))
         return triangle_by_panels(A, panel, R, err);
-    tau = factor(A, &rc, err);
-    if (tau != NULL)
-        copy_triangle(A, R);
-    free(tau);
-    return rc;
+    work = malloc(sizeof *work * (QR_ROOM(A->n) + 1));
+    ok = work != NULL && qr_in_place(A->m, A->n, A->x, A->ld, work);
+    free(work);
+    if (!ok)
+        return modal_fail(err, MODAL_NO_MEMORY, "qr: no memory for %d x %d", A->m, A->n);
+    copy_triangle(A, R);
+    return MODAL_OK;
 }
 
 /* x becomes v, v[0] = 1, with (1 - tau v v^T) x = (beta, 0 ..); tau. */

@@ -2,6 +2,7 @@
 #ifndef MODAL_QR_H
 #define MODAL_QR_H
 #include <stdbool.h>
+#include <stddef.h>
 #include "base/error.h"
 #include "modal/linalg/matrix.h"
 
@@ -19,6 +20,17 @@ enum modal_status qr_orthonormal(struct matrix *A, struct matrix *R, struct moda
  */
 #define QR_KEPT(n) (8 * (n) + 512)
 enum modal_status qr_triangle(struct matrix *A, struct matrix *R, struct modal_error *err);
+
+/* Columns at a time; numbers that a QR of n columns works in. */
+enum { QR_BLOCK = 32 };
+#define QR_ROOM(n) (2 * QR_BLOCK * (size_t)(n))
+
+/*
+ * The triangle of X (m x n, leading dimension LD) in its place, over what LAPACK keeps below it;
+ * WORK has room for QR_ROOM(n) numbers. False: LAPACK refused. Up to 128 columns dgeqrf takes one
+ * by one; this takes them by blocks.
+ */
+bool qr_in_place(int m, int n, double *x, int ld, double *work);
 
 /*
  * The first K columns of A (m x n, k <= m, k <= n) become a triangle, zeros below, by K reflections

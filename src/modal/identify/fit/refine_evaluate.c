@@ -12,8 +12,7 @@
 enum {
     PANEL_ENTRIES = 1 << 16,        /* of Y at a time, */
     PANEL_LEAST = 4,                /* but so many columns: one read of Q serves all of them */
-    REFLECT = 64,                   /* columns of a block of LAPACK's QR */
-    STACK_BLOCK = REFLECT / 2,      /* of the stack's: its factor and workspace fit one REFLECT */
+    REFLECT = 2 * QR_BLOCK,         /* columns of a block of LAPACK's QR: QR_ROOM has as many */
     TALL = 4096                     /* rows from which a triangle is made by blocks of them */
 };
 
@@ -225,9 +224,9 @@ enum modal_status refine_factor(struct work *w, struct modal_error *err)
         if (rc != MODAL_OK)
             return rc;
         matrix_copy(n, n, T.x, n, w->basis, L);
-    } else if (LAPACKE_dgeqrf_work(LAPACK_COL_MAJOR, L, n, w->basis, L, w->tau, w->reflect,
-                                   REFLECT * n)
-               != 0) {
+    } else if (w->join ? !qr_in_place(L, n, w->basis, L, w->reflect)
+                       : LAPACKE_dgeqrf_work(LAPACK_COL_MAJOR, L, n, w->basis, L, w->tau,
+                                             w->reflect, REFLECT * n) != 0) {
         return modal_fail(err, MODAL_NO_CONVERGENCE, "refine: QR of %d x %d", L, n);
     }
     for (int j = 0; j < w->columns; j++)
@@ -294,17 +293,8 @@ void refine_channel_rows(struct work *w, int c, double weight, int row)
 enum modal_status refine_reduce_stack(struct work *w, int rows, double *T, struct modal_error *err)
 {
     int P = w->parameters + 1, n = rows < P ? rows : P;
-    double tau[REFINE_ORDER_MOST + 1];
 
-    if (P > REFINE_ORDER_MOST + 1)
-        return modal_fail(err, MODAL_BAD_INPUT, "refine: %d parameters; accepted: %d", P - 1,
-                          REFINE_ORDER_MOST);
-    /* dgeqrf takes up to 128 columns one by one */
-    if (n > STACK_BLOCK
-            ? LAPACKE_dgeqrt_work(LAPACK_COL_MAJOR, rows, P, STACK_BLOCK, w->stack, w->stack_rows,
-                                  w->reflect, STACK_BLOCK, w->reflect + STACK_BLOCK * P) != 0
-            : LAPACKE_dgeqrf_work(LAPACK_COL_MAJOR, rows, P, w->stack, w->stack_rows, tau,
-                                  w->reflect, REFLECT * P) != 0)
+    if (!qr_in_place(rows, P, w->stack, w->stack_rows, w->reflect))
         return modal_fail(err, MODAL_NO_CONVERGENCE, "refine: QR of %d x %d", rows, P);
     memset(T, 0, (size_t)P * (size_t)P * sizeof *T);
     for (int j = 0; j < P; j++)

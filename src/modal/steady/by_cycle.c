@@ -191,7 +191,9 @@ static enum modal_status residual_of_cycle(const struct steady *s, struct balanc
     return rc;
 }
 
-/* Whether nothing holds the mean of POINT, of balance B, where it is told for little. */
+/* Whether nothing holds the mean of POINT, of balance B: the derivative there maps a motion of all
+ * as one body to nothing.  It has as many unknowns as B, and is made where its factors are cheap
+ * beside the search itself. */
 static enum modal_status ask_mean(struct steady *s, struct balance *b, struct steady_point *point,
                                   struct modal_error *err)
 {
@@ -353,7 +355,10 @@ static bool wants_look(const struct steady *s, const struct steady_point *point)
 }
 
 /* FINER, the like of POINT at twice its harmonics or up to FINER_MOST times as many, the least
- * that leave little; *FOUND false: there is none. */
+ * that leave little; *FOUND false: there is none.  A period is marched from x and v at t = 0; of
+ * harmonics that fall as k^-3 what lies past H is 1 / H of v beside 1 / H^2 of x, so that a march
+ * from few of them sets out with rates H times further off than displacements are, and may end
+ * anywhere though the motion is there. */
 static enum modal_status find_finer(struct steady *s, const struct steady_point *point,
                                     struct steady_point *finer, bool *found,
                                     struct modal_error *err)

@@ -23,8 +23,8 @@ enum modal_status steady_extend(struct steady *s, const struct steady_point *poi
  * overflows. */
 enum modal_status estimate_errors(struct steady *s, struct balance *b, struct steady_point *point,
                                   struct modal_error *err);
-/* POINT of S by Newton's method on B from X, which becomes its last iterate, with its errors; *FOUND
- * false: it leads to none. */
+/* POINT of S by Newton's method on B from X, which becomes its last iterate, with its errors;
+ * *FOUND false: it leads to none. */
 enum modal_status estimate_near(struct steady *s, struct balance *b, double complex *X,
                                 struct steady_point *point, bool *found, struct modal_error *err);
 /* Of a POINT with rigid friction, converged: its harmonics extrapolated to none missing, and its

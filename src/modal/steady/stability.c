@@ -3,8 +3,9 @@
  *
  * The multipliers are the eigenvalues of the monodromy matrix (monodromy.h), its steps doubled
  * until they settle.  A linear scene has its own whatever the motion, so has one of many laws that
- * all rest (at_rest.h), and a motion followed from event to event comes with them.  Of more than STABILITY_STATES_MOST states, or where two maps
- * cost more than is allowed, the leading multipliers alone are asked for (large_stability.h).
+ * all rest (at_rest.h), and a motion followed from event to event comes with them.  Of more than
+ * STABILITY_STATES_MOST states, or where two maps cost more than is allowed, the leading
+ * multipliers alone are asked for (large_stability.h).
  *
  * A multiplier rho is of modulus 1 where ||rho| - 1| is below its error.  With error e_m the change
  * of the multipliers at the m-th doubling of the steps, doubling ends when

@@ -330,6 +330,19 @@ def test_the_verdict_where_all_laws_rest_is_of_a_linear_scene_and_costs_what_it_
     assert answer["cost"]["cpu_s"] < 3 * linear["cost"]["cpu_s"]
 
 
+def test_multipliers_of_one_modulus_are_as_sure_as_others(tmp_path):
+    """Damping of mass alone: multipliers pair to e^(-alpha T), and on their circle all have that
+    modulus' root, so that their order is rounding's.  The errors were twice the modulus, and the
+    verdict null."""
+    n, alpha = 20, 0.05
+    scene = scene_of(chain(n), alpha * numpy.eye(n), "cubic")
+    told = run(tmp_path, scene, "-o", "stability=true")["stability"]
+    modulus = numpy.exp(-alpha * numpy.pi / OMEGA)
+    assert told["stable"] is True and told["error"] < 1e-8
+    assert len(told["multipliers"]) == 2 * n
+    assert all(abs(abs(complex(*z)) - modulus) < 1e-8 for z in told["multipliers"])
+
+
 def test_gaps_that_rest_leaves_open_are_not_sought_twice_from_the_motion_without_them(tmp_path):
     """Newton's first step from rest leads there; the same nine steps from there were taken again,
     39 in all.

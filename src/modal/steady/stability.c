@@ -92,6 +92,22 @@ static bool costs_too_much(const struct monodromy *m)
            > m->budget->most;
 }
 
+/* How far N multipliers NOW are from those BEFORE a doubling, each from the nearest: many of one
+ * modulus, as where damping is in proportion to mass, have no order. */
+static double change(const double complex *now, const double complex *before, int n)
+{
+    double most = 0;
+
+    for (int i = 0; i < n; i++) {
+        double nearest = HUGE_VAL;
+
+        for (int k = 0; k < n; k++)
+            nearest = fmin(nearest, cabs(now[i] - before[k]));
+        most = fmax(most, nearest);
+    }
+    return most;
+}
+
 /* Steps doubled until the multipliers settle, to SETTLED or the rounding of as many products.  A
  * map that overflows is tried again with more steps, in case they were too long for a stiff dof. */
 static enum modal_status settle(struct monodromy *m, struct stability *out, struct modal_error *err)
@@ -127,10 +143,8 @@ static enum modal_status settle(struct monodromy *m, struct stability *out, stru
             break;
         /* one pass says nothing of its error */
         out->error = passes++ > 0 || !m->of->varies ? 0 : NAN;
-        for (int i = 0; passes > 1 && i < m->order; i++)
-            /* the change at this doubling */
-            out->error = fmax(out->error, cabs(out->multiplier[i] - before[i]));
-        /* both are sorted by size */
+        if (passes > 1)
+            out->error = change(out->multiplier, before, m->order);
         memcpy(before, out->multiplier, (size_t)m->order * sizeof *before);
         if (!m->of->varies || steps >= STEPS_MOST || (passes > 1 && has_settled(out, steps, last)))
             break;

@@ -26,6 +26,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/identify/ambient/subspace.h"
+#include "modal/identify/ambient/whittle_fit.h"
 
 enum {
     LADDER = 30,                 /* pairs whose poles the ladder's bins suit */
@@ -36,8 +37,8 @@ enum {
     STEPS_MOST = 60,             /* of the answer's */
     ABOVE = 2,                   /* orders that are fitted beyond the best of the ladder's */
     ROUNDS = 12,                 /* of pairs that leave */
-    CORRECTIONS = 3,             /* of what is seen; each leaves less than a tenth of the last */
-    SETTLING_MOST = CORRECTIONS * STEPS_MOST   /* of all that are settled, as of one that is slow */
+    CORRECTIONS = 2,             /* of what is seen; each leaves less than a tenth of the last */
+    SETTLING_MOST = (CORRECTIONS + 1) * STEPS_MOST   /* of all that are settled, as of a slow one */
 };
 static const double
     ALARM = 0.01,                /* probability of a pair too many in a record, (1) */
@@ -93,10 +94,10 @@ static enum modal_status bins_for(const struct search *w, const struct whittle *
 }
 
 /* A fit that is one of many: one that will not come to what is NEEDED of its likelihood ends. */
-static enum modal_status fit(struct search *w, struct whittle *m, const struct bins *bins,
+static enum modal_status fit(struct search *w, struct whittle *m, struct bins *bins,
                              double needed, struct modal_error *err)
 {
-    struct whittle_limits limits = { GAIN_TRIAL, needed, STEPS_TRIAL, false, &w->work,
+    struct whittle_limits limits = { GAIN_TRIAL, needed, STEPS_TRIAL, 0, false, &w->work,
                                      w->limits->cancelled, w->limits->context };
 
     return whittle_fit(m, bins, &limits, err);
@@ -204,18 +205,15 @@ static enum modal_status settle(struct search *w, struct whittle *m, struct bins
                                 struct modal_error *err)
 {
     double work = HUGE_VAL;
-    struct whittle_limits limits = { GAIN_LAST, -HUGE_VAL, STEPS_MOST, false, &work,
-                                     w->limits->cancelled, w->limits->context };
-    enum modal_status rc = MODAL_OK;
+    struct whittle_limits limits = { GAIN_LAST, -HUGE_VAL,
+                                     w->settling < STEPS_MOST ? w->settling : STEPS_MOST,
+                                     CORRECTIONS, true, &work, w->limits->cancelled,
+                                     w->limits->context };
+    enum modal_status rc = bins_for(w, m, m, bins, err);
 
-    for (int i = 0; rc == MODAL_OK && i < CORRECTIONS; i++) {
-        limits.errors = i == CORRECTIONS - 1;
-        limits.most = w->settling < STEPS_MOST ? w->settling : STEPS_MOST;
-        rc = bins_for(w, m, m, bins, err);
-        if (rc == MODAL_OK)
-            rc = whittle_fit(m, bins, &limits, err);
-        w->settling -= m->steps;
-    }
+    if (rc == MODAL_OK)
+        rc = whittle_fit(m, bins, &limits, err);
+    w->settling -= m->steps;
     return rc;
 }
 

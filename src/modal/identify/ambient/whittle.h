@@ -6,7 +6,7 @@
 
 enum {
     WHITTLE_CHANNELS_MOST = 12,     /* after their reduction: each line takes their cube */
-    WHITTLE_MODES_MOST = 60         /* of one spectrum: each step takes their cube */
+    WHITTLE_MODES_MOST = 120        /* of one spectrum */
 };
 
 /* One pair of the model (1) of whittle.c. */
@@ -53,21 +53,21 @@ void whittle_correct(const struct whittle *m, struct bins *bins);
 /* The logarithm of the likelihood at M of what is seen; -HUGE_VAL where it is none. */
 double whittle_likelihood(const struct whittle *m, const struct bins *bins);
 
-/*
- * Climb from M, by what is seen, until a step gains less than `gain` in the logarithm of the
- * likelihood, many steps like the last would not reach `needed`, `most` steps are done or no work
- * is left.  errors: the standard errors, too, from the information matrix; of what converged.
- * Fails with MODAL_NO_MEMORY, MODAL_CANCELLED.
- */
-struct whittle_limits {
-    double gain, needed;             /* needed: of the logarithm of the likelihood; -HUGE_VAL */
-    int most;
-    bool errors;
-    double *work;                    /* what is left of it: bins times unknowns squared a step */
-    bool (*cancelled)(void *context);
-    void *context;
-};
-/* *M is where the climb from it ended, by those LIMITS. */
-enum modal_status whittle_fit(struct whittle *m, const struct bins *bins,
-                              const struct whittle_limits *limits, struct modal_error *err);
+/* f of (1) at e^{iw}, and its derivative by lambda. */
+struct whittle_peak { double complex f, slope; };
+/* Those of the pole exp(lambda). */
+struct whittle_peak whittle_peak(double complex lambda, double w);
+
+/* The middle of bin B, rad a sample. */
+double whittle_middle(const struct bins *bins, int b);
+
+/* At e^{iw}, side by side, each channels x channels by columns: 1, H R, H and H M of (1). */
+enum { WHITTLE_UNITS, WHITTLE_HR, WHITTLE_H, WHITTLE_HM, WHITTLE_TRANSFERS };
+/* V: room for them all. */
+void whittle_transfers(const struct whittle *m, double w, double complex *V);
+
+/* C of S = C C^H in the middle of bin B, and E = C^-1 I C^-H - 1 of what is seen there; the
+ * logarithm of det S, NAN where S is not positive. */
+double whittle_residual(const struct whittle *m, const struct bins *bins, int b, double complex *C,
+                        double complex *E);
 #endif

@@ -7,6 +7,7 @@
  * [SS86] Saad and Schultz, SIAM J. Sci. Stat. Comput. 7 (1986) 856-869.
  */
 #include "modal/linalg/gmres.h"
+#include <cblas.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -53,22 +54,6 @@ void gmres_free(struct gmres *g)
 
 int gmres_vectors(const struct gmres *g) { return g->vectors; }
 
-static double dot(size_t n, const double *a, const double *b)
-{
-    double sum = 0;
-
-    for (size_t i = 0; i < n; i++)
-        sum += a[i] * b[i];
-    return sum;
-}
-
-/* y += factor x */
-static void add(size_t n, double factor, const double *x, double *y)
-{
-    for (size_t i = 0; i < n; i++)
-        y[i] += factor * x[i];
-}
-
 /* Vector I, there from now on; false: no memory. */
 static bool have_vector(struct gmres *g, int i)
 {
@@ -109,7 +94,7 @@ static void combine(struct gmres *g, int k, double *y)
         for (int j = i + 1; j < k; j++)
             g->g[i] -= g->R[(size_t)j * stride + (size_t)i] * g->g[j];
         g->g[i] = size != 0 ? g->g[i] / size : 0;
-        add(g->n, g->g[i], g->vector[i], y);
+        cblas_daxpy((int)g->n, g->g[i], g->vector[i], 1, y, 1);
     }
 }
 
@@ -118,12 +103,12 @@ bool gmres_solve(struct gmres *g, void (*apply)(void *context, const double *in,
 {
     double first, size = 1;                 /* size: of the newest vector, 0 where there is none */
     bool ok;
-    int k = 0;
+    int k = 0, n = (int)g->n;
 
     g->vectors = 0;
     if (!have_vector(g, 0))
         return false;
-    first = g->g[0] = sqrt(dot(g->n, y, y));
+    first = g->g[0] = cblas_dnrm2(n, y, 1);
     for (size_t i = 0; i < g->n; i++)
         g->vector[0][i] = first > 0 ? y[i] / first : 0;
     for (; fabs(g->g[k]) > left * first && size > 0 && k < g->most && have_vector(g, k + 1); k++) {
@@ -131,10 +116,10 @@ bool gmres_solve(struct gmres *g, void (*apply)(void *context, const double *in,
 
         apply(context, g->vector[k], w);
         for (int j = 0; j <= k; j++) {
-            h[j] = dot(g->n, g->vector[j], w);
-            add(g->n, -h[j], g->vector[j], w);
+            h[j] = cblas_ddot(n, g->vector[j], 1, w, 1);
+            cblas_daxpy(n, -h[j], g->vector[j], 1, w, 1);
         }
-        h[k + 1] = size = sqrt(dot(g->n, w, w));
+        h[k + 1] = size = cblas_dnrm2(n, w, 1);
         for (size_t i = 0; size > 0 && i < g->n; i++)
             w[i] /= size;
         turn(g, k);

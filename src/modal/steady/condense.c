@@ -479,6 +479,7 @@ static enum modal_status factor_at(struct condense *c, int k, double s, double c
                                    double complex *p, struct modal_error *err)
 {
     size_t size = (size_t)c->order * ((size_t)c->q + 1);
+    bool whole;
     enum modal_status rc;
 
     if (c->sparse && c->factors == NULL && (rc = sparse_begin(c, err)) != MODAL_OK)
@@ -488,7 +489,8 @@ static enum modal_status factor_at(struct condense *c, int k, double s, double c
     if (c->sparse)
         memset(c->value, 0, (size_t)pattern_entries(c->linear) * sizeof *c->value);
     memset(c->right, 0, size * sizeof *c->right);
-    for (int t = 0; t < 3; t++)
+    whole = condense_whole(c, s, S);
+    for (int t = 0; !whole && t < 3; t++)
         for (int i = 0; i < c->p->constant[t].m; i++)
             for (int e = c->p->constant[t].start[i]; e < c->p->constant[t].start[i + 1]; e++)
                 if (s != 0 || t == PROGRAM_K)

@@ -23,6 +23,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/steady/condense_state.h"
+#include "modal/steady/pattern.h"
 
 enum { PASSES = 3 };              /* of the fit: what is, what that leaves, how far off */
 /* Damping off alpha M + beta K by less than this, relative, is proportional: texts of 15 digits. */
@@ -109,6 +110,42 @@ static void modes_at(struct condense *c, int first, int H, double complex *S, do
             p[load->k * q + i] -= total * value;        /* (3), p */
         }
     }
+}
+
+/* Where entries are in the pattern is the same at every s: it is searched once. */
+static bool look_up(struct condense *c)
+{
+    const struct sparse *a = c->p->constant;
+    size_t entries = 0, at = 0;
+
+    for (int t = 0; t < 3; t++)
+        entries += a[t].m > 0 ? (size_t)a[t].start[a[t].m] : 0;
+    c->entry = workspace_zeros(&c->space, entries + 1, sizeof *c->entry);
+    for (int t = 0; c->entry != NULL && t < 3; t++)
+        for (int i = 0; i < a[t].m; i++)
+            for (int e = a[t].start[i]; e < a[t].start[i + 1]; e++)
+                c->entry[at++] =
+                    pattern_find(c->pattern, c->place[i], c->place[a[t].index[e]]);
+    return c->entry != NULL;
+}
+
+bool condense_whole(struct condense *c, double s, double complex *S)
+{
+    const int *entry;
+
+    if (c->order > 0 || c->pattern->full || (c->entry == NULL && !look_up(c)))
+        return false;
+    entry = c->entry;
+    for (int t = 0; t < 3; t++) {
+        const struct sparse *a = &c->p->constant[t];
+        int entries = a->m > 0 ? a->start[a->m] : 0;
+        double complex factor = factor_of(t, s);
+
+        for (int e = 0; e < entries; e++)
+            S[entry[e]] += factor * a->value[e];        /* (1) of condense.h */
+        entry += entries;
+    }
+    return true;
 }
 
 void condense_kept_block(struct condense *c, double s, double complex *S)

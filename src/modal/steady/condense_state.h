@@ -10,6 +10,7 @@ struct condense {
     const struct program *p;
     int n, q, r, order;              /* dofs, kept, linear; order = r + n_linear */
     struct pattern *pattern;         /* of S */
+    int *entry;                      /* in it, of M's, C's and K's entries; NULL: not looked up */
     int *place, *kept, *spot;        /* spot[dof]: row among the linear ones, or -1 */
     int lower, upper, ld;            /* band of L_rr; ld = 2 lower + upper + 1 */
     double complex *band, *right;    /* right: order x (q+1) */
@@ -71,6 +72,8 @@ enum modal_status condense_add_harmonic(struct condense *c, struct modal_error *
 /* S and p, both 0 before, of all harmonics 0 .. H by (3) of condense_modes.c, once condense_reduce
  * is done. */
 void condense_reduced_at(struct condense *c, int H, double complex *S, double complex *p);
+/* Lambda at s onto S where every dof is kept and the pattern is not full; else false. */
+bool condense_whole(struct condense *c, double s, double complex *S);
 /* L_qq at s onto S, q x q. */
 void condense_kept_block(struct condense *c, double s, double complex *S);
 

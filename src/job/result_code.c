@@ -91,6 +91,10 @@ const struct result_code result_codes[] = {
       "out, and rebuilt by the modes", "see what sends them: a telemetry's spikes, dropouts" },
     { "step", "identify", "a channel's mean jumps and stays: fitted beside the modes, and left out",
       "see what moves it: a sensor that slips, a load that goes" },
+    { "wrong_period", "identify", "the record's turns are even, and not those of the period given: "
+      "its own was taken", "give the period that it names" },
+    { "period_drifts", "identify", "the speed changes over the record: it was taken at even angles",
+      "resample the signals at even angles of the azimuth, or give a shorter `window`" },
     { "growth_unconfirmed", "identify", "growth in the whole record that its parts do not show",
       "record longer, or identify a part by `window`" },
     { "undetermined_mean", "steady", "nothing but what slips holds the body: its mean follows "

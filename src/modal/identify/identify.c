@@ -502,25 +502,23 @@ static enum modal_status fit_long(struct work *w, struct modal_error *err)
     return rc;
 }
 
-enum modal_status modal_identify(const struct batch *batch, const struct identify_options *options,
-                                 struct identify_result *out, struct modal_error *err)
+/* A free response, its turns evened out by SLIP (NULL: they are the period's); *found, where that
+ * is asked for: how they slip. */
+static enum modal_status identify_free(const struct batch *batch,
+                                       const struct identify_options *options,
+                                       const struct slip *slip, struct slip *found,
+                                       struct identify_result *out, struct modal_error *err)
 {
-    static const struct identify_options defaults = { 0 };
-    struct work w = { .opt = options != NULL ? *options : defaults,
-                      .facts = { .converged = true } };
+    struct work w = { .opt = *options, .facts = { .converged = true }, .slip = slip };
     enum modal_status rc;
 
     memset(out, 0, sizeof *out);
-    if (w.opt.response != RESPONSE_FREE) {
-        rc = w.opt.response == RESPONSE_FORCED ? forced_identify(batch, &w.opt, out, err)
-                                               : ambient_identify(batch, &w.opt, out, err);
-        goto out;
-    }
     w.refine = w.opt.refine == CHOICE_YES
         || (w.opt.refine == CHOICE_DEFAULT && w.opt.method == IDENTIFY_AUTO);
     w.clock = w.opt.clock != NULL ? w.opt.clock(w.opt.context) : 0;
     if ((rc = check_options(&w.opt, err)) != MODAL_OK
         || (rc = record_make(batch, &w.opt, &w.rec, err)) != MODAL_OK
+        || (slip != NULL && (rc = work_even_out(&w, err)) != MODAL_OK)
         || (rc = check_pod_rank(&w, err)) != MODAL_OK
         || (rc = choose_shift(&w, err)) != MODAL_OK
         || (rc = work_begin_steps(&w, err)) != MODAL_OK
@@ -534,6 +532,7 @@ enum modal_status modal_identify(const struct batch *batch, const struct identif
         || (rc = analyse_before_growth(&w, out, err)) != MODAL_OK
         || (rc = analyse_with_steps(&w, out, err)) != MODAL_OK
         || (rc = analyse_without_wild(&w, out, err)) != MODAL_OK
+        || (found != NULL && (rc = work_find_slip(&w, found, err)) != MODAL_OK)
         || (rc = work_keep_chosen(&w, &out->chosen, err)) != MODAL_OK
         || (rc = work_take_poles(&w, err)) != MODAL_OK
         || (rc = work_widen(&w, batch, out, err)) != MODAL_OK)
@@ -543,12 +542,45 @@ enum modal_status modal_identify(const struct batch *batch, const struct identif
         || (rc = fit_long(&w, err)) != MODAL_OK
         || (rc = modes_report(&w.rec, &w.poles, &w.opt, out, err)) != MODAL_OK
         || (rc = stage(&w, "synthesis", out, err)) != MODAL_OK
-        || (rc = work_report_ladder(&w, out, err)) != MODAL_OK
-        || (rc = work_conclude(&w, batch, out, err)) != MODAL_OK
+        || (rc = work_report_ladder(&w, out, err)) != MODAL_OK)
+        goto out;
+    w.facts.rejected = slip != NULL && !work_is_clean(&w);      /* nor do even turns explain it */
+    if ((rc = work_conclude(&w, batch, out, err)) != MODAL_OK
         || (rc = stage(&w, "verdict", out, err)) != MODAL_OK)
         goto out;
 out:
     work_done(&w);
+    if (rc != MODAL_OK)
+        identify_result_done(out);
+    return rc;
+}
+
+enum modal_status modal_identify(const struct batch *batch, const struct identify_options *options,
+                                 struct identify_result *out, struct modal_error *err)
+{
+    static const struct identify_options defaults = { 0 };
+    const struct identify_options *o = options != NULL ? options : &defaults;
+    struct identify_result by_own = { 0 }, other;
+    struct identify_options own = *o;
+    struct slip slip = { 0 };
+    enum modal_status rc;
+
+    if (o->response != RESPONSE_FREE)
+        memset(out, 0, sizeof *out);
+    if (o->response == RESPONSE_FORCED)
+        rc = forced_identify(batch, o, out, err);
+    else if (o->response == RESPONSE_AMBIENT)
+        rc = ambient_identify(batch, o, out, err);
+    else
+        rc = identify_free(batch, o, NULL, &slip, out, err);
+    if (rc == MODAL_OK && slip.gain > 0) {
+        if (slip.bow == 0)
+            own.period = out->period / (1 + slip.ends / slip.turns);
+        rc = identify_free(batch, &own, slip.bow != 0 ? &slip : NULL, NULL, &by_own, err);
+        if (rc == MODAL_OK && work_slips(&slip, out, &by_own))
+            other = *out, *out = by_own, by_own = other;
+    }
+    identify_result_done(&by_own);
     if (rc != MODAL_OK)
         identify_result_done(out);
     return rc;

@@ -137,8 +137,8 @@ enum modal_status work_fit_signals(const struct work *w, const double complex *l
                : synthesis_fit(lambda, count, w->tau, Y, NULL, out, err);
 }
 
-/* The rms that the chosen poles leave in each channel of unit rms. */
-static enum modal_status channel_noise(const struct work *w, double *noise, struct modal_error *err)
+enum modal_status work_channel_noise(const struct work *w, double *noise,
+                                     struct modal_error *err)
 {
     const struct refined *fit = &w->choice.candidates[w->choice.chosen].fit;
     struct matrix folded = { 0 };
@@ -211,7 +211,7 @@ enum modal_status work_weigh_channels(struct work *w, bool *again, struct modal_
     if (noise == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for the noise of %d channels",
                           w->rec.channels);
-    rc = channel_noise(w, noise, err);
+    rc = work_channel_noise(w, noise, err);
     for (int c = 0; c < w->rec.channels && rc == MODAL_OK; c++)
         most = fmax(most, noise[c]);
     for (int c = 0; c < w->rec.channels && rc == MODAL_OK; c++)

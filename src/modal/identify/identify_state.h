@@ -12,6 +12,7 @@
 #include "modal/identify/prepare/grid.h"
 #include "modal/identify/prepare/pod.h"
 #include "modal/identify/prepare/record.h"
+#include "modal/identify/prepare/slip.h"
 #include "modal/identify/prepare/steps.h"
 #include "modal/identify/prepare/wild.h"
 #include "modal/identify/result.h"
@@ -35,6 +36,7 @@ enum {
 struct work {
     struct identify_options opt;    /* defaults filled in */
     struct record rec;
+    const struct slip *slip;        /* that its turns are evened out by; NULL: the period holds */
     struct pod pod;
     struct matrix weighted;         /* rec.Y, each channel over its noise; x NULL: not made, or they
                                      * are many, and reduced by their weights */
@@ -100,6 +102,9 @@ enum modal_status work_grid_noise(struct work *w, struct modal_error *err);
 enum modal_status work_fit_signals(const struct work *w, const double complex *lambda, int count,
                                    const struct matrix *Y, struct synthesis *out,
                                    struct modal_error *err);
+/* The rms that the chosen poles leave in each channel of unit rms. */
+enum modal_status work_channel_noise(const struct work *w, double *noise,
+                                     struct modal_error *err);
 /* Do the options leave it to the program how channels are weighed, and then: does it pay? */
 bool work_may_weigh(const struct work *w);
 bool work_worth_weighing(const struct work *w);
@@ -211,6 +216,17 @@ enum modal_status work_look_above(struct work *w, struct modal_error *err);
 /* The chosen poles into TO, whose memory is the caller's to free. */
 enum modal_status work_keep_chosen(const struct work *w, struct identify_chosen *to,
                                    struct modal_error *err);
+
+/* ---- identify_slip.c ---- */
+
+/* The record at the even angles of w->slip; its period by that. */
+enum modal_status work_even_out(struct work *w, struct modal_error *err);
+/* *slip of the record against its period, ends 0: none, or nothing that is asked. */
+enum modal_status work_find_slip(const struct work *w, struct slip *slip, struct modal_error *err);
+/* Is SECOND, by the turns that SLIP tells, the answer, and not FIRST, by the period given?  Then it
+ * says so. */
+bool work_slips(const struct slip *slip, const struct identify_result *first,
+                struct identify_result *second);
 
 /* ---- identify_families.c ---- */
 

@@ -96,11 +96,23 @@ enum modal_status turns_resample(struct matrix *Y, const double *turn, int phase
     return MODAL_OK;
 }
 
+enum modal_status turns_even_out(struct record *r, const double *turn, struct modal_error *err)
+{
+    double each = turns_rows_each(turn, r->Y.m);
+    enum modal_status rc;
+
+    r->period = each * r->step;
+    r->per_period = (int)lround(each);      /* as many as before, evenly: nothing is decimated */
+    rc = turns_resample(&r->Y, turn, r->per_period, TURNS_POINTS, err);
+    r->step = r->period / r->per_period;
+    return rc;
+}
+
 enum modal_status turns_even(struct record *r, const struct batch *b, const int *azimuth,
                              struct modal_error *err)
 {
     size_t first = (size_t)llround(r->t0 / b->dt);
-    double *turn = malloc(sizeof *turn * (size_t)r->Y.m), each;
+    double *turn = malloc(sizeof *turn * (size_t)r->Y.m);
     enum modal_status rc = MODAL_OK;
 
     if (turn == NULL)
@@ -110,13 +122,8 @@ enum modal_status turns_even(struct record *r, const struct batch *b, const int 
                         turn, err);
     for (int k = 0; k < r->Y.m && azimuth == NULL; k++)
         turn[k] = k * r->step / r->period;
-    if (rc == MODAL_OK) {
-        each = turns_rows_each(turn, r->Y.m);
-        r->period = each * r->step;
-        r->per_period = (int)lround(each);  /* as many as before, evenly: nothing is decimated */
-        rc = turns_resample(&r->Y, turn, r->per_period, TURNS_POINTS, err);
-        r->step = r->period / r->per_period;
-    }
+    if (rc == MODAL_OK)
+        rc = turns_even_out(r, turn, err);
     free(turn);
     return rc;
 }

@@ -33,6 +33,10 @@ enum modal_status turns_resample(struct matrix *Y, const double *turn, int phase
 enum modal_status turns_even(struct record *r, const struct batch *b, const int *azimuth,
                              struct modal_error *err);
 
+/* R's rows at even angles of TURN, of each row of it, and its period and step as they are in the
+ * mean.  Fails with MODAL_NO_MEMORY. */
+enum modal_status turns_even_out(struct record *r, const double *turn, struct modal_error *err);
+
 /* *cut without its azimuth among the channels, and without a period; nothing where it has none.
  * The caller frees *LIST, which holds them.  Fails with MODAL_NO_MEMORY, MODAL_BAD_INPUT where no
  * channel is left. */

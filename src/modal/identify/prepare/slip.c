@@ -55,6 +55,7 @@ static const double
     NEAR = 0.05,                 /* turns: where Q must have risen all around a right period */
     RISEN = 1,                   /* so far: two deviations of (3) */
     QUIET = 1e-6,                /* of a channel's rms: squares of less are lost beside it */
+    REACHED = NEAR / (1 << (HALVINGS - 1)),      /* turns: a descent's last step */
     STEP_FIRST = 1e-3, STEP_LEAST = 1e-6,        /* turns: of differences; then one deviation */
     SURE = 3,                    /* standard deviations: less of a bow is none */
     STANDS = 1.5;                /* times edge^2: what is counted as a direction */
@@ -320,7 +321,8 @@ static void settle(struct scan *a, struct slip *s)
         s->std_ends = sqrt(2 * bb / det), s->std_bow = sqrt(2 * ee / det);
         if (!(fabs(de) <= NEAR / 4 && fabs(db) <= NEAR / 4))
             break;
-        s->ends += de, s->bow += db;
+        if (s->std_ends < REACHED)               /* else (2), of Hankel rows, tells more */
+            s->ends += de, s->bow += db;
         h[0] = fmin(fmax(s->std_ends, STEP_LEAST), NEAR / 4);
         h[1] = fmin(fmax(s->std_bow, STEP_LEAST), NEAR / 4);
     }
@@ -350,6 +352,26 @@ static double search(struct scan *a, double N, double most, double *ends, double
     return directions(a, *ends, *bow);
 }
 
+/* Does a bow explain no more than chance beside ends of their own?  Those are s->ends then. */
+static bool ends_alone(struct scan *a, struct slip *s)
+{
+    double with = directions(a, s->ends, s->bow), ends = s->ends, step = NEAR,
+           least = directions(a, ends, 0);
+
+    if (fabs(s->bow) >= SURE * s->std_bow)
+        return false;
+    for (int i = 0; i < HALVINGS; i++, step /= 2)
+        for (int way = -1; way <= 1; way += 2) {
+            double q = directions(a, ends + way * step, 0);
+            if (q < least)
+                least = q, ends += way * step;
+        }
+    if (least - with > RISEN)
+        return false;
+    s->ends = ends;
+    return true;
+}
+
 /* Without a bow that is no more than chance: the ends alone. */
 static void settle_ends(struct scan *a, struct slip *s)
 {
@@ -366,7 +388,8 @@ static void settle_ends(struct scan *a, struct slip *s)
             continue;
         }
         s->std_ends = sqrt(2 / bend);
-        s->ends += fmax(-NEAR / 4, fmin(step, NEAR / 4));
+        if (s->std_ends < REACHED)
+            s->ends += fmax(-NEAR / 4, fmin(step, NEAR / 4));
         h = fmin(fmax(s->std_ends, STEP_LEAST), NEAR / 4);
     }
 }
@@ -386,10 +409,10 @@ static void find_slip(struct scan *a, struct slip *out)
             least = q, s.ends = ends, s.bow = bow;
     }
     s.gain = none - least;
-    s.std_ends = s.std_bow = NEAR / (1 << (HALVINGS - 1));
+    s.std_ends = s.std_bow = REACHED;
     if (s.gain > 0)
         settle(a, &s);
-    if (s.gain > 0 && fabs(s.bow) < SURE * s.std_bow)
+    if (s.gain > 0 && ends_alone(a, &s))
         settle_ends(a, &s);
     if (s.gain > 0)
         *out = s;

@@ -113,8 +113,9 @@ static void print_diagnostics(const struct steady_settings *settings,
     if (point->converged && undetermined > 0) {
         snprintf(text, sizeof text,
                  "%d sliders of %d come to rest: their places, and with them the mean, follow from "
-                 "history; the mean given is that with the sliders as near to zero as their "
-                 "strength allows", undetermined, point->laws);
+                 "history; the mean given is that with the sliders %s", undetermined, point->laws,
+                 point->from_start ? "where the scene's initial state leaves them"
+                                   : "as near to zero as their strength allows");
         diagnose(list, "undetermined_offset", text);
     }
     if (settings->stability && point->converged && point->stability.reason != NULL) {

@@ -702,6 +702,7 @@ void torus_laws_retune(struct torus_laws *w, const struct torus_tones *t) { w->t
 void torus_note(struct torus_laws *w, int law, bool acts, long evaluations)
 {
     w->law[law].acts = acts;
+    w->law[law].undetermined = w->law[law].law->memory > 0 && !acts;
     w->law[law].evaluations += evaluations;
 }
 

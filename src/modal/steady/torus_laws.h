@@ -59,7 +59,8 @@ void torus_hold(struct torus_laws *w, bool held);
 long torus_evaluations(const struct torus_laws *w, int law);
 bool torus_acts(const struct torus_laws *w, int law);
 bool torus_undetermined(const struct torus_laws *w, int law);
-/* Law LAW was asked EVALUATIONS times more, beside samples, and acted or not. */
+/* Law LAW was asked EVALUATIONS times more, beside samples, and acted or not: a slider that did not
+ * holds one of many places. */
 void torus_note(struct torus_laws *w, int law, bool acts, long evaluations);
 /* Whether all laws are analytic: then only aliasing is an error of samples. */
 bool torus_smooth(const struct torus_laws *w);

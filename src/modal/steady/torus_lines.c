@@ -39,6 +39,7 @@ enum {
                                 * tones have as many lines */
     OTHERS_OF_TWO_MOST = 12,   /* of two */
     AFRESH = 32,               /* products of a wave: no rounding gathers */
+    LINES_MOST = 3000,         /* what a motion of one dof may balance, however many outputs */
     BLOCK = 64,                /* turns whose samples are weighed at once */
 };
 static const double APART = 1.5;          /* turns of the record that lines are apart at least: (2)
@@ -288,7 +289,7 @@ static bool is_last(const struct torus_sheet *a, struct torus_index k)
  * LEAVE; the mean always. */
 static int keep(struct torus_sheet *a, struct line *list, int all, double leave, double *taken)
 {
-    int most = (TORUS_UNKNOWNS_MOST / a->s->q + 1) / 2, count = 0, large = 0;
+    int most = LINES_MOST, count = 0, large = 0;
 
     for (int c = 0; c < cells_of(a); c++)
         taken[c] = -1;

@@ -236,7 +236,7 @@ bool torus_lines_stand(const struct torus_solver *s, const struct torus_lines *l
 
 void torus_lines_done(struct torus_lines *lines)
 {
-    free(lines->index), free(lines->X);
+    free(lines->index), free(lines->X), free(lines->acts);
     *lines = (struct torus_lines) { 0 };
 }
 
@@ -257,6 +257,9 @@ void torus_adopt(struct torus_solver *s, struct torus_lines *lines, double wante
     out->error = lines->error;
     out->line = lines->line;
     out->wanting = out->line > wanted * out->amplitude;
+    for (int l = 0; lines->acts != NULL && l < s->p->laws; l++)
+        torus_note(s->laws, l, lines->acts[l], lines->asked);
+    free(lines->acts);
     *lines = (struct torus_lines) { 0 };
 }
 
@@ -389,10 +392,22 @@ enum modal_status torus_march(struct torus_solver *s, double wanted, bool balanc
 
 /* A march followed exactly, and its record so far. */
 struct exact {
+    struct torus_solver *s;
     struct torus_pieces *m;
     double *x, *growth, start;            /* s */
     int turns, seen, columns;             /* seen: of the turns, with disturbances; 0: all */
 };
+
+/* Whether a slider of march M is at rest, so that its place is one of many, and a balance may
+ * choose it. */
+static bool leaves_place(const struct torus_solver *s, const struct torus_pieces *m)
+{
+    bool rests = false;
+
+    for (int l = 0; l < s->p->laws; l++)
+        rests = rests || (s->p->law[l].memory > 0 && !torus_pieces_acted(m, l));
+    return rests && !torus_pieces_leaves(m);
+}
 
 /* Until what it began with has decayed: the leading disturbance; *SETTLED false: not in time. */
 static enum modal_status settle(struct exact *a, double wanted, bool *settled,
@@ -404,7 +419,8 @@ static enum modal_status settle(struct exact *a, double wanted, bool *settled,
 
     *settled = false;
     for (int turns = LOOK; rc == MODAL_OK && followed && !*settled && turns <= SETTLED_MOST
-                           && (turns < SLOWLY || all * SETTLED_MOST / turns < enough);
+                           && (turns < SLOWLY || all * SETTLED_MOST / turns < enough)
+                           && !budget_spent(a->s->work);
          turns += LOOK) {
         rc = torus_pieces_go(a->m, LOOK, 0, NULL, NULL, growth, &followed, err);
         for (int t = 0; t < LOOK; t++)
@@ -435,16 +451,6 @@ static enum modal_status extend(struct exact *a, const struct torus_sheet *s, in
                          followed, err);
     a->turns = turns;
     return rc;
-}
-
-/* Whether every slider has moved since the march settled: one at rest is left anywhere. */
-static bool all_move(const struct torus_solver *s, const struct torus_pieces *m)
-{
-    bool move = true;
-
-    for (int l = 0; l < s->p->laws; l++)
-        move = move && (s->p->law[l].memory == 0 || torus_pieces_acted(m, l));
-    return move;
 }
 
 /*
@@ -483,7 +489,7 @@ static enum modal_status read_exactly(struct torus_solver *s, struct exact *a, i
                    + torus_pieces_work(a->m) * (turns - a->turns) > s->work->most);
     if (rc == MODAL_OK && !*ended)
         rc = extend(a, &sheet, turns, &followed, err);
-    if (rc == MODAL_OK && (!followed || !all_move(s, a->m))) {
+    if (rc == MODAL_OK && (!followed || leaves_place(s, a->m))) {
         torus_lines_done(best);
         *ended = true;
     }
@@ -554,12 +560,26 @@ static enum modal_status keep_better(const struct torus_lines *now, int q, struc
     return MODAL_OK;
 }
 
+/* What the laws did in the march M, with its lines. */
+static enum modal_status keep_acts(const struct torus_solver *s, const struct torus_pieces *m,
+                                   struct torus_lines *lines, struct modal_error *err)
+{
+    lines->acts = calloc((size_t)s->p->laws + 1, sizeof *lines->acts);
+    if (lines->acts == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "torus: no memory for a march");
+    for (int l = 0; l < s->p->laws; l++)
+        lines->acts[l] = torus_pieces_acted(m, l);
+    lines->asked = torus_pieces_asked(m);
+    return MODAL_OK;
+}
+
 /* With N samples a turn; *FINER: it asks for more. */
 static enum modal_status march_exactly(struct torus_solver *s, int N, double wanted,
                                        struct torus_lines *best, bool *finer,
                                        struct modal_error *err)
 {
-    struct exact a = { .columns = 2 * s->p->n < TORUS_EXPONENTS ? 2 * s->p->n : TORUS_EXPONENTS };
+    struct exact a = { .s = s, .columns = 2 * s->p->n < TORUS_EXPONENTS ? 2 * s->p->n
+                                                                          : TORUS_EXPONENTS };
     double before[2] = { HUGE_VAL, HUGE_VAL }, moves[2] = { HUGE_VAL, HUGE_VAL };
     struct torus_lines now = { 0 };
     bool settled = false, ended = false;
@@ -589,8 +609,8 @@ static enum modal_status march_exactly(struct torus_solver *s, int N, double wan
     torus_lines_done(&now);
     if (rc == MODAL_OK && best->count > 0 && !*finer)
         rc = decide(s, &a, err);
-    for (int l = 0; rc == MODAL_OK && best->count > 0 && l < s->p->laws; l++)
-        torus_note(s->laws, l, torus_pieces_acted(a.m, l), torus_pieces_asked(a.m));
+    if (rc == MODAL_OK && best->count > 0)
+        rc = keep_acts(s, a.m, best, err);
     torus_pieces_free(a.m);
     free(a.x), free(a.growth);
     return rc;

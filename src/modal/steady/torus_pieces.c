@@ -1,24 +1,21 @@
 /*
  * torus_pieces.c - see torus_pieces.h; tested by tests/unit/modal/steady/test_torus.c
  *
- * While no law changes its regime each is a line, f = level + gain d, and with the waves of the
- * loads the motion is that of constant coefficients,
+ * While no law changes its regime each is a line, f = level + gain d, and a step of the motion is
+ * its Taylor's polynomials (torus_taylor.h): exact to rounding.  Where laws see turns or change
+ * their regimes within a step, these are found on the polynomials, the earliest first, and what
+ * changes there is added to the dofs that feel it before the step ends.  So a step costs what the
+ * program's entries do and an event what its neighbours do, of a chain of any length the same.
  *
- *     u' = A u,   u = (x, v, levels, cosines, sines),                                           (1)
+ * Of few dofs a step is less as a product with one matrix: u = (x, v, levels, cosines, sines) obeys
+ * u' = A u, A one matrix for each set of regimes, and e^{A h} is made where that set has been
+ * stepped through as often as making it costs steps.
  *
- * A one matrix for each set of regimes: a step is a product with e^{A h}, exact.  A step is cut
- * where an input's rate changes sign, so that laws see monotone pieces, and where a regime changes:
- * there both lines agree, (level - level') + (gain - gain') d = 0.  Both instants are found on the
- * cubic through the ends of a piece and mended by one step of Newton's method on (1) itself, by
- * Taylor's series.
- *
- * Of two turns of an input within one step the cubic's rate, a quadratic, has both; a step is so
- * short that three are none of a motion's.  A scene stiffer than its samples takes as many steps
- * to each.
- *
- * The map of a set of regimes is made when it is first met: a scene of L laws with r regimes each
- * meets few of the r^L.  Cost: of n dofs, L laws and W waves 2 n (2 n + L + 2 W) products a step
- * and column, and an event some 50 steps.
+ * A law is asked at a step's end and at each turn of its input: between them paths are monotone.
+ * Where its regime is another there its two lines agree somewhere before, (level - level') + (gain
+ * - gain') d = 0.  Of two turns of an input within one step the cubic through its ends has both; a
+ * step is so short that three are none of a motion's.  A scene stiffer than its samples takes as
+ * many steps to each.
  *
  * What is wrong is rounding, and turns or events that a step hides: a law that changes and changes
  * back between two samples with no turn of its input among them.  Its input would have to turn, and
@@ -30,276 +27,208 @@
  * orthogonal.
  */
 #include "modal/steady/torus_pieces.h"
-#include <lapacke.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include "modal/linalg/workspace.h"
 #include "modal/scene/law.h"
+#include "modal/steady/torus_taylor.h"
 
 enum {
-    DOFS_MOST = 16,            /* a step is a product of their square: past them a march of sparse
-                                * steps is cheaper */
-    LAWS_MOST = 16,
-    REGIMES_MOST = 256,        /* sets of them: 8 MB of maps at the most */
+    MAPS_MOST = 1 << 20,       /* numbers of all maps: 8 MB */
+    REGIMES_MOST = 256,        /* sets that are kept in mind: looking one up costs less than a
+                                * step */
     SUBSTEPS_MOST = 64,        /* of a sample: stiffer scenes are marched otherwise */
-    CUTS_MOST = 64,            /* of a step: more are no events of a motion, but of rounding */
-    TERMS_MOST = 40,           /* of a series whose argument is FAST or less: 12 are rounding */
-    HALVINGS = 40,             /* of an interval on the cubic */
+    CUTS_MOST = 64,            /* of a step and law: more are no events of a motion, but of
+                                * rounding */
+    LEAST_ORDER = 3,           /* as torus_solve.c begins with */
+    LOOKED = 400,              /* budget.h: a law's polynomial made, and some ten values of it */
+    STILL = 16,                /* turns, before which nothing is said of who rests */
+    MENDED = 3,                /* steps of Newton's method from the cubic's 1e-6 of a piece */
+    HALVINGS = 60,             /* of an interval: all digits */
 };
-static const double FAST = 0.5;           /* rad a step of the fastest frequency: of two turns in
-                                           * one step the cubic sees both */
-static const double ROUNDING = 1e-17;     /* of u: what a term of a series is left out at */
 static const double JUST = 1e-9;          /* of a piece: a turn so near its begin is the one that it
                                            * begins at, whose rate is 0 but for rounding */
 static const double SHORT = 1e-3;         /* of a step: in what first arrives there is no turn */
 static const double NONE = 0.1;           /* of a piece: a turn mended is nearer by far */
-static const double SAME = 1e-14;         /* of a step: cuts that are one */
+static const double SAME = 1e-15;         /* of a step: instants that are one */
+static const double NEVER = 2;            /* of a step: past its end */
+static const double FAR = 1e100;          /* m: past any clearance or slider */
 
-/* A law's line in each of some regimes; fast: rad/s, a bound of A's growth. */
-struct regime { int key[LAWS_MOST]; double *A, *P, fast; };
+/* A set of regimes, steps taken in it, and its map, 2 n x D by rows, once it has one. */
+struct regime { int *key; long steps; double *P; };
 
-/* A law on its way: what input it had last, a slider's place, and its line, f = level + gain d.
- * Of a law that is asked ahead of the motion the same, where that would be. */
-struct hold { double d, z, level, gain; int regime; };
+/* A law on its way: what input it had last and its rate, a slider's place, and its line, f = level
+ * + gain d.  Of a law that is asked ahead of the motion the same, where that would be. */
+struct hold { double d, v, z, level, gain; int regime; };
+
+/* A law's next turn or change within a step, after FREE; what it will be there, and whether it is
+ * looked for. */
+struct due { double at, free; bool changes, listed; struct hold to; };
+
+/* A change of this step: whose, and how far it was felt. */
+struct felt { int law, hops; };
 
 struct torus_pieces {
     struct torus_solver *s;
     struct workspace space;
-    int N, substeps, columns;                      /* samples a turn, steps a sample */
-    int n, laws, waves, D;                         /* D: numbers of u */
-    double h;                                      /* s */
-    double *M;                                     /* M^-1, then M^-1 K and M^-1 C, n x n */
-    double *see, *push;                            /* [law][n]: ends' weights; M^-1 of them */
-    double *omega, *load;                          /* of waves; [wave][2][n]: M^-1 p */
-    double *turn;                                  /* [wave][2]: cos and sin of omega h */
-    struct regime *regime, *now;
-    int regimes;
-    double *u, *to, *term;                         /* D x (1 + columns), by columns */
-    struct hold hold[LAWS_MOST], ahead[LAWS_MOST];
-    bool acted[LAWS_MOST], stiff;
-    long turns, asked;
+    struct torus_taylor t;
+    int N, substeps;                               /* samples a turn, steps a sample */
+    int columns, disturbances;                     /* of u, and how many follow the motion */
+    int n, laws, waves, D;                         /* D: a map's columns */
+    double *turn, *wave;                           /* [wave][2]: cos and sin, of omega h and now */
+    struct regime *regime, *now;                   /* now NULL: none of those kept */
+    int regimes, regimes_most;                     /* most 0: steps are of polynomials */
+    double *u, *to;                                /* x, then v, [i columns + c] */
+    struct hold *hold, *ahead;                     /* of laws */
+    struct due *due;
+    int *list, listed;                             /* laws that are looked at in this step */
+    struct felt *felt;
+    bool *acted, settling, leaves;
+    long *when, turns, asked;                      /* when: the turn of a law's last change */
     double work;
 };
 
-/* Numbers of the motion and its disturbances. */
-static size_t places(const struct torus_pieces *m)
-{
-    return (size_t)m->D * (size_t)(1 + m->columns);
-}
-
-/* TO = FACTOR A U of one column: (1) row by row.  x' is v, levels stand, and a wave's cosine and
- * sine turn into each other; only v' needs A. */
-static void act_once(const struct torus_pieces *m, const double *A, double factor, const double *u,
-                     double *to)
-{
-    int n = m->n, D = m->D, first = 2 * n + m->laws;
-
-    for (int i = 0; i < n; i++)
-        to[i] = factor * u[n + i];
-    for (int i = 0; i < n; i++) {
-        double sum = 0;
-
-        for (int j = 0; j < D; j++)
-            sum += A[i * D + j] * u[j];
-        to[n + i] = factor * sum;
-    }
-    memset(to + 2 * n, 0, (size_t)m->laws * sizeof *to);
-    for (int w = 0; w < m->waves; w++) {
-        to[first + 2 * w] = -factor * m->omega[w] * u[first + 2 * w + 1];
-        to[first + 2 * w + 1] = factor * m->omega[w] * u[first + 2 * w];
-    }
-}
-
-/* e^{A t} U, COUNT columns, into TO: of R's series as many terms as matter.  What follows term k is
- * about (fast t)^k / k! of u. */
-static void series(const struct torus_pieces *m, const struct regime *r, double t, int count,
-                   const double *u, double *to)
-{
-    size_t D = (size_t)m->D;
-    int terms = 2;
-
-    for (double left = r->fast * fabs(t); left > ROUNDING && terms < TERMS_MOST; terms++)
-        left *= r->fast * fabs(t) / terms;
-    for (int c = 0; c < count; c++, u += D, to += D) {
-        double *now = m->term, *next = m->term + D;
-
-        memcpy(now, u, D * sizeof *now);
-        memcpy(to, u, D * sizeof *to);
-        for (int k = 1; k <= terms; k++) {
-            double *was = now;
-
-            act_once(m, r->A, t / k, now, next);
-            for (size_t i = 0; i < D; i++)
-                to[i] += next[i];
-            now = next, next = was;
-        }
-    }
-}
-
-/*
- * U a substep on, into TO: x and v by the map of the regimes at hand, waves by their own turn.
- * Levels stand; those of disturbances count, but they have no waves.
- */
-static void step_whole(const struct torus_pieces *m, const double *u, double *to)
-{
-    int n = 2 * m->n, D = m->D, first = n + m->laws;
-    const double *P = m->now->P;
-
-    for (int c = 0; c <= m->columns; c++, u += D, to += D) {
-        int most = c == 0 ? D : first;
-
-        for (int i = 0; i < n; i++) {
-            double sum = 0;
-
-            for (int j = 0; j < most; j++)
-                sum += P[i * D + j] * u[j];
-            to[i] = sum;
-        }
-        for (int i = n; i < first; i++)
-            to[i] = u[i];
-        for (int w = 0; w < m->waves; w++) {
-            double a = u[first + 2 * w], b = u[first + 2 * w + 1];
-
-            to[first + 2 * w] = a * m->turn[2 * w] - b * m->turn[2 * w + 1];
-            to[first + 2 * w + 1] = a * m->turn[2 * w + 1] + b * m->turn[2 * w];
-        }
-    }
-}
-
-/* What law L sees of a column of U, of the motion or of a disturbance: d, and its rate V. */
+/* What law L sees of the motion in U, and its rate *V. */
 static double sees(const struct torus_pieces *m, int l, const double *u, double *v)
 {
-    const double *w = m->see + l * m->n;
+    const struct torus_ends *see = &m->t.see;
     double d = 0;
 
     *v = 0;
-    for (int i = 0; i < m->n; i++) {
-        d += w[i] * u[i];
-        *v += w[i] * u[m->n + i];
+    for (int e = see->start[l]; e < see->start[l + 1]; e++) {
+        d += see->weight[e] * u[see->dof[e] * m->columns];
+        *v += see->weight[e] * u[(m->n + see->dof[e]) * m->columns];
     }
     return d;
 }
 
-/* Law L at D, come from FROM by a monotone path: its place, regime and line there into TO.  False:
- * it fails, or its force reads the rate and is no line of d. */
-static bool ask(const struct torus_pieces *m, int l, double d, double v, const struct hold *from,
+/* LAW at D, come from FROM by a monotone path: its place, regime and line there into TO.  False: it
+ * fails, or its force reads the rate and is no line of d. */
+static bool ask(const struct law *law, double d, double v, const struct hold *from,
                 struct hold *to)
 {
-    const struct law *law = &m->s->p->law[l];
     struct law_force out = { .memory = &to->z };
     struct law_point at = { .d = &d, .v = &v, .d_before = &from->d, .memory_before = &from->z };
     bool fine = law->kind->force(law, &at, &out, NULL) == MODAL_OK && out.fv[0][0] == 0;
 
-    to->d = d;
+    to->d = d, to->v = v;
     to->gain = out.fd[0][0];
     to->level = out.f[0] - to->gain * d;
     to->regime = out.regime;
     return fine;
 }
 
-/*
- * A and P of the regimes that m->hold has; false: there are too many, or they are too stiff.
- *
- * P is the series of each unit vector, so that a whole step and its pieces are of one kind: what a
- * cut step ends at is, to rounding, what the whole one would have.
- */
-static bool make_regime(struct torus_pieces *m)
+/* As in torus_taylor.c. */
+#define COPIED static inline __attribute__((always_inline))
+
+/* TO += P's COUNT columns from FIRST on times X, COUNT rows of COLUMNS; P has D columns and
+ * ROWS. */
+COPIED void add_product(const double *P, int rows, int D, int first, int count, const double *x,
+                        int columns, double *to)
 {
-    int n = m->n, D = m->D, first = 2 * n + m->laws;
-    struct regime *r = &m->regime[m->regimes];
-    double most = 0, damp = 0, *one;
+    for (int i = 0; i < rows; i++) {
+        double sum[TORUS_WIDE] = { 0 };
 
-    if (m->regimes == REGIMES_MOST)
-        return false;
-    r->A = workspace_zeros(&m->space, (size_t)(n * D), sizeof *r->A);
-    r->P = workspace_zeros(&m->space, (size_t)(2 * n * D), sizeof *r->P);
-    one = workspace_zeros(&m->space, 2 * (size_t)D, sizeof *one);
-    if (m->space.failed)
-        return false;
-    for (int i = 0; i < n; i++) {
-        double sum = 0, more = 0;
+        for (int j = 0; j < count; j++)
+            for (int c = 0; c < columns; c++)
+                sum[c] += P[i * D + first + j] * x[j * columns + c];
+        for (int c = 0; c < columns; c++)
+            to[i * columns + c] += sum[c];
+    }
+}
 
-        for (int j = 0; j < n; j++) {
-            double K = m->M[(n + i) * n + j];
+/* A whole step into m->to by the map, COLUMNS being m's. */
+COPIED void map_step(const struct torus_pieces *m, int columns)
+{
+    int n = 2 * m->n, D = m->D;
+    const double *P = m->now->P;
 
-            for (int l = 0; l < m->laws; l++)
-                K += m->push[l * n + i] * m->hold[l].gain * m->see[l * n + j];
-            r->A[i * D + j] = -K;
-            r->A[i * D + n + j] = -m->M[(2 * n + i) * n + j];
-            sum += fabs(K), more += fabs(m->M[(2 * n + i) * n + j]);
-        }
-        for (int l = 0; l < m->laws; l++)
-            r->A[i * D + 2 * n + l] = -m->push[l * n + i];
+    memset(m->to, 0, (size_t)(n * columns) * sizeof *m->to);
+    add_product(P, n, D, 0, n, m->u, columns, m->to);
+    add_product(P, n, D, n, m->laws, m->t.level, columns, m->to);
+    for (int i = 0; i < n; i++)
         for (int w = 0; w < 2 * m->waves; w++)
-            r->A[i * D + first + w] = m->load[w * n + i];
-        most = fmax(most, sum), damp = fmax(damp, more);
+            m->to[i * columns] += P[i * D + n + m->laws + w] * m->wave[w];
+}
+
+/* The map of the laws' lines at hand, column by column: what the polynomials make of a unit
+ * vector. */
+static double *make_map(struct torus_pieces *m)
+{
+    int n = 2 * m->n, D = m->D, columns = m->columns;
+    double *P = workspace_zeros(&m->space, (size_t)n * (size_t)D, sizeof *P);
+    double *one = calloc((size_t)(D + n), sizeof *one), *level = m->t.level;
+
+    if (P != NULL && one != NULL) {
+        torus_taylor_narrow(&m->t, 1);
+        m->t.level = one + n;
+        for (int j = 0; j < D; j++) {
+            one[j] = 1;
+            torus_taylor_make(&m->t, one, one + n + m->laws, one + D);
+            one[j] = 0;
+            for (int i = 0; i < n; i++)
+                P[i * D + j] = one[D + i];
+        }
+        torus_taylor_narrow(&m->t, columns);
+        m->t.level = level;
     }
-    r->fast = sqrt(most) + damp;
-    m->stiff = r->fast * m->h > FAST;
-    for (int w = 0; w < m->waves; w++)
-        r->fast = fmax(r->fast, m->omega[w]);
-    if (m->stiff)
-        return false;
-    for (int j = 0; j < D; j++) {
-        memset(one, 0, (size_t)D * sizeof *one);
-        one[j] = 1;
-        series(m, r, m->h, 1, one, one + D);
-        for (int i = 0; i < 2 * n; i++)
-            r->P[i * D + j] = one[D + i];
+    free(one);
+    return P;
+}
+
+/* m->now is that of m->hold: found among those met before, for a motion of few laws has few and
+ * meets them again and again, or a new one while there is room. */
+static void find_regime(struct torus_pieces *m)
+{
+    struct regime *r = m->regime;
+
+    for (int a = 0; a < m->regimes; a++, r++) {
+        bool same = true;
+
+        for (int l = 0; same && l < m->laws; l++)
+            same = r->key[l] == m->hold[l].regime;
+        if (same) {
+            m->now = r;
+            return;
+        }
     }
+    m->now = NULL;
+    if (m->regimes == m->regimes_most)
+        return;
+    r->key = workspace_zeros(&m->space, (size_t)m->laws, sizeof *r->key);
+    if (r->key == NULL)
+        return;
     for (int l = 0; l < m->laws; l++)
         r->key[l] = m->hold[l].regime;
     m->now = r;
     m->regimes++;
-    return true;
 }
 
-/* m->now is that of m->hold: found among those met before, for a motion has few and meets them
- * again and again, or made. */
-static bool find_regime(struct torus_pieces *m)
+/* A whole step into m->to, laws as they are; *MADE: its polynomials are at hand, too.  Regimes that
+ * have been stepped through as often as a map has columns have earned theirs. */
+static void step_whole(struct torus_pieces *m, bool *made)
 {
-    for (int r = 0; r < m->regimes; r++) {
-        bool same = true;
+    struct regime *r = m->now;
 
-        for (int l = 0; l < m->laws; l++)
-            same = same && m->regime[r].key[l] == m->hold[l].regime;
-        if (same) {
-            m->now = &m->regime[r];
-            return true;
-        }
+    if (r != NULL && r->P == NULL && r->steps++ == m->D)
+        r->P = make_map(m);
+    *made = r == NULL || r->P == NULL;
+    if (*made) {
+        torus_taylor_make(&m->t, m->u, m->wave, m->to);
+        m->work += torus_taylor_work(&m->t);
+    } else {
+        if (m->columns == 1)
+            map_step(m, 1);
+        else
+            map_step(m, TORUS_WIDE);
+        m->work += 2.0 * m->n * m->D * m->columns;
     }
-    return make_regime(m);
+    m->work += 20.0 * (1 + m->laws);
 }
 
-/* Law L from now on as TO has it: levels of the motion and of its disturbances.  One that begins to
- * hold does so at the d of this instant, disturbed as that is; all others have levels of their own
- * numbers alone. */
-static void change(struct torus_pieces *m, int l, const struct hold *to)
-{
-    double gained = to->gain - m->hold[l].gain;
-    bool keeps = m->s->p->law[l].memory > 0 && gained > 0;
-
-    for (int c = 0; c <= m->columns; c++) {
-        double *u = m->u + c * m->D, none;
-
-        u[2 * m->n + l] = c == 0 ? to->level : keeps ? -gained * sees(m, l, u, &none) : 0;
-    }
-    m->hold[l].level = to->level, m->hold[l].gain = to->gain, m->hold[l].regime = to->regime;
-    m->acted[l] = true;
-}
-
-/* The cubic from D0, V0 to D1, V1 over T: its place and rate, per T, at fraction S.  Its error is
- * (h^4 / 384) d'''': instants found on it are mended. */
-static double cubic(double d0, double v0, double d1, double v1, double T, double s, double *rate)
-{
-    double a = v0 * T, b = v1 * T, rise = d1 - d0, c2 = 3 * rise - 2 * a - b, c3 = a + b - 2 * rise;
-
-    *rate = a + s * (2 * c2 + 3 * s * c3);
-    return d0 + s * (a + s * (c2 + s * c3));
-}
-
-/* Where the rate of that cubic is first 0 in 0 < s < 1; 1: nowhere.  Its rate is a quadratic. */
+/* Where the cubic from D0, V0 to D1, V1 over T turns first, as a fraction 0 < s < 1 of T; 1:
+ * nowhere.  Its rate is a quadratic. */
 static double turns_at(double d0, double v0, double d1, double v1, double T)
 {
     double a = v0 * T, b = v1 * T, rise = d1 - d0;
@@ -317,252 +246,330 @@ static double turns_at(double d0, double v0, double d1, double v1, double T)
     return first;
 }
 
-/* The first turn of any law's input over T, from m->u to m->to, as a fraction of T, and whose it
- * is; 1 and -1: none turns.  Between turns a slider's law and a gap's see monotone paths. */
-static double first_turn(const struct torus_pieces *m, double T, int *law)
+/* How far from TAU the rate of P is 0: Newton's step. */
+static double to_turn(const struct torus_taylor *t, const double *p, double tau)
 {
-    double first = 1;
+    double v = 0, bend = 0;
 
-    *law = -1;
-    for (int l = 0; l < m->laws; l++) {
-        double v0, v1, d0 = sees(m, l, m->u, &v0), d1 = sees(m, l, m->to, &v1);
-        double s = turns_at(d0, v0, d1, v1, T);
-
-        if (s < first)
-            first = s, *law = l;
-    }
-    return first;
-}
-
-/* The fraction of T where law L's lines, of now and of NEXT, agree: on the cubic.  A slider that
- * begins to slip leaves its spring's line for its limit there; one that holds again does so at a
- * turn, where the piece begins, and a gap closes or opens at its clearance. */
-static double crossing(const struct torus_pieces *m, int l, double T, const struct hold *next)
-{
-    const struct hold *now = &m->hold[l];
-    double v0, v1, d0 = sees(m, l, m->u, &v0), d1 = sees(m, l, m->to, &v1), rate;
-    double level = now->level - next->level, gain = now->gain - next->gain;
-    double low = 0, high = 1, end = level + gain * d1, begin = level + gain * d0;
-
-    if (begin == 0 || begin * end > 0)     /* it is at its bound already, but for rounding */
-        return 0;
-    for (int i = 0; i < HALVINGS; i++) {
-        double half = 0.5 * (low + high);
-
-        *((level + gain * cubic(d0, v0, d1, v1, T, half, &rate)) * end > 0 ? &high : &low) = half;
-    }
-    return high;
-}
-
-/* m->to becomes m->u after T, of the motion alone: disturbances go along as it arrives. */
-static void go_to(const struct torus_pieces *m, double T)
-{
-    series(m, m->now, T, 1, m->u, m->to);
-}
-
-/* How far from m->to, at T, law L's rate is 0: Newton's step. */
-static double to_turn(const struct torus_pieces *m, int l)
-{
-    double v, bend = 0;
-
-    sees(m, l, m->to, &v);
-    for (int i = 0; i < m->n; i++) {
-        double a = 0;
-
-        for (int j = 0; j < m->D; j++)
-            a += m->now->A[i * m->D + j] * m->to[j];
-        bend += m->see[l * m->n + i] * a;
+    for (int k = t->terms; k > 0; k--) {
+        bend = bend * tau + v;
+        v = v * tau + k * p[k];
     }
     return bend != 0 ? -v / bend : v != 0 ? HUGE_VAL : 0;
 }
 
-/* The instant of a turn of law L, near T and before END, mended: its rate is 0.  Newton's step from
- * the cubic's 1e-6 of a piece leaves 1e-12; it may not take the piece away, nor double it.  0: it
- * is none.  Where motion has only begun to arrive, as a high power of time, the cubic has turns
- * that it has not. */
-static double mend_turn(const struct torus_pieces *m, int l, double T, double end)
+/* The turn of P near TAU, between FROM and END, mended; it may not take the piece from FROM away,
+ * nor double it.  FROM: it is none.  Where motion has only begun to arrive, as a high power of
+ * time, the cubic has turns that it has not. */
+static double mend_turn(const struct torus_taylor *t, const double *p, double tau, double from,
+                        double end)
 {
-    double off;
+    for (int i = 0; i < MENDED; i++) {
+        double off = to_turn(t, p, tau), piece = tau - from;
 
-    go_to(m, T);
-    off = to_turn(m, l);
-    T = fabs(off) < HUGE_VAL ? fmin(fmax(T + off, 0.5 * T), fmin(2 * T, end)) : T;
-    go_to(m, T);
-    return fabs(to_turn(m, l)) < NONE * T ? T : 0;
+        if (fabs(off) < HUGE_VAL)
+            tau = fmin(fmax(tau + off, from + 0.5 * piece), fmin(from + 2 * piece, end));
+    }
+    return fabs(to_turn(t, p, tau)) < NONE * (tau - from) ? tau : from;
 }
 
-/* The same of a crossing to NEXT. */
-static double mend_crossing(const struct torus_pieces *m, int l, double T, double end,
-                            const struct hold *next)
+/* Where between FROM and END of P the lines NOW and NEXT agree.  A slider that begins to slip
+ * leaves its spring's line for its limit there; one that holds again does so at a turn, where the
+ * piece begins, and a gap closes or opens at its clearance. */
+static double crossing(const struct torus_taylor *t, const double *p, double from, double end,
+                       const struct hold *now, const struct hold *next)
 {
+    double level = now->level - next->level, gain = now->gain - next->gain, rate;
+    double begin = level + gain * torus_taylor_at(t, p, from, &rate);
+    double last = level + gain * torus_taylor_at(t, p, end, &rate);
+    double low = from, high = end, tau = end;
+
+    if (begin == 0 || begin * last > 0)    /* it is at its bound already, but for rounding */
+        return from;
+    for (int i = 0; i < HALVINGS && high - low > SAME; i++) {
+        double off = level + gain * torus_taylor_at(t, p, tau, &rate), was = tau;
+
+        *(off * last > 0 ? &high : &low) = tau;
+        tau -= gain * rate != 0 ? off / (gain * rate) : HUGE_VAL;
+        if (!(tau > low && tau < high))
+            tau = 0.5 * (low + high);
+        if (fabs(tau - was) <= SAME)
+            break;
+    }
+    return tau;
+}
+
+/*
+ * Law L's next turn or change after FROM into m->due; false: it cannot be asked.  After a change it
+ * is JUST later, or one at a turn, whose rate is 0, would be taken back and made again.  Two
+ * regimes whose lines are parallel have another between them: a slider that slips back within the
+ * step holds before it does, and it is asked nearer by.
+ */
+static bool look_ahead(struct torus_pieces *m, int l, double from)
+{
+    struct due *due = &m->due[l];
     const struct hold *now = &m->hold[l];
-    double v, d, gain = now->gain - next->gain, off;
+    double p[TORUS_TERMS_MOST + 1], reach = 1, v0, d0;
 
-    go_to(m, T);
-    d = sees(m, l, m->to, &v);
-    off = now->level - next->level + gain * d;
-    return gain * v != 0 ? fmin(fmax(T - off / (gain * v), 0.5 * T), fmin(2 * T, end)) : T;
+    torus_taylor_sees(&m->t, l, 0, p);
+    from = fmax(from, due->free);
+    d0 = torus_taylor_at(&m->t, p, from, &v0);
+    due->at = NEVER;
+    while (from < reach) {
+        double v, d = torus_taylor_at(&m->t, p, reach, &v), end = reach;
+        double s = turns_at(d0, v0, d, v, reach - from);
+
+        if (s < 1)
+            end = mend_turn(&m->t, p, from + s * (reach - from), from, reach);
+        if (end == from && reach - from > SHORT) {   /* of shorter ones the cubic knows more */
+            reach = 0.5 * (from + reach);
+            continue;
+        }
+        end = end > from ? end : reach;
+        d = torus_taylor_at(&m->t, p, end, &v);
+        if (!ask(&m->s->p->law[l], d, v / m->t.h, now, &due->to))
+            return false;
+        due->changes = due->to.regime != now->regime;
+        if (due->changes && due->to.gain == now->gain && due->to.level != now->level
+            && end - from > SAME) {
+            reach = 0.5 * (from + end);
+            continue;
+        }
+        due->at = due->changes ? crossing(&m->t, p, from, end, now, &due->to)
+                : end < 1      ? end
+                               : NEVER;
+        return true;
+    }
+    return true;
 }
 
-/* What all laws are at m->to, a monotone path from where they are: into m->ahead; *CHANGED: some
- * have another regime.  False: one fails. */
-static bool ask_all(struct torus_pieces *m, bool *changed)
+/* Law L feels another's change at FROM and is looked at from there on: it is asked there, for a
+ * turn of its own at that instant is none of what follows. */
+static bool put_down(struct torus_pieces *m, int l, double from)
 {
-    bool fine = true;
+    struct hold *now = &m->hold[l], to;
+    double p[TORUS_TERMS_MOST + 1], v, d;
 
-    *changed = false;
-    m->asked++;
+    torus_taylor_sees(&m->t, l, 0, p);
+    d = torus_taylor_at(&m->t, p, from, &v);
+    if (!ask(&m->s->p->law[l], d, v / m->t.h, now, &to))
+        return false;
+    if (to.regime == now->regime)
+        now->d = to.d, now->v = to.v, now->z = to.z;
+    if (!m->due[l].listed)
+        m->list[m->listed++] = l, m->due[l].free = 0;
+    m->due[l].listed = true;
+    return look_ahead(m, l, from);
+}
+
+/*
+ * Law L, at m->due, has changed: levels of the motion and of its disturbances.  One that begins to
+ * hold does so at the d of this instant, disturbed as that is; all others have levels of their own
+ * numbers alone.  FELT: how far.
+ */
+static void change(struct torus_pieces *m, int l, struct felt *felt)
+{
+    const struct due *due = &m->due[l];
+    struct hold *now = &m->hold[l];
+    double gained = due->to.gain - now->gain, level[TORUS_WIDE] = { due->to.level };
+    bool keeps = m->s->p->law[l].memory > 0 && gained > 0;
+
+    for (int c = 1; keeps && c <= m->disturbances; c++) {
+        double p[TORUS_TERMS_MOST + 1], rate;
+
+        torus_taylor_sees(&m->t, l, c, p);
+        level[c] = -gained * torus_taylor_at(&m->t, p, due->at, &rate);
+    }
+    *felt = (struct felt) { l, torus_taylor_change(&m->t, l, due->at, due->to.gain, level) };
+    now->level = due->to.level, now->gain = due->to.gain, now->regime = due->to.regime;
+    m->acted[l] = true, m->when[l] = m->turns;
+    m->work += torus_taylor_change_work(&m->t, l, felt->hops);
+}
+
+/* The law whose turn or change is next; -1: there is none in this step.  Of those at one instant
+ * the first by number, so that the order is the same on every machine. */
+static int earliest(const struct torus_pieces *m)
+{
+    int first = -1;
+
+    for (int a = 0; a < m->listed; a++)
+        if (m->due[m->list[a]].at <= (first < 0 ? 1 : m->due[first].at)
+            && (first < 0 || m->due[m->list[a]].at < m->due[first].at || m->list[a] < first))
+            first = m->list[a];
+    return first;
+}
+
+/* It is where m->to is; laws are as m->ahead has them. */
+static void arrive(struct torus_pieces *m)
+{
+    double *u = m->u;
+
+    m->u = m->to, m->to = u;
     for (int l = 0; l < m->laws; l++) {
+        m->hold[l].d = m->ahead[l].d, m->hold[l].v = m->ahead[l].v;
+        m->hold[l].z = m->ahead[l].z;
+    }
+}
+
+/* The step's turns and changes, those of m->list being known, in the order of time; how many
+ * changes, in m->felt; -1: they cannot be followed. */
+static int follow(struct torus_pieces *m)
+{
+    int changes = 0, l;
+
+    for (int cuts = 0; (l = earliest(m)) >= 0; cuts++) {
+        struct due *due = &m->due[l];
+        const struct torus_reach *r = &m->t.reach[l];
+        double at = due->at;
+        bool fine = true;
+
+        if (cuts == CUTS_MOST * (1 + m->laws) || changes == CUTS_MOST * (1 + m->laws))
+            return -1;
+        if (due->changes) {
+            struct felt *felt = &m->felt[changes++];
+
+            change(m, l, felt);
+            due->free = at + JUST;
+            for (int a = 0; fine && a < r->laws[felt->hops]; a++)
+                fine = put_down(m, r->law[a], at);
+        } else {
+            m->hold[l].d = due->to.d, m->hold[l].v = due->to.v, m->hold[l].z = due->to.z;
+            fine = look_ahead(m, l, at);
+        }
+        if (!fine)
+            return -1;
+        m->work += LOOKED;
+    }
+    return changes;
+}
+
+/* A step with turns or changes; false: it cannot be followed.  Each is asked once more at its end,
+ * where it may be somewhere else than was foreseen. */
+static bool step_cut(struct torus_pieces *m)
+{
+    int changes = follow(m);
+    bool fine = changes >= 0;
+
+    for (int a = 0; a < changes; a++) {
+        const struct torus_reach *r = &m->t.reach[m->felt[a].law];
+
+        torus_taylor_end(&m->t, r->dof, r->dofs[m->felt[a].hops], m->to);
+    }
+    for (int a = 0; a < m->listed; a++) {
+        int l = m->list[a];
         double v, d = sees(m, l, m->to, &v);
 
-        fine = fine && ask(m, l, d, v, &m->hold[l], &m->ahead[l]);
-        *changed |= m->ahead[l].regime != m->hold[l].regime;
+        m->due[l].listed = false;
+        fine = fine && ask(&m->s->p->law[l], d, v, &m->hold[l], &m->ahead[l]);
+    }
+    m->listed = 0;
+    if (fine)
+        arrive(m);
+    if (fine && changes > 0 && m->regimes_most > 0)
+        find_regime(m);
+    return fine;
+}
+
+/* A step: most have no change and no turn, and are one product and a look at each law. */
+static bool step(struct torus_pieces *m)
+{
+    bool made, fine = true;
+
+    step_whole(m, &made);
+    m->asked++;
+    for (int l = 0; fine && l < m->laws; l++) {
+        const struct hold *now = &m->hold[l];
+        double v, d = sees(m, l, m->to, &v);
+
+        fine = ask(&m->s->p->law[l], d, v, now, &m->ahead[l]);
+        if (m->ahead[l].regime != now->regime || turns_at(now->d, now->v, d, v, m->t.h) < 1)
+            m->list[m->listed++] = l;
+    }
+    if (fine && m->listed > 0) {
+        if (!made) {
+            torus_taylor_make(&m->t, m->u, m->wave, m->to);
+            m->work += torus_taylor_work(&m->t);
+        }
+        for (int a = 0; fine && a < m->listed; a++) {
+            m->due[m->list[a]].listed = true, m->due[m->list[a]].free = 0;
+            fine = look_ahead(m, m->list[a], 0);
+        }
+        fine = fine && step_cut(m);
+    } else if (fine)
+        arrive(m);
+    for (int w = 0; w < m->waves; w++) {
+        double *q = m->wave + 2 * w, a = q[0], b = q[1];
+
+        q[0] = a * m->turn[2 * w] - b * m->turn[2 * w + 1];
+        q[1] = a * m->turn[2 * w + 1] + b * m->turn[2 * w];
     }
     return fine;
 }
 
-/* It is where m->to is, after T; of 0: the disturbances are there. */
-static void arrive(struct torus_pieces *m, double T)
-{
-    double *u = m->u;
-
-    if (T > 0)
-        series(m, m->now, T, m->columns, m->u + m->D, m->to + m->D);
-    m->u = m->to, m->to = u;
-    for (int l = 0; l < m->laws; l++)
-        m->hold[l].d = m->ahead[l].d, m->hold[l].z = m->ahead[l].z;
-}
-
-/* From m->u to the first event within T, m->to being after T and m->ahead the laws there; *DONE:
- * how far.  Of several laws that change before T the first does; the others are asked again. */
-static bool to_event(struct torus_pieces *m, double T, double *done)
-{
-    double first = 2;
-    int law = 0;
-    struct hold next;
-
-    for (int l = 0; l < m->laws; l++)
-        if (m->ahead[l].regime != m->hold[l].regime) {
-            double s = crossing(m, l, T, &m->ahead[l]);
-
-            if (s < first)
-                first = s, law = l;
-        }
-    next = m->ahead[law];
-    *done = first > SAME ? mend_crossing(m, law, first * T, T, &next) : 0;
-    if (*done > 0) {
-        go_to(m, *done);
-        for (int l = 0; l < m->laws; l++) {
-            double v;
-
-            m->ahead[l] = m->hold[l];
-            m->ahead[l].d = sees(m, l, m->to, &v);
-            if (m->hold[l].regime != 0 && m->s->p->law[l].memory > 0
-                && !ask(m, l, m->ahead[l].d, v, &m->hold[l], &m->ahead[l]))
-                return false;
-        }
-        arrive(m, *done);
-    }
-    change(m, law, &next);
-    return find_regime(m);
-}
-
-/* A substep in pieces, each to its first turn, first event or end; false: it cannot be followed.
- * The whole rest of the step is the first trial of each. */
-static bool step_cut(struct torus_pieces *m)
-{
-    double left = m->h, reach = left;
-
-    for (int cuts = 0; cuts < CUTS_MOST; cuts++) {
-        double T = reach, whole = left, s, gone;
-        bool changed;
-        int law;
-
-        go_to(m, reach);
-        s = first_turn(m, reach, &law);
-        if (law >= 0)
-            T = mend_turn(m, law, s * reach, reach);
-        if (T == 0 && reach > SHORT * m->h) {      /* of shorter ones the cubic knows more */
-            reach /= 2;
-            continue;
-        }
-        if (T == 0)
-            go_to(m, T = reach);
-        if (!ask_all(m, &changed))
-            return false;
-        if (changed) {
-            if (!to_event(m, T, &gone))
-                return false;
-            left -= gone;
-        } else {
-            arrive(m, T);
-            left -= T;
-        }
-        reach = reach < whole ? fmin(left, 2 * reach) : left;
-        m->work += 40.0 * m->n * m->D * (2 + m->columns);
-        if (left <= SAME * m->h)
-            return true;
-    }
-    return false;
-}
-
-/* A substep: whole where nothing happens in it.  Most have no event and no turn, and are one
- * product with the map and a look at each law. */
-static bool step(struct torus_pieces *m)
-{
-    bool changed;
-    int law;
-
-    step_whole(m, m->u, m->to);
-    m->work += 2.0 * m->n * m->D * (1 + m->columns) + 20 * (1 + m->laws);
-    if (first_turn(m, m->h, &law) < 1)
-        return step_cut(m);
-    if (!ask_all(m, &changed))
-        return false;
-    if (changed)
-        return step_cut(m);
-    arrive(m, 0);
-    return true;
-}
-
-/* The waves at time T, of U's first column: afresh each turn, so that no rounding gathers in their
- * products. */
+/* The waves at time T: afresh each turn, so that no rounding gathers in their products. */
 static void set_waves(struct torus_pieces *m, double t)
 {
-    double *u = m->u + 2 * m->n + m->laws;
-
     for (int w = 0; w < m->waves; w++) {
-        double phase = fmod(m->omega[w] * t, 2 * M_PI);
+        double phase = fmod(m->t.omega[w] * t, 2 * M_PI);
 
-        u[2 * w] = cos(phase), u[2 * w + 1] = sin(phase);
+        m->wave[2 * w] = cos(phase), m->wave[2 * w + 1] = sin(phase);
     }
 }
 
-/* The disturbances made orthogonal, by Gram and Schmidt: of x and v, v over the leading tone's
- * frequency, so that both weigh alike; their levels go along.  GROWN: log of what each grew by
- * since the last time. */
+/* Column C of m->u and of the laws' levels takes BY times column B. */
+static void take_column(struct torus_pieces *m, int c, int b, double by)
+{
+    int C = m->columns;
+
+    for (int i = 0; i < 2 * m->n; i++)
+        m->u[i * C + c] -= by * m->u[i * C + b];
+    for (int l = 0; l < m->laws; l++)
+        m->t.level[l * C + c] -= by * m->t.level[l * C + b];
+}
+
+/* Of columns B and C of x and v, v over the leading tone's frequency, so that both weigh alike. */
+static double dot(const struct torus_pieces *m, int b, int c)
+{
+    double sum = 0, lead = m->s->tones.omega[m->s->tones.lead];
+
+    for (int i = 0; i < 2 * m->n; i++)
+        sum += m->u[i * m->columns + b] * m->u[i * m->columns + c]
+            / (i < m->n ? 1 : lead * lead);
+    return sum;
+}
+
+/* Whether law L has changed in the later half of all turns. */
+static bool moves(const struct torus_pieces *m, int l)
+{
+    return m->when[l] >= m->turns / 2;
+}
+
+/*
+ * Sliders that come to rest: what their places were disturbed by stays for ever, and of a march
+ * that settles it is no part of what it began with.  One that has been still for half of all turns
+ * is taken to rest; where it moves again it has its disturbance from there on.
+ */
+static void leave_at_rest(struct torus_pieces *m)
+{
+    for (int l = 0; l < m->laws; l++)
+        if (m->s->p->law[l].memory > 0 && m->turns >= STILL && !moves(m, l))
+            for (int c = 1; c <= m->disturbances; c++)
+                m->t.level[l * m->columns + c] = 0;
+}
+
+/* The disturbances made orthogonal, by Gram and Schmidt; their levels go along.  GROWN: log of what
+ * each grew by since the last time. */
 static void orthogonal(struct torus_pieces *m, double *grown)
 {
-    int n = 2 * m->n, D = m->D;
-    double lead = m->s->tones.omega[m->s->tones.lead];
+    if (m->settling && m->leaves)
+        leave_at_rest(m);
+    for (int c = 1; c <= m->disturbances; c++) {
+        double size;
 
-    for (int c = 1; c <= m->columns; c++) {
-        double *u = m->u + c * D, size = 0;
-
-        for (int b = 1; b < c; b++) {
-            const double *w = m->u + b * D;
-            double dot = 0;
-
-            for (int i = 0; i < n; i++)
-                dot += u[i] * w[i] / (i < m->n ? 1 : lead * lead);
-            for (int i = 0; i < n + m->laws; i++)
-                u[i] -= dot * w[i];
-        }
-        for (int i = 0; i < n; i++)
-            size += u[i] * u[i] / (i < m->n ? 1 : lead * lead);
-        size = sqrt(size);
-        for (int i = 0; i < n + m->laws; i++)
-            u[i] /= size > 0 ? size : 1;
+        for (int b = 1; b < c; b++)
+            take_column(m, c, b, dot(m, b, c));
+        size = sqrt(dot(m, c, c));
+        take_column(m, c, c, 1 - 1 / (size > 0 ? size : 1));
         if (grown != NULL)
             grown[c - 1] = log(fmax(size, 1e-300));
     }
@@ -581,14 +588,14 @@ enum modal_status torus_pieces_go(struct torus_pieces *m, int turns, int count, 
         set_waves(m, (double)m->turns * turn);
         for (int n = 0; n < m->N; n++) {
             for (int i = 0; i < count; i++)
-                *x++ = m->u[dofs[i]];
+                *x++ = m->u[dofs[i] * m->columns];
             for (int k = 0; k < m->substeps && *followed; k++)
                 *followed = step(m);
         }
         for (int i = 0; i < 2 * m->n; i++)
-            *followed = *followed && isfinite(m->u[i]);
-        if (m->columns > 0 && *followed)
-            orthogonal(m, growth != NULL ? growth + (size_t)t * (size_t)m->columns : NULL);
+            *followed = *followed && isfinite(m->u[i * m->columns]);
+        if (m->disturbances > 0 && *followed)
+            orthogonal(m, growth != NULL ? growth + (size_t)t * (size_t)m->disturbances : NULL);
         m->turns++;
     }
     budget_add(m->s->work, m->work);
@@ -599,162 +606,146 @@ enum modal_status torus_pieces_go(struct torus_pieces *m, int turns, int count, 
 long torus_pieces_turns(const struct torus_pieces *m) { return m->turns; }
 double torus_pieces_work(const struct torus_pieces *m) { return m->work; }
 bool torus_pieces_acted(const struct torus_pieces *m, int l) { return m->acted[l]; }
+bool torus_pieces_leaves(const struct torus_pieces *m) { return m->leaves; }
 long torus_pieces_asked(const struct torus_pieces *m) { return m->asked; }
-void torus_pieces_alone(struct torus_pieces *m) { m->columns = 0; }
-void torus_pieces_forget(struct torus_pieces *m) { memset(m->acted, 0, sizeof m->acted); }
+
+void torus_pieces_forget(struct torus_pieces *m)
+{
+    memset(m->acted, 0, (size_t)m->laws * sizeof *m->acted);
+    m->settling = false;
+}
+
+void torus_pieces_alone(struct torus_pieces *m)
+{
+    for (int i = 0; i < 2 * m->n; i++)
+        m->u[i] = m->u[i * m->columns];
+    for (int l = 0; l < m->laws; l++)
+        m->t.level[l] = m->t.level[l * m->columns];
+    m->columns = 1, m->disturbances = 0;
+    torus_taylor_narrow(&m->t, 1);
+}
 
 /* Whether the scene is one of these: every law of one input, with lines between its events
- * (law.h's pieces) and a place at most; where a gap has dissipation, ask() finds out. */
-static bool serves(const struct torus_solver *s)
+ * (law.h's pieces) and a place at most, no rate read.  STEEPEST, or NULL: each law's largest gain,
+ * of its rest and of what lies far beyond. */
+static bool serves(const struct torus_solver *s, double *steepest)
 {
-    bool fine = s->p->n <= DOFS_MOST && s->p->laws <= LAWS_MOST && s->p->n_linear == 0
-        && s->tone.index < 0;
+    bool fine = s->p->n_linear == 0 && s->tone.index < 0;
 
-    for (int l = 0; l < s->p->laws; l++)
-        fine = fine && s->p->law[l].kind->pieces != NULL && s->p->law[l].kind->inputs == 1
-            && s->p->law[l].memory <= 1;
+    for (int l = 0; fine && l < s->p->laws; l++) {
+        const struct law *law = &s->p->law[l];
+
+        fine = law->kind->pieces != NULL && law->kind->inputs == 1 && law->memory <= 1;
+        steepest[l] = 0;
+        for (int side = -1; fine && side <= 1; side++) {
+            struct hold from = { 0 }, to;
+
+            fine = ask(law, side * FAR, 0, &from, &to);
+            steepest[l] = fine ? fmax(steepest[l], fabs(to.gain)) : 0;
+        }
+    }
     return fine;
-}
-
-/* M^-1, M^-1 K, M^-1 C by rows; false: masses are missing, and a dof follows the others at once,
- * which (1) has no place for. */
-static bool set_matrices(struct torus_pieces *m)
-{
-    int n = m->n, pivot[DOFS_MOST];
-    double dense[3][DOFS_MOST * DOFS_MOST] = { { 0 } };
-    const int which[] = { PROGRAM_M, PROGRAM_K, PROGRAM_C };
-
-    for (int a = 0; a < 3; a++) {
-        struct matrix to = { n, n, n, dense[a] };
-
-        sparse_add_to_dense(&m->s->p->constant[which[a]], 1, &to);
-    }
-    if (LAPACKE_dgetrf_work(LAPACK_COL_MAJOR, n, n, dense[0], n, pivot) != 0)
-        return false;
-    for (int i = 0; i < n; i++)
-        m->M[i * n + i] = 1;               /* by columns until here is done */
-    LAPACKE_dgetrs_work(LAPACK_COL_MAJOR, 'N', n, n, dense[0], n, pivot, m->M, n);
-    for (int a = 1; a < 3; a++) {
-        LAPACKE_dgetrs_work(LAPACK_COL_MAJOR, 'N', n, n, dense[0], n, pivot, dense[a], n);
-        for (int i = 0; i < n; i++)
-            for (int j = 0; j < n; j++)
-                m->M[(a * n + i) * n + j] = dense[a][j * n + i];
-    }
-    return true;
-}
-
-/* m->push and m->load, of M^-1, still by columns. */
-static void set_forces(struct torus_pieces *m)
-{
-    const struct torus_solver *s = m->s;
-    int n = m->n;
-
-    for (int l = 0; l < m->laws; l++)
-        for (int e = 0; e < law_ends(&s->p->law[l]); e++) {
-            const struct law_end *end = &s->p->law[l].end[e];
-
-            m->see[l * n + end->dof] += end->weight;
-            for (int i = 0; i < n; i++)
-                m->push[l * n + i] += end->weight * m->M[end->dof * n + i];
-        }
-    for (int a = 0; a < s->p->loads; a++) {
-        const struct program_load *load = &s->p->load[a];
-        struct torus_index k = { { load->tone[0], load->tone[1], load->tone[2] } };
-        bool flipped;
-        int w;
-
-        k = torus_signed(&s->tones, k, &flipped);
-        w = torus_group(s, k) - 1;
-        m->omega[w] = torus_frequency(&s->tones, k);
-        for (int i = 0; i < n; i++) {
-            m->load[2 * w * n + i] += load->cosine * m->M[load->dof * n + i];
-            m->load[(2 * w + 1) * n + i] +=
-                (flipped ? -1 : 1) * load->sine * m->M[load->dof * n + i];
-        }
-    }
 }
 
 /* The scene's start, and the laws there. */
 static bool set_out(struct torus_pieces *m)
 {
-    memcpy(m->u, m->s->p->x0, (size_t)m->n * sizeof *m->u);
-    memcpy(m->u + m->n, m->s->p->v0, (size_t)m->n * sizeof *m->u);
-    for (int c = 1; c <= m->columns; c++)          /* of no special direction */
-        for (int i = 0; i < 2 * m->n; i++)
-            m->u[c * m->D + i] = cos(1 + i * c + 2 * c);
+    int C = m->columns;
+
+    for (int i = 0; i < 2 * m->n; i++) {
+        m->u[i * C] = i < m->n ? m->s->p->x0[i] : m->s->p->v0[i - m->n];
+        for (int c = 1; c <= m->disturbances; c++)     /* of no special direction */
+            m->u[i * C + c] = cos(1 + i * c + 2 * c);
+    }
     orthogonal(m, NULL);
     for (int l = 0; l < m->laws; l++) {
         double v, d = sees(m, l, m->u, &v);
         struct hold from = { .d = d };
 
-        if (!ask(m, l, d, v, &from, &m->hold[l]))
+        if (!ask(&m->s->p->law[l], d, v, &from, &m->hold[l]))
             return false;
-        m->u[2 * m->n + l] = m->hold[l].level;
+        m->t.gain[l] = m->hold[l].gain;
+        m->t.level[l * C] = m->hold[l].level;
     }
-    return find_regime(m);
+    if (m->regimes_most > 0)
+        find_regime(m);
+    return true;
 }
 
-/* The scene's start, in as many substeps of a sample as the laws' first regimes need.  A stiffer
- * regime met later ends the march, and leaves the scene to other ways. */
-static bool begin(struct torus_pieces *m)
+/* Steps as short as the scene needs, with maps where they cost less than polynomials; false: it is
+ * too stiff. */
+static bool set_steps(struct torus_pieces *m)
 {
     double dt = 2 * M_PI / m->s->tones.omega[m->s->tones.lead] / m->N;
+    double map = 2.0 * m->n * m->D;
 
-    for (m->substeps = 1; m->substeps <= SUBSTEPS_MOST; m->substeps *= 2) {
-        m->h = dt / m->substeps;
-        m->regimes = 0;
-        for (int w = 0; w < m->waves; w++)
-            m->turn[2 * w] = cos(m->omega[w] * m->h), m->turn[2 * w + 1] = sin(m->omega[w] * m->h);
-        if (set_out(m))
-            return true;
-        if (!m->stiff)
+    for (m->substeps = 1; !torus_taylor_set_step(&m->t, dt / m->substeps); m->substeps *= 2)
+        if (m->substeps >= SUBSTEPS_MOST)
             return false;
+    for (int w = 0; w < m->waves; w++) {
+        m->turn[2 * w] = cos(m->t.omega[w] * m->t.h);
+        m->turn[2 * w + 1] = sin(m->t.omega[w] * m->t.h);
     }
-    return false;
+    if (map * m->columns < torus_taylor_work(&m->t))
+        m->regimes_most = (int)fmin(MAPS_MOST / map, REGIMES_MOST);
+    return true;
+}
+
+/* M's arrays, of its sizes.  Of changes there is room for as many as a step may have. */
+static enum modal_status pieces_room(struct torus_pieces *m, struct modal_error *err)
+{
+    size_t n = (size_t)m->n, L = (size_t)m->laws, W = (size_t)m->waves, C = (size_t)m->columns;
+
+    m->turn = workspace_zeros(&m->space, 2 * W, sizeof *m->turn);
+    m->wave = workspace_zeros(&m->space, 2 * W, sizeof *m->wave);
+    m->regime = workspace_zeros(&m->space, REGIMES_MOST, sizeof *m->regime);
+    m->u = workspace_zeros(&m->space, 2 * n * C, sizeof *m->u);
+    m->to = workspace_zeros(&m->space, 2 * n * C, sizeof *m->to);
+    m->hold = workspace_zeros(&m->space, L, sizeof *m->hold);
+    m->ahead = workspace_zeros(&m->space, L, sizeof *m->ahead);
+    m->due = workspace_zeros(&m->space, L, sizeof *m->due);
+    m->list = workspace_zeros(&m->space, L, sizeof *m->list);
+    m->felt = workspace_zeros(&m->space, CUTS_MOST * (1 + L), sizeof *m->felt);
+    m->acted = workspace_zeros(&m->space, L, sizeof *m->acted);
+    m->when = workspace_zeros(&m->space, L, sizeof *m->when);
+    return workspace_check(&m->space, "torus: no memory for a march", err);
 }
 
 enum modal_status torus_pieces_new(struct torus_solver *s, int N, int columns,
                                    struct torus_pieces **out, struct modal_error *err)
 {
-    struct torus_pieces *m;
-    size_t n = (size_t)s->p->n, L = (size_t)s->p->laws, W = (size_t)s->groups;
+    double *steepest = calloc((size_t)s->p->laws + 1, sizeof *steepest);
+    struct torus_pieces *m = calloc(1, sizeof *m);
+    bool fine = false;
+    enum modal_status rc = MODAL_OK;
 
     *out = NULL;
-    if (!serves(s))
-        return MODAL_OK;
-    m = calloc(1, sizeof *m);
-    if (m == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "torus: no memory for a march");
-    m->s = s, m->N = N, m->columns = columns, m->n = s->p->n, m->laws = s->p->laws;
-    m->waves = s->groups, m->D = 2 * m->n + m->laws + 2 * m->waves;
-    m->M = workspace_zeros(&m->space, 3 * n * n, sizeof *m->M);
-    m->see = workspace_zeros(&m->space, 2 * L * n, sizeof *m->see);
-    m->push = m->see + L * n;
-    m->omega = workspace_zeros(&m->space, W, sizeof *m->omega);
-    m->load = workspace_zeros(&m->space, 2 * W * n, sizeof *m->load);
-    m->turn = workspace_zeros(&m->space, 2 * W, sizeof *m->turn);
-    m->regime = workspace_zeros(&m->space, REGIMES_MOST, sizeof *m->regime);
-    m->u = workspace_zeros(&m->space, places(m), sizeof *m->u);
-    m->to = workspace_zeros(&m->space, places(m), sizeof *m->to);
-    m->term = workspace_zeros(&m->space, 2 * (size_t)m->D, sizeof *m->term);
-    if (m->space.failed) {
-        torus_pieces_free(m);
-        return modal_fail(err, MODAL_NO_MEMORY, "torus: no memory for a march");
+    if (steepest == NULL || m == NULL)
+        rc = modal_fail(err, MODAL_NO_MEMORY, "torus: no memory for a march");
+    else if (serves(s, steepest)) {
+        m->s = s, m->N = N, m->settling = true;
+        m->leaves = torus_unknowns(s, LEAST_ORDER) > TORUS_CORE_MOST;
+        m->disturbances = columns, m->columns = columns > 0 ? TORUS_WIDE : 1;
+        m->n = s->p->n, m->laws = s->p->laws;
+        m->waves = s->groups, m->D = 2 * m->n + m->laws + 2 * m->waves;
+        rc = pieces_room(m, err);
+        if (rc == MODAL_OK)
+            rc = torus_taylor_init(&m->t, s, m->columns, steepest, &fine, err);
+        fine = rc == MODAL_OK && fine && set_steps(m) && set_out(m);
     }
-    if (set_matrices(m)) {
-        set_forces(m);
-        if (begin(m))
-            *out = m;
-    }
-    if (*out == NULL)
+    free(steepest);
+    if (fine)
+        *out = m;
+    else
         torus_pieces_free(m);
-    return MODAL_OK;
+    return rc;
 }
 
 void torus_pieces_free(struct torus_pieces *m)
 {
     if (m == NULL)
         return;
+    torus_taylor_done(&m->t);
     workspace_free(&m->space);
     free(m);
 }

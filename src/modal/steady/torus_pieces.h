@@ -27,10 +27,13 @@ enum modal_status torus_pieces_go(struct torus_pieces *m, int turns, int count, 
                                   double *x, double *growth, bool *followed,
                                   struct modal_error *err);
 /* Turns that have gone by; how often each law was asked; whether law L has changed its regime since
- * the start, or since that was forgotten. */
+ * the start, or since that was forgotten; whether until then, while it settled, sliders that rest
+ * were not disturbed in their places: of more dofs than a balance of such a motion serves, which
+ * would choose the places, and without a dense derivative of its least set finds none. */
 long torus_pieces_turns(const struct torus_pieces *m);
 long torus_pieces_asked(const struct torus_pieces *m);
 bool torus_pieces_acted(const struct torus_pieces *m, int l);
+bool torus_pieces_leaves(const struct torus_pieces *m);
 void torus_pieces_forget(struct torus_pieces *m);
 /* From now on without disturbances. */
 void torus_pieces_alone(struct torus_pieces *m);

@@ -241,9 +241,14 @@ static double count_of(const struct torus_solver *s, double order)
     return (both + 1) / 2;
 }
 
+double torus_unknowns(const struct torus_solver *s, int order)
+{
+    return s->q * (2 * (count_of(s, order) + s->groups) - 1);
+}
+
 enum modal_status torus_grow_to_order(struct torus_solver *s, int order, struct modal_error *err)
 {
-    double unknowns = s->q * (2 * (count_of(s, order) + s->groups) - 1);
+    double unknowns = torus_unknowns(s, order);
     int side = 2 * order + 1, count = 0;
     int second = s->tones.count > 1 ? side : 1, third = s->tones.count > 2 ? side : 1;
     size_t box = (size_t)side * (size_t)second * (size_t)third, room = box + (size_t)s->groups;

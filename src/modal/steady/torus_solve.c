@@ -28,6 +28,12 @@ static const double BEHIND = 0.1;         /* of a balance's error: lines that ha
 static const double ROUGH = 0.01;         /* of a motion that a march begins at: the first set
                                            * leaves out as much */
 
+/* The error asked for, of the amplitude. */
+static double target_of(const struct torus_solver *s)
+{
+    return s->opt->target_error > 0 ? s->opt->target_error : TARGET_USUAL;
+}
+
 /* How many of LIST to take: so that what is left sums to less than LEAVE, no more than there are.
  * */
 static int choose(const struct torus_solver *s, const struct torus_candidate *list, int count,
@@ -147,11 +153,12 @@ static enum modal_status march_first(struct torus_solver *s, double target,
 }
 
 /* Of laws with events that are lines between them: marched exactly; *MET: its lines are the answer,
- * at TARGET. */
-static enum modal_status march_exactly(struct torus_solver *s, double target,
-                                       struct torus_lines *lines, struct torus_point *out,
-                                       bool *met, struct modal_error *err)
+ * at the target. */
+static enum modal_status march_exactly(struct torus_solver *s, struct torus_lines *lines,
+                                       struct torus_point *out, bool *met,
+                                       struct modal_error *err)
 {
+    double target = target_of(s);
     enum modal_status rc = torus_march_exactly(s, target, lines, err);
 
     *met = rc == MODAL_OK && lines->count > 0 && lines->line <= target * lines->amplitude
@@ -160,6 +167,8 @@ static enum modal_status march_exactly(struct torus_solver *s, double target,
         torus_adopt(s, lines, target, out);
     else if (lines->line > LITTLE * lines->amplitude || lines->error > lines->amplitude)
         torus_lines_done(lines);
+    if (!*met && lines->count == 0)
+        s->followed = (struct torus_stability) { 0 };
     return rc;
 }
 
@@ -192,11 +201,10 @@ static enum modal_status take_lines(struct torus_solver *s, double target,
 
 /* Solve, estimate, grow, until the errors are small enough or no more is allowed.  What the
  * estimate of truncation missed in one round it is taken to miss in the next. */
-static enum modal_status solve_grown(struct torus_solver *s, struct torus_point *out,
-                                     struct modal_error *err)
+static enum modal_status solve_grown(struct torus_solver *s, struct torus_lines *lines,
+                                     struct torus_point *out, struct modal_error *err)
 {
-    double target = s->opt->target_error > 0 ? s->opt->target_error : TARGET_USUAL, before = 0;
-    struct torus_lines lines = { 0 };
+    double target = target_of(s), before = 0;
     struct torus_candidate *list = malloc(TORUS_CANDIDATES_MOST * sizeof *list);
     double complex *room = malloc(((size_t)s->q * TORUS_CANDIDATES_MOST + 1) * sizeof *room);
     enum modal_status rc = list == NULL || room == NULL
@@ -204,11 +212,9 @@ static enum modal_status solve_grown(struct torus_solver *s, struct torus_point 
                                : MODAL_OK;
     bool met = false;
 
-    if (rc == MODAL_OK && !torus_smooth(s->laws) && torus_march_takes(s, false))
-        rc = march_exactly(s, target, &lines, out, &met, err);
-    if (rc == MODAL_OK && !torus_smooth(s->laws) && torus_march_takes(s, false) && !met
-        && lines.count == 0)
-        rc = march_first(s, target, &lines, out, &met, err);
+    if (rc == MODAL_OK && !torus_smooth(s->laws) && torus_march_takes(s, false)
+        && lines->count == 0)
+        rc = march_first(s, target, lines, out, &met, err);
     for (int round = 0; rc == MODAL_OK && !met && round < ROUNDS_MOST; round++) {
         struct torus_errors e = { 0 };
         double wanted, missed, went = 0;
@@ -216,7 +222,7 @@ static enum modal_status solve_grown(struct torus_solver *s, struct torus_point 
         int count = 0, take;
         bool more_lines;
 
-        rc = solve_round(s, round == 0 ? &lines : NULL, list, &count, room, &e, out, err);
+        rc = solve_round(s, round == 0 ? lines : NULL, list, &count, room, &e, out, err);
         if (rc == MODAL_OK && !out->converged && round > 0) {
             rc = go_back(s, residual, omega, out, err);
             break;
@@ -230,10 +236,10 @@ static enum modal_status solve_grown(struct torus_solver *s, struct torus_point 
                       e.truncation > 0 ? 1 + fmin(e.change / e.truncation, 1) : 1);
         before = e.truncation;
         state_errors(&e, missed, wanted, out);
-        if (round == 0 && out->wanting && lines.count == 0 && torus_march_takes(s, true))
-            rc = torus_march(s, target, true, &lines, err);
+        if (round == 0 && out->wanting && lines->count == 0 && torus_march_takes(s, true))
+            rc = torus_march(s, target, true, lines, err);
         if (!out->wanting
-            || (lines.error < BEHIND * out->error && torus_lines_stand(s, &lines, out))
+            || (lines->error < BEHIND * out->error && torus_lines_stand(s, lines, out))
             || s->opt->order > 0 || s->work->spent > GROWTH * s->work->most)
             break;
         take = out->truncation > HALF * wanted ? choose(s, list, count, LEFT * wanted / missed) : 0;
@@ -245,13 +251,13 @@ static enum modal_status solve_grown(struct torus_solver *s, struct torus_point 
         rc = take_in(s, list, take, err);
     }
     if (rc == MODAL_OK && !met)
-        rc = take_lines(s, target, &lines, out, err);
-    torus_lines_done(&lines);
+        rc = take_lines(s, target, lines, out, err);
     free(list), free(room);
     return rc;
 }
 
 /* The reported dofs' motion, loads and all, into OUT. */
+/* The motion of the reported dofs into OUT, which takes the set and the kept ones' motion too. */
 static enum modal_status report(struct torus_solver *s, struct torus_point *out,
                                 struct modal_error *err)
 {
@@ -268,6 +274,7 @@ static enum modal_status report(struct torus_solver *s, struct torus_point *out,
     return rc;
 }
 
+/* What the laws did and what was asked of them, into OUT, with how the motion was found. */
 static void count_laws(const struct torus_solver *s, struct torus_point *out)
 {
     out->laws = s->p->laws;
@@ -280,11 +287,13 @@ static void count_laws(const struct torus_solver *s, struct torus_point *out)
     out->residual = s->residual;
     out->reason = s->reason;
     out->marched = s->marched > 0;
+    out->from_start = s->marched > 0 && s->followed.count > 0;
     out->samples = s->marched > 0   ? s->marched
                    : s->grid != NULL ? torus_grid_lines(s->grid) * torus_grid_samples(s->grid)
                                      : 0;
 }
 
+/* All that S has; what it had not made yet is NULL. */
 static void solver_done(struct torus_solver *s)
 {
     for (int g = 0; g <= TORUS_LOADS_MOST; g++)
@@ -329,11 +338,14 @@ static enum modal_status begin(struct torus_solver *s, bool *begun, struct modal
 static enum modal_status judge(struct torus_solver *s, struct torus_point *out,
                                struct modal_error *err)
 {
-    double missed = 0, target = s->opt->target_error > 0 ? s->opt->target_error : TARGET_USUAL;
+    double missed = 0, target = target_of(s);
     enum modal_status rc;
 
     if (s->marched > 0 && s->followed.count > 0) {
         out->stability = s->followed;
+        for (int l = 0; out->stability.verdict > 0 && l < s->p->laws; l++)
+            if (torus_undetermined(s->laws, l))
+                out->stability = (struct torus_stability) { .reason = TORUS_RESTS };
         return MODAL_OK;
     }
     rc = torus_judge(s, condense_place(s->condense[0]), &out->stability, out->error, &missed, err);
@@ -352,6 +364,34 @@ static enum modal_status judge(struct torus_solver *s, struct torus_point *out,
     return rc;
 }
 
+/* The motion: of laws with events marched exactly, which asks for no balance and so serves any
+ * number of dofs; else balanced.  Lines that are not as good as was asked stand where there are too
+ * many dofs to balance. */
+static enum modal_status find_motion(struct torus_solver *s, struct torus_point *out,
+                                     struct modal_error *err)
+{
+    struct torus_lines lines = { 0 };
+    bool met = false, begun = false;
+    enum modal_status rc = MODAL_OK;
+
+    if (s->q > 0 && !torus_smooth(s->laws) && torus_march_takes(s, false))
+        rc = march_exactly(s, &lines, out, &met, err);
+    if (rc == MODAL_OK && !met)
+        rc = begin(s, &begun, err);
+    if (rc == MODAL_TOO_LARGE && lines.count > 0 && torus_lines_stand(s, &lines, NULL)) {
+        torus_adopt(s, &lines, target_of(s), out);
+        return MODAL_OK;
+    }
+    if (rc == MODAL_OK && s->q == 0)
+        out->converged = true;
+    else if (rc == MODAL_OK && begun)
+        rc = solve_grown(s, &lines, out, err);
+    torus_lines_done(&lines);
+    return rc;
+}
+
+/* What a program comes to before any motion is looked for: its loads' combinations and the linear
+ * part of each, its laws, and the directions that its structure leaves open. */
 static enum modal_status set_up(struct torus_solver *s, struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
@@ -380,7 +420,7 @@ enum modal_status torus_solve(const struct program *p, const double *omega, int 
 {
     struct torus_solver *s = calloc(1, sizeof *s);
     double tones[TORUS_TONES_MOST] = { 0 };
-    bool begun = false, known = opt->start != NULL && opt->start->tones.count == count;
+    bool known = opt->start != NULL && opt->start->tones.count == count;
     enum modal_status rc;
 
     memcpy(tones, omega, (size_t)count * sizeof *omega);
@@ -403,11 +443,7 @@ enum modal_status torus_solve(const struct program *p, const double *omega, int 
                                  .level = 1 };
     rc = set_up(s, err);
     if (rc == MODAL_OK)
-        rc = begin(s, &begun, err);
-    if (rc == MODAL_OK && s->q == 0)
-        out->converged = true;
-    else if (rc == MODAL_OK && begun)
-        rc = solve_grown(s, out, err);
+        rc = find_motion(s, out, err);
     if (rc == MODAL_OK && out->converged && s->q > 0)
         rc = torus_open(s, err);
     out->open = s->open > 0;

@@ -51,6 +51,7 @@ struct torus_point {
     bool open;                /* nothing holds its mean, which is one of many; the errors are of
                                * the motion about it */
     bool marched;             /* read from a march, not balanced: laws with events */
+    bool from_start;          /* of a march from the scene's initial state */
     const char *reason;       /* where not converged */
     struct torus_tones tones;
     int count, iterations;

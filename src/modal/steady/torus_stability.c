@@ -616,8 +616,7 @@ static enum modal_status follow(struct flow *f, double work, bool rests,
         judge(s, out);
         *missed = fmax(0, e[1] - fabs(e[1] - e[0]));
         if (rests && out->verdict > 0) {
-            *out = (struct torus_stability) {
-                .reason = "a slider comes to rest, and no disturbance of its place decays" };
+            *out = (struct torus_stability) { .reason = TORUS_RESTS };
             break;
         }
     }

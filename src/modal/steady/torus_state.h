@@ -101,6 +101,8 @@ struct torus_lines {
     double apart;                         /* rad/s: nearer combinations are one line */
     double error, amplitude;              /* of all together; of the reported dofs */
     double line;                          /* of a line, told or not */
+    bool *acts;                           /* of laws, in a march from the scene's start; or NULL */
+    long asked;                           /* and how often each was */
 };
 
 /* ---- torus_tone.c ---- */
@@ -142,6 +144,8 @@ void torus_linear_done(struct torus_linear *l);
 void torus_linear_solve(const struct torus_solver *s, const struct torus_linear *l,
                         double complex *x);
 bool torus_in_set(const struct torus_solver *s, struct torus_index k);
+/* Unknowns of all combinations of at most ORDER, and those of the loads. */
+double torus_unknowns(const struct torus_solver *s, int order);
 /* The motion on count + ADDED combinations, the new ones, MORE, at rest. */
 enum modal_status torus_grow(struct torus_solver *s, const struct torus_index *more, int added,
                              struct modal_error *err);
@@ -193,8 +197,9 @@ enum modal_status torus_march(struct torus_solver *s, double wanted, bool balanc
                               struct torus_lines *best, struct modal_error *err);
 /*
  * The same in pieces that are followed exactly (torus_pieces.h), from the scene's start and once
- * what it began with has decayed; BEST stays empty where the scene is not of that kind, does not
- * settle or a slider comes to rest.  s->followed is of it.
+ * what it began with has decayed; BEST stays empty where the scene is not of that kind or does not
+ * settle; and where a slider comes to rest, unless there are too many dofs for a balance, which
+ * chooses its place.  s->followed is of it.
  */
 enum modal_status torus_march_exactly(struct torus_solver *s, double wanted,
                                       struct torus_lines *best, struct modal_error *err);
@@ -227,6 +232,8 @@ enum modal_status torus_begin_from(struct torus_solver *s, int order, struct mod
  * in TURNS turns, [turn][column]. */
 void torus_judge_growth(const struct torus_solver *s, const double *growth, int turns, int columns,
                         struct torus_stability *out);
+/* Why a motion is not called stable though all that is followed decays. */
+#define TORUS_RESTS "a slider comes to rest, and no disturbance of its place decays"
 /* Of s->X's disturbances, ERROR being what is stated of it, in m; PLACE as condense_place has it.
  * *MISSED: the system's own motion leaves that of a balance by so much at least, in m; 0 where
  * disturbances grow anyway, and where it is not followed. */

@@ -1,6 +1,6 @@
 /* Tests as well: torus_laws.c torus_set.c torus_tone.c torus_newton.c torus_begin.c torus_error.c
  * torus_lines.c torus_march.c torus_pieces.c torus_from.c torus_stability.c torus_solve.c
- * torus_slopes.c
+ * torus_slopes.c torus_taylor.c
  *
  * Motions of several tones. */
 #include <math.h>
@@ -9,6 +9,7 @@
 #include <stddef.h>
 #include <stdint.h>
 #include <cmocka.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include "base/json.h"
@@ -17,7 +18,9 @@
 #include "modal/steady/budget.h"
 #include "modal/steady/torus_laws.h"
 #include "modal/steady/torus_lines.h"
+#include "modal/steady/torus_pieces.h"
 #include "modal/steady/torus_solve.h"
+#include "modal/steady/torus_taylor.h"
 
 static const double W[3] = { 0.7, 1.1326237921249264, 0.43 };   /* the golden ratio, and one more */
 
@@ -350,6 +353,124 @@ static void test_lines_far_below_the_error_asked_for_are_not_told_however_many(v
     workspace_free(&a.space);
 }
 
+/* A chain of N masses of 1, stiffness 1 between them and 0.4 to the ground, damped, a slider at
+ * each under unequal loads of both tones. */
+static struct program *chain_of_sliders(int n)
+{
+    struct program *p;
+    char *text = malloc(1000 + 400 * (size_t)n);
+    char *at = text;
+
+    at += sprintf(at, "{\"structure\":{\"type\":\"chain\",\"masses\":[1");
+    for (int i = 1; i < n; i++)
+        at += sprintf(at, ",1");
+    at += sprintf(at, "],\"springs\":[0.4");
+    for (int i = 0; i < n; i++)
+        at += sprintf(at, ",%d", i < n - 1);
+    at += sprintf(at, "],\"dampers\":[0.3");
+    for (int i = 0; i < n; i++)
+        at += sprintf(at, ",%g", i < n - 1 ? 0.05 : 0.2);
+    at += sprintf(at, "]},\"effects\":[");
+    for (int i = 0; i < n; i++)
+        at += sprintf(at, "%s{\"type\":\"friction\",\"dof\":\"x%d\",\"stiffness\":0.5,"
+                      "\"limit\":%g}", i > 0 ? "," : "", i + 1, 0.1 + 0.01 * (i % 7));
+    at += sprintf(at, "],\"excitation\":[");
+    for (int i = 0; i < n; i++)
+        at += sprintf(at, "%s{\"dof\":\"x%d\",\"k\":[1,0],\"cos\":%g},{\"dof\":\"x%d\","
+                      "\"k\":[0,1],\"sin\":0.3}", i > 0 ? "," : "", i + 1,
+                      0.2 + 0.05 * (i % 3), i + 1);
+    sprintf(at, "]}");
+    p = lower(text);
+    free(text);
+    return p;
+}
+
+/* A solver of P, its loads read: what a march asks of one. */
+static void two_loads(struct torus_solver *s, const struct program *p, struct torus_options *opt)
+{
+    *s = (struct torus_solver) { .view = *p, .p = p, .opt = opt, .tones = torus_tones_of(W, 2),
+                                 .tone = { .index = -1 }, .level = 1 };
+    assert_int_equal(torus_read_loads(s, NULL), MODAL_OK);
+}
+
+/* The motion is analytic until the law changes and from there on: two shorter steps, one to each
+ * side, know of no change within a step. */
+static void test_a_law_that_changes_within_a_step_moves_all_as_two_shorter_steps_do(void **state)
+{
+    enum { N = 40, LAW = 17, WIDE = 2 * N * TORUS_WIDE };
+    const double tau = 0.37, h = 0.15;
+    struct program *p = chain_of_sliders(N);
+    struct torus_options opt = { .dofs_count = 0 };
+    struct torus_solver s;
+    struct torus_taylor t;
+    double u[WIDE], once[WIDE], part[WIDE], twice[WIDE], wave[4] = { 0.6, 0.8, -0.28, 0.96 };
+    double steepest[N], level[TORUS_WIDE], rest[TORUS_WIDE] = { 0.1 }, most = 0;
+    bool serves;
+
+    (void)state;
+    for (int l = 0; l < N; l++)
+        steepest[l] = 0.5;
+    two_loads(&s, p, &opt);
+    assert_int_equal(torus_taylor_init(&t, &s, TORUS_WIDE, steepest, &serves, NULL), MODAL_OK);
+    assert_true(serves && torus_taylor_set_step(&t, h) && !torus_taylor_set_step(&t, 10 * h));
+    for (int e = 0; e < WIDE; e++)
+        u[e] = cos(1 + 0.7 * e) / (1 + e % 5);
+    for (int l = 0; l < N; l++)
+        t.gain[l] = 0.5 * (l % 2);
+    for (int e = 0; e < N * TORUS_WIDE; e++)
+        t.level[e] = 0.1 * sin(e);
+    memcpy(level, t.level + LAW * TORUS_WIDE, sizeof level);
+    torus_taylor_make(&t, u, wave, once);
+    torus_taylor_end(&t, t.reach[LAW].dof,
+                     t.reach[LAW].dofs[torus_taylor_change(&t, LAW, tau, 0, rest)], once);
+    assert_true(torus_taylor_set_step(&t, tau * h));
+    t.gain[LAW] = 0.5;
+    memcpy(t.level + LAW * TORUS_WIDE, level, sizeof level);
+    torus_taylor_make(&t, u, wave, part);
+    for (int w = 0; w < 2; w++) {
+        double complex q = CMPLX(wave[2 * w], wave[2 * w + 1]) * cexp(I * t.omega[w] * tau * h);
+
+        wave[2 * w] = creal(q), wave[2 * w + 1] = cimag(q);
+    }
+    assert_true(torus_taylor_set_step(&t, (1 - tau) * h));
+    t.gain[LAW] = 0;
+    memcpy(t.level + LAW * TORUS_WIDE, rest, sizeof rest);
+    torus_taylor_make(&t, part, wave, twice);
+    for (int e = 0; e < WIDE; e++)
+        most = fmax(most, fabs(once[e] - twice[e]));
+    assert_true(most < 1e-14);
+    torus_taylor_done(&t);
+    program_free(p);
+}
+
+/* Four times the dofs and laws have four times the entries and the events: 16 would be where each
+ * event moves all of them, or a step is a full matrix. */
+static void test_a_turn_of_a_chain_of_sliders_costs_as_its_length(void **state)
+{
+    double work[2];
+
+    (void)state;
+    for (int i = 0; i < 2; i++) {
+        struct program *p = chain_of_sliders(32 << (2 * i));
+        struct torus_options opt = { .dofs_count = 0 };
+        struct torus_solver s;
+        struct torus_pieces *m;
+        bool followed = true;
+
+        two_loads(&s, p, &opt);
+        assert_int_equal(torus_pieces_new(&s, 32, 0, &m, NULL), MODAL_OK);
+        assert_non_null(m);
+        for (int a = 0; a < 2; a++)               /* from rest, then on its way */
+            assert_int_equal(torus_pieces_go(m, 32, 0, NULL, NULL, NULL, &followed, NULL),
+                             MODAL_OK);
+        assert_true(followed && torus_pieces_acted(m, p->laws - 1));
+        work[i] = torus_pieces_work(m);
+        torus_pieces_free(m);
+        program_free(p);
+    }
+    assert_true(work[1] < 5 * work[0]);
+}
+
 /* Three masses, tones 1.5e-7 apart and a spring that holds twice as much as the structure: the
  * motion beats through some 600 combinations, each of weight for the others. */
 static void test_twin_tones_of_a_strong_spring_are_balanced_whole(void **state)
@@ -403,6 +524,9 @@ int main(void)
         cmocka_unit_test(test_a_slider_under_tones_one_per_cent_apart_moves_as_marching_says),
         cmocka_unit_test(test_lines_less_than_two_turns_of_a_record_apart_are_told),
         cmocka_unit_test(test_lines_far_below_the_error_asked_for_are_not_told_however_many),
+        cmocka_unit_test(
+            test_a_law_that_changes_within_a_step_moves_all_as_two_shorter_steps_do),
+        cmocka_unit_test(test_a_turn_of_a_chain_of_sliders_costs_as_its_length),
         cmocka_unit_test(test_twin_tones_of_a_strong_spring_are_balanced_whole),
         cmocka_unit_test(test_laws_that_are_no_function_of_a_path_are_refused),
     };

@@ -1,0 +1,717 @@
+/*
+ * torus_taylor.c - see torus_taylor.h; tested by tests/unit/modal/steady/test_torus.c
+ *
+ * With K, C and pushes times M^-1 and the powers of h that torus_taylor.h names, (1) there obeys
+ *
+ *     (k + 1)(k + 2) a_{k+2} = -K a_k - (k + 1) C a_{k+1} - sum_l push_l f_{l,k} + p_k,         (1)
+ *     f_{l,k} = gain_l d_{l,k} + level_l [k = 0],
+ *
+ * p_k of the waves' own series.  As terms fall as (w h)^k / k!, w a bound of the fastest motion,
+ * steps of FAST / w need some fifteen.  All products are as sparse as the program, so that a step
+ * costs terms times entries, whatever regimes its laws are in.
+ *
+ * A law that changes at tau_0 leaves what has been as it is and adds to what comes a motion D of
+ * its own, which begins at rest and obeys (1) with the new gain, moved by
+ *
+ *     g(tau) = (level' - level) + (gain' - gain) d(tau)                                         (2)
+ *
+ * alone.  Each term reaches one neighbour further, and where it is below rounding of the motion it
+ * ends: of a chain a change moves some ten dofs within a step, however long the chain is.
+ *
+ * M^-1 is that of masses on the diagonal.  Of others it is full, but entries far from the diagonal
+ * are below rounding and left out.
+ */
+#include "modal/steady/torus_taylor.h"
+#include <float.h>
+#include <lapacke.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "modal/scene/law.h"
+#include "modal/steady/budget.h"
+
+enum { PAIRS = 2 };                       /* columns at once: half of budget.h's price */
+enum { FULL_MOST = 512 };                 /* dofs of masses that are shared: M^-1 is 2 MB */
+static const double FAST = 0.5;           /* rad a step of the fastest motion: of two turns in one
+                                           * step the cubic through its ends sees both */
+static const double ROUNDING = 1e-17;     /* of the motion: what a term is left out at */
+static const double BOUND = 1e-16;        /* of the largest entry of a row or of a push: what is
+                                           * less is its rounding */
+
+/* Of a number of columns that the compiler is to know: at -O2 it makes no copy of a function for
+ * that by itself, and loops over columns take twice as long. */
+#define COPIED static inline __attribute__((always_inline))
+
+/* M^-1: of masses on the diagonal N numbers, else N x N by columns. */
+struct masses { int n; bool full; double *inverse; };
+
+/* Y += WEIGHT M^-1 e_I. */
+static void mass_solve(const struct masses *m, int i, double weight, double *y)
+{
+    if (!m->full)
+        y[i] += weight * m->inverse[i];
+    else
+        for (int j = 0; j < m->n; j++)
+            y[j] += weight * m->inverse[(size_t)i * (size_t)m->n + (size_t)j];
+}
+
+/* M^-1 of S's program, its inverse in T's space; *SERVES as torus_taylor_init has it. */
+static void invert(struct torus_taylor *t, const struct torus_solver *s, struct masses *m,
+                   bool *serves)
+{
+    const struct sparse *M = &s->p->constant[PROGRAM_M];
+    int n = t->n, *pivot = workspace_zeros(&t->space, (size_t)n, sizeof *pivot);
+
+    *m = (struct masses) { .n = n };
+    for (int i = 0; i < n; i++)
+        for (int e = M->start[i]; e < M->start[i + 1]; e++)
+            m->full |= M->index[e] != i;
+    *serves = !m->full || n <= FULL_MOST;
+    if (!*serves)
+        return;
+    m->inverse = workspace_numbers(&t->space, (size_t)n, m->full ? (size_t)n : 1);
+    if (t->space.failed)
+        return;
+    if (m->full) {
+        struct matrix to = { n, n, n, m->inverse };
+
+        sparse_add_to_dense(M, 1, &to);
+        *serves = LAPACKE_dgetrf_work(LAPACK_COL_MAJOR, n, n, to.x, n, pivot) == 0
+            && LAPACKE_dgetri(LAPACK_COL_MAJOR, n, to.x, n, pivot) == 0;
+    } else
+        for (int i = 0; *serves && i < n; i++) {
+            *serves = M->start[i + 1] > M->start[i] && M->value[M->start[i]] != 0;
+            m->inverse[i] = *serves ? 1 / M->value[M->start[i]] : 0;
+        }
+}
+
+/* What of the N numbers Y is not rounding into TRIPLETS of row ROW, or none: their count.  Y is 0
+ * again. */
+static int collect(int n, double *y, int row, struct triplet *triplets)
+{
+    double most = 0;
+    int count = 0;
+
+    for (int j = 0; j < n; j++)
+        most = fmax(most, fabs(y[j]));
+    for (int j = 0; j < n; j++) {
+        if (fabs(y[j]) > BOUND * most) {
+            if (triplets != NULL)
+                triplets[count] = (struct triplet) { row, j, y[j] };
+            count++;
+        }
+        y[j] = 0;
+    }
+    return count;
+}
+
+/* M^-1 A into OUT, Y being n zeros. */
+static enum modal_status times_inverse(struct torus_taylor *t, const struct masses *m,
+                                       const struct sparse *A, double *y, struct sparse *out,
+                                       struct modal_error *err)
+{
+    size_t n = (size_t)t->n, most = m->full ? n * n : (size_t)A->start[n];
+    struct triplet *all = malloc((most + 1) * sizeof *all);
+    int count = 0;
+    enum modal_status rc;
+
+    if (all == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "torus: no memory for a march");
+    for (int i = 0; i < t->n; i++) {
+        int from = m->full ? 0 : i, to = m->full ? t->n - 1 : i;
+
+        for (int j = from; j <= to; j++) {
+            double weight = m->inverse[m->full ? (size_t)j * n + (size_t)i : (size_t)i];
+
+            for (int e = A->start[j]; e < A->start[j + 1]; e++)
+                y[A->index[e]] += weight * A->value[e];
+        }
+        count += collect(t->n, y, i, all + count);
+    }
+    rc = sparse_from_triplets(t->n, t->n, all, count, out, err);
+    free(all);
+    return rc;
+}
+
+/* Room of A for OWNERS and as many entries as ROOM. */
+static void ends_room(struct torus_taylor *t, struct torus_ends *a, int owners, size_t room)
+{
+    a->start = workspace_zeros(&t->space, (size_t)owners + 1, sizeof *a->start);
+    a->dof = workspace_room(&t->space, room, sizeof *a->dof);
+    a->weight = workspace_room(&t->space, room, sizeof *a->weight);
+}
+
+/* The next owner of A, OWNER, has what is not rounding of Y, n numbers, which are 0 again. */
+static void ends_add(int n, struct torus_ends *a, int owner, double *y, struct triplet *room)
+{
+    int from = a->start[owner], count = collect(n, y, owner, room);
+
+    for (int e = 0; e < count; e++) {
+        a->dof[from + e] = room[e].j;
+        a->weight[from + e] = room[e].value;
+    }
+    a->start[owner + 1] = from + count;
+}
+
+/* Entries that what OWNERS with ENDS ends push has at the most. */
+static size_t pushes_most(const struct torus_taylor *t, const struct masses *m, int owners,
+                          size_t ends)
+{
+    return m->full ? (size_t)owners * (size_t)t->n : ends;
+}
+
+/* t->see and t->push; Y: n zeros, ROOM: n. */
+static void set_laws(struct torus_taylor *t, const struct torus_solver *s, const struct masses *m,
+                     double *y, struct triplet *room)
+{
+    size_t ends = 0;
+
+    for (int l = 0; l < t->laws; l++)
+        ends += (size_t)law_ends(&s->p->law[l]);
+    ends_room(t, &t->see, t->laws, ends);
+    ends_room(t, &t->push, t->laws, pushes_most(t, m, t->laws, ends));
+    for (int l = 0; !t->space.failed && l < t->laws; l++) {
+        const struct law *law = &s->p->law[l];
+
+        for (int e = 0; e < law_ends(law); e++)
+            y[law->end[e].dof] += law->end[e].weight;
+        ends_add(t->n, &t->see, l, y, room);
+        for (int e = 0; e < law_ends(law); e++)
+            mass_solve(m, law->end[e].dof, law->end[e].weight, y);
+        ends_add(t->n, &t->push, l, y, room);
+    }
+}
+
+/* t->omega and t->pull. */
+static void set_loads(struct torus_taylor *t, const struct torus_solver *s, const struct masses *m,
+                      double *y, struct triplet *room)
+{
+    for (int phase = 0; phase < 2; phase++)
+        ends_room(t, &t->pull[phase], t->waves,
+                  pushes_most(t, m, t->waves, (size_t)s->p->loads));
+    t->omega = workspace_zeros(&t->space, (size_t)t->waves, sizeof *t->omega);
+    for (int w = 0; !t->space.failed && w < t->waves; w++)
+        for (int phase = 0; phase < 2; phase++) {
+            for (int a = 0; a < s->p->loads; a++) {
+                const struct program_load *load = &s->p->load[a];
+                struct torus_index k = { { load->tone[0], load->tone[1], load->tone[2] } };
+                bool flipped;
+
+                k = torus_signed(&s->tones, k, &flipped);
+                if (torus_group(s, k) != w + 1)
+                    continue;
+                t->omega[w] = torus_frequency(&s->tones, k);
+                mass_solve(m, load->dof,
+                           phase == 0 ? load->cosine : flipped ? -load->sine : load->sine, y);
+            }
+            ends_add(t->n, &t->pull[phase], w, y, room);
+        }
+}
+
+/* Who feels dof j at once, by columns of K and C: next[start[j]] on; and which laws look at it. */
+struct graph { int *start, *next, *law_start, *law; };
+
+/* Lists by key from COUNT pairs: START, keys + 1 zeros, counted; then filled by its caller. */
+static void starts_of(int keys, int *start)
+{
+    for (int j = 0; j < keys; j++)
+        start[j + 1] += start[j];
+}
+
+/* Both of T's entries, in SPACE: counted, then filled, as both are by rows or by laws and wanted by
+ * dofs. */
+static void set_graph(struct torus_taylor *t, struct workspace *space, struct graph *g)
+{
+    const struct sparse *both[] = { &t->K, &t->C };
+    size_t entries = (size_t)t->K.start[t->n] + (size_t)t->C.start[t->n];
+    int n = t->n, *at = workspace_zeros(space, (size_t)n + 1, sizeof *at);
+
+    g->start = workspace_zeros(space, (size_t)n + 1, sizeof *g->start);
+    g->law_start = workspace_zeros(space, (size_t)n + 1, sizeof *g->law_start);
+    g->next = workspace_zeros(space, entries, sizeof *g->next);
+    g->law = workspace_zeros(space, (size_t)t->see.start[t->laws], sizeof *g->law);
+    if (space->failed)
+        return;
+    for (int a = 0; a < 2; a++)
+        for (int e = 0; e < both[a]->start[n]; e++)
+            g->start[both[a]->index[e] + 1]++;
+    starts_of(n, g->start);
+    memcpy(at, g->start, (size_t)n * sizeof *at);
+    for (int a = 0; a < 2; a++)
+        for (int i = 0; i < n; i++)
+            for (int e = both[a]->start[i]; e < both[a]->start[i + 1]; e++)
+                g->next[at[both[a]->index[e]]++] = i;
+    for (int e = 0; e < t->see.start[t->laws]; e++)
+        g->law_start[t->see.dof[e] + 1]++;
+    starts_of(n, g->law_start);
+    memcpy(at, g->law_start, (size_t)n * sizeof *at);
+    for (int l = 0; l < t->laws; l++)
+        for (int e = t->see.start[l]; e < t->see.start[l + 1]; e++)
+            g->law[at[t->see.dof[e]]++] = l;
+}
+
+/* The lists of what law L reaches, MARK and LAW_MARK being who has been met for it: of n and of
+ * laws; LIST and LAWS room for as many. */
+struct search { int *mark, *law_mark, *list, *laws; };
+
+/* Dof I at the end of the list, COUNT long, of law L, unless it is there. */
+static void add_dof(struct search *a, int l, int i, int *count)
+{
+    if (a->mark[i] != l + 1)
+        a->mark[i] = l + 1, a->list[(*count)++] = i;
+}
+
+/*
+ * t->reach of law L, by breadth: what its push moves first, then hop by hop who feels those at
+ * once, through a spring, a damper or another law.  A term of the series goes one hop, so that no
+ * more than its terms are asked for; where all are reached before, the lists end.
+ */
+static void find_reach(struct torus_taylor *t, const struct graph *g, struct search *a, int l)
+{
+    struct torus_reach *r = &t->reach[l];
+    int count = 0, laws = 0, done = 0, looked = 0;
+
+    r->dofs = workspace_zeros(&t->space, TORUS_TERMS_MOST, sizeof *r->dofs);
+    r->laws = workspace_zeros(&t->space, TORUS_TERMS_MOST, sizeof *r->laws);
+    if (t->space.failed)
+        return;
+    for (int e = t->push.start[l]; e < t->push.start[l + 1]; e++)
+        add_dof(a, l, t->push.dof[e], &count);
+    for (r->hops = 0; r->hops < TORUS_TERMS_MOST; r->hops++) {
+        for (; looked < count; looked++)
+            for (int e = g->law_start[a->list[looked]]; e < g->law_start[a->list[looked] + 1];
+                 e++)
+                if (a->law_mark[g->law[e]] != l + 1)
+                    a->law_mark[g->law[e]] = l + 1, a->laws[laws++] = g->law[e];
+        r->dofs[r->hops] = count, r->laws[r->hops] = laws;
+        for (; done < r->dofs[r->hops]; done++)
+            for (int e = g->start[a->list[done]]; e < g->start[a->list[done] + 1]; e++)
+                add_dof(a, l, g->next[e], &count);
+        for (int b = r->hops > 0 ? r->laws[r->hops - 1] : 0; b < r->laws[r->hops]; b++)
+            for (int e = t->push.start[a->laws[b]]; e < t->push.start[a->laws[b] + 1]; e++)
+                add_dof(a, l, t->push.dof[e], &count);
+        if (count == r->dofs[r->hops]) {
+            r->hops++;
+            break;
+        }
+    }
+    count = r->dofs[r->hops - 1];
+    r->dof = workspace_room(&t->space, (size_t)count, sizeof *r->dof);
+    r->law = workspace_room(&t->space, (size_t)laws, sizeof *r->law);
+    if (t->space.failed)
+        return;
+    memcpy(r->dof, a->list, (size_t)count * sizeof *r->dof);
+    memcpy(r->law, a->laws, (size_t)laws * sizeof *r->law);
+}
+
+/* t->reach of all laws. */
+static void set_reach(struct torus_taylor *t)
+{
+    struct workspace space = { 0 };
+    size_t n = (size_t)t->n, L = (size_t)t->laws;
+    struct graph g;
+    struct search a = { .mark = workspace_zeros(&space, n, sizeof *a.mark),
+                        .law_mark = workspace_zeros(&space, L, sizeof *a.law_mark),
+                        .list = workspace_zeros(&space, n, sizeof *a.list),
+                        .laws = workspace_zeros(&space, L, sizeof *a.laws) };
+
+    set_graph(t, &space, &g);
+    t->reach = workspace_zeros(&t->space, L, sizeof *t->reach);
+    for (int l = 0; !space.failed && !t->space.failed && l < t->laws; l++)
+        find_reach(t, &g, &a, l);
+    t->space.failed |= space.failed;
+    workspace_free(&space);
+}
+
+/*
+ * t->fast, of any regimes: of an eigenvalue s^2 x + s C x + K x = 0 says |s|^2 <= |s| |C| + |K|,
+ * and so |s| <= |C| + |K|^(1/2), by the largest sum of a row of each; laws hold with their largest
+ * gains.  It is too large for most, which costs a step some terms.  Y: n zeros, and again.
+ */
+static void set_fast(struct torus_taylor *t, const double *steepest, double *y)
+{
+    double damp = 0, most = 0;
+
+    for (int i = 0; i < t->n; i++) {
+        double sum = 0;
+
+        for (int e = t->K.start[i]; e < t->K.start[i + 1]; e++)
+            y[i] += fabs(t->K.value[e]);
+        for (int e = t->C.start[i]; e < t->C.start[i + 1]; e++)
+            sum += fabs(t->C.value[e]);
+        damp = fmax(damp, sum);
+    }
+    for (int l = 0; l < t->laws; l++) {
+        double seen = 0;
+
+        for (int e = t->see.start[l]; e < t->see.start[l + 1]; e++)
+            seen += fabs(t->see.weight[e]);
+        for (int e = t->push.start[l]; e < t->push.start[l + 1]; e++)
+            y[t->push.dof[e]] += fabs(t->push.weight[e]) * steepest[l] * seen;
+    }
+    for (int i = 0; i < t->n; i++)
+        most = fmax(most, y[i]), y[i] = 0;
+    t->fast = sqrt(most) + damp;
+}
+
+enum modal_status torus_taylor_init(struct torus_taylor *t, const struct torus_solver *s,
+                                    int columns, const double *steepest, bool *serves,
+                                    struct modal_error *err)
+{
+    struct masses m;
+    double *y;
+    struct triplet *room;
+    size_t n = (size_t)s->p->n, wide = (TORUS_TERMS_MOST + 1) * n * (size_t)columns;
+    enum modal_status rc = MODAL_OK;
+
+    *t = (struct torus_taylor) { .n = s->p->n, .laws = s->p->laws, .waves = s->groups,
+                                 .columns = columns, .h = 1 };
+    y = workspace_zeros(&t->space, n, sizeof *y);
+    room = workspace_zeros(&t->space, n, sizeof *room);
+    t->gain = workspace_zeros(&t->space, (size_t)t->laws, sizeof *t->gain);
+    t->level = workspace_zeros(&t->space, (size_t)(t->laws * columns), sizeof *t->level);
+    t->a = workspace_zeros(&t->space, wide, sizeof *t->a);
+    t->delta = workspace_zeros(&t->space, wide, sizeof *t->delta);
+    *serves = true;
+    if (!t->space.failed)
+        invert(t, s, &m, serves);
+    if (!t->space.failed && *serves) {
+        rc = times_inverse(t, &m, &s->p->constant[PROGRAM_K], y, &t->K, err);
+        if (rc == MODAL_OK)
+            rc = times_inverse(t, &m, &s->p->constant[PROGRAM_C], y, &t->C, err);
+        if (rc != MODAL_OK)
+            return rc;
+        set_laws(t, s, &m, y, room);
+        set_loads(t, s, &m, y, room);
+        if (!t->space.failed) {
+            set_fast(t, steepest, y);
+            set_reach(t);
+        }
+    }
+    return workspace_check(&t->space, "torus: no memory for a march", err);
+}
+
+void torus_taylor_done(struct torus_taylor *t)
+{
+    sparse_done(&t->K);
+    sparse_done(&t->C);
+    workspace_free(&t->space);
+}
+
+void torus_taylor_narrow(struct torus_taylor *t, int columns) { t->columns = columns; }
+
+/* X, COUNT numbers, times BY: h and its square, which all that a step multiplies with has in it. */
+static void scale(double *x, int count, double by)
+{
+    for (int e = 0; e < count; e++)
+        x[e] *= by;
+}
+
+bool torus_taylor_set_step(struct torus_taylor *t, double h)
+{
+    double by = h / t->h, fast = t->fast * h;
+
+    if (fast > FAST)
+        return false;
+    scale(t->K.value, t->K.start[t->n], by * by);
+    scale(t->C.value, t->C.start[t->n], by);
+    scale(t->push.weight, t->push.start[t->laws], by * by);
+    for (int phase = 0; phase < 2; phase++)
+        scale(t->pull[phase].weight, t->pull[phase].start[t->waves], by * by);
+    t->h = h;
+    for (int w = 0; w < t->waves; w++)
+        fast = fmax(fast, t->omega[w] * h);
+    t->terms = 2;
+    for (double left = fast; left > ROUNDING && t->terms < TORUS_TERMS_MOST; t->terms++)
+        left *= fast / t->terms;
+    return true;
+}
+
+/* TO -= FACTOR (row I of A) x, of X's COLUMNS. */
+COPIED void take_row(const struct sparse *A, int i, double factor, const double *x, int columns,
+                     double *restrict to)
+{
+    for (int e = A->start[i]; e < A->start[i + 1]; e++) {
+        const double *from = x + (size_t)A->index[e] * (size_t)columns;
+        double by = factor * A->value[e];
+
+        for (int c = 0; c < columns; c++)
+            to[c] -= by * from[c];
+    }
+}
+
+/* Law L's d in X into D, a number a column. */
+COPIED void look(const struct torus_taylor *t, int l, const double *x, int columns,
+                 double *restrict d)
+{
+    for (int c = 0; c < columns; c++)
+        d[c] = 0;
+    for (int e = t->see.start[l]; e < t->see.start[l + 1]; e++)
+        for (int c = 0; c < columns; c++)
+            d[c] += t->see.weight[e] * x[t->see.dof[e] * columns + c];
+}
+
+/* Term K + 2 of dof I into TO, but for laws and loads: (1). */
+COPIED void term_of(const struct torus_taylor *t, const double *a, int k, int i, int columns,
+                    double *to)
+{
+    size_t wide = (size_t)t->n * (size_t)columns;
+    double sum[TORUS_WIDE] = { 0 };
+
+    take_row(&t->K, i, 1, a + (size_t)k * wide, columns, sum);
+    take_row(&t->C, i, k + 1, a + (size_t)(k + 1) * wide, columns, sum);
+    for (int c = 0; c < columns; c++)
+        to[c] = sum[c];
+}
+
+/* TO -= law L's push times D. */
+COPIED void push(const struct torus_taylor *t, int l, const double *restrict d, int columns,
+                 double *restrict to)
+{
+    for (int e = t->push.start[l]; e < t->push.start[l + 1]; e++)
+        for (int c = 0; c < columns; c++)
+            to[t->push.dof[e] * columns + c] -= t->push.weight[e] * d[c];
+}
+
+/* Loads' part of term K + 2 into TO: of wave w the cosine and sine of its phase turn by a quarter
+ * a term. */
+static void pull(const struct torus_taylor *t, int k, int columns, double *wave, double *to)
+{
+    for (int w = 0; w < t->waves; w++) {
+        double *q = wave + 2 * w, was = q[0], by = t->omega[w] * t->h / (k + 1);
+
+        for (int phase = 0; phase < 2; phase++)
+            for (int e = t->pull[phase].start[w]; e < t->pull[phase].start[w + 1]; e++)
+                to[t->pull[phase].dof[e] * columns] += t->pull[phase].weight[e] * q[phase];
+        q[0] = -by * q[1], q[1] = by * was;
+    }
+}
+
+/*
+ * torus_taylor_make of COLUMNS.  The sums of the end are taken along with the terms, which are in
+ * the cache then: x is the sum of all, and h x' that of k times term k.
+ */
+COPIED void make(struct torus_taylor *t, const double *u, const double *wave, int columns,
+                 double *restrict to)
+{
+    int n = t->n, wide = n * columns;
+    double q[2 * TORUS_LOADS_MOST], d[TORUS_WIDE], *a = t->a;
+
+    memcpy(q, wave, 2 * (size_t)t->waves * sizeof *q);
+    memcpy(a, u, (size_t)wide * sizeof *a);
+    for (int e = 0; e < wide; e++)
+        a[wide + e] = u[wide + e] * t->h;
+    memcpy(to, a, 2 * (size_t)wide * sizeof *to);
+    for (int e = 0; e < wide; e++)
+        to[e] += a[wide + e];
+    for (int k = 0; k + 2 <= t->terms; k++) {
+        double *now = a + (size_t)k * (size_t)wide, *next = now + 2 * (size_t)wide;
+
+        for (int i = 0; i < n; i++)
+            term_of(t, a, k, i, columns, next + i * columns);
+        for (int l = 0; l < t->laws; l++) {
+            look(t, l, now, columns, d);
+            for (int c = 0; c < columns; c++)
+                d[c] = t->gain[l] * d[c] + (k == 0 ? t->level[l * columns + c] : 0);
+            push(t, l, d, columns, next);
+        }
+        pull(t, k, columns, q, next);
+        for (int e = 0; e < wide; e++) {
+            next[e] *= 1.0 / ((k + 1) * (k + 2));
+            to[e] += next[e];
+            to[wide + e] += (k + 2) * next[e];
+        }
+    }
+    for (int e = 0; e < wide; e++)
+        to[wide + e] *= 1 / t->h;
+}
+
+void torus_taylor_make(struct torus_taylor *t, const double *u, const double *wave, double *to)
+{
+    if (t->columns == 1)
+        make(t, u, wave, 1, to);
+    else
+        make(t, u, wave, TORUS_WIDE, to);
+}
+
+void torus_taylor_sees(const struct torus_taylor *t, int l, int c, double *p)
+{
+    for (int k = 0; k <= t->terms; k++) {
+        const double *a = t->a + (size_t)k * (size_t)t->n * (size_t)t->columns + c;
+
+        p[k] = 0;
+        for (int e = t->see.start[l]; e < t->see.start[l + 1]; e++)
+            p[k] += t->see.weight[e] * a[t->see.dof[e] * t->columns];
+    }
+}
+
+double torus_taylor_at(const struct torus_taylor *t, const double *p, double tau, double *rate)
+{
+    double x = p[t->terms], v = 0;
+
+    for (int k = t->terms - 1; k >= 0; k--) {
+        v = v * tau + x;
+        x = x * tau + p[k];
+    }
+    *rate = v;
+    return x;
+}
+
+/* COLUMNS polynomials P about 0, term by term, about BY: Horner's scheme again and again. */
+COPIED void shift(int terms, double by, int columns, double *p)
+{
+    for (int j = 0; by != 0 && j < terms; j++)
+        for (int k = terms - 1; k >= j; k--) {
+            double *restrict to = p + k * columns;
+            const double *restrict from = to + columns;
+
+            for (int c = 0; c < columns; c++)
+                to[c] += by * from[c];
+        }
+}
+
+/* Where what has come HOPS far is felt next. */
+static int outer_of(const struct torus_reach *r, int hops)
+{
+    return hops + 1 < r->hops ? hops + 1 : r->hops - 1;
+}
+
+/* Term K + 2 of D, which has come HOPS far, G[c] being what moves it; the largest of it a hop
+ * further, over SIZE of its column. */
+COPIED double change_term(struct torus_taylor *t, int l, int hops, int k, const double *g,
+                          const double *size, int C)
+{
+    const struct torus_reach *r = &t->reach[l];
+    int wide = t->n * C, count = r->dofs[outer_of(r, hops)];
+    double *now = t->delta + (size_t)k * (size_t)wide, *next = now + 2 * (size_t)wide;
+    double d[TORUS_WIDE], most = 0;
+
+    for (int b = 0; b < count; b++)
+        term_of(t, t->delta, k, r->dof[b], C, next + r->dof[b] * C);
+    for (int b = 0; b < r->laws[hops]; b++) {
+        int m = r->law[b];
+
+        look(t, m, now, C, d);
+        for (int c = 0; c < C; c++)
+            d[c] = t->gain[m] * d[c] + (m == l ? g[c] : 0);
+        push(t, m, d, C, next);
+    }
+    for (int b = 0; b < count; b++)
+        for (int c = 0; c < C; c++) {
+            double *at = &next[r->dof[b] * C + c];
+
+            *at *= 1.0 / ((k + 1) * (k + 2));
+            if (b >= r->dofs[hops] && fabs(*at) > most * size[c])
+                most = fabs(*at) / size[c];
+        }
+    return most;
+}
+
+/* The motion's size where law L reaches, of each column: above 0, for at the start of a march much
+ * of a chain is at rest. */
+static void sizes(const struct torus_taylor *t, int l, double *size)
+{
+    const struct torus_reach *r = &t->reach[l];
+    int C = t->columns;
+
+    for (int c = 0; c < C; c++)
+        size[c] = DBL_MIN;
+    for (int b = 0; b < r->dofs[r->hops - 1]; b++)
+        for (int c = 0; c < C; c++)
+            size[c] = fmax(size[c], fmax(fabs(t->a[r->dof[b] * C + c]),
+                                         fabs(t->a[(t->n + r->dof[b]) * C + c])));
+}
+
+/* g's terms about TAU, (2), of law L's new gain and level, which it has from here on. */
+static void moves_by(struct torus_taylor *t, int l, double tau, double gain, const double *level,
+                     double *g)
+{
+    int C = t->columns;
+
+    for (int c = 0; c < C; c++) {
+        double p[TORUS_TERMS_MOST + 1];
+
+        torus_taylor_sees(t, l, c, p);
+        shift(t->terms, tau, 1, p);
+        for (int k = 0; k <= t->terms; k++)
+            g[k * C + c] = (gain - t->gain[l]) * p[k];
+        g[c] += level[c] - t->level[l * C + c];
+        t->level[l * C + c] = level[c];
+    }
+    t->gain[l] = gain;
+}
+
+/* D of dof I, from TAU on, to its motion; D is 0 again. */
+COPIED void add_change(struct torus_taylor *t, int i, double tau, int C)
+{
+    size_t wide = (size_t)t->n * (size_t)C;
+    double *from = t->delta + i * C, *to = t->a + i * C, p[(TORUS_TERMS_MOST + 1) * TORUS_WIDE];
+
+    for (int k = 0; k <= t->terms; k++, from += wide)
+        for (int c = 0; c < C; c++)
+            p[k * C + c] = from[c], from[c] = 0;
+    shift(t->terms, -tau, C, p);
+    for (int k = 0; k <= t->terms; k++, to += wide)
+        for (int c = 0; c < C; c++)
+            to[c] += p[k * C + c];
+}
+
+/* torus_taylor_change of C columns: (2)'s motion term by term, one hop further where what arrived
+ * there is more than rounding of the motion at hand, and then added to all that it has reached. */
+COPIED int change_by(struct torus_taylor *t, int l, double tau, double gain, const double *level,
+                     int C)
+{
+    const struct torus_reach *r = &t->reach[l];
+    int hops = 0;
+    double g[(TORUS_TERMS_MOST + 1) * TORUS_WIDE], size[TORUS_WIDE];
+
+    moves_by(t, l, tau, gain, level, g);
+    sizes(t, l, size);
+    for (int k = 0; k + 2 <= t->terms; k++)
+        if (change_term(t, l, hops, k, g + k * C, size, C) > ROUNDING)
+            hops = outer_of(r, hops);
+    hops = outer_of(r, hops);
+    for (int b = 0; b < r->dofs[hops]; b++)
+        add_change(t, r->dof[b], tau, C);
+    return hops;
+}
+
+int torus_taylor_change(struct torus_taylor *t, int l, double tau, double gain,
+                        const double *level)
+{
+    return t->columns == 1 ? change_by(t, l, tau, gain, level, 1)
+                           : change_by(t, l, tau, gain, level, TORUS_WIDE);
+}
+
+void torus_taylor_end(const struct torus_taylor *t, const int *list, int count, double *to)
+{
+    int C = t->columns;
+    size_t wide = (size_t)t->n * (size_t)C;
+
+    for (int b = 0; b < count; b++)
+        for (int c = 0; c < C; c++) {
+            const double *a = t->a + list[b] * C + c;
+            double x = 0, v = 0;
+
+            for (int k = t->terms; k > 0; k--)
+                x += a[(size_t)k * wide], v += k * a[(size_t)k * wide];
+            to[list[b] * C + c] = a[0] + x;
+            to[wide + (size_t)(list[b] * C + c)] = v / t->h;
+        }
+}
+
+double torus_taylor_work(const struct torus_taylor *t)
+{
+    double pulls = t->pull[0].start[t->waves] + t->pull[1].start[t->waves];
+    double entries = t->K.start[t->n] + t->C.start[t->n] + t->see.start[t->laws]
+        + t->push.start[t->laws] + 2.0 * t->n;
+
+    return t->terms * (t->columns * entries + pulls) / PAIRS;
+}
+
+double torus_taylor_change_work(const struct torus_taylor *t, int l, int hops)
+{
+    double dofs = t->reach[l].dofs[hops], part = dofs / t->n;
+
+    return BUDGET_DENSE * part * torus_taylor_work(t) + t->columns * dofs * t->terms * t->terms;
+}

@@ -139,7 +139,7 @@ static int fill(struct scan *a, double ends, double bow, int points, double *gai
     for (int l = 0; l < a->rows; l++) {
         double first = slipped(a, ends, bow, l * a->apart);
         double last = slipped(a, ends, bow, l * a->apart + 1 - 1.0 / a->phases);
-        if (first < 0 || last > Y->m - 1)
+        if (!(first >= 0 && last <= Y->m - 1))       /* nor where turns would run backwards */
             continue;
         for (int p = 0; p < a->phases; p++) {
             double row = slipped(a, ends, bow, l * a->apart + (double)p / a->phases);

@@ -49,6 +49,7 @@ struct ledger {
     size_t next_piece;                   /* those before it are there, and have rows */
     uint64_t pieces_end;                 /* they are all that the tape has before it */
     uint64_t asked_end;                  /* the tape's, when streams were last asked for */
+    int group_pages;           /* as log_pages, 0 before a group and where it wrote nothing */
     int log_pages;             /* of the write-ahead log after the last commit */
     bool deleted;              /* rows, since free pages were counted */
     bool broken;
@@ -56,15 +57,11 @@ struct ledger {
 
 /* --- opening --- */
 
-/* After each commit, which is synced. */
 static int log_grew(void *context, sqlite3 *db, const char *name, int pages)
 {
-    struct ledger *ledger = context;
-
     (void)db;
     (void)name;
-    ledger->log_pages = pages;
-    ledger_mark_put(ledger->mark, pages);
+    ((struct ledger *)context)->log_pages = ((struct ledger *)context)->group_pages = pages;
     return SQLITE_OK;
 }
 
@@ -117,11 +114,11 @@ enum modal_status ledger_open(const char *dir, struct ledger **out, struct modal
         || (rc = folder_lock(dir, &ledger->lock, err)) != MODAL_OK
         || (rc = ledger_db_open(dir, true, &ledger->db, err)) != MODAL_OK
         || (rc = ledger_db_store(ledger->db, ledger->store, err)) != MODAL_OK
-        || (rc = folder_bind(dir, ledger->store, &ledger->socket, err)) != MODAL_OK)
+        || (rc = folder_bind(dir, ledger->store, &ledger->socket, err)) != MODAL_OK
+        || (rc = prepare(ledger, err)) != MODAL_OK
+        || (rc = open_tape(ledger, err)) != MODAL_OK)
         goto out;
     ledger->mark = ledger_mark_open(dir);
-    if ((rc = prepare(ledger, err)) != MODAL_OK || (rc = open_tape(ledger, err)) != MODAL_OK)
-        goto out;
     *out = ledger;
     ledger = NULL;
 out:
@@ -269,12 +266,12 @@ static bool survivable(enum modal_status rc)
 }
 
 /* HOW: SQLITE_CHECKPOINT_PASSIVE, or _TRUNCATE, which syncs the database before it empties the log.
- * *DONE: no reader was in the way. *FRAMES: of the log. */
-static enum modal_status checkpoint_as(struct ledger *ledger, int how, bool *done, int *frames,
+ * *DONE: no reader was in the way. */
+static enum modal_status checkpoint_as(struct ledger *ledger, int how, bool *done,
                                        struct modal_error *err)
 {
     enum modal_status rc;
-    int moved = 0, code = sqlite3_wal_checkpoint_v2(ledger->db, NULL, how, frames, &moved);
+    int left = 0, code = sqlite3_wal_checkpoint_v2(ledger->db, NULL, how, NULL, &left);
 
     *done = code != SQLITE_BUSY;
     if (code == SQLITE_OK || code == SQLITE_BUSY) {
@@ -289,20 +286,8 @@ static enum modal_status checkpoint_as(struct ledger *ledger, int how, bool *don
 static enum modal_status checkpoint(struct ledger *ledger, struct modal_error *err)
 {
     bool done;
-    int frames;
 
-    return checkpoint_as(ledger, SQLITE_CHECKPOINT_PASSIVE, &done, &frames, err);
-}
-
-/* The log is empty afterwards, once the mark of what it had is on the disk.  *DONE as above. */
-static enum modal_status empty_log(struct ledger *ledger, bool *done, struct modal_error *err)
-{
-    int frames = 0;
-    enum modal_status rc = checkpoint_as(ledger, SQLITE_CHECKPOINT_PASSIVE, done, &frames, err);
-
-    if (rc != MODAL_OK || !ledger_mark_settle(ledger->mark, frames))
-        return rc;
-    return checkpoint_as(ledger, SQLITE_CHECKPOINT_TRUNCATE, done, &frames, err);
+    return checkpoint_as(ledger, SQLITE_CHECKPOINT_PASSIVE, &done, err);
 }
 
 static enum modal_status refuse_broken(struct modal_error *err)
@@ -566,9 +551,12 @@ enum modal_status ledger_commit(struct ledger *ledger, struct ledger_change *cha
         rc = settle_wanted(ledger, changes, count, err);
     if (rc != MODAL_OK)
         return rc;
+    ledger->group_pages = 0;
     rc = put_group(ledger, changes, count, err);
     for (size_t i = 0; i < count; i++)
         ledger->deleted |= ledger_verbs[changes[i].verb].frees;
+    if (rc == MODAL_OK && ledger->group_pages > 0)
+        ledger_mark_put(ledger->mark, ledger->group_pages);
     return rc;
 }
 
@@ -666,7 +654,7 @@ enum modal_status ledger_idle(struct ledger *ledger, bool *more, struct modal_er
     /* a reader is not waited for: somebody may ask something */
     sqlite3_busy_timeout(ledger->db, 0);
     if (rc == MODAL_OK)
-        rc = empty_log(ledger, &done, err);
+        rc = checkpoint_as(ledger, SQLITE_CHECKPOINT_TRUNCATE, &done, err);
     sqlite3_busy_timeout(ledger->db, LEDGER_BUSY_MS);
     sqlite3_db_release_memory(ledger->db);
     *more = !done;

@@ -42,7 +42,6 @@ enum {
     CUTS_MOST = 64,            /* of a step and law: more are no events of a motion, but of
                                 * rounding */
     LEAST_ORDER = 3,           /* as torus_solve.c begins with */
-    LOOKED = 400,              /* budget.h: a law's polynomial made, and some ten values of it */
     STILL = 16,                /* turns, before which nothing is said of who rests */
     MENDED = 3,                /* steps of Newton's method from the cubic's 1e-6 of a piece */
     HALVINGS = 60,             /* of an interval: all digits */
@@ -438,7 +437,7 @@ static int follow(struct torus_pieces *m)
         }
         if (!fine)
             return -1;
-        m->work += LOOKED;
+        m->work += 100;
     }
     return changes;
 }
@@ -486,10 +485,8 @@ static bool step(struct torus_pieces *m)
             m->list[m->listed++] = l;
     }
     if (fine && m->listed > 0) {
-        if (!made) {
+        if (!made)
             torus_taylor_make(&m->t, m->u, m->wave, m->to);
-            m->work += torus_taylor_work(&m->t);
-        }
         for (int a = 0; fine && a < m->listed; a++) {
             m->due[m->list[a]].listed = true, m->due[m->list[a]].free = 0;
             fine = look_ahead(m, m->list[a], 0);
@@ -686,7 +683,7 @@ static bool set_steps(struct torus_pieces *m)
         m->turn[2 * w] = cos(m->t.omega[w] * m->t.h);
         m->turn[2 * w + 1] = sin(m->t.omega[w] * m->t.h);
     }
-    if (map * m->columns < torus_taylor_work(&m->t))
+    if (map * m->columns < torus_taylor_work(&m->t) * BUDGET_DENSE)
         m->regimes_most = (int)fmin(MAPS_MOST / map, REGIMES_MOST);
     return true;
 }

@@ -30,7 +30,6 @@
 #include "modal/scene/law.h"
 #include "modal/steady/budget.h"
 
-enum { PAIRS = 2 };                       /* columns at once: half of budget.h's price */
 enum { FULL_MOST = 512 };                 /* dofs of masses that are shared: M^-1 is 2 MB */
 static const double FAST = 0.5;           /* rad a step of the fastest motion: of two turns in one
                                            * step the cubic through its ends sees both */
@@ -706,12 +705,12 @@ double torus_taylor_work(const struct torus_taylor *t)
     double entries = t->K.start[t->n] + t->C.start[t->n] + t->see.start[t->laws]
         + t->push.start[t->laws] + 2.0 * t->n;
 
-    return t->terms * (t->columns * entries + pulls) / PAIRS;
+    return t->terms * (t->columns * entries + pulls) / BUDGET_DENSE;
 }
 
 double torus_taylor_change_work(const struct torus_taylor *t, int l, int hops)
 {
     double dofs = t->reach[l].dofs[hops], part = dofs / t->n;
 
-    return BUDGET_DENSE * part * torus_taylor_work(t) + t->columns * dofs * t->terms * t->terms;
+    return part * torus_taylor_work(t) + t->columns * dofs * t->terms * t->terms / BUDGET_DENSE;
 }

@@ -12,7 +12,7 @@ enum { COMPLETE_SIDE = 600 };           /* complete decompositions up to this */
  * where many modes are seen to be there. */
 enum {
     SIGNALS_MOST = 256,                 /* before many modes are seen */
-    MANY_MOST = 1024,                   /* once they are: 300 pairs, and what noise adds to them */
+    MANY_MOST = 1536,                   /* once they are: 500 pairs, and LAG's part above them */
     LAG = 5                             /* of the triplets one in so many: the last have not
                                          * converged */
 };
@@ -116,10 +116,16 @@ static bool signals_fill(const struct work *w, const struct pencil *p)
     return pencil_signals(p) + lag + ORDER_AHEAD > p->count;
 }
 
-/* Can twice the triplets be had? */
-static bool can_double(const struct work *w, const struct pencil *p)
+/* How many triplets the next pencil has: twice those of P, or what is left up to the most. */
+static int count_next(const struct work *w, const struct pencil *p)
 {
-    int more = 2 * p->count, rows = rows_of_many(w, more);
+    return w->many && p->count < MANY_MOST && 2 * p->count > MANY_MOST ? MANY_MOST : 2 * p->count;
+}
+
+/* Can they be had? */
+static bool can_grow(const struct work *w, const struct pencil *p)
+{
+    int more = count_next(w, p), rows = rows_of_many(w, more);
 
     return p->count < w->X->m / 4 && affords(w, rows > 0 ? rows : p->rows, more);
 }
@@ -164,9 +170,9 @@ enum modal_status work_pencil_of_all(struct work *w, struct pencil *all, struct 
 
     *all = w->pencil;
     w->many = w->endless = false;
-    while (rc == MODAL_OK && !w->endless && signals_fill(w, all) && can_double(w, all)) {
-        struct pencil_options opt = { .rows = rows_of_many(w, 2 * all->count),
-                                      .wanted = 2 * all->count, .run = &run };
+    while (rc == MODAL_OK && !w->endless && signals_fill(w, all) && can_grow(w, all)) {
+        int next = count_next(w, all);
+        struct pencil_options opt = { .rows = rows_of_many(w, next), .wanted = next, .run = &run };
         struct pencil more = { 0 };
         if (opt.rows > 0 && opt.rows != all->rows)      /* another matrix */
             lanczos_free(run), run = NULL;

@@ -15,7 +15,7 @@
 
 enum {
     FEWER = 2,                   /* real numbers: a pair */
-    FEWER_FAR = 4,
+    FEWER_FAR = 4,               /* two pairs: of a period that is another by a turn or more */
     ORDER_LEAST = 4              /* that a pair and what remains are */
 };
 static const double

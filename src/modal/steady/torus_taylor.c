@@ -117,6 +117,7 @@ static enum modal_status times_inverse(struct torus_taylor *t, const struct mass
     if (all == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "torus: no memory for a march");
     for (int i = 0; i < t->n; i++) {
+        /* row i of the product: rows j of A, each as much as M^-1 has of it */
         int from = m->full ? 0 : i, to = m->full ? t->n - 1 : i;
 
         for (int j = from; j <= to; j++) {
@@ -172,6 +173,7 @@ static void set_laws(struct torus_taylor *t, const struct torus_solver *s, const
     for (int l = 0; !t->space.failed && l < t->laws; l++) {
         const struct law *law = &s->p->law[l];
 
+        /* what it sees and what it pushes differ by M^-1 alone: a law acts where it looks */
         for (int e = 0; e < law_ends(law); e++)
             y[law->end[e].dof] += law->end[e].weight;
         ends_add(t->n, &t->see, l, y, room);
@@ -196,6 +198,7 @@ static void set_loads(struct torus_taylor *t, const struct torus_solver *s, cons
                 struct torus_index k = { { load->tone[0], load->tone[1], load->tone[2] } };
                 bool flipped;
 
+                /* of k and -k one is told, and its sine changes sign with it */
                 k = torus_signed(&s->tones, k, &flipped);
                 if (torus_group(s, k) != w + 1)
                     continue;
@@ -420,6 +423,7 @@ bool torus_taylor_set_step(struct torus_taylor *t, double h)
     t->h = h;
     for (int w = 0; w < t->waves; w++)
         fast = fmax(fast, t->omega[w] * h);
+    /* terms fall as (w h)^k / k!, of the fastest wave too: as many as stand above rounding */
     t->terms = 2;
     for (double left = fast; left > ROUNDING && t->terms < TORUS_TERMS_MOST; t->terms++)
         left *= fast / t->terms;
@@ -496,6 +500,7 @@ COPIED void make(struct torus_taylor *t, const double *u, const double *wave, in
     int n = t->n, wide = n * columns;
     double q[2 * TORUS_LOADS_MOST], d[TORUS_WIDE], *a = t->a;
 
+    /* terms 0 and 1 are x and h x' at the begin; the ends' sums have them at once */
     memcpy(q, wave, 2 * (size_t)t->waves * sizeof *q);
     memcpy(a, u, (size_t)wide * sizeof *a);
     for (int e = 0; e < wide; e++)
@@ -506,6 +511,7 @@ COPIED void make(struct torus_taylor *t, const double *u, const double *wave, in
     for (int k = 0; k + 2 <= t->terms; k++) {
         double *now = a + (size_t)k * (size_t)wide, *next = now + 2 * (size_t)wide;
 
+        /* the right side of (1) of all dofs, then (k + 1)(k + 2) is divided by */
         for (int i = 0; i < n; i++)
             term_of(t, a, k, i, columns, next + i * columns);
         for (int l = 0; l < t->laws; l++) {
@@ -585,6 +591,8 @@ COPIED double change_term(struct torus_taylor *t, int l, int hops, int k, const 
     double *now = t->delta + (size_t)k * (size_t)wide, *next = now + 2 * (size_t)wide;
     double d[TORUS_WIDE], most = 0;
 
+    /* (1) of the dofs that may be reached, forces of the laws that see what was: a spring reaches
+     * its neighbour within one term, and a law whose ends have not moved is still */
     for (int b = 0; b < count; b++)
         term_of(t, t->delta, k, r->dof[b], C, next + r->dof[b] * C);
     for (int b = 0; b < r->laws[hops]; b++) {
@@ -649,6 +657,8 @@ COPIED void add_change(struct torus_taylor *t, int i, double tau, int C)
     for (int k = 0; k <= t->terms; k++, from += wide)
         for (int c = 0; c < C; c++)
             p[k * C + c] = from[c], from[c] = 0;
+    /* polynomials of what comes after TAU, told as (1) is, from the step's begin: of no use before,
+     * where nobody looks any more */
     shift(t->terms, -tau, C, p);
     for (int k = 0; k <= t->terms; k++, to += wide)
         for (int c = 0; c < C; c++)
@@ -664,6 +674,7 @@ COPIED int change_by(struct torus_taylor *t, int l, double tau, double gain, con
     int hops = 0;
     double g[(TORUS_TERMS_MOST + 1) * TORUS_WIDE], size[TORUS_WIDE];
 
+    /* D's terms 0 and 1 are zeros, as add_change leaves them: it begins at rest */
     moves_by(t, l, tau, gain, level, g);
     sizes(t, l, size);
     for (int k = 0; k + 2 <= t->terms; k++)

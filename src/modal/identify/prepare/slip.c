@@ -39,10 +39,12 @@
 
 enum {
     ROWS_LEAST = 64,             /* turns that are searched first, and rows of more */
-    COLUMNS_MOST = 256,
+    COLUMNS_MOST = 256,          /* of F, which has fewer phases where there were more: a Q
+                                  * takes some milliseconds, whatever the record is */
     CHANNELS_MOST = 8,           /* the least noisy */
-    COARSE_PHASES = 8, COARSE_CHANNELS = 2,      /* of the grid */
-    HALVINGS = 7,
+    COARSE_PHASES = 8,           /* of the grid, which only tells apart minima: lines to 4 a turn */
+    COARSE_CHANNELS = 2,         /* likewise: where one has a node, the other has none */
+    HALVINGS = 7,                /* of a descent's step, to REACHED */
     ORDER_FEW = 8,               /* of more, lines may meet by chance at a period that is wrong, and
                                   * a search costs less than they did */
     HEIGHT = 3,                  /* of the rows: singular values of motion grow as the height, of
@@ -50,13 +52,16 @@ enum {
     NEWTON_STEPS = 6
 };
 static const double
-    GRID_ENDS = 2, STEP_ENDS = 0.1,      /* turns: a line at 2 a turn moves by a fifth of one */
-    GRID_BOW = 0.3, STEP_BOW = 0.06,     /* of speeds that change by 5 % in 48 turns, for one */
+    GRID_ENDS = 2,               /* turns, of the first 64: a period that is wrong by 3 % */
+    STEP_ENDS = 0.1,             /* turns: a line at 2 a turn moves by a fifth of one */
+    GRID_BOW = 0.3,              /* turns: of a speed that changes by 5 % in 48 of them */
+    STEP_BOW = 0.06,             /* turns: a line at 2 a turn moves by an eighth of one */
     NEAR = 0.05,                 /* turns: where Q must have risen all around a right period */
     RISEN = 1,                   /* so far: two deviations of (3) */
     QUIET = 1e-6,                /* of a channel's rms: squares of less are lost beside it */
     REACHED = NEAR / (1 << (HALVINGS - 1)),      /* turns: a descent's last step */
-    STEP_FIRST = 1e-3, STEP_LEAST = 1e-6,        /* turns: of differences; then one deviation */
+    STEP_FIRST = 1e-3,           /* turns: of differences, the first; then one deviation */
+    STEP_LEAST = 1e-6,           /* turns: of less, differences of Q are rounding */
     SURE = 3,                    /* standard deviations: less of a bow is none */
     STANDS = 1.5;                /* times edge^2: what is counted as a direction */
 

@@ -17,7 +17,7 @@
 struct slip {
     double ends, bow;           /* turns; 0: none */
     double std_ends, std_bow;
-    double gain;                /* of the logarithm of (2) of slip.c, over none; 0: none was found */
+    double gain;                /* of the logarithm of (2) of slip.c, over none; 0: none found */
     double turns;               /* N */
 };
 

@@ -41,8 +41,9 @@ static struct slip find(int order)
     return s;
 }
 
-/* Who slips a turn shows a multiplier for each of ten lines.  N is a turn less than the record has, (1) is of whole turns: what is found is what was made,
- * over N. Five standard errors of 12 numbers are none by chance. */
+/* Who slips a turn shows a multiplier for each of ten lines.  N is a turn less than the record has,
+ * (1) is of whole turns: what is found is what was made, over N.
+ * Five standard errors of 12 numbers are none by chance. */
 TEST(a_slip_is_found_within_its_errors)
 {
     const struct { double ends, bow; } made[] = {

@@ -21,8 +21,6 @@ enum {
 static const double
     GAIN = 0.75,                 /* 1.5 deviations of noise (slip.c, (3)): a second identification
                                   * decides */
-    MOST = 0.125,                /* of all turns: more is no period that somebody took for another,
-                                  * nor a speed that is steady but for a drift */
     LINE = 0.1;                  /* of the strongest: of 60 lines noise at 10 dB makes one of half
                                   * as much */
 
@@ -67,7 +65,7 @@ enum modal_status work_find_slip(const struct work *w, struct slip *slip, struct
     rc = work_channel_noise(w, noise, err);
     if (rc == MODAL_OK)
         rc = slip_find(&r, slip, err);
-    if (slip->gain < GAIN || fabs(slip->ends) + 4 * fabs(slip->bow) > MOST * slip->turns)
+    if (slip->gain < GAIN)
         *slip = (struct slip) { 0 };
     free(noise);
     return rc;

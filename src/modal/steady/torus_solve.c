@@ -199,6 +199,15 @@ static enum modal_status take_lines(struct torus_solver *s, double target,
     return rc;
 }
 
+/* Does a round with TAKE combinations more pass the budget, and leave nothing for a verdict, where
+ * the last one took TOOK? Of rows that are full the work is the cube of their number. */
+static bool is_too_dear(const struct torus_solver *s, double took, int take)
+{
+    double grows = 1 + (double)take / s->count;
+
+    return s->work->spent + took * grows * grows * grows > s->work->most;
+}
+
 /* Solve, estimate, grow, until the errors are small enough or no more is allowed.  What the
  * estimate of truncation missed in one round it is taken to miss in the next. */
 static enum modal_status solve_grown(struct torus_solver *s, struct torus_lines *lines,
@@ -218,7 +227,7 @@ static enum modal_status solve_grown(struct torus_solver *s, struct torus_lines 
     for (int round = 0; rc == MODAL_OK && !met && round < ROUNDS_MOST; round++) {
         struct torus_errors e = { 0 };
         double wanted, missed, went = 0;
-        double residual = s->residual, omega = s->tone.omega_kept;
+        double residual = s->residual, omega = s->tone.omega_kept, spent = s->work->spent;
         int count = 0, take;
         bool more_lines;
 
@@ -245,7 +254,7 @@ static enum modal_status solve_grown(struct torus_solver *s, struct torus_lines 
         take = out->truncation > HALF * wanted ? choose(s, list, count, LEFT * wanted / missed) : 0;
         more_lines = e.sampling > fmax(LEFT * wanted, BESIDE * out->truncation)
             && s->finer < TORUS_FINER_MOST && torus_grid_fits(s, 1, s->finer + 1);
-        if (take == 0 && !more_lines)
+        if ((take == 0 && !more_lines) || is_too_dear(s, s->work->spent - spent, take))
             break;
         s->finer += more_lines;
         rc = take_in(s, list, take, err);
@@ -256,7 +265,6 @@ static enum modal_status solve_grown(struct torus_solver *s, struct torus_lines 
     return rc;
 }
 
-/* The reported dofs' motion, loads and all, into OUT. */
 /* The motion of the reported dofs into OUT, which takes the set and the kept ones' motion too. */
 static enum modal_status report(struct torus_solver *s, struct torus_point *out,
                                 struct modal_error *err)

@@ -59,6 +59,10 @@ static const double
     NEAR = 0.05,                 /* turns: where Q must have risen all around a right period */
     RISEN = 1,                   /* so far: two deviations of (3) */
     QUIET = 1e-6,                /* of a channel's rms: squares of less are lost beside it */
+    MOST = 0.125,                /* of all turns: more is no period that somebody took for another,
+                                  * nor a speed that is steady but for a drift */
+    AWAY = 1,                    /* turns: minima of a line are as near as that, and what goes
+                                  * further is on its way out of the record */
     REACHED = NEAR / (1 << (HALVINGS - 1)),      /* turns: a descent's last step */
     STEP_FIRST = 1e-3,           /* turns: of differences, the first; then one deviation */
     STEP_LEAST = 1e-6,           /* turns: of less, differences of Q are rounding */
@@ -211,10 +215,10 @@ static int gram(struct scan *a, double ends, double bow, int height)
     return n > 0 ? n : 0;
 }
 
-/* (2) */
+/* (2), of slips up to MOST: of others fewer rows are within the record, which makes it less. */
 static double directions(struct scan *a, double ends, double bow)
 {
-    int n = gram(a, ends, bow, a->height);
+    int n = fabs(ends) + 4 * fabs(bow) > MOST * a->turns ? 0 : gram(a, ends, bow, a->height);
     double sum = 0;
 
     for (int j = 0; j < n; j++) {
@@ -267,10 +271,11 @@ static void scan_of(struct scan *a, double turns)
     a->height = a->rows / HEIGHT + 1;
 }
 
-/* From *ends, *bow to where no step of a thousandth of a turn makes less of (2). */
+/* From *ends, *bow to where no step of a thousandth of a turn makes less of (2), within AWAY. */
 static double descend(struct scan *a, double *ends, double *bow)
 {
-    double step[] = { NEAR, NEAR / 2 }, best = directions(a, *ends, *bow);
+    double step[] = { NEAR, NEAR / 2 }, begin[] = { *ends, *bow };
+    double best = directions(a, *ends, *bow);
 
     for (int i = 0; i < HALVINGS; i++, step[0] /= 2, step[1] /= 2)
         for (bool moved = true; moved;) {
@@ -278,7 +283,9 @@ static double descend(struct scan *a, double *ends, double *bow)
             for (int way = 0; way < 4; way++) {
                 double e = *ends + (way == 0) * step[0] - (way == 1) * step[0];
                 double b = *bow + (way == 2) * step[1] - (way == 3) * step[1];
-                double q = directions(a, e, b);
+                double q = fabs(e - begin[0]) > AWAY || fabs(b - begin[1]) > AWAY
+                               ? HUGE_VAL
+                               : directions(a, e, b);
                 if (q < best)
                     best = q, *ends = e, *bow = b, moved = true;
             }

@@ -54,6 +54,21 @@ def test_a_speed_that_changes_is_told_and_makes_no_motion_grow(share, monkeypatc
         check_modes(document, turn[-1] / t[-1])
 
 
+@pytest.mark.parametrize("held", [False, True])
+def test_a_speed_that_changes_is_told_beside_a_spike_and_samples_that_are_held(held, monkeypatch):
+    """What slips is not taken for wild samples: these had 8 or 9 multipliers for two."""
+    rng = np.random.default_rng(1416)
+    t = np.arange(60 * 32) / 32
+    for _ in range(3):
+        y = motion(rng, t * (1 + 0.004 * t / 60), 45)
+        y[rng.integers(100, 1800), 0] += 8 * y.std()
+        if held:
+            y[-8:] = y[-8]
+        document, codes = answer(y, 32, monkeypatch)
+        assert codes == {"period_drifts", "wild_samples"}
+        assert len(document["modes"]) == 2 and document["stability"]["stable"] is True
+
+
 @pytest.mark.parametrize("each", [20, 20.37])
 @pytest.mark.parametrize("wrong", [0.002, -0.02])
 def test_a_period_that_is_not_the_records_is_told_and_the_records_is_taken(wrong, each,

@@ -530,9 +530,9 @@ static enum modal_status identify_free(const struct batch *batch,
         || (rc = analyse_above_grid(&w, batch, out, err)) != MODAL_OK
         || (rc = analyse_again(&w, out, err)) != MODAL_OK
         || (rc = analyse_before_growth(&w, out, err)) != MODAL_OK
+        || (found != NULL && (rc = work_find_slip(&w, found, err)) != MODAL_OK)
         || (rc = analyse_with_steps(&w, out, err)) != MODAL_OK
         || (rc = analyse_without_wild(&w, out, err)) != MODAL_OK
-        || (found != NULL && (rc = work_find_slip(&w, found, err)) != MODAL_OK)
         || (rc = work_keep_chosen(&w, &out->chosen, err)) != MODAL_OK
         || (rc = work_take_poles(&w, err)) != MODAL_OK
         || (rc = work_widen(&w, batch, out, err)) != MODAL_OK)

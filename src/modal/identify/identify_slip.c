@@ -38,7 +38,8 @@ enum modal_status work_even_out(struct work *w, struct modal_error *err)
 }
 
 /* Is the record one whose turns can be asked for, and its answer one of so many multipliers that
- * fewer may do? Faults are told by samples at their places. */
+ * fewer may do? Before wild samples and steps are looked for: what a slip leaves looks like them,
+ * and by its own turns the record is asked for them again. */
 static bool may_slip(const struct work *w)
 {
     return w->rec.period > 0 && !w->rec.wide && w->blocks == NULL && w->refine

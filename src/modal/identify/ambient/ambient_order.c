@@ -48,6 +48,8 @@ static const double
     GAIN_LAST = 1e-2,            /* a seventh of one standard error, all unknowns together */
     WORK_MOST = 6e9,             /* of all fits but the answer's, as whittle.h counts it: ten
                                     seconds */
+    WORK_SETTLING = 2.4e10,      /* of the answer's: four times as much, as fewer fits take more
+                                    steps and the errors */
     PATIENCE = 8;                /* prices: what a fit may make up for where a pair leaves */
 
 double ambient_price(int channels, int lines)
@@ -72,7 +74,8 @@ struct search {
     struct subspace from;
     struct whittle *trial;
     double price, work;
-    int settling;                /* steps left of all that settle() may take */
+    int settling;                /* steps left of all that settle() may take, */
+    double settling_work;        /* and work */
     int order;                   /* the ladder's best */
 };
 
@@ -204,10 +207,9 @@ static enum modal_status climb_on(struct search *w, struct ambient_search *a,
 static enum modal_status settle(struct search *w, struct whittle *m, struct bins *bins,
                                 struct modal_error *err)
 {
-    double work = HUGE_VAL;
     struct whittle_limits limits = { GAIN_LAST, -HUGE_VAL,
                                      w->settling < STEPS_MOST ? w->settling : STEPS_MOST,
-                                     CORRECTIONS, true, &work, w->limits->cancelled,
+                                     CORRECTIONS, true, &w->settling_work, w->limits->cancelled,
                                      w->limits->context };
     enum modal_status rc = bins_for(w, m, m, bins, err);
 
@@ -362,7 +364,7 @@ enum modal_status ambient_search(const struct spectrum *s, const struct ambient_
 {
     struct search w = { .s = s, .limits = limits, .trial = malloc(sizeof *w.trial),
                         .price = ambient_price(s->channels, s->lines), .work = WORK_MOST,
-                        .settling = SETTLING_MOST };
+                        .settling = SETTLING_MOST, .settling_work = WORK_SETTLING };
     enum modal_status rc;
 
     memset(out, 0, sizeof *out);
@@ -370,7 +372,8 @@ enum modal_status ambient_search(const struct spectrum *s, const struct ambient_
     rc = w.trial != NULL && out->model != NULL
              ? run(&w, out, err)
              : modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for a model of spectra");
-    out->limit = w.work <= 0 || w.settling <= 0 || w.order / 2 >= limits->most;
+    out->limit = w.work <= 0 || w.settling <= 0 || w.settling_work <= 0
+        || w.order / 2 >= limits->most;
     subspace_done(&w.from);
     free(w.trial);
     return rc;

@@ -2,10 +2,13 @@
  * long gaps are sealed */
 /* Tests as well: queue.c sums.c fair_queue.c */
 #include "check.h"
-#include <fcntl.h>
+#include <dirent.h>
+#include <errno.h>
 #include <poll.h>
+#include <signal.h>
 #include <stdlib.h>
 #include <sys/stat.h>
+#include <sys/syscall.h>
 #include <unistd.h>
 #include "broker/shell/queue.h"
 #include "base/crc32c.h"
@@ -208,36 +211,80 @@ static void put_question(int64_t id, uint64_t turn)
     spool_threads_put(threads, task);
 }
 
-/* The one thread opens a pipe that nobody writes, as the input of a job, until all have put up
- * theirs: then it is known in which order they are done. */
+static int gate[2], reached[2];
+
+/* A signal's: whoever gets it waits until the gate is opened. */
+static void wait_at_gate(int number)
+{
+    char c = 0;
+
+    (void)number;
+    while (write(reached[1], &c, 1) < 0 && errno == EINTR)
+        ;
+    while (read(gate[0], &c, 1) < 0 && errno == EINTR)
+        ;
+}
+
+/* The threads of this process into TID, TIDS_MOST at most: their number. */
+enum { TIDS_MOST = 256 };
+static int threads_now(int tid[TIDS_MOST])
+{
+    DIR *folder = opendir("/proc/self/task");
+    struct dirent *entry;
+    int count = 0;
+
+    CHECK(folder != NULL);
+    while ((entry = readdir(folder)) != NULL && count < TIDS_MOST)
+        if (entry->d_name[0] != '.')
+            tid[count++] = atoi(entry->d_name);
+    closedir(folder);
+    return count;
+}
+
+/* start(), and its threads stand at the gate: how many. */
+static int start_at_gate(void)
+{
+    struct sigaction action = { .sa_handler = wait_at_gate };
+    int before[TIDS_MOST], now[TIDS_MOST], had = threads_now(before), has, stopped = 0;
+    char c;
+
+    CHECK(pipe(gate) == 0 && pipe(reached) == 0 && sigaction(SIGUSR2, &action, NULL) == 0);
+    start();
+    has = threads_now(now);
+    for (int i = 0; i < has; i++) {
+        bool known = false;
+        for (int k = 0; k < had; k++)
+            known |= before[k] == now[i];
+        if (!known) {
+            CHECK(syscall(SYS_tgkill, getpid(), now[i], SIGUSR2) == 0);
+            CHECK(read(reached[0], &c, 1) == 1);
+            stopped++;
+        }
+    }
+    CHECK(stopped > 0);
+    return stopped;
+}
+
+/* Threads stand still until all have put up theirs: then it is known in which order the one that
+ * is not the seals' takes them. */
 TEST(the_first_task_of_a_user_waits_for_one_of_each_other_user_however_many_those_have)
 {
     enum { MANY = 500, OTHER = 9000 };
-    struct task *pipe_task = calloc(1, sizeof *pipe_task);
-    int64_t ids[2 * MANY + 2];
-    char path[4200];
-    int pipe_fd, place = 0;
+    int64_t ids[2 * MANY + 1];
+    int place = 0, threads_stopped = start_at_gate();
 
-    start();
-    spool_path(path, dir, 1);
-    CHECK(mkfifo(path, 0600) == 0);
-    pipe_task->type = TASK_OPEN_INPUT;
-    pipe_task->id = 1;
-    pipe_task->fair.turn = 1;
-    spool_threads_put(threads, pipe_task);
     for (int i = 0; i < MANY; i++) {
         put_question(100 + i, 1);
         put_question(100 + MANY + i, 2);
     }
     put_question(OTHER, 3);
-    pipe_fd = open(path, O_WRONLY);
-    CHECK(pipe_fd >= 0);
-    take(2 * MANY + 2, ids);
-    close(pipe_fd);
+    for (int i = 0; i < threads_stopped; i++)
+        CHECK(write(gate[1], "", 1) == 1);
+    take(2 * MANY + 1, ids);
     while (ids[place] != OTHER)
         place++;
-    CHECK(place <= 3);            /* behind the pipe, one of 1 and one of 2 at most */
-    for (int last = -1, i = 0; i < 2 * MANY + 2; i++)
+    CHECK(place <= 2);            /* behind one of 1 and one of 2 at most */
+    for (int last = -1, i = 0; i < 2 * MANY + 1; i++)
         if (ids[i] >= 100 && ids[i] < 100 + MANY) {
             CHECK(ids[i] > last);                  /* of one user in their order */
             last = (int)ids[i];

@@ -177,7 +177,7 @@ static enum modal_status weigh_by_digits(struct work *w, const struct batch *b,
     size_t first = (size_t)llround(w->rec.t0 / b->dt);
     struct digits_record r = { b->signals + first * b->channels,
                                b->channels,
-                               w->rec.Y.m * w->rec.decimation,
+                               work_rows_sent(w, b),
                                w->rec.channels,
                                b->dt,
                                w->rec.channel,

@@ -229,6 +229,15 @@ enum modal_status work_weigh_channels(struct work *w, bool *again, struct modal_
 
 /* ---- samples on a grid ---- */
 
+/* A record that was evened out may have more rows than were sent. */
+int work_rows_sent(const struct work *w, const struct batch *b)
+{
+    int rows = w->rec.Y.m * w->rec.decimation;
+    size_t most = b->samples - (size_t)llround(w->rec.t0 / b->dt);
+
+    return (size_t)rows < most ? rows : (int)most;
+}
+
 /* GRID_FIRST samples of each channel, spread over ROWS from row FIRST on, one channel after the
  * other.  Pages of a mapped file are given back one by one, or all of it would be in memory. */
 static void read_some(const struct work *w, const struct batch *b, size_t first, int rows,
@@ -248,7 +257,7 @@ enum modal_status work_find_grids(struct work *w, const struct batch *b, bool *a
                                   struct modal_error *err)
 {
     size_t first = (size_t)llround(w->rec.t0 / b->dt);
-    int rows = w->rec.Y.m * w->rec.decimation;
+    int rows = work_rows_sent(w, b);
     double *some = malloc(sizeof *some * GRID_FIRST * ((size_t)w->rec.channels + 1));
     enum modal_status rc = MODAL_OK;
 

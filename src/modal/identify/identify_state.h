@@ -110,6 +110,8 @@ bool work_may_weigh(const struct work *w);
 bool work_worth_weighing(const struct work *w);
 /* Weigh the channels by what the chosen poles leave in them; *again: they are weighed anew. */
 enum modal_status work_weigh_channels(struct work *w, bool *again, struct modal_error *err);
+/* Rows of B that the record is of, from its first on. */
+int work_rows_sent(const struct work *w, const struct batch *b);
 /* The grid of each channel, as it was sent.  *any: there is one. */
 enum modal_status work_find_grids(struct work *w, const struct batch *b, bool *any,
                                   struct modal_error *err);

@@ -9,6 +9,7 @@
  */
 #include "modal/identify/ask/diagnose.h"
 #include "modal/identify/identify_state.h"
+#include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include "modal/identify/prepare/turns.h"
@@ -93,6 +94,21 @@ static bool has_lines(const struct identify_result *r)
     return has;
 }
 
+/* Does SECOND, of fewer real numbers, leave no more than BIC lets these be worth?  Each sample has
+ * the logarithm of what is left of it; each number its exponent and, at every phase of every
+ * channel, an amplitude.  What FIRST explains to rounding slips nowhere. */
+static bool is_likelier(const struct identify_result *first, const struct identify_result *second)
+{
+    double rows = first->samples, phases = first->period / first->dt, left = 0;
+    double numbers = (order_of(first) - order_of(second)) * (1 + phases * first->channel_count);
+
+    for (int c = 0; c < first->channel_count; c++)
+        if (isfinite(first->relative_error[c]) && isfinite(second->relative_error[c]))
+            left += 2 * rows * log(fmax(second->relative_error[c], DBL_EPSILON)
+                                   / fmax(first->relative_error[c], DBL_EPSILON));
+    return left <= numbers * log(rows * first->channel_count);
+}
+
 bool work_slips(const struct slip *slip, const struct identify_result *first,
                 struct identify_result *second)
 {
@@ -100,7 +116,8 @@ bool work_slips(const struct slip *slip, const struct identify_result *first,
     int fewer = fabs(slip->ends) < 1 ? FEWER : FEWER_FAR;
     double given = first->period, std = given * slip->std_ends / slip->turns;
 
-    if (!has_lines(second) || order_of(second) > order_of(first) - fewer)
+    if (!has_lines(second) || order_of(second) > order_of(first) - fewer
+        || !is_likelier(first, second))
         return false;
     if (slip->bow == 0)
         identify_diagnose(second, "wrong_period", -1, "the period of the record is %.9g s, give or "

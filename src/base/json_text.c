@@ -121,6 +121,20 @@ void json_text_quoted(struct json_text *t, const char *s)
     json_text_bytes(t, "\"", 1);
 }
 
+/* A key stands as it is where JSON lets it: no escape is read in one, so that duplicates cannot
+ * hide. */
+static void put_name(struct json_text *t, const char *key)
+{
+    size_t n = 0;
+
+    while ((unsigned char)key[n] >= 0x20 && key[n] != '"' && key[n] != '\\')
+        n++;
+    if (key[n] == '\0' && utf8_valid(key))
+        put_quoted(t, key, n);
+    else
+        json_text_quoted(t, key);
+}
+
 /* The digits of a whole number below 1e15, as %g would write them. */
 static void put_whole(struct json_text *t, int64_t x)
 {
@@ -187,7 +201,7 @@ static void put_value(struct json_text *t, const cJSON *v)
             if (child != v->child)
                 json_text_bytes(t, ",", 1);
             if (cJSON_IsObject(v)) {
-                json_text_quoted(t, child->string);
+                put_name(t, child->string);
                 json_text_bytes(t, ":", 1);
             }
             put_value(t, child);

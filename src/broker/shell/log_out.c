@@ -26,6 +26,7 @@ static struct {
     char text[KEPT_MOST];
     size_t length;
     unsigned long dropped;
+    bool refused;                /* the last that was written: its place is full, or nobody's */
 } kept;
 
 void log_out_begin(void)
@@ -57,7 +58,8 @@ void log_out_put(const char *stamp, const char *text)
 {
     const size_t before = strlen(stamp), length = strlen(text);
 
-    if (kept.dropped > 0 || before + length + 1 > sizeof kept.text - kept.length) {
+    if ((kept.dropped > 0 && !kept.refused)
+        || before + length + 1 > sizeof kept.text - kept.length) {
         kept.dropped++;
         return;
     }
@@ -73,7 +75,7 @@ static ssize_t put(const char *text, size_t length)
     return put < 0 && errno == ENOTSOCK ? write(STDERR_FILENO, text, length) : put;
 }
 
-/* Nobody will read them. */
+/* They cannot be written, as the next may be. */
 static void drop_all(void)
 {
     for (size_t i = 0; i < kept.length; i++)
@@ -86,12 +88,15 @@ static void write_kept(void)
     size_t done = 0;
     ssize_t n = 0;
 
+    if (kept.length == 0)
+        return;
     while (done < kept.length && ((n = put(kept.text + done, kept.length - done)) > 0
                                   || (n < 0 && errno == EINTR)))
         done += n > 0 ? (size_t)n : 0;
     memmove(kept.text, kept.text + done, kept.length - done);
     kept.length -= done;
-    if (kept.length > 0 && n < 0 && errno != EAGAIN)
+    kept.refused = kept.length > 0 && n < 0 && errno != EAGAIN;
+    if (kept.refused)
         drop_all();
 }
 
@@ -100,7 +105,7 @@ unsigned long log_out_flush(void)
     unsigned long dropped;
 
     write_kept();
-    if (kept.length > 0)
+    if (kept.length > 0 || kept.refused)
         return 0;
     dropped = kept.dropped;
     kept.dropped = 0;

@@ -10,8 +10,8 @@ void log_out_begin(void);
  * reader leave no room it is dropped, and all after it until that is told. */
 void log_out_put(const char *stamp, const char *text);
 
-/* Write what stderr takes.  How many lines were dropped, once all before them are written: to be
- * told in the next, and counted anew from here. */
+/* Write what stderr takes; what it refuses, as on a full disk, is dropped too.  How many lines were
+ * dropped, once one behind them is written: to be told in the next, and counted anew from here. */
 unsigned long log_out_flush(void);
 
 /* Whether lines wait for stderr to take them. */

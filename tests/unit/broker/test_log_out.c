@@ -67,6 +67,28 @@ TEST(each_line_is_read_or_counted_whole_and_in_order)
     stop();
 }
 
+/* On the code of before each line that told of dropped ones was itself dropped, and told, for ever.
+ */
+TEST(what_a_full_disk_refuses_is_counted_and_told_with_the_first_that_it_takes)
+{
+    int pipe_end, full;
+
+    start();
+    pipe_end = dup(STDERR_FILENO);
+    full = open("/dev/full", O_WRONLY | O_CLOEXEC);
+    CHECK(full >= 0 && dup2(full, STDERR_FILENO) == STDERR_FILENO);
+    close(full);
+    for (int i = 0; i < 10; i++) {
+        log_out_put("", "refused");
+        CHECK(log_out_flush() == 0 && log_out_flush() == 0);
+    }
+    dup2(pipe_end, STDERR_FILENO);
+    close(pipe_end);
+    log_out_put("", "taken");
+    CHECK(log_out_flush() == 10 && lines() == 1);
+    stop();
+}
+
 TEST(a_pipe_whose_reader_is_gone_is_not_waited_for)
 {
     start();

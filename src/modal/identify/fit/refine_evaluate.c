@@ -372,12 +372,13 @@ static enum modal_status turn_panel(struct work *w, int c0, int *n, bool *turned
                                     struct modal_error *err)
 {
     int k = w->most_columns;
-    struct matrix A = { *n, k, *n, w->turned }, T = { k, k, k, w->turned + (size_t)*n * (size_t)k };
+    struct matrix A = { *n, k, *n, w->turned }, T = { k, k, k, NULL };
     enum modal_status rc;
 
     *turned = turn_pays(w, *n);
     if (!*turned)
         return MODAL_OK;
+    T.x = A.x + (size_t)*n * (size_t)k;
     for (int c = 0; c < *n; c++)
         for (int l = 0; l < k; l++)
             A.x[c + (size_t)l * (size_t)*n] = w->weight[(c0 + c) / w->phases] * w->Z[l + c * k];

@@ -92,9 +92,8 @@ static bool costs_too_much(const struct monodromy *m)
            > m->budget->most;
 }
 
-/* How far N multipliers NOW are from those BEFORE a doubling, each from the nearest: many of one
- * modulus, as where damping is in proportion to mass, have no order. */
-static double change(const double complex *now, const double complex *before, int n)
+/* How far the N multipliers A are from those of B at most, each from the nearest. */
+static double farthest(const double complex *a, const double complex *b, int n)
 {
     double most = 0;
 
@@ -102,10 +101,17 @@ static double change(const double complex *now, const double complex *before, in
         double nearest = HUGE_VAL;
 
         for (int k = 0; k < n; k++)
-            nearest = fmin(nearest, cabs(now[i] - before[k]));
+            nearest = fmin(nearest, cabs(a[i] - b[k]));
         most = fmax(most, nearest);
     }
     return most;
+}
+
+/* How far N multipliers NOW are from those BEFORE a doubling: many of one modulus, as where damping
+ * is in proportion to mass, have no order.  Both ways, or one that is lost would be none. */
+static double change(const double complex *now, const double complex *before, int n)
+{
+    return fmax(farthest(now, before, n), farthest(before, now, n));
 }
 
 /* Steps doubled until the multipliers settle, to SETTLED or the rounding of as many products.  A

@@ -48,8 +48,8 @@ static const double
     GAIN_LAST = 1e-2,            /* a seventh of one standard error, all unknowns together */
     WORK_MOST = 6e9,             /* of all fits but the answer's, as whittle.h counts it: ten
                                     seconds */
-    WORK_SETTLING = 2.4e10,      /* of the answer's: four times as much, as fewer fits take more
-                                    steps and the errors */
+    WORK_SETTLING = 2.4e10,      /* of the answer's: three times the steps of a trial, and one more
+                                    such for what leaves */
     PATIENCE = 8;                /* prices: what a fit may make up for where a pair leaves */
 
 double ambient_price(int channels, int lines)

@@ -11,10 +11,11 @@ scipy.sparse matrices are taken wherever numbers are.  Every failure is a `modal
 protocol's stable code.
 """
 from . import scene
-from .client import Batch, Client, Event, connect
+from .client import Client, Event, connect
 from .daemon import local
 from .estimator import Identify
 from .files import read
+from .inputs import Batch
 from .jobs import Job, as_completed
 from .link import Error
 from .results import Result

@@ -1,4 +1,4 @@
-"""A connection to modald: every verb of proto/PROTOCOL.md.
+"""A connection to modald: every verb of proto/PROTOCOL.md, and jobs from input to result.
 
 It reconnects by itself and never waits longer than it is told.
 """
@@ -8,168 +8,23 @@ import math
 import os
 import secrets
 import time
-import weakref
 from dataclasses import dataclass, field
-from typing import Any, Callable, Iterable, Iterator, Mapping, Sequence, Union
+from typing import Any, Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
 from . import wire
-from .jobs import ENDED, Job, Watch
-from .link import Error, Link, LOST_PATIENCE, Talk
+from .inputs import as_array, as_sent, Batch, Document, Input, same_step, Scene, scene_text
+from .jobs import Job
+from .link import Error, Talk
 from .progress import shown
 from .results import Result
+from .session import document_of, ENDED, Progress, Session
 
-Document = dict[str, Any]
-Progress = Callable[[str, float], None]
 SHARES_MOST = 64            # of a sweep: as many workers may have one each
 TOGETHER_MOST = 64          # submissions in one message
-ASK_AGAIN = 5.0             # s without an answer to a wait beyond what it asked for
 CHUNK_PATIENCE = 10.0       # s without an answer while chunks are under way: begin again
-
-
-def _seconds(value: Any, field: str) -> float:
-    try:
-        return float(value)
-    except (TypeError, ValueError) as why:
-        raise Error("bad_input", f"{field} is {value!r}; accepted: a positive number of seconds",
-                    field) from why
-
-
-def _array(value: Any) -> npt.NDArray[Any]:
-    try:
-        return np.asarray(value)
-    except (TypeError, ValueError) as why:
-        raise Error("bad_input", f"signals are not numbers of one shape: {why}",
-                    "signals") from why
-
-
-def _text(scene: Any) -> bytes:
-    try:
-        return wire.scene_bytes(scene)
-    except (TypeError, ValueError) as why:
-        raise Error("bad_input", f"the scene is no JSON: {why}", "scene") from why
-
-
-def _document(body: Sequence[bytes]) -> Any:
-    """What an answer's body says, which is JSON."""
-    try:
-        return wire.loads(body[0])
-    except (IndexError, ValueError) as why:
-        raise Error("bad_frame", f"the daemon's answer has no document: {why}") from why
-
-
-def _plain(value: Any) -> Any:
-    """An attribute of HDF5 as JSON has it: numbers, text (there bytes of a fixed length), lists."""
-    value = value.tolist() if hasattr(value, "tolist") else value
-    if isinstance(value, bytes):
-        return value.decode("utf-8", "replace")
-    return [_plain(v) for v in value] if isinstance(value, list) else value
-
-
-def _one(value: Any) -> Any:
-    return value[0] if isinstance(value, list) and len(value) == 1 else value
-
-
-def _same_step(given: float | None, own: float, whose: str) -> float:
-    """The step that a file or batch has; one given beside it must be the same, to 1e-9 of it."""
-    if given is not None and not abs(_seconds(given, "dt") - own) <= 1e-9 * own:
-        why = f"dt is {given!r} s, but {whose} says {own!r} s; accepted: that, or no dt"
-        raise Error("bad_input", why, "dt")
-    return own
-
-
-@dataclass
-class Batch:
-    """Signals at equal steps: `signals` float64, shape (samples, channels), `dt` [s] between
-    samples, `period` [s] of a periodic system, `names` of the channels, their `units`, and whatever
-    else a file says in `attributes`.
-    """
-
-    signals: npt.NDArray[np.float64]
-    dt: float
-    period: float | None = None
-    names: Sequence[str] | None = None
-    units: str | None = None
-    attributes: Document | None = None
-
-    def __post_init__(self) -> None:
-        if getattr(self.signals, "dtype", None) is not None and np.iscomplexobj(self.signals):
-            raise Error("bad_input", "signals are complex; accepted: real numbers, real and "
-                        "imaginary parts as two channels", "signals")
-        try:
-            signals = np.asarray(self.signals, dtype="<f8")
-        except (TypeError, ValueError) as why:
-            raise Error("bad_input", f"signals are not numbers of one shape: {why}",
-                        "signals") from why
-        self.dt = _seconds(self.dt, "dt")
-        self.period = None if self.period is None else _seconds(self.period, "period")
-        self.signals = np.ascontiguousarray(signals[:, None] if signals.ndim == 1 else signals)
-        if self.signals.ndim != 2:
-            raise Error("bad_input", "signals must have one or two dimensions", "signals")
-
-    @classmethod
-    def read(cls, path: str | os.PathLike[str], dt: float | None = None) -> "Batch":
-        """A batch of the usual layout from an HDF5 file (needs h5py); `modald.read` reads others.
-
-        `dt` [s] where the file does not say, never against it.
-        """
-        try:
-            import h5py
-        except ImportError as why:
-            raise Error("bad_input", "reading files needs h5py (Debian package python3-h5py)",
-                        "file") from why
-        try:
-            file = h5py.File(path)
-        except OSError as why:
-            raise Error("bad_input", f"{path}: {why}", "file") from why
-        with file:
-            if not isinstance(file.get("signals"), h5py.Dataset):
-                raise Error("bad_input", f"{path}: no dataset signals", "signals")
-            data = file["signals"]
-            found = {key: _plain(value) for key, value in {**file.attrs, **data.attrs}.items()}
-            if "dt" not in found and dt is None:
-                raise Error("bad_input", f"{path}: no attribute dt on signals or the root; give dt",
-                            "dt")
-            step = _same_step(dt, _seconds(_one(found["dt"]), "dt"), f"{path}: its attribute dt"
-                              ) if "dt" in found else _seconds(dt, "dt")
-            names = found.pop("channels", None)
-            units = found.pop("units", None)
-            rest = {key: value for key, value in found.items() if key not in ("dt", "period")}
-            return cls(data[...], step, _one(found["period"]) if "period" in found else None,
-                       [str(n) for n in names] if names is not None else None,
-                       str(units) if units is not None else None, rest or None)
-
-    def description(self) -> Document:
-        """As UPLOAD and SUBMIT describe it."""
-        samples, channels = self.signals.shape
-        out: Document = {"content": "batch", "samples": samples, "channels": channels,
-                         "dt": self.dt}
-        if self.period:
-            out["period"] = self.period
-        if self.names is not None:
-            out["names"] = list(self.names)
-        if self.units:
-            out["units"] = self.units
-        if self.attributes:
-            out["attributes"] = self.attributes
-        return out
-
-    def bytes(self) -> memoryview:
-        """The samples as they are sent: float64, little-endian, sample by sample."""
-        flat = memoryview(self.signals.reshape(-1).data)
-        return flat.cast("B") if self.signals.size else memoryview(b"")
-
-    def sha256(self) -> str:
-        """Its identity, 64 hexadecimal digits."""
-        samples, channels = self.signals.shape
-        return wire.batch_identity(self.bytes(), samples, channels, self.dt, self.period or 0.0,
-                                   self.units or "", self.names)
-
-
-Scene = Mapping[str, Any]
-Input = Union[Batch, Scene, str]        # a str: "stream:NAME", the latest record of a stream
 
 
 @dataclass
@@ -193,104 +48,26 @@ def options_of(given: Mapping[str, Any]) -> Document | None:
     return {name.replace("_", "."): value for name, value in given.items()} or None
 
 
-def default_endpoint() -> str:
-    """$MODALD_URL, else that of /run/modald, else of $XDG_RUNTIME_DIR."""
-    url, runtime = os.environ.get("MODALD_URL"), os.environ.get("XDG_RUNTIME_DIR")
-    if url:
-        return url
-    if runtime and not os.path.exists("/run/modald/modald.ipc"):
-        return f"ipc://{runtime}/modald/modald.ipc"
-    return "ipc:///run/modald/modald.ipc"
-
 # what else a submission may say
 LIMITS = ("key", "priority", "run_limit", "deadline", "not_before", "max_attempts", "fresh")
 
 
-class Client:
+class Client(Session):
     """A connection, for any number of threads: one of its own speaks with the daemon.
 
     Who asks waits for his answer alone.  `timeout` [s] bounds every call that is not given its own;
     None: no bound but a lost daemon's 30 s.  After `close` every call, also one that waits in
     another thread, is an Error.  A client is not taken over a fork: the child makes its own."""
 
-    def __init__(self, endpoint: str | None = None, keyfile: str | None = None,
-                 timeout: float | None = 60.0):
-        """As `connect`; the first question finds out whether somebody is there."""
-        self.endpoint = endpoint or default_endpoint()
-        self.keyfile = keyfile or os.environ.get("MODALD_KEYFILE") or None
-        self.timeout = timeout
-        self._link = Link(self.endpoint, self.keyfile)
-        self._jobs = Watch(self._link)
-        self._end = weakref.finalize(self, self._link.close)
-
     def __enter__(self) -> "Client":
         """Itself; `with` closes it."""
         return self
-
-    def __exit__(self, *_: object) -> None:
-        """Close it."""
-        self.close()
 
     def __reduce__(self) -> tuple[Any, ...]:
         """A pickled client is one of the same endpoint and key file, where it is unpickled."""
         return Client, (self.endpoint, self.keyfile, self.timeout)
 
-    def _watch(self, job: Job) -> None:
-        self._jobs.add(job)
-
-    def close(self) -> None:
-        """End the connection; calls that still wait in other threads are told so."""
-        self._end()
-
-    # -- messages ---------------------------------------------------------------------------------
-
-    def _deadline(self, timeout: float | None) -> float:
-        timeout = self.timeout if timeout is None else timeout
-        return float("inf") if timeout is None else time.monotonic() + timeout
-
-    def ask(self, verb: str, header: Document | None = None,
-            body: Sequence[bytes | memoryview] = (), timeout: float | None = None,
-            once: bool = False, patience: float = ASK_AGAIN) -> tuple[Document, list[bytes]]:
-        """Ask and wait for the answer; asked again over a new connection, unless `once`."""
-        deadline = self._deadline(timeout)
-        with Talk(self._link) as talk:
-            while True:
-                talk.send(verb, header or {}, body)
-                again = float("inf") if once else time.monotonic() + patience
-                while True:
-                    try:
-                        message = talk.receive(min(deadline, again), f"no answer to {verb} in time")
-                    except Error as why:
-                        if why.code != "timeout" or time.monotonic() >= deadline:
-                            raise
-                        break
-                    if message is None:
-                        self._link.check()
-                        if once:
-                            raise Error("no_server", "the connection was lost before the answer; "
-                                        "the job may have been accepted or not")
-                        break
-                    return self._answer(message)
-
-    @staticmethod
-    def _answer(message: tuple[str, Document, list[bytes]]) -> tuple[Document, list[bytes]]:
-        kind, answer, parts = message
-        if kind == "ERROR":
-            raise Error.of(answer["error"])
-        return {key: value for key, value in answer.items() if key not in ("id", "verb")}, parts
-
     # -- inputs -----------------------------------------------------------------------------------
-
-    @staticmethod
-    def _input(value: Input) -> tuple[Document, memoryview, str]:
-        """Description, bytes and identity."""
-        if isinstance(value, Batch):
-            return value.description(), value.bytes(), value.sha256()
-        if not isinstance(value, Mapping):
-            raise Error("bad_input", f"a {type(value).__name__} is no input; accepted: a Batch, or "
-                        "a scene as a dictionary", "input")
-        text = _text(value)
-        return {"content": "scene"}, memoryview(text), wire.scene_identity(text)
 
     def _sealed(self, word: str) -> str:
         """What the daemon calls the latest record of "stream:NAME"."""
@@ -316,7 +93,7 @@ class Client:
     def _bring(self, value: Input, timeout: float | None = None,
                progress: Progress | None = None) -> tuple[str, str]:
         """Its upload, which tells it from inputs of other attributes, and its identity."""
-        description, data, sha256 = self._input(value)
+        description, data, sha256 = as_sent(value)
         if description["content"] == "scene":
             description.update(wire.scene_lengths(data))
         deadline = self._deadline(timeout)
@@ -394,7 +171,7 @@ class Client:
             return {**header, "input": {"sha256": sha256}}, []
         if value is None:
             raise Error("bad_input", "a job needs an input", "input")
-        description, data, _ = self._input(value)
+        description, data, _ = as_sent(value)
         if len(data) > wire.INLINE_MOST:
             return {**header, "input": {"upload": self._bring(value, timeout)[0]}}, []
         return {**header, "input": description}, [data]
@@ -434,7 +211,7 @@ class Client:
                     waiting.extend(parts)
                     continue
                 several = kind == "REPLY" and len(parts) > 1
-                answers = _document(bodies)["jobs"] if several else [answer] * len(parts)
+                answers = document_of(bodies)["jobs"] if several else [answer] * len(parts)
                 waiting.extend(self._take(parts, answers, out))
         return [job for job in out if job is not None]
 
@@ -481,63 +258,6 @@ class Client:
         time.sleep(pause)
         return again
 
-    def status(self, job: str) -> Document:
-        """The queue document of a job, an id or "key:K"."""
-        return self.ask("STATUS", {"job": job})[0]
-
-    def cancel(self, job: str) -> Document:
-        """End a job, queued or running; its document."""
-        return self.ask("CANCEL", {"job": job})[0]
-
-    def retry(self, job: str) -> Document:
-        """A dead job once more; its document."""
-        return self.ask("RETRY", {"job": job})[0]
-
-    def delete(self, job: str) -> Document:
-        """Forget an ended job and its result."""
-        return self.ask("DELETE", {"job": job})[0]
-
-    def wait(self, job: str, timeout: float | None = None,
-             progress: Progress | None = None) -> Document:
-        """The document of the ended job; `timeout` raises Error with the code "timeout"."""
-        deadline = float("inf") if timeout is None else time.monotonic() + timeout
-        while True:
-            part = max(0.0, min(0.5 if progress else 20.0, deadline - time.monotonic()))
-            document, _ = self.ask("WAIT", {"job": job, "timeout_s": part},
-                                   timeout=part + LOST_PATIENCE, patience=part + ASK_AGAIN)
-            if document["state"] in ENDED:
-                return document
-            if progress:
-                done = (document.get("progress") or {}).get("fraction", 0.0)
-                progress(document["state"], float(done))
-            if time.monotonic() >= deadline:
-                raise Error("timeout", f"job {job} is {document['state']}; not finished in time",
-                            detail=document)
-
-    def _fetch(self, job: str, part: str) -> tuple[bytes, Document]:
-        data = bytearray()
-        description: Document = {}
-        while True:
-            answer, body = self.ask("RESULT", {"job": job, "part": part, "offset": len(data)})
-            data += body[0] if body else b""
-            description = answer.get("batch") or description
-            if len(data) >= answer["total"]:
-                return bytes(data), description
-            if not body:
-                raise Error("bad_frame", "the daemon sent no bytes of a result")
-
-    def result(self, job: str) -> Result:
-        """The result of a done job, an id or "key:K"."""
-        return Result(_document([self._fetch(job, "document")[0]]))
-
-    def result_bytes(self, job: str) -> bytes:
-        """The result to the byte."""
-        return self._fetch(job, "document")[0]
-
-    def stderr(self, job: str) -> str:
-        """The last words of a worker that died of the job."""
-        return self._fetch(job, "stderr")[0].decode(errors="replace")
-
     def signals(self, job: str) -> Batch:
         """The batch that a `simulate` job made."""
         data, d = self._fetch(job, "batch")
@@ -550,7 +270,7 @@ class Client:
         header: Document = {"limit": limit, **({"state": state} if state else {}),
                             **({"kind": kind} if kind else {})}
         while True:
-            page = _document(self.ask("LIST", header)[1])
+            page = document_of(self.ask("LIST", header)[1])
             yield from page["jobs"]
             if page["next"] is None:
                 return
@@ -567,7 +287,7 @@ class Client:
         header: Document = {"limit": limit, **({"name": name} if name else {}),
                             **({"user": user} if user else {})}
         while True:
-            page = _document(self.ask("STREAMS", header)[1])
+            page = document_of(self.ask("STREAMS", header)[1])
             yield from page["streams"]
             if page["next"] is None:
                 return
@@ -615,7 +335,7 @@ class Client:
         """Counts and sizes of the service; `["workers"]["names"]`: of workers of other hosts."""
         stats, body = self.ask("STATS")
         if body:
-            stats["workers"]["names"] = _document(body)
+            stats["workers"]["names"] = document_of(body)
         return stats
 
     def whoami(self) -> Document:
@@ -683,7 +403,7 @@ class Client:
         latest record of a stream, which the daemon has.
         """
         if isinstance(signals, Batch):
-            _same_step(dt, signals.dt, "the batch")
+            same_step(dt, signals.dt, "the batch")
         elif not isinstance(signals, str) or not signals.startswith("stream:"):
             if isinstance(signals, (str, os.PathLike)):
                 raise Error("bad_input",
@@ -693,7 +413,7 @@ class Client:
             if dt is None:
                 raise Error("bad_input", "dt is needed: seconds between samples, 1 over the rate",
                             "dt")
-            signals = Batch(_array(signals), dt, period, names)
+            signals = Batch(as_array(signals), dt, period, names)
         return self.run("identify", signals, options, timeout, **limits)
 
     def steady(self, scene: Scene, options: Document | None = None, timeout: float | None = None,
@@ -727,7 +447,7 @@ class Client:
                         "grid") from why
         shares = max(1, min(SHARES_MOST, points))
         cuts = [points * i // shares for i in range(shares + 1)]
-        same = wire.scene_identity(_text([document, options]))
+        same = wire.scene_identity(scene_text([document, options]))
         stem = limits.pop("key", None) or "python-sweep-" + same
         jobs = [self._share(document, {**(options or {}), "first": a, "count": b - a},
                             f"{stem}:{a}", limits) for a, b in zip(cuts, cuts[1:])]

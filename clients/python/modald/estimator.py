@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy.typing as npt
 
-from .client import Batch, Client, connect, options_of
+from .client import Client, connect, options_of
+from .inputs import Batch
 from .results import Complex, Floats, Result
 
 

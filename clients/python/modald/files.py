@@ -6,8 +6,8 @@ import subprocess
 import tempfile
 
 from . import wire
-from .client import Batch
 from .daemon import program
+from .inputs import Batch
 from .link import Error
 
 

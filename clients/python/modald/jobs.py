@@ -9,18 +9,14 @@ import collections
 import concurrent.futures
 import threading
 import time
-from typing import TYPE_CHECKING, Any, Iterable, Iterator
+from typing import Any, Iterable, Iterator
 
+from .inputs import Document
 from .link import Error, Link, Talk
 from .progress import shown
+from .results import Result
+from .session import ENDED, FINAL, Session
 
-if TYPE_CHECKING:
-    from .client import Client
-    from .results import Result
-
-Document = dict[str, Any]
-FINAL = ("done", "failed", "cancelled")
-ENDED = (*FINAL, "dead")    # a dead job may be retried
 WATCHED_MOST = 1024         # WAITs of one client that are open: a quarter of what a user may have
 WATCH_S = 20.0              # s that one of them is open
 PAUSE_S = 0.05              # s before the watch asks again what was refused
@@ -32,7 +28,7 @@ class Job(concurrent.futures.Future):  # type: ignore[type-arg]
     `document` is what the daemon last said of it; `status()` and `wait()` ask again.
     """
 
-    def __init__(self, client: "Client", document: Document):
+    def __init__(self, client: Session, document: Document):
         """Of `client`, which is asked again; `document` as SUBMIT or STATUS answers."""
         self._watched = self._over = False
         self._state_lock = threading.Lock()
@@ -47,7 +43,7 @@ class Job(concurrent.futures.Future):  # type: ignore[type-arg]
         with self._state_lock:
             begin, self._watched = not self._watched, True
         if begin:
-            self.client._watch(self)
+            watch_of(self.client).add(self)
         return self._own_condition
 
     @_condition.setter
@@ -114,7 +110,7 @@ class Job(concurrent.futures.Future):  # type: ignore[type-arg]
             self._end(self.client.wait(self.id, timeout))
         return self
 
-    def result(self, timeout: float | None = None) -> "Result":
+    def result(self, timeout: float | None = None) -> Result:
         """Wait for the job's end, `timeout` s at most, and give its result.
 
         Its own error is raised, as is `timeout`: both are `modald.Error`.
@@ -215,6 +211,17 @@ class Watch:
     def _again(self, jobs: Iterable[Job]) -> None:
         with self._lock:
             self._waiting.extend(jobs)
+
+
+_one_watch = threading.Lock()
+
+
+def watch_of(session: Session) -> Watch:
+    """The watch of a session's jobs: one, whichever thread asks first."""
+    with _one_watch:
+        if session.watch is None:
+            session.watch = Watch(session._link)
+    return session.watch  # type: ignore[no-any-return]
 
 
 def as_completed(jobs: Iterable[Job], timeout: float | None = None,

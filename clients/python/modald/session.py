@@ -1,0 +1,154 @@
+"""Questions over one connection, asked again where it was lost; what is asked of a job by its id.
+
+Jobs stand on it, and the client on both.
+"""
+from __future__ import annotations
+
+import os
+import time
+import weakref
+from typing import Any, Callable, Sequence
+
+from . import wire
+from .inputs import Document
+from .link import Error, Link, LOST_PATIENCE, Talk
+from .results import Result
+
+Progress = Callable[[str, float], None]
+FINAL = ("done", "failed", "cancelled")
+ENDED = (*FINAL, "dead")    # a dead job may be retried
+ASK_AGAIN = 5.0             # s without an answer to a wait beyond what it asked for
+
+
+def document_of(body: Sequence[bytes]) -> Any:
+    """What an answer's body says, which is JSON."""
+    try:
+        return wire.loads(body[0])
+    except (IndexError, ValueError) as why:
+        raise Error("bad_frame", f"the daemon's answer has no document: {why}") from why
+
+
+def default_endpoint() -> str:
+    """$MODALD_URL, else that of /run/modald, else of $XDG_RUNTIME_DIR."""
+    url, runtime = os.environ.get("MODALD_URL"), os.environ.get("XDG_RUNTIME_DIR")
+    if url:
+        return url
+    if runtime and not os.path.exists("/run/modald/modald.ipc"):
+        return f"ipc://{runtime}/modald/modald.ipc"
+    return "ipc:///run/modald/modald.ipc"
+
+
+class Session:
+    """A connection to one daemon, for any number of threads."""
+
+    def __init__(self, endpoint: str | None = None, keyfile: str | None = None,
+                 timeout: float | None = 60.0):
+        """As `connect`; the first question finds out whether somebody is there."""
+        self.endpoint = endpoint or default_endpoint()
+        self.keyfile = keyfile or os.environ.get("MODALD_KEYFILE") or None
+        self.timeout = timeout
+        self._link = Link(self.endpoint, self.keyfile)
+        self.watch: Any = None      # of its jobs: theirs, made when the first is looked at
+        self._end = weakref.finalize(self, self._link.close)
+
+    def __exit__(self, *_: object) -> None:
+        """Close it."""
+        self.close()
+
+    def close(self) -> None:
+        """End the connection; calls that still wait in other threads are told so."""
+        self._end()
+
+    def _deadline(self, timeout: float | None) -> float:
+        timeout = self.timeout if timeout is None else timeout
+        return float("inf") if timeout is None else time.monotonic() + timeout
+
+    def ask(self, verb: str, header: Document | None = None,
+            body: Sequence[bytes | memoryview] = (), timeout: float | None = None,
+            once: bool = False, patience: float = ASK_AGAIN) -> tuple[Document, list[bytes]]:
+        """Ask and wait for the answer; asked again over a new connection, unless `once`."""
+        deadline = self._deadline(timeout)
+        with Talk(self._link) as talk:
+            while True:
+                talk.send(verb, header or {}, body)
+                again = float("inf") if once else time.monotonic() + patience
+                while True:
+                    try:
+                        message = talk.receive(min(deadline, again), f"no answer to {verb} in time")
+                    except Error as why:
+                        if why.code != "timeout" or time.monotonic() >= deadline:
+                            raise
+                        break
+                    if message is None:
+                        self._link.check()
+                        if once:
+                            raise Error("no_server", "the connection was lost before the answer; "
+                                        "the job may have been accepted or not")
+                        break
+                    return self._answer(message)
+
+    @staticmethod
+    def _answer(message: tuple[str, Document, list[bytes]]) -> tuple[Document, list[bytes]]:
+        kind, answer, parts = message
+        if kind == "ERROR":
+            raise Error.of(answer["error"])
+        return {key: value for key, value in answer.items() if key not in ("id", "verb")}, parts
+
+    # -- jobs, by their ids -----------------------------------------------------------------------
+
+    def status(self, job: str) -> Document:
+        """The queue document of a job, an id or "key:K"."""
+        return self.ask("STATUS", {"job": job})[0]
+
+    def cancel(self, job: str) -> Document:
+        """End a job, queued or running; its document."""
+        return self.ask("CANCEL", {"job": job})[0]
+
+    def retry(self, job: str) -> Document:
+        """A dead job once more; its document."""
+        return self.ask("RETRY", {"job": job})[0]
+
+    def delete(self, job: str) -> Document:
+        """Forget an ended job and its result."""
+        return self.ask("DELETE", {"job": job})[0]
+
+    def wait(self, job: str, timeout: float | None = None,
+             progress: Progress | None = None) -> Document:
+        """The document of the ended job; `timeout` raises Error with the code "timeout"."""
+        deadline = float("inf") if timeout is None else time.monotonic() + timeout
+        while True:
+            part = max(0.0, min(0.5 if progress else 20.0, deadline - time.monotonic()))
+            document, _ = self.ask("WAIT", {"job": job, "timeout_s": part},
+                                   timeout=part + LOST_PATIENCE, patience=part + ASK_AGAIN)
+            if document["state"] in ENDED:
+                return document
+            if progress:
+                done = (document.get("progress") or {}).get("fraction", 0.0)
+                progress(document["state"], float(done))
+            if time.monotonic() >= deadline:
+                raise Error("timeout", f"job {job} is {document['state']}; not finished in time",
+                            detail=document)
+
+    def _fetch(self, job: str, part: str) -> tuple[bytes, Document]:
+        data = bytearray()
+        description: Document = {}
+        while True:
+            answer, body = self.ask("RESULT", {"job": job, "part": part, "offset": len(data)})
+            data += body[0] if body else b""
+            description = answer.get("batch") or description
+            if len(data) >= answer["total"]:
+                return bytes(data), description
+            if not body:
+                raise Error("bad_frame", "the daemon sent no bytes of a result")
+
+    def result(self, job: str) -> Result:
+        """The result of a done job, an id or "key:K"."""
+        return Result(document_of([self._fetch(job, "document")[0]]))
+
+    def result_bytes(self, job: str) -> bytes:
+        """The result to the byte."""
+        return self._fetch(job, "document")[0]
+
+    def stderr(self, job: str) -> str:
+        """The last words of a worker that died of the job."""
+        return self._fetch(job, "stderr")[0].decode(errors="replace")

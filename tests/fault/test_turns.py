@@ -1,4 +1,5 @@
 """Whatever one user asks, nobody else's requests wait behind all of it (PROTOCOL.md, P6)."""
+# Tests as well: hold.c
 import math
 import pathlib
 import re
@@ -10,7 +11,7 @@ import pytest
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "system"))
 import sanitized  # noqa: E402
 from lab import FAKE, Lab  # noqa: E402
-from wire import BUILD, Daemon  # noqa: E402
+from wire import BUILD, Daemon, ring_down, until  # noqa: E402
 
 SAMPLES = 8192                          # of 64 kB, the largest input that comes with its SUBMIT
 WAVE = b"".join(struct.pack("<d", math.sin(0.01 * k)) for k in range(SAMPLES))
@@ -22,15 +23,14 @@ EACH, CONNECTIONS = 60, 8               # 31 MB: less than what may wait
 SLOW_DISK = {"LD_PRELOAD": str(BUILD / "fault" / "libslow.so"), "SYNC_US": "200000"}
 
 
-def flood(clients):
-    """Each of CLIENTS submits EACH inputs, and hears that all of them have been taken in."""
+def flood(clients, other, each=EACH):
+    """Each of CLIENTS submits EACH inputs, as many as wait; OTHER sees some before the ledger."""
     for number, client in enumerate(clients):
-        for k in range(EACH):
+        for k in range(each):
             client.send("SUBMIT", [struct.pack("<d", number * 1e6 + k) + WAVE[8:]], kind="identify",
                         options={}, input={"content": "batch", "samples": SAMPLES, "channels": 1,
                                            "dt": 0.01})
-    for client in clients:
-        assert client.ask("HELLO", versions=["MODALD1"]).ok
+    until(lambda: other.ask("STATS")["ledger"]["waiting"] >= 16)
 
 
 def begins(client):
@@ -41,34 +41,44 @@ def begins(client):
 def syncs_of_a_begin(client):
     """How many groups of commits come to their end while `UPLOAD begin` is answered; of five the
     least: on a busy machine more of them end while a question is on its way."""
-    def groups():
-        text = client.ask("METRICS").body[0].decode()
-        return float(re.search(r"^modald_commit_seconds_count (\S+)$", text, re.MULTILINE)[1])
-
     taken = []
     for _ in range(5):
-        before = groups()
+        before = groups(client)
         begins(client)
-        taken.append(groups() - before)
+        taken.append(groups(client) - before)
     return min(taken)
+
+
+def groups(client, what="seconds_count"):
+    """How many groups of commits there were; WHAT transactions_sum: and what was in them."""
+    text = client.ask("METRICS").body[0].decode()
+    return int(float(re.search(rf"^modald_commit_{what} (\S+)$", text, re.MULTILINE)[1]))
+
+
+def submits(client, k):
+    data, described = ring_down()
+    assert client.ask("SUBMIT", [struct.pack("<d", k) + data[8:]], kind="identify", options={},
+                      input=described).ok
+
+
+def opened(folder, keys, env=None):
+    """A daemon, the connections of who floods, and that of somebody else."""
+    if keys:
+        lab = Lab(folder, {"one": "one submit", "other": "other submit"}, workers=0, env=env)
+        return lab.daemon, [lab.client("one") for _ in range(CONNECTIONS)], lab.client("other")
+    daemon = Daemon(folder=folder, workers=0, config=FAKE, env=env)
+    return daemon, [daemon.client() for _ in range(CONNECTIONS)], daemon.client()
 
 
 @pytest.mark.skipif(sanitized.SANITIZED, reason="no library is loaded before the sanitizer's")
 @pytest.mark.parametrize("keys", [True, False])
 def test_anothers_begin_waits_for_a_few_of_a_flood_of_large_submissions(tmp_path, keys):
-    if keys:
-        lab = Lab(tmp_path, {"one": "one submit", "other": "other submit"}, workers=0,
-                  env=SLOW_DISK)
-        daemon, many, other = lab.daemon, [lab.client("one") for _ in range(CONNECTIONS)], (
-            lab.client("other"))
-    else:
-        daemon = Daemon(folder=tmp_path, workers=0, config=FAKE, env=SLOW_DISK)
-        many, other = [daemon.client() for _ in range(CONNECTIONS)], daemon.client()
+    daemon, many, other = opened(tmp_path, keys, SLOW_DISK)
     with daemon:
         assert syncs_of_a_begin(other) == 1
-        flood(many)
+        flood(many, other)
         begins(other)
-        decided = many[0].ask("STATS")["jobs"]["queued"]
+        decided = other.ask("STATS")["jobs"]["queued"]
         print(f"\nturns: {decided} of {EACH * CONNECTIONS} submissions went before another's begin")
         assert decided < EACH * CONNECTIONS * 3 / 4
         # the one under way, and the next, which is his: half of his requests a second alone
@@ -77,3 +87,60 @@ def test_anothers_begin_waits_for_a_few_of_a_flood_of_large_submissions(tmp_path
         for client in many:
             for k in range(1, EACH + 1):
                 assert client.answer(k).ok
+
+
+@pytest.mark.skipif(sanitized.SANITIZED, reason="no library is loaded before the sanitizer's")
+@pytest.mark.parametrize("keys", [True, False])
+def test_who_asks_one_thing_after_the_other_has_half_of_the_ledgers_time_beside_a_flood(tmp_path,
+                                                                                        keys):
+    """Of 4 MiB before the ledger one who floods has a half, 31 of these submissions, and eight have
+    eight ninths, 56.  As many went with each sync, and somebody else's request waited for one and a
+    half to two of these; where half of the time is his it waits for less than one."""
+    daemon, many, other = opened(tmp_path, keys, SLOW_DISK)
+    with daemon:
+        flood(many, other, 2 * EACH)
+        submits(other, 0)
+        before, asked = groups(other, "transactions_sum"), 12
+        for k in range(1, asked + 1):
+            submits(other, k)
+        beside = groups(other, "transactions_sum") - before - asked
+        print(f"\nturns: {asked} asked one after the other, and {beside} of a flood beside")
+        assert 0 < beside <= (31 if keys else 56) * asked
+        for client in many:
+            for k in range(1, 2 * EACH + 1):
+                assert client.answer(k).ok
+
+
+@pytest.mark.parametrize("keys", [True, False])
+def test_a_flood_is_not_read_while_it_waits_and_all_of_it_is_taken_in(tmp_path, keys):
+    """128 MB of submissions from 8 connections, of which 64 MiB may wait: their senders wait, and
+    none hears `busy`."""
+    each = 256
+    daemon, many, other = opened(tmp_path, keys)
+    with daemon:
+        for number, client in enumerate(many):
+            for k in range(each):
+                client.send("SUBMIT", [struct.pack("<d", number * 1e6 + k) + WAVE[8:]],
+                            kind="identify", options={},
+                            input={"content": "batch", "samples": SAMPLES, "channels": 1,
+                                   "dt": 0.01})
+        begins(other)
+        said = [client.answer(k) for client in many for k in range(1, each + 1)]
+        assert all(reply.ok for reply in said), next(r for r in said if not r.ok)
+
+
+def test_who_hangs_up_while_he_is_not_read_is_forgotten(tmp_path):
+    daemon, many, other = opened(tmp_path, False)
+    with daemon:
+        for number, client in enumerate(many):
+            for k in range(128):
+                client.send("SUBMIT", [struct.pack("<d", number * 1e6 + k) + WAVE[8:]],
+                            kind="identify", options={},
+                            input={"content": "batch", "samples": SAMPLES, "channels": 1,
+                                   "dt": 0.01})
+        until(lambda: other.ask("STATS")["jobs"]["queued"] > 0)
+        for client in many:
+            client.close()
+        until(lambda: re.search(r"^modald_connections 1$", other.ask("METRICS").body[0].decode(),
+                                re.MULTILINE))
+        begins(other)

@@ -94,6 +94,7 @@ struct transaction {
     int64_t ledger_bytes;         /* the ledger and its log then, on disk */
     int64_t cost;                 /* as the core counts what is under way */
     uint64_t turn;                /* whose request it came of; 0: nobody's */
+    bool heavy;                   /* of one who has much before the ledger; spell.h */
     struct transaction *next;     /* for the queues of whoever has it */
     struct transaction *before, *after_it;   /* the core's, of what is not committed */
 };
@@ -221,6 +222,7 @@ struct event {
     const struct modal_error *fault;
     struct blob **body;                     /* as message->body; the core shares what it keeps */
     uint64_t turn;                          /* of a request that changes something; 0: nobody's */
+    bool waited;                            /* it waited at the ledger's door */
     int slot, status;
     const char *stderr_text;
     struct transaction *transaction;
@@ -248,6 +250,11 @@ struct actions *core_step(struct core *core, const struct event *event, struct m
 /* May TURN ask for more of what changes something?  Not while the ledger has his part of what may
  * be before it: then what he wants waits. */
 bool core_admits(const struct core *core, uint64_t turn);
+/* Does TURN wait meanwhile, having had much before the ledger where others ask for little? */
+bool core_bars(const struct core *core, uint64_t turn);
+/* May those who wait for that ask now?  Not before when, monotonic; 0: now, INT64_MAX: not before
+ * something is committed. */
+int64_t core_lets_in(const struct core *core);
 /* Whose the request of PEER's is, who has KEY: user_turn; 0: nobody's. */
 uint64_t core_turn(struct core *core, const char *key, uint64_t peer);
 

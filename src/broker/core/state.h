@@ -4,6 +4,7 @@
 #define BROKER_STATE_H
 #include "broker/core/alarms.h"
 #include "broker/core/core.h"
+#include "broker/core/spell.h"
 #include "broker/kit/heap.h"
 #include "broker/kit/histogram.h"
 #include "broker/kit/ident.h"
@@ -158,6 +159,8 @@ struct core {
     struct transaction *oldest, *newest;  /* of those */
     struct shares behind;                 /* their costs */
     uint64_t asking;                      /* whose request is handled; 0: nobody's */
+    bool waited;                          /* it had waited at the door */
+    struct spell spell;                   /* of those who have */
     int64_t next_event, last_event;       /* numbers; the last is committed */
     struct account *accounts; size_t account_count;
     struct map users; struct user **user_list; size_t user_count;

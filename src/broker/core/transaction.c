@@ -124,7 +124,8 @@ void transaction_join(struct transaction *t, struct after *after)
  * are to be told. */
 enum {
     COST = 4096,                  /* bytes, as above */
-    BEHIND_MOST = 4 << 20         /* bytes, as above */
+    BEHIND_MOST = 4 << 20,        /* bytes, as above */
+    HEAVY = BEHIND_MOST / 16      /* 2 ms of work: about as long as a sync */
 };
 
 bool core_admits(const struct core *c, uint64_t turn)
@@ -132,10 +133,23 @@ bool core_admits(const struct core *c, uint64_t turn)
     return c->disk.full || shares_admit(&c->behind, turn, BEHIND_MOST);
 }
 
+bool core_bars(const struct core *c, uint64_t turn)
+{
+    return !c->disk.full && spell_bars(&c->spell, turn, c->now.mono_ns);
+}
+
+int64_t core_lets_in(const struct core *c)
+{
+    return c->disk.full ? 0 : spell_next_ns(&c->spell);
+}
+
 void core_commit(struct core *c, struct transaction *t)
 {
     t->cost += COST;
     t->turn = c->asking;
+    t->heavy = c->waited || (t->turn != 0 && shares_of(&c->behind, t->turn) >= HEAVY);
+    if (t->heavy)
+        spell_put(&c->spell, t, c->now.mono_ns);
     shares_add(&c->behind, t->turn, t->cost);
     c->uncommitted++;
     t->before = c->newest;

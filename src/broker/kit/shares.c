@@ -37,11 +37,16 @@ void shares_add(struct shares *shares, uint64_t turn, int64_t amount)
         map_done(&shares->by_turn);
 }
 
-bool shares_admit(const struct shares *shares, uint64_t turn, int64_t most)
+int64_t shares_of(const struct shares *shares, uint64_t turn)
 {
     const struct share *share = find(shares, turn);
 
-    return (share == NULL ? 0 : share->size) < most - shares->total;
+    return share == NULL ? 0 : share->size;
+}
+
+bool shares_admit(const struct shares *shares, uint64_t turn, int64_t most)
+{
+    return shares_of(shares, turn) < most - shares->total;
 }
 
 void shares_done(struct shares *shares)

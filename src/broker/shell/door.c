@@ -11,9 +11,14 @@
  * reading would make all others wait for one message of each; so who waits with more than his share
  * is answered `busy` at once.  Not so pushes of streams, where one that is refused among others
  * would be a gap: they have a credit.
+ *
+ * Nor is a flood taken in that only waits, or is told `busy` and sent again: a connection of which
+ * DOOR_OWN wait is not read, so that its sender waits, and costs nothing.  Every DOOR_DEAF_NS each
+ * is heard for a moment, for heartbeats are among what it sends.
  */
 #include "broker/shell/door.h"
 #include "broker/kit/memory.h"
+#include "broker/shell/hold.h"
 #include "wire/request.h"
 #include <stdlib.h>
 #include <string.h>
@@ -63,6 +68,11 @@ void door_put(struct door *door, struct received *r, uint64_t turn)
 {
     struct waiting *w = grab(sizeof *w);
 
+    if (r->peer != NULL) {
+        r->peer->waiting += size_of(r);
+        if (r->peer->waiting > DOOR_OWN)
+            hold_set(r->peer->fd, true);
+    }
     own_frames(r);
     w->received = *r;
     w->received.peer = NULL;
@@ -84,6 +94,24 @@ bool door_take(struct door *door, fair_may *may, const void *context, struct rec
     *turn = w->fair.turn;
     free(w);
     return true;
+}
+
+void door_left(struct peer *peer, const struct received *r)
+{
+    if (peer == NULL)
+        return;
+    peer->waiting -= size_of(r);
+    if (peer->waiting < DOOR_OWN / 2)
+        hold_set(peer->fd, false);
+}
+
+void door_hear_all(const struct peers *peers)
+{
+    struct peer *peer;
+
+    for (size_t at = 0; (peer = map_next(&peers->by_number, &at)) != NULL;)
+        if (peer->waiting >= DOOR_OWN / 2)
+            hold_set(peer->fd, false);
 }
 
 void door_done(struct door *door)

@@ -7,8 +7,11 @@
 /* Bytes that wait. */
 enum {
     DOOR_MOST = 64 << 20,           /* past it nobody waits with more than an equal share of it */
-    DOOR_FULL = 2 * DOOR_MOST       /* which pushes of streams alone may fill: no more is read */
+    DOOR_FULL = 2 * DOOR_MOST,      /* which pushes of streams alone may fill: no more is read */
+    DOOR_OWN = 2 << 20              /* of a connection, as much as enters the ledger at once */
 };
+
+#define DOOR_DEAF_NS INT64_C(1000000000)     /* of 20 s in which a heartbeat is answered */
 
 /* Zero: nobody waits. */
 struct door { struct fair_queue waiting; };
@@ -21,6 +24,10 @@ void door_put(struct door *door, struct received *r, uint64_t turn);
  * caller's to release, and TURN; false: nobody. */
 bool door_take(struct door *door, fair_may *may, const void *context, struct received *r,
                uint64_t *turn);
+/* R, which was taken, waits no more: a request of PEER's, NULL: who is gone. */
+void door_left(struct peer *peer, const struct received *r);
+/* Each of PEERS is read again, until more of its requests wait. */
+void door_hear_all(const struct peers *peers);
 /* Nobody waits any more. */
 void door_done(struct door *door);
 #endif

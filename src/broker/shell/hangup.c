@@ -1,5 +1,5 @@
 /*
- * hangup.c - see hangup.h: epoll_ctl and epoll_wait as libzmq's I/O thread calls them
+ * hangup.c - see hangup.h: epoll_wait as libzmq's I/O thread calls it
  *
  * A connection's input stops when its pipe to the loop is full (ZMQ_RCVHWM): libzmq 4.3.4 no longer
  * asks for EPOLLIN then.  A hang-up comes unasked.  libzmq takes it for input, finds that input is
@@ -9,8 +9,8 @@
  * (https://github.com/zeromq/libzmq/issues/4364.)  So a connection whose input is stopped must not
  * hear of a hang-up:
  *
- *   - epoll_ctl has the descriptor for an event's data, and marks where input is not asked for;
- *     epoll_wait gives libzmq's own pointer back.
+ *   - epoll_ctl (hold.c) has the descriptor for an event's data, and marks where input is not asked
+ *     for; epoll_wait gives libzmq's own pointer back.
  *   - A marked event's hang-up is dropped; where output is asked for, it is said to be possible:
  *     the write then fails, and libzmq asks for it no more.  What asks for neither is
  *     edge-triggered: its hang-up comes once, and the thread sleeps.
@@ -28,12 +28,15 @@
  * What is still to be taken of such a connection is taken in its turn, but for questions: nobody
  * reads the answer (accept_gone).
  *
+ * Who hangs up while he is held (hold.h) is read to his end, and held no more.
+ *
  * Other ways: without heartbeats, or with a patched out_event (not Debian's); ZMQ_RCVHWM 0, where
  * input never stops and a connection's memory has no bound; a front of our own for ZMTP and CURVE,
  * which would be a second library to keep.
  */
 #include "broker/shell/hangup.h"
 #include "broker/shell/accept.h"
+#include "broker/shell/hold.h"
 #include <stdatomic.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -41,12 +44,6 @@
 #include <sys/syscall.h>
 #include <unistd.h>
 
-/* An event's data: OURS, the marks, the descriptor.  No pointer has the highest bit. */
-#define OURS (UINT64_C(1) << 63)
-#define NO_INPUT (UINT64_C(1) << 32)
-#define OUTPUT (UINT64_C(1) << 33)
-
-static void *pointers[CONNECTIONS_TRACKED];     /* libzmq's, of each descriptor; its I/O thread's */
 static atomic_long kept;
 
 long hangup_kept(void)
@@ -54,34 +51,20 @@ long hangup_kept(void)
     return atomic_load(&kept);
 }
 
-int epoll_ctl(int epoll, int what, int fd, struct epoll_event *event)
-{
-    struct epoll_event own;
-
-    if (event == NULL || what == EPOLL_CTL_DEL || fd < 0 || fd >= CONNECTIONS_TRACKED)
-        return (int)syscall(SYS_epoll_ctl, epoll, what, fd, event);
-    own = *event;
-    pointers[fd] = event->data.ptr;
-    own.data.u64 = OURS | (uint64_t)fd;
-    if ((own.events & EPOLLIN) == 0)
-        own.data.u64 |= (own.events & EPOLLOUT) ? NO_INPUT | OUTPUT : NO_INPUT;
-    if ((own.events & (EPOLLIN | EPOLLOUT)) == 0)
-        own.events |= EPOLLET;
-    return (int)syscall(SYS_epoll_ctl, epoll, what, fd, &own);
-}
-
 /* What libzmq is to hear of EVENT; 0: nothing. */
 static uint32_t heard(const struct epoll_event *event)
 {
     uint32_t events = event->events & ~(uint32_t)(EPOLLHUP | EPOLLERR);
 
-    if (events == event->events || (event->data.u64 & OURS) == 0)
+    if (events == event->events || (event->data.u64 & HOLD_OURS) == 0)
         return event->events;
-    if ((event->data.u64 & NO_INPUT) == 0)
+    if ((event->data.u64 & HOLD_NO_INPUT) == 0)
         return events | EPOLLIN;
+    if (hold_end((int)(uint32_t)event->data.u64))
+        return events;
     accept_hung_up((int)(uint32_t)event->data.u64);
     atomic_fetch_add_explicit(&kept, 1, memory_order_relaxed);
-    return event->data.u64 & OUTPUT ? events | EPOLLOUT : events;
+    return event->data.u64 & HOLD_OUTPUT ? events | EPOLLOUT : events;
 }
 
 int epoll_wait(int epoll, struct epoll_event *events, int most, int timeout)
@@ -94,7 +77,8 @@ int epoll_wait(int epoll, struct epoll_event *events, int most, int timeout)
         if (left == 0)
             continue;
         events[n].data.u64 = 0;
-        events[n].data.ptr = data & OURS ? pointers[(uint32_t)data] : (void *)(uintptr_t)data;
+        events[n].data.ptr = data & HOLD_OURS ? hold_pointer((int)(uint32_t)data)
+                                              : (void *)(uintptr_t)data;
         events[n++].events = left;
     }
     return count < 0 ? count : n;

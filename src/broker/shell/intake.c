@@ -31,10 +31,12 @@
  */
 #include "broker/shell/intake.h"
 #include "broker/shell/accept.h"
+#include "broker/shell/hold.h"
 #include "wire/protocol.h"
 #include "wire/zmtp.h"
 #include <assert.h>
 #include <dlfcn.h>
+#include <errno.h>
 #include <stdatomic.h>
 #include <stdbool.h>
 #include <stdint.h>
@@ -308,9 +310,14 @@ static bool take_in(struct intake *in, unsigned char *at, size_t size)
 
 ssize_t recv(int fd, void *buffer, size_t size, int flags)
 {
-    ssize_t got = syscall(SYS_recvfrom, fd, buffer, size, flags, NULL, NULL);
     struct intake *in = &intakes[fd >= 0 && fd < CONNECTIONS_TRACKED ? fd : 0];
+    ssize_t got;
 
+    if (hold_is(fd)) {
+        errno = EAGAIN;
+        return -1;
+    }
+    got = syscall(SYS_recvfrom, fd, buffer, size, flags, NULL, NULL);
     if (got <= 0 || fd < 0 || fd >= CONNECTIONS_TRACKED || in->zmtp.stage == ZMTP_NOTHING)
         return got;
     if (!in->ended && take_in(in, buffer, (size_t)got))

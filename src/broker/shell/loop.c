@@ -254,8 +254,8 @@ static bool changes(int verb)
     return verb >= 0 && wire_verb_role((enum wire_verb)verb) != WIRE_ROLE_READ;
 }
 
-/* TURN's; REFUSED, if it is not NULL, is all that comes of it. */
-static void ask(struct daemon *d, struct received *r, uint64_t turn,
+/* TURN's, who WAITED at the door; REFUSED, if it is not NULL, is all that comes of it. */
+static void ask(struct daemon *d, struct received *r, uint64_t turn, bool waited,
                 const struct modal_error *refused)
 {
     struct wire_message message;
@@ -267,7 +267,8 @@ static void ask(struct daemon *d, struct received *r, uint64_t turn,
     step(d, &(struct event) {
         .type = EVENT_REQUEST, .peer = r->number, .key = r->key,
         .message = rc == MODAL_OK && refused == NULL ? &message : NULL, .verb = message.verb,
-        .id = message.id, .fault = &err, .body = r->frames + 3, .turn = turn });
+        .id = message.id, .fault = &err, .body = r->frames + 3, .turn = turn,
+        .waited = waited });
     wire_close(&message);
 }
 
@@ -281,14 +282,15 @@ static void from_client(struct daemon *d, struct received *r)
 
     if (!changes(verb) && accept_gone(r->peer->fd))
         return;
-    if (turn == 0 || (fair_queue_size(&d->door.waiting, turn) == 0 && core_admits(d->core, turn)))
-        ask(d, r, turn, NULL);
+    if (turn == 0 || (fair_queue_size(&d->door.waiting, turn) == 0 && core_admits(d->core, turn)
+                      && !core_bars(d->core, turn)))
+        ask(d, r, turn, false, NULL);
     else if (door_admits(&d->door, r, turn))
         door_put(&d->door, r, turn);
     else {
         modal_fail(&err, MODAL_BUSY, "%zu bytes of requests wait to be stored, at most %d, of "
                    "which each who waits may have an equal share", d->door.waiting.size, DOOR_MOST);
-        ask(d, r, turn, &err);
+        ask(d, r, turn, true, &err);
     }
 }
 
@@ -304,9 +306,10 @@ static bool let_in(struct daemon *d)
     struct received r;
     uint64_t turn;
 
-    while (!d->stop && core_admits(d->core, 0)
+    while (!d->stop && core_lets_in(d->core) <= now && core_admits(d->core, 0)
            && door_take(&d->door, may_enter, d->core, &r, &turn)) {
-        ask(d, &r, turn, NULL);
+        door_left(peers_by_number(&d->clients, r.number), &r);
+        ask(d, &r, turn, true, NULL);
         received_release(&r);
         if (clock_ns(CLOCK_MONOTONIC) - now >= ROUND_NS)
             return true;
@@ -640,6 +643,10 @@ static void on_time(struct daemon *d)
         d->next_metrics_ns = now + (int64_t)(d->config->metrics_s * 1e9);
         write_metrics(d);
     }
+    if (now >= d->next_hear_ns) {
+        d->next_hear_ns = now + DOOR_DEAF_NS;
+        door_hear_all(&d->clients);
+    }
     give_back(d, now);
     if (d->terminating && now >= d->drain_until_ns) {
         loop_log("level=notice event=stop reason=\"drain time is over; running jobs start again at "
@@ -666,6 +673,10 @@ static long wait_ms(const struct daemon *d)
         next = d->trim_ns;
     if (d->terminating && d->drain_until_ns < next)
         next = d->drain_until_ns;
+    if (d->door.waiting.size >= DOOR_OWN / 2 && d->next_hear_ns < next)
+        next = d->next_hear_ns;
+    if (d->door.waiting.size > 0 && core_lets_in(d->core) > now && core_lets_in(d->core) < next)
+        next = core_lets_in(d->core);
     if (next <= now)
         return 0;
     ms = (next - now + MS - 1) / MS;

@@ -35,6 +35,7 @@ struct daemon {
     struct zap_refused strangers;  /* not told yet */
     int64_t next_ended_ns;         /* when connections that were ended may be told of again */
     long ended_told;               /* of intake_ended */
+    int64_t next_hear_ns;          /* when connections that are held are read again */
     uint64_t taken, ended_until;   /* messages; by then all of those whose connections have ended
                                       are taken */
 };

@@ -28,6 +28,7 @@ struct peer {
     struct lent *lent;             /* and what libzmq has of them */
     int fd;                        /* its connection's, until accept_free */
     bool full;                     /* its queue is over half: events wait */
+    size_t waiting;                /* bytes of its requests at the ledger's door; door.c */
     bool ended;                    /* too much waited for it: nothing more is sent */
     struct peer *next_blocked;     /* of those that have a queue */
     bool blocked;

@@ -254,6 +254,7 @@ void core_free(struct core *c)
         answers_free(c->answers);
     heap_done(&c->timers);
     shares_done(&c->behind);
+    spell_done(&c->spell);
     region_close(&c->region);
     free(c->out.items);
     free(c);

@@ -210,11 +210,15 @@ static void stuck(struct core *c)
 
 static void committed(struct core *c, struct transaction *list)
 {
+    int64_t heavy = 0;
+
     while (list != NULL) {
         struct transaction *t = list;
         list = t->next;
+        heavy += t->heavy;
         one_committed(c, t);
     }
+    spell_take(&c->spell, heavy, c->now.mono_ns);
 }
 
 /* Where things lie is for the log; a client is told what is the matter. */
@@ -349,8 +353,12 @@ struct actions *core_step(struct core *c, const struct event *e, struct moment n
     switch (e->type) {
     case EVENT_REQUEST:
         c->asking = e->turn;
+        c->waited = e->waited;
+        if (!e->waited)
+            spell_other(&c->spell, e->turn);
         request_handle(c, e);
         c->asking = 0;
+        c->waited = false;
         break;
     case EVENT_PEER_FULL: case EVENT_PEER_READY: events_peer(c, e->peer, e->type); break;
     case EVENT_PEER_GONE:

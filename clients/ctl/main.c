@@ -226,10 +226,11 @@ int main(int argc, char **argv)
     int status;
 
     signal(SIGPIPE, SIG_IGN);
+    outcome_begin();
     terminal_guard();
     status = args_read(argc, (const char *const *)argv, &args, &err) == MODAL_OK
                  ? dispatch(&args, argv)
                  : outcome_failure(args.json, &err, NULL);
     args_done(&args);
-    return status;
+    return outcome_end(status);
 }

@@ -1,8 +1,12 @@
 /* outcome.c - see outcome.h */
 #include "outcome.h"
+#include <errno.h>
+#include <fcntl.h>
+#include <poll.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 enum modal_status outcome_json(const cJSON *document, struct modal_error *err)
 {
@@ -51,4 +55,32 @@ int outcome_failure(bool json, const struct modal_error *err, const cJSON *detai
         fprintf(stderr, "modalctl: %s: %s\n", modal_status_code(err->status), err->message);
     cJSON_Delete(document);
     return modal_status_exit(err->status);
+}
+
+void outcome_begin(void)
+{
+    for (int fd = STDIN_FILENO; fd <= STDERR_FILENO; fd++)
+        if (fcntl(fd, F_GETFD) < 0 && errno == EBADF
+            && open("/dev/null", fd == STDIN_FILENO ? O_WRONLY : O_RDONLY) != fd)
+            _exit(modal_status_exit(MODAL_IO));
+}
+
+/* Whoever read it has gone, having had enough. */
+static bool was_enough(void)
+{
+    struct pollfd out = { .fd = STDOUT_FILENO, .events = POLLOUT };
+
+    return poll(&out, 1, 0) == 1 && (out.revents & POLLERR) != 0;
+}
+
+int outcome_end(int status)
+{
+    struct modal_error err;
+    int lost;
+
+    if ((fflush(stdout) == 0 && !ferror(stdout)) || was_enough())
+        return status;
+    modal_fail(&err, MODAL_IO, "stdout: not all of the answer could be written");
+    lost = outcome_failure(false, &err, NULL);
+    return status != 0 ? status : lost;
 }

@@ -96,6 +96,27 @@ def test_without_json_a_table_is_printed(batch):
 # -- exit statuses
 # --------------------------------------------------------------------------------------------------
 
+@pytest.mark.parametrize("words", [["--version"], ["help", "scene"], ["--local", "identify"],
+                                   ["--local", "--json", "identify"]])
+@pytest.mark.parametrize("lost", ["/dev/full", "closed", "nobody reads"])
+def test_an_answer_that_could_not_be_written_is_no_success_unless_its_reader_had_enough(
+        batch, words, lost):
+    """A disk that is full, and a stdout that the shell closed (>&-), whose number a file that is
+    read would have."""
+    words = [str(BUILD / "bin" / "modalctl"), *words, *([str(batch)] if words[-1] == "identify" else [])]
+    reader, writer = os.pipe()
+    os.close(reader)
+    with open("/dev/full", "wb") as full:
+        done = subprocess.run(["sh", "-c", '"$@" >&-', "sh", *words] if lost == "closed" else words,
+                              stdout={"/dev/full": full, "closed": None}.get(lost, writer),
+                              stderr=subprocess.PIPE, env=environment(), timeout=PATIENCE)
+    os.close(writer)
+    if lost == "nobody reads" and "--json" not in words:
+        assert (done.returncode, done.stderr) == (0, b"")
+    elif lost != "nobody reads":
+        assert done.returncode == 1 and b"stdout" in done.stderr
+
+
 def test_no_server_is_3(ctl, batch, tmp_path):
     for words in (["list"], ["identify", batch], ["submit", "identify", batch, "--wait"]):
         said = ctl(*words, server=f"ipc://{tmp_path}/nobody")

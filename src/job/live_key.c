@@ -77,6 +77,8 @@ const struct result_key live_window_keys[] = {
     { "diagnostics", RESULT_OWN, .absent = "where the window failed", .means = "as of identify" },
     { "update", RESULT_OBJECT, .absent = "where the window failed", .members = update_keys,
       .means = "how the modes were found" },
+    { "left_out", RESULT_TEXT, .absent = "where all fits an event",
+      .means = "shapes, of all modes, or modes, with the diagnostics: too long for an event" },
     { "error", RESULT_OWN, .absent = "where it did not", .means = "why the window failed" },
     { "lag", RESULT_OBJECT, .absent = "of an earlier epoch", .members = lag_keys,
       .means = "how far the modes are behind the samples" },

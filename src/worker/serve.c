@@ -370,6 +370,7 @@ static char *window_text(cJSON *document)
         return text;
     cJSON_ArrayForEach(mode, cJSON_GetObjectItemCaseSensitive(document, "modes"))
         cJSON_DeleteItemFromObjectCaseSensitive(mode, "shape");
+    cJSON_AddStringToObject(document, "left_out", "shapes");
     free(text);
     return json_print(document);
 }

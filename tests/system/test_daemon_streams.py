@@ -394,6 +394,7 @@ def test_a_window_whose_shapes_are_longer_than_a_frame_is_told_without_them():
         told = windows_told(c, lambda told: told)[0]
         assert "error" not in told and told["verdict"] == "stable"
         assert len(told["modes"]) == 3 and all("shape" not in mode for mode in told["modes"])
+        assert told["left_out"] == "shapes"
 
 
 def test_the_newest_window_of_a_sealed_stream_is_told_after_a_restart_of_the_daemon():

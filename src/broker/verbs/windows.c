@@ -413,6 +413,8 @@ static void put_event(struct core *c, struct stream *s, struct transaction *t, c
     if (strlen(after->text) > EVENT_MOST) {        /* it must fit a header: the verdict alone */
         cJSON_DeleteItemFromObject(text, "modes");
         cJSON_DeleteItemFromObject(text, "diagnostics");
+        cJSON_DeleteItemFromObject(text, "left_out");
+        cJSON_AddStringToObject(text, "left_out", "modes");
         free(after->text);
         after->text = json_print(text);
     }
@@ -571,7 +573,8 @@ static void add_part(cJSON *text, const struct wire_frame *found, const char *ke
 static void tell_result(struct core *c, struct stream *s, const struct wire_frame *found,
                         const cJSON *error)
 {
-    static const char *const parts[] = { "modes", "stability", "diagnostics", "update" };
+    static const char *const parts[] = { "modes", "stability", "diagnostics", "update",
+                                         "left_out" };
     const struct window *w = &s->window;
     cJSON *document = NULL, *text = event_of(c, s, "modes"), *edges;
     struct transaction *t = transaction_new();

@@ -11,6 +11,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 #include "base/utf8.h"
 #include "store/batch_h5.h"
@@ -356,15 +357,31 @@ static uint64_t place_of(hid_t set)
     return place != HADDR_UNDEF && place % sizeof(double) == 0 ? place : 0;
 }
 
+/* PATH, read; nobody waits for the other end of a FIFO. */
+static enum modal_status open_plain(const char *path, int *fd, struct modal_error *err)
+{
+    int got = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+    struct stat known;
+
+    if (got < 0)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "file", "%s: %s", path, strerror(errno));
+    if (fstat(got, &known) == 0 && !S_ISREG(known.st_mode)) {
+        close(got);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "file", "%s is no file; accepted: a file, no "
+                                "device, FIFO, socket or folder in its place", path);
+    }
+    *fd = got;
+    return MODAL_OK;
+}
+
 static enum modal_status map_signals(const struct source *from, uint64_t place, size_t bytes,
                                      struct batch_file *out, struct modal_error *err)
 {
-    int fd = open(from->path, O_RDONLY | O_CLOEXEC);
-    enum modal_status rc;
+    int fd = -1;
+    enum modal_status rc = open_plain(from->path, &fd, err);
 
-    if (fd < 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "file", "%s: %s", from->path,
-                                strerror(errno));
+    if (rc != MODAL_OK)
+        return rc;
     rc = mapping_open(fd, from->path, place, bytes, &out->map, err);
     close(fd);
     if (rc == MODAL_CORRUPT)
@@ -410,10 +427,11 @@ static enum modal_status read_signals(hid_t set, const struct source *from, stru
 
 static enum modal_status open_file(const char *path, hid_t *out, struct modal_error *err)
 {
-    int fd = open(path, O_RDONLY | O_CLOEXEC);
+    int fd = -1;
+    enum modal_status rc = open_plain(path, &fd, err);
 
-    if (fd < 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "file", "%s: %s", path, strerror(errno));
+    if (rc != MODAL_OK)
+        return rc;
     close(fd);
     if (H5Fis_hdf5(path) <= 0)
         return modal_fail_field(err, MODAL_BAD_INPUT, "file",

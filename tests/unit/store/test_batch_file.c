@@ -3,6 +3,7 @@
 #include "check.h"
 #include <hdf5.h>
 #include <stdlib.h>
+#include <sys/stat.h>
 #include <unistd.h>
 #include "store/batch_file.h"
 
@@ -289,6 +290,21 @@ TEST(a_file_cut_anywhere_is_refused_or_read_as_it_was)
         }
     }
     CHECK(refused > size / 14);
+    stop();
+}
+
+/* A test that waits for the FIFO's other end is ended by its alarm. */
+TEST(what_is_no_file_is_refused_and_nobody_is_waited_for)
+{
+    start();
+    alarm(20);
+    CHECK(mkfifo(path, 0600) == 0);
+    check_refused(MODAL_BAD_INPUT, "file");
+    CHECK(unlink(path) == 0 && mkdir(path, 0700) == 0);
+    check_refused(MODAL_BAD_INPUT, "file");
+    CHECK(rmdir(path) == 0);
+    check_refused(MODAL_BAD_INPUT, "file");
+    alarm(0);
     stop();
 }
 

@@ -72,6 +72,8 @@ enum modal_status file_put(const char *path, const void *data, size_t length, mo
 enum modal_status file_get(const char *path, size_t most, char **data, size_t *length,
                            struct modal_error *err);
 
+enum { FILE_PAGE_DATA = 4088 };    /* bytes of a database's page before its checksum */
+
 /* The name of SQLite's VFS that passes this place; registered at the first call. */
 const char *file_vfs(void);
 /* Whether the 4096 bytes of PAGE, from OFFSET of a database written through it, carry the right

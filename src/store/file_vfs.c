@@ -23,7 +23,7 @@ enum { DATABASE_HEADER = 100 };    /* bytes of page 1: SQLite's format */
 
 enum {
     PAGE     = 4096,     /* SQLite's default, which ledgers are made with */
-    RESERVED = 8,        /* bytes at its end: the checksum and "mdlc" */
+    RESERVED = PAGE - FILE_PAGE_DATA,    /* bytes at its end, 8: the checksum and "mdlc" */
 };
 
 struct vfs_file {

@@ -49,7 +49,6 @@ struct ledger {
     size_t next_piece;                   /* those before it are there, and have rows */
     uint64_t pieces_end;                 /* they are all that the tape has before it */
     uint64_t asked_end;                  /* the tape's, when streams were last asked for */
-    int group_pages;           /* as log_pages, 0 before a group and where it wrote nothing */
     int log_pages;             /* of the write-ahead log after the last commit */
     bool deleted;              /* rows, since free pages were counted */
     bool broken;
@@ -57,11 +56,15 @@ struct ledger {
 
 /* --- opening --- */
 
+/* After each commit, which is synced. */
 static int log_grew(void *context, sqlite3 *db, const char *name, int pages)
 {
+    struct ledger *ledger = context;
+
     (void)db;
     (void)name;
-    ((struct ledger *)context)->log_pages = ((struct ledger *)context)->group_pages = pages;
+    ledger->log_pages = pages;
+    ledger_mark_put(ledger->mark, pages);
     return SQLITE_OK;
 }
 
@@ -114,11 +117,11 @@ enum modal_status ledger_open(const char *dir, struct ledger **out, struct modal
         || (rc = folder_lock(dir, &ledger->lock, err)) != MODAL_OK
         || (rc = ledger_db_open(dir, true, &ledger->db, err)) != MODAL_OK
         || (rc = ledger_db_store(ledger->db, ledger->store, err)) != MODAL_OK
-        || (rc = folder_bind(dir, ledger->store, &ledger->socket, err)) != MODAL_OK
-        || (rc = prepare(ledger, err)) != MODAL_OK
-        || (rc = open_tape(ledger, err)) != MODAL_OK)
+        || (rc = folder_bind(dir, ledger->store, &ledger->socket, err)) != MODAL_OK)
         goto out;
     ledger->mark = ledger_mark_open(dir);
+    if ((rc = prepare(ledger, err)) != MODAL_OK || (rc = open_tape(ledger, err)) != MODAL_OK)
+        goto out;
     *out = ledger;
     ledger = NULL;
 out:
@@ -288,6 +291,14 @@ static enum modal_status checkpoint(struct ledger *ledger, struct modal_error *e
     bool done;
 
     return checkpoint_as(ledger, SQLITE_CHECKPOINT_PASSIVE, &done, err);
+}
+
+/* The log is empty afterwards, if its mark can be ended before; *DONE as above. */
+static enum modal_status empty_log(struct ledger *ledger, bool *done, struct modal_error *err)
+{
+    return checkpoint_as(ledger, ledger_mark_end(ledger->mark) ? SQLITE_CHECKPOINT_TRUNCATE
+                                                               : SQLITE_CHECKPOINT_PASSIVE,
+                         done, err);
 }
 
 static enum modal_status refuse_broken(struct modal_error *err)
@@ -551,12 +562,9 @@ enum modal_status ledger_commit(struct ledger *ledger, struct ledger_change *cha
         rc = settle_wanted(ledger, changes, count, err);
     if (rc != MODAL_OK)
         return rc;
-    ledger->group_pages = 0;
     rc = put_group(ledger, changes, count, err);
     for (size_t i = 0; i < count; i++)
         ledger->deleted |= ledger_verbs[changes[i].verb].frees;
-    if (rc == MODAL_OK && ledger->group_pages > 0)
-        ledger_mark_put(ledger->mark, ledger->group_pages);
     return rc;
 }
 
@@ -654,7 +662,7 @@ enum modal_status ledger_idle(struct ledger *ledger, bool *more, struct modal_er
     /* a reader is not waited for: somebody may ask something */
     sqlite3_busy_timeout(ledger->db, 0);
     if (rc == MODAL_OK)
-        rc = checkpoint_as(ledger, SQLITE_CHECKPOINT_TRUNCATE, &done, err);
+        rc = empty_log(ledger, &done, err);
     sqlite3_busy_timeout(ledger->db, LEDGER_BUSY_MS);
     sqlite3_db_release_memory(ledger->db);
     *more = !done;

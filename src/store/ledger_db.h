@@ -48,19 +48,23 @@ enum modal_status ledger_names_text(const struct input_shape *shape, char **text
  * bad frame for the end of the log, which is right for a group torn by a crash and wrong for damage
  * to older ones: a later group is only begun once those before are synced, and PATH's mark says how
  * far the log was synced.  MODAL_CORRUPT, with the frame and its offset, where later groups follow
- * a bad frame or the mark lies behind it; MODAL_OK otherwise and where there is no log.  The OWNER,
- * before anything is written, also cuts off what SQLite will not read.
+ * a bad frame or the mark lies behind it, and where the log is empty or gone though the database
+ * has not what the mark tells of; MODAL_OK otherwise.  The OWNER, before anything is written, also
+ * cuts off what SQLite will not read.
  */
 enum modal_status ledger_wal_check(const char *path, bool owner, struct modal_error *err);
 
 /*
  * The mark: DIR/ledger.db-mark says that the first FRAMES frames of the log's present life were
- * synced.  It is written after each sync and never synced itself: what it says was true before it
- * could reach the disk, and an old or absent one only tells less.  Failures are therefore ignored.
+ * synced, and what the last of them has.  ledger_mark_put writes it after each commit and does not
+ * sync it: what it says was true before it could reach the disk, and an old or absent one only
+ * tells less; its failures are ignored.  Before the log is emptied ledger_mark_end has it say, on
+ * stable storage, that nothing is to be found there; false: the log must stay.
  */
 struct ledger_mark;
 struct ledger_mark *ledger_mark_open(const char *dir);      /* NULL: there will be no mark */
 void ledger_mark_put(struct ledger_mark *mark, int frames);
+bool ledger_mark_end(struct ledger_mark *mark);
 void ledger_mark_close(struct ledger_mark *mark);
 /* The store id of DB.  MODAL_CORRUPT: it has none. */
 enum modal_status ledger_db_store(sqlite3 *db, char store[33], struct modal_error *err);

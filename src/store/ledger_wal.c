@@ -15,8 +15,23 @@
  * marks can be read: a frame with our salts after a later commit's frame was written when the bad
  * group had been synced.  The last group has none behind it; of that the mark tells:
  *
- *     mark     "mdmk", salt 1, salt 2 (as in the log), u64 bytes of the log that were synced,
- *              CRC-32C of the 20 bytes before; numbers little-endian
+ *     mark     "mdm2", salt 1, salt 2 (as in the log), u64 bytes of the log that were synced, the
+ *              page of the last frame among them and the CRC-32C of what it has of the page,
+ *              CRC-32C of the 28 bytes before; numbers little-endian
+ *
+ * A log without a life, empty or gone, says nothing of what it had.  Where the mark is open (its
+ * bytes are not 0) and the marked page is not in the database as the mark's last frame had it, the
+ * log was lost with acknowledged groups.  No power cut looks so:
+ *
+ *   - An open mark is written after a commit's sync, when the log has that group on the disk, with
+ *     its length and its name.
+ *   - Only two places here make a log shorter than its first frame: ledger_idle, and trim() of what
+ *     a torn beginning left.  Both have the mark ended (0 bytes) and synced before.
+ *
+ * So whenever an open mark may be found on the disk, the log there has a frame, of the marked life
+ * or of a later one that was written over it.  The page is asked for because other programs move a
+ * log to the database too, and remove it: sqlite3, earlier versions.  These wrote "mdmk", the same
+ * without the page, which tells nothing of an empty log.
  */
 #include "store/ledger_db.h"
 #include <errno.h>
@@ -35,7 +50,8 @@ enum {
     LEDGER_PAGE = 4096,      /* a page of our databases */
     PAGE_LEAST = 512,        /* and of any: the format */
     PAGE_MOST = 65536,   /* the format */
-    MARK = 24,               /* bytes of the mark: see above */
+    MARK = 32,               /* bytes of the mark: see above */
+    MARK_BEFORE = 24,        /* and of the one of earlier versions */
     LOOKS = 4                /* a writer is in the way of one, rarely of two in a row */
 };
 #define MAGIC 0x377f0682u        /* the format; with bit 0 sums are big-endian */
@@ -53,6 +69,8 @@ struct wal {
     unsigned char marked_salts[8];
     /* bytes of the life with those salts that were synced; 0: not known */
     uint64_t marked;
+    /* the last page among them, from 1, and the sum of what it has; 0: not known */
+    uint32_t marked_page, marked_sum;
     /* the first read that failed, and why: nothing is concluded from what could not be read */
     enum modal_status read;
     struct modal_error why;
@@ -166,12 +184,9 @@ static bool marked_life(const struct wal *wal, const unsigned char salts[8])
     return wal->marked > 0 && memcmp(wal->marked_salts, salts, 8) == 0;
 }
 
-/* The header's own sums are wrong: torn while the log began anew, with an old life's frames behind
- * it, or damaged? */
-static bool header_damaged(struct wal *wal)
+/* Whether any frame has salts: those of the life that it is of. */
+static bool find_life(struct wal *wal)
 {
-    unsigned char salts[8];
-
     wal->page = LEDGER_PAGE;
     wal->salt[0] = wal->salt[1] = 0;
     for (uint64_t i = 0; (wal->salt[0] | wal->salt[1]) == 0; i++) {
@@ -180,6 +195,15 @@ static bool header_damaged(struct wal *wal)
         wal->salt[0] = big_word(wal->frame + 8);
         wal->salt[1] = big_word(wal->frame + 12);
     }
+    return true;
+}
+
+/* The header's own sums are wrong: torn while the log began anew, with the frames of an old life,
+ * which was found, behind it, or damaged? */
+static bool header_damaged(struct wal *wal)
+{
+    unsigned char salts[8];
+
     put_big(salts, wal->salt[0]);
     put_big(salts + 4, wal->salt[1]);
     return (groups_after(wal, 0) || marked_life(wal, salts)) && !header_torn(wal, false)
@@ -201,6 +225,45 @@ static bool header_good(struct wal *wal)
     return same(add(wal->big, none, wal->header, 24), wal->header + 24);
 }
 
+/* The log at PATH has no life: whether what it had is in the database. */
+static enum modal_status check_moved(const struct wal *wal, const char *path,
+                                     struct modal_error *err)
+{
+    unsigned char page[LEDGER_PAGE];
+    char database[4200];
+    size_t got = 0;
+    int fd = -1;
+    enum modal_status rc = MODAL_OK;
+
+    if (wal->marked_page == 0)
+        return MODAL_OK;
+    snprintf(database, sizeof database, "%.*s", (int)(strlen(path) - 4), path);
+    rc = file_open(database, O_RDONLY, 0, &fd, err);
+    if (rc == MODAL_OK) {
+        rc = file_read(fd, page, sizeof page, (uint64_t)(wal->marked_page - 1) * LEDGER_PAGE, &got,
+                       err);
+        close(fd);
+    }
+    if (rc != MODAL_OK && rc != MODAL_NOT_FOUND)
+        return rc;
+    if (got == sizeof page && crc32c(0, page, FILE_PAGE_DATA) == wal->marked_sum)
+        return MODAL_OK;
+    return modal_fail(err, MODAL_CORRUPT,
+                      "%s is empty or gone, and groups that it had are not in %s though they were "
+                      "acknowledged; without the file ledger.db-mark the ledger is read without "
+                      "them", path, database);
+}
+
+static enum modal_status check_headless(struct wal *wal, const char *path, struct modal_error *err)
+{
+    if (!find_life(wal))
+        return check_moved(wal, path, err);
+    return header_damaged(wal) ? modal_fail(
+               err, MODAL_CORRUPT,
+               "%s: its header is damaged (offset 0), and acknowledged groups follow it", path)
+                               : MODAL_OK;
+}
+
 /* The offset behind the last good commit's frame, up to which SQLite will read; 0 where it will
  * read nothing. */
 static enum modal_status check(struct wal *wal, const char *path, uint64_t *end,
@@ -211,10 +274,7 @@ static enum modal_status check(struct wal *wal, const char *path, uint64_t *end,
 
     *end = 0;
     if (!header_good(wal))
-        return header_damaged(wal) ? modal_fail(
-                   err, MODAL_CORRUPT,
-                   "%s: its header is damaged (offset 0), and acknowledged groups follow it", path)
-                                   : MODAL_OK;
+        return check_headless(wal, path, err);
     *end = HEADER;
     sums = (struct sums) { big_word(wal->header + 24), big_word(wal->header + 28) };
     while (read_frame(wal, i, true) && frame_good(wal, &sums)) {
@@ -241,6 +301,7 @@ static enum modal_status check(struct wal *wal, const char *path, uint64_t *end,
 struct ledger_mark {
     char wal[4200];
     int fd, log;              /* log: the log's own, once it is there; -1 */
+    bool ended;               /* it says so on stable storage */
 };
 
 static void mark_path(char path[4200], const char *wal)
@@ -248,26 +309,35 @@ static void mark_path(char path[4200], const char *wal)
     snprintf(path, 4200, "%.*s-mark", (int)(strlen(wal) - 4), wal);      /* without "-wal" */
 }
 
+/* Of LENGTH bytes, the last four their sum. */
+static bool mark_good(const unsigned char *mark, size_t length, const char *magic)
+{
+    uint32_t check;
+
+    memcpy(&check, mark + length - 4, 4);
+    return memcmp(mark, magic, 4) == 0 && check == crc32c(0, mark, length - 4);
+}
+
 static void mark_read(struct wal *wal, const char *path)
 {
     unsigned char mark[MARK];
     char name[4200];
     size_t got = 0;
-    uint32_t check;
     int fd = -1;
 
     mark_path(name, path);
     if (file_open(name, O_RDONLY, 0, &fd, NULL) != MODAL_OK)
         return;
-    if (file_read(fd, mark, MARK, 0, &got, NULL) == MODAL_OK && got == MARK
-        && memcmp(mark, "mdmk", 4) == 0) {
-        memcpy(&check, mark + 20, 4);
-        if (check == crc32c(0, mark, 20)) {
-            memcpy(wal->marked_salts, mark + 4, 8);
-            memcpy(&wal->marked, mark + 12, 8);
-        }
-    }
+    if (file_read(fd, mark, MARK, 0, &got, NULL) != MODAL_OK)
+        got = 0;
     close(fd);
+    if (got == MARK && mark_good(mark, MARK, "mdm2")) {
+        memcpy(&wal->marked_page, mark + 20, 4);
+        memcpy(&wal->marked_sum, mark + 24, 4);
+    } else if (got < MARK_BEFORE || !mark_good(mark, MARK_BEFORE, "mdmk"))
+        return;
+    memcpy(wal->marked_salts, mark + 4, 8);
+    memcpy(&wal->marked, mark + 12, 8);
 }
 
 struct ledger_mark *ledger_mark_open(const char *dir)
@@ -284,22 +354,51 @@ struct ledger_mark *ledger_mark_open(const char *dir)
     return mark;
 }
 
+/* TEXT with its sum, into FD. */
+static bool write_mark(int fd, unsigned char text[MARK])
+{
+    uint32_t sum = crc32c(0, text, MARK - 4);
+
+    memcpy(text + MARK - 4, &sum, 4);
+    return file_write(fd, text, MARK, 0, NULL) == MODAL_OK;
+}
+
 void ledger_mark_put(struct ledger_mark *mark, int frames)
 {
-    unsigned char text[MARK] = "mdmk";
-    uint64_t bytes = HEADER + (uint64_t)frames * (FRAME_HEADER + LEDGER_PAGE);
-    uint32_t check;
+    enum { STRIDE = FRAME_HEADER + LEDGER_PAGE };
+    unsigned char text[MARK] = "mdm2", frame[STRIDE];
+    uint64_t bytes = HEADER + (uint64_t)frames * STRIDE;
+    uint32_t page, sum;
     size_t got = 0;
 
     if (mark == NULL || mark->fd < 0
-        || (mark->log < 0 && file_open(mark->wal, O_RDONLY, 0, &mark->log, NULL) != MODAL_OK))
+        || (mark->log < 0 && file_open(mark->wal, O_RDONLY, 0, &mark->log, NULL) != MODAL_OK)
+        || file_read(mark->log, frame, STRIDE, bytes - STRIDE, &got, NULL) != MODAL_OK
+        || got != STRIDE)
         return;
-    if (file_read(mark->log, text + 4, 8, 16, &got, NULL) != MODAL_OK || got != 8)
-        return;
+    page = big_word(frame);
+    sum = crc32c(0, frame + FRAME_HEADER, FILE_PAGE_DATA);
+    memcpy(text + 4, frame + 8, 8);
     memcpy(text + 12, &bytes, 8);
-    check = crc32c(0, text, 20);
-    memcpy(text + 20, &check, 4);
-    file_write(mark->fd, text, MARK, 0, NULL);
+    memcpy(text + 20, &page, 4);
+    memcpy(text + 24, &sum, 4);
+    mark->ended = false;
+    write_mark(mark->fd, text);
+}
+
+/* FD's mark is ended, on stable storage. */
+static bool end_mark(int fd)
+{
+    unsigned char text[MARK] = "mdm2";
+
+    return write_mark(fd, text) && file_sync(fd, NULL) == MODAL_OK;
+}
+
+bool ledger_mark_end(struct ledger_mark *mark)
+{
+    if (mark != NULL && mark->fd >= 0 && !mark->ended)
+        mark->ended = end_mark(mark->fd);
+    return mark != NULL && mark->ended;
 }
 
 void ledger_mark_close(struct ledger_mark *mark)
@@ -329,7 +428,7 @@ static enum modal_status check_database(const char *wal, struct modal_error *err
                       "acknowledged", path, wal);
 }
 
-/* Once, as it is now; the mark before it, for it may be moving. */
+/* Once, as it is now, or gone; the mark before it, for it may be moving. */
 static enum modal_status look(struct wal *wal, const char *path, uint64_t *end,
                               struct modal_error *err)
 {
@@ -338,27 +437,48 @@ static enum modal_status look(struct wal *wal, const char *path, uint64_t *end,
     enum modal_status rc;
 
     *end = 0;
-    wal->marked = 0;
+    wal->marked = wal->marked_page = 0;
     mark_read(wal, path);
+    if (wal->fd < 0)
+        return check_moved(wal, path, err);
     if (fstat(wal->fd, &known) < 0)
         return modal_fail(err, MODAL_IO, "%s: %s", path, strerror(errno));
     wal->size = (uint64_t)known.st_size;
     rc = file_read(wal->fd, wal->header, HEADER, 0, &got, err);
-    if (rc == MODAL_OK && got == HEADER)
-        rc = check(wal, path, end, err);
+    if (rc == MODAL_OK)
+        rc = got == HEADER ? check(wal, path, end, err) : check_moved(wal, path, err);
     if (rc == MODAL_OK && *end > HEADER)
         rc = check_database(path, err);
     return wal->read == MODAL_OK ? rc : modal_fail(err, wal->read, "%s", wal->why.message);
 }
 
+/* The mark of the log at PATH is ended, before nothing of a life is left. */
+static enum modal_status end_mark_of(const char *path, struct modal_error *err)
+{
+    char name[4200];
+    int fd = -1;
+    enum modal_status rc;
+
+    mark_path(name, path);
+    rc = file_open(name, O_WRONLY, 0, &fd, err);
+    if (rc == MODAL_OK && !end_mark(fd))
+        rc = modal_fail(err, MODAL_IO, "%s cannot be written", name);
+    if (fd >= 0)
+        close(fd);
+    return rc;
+}
+
 /* What is left of a torn group, or of a life before, would be taken for later groups once others
  * are written before it. */
-static enum modal_status trim(const struct wal *wal, uint64_t end, struct modal_error *err)
+static enum modal_status trim(const struct wal *wal, const char *path, uint64_t end,
+                              struct modal_error *err)
 {
     enum modal_status rc;
 
     if (wal->size <= end)
         return MODAL_OK;
+    if (end <= HEADER && wal->marked_page != 0 && (rc = end_mark_of(path, err)) != MODAL_OK)
+        return rc;
     rc = file_truncate(wal->fd, end, err);
     return rc == MODAL_OK ? file_sync(wal->fd, err) : rc;
 }
@@ -373,15 +493,13 @@ enum modal_status ledger_wal_check(const char *path, bool owner, struct modal_er
         return modal_fail(err, MODAL_NO_MEMORY, "no memory to check %s", path);
     wal->fd = -1;
     rc = file_open(path, owner ? O_RDWR : O_RDONLY, 0, &wal->fd, err);
-    if (rc == MODAL_OK)
+    if (rc == MODAL_OK || rc == MODAL_NOT_FOUND)
         rc = look(wal, path, &end, err);
     /* it may have been written to meanwhile */
     for (int i = 0; rc == MODAL_CORRUPT && !owner && i < LOOKS; i++)
         rc = look(wal, path, &end, err);
-    if (rc == MODAL_OK && owner)
-        rc = trim(wal, end, err);
-    if (rc == MODAL_NOT_FOUND)
-        rc = MODAL_OK;
+    if (rc == MODAL_OK && owner && wal->fd >= 0)
+        rc = trim(wal, path, end, err);
     if (wal->fd >= 0)
         close(wal->fd);
     free(wal);

@@ -1284,3 +1284,87 @@ TEST(a_database_that_was_emptied_or_is_gone_is_reported_while_its_log_has_groups
     CHECK(load(opened).jobs == 1);
     stop(opened);
 }
+
+static void reads(int jobs)
+{
+    struct ledger *ledger = NULL;
+
+    CHECK(ledger_open(dir, &ledger, NULL) == MODAL_OK);
+    CHECK(load(ledger).jobs == jobs);
+    ledger_close(ledger);
+}
+
+/* What the log had before it was moved to the database, as at leisure, nobody misses. */
+TEST(a_log_that_was_emptied_or_is_gone_is_reported_unless_the_database_has_what_it_had)
+{
+    struct ledger *ledger = start(), *opened = NULL;
+    struct modal_error err;
+    char path[128];
+    bool more;
+
+    snprintf(path, sizeof path, "%s/ledger.db-wal", dir);
+    CHECK(one(ledger, job_put(1, NULL)) == MODAL_OK);
+    CHECK(ledger_idle(ledger, &more, NULL) == MODAL_OK && !more);
+    ledger_close(ledger);
+    reads(1);
+    CHECK(unlink(path) == 0);
+    reads(1);
+    CHECK(ledger_open(dir, &ledger, NULL) == MODAL_OK);
+    CHECK(one(ledger, job_put(2, NULL)) == MODAL_OK);
+    ledger_close(ledger);
+    shell("cp %s/ledger.db-wal %s/whole");
+    CHECK(truncate(path, 0) == 0);
+    CHECK(ledger_open(dir, &opened, &err) == MODAL_CORRUPT && opened == NULL);
+    CHECK(strstr(err.message, "ledger.db-wal is empty or gone") != NULL);
+    CHECK(truncate(path, 3 * 4120) == 0);                      /* zeros */
+    CHECK(ledger_open(dir, &opened, NULL) == MODAL_CORRUPT && opened == NULL);
+    CHECK(unlink(path) == 0);
+    CHECK(ledger_open(dir, &opened, NULL) == MODAL_CORRUPT && opened == NULL);
+    shell("cp %s/whole %s/ledger.db-wal");
+    reads(2);
+    CHECK(ledger_open(dir, &ledger, NULL) == MODAL_OK);
+    CHECK(ledger_checkpoint(ledger, NULL) == MODAL_OK);
+    ledger_close(ledger);
+    CHECK(truncate(path, 0) == 0);
+    reads(2);
+    CHECK(ledger_open(dir, &ledger, NULL) == MODAL_OK);
+    CHECK(one(ledger, job_put(3, NULL)) == MODAL_OK);
+    ledger_close(ledger);
+    CHECK(truncate(path, 0) == 0);
+    CHECK(ledger_open(dir, &opened, NULL) == MODAL_CORRUPT && opened == NULL);
+    unmark();                                                  /* as the message says */
+    CHECK(ledger_open(dir, &ledger, NULL) == MODAL_OK);
+    CHECK(load(ledger).jobs == 2);
+    stop(ledger);
+}
+
+/* What a power cut leaves when the log begins anew: the first bytes of the new header, whose
+ * sequence number is one more, before all of the old life, which the database has.  It is cut off,
+ * and from then on the mark tells nothing of the log: what the database has by and by is not what
+ * the mark's last frame had. */
+TEST(a_log_that_a_torn_beginning_leaves_empty_is_not_missed_afterwards)
+{
+    struct ledger *ledger = start();
+    unsigned char header[32], mark[32];
+    char path[128], of_mark[128];
+    FILE *file;
+
+    snprintf(path, sizeof path, "%s/ledger.db-wal", dir);
+    snprintf(of_mark, sizeof of_mark, "%s/ledger.db-mark", dir);
+    CHECK(one(ledger, job_put(1, NULL)) == MODAL_OK);
+    CHECK(ledger_checkpoint(ledger, NULL) == MODAL_OK);
+    ledger_close(ledger);
+    file = fopen(path, "r+");
+    CHECK(file != NULL && fread(header, 1, sizeof header, file) == sizeof header);
+    header[15]++;
+    rewind(file);
+    CHECK(fwrite(header, 1, sizeof header, file) == sizeof header);
+    CHECK(fclose(file) == 0);
+    CHECK(ledger_open(dir, &ledger, NULL) == MODAL_OK);
+    file = fopen(of_mark, "r");
+    CHECK(file != NULL && fread(mark, 1, sizeof mark, file) == sizeof mark);
+    fclose(file);
+    for (int i = 4; i < 28; i++)
+        CHECK(mark[i] == 0);
+    stop(ledger);
+}

@@ -9,7 +9,7 @@
  * cannot load code or reach outside (see base_kept).
  *
  * Limits: INSTRUCTIONS a call (a hook counts), LAW_LUA_MOST bytes a state and LAW_LUA_TOGETHER_MOST
- * all states of a program (the allocator counts both); passing one is a failure like any other,
+ * all states of a program, STRING_MOST a string (the allocator counts all three); passing one is a failure like any other,
  * named with its line or with the limit.  Derivatives are central differences, with h = cbrt(eps)
  * max(|d|, scale), scale the largest |d| (|v|) seen so far: error of order h^2, about 1e-10 of the
  * force.  A difference must not be remembered, so `memory` is copied before it and put back.
@@ -27,6 +27,7 @@
 enum {
     INSTRUCTIONS = 1000000,    /* some 10 ms: a law is asked thousands of times a period */
     HOOK_STEP = 10000,         /* between two counts: a hundredth of that, and no cost */
+    STRING_MOST = 4096,        /* bytes: to join or compare two is an instruction, of 0.1 us at most */
     MEMORY_DEPTH = 8,          /* copied by calls that call themselves, on a C stack */
 };
 
@@ -35,7 +36,7 @@ struct lua_law {
     size_t used, *together;  /* bytes of this one; of all of a program */
     bool unlimited;               /* outside a protected call, where a refusal would end the
                                      process: a table without entries */
-    enum { NO_LIMIT, OF_ONE, OF_ALL } passed;     /* by what was refused last */
+    enum { NO_LIMIT, OF_ONE, OF_ALL, OF_STRING } passed;     /* by what was refused last */
     long left;                    /* instructions of this call */
     double scale_d, scale_v;  /* the largest seen: see the opening */
 };
@@ -46,8 +47,13 @@ static void *allocate(void *context, void *block, size_t old, size_t size)
     struct lua_law *s = context;
     void *moved;
 
-    if (block == NULL)
-        old = 0;  /* then Lua passes the kind of object in `old` */
+    if (block == NULL) {  /* then Lua passes the kind of object in `old` */
+        if (old == LUA_TSTRING && size > STRING_MOST && !s->unlimited) {
+            s->passed = OF_STRING;
+            return NULL;
+        }
+        old = 0;
+    }
     if (size == 0) {
         free(block);
         s->used -= old;
@@ -165,7 +171,7 @@ static int memory_copy(lua_State *L)               /* name from, name to: in the
     return 0;
 }
 
-/* Which of the two limits on memory was met. */
+/* Which limit on memory was met. */
 static enum modal_status past_limit(const struct lua_law *s, struct modal_error *err)
 {
     if (s->passed == NO_LIMIT)
@@ -173,6 +179,9 @@ static enum modal_status past_limit(const struct lua_law *s, struct modal_error 
     if (s->passed == OF_ONE)
         return modal_fail_field(err, MODAL_ELEMENT_FAILED, "source", "lua: not enough memory: an "
                                 "element has at most %d bytes", LAW_LUA_MOST);
+    if (s->passed == OF_STRING)
+        return modal_fail_field(err, MODAL_ELEMENT_FAILED, "source", "lua: a string is longer than "
+                                "some %d bytes", STRING_MOST);
     return modal_fail_field(err, MODAL_ELEMENT_FAILED, "source", "lua: not enough memory: all "
                             "elements of a scene have at most %d bytes together",
                             LAW_LUA_TOGETHER_MOST);

@@ -412,8 +412,16 @@ TEST(a_force_that_calls_itself_without_end_fails_by_its_limit)
 {
     fails_with("function f(n) return 1 + f(n + 1) end function force(t, x, v, m) return f(1) end",
                "an element has at most 8388608 bytes");
-    fails_with("function force(t, x, v, m) local s = \\\"x\\\" while true do s = s .. s end end",
+    fails_with("function force(t, x, v, m) local k = {} while true do k = {k} end end",
                "an element has at most 8388608 bytes");
+}
+
+/* Joining and comparing are an instruction each, whatever the strings: of megabytes a million of
+ * them took minutes, within which nothing is asked whether it is to end. */
+TEST(a_force_has_no_strings_that_make_an_instruction_long)
+{
+    fails_with("function force(t, x, v, m) local s = \\\"x\\\" while true do s = s .. s end end",
+               "a string is longer than some 4096 bytes");
 }
 
 /* Each call keeps 2000 tables of 56 bytes and more; steps enough pass the budget of one, and the

@@ -164,9 +164,20 @@ def run_examples(folder):
                           "n": n, "far": away}), flush=True)
 
 
+def missing():
+    """What of the peer is not here; nothing where all is."""
+    folder = os.environ.get("NLVIB")
+    if not folder:
+        return "$NLVIB is not set; it names the folder that holds NLvib's SRC and EXAMPLES"
+    for name in ("SRC", "EXAMPLES"):
+        if not os.path.isdir(os.path.join(folder, name)):
+            return f"$NLVIB is {folder}, which holds no folder {name}"
+    return "there is no octave-cli" if shutil.which("octave-cli") is None else ""
+
+
 def main():
-    if not os.environ.get("NLVIB") or shutil.which("octave-cli") is None:
-        print("bench_steady_peers: no $NLVIB or no octave-cli: left out", file=sys.stderr)
+    if missing():
+        print(f"bench_steady_peers: left out: {missing()}", file=sys.stderr)
         return
     out = subprocess.run(["octave-cli", "--norc", "-q", os.path.join(HERE, "nlvib_path.m")],
                          capture_output=True, text=True).stdout

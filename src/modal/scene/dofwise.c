@@ -16,6 +16,8 @@ enum {
     NONE = -2,                       /* past the last of a thing's dofs */
     PARTS = 3,                       /* M, C, K, of cosines as of sines */
 };
+/* of a step: where events are looked for from on (leap_events.c) */
+static const double MOMENT = 1e-4;
 
 /* The one text of it here. */
 static enum modal_status no_memory(struct modal_error *err)
@@ -178,7 +180,7 @@ enum modal_status dofwise_new(const struct program *p, struct dofwise **out,
     f->n = p->n;
     rc = allocate(f, err);
     if (rc == MODAL_OK)
-        rc = sources_new(p, &f->src, err);
+        rc = sources_new(p, false, &f->src, err);
     if (rc == MODAL_OK)
         rc = make_graph(f, err);
     if (rc == MODAL_OK)
@@ -373,15 +375,43 @@ static enum modal_status law_part(struct dofwise *f, int law, double t, const do
     return rc;
 }
 
-void dofwise_watch(struct dofwise *f, const struct dof_set *set, const double *x, const double *v)
+/* The piece that law AT is on a moment after the start of a step of H: an event before the step's
+ * first stage leaves all of these on one side. */
+static enum modal_status begin_watch(struct dofwise *f, int law, double t, double h,
+                                     const double *x, const double *v, const double *memory,
+                                     struct modal_error *err)
 {
-    for (int k = 0; k < set->laws; k++) {
-        double d[LAW_INPUTS_MOST];
-        const struct law *l = &f->p->law[set->law[k]];
-        /* with two inputs a piece may end while neither turns: a slider whose bound changes */
-        f->watch[set->law[k]] = (struct law_watch){ .mixed = l->kind->inputs > 1 };
-        inputs_of(l, x, v, d, f->watch[set->law[k]].rate);
-    }
+    double d[LAW_INPUTS_MOST], before[LAW_INPUTS_MOST], after[MEMORY_MOST];
+    const struct law *l = &f->p->law[law];
+    struct law_watch *watch = &f->watch[law];
+    struct law_point at = { t + MOMENT * h, d, watch->rate, before,
+                            memory + f->memory[law] };
+    struct law_force out = { .memory = after };
+    enum modal_status rc;
+
+    /* with two inputs a piece may end while neither turns: a slider whose bound changes */
+    *watch = (struct law_watch){ .mixed = l->kind->inputs > 1 };
+    inputs_of(l, x, v, before, watch->rate);
+    if (watch->mixed || l->kind->smooth)
+        return MODAL_OK;
+    for (int k = 0; k < l->kind->inputs; k++)
+        d[k] = before[k] + MOMENT * h * watch->rate[k];
+    rc = l->kind->force(l, &at, &out, err);
+    f->evaluations[law]++;
+    watch->regime = out.regime;
+    watch->seen = true;
+    return rc;
+}
+
+enum modal_status dofwise_watch(struct dofwise *f, const struct dof_set *set, double t, double h,
+                                const double *x, const double *v, const double *memory,
+                                struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+
+    for (int k = 0; k < set->laws && rc == MODAL_OK; k++)
+        rc = begin_watch(f, set->law[k], t, h, x, v, memory, err);
+    return rc;
 }
 
 enum modal_status dofwise_accelerate(struct dofwise *f, const struct dof_set *set, double t,

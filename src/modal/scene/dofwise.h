@@ -28,8 +28,8 @@ struct dof_set {
 
 /* What the stages of one step have shown of a law. */
 struct law_watch {
-    bool seen;                       /* any stage yet */
-    int regime;                      /* in the first of them */
+    bool seen;                       /* anywhere yet */
+    int regime;                      /* at the first place: a moment after the start */
     double rate[LAW_INPUTS_MOST];    /* at the step's start */
     bool mixed;                      /* its piece may have ended: another regime or sign of rate */
 };
@@ -69,8 +69,11 @@ enum modal_status dofwise_set_new(struct dofwise *f, struct dof_set *out, struct
 /* OUT becomes the COUNT dofs of DOF, ascending. */
 void dofwise_set(struct dofwise *f, const int *dof, int count, struct dof_set *out);
 
-/* The laws of SET are watched from here on: a step begins at (X, V). */
-void dofwise_watch(struct dofwise *f, const struct dof_set *set, const double *x, const double *v);
+/* The laws of SET are watched from here on: a step of H begins at T and (X, V), MEMORY what laws
+ * remember there.  Fails as their force does. */
+enum modal_status dofwise_watch(struct dofwise *f, const struct dof_set *set, double t, double h,
+                                const double *x, const double *v, const double *memory,
+                                struct modal_error *err);
 
 /*
  * (1) over SET at time t into A (n numbers, the set's alone are written): X and V must hold the

@@ -162,9 +162,11 @@ static enum modal_status make_stages(struct leap *l, int from, int to, const dou
 /* From `from` and slope[0] at t over h: `to`, and the slopes as far as there. */
 static enum modal_status leap_end(struct leap *l, const double *memory, struct modal_error *err)
 {
+    enum modal_status rc;
+
     fill_rim(l, l->t, l->from);
-    dofwise_watch(l->of, l->set, l->from, l->from + l->of->n);
-    return make_stages(l, 1, DORMAND_PRINCE_END + 1, memory, err);
+    rc = dofwise_watch(l->of, l->set, l->t, l->h, l->from, l->from + l->of->n, memory, err);
+    return rc == MODAL_OK ? make_stages(l, 1, DORMAND_PRINCE_END + 1, memory, err) : rc;
 }
 
 enum modal_status leap_make(struct leap *l, const double *memory, struct modal_error *err)

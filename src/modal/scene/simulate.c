@@ -57,7 +57,7 @@ static enum modal_status start(struct program *p, const struct scene_time *time,
     enum modal_status rc = statespace_new(p, &m->ss, err);
 
     if (rc == MODAL_OK)
-        rc = sources_new(p, &m->src, err);
+        rc = sources_new(p, true, &m->src, err);
     if (rc == MODAL_OK)
         rc = (opt->rk4 ? rk4_stepper_new
                        : steppers[p->seen_fixed && p->laws == 0 ? PROGRAM_LINEAR_CONSTANT

@@ -63,13 +63,17 @@ static void set(double *x, int rows, int i, int j, double value)
     x[i + (size_t)j * (size_t)rows] += value;
 }
 
-/* Rows FIRST .. of S and P for a load of COUNT states (before turning). */
+/* The block, and where there are S and P their rows FIRST .., of a load of COUNT states (before
+ * turning). */
 static void fill(struct sources *s, const struct program_load *load, int first, int count)
 {
     double weight[3], W = s->p->frame_speed;
     int at, copies = load->dof_sine >= 0 ? 2 : 1;
     double b = shape_of(s->p, load, &at, weight);
 
+    s->block[s->blocks++] = (struct source_block) { first, copies * count };
+    if (s->S == NULL)
+        return;
     for (int copy = 0; copy < copies; copy++) {
         int row = first + copy * count, dof = copy == 0 ? load->dof : load->dof_sine;
         if (b != 0 && count >= at + 2) {
@@ -85,7 +89,6 @@ static void fill(struct sources *s, const struct program_load *load, int first, 
         set(s->S, s->nw, first + i, first + count + i, -W);  /* [S, -W; W, S] */
         set(s->S, s->nw, first + count + i, first + i, W);
     }
-    s->block[s->blocks++] = (struct source_block) { first, copies * count };
 }
 
 /* What lies before t = 0 or never comes is no corner. */
@@ -128,7 +131,7 @@ static int corners_of(const struct program_load *load)
     return load->type == LOAD_TABLE ? load->points : 2;
 }
 
-enum modal_status sources_new(const struct program *p, struct sources **out,
+enum modal_status sources_new(const struct program *p, bool stepped, struct sources **out,
                               struct modal_error *err)
 {
     struct sources *s = calloc(1, sizeof *s);
@@ -148,8 +151,10 @@ enum modal_status sources_new(const struct program *p, struct sources **out,
         s->nw += states_of(&p->load[i]) * (p->load[i].dof_sine >= 0 ? 2 : 1);
         corners += (size_t)corners_of(&p->load[i]);
     }
-    s->S = workspace_zeros(&s->space, (size_t)s->nw * (size_t)s->nw, sizeof *s->S);
-    s->P = workspace_zeros(&s->space, (size_t)s->n * (size_t)s->nw, sizeof *s->P);
+    if (stepped) {
+        s->S = workspace_zeros(&s->space, (size_t)s->nw * (size_t)s->nw, sizeof *s->S);
+        s->P = workspace_zeros(&s->space, (size_t)s->n * (size_t)s->nw, sizeof *s->P);
+    }
     s->block = workspace_zeros(&s->space, (size_t)p->loads, sizeof *s->block);
     s->corner = workspace_zeros(&s->space, corners, sizeof *s->corner);
     s->first = workspace_zeros(&s->space, (size_t)p->loads, sizeof *s->first);
@@ -220,11 +225,21 @@ static void load_at(const struct program *p, const struct program_load *load, do
     }
 }
 
-double sources_force(const struct sources *s, int load, double t)
+double sources_force(struct sources *s, int load, double t)
 {
-    double w[3] = { 0 }, weight[3];
+    const struct program_load *of = &s->p->load[load];
+    double w[3] = { 0 }, weight[3], b;
     int at;
 
+    if (of->type == LOAD_HARMONIC && (b = program_load_frequency(s->p, of)) != 0) {
+        if (b != s->turns || t != s->turned_at) {        /* many loads turn alike */
+            s->turns = b;
+            s->turned_at = t;
+            s->cosine = cos(b * t);
+            s->sine = sin(b * t);
+        }
+        return of->cosine * s->cosine + of->sine * s->sine;
+    }
     shape_of(s->p, &s->p->load[load], &at, weight);
     load_at(s->p, &s->p->load[load], t, w);
     return weight[0] * w[0] + weight[1] * w[1] + weight[2] * w[2];

@@ -30,19 +30,21 @@ struct source_corner {
 
 struct sources {
     int n, nw;  /* dofs, rows of w */
-    double *S;                                    /* nw x nw by columns */
-    double *P;                                    /* n x nw by columns */
+    double *S;                                    /* nw x nw by columns, or NULL */
+    double *P;                                    /* n x nw by columns, or NULL */
     int blocks;
     struct source_block *block;
     int corners;
     struct source_corner *corner;                 /* ascending in t, those at t >= 0 */
     const struct program *p;                      /* borrowed */
+    double turns, turned_at, cosine, sine;        /* rad/s, s: of the last sources_force */
     int *first;                                   /* of each load: its first row of w; -1: none */
     struct workspace space;                       /* of the arrays */
 };
 
-/* P is borrowed until sources_free.  Fails with MODAL_NO_MEMORY. */
-enum modal_status sources_new(const struct program *p, struct sources **out,
+/* P is borrowed until sources_free.  STEPPED: with S and P, which are dense; else they are NULL.
+ * Fails with MODAL_NO_MEMORY. */
+enum modal_status sources_new(const struct program *p, bool stepped, struct sources **out,
                               struct modal_error *err);
 /* NULL is accepted. */
 void sources_free(struct sources *s);
@@ -51,6 +53,6 @@ void sources_free(struct sources *s);
 void sources_at(const struct sources *s, double t, double *w);
 
 /* The force of one of the program's loads just after t, on fixed axes; 0 of an impulse. */
-double sources_force(const struct sources *s, int load, double t);
+double sources_force(struct sources *s, int load, double t);
 
 #endif

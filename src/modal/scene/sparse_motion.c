@@ -34,6 +34,8 @@ enum {
     DEPTH = 4,                 /* of parts at first: (1) is some 1e-9 of J h^2 where k h^2 = m */
     CUTS_MOST = 12,            /* each gains as many digits as the last; the end is taken then */
     TURNING_CUTS = 4,          /* after so many cuts an event is a turning point: see TURNING */
+    STEPS_OF_EVENT = 4,        /* of a part: 3.6 to 4.3 were counted, the cuts to it included */
+    SHARES = 6,                /* of a leap that are weighed: down to 2^-6 of it */
     TINY_MOST = 4,             /* tiny steps on end: one may be a coincidence of two events */
     BLIND = 10,                /* a step without events is h / 2^10: a kink costs h^2 of a force */
     STEPS_MOST = 100000,       /* of parts within one leap: a rattle that dies out */
@@ -81,8 +83,11 @@ struct sparse_motion {
     double *event;                   /* of each law: the first in the leap, HUGE_VAL: none */
     double *parted;                  /* of each law: 1: a part has carried its memory */
     int *mark;                       /* of each dof: its distance from an event, -1: too far */
-    int *queue, *list;               /* n of room each */
-    int *component;                  /* of each marked dof, from 0 */
+    int *queue;                      /* n of room */
+    int *inside;                     /* of each part: the laws with an event in it */
+    int *list, *begin;               /* marked dofs, part after part, each ascending; where each */
+                                     /* begins, and the last ends: n + 1 of room */
+    bool *listed;                    /* of each dof */
     int events, depth;               /* in the last leap; of parts */
     double t, dt, h, most;           /* s: now; samples; the next leap, and its bound by parts */
     double tolerance, scale;         /* scale: the largest weighed component so far */
@@ -131,9 +136,9 @@ static int reach(struct sparse_motion *m, int dof, int distance, int count)
     return count + 1;
 }
 
-/* Marks: every dof up to `depth` from one on which a law with an event acts; all of them where M
- * couples every acceleration. */
-static void spread(struct sparse_motion *m)
+/* Marks: every dof up to `depth` from one on which a law acts with an event up to LIMIT of the
+ * leap; all of them where M couples every acceleration. */
+static void spread(struct sparse_motion *m, double limit)
 {
     const struct program *p = m->f->p;
     const struct sparse *g = &m->f->graph;
@@ -142,7 +147,7 @@ static void spread(struct sparse_motion *m)
     for (int i = 0; i < p->n; i++)
         m->mark[i] = m->f->mass == NULL && m->events > 0 ? 0 : -1;
     for (int l = 0; l < p->laws; l++)
-        for (int e = 0; m->event[l] <= 1 && e < law_ends(&p->law[l]); e++)
+        for (int e = 0; m->event[l] <= limit && e < law_ends(&p->law[l]); e++)
             count = reach(m, p->law[l].end[e].dof, 0, count);
     for (int at = 0; at < count; at++)
         for (int k = g->start[m->queue[at]];
@@ -150,31 +155,101 @@ static void spread(struct sparse_motion *m)
             count = reach(m, g->index[k], m->mark[m->queue[at]] + 1, count);
 }
 
-/* Components of what is marked, into `component`; how many. */
-static int components(struct sparse_motion *m)
+static int ascending(const void *a, const void *b)
+{
+    const int *x = a, *y = b;
+
+    return (*x > *y) - (*x < *y);
+}
+
+/* The dofs that are joined to FIRST through marked ones, into `list` from COUNT on; where they
+ * end. */
+static int join(struct sparse_motion *m, int first, int count)
 {
     const struct sparse *g = &m->f->graph;
-    int found = 0;
+    int begin = count;
 
-    for (int i = 0; i < m->f->n; i++)
-        m->component[i] = -1;
-    for (int i = 0; i < m->f->n; i++) {
-        int count = 0;
-        if (m->mark[i] < 0 || m->component[i] >= 0)
-            continue;
-        m->component[i] = m->f->mass == NULL ? 0 : found;    /* M's are all one */
-        m->queue[count++] = i;
-        for (int at = 0; at < count; at++)
-            for (int k = g->start[m->queue[at]]; k < g->start[m->queue[at] + 1]; k++) {
-                int j = g->index[k];
-                if (m->mark[j] < 0 || m->component[j] >= 0)
-                    continue;
-                m->component[j] = m->component[i];
-                m->queue[count++] = j;
-            }
-        found++;
+    m->list[count++] = first;
+    m->listed[first] = true;
+    for (int at = begin; at < count; at++)
+        for (int k = g->start[m->list[at]]; k < g->start[m->list[at] + 1]; k++) {
+            int j = g->index[k];
+            if (m->mark[j] < 0 || m->listed[j])
+                continue;
+            m->list[count++] = j;
+            m->listed[j] = true;
+        }
+    qsort(m->list + begin, (size_t)(count - begin), sizeof *m->list, ascending);
+    return count;
+}
+
+/* Components of what is marked, into `list`; how many.  Where M couples all they are one. */
+static int components(struct sparse_motion *m)
+{
+    int found = 0, count = 0;
+
+    for (int i = 0; m->f->mass == NULL && i < m->f->n; i++)
+        m->list[count++] = i;
+    if (m->f->mass == NULL) {
+        m->begin[0] = 0;
+        m->begin[1] = count;
+        return 1;
     }
-    return m->f->mass == NULL && found > 0 ? 1 : found;
+    memset(m->listed, 0, (size_t)m->f->n * sizeof *m->listed);
+    for (int i = 0; i < m->f->n; i++)
+        if (m->mark[i] >= 0 && !m->listed[i]) {
+            m->begin[found++] = count;
+            count = join(m, i, count);
+        }
+    m->begin[found] = count;
+    return found;
+}
+
+/* What parts up to the LIMIT of the leap just made take, over a leap of the whole: a part is
+ * stepped from each of its events to the next. */
+static double cost_of_parts(struct sparse_motion *m, double limit)
+{
+    const struct program *p = m->f->p;
+    double cost = 0;
+    int parts;
+
+    spread(m, limit);
+    parts = components(m);
+    for (int c = 0; c < parts; c++)
+        for (int k = m->begin[c]; k < m->begin[c + 1]; k++)
+            m->queue[m->list[k]] = c;            /* whose part a dof is of */
+    memset(m->inside, 0, (size_t)parts * sizeof *m->inside);
+    for (int l = 0; l < p->laws; l++)
+        if (m->event[l] <= limit && law_ends(&p->law[l]) > 0)
+            m->inside[m->queue[p->law[l].end[0].dof]]++;
+    for (int c = 0; c < parts; c++)
+        cost += (m->begin[c + 1] - m->begin[c]) / (double)m->f->n
+                * (1 + STEPS_OF_EVENT * m->inside[c]);
+    return cost;
+}
+
+/*
+ * Of the leap just made the share that gets on for least: where many laws change, their parts grow
+ * together, and each of the events in them is a step of them all; a shorter leap has fewer and
+ * smaller ones, but is made again.  The marks are those of the whole leap.
+ */
+static double cheapest_share(struct sparse_motion *m)
+{
+    double cost = 1 + cost_of_parts(m, 1), best = cost, share = 1, tried = 1;
+
+    for (int i = 0; i < SHARES && best > 1 + PARTS_MOST; i++) {
+        double again;
+
+        tried /= 2;
+        again = 1 + (1 + cost_of_parts(m, tried)) / tried;
+        if (again < best) {
+            best = again;
+            share = tried;
+        }
+    }
+    if (cost > 1 + PARTS_MOST)
+        spread(m, 1);
+    return share;
 }
 
 /* OUT = IN over the part's dofs. */
@@ -325,13 +400,10 @@ static bool deep_enough(const struct sparse_motion *m)
 static enum modal_status one_part(struct sparse_motion *m, int component, bool *deep,
                                   struct modal_error *err)
 {
-    int count = 0;
+    int from = m->begin[component];
     enum modal_status rc;
 
-    for (int i = 0; i < m->f->n; i++)
-        if (m->component[i] == component)
-            m->list[count++] = i;
-    dofwise_set(m->f, m->list, count, &m->set);
+    dofwise_set(m->f, m->list + from, m->begin[component + 1] - from, &m->set);
     for (int k = 0; k < m->set.laws; k++)
         m->parted[m->set.law[k]] = 1;
     m->part.set = &m->set;
@@ -345,14 +417,22 @@ static enum modal_status one_part(struct sparse_motion *m, int component, bool *
     return rc;
 }
 
-/* All parts of the leap, as deep as need be. */
-static enum modal_status make_parts(struct sparse_motion *m, bool last, struct modal_error *err)
+/* All parts of the leap, as deep as need be.  *SHARE: 1, or how much shorter a leap is cheaper,
+ * and then they are not made. */
+static enum modal_status make_parts(struct sparse_motion *m, bool last, double *share,
+                                    struct modal_error *err)
 {
     bool deep = false;
     enum modal_status rc = MODAL_OK;
 
+    *share = 1;
     while (!deep && rc == MODAL_OK) {
-        int parts = components(m);
+        int parts;
+
+        *share = cheapest_share(m);
+        if (*share < 1)
+            return MODAL_OK;
+        parts = components(m);
         deep = true;
         memcpy(m->result, m->whole.to, 2 * (size_t)m->f->n * sizeof *m->result);
         memcpy(m->after, m->memory, (size_t)m->f->memories * sizeof *m->after);
@@ -361,7 +441,7 @@ static enum modal_status make_parts(struct sparse_motion *m, bool last, struct m
             rc = one_part(m, c, &deep, err);
         if (!deep && rc == MODAL_OK) {
             m->depth *= 2;
-            spread(m);
+            spread(m, 1);
         }
     }
     return rc;
@@ -415,7 +495,7 @@ static void choose_length(struct sparse_motion *m, double error)
 static enum modal_status leap(struct sparse_motion *m, double h, bool last, bool *taken,
                               struct modal_error *err)
 {
-    double before = m->scale, size, error;
+    double before = m->scale, size, error, share = 1;
     enum modal_status rc;
 
     m->whole.t = m->t;
@@ -428,7 +508,7 @@ static enum modal_status leap(struct sparse_motion *m, double h, bool last, bool
         rc = find_events(m, err);
     if (rc != MODAL_OK)
         return rc;
-    spread(m);
+    spread(m, 1);
     m->scale = fmax(fmax(before, size), DBL_MIN);
     error = size < HUGE_VAL ? leap_error(&m->whole, m->weight, m->events > 0 ? m->mark : NULL)
                                   / (m->tolerance * m->scale)
@@ -440,9 +520,15 @@ static enum modal_status leap(struct sparse_motion *m, double h, bool last, bool
         m->h = h * fmin(factor_of(error), SAFETY);
         return MODAL_OK;
     }
-    rc = m->events > 0 ? make_parts(m, last, err)
+    rc = m->events > 0 ? make_parts(m, last, &share, err)
                        : leap_record_whole(&m->record, &m->whole, m->memory, last, err);
     m->scale = before;
+    if (rc == MODAL_OK && share < 1) {
+        *taken = false;
+        m->rejected++;
+        m->most = m->h = h * share;
+        return MODAL_OK;
+    }
     if (rc == MODAL_OK)
         rc = take_leap(m, err);
     if (rc == MODAL_OK)
@@ -531,7 +617,9 @@ static enum modal_status start(struct sparse_motion *m, struct program *p,
     m->mark = workspace_zeros(space, n, sizeof *m->mark);
     m->queue = workspace_zeros(space, n, sizeof *m->queue);
     m->list = workspace_zeros(space, n, sizeof *m->list);
-    m->component = workspace_zeros(space, n, sizeof *m->component);
+    m->begin = workspace_zeros(space, n + 1, sizeof *m->begin);
+    m->listed = workspace_zeros(space, n, sizeof *m->listed);
+    m->inside = workspace_zeros(space, n, sizeof *m->inside);
     rc = leap_record_init(&m->record, m->f, time, signals, space, err);
     if (rc == MODAL_OK)
         rc = dofwise_set_new(m->f, &m->set, err);

@@ -613,7 +613,7 @@ static enum modal_status follow_init(struct follow *f, struct modal_error *err)
     enum modal_status rc = statespace_new(&f->p, &f->ss, err);
 
     if (rc == MODAL_OK)
-        rc = sources_new(&f->p, &f->src, err);
+        rc = sources_new(&f->p, true, &f->src, err);
     if (rc == MODAL_OK)
         rc = ports_new(f->ss, &f->ports, err);
     if (rc == MODAL_OK)

@@ -581,7 +581,7 @@ enum modal_status settle_new(const struct program *p, double omega, const struct
     how.dt = s->T / STEPS;
     rc = statespace_new(&s->p, &s->ss, err);
     if (rc == MODAL_OK)
-        rc = sources_new(&s->p, &s->src, err);
+        rc = sources_new(&s->p, true, &s->src, err);
     if (rc == MODAL_OK)
         rc = ports_new(s->ss, &s->ports, err);
     if (rc == MODAL_OK)

@@ -201,6 +201,48 @@ TEST(twenty_laws_that_turn_often_move_by_leaps_as_they_do_by_steps_of_the_whole)
     free(text);
 }
 
+/* Evaluations of a law, on the average, of a chain of N with EACH at every dof and a load of its
+ * own at each. */
+static double asked_a_law(int n, const char *each)
+{
+    size_t room = 80 * (size_t)n + 200;
+    char *rest = malloc(room), *at = rest, *text;
+    struct outcome o;
+    double sum = 0;
+
+    at += sprintf(at, "'omega':0.3,'time':{'dt':0.1,'duration':4},'sensors':[{'dof':'x1'}],"
+                      "'excitation':[");
+    for (int i = 0; i < n; i++)
+        at += sprintf(at, "%s{'dof':'x%d','k':1,'cos':%.6f,'sin':%.6f}", i > 0 ? "," : "", i + 1,
+                      0.5 * cos(i), 0.5 * sin(1.7 * i));
+    sprintf(at, "]");
+    text = chain(n, each, rest);
+    o = run(text, simulate, 0);
+    CHECK_STRING(o.s.integrator, "dormand-prince-8");
+    for (int l = 0; l < o.p->laws; l++)
+        sum += (double)o.p->effect[o.p->law[l].effect].evaluations / n;
+    done(&o);
+    free(text);
+    free(rest);
+    return sum;
+}
+
+/* Each moves as its own load and its neighbours make it: four times as many are four times the
+ * work, whose events are as dense along the chain.  Leaps are shorter, by the fewest of them. */
+TEST(sliders_that_all_turn_at_times_of_their_own_cost_what_each_does)
+{
+    static const char each[] = "{'type':'friction','dof':'x%d','stiffness':0.3,'limit':0.05}";
+
+    CHECK(asked_a_law(400, each) < 2 * asked_a_law(100, each));
+}
+
+TEST(contacts_that_all_touch_at_times_of_their_own_cost_what_each_does)
+{
+    static const char each[] = "{'type':'gap','dof':'x%d','stiffness':1000,'clearance':0.01}";
+
+    CHECK(asked_a_law(400, each) < 2 * asked_a_law(100, each));
+}
+
 TEST(contacts_far_from_the_motion_cost_no_steps)
 {
     far_dofs_cost_no_steps("{'type':'gap','dof':'x%d','stiffness':1,'clearance':0.3}");

@@ -11,7 +11,7 @@ import pytest
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "system"))
 import sanitized  # noqa: E402
 from lab import FAKE, Lab  # noqa: E402
-from wire import BUILD, Daemon, ring_down, until  # noqa: E402
+from wire import BUILD, Daemon, crc32c, ring_down, until  # noqa: E402
 
 SAMPLES = 8192                          # of 64 kB, the largest input that comes with its SUBMIT
 WAVE = b"".join(struct.pack("<d", math.sin(0.01 * k)) for k in range(SAMPLES))
@@ -38,6 +38,12 @@ def begins(client):
     assert reply.ok, reply
 
 
+def groups(client, what="seconds_count"):
+    """How many groups of commits there were; WHAT transactions_sum: and what was in them."""
+    text = client.ask("METRICS").body[0].decode()
+    return int(float(re.search(rf"^modald_commit_{what} (\S+)$", text, re.MULTILINE)[1]))
+
+
 def syncs_of_a_begin(client):
     """How many groups of commits come to their end while `UPLOAD begin` is answered; of five the
     least: on a busy machine more of them end while a question is on its way."""
@@ -47,12 +53,6 @@ def syncs_of_a_begin(client):
         begins(client)
         taken.append(groups(client) - before)
     return min(taken)
-
-
-def groups(client, what="seconds_count"):
-    """How many groups of commits there were; WHAT transactions_sum: and what was in them."""
-    text = client.ask("METRICS").body[0].decode()
-    return int(float(re.search(rf"^modald_commit_{what} (\S+)$", text, re.MULTILINE)[1]))
 
 
 def submits(client, k):
@@ -144,3 +144,20 @@ def test_who_hangs_up_while_he_is_not_read_is_forgotten(tmp_path):
         until(lambda: re.search(r"^modald_connections 1$", other.ask("METRICS").body[0].decode(),
                                 re.MULTILINE))
         begins(other)
+
+
+@pytest.mark.skipif(sanitized.SANITIZED, reason="no library is loaded before the sanitizer\'s")
+def test_the_pushes_of_one_message_are_one_group_of_commits(tmp_path):
+    """A hundred streams.  Once the first of them was a group of its own, which the others waited
+    for."""
+    with Daemon(folder=tmp_path, workers=0, env=SLOW_DISK) as daemon:
+        client, other = daemon.client(), daemon.client()
+        asked = [client.send("STREAM", op="open", name=f"s{k}", channels=1, dt=0.01)
+                 for k in range(100)]
+        idents = [client.answer(number)["stream"] for number in asked]
+        before = groups(other)
+        parts = [[ident, 0, 0, 8, crc32c(WAVE[:8])] for ident in idents]
+        assert client.ask("STREAM", [WAVE[:8] * 100], op="pushes", parts=parts)["count"] == 100
+        assert groups(other) - before == 1
+        client.close()
+        other.close()

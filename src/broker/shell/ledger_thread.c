@@ -328,12 +328,12 @@ struct ledger_thread *ledger_thread_start(struct ledger *ledger, const char *dir
     return l;
 }
 
-void ledger_thread_put(struct ledger_thread *l, struct transaction *t)
+void ledger_thread_put(struct ledger_thread *l, struct transaction *first)
 {
-    t->next = NULL;
     pthread_mutex_lock(&l->mutex);
-    *l->end = t;
-    l->end = &t->next;
+    *l->end = first;
+    while (*l->end != NULL)
+        l->end = &(*l->end)->next;
     pthread_cond_signal(&l->more);
     pthread_mutex_unlock(&l->mutex);
 }

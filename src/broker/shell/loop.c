@@ -208,7 +208,7 @@ static void carry_out(struct daemon *d, struct action *a)
 {
     switch (a->type) {
     case ACT_SEND:   to_client(d, a); break;
-    case ACT_COMMIT: ledger_thread_put(d->ledger_thread, a->transaction); break;
+    case ACT_COMMIT: break;                        /* it is among those that went together */
     case ACT_TASK:   spool_threads_put(d->spool, a->task); break;
     case ACT_WORKER: to_worker(d, a); break;
     case ACT_REMOTE: to_remote(d, a); break;
@@ -220,7 +220,25 @@ static void carry_out(struct daemon *d, struct action *a)
     }
 }
 
-/* Actions may cause further steps, which reuse the core's list: take it first. */
+/* The transactions of a step in one piece: they are one group, for which the ledger's thread is
+ * waked once, though it were at rest.  One by one the first of them was a group of its own, and the
+ * others waited for its sync. */
+static void commit_all(struct daemon *d, const struct action *actions, size_t count)
+{
+    struct transaction *first = NULL, **end = &first;
+
+    for (size_t i = 0; i < count; i++)
+        if (actions[i].type == ACT_COMMIT) {
+            *end = actions[i].transaction;
+            end = &(*end)->next;
+        }
+    *end = NULL;
+    if (first != NULL)
+        ledger_thread_put(d->ledger_thread, first);
+}
+
+/* Actions may cause further steps, which reuse the core's list: take it first.  What it commits
+ * goes before what they commit. */
 void loop_carry_out(struct daemon *d, const struct actions *actions)
 {
     struct action few[16], *own = few;
@@ -231,6 +249,7 @@ void loop_carry_out(struct daemon *d, const struct actions *actions)
     if (count > sizeof few / sizeof *few)
         own = grab(count * sizeof *own);
     memcpy(own, actions->items, count * sizeof *own);
+    commit_all(d, own, count);
     for (size_t i = 0; i < count; i++)
         carry_out(d, &own[i]);
     if (own != few)

@@ -32,7 +32,7 @@ struct slot {
     struct job *job;
     int attempt;
     int64_t heard_ns, started_ns;         /* mono */
-    int64_t jobs;                         /* begun by this process */
+    int64_t jobs;                         /* begun by this process, live windows not counted */
     int quick_deaths;                     /* in a row, without a job: starting again is put off */
     char *document; size_t document_size, document_total;
     int parts;                            /* PARTs that wait for their GO */

@@ -28,7 +28,9 @@ struct window {
     char *tracks;                         /* as the latest worker told them; NULL: nothing yet */
     bool running;                         /* a worker has it, or had it before it is told dead */
     int attempt;                          /* its number, for that worker */
-    double cost_s, expected_s;            /* of a processor: of the one before; for this one */
+    bool anew;                            /* that worker has none of its samples of before */
+    /* s of a processor: of the one before; of the last anew, 0: none was; for this one */
+    double cost_s, anew_s, expected_s;
     bool queued;                          /* among those that wait for a worker */
     struct stream *behind;                /* of these, or of those that its worker has */
     int64_t turn;                         /* its place among all that waited */

@@ -10,7 +10,8 @@
  * closed stream has its turn like any: a run that is shorter than the wait for a worker has its
  * verdict too, over a restart as well, for its samples are in its batch then.
  * Windows go before jobs, being small, unless these have had less
- * than half of the workers.  To a worker elsewhere they go where the configuration lets them and
+ * than half of the workers; being no jobs, they do not count towards worker_jobs: with a worker go
+ * the windows that it has, and all of them would be found from nothing.  To a worker elsewhere they go where the configuration lets them and
  * the way is short (slot_takes_windows).  One that kills its worker goes to another,
  * LIVE_DEATHS_MOST times; one that is given back goes to another as well, and that is no death.
  */
@@ -347,12 +348,12 @@ bool window_start(struct core *c, int slot)
     w = &s->window;
     with = window_is_with(c, s, slot);
     data = cut_window(c, s, with ? w->to + 1 : 0, &first);
-    w->expected_s = with && w->cost_s > 0 ? w->cost_s : ahead_s;   /* anew: nobody knows */
+    w->anew = !with;
+    w->expected_s = with && w->cost_s > 0 ? w->cost_s : w->anew_s > 0 ? w->anew_s : ahead_s;
     w->running = true;
     w->slot = slot;
     w->process = worker->process;
     w->attempt = ++c->slots->windows;
-    worker->jobs++;
     worker_send(c, slot, "RUN", run_header(s, w->attempt, first), data);
     join(c, slot, s);
     return true;
@@ -362,11 +363,9 @@ bool window_start(struct core *c, int slot)
 static bool fits_ahead(const struct core *c, int slot)
 {
     const struct slot *worker = &c->slots->at[slot];
-    const int64_t jobs_most = c->settings.worker_jobs;
 
     return worker->live != NULL && worker->remote == NULL && slot < c->settings.workers
-        && (jobs_most == 0 || worker->jobs < jobs_most) && worker->ahead < AHEAD_MOST
-        && worker->ahead_s < ahead_s;
+        && worker->ahead < AHEAD_MOST && worker->ahead_s < ahead_s;
 }
 
 void windows_give_ahead(struct core *c)
@@ -668,6 +667,8 @@ void window_end(struct core *c, int slot, const struct wire_message *m)
         worker->state = SLOT_TAKEN;
     c->slots->windows_ns += c->now.mono_ns - began_ns;
     s->window.cost_s = cpu_s;
+    if (s->window.anew)
+        s->window.anew_s = cpu_s;
     s->window.died = 0;
     if (told != NULL) {
         s->window.slot = -1;

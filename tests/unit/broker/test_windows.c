@@ -11,6 +11,7 @@
 #include <time.h>
 #include "base/crc32c.h"
 #include "broker/core/core.h"
+#include "broker/core/slots.h"
 #include "broker/core/state.h"
 #include "wire/frame.h"
 
@@ -411,6 +412,43 @@ TEST(of_a_worker_that_dies_the_windows_behind_its_own_are_told_by_the_next_and_n
     }
     end_all();
     CHECK(events == 3);
+    core_free(core);
+}
+
+/* 1 ms each, from nothing too: as many are ahead as of those that it goes on with. */
+TEST(a_worker_that_is_new_has_as_many_windows_ahead_as_last_20_ms_by_what_they_took_anew_before)
+{
+    char idents[40][9];
+
+    cpu_s = 0.001;
+    start_workers(1);
+    open_full(40, idents);
+    end_all();
+    step((struct event) { .type = EVENT_EXIT, .slot = 0, .status = 9, .stderr_text = "" });
+    now.mono_ns += 10 * SECOND;
+    step((struct event) { .type = EVENT_TIME });
+    say(WIRE_WORKER, "READY", "{\"job\":\"\",\"attempt\":0,\"pid\":7}", NULL, 0);
+    for (int k = 0; k < 40; k++)
+        push(idents[k], 8, 2);
+    CHECK(told[0] >= 21 && told[0] <= 22);
+    end_all();
+    core_free(core);
+    cpu_s = 0;
+}
+
+/* Of two jobs each, by the configuration: it is stopped by these, and takes its windows along. */
+TEST(a_worker_is_not_stopped_for_the_windows_that_it_has_had)
+{
+    start_workers(1);
+    core->settings.worker_jobs = 2;
+    open_stream("s", 8, 2);
+    push(stream, 0, 8);
+    for (int k = 0; k < 10; k++) {
+        CHECK(told[0] == 1);
+        end_all();
+        push(stream, 8 + 2 * k, 2);
+    }
+    CHECK(told[0] == 1 && core->slots->at[0].state == SLOT_BUSY);
     core_free(core);
 }
 

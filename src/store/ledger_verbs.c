@@ -313,6 +313,7 @@ const struct ledger_verb_sql ledger_verbs[LEDGER_VERB_COUNT] = {
     [LEDGER_EVENT_PUT] = { { "INSERT INTO events VALUES(?1,?2,?3,?4,?5,?6)" }, bind_event, true },
     [LEDGER_EVENTS_PRUNE] = { { "DELETE FROM events WHERE number<?1" }, bind_id, false, true },
     [LEDGER_NOTE_PUT] = {
-        { "DELETE FROM notes WHERE topic=?1 AND name=?2",
-          "INSERT INTO notes SELECT ?1,?2,?3 WHERE ?3 IS NOT NULL" }, bind_note, false },
+        { "DELETE FROM notes WHERE topic=?1 AND name=?2 AND ?3 IS NULL",
+          "INSERT INTO notes SELECT ?1,?2,?3 WHERE ?3 IS NOT NULL"
+          " ON CONFLICT DO UPDATE SET text=excluded.text" }, bind_note, false },
 };

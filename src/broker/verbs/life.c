@@ -169,7 +169,7 @@ static enum modal_status load_note(void *context, const struct note_record *r)
     if (strcmp(r->topic, "tracks") == 0)
         window_load_tracks(c, r);
     if (strcmp(r->topic, "window") == 0)
-        window_load_next(c, r);
+        window_load_told(c, r);
     if (strcmp(r->topic, "verdict") == 0)
         window_load_verdict(c, r);
     if (strcmp(r->topic, "cpu") == 0)

@@ -106,11 +106,17 @@ static const char *verdict_of(const char *text)
     return NULL;
 }
 
-void window_load_next(struct core *c, const struct note_record *r)
+static void take_tracks(struct stream *s, const char *tracks)
+{
+    free(s->window.tracks);
+    s->window.tracks = grab_text(tracks);
+}
+
+void window_load_told(struct core *c, const struct note_record *r)
 {
     struct stream *s = stream_by_id(c, strtoll(r->name, NULL, 10));
     cJSON *text = NULL;
-    const char *verdict = NULL;
+    const char *verdict = NULL, *tracks = NULL;
     double epoch = -1, next = 0, told = 0;
 
     if (json_read(r->text, strlen(r->text), &text, NULL) != MODAL_OK)
@@ -118,13 +124,16 @@ void window_load_next(struct core *c, const struct note_record *r)
     json_get_number(text, "", "epoch", 0, WIRE_INTEGER_MOST, &epoch, NULL);
     json_get_number(text, "", "next", 0, WIRE_INTEGER_MOST, &next, NULL);
     json_get_number(text, "", "told", 0, WIRE_INTEGER_MOST, &told, NULL);
-    json_get_string(text, "", "verdict", &verdict, NULL);
+    verdict = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(text, "verdict"));
+    tracks = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(text, "tracks"));
     if (s != NULL && (double)s->epoch == epoch) {
         s->window.next = (uint64_t)next;
         s->window.verdict = verdict_of(verdict);
         s->window.told_epoch = s->epoch;
         s->window.told = (uint64_t)told;
     }
+    if (s != NULL && tracks != NULL)
+        take_tracks(s, tracks);
     cJSON_Delete(text);
 }
 
@@ -137,8 +146,8 @@ void window_load_tracks(struct core *c, const struct note_record *r)
 {
     struct stream *s = stream_by_id(c, strtoll(r->name, NULL, 10));
 
-    if (s != NULL && s->window.tracks == NULL)
-        s->window.tracks = grab_text(r->text);
+    if (s != NULL)
+        take_tracks(s, r->text);
 }
 
 /* ---- the samples ---- */

@@ -1,8 +1,8 @@
 /*
  * stream_notes.c - what is remembered of a stream over a restart
  *
- * An open one has a note of its own, `stream`, and where windows were told `window` and `tracks`
- * (windows.c).  Its batch takes their place; only where the newest window is not told yet they
+ * An open one has a note of its own, `stream`, and where windows were told `window` (windows.c; a
+ * daemon of before had a part of that in `tracks`).  Its batch takes their place; only where the newest window is not told yet they
  * stay, and `sealed` stands for `stream` until it is.
  */
 #include "broker/verbs/streams.h"

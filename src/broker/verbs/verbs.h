@@ -263,8 +263,9 @@ void stream_load_note(struct core *c, const struct note_record *r);
 void stream_load_sealed(struct core *c, const struct note_record *r);
 /* A segment of an open one, in the order in which they came, once all notes are read. */
 void stream_load_segment(struct core *c, const struct segment_record *r);
-/* Once the stream is there: which window is due next, what was known of its tracks. */
-void window_load_next(struct core *c, const struct note_record *r);
+/* Once the stream is there: which window is due next, what the last one said, what was known of
+ * tracks; these alone, as a daemon of before noted them, which comes first. */
+void window_load_told(struct core *c, const struct note_record *r);
 void window_load_tracks(struct core *c, const struct note_record *r);
 /* Of a batch. */
 void window_load_verdict(struct core *c, const struct note_record *r);

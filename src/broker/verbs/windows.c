@@ -456,18 +456,13 @@ static bool is_over(const struct stream *s)
     return s->batch > 0 && !window_is_untold(s);
 }
 
-/* What is known of tracks is kept with the event that rests on it. */
-static void keep_tracks(struct stream *s, struct transaction *t, const char *tracks)
+/* What is known of tracks, which goes into the note of what was told (note_told). */
+static void keep_tracks(struct stream *s, const char *tracks)
 {
-    char name[32];
-
     if (tracks == NULL || strlen(tracks) > TRACKS_MOST || is_over(s))
         return;
     free(s->window.tracks);
     s->window.tracks = grab_text(tracks);
-    snprintf(name, sizeof name, "%lld", (long long)s->id);
-    transaction_add(t, LEDGER_NOTE_PUT)->note =
-        (struct note_record) { "tracks", transaction_text(t, name), transaction_text(t, tracks) };
 }
 
 /* How far the samples are ahead of a window of the present epoch, and what is missing of them. */
@@ -537,22 +532,28 @@ void window_keep_verdict(struct core *c, const struct stream *s, struct transact
         input_judge(c, s->batch, s->window.verdict, t);
 }
 
-/* Which one is due next and what the last one said, for a daemon that starts again. */
+/* Which one is due next, what the last one said and what is known of tracks, for a daemon that
+ * starts again: one row, as each is a page of the log. */
 static void note_told(const struct stream *s, struct transaction *t)
 {
     const struct window *w = &s->window;
-    const char *verdict = w->verdict == NULL ? "" : w->verdict;
-    char name[24], text[160];
+    struct json_text text = { 0 };
+    char name[24], *printed;
 
-    if (w->epoch != s->epoch || is_over(s))
+    if (is_over(s))
         return;
     snprintf(name, sizeof name, "%lld", (long long)s->id);
-    snprintf(text, sizeof text,
-             "{\"epoch\":%llu,\"next\":%llu,\"told\":%llu,\"verdict\":\"%s\"}",
-             (unsigned long long)s->epoch, (unsigned long long)w->next,
-             (unsigned long long)w->told, verdict);
+    json_text_open(&text, NULL);
+    json_text_number(&text, "epoch", (double)w->epoch);
+    json_text_number(&text, "next", (double)w->next);
+    json_text_number(&text, "told", (double)w->told);
+    json_text_string(&text, "verdict", w->verdict);
+    if (w->tracks != NULL)
+        json_text_string(&text, "tracks", w->tracks);
+    printed = text_end(&text);
     transaction_add(t, LEDGER_NOTE_PUT)->note =
-        (struct note_record) { "window", transaction_text(t, name), transaction_text(t, text) };
+        (struct note_record) { "window", transaction_text(t, name), transaction_text(t, printed) };
+    free(printed);
 }
 
 /* The member KEY of FOUND, where it has one, as its worker wrote it. */
@@ -592,13 +593,12 @@ static void tell_result(struct core *c, struct stream *s, const struct wire_fram
     cJSON_AddNumberToObject(text, "skipped", (double)w->skipped);
     s->window.skipped = 0;
     put_event(c, s, t, text);
+    keep_tracks(s, cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(document, "tracks")));
     note_told(s, t);
     if (s->batch > 0)                              /* it ran while the stream was closed */
         window_keep_verdict(c, s, t);
     put_edges(c, s, t, "track", cJSON_DetachItemFromObjectCaseSensitive(document, "track_edges"));
     put_edges(c, s, t, "alarm", edges);
-    keep_tracks(s, t, cJSON_GetStringValue(
-                          cJSON_GetObjectItemCaseSensitive(document, "tracks")));
     if (is_over(s))
         stream_notes_end(t, s);
     cJSON_Delete(document);

@@ -199,32 +199,37 @@ static bool each_good(const double x[OF_EACH], double next, double to)
         && is_count(x[8], 7) && x[9] >= 0 && x[9] <= 1;
 }
 
-enum modal_status tracks_text_read(const char *text, struct tracks *t, struct modal_error *err)
+/* The tracks behind OF_ALL, all of *TEXT; false: a line is none. */
+static bool lines_in(const char *text, const double of_all[OF_ALL], struct tracks *t)
 {
-    struct tracks *read = calloc(1, sizeof *read);
-    double of_all[OF_ALL] = { 0 }, x[OF_EACH] = { 0 };
-    bool good = read != NULL && get(&text, x, 1) && x[0] >= 1 && is_count(x[0], FORM)
-        && get(&text, of_all, OF_ALL) && all_good(of_all);
+    double x[OF_EACH];
+    bool good = true;
 
-    if (good && x[0] < FORM) {                     /* of an earlier version: numbers go on */
-        *t = (struct tracks) { .next = (int64_t)of_all[0] };
-        free(read);
-        return MODAL_OK;
-    }
-    if (good)
-        all_in(read, of_all);
-    for (int i = 0; good && i < read->count; i++) {
+    all_in(t, of_all);
+    for (int i = 0; good && i < t->count; i++) {
         good = get(&text, x, OF_EACH) && each_good(x, of_all[0], of_all[3]);
         if (good)
-            each_in(&read->track[i], x);
+            each_in(&t->track[i], x);
     }
-    good = good && *text == 0;
-    if (good)
-        *t = *read;
-    if (!good && read == NULL)
+    return good && *text == 0;
+}
+
+enum modal_status tracks_text_read(const char *text, struct tracks *t, struct modal_error *err)
+{
+    struct tracks *read;
+    double of_all[OF_ALL], form;
+
+    if (!get(&text, &form, 1) || form < 1 || !is_count(form, FORM) || !get(&text, of_all, OF_ALL)
+        || !all_good(of_all))
+        return modal_fail_field(err, MODAL_BAD_INPUT, "tracks",
+                                "tracks is no line that a worker of this version wrote");
+    read = calloc(1, sizeof *read);
+    if (read == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "tracks: no memory");
+    if (form == FORM && lines_in(text, of_all, read))
+        *t = *read;
+    else
+        *t = (struct tracks) { .next = (int64_t)of_all[0] };
     free(read);
-    return good ? MODAL_OK
-                : modal_fail_field(err, MODAL_BAD_INPUT, "tracks",
-                                   "tracks is no line that a worker of this version wrote");
+    return MODAL_OK;
 }

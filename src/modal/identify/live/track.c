@@ -267,16 +267,18 @@ static double worth(const struct tracks *all, const struct track *t, const struc
 
 /* ---- what came is taken in ---- */
 
-/* Kalman's step: N, off what was foreseen with the variance E, seen with the variance R. */
+/* Kalman's step: N, off what was foreseen with the variance E, seen with the variance R.  Of two
+ * states, value and slope, the value is seen; what is left of the slope's variance is not a
+ * difference of two that are nearly one where R is small, which may come out below 0. */
 static double take_in(struct track_error *e, double n, double R, double *slope)
 {
-    /* two states, value and slope, of which the value is seen */
-    double S = e->value + R, gain = e->value / S, slope_gain = e->both / S;
+    double S = e->value + R, apart = fmax(0, e->value * e->slope - e->both * e->both);
+    double gain = e->value / S, left = R / S;
 
-    *slope += slope_gain * n;
-    e->slope -= slope_gain * e->both;
-    e->both *= 1 - gain;
-    e->value *= 1 - gain;
+    *slope += e->both / S * n;
+    e->slope = apart / S + e->slope * left;
+    e->both *= left;
+    e->value *= left;
     return gain * n;
 }
 

@@ -14,7 +14,8 @@ module modald
     implicit none
     private
     public :: modald_stream, modald_open, modald_push, modald_push_at, modald_seek, modald_window
-    public :: modald_verdict, modald_estimate, modald_get_estimate, modald_close, modald_abandon
+    public :: modald_verdict, modald_estimate, modald_get_estimate
+    public :: modald_close, modald_close_all, modald_abandon
     public :: modald_unknown, modald_stable, modald_unstable, modald_undecided
 
     integer, parameter :: modald_unknown = 0, modald_stable = 1, modald_unstable = 2, &
@@ -87,6 +88,11 @@ module modald
         subroutine c_close(s) bind(C, name='modald_close')
             import :: c_ptr
             type(c_ptr), value :: s
+        end subroutine
+        subroutine c_close_all(streams, count) bind(C, name='modald_close_all')
+            import :: c_ptr, c_size_t
+            type(c_ptr), intent(in) :: streams(*)
+            integer(c_size_t), value :: count
         end subroutine
         subroutine c_abandon(s) bind(C, name='modald_abandon')
             import :: c_ptr
@@ -165,6 +171,17 @@ contains
         type(modald_stream), intent(inout) :: s
         call c_close(s%handle)
         s%handle = c_null_ptr
+    end subroutine
+
+    subroutine modald_close_all(streams)
+        type(modald_stream), intent(inout) :: streams(:)
+        type(c_ptr) :: handles(size(streams))
+        integer :: i
+        do i = 1, size(streams)
+            handles(i) = streams(i)%handle
+            streams(i)%handle = c_null_ptr
+        end do
+        call c_close_all(handles, int(size(handles), c_size_t))
     end subroutine
 
     subroutine modald_abandon(s)

@@ -110,6 +110,10 @@ void modald_get_report(const modald_stream *s, struct modald_report *out);
  * the next that are closed do not wait for it, as long again. */
 void modald_close(modald_stream *s);
 
+/* The same for COUNT streams at once, each of them once, any of them NULL: all are sent, sealed and
+ * synced together, and waited for together, where one after the other each has its own syncs. */
+void modald_close_all(modald_stream *const *streams, size_t count);
+
 /* The same for a run that was broken off: the record says so. */
 void modald_abandon(modald_stream *s);
 

@@ -162,6 +162,18 @@ static void push_until(double t)
         }
 }
 
+static void close_all(void)
+{
+    static modald_stream *open[STREAMS_MOST];
+
+    for (int k = 0; k < streams; k++) {
+        open[k] = all[k].s;
+        if (all[k].log != NULL)
+            fclose(all[k].log);
+    }
+    modald_close_all(open, (size_t)streams);
+}
+
 int main(int argc, char **argv)
 {
     double seconds = argc > 4 ? atof(argv[4]) : 0, begin, told = 0, t;
@@ -187,11 +199,7 @@ int main(int argc, char **argv)
     }
     push_until(seconds);
     tell(seconds, threads, rss);
-    for (int k = 0; k < streams; k++) {
-        modald_close(all[k].s);
-        if (all[k].log != NULL)
-            fclose(all[k].log);
-    }
+    close_all();
     for (int i = 0; i < 1000 && status_of("Threads:") > threads; i++)
         nanosleep(&(struct timespec) { 0, 1000000 }, NULL);     /* it is counted for a moment yet */
     printf("{\"s\":%.1f,\"streams\":%d,\"threads\":%ld,\"rss_kb\":%ld,\"closed\":true}\n",

@@ -105,7 +105,7 @@ def counted(client, *names):
     """Counters of METRICS."""
     lines = client.ask("METRICS").body[0].decode().splitlines()
     return [float(line.split()[1]) for name in names for line in lines
-            if line.split()[0] == f"modald_{name}_total"]
+            if line.split()[0] in (f"modald_{name}_total", f"modald_{name}")]
 
 
 def test_frames_of_forty_slow_streams_are_one_message_and_one_answer(tmp_path):
@@ -299,6 +299,31 @@ def test_closing_many_streams_of_a_dead_daemon_takes_one_patience(tmp_path, monk
     kept.close()
     peer.stop()
     assert peer.closes == [("many-40", False)]
+
+
+@in_python
+def test_streams_that_are_closed_at_once_share_their_groups_of_commits(tmp_path, monkeypatch):
+    """A close is two groups, one of its last samples and one of its batch; one after the other each
+    stream has its own."""
+    monkeypatch.setenv("MODALD_SPILL", str(tmp_path))
+    monkeypatch.setenv("MODALD_CLOSE_WAIT", "60")
+    rows = np.random.default_rng(7).standard_normal((50, 2))
+    with Daemon(workers=1) as daemon:
+        monkeypatch.setenv("MODALD_URL", daemon.endpoint)
+        client = daemon.client()
+        streams = [modald.stream(f"many-{k}", 2, 0.01) for k in range(STREAMS)]
+        for s in streams:
+            s.push(rows)
+        until(lambda: all(s.report.acknowledged == 50 for s in streams))
+        before = counted(client, "commit_seconds_count")
+        modald.close_all([*streams, streams[0], modald.stream("empty", 2, 0.01)])
+        took = counted(client, "commit_seconds_count")[0] - before[0]
+        assert took < STREAMS / 2
+        assert all(is_sealed(daemon, rows.tobytes(), 2, 0.01) for _ in streams)
+        kept = json.loads(client.ask("STREAMS").body[0])["streams"]
+        assert [s["state"] for s in kept] == ["sealed"] * STREAMS
+        modald.close_all(streams)
+        client.close()
 
 
 @in_python

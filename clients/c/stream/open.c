@@ -422,15 +422,20 @@ void modald_alarms(modald_stream *s, const char *rules)
     s->alarms = rules != NULL ? strdup(rules) : NULL;
 }
 
-static void end_stream(modald_stream *s, int how)
+/* S is to end as HOW says. */
+static void ask_end(modald_stream *s, int how)
 {
-    double until;
+    if (s != NULL && !is_dead(s))
+        atomic_store(&s->stop, how);
+}
+
+/* S, which was asked to end, has until then. */
+static void await_end(modald_stream *s, double until)
+{
     bool finished;
 
     if (s == NULL || is_dead(s))
         return;
-    until = now() + s->close_wait + 1;
-    atomic_store(&s->stop, how);
     while (!atomic_load(&s->finished) && now() < until)
         sleep_for(moment);
     finished = atomic_load(&s->finished);
@@ -441,9 +446,32 @@ static void end_stream(modald_stream *s, int how)
         s->forks = CLOSED;
 }
 
+static double patience_of(const modald_stream *s)
+{
+    return s == NULL || is_dead(s) ? 0 : s->close_wait + 1;
+}
+
+static void end_stream(modald_stream *s, int how)
+{
+    double until = now() + patience_of(s);
+
+    ask_end(s, how);
+    await_end(s, until);
+}
+
 void modald_close(modald_stream *s)
 {
     end_stream(s, 1);
+}
+
+void modald_close_all(modald_stream *const *streams, size_t count)
+{
+    double begun = now();
+
+    for (size_t i = 0; i < count; i++)
+        ask_end(streams[i], 1);
+    for (size_t i = 0; i < count; i++)
+        await_end(streams[i], begun + patience_of(streams[i]));
 }
 
 void modald_abandon(modald_stream *s)

@@ -19,8 +19,8 @@ from .inputs import Batch
 from .jobs import Job, as_completed
 from .link import Error
 from .results import Result
-from .streaming import Stream, stream
+from .streaming import Stream, close_all, stream
 
 __all__ = ["Batch", "Client", "Error", "Event", "Identify", "Job", "Result", "Stream",
-           "as_completed", "connect", "local", "read", "scene", "stream"]
+           "as_completed", "close_all", "connect", "local", "read", "scene", "stream"]
 __version__ = "0.1.0"

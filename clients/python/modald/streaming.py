@@ -20,7 +20,7 @@ import pathlib
 import sys
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Any, Mapping, Sequence
+from typing import Any, Iterable, Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -95,6 +95,7 @@ def _load() -> ctypes.CDLL:
             ("modald_get_estimate", ctypes.c_int, [pointer, ctypes.POINTER(_Estimate)]),
             ("modald_get_report", None, [pointer, ctypes.POINTER(_Report)]),
             ("modald_close", None, [pointer]),
+            ("modald_close_all", None, [ctypes.POINTER(pointer), ctypes.c_size_t]),
             ("modald_abandon", None, [pointer])):
         function = getattr(lib, name)
         function.restype, function.argtypes = result, arguments
@@ -233,6 +234,18 @@ class Stream:
             self.close()
         else:
             self.abandon()
+
+
+def close_all(streams: Iterable[Stream]) -> None:
+    """End many streams at once: they are sent and sealed together, and waited for together."""
+    ended = [s for s in dict.fromkeys(streams) if s._handle]
+    for s in ended:
+        s._state()
+    if ended:
+        handles = (ctypes.c_void_p * len(ended))(*(s._handle for s in ended))
+        ended[0]._lib.modald_close_all(handles, len(ended))
+    for s in ended:
+        s._handle = None
 
 
 def stream(name: str, channels: int | Sequence[str], dt: float, *, units: str | None = None,

@@ -10,8 +10,8 @@
  * ring, then in a spill file, and past that are counted as a gap.  modald_push makes no system call
  * and takes no lock.  One thread pushes to a stream; streams are independent, and may be as many
  * as there are simulations: those of a process to one endpoint with one key file share a connection
- * and a sending thread (three threads in all, two of them libzmq's), and one of up to 25 MB/s costs
- * 1 to 2 MB.  Samples leave 50 ms after the first of them was pushed, once all before are
+ * and a sending thread (three threads in all, two of them libzmq's), and one that the sender keeps
+ * up with costs 1 to 2 MB.  Samples leave 50 ms after the first of them was pushed, once all before are
  * acknowledged, or as soon as 64 KiB are there.  In a child that the host forks its streams do
  * nothing, and need not be closed; a closed stream is like none.  The sending thread has its own
  * descriptors and takes no signals; paths and all of the environment are read at modald_open.
@@ -20,7 +20,7 @@
  *   MODALD_URL        the daemon's endpoint; unset: no-op
  *   MODALD_KEYFILE    CURVE keys (needed unless the daemon has none)
  *   MODALD_RING       bytes of a stream's ring, default 8388608: of one in memory 1 MiB is taken at
- *                     first, more as samples wait, and given back by a stream below 1 MB/s
+ *                     first, more as samples wait, and given back a second after that
  *   MODALD_RING_FILE  keep the ring in this file (%s: the stream's name), so that a killed run's
  *                     last samples are sent by the next one, or by `modalctl replay` (in /dev/shm,
  *                     where the kernel need not mark pages before they are written back to a disk)

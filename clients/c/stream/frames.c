@@ -149,7 +149,7 @@ static void build_frames(modald_stream *s)
     uint64_t head = atomic_load_explicit(&s->page->head, memory_order_acquire);
 
     while (s->taken < head && may_copy(s)) {
-        const double *at = s->ring + s->taken % s->slots * s->stride;
+        const double *at = slot_at(s, s->taken);
         uint64_t index;
         memcpy(&index, at, sizeof index);
         if (!(isnan(at[1]) ? add_sample(s, index, at + 2) : add_uneven(s, at[1], at + 2)))

@@ -11,26 +11,50 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#ifndef MADV_POPULATE_WRITE
-#define MADV_POPULATE_WRITE 23      /* of Linux 5.14; one of before says no, and nothing is lost */
-#endif
+/* s: what a burst took is given back once it was not used for so long.  To give all of a ring back
+ * and touch it again takes some 3 ms, a few thousandths of that. */
+static const double rest_after = 1;
 
-/* s a piece: to give it back and have another ready takes the sender 0.05 ms, here at most a
- * hundredth of its time.  So a stream of up to 25 MB/s has what it uses, a faster one its ring. */
-static const double piece_slow = 0.005;
+/* Does a ring outlive its host?  Then it holds all that the daemon has not. */
+static bool outlives_host(const modald_stream *s)
+{
+    return s->ring_fd >= 0;
+}
 
-/* Room for one slot, or NULL: full, the sample is counted as a gap; or not ours. */
+/* The next piece for the host: of those that are free the first, so that a stream which its sender
+ * keeps up with goes round in the same few.  False: none is free, the sample is counted as a gap. */
+static bool find_room(modald_stream *s)
+{
+    uint64_t free = atomic_load_explicit(&s->free_pieces, memory_order_relaxed), first = 0;
+
+    if (outlives_host(s)) {
+        s->end = atomic_load_explicit(&s->page->tail, memory_order_acquire) + s->slots;
+        return s->end > s->head;
+    }
+    for (; free != 0; free &= ~first) {
+        first = free & -free;                      /* the sender may have it, to give it back */
+        free = atomic_fetch_and_explicit(&s->free_pieces, ~first, memory_order_acquire);
+        if (free & first)
+            break;
+    }
+    if (free == 0)
+        return false;
+    unsigned piece = (unsigned)__builtin_ctzll(first);
+    s->order[s->head / s->piece % s->pieces] = (unsigned char)piece;
+    s->cursor = piece * s->piece;
+    s->end = s->head + s->piece;
+    return true;
+}
+
+/* Room for one slot, or NULL: full, or not ours. */
 static inline double *next_slot(modald_stream *s)
 {
     if (is_dead(s))
         return NULL;
-    if (s->head - s->tail_seen >= s->slots) {
-        s->tail_seen = atomic_load_explicit(&s->page->tail, memory_order_acquire);
-        if (s->head - s->tail_seen >= s->slots) {
-            atomic_fetch_add_explicit(&s->dropped, 1, memory_order_relaxed);
-            s->index++;
-            return NULL;
-        }
+    if (s->head == s->end && !find_room(s)) {
+        atomic_fetch_add_explicit(&s->dropped, 1, memory_order_relaxed);
+        s->index++;
+        return NULL;
     }
     return s->ring + s->cursor * s->stride;
 }
@@ -105,44 +129,12 @@ void modald_seek(modald_stream *s, double index)
         s->index = (uint64_t)index;
 }
 
-/* Whole pages of the ring that the slots from FROM to TO fill alone, to WHAT of madvise(2); they go
- * round the ring's end once at most. */
-static void advise(const modald_stream *s, uint64_t from, uint64_t to, const int *what, int count)
+static const double *slot_at(const modald_stream *s, uint64_t count)
 {
-    size_t slot = s->stride * sizeof(double), begin = from % s->slots * slot,
-           length = (size_t)(to - from) * slot, end = s->slots * slot;
+    uint64_t place = outlives_host(s) ? count % s->slots
+                   : s->order[count / s->piece % s->pieces] * s->piece + count % s->piece;
 
-    for (size_t part; length > 0; length -= part, begin = 0) {
-        part = begin + length > end ? end - begin : length;
-        uintptr_t first = ((uintptr_t)s->ring + begin + PAGE - 1) / PAGE * PAGE,
-                  last = ((uintptr_t)s->ring + begin + part) / PAGE * PAGE;
-        for (int i = 0; i < count && first < last; i++)
-            madvise((char *)s->page + (first - (uintptr_t)s->page), last - first, what[i]);
-    }
-}
-
-/* Does a ring outlive its host?  Then it holds all that the daemon has not. */
-static bool outlives_host(const modald_stream *s)
-{
-    return s->ring_fd >= 0;
-}
-
-/* Slots before TAIL are the host's once there is a piece of them, which a slow stream gives back to
- * the system before. */
-static void give_slots(modald_stream *s, uint64_t tail)
-{
-    static const int back[] = { MADV_DONTNEED, MADV_HUGEPAGE };
-    uint64_t was = atomic_load_explicit(&s->page->tail, memory_order_relaxed);
-
-    if (tail - was < s->piece)
-        return;
-    if (s->piece > 0) {
-        double at = now();
-        if (at - s->piece_at > piece_slow)
-            advise(s, was, tail, back, 2);
-        s->piece_at = at;
-    }
-    atomic_store_explicit(&s->page->tail, tail, memory_order_release);
+    return s->ring + place * s->stride;
 }
 
 static void release(modald_stream *s, uint64_t end)
@@ -151,13 +143,47 @@ static void release(modald_stream *s, uint64_t end)
         return;
     atomic_store_explicit(&s->released, end, memory_order_relaxed);
     if (outlives_host(s))
-        give_slots(s, end);
+        atomic_store_explicit(&s->page->tail, end, memory_order_release);
 }
 
 static void release_copied(modald_stream *s)
 {
-    if (!outlives_host(s))
-        give_slots(s, s->taken);
+    for (; !outlives_host(s) && s->given + s->piece <= s->taken; s->given += s->piece) {
+        uint64_t piece = UINT64_C(1) << s->order[s->given / s->piece % s->pieces];
+        s->touched |= piece;
+        s->recent |= piece;
+        atomic_fetch_or_explicit(&s->free_pieces, piece, memory_order_release);
+    }
+}
+
+/* The pages that PIECE fills alone, which nobody has, to the system. */
+static void give_piece(const modald_stream *s, unsigned piece)
+{
+    size_t bytes = s->piece * s->stride * sizeof(double);
+    uintptr_t begin = (uintptr_t)s->ring + piece * bytes,
+              first = (begin + PAGE - 1) / PAGE * PAGE, last = (begin + bytes) / PAGE * PAGE;
+
+    if (first < last)
+        madvise((char *)s->page + (first - (uintptr_t)s->page), last - first, MADV_DONTNEED);
+}
+
+static void rest_ring(modald_stream *s)
+{
+    double at;
+
+    if ((s->touched & ~s->near) == 0 || (at = now()) < s->rest_at + rest_after)
+        return;
+    for (uint64_t idle = s->touched & ~s->recent & ~s->near; idle != 0; idle &= idle - 1) {
+        uint64_t piece = idle & -idle;
+        uint64_t before = atomic_fetch_and_explicit(&s->free_pieces, ~piece, memory_order_acquire);
+        if ((before & piece) == 0)                 /* the host has it */
+            continue;
+        give_piece(s, (unsigned)__builtin_ctzll(piece));
+        atomic_fetch_or_explicit(&s->free_pieces, piece, memory_order_release);
+        s->touched &= ~piece;
+    }
+    s->recent = 0;
+    s->rest_at = at;
 }
 
 static uint64_t waiting_in(const modald_stream *s)
@@ -181,27 +207,6 @@ static bool overflows(const modald_stream *s)
     /* The host may have pushed on since we took: with room in frames that is taken next. */
     return (s->frames == WINDOW || !may_copy(s))
         && atomic_load_explicit(&s->page->head, memory_order_acquire) - s->taken >= half;
-}
-
-/* Small pages for a slow stream, huge ones for another.  A host that overtook us has its pages by
- * itself. */
-static void keep_ahead(modald_stream *s)
-{
-    static const int there[] = { MADV_NOHUGEPAGE, MADV_POPULATE_WRITE };
-    uint64_t head = atomic_load_explicit(&s->page->head, memory_order_acquire),
-             ahead = RING_AHEAD / (s->stride * sizeof(double)),
-             room = atomic_load_explicit(&s->page->tail, memory_order_relaxed) + s->slots;
-
-    if (s->piece == 0 || head + ahead / 2 < s->touched)
-        return;
-    uint64_t from = head > s->touched ? head : s->touched, to = head + ahead;
-    to = to < room ? to : room;
-    double at = now();
-    bool slow = at - s->touched_at > piece_slow * (RING_AHEAD / 2) / RING_PIECE;
-    if (head <= s->touched && from < to)
-        advise(s, from, to, slow ? there : there + 1, slow ? 2 : 1);
-    s->touched = to > from ? to : from;
-    s->touched_at = at;
 }
 
 /* Every page is there, and known to this processor, before the first push. */
@@ -321,6 +326,19 @@ static void *map_file(modald_stream *s, const char *file)
     return base;
 }
 
+/* A ring in memory is so many pieces, all free, of which the first are there. */
+static void cut_pieces(modald_stream *s, size_t slot)
+{
+    uint64_t near;
+
+    s->piece = (s->slots + PIECES - 1) / PIECES;
+    s->pieces = s->slots / s->piece;
+    s->slots = s->pieces * s->piece;
+    near = (RING_TOUCHED - RING_HEAD) / (s->piece * slot);
+    s->near = near < PIECES ? (UINT64_C(1) << near) - 1 : UINT64_MAX;
+    atomic_store(&s->free_pieces, UINT64_MAX >> (PIECES - s->pieces));
+}
+
 /* The ring, in memory or in a file. */
 static bool ring_open(modald_stream *s, size_t bytes, const char *file)
 {
@@ -338,18 +356,16 @@ static bool ring_open(modald_stream *s, size_t bytes, const char *file)
                  : (bytes - RING_HEAD) / slot;
         s->ring_bytes = RING_HEAD + s->slots * slot;
         s->page = map_memory(&s->ring_bytes);
-        if (s->slots * slot >= RING_TOUCHED)
-            s->piece = slot < RING_PIECE ? RING_PIECE / slot : 1;
+        cut_pieces(s, slot);
     }
     if (s->page == NULL)
         return false;
-    s->touched = (RING_TOUCHED - RING_HEAD) / slot;
-    s->touched_at = s->piece_at = now();
     s->ring = (double *)((char *)s->page + RING_HEAD);
     if (!is_ring_of(s, s->page))
         fill_head(s, s->page);
     s->head = atomic_load(&s->page->head);
-    s->taken = s->tail_seen = atomic_load(&s->page->tail);
+    s->taken = atomic_load(&s->page->tail);
+    s->end = outlives_host(s) ? s->taken + s->slots : s->head;
     atomic_store(&s->released, s->taken);
     s->cursor = s->head % s->slots;
     return true;

@@ -11,7 +11,10 @@ static bool ring_open(modald_stream *s, size_t bytes, const char *file);
 /* Slots before END are acknowledged or in the spill file; one that is behind changes nothing. */
 static void release(modald_stream *s, uint64_t end);
 
-/* Slots before `taken` are in frames: those of a ring in memory are the host's again soon. */
+/* The slot that was pushed as the COUNT-th, which has not been released. */
+static const double *slot_at(const modald_stream *s, uint64_t count);
+
+/* Slots before `taken` are in frames: pieces of a ring in memory that are all read are free. */
 static void release_copied(modald_stream *s);
 
 /* May another slot be put into a frame?  Of a ring in memory frames hold as much again, no more. */
@@ -24,6 +27,6 @@ static bool overflows(const modald_stream *s);
 /* Slots that wait: pushed, and neither acknowledged nor in the spill file. */
 static uint64_t waiting_in(const modald_stream *s);
 
-/* Have the pages ready that a host writes next at its present pace. */
-static void keep_ahead(modald_stream *s);
+/* Pieces beyond RING_TOUCHED that were not used for a while go back to the system. */
+static void rest_ring(modald_stream *s);
 #endif

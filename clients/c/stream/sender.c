@@ -93,7 +93,7 @@ static bool serve(modald_stream *s)
         release_copied(s);
         return false;
     }
-    keep_ahead(s);
+    rest_ring(s);
     build_frames(s);
     send_due(s, flush);
     spill_if_needed(s, false);

@@ -18,7 +18,9 @@
  * Ring: one writer, one reader; `head` and `tail` count slots since the start.  A slot is its
  * sample's index, its time, and its channels.  The tail of a ring in a file moves only when the
  * slot's samples are acknowledged or in the spill file, so that it holds, after a kill, whatever
- * the daemon has not.  One in memory holds what is not in frames yet, which hold as much again.
+ * the daemon has not.  One in memory holds what is not in frames yet, which hold as much again; its
+ * slots lie in pieces, the count-th of all that were taken in the piece that `order` tells, and the
+ * bits of `free_pieces` are those that neither has: the host takes them, the sender puts them back.
  *
  * Frames carry what there is: one leaves when FRAME_ENOUGH is there, else when its first sample is
  * frame_age_most old and all before it is acknowledged.  A slow stream has few, a slow daemon too.
@@ -51,11 +53,11 @@
  * What a push costs beyond its copy is memory that is not at hand: the first touch of a page, the
  * walk through the tables of pages, and the lines themselves.  (8 channels: one push in 51 comes to
  * a new page, so the 99th percentile shows each of the three.)  So each push asks for the lines of
- * the slot AHEAD bytes on, and a ring in memory is address space of which RING_TOUCHED is there at
- * open.  What lies behind that comes in huge pages, one fault in many thousand pushes, where a host
- * runs away from its sender; where it does not, the sender has RING_AHEAD of small pages ready
- * before it, and gives those back that were read, before the tail lets the host write there again.
- * So a stream of up to 25 MB/s has about 1 MB of it, and a faster one all.
+ * the slot AHEAD bytes on, and a ring in memory is PIECES, of which the host always takes the first
+ * that is free: while its sender keeps up it goes round in a few of those that are there at open,
+ * RING_TOUCHED, and no page of the ring comes or goes, however fast it is.  What lies behind that
+ * comes in huge pages, one fault in many thousand pushes, where a host runs away from its sender,
+ * and goes back to the system once a piece was not used for a while.
  *
  * The host's process is the host's.  The sender's thread has a table of descriptors of its own, all
  * of libzmq's and the spill file's in it: the host may close every number it finds, run out of
@@ -106,8 +108,7 @@ enum {
     LOANS = WINDOW + 1,         /* and the one that is built */
     LOANS_KEPT = 2,             /* of a stream that has nothing in flight: one is built, one sent */
     RING_TOUCHED = 1048576,     /* bytes of a ring in memory that are there at open */
-    RING_AHEAD = 524288,        /* that its sender has ready: 5 ms at 100 MB/s */
-    RING_PIECE = 131072,        /* that it gives back at once */
+    PIECES = 64,                /* of a ring in memory: bits of a number */
     RING_HEAD = PAGE,           /* of a ring in a file: its samples begin on a page */
     SLOTS_LEAST = 8,            /* of a ring, however small it is asked to be */
     HISTORY = 4,                /* points of (1) */
@@ -238,7 +239,7 @@ struct modald_stream {
     /* written at open only: both threads have this line */
     _Alignas(LINE) struct ring_page *page;
     double *ring;
-    uint64_t slots;
+    uint64_t slots, piece, pieces, near;     /* piece: slots of one; near: those there at open */
     size_t stride;              /* doubles of a slot: index, time, channels */
     unsigned forks;             /* of the process, when it was opened; CLOSED */
     int channels;
@@ -246,9 +247,11 @@ struct modald_stream {
 
     /* the host's: nobody else reads it */
     _Alignas(LINE) uint64_t head;
-    uint64_t tail_seen, index, cursor;       /* cursor: head modulo slots */
+    uint64_t end, index, cursor;             /* end: the head that wants room; cursor: its slot */
 
     /* both */
+    _Alignas(LINE) _Atomic uint64_t free_pieces;
+    unsigned char order[PIECES];             /* written by the host, before the head */
     _Alignas(LINE) _Atomic uint64_t dropped;
     _Atomic int verdict, stop;  /* stop: 1 close, 2 broken off */
     _Atomic bool finished, refused;
@@ -285,9 +288,9 @@ struct modald_stream {
     size_t credit, flying;
 
     /* the sender's: its ring in memory */
-    uint64_t touched;           /* slots before it are there, or were */
-    uint64_t piece;             /* slots that the tail moves by; 0: by each */
-    double touched_at, piece_at;             /* when either last moved */
+    uint64_t given;             /* slots before it are the host's again, by whole pieces */
+    uint64_t touched, recent;   /* pieces that were read, and since `rest_at` */
+    double rest_at;
 
     /* the sender's: its frames */
     struct loans *loans;

@@ -363,13 +363,13 @@ static enum modal_status write_slice(const char *dir, struct ledger_reader *read
 /* What was written is synced; where that is all, it is sealed but for its name in the folder. */
 static void end_slice(const char *dir, struct task *task, bool *more)
 {
-    if (task->status == MODAL_OK)
+    if (*more && task->status == MODAL_OK)
         task->status = upload_sync(task->upload, &task->err);
     *more &= task->status == MODAL_OK;
     if (*more)
         return;
     if (task->status == MODAL_OK)
-        task->status = seal(task, upload_name);
+        task->status = seal(task, upload_name);    /* which syncs it, too */
     upload_close(task->upload);
     task->upload = NULL;
     if (task->status != MODAL_OK && task->status != MODAL_IO)

@@ -8,11 +8,11 @@
  * an error to be checked, NULL is a legal stream everywhere, nothing is ever printed on stdout, and
  * the host is never stopped, forked or ended: when the daemon is away or slow, samples wait in a
  * ring, then in a spill file, and past that are counted as a gap.  modald_push makes no system call
- * and takes no lock.  One thread pushes to a stream; streams are independent, and may be as many
- * as there are simulations: those of a process to one endpoint with one key file share a connection
+ * and takes no lock.  One thread pushes to a stream; streams are independent, and may be as many as
+ * there are simulations: those of a process to one endpoint with one key file share a connection
  * and a sending thread (three threads in all, two of them libzmq's), and one that the sender keeps
- * up with costs 1 to 2 MB.  Samples leave 50 ms after the first of them was pushed, once all before are
- * acknowledged, or as soon as 64 KiB are there.  In a child that the host forks its streams do
+ * up with costs 1 to 2 MB.  Samples leave 50 ms after the first of them was pushed, once all before
+ * are acknowledged, or as soon as 64 KiB are there.  In a child that the host forks its streams do
  * nothing, and need not be closed; a closed stream is like none.  The sending thread has its own
  * descriptors and takes no signals; paths and all of the environment are read at modald_open.
  *

@@ -22,7 +22,7 @@ static bool outlives_host(const modald_stream *s)
 }
 
 /* The next piece for the host: of those that are free the first, so that a stream which its sender
- * keeps up with goes round in the same few.  False: none is free, the sample is counted as a gap. */
+ * keeps up with goes round in the same few.  False: none is free. */
 static bool find_room(modald_stream *s)
 {
     uint64_t free = atomic_load_explicit(&s->free_pieces, memory_order_relaxed), first = 0;

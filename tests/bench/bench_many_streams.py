@@ -12,7 +12,7 @@ one before; those that noise drives never settle, and each window is found from 
                streams: median, and the eldest over the youngest
     live       streams that have a result in the end
     spilled    samples that were not taken in time, or dropped
-    close      ms of each stream's close, one after the other
+    close      ms a stream, all of them closed at once
 
 `ratio` is the figure a stream over that of the first number of streams; of ages, threads and closes
 of the figure itself.

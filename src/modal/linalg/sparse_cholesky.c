@@ -65,20 +65,33 @@ void sparse_cholesky_free(struct sparse_cholesky *f)
     free(f);
 }
 
-bool sparse_cholesky_solve(struct sparse_cholesky *f, double *X, int columns)
+/* X <- the solution of SYSTEM, one of CHOLMOD's. */
+static bool solve(struct sparse_cholesky *f, int system, double *X, int columns)
 {
     size_t n = (size_t)f->n, size = n * (size_t)columns;
     cholmod_dense B = { .nrow = n, .ncol = (size_t)columns, .nzmax = size, .d = n, .x = X,
                         .xtype = CHOLMOD_REAL, .dtype = CHOLMOD_DOUBLE },
                   *solution = NULL;
     bool ok = columns == 0
-              || cholmod_solve2(CHOLMOD_A, f->factor, &B, NULL, &solution, NULL, &f->room[0],
+              || cholmod_solve2(system, f->factor, &B, NULL, &solution, NULL, &f->room[0],
                                 &f->room[1], &f->common) != 0;
 
     if (ok && columns > 0)
         memcpy(X, solution->x, size * sizeof *X);
     cholmod_free_dense(&solution, &f->common);
     return ok;
+}
+
+bool sparse_cholesky_solve(struct sparse_cholesky *f, double *X, int columns)
+{
+    return solve(f, CHOLMOD_A, X, columns);
+}
+
+const int *sparse_cholesky_order(const struct sparse_cholesky *f) { return f->factor->Perm; }
+
+bool sparse_cholesky_half(struct sparse_cholesky *f, bool transposed, double *X, int columns)
+{
+    return solve(f, transposed ? CHOLMOD_Lt : CHOLMOD_L, X, columns);
 }
 
 double sparse_cholesky_flops(const struct sparse_cholesky *f) { return f->common.fl; }

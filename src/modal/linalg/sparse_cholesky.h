@@ -18,6 +18,12 @@ enum modal_status sparse_cholesky_new(int n, const int *start, const int *index,
 void sparse_cholesky_free(struct sparse_cholesky *f);       /* NULL too */
 /* X <- A^-1 X, COLUMNS of n entries each; false: no memory, and X is as it was. */
 bool sparse_cholesky_solve(struct sparse_cholesky *f, double *X, int columns);
+/*
+ * In the order of elimination A = L L^T: row ORDER[i] of A is its i-th, F owns ORDER; X in that
+ * order <- L^-1 X, or L^-T X where TRANSPOSED; false: no memory, and X is as it was.
+ */
+const int *sparse_cholesky_order(const struct sparse_cholesky *f);
+bool sparse_cholesky_half(struct sparse_cholesky *f, bool transposed, double *X, int columns);
 /* Operations of the factorization, and entries of the factor. */
 double sparse_cholesky_flops(const struct sparse_cholesky *f);
 double sparse_cholesky_fill(const struct sparse_cholesky *f);

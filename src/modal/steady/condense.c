@@ -295,6 +295,7 @@ void condense_free(struct condense *c)
     if (c == NULL)
         return;
     condense_forget(c, 0);
+    condense_lanczos_free(c);
     condense_basis_free(c);
     free(c->harmonic);
     pattern_free(c->linear);
@@ -521,7 +522,8 @@ static enum modal_status learn(struct condense *c, int k, struct modal_error *er
     bool rough = c->needed != NULL && k > c->exact;
     enum modal_status rc;
 
-    h->stale = c->basis == NULL || !condense_basis_answer(c, k, rough, h);
+    h->stale = (c->lanczos == NULL || !condense_lanczos_answer(c, k, rough, h))
+               && (c->basis == NULL || !condense_basis_answer(c, k, rough, h));
     if (!h->stale)
         return MODAL_OK;
     memset(h->S, 0, entries * sizeof *h->S);
@@ -536,8 +538,10 @@ static enum modal_status learn(struct condense *c, int k, struct modal_error *er
             h->row[j * (size_t)c->seats + (size_t)c->seat[i]] =
                 c->right[j * (size_t)c->order + (size_t)c->spot[i]];
     h->stale = rc != MODAL_OK;
+    if (rc == MODAL_OK && c->lanczos != NULL)
+        condense_lanczos_missed(c, rough);
     if (rc == MODAL_OK && c->basis != NULL)
-        condense_basis_join(c, rough);
+        condense_basis_join(c);
     return rc;
 }
 

@@ -19,22 +19,6 @@
  * and so is one, half full, that holds every harmonic of a frequency and serves none of the next:
  * among many resonances it would be full before it served, at four times the cost.
  *
- * Where many points follow, C = alpha M + beta K and A_0 = K_rr + sigma^2 M_rr is positive, one
- * real factorization does: all s share the Krylov spaces
- *
- *     V = [Z, G Z, G^2 Z, ..],   G = A_0^-1 M_rr,   Z = A_0^-1 [K_rq, M_rq, e_w, P_r],        (3)
- *
- * which hold the resonances near 0 first, and grow block by block until (2) is met: no solution
- * with complex factors is needed, of many columns at once they are products of matrices, and some
- * three columns a resonance below s come to 1e-10.  With V^T M V q_j = theta_j V^T A_0 V q_j, Q of
- * all q_j, Q^T V^T A_0 V Q = 1,
- *
- *     L^ ^-1 = Q D^-1 Q^T,
- *     D_j = (1 + i beta s)(1 - sigma^2 theta_j) + (i alpha s - s^2) theta_j,
- *     |L^ ^-1|_F^2 = sum_ij (q_i^T q_j)^2 Re(conj(1 / D_i) / D_j),                              (4)
- *
- * so that another s costs products with Q.
- *
  * [R84] Ruhe, Rational Krylov sequence methods for eigenvalue computation, Linear Algebra Appl. 58
  * (1984) 391-405.
  */
@@ -45,7 +29,6 @@
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
-#include "modal/linalg/sparse_cholesky.h"
 #include "modal/linalg/sparse_lu.h"
 #include "modal/numbers.h"
 #include "modal/steady/budget.h"
@@ -53,22 +36,12 @@
 #include "modal/steady/pattern.h"
 
 enum {
-    SIGNS = 16,             /* the mean of so many squares is off by a third */
-    DUALS_MOST = 32,        /* dofs wanted, each of which is one more solution that joins V */
-    FASTER = 5,             /* products of full matrices, of 10,000 rows: 20 operations a ns */
-    GROWTH = 8              /* blocks of (3) are made until V has an eighth more, then (4) */
+    SIGNS = 16              /* the mean of so many squares is off by a third */
 };
 /* Numbers of V: 512 MB. */
 static const size_t NUMBERS_MOST = (size_t)1 << 26;
-/* Entries off symmetry by less, relative, are symmetric: rounding of an assembly. */
-static const double SYMMETRIC = 1e-12;
 /* Of what the tolerance allows, what V may lack of solutions that it was made of. */
 static const double SHARE = 0.1;
-/* sigma over the s first asked for: far enough below it that resonances near 0 stand out, and far
- * enough from 0 for free bodies. */
-static const double SHIFT = 0.1;
-/* Of what factors would cost along all points, what (3) may. */
-static const double VENTURE = 0.5;
 /* Where an estimate asks, which needs a digit or two: S^-1 F has them still where S's condition is
  * 100. */
 static const double ROUGH = 1e-4;
@@ -89,17 +62,6 @@ struct condense_basis {
     double complex *work, *left;    /* 2 most; theta^T R, SIGNS x columns */
     double *scratch, *size;         /* most x 2 columns and reals of zgecon; |R_j| */
     int *pivot, *dual;              /* the dofs of e_w */
-    /* (3) and (4) */
-    int points;                     /* that follow; 0: none of it is made */
-    struct sparse_cholesky *factors;    /* of A_0; NULL: none */
-    bool ended;                     /* V grows no more by (3) */
-    int wide;                       /* columns of V's last block; 0: no block yet */
-    double sigma2, alpha, beta;
-    double spent, once;             /* operations, of all of it; of one factorization of L */
-    double *Q, *near, *N;           /* m columns of most; theta_j; (q_i^T q_j)^2 */
-    double *half, *other;           /* most x 2 columns each */
-    double complex *D;              /* 1 / D_j */
-    int room;                       /* columns of Z */
     struct workspace space, held;   /* of the arrays of B; of those whose size is known with most */
 };
 
@@ -135,15 +97,6 @@ static void multiply(const struct condense *c, int t, const double *x, double *y
                 y[c->spot[i]] += a->value[e] * x[c->spot[a->index[e]]];
 }
 
-/* Whether anything of harmonic K loads the linear dofs. */
-static bool has_load(const struct condense *c, int k)
-{
-    for (int l = 0; l < c->loads; l++)
-        if (c->load[l].k == k && c->spot[c->load[l].dof] >= 0)
-            return true;
-    return false;
-}
-
 /* Each entry of A_rq of matrix T: (row among the linear, column among the kept). */
 #define EACH_COUPLING(c, a, i, e) \
     for (int i = 0; i < (a)->m; i++) \
@@ -151,16 +104,11 @@ static bool has_load(const struct condense *c, int k)
              e < (a)->start[i + 1]; e++) \
             if ((c)->place[(a)->index[e]] >= 0)
 
-enum modal_status condense_share(struct condense *c, double tolerance, int points,
-                                 struct modal_error *err)
+enum modal_status condense_basis_new(struct condense *c, double tolerance,
+                                     struct modal_error *err)
 {
     struct condense_basis *b;
 
-    if (!c->sparse || c->q == 0 || c->seats > DUALS_MOST || c->basis != NULL)
-        return MODAL_OK;
-    for (int t = 0; t < 3; t++)
-        if (c->p->constant[t].start != NULL && !sparse_symmetric(&c->p->constant[t], SYMMETRIC))
-            return MODAL_OK;
     if ((b = c->basis = calloc(1, sizeof *b)) == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "condense: no memory for a basis");
     b->tolerance = tolerance;
@@ -172,11 +120,7 @@ enum modal_status condense_share(struct condense *c, double tolerance, int point
     for (int i = 0; b->dual != NULL && i < c->n; i++)
         if (c->seat[i] >= 0)
             b->dual[c->seat[i]] = c->spot[i];
-    b->points = points > 1 && condense_proportional(c, &b->alpha, &b->beta) ? points : 0;
-    b->room = 2 * b->columns;
-    for (int k = 0; b->points > 0 && k <= c->highest; k++)
-        b->room += has_load(c, k) ? 2 : 0;
-    b->Z = workspace_zeros(&b->space, (size_t)b->r * (size_t)b->room, sizeof *b->Z);
+    b->Z = workspace_zeros(&b->space, (size_t)b->r * 2 * (size_t)b->columns, sizeof *b->Z);
     b->theta = workspace_zeros(&b->space, (size_t)b->r * SIGNS, sizeof *b->theta);
     if (b->theta != NULL)
         draw_signs(b);
@@ -199,29 +143,20 @@ void condense_basis_free(struct condense *c)
 {
     if (c->basis == NULL)
         return;
-    sparse_cholesky_free(c->basis->factors);
     workspace_free(&c->basis->held);
     workspace_free(&c->basis->space);
     free(c->basis);
     c->basis = NULL;
 }
 
-/* Operations that (3) and (4) may cost. */
-static double ventured(const struct condense_basis *b)
-{
-    return VENTURE * b->points * b->highest * b->once;
-}
-
 /* How many columns V may have: the 8/3 m^3 operations of L^ are as many as a factorization's, and
- * go ten times as fast (a full matrix's, of 10,000 dofs: 20 a nanosecond, and 2); the 12 m^3 of (4)
- * cost all that may be ventured.  False: too few for two frequencies, or no memory. */
+ * go ten times as fast (a full matrix's, of 10,000 dofs: 20 a nanosecond, and 2).  False: too few
+ * for two frequencies, or no memory. */
 static bool find_room(struct condense_basis *b, double factorization)
 {
     size_t m, columns = (size_t)b->columns;
-    double least = b->factors != NULL ? cbrt(ventured(b) * BUDGET_DENSE * FASTER / 12)
-                                      : cbrt(3.0 / 8 * factorization);
 
-    b->most = (int)fmin(least, (double)(NUMBERS_MOST / (size_t)b->r));
+    b->most = (int)fmin(cbrt(3.0 / 8 * factorization), (double)(NUMBERS_MOST / (size_t)b->r));
     if (b->most < 4 * b->columns)
         return false;
     m = (size_t)b->most;
@@ -231,20 +166,12 @@ static bool find_room(struct condense_basis *b, double factorization)
         b->B[t] = workspace_zeros(&b->held, m * (size_t)b->q, sizeof *b->B[t]);
         b->seen[t] = workspace_zeros(&b->held, m * SIGNS, sizeof *b->seen[t]);
     }
-    b->L = workspace_zeros(&b->held, b->factors == NULL ? m * m : 0, sizeof *b->L);
+    b->L = workspace_zeros(&b->held, m * m, sizeof *b->L);
     b->G = workspace_zeros(&b->held, m * columns, sizeof *b->G);
     b->Y = workspace_zeros(&b->held, m * columns, sizeof *b->Y);
     b->work = workspace_zeros(&b->held, 2 * m, sizeof *b->work);
-    b->scratch = workspace_zeros(&b->held, (size_t)b->room * m + 2 * m, sizeof *b->scratch);
+    b->scratch = workspace_zeros(&b->held, 2 * columns * m + 2 * m, sizeof *b->scratch);
     b->pivot = workspace_zeros(&b->held, m, sizeof *b->pivot);
-    if (b->factors != NULL) {
-        b->Q = workspace_zeros(&b->held, m * m, sizeof *b->Q);
-        b->N = workspace_zeros(&b->held, m * m, sizeof *b->N);
-        b->near = workspace_zeros(&b->held, m, sizeof *b->near);
-        b->D = workspace_zeros(&b->held, m, sizeof *b->D);
-        b->half = workspace_zeros(&b->held, 2 * m * columns, sizeof *b->half);
-        b->other = workspace_zeros(&b->held, 2 * m * columns, sizeof *b->other);
-    }
     return !b->held.failed;
 }
 
@@ -327,8 +254,6 @@ static void join(struct condense *c, int kept)
             for (int j = old; j < m; j++)
                 b->B[t][(size_t)c->place[a->index[e]] * most + (size_t)j] +=
                     a->value[e] * b->V[(size_t)j * r + (size_t)c->spot[i]];
-        if (t == PROGRAM_C && b->factors != NULL)
-            continue;                                   /* made of the others, below */
         for (int j = 0; j < kept; j++)
             multiply(c, t, b->V + (size_t)(old + j) * r, b->Z + (size_t)j * r);
         cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, m, kept, b->r, 1, b->V, b->r, b->Z,
@@ -339,177 +264,6 @@ static void join(struct condense *c, int kept)
             for (int i = 0; i < j; i++)
                 b->A[t][(size_t)i * most + (size_t)j] = b->A[t][(size_t)j * most + (size_t)i];
     }
-    for (int e = old * SIGNS; b->factors != NULL && e < m * SIGNS; e++)
-        b->seen[PROGRAM_C][e] = b->alpha * b->seen[PROGRAM_M][e] + b->beta * b->seen[PROGRAM_K][e];
-}
-
-/* A_0 of (3) factored; NULL where it is not positive, or no memory. */
-static struct sparse_cholesky *factor_real(const struct condense *c, double sigma2)
-{
-    struct pattern *pattern = NULL;
-    struct sparse_cholesky *out = NULL;
-    double *value = NULL;
-
-    if (pattern_new(c->p, c->spot, c->r, false, &pattern, NULL) != MODAL_OK)
-        return NULL;
-    value = calloc((size_t)pattern_entries(pattern) + 1, sizeof *value);
-    for (int t = 0; t < 3 && value != NULL; t++) {
-        const struct sparse *a = &c->p->constant[t];
-        double by = t == PROGRAM_K ? 1 : t == PROGRAM_M ? sigma2 : 0;
-
-        for (int i = 0; by != 0 && a->start != NULL && i < a->m; i++)
-            for (int e = a->start[i]; e < a->start[i + 1]; e++)
-                if (c->spot[i] >= 0 && c->spot[a->index[e]] >= 0)
-                    value[pattern_find(pattern, c->spot[i], c->spot[a->index[e]])] +=
-                        by * a->value[e];
-    }
-    if (value != NULL
-        && sparse_cholesky_new(c->r, pattern->start, pattern->index, value, &out, NULL) != MODAL_OK)
-        out = NULL;
-    free(value);
-    pattern_free(pattern);
-    return out;
-}
-
-/* The right sides of Z, (3), into b->Z, each of size 1; how many. */
-static int right_sides(const struct condense *c)
-{
-    struct condense_basis *b = c->basis;
-    size_t r = (size_t)b->r;
-    int wide = 2 * b->q, kept = 0;
-
-    memset(b->Z, 0, r * (size_t)b->room * sizeof *b->Z);
-    for (int t = PROGRAM_M; t <= PROGRAM_K; t += PROGRAM_K - PROGRAM_M) {
-        const struct sparse *a = &c->p->constant[t];
-
-        if (a->start != NULL)
-            EACH_COUPLING(c, a, i, e)
-                b->Z[(size_t)((t == PROGRAM_K ? b->q : 0) + c->place[a->index[e]]) * r
-                     + (size_t)c->spot[i]] += a->value[e];
-    }
-    for (int w = 0; w < b->duals; w++)
-        b->Z[(size_t)wide++ * r + (size_t)b->dual[w]] = 1;
-    for (int k = 0; k <= c->highest; k++) {
-        for (int l = 0; l < c->loads; l++)
-            if (c->load[l].k == k && c->spot[c->load[l].dof] >= 0) {
-                double *z = b->Z + (size_t)wide * r + c->spot[c->load[l].dof];
-
-                z[0] += creal(c->load[l].value);
-                z[r] += cimag(c->load[l].value);
-            }
-        wide += has_load(c, k) ? 2 : 0;
-    }
-    for (int j = 0; j < wide; j++) {
-        if (j > kept)
-            memcpy(b->Z + (size_t)kept * r, b->Z + (size_t)j * r, r * sizeof *b->Z);
-        kept += to_unit(b->r, b->Z + (size_t)kept * r);
-    }
-    return kept;
-}
-
-/* One block more of (3); false: there is none, or no room or work for it. */
-static bool add_block(struct condense *c)
-{
-    struct condense_basis *b = c->basis;
-    size_t r = (size_t)b->r;
-    int wide = b->wide, kept = 0;
-    double work;
-
-    if (wide == 0)
-        wide = right_sides(c);
-    else
-        for (int j = 0; j < wide; j++)
-            multiply(c, PROGRAM_M, b->V + (size_t)(b->m - wide + j) * r, b->Z + (size_t)j * r);
-    /* a solution, V taken off twice, products with M and K */
-    work = wide * (4 * sparse_cholesky_fill(b->factors) + 12.0 * b->r * (b->m + wide) / FASTER)
-           / BUDGET_DENSE;
-    if (b->m + wide > b->most || b->spent + work > ventured(b)
-        || !sparse_cholesky_solve(b->factors, b->Z, wide))
-        return false;
-    b->spent += work;
-    c->work += work;
-    for (int j = 0; j < wide; j++) {
-        if (j > kept)
-            memcpy(b->Z + (size_t)kept * r, b->Z + (size_t)j * r, r * sizeof *b->Z);
-        kept += to_unit(b->r, b->Z + (size_t)kept * r);
-    }
-    b->wide = make_orthonormal(b, kept);
-    if (b->wide > 0)
-        join(c, b->wide);
-    return b->wide > 0;
-}
-
-/* Q and the sums of (4). */
-static bool diagonalize(struct condense *c)
-{
-    struct condense_basis *b = c->basis;
-    size_t most = (size_t)b->most;
-    double work = 12.0 * b->m * b->m * b->m / (BUDGET_DENSE * FASTER);
-
-    b->spent += work;
-    c->work += work;
-    for (size_t j = 0; j < (size_t)b->m; j++)
-        for (size_t i = 0; i < (size_t)b->m; i++) {
-            b->Q[j * most + i] = b->A[PROGRAM_M][j * most + i];
-            b->N[j * most + i] = b->A[PROGRAM_K][j * most + i]
-                                 + b->sigma2 * b->A[PROGRAM_M][j * most + i];
-        }
-    if (LAPACKE_dsygvd(LAPACK_COL_MAJOR, 1, 'V', 'U', b->m, b->Q, b->most, b->N, b->most, b->near)
-        != 0)
-        return false;
-    cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, b->m, b->m, b->m, 1, b->Q, b->most, b->Q,
-                b->most, 0, b->N, b->most);
-    for (size_t j = 0; j < (size_t)b->m; j++)
-        for (size_t i = 0; i < (size_t)b->m; i++)
-            b->N[j * most + i] *= b->N[j * most + i];
-    return true;
-}
-
-/* Operations of a factorization of L and its solutions: beside those of A_0 twice as many entries,
- * of complex numbers, four times the operations. */
-static double once(const struct condense_basis *b)
-{
-    double fill = 2 * sparse_cholesky_fill(b->factors);
-
-    return (8 * sparse_cholesky_flops(b->factors) + SPARSE_LU_ENTRY * fill) / BUDGET_DENSE
-           + 8 * fill * b->columns;
-}
-
-/* A_0 for S, and room; false: (3) does not apply. */
-static bool begin(struct condense *c, double s)
-{
-    struct condense_basis *b = c->basis;
-
-    b->sigma2 = SHIFT * s * SHIFT * s;
-    b->factors = factor_real(c, b->sigma2);
-    if (b->factors == NULL)
-        return false;
-    b->once = once(b);
-    if (find_room(b, 0))
-        return true;
-    sparse_cholesky_free(b->factors);
-    b->factors = NULL;
-    b->most = 0;
-    workspace_free(&b->held);
-    return false;
-}
-
-/* V grows by an eighth, by (3), begun at S where there is nothing of it; false: it does not. */
-static bool grow(struct condense *c, double s)
-{
-    struct condense_basis *b = c->basis;
-    int before = b->m;
-
-    if (b->points == 0 || b->ended || (b->factors == NULL && b->m > 0))
-        return false;
-    if (b->factors == NULL && !begin(c, s)) {
-        b->points = 0;
-        return false;
-    }
-    while (!b->ended && b->m - before < before / GROWTH + b->columns)
-        b->ended = !add_block(c);
-    b->ended |= b->m > before && !diagonalize(c);
-    return b->m > before;
 }
 
 /* Real and imaginary parts of solution x into the next columns of Z, those that are not 0. */
@@ -525,18 +279,12 @@ static int take(struct condense_basis *b, const double complex *x, int wide)
     return wide;
 }
 
-void condense_basis_join(struct condense *c, bool rough)
+void condense_basis_join(struct condense *c)
 {
     struct condense_basis *b = c->basis;
     double complex *unit = c->right;                    /* its first column, read by then */
     int wide = 0;
 
-    if (b->factors != NULL) {               /* (3): what it does not serve is factored */
-        b->failed += b->ended && !rough;
-        if (b->failed > b->served)
-            condense_basis_free(c);
-        return;
-    }
     if (b->most == 0 && !find_room(b, sparse_lu_work(c->factors))) {
         condense_basis_free(c);
         return;
@@ -689,47 +437,6 @@ static double solve_full(struct condense *c, double s)
     return 1 / (condition * norm);
 }
 
-/* The same by (4). */
-static double solve_diagonal(struct condense *c, double s)
-{
-    struct condense_basis *b = c->basis;
-    size_t most = (size_t)b->most, m = (size_t)b->m, half = most * (size_t)b->columns;
-    double sum = 0;
-
-    c->work += (8.0 * b->columns + 1) * b->m * b->m / BUDGET_DENSE;
-    for (size_t j = 0; j < m; j++) {
-        double complex D = CMPLX(1, b->beta * s) * (1 - b->sigma2 * b->near[j])
-                           + CMPLX(-s * s, b->alpha * s) * b->near[j];
-
-        if (!(cabs(D) > CONDITION))
-            return 0;
-        b->D[j] = 1 / D;
-    }
-    for (size_t j = 0; j < m; j++)
-        for (size_t i = 0; i < m; i++)
-            sum += b->N[j * most + i] * (creal(b->D[i]) * creal(b->D[j])
-                                         + cimag(b->D[i]) * cimag(b->D[j]));
-    for (size_t i = 0; i < half; i++) {                 /* real parts, then imaginary ones */
-        b->half[i] = creal(b->G[i]);
-        b->half[half + i] = cimag(b->G[i]);
-    }
-    cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, b->m, 2 * b->columns, b->m, 1, b->Q,
-                b->most, b->half, b->most, 0, b->other, b->most);
-    for (size_t j = 0; j < (size_t)b->columns; j++)
-        for (size_t i = 0; i < m; i++) {
-            double *re = b->other + j * most + i, *im = re + half;
-            double complex y = b->D[i] * CMPLX(*re, *im);
-
-            *re = creal(y);
-            *im = cimag(y);
-        }
-    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, b->m, 2 * b->columns, b->m, 1, b->Q,
-                b->most, b->other, b->most, 0, b->half, b->most);
-    for (size_t i = 0; i < half; i++)
-        b->Y[i] = CMPLX(b->half[i], b->half[half + i]);
-    return sqrt(sum);
-}
-
 /* Harmonic K by V as it is into H, to TOLERANCE; false: it does not serve. */
 static bool serves(struct condense *c, int k, double tolerance, struct condense_harmonic *h)
 {
@@ -737,7 +444,7 @@ static bool serves(struct condense *c, int k, double tolerance, struct condense_
     double s = k * c->omega, inverse;
 
     project(c, k, s);
-    inverse = b->factors != NULL ? solve_diagonal(c, s) : solve_full(c, s);
+    inverse = solve_full(c, s);
     if (!(inverse > 0))
         return false;
     find_residuals(c, k, s);
@@ -752,23 +459,15 @@ static bool serves(struct condense *c, int k, double tolerance, struct condense_
     return h->doubt <= tolerance;
 }
 
-/* Has V by (3) room and work for estimates: half of them are left to what is solved for? */
-static bool spares(const struct condense_basis *b)
-{
-    return b->factors != NULL && 2 * b->m < b->most && 2 * b->spent < ventured(b);
-}
-
 bool condense_basis_answer(struct condense *c, int k, bool rough, struct condense_harmonic *h)
 {
     struct condense_basis *b = c->basis;
 
     if (!rough)
         b->highest = k > b->highest ? k : b->highest;
-    if (k == 0 || (b->m == 0 && (rough || !grow(c, k * c->omega))))
+    if (k == 0 || b->m == 0
+        || !serves(c, k, rough ? fmax(ROUGH, b->tolerance) : b->tolerance, h))
         return false;
-    while (!serves(c, k, rough ? fmax(ROUGH, b->tolerance) : b->tolerance, h))
-        if ((rough && !spares(b)) || !grow(c, k * c->omega))
-            return false;
     h->rough = h->doubt > b->tolerance;
     b->served++;
     return true;

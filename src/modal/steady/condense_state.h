@@ -1,4 +1,4 @@
-/* condense_state.h - what condense.c, condense_known.c and condense_modes.c share */
+/* condense_state.h - what the files of condense.h share */
 #ifndef MODAL_CONDENSE_STATE_H
 #define MODAL_CONDENSE_STATE_H
 #include "modal/linalg/workspace.h"
@@ -44,7 +44,8 @@ struct condense {
     const bool *needed;              /* of condense_rough, past harmonic `exact`; NULL: all */
     int exact;
     double known_at, work;           /* rad/s; operations of budget.h so far */
-    struct condense_basis *basis;    /* condense_basis.c; NULL: each harmonic is factored */
+    struct condense_lanczos *lanczos;   /* condense_lanczos.c, else, where not NULL, */
+    struct condense_basis *basis;    /* condense_basis.c; both NULL: each harmonic is factored */
     /* modes */
     bool reduced, massless;          /* massless: M_rq = 0, one sum a pair */
     bool solved;                     /* kept_right is that of the last condense_at */
@@ -80,11 +81,22 @@ void condense_kept_block(struct condense *c, double s, double complex *S);
 /* Whether C = alpha M + beta K entry by entry, on the whole structure. */
 bool condense_proportional(const struct condense *c, double *alpha, double *beta);
 
-/* Harmonic K by the basis into H, which grows where it does not serve, as far as it may; ROUGH: as
- * condense_rough has it; false: it does not serve there, and H is to be made anew. */
+/* Harmonic K by one real factorization into H, after more steps where it takes them; ROUGH: as
+ * condense_rough has it; false: it does not serve there, and H is to be made anew.  Where that
+ * factorization is none at all there is a basis from now on. */
+bool condense_lanczos_answer(struct condense *c, int k, bool rough, struct condense_harmonic *h);
+/* A harmonic had to be factored, ROUGH: for an estimate; it may give itself up. */
+void condense_lanczos_missed(struct condense *c, bool rough);
+void condense_lanczos_free(struct condense *c);     /* of none, too */
+
+/* A basis, empty, of that tolerance.  Fails with MODAL_NO_MEMORY. */
+enum modal_status condense_basis_new(struct condense *c, double tolerance,
+                                     struct modal_error *err);
+/* Harmonic K by the basis into H; ROUGH: as condense_rough has it; false: it does not serve there,
+ * and H is to be made anew. */
 bool condense_basis_answer(struct condense *c, int k, bool rough, struct condense_harmonic *h);
 /* The solutions in c->right, which is lost, and those of the dofs wanted join the basis, which may
- * give itself up; ROUGH: one that does not live on such solutions is let alone. */
-void condense_basis_join(struct condense *c, bool rough);
+ * give itself up. */
+void condense_basis_join(struct condense *c);
 void condense_basis_free(struct condense *c);       /* of none, too */
 #endif

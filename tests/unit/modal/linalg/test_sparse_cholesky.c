@@ -31,6 +31,26 @@ TEST(several_right_hand_sides_are_solved_at_once)
     sparse_cholesky_free(f);
 }
 
+/* L L^T in the order of elimination is A there: its inverse times a unit vector, by A's inverse
+ * [5 -2 -1; -2 8 4; -1 4 11] / 18. */
+TEST(half_a_solution_and_its_transpose_are_a_solution_in_the_order_of_elimination)
+{
+    static const double inverse[3][3] = { { 5, -2, -1 }, { -2, 8, 4 }, { -1, 4, 11 } };
+    struct sparse_cholesky *f = factors(2);
+    const int *order = sparse_cholesky_order(f);
+
+    for (int j = 0; j < 3; j++) {
+        double x[3] = { 0 };
+
+        x[j] = 1;
+        CHECK(sparse_cholesky_half(f, false, x, 1));
+        CHECK(sparse_cholesky_half(f, true, x, 1));
+        for (int i = 0; i < 3; i++)
+            CHECK_NEAR(x[i], inverse[order[i]][order[j]] / 18, 1e-15);
+    }
+    sparse_cholesky_free(f);
+}
+
 TEST(a_matrix_that_is_not_positive_has_no_factors)
 {
     CHECK(factors(0.1) == NULL);

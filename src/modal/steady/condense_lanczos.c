@@ -26,10 +26,10 @@
  *     |E_mn| <= |P_j+1 e_m| |P_j+1 e_n| / min |a + c theta|,                                   (5)
  *
  * theta the eigenvalues of N: j blocks match 2 j moments about sigma [FF95].  The least of (5) is
- * that over all theta >= 0, or where this is 0 (without damping) over those of T_j.  Steps
- * are made until (5) is met.  Three blocks of vectors are held and no basis: once resonances are
- * found vectors lose their orthogonality and find them again, which costs steps and no digits
- * [G89].
+ * that over all theta >= 0, or where this is 0 (without damping) over those of T_j.  Steps are
+ * made until (5) is met, or for an estimate until S stays where it is.  Three blocks of vectors are
+ * held and no basis: once resonances are found vectors lose their orthogonality and find them
+ * again, which costs steps and no digits [G89].
  *
  * [FF95] Feldmann and Freund, Efficient linear circuit analysis by Pade approximation via the
  * Lanczos process, IEEE Trans. CAD 14 (1995) 639-649.
@@ -53,6 +53,8 @@ enum {
     DUALS_MOST = 32,        /* dofs wanted, each of which is one more column of B */
     FASTER = 5,             /* products of full matrices, of 10,000 rows: 20 operations a ns */
     GROWTH = 8,             /* an eighth of the steps is made before s is asked anew */
+    APART = 4,              /* and as many more between those that an estimate compares: few */
+    CALM = 2,               /* comparisons in a row that an estimate asks for: one may be chance */
     PRODUCTS = 8            /* r x wide x wide in a step: (3), and Q's factors */
 };
 /* Entries off symmetry by less, relative, are symmetric: rounding of an assembly. */
@@ -64,7 +66,8 @@ static const double SYMMETRIC = 1e-12;
 static const double SHIFT = 1.7;
 /* Of what factors would cost along all points, what (3) may. */
 static const double VENTURE = 0.5;
-/* What may be left of S^-1 F, relative, where an estimate asks, which needs a digit or two. */
+/* What S^-1 F may change by, relative, in an eighth of the steps, where an estimate asks, which
+ * needs a digit or two: (5) was seen to be 50 times as much. */
 static const double ROUGH = 0.03;
 /* The least |a + c theta| that tells anything. */
 static const double CONDITION = 64 * DBL_EPSILON;
@@ -99,6 +102,8 @@ struct condense_lanczos {
     double complex *D, *X, *P, *G;  /* sides x sides, x (answers + sides), x answers; answers^2 */
     int *pivot;
     double *size;                   /* |P_j+1 e_m| of (5) */
+    double complex *before;         /* S of step before_at, q x q */
+    int before_at, calm;            /* calm: comparisons in a row that were */
     double *theta;                  /* eigenvalues of T_j, ascending */
     int thetas, thetas_of;          /* how many, of how many steps; 0: not known */
     struct workspace space, blocks;     /* of the arrays; of A and B */
@@ -371,6 +376,7 @@ static bool begin(struct condense *c, double s)
     l->X = workspace_zeros(&l->space, sides * (answers + sides), sizeof *l->X);
     l->P = workspace_zeros(&l->space, sides * answers, sizeof *l->P);
     l->G = workspace_zeros(&l->space, 2 * answers * answers, sizeof *l->G);
+    l->before = workspace_zeros(&l->space, (size_t)(l->q * l->q), sizeof *l->before);
     l->pivot = workspace_zeros(&l->space, sides, sizeof *l->pivot);
     l->size = workspace_zeros(&l->space, answers, sizeof *l->size);
     if (l->space.failed)
@@ -414,15 +420,15 @@ static void take_diagonal(struct condense_lanczos *l, const double *Q, int wide,
 {
     size_t w = (size_t)wide;
 
-    cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, wide, wide, l->r, 1, Q, l->r, W, l->r, 0, A,
-                wide);
+    cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, wide, wide, l->r, 1, Q, l->r, W, l->r, 0,
+                A, wide);
     for (size_t j = 0; j < w; j++)
         for (size_t i = 0; i <= j; i++) {
             A[i * w + j] = A[j * w + i] = (A[i * w + j] + A[j * w + i]) / 2;
             l->scale = fmax(l->scale, fabs(A[i * w + j]));
         }
-    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, l->r, wide, wide, -1, Q, l->r, A, wide, 1,
-                W, l->r);
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, l->r, wide, wide, -1, Q, l->r, A, wide,
+                1, W, l->r);
 }
 
 /* One step of (3); false: there is none, or no work or memory for it. */
@@ -653,7 +659,7 @@ static double doubt(const struct condense *c, const struct at *at,
                 loaded > 0 ? loaded * fmax(kept / load, wanted / moved) : 0);
 }
 
-/* The doubt of S that leaves S^-1 F as good as ROUGH: that over S's condition. */
+/* What of S, relative, leaves S^-1 F as good as ROUGH: that over S's condition. */
 static double rough_tolerance(struct condense_lanczos *l, const double complex *S)
 {
     int q = l->q;
@@ -669,15 +675,25 @@ static double rough_tolerance(struct condense_lanczos *l, const double complex *
     return ROUGH * condition;
 }
 
-/* Is H->doubt as little as it must be? */
-static bool is_met(struct condense_lanczos *l, bool rough, const struct condense_harmonic *h)
+/* Has S, of so many STEPS, stayed where it is as well as an estimate asks? */
+static bool stays(struct condense_lanczos *l, int steps, const double complex *S)
 {
-    return h->doubt <= l->tolerance
-           || (rough && h->doubt <= ROUGH && h->doubt <= rough_tolerance(l, h->S));
+    size_t entries = (size_t)l->q * (size_t)l->q;
+    double change = 0, allowed;
+
+    if (steps < l->before_at + l->before_at / GROWTH + APART)
+        return false;
+    allowed = rough_tolerance(l, S) * numbers_modulus(S, entries);
+    for (size_t e = 0; e < entries; e++)
+        change = fmax(change, cabs(S[e] - l->before[e]));
+    memcpy(l->before, S, entries * sizeof *S);
+    l->before_at = steps;
+    l->calm = change <= allowed ? l->calm + 1 : 0;
+    return l->calm == CALM;
 }
 
-/* Harmonic K by the steps that are made, as many as it takes, into H; ROUGH: to that; false: they
- * do not serve.  *NEAR: at an eigenvalue to rounding, where no more would. */
+/* Harmonic K by the steps that are made, as many as it takes, into H; ROUGH: as an estimate asks;
+ * false: they do not serve.  *NEAR: at an eigenvalue to rounding, where no more would. */
 static bool serves(struct condense *c, int k, bool rough, struct condense_harmonic *h, bool *near)
 {
     struct condense_lanczos *l = c->lanczos;
@@ -689,6 +705,8 @@ static bool serves(struct condense *c, int k, bool rough, struct condense_harmon
     if (l->steps == 0)
         return false;
     at.least = least_of_all(&at);
+    l->before_at = l->calm = 0;
+    memset(l->before, 0, entries * sizeof *l->before);
     begin_sides(c, &at);
     memset(l->G, 0, 2 * (size_t)l->answers * (size_t)l->answers * sizeof *l->G);
     memset(l->D, 0, (size_t)l->sides * (size_t)l->sides * sizeof *l->D);
@@ -703,18 +721,19 @@ static bool serves(struct condense *c, int k, bool rough, struct condense_harmon
         answer(c, &at, h);
         left = doubt(c, &at, h);
         h->doubt = left / at.least + DBL_EPSILON * most / numbers_modulus(h->S, entries);
-        if (at.least > CONDITION && is_met(l, rough, h))
+        if ((at.least > CONDITION && h->doubt <= l->tolerance)
+            || (rough && stays(l, j + 1, h->S)))
             return true;
     }
     rounded = DBL_EPSILON * most / numbers_modulus(h->S, entries);
     *near = rounded > (rough ? ROUGH : l->tolerance);
     /* small theta are near 0, and |a| is the most that `least` may be */
-    if (*near || at.least > CONDITION || !(left / cabs(at.a) <= ROUGH))
+    if (*near || at.least > CONDITION || rough || !(left / cabs(at.a) <= l->tolerance))
         return false;
     at.least = least_of_theta(l, &at);
     *near = !(at.least > CONDITION);
     h->doubt = left / at.least + rounded;
-    return !*near && is_met(l, rough, h);
+    return !*near && h->doubt <= l->tolerance;
 }
 
 /* Has (3) work for estimates: half of it is left to what is solved for? */

@@ -174,20 +174,25 @@ static void print_reduction(const struct steady_settings *settings,
 /* That there is no motion is said only where it is certain. */
 static void print_failure(const struct program *p, const struct steady_point *point, cJSON *list)
 {
-    const char *reason = point->reason != NULL ? point->reason : "the balance does not close";
-    char where[96];
+    const char *reason = point->reason != NULL ? point->reason : "the balance does not close",
+               *given = point->residual < 0 ? "no motion is given, but zeros"
+                                            : "what is given is the best iterate";
+    char where[400];
     int k;
 
     if (resonance_unheld(p, point->omega, &k)) {
         if (k > 0)
-            snprintf(where, sizeof where, "harmonic %d excites an undamped resonance", k);
+            snprintf(where, sizeof where, "harmonic %d excites an undamped resonance, and no "
+                     "friction is strong enough to hold it; %s", k, given);
         else
-            snprintf(where, sizeof where, "the mean load pushes what no spring holds");
-        diagnose(list, "no_periodic_solution", "there is no periodic solution: %s, and no friction "
-                 "is strong enough to hold it; what is given is the best iterate", where);
-    } else
+            snprintf(where, sizeof where, "the mean load pushes what no spring holds, and no "
+                     "friction is strong enough to hold it; %s", given);
+        diagnose(list, "no_periodic_solution", "there is no periodic solution: %s", where);
+    } else {
+        snprintf(where, sizeof where, "%s; %s", reason, given);
         diagnose(list, "not_converged", "no periodic solution was found, which is no proof "
-                 "that there is none: %s; what is given is the best iterate", reason);
+                 "that there is none: %s", where);
+    }
 }
 
 static void print_diagnostics(const struct program *p, const struct steady_settings *settings,

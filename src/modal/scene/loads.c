@@ -123,9 +123,13 @@ static enum modal_status read_points(const cJSON *list, const char *path, struct
 {
     const cJSON *point;
     char where[160];
-    /* no list: no points, and the caller says so */
     int n = cJSON_IsArray(list) ? cJSON_GetArraySize(list) : 0;
 
+    if (!cJSON_IsArray(list)) {
+        json_path(where, path, "points");
+        return modal_fail_field(err, MODAL_BAD_INPUT, where,
+                                "%s must be a list of [t, force]; no file stands for it", where);
+    }
     /* the load's from the start: program_free frees */
     load->time = malloc(((size_t)n + 1) * sizeof *load->time);
     load->force = malloc(((size_t)n + 1) * sizeof *load->force);

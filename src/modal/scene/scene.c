@@ -364,7 +364,8 @@ static enum modal_status add_sensor(struct lowering *l, const cJSON *json, const
     struct program_output *out = &l->p->output[l->p->outputs++];
 
     if (!cJSON_IsObject(json))
-        return modal_fail_field(err, MODAL_BAD_INPUT, path, "%s must be an object", path);
+        return modal_fail_field(err, MODAL_BAD_INPUT, path,
+                                "%s must be an object, such as {\"dof\": \"x1\"}", path);
     const cJSON *dof = cJSON_GetObjectItemCaseSensitive(json, "dof");
     if (l->structure->sensor != NULL
         && (dof == NULL || l->p->seen_fixed

@@ -189,8 +189,8 @@ static enum modal_status read_loads(struct condense *c, struct modal_error *err)
         if (load->type != LOAD_HARMONIC)
             return modal_fail_field(
                 err, MODAL_BAD_INPUT, "excitation",
-                "excitation[%d] is a pulse; a steady state accepts only harmonics (k, cos, sin)",
-                i);
+                "excitation[%d] is no harmonic; a steady state accepts only those (k, cos, sin); "
+                "simulate takes all", i);
         if (load->tones > 0)
             return modal_fail_field(err, MODAL_BAD_INPUT, "excitation",
                                     "excitation[%d].k names tones, of which there are none; give "
@@ -636,6 +636,8 @@ enum modal_status condense_at(struct condense *c, double omega, double level, in
         return recall(c, H, S, p, err);
     for (int k = 0; rc == MODAL_OK && !c->reduced && k <= H; k++)
         rc = factor_at(c, k, k * c->omega, S + (size_t)k * entries, p + (size_t)k * q, err);
+    if (rc != MODAL_OK && c->kept_right != NULL)         /* who recovers all the same has rest */
+        memset(c->kept_right, 0, c->kept_size * sizeof *c->kept_right);
     return rc;
 }
 

@@ -2,6 +2,7 @@
  * job.c kind_run.c moving_signals.c plan.c scene_mesh.c scene_path.c simulate_job.c steady_print.c
  * steady_settings.c sweep.c tradeoff_print.c tradeoff_simulate.c tradeoff_steady.c */
 #include "check.h"
+#include <float.h>
 #include <complex.h>
 #include "job/job.h"
 #include "job/sweep.h"
@@ -326,6 +327,27 @@ TEST(a_stable_motion_beside_an_unstable_one_has_the_harmonics_that_its_own_error
     CHECK_NEAR(im->valuedouble, -0.000684675762576, 1e-10);
     cJSON_Delete(r);
     free(text);
+}
+
+/* On the way through sqrt(K / M) the point there has no motion: neither its neighbour's nor what
+ * lay in memory. */
+TEST(a_point_without_any_motion_has_zeros_and_not_the_motion_of_the_one_before)
+{
+    cJSON *r = job("steady", "{'structure':{'type':'matrices','M':[[1]],'K':[[100]]},'omega':10,"
+                             "'excitation':[{'dof':'x1','cos':1}]}",
+                   "{'sweep':'omega=9:11:3'}", MODAL_OK, NULL),
+          *points = cJSON_GetObjectItem(r, "points");
+    static const double is[] = { 1 / 19.0, 0, -1 / 21.0 };       /* 1 / (K - omega^2 M) */
+
+    for (int i = 0; i < 3; i++) {
+        cJSON *p = cJSON_GetArrayItem(points, i),
+              *x = cJSON_GetArrayItem(cJSON_GetObjectItem(p, "harmonics"), 0),
+              *re = cJSON_GetArrayItem(cJSON_GetObjectItem(x, "re"), 1);
+        CHECK(cJSON_IsTrue(cJSON_GetObjectItem(p, "converged")) == (i != 1));
+        CHECK(re != NULL);
+        CHECK_NEAR(re->valuedouble, is[i], 8 * DBL_EPSILON);
+    }
+    cJSON_Delete(r);
 }
 
 TEST(that_there_is_no_periodic_solution_is_said_only_where_it_is_certain)

@@ -298,6 +298,8 @@ enum modal_status refine_project(const struct refine_data *data, const double co
         w.weight[g] = 1;
     w.all = p.Z;
     rc = refine_evaluate(&w, &s.at, &s.now, err);
+    if (rc == MODAL_OK && data->blocks != NULL)
+        rc = refine_hold(&w, &s.at, err);
     if (rc != MODAL_OK)
         goto out;
     projected_take(&p, &w, &s.now);

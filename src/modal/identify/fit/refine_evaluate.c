@@ -506,3 +506,13 @@ enum modal_status refine_evaluate(struct work *w, const struct point *at, struct
     e->degenerate = !isfinite(e->F);
     return rc;
 }
+
+enum modal_status refine_hold(const struct work *w, const struct point *at,
+                              struct modal_error *err)
+{
+    const struct doubling_poles poles = { w->count, w->order, w->kind, w->column, at->a, at->b };
+
+    return compressed_holds(w->data->blocks, &poles)
+               ? MODAL_OK
+               : compressed_about(w->data->blocks, &poles, err);
+}

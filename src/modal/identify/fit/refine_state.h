@@ -87,6 +87,11 @@ void refine_free(struct work *w);
 enum modal_status refine_evaluate(struct work *w, const struct point *at, struct evaluation *e,
                                   struct modal_error *err);
 
+/* What poles AT have in data->blocks, which sums in closed form and rows do not read.  Fails with
+ * MODAL_NO_MEMORY, MODAL_NO_CONVERGENCE. */
+enum modal_status refine_hold(const struct work *w, const struct point *at,
+                              struct modal_error *err);
+
 /* Steps of it, for samples that lie elsewhere: w->basis = [Phi D] and then Q; w->R; whether Phi has
  * full rank. */
 void refine_fill_basis(struct work *w, const struct point *at);

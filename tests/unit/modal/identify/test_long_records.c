@@ -122,6 +122,25 @@ TEST(a_long_record_that_only_grows_is_found_from_its_end_with_the_errors_of_all_
     identify_result_done(&r);
 }
 
+/* So many that a fit goes by sums in closed form, which read no blocks; what it leaves is asked
+ * for by blocks all the same. */
+TEST(forty_modes_of_a_long_record_are_found)
+{
+    enum { MODES = 40 };
+    double complex lambda[MODES];
+    struct random rng = { 37 };
+    struct batch b;
+    struct identify_result r;
+
+    for (int j = 0; j < MODES; j++)
+        lambda[j] = CMPLX(-2e-5 - 1e-4 * random_uniform(&rng),
+                          0.05 + 0.075 * (j + 0.5 * random_uniform(&rng)));
+    b = record(lambda, MODES, 0.1, &rng);
+    CHECK(modal_identify(&b, NULL, &r, NULL) == MODAL_OK);
+    CHECK(all_found(&r, lambda, MODES) && r.verdict == VERDICT_STABLE);
+    identify_result_done(&r);
+}
+
 /* Exact signals leave rounding, and nothing else is made of it. */
 TEST(a_long_record_without_noise_shows_its_modes_to_rounding)
 {

@@ -17,7 +17,9 @@ enum {
                                          * converged */
 };
 static const double
-    SIGNALS_WORK = 4e9,                 /* multiplications: of few modes, */
+    /* multiplications: of few modes what twice the triplets of few cost of the longest record that
+     * is not searched by its head, of a square matrix of 2 L rows and columns, */
+    SIGNALS_WORK = 2.0 * GROW * HEAD * (2 * TRIPLETS_MOST) * (2 * TRIPLETS_MOST),
     MANY_WORK = 1e11;                   /* and of many */
 
 /* The pencil uses every column there is. */
@@ -105,6 +107,21 @@ static bool leaves_much(const struct pencil *p)
     return rest > ORDER_POOR * ORDER_POOR * p->energy;
 }
 
+/* Does the second quarter of the triplets, the last half of which has not converged, hold half of
+ * the energy of the eighth before it or more?  Then values fall no faster than 1 / index, no few of
+ * them make up for their sum, and many modes are there, though slow or strong ones have most of the
+ * energy.  What follows its own amplitude has values that fall ever faster. */
+static bool goes_on(const struct pencil *p)
+{
+    double eighth = 0, quarter = 0;
+
+    for (int i = p->count / 8; i < p->count / 4; i++)
+        eighth += p->s[i] * p->s[i];
+    for (int i = p->count / 4; i < p->count / 2; i++)
+        quarter += p->s[i] * p->s[i];
+    return quarter > eighth / 2;
+}
+
 /* Do signals fill the triplets, so that there may be more of them? Lanczos ends as soon as it has
  * their number, and the last have not converged: they are less than the signals, by a tenth of the
  * number as seen. Where what they leave is mostly more of the same, its edge is high as well, and
@@ -138,6 +155,8 @@ static enum modal_status ask_driven(struct work *w, const struct pencil *all,
     struct ragged is = { 0 };
     enum modal_status rc = MODAL_OK;
 
+    if (all->count > TRIPLETS_MOST)
+        w->many |= goes_on(all);
     if (all->count != TRIPLETS && all->count != TRIPLETS_MOST)
         return MODAL_OK;
     w->many = all->count == TRIPLETS_MOST && leaves_much(all);
@@ -162,7 +181,11 @@ static void drop_endless(struct work *w, struct pencil *all)
     *all = w->pencil;
 }
 
-/* *all: a pencil of as many triplets as there are signals, w->pencil where that has them. */
+bool work_many_by_head(const struct work *w)
+{
+    return w->many && !w->headless && w->X->m >= 2 * HEAD_MANY && w->opt.rows == 0;
+}
+
 enum modal_status work_pencil_of_all(struct work *w, struct pencil *all, struct modal_error *err)
 {
     struct lanczos *run = NULL;
@@ -170,7 +193,8 @@ enum modal_status work_pencil_of_all(struct work *w, struct pencil *all, struct 
 
     *all = w->pencil;
     w->many = w->endless = false;
-    while (rc == MODAL_OK && !w->endless && signals_fill(w, all) && can_grow(w, all)) {
+    while (rc == MODAL_OK && !w->endless && signals_fill(w, all) && can_grow(w, all)
+           && !work_many_by_head(w)) {
         int next = count_next(w, all);
         struct pencil_options opt = { .rows = rows_of_many(w, next), .wanted = next, .run = &run };
         struct pencil more = { 0 };
@@ -186,7 +210,8 @@ enum modal_status work_pencil_of_all(struct work *w, struct pencil *all, struct 
             break;
     }
     lanczos_free(run);
-    drop_endless(w, all);
+    if (!work_many_by_head(w))
+        drop_endless(w, all);
     return rc;
 }
 

@@ -290,7 +290,7 @@ static enum modal_status choose_from_above(struct work *w, struct identify_resul
         rc = work_report_values(w, out, err);
     order_done(&w->choice);
     w->choice = (struct order_choice) { .chosen = -1 };
-    if (rc == MODAL_OK && !driven(w) && !w->endless)
+    if (rc == MODAL_OK && !driven(w) && !w->endless && !work_many_by_head(w))
         rc = descend(w, out, err);
     above->pencil = w->pencil, above->choice = w->choice;
     w->pencil = few, w->choice = (struct order_choice) { .chosen = -1 };
@@ -337,20 +337,24 @@ static void search_rows(struct work *w, struct end *e, int rows)
         w->weighted.m = rows, w->weighted.x += skip;
 }
 
-/* A fit to all rows, or more, that begins with what F found in fewer. */
+/* A fit to all rows, or more, by BLOCKS or as they are, that begins with what F found in fewer. */
 static enum modal_status search_on(struct work *w, struct identify_result *out, struct found *f,
-                                   struct modal_error *err)
+                                   bool blocks, struct modal_error *err)
 {
     enum modal_status rc;
 
     w->seen_rows = w->blocks != NULL ? w->blocks->Y.m : HEAD;
     compressed_free(w->blocks);
+    w->data.blocks = w->blocks = NULL;
 #ifdef __GLIBC__
     malloc_trim(0);                     /* what the search before had, beside rows to come */
 #endif
-    w->data.blocks = w->blocks = compressed_new(w->X);
-    if (w->blocks == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d signals", w->X->n);
+    if (blocks) {
+        w->data.blocks = w->blocks = compressed_new(w->X);
+        if (w->blocks == NULL)
+            return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d signals",
+                              w->X->n);
+    }
     w->choice = f->choice, f->choice = (struct order_choice) { .chosen = -1 };
     rc = work_keep_chosen(w, &w->seen, err);
     order_done(&w->choice);
@@ -362,23 +366,76 @@ static enum modal_status search_on(struct work *w, struct identify_result *out, 
     return rc;
 }
 
+static enum modal_status choose_by_head(struct work *w, struct identify_result *out,
+                                        struct found *above, struct modal_error *err);
+
 /* What the first rows show, or where they show nothing the last: of what grows. */
 static enum modal_status search_end(struct work *w, struct identify_result *out, struct end *e,
-                                    struct found *f, struct modal_error *err)
+                                    int rows, struct found *f, struct modal_error *err)
 {
     enum modal_status rc;
 
-    search_rows(w, e, HEAD);
+    search_rows(w, e, rows);
     rc = work_decompose(w, out, err);
     if (rc == MODAL_OK)
-        rc = choose_from_above(w, out, f, err);
+        rc = choose_by_head(w, out, f, err);
     if (rc != MODAL_OK || e->late || f->choice.chosen >= 0 || driven(w) || w->endless)
         return rc;
     e->late = true;
     found_done(f);
     *f = (struct found) { .choice = { .chosen = -1 } };
     pencil_done(&w->pencil);
-    return search_end(w, out, e, f, err);
+    return search_end(w, out, e, rows, f, err);
+}
+
+/* *f: the modes of a HEAD of so many rows, and from there on in all; w->pencil is the head's. */
+static enum modal_status grow_from(struct work *w, struct identify_result *out, int head,
+                                   struct found *f, struct modal_error *err)
+{
+    const struct matrix *all = w->X;
+    struct end e = { .all = *all, .weighted = w->weighted };
+    int rows = head, most;
+    double grow = all->m / (double)head;
+    enum modal_status rc;
+
+    for (most = 1; pow(GROW, most) < grow;)
+        most++;
+    grow = pow(grow, 1.0 / most);
+    rc = search_end(w, out, &e, head, f, err);
+    while (rc == MODAL_OK && f->choice.clean && rows < all->m) {
+        rows = --most > 0 ? (int)(grow * rows) : all->m;
+        search_rows(w, &e, rows);
+        rc = search_on(w, out, f, all->m >= GROW * HEAD, err);
+    }
+    w->X = w->data.Y = all, w->weighted = e.weighted;
+    return rc;
+}
+
+/* From above, where many modes are seen by a head that has them all, if there is one. */
+static enum modal_status choose_by_head(struct work *w, struct identify_result *out,
+                                        struct found *above, struct modal_error *err)
+{
+    struct pencil few;
+    enum modal_status rc = choose_from_above(w, out, above, err);
+
+    if (rc != MODAL_OK || !work_many_by_head(w))
+        return rc;
+    found_done(above);
+    *above = (struct found) { .choice = { .chosen = -1 } };
+    few = w->pencil, w->pencil = (struct pencil) { 0 };
+    rc = grow_from(w, out, HEAD_MANY, above, err);
+    if (above->pencil.s == NULL)
+        above->pencil = w->pencil;
+    else
+        pencil_done(&w->pencil);
+    w->pencil = few;
+    w->many = true;
+    if (rc == MODAL_OK && above->choice.clean && !above->choice.crowded)
+        return MODAL_OK;
+    found_done(above);
+    *above = (struct found) { .choice = { .chosen = -1 } };
+    w->headless = true, w->ragged = 0;  /* what was said of the head is not said of all */
+    return rc == MODAL_OK ? choose_from_above(w, out, above, err) : rc;
 }
 
 /* *found: one set of modes in white noise, in all rows; or none, where noise drives the head. Else
@@ -386,24 +443,10 @@ static enum modal_status search_end(struct work *w, struct identify_result *out,
 enum modal_status work_grow_from_head(struct work *w, struct identify_result *out, bool *found,
                                       struct modal_error *err)
 {
-    const struct matrix *all = w->X;
     struct found f = { .choice = { .chosen = -1 } };
-    struct end e = { .all = *all, .weighted = w->weighted };
-    int rows = HEAD, most;
-    double grow = all->m / (double)HEAD;
-    enum modal_status rc;
+    enum modal_status rc = grow_from(w, out, HEAD, &f, err);
 
-    for (most = 1; pow(GROW, most) < grow;)
-        most++;
-    grow = pow(grow, 1.0 / most);
-    rc = search_end(w, out, &e, &f, err);
-    while (rc == MODAL_OK && f.choice.clean && rows < all->m) {
-        rows = --most > 0 ? (int)(grow * rows) : all->m;
-        search_rows(w, &e, rows);
-        rc = search_on(w, out, &f, err);
-    }
     *found = rc == MODAL_OK && f.choice.clean && !f.choice.crowded;
-    w->X = w->data.Y = all, w->weighted = e.weighted;
     if (*found)
         rc = put_found(w, &f, out, err);
     else
@@ -464,7 +507,7 @@ static enum modal_status choose_poles(struct work *w, struct identify_result *ou
                                       struct modal_error *err)
 {
     struct found above = { .choice = { .chosen = -1 } };
-    enum modal_status rc = choose_from_above(w, out, &above, err);
+    enum modal_status rc = choose_by_head(w, out, &above, err);
     bool put = rc == MODAL_OK && above.choice.clean
             && (w->shift > 1 ? !w->data.exact && converged(&above.choice)
                              : !above.choice.crowded);

@@ -30,6 +30,8 @@ enum {
  * out of what it leaves. */
 enum {
     HEAD = 16384,                   /* rows */
+    HEAD_MANY = HEAD / 4,           /* where many modes are seen, which cost a pencil so much more:
+                                     * slow ones have not outlived the others there */
     GROW = 8                        /* the errors of frequencies fall by 23 from one to the next */
 };
 
@@ -71,6 +73,7 @@ struct work {
     bool trial;                     /* this search has WORK_TRIAL only */
     bool brief;                     /* so has this one of periods, in coloured noise: WORK_LONG */
     bool many;                      /* modes, to judge by TRIPLETS_MOST triplets */
+    bool headless;                  /* their head did not show them all */
     int ragged;                     /* rows whose spectrum is that of a driven response (ragged.h);
                                      * 0: none */
     bool endless;                   /* so is what stands out of the noise, or the weaker part of
@@ -176,8 +179,11 @@ const struct matrix *work_searched(const struct work *w);
 /* w->pencil or w->projection of the signals, and its singular values for the answer. */
 enum modal_status work_decompose(struct work *w, struct identify_result *out,
                                  struct modal_error *err);
-/* *all: a pencil of as many triplets as there are signals, w->pencil where that has them. */
+/* *all: a pencil of as many triplets as there are signals, w->pencil where that has them; or of
+ * fewer, where work_many_by_head(). */
 enum modal_status work_pencil_of_all(struct work *w, struct pencil *all, struct modal_error *err);
+/* Are many modes seen, in rows enough that they are searched by their head first? */
+bool work_many_by_head(const struct work *w);
 /* The singular values of the decomposition, for the answer. */
 enum modal_status work_report_values(struct work *w, struct identify_result *out,
                                      struct modal_error *err);

@@ -148,6 +148,7 @@ enum modal_status wide_refine(const struct wide *d, double tau, const double com
                       .fixed = fixed };
     struct search s = { 0 };
     double *cov = NULL, step = 0;
+    int live = 0;
     enum modal_status rc = refine_check(&data, start, count, err);
 
     if (rc != MODAL_OK)
@@ -174,7 +175,9 @@ enum modal_status wide_refine(const struct wide *d, double tau, const double com
     out->taken = step <= most && refine_damped_step(w.parameters, s.now.T, 0, s.A, s.delta);
     if (out->taken)
         refine_take_step(&w, &s.at, s.delta, &s.trial);
-    refine_covariance(&w, &s.now, tau, cov);
+    for (int c = 0; c < d->S; c++)
+        live += d->scale[c] > 0;
+    refine_covariance(&w, &s.now, live, tau, cov);
     for (int j = 0; j < count; j++) {
         int p = w.first[j], P = w.parameters;
         out->lambda[j] = start[j];

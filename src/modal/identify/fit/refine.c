@@ -28,7 +28,8 @@
  *
  *     covariance = s^2 (R_J^T R_J)^{-1}                                                         (5)
  *
- * is the Cramer-Rao bound of white Gaussian noise at the residual's own level, amplitudes and
+ * (and more where amplitudes are little above their own noise, refine_covariance.c) is the
+ * Cramer-Rao bound of white Gaussian noise at the residual's own level, amplitudes and
  * phases unknown; a step is small against the standard errors of every combination of parameters at
  * once when |R_J delta| <= 1e-3 s.
  *
@@ -91,6 +92,16 @@ bool refined_converged(const struct refined *r)
     return r->end == REFINE_CONVERGED || r->end == REFINE_ROUNDING;
 }
 
+/* Columns of Y that are there. */
+static double live_columns(const struct work *w)
+{
+    int live = 0;
+
+    for (int g = 0; g < w->groups; g++)
+        live += w->weight[g] > 0;
+    return (double)live * w->phases;
+}
+
 static void report(const struct work *w, const struct search *s, double tau, struct refined *r)
 {
     double own = fmax(refine_freedom(w) / w->groups, 1), total = 0, dearer;
@@ -98,7 +109,7 @@ static void report(const struct work *w, const struct search *s, double tau, str
 
     memcpy(r->first, w->first, (size_t)w->count * sizeof *r->first);
     memcpy(r->turn, w->turn, (size_t)w->count * sizeof *r->turn);
-    refine_covariance(w, &s->now, tau, r->covariance);
+    refine_covariance(w, &s->now, live_columns(w), tau, r->covariance);
     for (int j = 0; j < w->count; j++) {
         int p = w->first[j], P = w->parameters;
         double b = w->kind[j] == POLE_PAIR ? s->at.b[j] / tau
@@ -229,6 +240,8 @@ enum modal_status refine_poles(const struct refine_data *data, const double comp
         goto out;
     memcpy(r.lambda, start, (size_t)count * sizeof *start);
     rc = refine_search(&w, &s, &opt, &r, &r.end, err);
+    if (rc == MODAL_OK && s.beside && !s.now.degenerate)
+        rc = refine_evaluate(&w, &s.at, &s.next, err);             /* for the errors of `now` */
     if (rc != MODAL_OK)
         goto out;
     report(&w, &s, data->tau, &r);

@@ -25,61 +25,20 @@ enum {
     ROUNDS = 30                     /* of weights */
 };
 
-/* Rows that are independent: all, unless a filter left the noise only a share of them. */
-static double rows(const struct work *w)
-{
-    /* for covariances and prices: correlated rows tell less */
-    return w->L * (w->data->share > 0 ? w->data->share : 1);
-}
-
 struct criterion refine_criterion(const struct work *w)
 {
     double n = (double)w->L * w->phases;
 
-    return (struct criterion) { w->groups, w->phases, n, rows(w) * w->phases, w->data->exact,
+    return (struct criterion) { w->groups, w->phases, n, refine_rows(w) * w->phases, w->data->exact,
                                 w->energy, w->lowest, w->data->white };
-}
-
-double refine_freedom(const struct work *w)
-{
-    return w->S * (rows(w) - w->order) - w->parameters;
-}
-
-static bool at_rounding(const struct work *w, const struct evaluation *e, int g)
-{
-    return e->rss[g] <= (double)w->L * w->phases * w->floor2[g];
 }
 
 static bool is_rounding(const struct work *w, const struct evaluation *e)
 {
     for (int g = 0; g < w->groups; g++)
-        if (!at_rounding(w, e, g))
+        if (!refine_at_rounding(w, e, g))
             return false;
     return true;
-}
-
-/* What signals at rounding have in F: the part of it that no step can lower, nor tell. */
-static double rounding_part(const struct work *w, const struct evaluation *e)
-{
-    double sum = 0;
-
-    for (int g = 0; g < w->groups; g++)
-        sum += at_rounding(w, e, g) ? w->weight[g] * w->weight[g] * e->rss[g] : 0;
-    return sum;
-}
-
-/* s^2 of (5).  Signals at rounding are weighed by a bound of it: beside noise they say nothing of
- * the noise. */
-static double variance(const struct work *w, const struct evaluation *e)
-{
-    int noisy = 0;
-
-    for (int g = 0; g < w->groups; g++)
-        noisy += !at_rounding(w, e, g);
-    if (noisy == 0 || noisy == w->groups)
-        return e->F / fmax(refine_freedom(w), 1);
-    /* freedom in proportion: each signal has as many rows */
-    return (e->F - rounding_part(w, e)) / fmax(refine_freedom(w) * noisy / w->groups, 1);
 }
 
 /* Weights from residuals; an all-zero signal has none.  Returns the largest relative change. */
@@ -346,6 +305,7 @@ static void swap_in(struct search *s)
 
     s->at = s->trial, s->trial = p;
     s->now = s->next, s->next = e;
+    s->beside = false;
 }
 
 /* The criterion, every residual times FACTOR, as if two real poles were a pair: what they cost must
@@ -371,7 +331,7 @@ static bool collapses(const struct work *w, const struct evaluation *e)
 {
     for (int g = 0; g < w->groups; g++)
         /* half and more of it lies in the derivatives' span: the poles' errors made it */
-        if (e->near[g] > 0.5 * e->rss[g] && !at_rounding(w, e, g))
+        if (e->near[g] > 0.5 * e->rss[g] && !refine_at_rounding(w, e, g))
             return true;
     return false;
 }
@@ -412,7 +372,7 @@ static void damp_less(struct damping *d, double gain)
 static bool below_rounding(const struct work *w, const struct evaluation *e)
 {
     int n = w->parameters;
-    double g = cblas_dnrm2(n, e->T + n * (n + 1), 1), known = rounding_part(w, e);
+    double g = cblas_dnrm2(n, e->T + n * (n + 1), 1), known = refine_rounding_part(w, e);
 
     for (int i = 0; i < w->groups; i++)
         known += w->weight[i] * w->weight[i]
@@ -432,7 +392,7 @@ static bool ended(const struct work *w, const struct search *s, const struct ref
     int n = w->parameters;
     double step = opt->step > 0 ? opt->step : 1e-3;
 
-    if (cblas_dnrm2(n, s->now.T + n * (n + 1), 1) <= step * sqrt(variance(w, &s->now)))
+    if (cblas_dnrm2(n, s->now.T + n * (n + 1), 1) <= step * sqrt(refine_variance(w, &s->now)))
         /* |R_J delta| <= 1e-3 s: a thousandth of a standard error in any direction */
         *end = REFINE_CONVERGED;
     else if (d->failures >= ROUNDING_FAILURES && below_rounding(w, &s->now))
@@ -470,6 +430,7 @@ static enum modal_status try_step(struct work *w, struct search *s, struct dampi
     from_means(w, s, false, s->delta, s->step);
     refine_take_step(w, &s->at, s->step, &s->trial);
     rc = refine_evaluate(w, &s->trial, &s->next, err);
+    s->beside = true;
     if (rc != MODAL_OK)
         return rc;
     fall = s->now.F - s->next.F;
@@ -508,7 +469,7 @@ static double gradient(const struct work *w, const struct evaluation *e)
 {
     int n = w->parameters;
 
-    return cblas_dnrm2(n, e->T + n * (n + 1), 1) / sqrt(variance(w, e));
+    return cblas_dnrm2(n, e->T + n * (n + 1), 1) / sqrt(refine_variance(w, e));
 }
 
 /*
@@ -531,7 +492,7 @@ static enum modal_status settle(struct work *w, struct search *s, bool equal,
         refine_take_step(w, &s->at, s->delta, &s->trial);
         set_weights(w, s->now.rss, equal);
         rc = refine_evaluate(w, &s->trial, &s->next, err);
-        s->evaluations++;
+        s->evaluations++, s->beside = true;
         if (rc != MODAL_OK || s->next.degenerate || (next = gradient(w, &s->next)) >= before)
             return rc;
         before = now, now = next;
@@ -571,6 +532,7 @@ enum modal_status refine_search(struct work *w, struct search *s,
         }
         s->evaluations++;
         rc = refine_evaluate(w, &s->at, &s->now, err);    /* the triangle under the new weights */
+        s->beside = false;
         if (rc != MODAL_OK)
             return rc;
         rc = descend(w, s, opt, end, err);
@@ -581,25 +543,4 @@ enum modal_status refine_search(struct work *w, struct search *s,
     if (at_guard(w, &s->at))
         *end = REFINE_BOUNDED;
     return opt->settle && *end == REFINE_CONVERGED ? settle(w, s, opt->equal_noise, err) : MODAL_OK;
-}
-
-/* (5): covariance = s2 R^{-1} R^{-T}, in 1/s^2; NAN where R is singular. */
-void refine_covariance(const struct work *w, const struct evaluation *e, double tau, double *cov)
-{
-    int n = w->parameters, P = n + 1;
-    double s2 = fmax(variance(w, e), DBL_MIN) / (tau * tau);
-    double *R = cov;              /* invert in place, then multiply up */
-
-    for (int j = 0; j < n; j++)
-        for (int i = 0; i < n; i++)
-            R[i + j * n] = i <= j ? e->T[i + j * P] : 0;
-    bool singular = n > 0 && LAPACKE_dtrtri(LAPACK_COL_MAJOR, 'U', 'N', n, R, n) != 0;
-    if (n > 0 && !singular)
-        singular = LAPACKE_dlauum(LAPACK_COL_MAJOR, 'U', n, R, n) != 0;
-    for (int j = 0; j < n; j++)
-        for (int i = 0; i <= j; i++)
-            R[i + j * n] = singular ? NAN : s2 * R[i + j * n];
-    for (int j = 0; j < n; j++)
-        for (int i = j + 1; i < n; i++)
-            R[i + j * n] = R[j + i * n];
 }

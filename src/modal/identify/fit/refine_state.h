@@ -71,6 +71,7 @@ struct search {
     double *A, *delta;            /* of damped_step */
     double *step;                 /* delta, of the exponents themselves */
     int *partner;                 /* of each pole: the one that it is stepped together with, -1 */
+    bool beside;                  /* the last evaluation is not that of `now` */
     int iterations, evaluations;
 };
 
@@ -120,16 +121,29 @@ bool refine_damped_step(int n, const double *T, double mu, double *A, double *de
  * minimum. */
 void refine_take_step(const struct work *w, const struct point *from, const double *delta,
                       struct point *to);
-/* Degrees of freedom, for (5). */
-double refine_freedom(const struct work *w);
 /* What its fits are compared by. */
 struct criterion refine_criterion(const struct work *w);
 /* The criterion, every residual times FACTOR. */
 double refine_worth(const struct work *w, const double *rss, double factor);
 /* What it is more where two real poles, of LAMBDA in 1/s, each pay for themselves. */
 double refine_dearer(const struct work *w, const double complex *lambda, double tau);
-/* (5): covariance = s2 R^{-1} R^{-T}, in 1/s^2; NAN where R is singular. */
-void refine_covariance(const struct work *w, const struct evaluation *e, double tau, double *cov);
+
+/* ---- refine_covariance.c ---- */
+
+/* Rows that are independent: all, unless a filter left the noise only a share of them. */
+double refine_rows(const struct work *w);
+/* Degrees of freedom, for (5). */
+double refine_freedom(const struct work *w);
+/* Is what a group leaves no more than (6)? */
+bool refine_at_rounding(const struct work *w, const struct evaluation *e, int g);
+/* What signals at rounding have in F: the part of it that no step can lower, nor tell. */
+double refine_rounding_part(const struct work *w, const struct evaluation *e);
+/* s^2 of (5). */
+double refine_variance(const struct work *w, const struct evaluation *e);
+/* The covariance of the parameters, in 1/s^2, from the last evaluation, E, of so many COLUMNS that
+ * are not zero; NAN where their triangle is singular. */
+void refine_covariance(const struct work *w, const struct evaluation *e, double columns,
+                       double tau, double *cov);
 
 /* ---- refine.c ---- */
 

@@ -1,6 +1,6 @@
 /* Variable projection against closed forms, and against the Cramer-Rao bound computed apart
  * (signals.h). */
-/* Tests as well: refine_evaluate.c refine_search.c */
+/* Tests as well: refine_covariance.c refine_evaluate.c refine_search.c */
 #include "modal/identify/fit/refine.h"
 #include <float.h>
 #include "check.h"
@@ -244,7 +244,8 @@ TEST(phases_of_a_periodic_signal_share_one_multiplier_and_one_noise_level)
 }
 
 /* Thirty times the same columns: 30 times the information at the same noise. Sixteen join the QR,
- * of 480 the derivatives are turned to as many columns as there are rows of Q. */
+ * of 480 the derivatives are turned to as many columns as there are rows of Q.  The noise is told
+ * by a hundredth less, and so is its share in the information, which is a thousandth. */
 TEST(columns_that_repeat_leave_the_exponents_and_divide_their_errors)
 {
     enum { ROWS = 40, COLUMNS = 16, TIMES = 30, ALL = COLUMNS * TIMES, UNKNOWNS = 6 };
@@ -277,8 +278,8 @@ TEST(columns_that_repeat_leave_the_exponents_and_divide_their_errors)
                     / (double)(ALL * (ROWS - UNKNOWNS) - UNKNOWNS));
     for (int j = 0; j < 3; j++) {
         CHECK_NEAR(cabs(r.lambda[j] - as.lambda[j]), 0, 1e-6 * as.std_im[j]);
-        CHECK_NEAR(r.std_re[j] / as.std_re[j], expected, 1e-9);
-        CHECK_NEAR(r.std_im[j] / as.std_im[j], expected, 1e-9);
+        CHECK_NEAR(r.std_re[j] / as.std_re[j], expected, 2e-5);
+        CHECK_NEAR(r.std_im[j] / as.std_im[j], expected, 2e-5);
     }
     CHECK_NEAR(r.residual / as.residual, sqrt(TIMES), 1e-9);
     refined_done(&r), refined_done(&as);
@@ -403,4 +404,31 @@ TEST(a_settled_answer_does_not_tell_where_the_search_began)
         refined_done(&a);
         refined_done(&b);
     }
+}
+
+/* One pair in 200 columns whose amplitudes are as small as what they are known to: half of what the
+ * columns show of it is their own noise, and bars by that alone hold in 80 % of draws.  Of 100
+ * draws with two components each 0.95 has a deviation of 0.015. */
+TEST(bars_of_a_pole_that_many_columns_show_little_of_hold)
+{
+    enum { L = 40, S = 200, DRAWS = 100 };
+    const double complex lambda = CMPLX(-0.05, 1.3);
+    int inside = 0;
+
+    for (int draw = 0; draw < DRAWS; draw++) {
+        struct random rng = { 3000 + (uint64_t)draw };
+        struct matrix Y = { L, S, L, y };
+        struct refine_data data = { .Y = &Y, .tau = 1, .phases = S };
+        struct refined r;
+        for (int c = 0; c < S; c++) {
+            double complex b = 0.45 * CMPLX(random_normal(&rng), random_normal(&rng));
+            for (int l = 0; l < L; l++)
+                y[l + c * L] = creal(b * cexp(lambda * l)) + random_normal(&rng);
+        }
+        CHECK(refine_poles(&data, &lambda, 1, NULL, NULL, &r, NULL) == MODAL_OK);
+        inside += fabs(creal(r.lambda[0] - lambda)) <= 1.96 * r.std_re[0];
+        inside += fabs(cimag(r.lambda[0] - lambda)) <= 1.96 * r.std_im[0];
+        refined_done(&r);
+    }
+    CHECK(inside >= 2 * DRAWS * (0.95 - 3 * 0.0154));
 }

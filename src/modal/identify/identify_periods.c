@@ -6,8 +6,9 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include "modal/identify/order/whiten.h"
+#include "modal/identify/order/another.h"
 #include "modal/identify/order/remainder.h"
+#include "modal/identify/order/whiten.h"
 #include "modal/linalg/eigen.h"
 #include "modal/linalg/svd.h"
 
@@ -334,6 +335,30 @@ enum modal_status work_descend_periods(struct work *w, struct order_choice *best
     return rc;
 }
 
+/* A pole beside those of the best that is worth its price, which no start led to: as long as there
+ * is one it is added. */
+static enum modal_status add_another(struct work *w, struct order_choice *best,
+                                     struct modal_error *err)
+{
+    bool more = best->chosen >= 0 && !best->offset;
+    enum modal_status rc = MODAL_OK;
+
+    while (more && rc == MODAL_OK) {
+        struct refined *fit = &best->candidates[best->chosen].fit;
+        struct another a;
+        if (fit->order + 2 > folded_most(w))
+            break;
+        rc = another_pole(&w->data, fit, &a, err);
+        more = rc == MODAL_OK && a.fit.poles > 0 && a.fit.bic < fit->bic;
+        if (more) {
+            struct refined old = *fit;
+            *fit = a.fit, a.fit = old;
+        }
+        refined_done(&a.fit);
+    }
+    return rc;
+}
+
 /* Noise is taken for white in all columns first: a model too large leaves what shows that it is
  * not.  Then the search is begun anew with what it is, the better seen the less of it is drawn. */
 enum modal_status work_choose_periodic(struct work *w, struct order_choice *best,
@@ -366,6 +391,8 @@ enum modal_status work_choose_periodic(struct work *w, struct order_choice *best
     }
     if (rc == MODAL_OK && w->facts.told > 0 && best->chosen >= 0)
         rc = settle_white(w, best, err);
+    else if (rc == MODAL_OK && !w->data.exact && share >= 1)
+        rc = add_another(w, best, err);
     return rc;
 }
 

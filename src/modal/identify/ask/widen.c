@@ -1,4 +1,4 @@
-/* widen.c - four doubts, each with the size of its error
+/* widen.c - five doubts, each with the size of its error
  *
  * A fit to rounding is not doubted; but rounding errors are not white noise, and those of the fit
  * add to the data's: its standard errors grow by WIDEN_ROUNDING. Else:
@@ -15,6 +15,9 @@
  *   pairs    two strong poles nearer than half a beat over the record are told apart by the model
  *            alone; where one of the doubts above holds the model is not right, and either may be
  *            anywhere between them: the error is at least half their distance
+ *   another  of a periodic system one more pole may be there that does not pay (another.h): where
+ *            noise would let the best gain so much in no more than a share DOUBTED of records, the
+ *            error is that with it, and the difference
  *
  * A difference counts from PARTS_CLEAR standard errors on: in ordinary noise fewer than one pole in
  * 300 has one.
@@ -27,8 +30,11 @@
 #include "modal/identify/fit/colour.h"
 #include "modal/identify/fit/parts.h"
 #include "modal/identify/linear/exponents.h"
+#include "modal/identify/order/another.h"
 #include "modal/identify/order/order.h"
 #include "modal/linalg/svd.h"
+
+static const double DOUBTED = 0.05;     /* of records: they have wider bars for nothing */
 
 static bool at_rounding(const struct refine_data *d, double residual)
 {
@@ -193,7 +199,27 @@ static void for_pairs(const struct refine_data *d, struct poles *p)
         }
 }
 
-/* The four doubts, in their order. */
+/* Of a periodic system in noise that is white in all columns; an error of multipliers that are real
+ * has no imaginary part. */
+static enum modal_status for_another(const struct refine_data *d, const struct refined *fit,
+                                     struct poles *p, struct modal_error *err)
+{
+    struct another a;
+    enum modal_status rc;
+
+    if (fit->poles != p->count || (d->white > 0 && d->white < 1))
+        return MODAL_OK;
+    rc = another_pole(d, fit, &a, err);
+    for (int j = 0; j < p->count && rc == MODAL_OK && a.chance < DOUBTED; j++) {
+        double complex apart = a.fit.lambda[j] - p->lambda[j];
+        double im = p->std_im[j] > 0 ? hypot(a.fit.std_im[j], cimag(apart)) : 0;
+        at_least(p, j, hypot(a.fit.std_re[j], creal(apart)), im);
+    }
+    refined_done(&a.fit);
+    return rc;
+}
+
+/* The five doubts, in their order. */
 static enum modal_status doubt(const struct refine_data *d, const struct order_choice *choice,
                                struct poles *p, double *factor, struct widened *out,
                                struct modal_error *err)
@@ -212,6 +238,8 @@ static enum modal_status doubt(const struct refine_data *d, const struct order_c
         for_slow(d, choice, p);
     if (rc == MODAL_OK && constant && (out->colour > 1 || out->contradiction > 1))
         for_pairs(d, p);
+    if (rc == MODAL_OK && (d->phases > 1 || d->omega > 0))
+        rc = for_another(d, &choice->candidates[choice->chosen].fit, p, err);
     return rc;
 }
 

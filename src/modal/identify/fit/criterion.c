@@ -35,6 +35,8 @@
  *     s = (1 - a^2) / (1 + a^2),    max w = (1 + a) / (1 - a).
  *
  * [LM00] Laurent and Massart, Ann. Statist. 28 (2000) 1302-1338.
+ * [WH31] Wilson and Hilferty, Proc. Natl. Acad. Sci. 17 (1931) 684-688: the cube root of
+ *        chi-squared of f degrees over f is normal, of mean 1 - 2 / (9 f) and variance 2 / (9 f).
  */
 #include "modal/identify/fit/criterion.h"
 #include <float.h>
@@ -64,6 +66,14 @@ static double noise_most(double S, double white, double numbers, int k)
 double criterion_noise_pair(double columns, double white, double numbers)
 {
     return noise_most(columns, white, numbers, 2);
+}
+
+double criterion_chance(double columns, double numbers, double chi2, int k)
+{
+    double freedom = k * (columns + 1), spread = 2 / (9 * freedom);
+    double normal = (cbrt(chi2 / freedom) - (1 - spread)) / sqrt(spread);            /* [WH31] */
+
+    return fmin(PLACES * numbers / columns * erfc(normal / M_SQRT2) / 2, 1);
 }
 
 int criterion_order_told(double columns, double numbers)

@@ -34,4 +34,7 @@ double criterion_price(const struct criterion *c, int poles, int order, int para
  * white noise could give a pair all that is left. */
 double criterion_noise_pair(double columns, double white, double numbers);
 int criterion_order_told(double columns, double numbers);
+/* The chance that white noise, NUMBERS in so many COLUMNS, gives the best pole of K columns in each
+ * of them so much CHI2, wherever that is: the number of places times that of one, 1 at most. */
+double criterion_chance(double columns, double numbers, double chi2, int k);
 #endif

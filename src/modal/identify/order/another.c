@@ -1,0 +1,237 @@
+/*
+ * another.c - see another.h
+ *
+ * A pole that is left out because it does not pay (criterion.h) may be there: what noise gives the
+ * best of all poles in one of a thousand records at most, one with as much of the signals as that
+ * gains no more.  The others then make up for it, by more than their errors say.
+ *
+ * Of n numbers, m of them free beside the fit, a pole that gains G of -2 ln(likelihood) takes
+ *
+ *     m (1 - e^{-G / n})                                                                        (1)
+ *
+ * of the noise's variance, (3) of criterion.c: chi-squared of k (S + 1) degrees of freedom in
+ * noise, for k columns and their exponent.
+ *
+ * It is looked for among poles that decay by RATE_FIRST over the L rows, by factors RATE_RATIO from
+ * there, that last, and that grow, half a line's width apart, and the refined fit goes on from the
+ * best: of what those of the fit leave of each, as they take up most of what is quickly over. (2)
+ * Where rows are many, that costs rows^2, and what decays within few of them matters little: the
+ * best is that of remainder_peak().
+ */
+#include "modal/identify/order/another.h"
+#include <cblas.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "modal/identify/linear/exponents.h"
+#include "modal/identify/linear/powers.h"
+#include "modal/identify/order/remainder.h"
+#include "modal/linalg/qr.h"
+
+static const double
+    WORK = 1e9,                  /* multiplications (refine.h), as for a half (parts.c) */
+    RATE_FIRST = 2,              /* (2): slower ones last */
+    RATE_RATIO = 2,              /* of one between two of them the nearer shows 0.97 */
+    RATE_MOST = 1.5,             /* a row: what decays faster is one row */
+    OWN = 0.03;                  /* of a pole's norm: what is left of less is one of the fit's */
+
+/* Of signal g the sum of squares that FIT leaves. */
+static double left_of(const struct refine_data *d, const struct refined *fit, int g)
+{
+    double free_numbers = (double)d->Y->n * (d->Y->m - fit->order) - fit->parameters;
+
+    return fit->noise[g] * fit->noise[g] * fmax(free_numbers / fit->groups, 1);
+}
+
+/* Has signal g more than rounding left? */
+static bool tells(const struct refined *fit, int g)
+{
+    return fit->noise[g] > fit->floor[g];
+}
+
+/* The chance of OUT's fit by (1), beside FIT. */
+static double chance_of(const struct refine_data *d, const struct refined *fit,
+                        const struct refined *more)
+{
+    int phases = d->phases > 0 ? d->phases : 1, k = more->order - fit->order;
+    double L = d->Y->m, S = 0, gain = 0, n, m;
+
+    for (int g = 0; g < fit->groups; g++)
+        if (tells(fit, g) && tells(more, g)) {
+            S += phases;
+            gain += L * phases * log(left_of(d, fit, g) / left_of(d, more, g));
+        }
+    n = L * S, m = n - S * fit->order - fit->parameters;
+    return S == 0 || m <= 0 || !(gain > 0) ? 1
+         : criterion_chance(S, n, m * -expm1(-gain / n), k);
+}
+
+/* What the poles leave, and where another is looked for in it. */
+struct looking {
+    const struct matrix *E;     /* L x S, of unit variance, free of Q */
+    double *Q; int order;       /* L x order, orthonormal: the poles' basis */
+    double *v, *w;              /* L x 2; order x 2 and S x 2, whichever is more */
+    double most;                /* chi-squared */
+    double complex best;        /* a row */
+};
+
+/* Of the two columns of l->v, or the one of a real pole, what Q leaves, orthonormal; how many. */
+static int free_of_poles(struct looking *l, int columns)
+{
+    int L = l->E->m, count = 0;
+
+    cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, l->order, columns, L, 1, l->Q, L, l->v, L,
+                0, l->w, l->order);
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, L, columns, l->order, -1, l->Q, L, l->w,
+                l->order, 1, l->v, L);
+    for (int c = 0; c < columns; c++) {
+        double *x = l->v + (size_t)c * (size_t)L, *to = l->v + (size_t)count * (size_t)L, norm;
+        if (count > 0)
+            cblas_daxpy(L, -cblas_ddot(L, l->v, 1, x, 1), l->v, 1, x, 1);
+        norm = cblas_dnrm2(L, x, 1);
+        if (norm < OWN)
+            continue;
+        cblas_dscal(L, 1 / norm, x, 1);
+        memmove(to, x, sizeof *x * (size_t)L);
+        count++;
+    }
+    return count;
+}
+
+/* The pole z a row: is it better than the best? */
+static void look_at(struct looking *l, double complex z)
+{
+    int L = l->E->m, S = l->E->n, columns = cimag(z) == 0 || cimag(z) == M_PI ? 1 : 2;
+    double chi2;
+
+    powers_of(pole_kind(z, 1), creal(z), cimag(z), L, l->v, L);
+    for (int c = 0; c < columns; c++) {
+        double norm = cblas_dnrm2(L, l->v + (size_t)c * (size_t)L, 1);
+        cblas_dscal(L, norm > 0 ? 1 / norm : 0, l->v + (size_t)c * (size_t)L, 1);
+    }
+    if (free_of_poles(l, columns) < columns)
+        return;
+    cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, S, columns, L, 1, l->E->x, l->E->ld, l->v,
+                L, 0, l->w, S);
+    chi2 = cblas_ddot(S * columns, l->w, 1, l->w, 1) / columns;
+    if (chi2 > l->most)
+        l->most = chi2, l->best = z;
+}
+
+/* (2), from growth to what is over in a row. */
+static void look_all_over(struct looking *l)
+{
+    double L = l->E->m;
+
+    for (double rate = -RATE_FIRST / L; rate < RATE_MOST;
+         rate = rate < 0 ? 0 : rate == 0 ? RATE_FIRST / L : RATE_RATIO * rate) {
+        double step = fmax(fabs(rate), M_PI / L) / 2;
+        int most = (int)ceil(M_PI / step);
+        for (int i = 0; i <= most; i++)
+            look_at(l, CMPLX(-rate, i == most ? M_PI : i * step));
+    }
+}
+
+/* The basis of FIT, orthonormal. */
+static enum modal_status basis_of(const struct refine_data *d, const struct refined *fit, double *Q,
+                                  struct modal_error *err)
+{
+    int L = d->Y->m, column = 0;
+    struct matrix A = { L, fit->order, L, Q };
+
+    for (int j = 0; j < fit->poles; j++) {
+        enum pole_kind kind = pole_kind(fit->lambda[j], d->tau);
+        powers_of(kind, creal(fit->lambda[j]) * d->tau, cimag(fit->lambda[j]) * d->tau, L,
+                  Q + (size_t)column * (size_t)L, L);
+        column += kind == POLE_PAIR ? 2 : 1;
+    }
+    return qr_orthonormal(&A, &(struct matrix) { 0 }, err);
+}
+
+/* *peak, in 1/s, of E; 0: there is none. */
+static enum modal_status find_peak(const struct refine_data *d, const struct refined *fit,
+                                   const struct matrix *E, double complex *peak,
+                                   struct modal_error *err)
+{
+    size_t L = (size_t)E->m, S = (size_t)E->n, q = (size_t)fit->order;
+    struct workspace space = { 0 };
+    struct looking l = { .E = E, .order = fit->order, .Q = workspace_numbers(&space, L, q),
+                         .v = workspace_numbers(&space, L, 2),
+                         .w = workspace_numbers(&space, S > q ? S : q, 2) };
+    double looks = 2 * 3 * E->m, chi2;       /* 2 L for each of three rates, and fewer of others */
+    enum modal_status rc = workspace_check(&space, "another: no memory", err);
+
+    if (rc == MODAL_OK && looks * 2 * L * (2 * q + S) > WORK / 10) {
+        rc = remainder_peak(E, d->tau, peak, &chi2, err);
+    } else if (rc == MODAL_OK) {
+        rc = basis_of(d, fit, l.Q, err);
+        if (rc == MODAL_OK)
+            look_all_over(&l);
+        *peak = CMPLX(creal(l.best) / d->tau, cimag(l.best) / d->tau);
+    }
+    workspace_free(&space);
+    return rc;
+}
+
+/* LAMBDA: the poles of FIT, and PEAK. */
+static enum modal_status fit_with(const struct refine_data *d, const struct refined *fit,
+                                  double complex peak, struct refined *more,
+                                  struct modal_error *err)
+{
+    size_t n = (size_t)fit->poles;
+    struct refine_options opt = { .work = WORK };
+    double complex *lambda = malloc(sizeof *lambda * (n + 1));
+    bool *fixed = calloc(n + 1, sizeof *fixed);
+    enum modal_status rc = MODAL_OK;
+
+    if (lambda == NULL || fixed == NULL) {
+        rc = modal_fail(err, MODAL_NO_MEMORY, "another: no memory for %d poles", fit->poles);
+    } else {
+        memcpy(lambda, fit->lambda, sizeof *lambda * n);
+        lambda[n] = peak;
+        for (size_t j = 0; j < n; j++)
+            fixed[j] = fit->first[j] < 0;
+        if (fit->order + 2 < d->Y->m)
+            rc = refine_poles(d, lambda, (int)n + 1, fixed, &opt, more, err);
+    }
+    free(lambda), free(fixed);
+    return rc == MODAL_NO_CONVERGENCE ? MODAL_OK : rc;
+}
+
+/* A pair that would be real ends nowhere: it becomes so, where it is next to that; else *more is
+ * none. */
+static enum modal_status fit_real(const struct refine_data *d, const struct refined *fit,
+                                  struct refined *more, struct modal_error *err)
+{
+    double complex last = more->lambda[fit->poles];
+    double turn = cimag(last) * d->tau * d->Y->m, nyquist = M_PI * d->Y->m;
+    bool real = turn < M_PI || nyquist - turn < M_PI;
+    enum modal_status rc = MODAL_OK;
+
+    refined_done(more);
+    if (real)
+        rc = fit_with(d, fit, CMPLX(creal(last), turn < M_PI ? 0 : M_PI / d->tau), more, err);
+    if (more->poles > 0 && !refined_converged(more))
+        refined_done(more);
+    return rc;
+}
+
+enum modal_status another_pole(const struct refine_data *data, const struct refined *fit,
+                               struct another *out, struct modal_error *err)
+{
+    struct matrix E = { 0 };
+    double complex peak = 0;
+    enum modal_status rc = remainder_of(data, fit, &E, err);
+
+    *out = (struct another) { .chance = 1 };
+    if (rc == MODAL_OK && E.x != NULL)
+        rc = find_peak(data, fit, &E, &peak, err);
+    if (rc == MODAL_OK && peak != 0)
+        rc = fit_with(data, fit, peak, &out->fit, err);
+    free(E.x);
+    if (rc == MODAL_OK && out->fit.poles > 0 && !refined_converged(&out->fit))
+        rc = fit_real(data, fit, &out->fit, err);
+    if (out->fit.poles > 0)
+        out->chance = chance_of(data, fit, &out->fit);
+    return MODAL_OK;
+}

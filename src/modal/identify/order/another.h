@@ -1,0 +1,18 @@
+/* another.h - does what a fit leaves hold another pole, and what would it make of the others? */
+#ifndef MODAL_ANOTHER_H
+#define MODAL_ANOTHER_H
+#include "modal/identify/fit/refine.h"
+
+struct another {
+    struct refined fit;         /* the poles of the first, in their order, and one more, refined;
+                                 * poles 0: there is none */
+    double chance;              /* that noise alone lets the best pole gain so much somewhere */
+};
+
+/*
+ * The pole that the rest of FIT, of DATA in white noise, shows most of is fitted beside its own.
+ * The caller frees out->fit.  Fails with MODAL_NO_MEMORY, MODAL_NO_CONVERGENCE.
+ */
+enum modal_status another_pole(const struct refine_data *data, const struct refined *fit,
+                               struct another *out, struct modal_error *err);
+#endif

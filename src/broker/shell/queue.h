@@ -41,8 +41,8 @@ struct ledger_thread;
 /* LEDGER, DIR and DONE are borrowed until it is stopped; NULL: no thread could be started. */
 struct ledger_thread *ledger_thread_start(struct ledger *ledger, const char *dir,
                                           struct done_queue *done);
-/* The list FIRST is the thread's, until it lies in DONE; what is put at once is one group, as far as
- * a group goes. */
+/* The list FIRST is the thread's, until it lies in DONE; what is put at once is one group, as far
+ * as a group goes. */
 void ledger_thread_put(struct ledger_thread *thread, struct transaction *first);
 /* done_ping answers, if it lives. */
 void ledger_thread_ping(struct ledger_thread *thread);

@@ -2,8 +2,8 @@
  * stream_notes.c - what is remembered of a stream over a restart
  *
  * An open one has a note of its own, `stream`, and where windows were told `window` (windows.c; a
- * daemon of before had a part of that in `tracks`).  Its batch takes their place; only where the newest window is not told yet they
- * stay, and `sealed` stands for `stream` until it is.
+ * daemon of before had a part of that in `tracks`).  Its batch takes their place; only where the
+ * newest window is not told yet they stay, and `sealed` stands for `stream` until it is.
  */
 #include "broker/verbs/streams.h"
 #include "broker/verbs/verbs.h"

@@ -9,10 +9,10 @@
  * to the beginning of the next there is no way to the daemon and back.  The newest window of a
  * closed stream has its turn like any: a run that is shorter than the wait for a worker has its
  * verdict too, over a restart as well, for its samples are in its batch then.
- * Windows go before jobs, being small, unless these have had less
- * than half of the workers; being no jobs, they do not count towards worker_jobs: with a worker go
- * the windows that it has, and all of them would be found from nothing.  To a worker elsewhere they go where the configuration lets them and
- * the way is short (slot_takes_windows).  One that kills its worker goes to another,
+ * Windows go before jobs, being small, unless these have had less than half of the workers; being
+ * no jobs, they do not count towards worker_jobs: with a worker go the windows that it has, and all
+ * of them would be found from nothing.  To a worker elsewhere they go where the configuration lets
+ * them and the way is short (slot_takes_windows).  One that kills its worker goes to another,
  * LIVE_DEATHS_MOST times; one that is given back goes to another as well, and that is no death.
  */
 #include "broker/core/slots.h"

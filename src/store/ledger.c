@@ -296,9 +296,14 @@ static enum modal_status checkpoint(struct ledger *ledger, struct modal_error *e
 /* The log is empty afterwards, if its mark can be ended before; *DONE as above. */
 static enum modal_status empty_log(struct ledger *ledger, bool *done, struct modal_error *err)
 {
-    return checkpoint_as(ledger, ledger_mark_end(ledger->mark) ? SQLITE_CHECKPOINT_TRUNCATE
-                                                               : SQLITE_CHECKPOINT_PASSIVE,
-                         done, err);
+    bool ended;
+    enum modal_status rc = ledger_mark_end(ledger->mark, &ended, err);
+
+    *done = true;
+    ledger->broken |= rc != MODAL_OK;
+    return rc != MODAL_OK ? rc
+                          : checkpoint_as(ledger, ended ? SQLITE_CHECKPOINT_TRUNCATE
+                                                        : SQLITE_CHECKPOINT_PASSIVE, done, err);
 }
 
 static enum modal_status refuse_broken(struct modal_error *err)

@@ -386,19 +386,24 @@ void ledger_mark_put(struct ledger_mark *mark, int frames)
     write_mark(mark->fd, text);
 }
 
-/* FD's mark is ended, on stable storage. */
-static bool end_mark(int fd)
+/* FD's mark is ended, on stable storage; false: it was not written. */
+static enum modal_status end_mark(int fd, bool *ended, struct modal_error *err)
 {
     unsigned char text[MARK] = "mdm2";
+    enum modal_status rc = MODAL_OK;
 
-    return write_mark(fd, text) && file_sync(fd, NULL) == MODAL_OK;
+    *ended = write_mark(fd, text) && (rc = file_sync(fd, err)) == MODAL_OK;
+    return rc;
 }
 
-bool ledger_mark_end(struct ledger_mark *mark)
+enum modal_status ledger_mark_end(struct ledger_mark *mark, bool *ended, struct modal_error *err)
 {
+    enum modal_status rc = MODAL_OK;
+
     if (mark != NULL && mark->fd >= 0 && !mark->ended)
-        mark->ended = end_mark(mark->fd);
-    return mark != NULL && mark->ended;
+        rc = end_mark(mark->fd, &mark->ended, err);
+    *ended = mark != NULL && mark->ended;
+    return rc;
 }
 
 void ledger_mark_close(struct ledger_mark *mark)
@@ -457,11 +462,14 @@ static enum modal_status end_mark_of(const char *path, struct modal_error *err)
 {
     char name[4200];
     int fd = -1;
+    bool ended = false;
     enum modal_status rc;
 
     mark_path(name, path);
     rc = file_open(name, O_WRONLY, 0, &fd, err);
-    if (rc == MODAL_OK && !end_mark(fd))
+    if (rc == MODAL_OK)
+        rc = end_mark(fd, &ended, err);
+    if (rc == MODAL_OK && !ended)
         rc = modal_fail(err, MODAL_IO, "%s cannot be written", name);
     if (fd >= 0)
         close(fd);

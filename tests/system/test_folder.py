@@ -241,3 +241,23 @@ def test_an_upload_under_way_is_no_damage(tmp_path):
         status, [report] = ctl("fsck", str(tmp_path / "data"))
         assert (status == 1 and len(report["problems"]) == 1
                 and "chunk at 0" in report["problems"][0])
+
+
+@pytest.mark.parametrize("how", ["removed", "moved", "put back"])
+def test_nothing_is_acknowledged_once_the_data_folder_is_gone(tmp_path, how):
+    """What is committed then is in files that have no name, or another's."""
+    with Daemon(folder=tmp_path, workers=0) as d:
+        client = d.client()
+        assert submit(client, "before").ok
+        folder = d.folder / "data"
+        if how == "removed":
+            shutil.rmtree(folder)
+        else:
+            shutil.move(folder, tmp_path / "elsewhere")
+        if how == "put back":
+            shutil.copytree(tmp_path / "elsewhere", folder,
+                            ignore=shutil.ignore_patterns("*.ipc"))
+        data, described = ring_down()
+        client.send("SUBMIT", [data], kind="identify", options={}, key="after", input=described)
+        assert d.process.wait(300) == 1
+        assert client.socket.poll(0) == 0

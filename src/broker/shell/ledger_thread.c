@@ -25,6 +25,9 @@ enum { GROUP_MOST = 4096 };              /* transactions: what waits behind them
 enum { BUSY_NS = 100000000 };
 #define REST_AFTER_NS INT64_C(1000000000)      /* without any, the ledger tidies itself up, once */
 
+/* The ledger's in the data folder; what is not there has no number. */
+struct files { struct stat database, log; };
+
 struct ledger_thread {
     pthread_t thread;
     pthread_mutex_t mutex;
@@ -37,6 +40,7 @@ struct ledger_thread {
     int64_t rest_ns;
     struct ledger *ledger;
     const char *dir;
+    struct files begun;                        /* the log's from its first group on */
     struct done_queue *done;
     struct ledger_change *changes;
     size_t room;
@@ -213,21 +217,40 @@ static int64_t now_ns(void)
     return t.tv_sec * INT64_C(1000000000) + t.tv_nsec;
 }
 
-static int64_t file_bytes(const char *dir, const char *name)
+static struct files files_of(const char *dir)
 {
+    struct files files = { .database.st_size = 0 };
     char path[4200];
-    struct stat st;
 
-    snprintf(path, sizeof path, "%s/%s", dir, name);
-    return stat(path, &st) == 0 ? st.st_size : 0;
+    snprintf(path, sizeof path, "%s/ledger.db", dir);
+    stat(path, &files.database);
+    snprintf(path, sizeof path, "%s/ledger.db-wal", dir);
+    stat(path, &files.log);
+    return files;
 }
 
-static void measure(const struct ledger_thread *l, struct transaction *first, int64_t took_ns)
+static bool same_file(const struct stat *a, const struct stat *b)
 {
+    return a->st_ino == b->st_ino && a->st_dev == b->st_dev;
+}
+
+/* What was committed to files that are not in the folder any more, which was removed, moved or put
+ * back meanwhile, nobody will find: it is not acknowledged. */
+static enum modal_status measure(struct ledger_thread *l, struct transaction *first,
+                                 int64_t took_ns, struct modal_error *err)
+{
+    const struct files files = files_of(l->dir);
+
+    if (!same_file(&files.database, &l->begun.database)
+        || (l->begun.log.st_ino != 0 && !same_file(&files.log, &l->begun.log)))
+        return modal_fail(err, MODAL_IO, "%s: the ledger is not there any more, or is another: the "
+                          "data folder was removed or replaced while the daemon ran", l->dir);
+    l->begun.log = files.log;
     first->took_ns = took_ns;
-    first->ledger_bytes = file_bytes(l->dir, "ledger.db") + file_bytes(l->dir, "ledger.db-wal");
+    first->ledger_bytes = files.database.st_size + files.log.st_size;
     for (const struct transaction *t = first; t != NULL; t = t->next)
         first->group++;
+    return MODAL_OK;
 }
 
 /* After work a rest is due some time later; when that has passed without work, it is taken. */
@@ -292,10 +315,12 @@ static void *run(void *context)
         }
         if (group != NULL)
             mend_reserve(l);
-        if (group != NULL) {
-            measure(l, group, now_ns() - begun_ns);
-            done_transactions(l->done, group);
+        if (group != NULL && (rc = measure(l, group, now_ns() - begun_ns, &err)) != MODAL_OK) {
+            done_fatal(l->done, &err);
+            return NULL;
         }
+        if (group != NULL)
+            done_transactions(l->done, group);
         if (tidy(l, group != NULL, &err) != MODAL_OK) {
             done_fatal(l->done, &err);
             return NULL;
@@ -320,6 +345,8 @@ struct ledger_thread *ledger_thread_start(struct ledger *ledger, const char *dir
     l->end = &l->first;
     l->ledger = ledger;
     l->dir = dir;
+    l->begun = files_of(dir);
+    l->begun.log = (struct stat) { 0 };
     l->done = done;
     if (pthread_create(&l->thread, NULL, run, l) != 0) {
         free(l);

@@ -103,7 +103,8 @@ def test_an_answer_that_could_not_be_written_is_no_success_unless_its_reader_had
         batch, words, lost):
     """A disk that is full, and a stdout that the shell closed (>&-), whose number a file that is
     read would have."""
-    words = [str(BUILD / "bin" / "modalctl"), *words, *([str(batch)] if words[-1] == "identify" else [])]
+    words = [str(BUILD / "bin" / "modalctl"), *words,
+             *([str(batch)] if words[-1] == "identify" else [])]
     reader, writer = os.pipe()
     os.close(reader)
     with open("/dev/full", "wb") as full:

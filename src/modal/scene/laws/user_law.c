@@ -9,8 +9,8 @@
  * cannot load code or reach outside (see base_kept).
  *
  * Limits: INSTRUCTIONS a call (a hook counts), LAW_LUA_MOST bytes a state and LAW_LUA_TOGETHER_MOST
- * all states of a program, STRING_MOST a string (the allocator counts all three); passing one is a failure like any other,
- * named with its line or with the limit.  Derivatives are central differences, with h = cbrt(eps)
+ * all states of a program, STRING_MOST a string (the allocator counts all three); passing one is a
+ * failure like any other, named with its line or with the limit.  Derivatives are central differences, with h = cbrt(eps)
  * max(|d|, scale), scale the largest |d| (|v|) seen so far: error of order h^2, about 1e-10 of the
  * force.  A difference must not be remembered, so `memory` is copied before it and put back.
  */
@@ -27,7 +27,7 @@
 enum {
     INSTRUCTIONS = 1000000,    /* some 10 ms: a law is asked thousands of times a period */
     HOOK_STEP = 10000,         /* between two counts: a hundredth of that, and no cost */
-    STRING_MOST = 4096,        /* bytes: to join or compare two is an instruction, of 0.1 us at most */
+    STRING_MOST = 4096,        /* bytes: to join or compare two is one instruction, of some 0.1 us */
     MEMORY_DEPTH = 8,          /* copied by calls that call themselves, on a C stack */
 };
 

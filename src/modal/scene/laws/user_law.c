@@ -10,9 +10,10 @@
  *
  * Limits: INSTRUCTIONS a call (a hook counts), LAW_LUA_MOST bytes a state and LAW_LUA_TOGETHER_MOST
  * all states of a program, STRING_MOST a string (the allocator counts all three); passing one is a
- * failure like any other, named with its line or with the limit.  Derivatives are central differences, with h = cbrt(eps)
- * max(|d|, scale), scale the largest |d| (|v|) seen so far: error of order h^2, about 1e-10 of the
- * force.  A difference must not be remembered, so `memory` is copied before it and put back.
+ * failure like any other, named with its line or with the limit.  Derivatives are central
+ * differences, with h = cbrt(eps) max(|d|, scale), scale the largest |d| (|v|) seen so far: error of
+ * order h^2, about 1e-10 of the force.  A difference must not be remembered, so `memory` is copied
+ * before it and put back.
  */
 #include <float.h>
 #include <lauxlib.h>
@@ -27,7 +28,7 @@
 enum {
     INSTRUCTIONS = 1000000,    /* some 10 ms: a law is asked thousands of times a period */
     HOOK_STEP = 10000,         /* between two counts: a hundredth of that, and no cost */
-    STRING_MOST = 4096,        /* bytes: to join or compare two is one instruction, of some 0.1 us */
+    STRING_MOST = 4096,        /* bytes: joining or comparing two is one instruction */
     MEMORY_DEPTH = 8,          /* copied by calls that call themselves, on a C stack */
 };
 

@@ -12,8 +12,8 @@
  * all states of a program, STRING_MOST a string (the allocator counts all three); passing one is a
  * failure like any other, named with its line or with the limit.  Derivatives are central
  * differences, with h = cbrt(eps) max(|d|, scale), scale the largest |d| (|v|) seen so far: error
- * of order h^2, about 1e-10 of the force.  A difference must not be remembered, so `memory` is copied
- * before it and put back.
+ * of order h^2, about 1e-10 of the force.  A difference must not be remembered, so `memory` is
+ * copied before it and put back.
  */
 #include <float.h>
 #include <lauxlib.h>

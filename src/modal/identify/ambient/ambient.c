@@ -659,7 +659,7 @@ static enum modal_status search(struct work *w, struct modal_error *err)
     int most = o->rank.most > 0 ? (o->rank.most + 1) / 2 : WHITTLE_MODES_MOST;
     struct ambient_limits limits = { (o->rank.fixed + 1) / 2,
                                      most < WHITTLE_MODES_MOST ? most : WHITTLE_MODES_MOST,
-                                     o->cancelled, o->context };
+                                     o->cancelled, o->context, 0 };
     enum modal_status rc = spectrum_make(&w->Z, first_line(w), o->band[1] * w->rec.step,
                                          &w->spectrum, err);
 

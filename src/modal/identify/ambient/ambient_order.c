@@ -364,7 +364,8 @@ enum modal_status ambient_search(const struct spectrum *s, const struct ambient_
 {
     struct search w = { .s = s, .limits = limits, .trial = malloc(sizeof *w.trial),
                         .price = ambient_price(s->channels, s->lines), .work = WORK_MOST,
-                        .settling = SETTLING_MOST, .settling_work = WORK_SETTLING };
+                        .settling = SETTLING_MOST,
+                        .settling_work = limits->work > 0 ? limits->work : WORK_SETTLING };
     enum modal_status rc;
 
     memset(out, 0, sizeof *out);

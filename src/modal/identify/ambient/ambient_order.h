@@ -7,6 +7,8 @@ struct ambient_limits {
     int fixed, most;                 /* pairs; fixed 0: as many as pay, at most `most` */
     bool (*cancelled)(void *context);
     void *context;
+    double work;                     /* of the answer's own fits (whittle_fit.h); 0: as much as
+                                        they may take */
 };
 
 /* What the search saw: the fit of each number of pairs. */

@@ -212,6 +212,22 @@ TEST(the_search_ends_at_the_truth_where_every_line_has_its_mean)
     ambient_search_done(&found);
 }
 
+/* The first step of the answer's own fit takes more; what it is corrected by is not climbed. */
+TEST(an_answer_whose_work_is_spent_has_a_limit_and_neither_converged_nor_errors)
+{
+    static double complex F[LONG / 2 - 1];
+    struct whittle m = one_channel();
+    struct spectrum s = lines_of_mean(&m, F);
+    struct ambient_limits limits = { .most = 10, .work = 1 };
+    struct ambient_search found;
+    struct modal_error err;
+
+    CHECK(ambient_search(&s, &limits, &found, &err) == MODAL_OK);
+    CHECK(found.limit && !found.model->converged && found.model->count == 2);
+    CHECK(isnan(found.model->mode[0].std_decay) && isnan(found.model->mode[1].std_turn));
+    ambient_search_done(&found);
+}
+
 /* What a record of LONG samples has in the mean at each line: covariances R_0 and g mu^(k-1) under
  * the triangle 1 - |k| / LONG, summed in closed form. */
 static void lines_of_record(const struct whittle *m, double complex F[LONG / 2 - 1])

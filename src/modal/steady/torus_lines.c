@@ -586,7 +586,8 @@ bool torus_sheet_lay(struct torus_sheet *a, int N, int turns, double wanted)
 
     a->N = N, a->turns = turns;
     a->wanted = wanted;
-    a->apart = sqrt(3 * TOLD) / M_PI / turns * t->omega[t->lead];     /* sinc F = 1 - (pi F)^2 / 6 */
+    /* sinc F = 1 - (pi F)^2 / 6 */
+    a->apart = sqrt(3 * TOLD) / M_PI / turns * t->omega[t->lead];
     a->others[0] = a->others[1] = -1;
     for (int j = 0; j < t->count; j++)
         if (j != t->lead)

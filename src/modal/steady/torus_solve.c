@@ -12,8 +12,8 @@ enum {
     FIRST_ORDER = 3,           /* combinations that a search begins with */
     GROWTH_LEAST = 24,         /* combinations that a round may add, or as many as there are */
 };
-static const double WORK_MOST = 2.6e9;    /* budget.h: some three and a half seconds at rest, so that
-                                           * beside others it is less than five */
+static const double WORK_MOST = 2.6e9;    /* budget.h: some three and a half seconds at rest, less
+                                           * than five beside others */
 static const double WORK_NEAR = 3e8;      /* of a branch's point, which has many beside it */
 static const double GROWTH = 0.25;        /* of it: then no more is begun, for a round may take
                                            * several times what those before it took */

@@ -16,9 +16,9 @@
  *     g(tau) = (level' - level) + (gain' - gain) d(tau)                                         (2)
  *
  * alone.  Each term reaches one neighbour further, and where it is below rounding of the motion it
- * ends: of a chain a change moves some ten dofs within a step, however long the chain is.  D is told
- * about tau_0, and to move it to the step's begin costs each dof the terms' square: where few dofs
- * are beside those that are reached, the whole step is begun anew at tau_0 instead.
+ * ends: of a chain a change moves some ten dofs within a step, however long the chain is.  D is
+ * told about tau_0, and to move it to the step's begin costs each dof the terms' square: where few
+ * dofs are beside those that are reached, the whole step is begun anew at tau_0 instead.
  *
  * M^-1 is that of masses on the diagonal.  Of others it is full, but entries far from the diagonal
  * are below rounding and left out.

@@ -47,8 +47,9 @@ struct torus_taylor {
 
 /*
  * Of S's program, in COLUMNS, 1, TORUS_PAIR or TORUS_WIDE; *SERVES false: masses are missing, and a
- * dof follows the others at once; or too many dofs share masses.  STEEPEST: each law's largest gain.
- * Its step is 1 s, and wants to be set.  Fails with MODAL_NO_MEMORY; done takes what is half made.
+ * dof follows the others at once; or too many dofs share masses.  STEEPEST: each law's largest
+ * gain.  Its step is 1 s, and wants to be set.  Fails with MODAL_NO_MEMORY; done takes what is half
+ * made.
  */
 enum modal_status torus_taylor_init(struct torus_taylor *t, const struct torus_solver *s,
                                     int columns, const double *steepest, bool *serves,

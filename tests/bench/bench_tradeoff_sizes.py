@@ -43,7 +43,7 @@ def draw(found, path):
     matplotlib.use("svg")
     matplotlib.rcParams.update({"svg.fonttype": "none", "svg.hashsalt": "rod"})
     import matplotlib.pyplot as plt
-    fig, ax = plt.subplots(figsize=(6.4, 4))
+    fig, ax = plt.subplots(figsize=(6.4, 4.4))
     for n, all_of in found.items():
         color = None
         for kind in reversed(KINDS):
@@ -56,7 +56,8 @@ def draw(found, path):
         ax.plot([], [], "k" + MARKS[kind][0], markersize=4, label=kind)
     ax.set_xlabel("CPU, s")
     ax.set_ylabel("error over the largest motion")
-    ax.legend(fontsize=7, ncol=2)
+    # above the axes: no corner is free of points
+    ax.legend(fontsize=7, ncol=5, loc="lower center", bbox_to_anchor=(0.5, 1))
     fig.tight_layout()
     fig.savefig(path, metadata={"Date": None})
 

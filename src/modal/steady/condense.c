@@ -187,10 +187,9 @@ static enum modal_status read_loads(struct condense *c, struct modal_error *err)
         const struct program_load *load = &c->p->load[i];
 
         if (load->type != LOAD_HARMONIC)
-            return modal_fail_field(
-                err, MODAL_BAD_INPUT, "excitation",
-                "excitation[%d] is no harmonic; a steady state accepts only those (k, cos, sin); "
-                "simulate takes all", i);
+            return modal_fail_field(err, MODAL_BAD_INPUT, "excitation", "excitation[%d] is no "
+                                    "harmonic (k, cos, sin), and a steady state takes only those; "
+                                    "simulate takes all", i);
         if (load->tones > 0)
             return modal_fail_field(err, MODAL_BAD_INPUT, "excitation",
                                     "excitation[%d].k names tones, of which there are none; give "

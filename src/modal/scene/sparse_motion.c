@@ -88,6 +88,8 @@ struct sparse_motion {
     int *list, *begin;               /* marked dofs, part after part, each ascending; where each */
                                      /* begins, and the last ends: n + 1 of room */
     bool *listed;                    /* of each dof */
+    bool shortened;                  /* from where it stands: once, for an event that is seen at */
+                                     /* the same share of every leap would do so for ever */
     int events, depth;               /* in the last leap; of parts */
     double t, dt, h, most;           /* s: now; samples; the next leap, and its bound by parts */
     double tolerance, scale;         /* scale: the largest weighed component so far */
@@ -429,7 +431,7 @@ static enum modal_status make_parts(struct sparse_motion *m, bool last, double *
     while (!deep && rc == MODAL_OK) {
         int parts;
 
-        *share = cheapest_share(m);
+        *share = m->shortened ? 1 : cheapest_share(m);
         if (*share < 1)
             return MODAL_OK;
         parts = components(m);
@@ -523,7 +525,8 @@ static enum modal_status leap(struct sparse_motion *m, double h, bool last, bool
     rc = m->events > 0 ? make_parts(m, last, &share, err)
                        : leap_record_whole(&m->record, &m->whole, m->memory, last, err);
     m->scale = before;
-    if (rc == MODAL_OK && share < 1) {
+    m->shortened = rc == MODAL_OK && share < 1;
+    if (m->shortened) {
         *taken = false;
         m->rejected++;
         m->most = m->h = h * share;

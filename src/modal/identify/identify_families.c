@@ -36,7 +36,6 @@
 #include "modal/linalg/svd.h"
 
 static const double
-    NYQUIST = 0.95,             /* of it: what turns faster is not told from what folds there */
     SAME = 0.01,                /* of omega: poles that begin one family, as modes.c has them, */
     ERRORS = 5,                 /* and so many standard errors */
     ROWS_SHARE = 0.5;           /* of the rows, at most, as columns: the rest tell the noise */
@@ -233,7 +232,7 @@ static int lines_columns(const struct families *f, const struct lines *l)
 /* As fast as there are rows for, and Nyquist allows. */
 static void make_lines(struct families *f)
 {
-    double fastest = NYQUIST * M_PI / f->w->tau;
+    double fastest = DIAGNOSE_NYQUIST * M_PI / f->w->tau;
 
     all_lines(f, fastest);
     while ((f->all.count > LINES_MOST
@@ -423,7 +422,7 @@ static enum modal_status find_idle(struct families *f, const struct lines *l,
     *idle = -1;
     if (head == NULL || !lines_new(f, &less, f->room))
         return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d lines", f->room);
-    all_lines(f, NYQUIST * M_PI / f->w->tau);
+    all_lines(f, DIAGNOSE_NYQUIST * M_PI / f->w->tau);
     for (int j = 0; j < f->count && f->count > 1 && rc == MODAL_OK; j++)
         rc = try_without(f, l, j, fit, &less, &best, idle, head, err);
     for (int j = 0; j < f->count && *idle >= 0; j++)
@@ -497,7 +496,7 @@ static enum modal_status fit_parted(struct families *g, const struct lines *l, i
 
     if (rc != MODAL_OK)
         return rc;
-    all_lines(g, NYQUIST * M_PI / g->w->tau);
+    all_lines(g, DIAGNOSE_NYQUIST * M_PI / g->w->tau);
     part_lines(g, l, j, more);
     if (lines_columns(g, more) > ROWS_SHARE * g->w->data.Y->m)
         return MODAL_OK;

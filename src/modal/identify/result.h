@@ -63,6 +63,9 @@ enum {
     IDENTIFY_STAGES = 12                 /* whose seconds are told */
 };
 
+/* Probability that a look at a record tells of something that is not in it. */
+#define IDENTIFY_ALARM 1e-4
+
 /* window[0]: the first of the words that may stand for an interval (base/key_table.h) */
 #define WINDOW_AUTO -1.0
 

@@ -39,7 +39,6 @@ static const double
     ENOUGH = 0.15,               /* of a damping ratio: what is known no better is hardly known */
     NARROW = 1,                  /* decay over the record: no wider than a line of it */
     SOUND = 0.5,                 /* of the least error that theory knows */
-    NYQUIST = 0.95,              /* of it: what turns faster may have folded there */
     GRID[] = { 50, 60 };         /* Hz */
 
 struct work {
@@ -502,12 +501,8 @@ static void about_modes(const struct work *w, struct identify_result *r)
     int few = 0, narrow = 0;
 
     for (int i = 0; i < r->mode_count; i++) {
-        double turn = fabs(cimag(r->modes[i].resolved)) * w->sample / M_PI;
         about_width(w, r, i, &narrow, &few);
-        if (turn > NYQUIST)
-            identify_diagnose(r, "near_nyquist", -1, "mode %d lies at %.3g of the Nyquist "
-                              "frequency: a faster mode may have folded there; sample faster", i,
-                              turn);
+        diagnose_near_nyquist(r, i, fabs(cimag(r->modes[i].resolved)) * w->sample / M_PI);
     }
 }
 

@@ -8,7 +8,6 @@
 
 static const double
     FADES = 4,                      /* 2 % are left a row later */
-    NYQUIST = 0.95,                 /* of it: what turns faster may have folded there */
     TIE = 0.8,                      /* of the strongest harmonic: noise may have decided */
     ALIASED = 0.3,                  /* of it: a mode of its own may be there */
     POOR = 0.7;                     /* of a signal's rms: hardly half of its energy is rebuilt */
@@ -28,6 +27,15 @@ void identify_diagnose(struct identify_result *result, const char *code, int cha
     va_start(arguments, format);
     vsnprintf(d->message, sizeof d->message, format, arguments);
     va_end(arguments);
+}
+
+void diagnose_near_nyquist(struct identify_result *result, int i, double turn)
+{
+    if (turn > DIAGNOSE_NYQUIST)
+        identify_diagnose(result, "near_nyquist", -1,
+                          "mode %d lies at %.3g of the Nyquist frequency: a faster mode may have "
+                          "folded there; sample faster",
+                          i, turn);
 }
 
 /* two multipliers, and one equation more that could contradict them */
@@ -86,11 +94,8 @@ static void about_mode(struct identify_result *r, const struct diagnose_facts *f
                           "mode %d grows by exp(%.3g) over the record: whatever did not grow with "
                           "it is below its rounding errors; use a shorter window to see the rest",
                           i, -decay * f->rows);
-    if (r->period == 0 && r->decimation == 1 && r->shift == 1 && turn > NYQUIST * M_PI)
-        identify_diagnose(r, "near_nyquist", -1,
-                          "mode %d lies at %.3g of the Nyquist frequency: a faster mode may have "
-                          "folded there; sample faster",
-                          i, turn / M_PI);
+    if (r->period == 0 && r->decimation == 1 && r->shift == 1)
+        diagnose_near_nyquist(r, i, turn / M_PI);
     if (r->period > 0 && m->runner_up >= TIE)
         identify_diagnose(r, "near_tie", -1,
                           "mode %d: two harmonics are nearly equally strong (ratio %.3g), so the "

@@ -8,6 +8,11 @@
 void identify_diagnose(struct identify_result *result, const char *code, int channel,
                        const char *format, ...) __attribute__((format(printf, 4, 5)));
 
+/* Of the Nyquist frequency: what turns faster is not told from what folds there. */
+#define DIAGNOSE_NYQUIST 0.95
+/* near_nyquist, where mode I turns by so much of it. */
+void diagnose_near_nyquist(struct identify_result *result, int i, double turn);
+
 /* zero_channel of those without an error: what is constant was left out. */
 void diagnose_still_channels(struct identify_result *result);
 

@@ -24,12 +24,11 @@
 #include "modal/identify/fit/synthesis.h"
 #include "modal/identify/linear/exponents.h"
 
-static const double SIGMAS = 3;     /* as in verdict.h */
 
 /* The windows' extremes. */
 struct range {
     double low, high, slow, fast;       /* Hz in the data; decay rates, 1/s */
-    bool decays;                        /* in every window, by SIGMAS of its own errors */
+    bool decays;                        /* in every window, by REFINE_CLEAR of its own errors */
 };
 
 struct crowd {
@@ -49,7 +48,7 @@ static struct range range_of(const struct identify_window *w, int count, double 
         r.low = fmin(r.low, w[i].frequency_hz - hertz),
         r.high = fmax(r.high, w[i].frequency_hz - hertz);
         r.slow = fmin(r.slow, decay), r.fast = fmax(r.fast, decay);
-        r.decays &= w[i].damping_ratio > SIGMAS * w[i].std_damping_ratio;
+        r.decays &= w[i].damping_ratio > REFINE_CLEAR * w[i].std_damping_ratio;
     }
     return r;
 }

@@ -717,11 +717,11 @@ static void look_for_mains(struct identify_result *r)
 /* What neither decays nor grows by its error, when that is known to UNDAMPED over the record. */
 static void look_for_undamped(struct identify_result *r, double record)
 {
-    const double BARS = 3, UNDAMPED = 0.01;
+    const double UNDAMPED = 0.01;
 
     for (int i = 0; i < r->mode_count; i++) {
         const struct identify_mode *m = &r->modes[i];
-        double bar = BARS * m->std_re;
+        double bar = REFINE_CLEAR * m->std_re;
         if (cimag(m->exponent) * record > 4 * M_PI && fabs(creal(m->exponent)) <= bar
             && bar * record < UNDAMPED)
             identify_diagnose(r, "undamped", -1, "mode %d (%.5g Hz) keeps its amplitude over the "

@@ -5,8 +5,8 @@
  * (|rho| span), the bar being the largest of jackknife and backward estimate (projection.c).  With
  * hardly more equations than unknowns the Jacobian's residual is no measure of the noise, and both
  * are added.  b is never below rounding, ROUNDING / span, nor, in a near-defective cluster that is
- * not resolved, below twice its radius.  Resolved: no two members are nearer than APART of their
- * errors together; what the errors say of them then holds, however close they are.
+ * not resolved, below twice its radius.  Resolved: no two members are nearer than REFINE_CLEAR of
+ * their errors together; what the errors say of them then holds, however close they are.
  *
  * Near-defective.  Two exponents that meet form a Jordan block, and their coefficients grow like
  * 1/distance with opposite signs while the sum of the two parts stays finite:
@@ -24,12 +24,12 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/identify/fit/refine.h"
 #include "modal/identify/linear/exponents.h"
 
 static const double
     ROUNDING = 1e-12,               /* of a multiplier, as above */
-    CANCELLATION = 4,               /* of (1), where both parts are twice what they make */
-    APART = 3;                      /* errors, together, between members that are resolved */
+    CANCELLATION = 4;               /* of (1), where both parts are twice what they make */
 /* rad over the record: rounding e of the data splits a Jordan block by sqrt(e), 1e-8, times some
  * hundreds for the record's sensitivity, whatever the fit is to. */
 static const double SPLIT = 1e-4;
@@ -41,7 +41,6 @@ static double span_of(const struct identify_result *r)
 
 enum { FREEDOM_LEAST = 3 };         /* with fewer equations to spare a residual is no noise */
 static const double
-    SIGMAS = 3,                     /* b of the text, of normal errors 0.3 % lie outside */
     FAR_STRONGER = 30,              /* energy over energy */
     SLOW = 3 * M_PI,                /* rad over the record: one and a half turns */
     RISE = 3,                       /* growth over the record, e^3 = 20 */
@@ -61,7 +60,7 @@ static double cluster_radius(const struct identify_result *r, int mode)
 static double half_width(const struct identify_result *r, int i)
 {
     const struct identify_mode *m = &r->modes[i];
-    double span = span_of(r), b = SIGMAS * m->std_re, size = cabs(m->multiplier) * span,
+    double span = span_of(r), b = REFINE_CLEAR * m->std_re, size = cabs(m->multiplier) * span,
            bar = size > 0 && isfinite(m->bar) ? m->bar / size : HUGE_VAL;
 
     if (!(b > 0) || !isfinite(b))
@@ -163,7 +162,7 @@ static void report_largest(struct identify_result *r)
             r->max_multiplier = cabs(m->multiplier);
         if (!(-g >= r->margin)) {
             r->margin = 0 - g;
-            r->margin_std = isfinite(b) ? b / SIGMAS : NAN;
+            r->margin_std = isfinite(b) ? b / REFINE_CLEAR : NAN;
         }
     }
 }
@@ -212,7 +211,7 @@ bool verdict_crowd_grows(const struct identify_result *r)
     int count = 0;
 
     for (int i = 0; i < r->mode_count; i++)
-        count += creal(r->modes[i].exponent) > SIGMAS * r->modes[i].std_re;
+        count += creal(r->modes[i].exponent) > REFINE_CLEAR * r->modes[i].std_re;
     return count > 2;
 }
 
@@ -263,8 +262,8 @@ static bool meets_its_conjugate(const struct identify_result *r, const struct id
     return im > 0 && nearest * duration < 0.5 && cancels(m, NULL);
 }
 
-/* Known errors, and no two members, nor one and its own conjugate, within APART of them or where
- * rounding splits a Jordan block. */
+/* Known errors, and no two members, nor one and its own conjugate, within REFINE_CLEAR of them or
+ * where rounding splits a Jordan block. */
 static bool is_resolved(const struct identify_result *r, const struct identify_cluster *c, bool own,
                         double duration)
 {
@@ -275,10 +274,11 @@ static bool is_resolved(const struct identify_result *r, const struct identify_c
     for (int i = 0; i < c->member_count; i++) {
         const struct identify_mode *a = &r->modes[c->members[i]];
         yes &= isfinite(a->std_multiplier)
-            && (!own || 2 * fabs(cimag(a->multiplier)) > fmax(APART * 2 * reach(a), split));
+            && (!own
+                || 2 * fabs(cimag(a->multiplier)) > fmax(REFINE_CLEAR * 2 * reach(a), split));
         for (int k = 0; k < i; k++)
             yes &= apart(a, &r->modes[c->members[k]])
-                > fmax(APART * (reach(a) + reach(&r->modes[c->members[k]])), split);
+                > fmax(REFINE_CLEAR * (reach(a) + reach(&r->modes[c->members[k]])), split);
     }
     return yes;
 }

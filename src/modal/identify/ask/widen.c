@@ -19,8 +19,8 @@
  *            noise would let the best gain so much in no more than a share DOUBTED of records, the
  *            error is that with it, and the difference
  *
- * A difference counts from PARTS_CLEAR standard errors on: in ordinary noise fewer than one pole in
- * 300 has one.
+ * A difference counts from REFINE_CLEAR standard errors on: in ordinary noise fewer than one pole
+ * in 300 has one.
  */
 #include "modal/identify/ask/widen.h"
 #include <math.h>
@@ -110,7 +110,7 @@ static enum growth growth_of(const struct refine_data *d, const struct part_say 
     if (say->steady && (d->phases > 1 || d->omega > 0))
         return GROWTH_IN_HALVES;
     return say->grows                                          ? GROWTH_IN_HALF
-        : say->re > 0 && decays && say->decay > PARTS_CLEAR * factor ? GROWTH_NEVER
+        : say->re > 0 && decays && say->decay > REFINE_CLEAR * factor ? GROWTH_NEVER
                                                                : GROWTH_UNSEEN;
 }
 
@@ -125,7 +125,7 @@ static enum modal_status for_parts(const struct refine_data *d, struct poles *p,
     rc = parts_ask(d, p->lambda, p->count, say, strength, err);
     for (int j = 0; j < p->count && rc == MODAL_OK; j++) {
         /* before its error is widened below */
-        bool decays = creal(p->lambda[j]) + PARTS_CLEAR * p->std_re[j] < 0;
+        bool decays = creal(p->lambda[j]) + REFINE_CLEAR * p->std_re[j] < 0;
         at_least(p, j, say[j].re, say[j].im);
         p->growth[j] = growth_of(d, &say[j], *strength, decays, factor[j]);
     }

@@ -19,7 +19,7 @@
  *
  *     P + PARTS_DEVIATIONS sqrt(2 P) + PARTS_SLACK,   P two a column for a pair, one else.   (2)
  *
- * Where (1) fails, a pole whose own value differs by more than PARTS_CLEAR of its own standard
+ * Where (1) fails, a pole whose own value differs by more than REFINE_CLEAR of its own standard
  * errors is contradicted, and by that difference.  Where the linear model at the start already
  * says that (1) will hold, the search ends there (refine.h, `rival`).
  *
@@ -162,7 +162,7 @@ static double differs(double own, double whole, double std)
 {
     double d = fabs(own - whole);
 
-    return d > PARTS_CLEAR * std ? d : 0;
+    return d > REFINE_CLEAR * std ? d : 0;
 }
 
 static void compare(const struct half *h, const double complex *lambda, int count, bool counts,
@@ -183,7 +183,7 @@ static void compare(const struct half *h, const double complex *lambda, int coun
             say[j].re = fmax(say[j].re, differs(creal(own), creal(lambda[j]), h->own.std_re[j]));
             say[j].im = fmax(say[j].im, differs(cimag(own), cimag(lambda[j]), h->own.std_im[j]));
         }
-        say[j].grows |= creal(own) > PARTS_CLEAR * h->own.std_re[j];
+        say[j].grows |= creal(own) > REFINE_CLEAR * h->own.std_re[j];
         say[j].steady &= !counts && creal(own) > told * h->own.std_re[j];
         say[j].decay =
             h->own.std_re[j] > 0 ? fmin(say[j].decay, -creal(own) / h->own.std_re[j]) : -HUGE_VAL;

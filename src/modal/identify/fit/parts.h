@@ -7,11 +7,10 @@
 #include "modal/identify/fit/refine.h"
 
 /* A half tells of poles with so many samples to spare; beyond so many deviations, and this, it is
- * contradicted; its growth is clear beyond so many errors. */
+ * contradicted; its growth is clear beyond REFINE_CLEAR errors. */
 #define PARTS_SPARE 8
 #define PARTS_DEVIATIONS 6.0
 #define PARTS_SLACK 12.0
-#define PARTS_CLEAR 3.0
 
 /* What the halves say about one pole of the whole. */
 struct part_say {

@@ -77,6 +77,9 @@ enum refine_end {
 /* Of the signals' norm: what a fit leaves below it is rounding. */
 #define REFINE_EXACT 1e-12
 
+/* Standard errors that settle a question: of normal errors 0.3 % are larger. */
+#define REFINE_CLEAR 3.0
+
 /* Numbers of a signal that a fit leaves free: of fewer it tells no noise of its own. */
 enum { REFINE_FREEDOM_LEAST = 30 };
 

@@ -25,6 +25,7 @@
 #include "modal/identify/answer/modes.h"
 #include "modal/identify/ask/diagnose.h"
 #include "modal/identify/ask/verdict.h"
+#include "modal/identify/fit/refine.h"
 #include "modal/identify/forced/forced_order.h"
 #include "modal/identify/linear/exponents.h"
 #include "modal/identify/prepare/record.h"
@@ -42,9 +43,7 @@ static const double
     CHANCE = 4,                  /* standard deviations of noise about a pole */
     NO_PEAK = M_SQRT1_2,         /* damping ratio from which a response has no peak */
     UNEXPLAINED = 0.5,           /* of the responses' rms */
-    SIGMAS = 3,                  /* a decay within so many of its errors may be none */
-    FEW_CYCLES = 2,              /* in the record: their beginning and end is all there is */
-    NYQUIST = 0.95;              /* of it: what turns faster may have folded there */
+    FEW_CYCLES = 2;              /* in the record: their beginning and end is all there is */
 
 struct work {
     struct identify_options opt;
@@ -541,17 +540,14 @@ static void about_modes(const struct work *w, struct identify_result *r)
                               "damping, and the standard errors, hold only if the system is "
                               "exactly linear and constant; record longer", i, m->cycles);
         if (swings && isfinite(m->std_re) && narrow < TOLD
-            && fabs(creal(m->exponent)) < fmin(1 / record, SIGMAS * m->std_re)) {
+            && fabs(creal(m->exponent)) < fmin(1 / record, REFINE_CLEAR * m->std_re)) {
             narrow++;
             identify_diagnose(r, "narrow_line", -1, "mode %d (%.5g Hz) does not decay within the "
                               "record beyond its error: a rotating part, the mains or a limit "
                               "cycle that no input moves looks so; record longer, or leave it out "
                               "by `band`", i, cabs(m->exponent) / (2 * M_PI));
         }
-        if (turn > NYQUIST)
-            identify_diagnose(r, "near_nyquist", -1, "mode %d lies at %.3g of the Nyquist "
-                              "frequency: a faster mode may have folded there; sample faster", i,
-                              turn);
+        diagnose_near_nyquist(r, i, turn);
     }
     if (broad > 0)
         identify_diagnose(r, "broad_poles", -1, "%d mode%s no peak, damped beyond 70 %%: a motion "

@@ -309,7 +309,7 @@ static enum modal_status ask_half(struct job *j, const struct moving_fit *f,
         && !(own.could_gain < parameters + PARTS_DEVIATIONS * sqrt(2 * parameters) + PARTS_SLACK))
         *why = PARTS;
     for (int i = 0; i < f->poles && rc == MODAL_OK && *why == GOOD; i++)
-        if (creal(f->lambda[i]) > PARTS_CLEAR * own.std_re[i])
+        if (creal(f->lambda[i]) > REFINE_CLEAR * own.std_re[i])
             j->growth[i] = GROWTH_IN_HALF;
     moving_fit_done(&own);
     free(X.x), free(outside2);

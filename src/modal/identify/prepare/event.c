@@ -39,6 +39,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/identify/result.h"
 
 enum {
     SIGNALS_MOST = 4,            /* of many channels: a strike is in all of them */
@@ -50,7 +51,6 @@ enum {
     PARTS = 64,                  /* of a record, by their energy; of its end, by their noise */
     TAIL = 8                     /* of these, at least: what white noise is told from */
 };
-static const double ALARM = 1e-4;        /* of a look at a record: a hundredth of what is allowed */
 
 struct scan {
     int L, S, each;              /* rows, signals; samples that a row is the mean of */
@@ -160,7 +160,7 @@ static double ratio(double n, double v, double m)
 
 static double threshold(double tests)
 {
-    return 2 * log(tests / ALARM);
+    return 2 * log(tests / IDENTIFY_ALARM);
 }
 
 /* Rows before which there is much less energy than from there to END; 0: none. */

@@ -33,6 +33,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/identify/fit/refine.h"
 #include "modal/identify/prepare/record.h"
 #include "modal/identify/prepare/turns.h"
 #include "modal/linalg/eigen.h"
@@ -66,7 +67,6 @@ static const double
     REACHED = NEAR / (1 << (HALVINGS - 1)),      /* turns: a descent's last step */
     STEP_FIRST = 1e-3,           /* turns: of differences, the first; then one deviation */
     STEP_LEAST = 1e-6,           /* turns: of less, differences of Q are rounding */
-    SURE = 3,                    /* standard deviations: less of a bow is none */
     STANDS = 1.5;                /* times edge^2: what is counted as a direction */
 
 struct scan {
@@ -370,7 +370,7 @@ static bool ends_alone(struct scan *a, struct slip *s)
     double with = directions(a, s->ends, s->bow), ends = s->ends, step = NEAR,
            least = directions(a, ends, 0);
 
-    if (fabs(s->bow) >= SURE * s->std_bow)
+    if (fabs(s->bow) >= REFINE_CLEAR * s->std_bow)
         return false;
     for (int i = 0; i < HALVINGS; i++, step /= 2)
         for (int way = -1; way <= 1; way += 2) {

@@ -16,7 +16,7 @@
  * own median: of little more than the motion's own order p e is noise that (1) filtered, white by
  * no means, and h has as many times the size that (2) says. What is told must explain
  * what is there: the sum of squares of e[m + j] - h a_j is chi-squared of p + 1 degrees of freedom,
- * and exceeds p + 1 + 2 sqrt((p + 1) x) + 2 x with a probability e^-x = WILD_ALARM at most [LM00].
+ * and exceeds p + 1 + 2 sqrt((p + 1) x) + 2 x with a probability e^-x = ALARM at most [LM00].
  * An onset or a motion struck anew leaves more.  A spike is one step up and one down at the next
  * row, h (a_j - a_{j-1}) of e; near the record's ends those rows of it that are there tell, more
  * than SPIKE_ROW of them.  A grid of step q makes differences of up to LEAVES q of what is smooth
@@ -43,6 +43,7 @@
 #include "modal/identify/prepare/grid.h"
 #include "modal/identify/prepare/recurrence.h"
 #include "modal/identify/prepare/wild.h"
+#include "modal/identify/result.h"
 #include "modal/linalg/svd.h"
 #include "modal/linalg/workspace.h"
 
@@ -232,7 +233,7 @@ static bool largest(const struct look *k, struct place *at)
 /* Is what is there, but for H of it, chi-squared? */
 static bool leaves_chi(const struct rows *r, int sense, double h, double size)
 {
-    double sum = 0, x = -log(WILD_ALARM);
+    double sum = 0, x = -log(IDENTIFY_ALARM);
     int n = r->count;
 
     for (int j = 0; j < n; j++)

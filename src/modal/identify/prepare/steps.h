@@ -13,7 +13,7 @@ struct steps { struct step *at; int count; };         /* owned; by channels */
 
 /*
  * The steps of Y (L x S) and its lone SPIKES, SIZE off, told by what samples are by those about
- * them (steps.c), their std 0. Of a record without any one in 1 / WILD_ALARM (wild.h) has one. Both
+ * them (steps.c), their std 0. Of a record without any one in 1 / IDENTIFY_ALARM has one. Both
  * are the caller's to steps_done. Fails with MODAL_NO_MEMORY.
  */
 enum modal_status steps_find(const struct matrix *Y, struct steps *out, struct steps *spikes,

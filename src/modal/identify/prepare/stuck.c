@@ -44,6 +44,7 @@
 #include <string.h>
 #include "modal/identify/prepare/grid.h"
 #include "modal/identify/prepare/recurrence.h"
+#include "modal/identify/result.h"
 #include "modal/linalg/svd.h"
 #include "modal/numbers.h"
 
@@ -146,7 +147,7 @@ static bool returns(const struct look *k, double value)
 static bool is_stuck(const struct look *k, struct run r)
 {
     int m = r.count - 1, about = 2 * r.count > ABOUT ? 2 * r.count : ABOUT, equal = 0, pairs = 0;
-    double most = log(WILD_ALARM / k->all);
+    double most = log(IDENTIFY_ALARM / k->all);
 
     if (!jumps(k, r) || returns(k, k->sent[r.begin])
         || !(ln_chance(k->equal - m, k->pairs - m, m) < most))
@@ -235,7 +236,7 @@ static void mark_cut(struct look *k, double value, bool both)
     chance = k->step > 0 ? lgamma(at + near + 1.0) - lgamma(at + 1.0) - lgamma(near + 1.0)
                                - at * log(LEAVES + 1) / 2
                          : ln_chance(equal, pairs, at - 1);
-    if (!(chance < log(WILD_ALARM * k->L / (2 * k->all))))
+    if (!(chance < log(IDENTIFY_ALARM * k->L / (2 * k->all))))
         return;
     for (int l = 1, begin = 0; l <= k->L; l++) {
         if (l < k->L && x[l] == x[begin])

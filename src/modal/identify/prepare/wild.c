@@ -3,7 +3,7 @@
  *
  * Of n numbers of white noise of known size one exceeds t standard deviations with a probability of
  *
- *     n erfc(t / sqrt 2) = WILD_ALARM                                                           (1)
+ *     n erfc(t / sqrt 2) = IDENTIFY_ALARM                                                       (1)
  *
  * at most. The size is that of the column's other numbers, nu = L - order of them free, and the
  * ratio then Student's: t of (1) becomes
@@ -30,6 +30,7 @@
 #include "modal/identify/fit/refine.h"
 #include "modal/identify/fit/synthesis.h"
 #include "modal/identify/linear/exponents.h"
+#include "modal/identify/result.h"
 #include "modal/linalg/svd.h"
 #include "modal/numbers.h"
 
@@ -66,7 +67,8 @@ double wild_standing_out(double n)
     double low = 0, high = 40;      /* erfc(40 / sqrt 2) underflows */
 
     for (int i = 0; i < BISECTIONS; i++)
-        *(n * erfc((low + high) / 2 * M_SQRT1_2) > WILD_ALARM ? &low : &high) = (low + high) / 2;
+        *(n * erfc((low + high) / 2 * M_SQRT1_2) > IDENTIFY_ALARM ? &low : &high) =
+            (low + high) / 2;
     return high;
 }
 

@@ -19,9 +19,6 @@ struct wild {
     bool no_others;        /* are looked for */
 };
 
-/* Of a record without wild samples, the probability that one is told. */
-#define WILD_ALARM 1e-4
-
 /* (1) of wild.c, by bisection: standard deviations that one of N numbers of white noise exceeds so
  * seldom. */
 double wild_standing_out(double n);

@@ -204,7 +204,7 @@ void refine_covariance(const struct work *w, const struct evaluation *e, double 
     }
     if (known && n > 0)
         known = root_of(w, columns, s2, R, root);
-    if (known)
+    if (known && n > 0)
         cblas_dsyrk(CblasColMajor, CblasUpper, CblasNoTrans, n, n, s2 / (tau * tau), root, n, 0,
                     cov, n);
     for (size_t i = 0; i < all && !known; i++)

@@ -432,3 +432,17 @@ TEST(bars_of_a_pole_that_many_columns_show_little_of_hold)
     }
     CHECK(inside >= 2 * DRAWS * (0.95 - 3 * 0.0154));
 }
+
+/* Poles that keep their values have no covariance; BLAS refuses a matrix of none. */
+TEST(poles_that_are_all_fixed_are_known)
+{
+    struct decay d = three(300, 9);
+    struct matrix Y = signals_of(&d);
+    struct refine_data data = { .Y = &Y, .tau = d.dt };
+    const bool fixed[] = { true, true, true };
+    struct refined r;
+
+    CHECK(refine_poles(&data, d.lambda, 3, fixed, NULL, &r, NULL) == MODAL_OK);
+    CHECK(r.parameters == 0 && r.std_re[0] == 0 && r.std_im[2] == 0);
+    refined_done(&r);
+}

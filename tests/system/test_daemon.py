@@ -1,7 +1,7 @@
 """The daemon and the machine around it: the service manager, leases, the metrics file, the command
 line.
 """
-# Tests as well: daemon.c ledger_thread.c loop.c notify.c peers.c pool.c
+# Tests as well: daemon.c ledger_thread.c loop.c loop_log.c notify.c peers.c pool.c
 import json
 import math
 import os

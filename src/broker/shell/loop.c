@@ -6,7 +6,6 @@
  * each, carry out what it asks for.
  */
 #include "broker/shell/loop.h"
-#include "base/log.h"
 #include "broker/shell/accept.h"
 #include "broker/shell/hangup.h"
 #include "broker/shell/intake.h"
@@ -19,7 +18,6 @@
 #include <fcntl.h>
 #include <malloc.h>
 #include <signal.h>
-#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -33,9 +31,6 @@
 #define TRIM_EVERY_NS (10 * SECOND)     /* of work: as often as what is past its age is freed */
 enum { TRIM_SHARE = 1000 };             /* of the loop's time at most one part, in trimming */
 #define MS INT64_C(1000000)              /* ns */
-/* A wall clock set beyond it stands still there, in the year 2116, and one before 1970 at its
- * beginning: two such times can be added, and what has no time yet (0) is not to come. */
-#define LATEST_S (INT64_MAX / SECOND / 2)
 #define WAIT_MOST_MS 60000               /* a look now and then, though nothing is due */
 #define STRANGERS_NS SECOND             /* between two lines on keys or connections refused */
 /* of one source, whose next message waits for the others' */
@@ -44,73 +39,6 @@ enum {
     ROUND = 128,                             /* messages of one source before the others' */
     POLL_MOST = 6 + SLOTS_MOST,              /* sockets, threads, signals; stderr, the workers' */
 };
-
-static int64_t clock_ns(clockid_t clock)
-{
-    struct timespec t;
-
-    clock_gettime(clock, &t);
-    if (t.tv_sec < 0)
-        return 0;
-    return t.tv_sec < LATEST_S ? t.tv_sec * SECOND + t.tv_nsec : LATEST_S * SECOND;
-}
-
-struct moment loop_now(void)
-{
-    return (struct moment) { clock_ns(CLOCK_MONOTONIC), clock_ns(CLOCK_REALTIME) };
-}
-
-/* What stderr takes, and what it did not when it takes again. */
-static void flush_log(void)
-{
-    unsigned long dropped = log_out_flush();
-
-    if (dropped > 0)
-        loop_log("level=warning event=log_dropped lines=%lu "
-                 "message=\"nobody read the log meanwhile\"", dropped);
-}
-
-/* Written before the answer that it is about, unless it is one of the many. */
-static void write_line(const char *text)
-{
-    /* of the millisecond `stamped`: only one thread writes lines */
-    static char stamp[48];
-    static int64_t stamped = -1;
-    int64_t now = clock_ns(CLOCK_REALTIME), millisecond = now / 1000000;
-    time_t seconds = now / SECOND;
-    struct tm tm;
-
-    if (millisecond != stamped) {
-        char date[24];
-        gmtime_r(&seconds, &tm);
-        strftime(date, sizeof date, "%Y-%m-%dT%H:%M:%S", &tm);
-        snprintf(stamp, sizeof stamp, "time=%s.%03dZ ", date, (int)(millisecond % 1000));
-        stamped = millisecond;
-    }
-    log_out_put(stamp, text);
-    if (strncmp(text, "level=info", 10) != 0)
-        flush_log();
-}
-
-void loop_log(const char *format, ...)
-{
-    va_list args;
-    char *text;
-
-    va_start(args, format);
-    text = log_vtext(format, args);
-    va_end(args);
-    if (text == NULL)
-        abort();
-    write_line(text);
-    free(text);
-}
-
-void loop_log_error(const char *event, const struct modal_error *err)
-{
-    loop_log("level=error event=%s code=%s field=\"%s\" message=\"%s\"", event,
-             modal_status_code(err->status), err->field, err->message);
-}
 
 /* ---- carrying out what the core asks for ----------------------------------------------------- */
 
@@ -200,7 +128,7 @@ static void log_for(struct daemon *d, struct action *a)
         line = grab_format("%s peer=%s", a->header, address);
         free(a->header);
     }
-    write_line(line);
+    loop_write_line(line);
     free(line);
 }
 
@@ -261,7 +189,7 @@ static void step(struct daemon *d, const struct event *event)
     core_connections(d->core, accept_open(), accept_refused(), intake_ended(),
                      hangup_kept());
     if (event->type == EVENT_REQUEST || event->type == EVENT_COMMITTED || event->type == EVENT_TASK)
-        d->trim_ns = clock_ns(CLOCK_MONOTONIC) + TRIM_AFTER_NS;
+        d->trim_ns = loop_clock_ns(CLOCK_MONOTONIC) + TRIM_AFTER_NS;
     loop_carry_out(d, core_step(d->core, event, loop_now()));
 }
 
@@ -321,7 +249,7 @@ static bool may_enter(const void *core, uint64_t turn)
 /* Those who wait are let in, until the ledger has enough; true: there may be more. */
 static bool let_in(struct daemon *d)
 {
-    int64_t now = clock_ns(CLOCK_MONOTONIC);
+    int64_t now = loop_clock_ns(CLOCK_MONOTONIC);
     struct received r;
     uint64_t turn;
 
@@ -330,7 +258,7 @@ static bool let_in(struct daemon *d)
         door_left(peers_by_number(&d->clients, r.number), &r);
         ask(d, &r, turn, true, NULL);
         received_release(&r);
-        if (clock_ns(CLOCK_MONOTONIC) - now >= ROUND_NS)
+        if (loop_clock_ns(CLOCK_MONOTONIC) - now >= ROUND_NS)
             return true;
     }
     return false;
@@ -382,9 +310,9 @@ static bool receive_all(struct daemon *d, struct peers *peers,
                         void (*handle)(struct daemon *, struct received *))
 {
     struct received r;
-    int64_t now = clock_ns(CLOCK_MONOTONIC);
+    int64_t now = loop_clock_ns(CLOCK_MONOTONIC);
 
-    for (int n = 0; n < ROUND && clock_ns(CLOCK_MONOTONIC) - now < ROUND_NS; n++) {
+    for (int n = 0; n < ROUND && loop_clock_ns(CLOCK_MONOTONIC) - now < ROUND_NS; n++) {
         bool got = received_take(peers, &r);
         d->taken++;
         if (got && r.peer != NULL && r.count > 0)
@@ -436,10 +364,11 @@ static void forget_ended(struct daemon *d, bool drained)
 /* Those that are done, in their order, and others before the last; true: there are more. */
 static bool handle_tasks(struct daemon *d)
 {
-    int64_t now = clock_ns(CLOCK_MONOTONIC);
+    int64_t now = loop_clock_ns(CLOCK_MONOTONIC);
     struct task *task;
 
-    while (!d->stop && (task = d->tasks) != NULL && clock_ns(CLOCK_MONOTONIC) - now < ROUND_NS) {
+    while (!d->stop && (task = d->tasks) != NULL
+           && loop_clock_ns(CLOCK_MONOTONIC) - now < ROUND_NS) {
         d->tasks = task->next;
         step(d, &(struct event) { .type = EVENT_TASK, .task = task });
     }
@@ -532,7 +461,7 @@ static void terminate(struct daemon *d)
         return;
     }
     d->terminating = true;
-    d->drain_until_ns = clock_ns(CLOCK_MONOTONIC) + (int64_t)(d->config->drain_s * 1e9);
+    d->drain_until_ns = loop_clock_ns(CLOCK_MONOTONIC) + (int64_t)(d->config->drain_s * 1e9);
     loop_log("level=notice event=terminate");
     notify_manager("STOPPING=1\nSTATUS=draining");
     step(d, &(struct event) { .type = EVENT_TERMINATE });
@@ -620,15 +549,15 @@ static void give_back(struct daemon *d, int64_t now)
         d->trim_ns = 0;
         step(d, &(struct event) { .type = EVENT_REST });
     }
-    begin = clock_ns(CLOCK_THREAD_CPUTIME_ID);
+    begin = loop_clock_ns(CLOCK_THREAD_CPUTIME_ID);
     malloc_trim(0);
     d->next_trim_ns = now + TRIM_EVERY_NS
-                    + TRIM_SHARE * (clock_ns(CLOCK_THREAD_CPUTIME_ID) - begin);
+                    + TRIM_SHARE * (loop_clock_ns(CLOCK_THREAD_CPUTIME_ID) - begin);
 }
 
 static void on_time(struct daemon *d)
 {
-    int64_t now = clock_ns(CLOCK_MONOTONIC);
+    int64_t now = loop_clock_ns(CLOCK_MONOTONIC);
 
     if (core_next_ns(d->core) <= now)
         step(d, &(struct event) { .type = EVENT_TIME });
@@ -676,7 +605,7 @@ static void on_time(struct daemon *d)
 
 static long wait_ms(const struct daemon *d)
 {
-    int64_t now = clock_ns(CLOCK_MONOTONIC), next = core_next_ns(d->core), ms;
+    int64_t now = loop_clock_ns(CLOCK_MONOTONIC), next = core_next_ns(d->core), ms;
 
     if (is_blocked(d))
         next = d->next_flush_ns < next ? d->next_flush_ns : next;
@@ -780,7 +709,7 @@ void loop_run(struct daemon *d)
         bool ended;
         int n;
 
-        flush_log();                               /* one write for all edges of a round */
+        loop_flush_log();                               /* one write for all edges of a round */
         n = poll_items(d, items, slots);
         if (zmq_poll(items, n, more ? 0 : wait_ms(d)) < 0 && errno != EINTR)
             break;

@@ -8,6 +8,7 @@
 #include "broker/shell/pool.h"
 #include "broker/shell/queue.h"
 #include "broker/shell/zap.h"
+#include <time.h>
 
 struct daemon {
     struct config *config;
@@ -44,11 +45,18 @@ struct daemon {
 void loop_run(struct daemon *d);
 /* Do what the core asked for, which is nobody's afterwards. */
 void loop_carry_out(struct daemon *d, const struct actions *actions);
+/* ns of one clock as it is now; of a wall clock from 1970 to 2116, beyond which it stands still. */
+int64_t loop_clock_ns(clockid_t clock);
 /* Both clocks as they are now. */
 struct moment loop_now(void);
 /* One line of logfmt, escaped by base/log.h, with its time; only `level=info` may wait
  * for others. */
 void loop_log(const char *format, ...) __attribute__((format(printf, 1, 2)));
+/* TEXT as such a line: it is written before the answer that it is about, unless it is one of the
+ * many. */
+void loop_write_line(const char *text);
 /* ERR as such a line about EVENT. */
 void loop_log_error(const char *event, const struct modal_error *err);
+/* What stderr takes of them, and what it did not when it takes again. */
+void loop_flush_log(void);
 #endif

@@ -63,6 +63,12 @@ static inline double complex factor_of(int t, double s)
     return t == PROGRAM_M ? -s * s : t == PROGRAM_C ? I * s : 1;
 }
 
+/* S_k and p_k of (2) by factoring, s = k omega; what recovery needs is kept. */
+enum modal_status condense_factor_at(struct condense *c, int k, double s, double complex *S,
+                                     double complex *p, struct modal_error *err);
+/* The solutions that recovery needs, which a reduced condense_at did not make. */
+enum modal_status condense_solve_for_recovery(struct condense *c, struct modal_error *err);
+
 /* What is kept of the last omega goes, but harmonics below KEEP. */
 void condense_forget(struct condense *c, int keep);
 /* Is harmonic K asked for, and not known so well? */

@@ -1,6 +1,6 @@
 /* test_condense.c - what a session knows of many linear dofs serves the next one exactly, and only
  * where it is the same */
-/* Tests as well: condense_known.c */
+/* Tests as well: condense_known.c condense_residual.c */
 #include "check.h"
 #include <complex.h>
 #include <stdlib.h>

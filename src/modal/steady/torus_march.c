@@ -578,8 +578,8 @@ static enum modal_status march_exactly(struct torus_solver *s, int N, double wan
                                        struct torus_lines *best, bool *finer,
                                        struct modal_error *err)
 {
-    int most = 2 * s->p->n < TORUS_EXPONENTS ? 2 * s->p->n : TORUS_EXPONENTS;
-    struct exact a = { .s = s, .columns = s->opt->stability ? most : 1 };
+    struct exact a = { .s = s, .columns = 2 * s->p->n < TORUS_EXPONENTS ? 2 * s->p->n
+                                                                          : TORUS_EXPONENTS };
     double before[2] = { HUGE_VAL, HUGE_VAL }, moves[2] = { HUGE_VAL, HUGE_VAL };
     struct torus_lines now = { 0 };
     bool settled = false, ended = false;

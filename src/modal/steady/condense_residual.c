@@ -1,6 +1,14 @@
 /*
  * condense_residual.c - what is left of the balance of the dofs that condense.c eliminated, from
  * the entries of M, C, K and the linear states themselves: neither a factor nor a basis is trusted
+ *
+ * With the motion X_k of all dofs, kept and recovered, and z_k of the linear states,
+ *
+ *     R_k = Lambda_k X_k - F z_k - P_k,     Lambda_k = K + i s C - s^2 M,  s = k omega,        (5)
+ *     r_k = (i s E - A) z_k - (Bx + i s Bv - s^2 Ba) X_k.                                      (6)
+ *
+ * Nothing here knows of laws: where none acts, R_k is the error of the answer, whatever way the
+ * elimination went.
  */
 #include <math.h>
 #include <stdlib.h>
@@ -40,7 +48,7 @@ static void multiply_add(const struct sparse *a, double complex by, const double
             y[i] += by * a->value[e] * x[a->index[e]];
 }
 
-/* Lambda x, its rows of dofs. */
+/* Lambda x - F z of (5), its rows of dofs. */
 static void forces_of(const struct condense *c, double s, const double complex *x,
                       double complex *y)
 {
@@ -50,7 +58,7 @@ static void forces_of(const struct condense *c, double s, const double complex *
         multiply_add(&c->p->F, -1, x + c->n, y);        /* - F z */
 }
 
-/* (i s E - A) z less what drives it, relative to either. */
+/* r of (6), relative to (i s E - A) z: states may be of any unit, and their rows of any size. */
 static double states_residual(const struct condense *c, double s, const double complex *x,
                               double complex *y)
 {
@@ -105,11 +113,12 @@ enum modal_status condense_residual(struct condense *c, const double complex *Xq
     if (rc == MODAL_OK && !c->solved && c->order > 0)
         rc = condense_solve_for_recovery(c, err);
     for (int k = 0; rc == MODAL_OK && k <= c->H; k++) {
+        /* only the last harmonic factored is in c->right: each is made anew */
         if (c->sparse
             && (rc = condense_factor_at(c, k, k * c->omega, S, S + entries, err)) != MODAL_OK)
             break;
         unknowns_at(c, k, Xq, x);
-        memset(x + all, 0, 2 * all * sizeof *x);
+        memset(x + all, 0, 2 * all * sizeof *x);        /* R_k and P_k of (5), or r_k of (6) */
         add_residual(c, k, x, x + all, x + 2 * all, peak, out);
         if (c->p->n_linear > 0)
             states = fmax(states, states_residual(c, k * c->omega, x, x + all + c->n));

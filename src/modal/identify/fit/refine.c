@@ -240,7 +240,7 @@ enum modal_status refine_poles(const struct refine_data *data, const double comp
         goto out;
     memcpy(r.lambda, start, (size_t)count * sizeof *start);
     rc = refine_search(&w, &s, &opt, &r, &r.end, err);
-    if (rc == MODAL_OK && s.beside && !s.now.degenerate)
+    if (rc == MODAL_OK && w.phases > 1 && s.beside && !s.now.degenerate)
         rc = refine_evaluate(&w, &s.at, &s.next, err);             /* for the errors of `now` */
     if (rc != MODAL_OK)
         goto out;

@@ -23,6 +23,10 @@
  *     1 / (1 + sqrt(2 / S)),                                                                    (3)
  *
  * and taken for that where it is not.
+ *
+ * All that is asked of the samples of a period alone.  The signals of a constant system are few,
+ * and an update of a live window (live/moving_fit.c), which has not (1), must have the standard
+ * errors of a batch.
  */
 #include "modal/identify/fit/refine_state.h"
 #include <cblas.h>
@@ -158,8 +162,8 @@ static bool shares(const struct work *w, const double *R, double *N, double *f)
     return eigen_symmetric(&A, f, NULL) == MODAL_OK;
 }
 
-/* R^{-1} into ROOT, n x n, times U / (1 - f) of (2). */
-static bool root_of(const struct work *w, double S, double s2, const double *R, double *root)
+/* U / (1 - f) of (2) into ROOT, n x n. */
+static bool weigh(const struct work *w, double S, double s2, const double *R, double *root)
 {
     size_t n = (size_t)w->parameters, q = (size_t)w->order;
     struct workspace space = { 0 };
@@ -177,13 +181,24 @@ static bool root_of(const struct work *w, double S, double s2, const double *R, 
         double share = fmin(fmax(f[j], 0), 1 / (1 + sqrt(2 / S)));                     /* (3) */
         cblas_dscal((int)n, 1 / (1 - share), N + j * n, 1);
     }
-    if (ok) {
+    if (ok)
         memcpy(root, N, n * n * sizeof *root);
-        cblas_dtrsm(CblasColMajor, CblasLeft, CblasUpper, CblasNoTrans, CblasNonUnit, (int)n,
-                    (int)n, 1, R, (int)n, root, (int)n);
-    }
     workspace_free(&space);
     return ok;
+}
+
+/* R^{-1} into ROOT, n x n and 0, times what the amplitudes' noise makes of it. */
+static bool root_of(const struct work *w, double S, double s2, const double *R, double *root)
+{
+    int n = w->parameters;
+
+    for (int j = 0; j < n; j++)
+        root[j + j * n] = 1;
+    if (w->phases > 1 && !weigh(w, S, s2, R, root))
+        return false;
+    cblas_dtrsm(CblasColMajor, CblasLeft, CblasUpper, CblasNoTrans, CblasNonUnit, n, n, 1, R, n,
+                root, n);
+    return true;
 }
 
 void refine_covariance(const struct work *w, const struct evaluation *e, double columns,

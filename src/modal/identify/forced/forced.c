@@ -249,7 +249,7 @@ static enum modal_status search(struct work *w, struct modal_error *err)
     int most = o->rank.most > 0 ? (o->rank.most + 1) / 2 : TRANSFER_POLES_MOST;
     struct forced_limits limits = { o->rank.fixed / 2,
                                     most < TRANSFER_POLES_MOST ? most : TRANSFER_POLES_MOST,
-                                    o->cancelled, o->context };
+                                    .cancelled = o->cancelled, .context = o->context };
     struct lines_records records = { w->row, w->records };
     enum modal_status rc = lines_make(&w->rec.Y, &w->inputs, &records, band, &w->lines, err);
 
@@ -575,10 +575,10 @@ static void about_fit(const struct work *w, struct identify_result *r)
                           transfer_unknowns(&w->lines, w->found.model.poles));
 
     if (w->found.limit)
-        identify_diagnose(r, "order_work_limit", -1, "the search for modes ended at the %d that "
-                          "are looked for at most: more would fit better; give `band` to look at "
-                          "less%s", w->found.model.poles, w->opt.rank.most > 0 ? ", or raise "
-                          "rank.most" : "");
+        identify_diagnose(r, "order_work_limit", -1, "the search for modes ended at %d, for the "
+                          "work or the modes that it may take: more may fit better; give `band` to "
+                          "look at less%s", w->found.model.poles, w->opt.rank.most > 0 ? ", or "
+                          "raise rank.most" : "");
     if (!w->found.model.converged)
         identify_diagnose(r, "not_converged", -1, "the fit to the responses did not converge: "
                           "errors are unknown and no verdict is given; give `band` to look at "

@@ -10,6 +10,16 @@
  *
  * How many.  A pair pays where it raises 2 ln likelihood by more than the price of its unknowns,
  * 2 (responses + drives) of them, and of the search for its exponent, as criterion.c has it.
+ *
+ * Against what.  Where it is strongest coloured noise would be pole after pole, each fitted beside
+ * all others: what a pair takes off a band of lines must pay by the level left there as well, where
+ * that is above the level of all.  It is the level that the pair itself leaves, or a mode would be
+ * taken for its noise; and no lower one than that of all, which the fit does not care for.  What is
+ * left is looked at by one level, as long as that leads to modes, then by those of bands: a weak
+ * mode where noise is weak is not the strongest of all.  Errors are widened as forced.c has it.
+ *
+ * How long.  Multiplications are counted, not seconds: the best so far is the answer where they are
+ * spent, and says so.
  */
 #include "modal/identify/forced/forced_order.h"
 #include <cblas.h>
@@ -33,8 +43,12 @@ static const double
     ENOUGH_EACH = 0.1,           /* of ln likelihood, where 1 is the chance */
     ENOUGH_LAST = 1e-6,          /* a thousandth of a standard error */
     REACH = 6,                   /* 90 % of a mode's energy */
+    CHANCE = 4,                  /* standard deviations of noise in a band */
     PATIENCE = 1000,             /* of 2 ln likelihood: what neighbours may make up for */
-    APART = 0.7;                 /* of a record's line: no band is narrower than that */
+    APART = 0.7,                 /* of a record's line: no band is narrower than that */
+    WORK_MOST = 8e10,            /* multiplications, ten seconds': 27 modes in 8 responses of 8000
+                                    samples take 4e10, 16 of 2 inputs in 20,000 5e10, */
+    WORK_LINE = 2e6;             /* and for each line of a long record: 10 modes take 7e5 */
 
 struct work {
     const struct lines *l;
@@ -46,13 +60,14 @@ struct work {
     double complex *taken;       /* drives x responses */
     struct { double from, to; } closed[AGAIN];   /* frequencies */
     int failed;                  /* of these, since the last success */
+    double work, settling;       /* multiplications left: of the search; of the answer's fit */
 };
 
 struct candidate { double complex s; double gain; double complex q[LINES_DRIVES_MOST]; };
 
 /* ---- what models are worth ---- */
 
-static double bic_of(const struct lines *l, const struct transfer *t)
+static double price_of(const struct lines *l, const struct transfer *t)
 {
     double numbers = 2.0 * l->count;
     int order = 0;
@@ -62,8 +77,44 @@ static double bic_of(const struct lines *l, const struct transfer *t)
     /* beside shapes and exponents, how the drives but one reach a pole: searched for by nobody */
     for (int p = 0; p < t->poles; p++)
         order += cimag(t->s[p]) > 0 ? 2 : 1;
-    return -2 * t->likelihood + criterion_price(&c, t->poles, order + l->direct, order)
+    return criterion_price(&c, t->poles, order + l->direct, order)
          + (l->drives - 1) * order * log(numbers * l->responses);
+}
+
+static double bic_of(const struct lines *l, const struct transfer *t)
+{
+    return -2 * t->likelihood + price_of(l, t);
+}
+
+/* Variance of what T leaves of response I in BAND, lines FIRST to END, of either part: of all lines
+ * but where there is more beyond chance. */
+static double level_of(const struct lines *l, const struct transfer *t, int i, int band, int first,
+                       int end)
+{
+    double all = t->variance[i], own = t->band[band + (size_t)l->bands * i] / (2.0 * (end - first));
+
+    return own > all * (1 + CHANCE / sqrt(end - first)) ? own : all;
+}
+
+/* What the poles of T that LESS has not take off it, in 2 ln likelihood of noise of T's levels. */
+static double worth_of(const struct lines *l, const struct transfer *t, const struct transfer *less)
+{
+    double worth = 0;
+
+    for (int i = 0; i < l->responses; i++)
+        for (int n = 0, band = 0, end; n < l->count && l->energy[i] > 0; n = end, band++) {
+            size_t at = band + (size_t)l->bands * i;
+            end = lines_band_end(l, n);
+            worth += (less->band[at] - t->band[at]) / level_of(l, t, i, band, n, end);
+        }
+    return worth;
+}
+
+/* Is T, of more poles, worth their price?  By one level of noise, and by those of its bands. */
+static bool pays(const struct lines *l, const struct transfer *t, const struct transfer *less)
+{
+    return bic_of(l, t) < bic_of(l, less)
+        && worth_of(l, t, less) > price_of(l, t) - price_of(l, less);
 }
 
 static double residual_of(const struct lines *l, const struct transfer *t)
@@ -170,6 +221,7 @@ static void weigh_candidate(struct work *w, struct candidate *c)
     c->gain = 0;
     if (rows < 2 * n)
         return;
+    w->work -= 4.0 * rows * n * (n + l->responses);
     for (int k = 0; k < rows; k++) {
         double complex filter = 1 / (l->z[first + k] - r);
         for (int j = 0; j < n; j++)
@@ -189,6 +241,18 @@ static void weigh_candidate(struct work *w, struct candidate *c)
                 &(double complex) { 1 }, G, n, w->taken, n);
     c->gain = strongest(w->taken, n, l->responses, c->q);
     cblas_ztrsv(CblasColMajor, CblasLower, CblasConjTrans, CblasNonUnit, n, G, n, c->q, 1);
+}
+
+/* Has a band of what T leaves more than its share? */
+static bool is_coloured(const struct lines *l, const struct transfer *t)
+{
+    for (int i = 0; i < l->responses; i++)
+        for (int n = 0, band = 0, end; n < l->count; n = end, band++) {
+            end = lines_band_end(l, n);
+            if (level_of(l, t, i, band, n, end) > t->variance[i])
+                return true;
+        }
+    return false;
 }
 
 static bool is_closed(const struct work *w, double at)
@@ -238,14 +302,21 @@ static struct candidate look(struct work *w)
     return best;
 }
 
-/* What the model leaves, over its standard deviation. */
-static enum modal_status take_rest(struct work *w, struct modal_error *err)
+/* What the model leaves, over its standard deviation: by LEVELS that of each band. */
+static enum modal_status take_rest(struct work *w, bool levels, struct modal_error *err)
 {
+    const struct lines *l = w->l;
     const struct transfer *t = &w->out->model;
-    enum modal_status rc = transfer_rest(w->l, t, w->R, err);
+    enum modal_status rc = transfer_rest(l, t, w->R, err);
 
-    for (int i = 0; i < w->l->responses && rc == MODAL_OK; i++)
-        cblas_zdscal(w->l->count, 1 / sqrt(2 * t->variance[i]), w->R + (size_t)i * w->l->count, 1);
+    for (int i = 0; i < l->responses && rc == MODAL_OK; i++)
+        for (int n = 0, band = 0, end; n < l->count; n = end, band++) {
+            double variance = t->variance[i];
+            end = lines_band_end(l, n);
+            if (levels)
+                variance = level_of(l, t, i, band, n, end);
+            cblas_zdscal(end - n, 1 / sqrt(2 * variance), w->R + n + (size_t)i * l->count, 1);
+        }
     return rc;
 }
 
@@ -254,7 +325,9 @@ static enum modal_status take_rest(struct work *w, struct modal_error *err)
 static enum modal_status fit(struct work *w, int steps, struct transfer *t, struct modal_error *err)
 {
     double enough = steps < STEPS_LAST ? ENOUGH_EACH : ENOUGH_LAST;
-    struct transfer_limits limits = { steps, enough, w->limits->cancelled, w->limits->context };
+    double *work = steps < STEPS_LAST ? &w->work : &w->settling;
+    struct transfer_limits limits = { steps, enough, work, w->limits->cancelled,
+                                      w->limits->context };
 
     return transfer_fit(w->l, &limits, t, err);
 }
@@ -282,11 +355,11 @@ static enum modal_status settle(struct work *w, struct transfer *t, struct modal
 static enum modal_status climb(struct work *w, bool *more, struct modal_error *err)
 {
     struct transfer *t = &w->out->model;
-    double bic = bic_of(w->l, t);
     enum modal_status rc = MODAL_OK;
 
     *more = false;
-    for (w->failed = 0; w->failed < AGAIN && rc == MODAL_OK && !*more; w->failed++) {
+    for (w->failed = 0; w->failed < AGAIN && rc == MODAL_OK && !*more && w->work > 0;
+         w->failed++) {
         struct candidate c = look(w);
         double reach = 2 * fmax(-creal(c.s), line_of_a_record(w->l));
         if (!(c.gain > 0))
@@ -296,7 +369,7 @@ static enum modal_status climb(struct work *w, bool *more, struct modal_error *e
         rc = fit(w, STEPS_EACH, &w->trial, err);
         if (rc == MODAL_OK)
             rc = settle(w, &w->trial, err);
-        *more = rc == MODAL_OK && (w->limits->fixed > 0 || bic_of(w->l, &w->trial) < bic);
+        *more = rc == MODAL_OK && (w->limits->fixed > 0 || pays(w->l, &w->trial, t));
         reach *= cimag(c.s) > 0;
         w->closed[w->failed].from = cimag(c.s) - reach;
         w->closed[w->failed].to = cimag(c.s) + reach;
@@ -311,16 +384,20 @@ static enum modal_status climb(struct work *w, bool *more, struct modal_error *e
 static enum modal_status climb_all(struct work *w, struct modal_error *err)
 {
     int most = w->limits->fixed > 0 ? w->limits->fixed : w->limits->most;
-    bool more = true;
+    bool more = true, levels = false;
     enum modal_status rc = MODAL_OK;
 
-    while (rc == MODAL_OK && more && !w->out->model.exact && w->out->model.poles < most) {
-        rc = take_rest(w, err);
+    while (rc == MODAL_OK && more && !w->out->model.exact && w->out->model.poles < most
+           && w->work > transfer_work(w->l, w->out->model.poles + 1)) {
+        rc = take_rest(w, levels, err);
         if (rc == MODAL_OK)
             rc = climb(w, &more, err);
+        /* where noise is strongest nothing may pay, and something elsewhere */
+        if (rc == MODAL_OK && !more && !levels && is_coloured(w->l, &w->out->model))
+            more = levels = true;
     }
-    w->out->limit = more && !w->out->model.exact && w->limits->fixed == 0
-        && w->out->model.poles >= most;
+    w->out->limit = more && !w->out->model.exact
+        && (w->limits->fixed == 0 || w->out->model.poles < most);
     return rc;
 }
 
@@ -331,14 +408,14 @@ static enum modal_status prune(struct work *w, struct modal_error *err)
     struct transfer *t = &w->out->model;
     enum modal_status rc = MODAL_OK;
 
-    for (int p = 0; p < t->poles && rc == MODAL_OK && w->limits->fixed == 0;) {
+    for (int p = 0; p < t->poles && rc == MODAL_OK && w->limits->fixed == 0 && w->work > 0;) {
         double bic = bic_of(w->l, t);
         transfer_copy(w->l, t, &w->trial);
         transfer_drop(w->l, &w->trial, p);
         rc = fit(w, 0, &w->trial, err);
         if (rc == MODAL_OK && bic_of(w->l, &w->trial) < bic + PATIENCE)
             rc = fit(w, STEPS_EACH, &w->trial, err);
-        if (rc == MODAL_OK && bic_of(w->l, &w->trial) < bic) {
+        if (rc == MODAL_OK && !pays(w->l, t, &w->trial)) {
             transfer_copy(w->l, &w->trial, t);
             p = 0;
         } else
@@ -358,7 +435,8 @@ void forced_search_done(struct forced_search *s)
 enum modal_status forced_search(const struct lines *l, const struct forced_limits *limits,
                                 struct forced_search *out, struct modal_error *err)
 {
-    struct work w = { .l = l, .limits = limits, .out = out };
+    double work = limits->work > 0 ? limits->work : fmax(WORK_MOST, WORK_LINE * l->count);
+    struct work w = { .l = l, .limits = limits, .out = out, .work = work, .settling = work };
     size_t n = (size_t)l->count;
     enum modal_status rc = transfer_new(l, &out->model, err);
 
@@ -379,6 +457,7 @@ enum modal_status forced_search(const struct lines *l, const struct forced_limit
         rc = climb_all(&w, err);
     if (rc == MODAL_OK)
         rc = prune(&w, err);
+    out->limit = out->limit || w.work <= 0;
     if (rc == MODAL_OK)
         rc = fit(&w, STEPS_LAST, &out->model, err);
     if (rc == MODAL_OK)

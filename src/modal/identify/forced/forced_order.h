@@ -17,12 +17,14 @@ struct forced_search {
     struct transfer model;       /* the answer */
     struct forced_rung rung[TRANSFER_POLES_MOST + 1];
     int rungs;                   /* 0, 1, 2, .. poles, and the answer where poles were dropped */
-    bool limit;                  /* ended at the most that was allowed, though more would pay */
+    bool limit;                  /* ended at the most, or the work, allowed: more may pay */
 };
 
 struct forced_limits {
     int fixed;                   /* pairs; 0: by the criterion */
     int most;
+    double work;                 /* multiplications that the search may take, and again the answer's
+                                    fit; 0: some seconds' */
     bool (*cancelled)(void *context);
     void *context;
 };

@@ -33,8 +33,10 @@
 
 enum {
     BESIDE = 3,                     /* direct columns of an input: a sample, two of those beside */
-    ENDS = 2                        /* of a record's ends: 1 and z */
+    ENDS = 2,                       /* of a record's ends: 1 and z */
+    BAND_LEAST = 32                 /* lines: a level to 18 %, many beside what a pole takes */
 };
+static const double BAND_SHARE = 0.25;  /* of its frequency: what noise hardly varies over */
 
 void lines_done(struct lines *l)
 {
@@ -118,6 +120,14 @@ void lines_direct(const struct lines *l, double complex z, int input, double com
         row[c] = l->norm[c] > 0 ? row[c] / l->norm[c] : 0;  /* as X's columns were scaled */
 }
 
+int lines_band_end(const struct lines *l, int first)
+{
+    double turns = carg(l->z[first]) / (2 * M_PI) * l->samples;
+    int end = first + (int)fmax(BAND_LEAST, BAND_SHARE * turns);
+
+    return l->count - end < BAND_LEAST ? l->count : end;
+}
+
 static enum modal_status make_room(struct lines *l, struct transform *t, struct modal_error *err)
 {
     size_t n = (size_t)l->count;
@@ -176,6 +186,8 @@ enum modal_status lines_make(const struct matrix *responses, const struct matrix
         for (int j = 0; j < l.drives; j++)
             l.size[j] = to_unit(l.W + (size_t)j * l.count, l.count, sqrt(l.count));
         make_direct(&l);
+        for (int n = 0; n < l.count; n = lines_band_end(&l, n))
+            l.bands++;
     }
     fftw_destroy_plan(t.plan);
     fftw_free(t.x), fftw_free(t.X);

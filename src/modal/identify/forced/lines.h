@@ -21,6 +21,7 @@ struct lines {
     int count, samples;
     int responses, inputs, records;
     int drives, direct;          /* drives: inputs + records */
+    int bands;                   /* of lines_band_end */
     double complex *z;           /* count */
     double complex *Y;           /* count x responses */
     double complex *W;           /* count x drives */
@@ -39,6 +40,10 @@ enum modal_status lines_make(const struct matrix *responses, const struct matrix
                              const struct lines_records *records, const double band[2],
                              struct lines *out, struct modal_error *err);
 void lines_done(struct lines *l);
+
+/* Noise that is coloured has a level of its own in each band of lines: where that which begins at
+ * line FIRST ends, the first of the next. */
+int lines_band_end(const struct lines *l, int first);
 
 /* The direct columns at any z for a unit of INPUT alone, nothing at the record's ends: `direct`
  * numbers. */

@@ -33,6 +33,7 @@
 enum {
     BLOCK = 256,                 /* lines at a time: columns of a few poles stay in cache */
     PARTS = 4,                   /* columns of C a pole and drive */
+    EIGEN = 16,                  /* n^3 of these: what eigenvalues and vectors of n take */
     TRIES = 12                   /* of one step, each ten times more careful */
 };
 static const double
@@ -49,6 +50,7 @@ struct sums {
     double *Q;                   /* K x V: V = C Q */
     double *S, *d;               /* g x g, g */
     double *block;               /* 2 BLOCK x (K + responses) */
+    double spent, most;          /* work, and what a fit may take of it */
     struct workspace held;
 };
 
@@ -57,11 +59,36 @@ int transfer_unknowns(const struct lines *l, int poles)
     return poles * 2 * (l->responses + l->drives) + l->direct * l->responses;
 }
 
+/* ---- what a fit costs: multiplications of its products ---- */
+
+static double work_of_measure(const struct lines *l, int poles)
+{
+    double K = PARTS * poles * l->drives + l->direct, V = 2 * poles + l->direct;
+
+    /* G of one triangle, B, the rest by V; then G Q and an eigenproblem of V */
+    return 2.0 * l->count * (K * K / 2 + K * l->responses + K * V + V * l->responses)
+         + K * K * V + EIGEN * V * V * V;
+}
+
+static double work_of_step(const struct lines *l, int poles)
+{
+    double K = PARTS * poles * l->drives + l->direct, V = 2 * poles + l->direct;
+    double g = 2 * poles * l->drives;
+
+    return K * V * (K + V) + l->responses * K * g * (K + g) + g * g * g;
+}
+
+double transfer_work(const struct lines *l, int poles)
+{
+    return work_of_measure(l, poles) + work_of_step(l, poles);
+}
+
 /* ---- models ---- */
 
 void transfer_done(struct transfer *t)
 {
-    free(t->s), free(t->q), free(t->held), free(t->x), free(t->rss), free(t->variance);
+    free(t->s), free(t->q), free(t->held), free(t->x), free(t->rss), free(t->band);
+    free(t->variance);
     free(t->spread), free(t->energy);
     memset(t, 0, sizeof *t);
 }
@@ -81,11 +108,12 @@ enum modal_status transfer_new(const struct lines *l, struct transfer *out, stru
         .held = calloc(most, sizeof *out->held),
         .x = calloc(size_of_x(l, TRANSFER_POLES_MOST), sizeof *out->x),
         .rss = calloc(responses, sizeof *out->rss),
+        .band = calloc(responses * (size_t)l->bands, sizeof *out->band),
         .variance = calloc(responses, sizeof *out->variance),
         .spread = calloc(2 * most, sizeof *out->spread),
         .energy = calloc(most, sizeof *out->energy) };
     if (out->s != NULL && out->q != NULL && out->held != NULL && out->x != NULL && out->rss != NULL
-        && out->variance != NULL && out->spread != NULL && out->energy != NULL)
+        && out->band != NULL && out->variance != NULL && out->spread != NULL && out->energy != NULL)
         return MODAL_OK;
     transfer_done(out);
     return modal_fail(err, MODAL_NO_MEMORY, "transfer: no memory for %d responses", l->responses);
@@ -102,6 +130,7 @@ void transfer_copy(const struct lines *l, const struct transfer *from, struct tr
     to->held = memcpy(own.held, from->held, sizeof *own.held * n);
     to->x = memcpy(own.x, from->x, sizeof *own.x * size_of_x(l, from->poles));
     to->rss = memcpy(own.rss, from->rss, sizeof *own.rss * responses);
+    to->band = memcpy(own.band, from->band, sizeof *own.band * responses * (size_t)l->bands);
     to->variance = memcpy(own.variance, from->variance, sizeof *own.variance * responses);
     to->spread = memcpy(own.spread, from->spread, sizeof *own.spread * 2 * n);
     to->energy = memcpy(own.energy, from->energy, sizeof *own.energy * n);
@@ -306,12 +335,18 @@ static void weigh(const struct lines *l, struct transfer *t, struct sums *s)
     double shared = (double)s->g / l->responses, numbers = 2.0 * l->count;
 
     memset(t->rss, 0, sizeof *t->rss * (size_t)l->responses);
-    for (int first = 0; first < l->count; first += BLOCK) {
-        int rows = l->count - first < BLOCK ? l->count - first : BLOCK;
-        double *rest = block_rest(l, t, s, first, rows);
+    memset(t->band, 0, sizeof *t->band * (size_t)l->responses * l->bands);
+    for (int first = 0, band = 0, end = lines_band_end(l, 0), rows; first < l->count;
+         first += rows) {
+        double *rest;
+        if (first == end)
+            band++, end = lines_band_end(l, first);
+        rows = end - first < BLOCK ? end - first : BLOCK;
+        rest = block_rest(l, t, s, first, rows);
         for (int i = 0; i < l->responses; i++) {
-            double *r = rest + 2 * (size_t)rows * i;
-            t->rss[i] += cblas_ddot(2 * rows, r, 1, r, 1);
+            double *r = rest + 2 * (size_t)rows * i, sum = cblas_ddot(2 * rows, r, 1, r, 1);
+            t->rss[i] += sum;
+            t->band[band + (size_t)l->bands * i] += sum;
         }
     }
     t->likelihood = 0, t->exact = true;
@@ -340,6 +375,7 @@ static enum modal_status measure(const struct lines *l, struct transfer *t, stru
     if (b == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "transfer: no memory for %d responses",
                           l->responses);
+    s->spent += work_of_measure(l, t->poles);
     fill_Q(l, t, s);
     take_sums(l, t, s);
     cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, K, V, K, 1, s->G, K, s->Q, K, 0, s->GV,
@@ -396,6 +432,7 @@ static enum modal_status make_step(const struct lines *l, const struct transfer 
 
     if (P == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "transfer: no memory for %d unknowns", g);
+    s->spent += work_of_step(l, t->poles);
     memcpy(P, s->G, sizeof *P * (size_t)K * K);
     cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, K, V, V, 1, s->GV, K, s->A, V, 0, AV, K);
     /* C^T P C of (1) */
@@ -535,7 +572,8 @@ static enum modal_status advance(const struct lines *l, struct transfer *t, stru
         memcpy(kept + g * g, s->d, sizeof *kept * g);
         *left = solve(s->S, s->d, s->g, 0);
     }
-    for (int i = 0; i < TRIES && rc == MODAL_OK && !*moved && !(*left <= enough); i++) {
+    for (int i = 0; i < TRIES && rc == MODAL_OK && !*moved && !(*left <= enough)
+         && s->spent < s->most; i++) {
         memcpy(s->S, kept, sizeof *kept * g * g);
         memcpy(s->d, kept + g * g, sizeof *kept * g);
         transfer_copy(l, t, next);
@@ -558,12 +596,14 @@ enum modal_status transfer_fit(const struct lines *l, const struct transfer_limi
     bool moved = true;
     enum modal_status rc = sums_new(l, t->poles, &s, err);
 
+    s.most = *limits->work;
     if (rc == MODAL_OK)
         rc = transfer_new(l, &next, err);
     if (rc == MODAL_OK)
         rc = measure(l, t, &s, err);
     t->converged = t->poles == 0;
-    for (int i = 0; i < limits->steps && rc == MODAL_OK && moved && !t->converged; i++) {
+    for (int i = 0; i < limits->steps && rc == MODAL_OK && moved && !t->converged
+         && s.spent < s.most; i++) {
         if (limits->cancelled != NULL && limits->cancelled(limits->context))
             rc = modal_fail(err, MODAL_CANCELLED, "cancelled");
         else
@@ -578,6 +618,7 @@ enum modal_status transfer_fit(const struct lines *l, const struct transfer_limi
         rc = spread(l, t, &s, err);
     if (rc == MODAL_OK)
         share_energy(l, t, &s);
+    *limits->work -= s.spent;
     transfer_done(&next);
     workspace_free(&s.held);
     return rc;

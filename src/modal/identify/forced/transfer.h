@@ -23,6 +23,7 @@ struct transfer {
     int *held;                   /* poles: a drive */
     double *x;                   /* (2 poles + direct) x responses: Re, Im of phi, then D */
     double *rss;                 /* responses: sum of squares left over */
+    double *band;                /* bands of lines.h x responses: of that, each band's */
     double *variance;            /* responses: v_i */
     double *spread;              /* of Re s, Im s of each pole: standard deviations */
     double *energy;              /* poles: sum over responses of |part|^2, over all lines */
@@ -36,6 +37,8 @@ enum { TRANSFER_POLES_MOST = 40 };
 struct transfer_limits {
     int steps;                   /* of Gauss and Newton */
     double enough;               /* converged where a step promises no more ln likelihood */
+    double *work;                /* multiplications left; a fit takes from it, and ends where it is
+                                    spent, with the best so far */
     bool (*cancelled)(void *context);    /* may be NULL */
     void *context;
 };
@@ -53,7 +56,8 @@ void transfer_drop(const struct lines *lines, struct transfer *t, int pole);
 
 /*
  * From where *T is to the maximum of its likelihood, by Levenberg and Marquardt's steps on s and q,
- * shapes and direct terms eliminated (Golub and Pereyra); at most LIMITS->steps.  Fails with
+ * shapes and direct terms eliminated (Golub and Pereyra); at most LIMITS->steps, as far as the work
+ * goes: not converged where either ends it.  Fails with
  * MODAL_NO_MEMORY, MODAL_NO_CONVERGENCE, MODAL_CANCELLED.
  */
 enum modal_status transfer_fit(const struct lines *lines, const struct transfer_limits *limits,
@@ -72,6 +76,9 @@ enum modal_status transfer_rest(const struct lines *lines, const struct transfer
 enum modal_status transfer_frf(const struct lines *lines, struct transfer *t, const double *turn,
                                int count, double complex *H, double *spread,
                                struct modal_error *err);
+
+/* Of one step of a fit of so many POLES: multiplications of its products. */
+double transfer_work(const struct lines *lines, int poles);
 
 /* Real unknowns of so many poles. */
 int transfer_unknowns(const struct lines *lines, int poles);

@@ -4,6 +4,8 @@
 #include <complex.h>
 #include <stdlib.h>
 #include "check.h"
+#include "modal/identify/forced/forced_order.h"
+#include "modal/linalg/matrix.h"
 #include "signals.h"
 
 enum { SAMPLES = 2000, INPUTS = 2, RESPONSES = 3, CHANNELS = INPUTS + RESPONSES, MODES = 3 };
@@ -173,6 +175,60 @@ TEST(noise_that_is_stronger_about_a_mode_widens_its_errors)
         CHECK(fabs(creal(e)) < 4 * m->std_re && fabs(cimag(e)) < 4 * m->std_im);
     }
     identify_result_done(&r);
+}
+
+/* Correlated by 0.9^j over j samples: 19 times its mean at the lowest lines, a twentieth at the
+ * highest, and nothing that any input moves. */
+TEST(noise_of_a_spectrum_that_falls_is_not_taken_for_modes)
+{
+    for (uint64_t seed = 200; seed < 206; seed++) {
+        double state[RESPONSES] = { 0 };
+        struct random random = { seed };
+        struct batch b = simulated(seed, 0);
+        struct identify_options opt = forced();
+        struct identify_result r;
+        for (int k = 0; k < SAMPLES; k++)
+            for (int i = 0; i < RESPONSES; i++) {
+                state[i] = 0.9 * state[i] + 0.2 * random_normal(&random);
+                x[CHANNELS * k + INPUTS + i] += state[i];
+            }
+        CHECK(modal_identify(&b, &opt, &r, NULL) == MODAL_OK);
+        CHECK(r.mode_count == MODES && r.verdict == VERDICT_STABLE);
+        for (int p = 0; p < MODES; p++) {
+            const struct identify_mode *m = mode_of(&r, p);
+            double complex e = m->exponent - exponent(p);
+            CHECK(fabs(creal(e)) < 4 * m->std_re && fabs(cimag(e)) < 4 * m->std_im);
+        }
+        identify_result_done(&r);
+    }
+}
+
+/* 1e7 multiplications are two poles', 1e9 more than are needed. */
+TEST(a_search_whose_work_is_spent_has_the_best_so_far_and_says_so)
+{
+    struct matrix u = matrix_new(SAMPLES, INPUTS), y = matrix_new(SAMPLES, RESPONSES);
+    struct lines l;
+
+    simulated(5, 0.5);
+    for (int k = 0; k < SAMPLES; k++) {
+        for (int j = 0; j < INPUTS; j++)
+            u.x[k + SAMPLES * j] = x[CHANNELS * k + j];
+        for (int i = 0; i < RESPONSES; i++)
+            y.x[k + SAMPLES * i] = x[CHANNELS * k + INPUTS + i];
+    }
+    CHECK(lines_make(&y, &u, &(struct lines_records) { (const int[]) { 0 }, 1 },
+                     (const double[2]) { 0, 0 }, &l, NULL) == MODAL_OK);
+    for (double work = 1e7; work <= 1e9; work *= 100) {
+        struct forced_limits limits = { .most = TRANSFER_POLES_MOST, .work = work };
+        struct forced_search found = { 0 };
+        CHECK(forced_search(&l, &limits, &found, NULL) == MODAL_OK);
+        CHECK(found.limit == (work < 1e9));
+        CHECK(work < 1e9 ? found.model.poles < MODES : found.model.poles == MODES);
+        CHECK(found.model.poles > 0 && isfinite(found.model.likelihood));
+        forced_search_done(&found);
+    }
+    lines_done(&l);
+    free(u.x), free(y.x);
 }
 
 static void refused(const struct batch *b, struct identify_options opt, const char *field,

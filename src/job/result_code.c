@@ -83,7 +83,8 @@ const struct result_code result_codes[] = {
       "end the window before the signal falls to the grid, or record with more digits" },
     { "ends_below_grid", "identify", "the rest of the record is rounded to nothing and is not used",
       "none is needed" },
-    { "not_free_throughout", "identify", "the record begins with quiet, or with what drives it",
+    { "not_free_throughout", "identify", "the record begins with quiet, or with "
+      "what drives it, or the response stops in it where its modes would last",
       "give window=auto, which uses `proposed_window`, as over 32,768 rows is done unasked" },
     { "clipped", "identify", "a channel's peaks are cut off",
       "begin the window later, or measure with less gain" },

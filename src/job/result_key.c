@@ -336,7 +336,7 @@ static const struct result_key identify_keys[] = {
       .members = trend_keys, .means = "the strongest vibration over the record" },
     { "proposed_window", RESULT_SPAN, .unit = "s",
       .null = "all that was looked at is one, or it cannot be told",
-      .means = "the part that is one free response: after quiet and a strike, before noise" },
+      .means = "one free response: after quiet and a strike, before noise, or where it stops" },
     DIAGNOSTICS,
     COST,
     { "provenance", RESULT_OBJECT, .members = identify_provenance_keys,

@@ -24,6 +24,7 @@
 #include "modal/identify/fit/criterion.h"
 #include "modal/identify/forced/forced.h"
 #include "modal/identify/identify_state.h"
+#include "modal/identify/identify_stop.h"
 
 const char *const identify_method_names[IDENTIFY_METHOD_COUNT + 1] = {
     "auto",           "partial-floquet",     "partial-floquet-full",
@@ -555,6 +556,32 @@ out:
     return rc;
 }
 
+/* Of a response that stops in the record, *out is what comes before, where window=auto asks for it,
+ * and else says so. */
+static enum modal_status look_for_stop(const struct batch *batch,
+                                       const struct identify_options *options,
+                                       struct identify_result *out, struct modal_error *err)
+{
+    struct identify_result before = { 0 }, all = *out;
+    struct identify_options own = *options;
+    struct stop stop;
+    enum modal_status rc = stop_begin(&stop, batch, out, err);
+
+    while (rc == MODAL_OK && stop_asks(&stop, own.window)) {
+        identify_result_done(&before);
+        rc = identify_free(batch, &own, NULL, NULL, &before, err);
+        if (rc == MODAL_OK)
+            rc = stop_tell(&stop, &before, err);
+    }
+    if (rc == MODAL_OK && stop.is && options->window[0] == WINDOW_AUTO)
+        *out = before, before = all;
+    else if (rc == MODAL_OK && stop.is)
+        stop_report(out, &before);
+    identify_result_done(&before);
+    stop_done(&stop);
+    return rc;
+}
+
 enum modal_status modal_identify(const struct batch *batch, const struct identify_options *options,
                                  struct identify_result *out, struct modal_error *err)
 {
@@ -581,6 +608,8 @@ enum modal_status modal_identify(const struct batch *batch, const struct identif
             other = *out, *out = by_own, by_own = other;
     }
     identify_result_done(&by_own);
+    if (rc == MODAL_OK && o->response == RESPONSE_FREE)
+        rc = look_for_stop(batch, o, out, err);
     if (rc != MODAL_OK)
         identify_result_done(out);
     return rc;

@@ -40,8 +40,8 @@ struct diagnose_facts {
  * not_converged, offset, periodic_orbit, fast_decay, growth_hides, near_nyquist, short_record,
  * unresolved_pair, aliases, near_tie, near_defective, dominated_signal, poor_reconstruction,
  * coloured_residual, ends_below_grid, below_rounding, parts_disagree, growth_unconfirmed
- * (verdict.c), not_free_throughout (event.h), wild_samples (wild.h), step (steps.h),
- * wrong_period, period_drifts (identify_slip.c).
+ * (verdict.c), not_free_throughout (event.h, identify_stop.h), wild_samples (wild.h),
+ * step (steps.h), wrong_period, period_drifts (identify_slip.c).
  */
 void diagnose(struct identify_result *result, const struct diagnose_facts *facts);
 #endif

@@ -360,6 +360,15 @@ static double power(double complex z)
     return creal(z) * creal(z) + cimag(z) * cimag(z);
 }
 
+static bool is_constant(const double *x, int count)
+{
+    bool same = true;
+
+    for (int i = 1; i < count; i++)
+        same &= x[i] == x[0];
+    return same;
+}
+
 /* Has the spectrum of the last ROWS rows no line that white noise has in ALARM of records? */
 static bool white(const struct scan *s, int rows)
 {
@@ -372,6 +381,8 @@ static bool white(const struct scan *s, int rows)
     for (int c = 0; c < s->S && plan != NULL; c++) {
         double all = 0;
         memcpy(x, s->z + (size_t)(c + 1) * (size_t)s->L - rows, (size_t)rows * sizeof *x);
+        if (is_constant(x, rows))       /* rounding of the transform is all there would be */
+            continue;
         fftw_execute(plan);
         for (int i = 1; i < lines; i++)
             all += power(X[i]);
@@ -462,6 +473,23 @@ enum modal_status event_find(const struct batch *b, const int *channels, int cou
         int end = response_ends(&s, 0);
         if (end < s.L)
             part->last = part->first + (size_t)end * each - 1;
+    }
+    scan_done(&s);
+    return rc;
+}
+
+enum modal_status event_end(const struct batch *b, const int *channels, int count,
+                            struct event_rows whole, size_t *end, struct modal_error *err)
+{
+    size_t each = (whole.last - whole.first + ROWS_MOST) / ROWS_MOST;
+    struct scan s = { 0 };
+    enum modal_status rc = scan_begin(&s, b, channels, count, whole, each, err);
+
+    *end = whole.last + 1;
+    if (rc == MODAL_OK && s.S > 0) {
+        int row = response_ends(&s, 0);
+        if (row < s.L)
+            *end = whole.first + (size_t)row * each;
     }
     scan_done(&s);
     return rc;

@@ -24,4 +24,9 @@ struct event_rows { size_t first, last; };
 enum modal_status event_find(const struct batch *b, const int *channels, int count,
                              struct event_rows whole, struct event_rows *part, bool *cut,
                              struct modal_error *err);
+
+/* *end: the row of WHOLE from which on there is white noise alone; after its last: there is none
+ * such. Fails with MODAL_NO_MEMORY. */
+enum modal_status event_end(const struct batch *b, const int *channels, int count,
+                            struct event_rows whole, size_t *end, struct modal_error *err);
 #endif

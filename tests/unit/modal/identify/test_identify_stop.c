@@ -1,0 +1,156 @@
+/* A response that stops where its modes would last, and such as do not stop. Motions are sums of
+ * modes in closed form, with nothing after the row that they stop at. */
+#include "modal/identify/identify.h"
+#include <stdlib.h>
+#include <string.h>
+#include "check.h"
+#include "signals.h"
+
+enum { MODES_MOST = 6 };
+
+static struct identify_result identified(const double *y, int samples, int channels, double t0)
+{
+    struct batch b = { .samples = (size_t)samples, .channels = (size_t)channels, .signals = y,
+                       .dt = 1 };
+    struct identify_options opt = { .window = { t0, 0 } };
+    struct identify_result r;
+
+    CHECK(modal_identify(&b, &opt, &r, NULL) == MODAL_OK);
+    return r;
+}
+
+static bool told(const struct identify_result *r)
+{
+    bool found = false;
+
+    for (int i = 0; i < r->diagnostic_count; i++)
+        found |= strcmp(r->diagnostics[i].code, "not_free_throughout") == 0;
+    return found;
+}
+
+/* The mode nearest LAMBDA lies within LEEWAY of its standard deviations, or rounding. */
+static bool shows(const struct identify_result *r, double complex lambda, double leeway)
+{
+    int at = -1;
+
+    for (int i = 0; i < r->mode_count; i++)
+        if (at < 0 || cabs(r->modes[i].exponent - lambda) < cabs(r->modes[at].exponent - lambda))
+            at = i;
+    if (at < 0)
+        return false;
+    double complex d = r->modes[at].exponent - lambda;
+    return fabs(creal(d)) <= leeway * r->modes[at].std_re + 1e-9
+        && fabs(cimag(d)) <= leeway * r->modes[at].std_im + 1e-9;
+}
+
+enum { STOPS = 6 };
+
+/* Modes that last to e^-1 to e^-3 of their beginning at row *STOP, where they stop; or, DIES, that
+ * die away: the slowest pair of two or more beats. 20 to 60 dB; each channel has its own noise. */
+static double *stopped_signals(struct decay *d, int *stop, bool dies, struct random *rng)
+{
+    d->modes = 1 + (int)(MODES_MOST * random_uniform(rng)), d->dt = 1;
+    d->channels = 1 + (int)(4 * random_uniform(rng));
+    d->samples = 500 + (int)(700 * random_uniform(rng));
+    *stop = (int)(d->samples * (0.2 + 0.6 * random_uniform(rng)));
+    for (int j = 0; j < d->modes; j++) {
+        double depth = 1 + 2 * random_uniform(rng);
+        if (dies)
+            depth = 6 * pow(8, random_uniform(rng));
+        d->lambda[j] = CMPLX(-depth / *stop, 0.1 + 0.4 * (j + random_uniform(rng)));
+    }
+    if (dies && d->modes > 1)
+        d->lambda[1] = d->lambda[0] + CMPLX(0, -2 * creal(d->lambda[0]));
+    decay_amplitudes(d, rng);
+    size_t L = (size_t)d->samples, S = (size_t)d->channels;
+    double *column = calloc(L * S, sizeof *column), *y = calloc(L * S, sizeof *y);
+    decay_signals(d, column, L);
+    for (size_t c = 0; c < S; c++) {
+        double *x = column + c * L, power = 0, db = 20 + 40 * random_uniform(rng);
+        for (size_t k = 0; k < L; k++) {
+            x[k] = !dies && k >= (size_t)*stop ? 0 : x[k];
+            power += k < (size_t)*stop ? x[k] * x[k] / *stop : 0;
+        }
+        for (size_t k = 0; k < L; k++)
+            y[k * S + c] = x[k] + sqrt(power) * pow(10, -db / 20) * random_normal(rng);
+    }
+    free(column);
+    return y;
+}
+
+/* Errors of 4 standard deviations have a chance of 1e-4 each; the row is told within a few. */
+TEST(a_response_that_stops_is_told_without_a_verdict_and_what_comes_before_has_the_true_modes)
+{
+    for (int i = 0; i < STOPS; i++) {
+        struct random rng = { 7000 + (uint64_t)i };
+        struct decay d = { 0 };
+        int stop;
+        double *y = stopped_signals(&d, &stop, false, &rng);
+        struct identify_result r = identified(y, d.samples, d.channels, 0);
+        CHECK(told(&r) && r.verdict == VERDICT_UNDECIDED && r.proposed[0] == 0);
+        CHECK(r.proposed[1] > stop - 20 && r.proposed[1] < stop + 20);
+        CHECK(r.used.window[1] == 0 && r.samples == d.samples);
+        for (int j = 0; j < r.mode_count; j++)
+            CHECK(isnan(r.modes[j].std_re));
+        identify_result_done(&r);
+        r = identified(y, d.samples, d.channels, WINDOW_AUTO);
+        CHECK(!told(&r) && r.verdict == VERDICT_STABLE && r.mode_count == d.modes);
+        CHECK(r.proposed[1] > stop - 20 && r.proposed[1] < stop + 20);
+        CHECK(r.used.window[1] == r.proposed[1]);
+        for (int j = 0; j < d.modes; j++)
+            CHECK(shows(&r, d.lambda[j], 4));
+        identify_result_done(&r);
+        free(y);
+    }
+}
+
+TEST(a_response_that_dies_away_by_its_modes_does_not_stop)
+{
+    for (int i = 0; i < 4 * STOPS; i++) {
+        struct random rng = { 8000 + (uint64_t)i };
+        struct decay d = { 0 };
+        int stop;
+        double *y = stopped_signals(&d, &stop, true, &rng);
+        struct identify_result r = identified(y, d.samples, d.channels, 0);
+        CHECK(!told(&r) && r.proposed[1] == 0 && r.verdict == VERDICT_STABLE);
+        identify_result_done(&r);
+        free(y);
+    }
+}
+
+/* A simulation that ends leaves zeros, and no noise before. */
+TEST(a_response_that_zeros_follow_stops_where_they_begin)
+{
+    struct decay d = { .modes = 2, .channels = 1, .dt = 1, .samples = 3000,
+                       .lambda = { CMPLX(-2e-3, 0.3), CMPLX(-1e-3, 0.8) } };
+    struct random rng = { 11 };
+    double *y = calloc((size_t)d.samples, sizeof *y);
+
+    decay_amplitudes(&d, &rng);
+    decay_signals(&d, y, (size_t)d.samples);
+    memset(y + 1300, 0, sizeof *y * 1700);
+    struct identify_result r = identified(y, d.samples, 1, WINDOW_AUTO);
+    CHECK(r.proposed[1] == 1299 && r.mode_count == 2 && r.verdict == VERDICT_STABLE);
+    CHECK(cabs(r.modes[0].exponent - d.lambda[0]) < 1e-9
+          || cabs(r.modes[1].exponent - d.lambda[0]) < 1e-9);
+    identify_result_done(&r);
+    free(y);
+}
+
+/* Dry friction takes as much of the amplitude each period until nothing moves: modes of the part
+ * before it that cancel at its end are none of the system's. */
+TEST(a_response_that_friction_ends_is_not_taken_for_modes_that_stop)
+{
+    for (int i = 0; i < STOPS; i++) {
+        struct random rng = { 600 + (uint64_t)i };
+        int L = 600 + 100 * i, stop = (int)(L * (0.2 + 0.5 * random_uniform(&rng)));
+        double *y = calloc((size_t)L, sizeof *y), w = 0.05 + 2 * random_uniform(&rng);
+        for (int k = 0; k < L; k++)
+            y[k] = (k < stop ? (1 - (double)k / stop) * cos(w * k) : 0)
+                 + pow(10, -1 - 0.15 * i) * random_normal(&rng);
+        struct identify_result r = identified(y, L, 1, WINDOW_AUTO);
+        CHECK(r.proposed[1] == 0);
+        identify_result_done(&r);
+        free(y);
+    }
+}

@@ -233,13 +233,16 @@ static double cost_of_parts(struct sparse_motion *m, double limit)
 /*
  * Of the leap just made the share that gets on for least: where many laws change, their parts grow
  * together, and each of the events in them is a step of them all; a shorter leap has fewer and
- * smaller ones, but is made again.  The marks are those of the whole leap.
+ * smaller ones, but is made again.  One that ends before the first of them spares none: it would be
+ * put off from leap to leap, and come nearer for ever.  The marks are those of the whole leap.
  */
 static double cheapest_share(struct sparse_motion *m)
 {
-    double cost = 1 + cost_of_parts(m, 1), best = cost, share = 1, tried = 1;
+    double cost = 1 + cost_of_parts(m, 1), best = cost, share = 1, tried = 1, first = HUGE_VAL;
 
-    for (int i = 0; i < SHARES && best > 1 + PARTS_MOST; i++) {
+    for (int l = 0; l < m->f->p->laws; l++)
+        first = fmin(first, m->event[l]);
+    for (int i = 0; i < SHARES && best > 1 + PARTS_MOST && first <= tried / 2; i++) {
         double again;
 
         tried /= 2;

@@ -162,15 +162,28 @@ static double price(const struct stop *s, const struct identify_chosen *modes)
     return poles_order(modes->lambda, modes->count, s->dt) * (1.0 + s->Y.n) * log(s->Y.m);
 }
 
+/* Is one of COUNT codes told of R? */
+static bool is_told(const struct identify_result *r, const char *const *codes, int count)
+{
+    for (int i = 0; i < r->diagnostic_count; i++)
+        for (int j = 0; j < count; j++)
+            if (strcmp(r->diagnostics[i].code, codes[j]) == 0)
+                return true;
+    return false;
+}
+
 /* Is OF an answer by the default procedure, of rows that are the batch's, in memory, and were all
  * searched? */
 static bool may_stop(const struct batch *b, const struct identify_result *of)
 {
+    /* its rows were mended: what the batch has in their place no modes draw */
+    static const char *const codes[] = { "clipped", "drift", "step", "wild_samples" };
+
     return of->used.method == IDENTIFY_AUTO && of->used.refine == CHOICE_YES && b->release == NULL
         && of->used.rank.rule == RANK_AUTO && of->used.detrend == DETREND_NONE
         && of->used.band[1] == 0 && !of->used.difference && of->period == 0 && of->shift == 1
         && of->decimation <= 1 && !of->at_grid && of->chosen.count > 0
-        && of->samples < GROW * HEAD;
+        && of->samples < GROW * HEAD && !is_told(of, codes, sizeof codes / sizeof *codes);
 }
 
 /* Are R's modes not for sure all there is? The verdict is open, too, on a response that friction
@@ -181,12 +194,9 @@ static bool is_doubtful(const struct identify_result *r)
         "amplitude_dependent", "changes_in_record", "coloured_residual", "not_free_throughout",
         "order_work_limit", "parts_disagree"
     };
-    bool said = r->mode_count == 0 || r->verdict == VERDICT_UNDECIDED;
 
-    for (int i = 0; i < r->diagnostic_count; i++)
-        for (size_t j = 0; j < sizeof codes / sizeof *codes; j++)
-            said |= strcmp(r->diagnostics[i].code, codes[j]) == 0;
-    return said;
+    return r->mode_count == 0 || r->verdict == VERDICT_UNDECIDED
+        || is_told(r, codes, sizeof codes / sizeof *codes);
 }
 
 /* s->next: the row that the response seems to stop at, before row END of white noise. Amplitudes by

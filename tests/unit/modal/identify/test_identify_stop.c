@@ -3,45 +3,11 @@
 #include "modal/identify/identify.h"
 #include <stdlib.h>
 #include <string.h>
+#include "answer.h"
 #include "check.h"
 #include "signals.h"
 
 enum { MODES_MOST = 6 };
-
-static struct identify_result identified(const double *y, int samples, int channels, double t0)
-{
-    struct batch b = { .samples = (size_t)samples, .channels = (size_t)channels, .signals = y,
-                       .dt = 1 };
-    struct identify_options opt = { .window = { t0, 0 } };
-    struct identify_result r;
-
-    CHECK(modal_identify(&b, &opt, &r, NULL) == MODAL_OK);
-    return r;
-}
-
-static bool told(const struct identify_result *r)
-{
-    bool found = false;
-
-    for (int i = 0; i < r->diagnostic_count; i++)
-        found |= strcmp(r->diagnostics[i].code, "not_free_throughout") == 0;
-    return found;
-}
-
-/* The mode nearest LAMBDA lies within LEEWAY of its standard deviations, or rounding. */
-static bool shows(const struct identify_result *r, double complex lambda, double leeway)
-{
-    int at = -1;
-
-    for (int i = 0; i < r->mode_count; i++)
-        if (at < 0 || cabs(r->modes[i].exponent - lambda) < cabs(r->modes[at].exponent - lambda))
-            at = i;
-    if (at < 0)
-        return false;
-    double complex d = r->modes[at].exponent - lambda;
-    return fabs(creal(d)) <= leeway * r->modes[at].std_re + 1e-9
-        && fabs(cimag(d)) <= leeway * r->modes[at].std_im + 1e-9;
-}
 
 enum { STOPS = 6 };
 
@@ -86,14 +52,14 @@ TEST(a_response_that_stops_is_told_without_a_verdict_and_what_comes_before_has_t
         struct decay d = { 0 };
         int stop;
         double *y = stopped_signals(&d, &stop, false, &rng);
-        struct identify_result r = identified(y, d.samples, d.channels, 0);
+        struct identify_result r = identified(y, d.samples, d.channels, 0, 0);
         CHECK(told(&r) && r.verdict == VERDICT_UNDECIDED && r.proposed[0] == 0);
         CHECK(r.proposed[1] > stop - 20 && r.proposed[1] < stop + 20);
         CHECK(r.used.window[1] == 0 && r.samples == d.samples);
         for (int j = 0; j < r.mode_count; j++)
             CHECK(isnan(r.modes[j].std_re));
         identify_result_done(&r);
-        r = identified(y, d.samples, d.channels, WINDOW_AUTO);
+        r = identified(y, d.samples, d.channels, WINDOW_AUTO, 0);
         CHECK(!told(&r) && r.verdict == VERDICT_STABLE && r.mode_count == d.modes);
         CHECK(r.proposed[1] > stop - 20 && r.proposed[1] < stop + 20);
         CHECK(r.used.window[1] == r.proposed[1]);
@@ -111,7 +77,7 @@ TEST(a_response_that_dies_away_by_its_modes_does_not_stop)
         struct decay d = { 0 };
         int stop;
         double *y = stopped_signals(&d, &stop, true, &rng);
-        struct identify_result r = identified(y, d.samples, d.channels, 0);
+        struct identify_result r = identified(y, d.samples, d.channels, 0, 0);
         CHECK(!told(&r) && r.proposed[1] == 0 && r.verdict == VERDICT_STABLE);
         identify_result_done(&r);
         free(y);
@@ -129,7 +95,7 @@ TEST(a_response_that_zeros_follow_stops_where_they_begin)
     decay_amplitudes(&d, &rng);
     decay_signals(&d, y, (size_t)d.samples);
     memset(y + 1300, 0, sizeof *y * 1700);
-    struct identify_result r = identified(y, d.samples, 1, WINDOW_AUTO);
+    struct identify_result r = identified(y, d.samples, 1, WINDOW_AUTO, 0);
     CHECK(r.proposed[1] == 1299 && r.mode_count == 2 && r.verdict == VERDICT_STABLE);
     CHECK(cabs(r.modes[0].exponent - d.lambda[0]) < 1e-9
           || cabs(r.modes[1].exponent - d.lambda[0]) < 1e-9);
@@ -148,7 +114,7 @@ TEST(a_response_that_friction_ends_is_not_taken_for_modes_that_stop)
         for (int k = 0; k < L; k++)
             y[k] = (k < stop ? (1 - (double)k / stop) * cos(w * k) : 0)
                  + pow(10, -1 - 0.15 * i) * random_normal(&rng);
-        struct identify_result r = identified(y, L, 1, WINDOW_AUTO);
+        struct identify_result r = identified(y, L, 1, WINDOW_AUTO, 0);
         CHECK(r.proposed[1] == 0);
         identify_result_done(&r);
         free(y);

@@ -2,6 +2,7 @@
  * identified of the part proposed. Motions are the convolution integral in closed form. */
 #include "modal/identify/identify.h"
 #include <stdlib.h>
+#include "answer.h"
 #include "check.h"
 #include "signals.h"
 
@@ -59,42 +60,6 @@ static void strike_draw(struct strike *s, double noise_db, struct random *rng)
         for (int c = 0; c < s->channels; c++)
             s->shape[j][c] = 0.5 + random_uniform(rng);
     }
-}
-
-static struct identify_result identified(const double *y, int samples, int channels, double t0,
-                                         double period)
-{
-    struct batch b = { .samples = (size_t)samples, .channels = (size_t)channels, .signals = y,
-                       .dt = 1, .period = period };
-    struct identify_options opt = { .window = { t0, 0 } };
-    struct identify_result r;
-
-    CHECK(modal_identify(&b, &opt, &r, NULL) == MODAL_OK);
-    return r;
-}
-
-static bool told(const struct identify_result *r)
-{
-    bool found = false;
-
-    for (int i = 0; i < r->diagnostic_count; i++)
-        found |= strcmp(r->diagnostics[i].code, "not_free_throughout") == 0;
-    return found;
-}
-
-/* The mode nearest LAMBDA lies within LEEWAY of its standard deviations, or rounding. */
-static bool shows(const struct identify_result *r, double complex lambda, double leeway)
-{
-    int at = -1;
-
-    for (int i = 0; i < r->mode_count; i++)
-        if (at < 0 || cabs(r->modes[i].exponent - lambda) < cabs(r->modes[at].exponent - lambda))
-            at = i;
-    if (at < 0)
-        return false;
-    double complex d = r->modes[at].exponent - lambda;
-    return fabs(creal(d)) <= leeway * r->modes[at].std_re + 1e-9
-        && fabs(cimag(d)) <= leeway * r->modes[at].std_im + 1e-9;
 }
 
 /* Errors of 4 standard deviations have a chance of 1e-4 each. */

@@ -934,7 +934,9 @@ def chain_of_laws(effect, n):
 
 
 # Runge and Kutta's steps from where the motion told is at 0, sliders having followed it for 30
-# turns: what it is off by after 30 more is of the order of the error stated.
+# turns: what it is off by after 30 more is of the order of the error stated.  The target is that of
+# each line; MOST bounds all errors, for sliders mostly what lines too many and too small to be told
+# are together: 0.68 % with 66 harmonics told, 1.1 % with 36, as the march's own errors come out.
 @pytest.mark.parametrize("effect,n,most", [
     ({"type": "cubic_spring", "coefficient": 0.3}, 80, 1e-3),
     ({"type": "gap", "stiffness": 1, "clearance": 0.2}, 40, 1e-2),
@@ -973,7 +975,9 @@ def test_a_chain_with_a_law_at_each_dof_moves_as_marching_says(effect, n, most, 
         z = np.clip(z, y[0] - 0.2, y[0] + 0.2)
         told = (X @ np.exp(1j * w * (i + 1) * h)).real
         off = max(off, np.abs(y[0] - told).max())
-    assert result["converged"] and result["total_error"] < most * np.abs(X).sum(1).max()
+    largest = np.abs(X).sum(1).max()
+    assert result["converged"] and result["total_error"] < most * largest
+    assert result["line_error"] <= 1e-3 * largest
     assert off <= 3 * result["total_error"]
 
 

@@ -30,6 +30,7 @@
 #include <string.h>
 #include "modal/identify/ask/diagnose.h"
 #include "modal/identify/ask/verdict.h"
+#include "modal/identify/fit/refine.h"
 #include "modal/identify/fit/synthesis.h"
 #include "modal/identify/identify_state.h"
 #include "modal/identify/linear/exponents.h"
@@ -47,7 +48,8 @@ void stop_done(struct stop *s)
     free(s->Y.x), free(s->left), free(s->sum), free(s->own);
 }
 
-/* The channels that are looked at, each over its largest; none that is zero. */
+/* The channels that are looked at, each over its largest; none that is zero. Sums are of what rows
+ * differ by from the last: of an offset far beyond the noise their variance would be rounding. */
 static enum modal_status stop_read(struct stop *s, const struct batch *b,
                                    const struct identify_result *of, struct modal_error *err)
 {
@@ -71,7 +73,8 @@ static enum modal_status stop_read(struct stop *s, const struct batch *b,
             y[k] /= most;
         for (int k = m - 1; k >= 0; k--) {
             size_t at = (size_t)k + (size_t)shown * ((size_t)m + 1);
-            s->sum[at] = s->sum[at + 1] + y[k], s->own[at] = s->own[at + 1] + y[k] * y[k];
+            double d = y[k] - y[m - 1];
+            s->sum[at] = s->sum[at + 1] + d, s->own[at] = s->own[at + 1] + d * d;
         }
         shown += most > 0 && isfinite(most);
     }
@@ -131,8 +134,8 @@ static double left_by_stop(const struct stop *s, int k)
     for (int c = 0; c < s->Y.n; c++) {
         size_t at = (size_t)k + (size_t)c * ((size_t)s->Y.m + 1);
         double after = k < s->Y.m ? s->own[at] - s->sum[at] * s->sum[at] / (m - k) : 0;
-        /* rounding is left of samples of order 1 whatever draws them */
-        all += m * log(fmax(s->left[at] + fmax(after, 0), m * DBL_EPSILON * DBL_EPSILON));
+        /* of samples of order 1 rounding is left, of modes and an offset no less than of rest */
+        all += m * log(fmax(s->left[at] + fmax(after, 0), m * REFINE_EXACT * REFINE_EXACT));
     }
     return all;
 }

@@ -12,7 +12,8 @@ struct stop {
     size_t first;                /* of the batch */
     double dt;
     double *left;                /* (m + 1) x S: sum of squares of the rows before, less modes */
-    double *sum, *own;           /* (m + 1) x S: of the rows from there on, and of their squares */
+    double *sum, *own;           /* (m + 1) x S: of the rows from there on, less the last, and of
+                                  * their squares */
     double all;                  /* the criterion (1) of the answer to all rows */
     int at, next;                /* the row where it stops, as identified and as told by that */
     int round;

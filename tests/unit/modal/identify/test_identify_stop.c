@@ -84,6 +84,24 @@ TEST(a_response_that_dies_away_by_its_modes_does_not_stop)
     }
 }
 
+/* An offset of 2 to 2e8 times the motion, exact or in noise of a thousandth: beside squares of the
+ * offset, those of the noise are mostly rounding. */
+TEST(a_response_that_dies_away_by_its_modes_does_not_stop_far_from_zero)
+{
+    enum { L = 1500 };
+    static double y[L];
+
+    for (int i = 0; i < 2 * STOPS; i++) {
+        struct random rng = { 9000 + (uint64_t)i };
+        const double offset = 1.7 * pow(100, i / 2 % 5), noise = i % 2 * 1e-3;
+        for (int k = 0; k < L; k++)
+            y[k] = offset + exp(-0.03 * k) * cos(0.5 * k + i) + noise * random_normal(&rng);
+        struct identify_result r = identified(y, L, 1, 0, 0);
+        CHECK(!told(&r) && r.proposed[1] == 0 && r.verdict == VERDICT_STABLE);
+        identify_result_done(&r);
+    }
+}
+
 /* A simulation that ends leaves zeros, and no noise before. */
 TEST(a_response_that_zeros_follow_stops_where_they_begin)
 {

@@ -191,7 +191,7 @@ static enum modal_status fit_with(const struct refine_data *d, const struct refi
         lambda[n] = peak;
         for (size_t j = 0; j < n; j++)
             fixed[j] = fit->first[j] < 0;
-        if (fit->order + 2 < d->Y->m)
+        if (fit->order + 2 < d->Y->m && fit->order + 2 <= REFINE_ORDER_MOST)
             rc = refine_poles(d, lambda, (int)n + 1, fixed, &opt, more, err);
     }
     free(lambda), free(fixed);
@@ -233,5 +233,5 @@ enum modal_status another_pole(const struct refine_data *data, const struct refi
         rc = fit_real(data, fit, &out->fit, err);
     if (out->fit.poles > 0)
         out->chance = chance_of(data, fit, &out->fit);
-    return MODAL_OK;
+    return rc;
 }

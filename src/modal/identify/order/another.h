@@ -11,7 +11,8 @@ struct another {
 
 /*
  * The pole that the rest of FIT, of DATA in white noise, shows most of is fitted beside its own.
- * The caller frees out->fit.  Fails with MODAL_NO_MEMORY, MODAL_NO_CONVERGENCE.
+ * The caller frees out->fit, on failure too.  Fails with MODAL_BAD_INPUT (DATA is not that of FIT),
+ * MODAL_NO_MEMORY, MODAL_NO_CONVERGENCE.
  */
 enum modal_status another_pole(const struct refine_data *data, const struct refined *fit,
                                struct another *out, struct modal_error *err);

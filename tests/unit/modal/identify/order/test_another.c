@@ -70,3 +70,18 @@ TEST(where_nothing_is_left_the_best_pole_is_what_noise_gives)
     }
     CHECK(doubted <= 6);
 }
+
+TEST(a_look_that_fails_is_not_taken_for_one_that_finds_nothing)
+{
+    struct random rng = { 6 };
+    struct matrix Y = columns(lambda, 2, 20, &rng);
+    struct refine_data other = { .Y = &Y, .tau = 1, .phases = S - 1 };
+    struct refined fit;
+    struct another a;
+
+    look(&Y, lambda, 2, &fit, &a);
+    refined_done(&a.fit);
+    CHECK(another_pole(&other, &fit, &a, NULL) == MODAL_BAD_INPUT);
+    CHECK(a.fit.poles == 0 && a.chance == 1);
+    refined_done(&fit);
+}

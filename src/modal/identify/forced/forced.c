@@ -5,7 +5,8 @@
  * and of its own in each response.  What bears on a pole is the noise near its frequency, in the
  * direction of its shape: over the NEAR lines about it, each response over its standard deviation,
  * the mean square of the projection on the shape is 1, with the standard deviation 1/sqrt(lines).
- * Where it is larger beyond chance, so are the errors, by its root.
+ * Where it is larger beyond chance, so are the errors, by its root; but where the search ended
+ * while modes were still found, what is left is no noise, and they are unknown.
  *
  * The modal model.  A part a / (s - lambda) of a response over an input, s the Laplace variable,
  * adds to the state what an input that is straight between samples h apart brings, and so to (2)
@@ -566,6 +567,25 @@ static bool is_starved(const struct work *w)
     return 2 * l->count * l->responses <= transfer_unknowns(l, w->found.model.poles);
 }
 
+/* Modes that were not looked for are in what is left: those near them make up for it, by many
+ * times what the noise about them says. */
+static bool is_cut_short(const struct work *w)
+{
+    return w->found.climbing && w->widest > 1;
+}
+
+static void about_noise(const struct work *w, struct identify_result *r)
+{
+    if (is_cut_short(w))
+        identify_diagnose(r, "coloured_residual", -1, "what the modes leave is not white noise, "
+                          "and the search for more had not ended: errors are unknown and no "
+                          "verdict is given; give `band` to look at less");
+    else if (w->widest > 1)
+        identify_diagnose(r, "coloured_residual", -1, "what the modes leave is not white noise: "
+                          "standard errors were widened by up to %.2g; an excitation that was not "
+                          "measured, noise on the inputs or a nonlinearity looks so", w->widest);
+}
+
 static void about_fit(const struct work *w, struct identify_result *r)
 {
     if (is_starved(w))
@@ -583,10 +603,7 @@ static void about_fit(const struct work *w, struct identify_result *r)
         identify_diagnose(r, "not_converged", -1, "the fit to the responses did not converge: "
                           "errors are unknown and no verdict is given; give `band` to look at "
                           "less, or rank.fixed");
-    if (w->widest > 1)
-        identify_diagnose(r, "coloured_residual", -1, "what the modes leave is not white noise: "
-                          "standard errors were widened by up to %.2g; an excitation that was not "
-                          "measured, noise on the inputs or a nonlinearity looks so", w->widest);
+    about_noise(w, r);
     if (r->total_relative_error > UNEXPLAINED)
         identify_diagnose(r, "poor_reconstruction", -1, "the inputs leave %.0f %% of the responses "
                           "unexplained: noise, an excitation that was not measured, or a "
@@ -605,7 +622,7 @@ static enum modal_status conclude(struct work *w, struct identify_result *out,
     verdict_stability(out, record);
     about_modes(w, out);
     about_fit(w, out);
-    if (!w->found.model.converged || is_starved(w))
+    if (!w->found.model.converged || is_starved(w) || is_cut_short(w))
         verdict_withhold(out);
     return MODAL_OK;
 }

@@ -396,7 +396,7 @@ static enum modal_status climb_all(struct work *w, struct modal_error *err)
         if (rc == MODAL_OK && !more && !levels && is_coloured(w->l, &w->out->model))
             more = levels = true;
     }
-    w->out->limit = more && !w->out->model.exact
+    w->out->climbing = more && !w->out->model.exact
         && (w->limits->fixed == 0 || w->out->model.poles < most);
     return rc;
 }
@@ -457,7 +457,7 @@ enum modal_status forced_search(const struct lines *l, const struct forced_limit
         rc = climb_all(&w, err);
     if (rc == MODAL_OK)
         rc = prune(&w, err);
-    out->limit = out->limit || w.work <= 0;
+    out->limit = out->climbing || w.work <= 0;
     if (rc == MODAL_OK)
         rc = fit(&w, STEPS_LAST, &out->model, err);
     if (rc == MODAL_OK)

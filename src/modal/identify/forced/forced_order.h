@@ -18,6 +18,7 @@ struct forced_search {
     struct forced_rung rung[TRANSFER_POLES_MOST + 1];
     int rungs;                   /* 0, 1, 2, .. poles, and the answer where poles were dropped */
     bool limit;                  /* ended at the most, or the work, allowed: more may pay */
+    bool climbing;               /* while pair after pair did */
 };
 
 struct forced_limits {

@@ -231,6 +231,22 @@ TEST(a_search_whose_work_is_spent_has_the_best_so_far_and_says_so)
     free(u.x), free(y.x);
 }
 
+/* Of three modes two: what the third leaves bends them by more than any noise. */
+TEST(modes_that_others_were_left_out_beside_have_no_errors_and_no_verdict)
+{
+    struct batch b = simulated(5, 0.5);
+    struct identify_options opt = forced();
+    struct identify_result r;
+
+    opt.rank.most = 4;
+    CHECK(modal_identify(&b, &opt, &r, NULL) == MODAL_OK);
+    CHECK(has(&r, "order_work_limit") && has(&r, "coloured_residual"));
+    CHECK(r.mode_count == 2 && r.verdict == VERDICT_UNDECIDED);
+    for (int p = 0; p < r.mode_count; p++)
+        CHECK(isnan(r.modes[p].std_re) && isnan(r.modes[p].std_im));
+    identify_result_done(&r);
+}
+
 static void refused(const struct batch *b, struct identify_options opt, const char *field,
                     const char *words)
 {

@@ -59,9 +59,9 @@ enum modal_status condense_share(struct condense *c, double tolerance, int point
 double condense_doubt(const struct condense *c, int k);
 
 /* From now on harmonics past H are asked for by an estimate alone, those of NEEDED[k] (borrowed):
- * of many linear dofs the others are left 0, and a basis serves where its error is 1e-4, or its
- * TOLERANCE where that is more, and takes no more than half of its room and work for them.  NULL:
- * all are asked for, and made anew where they were for an estimate. */
+ * of many linear dofs the others are left 0, and what is shared serves where its error is that of
+ * two or three digits, or its TOLERANCE where that is more, and takes no more than half of its room
+ * and work for them.  NULL: all are asked for, and made anew where they were for an estimate. */
 void condense_rough(struct condense *c, int H, const bool *needed);
 
 /* The dofs that condense_recover is asked for, COUNT of them (NULL: all): of many linear dofs only

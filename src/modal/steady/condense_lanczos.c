@@ -27,9 +27,9 @@
  *
  * theta the eigenvalues of N: j blocks match 2 j moments about sigma [FF95].  The least of (5) is
  * that over all theta >= 0, or where this is 0 (without damping) over those of T_j.  Steps are
- * made until (5) is met, or for an estimate until S stays where it is.  Three blocks of vectors are
- * held and no basis: once resonances are found vectors lose their orthogonality and find them
- * again, which costs steps and no digits [G89].
+ * made until (5) is met; (4) goes on where it stood.  Three blocks of vectors are held and no
+ * basis: once resonances are found vectors lose their orthogonality and find them again, which
+ * costs steps and no digits [G89].
  *
  * [FF95] Feldmann and Freund, Efficient linear circuit analysis by Pade approximation via the
  * Lanczos process, IEEE Trans. CAD 14 (1995) 639-649.
@@ -53,9 +53,9 @@ enum {
     DUALS_MOST = 32,        /* dofs wanted, each of which is one more column of B */
     FASTER = 5,             /* products of full matrices, of 10,000 rows: 20 operations a ns */
     GROWTH = 8,             /* an eighth of the steps is made before s is asked anew */
-    APART = 4,              /* and as many more between those that an estimate compares: few */
-    CALM = 2,               /* comparisons in a row that an estimate asks for: one may be chance */
-    PRODUCTS = 8            /* r x wide x wide in a step: (3), and Q's factors */
+    STEP = 1000,            /* of budget.h: a microsecond, of the calls that a step of (4) makes */
+    PRODUCTS = 8,           /* r x wide x wide in a step: (3), and Q's factors */
+    REDUCTION = 12          /* n x n x reach: a band to its eigenvalues, 6 and as much by rotations */
 };
 /* Entries off symmetry by less, relative, are symmetric: rounding of an assembly. */
 static const double SYMMETRIC = 1e-12;
@@ -66,8 +66,8 @@ static const double SYMMETRIC = 1e-12;
 static const double SHIFT = 1.7;
 /* Of what factors would cost along all points, what (3) may. */
 static const double VENTURE = 0.5;
-/* What S^-1 F may change by, relative, in an eighth of the steps, where an estimate asks, which
- * needs a digit or two: (5) was seen to be 50 times as much. */
+/* What S^-1 F may be off by, relative and by (5), where an estimate asks: it needs a digit or two.
+ */
 static const double ROUGH = 0.03;
 /* The least |a + c theta| that tells anything. */
 static const double CONDITION = 64 * DBL_EPSILON;
@@ -102,8 +102,6 @@ struct condense_lanczos {
     double complex *D, *X, *P, *G;  /* sides x sides, x (answers + sides), x answers; answers^2 */
     int *pivot;
     double *size;                   /* |P_j+1 e_m| of (5) */
-    double complex *before;         /* S of step before_at, q x q */
-    int before_at, calm;            /* calm: comparisons in a row that were */
     double *theta;                  /* eigenvalues of T_j, ascending */
     int thetas, thetas_of;          /* how many, of how many steps; 0: not known */
     struct workspace space, blocks;     /* of the arrays; of A and B */
@@ -376,7 +374,6 @@ static bool begin(struct condense *c, double s)
     l->X = workspace_zeros(&l->space, sides * (answers + sides), sizeof *l->X);
     l->P = workspace_zeros(&l->space, sides * answers, sizeof *l->P);
     l->G = workspace_zeros(&l->space, 2 * answers * answers, sizeof *l->G);
-    l->before = workspace_zeros(&l->space, (size_t)(l->q * l->q), sizeof *l->before);
     l->pivot = workspace_zeros(&l->space, sides, sizeof *l->pivot);
     l->size = workspace_zeros(&l->space, answers, sizeof *l->size);
     if (l->space.failed)
@@ -439,8 +436,9 @@ static bool make_step(struct condense *c)
     double *before = l->Q[0], *now = l->Q[1], *next = l->Q[2], work;
     int wide = s->wide;
 
-    work = wide * (4 * sparse_cholesky_fill(l->factors) + (double)PRODUCTS * l->r * wide / FASTER)
-           / BUDGET_DENSE;
+    /* few columns: the factor is read for each step, at the rate of scattered numbers */
+    work = wide * (4 * sparse_cholesky_fill(l->factors)
+                   + (double)PRODUCTS * l->r * wide / (FASTER * BUDGET_DENSE));
     if (l->ended || l->spent + work > ventured(l))
         return false;
     l->spent += work;
@@ -476,11 +474,12 @@ static bool grow(struct condense *c)
     return l->steps > before;
 }
 
-/* The eigenvalues of T_j; false: no memory. */
-static bool find_theta(struct condense_lanczos *l)
+/* The eigenvalues of T_j; false: no memory, or no work for them. */
+static bool find_theta(struct condense *c)
 {
+    struct condense_lanczos *l = c->lanczos;
     int n = 0, reach = 0, at = 0;
-    double *band, *theta;
+    double *band, *theta, work;
     bool ok;
 
     for (int j = 0; j < l->steps; j++) {
@@ -488,6 +487,11 @@ static bool find_theta(struct condense_lanczos *l)
         reach = l->step[j].wide + l->step[j].next > reach ? l->step[j].wide + l->step[j].next
                                                           : reach;
     }
+    work = REDUCTION * (double)n * n * reach / BUDGET_DENSE;
+    if (l->spent + work > ventured(l))
+        return false;
+    l->spent += work;
+    c->work += work;
     theta = realloc(l->theta, (4 * (size_t)n + 1) * sizeof *theta);
     band = calloc((size_t)n * (size_t)reach + 1, sizeof *band);
     l->theta = theta != NULL ? theta : l->theta;
@@ -512,8 +516,13 @@ static bool find_theta(struct condense_lanczos *l)
     return ok;
 }
 
-/* One s and the harmonic it is of: a and c of (1), and the least of (5) so far. */
-struct at { int k; double s, least; double complex a, c; };
+/* One s and the harmonic it is of: a and c of (1); steps of (4) that are done; of (5) the least so
+ * far, and what is left without it; the largest part of S, and what rounding makes of S by it. */
+struct at {
+    int k, done;
+    double s, least, left, most, rounded;
+    double complex a, c;
+};
 
 /* Over all theta >= 0. */
 static double least_of_all(const struct at *at)
@@ -524,11 +533,12 @@ static double least_of_all(const struct at *at)
 }
 
 /* Over those of T_j; 0: it is not known. */
-static double least_of_theta(struct condense_lanczos *l, const struct at *at)
+static double least_of_theta(struct condense *c, const struct at *at)
 {
+    const struct condense_lanczos *l = c->lanczos;
     double least = DBL_MAX;
 
-    if (l->thetas_of != l->steps && !find_theta(l))
+    if (l->thetas_of != l->steps && !find_theta(c))
         return 0;
     for (int i = 0; i < l->thetas; i++)
         least = fmin(least, cabs(at->a + at->c * l->theta[i]));
@@ -675,78 +685,98 @@ static double rough_tolerance(struct condense_lanczos *l, const double complex *
     return ROUGH * condition;
 }
 
-/* Has S, of so many STEPS, stayed where it is as well as an estimate asks? */
-static bool stays(struct condense_lanczos *l, int steps, const double complex *S)
-{
-    size_t entries = (size_t)l->q * (size_t)l->q;
-    double change = 0, allowed;
-
-    if (steps < l->before_at + l->before_at / GROWTH + APART)
-        return false;
-    allowed = rough_tolerance(l, S) * numbers_modulus(S, entries);
-    for (size_t e = 0; e < entries; e++)
-        change = fmax(change, cabs(S[e] - l->before[e]));
-    memcpy(l->before, S, entries * sizeof *S);
-    l->before_at = steps;
-    l->calm = change <= allowed ? l->calm + 1 : 0;
-    return l->calm == CALM;
-}
-
-/* Harmonic K by the steps that are made, as many as it takes, into H; ROUGH: as an estimate asks;
- * false: they do not serve.  *NEAR: at an eigenvalue to rounding, where no more would. */
-static bool serves(struct condense *c, int k, bool rough, struct condense_harmonic *h, bool *near)
+/* (4) before its first step. */
+static void begin_elimination(struct condense *c, struct at *at)
 {
     struct condense_lanczos *l = c->lanczos;
-    size_t entries = (size_t)l->q * (size_t)l->q;
-    double s = k * c->omega, most = 0, left = HUGE_VAL, rounded;
-    struct at at = { .k = k, .s = s, .a = CMPLX(1, l->beta * s),
-                     .c = CMPLX(-s * s, l->alpha * s) - CMPLX(1, l->beta * s) * l->sigma2 };
+
+    at->least = least_of_all(at);
+    begin_sides(c, at);
+    memset(l->G, 0, 2 * (size_t)l->answers * (size_t)l->answers * sizeof *l->G);
+    memset(l->D, 0, (size_t)l->sides * (size_t)l->sides * sizeof *l->D);
+}
+
+/* One step of (4) more into H, and (5) but for its denominator into AT; false: D is singular. */
+static bool go_on(struct condense *c, struct at *at, struct condense_harmonic *h)
+{
+    struct condense_lanczos *l = c->lanczos;
+    const struct step *s = &l->step[at->done++];
+    double largest, columns = s->wide + l->answers,
+           work = STEP + 8 * s->wide * columns * columns / BUDGET_DENSE;
+
+    l->spent += work;
+    c->work += work;
+    add_diagonal(s, at, l->D);
+    largest = eliminate(l, s, at);
+    if (largest < 0)
+        return false;
+    at->most = fmax(at->most, largest);
+    answer(c, at, h);
+    at->left = doubt(c, at, h);
+    at->rounded = DBL_EPSILON * at->most / numbers_modulus(h->S, (size_t)l->q * (size_t)l->q);
+    h->doubt = at->left / at->least + at->rounded;
+    return true;
+}
+
+/* The harmonic of AT by the steps that are made, from where it stood, into H; ROUGH: as an estimate
+ * asks; false: they do not serve.  *NEAR: at an eigenvalue to rounding, where no more would. */
+static bool serves(struct condense *c, struct at *at, bool rough, struct condense_harmonic *h,
+                   bool *near)
+{
+    struct condense_lanczos *l = c->lanczos;
+    double allowed = l->tolerance;
 
     if (l->steps == 0)
         return false;
-    at.least = least_of_all(&at);
-    l->before_at = l->calm = 0;
-    memset(l->before, 0, entries * sizeof *l->before);
-    begin_sides(c, &at);
-    memset(l->G, 0, 2 * (size_t)l->answers * (size_t)l->answers * sizeof *l->G);
-    memset(l->D, 0, (size_t)l->sides * (size_t)l->sides * sizeof *l->D);
-    for (int j = 0; j < l->steps; j++) {
-        double largest;
-
-        add_diagonal(&l->step[j], &at, l->D);
-        largest = eliminate(l, &l->step[j], &at);
-        if (largest < 0)
+    if (at->done == 0)
+        begin_elimination(c, at);
+    while (at->done < l->steps) {
+        if (!go_on(c, at, h)) {
+            *near = true;
             return false;
-        most = fmax(most, largest);
-        answer(c, &at, h);
-        left = doubt(c, &at, h);
-        h->doubt = left / at.least + DBL_EPSILON * most / numbers_modulus(h->S, entries);
-        if ((at.least > CONDITION && h->doubt <= l->tolerance)
-            || (rough && stays(l, j + 1, h->S)))
+        }
+        allowed = rough ? fmax(rough_tolerance(l, h->S), l->tolerance) : l->tolerance;
+        if (at->least > CONDITION && h->doubt <= allowed)
             return true;
     }
-    rounded = DBL_EPSILON * most / numbers_modulus(h->S, entries);
-    *near = rounded > (rough ? ROUGH : l->tolerance);
+    *near = at->rounded > (rough ? ROUGH : l->tolerance);
     /* small theta are near 0, and |a| is the most that `least` may be */
-    if (*near || at.least > CONDITION || rough || !(left / cabs(at.a) <= l->tolerance))
+    if (*near || at->least > CONDITION || !(at->left / cabs(at->a) <= allowed))
         return false;
-    at.least = least_of_theta(l, &at);
-    *near = !(at.least > CONDITION);
-    h->doubt = left / at.least + rounded;
-    return !*near && h->doubt <= l->tolerance;
+    at->least = least_of_theta(c, at);
+    *near = !(at->least > CONDITION);
+    h->doubt = at->left / at->least + at->rounded;
+    at->least = 0;                                      /* theta move with the next steps */
+    return !*near && h->doubt <= allowed;
 }
 
 /* Has (3) work for estimates: half of it is left to what is solved for? */
 static bool spares(const struct condense_lanczos *l) { return 2 * l->spent < ventured(l); }
 
-bool condense_lanczos_answer(struct condense *c, int k, bool rough, struct condense_harmonic *h)
+/* The harmonic of AT into H, after as many steps as it takes; false: none, or no work for it. */
+static bool answer_by_steps(struct condense *c, struct at *at, bool rough,
+                            struct condense_harmonic *h)
 {
     struct condense_lanczos *l = c->lanczos;
     bool near = false;
 
+    if (rough ? !spares(l) : l->spent >= ventured(l))
+        return false;
+    while (!serves(c, at, rough, h, &near))
+        if (near || (rough && !spares(l)) || !grow(c))
+            return false;
+    return true;
+}
+
+bool condense_lanczos_answer(struct condense *c, int k, bool rough, struct condense_harmonic *h)
+{
+    struct condense_lanczos *l = c->lanczos;
+    double s = k * c->omega;
+    struct at at = { .k = k, .s = s };
+
     if (l->factors == NULL && (k == 0 || rough))
         return false;
-    if (l->factors == NULL && !begin(c, k * c->omega)) {
+    if (l->factors == NULL && !begin(c, s)) {
         double tolerance = l->tolerance;
 
         drop(c);                                /* and without memory each harmonic is factored */
@@ -756,9 +786,10 @@ bool condense_lanczos_answer(struct condense *c, int k, bool rough, struct conde
     }
     l->first = l->asked == 0 ? c->omega : l->first;
     l->asked += l->first == c->omega;
-    while (!serves(c, k, rough, h, &near))
-        if (near || (rough && !spares(l)) || !grow(c))
-            return false;
+    at.a = CMPLX(1, l->beta * s);
+    at.c = CMPLX(-s * s, l->alpha * s) - at.a * l->sigma2;
+    if (!answer_by_steps(c, &at, rough, h))
+        return false;
     h->rough = h->doubt > l->tolerance;
     l->served++;
     return true;

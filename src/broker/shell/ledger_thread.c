@@ -302,20 +302,23 @@ static void *run(void *context)
             refuse(l, &group, l->reserve == GONE ? LAST_REFUSED : BEHIND_FENCES);
         begun_ns = now_ns();
         rc = group != NULL ? commit(l, group, &err) : MODAL_OK;
-        if (rc == MODAL_STORAGE_FULL && (rc = full_disk(l, group, &err)) == MODAL_OK)
-            continue;
+        if (rc == MODAL_STORAGE_FULL) {
+            if ((rc = full_disk(l, group, &err)) == MODAL_OK)
+                continue;
+            group = NULL;                               /* it was put back */
+        }
         if (rc == MODAL_BUSY && !stop) {
             put_back(l, group);
             nanosleep(&(struct timespec) { 0, BUSY_NS }, NULL);
             continue;
         }
-        if (rc != MODAL_OK) {
-            done_fatal(l->done, &err);
-            return NULL;
-        }
-        if (group != NULL)
+        if (rc == MODAL_OK && group != NULL) {
             mend_reserve(l);
-        if (group != NULL && (rc = measure(l, group, now_ns() - begun_ns, &err)) != MODAL_OK) {
+            rc = measure(l, group, now_ns() - begun_ns, &err);
+        }
+        if (rc != MODAL_OK) {
+            if (group != NULL)
+                put_back(l, group);
             done_fatal(l->done, &err);
             return NULL;
         }
@@ -325,6 +328,16 @@ static void *run(void *context)
             done_fatal(l->done, &err);
             return NULL;
         }
+    }
+}
+
+/* What nobody is told of, for the ledger failed. */
+static void drop(struct transaction *list)
+{
+    while (list != NULL) {
+        struct transaction *next = list->next;
+        transaction_free(list);
+        list = next;
     }
 }
 
@@ -382,6 +395,7 @@ void ledger_thread_stop(struct ledger_thread *l)
     pthread_cond_signal(&l->more);
     pthread_mutex_unlock(&l->mutex);
     pthread_join(l->thread, NULL);
+    drop(l->first);
     pthread_cond_destroy(&l->more);
     pthread_mutex_destroy(&l->mutex);
     free(l->changes);

@@ -11,6 +11,11 @@
  * sent, and besides what goes along in a spell's groups.  What one asks now and then waits for one
  * spell at most.
  *
+ * Whoever had little may have much all at once, and enters in a rest too, and while a spell is
+ * ending.  Neither lasts longer for that, or many who do so in turn would keep those who wait from
+ * the ledger for ever: a spell ends with what was under way when it began to end, for commits come
+ * back in their order, and what comes back in a rest is no spell.
+ *
  * There is no rest where nobody else has asked anything since the last one: who is alone has the
  * whole ledger, several who flood have it in turn.  One of those whose requests enter at once now
  * and then is not somebody else; whoever had less in the spells than half of an equal part is.
@@ -57,13 +62,19 @@ static void renew(struct spell *spell, int64_t now_ns)
 
 void spell_take(struct spell *spell, int64_t count, int64_t now_ns)
 {
-    int64_t took = now_ns - spell->since_ns;
+    /* what the rest does not bar may begin in it */
+    const int64_t began = spell->since_ns > spell->rest_until_ns ? spell->since_ns
+                                                                 : spell->rest_until_ns;
+    const int64_t took = now_ns - began;
 
     if (count == 0)
         return;
     spell->under_way -= count;
+    if (now_ns < spell->rest_until_ns)
+        return;
+    spell->left = spell->ending ? spell->left - count : spell->under_way;
     spell->ending = spell->others;
-    if (spell->others && spell->under_way > 0)
+    if (spell->ending && spell->left > 0)
         return;
     if (spell->others)
         spell->rest_until_ns = now_ns + (took < REST_MOST ? took : REST_MOST);

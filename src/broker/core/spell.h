@@ -10,6 +10,7 @@ struct transaction;
 struct spell {
     struct shares now, before;     /* costs of what is heavy, in this spell and in the one before */
     int64_t under_way;             /* transactions of those, which are not committed yet */
+    int64_t left;                  /* of these, those that it ends with, once it is ending */
     int64_t since_ns;              /* it began, monotonic */
     int64_t rest_until_ns;         /* it begins no earlier */
     bool others;                   /* somebody else has asked something since the last rest */

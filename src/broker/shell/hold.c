@@ -57,7 +57,7 @@ int epoll_ctl(int epoll, int what, int fd, struct epoll_event *event)
     w = &watched[fd];
     pthread_mutex_lock(&lock);
     w->there = what != EPOLL_CTL_DEL;
-    if (what == EPOLL_CTL_ADD) {
+    if (what != EPOLL_CTL_MOD) {                /* the number may be another's next, read by recv */
         w->free = false;
         atomic_store(&w->held, false);
     }
@@ -75,10 +75,11 @@ int epoll_ctl(int epoll, int what, int fd, struct epoll_event *event)
 
 void hold_set(int fd, bool hold)
 {
-    struct watched *w = &watched[fd];
+    struct watched *w;
 
     if (fd < 0 || fd >= CONNECTIONS_TRACKED)
         return;
+    w = &watched[fd];
     pthread_mutex_lock(&lock);
     if (w->there && atomic_load(&w->held) != hold && !(hold && w->free)) {
         atomic_store(&w->held, hold);

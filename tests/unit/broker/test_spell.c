@@ -81,3 +81,58 @@ TEST(a_group_that_stood_still_is_rested_for_a_second_at_most)
     CHECK(spell_next_ns(&spell) == INT64_C(61000000000));
     spell_done(&spell);
 }
+
+/* Hosts that push much all at once, in turn, each of which had nothing before: commits come back in
+ * their order, and the one of 20 is the last that the flood has. */
+TEST(a_spell_ends_though_others_who_had_little_put_much_one_after_the_other)
+{
+    struct spell spell = { 0 };
+
+    put(&spell, FLOOD, 0);
+    put(&spell, FLOOD, 0);
+    put(&spell, FLOOD, 0);
+    spell_other(&spell, ONE);
+    spell_take(&spell, 1, 10);
+    put(&spell, ONE, 11);
+    spell_take(&spell, 1, 15);
+    CHECK(spell_next_ns(&spell) == INT64_MAX);
+    put(&spell, ONE + 1, 16);
+    spell_take(&spell, 1, 20);
+    CHECK(spell_next_ns(&spell) == 40);
+    spell_done(&spell);
+}
+
+TEST(a_rest_is_no_longer_for_what_others_put_in_it)
+{
+    struct spell spell = { 0 };
+
+    put(&spell, FLOOD, 0);
+    spell_other(&spell, ONE);
+    spell_take(&spell, 1, 20);
+    CHECK(spell_next_ns(&spell) == 40);
+    for (int k = 0; k < 6; k++) {                      /* hosts of which each had nothing before */
+        const uint64_t host = ONE + (uint64_t)k;
+        const int64_t now = 21 + 3 * k;
+        CHECK(!spell_bars(&spell, host, now));
+        spell_other(&spell, host);
+        put(&spell, host, now);
+        spell_take(&spell, 1, now + 2);
+        CHECK(spell_next_ns(&spell) == 40 && (k > 0 || spell_bars(&spell, FLOOD, now + 2)));
+    }
+    spell_done(&spell);
+}
+
+/* What has 20 ns in a rest that ends at 40, and comes back at 50, had 10 of a spell. */
+TEST(what_goes_on_beyond_a_rest_is_a_spell_from_the_end_of_the_rest_on)
+{
+    struct spell spell = { 0 };
+
+    put(&spell, FLOOD, 0);
+    spell_other(&spell, ONE);
+    spell_take(&spell, 1, 20);
+    spell_other(&spell, ONE);
+    put(&spell, ONE, 30);
+    spell_take(&spell, 1, 50);
+    CHECK(spell_next_ns(&spell) == 60);
+    spell_done(&spell);
+}

@@ -21,6 +21,14 @@ static double number(const cJSON *object, const char *key, double otherwise)
     return cJSON_IsNumber(item) ? item->valuedouble : otherwise;
 }
 
+/* A whole number that fits; OTHERWISE where OBJECT says none. */
+static size_t count(const cJSON *object, const char *key, size_t otherwise)
+{
+    double n = number(object, key, -1);
+
+    return n >= 0 && n <= (double)WIRE_INTEGER_MOST ? (size_t)n : otherwise;
+}
+
 static const char *text(const cJSON *object, const char *key)
 {
     const char *s = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(object, key));
@@ -102,8 +110,8 @@ static void take_upload(const cJSON *answer, struct upload *up)
 {
     if (text(answer, "upload")[0] != 0)
         snprintf(up->id, sizeof up->id, "%s", text(answer, "upload"));
-    up->present = (size_t)number(answer, "present", (double)up->present);
-    up->credit = (size_t)number(answer, "credit", (double)up->credit);
+    up->present = count(answer, "present", up->present);
+    up->credit = count(answer, "credit", up->credit);
     up->sealed = strcmp(text(answer, "state"), "sealed") == 0;
 }
 
@@ -191,9 +199,14 @@ static enum modal_status send_chunks(struct link *link, const char *bytes, struc
     return rc;
 }
 
+double client_pause(const cJSON *detail)
+{
+    return fmin(fmax(number(detail, "retry_after_s", 0.2), 0.01), 5);
+}
+
 static void sleep_as_told(const cJSON *detail)
 {
-    double s = fmin(fmax(number(detail, "retry_after_s", 0.2), 0.01), 5);
+    double s = client_pause(detail);
     struct timespec t = { (time_t)s, (long)(1e9 * (s - floor(s))) };
 
     nanosleep(&t, NULL);
@@ -308,9 +321,12 @@ enum modal_status client_submit(struct link *link, const struct client_job *job,
     rc = link_question(link, &ask, deadline, &answer, detail, err);
     if (rc != MODAL_OK)
         return rc;
-    *doc = document(&answer);
+    if (text(answer.header, "job")[0] == 0)
+        rc = modal_fail(err, MODAL_BAD_FRAME, "the daemon's answer to SUBMIT names no job");
+    else
+        *doc = document(&answer);
     link_message_done(&answer);
-    return MODAL_OK;
+    return rc;
 }
 
 enum modal_status client_ask(struct link *link, const char *verb, cJSON *header, double deadline,
@@ -408,44 +424,57 @@ static enum modal_status fetch(struct link *link, const cJSON *what, size_t offs
                          answer, detail, err);
 }
 
+/* What has come of a part of a result: ALL has room for TOTAL bytes, and a zero behind them, once
+ * the first answer has said how many these are. */
+struct parts { char *all; size_t used, total; };
+
+/* The bytes of ANSWER, which follow those before. */
+static enum modal_status add_part(struct parts *parts, const struct link_message *answer,
+                                  struct modal_error *err)
+{
+    const size_t total = count(answer->header, "total", SIZE_MAX);
+
+    if (parts->all == NULL) {
+        parts->total = total;
+        if (total < SIZE_MAX && (parts->all = malloc(total + 1)) == NULL)
+            return modal_fail(err, MODAL_NO_MEMORY, "no memory for %zu bytes of a result", total);
+    }
+    if (parts->all == NULL || total != parts->total || answer->length > total - parts->used
+        || (answer->length == 0 && total > 0))
+        return modal_fail(err, MODAL_BAD_FRAME,
+                          "the daemon's answer to RESULT has %zu bytes at %zu of %zu, which were "
+                          "%zu before", answer->length, parts->used, total, parts->total);
+    memcpy(parts->all + parts->used, answer->body ? answer->body : "", answer->length);
+    parts->used += answer->length;
+    return MODAL_OK;
+}
+
 /* All of WHAT, which is deleted. */
 static enum modal_status fetch_all(struct link *link, cJSON *what, double deadline, char **bytes,
                                    size_t *length, cJSON **description, cJSON **detail,
                                    struct modal_error *err)
 {
-    size_t used = 0, total = 1;
-    char *all = NULL;
+    struct parts parts = { .total = 1 };
     enum modal_status rc = MODAL_OK;
 
-    while (rc == MODAL_OK && used < total) {
+    while (rc == MODAL_OK && parts.used < parts.total) {
         struct link_message answer;
-        rc = fetch(link, what, used, deadline, &answer, detail, err);
+        rc = fetch(link, what, parts.used, deadline, &answer, detail, err);
         if (rc != MODAL_OK)
             break;
-        total = (size_t)number(answer.header, "total", 0);
-        if (all == NULL && (all = malloc(total + 1)) == NULL)
-            rc = modal_fail(err, MODAL_NO_MEMORY, "no memory for %zu bytes of %.64s", total,
-                            text(what, cJSON_HasObjectItem(what, "job") ? "job" : "upload"));
-        else if (used + answer.length > total || (answer.length == 0 && total > 0))
-            rc = modal_fail(err, MODAL_BAD_FRAME,
-                            "the daemon's answer to RESULT has %zu bytes at %zu of %zu",
-                            answer.length, used, total);
-        else {
-            memcpy(all + used, answer.body ? answer.body : "", answer.length);
-            used += answer.length;
-            if (description != NULL && *description == NULL)
-                *description = cJSON_DetachItemFromObjectCaseSensitive(answer.header, "batch");
-        }
+        rc = add_part(&parts, &answer, err);
+        if (rc == MODAL_OK && description != NULL && *description == NULL)
+            *description = cJSON_DetachItemFromObjectCaseSensitive(answer.header, "batch");
         link_message_done(&answer);
     }
     cJSON_Delete(what);
     if (rc != MODAL_OK) {
-        free(all);
+        free(parts.all);
         return rc;
     }
-    all[total] = 0;
-    *bytes = all;
-    *length = total;
+    parts.all[parts.total] = 0;
+    *bytes = parts.all;
+    *length = parts.total;
     return MODAL_OK;
 }
 

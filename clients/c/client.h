@@ -66,6 +66,9 @@ enum modal_status client_wait(struct link *link, const char *job,
                               const struct client_progress *progress, double deadline, cJSON **doc,
                               cJSON **detail, struct modal_error *err);
 
+/* Seconds after which what was refused with DETAIL may be asked again: as it says, 0.01 to 5. */
+double client_pause(const cJSON *detail);
+
 /* Has the job of the queue document DOC ended, well or not? */
 bool client_ended(const cJSON *doc);
 

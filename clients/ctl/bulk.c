@@ -399,7 +399,7 @@ static enum modal_status read_part(struct bulk *b, size_t item, const cJSON *par
         const cJSON *detail;
         part_error(part, &detail, &why);
         if (may_come_again(&why, detail)) {
-            *pause = fmax(*pause, get(detail, "retry_after_s", 0.1));
+            *pause = fmax(*pause, client_pause(detail));
             b->again[b->agains++] = item;
             return MODAL_OK;
         }

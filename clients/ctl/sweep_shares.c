@@ -110,7 +110,7 @@ static void grid_close(struct grid *g)
 /* May the same be asked again later?  Then the time until later has passed. */
 static bool waited(enum modal_status rc, const cJSON *detail, double deadline)
 {
-    double s = fmin(fmax(field_number(detail, "retry_after_s", 0), 0.1), 5);
+    double s = client_pause(detail);
     struct timespec t = { (time_t)s, (long)(1e9 * (s - floor(s))) };
 
     if (rc != MODAL_BUSY && (rc != MODAL_QUOTA || !cJSON_HasObjectItem(detail, "retry_after_s")))

@@ -15,12 +15,13 @@ import numpy as np
 import numpy.typing as npt
 
 from . import wire
+from .answers import Answer, answer_of, document_of, value_of
 from .inputs import as_array, as_sent, Batch, Document, Input, same_step, Scene, scene_text
 from .jobs import Job
 from .link import Error, Talk
 from .progress import shown
 from .results import Result
-from .session import document_of, ENDED, Progress, Session
+from .session import ENDED, Progress, Session
 
 SHARES_MOST = 64            # of a sweep: as many workers may have one each
 TOGETHER_MOST = 64          # submissions in one message
@@ -77,8 +78,8 @@ class Client(Session):
         name = word.removeprefix("stream:")
         is_open = False
         for one in self.streams(name, limit=2):
-            if one["state"] == "sealed":
-                return str(one["upload"])
+            if one.text("state") == "sealed":
+                return one.text("upload")
             is_open = True
         if is_open:
             raise Error("conflict", f"stream {name[:60]!r} is open: it is a batch once it is "
@@ -101,30 +102,32 @@ class Client(Session):
             begun, _ = self.ask("UPLOAD", {"op": "begin", "sha256": sha256, **description},
                                 timeout=deadline - time.monotonic())
             try:
-                if begun["state"] == "sealed" or self._chunks(begun, data, deadline, progress):
+                if begun.text("state") == "sealed" or self._chunks(begun, data, deadline, progress):
                     break
             except Error as why:
                 if why.code != "busy" or time.monotonic() >= deadline:
                     raise
-                time.sleep(min(5.0, float(why.detail.get("retry_after_s", 0.2))))
+                time.sleep(why.pause(0.2))
             if time.monotonic() >= deadline:
                 raise Error("timeout", "the upload was not finished in time")
         if begun["state"] != "sealed":
-            self.ask("UPLOAD", {"op": "seal", "upload": begun["upload"], "sha256": sha256},
+            self.ask("UPLOAD", {"op": "seal", "upload": begun.text("upload"), "sha256": sha256},
                      timeout=deadline - time.monotonic())
-        return begun["upload"], sha256
+        return begun.text("upload"), sha256
 
-    def _chunks(self, begun: Document, data: memoryview, deadline: float,
+    def _chunks(self, begun: Answer, data: memoryview, deadline: float,
                 progress: Progress | None) -> bool:
         """All chunks from `present` on, within the credit; False: the connection was lost."""
-        present, credit, sent = int(begun["present"]), int(begun["credit"]), int(begun["present"])
+        present, credit, upload = (begun.count("present"), begun.count("credit"),
+                                   begun.text("upload"))
+        sent = present
         with Talk(self._link) as talk:
             while present < len(data):
                 while sent < len(data):
                     chunk = data[sent:sent + wire.CHUNK_MOST]
                     if sent > present and sent + len(chunk) - present > credit:
                         break
-                    talk.send("UPLOAD", {"op": "chunk", "upload": begun["upload"], "offset": sent,
+                    talk.send("UPLOAD", {"op": "chunk", "upload": upload, "offset": sent,
                                          "crc32c": wire.crc32c(chunk)}, [chunk])
                     sent += len(chunk)
                 try:
@@ -135,8 +138,9 @@ class Client(Session):
                     return False
                 if message is None:
                     return False
-                answer, _ = self._answer(message)
-                present, credit = max(present, int(answer["present"])), int(answer["credit"])
+                answer, _ = answer_of(message)
+                present = max(present, answer.count("present"))
+                credit = answer.count("credit")
                 if progress:
                     progress("upload", present / len(data))
         return True
@@ -206,12 +210,17 @@ class Client(Session):
                     continue
                 kind, answer, bodies = message
                 parts = flying.pop(answer.get("id", 0), [])
-                if kind == "ERROR" and answer["error"]["code"] == "unknown_verb" and together > 1:
+                if (kind == "ERROR" and together > 1
+                        and Error.of(answer.get("error")).code == "unknown_verb"):
                     together = 1                        # a daemon of before SUBMITS
                     waiting.extend(parts)
                     continue
                 several = kind == "REPLY" and len(parts) > 1
-                answers = document_of(bodies)["jobs"] if several else [answer] * len(parts)
+                answers = (document_of(bodies).rows("jobs") if several
+                           else [Answer(answer)] * len(parts))
+                if len(answers) != len(parts):
+                    raise Error("bad_frame", f"the daemon answers {len(answers)} of {len(parts)} "
+                                "submissions")
                 waiting.extend(self._take(parts, answers, out))
         return [job for job in out if job is not None]
 
@@ -240,29 +249,32 @@ class Client(Session):
             return header
         return {**header, "input": {**header["input"], "bytes": sum(map(len, body))}}
 
-    def _take(self, parts: Sequence[int], answers: Sequence[Document],
+    def _take(self, parts: Sequence[int], answers: Sequence[Answer],
               out: list[Job | None]) -> list[int]:
         """Accepted jobs into `out`; those that are to be sent again, after a pause."""
         again, pause = [], 0.0
         for i, answer in zip(parts, answers):
-            error = answer.get("error") if "job" not in answer else None
-            if error is None:
+            if "job" in answer or "error" not in answer:
                 out[i] = Job(self, {name: value for name, value in answer.items()
                                     if name not in ("id", "verb")})
-            elif (error["code"] in ("busy", "draining")
-                  or "retry_after_s" in (error.get("detail") or {})):
-                pause = max(pause, float((error.get("detail") or {}).get("retry_after_s", 0.1)))
-                again.append(i)
-            else:
-                raise Error.of(error)
+                continue
+            error = Error.of(answer["error"])
+            if error.code not in ("busy", "draining") and "retry_after_s" not in error.detail:
+                raise error
+            pause = max(pause, error.pause(0.1))
+            again.append(i)
         time.sleep(pause)
         return again
 
     def signals(self, job: str) -> Batch:
         """The batch that a `simulate` job made."""
         data, d = self._fetch(job, "batch")
-        return Batch(np.frombuffer(data, dtype="<f8").reshape(d["samples"], d["channels"]), d["dt"],
-                     d.get("period"), d.get("names"), d.get("units"))
+        shape = d.count("samples"), d.count("channels")
+        if len(data) != 8 * shape[0] * shape[1]:
+            raise Error("bad_frame", f"the daemon sent {len(data)} bytes as {shape[0]} samples of "
+                        f"{shape[1]} channels")
+        return Batch(np.frombuffer(data, dtype="<f8").reshape(shape), d.get("dt"), d.get("period"),
+                     d.get("names"), d.get("units"))
 
     def list(self, state: str | None = None, kind: str | None = None,
              limit: int = 100) -> Iterator[Document]:
@@ -271,10 +283,10 @@ class Client(Session):
                             **({"kind": kind} if kind else {})}
         while True:
             page = document_of(self.ask("LIST", header)[1])
-            yield from page["jobs"]
-            if page["next"] is None:
+            yield from page.rows("jobs")
+            if page.get("next") is None:
                 return
-            header["after"] = page["next"]
+            header["after"] = page.text("next")
 
     def streams(self, name: str | None = None, user: str | None = None,
                 limit: int = 100) -> Iterator[Document]:
@@ -288,10 +300,10 @@ class Client(Session):
                             **({"user": user} if user else {})}
         while True:
             page = document_of(self.ask("STREAMS", header)[1])
-            yield from page["streams"]
-            if page["next"] is None:
+            yield from page.rows("streams")
+            if page.get("next") is None:
                 return
-            header["after"] = page["next"]
+            header["after"] = page.text("next")
 
     def events(self, start: int | None = None, job: str | None = None, stream: str | None = None,
                timeout: float | None = None) -> Iterator[Event]:
@@ -320,10 +332,10 @@ class Client(Session):
                             break
                         kind, event, _ = message
                         if kind != "EVENT":
-                            subscription = self._answer(message)[0]["subscription"]
+                            subscription = answer_of(message)[0].text("subscription")
                         elif event.pop("subscription", None) == subscription:
                             if event.get("number") is not None:
-                                start = int(event["number"]) + 1
+                                start = Answer(event).count("number") + 1
                             yield Event(event)
                 other._link.check()
 
@@ -335,7 +347,7 @@ class Client(Session):
         """Counts and sizes of the service; `["workers"]["names"]`: of workers of other hosts."""
         stats, body = self.ask("STATS")
         if body:
-            stats["workers"]["names"] = document_of(body)
+            stats["workers"] = {**stats.inner("workers"), "names": value_of(body)}
         return stats
 
     def whoami(self) -> Document:
@@ -450,7 +462,7 @@ class Client(Session):
         same = wire.scene_identity(scene_text([document, options]))
         stem = limits.pop("key", None) or "python-sweep-" + same
         jobs = [self._share(document, {**(options or {}), "first": a, "count": b - a},
-                            f"{stem}:{a}", limits) for a, b in zip(cuts, cuts[1:])]
+                            f"{stem}:{a}", deadline, limits) for a, b in zip(cuts, cuts[1:])]
         try:
             parts = [job.result(None if timeout is None else max(0.0, deadline - time.monotonic()))
                      for job in jobs]
@@ -459,6 +471,14 @@ class Client(Session):
                 for job in jobs:
                     job.cancel()
             raise
+        try:
+            return self._joined(parts, points)
+        except (KeyError, TypeError, AttributeError) as why:
+            raise Error("bad_frame", f"the daemon's results are no sweep's: {why!r}") from why
+
+    @staticmethod
+    def _joined(parts: Sequence[Result], points: int) -> Result:
+        """The first of the shares with what the others have."""
         whole = parts[0]
         for part in parts[1:]:
             whole["points"] += part["points"]
@@ -469,7 +489,8 @@ class Client(Session):
         whole["provenance"]["options"]["count"] = points
         return whole
 
-    def _share(self, document: Scene, options: Document, key: str, limits: Document) -> Job:
+    def _share(self, document: Scene, options: Document, key: str, deadline: float,
+               limits: Document) -> Job:
         """Under the first key that is not spent on a job without a result."""
         number = 0
         while True:
@@ -483,8 +504,10 @@ class Client(Session):
                 if why.code not in ("busy", "expired"):
                     raise
                 number += why.code == "expired"
+                if time.monotonic() >= deadline:
+                    raise
                 if why.code == "busy":
-                    time.sleep(float(why.detail.get("retry_after_s", 1)))
+                    time.sleep(why.pause(1))
 
 
 def connect(endpoint: str | None = None, keyfile: str | None = None,

@@ -11,6 +11,7 @@ import threading
 import time
 from typing import Any, Iterable, Iterator
 
+from .answers import Answer, answer_of
 from .inputs import Document
 from .link import Error, Link, Talk
 from .progress import shown
@@ -35,7 +36,7 @@ class Job(concurrent.futures.Future):  # type: ignore[type-arg]
         super().__init__()
         self.client, self.document = client, document
         self._answer: Result | None = None
-        self._end(document)
+        self._end(Answer(document).job())
 
     @property
     def _condition(self) -> threading.Condition:
@@ -74,6 +75,7 @@ class Job(concurrent.futures.Future):  # type: ignore[type-arg]
 
     def _end(self, document: Document) -> None:
         """What the daemon says; at its end the future ends, once."""
+        Answer(document).job()
         with self._state_lock:
             self.document = document
             if document.get("state") not in ENDED or self._over:
@@ -162,13 +164,14 @@ class Watch:
             with Talk(self.link) as talk:
                 while self._send(talk, flying):
                     self._hear(talk, flying)
-        except Error as why:
+        except Exception as why:  # nobody shall wait for a thread that is gone
             with self._lock:
                 failed = [*flying.values(), *self._waiting]
                 self._waiting.clear()
                 self._thread = None
             for job in failed:
-                job._fail(why)
+                job._fail(why if isinstance(why, Error)
+                          else Error("internal", f"the watch of jobs ended: {why!r}"))
 
     def _send(self, talk: Talk, flying: dict[int, Job]) -> bool:
         """As many as may be open; False, and the thread is gone: there is nothing to watch."""
@@ -193,20 +196,20 @@ class Watch:
             self._again(flying.values())
             flying.clear()
             return
-        kind, answer, _ = message
-        job = flying.pop(answer.get("id", 0), None)
+        job = flying.pop(message[1].get("id", 0), None)
         if job is None:
             return
-        if kind != "ERROR":
-            document = {key: value for key, value in answer.items() if key not in ("id", "verb")}
+        try:
+            document, _ = answer_of(message)
             job._end(document)
             if document["state"] not in ENDED:
                 self._again([job])
-        elif answer["error"]["code"] in ("busy", "quota"):
-            time.sleep(PAUSE_S)
-            self._again([job])
-        else:
-            job._fail(Error.of(answer["error"]))
+        except Error as why:
+            if why.code in ("busy", "quota"):
+                time.sleep(PAUSE_S)
+                self._again([job])
+            else:
+                job._fail(why)
 
     def _again(self, jobs: Iterable[Job]) -> None:
         with self._lock:

@@ -35,6 +35,7 @@ FIRST_PATIENCE = 2.0            # s: nobody there at the start
 LOST_PATIENCE = 30.0            # s: in which a daemon that was there comes back
 PAUSE_LEAST = 0.05              # s between two connections; doubled until one is good
 PAUSE_MOST = 1.0                # s
+PAUSE_ASKED = 5.0               # s: no longer without asking, whatever a daemon says
 UNREAD_MOST = 67108864          # bytes of a talk that nobody fetches: the largest document's
 MESSAGES_MOST = 16384           # of a talk, without a silence
 MECHANISM_MISMATCH = 0x11000002     # libzmq's number for "the other side wants keys, or none"
@@ -71,8 +72,17 @@ class Error(Exception):
         """From an answer's `error`."""
         if not isinstance(error, dict):
             return cls("bad_frame", "the daemon's answer is an error and says none")
-        return cls(error.get("code", "internal"), error.get("message", ""), error.get("field"),
-                   error.get("detail"))
+        code, message, field = (error.get(name) for name in ("code", "message", "field"))
+        detail = error.get("detail")
+        return cls(code if isinstance(code, str) else "internal",
+                   message if isinstance(message, str) else "",
+                   field if isinstance(field, str) else None,
+                   detail if isinstance(detail, dict) else None)
+
+    def pause(self, otherwise: float) -> float:
+        """Seconds after which to ask again: the daemon's `retry_after_s`, where it says any."""
+        told = self.detail.get("retry_after_s", otherwise)
+        return min(PAUSE_ASKED, told if type(told) in (int, float) and told >= 0 else otherwise)
 
 
 def read_keyfile(path: str) -> dict[str, bytes]:

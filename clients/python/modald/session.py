@@ -9,7 +9,7 @@ import time
 import weakref
 from typing import Any, Callable, Sequence
 
-from . import wire
+from .answers import Answer, answer_of, document_of
 from .inputs import Document
 from .link import Error, Link, LOST_PATIENCE, Talk
 from .results import Result
@@ -18,14 +18,6 @@ Progress = Callable[[str, float], None]
 FINAL = ("done", "failed", "cancelled")
 ENDED = (*FINAL, "dead")    # a dead job may be retried
 ASK_AGAIN = 5.0             # s without an answer to a wait beyond what it asked for
-
-
-def document_of(body: Sequence[bytes]) -> Any:
-    """What an answer's body says, which is JSON."""
-    try:
-        return wire.loads(body[0])
-    except (IndexError, ValueError) as why:
-        raise Error("bad_frame", f"the daemon's answer has no document: {why}") from why
 
 
 def default_endpoint() -> str:
@@ -65,7 +57,7 @@ class Session:
 
     def ask(self, verb: str, header: Document | None = None,
             body: Sequence[bytes | memoryview] = (), timeout: float | None = None,
-            once: bool = False, patience: float = ASK_AGAIN) -> tuple[Document, list[bytes]]:
+            once: bool = False, patience: float = ASK_AGAIN) -> tuple[Answer, list[bytes]]:
         """Ask and wait for the answer; asked again over a new connection, unless `once`."""
         deadline = self._deadline(timeout)
         with Talk(self._link) as talk:
@@ -85,14 +77,7 @@ class Session:
                             raise Error("no_server", "the connection was lost before the answer; "
                                         "the job may have been accepted or not")
                         break
-                    return self._answer(message)
-
-    @staticmethod
-    def _answer(message: tuple[str, Document, list[bytes]]) -> tuple[Document, list[bytes]]:
-        kind, answer, parts = message
-        if kind == "ERROR":
-            raise Error.of(answer["error"])
-        return {key: value for key, value in answer.items() if key not in ("id", "verb")}, parts
+                    return answer_of(message)
 
     # -- jobs, by their ids -----------------------------------------------------------------------
 
@@ -120,25 +105,30 @@ class Session:
             part = max(0.0, min(0.5 if progress else 20.0, deadline - time.monotonic()))
             document, _ = self.ask("WAIT", {"job": job, "timeout_s": part},
                                    timeout=part + LOST_PATIENCE, patience=part + ASK_AGAIN)
-            if document["state"] in ENDED:
+            state = document.text("state")
+            if state in ENDED:
                 return document
             if progress:
-                done = (document.get("progress") or {}).get("fraction", 0.0)
-                progress(document["state"], float(done))
+                done = document.inner("progress").get("fraction")
+                progress(state, float(done) if type(done) in (int, float) else 0.0)
             if time.monotonic() >= deadline:
-                raise Error("timeout", f"job {job} is {document['state']}; not finished in time",
+                raise Error("timeout", f"job {job} is {state}; not finished in time",
                             detail=document)
 
-    def _fetch(self, job: str, part: str) -> tuple[bytes, Document]:
+    def _fetch(self, job: str, part: str) -> tuple[bytes, Answer]:
         data = bytearray()
-        description: Document = {}
+        description, total = Answer(), -1
         while True:
             answer, body = self.ask("RESULT", {"job": job, "part": part, "offset": len(data)})
             data += body[0] if body else b""
-            description = answer.get("batch") or description
-            if len(data) >= answer["total"]:
+            description = answer.inner("batch") or description
+            total = answer.count("total") if total < 0 else total
+            if len(data) > total or total != answer.count("total"):
+                raise Error("bad_frame", f"the daemon sent {len(data)} bytes of a result of {total}"
+                            f", or of {answer.count('total')}")
+            if len(data) == total:
                 return bytes(data), description
-            if not body:
+            if not body or not body[0]:
                 raise Error("bad_frame", "the daemon sent no bytes of a result")
 
     def result(self, job: str) -> Result:

@@ -1,0 +1,138 @@
+"""Whoever listens where modald should may answer anything: a client says so and ends, and nothing
+that it is told is believed beyond what it can be."""
+# Tests as well: client.c answers.py
+import concurrent.futures
+import json
+import pathlib
+import subprocess
+import sys
+import threading
+
+import pytest
+import zmq
+
+HERE = pathlib.Path(__file__).resolve().parent
+sys.path[:0] = [str(HERE.parents[1] / "clients" / "python"), str(HERE.parent / "system")]
+import modald  # noqa: E402
+import sanitized  # noqa: E402
+from wire import BUILD  # noqa: E402
+
+BATCH = modald.Batch([0.5, 0.25, 0.125], 0.1)
+LARGE = modald.Batch([0.0] * 100000, 0.1)
+JOB = {"job": "abcdefgh", "kind": "identify", "state": "queued"}
+DONE = {**JOB, "state": "done"}
+BEGUN = {"upload": "u", "state": "open", "present": 0, "credit": 1 << 20}
+PART = {"job": "abcdefgh", "part": "document", "offset": 0, "bytes": 2}
+
+
+def error(value):
+    return "ERROR", {"error": value}, []
+
+
+def reply(header=(), *body):
+    return "REPLY", dict(header), list(body)
+
+
+class Liar:
+    """A server that answers each verb by the next of ANSWERS, the last again and again."""
+
+    def __init__(self, path, **answers):
+        self.url, self.answers, self.asked = f"ipc://{path}", answers, 0
+        self.over, self.thread = threading.Event(), threading.Thread(target=self.serve)
+
+    def serve(self):
+        with zmq.Context() as context, context.socket(zmq.ROUTER) as socket:
+            socket.linger = 0
+            socket.bind(self.url)
+            while not self.over.is_set():
+                if socket.poll(20):
+                    self.lie(socket, *socket.recv_multipart())
+
+    def lie(self, socket, peer, _, verb, header, *body):
+        verb, self.asked = verb.decode(), self.asked + 1
+        answers = self.answers[verb]
+        kind, said, body = answers.pop(0) if len(answers) > 1 else answers[0]
+        said = {"id": json.loads(header)["id"], "verb": verb, **said}
+        socket.send_multipart([peer, b"MODALD1", kind.encode(), json.dumps(said).encode(), *body])
+
+    def __enter__(self):
+        self.thread.start()
+        return self
+
+    def __exit__(self, *_):
+        self.over.set()
+        self.thread.join()
+
+
+def identify(client):
+    client.identify(BATCH)
+
+
+def watched(client):
+    """The future's own end, which its watch makes: the job's own methods ask anew."""
+    [job] = modald.as_completed([client.submit("identify", BATCH)], timeout=20)
+    raise concurrent.futures.Future.exception(job)
+
+
+LIES = {
+    "a job without a state": (identify, {"SUBMIT": [reply({"job": "a"})]}),
+    "a job without a name": (identify, {"SUBMIT": [reply({"state": "done"})]}),
+    "a wait without a state": (identify, {"SUBMIT": [reply(JOB)], "WAIT": [reply()]}),
+    "a wait of a watched job without a state": (watched, {"SUBMIT": [reply(JOB)],
+                                                          "WAIT": [reply()]}),
+    "an error that is none": (watched, {"SUBMIT": [reply(JOB)], "WAIT": [error(None)]}),
+    "an error of no text": (watched, {"SUBMIT": [reply(JOB)], "WAIT": [
+        error({"code": 5, "message": ["a"], "field": {}, "detail": []})]}),
+    "a result without a length": (identify, {"SUBMIT": [reply(DONE)],
+                                             "RESULT": [reply(PART, b"{}")]}),
+    "a result longer than it says": (identify, {"SUBMIT": [reply(DONE)], "RESULT": [
+        reply({**PART, "total": 1}, b"{}")]}),
+    "a result that grows": (identify, {"SUBMIT": [reply(DONE)], "RESULT": [
+        reply({**PART, "total": 4}, b"{}"), reply({**PART, "total": 1 << 20}, b" " * 99999)]}),
+    "a result below nothing": (identify, {"SUBMIT": [reply(DONE)], "RESULT": [
+        reply({**PART, "total": -1}, b"{}")]}),
+    "a result that is no object": (identify, {"SUBMIT": [reply(DONE)], "RESULT": [
+        reply({**PART, "total": 2}, b"[]")]}),
+    "an upload below its beginning": (lambda c: c.upload(LARGE), {"UPLOAD": [
+        reply({**BEGUN, "present": -1})]}),
+    "an upload of no name": (lambda c: c.upload(LARGE), {"UPLOAD": [
+        reply({**BEGUN, "upload": 5})]}),
+    "a page of no jobs": (lambda c: list(c.list()), {"LIST": [
+        reply({}, b'{"jobs":[1],"next":null}')]}),
+    "a page that is nowhere": (lambda c: list(c.streams()), {"STREAMS": [
+        reply({}, b'{"streams":[],"next":5}')]}),
+    "fewer answers than submissions": (
+        lambda c: c.submit_many([("identify", BATCH, None, f"k{k}") for k in range(4)], window=64),
+        {"SUBMITS": [reply({}, json.dumps({"jobs": [JOB]}).encode())]}),
+    "signals of another shape": (lambda c: c.signals("abcdefgh"), {"RESULT": [
+        reply({**PART, "total": 2, "batch": {"samples": 2, "channels": 1, "dt": 1}}, b"{}")]}),
+}
+
+
+@pytest.mark.parametrize("ask, answers", LIES.values(), ids=LIES)
+def test_the_python_client_says_that_an_answer_is_none(ask, answers, tmp_path):
+    with Liar(tmp_path / "s", **answers) as liar, modald.connect(liar.url, timeout=20) as client:
+        with pytest.raises(modald.Error) as why:
+            ask(client)
+        assert liar.asked > 0 and why.value.code in ("bad_frame", "internal"), why.value
+
+
+@pytest.mark.parametrize("told", [1e308, -1, "x", None, True, [1]])
+def test_nobody_sleeps_for_ever_as_he_is_told(told):
+    assert 0 <= modald.Error("busy", "", detail={"retry_after_s": told}).pause(0.2) <= 5
+
+
+@pytest.mark.parametrize("answers", [
+    [reply({**PART, "total": -1}, b"A" * 5000)], [reply({**PART, "total": 1e300}, b"A" * 5000)],
+    [reply({**PART, "total": 0.5}, b"A" * 5000)], [reply(PART, b"A" * 5000)],
+    [reply({**PART, "total": 5001}, b"A" * 5000), reply({**PART, "total": 1 << 20}, b"A" * 90000)],
+    [reply({**PART, "total": 6000}, b"A" * 5000), reply({**PART, "total": 10}, b"A" * 900)],
+], ids=["below nothing", "beyond all", "a half", "none", "more later", "less later"])
+def test_modalctl_takes_no_more_of_a_result_than_it_has_room_for(answers, tmp_path):
+    with Liar(tmp_path / "s", RESULT=answers) as liar:
+        done = subprocess.run([BUILD / "bin" / "modalctl", "--json", "--server", liar.url,
+                               "--timeout", "20", "result", "abcdefgh"], capture_output=True,
+                              text=True, timeout=250)
+        sanitized.hear(done.stderr)
+        assert done.returncode == 2, (done.returncode, done.stderr)
+        assert json.loads(done.stdout)["error"]["code"] == "bad_frame", done.stdout

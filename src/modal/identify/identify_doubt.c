@@ -1,5 +1,6 @@
 /* identify_doubt.c - whether one set of exponents is the right model, and what is concluded */
 #include "modal/identify/ask/diagnose.h"
+#include "modal/identify/ask/drift.h"
 #include "modal/identify/identify_state.h"
 #include <cblas.h>
 #include <float.h>
@@ -99,6 +100,20 @@ static void say_driven(struct identify_result *out)
                       "where it was measured, or window a part after it has ended");
 }
 
+/* More modes than windows tell, where these said nothing. */
+static enum modal_status doubt_many(const struct work *w, struct identify_result *out,
+                                    struct modal_error *err)
+{
+    const struct poles *p = &w->poles;
+    const struct refined *fit = w->choice.chosen >= 0
+                              ? &w->choice.candidates[w->choice.chosen].fit : NULL;
+
+    if (fit == NULL || p->count <= TREND_MODES || out->driven || !w->facts.converged)
+        return MODAL_OK;
+    return drift_watch(&w->data, p->lambda, p->count, fit->noise,
+                       w->rec.shift_rad_s / (2 * M_PI), out, err);
+}
+
 /* Is one set of exponents the right model?  A mode that follows its amplitude is reported as one,
  * not as the crowd of poles that makes up for it. */
 enum modal_status work_doubt(struct work *w, struct identify_result *out, struct modal_error *err)
@@ -114,22 +129,24 @@ enum modal_status work_doubt(struct work *w, struct identify_result *out, struct
                               w->opt.context,
                               w->ragged,
                               white_left(w) };
-    bool follows, beat;
+    bool follows = false, beat;
     int said = out->diagnostic_count;
     enum modal_status rc;
 
     if (!w->refine || w->shift > 1 || w->rec.period > 0 || work_is_explained(w, out))
         return MODAL_OK;
     rc = neighbours_beat(w, &beat, err);
-    if (rc != MODAL_OK || beat)
-        return rc;
-    rc = trend_watch(&in, out, &follows, err);
+    if (rc == MODAL_OK && !beat)
+        rc = trend_watch(&in, out, &follows, err);
+    if (rc == MODAL_OK && out->diagnostic_count == said)
+        rc = doubt_many(w, out, err);
     if (rc == MODAL_OK && follows && p->fit == NULL)
         rc = merge_crowds(&w->data, out->trend, out->trend_count, in.hertz, p, &w->facts.converged,
                           err);
     if (rc == MODAL_OK && follows)
         out->hankel_rank = poles_order(p->lambda, p->count, p->tau);
-    if (rc == MODAL_OK && w->ragged > 0 && p->count == 0 && out->diagnostic_count == said)
+    if (rc == MODAL_OK && !beat && w->ragged > 0 && p->count == 0
+        && out->diagnostic_count == said)
         say_driven(out);
     return rc;
 }

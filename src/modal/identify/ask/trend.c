@@ -31,7 +31,7 @@
 #include "modal/identify/order/order.h"
 
 enum {
-    ORDERS = 12,                   /* of a window: six pairs, of which the strongest is watched */
+    ORDERS = 2 * TREND_MODES,      /* of a window */
     ROWS_LEAST = 48,               /* of a window: four for each of those */
     LONG = 20000                   /* rows from which on there are TREND_WINDOWS_LONG */
 };

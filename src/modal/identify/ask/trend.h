@@ -13,6 +13,7 @@
 #define TREND_ONE_SHAPE 0.9
 
 enum {
+    TREND_MODES = 6,                 /* of a window, of which the strongest is watched */
     TREND_WINDOWS = 8,               /* equal parts of a record */
     TREND_WINDOWS_LONG = 28          /* a long record has room for more */
 };

@@ -261,3 +261,47 @@ TEST(seventy_modes_are_found_though_the_strongest_leave_little)
     identify_result_done(&r);
     free(y);
 }
+
+/* Twelve modes in five channels, 60 dB; over the record all frequencies rise by RISE. */
+static void drifting_record(struct random *rng, int rows, double rise, double *y)
+{
+    enum { MODES = 12, MANY = 5 };
+    double sum = 0, sd;
+
+    memset(y, 0, sizeof *y * (size_t)rows * MANY);
+    for (int j = 0; j < MODES; j++) {
+        double complex z = decay_pole(0.02 + 0.035 * j + 0.01 * random_uniform(rng),
+                                      0.002 + 0.008 * random_uniform(rng));
+        for (int c = 0; c < MANY; c++) {
+            double complex B = CMPLX(random_normal(rng), random_normal(rng));
+            for (int k = 0; k < rows; k++)
+                y[k * MANY + c] += creal(B * cexp(z * (k + 0.5 * rise * k * k / rows)));
+        }
+    }
+    for (int i = 0; i < rows * MANY; i++)
+        sum += y[i] * y[i];
+    sd = sqrt(sum / (rows * MANY)) * 1e-3;
+    for (int i = 0; i < rows * MANY; i++)
+        y[i] += sd * random_normal(rng);
+}
+
+/* Of more modes than windows tell one by one: two poles for each leave nothing but noise. */
+TEST(many_modes_that_drift_are_no_modes_and_those_that_do_not_are)
+{
+    enum { ROWS = 1000, MANY = 5 };
+    static double y[ROWS * MANY];
+    struct batch b = { .samples = ROWS, .channels = MANY, .signals = y, .dt = 1 };
+
+    for (int i = 0; i < 4; i++) {
+        struct random rng = { 50 + (uint64_t)i / 2 };
+        struct identify_result r;
+        bool drifts = i % 2 == 0, told = false;
+        drifting_record(&rng, ROWS, drifts ? 2e-3 : 0, y);
+        CHECK(modal_identify(&b, NULL, &r, NULL) == MODAL_OK);
+        for (int k = 0; k < r.diagnostic_count; k++)
+            told |= strcmp(r.diagnostics[k].code, "changes_in_record") == 0;
+        CHECK(told == drifts && (drifts || r.mode_count == 12));
+        identify_result_done(&r);
+    }
+}
+

@@ -46,7 +46,14 @@
  *
  *     T^2 S / 12                                                                             (7)
  *
- * of its square.  What is worth most in sum is taken (assign.h).  A Kalman filter takes in what
+ * of its square.  A mode without standard errors is anywhere within its line, or, as often, known
+ * like those that its track has had: what is known of that, P, is a mean of M of them, so that one
+ * has
+ *
+ *     s^2 = M P;                                                                             (8)
+ *
+ * by the line alone another track that was missed would take it as soon as its own.
+ * What is worth most in sum is taken (assign.h).  A Kalman filter takes in what
  * came; of a window that shares samples with the one before D / T is new, and its variance there
  * T / D times as large.
  *
@@ -246,23 +253,48 @@ static double ln_odds(const struct track *t)
     return t->missed > 0 ? -log1p(t->missed) : log((t->shown + 1) / (t->asked - t->shown + 1));
 }
 
+/* ln p(n) of (3), and (6) */
+static double ln_near_track(const struct track *t, const struct both_ways *a,
+                            const struct track_mode *m, double seconds)
+{
+    struct miss on = miss_of(&a->on, m, seconds), still = miss_of(&a->still, m, seconds);
+
+    return ln_sum(ln_sum(ln_near(&a->on, &on, 1 - t->stays), ln_near(&a->still, &still, t->stays)),
+                  ln_far(&on))
+        + shape_says(t, m, seconds * seconds * fmin(on.S_re, still.S_re));
+}
+
+/* M as it were if its errors, which it does not know, were (8). */
+static struct track_mode as_others(const struct both_ways *a, const struct track_mode *m)
+{
+    struct track_mode like = *m;
+
+    if (!isfinite(m->std_re))
+        like.std_re = sqrt(MEMORY * a->still.re.value);
+    if (!isfinite(m->std_im))
+        like.std_im = sqrt(MEMORY * a->still.im.value);
+    return like;
+}
+
 /* (5), (6); not above 0: they do not go together. */
 static double worth(const struct tracks *all, const struct track *t, const struct both_ways *a,
                     const struct track_mode *m, const struct track_window *w)
 {
-    double seconds = duration(w), ln_p;
-    struct miss on = miss_of(&a->on, m, seconds), still = miss_of(&a->still, m, seconds);
+    double seconds = duration(w), line = half_line(m->exponent, seconds), ln_p;
+    bool pair = cimag(m->exponent) != 0;
     /* Jeffreys' prior: of none seen half a one */
     double ln_beta = log((all->born + 0.5) / (all->windows + 1));
     /* a mode that is new may be anywhere: its density is 1 over that */
-    double ln_room = log(2 * on.line) + (on.pair ? log(M_PI / w->dt) : 0);
+    double ln_room = log(2 * line) + (pair ? log(M_PI / w->dt) : 0);
 
-    if ((cimag(t->still.exponent) != 0) != on.pair)
+    if ((cimag(t->still.exponent) != 0) != pair)
         return -HUGE_VAL;
-    ln_p = ln_sum(ln_sum(ln_near(&a->on, &on, 1 - t->stays), ln_near(&a->still, &still, t->stays)),
-                  ln_far(&on));
-    return ln_p + ln_room + ln_odds(t) - ln_beta
-        + shape_says(t, m, seconds * seconds * fmin(on.S_re, still.S_re));
+    ln_p = ln_near_track(t, a, m, seconds);
+    if (!isfinite(m->std_re) || !isfinite(m->std_im)) {
+        const struct track_mode like = as_others(a, m);
+        ln_p = ln_sum(ln_p, ln_near_track(t, a, &like, seconds)) - M_LN2;
+    }
+    return ln_p + ln_room + ln_odds(t) - ln_beta;
 }
 
 /* ---- what came is taken in ---- */

@@ -337,13 +337,40 @@ static void acknowledge(modald_stream *s, int64_t id, int part, const char *cons
     retire(s);
 }
 
+/* Where in `named` a stream is whose name is the text up to its end, or to a quote. */
+static modald_stream **place_of(struct link *l, const char *name)
+{
+    uint32_t hash = 2166136261u;                   /* FNV-1a */
+
+    for (; *name != 0 && *name != '"'; name++)
+        hash = (hash ^ (unsigned char)*name) * 16777619u;
+    return &l->named[hash % NAMED];
+}
+
+static void set_name(modald_stream *s, const char *name)
+{
+    modald_stream **at = place_of(s->link, s->stream);
+
+    while (*at != NULL && *at != s)
+        at = &(*at)->same;
+    if (*at == s)
+        *at = s->same;
+    snprintf(s->stream, sizeof s->stream, "%s", name);
+    if (*name == 0)
+        return;
+    at = place_of(s->link, name);
+    s->same = *at;
+    *at = s;
+}
+
 static void on_reply(modald_stream *s, const char *const *members)
 {
+    char name[sizeof s->stream];
     int64_t id = (int64_t)count_at(members[ID], 0);
 
     s->credit = (size_t)count_at(members[CREDIT], s->credit);
-    if (id == s->open_id && s->opening
-        && read_string(members[STREAM], s->stream, sizeof s->stream)) {
+    if (id == s->open_id && s->opening && read_string(members[STREAM], name, sizeof name)) {
+        set_name(s, name);
         set_epoch(s, count_at(members[EPOCH], 0));
         s->opened = true;
         s->opening = false;
@@ -449,12 +476,16 @@ static int flat_verdict(const char *word)
 /* The verdict of a live result, and its least damped mode where it has one. */
 static void on_event(modald_stream *s, const char *const *members)
 {
-    struct modald_estimate best = estimate_of(members[FREQUENCY], members[FREQUENCY_STD],
-                                              members[DAMPING], members[DAMPING_STD]);
-    int verdict = members[VERDICT] != NULL ? flat_verdict(members[VERDICT])
-                                           : nested_verdict(members, &best);
+    struct modald_estimate best;
+    int verdict;
 
-    if (verdict == MODALD_UNKNOWN || !is_ours(s, members))
+    if (!is_ours(s, members))
+        return;
+    best = estimate_of(members[FREQUENCY], members[FREQUENCY_STD], members[DAMPING],
+                       members[DAMPING_STD]);
+    verdict = members[VERDICT] != NULL ? flat_verdict(members[VERDICT])
+                                       : nested_verdict(members, &best);
+    if (verdict == MODALD_UNKNOWN)
         return;
     best.sample = number_at(members[TO], -1);
     if (best.damping_ratio < HUGE_VAL) {
@@ -495,6 +526,24 @@ static void on_together(struct link *l, const struct together *t, const char *co
     }
 }
 
+/* The streams that may be meant by what answers no question: those that an event names, or, where
+ * a daemon of before gives none, all. */
+static void on_all(struct link *l, void (*on)(modald_stream *, const char *const *),
+                   const char *const *members)
+{
+    const char *name = on == on_event ? members[STREAM_ID] : NULL;
+
+    if (name != NULL && *name == '"')
+        for (modald_stream *s = *place_of(l, name + 1), *next; s != NULL; s = next) {
+            next = s->same;
+            on(s, members);
+        }
+    else
+        for (int slot = 0; slot < l->slots; slot++)
+            if (l->streams[slot] != NULL)
+                on(l->streams[slot], members);
+}
+
 /* A message of KIND, its header as text that is ours to read; one that is no whole object, or says
  * what we read twice, is passed over.  It is for the stream that asked; an event is for those whose
  * samples it tells of, and what answers no question for all. */
@@ -509,7 +558,7 @@ static void on_message(struct link *l, const char *kind, const char *header, con
     const char *members[MEMBERS];
     const char *end = read_object(skip_space(header), member_names, MEMBERS, members);
     uint64_t id = count_at(members[ID], 0);
-    int first = id > 0 ? (int)(id % LINK_STREAMS) : 0, last = id > 0 ? first + 1 : l->slots;
+    modald_stream *asked = id > 0 ? l->streams[id % LINK_STREAMS] : NULL;
     struct together *t = id > 0 ? answered(l, id) : NULL;
 
     if (t != NULL) {
@@ -517,13 +566,15 @@ static void on_message(struct link *l, const char *kind, const char *header, con
         free(t);
         return;
     }
-    if (id > 0 && l->streams[first] != NULL)
-        note_answer(l->streams[first], id);
+    if (asked != NULL)
+        note_answer(asked, id);
+    if (end == NULL || *skip_space(end) != 0)
+        return;
     for (size_t i = 0; i < sizeof kinds / sizeof kinds[0]; i++)
-        if (end != NULL && *skip_space(end) == 0 && strcmp(kind, kinds[i].kind) == 0)
-            for (int slot = first; slot < last; slot++)
-                if (l->streams[slot] != NULL)
-                    kinds[i].on(l->streams[slot], members);
+        if (strcmp(kind, kinds[i].kind) == 0 && id == 0)
+            on_all(l, kinds[i].on, members);
+        else if (strcmp(kind, kinds[i].kind) == 0 && asked != NULL)
+            kinds[i].on(asked, members);
 }
 
 /* One message: what it cost; 0: there is none. */

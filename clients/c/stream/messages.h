@@ -25,6 +25,9 @@ static void send_close(modald_stream *s);
 /* Nothing that was sent counts: the link is new or gone, or the daemon wants S opened again. */
 static void begin_anew(modald_stream *s);
 
+/* The daemon names S so; "": it does not, and no event is S's. */
+static void set_name(modald_stream *s, const char *name);
+
 /* Take in one message; its cost in bytes of libzmq's memory; 0: there is none. */
 static size_t receive(struct link *l);
 #endif

@@ -101,6 +101,7 @@ enum {
 /* How much is held, and for how long. */
 enum {
     LINK_STREAMS = 4096,        /* of a connection: an id is a count of questions times this */
+    NAMED = 1024,               /* places of streams by name: a few of a full link in each */
     FRAME_BYTES = 131072,       /* of a push, at least one sample: WINDOW of them are 8 MiB, which
                                  * is the ring's usual size */
     FRAME_ENOUGH = 65536,       /* bytes with which it leaves: a kernel's socket holds three */
@@ -216,6 +217,7 @@ struct link {
     /* the sender's */
     modald_stream *streams[LINK_STREAMS];
     int slots;                  /* those in use are before it */
+    modald_stream *named[NAMED];             /* by what the daemon names them */
     void *context, *socket, *monitor;        /* socket NULL: between two connections */
     char keys[KEYS][KEY_SIGNS + 1];          /* "": none */
     unsigned connections;       /* begun so far */
@@ -283,7 +285,8 @@ struct modald_stream {
     int64_t first_id;           /* what was asked before counts no more */
     int64_t open_id, close_id, events_id;
     double asked_at;
-    char stream[128];
+    char stream[128];           /* as the daemon names it */
+    modald_stream *same;        /* the next in its place of `named` */
     uint64_t epoch, went_on;    /* went_on: the index behind the last sample acknowledged */
     size_t credit, flying;
 

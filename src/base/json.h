@@ -31,9 +31,11 @@ enum modal_status json_read_pooled(const char *text, size_t length, cJSON **out,
                                    struct json_pool **pool, struct modal_error *err);
 void json_pool_free(struct json_pool *pool);
 
-/* Where the member KEY of the object TEXT, which json_read took, has its value: *FOUND bytes, as
- * they are.  NULL: it has no such member, or is no object. */
-const char *json_find_text(const char *text, size_t length, const char *key, size_t *found);
+struct json_part { const char *text; size_t length; };
+/* Where the members KEYS, COUNT of them, of the object TEXT, which json_read took, have their
+ * values: each into FOUND, its text as it is.  NULL: it has no such member, or is no object. */
+void json_find_texts(const char *text, size_t length, const char *const *keys, size_t count,
+                     struct json_part *found);
 
 /* Print without spaces, numbers with the fewest of 15, 16 or 17 digits that read back bit for bit;
  * non-finite numbers print as null, bytes that are not UTF-8 as U+FFFD.  The caller frees the text

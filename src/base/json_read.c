@@ -638,27 +638,35 @@ static size_t skip_member(const char *text, size_t length, size_t at)
     return at;
 }
 
-const char *json_find_text(const char *text, size_t length, const char *key, size_t *found)
+/* The member whose name begins at NAME and ends before END, its value from VALUE to BEHIND, into
+ * FOUND, if it is one of KEYS. */
+static void note_member(const char *text, size_t name, size_t end, size_t value, size_t behind,
+                        const char *const *keys, size_t count, struct json_part *found)
 {
-    const size_t size = strlen(key);
+    for (size_t i = 0; i < count; i++)
+        if (end - name == strlen(keys[i]) && memcmp(text + name, keys[i], end - name) == 0) {
+            while (behind > value && memchr(" \t\r\n", text[behind - 1], 4) != NULL)
+                behind--;
+            found[i] = (struct json_part) { text + value, behind - value };
+            return;
+        }
+}
+
+void json_find_texts(const char *text, size_t length, const char *const *keys, size_t count,
+                     struct json_part *found)
+{
     size_t at = skip_blanks(text, length, 0);
 
+    memset(found, 0, count * sizeof *found);
     if (at >= length || text[at] != '{')
-        return NULL;
+        return;
     do {
         const size_t name = skip_blanks(text, length, at + 1) + 1,
                      behind = skip_quoted(text, length, name - 1),
                      colon = skip_blanks(text, length, behind),
                      value = skip_blanks(text, length, colon + 1);
         at = skip_member(text, length, value);
-        if (at >= length)
-            return NULL;
-        if (behind - 1 - name == size && memcmp(text + name, key, size) == 0) {
-            *found = at - value;
-            while (*found > 0 && memchr(" \t\r\n", text[value + *found - 1], 4) != NULL)
-                --*found;
-            return text + value;
-        }
-    } while (text[at] == ',');
-    return NULL;
+        if (at < length)
+            note_member(text, name, behind - 1, value, at, keys, count, found);
+    } while (at < length && text[at] == ',');
 }

@@ -27,6 +27,14 @@ enum {
     DAY_MS       = 86400000,             /* who has no connection ends long before */
     TICK_MS      = 200,                  /* a signal that wakes another thread waits so long */
     BEATS        = 3,                    /* in a lease: two may be lost */
+    AT_ONCE      = 64,                   /* messages one way: then it is seen to BEAT */
+};
+
+/* A message of the job's thread that waits for others. */
+struct kept {
+    struct kept *next;
+    zmq_msg_t parts[4];           /* version, verb, header, body */
+    int count;
 };
 
 struct link {
@@ -50,6 +58,8 @@ struct link {
     int part_count;
     struct wire_message message;
     bool open;
+    struct kept *kept, **kept_end;       /* the first of them, since when */
+    int64_t kept_ms;
 };
 
 static enum modal_status fail(struct modal_error *err, const char *what)
@@ -82,6 +92,15 @@ static void beat(struct link *link)
         return;                         /* no room: what is under way says as much */
     zmq_send_const(link->dealer, "BEAT", 4, ZMQ_SNDMORE);
     zmq_send(link->dealer, header, strlen(header), 0);
+}
+
+/* Has SOCKET a message?  Without a system call where one is known already. */
+static bool has_message(void *socket)
+{
+    int events = 0;
+    size_t size = sizeof events;
+
+    return zmq_getsockopt(socket, ZMQ_EVENTS, &events, &size) == 0 && (events & ZMQ_POLLIN) != 0;
 }
 
 /* One whole message from one socket to the other; false where the pair was closed or the daemon is
@@ -298,15 +317,24 @@ static void consider_leaving(struct link *link)
 
 /* --- the thread --- */
 
-/* What has come is passed; false: the link is over. */
+/* What has come is passed, of a daemon on this host all that there is, but for what comes
+ * meanwhile; false: the link is over. */
 static bool pass_messages(struct link *link, bool in, bool out)
 {
     bool alive = true;
 
-    if (in)
-        alive = link->elsewhere ? hear(link) : pass(link->dealer, link->theirs);
-    if (alive && out)
-        alive = link->elsewhere ? speak(link) : pass_out(link);
+    if (link->elsewhere && in)
+        alive = hear(link);
+    if (link->elsewhere)
+        return alive && out ? speak(link) : alive;
+    for (int n = 0; alive && in && n < AT_ONCE; n++) {
+        alive = pass(link->dealer, link->theirs);
+        in = has_message(link->dealer);
+    }
+    for (int n = 0; alive && out && n < AT_ONCE; n++) {
+        alive = pass_out(link);
+        out = has_message(link->theirs);
+    }
     return alive;
 }
 
@@ -458,6 +486,21 @@ enum modal_status link_open(const struct link_options *options, struct link **ou
     return MODAL_OK;
 }
 
+static struct kept *take_kept(struct link *link)
+{
+    struct kept *kept = link->kept;
+
+    link->kept = kept->next;
+    return kept;
+}
+
+static void kept_free(struct kept *kept)
+{
+    while (kept->count > 0)
+        zmq_msg_close(&kept->parts[--kept->count]);
+    free(kept);
+}
+
 static void drop_message(struct link *link)
 {
     if (link->open)
@@ -472,6 +515,8 @@ void link_close(struct link *link)
     if (link == NULL)
         return;
     drop_message(link);
+    while (link->kept != NULL)
+        kept_free(take_kept(link));
     if (link->started) {
         zmq_send(link->ours, "", 0, 0);
         pthread_join(link->thread, NULL);
@@ -510,21 +555,71 @@ void link_working(struct link *link, const char *job, int attempt)
     pthread_mutex_unlock(&link->mutex);
 }
 
-enum modal_status link_send(struct link *link, const char *verb, cJSON *header, const void *data,
+/* One frame of SIZE bytes of DATA, copied, behind those of KEPT. */
+static bool add_part(struct kept *kept, const void *data, size_t size)
+{
+    zmq_msg_t *part = &kept->parts[kept->count];
+
+    if (zmq_msg_init_size(part, size) < 0)
+        return false;
+    if (size > 0)
+        memcpy(zmq_msg_data(part), data, size);
+    kept->count++;
+    return true;
+}
+
+enum modal_status link_keep(struct link *link, const char *verb, cJSON *header, const void *data,
                             size_t length, struct modal_error *err)
 {
     char *text = json_print(header);
-    bool sent;
+    struct kept *kept = calloc(1, sizeof *kept);
+    bool made = text != NULL && kept != NULL
+                && add_part(kept, WIRE_WORKER, strlen(WIRE_WORKER))
+                && add_part(kept, verb, strlen(verb)) && add_part(kept, text, strlen(text))
+                && (data == NULL || add_part(kept, data, length));
 
     cJSON_Delete(header);
-    if (text == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "worker: no memory for a message");
-    sent = zmq_send_const(link->ours, WIRE_WORKER, strlen(WIRE_WORKER), ZMQ_SNDMORE) >= 0 &&
-           zmq_send(link->ours, verb, strlen(verb), ZMQ_SNDMORE) >= 0 &&
-           zmq_send(link->ours, text, strlen(text), data != NULL ? ZMQ_SNDMORE : 0) >= 0 &&
-           (data == NULL || zmq_send(link->ours, data, length, 0) >= 0);
     free(text);
-    return sent ? MODAL_OK : fail(err, verb);
+    if (!made) {
+        if (kept != NULL)
+            kept_free(kept);
+        return modal_fail(err, MODAL_NO_MEMORY, "worker: no memory for a message");
+    }
+    if (link->kept == NULL)
+        link->kept_ms = now_ms();
+    *(link->kept == NULL ? &link->kept : link->kept_end) = kept;
+    link->kept_end = &kept->next;
+    return MODAL_OK;
+}
+
+enum modal_status link_let_go(struct link *link, struct modal_error *err)
+{
+    bool sent = true;
+
+    while (sent && link->kept != NULL) {
+        struct kept *kept = take_kept(link);
+        sent = pass_on(kept->parts, kept->count, link->ours);
+        kept_free(kept);
+    }
+    return sent ? MODAL_OK : fail(err, "send");
+}
+
+int64_t link_kept_ms(const struct link *link)
+{
+    return link->kept != NULL ? link->kept_ms : 0;
+}
+
+enum modal_status link_send(struct link *link, const char *verb, cJSON *header, const void *data,
+                            size_t length, struct modal_error *err)
+{
+    enum modal_status rc = link_keep(link, verb, header, data, length, err);
+
+    return rc == MODAL_OK ? link_let_go(link, err) : rc;
+}
+
+bool link_waits(struct link *link)
+{
+    return has_message(link->ours);
 }
 
 static enum modal_status receive_parts(struct link *link, struct modal_error *err)

@@ -47,6 +47,17 @@ void link_working(struct link *link, const char *job, int attempt);
 enum modal_status link_send(struct link *link, const char *verb, cJSON *header, const void *data,
                             size_t length, struct modal_error *err);
 
+/* The same, but it waits here, behind others, for the next link_send() or link_let_go(): what goes
+ * together wakes the threads on its way, and the daemon, once. */
+enum modal_status link_keep(struct link *link, const char *verb, cJSON *header, const void *data,
+                            size_t length, struct modal_error *err);
+/* What was kept is sent. */
+enum modal_status link_let_go(struct link *link, struct modal_error *err);
+/* Since when the first of what is kept has waited, in ms; 0: nothing is. */
+int64_t link_kept_ms(const struct link *link);
+/* Has the daemon said something that link_receive() has not told yet? */
+bool link_waits(struct link *link);
+
 /* A message from the daemon; its frames are the link's until the next call.  Waits for ever. */
 enum modal_status link_receive(struct link *link, const struct wire_message **out,
                                struct modal_error *err);

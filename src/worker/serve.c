@@ -23,7 +23,12 @@
 #include "worker/live_windows.h"
 #include "worker/pull.h"
 
-enum { PROGRESS_MS = 100 };      /* between two PROGRESS: as often as a person can read them */
+enum {
+    PROGRESS_MS = 100,    /* between two PROGRESS: as often as a person can read them */
+    /* that a window's end waits for those of the next: half of what a worker has ahead
+     * (PROTOCOL.md, section 13), so that it works on the other half until it is told of more */
+    KEPT_MS = 10,
+};
 
 /* One RUN. */
 struct run {
@@ -375,7 +380,7 @@ static char *window_text(cJSON *document)
     return json_print(document);
 }
 
-/* LIVE: of a window. */
+/* LIVE: of a window, whose end waits for those of the next, if there are any. */
 static enum modal_status send_done(struct run *run, const struct job_result *result, bool live,
                                    struct modal_error *err)
 {
@@ -401,8 +406,8 @@ static enum modal_status send_done(struct run *run, const struct job_result *res
     if (rc == MODAL_OK) {
         header = header_of(run);
         json_set_number(header, "cpu_s", cpu_seconds() - run->cpu_start);
-        rc = link_send(run->link, "DONE", header, length > WIRE_BODY_MOST ? NULL : text, length,
-                       err);
+        rc = (live ? link_keep : link_send)(run->link, "DONE", header,
+                                            length > WIRE_BODY_MOST ? NULL : text, length, err);
     }
     free(text);
     return rc;
@@ -462,6 +467,16 @@ static enum modal_status send_ready(struct link *link, struct modal_error *err)
     return link_send(link, "READY", header, NULL, 0, err);
 }
 
+/* After a window whose end is kept: where the next has not come yet, the worker is idle, and what
+ * is kept goes with its READY; else it goes in time for more to come. */
+static enum modal_status end_window(struct link *link, struct modal_error *err)
+{
+    if (!link_waits(link))
+        return send_ready(link, err);
+    return link_kept_ms(link) != 0 && now_ms() - link_kept_ms(link) >= KEPT_MS
+               ? link_let_go(link, err) : MODAL_OK;
+}
+
 static enum modal_status serve_all(struct link *link, const struct serve_options *options,
                                    struct live_windows *windows, struct modal_error *err)
 {
@@ -483,9 +498,12 @@ static enum modal_status serve_all(struct link *link, const struct serve_options
         rc = run_job(&run, windows, message, err);
         live = cJSON_HasObjectItem(run.header, "live");
         run_done(&run);
-        if (!live)                /* a window goes on with what it has */
-            malloc_trim(0);
-        if (rc == MODAL_OK && options->jobs_most > 0 && !live && ++jobs >= options->jobs_most)
+        if (rc == MODAL_OK && live) {
+            rc = end_window(link, err);
+            continue;
+        }
+        malloc_trim(0);                /* a window goes on with what it has */
+        if (rc == MODAL_OK && options->jobs_most > 0 && ++jobs >= options->jobs_most)
             return MODAL_OK;
         if (rc == MODAL_OK)
             rc = send_ready(link, err);

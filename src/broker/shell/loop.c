@@ -148,21 +148,25 @@ static void carry_out(struct daemon *d, struct action *a)
     }
 }
 
-/* The transactions of a step in one piece: they are one group, for which the ledger's thread is
- * waked once, though it were at rest.  One by one the first of them was a group of its own, and the
- * others waited for its sync. */
-static void commit_all(struct daemon *d, const struct action *actions, size_t count)
+/* The transactions of a step, behind those of the steps before it. */
+static void gather(struct daemon *d, const struct action *actions, size_t count)
 {
-    struct transaction *first = NULL, **end = &first;
-
     for (size_t i = 0; i < count; i++)
         if (actions[i].type == ACT_COMMIT) {
-            *end = actions[i].transaction;
-            end = &(*end)->next;
+            *(d->gathered == NULL ? &d->gathered : d->gathered_end) = actions[i].transaction;
+            d->gathered_end = &actions[i].transaction->next;
+            *d->gathered_end = NULL;
         }
-    *end = NULL;
-    if (first != NULL)
-        ledger_thread_put(d->ledger_thread, first);
+}
+
+/* What was gathered is one group, for which the ledger's thread is waked once, though it were at
+ * rest.  One by one the first of them was a group of its own, and the others waited for its
+ * sync. */
+static void commit_gathered(struct daemon *d)
+{
+    if (d->gathered != NULL)
+        ledger_thread_put(d->ledger_thread, d->gathered);
+    d->gathered = NULL;
 }
 
 /* Actions may cause further steps, which reuse the core's list: take it first.  What it commits
@@ -177,7 +181,9 @@ void loop_carry_out(struct daemon *d, const struct actions *actions)
     if (count > sizeof few / sizeof *few)
         own = grab(count * sizeof *own);
     memcpy(own, actions->items, count * sizeof *own);
-    commit_all(d, own, count);
+    gather(d, own, count);
+    if (!d->gathers)
+        commit_gathered(d);
     for (size_t i = 0; i < count; i++)
         carry_out(d, &own[i]);
     if (own != few)
@@ -322,6 +328,18 @@ static bool receive_all(struct daemon *d, struct peers *peers,
             return false;
     }
     return true;                                   /* perhaps more */
+}
+
+/* Workers tell of several windows at once, which go to the ledger together. */
+static bool receive_workers(struct daemon *d)
+{
+    bool more;
+
+    d->gathers = true;
+    more = receive_all(d, &d->workers, from_worker);
+    d->gathers = false;
+    commit_gathered(d);
+    return more;
 }
 
 /* ---- connections that have ended ------------------------------------------------------------- */
@@ -717,7 +735,7 @@ void loop_run(struct daemon *d)
         ended = note_ended(d);              /* before the messages: what they sent is among these */
         more = false;
         if (!d->stop && (ended || items[1].revents != 0))
-            more |= receive_all(d, &d->workers, from_worker);
+            more |= receive_workers(d);
         if (!d->stop && d->remote_socket != NULL && (ended || remotes_said(items, slots, n)))
             more |= receive_all(d, &d->remotes, from_remote);
         more |= handle_tasks(d);

@@ -19,6 +19,8 @@ struct daemon {
     struct ledger_thread *ledger_thread;
     struct spool_threads *spool;
     struct done_queue done;
+    struct transaction *gathered, **gathered_end;   /* on their way to the ledger, as a group */
+    bool gathers;                                   /* more may come to it before it goes */
     struct task *tasks;                           /* that are done, and the core has not heard of */
     struct pool pool;
     struct door door;

@@ -44,6 +44,7 @@ struct window {
     uint64_t epoch, from, to;             /* of the one that runs, or ran last */
     int slot; uint64_t process;           /* the worker that has its samples up to `to`; -1: none */
     int died;                             /* workers under the present one */
+    bool alone;                           /* it was with one that died: no other beside it */
 };
 
 /* Samples of unknown number; see streams.c. */

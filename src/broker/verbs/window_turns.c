@@ -155,7 +155,9 @@ struct stream *turn_take(struct core *c, int slot)
         list = longest(c, slot, (int)(slots->round % 2));
     if (list == NULL)
         list = longest(c, slot, (int)((slots->round + 1) % 2));
-    if (list == NULL || (worker->live != NULL && is_anothers(c, list->first, slot)))
+    if (list == NULL
+        || (worker->live != NULL
+            && (list->first->window.alone || is_anothers(c, list->first, slot))))
         return NULL;
     s = first_out(c, list);
     s->window.round = slots->round;

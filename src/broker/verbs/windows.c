@@ -14,6 +14,8 @@
  * of them would be found from nothing.  To a worker elsewhere they go where the configuration lets
  * them and the way is short (slot_takes_windows).  One that kills its worker goes to another,
  * LIVE_DEATHS_MOST times; one that is given back goes to another as well, and that is no death.
+ * A worker that dies may have done more than it had told: any of those that it had may have killed
+ * it, and each is given to another alone, so that it is seen which one does.
  */
 #include "broker/core/slots.h"
 #include "broker/verbs/streams.h"
@@ -364,7 +366,8 @@ static bool fits_ahead(const struct core *c, int slot)
 {
     const struct slot *worker = &c->slots->at[slot];
 
-    return worker->live != NULL && worker->remote == NULL && slot < c->settings.workers
+    return worker->live != NULL && !worker->live->window.alone && worker->remote == NULL
+        && slot < c->settings.workers
         && worker->ahead < AHEAD_MOST && worker->ahead_s < ahead_s;
 }
 
@@ -384,47 +387,62 @@ bool window_late(const struct core *c, const struct slot *worker)
 
 /* ---- what it found --------------------------------------------------------------------------- */
 
-/* The present epoch may be another by the time a window is told: the run was taken up again from
- * a checkpoint meanwhile. */
-static cJSON *event_of(const struct core *c, const struct stream *s, const char *event)
+/* An event EVENT of S's window, begun.  The present epoch may be another by the time a window is
+ * told: the run was taken up again from a checkpoint meanwhile. */
+static void open_event(struct json_text *text, const struct core *c, const struct stream *s,
+                       const char *event)
 {
-    cJSON *text = cJSON_CreateObject();
     char ident[IDENT_TEXT];
 
     ident_text(ident, ~c->settings.secret, s->id);
-    cJSON_AddStringToObject(text, "event", event);
-    cJSON_AddStringToObject(text, "stream", s->name);
-    cJSON_AddStringToObject(text, "stream_id", ident);
-    cJSON_AddNumberToObject(text, "epoch", (double)s->window.epoch);
-    cJSON_AddNumberToObject(text, "from", (double)s->window.from);
-    cJSON_AddNumberToObject(text, "to", (double)s->window.to);
-    cJSON_AddNumberToObject(text, "dt", s->dt);
-    return text;
+    json_text_open(text, NULL);
+    json_text_string(text, "event", event);
+    json_text_string(text, "stream", s->name);
+    json_text_string(text, "stream_id", ident);
+    json_text_number(text, "epoch", (double)s->window.epoch);
+    json_text_number(text, "from", (double)s->window.from);
+    json_text_number(text, "to", (double)s->window.to);
+    json_text_number(text, "dt", s->dt);
 }
 
-/* The next number goes to TEXT, which is deleted. */
-static void put_event(struct core *c, struct stream *s, struct transaction *t, cJSON *text)
+/* The next number goes to TEXT, which is taken over. */
+static void put_event(struct core *c, const struct stream *s, struct transaction *t, char *text)
 {
     struct after *after = transaction_after(t, AFTER_EVENT);
     struct ledger_change *change = transaction_add(t, LEDGER_EVENT_PUT);
 
-    after->text = json_print(text);
-    if (strlen(after->text) > EVENT_MOST) {        /* it must fit a header: the verdict alone */
-        cJSON_DeleteItemFromObject(text, "modes");
-        cJSON_DeleteItemFromObject(text, "diagnostics");
-        cJSON_DeleteItemFromObject(text, "left_out");
-        cJSON_AddStringToObject(text, "left_out", "modes");
-        free(after->text);
-        after->text = json_print(text);
-    }
+    after->text = text;
     after->value = c->next_event;
     after->ns = c->now.utc_ns;
-    after->stream = s;
+    after->stream = (struct stream *)s;
     change->event = (struct event_record) {
         .number = c->next_event++, .ns = c->now.utc_ns,
         .user = transaction_text(t, s->user->name), .topic = transaction_text(t, s->name),
         .text = transaction_text(t, after->text) };
-    cJSON_Delete(text);
+}
+
+/* EDGE as an event EVENT; of members that an event has anyway not EDGE's. */
+static char *edge_text(const struct core *c, const struct stream *s, const char *event, cJSON *edge)
+{
+    struct json_text begun = { 0 };
+    char *start, *text;
+    cJSON *whole, *part;
+
+    open_event(&begun, c, s, event);
+    whole = cJSON_Parse(start = text_end(&begun));
+    free(start);
+    while ((part = edge->child) != NULL) {
+        cJSON_DetachItemViaPointer(edge, part);
+        if (cJSON_HasObjectItem(whole, part->string))
+            cJSON_Delete(part);
+        else
+            cJSON_AddItemToObject(whole, part->string, part);
+    }
+    text = json_print(whole);
+    cJSON_Delete(whole);
+    if (text == NULL)
+        abort();
+    return text;
 }
 
 /* What a window raised, cleared or made of tracks: EDGES, each an event EVENT behind its modes.  A
@@ -435,17 +453,12 @@ static void put_edges(struct core *c, struct stream *s, struct transaction *t, c
     cJSON *edge;
 
     for (int i = 0; i < EDGES_MOST && (edge = cJSON_DetachItemFromArray(edges, 0)) != NULL; i++) {
-        cJSON *text = cJSON_IsObject(edge) ? event_of(c, s, event) : NULL, *part;
-        while (text != NULL && (part = edge->child) != NULL) {
-            cJSON_DetachItemViaPointer(edge, part);
-            if (cJSON_HasObjectItem(text, part->string))
-                cJSON_Delete(part);
-            else
-                cJSON_AddItemToObject(text, part->string, part);
-        }
+        char *text = cJSON_IsObject(edge) ? edge_text(c, s, event, edge) : NULL;
         cJSON_Delete(edge);
-        if (text != NULL)
+        if (text != NULL && strlen(text) <= EVENT_MOST)
             put_event(c, s, t, text);
+        else
+            free(text);
     }
     cJSON_Delete(edges);
 }
@@ -466,21 +479,22 @@ static void keep_tracks(struct stream *s, const char *tracks)
 }
 
 /* How far the samples are ahead of a window of the present epoch, and what is missing of them. */
-static void add_lag(cJSON *text, const struct stream *s)
+static void add_lag(struct json_text *text, const struct stream *s)
 {
     uint64_t end = s->window.to + 1, samples = s->next > end ? s->next - end : 0, missing = 0;
-    cJSON *lag, *gaps;
 
     if (s->window.epoch != s->epoch)
         return;
     for (size_t i = 0; i < s->gap_count; i++)
         missing += s->gaps[i][1] - s->gaps[i][0];
-    lag = cJSON_AddObjectToObject(text, "lag");
-    cJSON_AddNumberToObject(lag, "samples", (double)samples);
-    cJSON_AddNumberToObject(lag, "bytes", (double)(samples * sample_bytes(s)));
-    gaps = cJSON_AddObjectToObject(text, "gaps");
-    cJSON_AddNumberToObject(gaps, "count", (double)s->gap_count);
-    cJSON_AddNumberToObject(gaps, "samples", (double)missing);
+    json_text_open(text, "lag");
+    json_text_number(text, "samples", (double)samples);
+    json_text_number(text, "bytes", (double)(samples * sample_bytes(s)));
+    json_text_close(text);
+    json_text_open(text, "gaps");
+    json_text_number(text, "count", (double)s->gap_count);
+    json_text_number(text, "samples", (double)missing);
+    json_text_close(text);
 }
 
 /* The mode of least damping; NULL: none has one. */
@@ -498,32 +512,36 @@ static const cJSON *least_damped(const cJSON *modes)
     return least;
 }
 
-/* What a host reads between two of its steps, flat: the verdict of DOCUMENT, which is given too
- * (NULL: none), and its least damped mode. */
-static const char *add_verdict(cJSON *text, const cJSON *document)
+/* The verdict of DOCUMENT; NULL: it has none. */
+static const char *verdict_of(const cJSON *document)
+{
+    const cJSON *stability = cJSON_GetObjectItemCaseSensitive(document, "stability");
+    const cJSON *stable = cJSON_GetObjectItemCaseSensitive(stability, "stable");
+
+    return stable == NULL ? NULL : window_verdicts[cJSON_IsTrue(stable) ? 0
+                                                   : cJSON_IsFalse(stable) ? 1 : 2];
+}
+
+/* What a host reads between two of its steps, flat: the verdict, and the least damped mode of
+ * DOCUMENT. */
+static void add_verdict(struct json_text *text, const char *verdict, const cJSON *document)
 {
     static const char *const keys[][2] = {
         { "frequency_hz", "frequency_hz_std" }, { "damping_ratio", "damping_ratio_std" },
     };
-    const cJSON *stability = cJSON_GetObjectItemCaseSensitive(document, "stability");
-    const cJSON *stable = cJSON_GetObjectItemCaseSensitive(stability, "stable");
     const cJSON *mode = least_damped(cJSON_GetObjectItemCaseSensitive(document, "modes"));
     const cJSON *std = cJSON_GetObjectItemCaseSensitive(mode, "std");
 
-    const char *verdict = stable == NULL ? NULL : window_verdicts[cJSON_IsTrue(stable) ? 0
-                                                           : cJSON_IsFalse(stable) ? 1 : 2];
-
     if (verdict != NULL)
-        cJSON_AddStringToObject(text, "verdict", verdict);
+        json_text_string(text, "verdict", verdict);
     for (int i = 0; i < 2; i++) {
         const cJSON *value = cJSON_GetObjectItemCaseSensitive(mode, keys[i][0]);
         const cJSON *error = cJSON_GetObjectItemCaseSensitive(std, keys[i][0]);
         if (cJSON_IsNumber(value))
-            cJSON_AddNumberToObject(text, keys[i][0], value->valuedouble);
+            json_text_number(text, keys[i][0], value->valuedouble);
         if (cJSON_IsNumber(error))
-            cJSON_AddNumberToObject(text, keys[i][1], error->valuedouble);
+            json_text_number(text, keys[i][1], error->valuedouble);
     }
-    return verdict;
 }
 
 void window_keep_verdict(struct core *c, const struct stream *s, struct transaction *t)
@@ -556,52 +574,86 @@ static void note_told(const struct stream *s, struct transaction *t)
     free(printed);
 }
 
-/* The member KEY of FOUND, where it has one, as its worker wrote it. */
-static void add_part(cJSON *text, const struct wire_frame *found, const char *key)
-{
-    size_t length;
-    const char *value = json_find_text(found->data, found->size, key, &length);
-    char *copy = value != NULL ? strndup(value, length) : NULL;
+/* What a worker found: its DOCUMENT as it came, and as a tree; both NULL: it found nothing. */
+struct found { const struct wire_frame *text; const cJSON *document; };
 
-    if (copy != NULL)
-        cJSON_AddRawToObject(text, key, copy);
-    free(copy);
+/* What of F is told as its worker wrote it; not WHOLE: without what may be long. */
+static void add_parts(struct json_text *text, const struct found *f, bool whole)
+{
+    static const char *const names[] = { "modes", "stability", "diagnostics", "update",
+                                         "left_out" };
+    static const bool is_long[] = { true, false, true, false, true };
+    const size_t count = sizeof names / sizeof *names;
+    struct json_part parts[sizeof names / sizeof *names];
+
+    if (f->document == NULL)
+        return;
+    json_find_texts(f->text->data, f->text->size, names, count, parts);
+    for (size_t i = 0; i < count; i++)
+        if (parts[i].text != NULL && (whole || !is_long[i])) {
+            json_text_key(text, names[i]);
+            json_text_bytes(text, parts[i].text, parts[i].length);
+        }
 }
 
-/* What a window gave, as a numbered event: the modes and the verdict of FOUND, the ERROR, or
- * both; either may be NULL. */
-static void tell_result(struct core *c, struct stream *s, const struct wire_frame *found,
+/* What S's window gave, as an event: F, the ERROR, or both. */
+static char *result_text(const struct core *c, const struct stream *s, const struct found *f,
+                         const cJSON *error, bool whole)
+{
+    struct json_text text = { 0 };
+    char *printed = error != NULL ? json_print(error) : NULL;
+
+    open_event(&text, c, s, "modes");
+    add_verdict(&text, s->window.verdict, f->document);
+    add_parts(&text, f, whole);
+    if (!whole)
+        json_text_string(&text, "left_out", "modes");
+    if (printed != NULL) {
+        json_text_key(&text, "error");
+        json_text_raw(&text, printed);
+    }
+    free(printed);
+    add_lag(&text, s);
+    json_text_number(&text, "skipped", (double)s->window.skipped);
+    return text_end(&text);
+}
+
+/* What a window gave, as a numbered event: the modes and the verdict of TEXT, the ERROR, or
+ * both; either may be NULL.  It must fit a header: else the verdict alone. */
+static void tell_result(struct core *c, struct stream *s, const struct wire_frame *text,
                         const cJSON *error)
 {
-    static const char *const parts[] = { "modes", "stability", "diagnostics", "update",
-                                         "left_out" };
-    const struct window *w = &s->window;
-    cJSON *document = NULL, *text = event_of(c, s, "modes"), *edges;
     struct transaction *t = transaction_new();
+    struct json_pool *pool = NULL;
+    cJSON *document = NULL, *edges;
+    struct found found = { text, NULL };
+    char *event;
 
-    if (found != NULL)
-        json_read(found->data, found->size, &document, NULL);
-    edges = w->epoch == s->epoch ? alarms_judge(w->alarms, w->from, w->to, document) : NULL;
-    s->window.verdict = add_verdict(text, document);
-    s->window.told_epoch = w->epoch;
-    s->window.told = w->to;
-    for (size_t i = 0; document != NULL && i < sizeof parts / sizeof *parts; i++)
-        add_part(text, found, parts[i]);
-    if (error != NULL)
-        cJSON_AddItemToObject(text, "error", cJSON_Duplicate(error, true));
-    add_lag(text, s);
-    cJSON_AddNumberToObject(text, "skipped", (double)w->skipped);
+    if (text != NULL)
+        json_read_pooled(text->data, text->size, &document, &pool, NULL);
+    found.document = document;
+    edges = s->window.epoch == s->epoch
+                ? alarms_judge(s->window.alarms, s->window.from, s->window.to, document) : NULL;
+    s->window.verdict = verdict_of(document);
+    s->window.told_epoch = s->window.epoch;
+    s->window.told = s->window.to;
+    event = result_text(c, s, &found, error, true);
+    if (strlen(event) > EVENT_MOST) {
+        free(event);
+        event = result_text(c, s, &found, error, false);
+    }
     s->window.skipped = 0;
-    put_event(c, s, t, text);
+    put_event(c, s, t, event);
     keep_tracks(s, cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(document, "tracks")));
     note_told(s, t);
     if (s->batch > 0)                              /* it ran while the stream was closed */
         window_keep_verdict(c, s, t);
-    put_edges(c, s, t, "track", cJSON_DetachItemFromObjectCaseSensitive(document, "track_edges"));
+    put_edges(c, s, t, "track",
+              cJSON_Duplicate(cJSON_GetObjectItemCaseSensitive(document, "track_edges"), true));
     put_edges(c, s, t, "alarm", edges);
     if (is_over(s))
         stream_notes_end(t, s);
-    cJSON_Delete(document);
+    json_pool_free(pool);
     core_commit(c, t);
 }
 
@@ -615,13 +667,20 @@ static void try_again(struct core *c, struct stream *s)
     window_offer(c, s);
 }
 
-void windows_back(struct core *c, int slot)
+/* All that the worker of SLOT has are due again; ALONE: and each by itself. */
+static void give_back(struct core *c, int slot, bool alone)
 {
     while (c->slots->at[slot].live != NULL) {
         struct stream *s = leave(c, slot);
         s->window.slot = -1;
+        s->window.alone |= alone;
         try_again(c, s);
     }
+}
+
+void windows_back(struct core *c, int slot)
+{
+    give_back(c, slot, false);
 }
 
 /* A window that killed each worker that had it: who watches is told so. */
@@ -636,14 +695,17 @@ static void give_up(struct core *c, struct stream *s)
     tell_result(c, s, NULL, error);
     cJSON_Delete(error);
     s->window.died = 0;
+    s->window.alone = false;
 }
 
 void window_died(struct core *c, int slot)
 {
+    const bool others = c->slots->at[slot].ahead > 0;
     struct stream *s = leave(c, slot);
 
-    windows_back(c, slot);                         /* it had not begun with these */
+    give_back(c, slot, true);                      /* it may have begun with any of these */
     s->window.slot = -1;
+    s->window.alone |= others;
     if (++s->window.died < LIVE_DEATHS_MOST)
         try_again(c, s);
     else
@@ -670,6 +732,7 @@ void window_end(struct core *c, int slot, const struct wire_message *m)
     if (s->window.anew)
         s->window.anew_s = cpu_s;
     s->window.died = 0;
+    s->window.alone = false;
     if (told != NULL) {
         s->window.slot = -1;
         worker_error(told, &err);

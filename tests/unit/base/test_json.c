@@ -283,29 +283,33 @@ TEST(a_text_written_without_a_tree_reads_as_what_was_written)
     free(t.x);
 }
 
-TEST(a_member_is_found_as_it_is_written)
+TEST(members_are_found_as_they_are_written)
 {
     static const char text[] = " {\"s\":\"a,\\\"b\\\\\", \"o\" : {\"k\":[1,{\"x\":2}],\"s\":3} ,"
                                "\"n\":1.50,\"key\":null,\"k\":\"}]\",\"\":[]\n}";
-    static const char *const pairs[][2] = {
-        { "s", "\"a,\\\"b\\\\\"" }, { "o", "{\"k\":[1,{\"x\":2}],\"s\":3}" }, { "n", "1.50" },
-        { "key", "null" }, { "k", "\"}]\"" }, { "", "[]" }, { "x", NULL }, { "ke", NULL }
+    enum { KEYS = 8 };
+    static const char *const keys[KEYS] = { "s", "o", "n", "key", "k", "", "x", "ke" };
+    static const char *const values[KEYS] = {
+        "\"a,\\\"b\\\\\"", "{\"k\":[1,{\"x\":2}],\"s\":3}", "1.50", "null", "\"}]\"", "[]",
+        NULL, NULL
     };
     static const char *const others[] = { "", " ", "{}", "[{\"n\":1}]", "\"n\"", "{\"m\":1}" };
-    size_t found;
+    struct json_part found[KEYS];
 
-    for (size_t i = 0; i < sizeof pairs / sizeof *pairs; i++) {
-        const char *value = json_find_text(text, strlen(text), pairs[i][0], &found);
-        CHECK((value == NULL) == (pairs[i][1] == NULL));
-        CHECK(value == NULL || (found == strlen(pairs[i][1])
-                                && memcmp(value, pairs[i][1], found) == 0));
+    json_find_texts(text, strlen(text), keys, KEYS, found);
+    for (size_t i = 0; i < KEYS; i++) {
+        CHECK((found[i].text == NULL) == (values[i] == NULL));
+        CHECK(values[i] == NULL || (found[i].length == strlen(values[i])
+                                    && memcmp(found[i].text, values[i], found[i].length) == 0));
     }
-    for (size_t i = 0; i < sizeof others / sizeof *others; i++)
-        CHECK(json_find_text(others[i], strlen(others[i]), "n", &found) == NULL);
+    for (size_t i = 0; i < sizeof others / sizeof *others; i++) {
+        json_find_texts(others[i], strlen(others[i]), keys + 2, 1, found);
+        CHECK(found[0].text == NULL);
+    }
     for (size_t length = 0; length < strlen(text); length++) {        /* cut anywhere it ends */
         char *exact = malloc(length > 0 ? length : 1);
         memcpy(exact, text, length);
-        json_find_text(exact, length, "none", &found);
+        json_find_texts(exact, length, keys, KEYS, found);
         free(exact);
     }
 }

@@ -279,13 +279,17 @@ TEST(a_worker_cannot_put_another_streams_name_into_an_event_of_a_track)
     core_free(core);
 }
 
-/* The worker ends what it has, one after the other, and is idle then. */
+/* The worker ends the first that it has, and is idle then, or goes on. */
+static void end_one(void)
+{
+    found("{\"modes\":[]}");
+    say(WIRE_WORKER, "READY", "{\"job\":\"\",\"attempt\":0,\"pid\":7}", NULL, 0);
+}
+
 static void end_all(void)
 {
-    while (told[slot] > 0) {
-        found("{\"modes\":[]}");
-        say(WIRE_WORKER, "READY", "{\"job\":\"\",\"attempt\":0,\"pid\":7}", NULL, 0);
-    }
+    while (told[slot] > 0)
+        end_one();
 }
 
 /* ---- subscribers ----------------------------------------------------------------------------- */
@@ -393,25 +397,66 @@ TEST(a_worker_has_its_next_windows_while_it_works_on_one_as_many_as_last_20_ms)
     cpu_s = 0;
 }
 
-TEST(of_a_worker_that_dies_the_windows_behind_its_own_are_told_by_the_next_and_not_blamed)
+/* The worker of slot 0 is another, and ready; what it had is in DIED, how many that were. */
+static int die(struct run died[RUNS_MOST])
 {
+    const int had = told[0];
+
+    memcpy(died, runs[0], (size_t)had * sizeof *died);
+    told[0] = 0;
+    step((struct event) { .type = EVENT_EXIT, .slot = 0, .status = 9, .stderr_text = "" });
+    now.mono_ns += 10 * SECOND;
+    step((struct event) { .type = EVENT_TIME });
+    say(WIRE_WORKER, "READY", "{\"job\":\"\",\"attempt\":0,\"pid\":7}", NULL, 0);
+    return had;
+}
+
+/* What a worker had done it may not have told: which of those that it had has killed it, nobody
+ * knows. */
+TEST(of_a_worker_that_dies_each_window_that_it_had_goes_to_the_next_with_no_other_beside_it)
+{
+    struct run had[RUNS_MOST], again[RUNS_MOST];
     char idents[3][9];
+    int count;
 
     events = 0;
     start_workers(1);
     open_full(3, idents);
     CHECK(told[0] == 2);
-    for (int death = 0; death < 4; death++) {
-        step((struct event) { .type = EVENT_EXIT, .slot = 0, .status = 9, .stderr_text = "" });
-        CHECK(events == 0);                        /* no window has had three workers */
-        told[0] = 0;
-        now.mono_ns += 10 * SECOND;
-        step((struct event) { .type = EVENT_TIME });
-        say(WIRE_WORKER, "READY", "{\"job\":\"\",\"attempt\":0,\"pid\":7}", NULL, 0);
-        CHECK(told[0] == 2);
+    count = die(had);
+    CHECK(events == 0 && count == 2);
+    for (int k = 0; k < 3; k++) {
+        CHECK(told[0] == 1);
+        end_one();
     }
-    end_all();
     CHECK(events == 3);
+    count = die(again);
+    CHECK(count == 0);
+    for (int k = 0; k < 3; k++)
+        push(idents[k], 8, 2);
+    CHECK(told[0] == 2);                           /* that is past */
+    core_free(core);
+}
+
+/* Its first worker has told nothing of the one before it. */
+TEST(a_window_that_kills_workers_behind_others_is_told_worker_died_after_three_that_had_it_alone)
+{
+    struct run had[RUNS_MOST];
+    char idents[3][9], killer[32];
+    int alone = 0;
+
+    events = 0;
+    start_workers(1);
+    open_full(3, idents);
+    CHECK(told[0] == 2);
+    memcpy(killer, runs[0][1].stream, sizeof killer);
+    for (int death = 0; death < 10 && events < 3; death++) {
+        const int count = die(had);
+        alone += count == 1;
+        while (told[0] > 0 && strcmp(runs[0][0].stream, killer) != 0)
+            end_one();
+    }
+    CHECK(alone == 3 && events == 3 && strstr(last_event, "worker_died") != NULL);
     core_free(core);
 }
 

@@ -3,17 +3,31 @@
  *
  * The order of elimination is that of approximate minimum degree alone, the same on every machine.
  *
+ * Half a solution is our own: the factor is read panel by panel, columns of one pattern in the rows
+ * below, and each of its entries multiplies a row of all right-hand sides, which lies in one place.
+ * CHOLMOD's, column by column of them, gathers each of these rows from as many places.
+ *
  * [CDHR08] Chen, Davis, Hager and Rajamanickam, Algorithm 887: CHOLMOD, ACM Trans. Math. Softw. 35
  * (2008) 22.
  */
 #include "modal/linalg/sparse_cholesky.h"
+#include <cblas.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include <suitesparse/cholmod.h>
 
+enum {
+    LANES = SPARSE_CHOLESKY_LANES,
+    PRODUCT_LEAST = 4,          /* columns of a panel from which products of BLAS are faster, */
+    TRIANGLE_LEAST = 8          /* and from which its triangles are: both seen */
+};
+typedef double lanes __attribute__((vector_size(LANES * sizeof(double)), aligned(8), may_alias));
+
 struct sparse_cholesky {
     int n;
+    double *below;                /* rows below a panel; of `below_room` numbers */
+    size_t below_room;
     cholmod_common common;
     cholmod_factor *factor;
     cholmod_dense *room[2];       /* of solutions, CHOLMOD's own */
@@ -62,6 +76,7 @@ void sparse_cholesky_free(struct sparse_cholesky *f)
         cholmod_free_dense(&f->room[i], &f->common);
     cholmod_free_factor(&f->factor, &f->common);
     cholmod_finish(&f->common);
+    free(f->below);
     free(f);
 }
 
@@ -87,12 +102,153 @@ bool sparse_cholesky_solve(struct sparse_cholesky *f, double *X, int columns)
     return solve(f, CHOLMOD_A, X, columns);
 }
 
-const int *sparse_cholesky_order(const struct sparse_cholesky *f) { return f->factor->Perm; }
+/* Columns `first` .. first + columns - 1 of L: entry (row[i], first + j) is x[j rows + i], the
+ * first rows those of the diagonal. */
+struct panel { int first, columns, rows; const int *row; const double *x; };
 
-bool sparse_cholesky_half(struct sparse_cholesky *f, bool transposed, double *X, int columns)
+static int panels(const struct sparse_cholesky *f)
 {
-    return solve(f, transposed ? CHOLMOD_Lt : CHOLMOD_L, X, columns);
+    return f->factor->is_super ? (int)f->factor->nsuper : f->n;
 }
+
+static struct panel panel_at(const struct sparse_cholesky *f, int i)
+{
+    const cholmod_factor *L = f->factor;
+    const int *super = L->super, *pi = L->pi, *px = L->px, *s = L->s, *p = L->p, *nz = L->nz,
+              *row = L->i;
+    const double *x = L->x;
+
+    return L->is_super
+               ? (struct panel) { super[i], super[i + 1] - super[i], pi[i + 1] - pi[i], s + pi[i],
+                                  x + px[i] }
+               : (struct panel) { i, 1, nz[i], row + p[i], x + p[i] };
+}
+
+/* Y -= A X, rows of COLUMNS. */
+static void subtract(double a, const double *X, int columns, double *Y)
+{
+    for (int v = 0; v < columns; v += LANES)
+        *(lanes *)(Y + v) -= a * *(const lanes *)(X + v);
+}
+
+/* X <- X - the COUNT rows of Y, rows of LD, times A in steps of STRIDE. */
+static void subtract_rows(int count, const double *a, size_t stride, const double *Y, size_t ld,
+                          int columns, double *X)
+{
+    for (int v = 0; v < columns; v += LANES) {
+        lanes sum = *(const lanes *)(X + v);
+
+        for (int j = 0; j < count; j++)
+            sum -= a[(size_t)j * stride] * *(const lanes *)(Y + (size_t)j * ld + v);
+        *(lanes *)(X + v) = sum;
+    }
+}
+
+static void divide(double a, int columns, double *X)
+{
+    for (int v = 0; v < columns; v += LANES)
+        *(lanes *)(X + v) /= a;
+}
+
+/* A panel's own rows of the solution. */
+static void diagonal_forward(const struct panel *p, double *own, int columns, size_t ld)
+{
+    size_t rows = (size_t)p->rows;
+
+    if (p->columns >= TRIANGLE_LEAST) {
+        cblas_dtrsm(CblasColMajor, CblasRight, CblasLower, CblasTrans, CblasNonUnit, columns,
+                    p->columns, 1, p->x, p->rows, own, (int)ld);
+        return;
+    }
+    for (int j = 0; j < p->columns; j++) {
+        subtract_rows(j, p->x + j, rows, own, ld, columns, own + (size_t)j * ld);
+        divide(p->x[(size_t)j * rows + (size_t)j], columns, own + (size_t)j * ld);
+    }
+}
+
+/* The same of L^T. */
+static void diagonal_backward(const struct panel *p, double *own, int columns, size_t ld)
+{
+    if (p->columns >= TRIANGLE_LEAST) {
+        cblas_dtrsm(CblasColMajor, CblasRight, CblasLower, CblasNoTrans, CblasNonUnit, columns,
+                    p->columns, 1, p->x, p->rows, own, (int)ld);
+        return;
+    }
+    for (int j = p->columns - 1; j >= 0; j--) {
+        const double *below = p->x + (size_t)j * (size_t)p->rows + (size_t)j + 1;
+
+        subtract_rows(p->columns - 1 - j, below, 1, own + (size_t)(j + 1) * ld, ld, columns,
+                      own + (size_t)j * ld);
+        divide(below[-1], columns, own + (size_t)j * ld);
+    }
+}
+
+/* A panel's rows, and what those below it take from them. */
+static void forward(const struct panel *p, double *X, int columns, size_t ld, double *below)
+{
+    int c = p->columns, m = p->rows - c;
+    size_t rows = (size_t)p->rows;
+    double *own = X + (size_t)p->first * ld;
+
+    diagonal_forward(p, own, columns, ld);
+    if (c >= PRODUCT_LEAST && m > 0)
+        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasTrans, columns, m, c, 1, own, (int)ld,
+                    p->x + c, p->rows, 0, below, columns);
+    for (int i = 0; i < m; i++) {
+        double *to = X + (size_t)p->row[c + i] * ld;
+
+        if (c >= PRODUCT_LEAST)
+            subtract(1, below + (size_t)i * (size_t)columns, columns, to);
+        else
+            subtract_rows(c, p->x + c + i, rows, own, ld, columns, to);
+    }
+}
+
+/* The same of L^T: a panel's take from them. */
+static void backward(const struct panel *p, double *X, int columns, size_t ld, double *below)
+{
+    int c = p->columns, m = p->rows - c;
+    size_t rows = (size_t)p->rows;
+    double *own = X + (size_t)p->first * ld;
+
+    for (int i = 0; i < m; i++) {
+        const double *from = X + (size_t)p->row[c + i] * ld;
+
+        if (c >= PRODUCT_LEAST)
+            memcpy(below + (size_t)i * (size_t)columns, from, (size_t)columns * sizeof *below);
+        for (int j = 0; c < PRODUCT_LEAST && j < c; j++)
+            subtract(p->x[(size_t)j * rows + (size_t)(c + i)], from, columns,
+                     own + (size_t)j * ld);
+    }
+    if (c >= PRODUCT_LEAST && m > 0)
+        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, columns, c, m, -1, below, columns,
+                    p->x + c, p->rows, 1, own, (int)ld);
+    diagonal_backward(p, own, columns, ld);
+}
+
+bool sparse_cholesky_half(struct sparse_cholesky *f, bool transposed, double *X, int columns,
+                          int ld)
+{
+    size_t room = f->factor->is_super ? f->factor->maxesize * (size_t)columns : 0;
+    int count = panels(f);
+
+    if (room > f->below_room) {
+        double *more = realloc(f->below, room * sizeof *more);
+
+        if (more == NULL)
+            return false;
+        f->below = more;
+        f->below_room = room;
+    }
+    for (int i = 0; i < count; i++) {
+        struct panel p = panel_at(f, transposed ? count - 1 - i : i);
+
+        (transposed ? backward : forward)(&p, X, columns, (size_t)ld, f->below);
+    }
+    return true;
+}
+
+const int *sparse_cholesky_order(const struct sparse_cholesky *f) { return f->factor->Perm; }
 
 double sparse_cholesky_flops(const struct sparse_cholesky *f) { return f->common.fl; }
 double sparse_cholesky_fill(const struct sparse_cholesky *f) { return f->common.lnz; }

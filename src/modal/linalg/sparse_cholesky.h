@@ -18,12 +18,15 @@ enum modal_status sparse_cholesky_new(int n, const int *start, const int *index,
 void sparse_cholesky_free(struct sparse_cholesky *f);       /* NULL too */
 /* X <- A^-1 X, COLUMNS of n entries each; false: no memory, and X is as it was. */
 bool sparse_cholesky_solve(struct sparse_cholesky *f, double *X, int columns);
-/*
- * In the order of elimination A = L L^T: row ORDER[i] of A is its i-th, F owns ORDER; X in that
- * order <- L^-1 X, or L^-T X where TRANSPOSED; false: no memory, and X is as it was.
- */
+/* In the order of elimination, A = L L^T, row ORDER[i] of A is the i-th; F owns ORDER. */
 const int *sparse_cholesky_order(const struct sparse_cholesky *f);
-bool sparse_cholesky_half(struct sparse_cholesky *f, bool transposed, double *X, int columns);
+enum { SPARSE_CHOLESKY_LANES = 4 };     /* numbers of a row at once: a register's */
+/*
+ * X, in that order n rows of LD numbers, <- L^-1 X, or L^-T X where TRANSPOSED, of the first
+ * COLUMNS, a multiple of SPARSE_CHOLESKY_LANES; false: no memory, and X is as it was.
+ */
+bool sparse_cholesky_half(struct sparse_cholesky *f, bool transposed, double *X, int columns,
+                          int ld);
 /* Operations of the factorization, and entries of the factor. */
 double sparse_cholesky_flops(const struct sparse_cholesky *f);
 double sparse_cholesky_fill(const struct sparse_cholesky *f);

@@ -516,7 +516,7 @@ static enum modal_status learn(struct condense *c, int k, struct modal_error *er
     size_t q = (size_t)c->q, entries = (size_t)pattern_entries(c->pattern);
     double level = c->level;
     struct condense_harmonic *h = &c->harmonic[k];
-    bool rough = c->needed != NULL && k > c->exact;
+    bool rough = c->force != NULL && k > c->exact;
     enum modal_status rc;
 
     h->stale = (c->lanczos == NULL || !condense_lanczos_answer(c, k, rough, h))
@@ -542,11 +542,16 @@ static enum modal_status learn(struct condense *c, int k, struct modal_error *er
     return rc;
 }
 
-void condense_rough(struct condense *c, int H, const bool *needed)
+void condense_rough(struct condense *c, int H, const double complex *F, int top)
 {
     c->exact = H;
-    c->needed = needed;
+    c->force = F;
+    c->top = top;
+    c->moved = 0;
+    c->left = F != NULL ? 0 : c->left;
 }
+
+double condense_left(const struct condense *c) { return c->left; }
 
 double condense_doubt(const struct condense *c, int k)
 {
@@ -575,10 +580,15 @@ static enum modal_status recall(struct condense *c, int H, double complex *S, do
     c->known_at = c->omega;
     while (rc == MODAL_OK && c->known <= H)
         rc = condense_add_harmonic(c, err);
+    /* What the lowest move is the most, and others' digits are counted against that. */
+    for (int k = c->exact + 1; rc == MODAL_OK && c->force != NULL && c->lanczos != NULL && k <= H;
+         k++)
+        if (condense_lacks(c, k) && !condense_lanczos_leaves(c, k))
+            rc = learn(c, k, err);
     /* H, its half, their quarters: a basis serves best between what it was made of. */
     for (int step = stride_over(H); rc == MODAL_OK && step > 0; step /= 2)
         for (int k = H; rc == MODAL_OK && k >= 0; k -= step)
-            if (condense_lacks(c, k))
+            if (condense_lacks(c, k) && (c->force == NULL || c->lanczos == NULL || k <= c->exact))
                 rc = learn(c, k, err);
     if (rc != MODAL_OK)
         condense_forget(c, 0);

@@ -58,11 +58,15 @@ enum modal_status condense_share(struct condense *c, double tolerance, int point
 /* That estimate of harmonic K of the last condense_at; 0: it was factored. */
 double condense_doubt(const struct condense *c, int k);
 
-/* From now on harmonics past H are asked for by an estimate alone, those of NEEDED[k] (borrowed):
- * of many linear dofs the others are left 0, and what is shared serves where its error is that of
- * two or three digits, or its TOLERANCE where that is more, and takes no more than half of its room
- * and work for them.  NULL: all are asked for, and made anew where they were for an estimate. */
-void condense_rough(struct condense *c, int H, const bool *needed);
+/* From now on harmonics past H are asked for by an estimate alone, of S_k^-1 F_k, F[i (TOP + 1) +
+ * k] of kept dof i (borrowed): of many linear dofs those that nothing drives are left 0, and what
+ * is shared serves where its error is that of two or three digits of the largest of them, or its
+ * TOLERANCE where that is more, and takes no more than half of its room and work for them.  Those
+ * that may move next to nothing are left 0 too.  NULL: all are asked for, and made anew where they
+ * were for an estimate. */
+void condense_rough(struct condense *c, int H, const double complex *F, int top);
+/* What these last may move a dof by altogether, at most, in the unit of x. */
+double condense_left(const struct condense *c);
 
 /* The dofs that condense_recover is asked for, COUNT of them (NULL: all): of many linear dofs only
  * theirs are held. */

@@ -48,8 +48,13 @@ enum modal_status condense_add_harmonic(struct condense *c, struct modal_error *
 bool condense_lacks(const struct condense *c, int k)
 {
     const struct condense_harmonic *h = &c->harmonic[k];
+    bool driven = false;
 
-    return c->needed == NULL || k <= c->exact ? h->stale || h->rough : h->stale && c->needed[k];
+    if (c->force == NULL || k <= c->exact)
+        return h->stale || h->rough;
+    for (int i = 0; i < c->q && k <= c->top; i++)
+        driven |= c->force[i * (c->top + 1) + k] != 0;
+    return h->stale && driven;
 }
 
 static bool same_matrix(const struct sparse *a, const struct sparse *b)

@@ -31,6 +31,14 @@
  * basis: once resonances are found vectors lose their orthogonality and find them again, which
  * costs steps and no digits [G89].
  *
+ * An estimate leaves out what moves little by any account.  Lambda of condense.h is a lambda + i
+ * alpha s - s^2 on modes of mass 1, lambda their eigenvalues, and nowhere less than d, so that
+ * forces F_k on kept dofs move no dof by more than
+ *
+ *     |F_k| / (m d),   d = (alpha + beta s^2) s / |a|,                                          (6)
+ *
+ * m the least mass of those dofs, which is what M has on its diagonal beside the rest of a row.
+ *
  * [FF95] Feldmann and Freund, Efficient linear circuit analysis by Pade approximation via the
  * Lanczos process, IEEE Trans. CAD 14 (1995) 639-649.
  * [G89] Greenbaum, Behavior of slightly perturbed Lanczos and conjugate-gradient recurrences,
@@ -42,6 +50,8 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/linalg/block_lanczos.h"
+#include "modal/linalg/block_schur.h"
 #include "modal/linalg/sparse_cholesky.h"
 #include "modal/linalg/sparse_lu.h"
 #include "modal/numbers.h"
@@ -52,10 +62,11 @@
 enum {
     DUALS_MOST = 32,        /* dofs wanted, each of which is one more column of B */
     FASTER = 5,             /* products of full matrices, of 10,000 rows: 20 operations a ns */
+    LANES = BLOCK_LANCZOS_LANES,    /* of a row, at once */
+    BETWEEN = 4,            /* steps of (4) from one that (5) is asked of to the next */
     GROWTH = 8,             /* an eighth of the steps is made before s is asked anew */
     STEP = 1000,            /* of budget.h: a microsecond, of the calls that a step of (4) makes */
-    PRODUCTS = 8,           /* r x wide x wide in a step: (3), and Q's factors */
-    REDUCTION = 12          /* n x n x reach: a band to its eigenvalues, 6 and as much by rotations */
+    REDUCTION = 12          /* n x n x reach: a band to its eigenvalues, and half by rotations */
 };
 /* Entries off symmetry by less, relative, are symmetric: rounding of an assembly. */
 static const double SYMMETRIC = 1e-12;
@@ -64,22 +75,18 @@ static const double SYMMETRIC = 1e-12;
  * s sigma / (s^2 + sigma^2) is large: at s by half, as well at three times s, for an error, as at s
  * itself with sqrt 3; and at s / 3 by half of that. */
 static const double SHIFT = 1.7;
-/* Of what factors would cost along all points, what (3) may. */
+/* Of what factors would cost along all points, what (3) and (4) may. */
 static const double VENTURE = 0.5;
 /* What S^-1 F may be off by, relative and by (5), where an estimate asks: it needs a digit or two.
  */
 static const double ROUGH = 0.03;
+/* Of the largest motion of an estimate, what the harmonics that it leaves out may move: chosen; it
+ * is added to the error, which is so much too large. */
+static const double LEAVES = 0.25;
 /* The least |a + c theta| that tells anything. */
 static const double CONDITION = 64 * DBL_EPSILON;
-/* What a column of (3) has beside the others, over |N|, below which it is their rounding. */
-static const double DEPENDENT = 1e-13;
-/* Cholesky's pivots over the largest size of a column: above REGULAR columns are orthonormal to a
- * thousand roundings, above TWICE a second factorization makes them so. */
-static const double REGULAR = 0.03;
-static const double TWICE = 1e-5;
-
-/* Q_j has WIDE columns; A_j; B_j+1, `next` x wide, in columns of `wide`, next <= wide. */
-struct step { int wide, next; double *A, *B; };
+/* Of a row. */
+typedef double lanes __attribute__((vector_size(LANES * sizeof(double)), aligned(8), may_alias));
 
 struct condense_lanczos {
     double tolerance, alpha, beta, sigma2;
@@ -88,23 +95,19 @@ struct condense_lanczos {
     int sides;                      /* columns of B */
     struct sparse_cholesky *factors;    /* of A_0; NULL: before the first question */
     struct sparse M;                /* M_rr in the factors' order; its arrays are `space`'s */
-    double *Q[3];                   /* r x sides: of the last step, of this, of the next */
-    double *R;                      /* R_1, step[0].wide x sides, in columns of `sides` */
-    struct step *step;
-    int steps, places;
-    double scale;                   /* of N: the largest entry of an A_j */
-    bool ended;                     /* no more steps */
+    struct block_lanczos b;         /* (3) */
     int points, asked;              /* that follow; harmonics of the first of them */
     double first;                   /* rad/s: of the first */
     double spent, once;             /* operations, of all of it; of one factorization of L */
     int served, failed;             /* harmonics */
-    double *small, *column;         /* 2 sides x sides; r */
-    double complex *D, *X, *P, *G;  /* sides x sides, x (answers + sides), x answers; answers^2 */
+    double mass;                    /* m of (6); < 0: not known */
+    struct block_schur sum;         /* (4) */
+    double complex *S;              /* q x q, and room for its condition */
     int *pivot;
     double *size;                   /* |P_j+1 e_m| of (5) */
     double *theta;                  /* eigenvalues of T_j, ascending */
     int thetas, thetas_of;          /* how many, of how many steps; 0: not known */
-    struct workspace space, blocks;     /* of the arrays; of A and B */
+    struct workspace space;
 };
 
 static void drop(struct condense *c)
@@ -112,9 +115,9 @@ static void drop(struct condense *c)
     struct condense_lanczos *l = c->lanczos;
 
     sparse_cholesky_free(l->factors);
+    block_schur_done(&l->sum);
+    block_lanczos_done(&l->b);
     workspace_free(&l->space);
-    workspace_free(&l->blocks);
-    free(l->step);
     free(l->theta);
     free(l);
     c->lanczos = NULL;
@@ -160,7 +163,8 @@ enum modal_status condense_share(struct condense *c, double tolerance, int point
         return modal_fail(err, MODAL_NO_MEMORY, "condense: no memory for a curve");
     *l = (struct condense_lanczos) { .tolerance = tolerance, .alpha = alpha, .beta = beta,
                                      .r = c->r, .q = c->q, .duals = c->seats,
-                                     .answers = c->q + c->seats + 1, .points = points };
+                                     .answers = c->q + c->seats + 1, .points = points,
+                                     .mass = -1 };
     if (M->start != NULL)
         EACH_COUPLING(c, M, i, e)
             l->massive = true;
@@ -230,7 +234,7 @@ static void order_mass(const struct condense *c, const int *row, struct condense
 static void right_sides(const struct condense *c, const int *row, double *Z)
 {
     const struct condense_lanczos *l = c->lanczos;
-    size_t r = (size_t)l->r;
+    size_t ld = (size_t)l->b.ld;
     int wide = (l->massive ? 2 : 1) * l->q;
 
     for (int t = PROGRAM_M; t <= PROGRAM_K; t += PROGRAM_K - PROGRAM_M) {
@@ -238,85 +242,23 @@ static void right_sides(const struct condense *c, const int *row, double *Z)
 
         if (a->start != NULL)
             EACH_COUPLING(c, a, i, e)
-                Z[(size_t)((t == PROGRAM_M ? l->q : 0) + c->place[a->index[e]]) * r
-                  + (size_t)row[c->spot[i]]] += a->value[e];
+                Z[(size_t)row[c->spot[i]] * ld
+                  + (size_t)((t == PROGRAM_M ? l->q : 0) + c->place[a->index[e]])] += a->value[e];
     }
     for (int i = 0; i < c->n; i++)
         if (c->seat[i] >= 0)
-            Z[(size_t)(wide + c->seat[i]) * r + (size_t)row[c->spot[i]]] = 1;
+            Z[(size_t)row[c->spot[i]] * ld + (size_t)(wide + c->seat[i])] = 1;
     wide += l->duals;
     for (int k = 0; k <= c->highest; k++) {
         for (int i = 0; i < c->loads; i++)
             if (c->load[i].k == k && c->spot[c->load[i].dof] >= 0) {
-                double *z = Z + (size_t)wide * r + row[c->spot[c->load[i].dof]];
+                double *z = Z + (size_t)row[c->spot[c->load[i].dof]] * ld + wide;
 
                 z[0] += creal(c->load[i].value);
-                z[r] += cimag(c->load[i].value);
+                z[1] += cimag(c->load[i].value);
             }
         wide += has_load(c, k) ? 2 : 0;
     }
-}
-
-/* The WIDE columns of Z to Q R, those that have more than LEAST (of their own size where RELATIVE)
- * beside the ones before: how many.  R in columns of LD. */
-static int part(struct condense_lanczos *l, double *Z, int wide, double least, bool relative,
-                double *R, int ld)
-{
-    size_t r = (size_t)l->r;
-    int kept = 0;
-
-    for (int j = 0; j < wide; j++) {
-        double *z = Z + (size_t)kept * r, *h = R + (size_t)j * (size_t)ld, size;
-        double bound = least * (relative ? cblas_dnrm2(l->r, Z + (size_t)j * r, 1) : 1);
-
-        memset(h, 0, (size_t)wide * sizeof *h);
-        if (j > kept)
-            memcpy(z, Z + (size_t)j * r, r * sizeof *z);
-        for (int pass = 0; pass < 2 && kept > 0; pass++) {
-            cblas_dgemv(CblasColMajor, CblasTrans, l->r, kept, 1, Z, l->r, z, 1, 0, l->small, 1);
-            cblas_dgemv(CblasColMajor, CblasNoTrans, l->r, kept, -1, Z, l->r, l->small, 1, 1, z,
-                        1);
-            cblas_daxpy(kept, 1, l->small, 1, h, 1);
-        }
-        size = cblas_dnrm2(l->r, z, 1);
-        if (size > bound && isfinite(size)) {
-            cblas_dscal(l->r, 1 / size, z, 1);
-            h[kept++] = size;
-        }
-    }
-    return kept;
-}
-
-/* The same by Cholesky's factors of Z^T Z, once more where these are not REGULAR; false: they are
- * singular, nearly, and Z is as it was. */
-static bool part_at_once(struct condense_lanczos *l, double *Z, int wide, double *R, int ld)
-{
-    size_t w = (size_t)wide;
-    double *G = l->small, *second = l->small + (size_t)l->sides * (size_t)l->sides, most = 0,
-           least = 0;
-
-    for (int pass = 0; pass < 2 && !(least > REGULAR * most); pass++) {
-        double *to = pass == 0 ? G : second;
-
-        cblas_dsyrk(CblasColMajor, CblasUpper, CblasTrans, wide, l->r, 1, Z, l->r, 0, to, wide);
-        if (LAPACKE_dpotrf_work(LAPACK_COL_MAJOR, 'U', wide, to, wide) != 0)
-            return false;                               /* never at the second pass */
-        for (size_t i = 0; pass == 0 && i < w; i++) {
-            most = fmax(most, cblas_dnrm2((int)i + 1, G + i * w, 1));   /* a column's size */
-            least = i == 0 ? G[0] : fmin(least, G[i * (w + 1)]);
-        }
-        if (!(least > TWICE * most))
-            return false;
-        cblas_dtrsm(CblasColMajor, CblasRight, CblasUpper, CblasNoTrans, CblasNonUnit, l->r, wide,
-                    1, to, wide, Z, l->r);
-    }
-    if (!(least > REGULAR * most))
-        cblas_dtrmm(CblasColMajor, CblasLeft, CblasUpper, CblasNoTrans, CblasNonUnit, wide, wide,
-                    1, second, wide, G, wide);
-    for (size_t j = 0; j < w; j++)
-        for (size_t i = 0; i < w; i++)
-            R[j * (size_t)ld + i] = i <= j ? G[j * w + i] : 0;
-    return true;
 }
 
 /* Operations of a factorization of L and its solutions: beside those of A_0 twice as many entries,
@@ -329,34 +271,13 @@ static double once(const struct condense_lanczos *l)
            + 8 * fill * l->answers;
 }
 
-/* Room for one step more; it has WIDE columns. */
-static struct step *add_step(struct condense_lanczos *l, int wide)
-{
-    size_t w = (size_t)wide;
-    struct step *s;
-
-    if (l->steps == l->places) {
-        int more = 2 * l->places + 16;
-
-        s = realloc(l->step, (size_t)more * sizeof *s);
-        if (s == NULL)
-            return NULL;
-        l->step = s;
-        l->places = more;
-    }
-    s = &l->step[l->steps];
-    *s = (struct step) { wide, 0, workspace_zeros(&l->blocks, w * w, sizeof *s->A),
-                         workspace_zeros(&l->blocks, w * w, sizeof *s->B) };
-    return l->blocks.failed ? NULL : s;
-}
-
 /* A_0 for S, and Q_1; false: there is no curve by it. */
 static bool begin(struct condense *c, double s)
 {
     struct condense_lanczos *l = c->lanczos;
-    size_t sides = (size_t)l->sides, answers = (size_t)l->answers, r = (size_t)l->r;
-    int *row, wide;
     const int *order;
+    int *row;
+    size_t q = (size_t)l->q;
 
     l->sigma2 = SHIFT * s * SHIFT * s;
     l->factors = factor_real(c, l->sigma2);
@@ -364,30 +285,21 @@ static bool begin(struct condense *c, double s)
         return false;
     l->once = once(l);
     order = sparse_cholesky_order(l->factors);
-    row = workspace_room(&l->space, r, sizeof *row);
-    for (int i = 0; i < 3; i++)
-        l->Q[i] = workspace_zeros(&l->space, r * sides, sizeof *l->Q[i]);
-    l->R = workspace_zeros(&l->space, sides * sides, sizeof *l->R);
-    l->small = workspace_zeros(&l->space, 2 * sides * sides, sizeof *l->small);
-    l->column = workspace_zeros(&l->space, r, sizeof *l->column);
-    l->D = workspace_zeros(&l->space, sides * sides, sizeof *l->D);
-    l->X = workspace_zeros(&l->space, sides * (answers + sides), sizeof *l->X);
-    l->P = workspace_zeros(&l->space, sides * answers, sizeof *l->P);
-    l->G = workspace_zeros(&l->space, 2 * answers * answers, sizeof *l->G);
-    l->pivot = workspace_zeros(&l->space, sides, sizeof *l->pivot);
-    l->size = workspace_zeros(&l->space, answers, sizeof *l->size);
-    if (l->space.failed)
+    row = workspace_room(&l->space, (size_t)l->r, sizeof *row);
+    l->S = workspace_zeros(&l->space, q * q + 4 * q, sizeof *l->S);
+    l->pivot = workspace_zeros(&l->space, q, sizeof *l->pivot);
+    l->size = workspace_zeros(&l->space, (size_t)l->answers, sizeof *l->size);
+    if (!block_lanczos_init(&l->b, l->r, l->sides)
+        || !block_schur_init(&l->sum, l->answers, l->sides) || l->space.failed)
         return false;
     for (int i = 0; i < l->r; i++)
         row[order[i]] = i;
     order_mass(c, row, l);
     if (l->space.failed)
         return false;
-    right_sides(c, row, l->Q[1]);
-    if (!sparse_cholesky_half(l->factors, false, l->Q[1], l->sides))
-        return false;
-    wide = part(l, l->Q[1], l->sides, DEPENDENT, true, l->R, l->sides);
-    return wide > 0 && add_step(l, wide) != NULL;
+    right_sides(c, row, l->b.Q[1]);
+    return sparse_cholesky_half(l->factors, false, l->b.Q[1], l->b.ld, l->b.ld)
+           && block_lanczos_begin(&l->b);
 }
 
 /* Operations that (3) may cost. */
@@ -396,82 +308,55 @@ static double ventured(const struct condense_lanczos *l)
     return VENTURE * l->points * l->asked * l->once;
 }
 
-/* W <- R^-T M_rr R^-1 W, WIDE columns. */
-static bool apply(struct condense_lanczos *l, double *W, int wide)
+/* block_product: Y <- R^-T M_rr R^-1 X. */
+static bool apply(void *context, int columns, int ld, double *X, double *Y)
 {
-    size_t r = (size_t)l->r;
+    const struct condense_lanczos *l = context;
+    size_t width = (size_t)columns, stride = (size_t)ld;
 
-    if (!sparse_cholesky_half(l->factors, true, W, wide))
+    if (!sparse_cholesky_half(l->factors, true, X, columns, ld))
         return false;
-    for (int j = 0; j < wide; j++) {
-        memset(l->column, 0, r * sizeof *l->column);
-        sparse_multiply_add(&l->M, 1, W + (size_t)j * r, l->column);
-        memcpy(W + (size_t)j * r, l->column, r * sizeof *W);
-    }
-    return sparse_cholesky_half(l->factors, false, W, wide);
-}
+    for (int i = 0; i < l->r; i++) {
+        double *y = Y + (size_t)i * stride;
 
-/* A_j of Q, and W less its part of Q. */
-static void take_diagonal(struct condense_lanczos *l, const double *Q, int wide, double *W,
-                          double *A)
-{
-    size_t w = (size_t)wide;
+        memset(y, 0, width * sizeof *y);
+        for (int e = l->M.start[i]; e < l->M.start[i + 1]; e++) {
+            const double *x = X + (size_t)l->M.index[e] * stride;
 
-    cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, wide, wide, l->r, 1, Q, l->r, W, l->r, 0,
-                A, wide);
-    for (size_t j = 0; j < w; j++)
-        for (size_t i = 0; i <= j; i++) {
-            A[i * w + j] = A[j * w + i] = (A[i * w + j] + A[j * w + i]) / 2;
-            l->scale = fmax(l->scale, fabs(A[i * w + j]));
+            for (size_t v = 0; v < width; v += LANES)
+                *(lanes *)(y + v) += l->M.value[e] * *(const lanes *)(x + v);
         }
-    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, l->r, wide, wide, -1, Q, l->r, A, wide,
-                1, W, l->r);
+    }
+    return sparse_cholesky_half(l->factors, false, Y, columns, ld);
 }
 
 /* One step of (3); false: there is none, or no work or memory for it. */
 static bool make_step(struct condense *c)
 {
     struct condense_lanczos *l = c->lanczos;
-    struct step *s = &l->step[l->steps];
-    double *before = l->Q[0], *now = l->Q[1], *next = l->Q[2], work;
-    int wide = s->wide;
+    double panels, rest;
 
-    /* few columns: the factor is read for each step, at the rate of scattered numbers */
-    work = wide * (4 * sparse_cholesky_fill(l->factors)
-                   + (double)PRODUCTS * l->r * wide / (FASTER * BUDGET_DENSE));
-    if (l->ended || l->spent + work > ventured(l))
+    if (l->b.ended)
         return false;
-    l->spent += work;
-    c->work += work;
-    memcpy(next, now, (size_t)l->r * (size_t)wide * sizeof *next);
-    l->ended = !apply(l, next, wide);
-    if (l->ended)
+    panels = 4 * sparse_cholesky_fill(l->factors) * l->b.step[l->b.steps].wide;
+    rest = block_lanczos_work(&l->b) / (FASTER * BUDGET_DENSE);
+    /* on some curves all is in vain: what is ventured is counted as if the factor were scattered */
+    if (l->spent + panels + rest > ventured(l))
         return false;
-    if (l->steps > 0)
-        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasTrans, l->r, wide, s[-1].wide, -1, before,
-                    l->r, s[-1].B, s[-1].wide, 1, next, l->r);
-    take_diagonal(l, now, wide, next, s->A);
-    s->next = part_at_once(l, next, wide, s->B, wide)
-                  ? wide
-                  : part(l, next, wide, DEPENDENT * l->scale, false, s->B, wide);
-    l->Q[0] = now;
-    l->Q[1] = next;
-    l->Q[2] = before;
-    wide = s->next;
-    l->steps++;
-    l->ended = wide == 0 || add_step(l, wide) == NULL;
-    return true;
+    l->spent += panels + rest;
+    c->work += panels / BUDGET_DENSE + rest;
+    return block_lanczos_step(&l->b, apply, l);
 }
 
 /* An eighth more steps; false: none is made. */
 static bool grow(struct condense *c)
 {
     struct condense_lanczos *l = c->lanczos;
-    int before = l->steps, most = before + before / GROWTH + 1;
+    int before = l->b.steps, most = before + before / GROWTH + 1;
 
-    while (l->steps < most && make_step(c))
+    while (l->b.steps < most && make_step(c))
         ;
-    return l->steps > before;
+    return l->b.steps > before;
 }
 
 /* The eigenvalues of T_j; false: no memory, or no work for them. */
@@ -482,10 +367,10 @@ static bool find_theta(struct condense *c)
     double *band, *theta, work;
     bool ok;
 
-    for (int j = 0; j < l->steps; j++) {
-        n += l->step[j].wide;
-        reach = l->step[j].wide + l->step[j].next > reach ? l->step[j].wide + l->step[j].next
-                                                          : reach;
+    for (int j = 0; j < l->b.steps; j++) {
+        n += l->b.step[j].wide;
+        if (l->b.step[j].wide + l->b.step[j].next > reach)
+            reach = l->b.step[j].wide + l->b.step[j].next;
     }
     work = REDUCTION * (double)n * n * reach / BUDGET_DENSE;
     if (l->spent + work > ventured(l))
@@ -495,15 +380,15 @@ static bool find_theta(struct condense *c)
     theta = realloc(l->theta, (4 * (size_t)n + 1) * sizeof *theta);
     band = calloc((size_t)n * (size_t)reach + 1, sizeof *band);
     l->theta = theta != NULL ? theta : l->theta;
-    for (int j = 0; theta != NULL && band != NULL && j < l->steps; at += l->step[j++].wide) {
-        const struct step *s = &l->step[j];
+    for (int j = 0; theta != NULL && band != NULL && j < l->b.steps; at += l->b.step[j++].wide) {
+        const struct block_step *s = &l->b.step[j];
 
         for (int m = 0; m < s->wide; m++) {
             double *column = band + (size_t)(at + m) * (size_t)reach;
 
             for (int i = m; i < s->wide; i++)
                 column[i - m] = s->A[m * s->wide + i];
-            for (int i = 0; j + 1 < l->steps && i < s->next; i++)
+            for (int i = 0; j + 1 < l->b.steps && i < s->next; i++)
                 column[s->wide + i - m] = s->B[m * s->wide + i];
         }
     }
@@ -511,16 +396,17 @@ static bool find_theta(struct condense *c)
          && LAPACKE_dsbev_work(LAPACK_COL_MAJOR, 'N', 'L', n, reach - 1, band, reach, theta, NULL,
                                n, theta + n) == 0;
     l->thetas = ok ? n : 0;
-    l->thetas_of = ok ? l->steps : 0;
+    l->thetas_of = ok ? l->b.steps : 0;
     free(band);
     return ok;
 }
 
 /* One s and the harmonic it is of: a and c of (1); steps of (4) that are done; of (5) the least so
- * far, and what is left without it; the largest part of S, and what rounding makes of S by it. */
+ * far, and what is left without it; the largest part of S, and what rounding makes of S by it; of
+ * an estimate what it moves. */
 struct at {
     int k, done;
-    double s, least, left, most, rounded;
+    double s, least, left, most, rounded, moved;
     double complex a, c;
 };
 
@@ -538,7 +424,7 @@ static double least_of_theta(struct condense *c, const struct at *at)
     const struct condense_lanczos *l = c->lanczos;
     double least = DBL_MAX;
 
-    if (l->thetas_of != l->steps && !find_theta(c))
+    if (l->thetas_of != l->b.steps && !find_theta(c))
         return 0;
     for (int i = 0; i < l->thetas; i++)
         least = fmin(least, cabs(at->a + at->c * l->theta[i]));
@@ -549,83 +435,26 @@ static double least_of_theta(struct condense *c, const struct at *at)
 static void begin_sides(const struct condense *c, const struct at *at)
 {
     struct condense_lanczos *l = c->lanczos;
-    size_t w = (size_t)l->step[0].wide, sides = (size_t)l->sides, q = (size_t)l->q;
-    const double *R = l->R;
-    double complex by = CMPLX(1, l->beta * at->s), mass = CMPLX(-at->s * at->s, l->alpha * at->s),
-                   *P = l->P;
+    size_t w = (size_t)l->b.step[0].wide, sides = (size_t)l->sides, q = (size_t)l->q, j = 0;
+    double complex by = CMPLX(1, l->beta * at->s), mass = CMPLX(-at->s * at->s, l->alpha * at->s);
+    const double *R = l->b.R;
 
-    for (size_t j = 0; j < q; j++, R += sides, P += w)
+    for (; j < q; j++, R += sides)
         for (size_t i = 0; i < w; i++)
-            P[i] = by * R[i] + (l->massive ? mass * R[q * sides + i] : 0);
+            block_schur_set(&l->sum, i, j,
+                      by * R[i] + (l->massive ? mass * R[q * sides + i] : 0));
     R += l->massive ? q * sides : 0;
-    for (int j = 0; j < l->duals; j++, R += sides, P += w)
+    for (; j < q + (size_t)l->duals; j++, R += sides)
         for (size_t i = 0; i < w; i++)
-            P[i] = R[i];
-    memset(P, 0, w * sizeof *P);
+            block_schur_set(&l->sum, i, j, R[i]);
     for (int k = 0; k <= c->highest; k++) {
         for (size_t i = 0; k == at->k && has_load(c, k) && i < w; i++)
-            P[i] = CMPLX(R[i], R[sides + i]);
+            block_schur_set(&l->sum, i, j, CMPLX(R[i], R[sides + i]));
         R += has_load(c, k) ? 2 * sides : 0;
     }
 }
 
-/* Onto D, of step S: a + c A. */
-static void add_diagonal(const struct step *s, const struct at *at, double complex *D)
-{
-    size_t w = (size_t)s->wide;
-
-    for (size_t e = 0; e < w * w; e++)
-        D[e] += at->c * s->A[e];
-    for (size_t i = 0; i < w; i++)
-        D[i * (w + 1)] += at->a;
-}
-
-/* Y <- by B X, X of COLUMNS. */
-static void multiply_next(const struct step *s, double complex by, const double complex *X,
-                          int columns, double complex *Y)
-{
-    size_t w = (size_t)s->wide, next = (size_t)s->next;
-
-    memset(Y, 0, next * (size_t)columns * sizeof *Y);
-    for (int j = 0; j < columns; j++)
-        for (size_t m = 0; m < w; m++) {
-            double complex x = by * X[(size_t)j * w + m];
-
-            for (size_t i = 0; i < next; i++)
-                Y[(size_t)j * next + i] += s->B[m * w + i] * x;
-        }
-}
-
-/* Step S of (4): its part joins G, and P and D are those of the next, but for a + c A; the largest
- * entry of the part in S, or -1 where D is singular. */
-static double eliminate(struct condense_lanczos *l, const struct step *s, const struct at *at)
-{
-    int n = l->answers, w = s->wide;
-    size_t wide = (size_t)w, squares = (size_t)n * (size_t)n;
-    double largest = 0;
-    double complex one = 1, none = 0, *part = l->G + squares, *XB = l->X + wide * (size_t)n;
-
-    memcpy(l->X, l->P, wide * (size_t)n * sizeof *l->X);
-    for (size_t i = 0; i < (size_t)s->next; i++)
-        for (size_t m = 0; m < wide; m++)
-            XB[i * wide + m] = s->B[m * wide + i];
-    if (LAPACKE_zgetrf_work(LAPACK_COL_MAJOR, w, w, l->D, w, l->pivot) != 0)
-        return -1;
-    LAPACKE_zgetrs_work(LAPACK_COL_MAJOR, 'N', w, n + s->next, l->D, w, l->pivot, l->X, w);
-    cblas_zgemm(CblasColMajor, CblasTrans, CblasNoTrans, n, n, w, &one, l->P, w, l->X, w, &none,
-                part, n);
-    for (size_t e = 0; e < squares; e++)
-        l->G[e] += part[e];
-    multiply_next(s, -at->c, l->X, n, l->P);
-    multiply_next(s, -at->c * at->c, XB, s->next, l->D);
-    for (int j = 0; j < n; j++)
-        l->size[j] = s->next > 0 ? cblas_dznrm2(s->next, l->P + (size_t)j * (size_t)s->next, 1) : 0;
-    for (int j = 0; j < l->q; j++)
-        largest = fmax(largest, numbers_modulus(part + (size_t)j * (size_t)n, (size_t)l->q));
-    return largest;
-}
-
-/* S, p and the rows wanted of G into H. */
+/* S, p and the rows wanted of the sum into H. */
 static void answer(struct condense *c, const struct at *at, struct condense_harmonic *h)
 {
     const struct condense_lanczos *l = c->lanczos;
@@ -638,13 +467,13 @@ static void answer(struct condense *c, const struct at *at, struct condense_harm
         if (c->load[i].k == at->k && c->place[c->load[i].dof] >= 0)
             h->p[c->place[c->load[i].dof]] += c->load[i].value;
     for (size_t j = 0; j <= q; j++) {
-        const double complex *G = l->G + (j < q ? j : n - 1) * n;
+        size_t of = j < q ? j : n - 1;
         double complex *out = j < q ? h->S + j * q : h->p;
 
         for (size_t i = 0; i < q; i++)
-            out[i] -= G[i];
+            out[i] -= block_schur_sum(&l->sum, of, i);
         for (size_t w = 0; w < seats; w++)
-            h->row[j * seats + w] = G[q + w];
+            h->row[j * seats + w] = block_schur_sum(&l->sum, of, q + w);
     }
 }
 
@@ -669,20 +498,29 @@ static double doubt(const struct condense *c, const struct at *at,
                 loaded > 0 ? loaded * fmax(kept / load, wanted / moved) : 0);
 }
 
-/* What of S, relative, leaves S^-1 F as good as ROUGH: that over S's condition. */
-static double rough_tolerance(struct condense_lanczos *l, const double complex *S)
+/* What the entries of S may be off by, over the largest, for S^-1 F to be as good as ROUGH of the
+ * largest of an estimate so far, `share` of itself; S stays regular below 1 / q of its condition.
+ * |S^-1 F| into AT. */
+static double rough_tolerance(const struct condense *c, struct at *at, const double complex *S)
 {
+    struct condense_lanczos *l = c->lanczos;
     int q = l->q;
-    double condition = 0, norm = 0;
+    double condition = 0, norm = 0, share;
+    double complex *x = l->S + q * q;
 
-    memcpy(l->X, S, (size_t)q * (size_t)q * sizeof *S);
+    memcpy(l->S, S, (size_t)q * (size_t)q * sizeof *S);
     for (int j = 0; j < q; j++)
         norm = fmax(norm, cblas_dzasum(q, S + (size_t)j * (size_t)q, 1));
-    if (LAPACKE_zgetrf_work(LAPACK_COL_MAJOR, q, q, l->X, q, l->pivot) != 0
-        || LAPACKE_zgecon_work(LAPACK_COL_MAJOR, '1', q, l->X, q, norm, &condition,
-                               l->G + (size_t)l->answers * (size_t)l->answers, l->small) != 0)
+    if (LAPACKE_zgetrf_work(LAPACK_COL_MAJOR, q, q, l->S, q, l->pivot) != 0
+        || LAPACKE_zgecon_work(LAPACK_COL_MAJOR, '1', q, l->S, q, norm, &condition, x,
+                               (double *)(x + 2 * q)) != 0)
         return 0;
-    return ROUGH * condition;
+    for (int i = 0; i < q; i++)
+        x[i] = c->force[i * (c->top + 1) + at->k];
+    LAPACKE_zgetrs_work(LAPACK_COL_MAJOR, 'N', q, 1, l->S, q, l->pivot, x, q);
+    at->moved = numbers_modulus(x, (size_t)q);
+    share = ROUGH * fmax(c->moved / at->moved, 1);
+    return condition / (1 / share + q);
 }
 
 /* (4) before its first step. */
@@ -691,31 +529,36 @@ static void begin_elimination(struct condense *c, struct at *at)
     struct condense_lanczos *l = c->lanczos;
 
     at->least = least_of_all(at);
+    block_schur_begin(&l->sum);
     begin_sides(c, at);
-    memset(l->G, 0, 2 * (size_t)l->answers * (size_t)l->answers * sizeof *l->G);
-    memset(l->D, 0, (size_t)l->sides * (size_t)l->sides * sizeof *l->D);
 }
 
-/* One step of (4) more into H, and (5) but for its denominator into AT; false: D is singular. */
-static bool go_on(struct condense *c, struct at *at, struct condense_harmonic *h)
+/* One step of (4) more; false: D is singular. */
+static bool go_on(struct condense *c, struct at *at)
 {
     struct condense_lanczos *l = c->lanczos;
-    const struct step *s = &l->step[at->done++];
+    const struct block_step *s = &l->b.step[at->done++];
     double largest, columns = s->wide + l->answers,
            work = STEP + 8 * s->wide * columns * columns / BUDGET_DENSE;
 
     l->spent += work;
     c->work += work;
-    add_diagonal(s, at, l->D);
-    largest = eliminate(l, s, at);
-    if (largest < 0)
-        return false;
+    largest = block_schur_step(&l->sum, s, at->a, at->c, l->q);
     at->most = fmax(at->most, largest);
+    return largest >= 0;
+}
+
+/* (4) as it stands into H, and (5) but for its denominator into AT. */
+static void look(struct condense *c, struct at *at, struct condense_harmonic *h)
+{
+    struct condense_lanczos *l = c->lanczos;
+
+    for (int j = 0; j < l->answers; j++)
+        l->size[j] = block_schur_left(&l->sum, (size_t)j);
     answer(c, at, h);
     at->left = doubt(c, at, h);
     at->rounded = DBL_EPSILON * at->most / numbers_modulus(h->S, (size_t)l->q * (size_t)l->q);
     h->doubt = at->left / at->least + at->rounded;
-    return true;
 }
 
 /* The harmonic of AT by the steps that are made, from where it stood, into H; ROUGH: as an estimate
@@ -726,16 +569,19 @@ static bool serves(struct condense *c, struct at *at, bool rough, struct condens
     struct condense_lanczos *l = c->lanczos;
     double allowed = l->tolerance;
 
-    if (l->steps == 0)
+    if (l->b.steps == 0)
         return false;
     if (at->done == 0)
         begin_elimination(c, at);
-    while (at->done < l->steps) {
-        if (!go_on(c, at, h)) {
+    while (at->done < l->b.steps) {
+        if (!go_on(c, at)) {
             *near = true;
             return false;
         }
-        allowed = rough ? fmax(rough_tolerance(l, h->S), l->tolerance) : l->tolerance;
+        if (at->done % BETWEEN != 0 && at->done < l->b.steps)
+            continue;
+        look(c, at, h);
+        allowed = rough ? fmax(rough_tolerance(c, at, h->S), l->tolerance) : l->tolerance;
         if (at->least > CONDITION && h->doubt <= allowed)
             return true;
     }
@@ -791,7 +637,47 @@ bool condense_lanczos_answer(struct condense *c, int k, bool rough, struct conde
     if (!answer_by_steps(c, &at, rough, h))
         return false;
     h->rough = h->doubt > l->tolerance;
+    c->moved = rough ? fmax(c->moved, at.moved) : c->moved;
     l->served++;
+    return true;
+}
+
+/* The least over kept dofs and those wanted of what M has on its diagonal beside the rest of the
+ * row; 0: there is a row that has nothing, and M^-1 no bound by it. */
+static double least_mass(const struct condense *c)
+{
+    const struct sparse *M = &c->p->constant[PROGRAM_M];
+    double least = HUGE_VAL;
+
+    for (int i = 0; i < c->n; i++) {
+        double mass = 0;
+
+        for (int e = M->start != NULL ? M->start[i] : 0;
+             M->start != NULL && e < M->start[i + 1]; e++)
+            mass += M->index[e] == i ? M->value[e] : -fabs(M->value[e]);
+        if (!(mass > 0))
+            return 0;
+        if (c->place[i] >= 0 || c->seat[i] >= 0)
+            least = fmin(least, mass);
+    }
+    return least;
+}
+
+bool condense_lanczos_leaves(struct condense *c, int k)
+{
+    struct condense_lanczos *l = c->lanczos;
+    double s = k * c->omega, apart = (l->alpha + l->beta * s * s) * s / hypot(1, l->beta * s),
+           force = 0, moves;
+
+    if (l->factors == NULL)
+        return false;
+    l->mass = l->mass < 0 ? least_mass(c) : l->mass;
+    for (int i = 0; i < c->q; i++)
+        force = hypot(force, cabs(c->force[i * (c->top + 1) + k]));
+    moves = force / (l->mass * apart);                                                  /* (6) */
+    if (!(moves <= LEAVES * c->moved - c->left))
+        return false;
+    c->left += moves;
     return true;
 }
 

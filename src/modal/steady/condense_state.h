@@ -41,8 +41,11 @@ struct condense {
         bool rough;                  /* made for an estimate, and for no more */
     } *harmonic;
     int known, harmonics;            /* harmonics: places */
-    const bool *needed;              /* of condense_rough, past harmonic `exact`; NULL: all */
-    int exact;
+    /* of condense_rough, for harmonics past `exact`: forces, of 0 .. top a dof; NULL: all are asked
+     * for; and the largest that they were seen to move */
+    const double complex *force;
+    int exact, top;
+    double moved, left;              /* left: what those left out may move */
     double known_at, work;           /* rad/s; operations of budget.h so far */
     struct condense_lanczos *lanczos;   /* condense_lanczos.c, else, where not NULL, */
     struct condense_basis *basis;    /* condense_basis.c; both NULL: each harmonic is factored */
@@ -91,6 +94,8 @@ bool condense_proportional(const struct condense *c, double *alpha, double *beta
  * condense_rough has it; false: it does not serve there, and H is to be made anew.  Where that
  * factorization is none at all there is a basis from now on. */
 bool condense_lanczos_answer(struct condense *c, int k, bool rough, struct condense_harmonic *h);
+/* Whether harmonic K, of an estimate, moves so little that it is left out; then c->left has it. */
+bool condense_lanczos_leaves(struct condense *c, int k);
 /* A harmonic had to be factored, ROUGH: for an estimate; it may give itself up. */
 void condense_lanczos_missed(struct condense *c, bool rough);
 void condense_lanczos_free(struct condense *c);     /* of none, too */

@@ -208,8 +208,6 @@ static enum modal_status wide_balance(struct steady *s, int H2, int N2, bool loc
 struct estimate {
     int H2;
     struct balance *wide;                   /* of H2 harmonics */
-    bool *needed;                           /* of these, where each has sparse factors: those past
-                                             * H that a force drives */
     double complex *W, *sampled, *E;        /* X widened; its chord step, (2) without the tail;
                                              * and with it */
     double *y;
@@ -219,7 +217,6 @@ struct estimate {
 static void estimate_done(struct estimate *e)
 {
     balance_free(e->wide);
-    free(e->needed);
     free(e->W);
     free(e->sampled);
     free(e->E);
@@ -239,12 +236,11 @@ static enum modal_status estimate_init(struct steady *s, const struct balance *b
     size_t size = (size_t)b->q * ((size_t)H2 + 1);
 
     *e = (struct estimate){ .H2 = H2,
-                            .needed = calloc((size_t)H2 + 1, sizeof *e->needed),
                             .W = calloc(size + 1, sizeof *e->W),
                             .sampled = calloc(size + 1, sizeof *e->sampled),
                             .E = calloc(size + 1, sizeof *e->E),
                             .y = calloc((size_t)b->order + 1, sizeof *e->y) };
-    if (e->needed == NULL || e->W == NULL || e->sampled == NULL || e->E == NULL || e->y == NULL)
+    if (e->W == NULL || e->sampled == NULL || e->E == NULL || e->y == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory for an estimate");
     return wide_balance(s, H2, N2, !s->opt.unlocated || s->exact, &e->wide, err);
 }
@@ -270,11 +266,11 @@ static enum modal_status set_wide(const struct balance *b, struct estimate *e,
             most = fmax(most, cabs(w->F[i * K + k]));
     for (int k = b->H + 1; k < K; k++)
         for (int i = 0; i < w->q; i++)
-            e->needed[k] |= cabs(w->F[i * K + k]) > UNMOVED * most;
+            w->F[i * K + k] *= cabs(w->F[i * K + k]) > UNMOVED * most ? 1 : 0;
     if (some)                                           /* no load is past H */
-        condense_rough(b->c, b->H, e->needed);
+        condense_rough(b->c, b->H, w->F, w->H);
     rc = balance_set(w, b->omega, b->level, err);
-    condense_rough(b->c, 0, NULL);
+    condense_rough(b->c, 0, NULL, 0);
     return rc;
 }
 
@@ -384,6 +380,8 @@ enum modal_status estimate_errors(struct steady *s, struct balance *b, struct st
     if (rc == MODAL_OK)
         rc = doubt_of(b, point, e.y, &doubtful, err);
     if (rc == MODAL_OK) {
+        point->truncation += condense_left(b->c);
+        point->error += condense_left(b->c);            /* of harmonics that (1) has not */
         point->solver = point->step * point->amplitude + doubtful;
         point->error += point->solver;                  /* independent of both */
     }

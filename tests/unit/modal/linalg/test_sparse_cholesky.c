@@ -35,18 +35,22 @@ TEST(several_right_hand_sides_are_solved_at_once)
  * [5 -2 -1; -2 8 4; -1 4 11] / 18. */
 TEST(half_a_solution_and_its_transpose_are_a_solution_in_the_order_of_elimination)
 {
+    enum { LD = SPARSE_CHOLESKY_LANES + 1 };
     static const double inverse[3][3] = { { 5, -2, -1 }, { -2, 8, 4 }, { -1, 4, 11 } };
     struct sparse_cholesky *f = factors(2);
     const int *order = sparse_cholesky_order(f);
 
     for (int j = 0; j < 3; j++) {
-        double x[3] = { 0 };
+        double x[3][LD] = { 0 };
 
-        x[j] = 1;
-        CHECK(sparse_cholesky_half(f, false, x, 1));
-        CHECK(sparse_cholesky_half(f, true, x, 1));
-        for (int i = 0; i < 3; i++)
-            CHECK_NEAR(x[i], inverse[order[i]][order[j]] / 18, 1e-15);
+        x[j][j] = 1;                                    /* its column may be any */
+        x[j][LD - 1] = -2;
+        CHECK(sparse_cholesky_half(f, false, x[0], SPARSE_CHOLESKY_LANES, LD));
+        CHECK(sparse_cholesky_half(f, true, x[0], SPARSE_CHOLESKY_LANES, LD));
+        for (int i = 0; i < 3; i++) {
+            CHECK_NEAR(x[i][j], inverse[order[i]][order[j]] / 18, 1e-15);
+            CHECK(x[i][LD - 1] == (i == j ? -2 : 0));   /* past COLUMNS */
+        }
     }
     sparse_cholesky_free(f);
 }

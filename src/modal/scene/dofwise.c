@@ -19,10 +19,39 @@ enum {
 /* of a step: where events are looked for from on (leap_events.c) */
 static const double MOMENT = 1e-4;
 
+/* of what a slider holds: pulled by nearly as much where another's piece ends, it slips with that */
+static const double ALMOST = 1e-9;
+
 /* The one text of it here. */
 static enum modal_status no_memory(struct modal_error *err)
 {
     return modal_fail(err, MODAL_NO_MEMORY, "stepping: out of memory");
+}
+
+bool dofwise_slides(const struct program *p)
+{
+    for (int l = 0; l < p->laws; l++)
+        if (p->law[l].kind->set_valued)
+            return true;
+    return false;
+}
+
+/* Does each rigid slider hold one dof to the ground that no other holds, and is M diagonal? */
+static bool sliders_apart(const struct program *p)
+{
+    const struct sparse *m = &p->constant[PROGRAM_M];
+    bool *held = calloc((size_t)p->n + 1, sizeof *held), apart = held != NULL;
+
+    for (int i = 0; apart && i < p->n; i++)
+        apart = m->start[i + 1] - m->start[i] == 1 && m->index[m->start[i]] == i;
+    for (int l = 0; apart && l < p->laws; l++)
+        if (p->law[l].kind->set_valued) {
+            apart = law_ends(&p->law[l]) == 1 && !held[p->law[l].end[0].dof];
+            if (apart)
+                held[p->law[l].end[0].dof] = true;
+        }
+    free(held);
+    return apart;
 }
 
 bool dofwise_serves(const struct program *p)
@@ -36,10 +65,9 @@ bool dofwise_serves(const struct program *p)
         if (p->load[l].dof_sine >= 0)
             return false;
     for (int l = 0; l < p->laws; l++)
-        if (p->law[l].kind->set_valued || p->law[l].kind->restart != NULL
-            || p->law[l].memory > MEMORY_MOST)
+        if (p->law[l].kind->restart != NULL || p->law[l].memory > MEMORY_MOST)
             return false;
-    return true;
+    return !dofwise_slides(p) || sliders_apart(p);
 }
 
 /* Every matrix of the program that couples dofs, by number; NULL past the last. */
@@ -190,8 +218,10 @@ enum modal_status dofwise_new(const struct program *p, struct dofwise **out,
         list_by_dof(f->n, p->loads, owner_of_load, p, f->load_start, f->load_of);
         for (int l = 0; l < p->laws; l++) {
             f->memory[l] = f->memories;
-            f->memories += p->law[l].memory;
+            f->memories += p->law[l].kind->set_valued ? 1 : p->law[l].memory;
+            f->sliders += p->law[l].kind->set_valued;
         }
+        f->ended = -1;
         rc = dofwise_set_new(f, &f->all, err);
     }
     if (rc != MODAL_OK) {
@@ -375,6 +405,18 @@ static enum modal_status law_part(struct dofwise *f, int law, double t, const do
     return rc;
 }
 
+/* A rigid slider on its dof's FORCE, which has all else that acts there: it takes all of that where
+ * it sticks, and its limit where it slips, and is watched. */
+static void slider_part(struct dofwise *f, int law, const double *v, const double *memory)
+{
+    int dof = f->p->law[law].end[0].dof;
+    double way = memory[f->memory[law]], *force = &f->force[dof];
+
+    f->evaluations[law]++;
+    f->watch[law].mixed |= way == 0 ? fabs(*force) > dofwise_holds(f, law) : way * v[dof] < 0;
+    *force = way == 0 ? 0 : *force - way * dofwise_holds(f, law);
+}
+
 /* The piece that law AT is on a moment after the start of a step of H: an event before the step's
  * first stage leaves all of these on one side. */
 static enum modal_status begin_watch(struct dofwise *f, int law, double t, double h,
@@ -392,7 +434,7 @@ static enum modal_status begin_watch(struct dofwise *f, int law, double t, doubl
     /* with two inputs a piece may end while neither turns: a slider whose bound changes */
     *watch = (struct law_watch){ .mixed = l->kind->inputs > 1 };
     inputs_of(l, x, v, before, watch->rate);
-    if (watch->mixed || l->kind->smooth)
+    if (watch->mixed || l->kind->smooth || l->kind->set_valued)
         return MODAL_OK;
     for (int k = 0; k < l->kind->inputs; k++)
         d[k] = before[k] + MOMENT * h * watch->rate[k];
@@ -423,7 +465,11 @@ enum modal_status dofwise_accelerate(struct dofwise *f, const struct dof_set *se
     for (int r = 0; r < set->runs; r++)
         linear_part(f, set->run[r], t, x, v);
     for (int k = 0; k < set->laws && rc == MODAL_OK; k++)
-        rc = law_part(f, set->law[k], t, x, v, memory, err);
+        if (!f->p->law[set->law[k]].kind->set_valued)
+            rc = law_part(f, set->law[k], t, x, v, memory, err);
+    for (int k = 0; f->sliders > 0 && k < set->laws; k++)
+        if (f->p->law[set->law[k]].kind->set_valued)
+            slider_part(f, set->law[k], v, memory);
     if (f->mass == NULL) {
         sparse_lu_solve(f->factor, f->force, a);
         return rc;
@@ -432,6 +478,60 @@ enum modal_status dofwise_accelerate(struct dofwise *f, const struct dof_set *se
         for (int i = set->run[r].from; i < set->run[r].to; i++)
             a[i] = f->force[i] / f->mass[i];     /* (1) */
     return rc;
+}
+
+double dofwise_holds(const struct dofwise *f, int law)
+{
+    const struct law *l = &f->p->law[law];
+
+    return fabs(l->end[0].weight) * l->limit;
+}
+
+enum modal_status dofwise_pull(struct dofwise *f, int law, double t, const double *x,
+                               const double *v, const double *memory, double *pull,
+                               struct modal_error *err)
+{
+    int dof = f->p->law[law].end[0].dof;
+    enum modal_status rc = MODAL_OK;
+
+    linear_part(f, (struct dof_run){ dof, dof + 1 }, t, x, v);
+    for (int k = f->law_start[dof]; k < f->law_start[dof + 1] && rc == MODAL_OK; k++)
+        if (f->law_of[k] != law)
+            rc = law_part(f, f->law_of[k], t, x, v, memory, err);
+    *pull = f->force[dof];
+    return rc;
+}
+
+/* The way of slider LAW at (t, X, V) into AFTER. */
+static enum modal_status choose_way(struct dofwise *f, int law, double t, const double *x,
+                                    const double *v, const double *memory, double *after,
+                                    struct modal_error *err)
+{
+    int dof = f->p->law[law].end[0].dof;
+    double *way = &after[f->memory[law]], before = memory[f->memory[law]], pull,
+           holds = dofwise_holds(f, law) * (1 - (f->ended >= 0 ? ALMOST : 0));
+    enum modal_status rc = MODAL_OK;
+
+    if (law != f->ended && fabs(v[dof]) * sqrt(f->mass[dof]) > f->at_rest)
+        *way = v[dof] > 0 ? 1 : -1;
+    else {
+        rc = dofwise_pull(f, law, t, x, v, memory, &pull, err);
+        holds = law == f->ended && before == 0 ? 0 : holds;
+        *way = pull > holds ? 1 : pull < -holds ? -1 : 0;
+    }
+    f->switched |= *way != before;
+    f->acted[law] |= *way != 0;
+    return rc;
+}
+
+void dofwise_hold(const struct dofwise *f, const struct dof_set *set, const double *memory,
+                  double *v)
+{
+    for (int k = 0; f->sliders > 0 && k < set->laws; k++) {
+        const struct law *l = &f->p->law[set->law[k]];
+        if (l->kind->set_valued && memory[f->memory[set->law[k]]] == 0)
+            v[l->end[0].dof] = 0;
+    }
 }
 
 enum modal_status dofwise_remember(struct dofwise *f, const struct dof_set *set, double t,
@@ -446,6 +546,10 @@ enum modal_status dofwise_remember(struct dofwise *f, const struct dof_set *set,
         int place = f->memory[set->law[k]];
         struct law_point at = { t, d, rate, d, memory + place };
         struct law_force out = { .memory = left };
+        if (l->kind->set_valued) {
+            rc = choose_way(f, set->law[k], t, x, v, memory, after, err);
+            continue;
+        }
         inputs_of(l, x, v, d, rate);
         rc = l->kind->force(l, &at, &out, err);
         memcpy(after + place, left, (size_t)l->memory * sizeof *left);

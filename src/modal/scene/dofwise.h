@@ -46,7 +46,13 @@ struct dofwise {
     int *law_start, *law_of;         /* laws of dof i: law_of[law_start[i] ..] */
     int *load_start, *load_of;       /* its loads */
     int *memory;                     /* of each law: its first place in memories */
-    int memories;                    /* doubles, of all laws */
+    int memories;                    /* doubles, of all laws; of a rigid slider the way that its */
+                                     /* dof slips, 1 or -1, and 0 where it sticks */
+    int sliders;                     /* rigid ones */
+    int ended;                       /* the law whose piece ends where laws are asked to remember; */
+                                     /* -1: none */
+    double at_rest;                  /* in roots of energies: a slider no faster may stick */
+    bool switched;                   /* a slider has, since it was last set to false */
     struct law_watch *watch;         /* of each law */
     int64_t *evaluations;            /* of each law, so far */
     bool *acted;                     /* at the end of any step */
@@ -54,9 +60,12 @@ struct dofwise {
     struct workspace space;          /* of the arrays */
 };
 
-/* Can P be asked dof by dof?  Not with linear states, turning axes, a mass that pulsates, rigid
- * sliders, nor laws with a history of their own. */
+/* Can P be asked dof by dof?  Not with linear states, turning axes, a mass that pulsates, nor laws
+ * with a history of their own; with rigid sliders where each holds a dof of its own to the ground
+ * and M is diagonal: what holds one that sticks is what pulls at its dof then. */
 bool dofwise_serves(const struct program *p);
+/* Is any law of P a rigid slider? */
+bool dofwise_slides(const struct program *p);
 
 /* Fails with MODAL_NO_MEMORY, or MODAL_BAD_INPUT where M is singular. */
 enum modal_status dofwise_new(const struct program *p, struct dofwise **out,
@@ -85,10 +94,23 @@ enum modal_status dofwise_accelerate(struct dofwise *f, const struct dof_set *se
                                      double *a, struct modal_error *err);
 
 /* What the laws of SET remember once they have come to (t, X, V) from MEMORY, into AFTER (which may
- * be MEMORY); whether they act is noted. */
+ * be MEMORY); whether they act is noted.  A rigid slider goes its dof's way, and at rest the way
+ * that it is pulled where that is more than it holds. */
 enum modal_status dofwise_remember(struct dofwise *f, const struct dof_set *set, double t,
                                    const double *x, const double *v, const double *memory,
                                    double *after, struct modal_error *err);
+
+/* The rates V of dofs whose sliders stick, of SET, become 0. */
+void dofwise_hold(const struct dofwise *f, const struct dof_set *set, const double *memory,
+                  double *v);
+
+/* What pulls at rigid slider LAW's dof but itself, into PULL; X and V must hold that dof and those
+ * that the graph has beside it.  Fails as laws' force does. */
+enum modal_status dofwise_pull(struct dofwise *f, int law, double t, const double *x,
+                               const double *v, const double *memory, double *pull,
+                               struct modal_error *err);
+/* What LAW, a rigid slider, holds against that, N. */
+double dofwise_holds(const struct dofwise *f, int law);
 
 /* Into WEIGHT, 2 n: what makes x and v the roots of energies, sqrt(K_ii) and sqrt(M_ii).  A dof
  * without stiffness has the softest that can be told from one; where none has any, 1 / DURATION is

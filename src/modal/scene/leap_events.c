@@ -4,6 +4,10 @@
  * As in regime_events.c the piece of a law at theta is the regime that it reports, and that of one
  * with memory is asked from its place a moment before, taken back along the rate, so that a slider
  * that has turned round shows.  The leap is looked at in GRID points; the first change is bisected.
+ *
+ * A rigid slider's piece is the way that it remembers, wherever it is just after it began to slip,
+ * where its rate is rounding: it ends where its dof goes back, or of one that sticks where more
+ * pulls at that than it holds.
  */
 #include "modal/scene/leap_events.h"
 #include <math.h>
@@ -32,6 +36,29 @@ static void motion(const struct leap *l, const struct law *law, double theta, do
     }
 }
 
+/* 1 where rigid slider LAW has left its piece at theta, else 0. */
+static enum modal_status slider_piece(const struct leap *l, const double *memory, int law,
+                                      double theta, int *piece, struct modal_error *err)
+{
+    struct dofwise *of = l->of;
+    int n = of->n, dof = of->p->law[law].end[0].dof;
+    double t = l->t + theta * l->h, way = memory[of->memory[law]], pull = 0, *y = l->stage;
+    enum modal_status rc;
+
+    if (way != 0) {
+        *piece = way * leap_value(l, n + dof, t) < 0;
+        return MODAL_OK;
+    }
+    for (int k = of->graph.start[dof] - 1; k < of->graph.start[dof + 1]; k++) {
+        int j = k < of->graph.start[dof] ? dof : of->graph.index[k];
+        y[j] = leap_value(l, j, t);
+        y[n + j] = leap_value(l, n + j, t);
+    }
+    rc = dofwise_pull(of, law, t, y, y + n, memory, &pull, err);
+    *piece = fabs(pull) > dofwise_holds(of, law);
+    return rc;
+}
+
 /* The regime at theta, with memory reached from a moment before. */
 static enum modal_status piece_at(const struct leap *l, const double *memory, int law, double theta,
                                   int *piece, struct modal_error *err)
@@ -45,6 +72,8 @@ static enum modal_status piece_at(const struct leap *l, const double *memory, in
     struct law_force force = { .memory = turned };
     enum modal_status rc = MODAL_OK;
 
+    if (at->kind->set_valued)
+        return slider_piece(l, memory, law, theta, piece, err);
     motion(l, at, theta, d, v);
     for (int k = 0; k < at->kind->inputs; k++)
         before[k] = d[k] - MOMENT * l->h * v[k];
@@ -80,8 +109,10 @@ static enum modal_status bisect(const struct leap *l, const double *memory, int 
 enum modal_status leap_find_event(const struct leap *l, const double *memory, int law, double limit,
                                   double *theta, struct modal_error *err)
 {
-    int first, now;
-    enum modal_status rc = piece_at(l, memory, law, GRID[0], &first, err);
+    int first = 0, now;
+    enum modal_status rc = l->of->p->law[law].kind->set_valued
+                               ? MODAL_OK
+                               : piece_at(l, memory, law, GRID[0], &first, err);
 
     *theta = HUGE_VAL;
     for (int i = 1; i < POINTS && GRID[i] <= limit && rc == MODAL_OK; i++) {

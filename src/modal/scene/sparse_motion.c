@@ -14,6 +14,9 @@
  * depth is doubled, and all parts are made again.  A leap's length is bounded so that all parts
  * together cost as much as a few leaps of the whole.
  *
+ * Rigid sliders stick or slip one way over all of a leap; where that ends, the acceleration leaps:
+ * h in (1) has one power less then.
+ *
  * Error and step.  Each component is weighed to the root of an energy, sqrt(K_ii) x_i and
  * sqrt(M_ii) v_i; the error of a leap, and of a part's, is kept below tolerance times the largest
  * of them so far.
@@ -293,11 +296,12 @@ static enum modal_status first_event(struct sparse_motion *m, int forced, double
 static enum modal_status step_to_event(struct sparse_motion *m, double h, bool blind, bool *cut,
                                        struct modal_error *err)
 {
-    double asked = h, theta, off;
+    double asked = h, theta, off = HUGE_VAL;
     int law = -1;
     enum modal_status rc = MODAL_OK;
 
     *cut = false;
+    m->f->ended = -1;
     for (int k = 0; k < CUTS_MOST && rc == MODAL_OK; k++) {
         m->part.h = h;
         rc = leap_make(&m->part, m->after, err);
@@ -312,6 +316,7 @@ static enum modal_status step_to_event(struct sparse_motion *m, double h, bool b
         *cut = true;
         h = fmin(h * theta, asked);  /* the event becomes the step's end */
     }
+    m->f->ended = off < TURNING ? law : -1;
     return rc;
 }
 
@@ -333,13 +338,19 @@ static enum modal_status take_step(struct sparse_motion *m, bool last, long *k,
 {
     enum modal_status rc = leap_record_part(&m->record, &m->whole, m->memory, &m->part, m->after,
                                             last, k, err);
+
+    m->f->switched = false;
     if (rc == MODAL_OK)
         rc = dofwise_remember(m->f, &m->set, m->part.t + m->part.h, m->part.to,
                               m->part.to + m->f->n, m->after, m->after, err);
+    m->f->ended = -1;
+    dofwise_hold(m->f, &m->set, m->after, m->part.to + m->f->n);
     copy_set(m, m->part.to, m->part.from);
     copy_set(m, m->part.slope[DORMAND_PRINCE_END], m->part.slope[0]);
     m->part.t += m->part.h;
     m->steps++;
+    if (rc == MODAL_OK && m->f->switched)        /* the acceleration leaps */
+        rc = leap_slope(&m->part, m->part.t, m->part.from, m->after, m->part.slope[0], err);
     return rc;
 }
 
@@ -466,17 +477,20 @@ static enum modal_status remember_rest(struct sparse_motion *m, struct modal_err
 /* The leap is taken: its end, with its parts', is the state. */
 static enum modal_status take_leap(struct sparse_motion *m, struct modal_error *err)
 {
-    enum modal_status rc = remember_rest(m, err);
     double *taken = m->events > 0 ? m->result : m->whole.to;
     size_t states = 2 * (size_t)m->f->n;
+    enum modal_status rc;
 
+    m->f->switched = false;
+    rc = remember_rest(m, err);
     memcpy(m->memory, m->after, (size_t)m->f->memories * sizeof *m->memory);
     memcpy(m->whole.from, taken, states * sizeof *taken);
+    dofwise_hold(m->f, &m->f->all, m->memory, m->whole.from + m->f->n);
     m->scale = fmax(m->scale, size_of(m, m->whole.from));
     m->t = m->whole.t + m->whole.h;
     m->record.first = m->record.end;
     m->steps++;
-    if (m->events == 0)
+    if (m->events == 0 && !m->f->switched)
         memcpy(m->whole.slope[0], m->whole.slope[DORMAND_PRINCE_END], states * sizeof *taken);
     else if (rc == MODAL_OK)
         rc = leap_slope(&m->whole, m->t, m->whole.from, m->memory, m->whole.slope[0], err);
@@ -515,6 +529,7 @@ static enum modal_status leap(struct sparse_motion *m, double h, bool last, bool
         return rc;
     spread(m, 1);
     m->scale = fmax(fmax(before, size), DBL_MIN);
+    m->f->at_rest = m->tolerance * m->scale;
     error = size < HUGE_VAL ? leap_error(&m->whole, m->weight, m->events > 0 ? m->mark : NULL)
                                   / (m->tolerance * m->scale)
                             : HUGE_VAL;
@@ -542,6 +557,18 @@ static enum modal_status leap(struct sparse_motion *m, double h, bool last, bool
     return rc;
 }
 
+/* Ways of rigid sliders where loads or rates may have leapt, in `memory`: laws else remember what
+ * they did. */
+static enum modal_status choose_ways(struct sparse_motion *m, struct modal_error *err)
+{
+    double *x = m->whole.from, *v = x + m->f->n;
+    enum modal_status rc =
+        dofwise_remember(m->f, &m->f->all, m->t, x, v, m->memory, m->memory, err);
+
+    dofwise_hold(m->f, &m->f->all, m->memory, v);
+    return rc;
+}
+
 /* Impulses and corners up to now; the next corner's time, HUGE_VAL: none. */
 static enum modal_status pass_corners(struct sparse_motion *m, int *corner, double *next,
                                       struct modal_error *err)
@@ -549,6 +576,7 @@ static enum modal_status pass_corners(struct sparse_motion *m, int *corner, doub
     const struct sources *src = m->f->src;
     double *v = m->whole.from + m->f->n;
     bool any = false;
+    enum modal_status rc = MODAL_OK;
 
     for (; *corner < src->corners && src->corner[*corner].t <= m->t + BESIDE * m->dt; ++*corner) {
         const struct source_corner *c = &src->corner[*corner];
@@ -566,8 +594,11 @@ static enum modal_status pass_corners(struct sparse_motion *m, int *corner, doub
             v[i] += m->f->solved[i];
     }
     *next = *corner < src->corners ? src->corner[*corner].t : HUGE_VAL;
-    return any ? leap_slope(&m->whole, m->t, m->whole.from, m->memory, m->whole.slope[0], err)
-               : MODAL_OK;
+    if (any && m->f->sliders > 0)
+        rc = choose_ways(m, err);
+    return any && rc == MODAL_OK
+               ? leap_slope(&m->whole, m->t, m->whole.from, m->memory, m->whole.slope[0], err)
+               : rc;
 }
 
 /* From corner to corner up to the last sample. */
@@ -635,13 +666,13 @@ static enum modal_status start(struct sparse_motion *m, struct program *p,
     memcpy(m->whole.from + n, p->v0, n * sizeof *p->v0);
     dofwise_weights(p, fmax(time->start + time->duration, time->dt), m->weight);
     m->scale = size_of(m, m->whole.from);
+    m->f->at_rest = m->tolerance * m->scale;
     dofwise_fastest(p, &frequency, &decay);
     m->h = FIRST / fmax(fmax(frequency, decay), 1 / time->dt);
     m->most = HUGE_VAL;
     m->depth = DEPTH;
     /* a slider put past its bound has followed */
-    rc = dofwise_remember(m->f, &m->f->all, 0, m->whole.from, m->whole.from + n, m->memory,
-                          m->memory, err);
+    rc = choose_ways(m, err);
     return rc == MODAL_OK ? leap_slope(&m->whole, 0, m->whole.from, m->memory, m->whole.slope[0],
                                        err)
                           : rc;
@@ -718,7 +749,7 @@ bool sparse_motion_wins(const struct program *p, const struct scene_time *time)
         return false;
     if (p->n > STATESPACE_DOFS_MOST)
         return true;
-    return p->laws > 0 && !small(p) && dense_steps(p) * time->dt < 1;
+    return p->laws > 0 && (!small(p) || dofwise_slides(p)) && dense_steps(p) * time->dt < 1;
 }
 
 int64_t sparse_motion_worth(const struct program *p, const struct scene_time *time)
@@ -735,7 +766,7 @@ bool sparse_motion_strides(const struct program *p, const struct scene_time *tim
 {
     double frequency, decay;
 
-    if (!dofwise_serves(p))
+    if (!dofwise_serves(p) || dofwise_slides(p))
         return false;
     dofwise_fastest(p, &frequency, &decay);
     return fmax(frequency, decay) * time->dt < 1;        /* a leap is some three radians */

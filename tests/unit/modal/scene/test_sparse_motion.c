@@ -236,6 +236,80 @@ TEST(sliders_that_all_turn_at_times_of_their_own_cost_what_each_does)
     CHECK(asked_a_law(400, each) < 2 * asked_a_law(100, each));
 }
 
+TEST(rigid_sliders_that_all_stick_and_slip_at_times_of_their_own_cost_what_each_does)
+{
+    static const char each[] = "{'type':'coulomb','dof':'x%d','limit':0.05}";
+
+    CHECK(asked_a_law(400, each) < 2 * asked_a_law(100, each));
+}
+
+/* x'' + x = -c sign(x'): half turns about +-c, each 2 c shorter than the last, until one ends
+ * within c: from 1 by 0.15 at 0.7, 0.4 and 0.1, and there it stays. */
+TEST(a_mass_on_dry_ground_stops_after_as_many_half_turns_as_the_closed_form_has)
+{
+    struct outcome o = run("{'structure':{'type':'chain','masses':[1],'springs':[1,0]},'effects':["
+                           "{'type':'coulomb','dof':'x1','limit':0.15}],'initial':{'x':{'x1':1}},"
+                           "'time':{'dt':0.05,'duration':20},'sensors':[{'dof':'x1'},"
+                           "{'dof':'x1','derivative':2}]}", sparse_motion, 1e-12);
+
+    CHECK_STRING(o.s.integrator, "dormand-prince-8");
+    for (long k = 0; k < o.t.samples; k++) {
+        double t = 0.05 * (double)k;
+        int half = (int)(t / M_PI);
+        double side = half % 2 == 0 ? 1 : -1, size = 1 - 0.15 * (2 * half + 1);
+        bool rests = half > 2;
+        CHECK_NEAR(o.x[2 * k], rests ? -0.1 : side * 0.15 + size * cos(t), 1e-9);
+        CHECK_NEAR(o.x[2 * k + 1], rests ? 0 : -size * cos(t), 1e-9);
+    }
+    done(&o);
+}
+
+/* A chain of six dofs, sliders and cubic springs at each, beside two dofs at rest whose masses are
+ * COUPLED by so much. */
+static void sliding_chain(double coupled, char *at)
+{
+    enum { N = 6, ALL = N + 2 };
+
+    at += sprintf(at, "{'structure':{'type':'matrices','M':[");
+    for (int i = 0; i < ALL * ALL; i++)
+        at += sprintf(at, "%s%g%s", i % ALL == 0 ? "[" : ",",
+                      i % ALL == i / ALL ? 1 : i % ALL < N || i / ALL < N ? 0 : coupled,
+                      i % ALL < ALL - 1 ? "" : i / ALL < ALL - 1 ? "]," : "]]");
+    for (int part = 0; part < 2; part++) {
+        at += sprintf(at, ",'%s':[", part == 0 ? "K" : "C");
+        for (int i = 0; i < ALL * ALL; i++)
+            at += sprintf(at, "%s%g%s", i % ALL == 0 ? "[" : ",",
+                          (part == 0 ? 1 : 0.03) * (i % ALL == i / ALL ? 2
+                                                    : abs(i % ALL - i / ALL) == 1
+                                                          && i % ALL < N && i / ALL < N ? -1 : 0),
+                          i % ALL < ALL - 1 ? "" : i / ALL < ALL - 1 ? "]," : "]]");
+    }
+    at += sprintf(at, "},'effects':[");
+    for (int i = 1; i <= N; i++)
+        at += sprintf(at, "%s{'type':'coulomb','dof':'x%d','limit':0.03},{'type':'cubic_spring',"
+                          "'dof':'x%d','coefficient':0.2}", i > 1 ? "," : "", i, i);
+    sprintf(at, "],'excitation':[{'dof':'x6','k':1,'cos':0.4},{'dof':'x5','type':'step','start':7.3,"
+                "'amplitude':0.2},{'dof':'x2','type':'impulse','start':3.11,'amplitude':0.5}],"
+                "'omega':0.9,'initial':{'v':{'x3':0.2}},'time':{'dt':0.1,'duration':40}}");
+}
+
+/* Steps of the whole, which share nothing with leaps, where masses are coupled. */
+TEST(rigid_sliders_move_by_leaps_as_they_do_by_steps_of_the_whole)
+{
+    char text[4000];
+    struct outcome leaps, steps;
+
+    sliding_chain(0, text);
+    leaps = run(text, simulate, 1e-12);
+    sliding_chain(0.3, text);
+    steps = run(text, simulate, 1e-12);
+    CHECK_STRING(leaps.s.integrator, "dormand-prince-8");
+    CHECK_STRING(steps.s.integrator, "exponential-collocation");
+    CHECK(apart(&leaps, &steps) < 1e-8);
+    done(&leaps);
+    done(&steps);
+}
+
 TEST(contacts_that_all_touch_at_times_of_their_own_cost_what_each_does)
 {
     static const char each[] = "{'type':'gap','dof':'x%d','stiffness':1000,'clearance':0.01}";
@@ -290,16 +364,18 @@ TEST(forty_contacts_touch_at_their_own_times)
     done(&o);
 }
 
-TEST(rigid_sliders_linear_states_and_laws_with_a_history_are_not_asked_dof_by_dof)
+TEST(rigid_sliders_between_dofs_or_on_shared_masses_and_laws_with_a_history_are_not_asked_dof_by_dof)
 {
     static const char *const no[] = {
-        "{'structure':{'type':'chain','masses':[1],'springs':[1,0]},'effects':["
+        "{'structure':{'type':'chain','masses':[1,1],'springs':[1,1,0]},'effects':["
+        "{'type':'coulomb','dof':'x1','to':'x2','limit':1}]}",
+        "{'structure':{'type':'matrices','M':[[2,1],[1,2]],'K':[[2,0],[0,2]]},'effects':["
         "{'type':'coulomb','dof':'x1','limit':1}]}",
         "{'structure':{'type':'chain','masses':[1],'springs':[1,0]},'effects':[{'type':'lua',"
         "'dof':'x1','source':'function force(t, x, v, memory) return x end'}]}"
     };
 
-    for (int i = 0; i < 2; i++) {
+    for (size_t i = 0; i < sizeof no / sizeof *no; i++) {
         struct program *p = program_text(no[i]);
         CHECK(!dofwise_serves(p));
         program_free(p);

@@ -320,7 +320,7 @@ static enum modal_status analyse_weighed(struct work *w, struct identify_result 
         if (round == 0)
             rc = work_keep_chosen(w, &out->unweighed, err);
         /* poles to begin with: other weights move them by little */
-        w->known = round == 0 && w->choice.clean && !w->choice.crowded;
+        w->known = round == 0 && (w->many || (w->choice.clean && !w->choice.crowded));
         if (rc != MODAL_OK)
             return rc;
         forget_analysis(w, out);

@@ -231,9 +231,10 @@ static enum modal_status descend(struct work *w, const struct identify_result *o
     opt.seen = w->seen_rows;
     one = refine_work(&w->data, many);
     if (opt.many)
-        opt.work = fmax(opt.work, fmax(EVALUATIONS_MANY * one, fmin(EVALUATIONS_FAR * one,
-                                                                    WORK_FAR)));
+        opt.work = fmax(opt.work, fmax(EVALUATIONS_MANY * one,
+                                       fmin(EVALUATIONS_FAR * one, WORK_FAR) - w->descents));
     rc = order_from_above(&w->data, &source, &opt, &w->choice, err);
+    w->descents += rc == MODAL_OK ? w->choice.work : 0;
     if (rc != MODAL_OK || w->choice.chosen < 0)
         return rc;
     if (w->choice.candidates[w->choice.chosen].fit.bic >= work_bic_of_nothing(&w->data)
@@ -264,7 +265,7 @@ static enum modal_status put_found(struct work *w, struct found *f, struct ident
     order_done(&w->choice);
     w->choice = f->choice, f->choice = (struct order_choice) { .chosen = -1 };
     w->spent += w->choice.work;
-    w->facts.work_limit = false;
+    w->facts.work_limit = w->many && w->choice.limited;
     note_chosen(w, out);
     return work_report_values(w, out, err);
 }
@@ -388,6 +389,18 @@ static enum modal_status search_end(struct work *w, struct identify_result *out,
     return search_end(w, out, e, rows, f, err);
 }
 
+static bool converged(const struct order_choice *k)
+{
+    return k->chosen >= 0 && refined_converged(&k->candidates[k->chosen].fit);
+}
+
+/* Did work or steps end the search before its poles were there? They are what that bought: a search
+ * of more rows begins with them, and one from nothing has less to spend. */
+static bool unfinished(const struct order_choice *k)
+{
+    return k->chosen >= 0 && (k->limited || !converged(k));
+}
+
 /* *f: the modes of a HEAD of so many rows, and from there on in all; w->pencil is the head's. */
 static enum modal_status grow_from(struct work *w, struct identify_result *out, int head,
                                    struct found *f, struct modal_error *err)
@@ -402,7 +415,8 @@ static enum modal_status grow_from(struct work *w, struct identify_result *out, 
         most++;
     grow = pow(grow, 1.0 / most);
     rc = search_end(w, out, &e, head, f, err);
-    while (rc == MODAL_OK && f->choice.clean && rows < all->m) {
+    while (rc == MODAL_OK && rows < all->m
+           && (f->choice.clean || (head == HEAD_MANY && unfinished(&f->choice)))) {
         rows = --most > 0 ? (int)(grow * rows) : all->m;
         search_rows(w, &e, rows);
         rc = search_on(w, out, f, all->m >= GROW * HEAD, err);
@@ -416,8 +430,10 @@ static enum modal_status choose_by_head(struct work *w, struct identify_result *
                                         struct found *above, struct modal_error *err)
 {
     struct pencil few;
-    enum modal_status rc = choose_from_above(w, out, above, err);
+    enum modal_status rc;
 
+    w->descents = w->known ? w->descents : 0;
+    rc = choose_from_above(w, out, above, err);
     if (rc != MODAL_OK || !work_many_by_head(w))
         return rc;
     found_done(above);
@@ -430,7 +446,8 @@ static enum modal_status choose_by_head(struct work *w, struct identify_result *
         pencil_done(&w->pencil);
     w->pencil = few;
     w->many = true;
-    if (rc == MODAL_OK && above->choice.clean && !above->choice.crowded)
+    if (rc == MODAL_OK
+        && (unfinished(&above->choice) || (above->choice.clean && !above->choice.crowded)))
         return MODAL_OK;
     found_done(above);
     *above = (struct found) { .choice = { .chosen = -1 } };
@@ -478,21 +495,17 @@ static enum modal_status climb_all(struct work *w, struct identify_result *out,
 }
 
 /* Does what came from above explain much more than the ladder's choice?  What is not one set of
- * modes in white noise may draw noise, but never as much as that. */
+ * modes in white noise may draw noise, but never as much as that.  What work cut off says so, but a
+ * ladder that explains little is no better for having ended. */
 static bool explains_more(const struct work *w, const struct order_choice *above)
 {
     double worse = above->clean ? ORDER_WORSE : ORDER_DRAWN;
 
-    if (above->chosen < 0 || above->limited)
+    if (above->chosen < 0 || (above->limited && !w->many))
         return false;
     return w->choice.chosen < 0
         || w->choice.candidates[w->choice.chosen].fit.residual
                > worse * above->candidates[above->chosen].fit.residual;
-}
-
-static bool converged(const struct order_choice *k)
-{
-    return k->chosen >= 0 && refined_converged(&k->candidates[k->chosen].fit);
 }
 
 /* By the criterion, but no fit that did not converge before one that did. */
@@ -519,6 +532,8 @@ static enum modal_status choose_poles(struct work *w, struct identify_result *ou
     }
     if (put)
         rc = put_found(w, &above, out, err);
+    if (put && w->many)
+        w->trial = false;               /* many had as much work as they ever have */
     if (rc == MODAL_OK && !put && w->trial && w->facts.work_limit) {
         w->counted = true;
         w->full = above.pencil, above.pencil = (struct pencil) { 0 };

@@ -70,6 +70,8 @@ struct work {
     struct projection projection;
     bool projected;                 /* which of the two was made */
     double spent;                   /* work of the ladders so far */
+    double descents;                /* of one search from above and those that it led to: of many
+                                     * modes they share what there is */
     bool trial;                     /* this search has WORK_TRIAL only */
     bool brief;                     /* so has this one of periods, in coloured noise: WORK_LONG */
     bool many;                      /* modes, to judge by TRIPLETS_MOST triplets */
@@ -78,7 +80,8 @@ struct work {
                                      * 0: none */
     bool endless;                   /* so is what stands out of the noise, or the weaker part of
                                      * it: nothing is searched from above */
-    bool known;                     /* the last search found one set of modes: out->unweighed */
+    bool known;                     /* the last search found one set of modes, or what it had of
+                                     * many: out->unweighed */
     struct identify_chosen seen;    /* modes of the first rows of a long record; count 0: none */
     struct order_choice choice;
     int rank;                       /* of the chosen candidate */

@@ -556,6 +556,25 @@ out:
     return rc;
 }
 
+/* *before, found by OWN options, with the rows and columns that OPTIONS ask for; what does not fit
+ * the part that is the answer is refused by name. */
+static enum modal_status identify_as_asked(const struct batch *batch,
+                                           const struct identify_options *options,
+                                           struct identify_options *own,
+                                           struct identify_result *before,
+                                           struct modal_error *err)
+{
+    enum modal_status rc;
+
+    if (options->rows == 0 && options->columns == 0)
+        return MODAL_OK;
+    own->rows = options->rows, own->columns = options->columns;
+    identify_result_done(before);
+    rc = identify_free(batch, own, NULL, NULL, before, err);
+    memcpy(before->proposed, before->used.window, sizeof before->proposed);
+    return rc;
+}
+
 /* Of a response that stops in the record, *out is what comes before, where window=auto asks for it,
  * and else says so. */
 static enum modal_status look_for_stop(const struct batch *batch,
@@ -567,12 +586,15 @@ static enum modal_status look_for_stop(const struct batch *batch,
     struct stop stop;
     enum modal_status rc = stop_begin(&stop, batch, out, err);
 
+    own.rows = own.columns = 0;         /* asked of all samples: what comes before may be fewer */
     while (rc == MODAL_OK && stop_asks(&stop, own.window)) {
         identify_result_done(&before);
         rc = identify_free(batch, &own, NULL, NULL, &before, err);
         if (rc == MODAL_OK)
             rc = stop_tell(&stop, &before, err);
     }
+    if (rc == MODAL_OK && stop.is && options->window[0] == WINDOW_AUTO)
+        rc = identify_as_asked(batch, options, &own, &before, err);
     if (rc == MODAL_OK && stop.is && options->window[0] == WINDOW_AUTO)
         *out = before, before = all;
     else if (rc == MODAL_OK && stop.is)

@@ -121,6 +121,50 @@ TEST(a_response_that_zeros_follow_stops_where_they_begin)
     free(y);
 }
 
+/* 400 of 1200 samples of a response. */
+static void stop_early(double *y)
+{
+    struct random rng = { 12 };
+
+    for (int k = 0; k < 1200; k++)
+        y[k] = (k < 400) * exp(-4e-3 * k) * cos(0.7 * k) + 1e-3 * random_normal(&rng);
+}
+
+/* 900 rows of 1200 samples are as asked, of the 400 before the stop they would be refused. */
+TEST(rows_and_columns_that_do_not_fit_before_a_stop_are_no_refusal)
+{
+    enum { L = 1200, STOP = 400 };
+    static double y[L];
+
+    stop_early(y);
+    for (int columns = 0; columns <= 290; columns += 290) {
+        struct batch b = { .samples = L, .channels = 1, .signals = y, .dt = 1 };
+        struct identify_options opt = { .rows = 900, .columns = columns };
+        struct identify_result r = { 0 };
+        CHECK(modal_identify(&b, &opt, &r, NULL) == MODAL_OK);
+        CHECK(told(&r) && r.proposed[1] == STOP - 1 && r.verdict == VERDICT_UNDECIDED);
+        identify_result_done(&r);
+    }
+}
+
+TEST(window_auto_has_the_rows_that_were_asked_before_a_stop_or_refuses_them_by_name)
+{
+    enum { L = 1200, STOP = 400 };
+    static double y[L];
+    struct batch b = { .samples = L, .channels = 1, .signals = y, .dt = 1 };
+    struct identify_options opt = { .rows = 123, .window = { WINDOW_AUTO } };
+    struct identify_result r = { 0 };
+    struct modal_error err = { 0 };
+
+    stop_early(y);
+    CHECK(modal_identify(&b, &opt, &r, NULL) == MODAL_OK);
+    CHECK(r.rows == 123 && r.samples == STOP && r.proposed[1] == STOP - 1);
+    identify_result_done(&r);
+    opt.rows = STOP;
+    CHECK(modal_identify(&b, &opt, &r, &err) == MODAL_BAD_INPUT);
+    CHECK(strcmp(err.field, "rows") == 0 && r.modes == NULL);
+}
+
 /* Dry friction takes as much of the amplitude each period until nothing moves: modes of the part
  * before it that cancel at its end are none of the system's. */
 TEST(a_response_that_friction_ends_is_not_taken_for_modes_that_stop)

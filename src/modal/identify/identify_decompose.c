@@ -139,12 +139,12 @@ static int count_next(const struct work *w, const struct pencil *p)
     return w->many && p->count < MANY_MOST && 2 * p->count > MANY_MOST ? MANY_MOST : 2 * p->count;
 }
 
-/* Can they be had? */
+/* Can they be had?  Twice none are none: signals that are zero have no triplet. */
 static bool can_grow(const struct work *w, const struct pencil *p)
 {
     int more = count_next(w, p), rows = rows_of_many(w, more);
 
-    return p->count < w->X->m / 4 && affords(w, rows > 0 ? rows : p->rows, more);
+    return p->count > 0 && p->count < w->X->m / 4 && affords(w, rows > 0 ? rows : p->rows, more);
 }
 
 /* Once more triplets are filled than few modes do, and before those are refined, or more are made

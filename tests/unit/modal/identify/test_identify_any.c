@@ -9,6 +9,7 @@
 #include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <unistd.h>
 #include "modal/identify/identify.h"
 
 enum { TRIALS = 400 };
@@ -168,4 +169,35 @@ TEST(the_same_signals_give_the_same_bits)
         CHECK(memcmp(&a.modes[i].exponent, &b.modes[i].exponent, sizeof a.modes[i].exponent) == 0 &&
               a.modes[i].std_re == b.modes[i].std_re);
     identify_result_done(&a), identify_result_done(&b);
+}
+
+/* Found by a fuzzer: without its spike and its steps nothing is left of it, and twice no triplets
+ * were asked for again and again. Ended by its alarm. */
+TEST(of_signals_that_are_zero_without_their_steps_no_more_triplets_are_asked)
+{
+    static const struct { int row; double value; } first[] = {
+        { 0, 2.59034e-319 }, { 12, -9.255959211743199e+61 }, { 14, 9.18582397751693e-310 },
+        { 21, -2.6864881219803008e+185 }, { 23, 3.4212928747544036e+304 },
+        { 25, -1.6067712815580223e-215 }, { 27, 5.2285142027651986e+54 },
+        { 29, 4.0713135017026016e+17 }, { 31, 1.0734583860577621e+272 },
+        { 33, 1.9128790971388734e+204 }, { 35, -5.292044301732848e+267 },
+        { 37, -492846094591.20215 }, { 39, 1.4239118484080987e-185 },
+        { 40, 1.777612657432164e-95 }, { 41, -2.3229159534893675e-117 },
+        { 42, -9.11011244532728e+23 }, { 43, -1.0588412888721146e+100 },
+        { 44, 6.8222915767499434e+274 }, { 45, 4.5157819634901045e-225 },
+        { 46, -3.261491576502662e+77 }
+    };
+    double y[47 * 2] = { 0 };
+    struct batch b = { .samples = 47, .channels = 2, .signals = y, .dt = 0.1, .period = 0.8 };
+    struct identify_options opt = { .signals_all = true };
+    struct identify_result r;
+
+    for (size_t i = 0; i < sizeof first / sizeof *first; i++)
+        y[2 * first[i].row] = first[i].value;
+    y[2 * 31 + 1] = -2.50764917479861e+281;
+    alarm(20);
+    CHECK(modal_identify(&b, &opt, &r, NULL) == MODAL_OK);
+    alarm(0);
+    CHECK(r.mode_count == 0);
+    identify_result_done(&r);
 }

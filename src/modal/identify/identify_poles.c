@@ -7,6 +7,7 @@
 #include "modal/identify/ask/widen.h"
 #include "modal/identify/fit/polish.h"
 #include "modal/identify/linear/exponents.h"
+#include "modal/identify/order/another.h"
 #include "modal/linalg/svd.h"
 
 /* A step over all channels, in standard errors of all parameters. */
@@ -20,6 +21,9 @@ enum {
     STEPS = 4,                          /* passes at most */
     TENTHS = 10                         /* of the columns, one is left out (projection.h) */
 };
+static const double
+    WORK_CHANNELS = 1e9,                /* multiplications (refine.h): half a second, */
+    EVALUATIONS = 8;                    /* of which a fit takes so many at least */
 static const double KNOWN = 1e-9;       /* of a pole: nine digits, as below */
 
 /* Steps over all channels until one is short; the last leaves its start in p->lambda and its end in
@@ -194,6 +198,44 @@ static enum modal_status weigh_by_digits(struct work *w, const struct batch *b,
     return rc;
 }
 
+/* In the channels themselves, of which the signals may lack what is weak in each. */
+static enum modal_status widen_by_channels(struct work *w, struct modal_error *err)
+{
+    struct refine_data all = w->data;
+    struct refine_options look = { .iterations = -1 }, end = { .work = WORK_CHANNELS };
+    struct poles *p = &w->poles;
+    struct refined fit = { 0 };
+    bool *fixed = calloc((size_t)p->count, sizeof *fixed), shows = false;
+    enum modal_status rc = MODAL_OK;
+
+    all.Y = &w->rec.Y;
+    if (fixed == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d poles", p->count);
+    for (int j = 0; j < p->count; j++)
+        fixed[j] = p->lambda[j] == 0;
+    if (refine_work(&all, poles_order(p->lambda, p->count, p->tau)) < WORK_CHANNELS / EVALUATIONS)
+        rc = refine_poles(&all, p->lambda, p->count, fixed, &look, &fit, err);
+    if (rc == MODAL_OK && fit.poles > 0)
+        rc = another_shows(&all, &fit, &shows, err);
+    refined_done(&fit);
+    if (rc == MODAL_OK && shows)
+        rc = refine_poles(&all, p->lambda, p->count, fixed, &end, &fit, err);
+    if (rc == MODAL_OK && shows)
+        rc = widen_for_others(&all, &fit, p, err);
+    refined_done(&fit);
+    free(fixed);
+    return rc;
+}
+
+/* Is it one set of constant modes in white noise, in memory?  What a grid or a filter leaves is not
+ * white. */
+static bool may_have_others(const struct work *w, bool rounded)
+{
+    return w->refine && w->shift == 1 && w->rec.period <= 0 && w->choice.clean && !rounded
+        && !w->rec.wide && w->data.blocks == NULL && !(w->data.share > 0) && w->poles.count > 0
+        && !w->facts.doubt.exact && w->opt.rank.rule == RANK_AUTO;
+}
+
 /* Standard errors by all that is doubted. */
 enum modal_status work_widen(struct work *w, const struct batch *b,
                              const struct identify_result *out, struct modal_error *err)
@@ -211,6 +253,8 @@ enum modal_status work_widen(struct work *w, const struct batch *b,
         rc = weigh_by_digits(w, b, f, err);
     if (rc == MODAL_OK)
         rc = widen_poles(&w->data, &w->choice, p, &w->facts.doubt, err);
+    if (rc == MODAL_OK && may_have_others(w, out->at_grid))
+        rc = widen_by_channels(w, err);
     if (rc == MODAL_OK && rounded)
         doubt_growth_below_grid(w, f);
     /* what noise with a memory shows in the whole record it shows in half of it as well */

@@ -17,7 +17,8 @@
  *            anywhere between them: the error is at least half their distance
  *   another  of a periodic system one more pole may be there that does not pay (another.h): where
  *            noise would let the best gain so much in no more than a share DOUBTED of records, the
- *            error is that with it, and the difference
+ *            error is that with it, and the difference; of a constant one so is the next beside it
+ *            (widen_for_others), asked of all channels, whose price is far above what noise gives
  *
  * A difference counts from REFINE_CLEAR standard errors on: in ordinary noise fewer than one pole
  * in 300 has one.
@@ -34,7 +35,11 @@
 #include "modal/identify/order/order.h"
 #include "modal/linalg/svd.h"
 
-static const double DOUBTED = 0.05;     /* of records: they have wider bars for nothing */
+static const double
+    DOUBTED = 0.05,                     /* of records: they have wider bars for nothing */
+    DOUBTED_CONSTANT = 1e-3;            /* few: an update of a live window, which is asked no more
+                                         * than judge_residual(), has the errors of a batch */
+enum { OTHERS_MOST = 4 };               /* each costs a fit */
 
 static bool at_rounding(const struct refine_data *d, double residual)
 {
@@ -199,8 +204,17 @@ static void for_pairs(const struct refine_data *d, struct poles *p)
         }
 }
 
-/* Of a periodic system in noise that is white in all columns; an error of multipliers that are real
- * has no imaginary part. */
+/* The first poles by those of MORE; an error of what is real has no imaginary part. */
+static void widen_by(const struct refined *more, struct poles *p)
+{
+    for (int j = 0; j < p->count; j++) {
+        double complex apart = more->lambda[j] - p->lambda[j];
+        double im = p->std_im[j] > 0 ? hypot(more->std_im[j], cimag(apart)) : 0;
+        at_least(p, j, hypot(more->std_re[j], creal(apart)), im);
+    }
+}
+
+/* Of a periodic system in noise that is white in all columns. */
 static enum modal_status for_another(const struct refine_data *d, const struct refined *fit,
                                      struct poles *p, struct modal_error *err)
 {
@@ -210,10 +224,26 @@ static enum modal_status for_another(const struct refine_data *d, const struct r
     if (fit->poles != p->count || (d->white > 0 && d->white < 1))
         return MODAL_OK;
     rc = another_pole(d, fit, &a, err);
-    for (int j = 0; j < p->count && rc == MODAL_OK && a.chance < DOUBTED; j++) {
-        double complex apart = a.fit.lambda[j] - p->lambda[j];
-        double im = p->std_im[j] > 0 ? hypot(a.fit.std_im[j], cimag(apart)) : 0;
-        at_least(p, j, hypot(a.fit.std_re[j], creal(apart)), im);
+    if (rc == MODAL_OK && a.chance < DOUBTED)
+        widen_by(&a.fit, p);
+    refined_done(&a.fit);
+    return rc;
+}
+
+enum modal_status widen_for_others(const struct refine_data *d, const struct refined *fit,
+                                   struct poles *p, struct modal_error *err)
+{
+    struct another a = { 0 };
+    bool found = refined_converged(fit) && fit->poles == p->count;
+    enum modal_status rc = MODAL_OK;
+
+    for (int i = 0; i < OTHERS_MOST && found && rc == MODAL_OK; i++) {
+        struct refined before = a.fit;
+        rc = another_pole(d, before.poles > 0 ? &before : fit, &a, err);
+        refined_done(&before);
+        found = rc == MODAL_OK && a.chance < DOUBTED_CONSTANT;
+        if (found)
+            widen_by(&a.fit, p);
     }
     refined_done(&a.fit);
     return rc;

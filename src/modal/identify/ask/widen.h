@@ -7,6 +7,7 @@
 struct order_choice;
 struct poles;
 struct refine_data;
+struct refined;
 
 /* Standard errors of a fit that ends at rounding are so many times larger: rounding is not
  * independent from sample to sample. */
@@ -26,4 +27,11 @@ struct widened {
  */
 enum modal_status widen_poles(const struct refine_data *data, const struct order_choice *choice,
                               struct poles *poles, struct widened *out, struct modal_error *err);
+
+/*
+ * The same, beside that, of a constant system in white noise whose POLES are those of FIT to DATA,
+ * converged: by poles that do not pay, and that noise hardly has.
+ */
+enum modal_status widen_for_others(const struct refine_data *data, const struct refined *fit,
+                                   struct poles *poles, struct modal_error *err);
 #endif

@@ -25,9 +25,9 @@
  * and taken for that where it is not.
  *
  * All that is asked of columns of one noise: the samples of a period, and all channels of a batch
- * that were reduced for the search (refine_wide.c).  Other signals of a constant system are few, and
- * an update of a live window (live/moving_fit.c), which has not (1), must have the standard errors
- * of a batch.
+ * that were reduced for the search (refine_wide.c).  Other signals of a constant system are few,
+ * and an update of a live window (live/moving_fit.c), which has not (1), must have the standard
+ * errors of a batch.
  */
 #include "modal/identify/fit/refine_state.h"
 #include <cblas.h>

@@ -11,6 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/identify/fit/colour.h"
+#include "modal/identify/fit/criterion.h"
 #include "modal/identify/fit/parts.h"
 #include "modal/identify/linear/exponents.h"
 #include "modal/identify/order/order.h"
@@ -349,13 +350,15 @@ static double gain_of_samples(const struct job *j, const struct moving_fit *f, c
     return sum;
 }
 
-/* Would a pair anywhere gain what it costs?  GAINS has room for L/2 + 1; POWER, as many zeros,
- * becomes colour.h's spectrum. */
+/* Would a pair anywhere gain what it costs, or what noise does not give?  GAINS has room for L/2 +
+ * 1; POWER, as many zeros, becomes colour.h's spectrum. */
 static bool wants_a_pair(const struct job *j, const struct moving_fit *f, const double *E,
                          double *gains, double *power)
 {
     struct moving *m = j->m;
-    double limit = LIKELY * f->pair_price;
+    /* what may not pay, but widens a batch's errors (widen.c, another) */
+    double noise = criterion_noise_pair(j->r, 1, (double)m->L * j->r),
+           limit = fmin(LIKELY * f->pair_price, noise);
 
     for (int count = 1; count <= EDGE_SAMPLES; count++)
         if (gain_of_samples(j, f, E, 0, count) > limit

@@ -16,7 +16,8 @@
  * there, that last, and that grow, half a line's width apart, and the refined fit goes on from the
  * best: of what those of the fit leave of each, as they take up most of what is quickly over. (2)
  * Where rows are many, that costs rows^2, and what decays within few of them matters little: the
- * best is that of remainder_peak().
+ * best is that of remainder_peak().  Of a constant system it always is, and a fit is worth its work
+ * only where noise has not as much in each record.
  */
 #include "modal/identify/order/another.h"
 #include <cblas.h>
@@ -148,6 +149,27 @@ static enum modal_status basis_of(const struct refine_data *d, const struct refi
     return qr_orthonormal(&A, &(struct matrix) { 0 }, err);
 }
 
+/* Is each row a sample of a system without a period? */
+static bool is_constant(const struct refine_data *d)
+{
+    return d->phases <= 1 && d->omega == 0;
+}
+
+/* The same of a constant system; 0, too, where noise has a peak like that in each record. */
+static enum modal_status find_line(const struct refine_data *d, const struct refined *fit,
+                                   const struct matrix *E, double complex *peak,
+                                   struct modal_error *err)
+{
+    double chi2, S = 0;
+    enum modal_status rc = remainder_peak(E, d->tau, peak, &chi2, err);
+
+    for (int g = 0; g < fit->groups; g++)
+        S += tells(fit, g);
+    if (S == 0 || criterion_chance(S, S * E->m, chi2, 2) >= 1)
+        *peak = 0;
+    return rc;
+}
+
 /* *peak, in 1/s, of E; 0: there is none. */
 static enum modal_status find_peak(const struct refine_data *d, const struct refined *fit,
                                    const struct matrix *E, double complex *peak,
@@ -216,19 +238,41 @@ static enum modal_status fit_real(const struct refine_data *d, const struct refi
     return rc;
 }
 
+/* Where the rest of FIT shows most of another; 0: nowhere. */
+static enum modal_status look(const struct refine_data *data, const struct refined *fit,
+                              double complex *peak, struct modal_error *err)
+{
+    struct matrix E = { 0 };
+    enum modal_status rc = remainder_of(data, fit, &E, err);
+
+    *peak = 0;
+    if (rc == MODAL_OK && E.x != NULL)
+        rc = is_constant(data) ? find_line(data, fit, &E, peak, err)
+                               : find_peak(data, fit, &E, peak, err);
+    free(E.x);
+    return rc;
+}
+
+enum modal_status another_shows(const struct refine_data *data, const struct refined *fit,
+                                bool *shows, struct modal_error *err)
+{
+    double complex peak;
+    enum modal_status rc = look(data, fit, &peak, err);
+
+    *shows = rc == MODAL_OK && peak != 0;
+    return rc;
+}
+
 enum modal_status another_pole(const struct refine_data *data, const struct refined *fit,
                                struct another *out, struct modal_error *err)
 {
-    struct matrix E = { 0 };
-    double complex peak = 0;
-    enum modal_status rc = remainder_of(data, fit, &E, err);
+    double complex peak;
+    enum modal_status rc;
 
     *out = (struct another) { .chance = 1 };
-    if (rc == MODAL_OK && E.x != NULL)
-        rc = find_peak(data, fit, &E, &peak, err);
+    rc = look(data, fit, &peak, err);
     if (rc == MODAL_OK && peak != 0)
         rc = fit_with(data, fit, peak, &out->fit, err);
-    free(E.x);
     if (rc == MODAL_OK && out->fit.poles > 0 && !refined_converged(&out->fit))
         rc = fit_real(data, fit, &out->fit, err);
     if (out->fit.poles > 0)

@@ -16,4 +16,8 @@ struct another {
  */
 enum modal_status another_pole(const struct refine_data *data, const struct refined *fit,
                                struct another *out, struct modal_error *err);
+
+/* Does it show enough of one for that to be asked?  Of FIT its poles and noise count alone. */
+enum modal_status another_shows(const struct refine_data *data, const struct refined *fit,
+                                bool *shows, struct modal_error *err);
 #endif

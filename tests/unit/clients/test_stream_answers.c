@@ -4,6 +4,7 @@
 #include "check.h"
 #include "modald_stream.c"
 #include "base/json.h"
+#include <time.h>
 
 static modald_stream s;
 static struct link link_of_s = { .streams = { &s }, .slots = 1, .warned = true };
@@ -23,7 +24,6 @@ static void begin(void)
                          .channels = 1,
                          .warned = true,
                          .credit = 77,
-                         .stream = "abcd",
                          .epoch = 3,
                          .opened = true,
                          .link = &link_of_s,
@@ -31,6 +31,8 @@ static void begin(void)
                          .open_id = 1 * LINK_STREAMS,
                          .first_id = 5 * LINK_STREAMS };
     link_of_s.questions = 8;
+    memset(link_of_s.named, 0, sizeof link_of_s.named);
+    set_name(&s, "abcd");
 }
 
 static double number_of(const cJSON *vector, const char *key, double otherwise)
@@ -91,6 +93,47 @@ TEST(every_event_vector_of_proto_says_what_it_should_and_cut_anywhere_nothing)
     cJSON_Delete(all);
     free(text);
     fclose(file);
+}
+
+/* ns of the processor that an event of one of COUNT streams takes, the least of five times 400; it
+ * is that stream's alone. */
+static double event_ns(int count)
+{
+    static struct link of_many;
+    modald_stream *many = calloc((size_t)count, sizeof *many);
+    double least = HUGE_VAL;
+    char name[16], text[200];
+
+    CHECK(many != NULL);
+    memset((void *)&of_many, 0, sizeof of_many);
+    of_many.slots = count;
+    for (int k = 0; k < count; k++) {
+        of_many.streams[k] = &many[k];
+        many[k].link = &of_many;
+        snprintf(name, sizeof name, "s%d", k);
+        set_name(&many[k], name);
+    }
+    snprintf(text, sizeof text, "{\"event\":\"modes\",\"stream_id\":\"s%d\",\"epoch\":0,\"to\":9,"
+             "\"verdict\":\"stable\",\"frequency_hz\":3,\"damping_ratio\":0.5}", count / 2);
+    for (int repeat = 0; repeat < 5; repeat++) {
+        const clock_t from = clock();
+        for (int k = 0; k < 400; k++)
+            on_message(&of_many, "EVENT", text, NULL);
+        least = fmin(least, (double)(clock() - from) / CLOCKS_PER_SEC * 1e9 / 400);
+    }
+    for (int k = 0; k < count; k++)
+        CHECK(many[k].verdict == (k == count / 2 ? MODALD_STABLE : MODALD_UNKNOWN));
+    free(many);
+    return least;
+}
+
+/* 120 ns for each of them made two hundred times as much of it. */
+TEST(what_an_event_costs_a_host_does_not_grow_with_its_streams)
+{
+    const double few = event_ns(10), many = event_ns(4000);
+
+    printf("%.0f ns an event beside 10 streams, %.0f beside 4000\n", few, many);
+    CHECK(many < 4 * few);
 }
 
 TEST(a_key_inside_a_string_or_another_object_is_no_key)

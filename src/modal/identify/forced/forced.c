@@ -27,7 +27,7 @@
 #include "modal/identify/ask/diagnose.h"
 #include "modal/identify/ask/verdict.h"
 #include "modal/identify/fit/refine.h"
-#include "modal/identify/forced/forced_order.h"
+#include "modal/identify/forced/clipping.h"
 #include "modal/identify/linear/exponents.h"
 #include "modal/identify/prepare/record.h"
 #include "modal/identify/prepare/response.h"
@@ -56,6 +56,7 @@ struct work {
     struct lines lines;
     struct forced_search found;
     double widest;               /* factor of the second opinion */
+    bool clipped;                /* an input was */
     double clock;
 };
 
@@ -243,14 +244,21 @@ static enum modal_status read_inputs(struct work *w, struct modal_error *err)
     return check_inputs(w, err);
 }
 
+static struct forced_limits search_limits(const struct work *w)
+{
+    const struct identify_options *o = &w->opt;
+    int most = o->rank.most > 0 ? (o->rank.most + 1) / 2 : TRANSFER_POLES_MOST;
+
+    return (struct forced_limits) { o->rank.fixed / 2,
+                                    most < TRANSFER_POLES_MOST ? most : TRANSFER_POLES_MOST,
+                                    .cancelled = o->cancelled, .context = o->context };
+}
+
 static enum modal_status search(struct work *w, struct modal_error *err)
 {
     const struct identify_options *o = &w->opt;
     double band[2] = { o->band[0] * w->rec.step, o->band[1] * w->rec.step };
-    int most = o->rank.most > 0 ? (o->rank.most + 1) / 2 : TRANSFER_POLES_MOST;
-    struct forced_limits limits = { o->rank.fixed / 2,
-                                    most < TRANSFER_POLES_MOST ? most : TRANSFER_POLES_MOST,
-                                    .cancelled = o->cancelled, .context = o->context };
+    struct forced_limits limits = search_limits(w);
     struct lines_records records = { w->row, w->records };
     enum modal_status rc = lines_make(&w->rec.Y, &w->inputs, &records, band, &w->lines, err);
 
@@ -611,6 +619,32 @@ static void about_fit(const struct work *w, struct identify_result *r)
     diagnose_still_channels(r);
 }
 
+/* Inputs that were cut off; what they went on by is an excitation that nobody measured.  A search
+ * that ended early is no account to be held against another, and has no errors. */
+static enum modal_status about_inputs(struct work *w, struct identify_result *r,
+                                      struct modal_error *err)
+{
+    const struct forced_search *f = &w->found;
+    struct clipping_record record = { &w->rec.Y, &w->inputs, { w->row, w->records },
+                                      { w->opt.band[0] * w->rec.step,
+                                        w->opt.band[1] * w->rec.step } };
+    struct forced_limits limits = search_limits(w);
+    struct clipping each[IDENTIFY_INPUTS_MOST];
+    char text[80];
+    enum modal_status rc = f->model.exact || f->limit ? MODAL_OK
+        : clipping_find(&record, f->rung[f->rungs - 1].bic, &limits, each, &w->clipped, err);
+
+    for (int j = 0; j < w->inputs.n && rc == MODAL_OK && w->clipped; j++)
+        if (each[j].samples > 0)
+            identify_diagnose(r, "clipped", w->opt.inputs[j], "input %s holds its extremes %g and "
+                              "%g in %d samples, and the responses are explained better where it "
+                              "went on beyond: its peaks are cut off, errors are unknown and no "
+                              "verdict is given; measure with less gain, or identify a window "
+                              "without them", name_of(w->batch, w->opt.inputs[j], text),
+                              each[j].low, each[j].high, each[j].samples);
+    return rc;
+}
+
 static enum modal_status conclude(struct work *w, struct identify_result *out,
                                   struct modal_error *err)
 {
@@ -622,9 +656,10 @@ static enum modal_status conclude(struct work *w, struct identify_result *out,
     verdict_stability(out, record);
     about_modes(w, out);
     about_fit(w, out);
-    if (!w->found.model.converged || is_starved(w) || is_cut_short(w))
+    rc = about_inputs(w, out, err);
+    if (!w->found.model.converged || is_starved(w) || is_cut_short(w) || w->clipped)
         verdict_withhold(out);
-    return MODAL_OK;
+    return rc;
 }
 
 enum modal_status forced_identify(const struct batch *batch, const struct identify_options *options,

@@ -1,5 +1,5 @@
 /* Forced responses of systems that are known, simulated here mode by mode: x' = rho x + b u. */
-/* Tests as well: forced_order.c lines.c transfer.c */
+/* Tests as well: clipping.c forced_order.c lines.c transfer.c */
 #include "modal/identify/identify.h"
 #include <complex.h>
 #include <stdlib.h>
@@ -242,6 +242,28 @@ TEST(modes_that_others_were_left_out_beside_have_no_errors_and_no_verdict)
     CHECK(modal_identify(&b, &opt, &r, NULL) == MODAL_OK);
     CHECK(has(&r, "order_work_limit") && has(&r, "coloured_residual"));
     CHECK(r.mode_count == 2 && r.verdict == VERDICT_UNDECIDED);
+    for (int p = 0; p < r.mode_count; p++)
+        CHECK(isnan(r.modes[p].std_re) && isnan(r.modes[p].std_im));
+    identify_result_done(&r);
+}
+
+/* The first of two inputs, which are white of variance 1 about 3, at two standard deviations. */
+TEST(the_input_that_was_cut_off_is_named_and_takes_errors_and_verdict)
+{
+    struct batch b = simulated(6, 0.5);
+    struct identify_options opt = forced();
+    struct identify_result r;
+    int told = 0;
+
+    for (int k = 0; k < SAMPLES; k++)
+        x[CHANNELS * k] = fmin(fmax(x[CHANNELS * k], 1), 5);
+    CHECK(modal_identify(&b, &opt, &r, NULL) == MODAL_OK);
+    for (int i = 0; i < r.diagnostic_count; i++)
+        if (strcmp(r.diagnostics[i].code, "clipped") == 0) {
+            told++;
+            CHECK(r.diagnostics[i].channel == 0);
+        }
+    CHECK(told == 1 && r.verdict == VERDICT_UNDECIDED);
     for (int p = 0; p < r.mode_count; p++)
         CHECK(isnan(r.modes[p].std_re) && isnan(r.modes[p].std_im));
     identify_result_done(&r);

@@ -30,6 +30,8 @@
 
 enum {
     LADDER = 30,                 /* pairs whose poles the ladder's bins suit */
+    EACH_LEAST = 3,              /* numbers in a past for each state, */
+    EACH = 4,                    /* and in one that is taken where there were fewer */
     PAST_BEST = 10,              /* orders, of two each, beyond the best so far */
     FINER = 8,                   /* times, where likelihoods far apart are compared */
     WIDEST = 48,                 /* the spectrum between the modes in so many bins at least */
@@ -45,7 +47,8 @@ static const double
     SHARE = 1. / 3,              /* of the distance to a pole: a bin's width; 1 % of what its lines
                                     tell is lost, for what varies within it is (share^2)/12 */
     GAIN_TRIAL = 0.5,            /* a step of less is not what a pair pays with */
-    GAIN_LAST = 1e-2,            /* a seventh of one standard error, all unknowns together */
+    GAIN_LAST = 1e-2,            /* a seventh of one standard error, all unknowns together, */
+    GAIN_EACH = 1e-3,            /* or of many pairs a twentieth of one of each */
     WORK_MOST = 6e9,             /* of all fits but the answer's, as whittle.h counts it: ten
                                     seconds */
     WORK_SETTLING = 2.4e10,      /* of the answer's: three times the steps of a trial, and one more
@@ -124,19 +127,23 @@ static enum modal_status note(struct ambient_search *out, const struct whittle *
 
 /* ---- up ---- */
 
-/* The ladder: the likelihood of every even order as subspaces have it, until it no longer pays. */
-static enum modal_status climb(struct search *w, struct ambient_search *a, struct modal_error *err)
+/* The ladder: the likelihood of every even order from FIRST on as subspaces have it, until it no
+ * longer pays, in bins that suit the poles of so many PAIRS. */
+static enum modal_status climb(struct search *w, struct ambient_search *a, int first, int pairs,
+                               struct modal_error *err)
 {
     struct whittle *t = w->trial;
     double best = -HUGE_VAL, score;
     int most = w->from.order < 2 * w->limits->most ? w->from.order : 2 * w->limits->most;
     enum modal_status rc = MODAL_OK;
 
-    if (subspace_model(&w->from, most < 2 * LADDER ? most : 2 * LADDER, t))
+    bins_done(&a->bins);
+    if (subspace_model(&w->from, most < 2 * pairs ? most : 2 * pairs, t))
         rc = bins_for(w, t, NULL, &a->bins, err);
     else
         rc = bins_make(w->s, NULL, 0, SHARE, WIDEST * WIDEST, &a->bins, err);
-    for (int n = 0; n <= most && rc == MODAL_OK && n <= w->order + 2 * PAST_BEST; n += 2) {
+    w->order = first;
+    for (int n = first; n <= most && rc == MODAL_OK && n <= w->order + 2 * PAST_BEST; n += 2) {
         if (w->limits->cancelled != NULL && w->limits->cancelled(w->limits->context))
             return modal_fail(err, MODAL_CANCELLED, "identify: cancelled");
         if (!subspace_model(&w->from, n, t))
@@ -152,6 +159,44 @@ static enum modal_status climb(struct search *w, struct ambient_search *a, struc
                                 "of the record has a model; leave channels out that are sums of "
                                 "others");
     return rc;
+}
+
+/* A past of more numbers in the place of W's; *longer: one that has a model of the best order. */
+static enum modal_status lengthen(struct search *w, int side, bool *longer, struct modal_error *err)
+{
+    struct subspace from;
+    enum modal_status rc = subspace_make(w->s, side, &from, err);
+
+    *longer = rc == MODAL_OK && subspace_model(&from, w->order, w->trial);
+    if (*longer) {
+        subspace_done(&w->from);
+        w->from = from;
+    } else
+        subspace_done(&from);
+    /* the shorter one serves where the longer is singular */
+    return rc == MODAL_NO_CONVERGENCE ? MODAL_OK : rc;
+}
+
+/* The ladder; where a past has few numbers for each state of its best order, once more from that of
+ * a longer one, but for the lower orders. */
+static enum modal_status climb_all(struct search *w, struct ambient_search *a,
+                                   struct modal_error *err)
+{
+    int order, first;
+    bool longer = false;
+    enum modal_status rc = subspace_make(w->s, SUBSPACE_SIDE, &w->from, err);
+
+    if (rc == MODAL_OK)
+        rc = climb(w, a, 0, LADDER, err);
+    order = w->limits->fixed > 0 ? 2 * w->limits->fixed : w->order;
+    if (rc == MODAL_OK && EACH_LEAST * order > SUBSPACE_SIDE)
+        rc = lengthen(w, (int)fmin(EACH * order, SUBSPACE_SIDE_MOST), &longer, err);
+    if (!longer)
+        return rc;
+    first = w->order > 2 * PAST_BEST ? w->order - 2 * PAST_BEST : 0;
+    while (a->rungs > 0 && 2 * a->rung[a->rungs - 1].count >= first)
+        free(a->rung[--a->rungs].mode);
+    return climb(w, a, first, order / 2, err);
 }
 
 /* The order that was asked for: as many pairs of the least order that has them. */
@@ -207,7 +252,7 @@ static enum modal_status climb_on(struct search *w, struct ambient_search *a,
 static enum modal_status settle(struct search *w, struct whittle *m, struct bins *bins,
                                 struct modal_error *err)
 {
-    struct whittle_limits limits = { GAIN_LAST, -HUGE_VAL,
+    struct whittle_limits limits = { fmax(GAIN_LAST, GAIN_EACH * m->count), -HUGE_VAL,
                                      w->settling < STEPS_MOST ? w->settling : STEPS_MOST,
                                      CORRECTIONS, true, &w->settling_work, w->limits->cancelled,
                                      w->limits->context };
@@ -298,7 +343,8 @@ static void drop_least(const struct bins *bins, struct whittle *m, struct whittl
     leave_out(m, least);
 }
 
-/* From the model of ORDER, of more pairs, down to as many: another summit may be higher. */
+/* From the model of ORDER, of more pairs, down to as many: another summit may be higher; where the
+ * work lasts, for what is not fitted is no summit. */
 static enum modal_status descend(struct search *w, struct ambient_search *a, int order,
                                  struct modal_error *err)
 {
@@ -308,12 +354,13 @@ static enum modal_status descend(struct search *w, struct ambient_search *a, int
 
     if (rc != MODAL_OK || !isfinite(more))
         return rc;
-    while (rc == MODAL_OK && t->count > m->count) {
+    while (rc == MODAL_OK && t->count > m->count && w->work > 0) {
         drop_least(&a->bins, t, &less);
         rc = fit(w, t, &a->bins, -HUGE_VAL, err);
     }
-    if (rc == MODAL_OK)
-        rc = settle(w, t, &a->bins, err);
+    if (rc != MODAL_OK || w->work <= 0)
+        return rc;
+    rc = settle(w, t, &a->bins, err);
     if (rc == MODAL_OK)
         rc = weigh(w, m, t, &more, err);
     if (rc == MODAL_OK && t->converged && more > GAIN_TRIAL)
@@ -326,7 +373,7 @@ static enum modal_status go_round(struct search *w, struct ambient_search *a,
 {
     enum modal_status rc = MODAL_OK;
 
-    for (int more = 1; rc == MODAL_OK && more <= ABOVE; more++)
+    for (int more = 1; rc == MODAL_OK && more <= ABOVE && w->work > 0; more++)
         rc = descend(w, a, 2 * (a->model->count + more), err);
     return rc == MODAL_OK ? bins_for(w, a->model, a->model, &a->bins, err) : rc;
 }
@@ -334,10 +381,8 @@ static enum modal_status go_round(struct search *w, struct ambient_search *a,
 static enum modal_status run(struct search *w, struct ambient_search *a, struct modal_error *err)
 {
     bool changed = true;
-    enum modal_status rc = subspace_make(w->s, &w->from, err);
+    enum modal_status rc = climb_all(w, a, err);
 
-    if (rc == MODAL_OK)
-        rc = climb(w, a, err);
     if (rc != MODAL_OK)
         return rc;
     if (w->limits->fixed > 0 && !take_fixed(w, a->model))

@@ -35,12 +35,14 @@ enum { L = WHITTLE_CHANNELS_MOST, MODES = WHITTLE_MODES_MOST, SHARED = WHITTLE_T
        PAIRS = 2,                   /* of vectors: a pole's and its conjugate's */
        RUNS_OF_MODE = 6,            /* two of each part of phi, about its pivot, one of kappa's */
        PRODUCT = 16,                /* entries of a product of matrices take as long as one of J */
-       PRODUCTS_MOST = 60 };        /* of a step: what is not told by then is not gained by it */
+       PRODUCTS_MOST = 30,          /* of a step: what is not told by then is not gained by it */
+       WHOLE = 60 };                /* products that forming all of J pays for: it serves more than
+                                       one step */
 /* The vectors of all modes are whittle_transfers(), channels of each; those of a mode follow. */
 enum { F, F_CONJUGATE, SLOPE, SLOPE_CONJUGATE, PEAKS };
 enum { V_SR, V_SI, V_QR, V_QI, V_PHI, V_PHIC, V_K, V_KC };
 static const double
-    LOSS[] = { 0.1, 1e-3 },      /* of what is told of an exponent: for steps, for errors */
+    LOSS[] = { 0.03, 1e-3 },     /* of what is told of an exponent: for steps, for errors */
     HELD_FIRST = 1e-14,          /* what holds an unknown that nothing tells, in that scale; */
     HELD_FACTOR = 100,           /* more, until the information has a factor, */
     HELD_MOST = 1e-8,            /* and no more than half of the digits */
@@ -128,10 +130,10 @@ static void find_envelope(struct scoring *w, const struct bins *s)
 }
 
 /* The whole J takes its entries in each bin, a product an l-th of a row: it is formed at once where
- * it takes no more than the products of a step at most. */
+ * it takes no more than so many. */
 static double loss_for(const struct scoring *w)
 {
-    return w->unknowns <= PRODUCTS_MOST * w->channels ? 0 : LOSS[w->use];
+    return w->unknowns <= WHOLE * w->channels ? 0 : LOSS[w->use];
 }
 
 static int largest(const double complex *x, int n)

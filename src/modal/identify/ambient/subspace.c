@@ -26,7 +26,6 @@
 #include "modal/linalg/svd.h"
 
 enum {
-    SIDE_MOST = 300,             /* of H: its decomposition takes a tenth of a second */
     LAGS_MOST = 100,             /* in a past */
     LAGS_LEAST = 2,              /* in a past: it is told by what a sample changes */
     SAMPLES_EACH = 8,            /* of the record for each row of H at least */
@@ -61,13 +60,13 @@ static void work_done(struct work *w)
     free(w->VT), free(w->U), free(w->singular), free(w->K), free(w->KT);
 }
 
-static enum modal_status work_init(struct work *w, const struct spectrum *s,
+static enum modal_status work_init(struct work *w, const struct spectrum *s, int side,
                                    struct modal_error *err)
 {
     size_t n;
 
     *w = (struct work) { .s = s, .l = s->channels };
-    w->lags = (int)fmin(fmin(SIDE_MOST / w->l, LAGS_MOST), s->samples / (SAMPLES_EACH * w->l));
+    w->lags = (int)fmin(fmin(side / w->l, LAGS_MOST), s->samples / (SAMPLES_EACH * w->l));
     if (w->lags < LAGS_LEAST)
         return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "%d samples of %d channels are "
                                 "too few for their correlations; accepted: at least %d",
@@ -213,11 +212,11 @@ static enum modal_status regress(struct work *w, struct subspace *out, struct mo
     return MODAL_OK;
 }
 
-enum modal_status subspace_make(const struct spectrum *s, struct subspace *out,
+enum modal_status subspace_make(const struct spectrum *s, int side, struct subspace *out,
                                 struct modal_error *err)
 {
     struct work w;
-    enum modal_status rc = work_init(&w, s, err);
+    enum modal_status rc = work_init(&w, s, side, err);
 
     memset(out, 0, sizeof *out);
     if (rc == MODAL_OK && (rc = correlate_all(&w, err)) == MODAL_OK

@@ -15,9 +15,14 @@ struct subspace {
     double *zero;                 /* channels x channels: E y y^T */
 };
 
-/* Of the record whose lines are S.  *OUT is empty on failure; subspace_done frees it.  Fails with
- * MODAL_NO_MEMORY, MODAL_NO_CONVERGENCE, MODAL_BAD_INPUT (a record shorter than a few samples). */
-enum modal_status subspace_make(const struct spectrum *s, struct subspace *out,
+enum {
+    SUBSPACE_SIDE = 300,          /* numbers in a past: it is decomposed in a tenth of a second */
+    SUBSPACE_SIDE_MOST = 720      /* a second and a half */
+};
+/* Of the record whose lines are S, by a past of SIDE numbers at most.  *OUT is empty on failure;
+ * subspace_done frees it.  Fails with MODAL_NO_MEMORY, MODAL_NO_CONVERGENCE, MODAL_BAD_INPUT (a
+ * record shorter than a few samples). */
+enum modal_status subspace_make(const struct spectrum *s, int side, struct subspace *out,
                                 struct modal_error *err);
 void subspace_done(struct subspace *s);
 

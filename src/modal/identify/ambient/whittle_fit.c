@@ -14,11 +14,14 @@ static const double
     DAMPING_FIRST = 1e-3,        /* of Levenberg and Marquardt, in the scale of J's diagonal */
     DAMPING_MOST = 1e8,          /* no step gains: the summit, to rounding */
     DAMPING_LEAST = 1e-12,       /* as good as none */
+    UNSETTLED = 100,             /* times more damping, not 10, where a step that does not gain took
+                                    all of its products: a little more would settle as little */
     HOPE = 10;                   /* steps like the last: what gains less by a tenth each sums to */
 
 struct climb {
     struct scoring *scoring;
-    double damping, left;        /* left: what a step that is hardly damped promises, else gained */
+    double damping, least;       /* least: a step that is damped less takes all of its products */
+    double left;                 /* left: what a step that is hardly damped promises, else gained */
     double work;                 /* that was charged for */
     bool informed, there;        /* J is of a place near by that serves; it is of this place */
 };
@@ -36,7 +39,8 @@ static bool try_steps(struct climb *c, struct whittle *m, const struct bins *s)
     struct scoring_step step;
     double gained;
 
-    for (; c->damping < DAMPING_MOST; c->damping *= 10) {
+    for (; c->damping < DAMPING_MOST; c->damping *= step.settled ? 10 : UNSETTLED) {
+        step.settled = true;
         if (!scoring_step(c->scoring, m, s, c->damping, &step))
             continue;
         trial = *m;
@@ -46,7 +50,9 @@ static bool try_steps(struct climb *c, struct whittle *m, const struct bins *s)
         c->left = c->damping <= DAMPING_FIRST ? step.promised : gained;
         if (gained >= 0) {
             *m = trial;
-            c->damping = fmax(c->damping / 10, DAMPING_LEAST);
+            if (!step.settled)
+                c->least = 10 * c->damping;
+            c->damping = fmax(c->damping / 10, c->least);
             c->informed = step.settled;
             c->there = false;
             return true;
@@ -75,7 +81,7 @@ static enum modal_status climb(struct climb *c, struct whittle *m, const struct 
 
     m->converged = false;
     m->likelihood = whittle_likelihood(m, s);
-    c->damping = DAMPING_FIRST, c->left = HUGE_VAL;
+    c->damping = DAMPING_FIRST, c->least = DAMPING_LEAST, c->left = HUGE_VAL;
     for (; steps < limits->most && !m->converged && *limits->work > 0
                && (steps < STEPS_BLIND || m->likelihood + HOPE * c->left > limits->needed);
          steps++) {

@@ -180,7 +180,7 @@ TEST(subspaces_of_exact_covariances_have_the_poles_in_their_order_and_above)
     struct whittle found;
     struct modal_error err;
 
-    CHECK(subspace_make(&s, &from, &err) == MODAL_OK);
+    CHECK(subspace_make(&s, SUBSPACE_SIDE, &from, &err) == MODAL_OK);
     CHECK(subspace_model(&from, 4, &found) && found.count == 2);
     for (int k = 0; k < 2; k++)
         CHECK(nearest(&found, m.mode[k].lambda) < 1e-3);

@@ -104,11 +104,12 @@ def test_an_input_that_was_cut_off_is_told_and_one_that_truly_stops_there_is_not
     s.y = s.simulate(s.p) + noise
     most = 0.7 * abs(s.u).max()
     s.u = np.clip(s.u, -most, most)
-    said = ctl("identify", s.write(tmp_path / "a.h5"), *FORCED).document
+    said = ctl("identify", s.write(tmp_path / "a.h5"), *FORCED, "-o", "frf=true").document
     cut = [d for d in said["diagnostics"] if d["code"] == "clipped"]
     assert len(cut) == 1 and "force" in cut[0]["message"]
     assert said["stability"]["stable"] is None
     assert all(m["std"]["damping_ratio"] is None for m in said["modes"])
+    assert all(x is None for c in said["frf"]["curves"] for x in c["std"])
     s.y = s.simulate(s.p) + noise
     said = ctl("identify", s.write(tmp_path / "a.h5"), *FORCED).document
     assert not [d for d in said["diagnostics"] if d["code"] == "clipped"]

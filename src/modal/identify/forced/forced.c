@@ -452,7 +452,8 @@ static void scale_frf(const struct work *w, struct identify_frf *f)
             for (int k = 0; k < f->count; k++) {
                 size_t at = k + (size_t)f->count * (i + (size_t)f->responses * j);
                 f->value[at] *= w->rec.scale[i];
-                f->std[at] *= w->found.model.converged ? w->rec.scale[i] * w->widest : NAN;
+                f->std[at] *= w->found.model.converged && !w->clipped
+                                  ? w->rec.scale[i] * w->widest : NAN;
             }
     }
 }

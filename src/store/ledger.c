@@ -50,6 +50,7 @@ struct ledger {
     uint64_t pieces_end;                 /* they are all that the tape has before it */
     uint64_t asked_end;                  /* the tape's, when streams were last asked for */
     int log_pages;             /* of the write-ahead log after the last commit */
+    bool cut;                  /* the log has not what it had: see ledger_mark_put */
     bool deleted;              /* rows, since free pages were counted */
     bool broken;
 };
@@ -64,7 +65,7 @@ static int log_grew(void *context, sqlite3 *db, const char *name, int pages)
     (void)db;
     (void)name;
     ledger->log_pages = pages;
-    ledger_mark_put(ledger->mark, pages);
+    ledger->cut |= !ledger_mark_put(ledger->mark, pages);
     return SQLITE_OK;
 }
 
@@ -221,6 +222,19 @@ static bool has_rows(const struct ledger_change *change)
     return ledger_verbs[change->verb].bind != NULL && !is_taped(change);
 }
 
+/* MODAL_CORRUPT: the log has not what it had. */
+static enum modal_status check_log(struct ledger *ledger, struct modal_error *err)
+{
+    ledger->cut |= !ledger_mark_holds(ledger->mark);
+    if (!ledger->cut)
+        return MODAL_OK;
+    ledger->broken = true;
+    return modal_fail(err, MODAL_CORRUPT,
+                      "%s/ledger.db-wal was made shorter, or written over, by another program "
+                      "while the daemon ran: groups that were acknowledged are lost with it; "
+                      "restore the folder from a backup", ledger->dir);
+}
+
 static enum modal_status apply_all(struct ledger *ledger, struct ledger_change *changes,
                                    size_t count, struct modal_error *err)
 {
@@ -242,7 +256,7 @@ static enum modal_status apply_all(struct ledger *ledger, struct ledger_change *
             rc = apply(ledger, &changes[i], err);
     if (rc == MODAL_OK && (code = step(ledger->commit)) != SQLITE_OK)
         rc = ledger_db_fail(ledger->db, code, "committing a group", err);
-    return rc;
+    return rc == MODAL_OK && ledger->cut ? check_log(ledger, err) : rc;
 }
 
 /* The samples of a group, on stable storage before any row that speaks of them. */
@@ -273,10 +287,17 @@ static bool survivable(enum modal_status rc)
 static enum modal_status checkpoint_as(struct ledger *ledger, int how, bool *done,
                                        struct modal_error *err)
 {
-    enum modal_status rc;
-    int left = 0, code = sqlite3_wal_checkpoint_v2(ledger->db, NULL, how, NULL, &left);
+    /* what is not there would go to the database as pages of zeros */
+    enum modal_status rc = check_log(ledger, err);
+    int left = 0, code;
 
+    *done = true;
+    if (rc != MODAL_OK)
+        return rc;
+    code = sqlite3_wal_checkpoint_v2(ledger->db, NULL, how, NULL, &left);
     *done = code != SQLITE_BUSY;
+    if (code == SQLITE_OK && how == SQLITE_CHECKPOINT_TRUNCATE)
+        ledger_mark_emptied(ledger->mark);
     if (code == SQLITE_OK || code == SQLITE_BUSY) {
         ledger->log_pages = 0;
         return MODAL_OK;
@@ -296,10 +317,12 @@ static enum modal_status checkpoint(struct ledger *ledger, struct modal_error *e
 /* The log is empty afterwards, if its mark can be ended before; *DONE as above. */
 static enum modal_status empty_log(struct ledger *ledger, bool *done, struct modal_error *err)
 {
-    bool ended;
-    enum modal_status rc = ledger_mark_end(ledger->mark, &ended, err);
+    bool ended = false;
+    enum modal_status rc = check_log(ledger, err);
 
     *done = true;
+    if (rc == MODAL_OK)
+        rc = ledger_mark_end(ledger->mark, &ended, err);
     ledger->broken |= rc != MODAL_OK;
     return rc != MODAL_OK ? rc
                           : checkpoint_as(ledger, ended ? SQLITE_CHECKPOINT_TRUNCATE

@@ -58,14 +58,19 @@ enum modal_status ledger_wal_check(const char *path, bool owner, struct modal_er
  * The mark: DIR/ledger.db-mark says that the first FRAMES frames of the log's present life were
  * synced, and what the last of them has.  ledger_mark_put writes it after each commit and does not
  * sync it: what it says was true before it could reach the disk, and an old or absent one only
- * tells less; its failures are ignored.  Before the log is emptied ledger_mark_end has it say, on
- * stable storage, that nothing is to be found there; not ENDED: the log must stay.  It fails as
- * file_sync does.
+ * tells less; its failures are ignored.  False: the log has no more what it had at the call before,
+ * and nothing is written.  ledger_mark_holds: it has, or the database does, as where another
+ * program moved it there.  If not, nothing more may be acknowledged nor moved to the database.
+ * Before the log is emptied ledger_mark_end has the mark say, on stable storage, that nothing is to
+ * be found there; not ENDED: the log must stay.  It fails as file_sync does.  After that
+ * ledger_mark_emptied is called.
  */
 struct ledger_mark;
 struct ledger_mark *ledger_mark_open(const char *dir);      /* NULL: there will be no mark */
-void ledger_mark_put(struct ledger_mark *mark, int frames);
+bool ledger_mark_put(struct ledger_mark *mark, int frames);
+bool ledger_mark_holds(struct ledger_mark *mark);
 enum modal_status ledger_mark_end(struct ledger_mark *mark, bool *ended, struct modal_error *err);
+void ledger_mark_emptied(struct ledger_mark *mark);
 void ledger_mark_close(struct ledger_mark *mark);
 /* The store id of DB.  MODAL_CORRUPT: it has none. */
 enum modal_status ledger_db_store(sqlite3 *db, char store[33], struct modal_error *err);

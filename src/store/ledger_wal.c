@@ -59,6 +59,10 @@ enum {
 
 struct sums { uint32_t a, b; };
 
+/* What a mark says of the life with these salts: so many BYTES of it were synced; 0: not known.
+ * The last PAGE among them, from 1, and the sum of what it has; 0: not known. */
+struct marked { unsigned char salts[8]; uint64_t bytes; uint32_t page, sum; };
+
 struct wal {
     int fd;
     uint64_t size;
@@ -66,11 +70,7 @@ struct wal {
     uint32_t page;            /* bytes of a page */
     uint32_t salt[2];
     bool big;                 /* the sums read words big-endian */
-    unsigned char marked_salts[8];
-    /* bytes of the life with those salts that were synced; 0: not known */
-    uint64_t marked;
-    /* the last page among them, from 1, and the sum of what it has; 0: not known */
-    uint32_t marked_page, marked_sum;
+    struct marked marked;
     /* the first read that failed, and why: nothing is concluded from what could not be read */
     enum modal_status read;
     struct modal_error why;
@@ -181,7 +181,7 @@ static bool header_torn(const struct wal *wal, bool big)
 /* Whether the mark speaks of the life that has these salts. */
 static bool marked_life(const struct wal *wal, const unsigned char salts[8])
 {
-    return wal->marked > 0 && memcmp(wal->marked_salts, salts, 8) == 0;
+    return wal->marked.bytes > 0 && memcmp(wal->marked.salts, salts, 8) == 0;
 }
 
 /* Whether any frame has salts: those of the life that it is of. */
@@ -225,8 +225,8 @@ static bool header_good(struct wal *wal)
     return same(add(wal->big, none, wal->header, 24), wal->header + 24);
 }
 
-/* The log at PATH has no life: whether what it had is in the database. */
-static enum modal_status check_moved(const struct wal *wal, const char *path,
+/* The log at PATH has no life: whether what it had, MARKED, is in the database. */
+static enum modal_status check_moved(const struct marked *marked, const char *path,
                                      struct modal_error *err)
 {
     unsigned char page[LEDGER_PAGE];
@@ -235,18 +235,18 @@ static enum modal_status check_moved(const struct wal *wal, const char *path,
     int fd = -1;
     enum modal_status rc = MODAL_OK;
 
-    if (wal->marked_page == 0)
+    if (marked->page == 0)
         return MODAL_OK;
     snprintf(database, sizeof database, "%.*s", (int)(strlen(path) - 4), path);
     rc = file_open(database, O_RDONLY, 0, &fd, err);
     if (rc == MODAL_OK) {
-        rc = file_read(fd, page, sizeof page, (uint64_t)(wal->marked_page - 1) * LEDGER_PAGE, &got,
+        rc = file_read(fd, page, sizeof page, (uint64_t)(marked->page - 1) * LEDGER_PAGE, &got,
                        err);
         close(fd);
     }
     if (rc != MODAL_OK && rc != MODAL_NOT_FOUND)
         return rc;
-    if (got == sizeof page && crc32c(0, page, FILE_PAGE_DATA) == wal->marked_sum)
+    if (got == sizeof page && crc32c(0, page, FILE_PAGE_DATA) == marked->sum)
         return MODAL_OK;
     return modal_fail(err, MODAL_CORRUPT,
                       "%s is empty or gone, and groups that it had are not in %s though they were "
@@ -257,7 +257,7 @@ static enum modal_status check_moved(const struct wal *wal, const char *path,
 static enum modal_status check_headless(struct wal *wal, const char *path, struct modal_error *err)
 {
     if (!find_life(wal))
-        return check_moved(wal, path, err);
+        return check_moved(&wal->marked, path, err);
     return header_damaged(wal) ? modal_fail(
                err, MODAL_CORRUPT,
                "%s: its header is damaged (offset 0), and acknowledged groups follow it", path)
@@ -287,7 +287,7 @@ static enum modal_status check(struct wal *wal, const char *path, uint64_t *end,
             err, MODAL_CORRUPT,
             "%s: frame %llu (offset %llu) is damaged, and acknowledged groups follow it", path,
             (unsigned long long)i, (unsigned long long)frame_offset(wal, i));
-    if (wal->read == MODAL_OK && marked_life(wal, wal->header + 16) && *end < wal->marked)
+    if (wal->read == MODAL_OK && marked_life(wal, wal->header + 16) && *end < wal->marked.bytes)
         return modal_fail(err, MODAL_CORRUPT,
                           "%s: frame %llu (offset %llu) is damaged or missing, and its group was "
                           "acknowledged; without "
@@ -302,6 +302,7 @@ struct ledger_mark {
     char wal[4200];
     int fd, log;              /* log: the log's own, once it is there; -1 */
     bool ended;               /* it says so on stable storage */
+    struct marked last;       /* what the log has had since it was emptied, or was found */
 };
 
 static void mark_path(char path[4200], const char *wal)
@@ -318,7 +319,8 @@ static bool mark_good(const unsigned char *mark, size_t length, const char *magi
     return memcmp(mark, magic, 4) == 0 && check == crc32c(0, mark, length - 4);
 }
 
-static void mark_read(struct wal *wal, const char *path)
+/* Of the log at PATH; as it was where there is none. */
+static void mark_read(struct marked *marked, const char *path)
 {
     unsigned char mark[MARK];
     char name[4200];
@@ -332,12 +334,54 @@ static void mark_read(struct wal *wal, const char *path)
         got = 0;
     close(fd);
     if (got == MARK && mark_good(mark, MARK, "mdm2")) {
-        memcpy(&wal->marked_page, mark + 20, 4);
-        memcpy(&wal->marked_sum, mark + 24, 4);
+        memcpy(&marked->page, mark + 20, 4);
+        memcpy(&marked->sum, mark + 24, 4);
     } else if (got < MARK_BEFORE || !mark_good(mark, MARK_BEFORE, "mdmk"))
         return;
-    memcpy(wal->marked_salts, mark + 4, 8);
-    memcpy(&wal->marked, mark + 12, 8);
+    memcpy(marked->salts, mark + 4, 8);
+    memcpy(&marked->bytes, mark + 12, 8);
+}
+
+/* What a mark says that ends at BYTES of the log.  *THERE: it has so many.  A read that failed
+ * tells nothing. */
+static enum modal_status look_at(struct ledger_mark *mark, uint64_t bytes, struct marked *out,
+                                 bool *there)
+{
+    enum { STRIDE = FRAME_HEADER + LEDGER_PAGE };
+    unsigned char frame[STRIDE];
+    size_t got = 0;
+    enum modal_status rc = MODAL_OK;
+
+    if (mark->log < 0)
+        rc = file_open(mark->wal, O_RDONLY, 0, &mark->log, NULL);
+    if (rc == MODAL_OK)
+        rc = file_read(mark->log, frame, STRIDE, bytes - STRIDE, &got, NULL);
+    *there = rc == MODAL_OK && got == STRIDE;
+    if (!*there)
+        return rc;
+    *out = (struct marked) { .bytes = bytes, .page = big_word(frame),
+                             .sum = crc32c(0, frame + FRAME_HEADER, FILE_PAGE_DATA) };
+    memcpy(out->salts, frame + 8, 8);
+    return MODAL_OK;
+}
+
+/* Whether the log has what it had last; yes, where that cannot be read. */
+static bool has_last(struct ledger_mark *mark)
+{
+    const struct marked *last = &mark->last;
+    struct marked now;
+    bool there = true;
+
+    if (last->bytes == 0 || look_at(mark, last->bytes, &now, &there) != MODAL_OK)
+        return true;
+    return there && memcmp(now.salts, last->salts, 8) == 0 && now.page == last->page
+           && now.sum == last->sum;
+}
+
+bool ledger_mark_holds(struct ledger_mark *mark)
+{
+    return mark == NULL || has_last(mark)
+           || check_moved(&mark->last, mark->wal, NULL) != MODAL_CORRUPT;
 }
 
 struct ledger_mark *ledger_mark_open(const char *dir)
@@ -351,6 +395,9 @@ struct ledger_mark *ledger_mark_open(const char *dir)
     snprintf(mark->wal, sizeof mark->wal, "%.4096s/ledger.db-wal", dir);
     mark_path(path, mark->wal);
     file_open(path, O_WRONLY | O_CREAT, 0640, &mark->fd, NULL);
+    mark_read(&mark->last, mark->wal);
+    if (mark->last.page == 0 || !has_last(mark))              /* it may be of a life that is over */
+        mark->last.bytes = 0;
     return mark;
 }
 
@@ -363,27 +410,26 @@ static bool write_mark(int fd, unsigned char text[MARK])
     return file_write(fd, text, MARK, 0, NULL) == MODAL_OK;
 }
 
-void ledger_mark_put(struct ledger_mark *mark, int frames)
+bool ledger_mark_put(struct ledger_mark *mark, int frames)
 {
-    enum { STRIDE = FRAME_HEADER + LEDGER_PAGE };
-    unsigned char text[MARK] = "mdm2", frame[STRIDE];
-    uint64_t bytes = HEADER + (uint64_t)frames * STRIDE;
-    uint32_t page, sum;
-    size_t got = 0;
+    const uint64_t bytes = HEADER + (uint64_t)frames * (FRAME_HEADER + LEDGER_PAGE);
+    unsigned char text[MARK] = "mdm2";
+    struct marked now;
+    bool there = true;
 
-    if (mark == NULL || mark->fd < 0
-        || (mark->log < 0 && file_open(mark->wal, O_RDONLY, 0, &mark->log, NULL) != MODAL_OK)
-        || file_read(mark->log, frame, STRIDE, bytes - STRIDE, &got, NULL) != MODAL_OK
-        || got != STRIDE)
-        return;
-    page = big_word(frame);
-    sum = crc32c(0, frame + FRAME_HEADER, FILE_PAGE_DATA);
-    memcpy(text + 4, frame + 8, 8);
+    if (mark == NULL || look_at(mark, bytes, &now, &there) != MODAL_OK)
+        return true;
+    if (!there || (memcmp(now.salts, mark->last.salts, 8) == 0 && !has_last(mark)))
+        return false;
+    mark->last = now;
+    memcpy(text + 4, now.salts, 8);
     memcpy(text + 12, &bytes, 8);
-    memcpy(text + 20, &page, 4);
-    memcpy(text + 24, &sum, 4);
+    memcpy(text + 20, &now.page, 4);
+    memcpy(text + 24, &now.sum, 4);
     mark->ended = false;
-    write_mark(mark->fd, text);
+    if (mark->fd >= 0)
+        write_mark(mark->fd, text);
+    return true;
 }
 
 /* FD's mark is ended, on stable storage; false: it was not written. */
@@ -404,6 +450,12 @@ enum modal_status ledger_mark_end(struct ledger_mark *mark, bool *ended, struct 
         rc = end_mark(mark->fd, &mark->ended, err);
     *ended = mark != NULL && mark->ended;
     return rc;
+}
+
+void ledger_mark_emptied(struct ledger_mark *mark)
+{
+    if (mark != NULL)
+        mark->last.bytes = 0;
 }
 
 void ledger_mark_close(struct ledger_mark *mark)
@@ -442,16 +494,16 @@ static enum modal_status look(struct wal *wal, const char *path, uint64_t *end,
     enum modal_status rc;
 
     *end = 0;
-    wal->marked = wal->marked_page = 0;
-    mark_read(wal, path);
+    wal->marked = (struct marked) { .bytes = 0 };
+    mark_read(&wal->marked, path);
     if (wal->fd < 0)
-        return check_moved(wal, path, err);
+        return check_moved(&wal->marked, path, err);
     if (fstat(wal->fd, &known) < 0)
         return modal_fail(err, MODAL_IO, "%s: %s", path, strerror(errno));
     wal->size = (uint64_t)known.st_size;
     rc = file_read(wal->fd, wal->header, HEADER, 0, &got, err);
     if (rc == MODAL_OK)
-        rc = got == HEADER ? check(wal, path, end, err) : check_moved(wal, path, err);
+        rc = got == HEADER ? check(wal, path, end, err) : check_moved(&wal->marked, path, err);
     if (rc == MODAL_OK && *end > HEADER)
         rc = check_database(path, err);
     return wal->read == MODAL_OK ? rc : modal_fail(err, wal->read, "%s", wal->why.message);
@@ -485,7 +537,7 @@ static enum modal_status trim(const struct wal *wal, const char *path, uint64_t 
 
     if (wal->size <= end)
         return MODAL_OK;
-    if (end <= HEADER && wal->marked_page != 0 && (rc = end_mark_of(path, err)) != MODAL_OK)
+    if (end <= HEADER && wal->marked.page != 0 && (rc = end_mark_of(path, err)) != MODAL_OK)
         return rc;
     rc = file_truncate(wal->fd, end, err);
     return rc == MODAL_OK ? file_sync(wal->fd, err) : rc;

@@ -261,3 +261,32 @@ def test_nothing_is_acknowledged_once_the_data_folder_is_gone(tmp_path, how):
         client.send("SUBMIT", [data], kind="identify", options={}, key="after", input=described)
         assert d.process.wait(300) == 1
         assert client.socket.poll(0) == 0
+
+
+@pytest.mark.parametrize("name, says", [("ledger.db-wal", "code=corrupt"),
+                                        ("ledger.db-shm", "code=io")])
+def test_nothing_is_acknowledged_once_a_file_of_the_ledger_is_cut_under_the_daemon(tmp_path, name,
+                                                                                   says):
+    """Of the log, groups that were acknowledged are lost; of its index nothing is."""
+    acknowledged, data, described = [], *ring_down()
+    with Daemon(folder=tmp_path, workers=0) as d:
+        client = d.client()
+        for k in range(1000):               # at rest the log is empty, and a cut takes nothing
+            client.send("SUBMIT", [data], kind="identify", options={}, key=f"k{k}",
+                        input=described)
+            until(lambda: client.socket.poll(50) or d.process.poll() is not None)
+            if not client.socket.poll(0):
+                break
+            assert client.answer(client.number).ok
+            acknowledged.append(f"k{k}")
+            os.truncate(d.folder / "data" / name, 0)
+        assert d.process.wait(300) == 1 and acknowledged
+        assert [line for line in d.text().splitlines()
+                if says in line and name in line and "made shorter" in line]
+        if name.endswith("wal"):
+            d.start(ready=False)
+            assert d.process.wait(300) == 1 and "acknowledged" in d.text()
+        else:
+            d.start()
+            client = d.client()
+            assert all(client.ask("STATUS", job=f"key:{key}").ok for key in acknowledged)

@@ -195,6 +195,20 @@ static void on_signal(int number)
     errno = saved;
 }
 
+/* SQLite has ledger.db-shm mapped, and the thread that reads what it was made shorter by can go on
+ * nowhere.  Nothing is lost: it is made anew from the log at the next start. */
+static void on_bus(int number, siginfo_t *info, void *context)
+{
+    (void)number;
+    (void)context;
+    if (info->si_code != BUS_ADRERR)
+        return;                                    /* it comes again, and the default is back */
+    log_out_last("level=error event=storage code=io message=\"a file that is mapped, as "
+                 "ledger.db-shm of the data folder is, was made shorter by another program: start "
+                 "again\"\n");
+    _exit(1);
+}
+
 static enum modal_status open_signals(struct daemon *d, struct modal_error *err)
 {
     /* the latter end a process by default: a stray one is told and ends nothing */
@@ -202,6 +216,7 @@ static enum modal_status open_signals(struct daemon *d, struct modal_error *err)
                                    SIGUSR1, SIGUSR2, SIGALRM, SIGVTALRM, SIGPROF, SIGIO, SIGPWR,
                                    SIGSTKFLT, SIGXCPU };
     struct sigaction action = { .sa_handler = on_signal, .sa_flags = SA_RESTART };
+    const struct sigaction bus = { .sa_sigaction = on_bus, .sa_flags = SA_SIGINFO | SA_RESETHAND };
     int fds[2];
 
     if (pipe2(fds, O_CLOEXEC | O_NONBLOCK) != 0)
@@ -214,6 +229,7 @@ static enum modal_status open_signals(struct daemon *d, struct modal_error *err)
         sigaction(numbers[i], &action, NULL);
     for (int number = SIGRTMIN; number <= SIGRTMAX; number++)
         sigaction(number, &action, NULL);
+    sigaction(SIGBUS, &bus, NULL);
     return MODAL_OK;
 }
 

@@ -117,6 +117,11 @@ bool log_out_waits(void)
     return kept.length > 0;
 }
 
+void log_out_last(const char *text)
+{
+    put(text, strlen(text));
+}
+
 void log_out_end(void)
 {
     struct pollfd reader = { .fd = STDERR_FILENO, .events = POLLOUT };

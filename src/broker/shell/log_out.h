@@ -17,6 +17,9 @@ unsigned long log_out_flush(void);
 /* Whether lines wait for stderr to take them. */
 bool log_out_waits(void);
 
+/* TEXT, a line, from a signal's handler: none of those that wait, none after it. */
+void log_out_last(const char *text);
+
 /* The last: what a reader takes within a second is written. */
 void log_out_end(void);
 #endif

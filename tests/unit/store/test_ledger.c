@@ -1338,6 +1338,81 @@ TEST(a_log_that_was_emptied_or_is_gone_is_reported_unless_the_database_has_what_
     stop(ledger);
 }
 
+/* Four jobs in four groups; *FRAMES: of the log. */
+static struct ledger *start_log(char path[128], int *frames)
+{
+    struct ledger *ledger = start();
+    struct stat known;
+
+    for (int i = 1; i <= 4; i++)
+        CHECK(one(ledger, job_put(i, NULL)) == MODAL_OK);
+    snprintf(path, 128, "%s/ledger.db-wal", dir);
+    CHECK(stat(path, &known) == 0);
+    *frames = (int)((known.st_size - 32) / 4120);
+    return ledger;
+}
+
+/* The log has its first FRAMES frames, all of them where these are below 1, and BYTES more or less.
+ * One group more is not acknowledged, and nothing is moved to the database; the next start says so
+ * too. */
+static void cut_log(int frames, int bytes, bool commits)
+{
+    struct ledger *ledger, *opened = NULL;
+    struct ledger_change change = job_put(5, NULL);
+    struct modal_error err;
+    char path[128];
+    bool more;
+    int all;
+
+    ledger = start_log(path, &all);
+    CHECK(truncate(path, frames < 0 ? 0 : 32 + 4120 * (frames < 1 ? all : frames) + bytes) == 0);
+    if (commits)
+        CHECK(ledger_commit(ledger, &change, 1, &err) == MODAL_CORRUPT);
+    else
+        CHECK(ledger_idle(ledger, &more, &err) == MODAL_CORRUPT);
+    CHECK(strstr(err.message, "ledger.db-wal was made shorter") != NULL);
+    CHECK(ledger_checkpoint(ledger, NULL) == MODAL_IO);
+    ledger_close(ledger);
+    CHECK(ledger_open(dir, &opened, NULL) == MODAL_CORRUPT && opened == NULL);
+    shell("rm -r %s");
+}
+
+TEST(a_log_cut_under_the_daemon_is_told_before_anything_more_is_acknowledged)
+{
+    static const struct { int frames, bytes; } cuts[] = {
+        { -1, 0 }, { 1, -4104 }, { 1, -4120 }, { 1, 0 }, { 0, -4120 }, { 0, -4100 }, { 0, -2000 },
+    };
+
+    for (size_t i = 0; i < sizeof cuts / sizeof *cuts; i++)
+        for (int commits = 0; commits < 2; commits++)
+            cut_log(cuts[i].frames, cuts[i].bytes, commits);
+}
+
+/* sqlite3 moves a log to the database and empties it, whoever else has it open. */
+TEST(a_log_that_another_program_moved_to_the_database_is_not_missed)
+{
+    struct ledger *ledger = start();
+    char path[128];
+    sqlite3 *other;
+    bool more;
+
+    snprintf(path, sizeof path, "%s/ledger.db", dir);
+    for (int i = 1; i <= 6; i++) {
+        CHECK(one(ledger, job_put(i, NULL)) == MODAL_OK);
+        CHECK(sqlite3_open_v2(path, &other, SQLITE_OPEN_READWRITE, NULL) == SQLITE_OK);
+        CHECK(sqlite3_wal_checkpoint_v2(other, NULL, i % 2 ? SQLITE_CHECKPOINT_TRUNCATE
+                                                           : SQLITE_CHECKPOINT_PASSIVE, NULL, NULL)
+              == SQLITE_OK);
+        CHECK(sqlite3_close(other) == SQLITE_OK);
+        if (i % 3 == 0)
+            CHECK(ledger_idle(ledger, &more, NULL) == MODAL_OK && !more);
+    }
+    ledger_close(ledger);
+    CHECK(ledger_open(dir, &ledger, NULL) == MODAL_OK);
+    CHECK(load(ledger).jobs == 6);
+    stop(ledger);
+}
+
 /* What a power cut leaves when the log begins anew: the first bytes of the new header, whose
  * sequence number is one more, before all of the old life, which the database has.  It is cut off,
  * and from then on the mark tells nothing of the log: what the database has by and by is not what

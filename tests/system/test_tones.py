@@ -169,8 +169,8 @@ def test_a_target_limits_the_error_of_each_line_told_or_left_out(law, ratio, tmp
     most = np.abs(motion(finer, np.linspace(0, 1000, 5000))).max()
     off = max(abs(told.get(k, 0) - true.get(k, 0)) for k in {*told, *true})
     assert result["converged"] and not result["diagnostics"] and result["stability"]["stable"]
-    assert off <= 3 * result["line_error"] and result["line_error"] <= 1.001e-4 * most
-    assert result["N"] <= 32 * 512                 # samples of a record
+    assert off <= result["line_error"] and result["line_error"] <= 1.001e-4 * most
+    assert result["N"] <= 32 * 256                 # samples of a record
 
 
 # A gap has no place of its own: volumes of disturbances shrink by exp(-C / M t), whatever it does.
@@ -662,6 +662,25 @@ def test_lines_beyond_the_highest_of_a_slow_tone_are_within_the_error_stated(tmp
                             all_motions(result, np.zeros(1), 1)[:, 0]])
     marched = solve_ivp(rate, (0, 510), start, "DOP853", t, rtol=1e-9, atol=1e-10).y[:4]
     assert np.abs(marched - all_motions(result, t)).max() <= 3 * result["total_error"]
+
+
+# No record tells the second tone from the first: all lines are of the one that a load acts with.
+def test_a_twin_tone_without_a_load_takes_none_of_the_lines_of_a_march(tmp_path):
+    effects = [{"type": "friction", "dof": "x", "stiffness": 0.5, "limit": 0.1},
+               {"type": "regularised_coulomb", "dof": "x", "to": "ground", "limit": 0.02,
+                "velocity": 0.05}]
+    scene = oscillator(effects, [0.8, 0.8 * (1 + 2e-5)], 0.3)
+    scene["excitation"][1]["cos"] = 0
+    status, result = run("steady", scene, tmp_path)
+    one = {**scene, "omega": 0.8, "steady": {},
+           "excitation": [{"dof": "x", "k": 1, "cos": 0.3}]}
+    alone = run("steady", one, tmp_path, "-o", "target.error=1e-7")[1]["harmonics"][0]
+    true = dict(zip(alone["k"], np.array(alone["re"]) + 1j * np.array(alone["im"])))
+    rows = result["harmonics"][0]
+    assert status == 0 and result["converged"] and not result["diagnostics"]
+    assert result["method"] == "march"
+    for k, re, im in zip(rows["k"], rows["re"], rows["im"]):
+        assert abs(re + 1j * im - (true.get(k[0], 0) if k[1] == 0 else 0)) <= result["total_error"]
 
 
 def test_tones_that_no_record_tells_apart_leave_a_balance_its_work(tmp_path):

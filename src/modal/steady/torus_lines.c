@@ -1,60 +1,82 @@
 /*
  * torus_lines.c - see torus_lines.h; tested by tests/unit/modal/steady/test_torus.c
  *
- * A record has N samples a turn of the leading tone, t = 2 pi (r + m / N) / w_lead.  Under a window
- * W, sum W = 1, its line at combination k is
+ * A record has N samples a turn of the leading tone, t = 2 pi (r + m / N) / w_lead.  Combinations
+ * that differ by the leading tone alone are a row: from turn to turn, at any m, they go on alike,
  *
- *     X_k = 2 sum_m e^{-2 pi i k_lead m / N} sum_r W x e^{-2 pi i s (r + m / N)},               (1)
+ *     x(r, m) = Re sum_rows z_row(m) e^{2 pi i s rho},   rho = r - turns / 2,                   (1)
  *     s = sum_j k_j nu_j of the other tones j,
  *
- * the mean half of that: one product of matrices gives the sums over r of all s.  W is
- * exp(pi B (sqrt(1 - u^2) - 1)), -1 < u < 1 over the record: of another line B or more turns of the
- * record away (1) has e^{-pi B} at most.  Of nearer ones it has V, the transform of W: with time
- * from the record's middle, where V is real,
+ * and z is N samples of what the row's own lines sum to within a turn,
  *
- *     (1) = sum_l V(Omega_k - Omega_l) X_l + V(Omega_k + Omega_l) conj(X_l),                    (2)
+ *     z(m) = sum_lead Y e^{2 pi i (lead + s) m / N},                                            (2)
  *
- * least squares weighed by W, and banded where lines are in order.  The same of what is left of the
- * record when the lines are taken out has the rest.  Lines nearer than APART are one, that of the
- * lower order.
+ * Y a line as it stands in the record's middle.  (1) is least squares of two columns a row, cosine
+ * and sine, whose products are known in closed form and the same for all m; (2) is a transform.
+ * Where 2 s is a whole number a row is its own mirror, real, and one column.
  *
- * What no line explains is seen, over the whole record, of whose ends the window takes little.
- * Beyond N / 2 a record sees nothing: there lines sum to some part of the last below it, told or
- * not, and as many fold onto those.  Where a force has a kink its motion's lines fall as their
- * fourth power, and those beyond sum to 1 / ((1 - LAST)^-3 - 1) of the last; where it is smooth, to
- * less.
+ * Rows are taken by rising order.  One of which all but TOLD of its square is in those before it
+ * is left out, and what its lines are is told as theirs: what no line explains would stand in it
+ * multiplied by more than TOLD^-1/2.  Two rows F turns of the record apart have 1 - sinc^2 F of
+ * each other's squares left, many evenly spaced ones less; that knows of both.
+ *
+ * A record that has not settled has more than lines: what decays, and a body's drift that nothing
+ * holds.  They go on where a turn ends, and z of (2) does not: it would have lines that fall as
+ * 1 / lead, whose rates are noise.  Its least squares are weighed by
+ *
+ *     W = 8 / 3 cos^4 pi u = 1 + 4 / 3 cos 2 pi u + 1 / 3 cos 4 pi u,   -1/2 < u < 1/2,         (3)
+ *
+ * of the samples' own times, under which all m see the same.  The products are those of a turn's
+ * middle, and so z is off by some ten turns in the record's; what it leaves, under W, is read
+ * again, until that falls no more.
+ *
+ * What no line explains is seen over the whole record.  Beyond N / 2 a record sees nothing: there
+ * lines sum to some part of the last below it, told or not, and as many fold onto those.  Where a
+ * force has a kink its motion's lines fall as their fourth power, and those beyond sum to
+ * 1 / ((1 - LAST)^-3 - 1) of the last; where it is smooth, to less.
  */
 #include "modal/steady/torus_lines.h"
 #include <cblas.h>
-#include <lapacke.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 enum {
-    BINS_LEAST = 3,            /* B: e^{-3 pi} is 1e-4 */
-    BINS_MOST = 8,             /* and e^{-8 pi} 1e-11 */
-    TURNS_A_ROW = 3,           /* more rows have more lines than a record tells: one in APART */
+    TURNS_A_ROW = 3,           /* two columns a row: as many as two thirds of the turns, so that
+                                * what is left is a measure of what they miss */
     OTHERS_MOST = 160,         /* |k_j| of one tone beside the leading one: slow envelopes of close
                                 * tones have as many lines */
     OTHERS_OF_TWO_MOST = 12,   /* of two */
+    PASSES = 8,                /* at most: of 64, 256, 1024 turns each left 0.2, 0.04, 1e-3 of what
+                                * the one before had */
     AFRESH = 32,               /* products of a wave: no rounding gathers */
     LINES_MOST = 3000,         /* what a motion of one dof may balance, however many outputs */
-    BLOCK = 64,                /* turns whose samples are weighed at once */
 };
-static const double APART = 1.5;          /* turns of the record that lines are apart at least: (2)
-                                           * multiplies what is no line by some 2 there */
+static const double TOLD = 0.1;           /* of a column's square: three errors of what is no line,
+                                           * at most */
+static const double TOGETHER = 0.5;       /* of what one row leaves of it, several leave less */
+static const double SAME = 1e-6;          /* root of what is left of a row that coincides with
+                                           * others: a million records would not tell them */
+static const double HARMONIC[] = { 1, 2.0 / 3, 1.0 / 6 };  /* of (3), at j whole waves */
+static const double SPREAD = 0.289;       /* root mean square of u, with no window: 12^-1/2 */
+static const double SPREAD_WEIGHED = 0.141;   /* under (3) */
+static const double TWICE = 18.0 / 35;    /* 1 over the mean square of (3) */
+static const double FALLS = 0.5;          /* of what the pass before left: more is what no line
+                                           * explains */
 static const double FEWER = 0.01;         /* of the error asked for, which is a line's: smaller ones
-                                           * are not worth being told, nor is what they leak */
+                                           * are not worth being told */
 static const double LAST = 0.125;         /* of the lines below N / 2, as in torus_error.c */
 static const double BEYOND = 4.06;        /* 2 / ((1 - LAST)^-3 - 1): see above */
-static const double SAME = 1e-6;          /* turns of the record between lines that coincide: a
-                                           * million records would not tell them */
-static const double WAVE = 3;             /* budget.h: of a sample and a row, five products of
-                                           * matrices */
+static const double WAVE = 1.2;           /* budget.h: of a sample and a row, two products of
+                                           * matrices of two columns */
+static const double READ = 3;             /* passes of a record that has not settled, most often */
+static const double FACTOR = 0.4;         /* of a factor of them, times its rows' cube */
 
-/* A line of the sheet of (1): its combination with the sign of torus.h's (1), size and place. */
-struct line { struct torus_index k; double size; int row, lead; bool flipped; };
+/* A row: its place, whole turns of s and the rest, and its first column. */
+struct torus_row { int row, whole, at; double s; bool real; };
+
+/* A line of a row, of combination k as torus.h's (1) has it. */
+struct line { struct torus_index k; double size; int told, bin; bool flipped; };
 
 /* Row ROW's numbers of the other tones, into K; row 0: none. */
 static void row_of(const struct torus_sheet *a, int row, struct torus_index *k)
@@ -87,428 +109,211 @@ static double complex turned(double complex a, double complex b)
                  creal(a) * cimag(b) + cimag(a) * creal(b));
 }
 
-/* The cosines, then the sines of 2 pi s r at the record's turns r, of row after row. */
-static void fill_waves(struct torus_sheet *a)
+/* e^{2 pi i s (first + step n)} for COUNT n into WAVE. */
+static void fill_wave(double s, double first, double step, int count, double complex *wave)
 {
-    double first = a->start * a->s->tones.omega[a->s->tones.lead] / (2 * M_PI);
+    double complex turn = CMPLX(cos(2 * M_PI * s * step), sin(2 * M_PI * s * step));
 
-    for (int row = 0; row < a->rows; row++) {
-        double complex turn, wave = 1;
-        struct torus_index k;
-        double s;
+    for (int n = 0; n < count; n++)
+        if (n % AFRESH == 0) {
+            double phase = 2 * M_PI * fmod(s * (first + step * n), 1);
 
-        row_of(a, row, &k);
-        s = turns_of(a, k);
-        turn = CMPLX(cos(2 * M_PI * s), sin(2 * M_PI * s));
-        for (int r = 0; r < a->turns; r++) {
-            if (r % AFRESH == 0)
-                wave = cexp(2 * M_PI * I * fmod(s * (first + r), 1));
-            a->wave[(size_t)row * (size_t)a->turns + (size_t)r] = creal(wave);
-            a->wave[(size_t)(a->rows + row) * (size_t)a->turns + (size_t)r] = cimag(wave);
-            wave = turned(wave, turn);
+            wave[n] = CMPLX(cos(phase), sin(phase));
+        } else
+            wave[n] = turned(wave[n - 1], turn);
+}
+
+/* The mean of e^{2 pi i s rho} over the record's turns, under (3) where it has not settled. */
+static double complex mean_at(const struct torus_sheet *a, double s)
+{
+    double f = M_PI * (s - round(s)), sum = 0;
+    int highest = a->settled ? 0 : 2;
+
+    for (int j = -highest; j <= highest; j++) {
+        double g = f + j * M_PI / a->turns;
+
+        sum += HARMONIC[abs(j)] * (g == 0 ? 1 : sin(a->turns * g) / (a->turns * sin(g)));
+    }
+    return CMPLX(cos(f) * sum, -sin(f) * sum);
+}
+
+/* That of ROW's s + SIGN WITH's.  Of one other tone it is its s times a whole number, and as many
+ * means are known. */
+static double complex mean_wave(const struct torus_sheet *a, const struct torus_row *row, int sign,
+                                const struct torus_row *with)
+{
+    int k = row->row + sign * with->row;
+
+    if (a->others[1] >= 0)
+        return mean_at(a, row->s + sign * with->s);
+    return k < 0 ? conj(a->mean[-k]) : a->mean[k];
+}
+
+/* The mean products of columns of ROW and WITH, cosine and minus sine: into TO [of row][of
+ * with]. */
+static void products(const struct torus_sheet *a, const struct torus_row *row,
+                     const struct torus_row *with, double to[2][2])
+{
+    double complex less = mean_wave(a, row, -1, with), more = mean_wave(a, row, 1, with);
+
+    to[0][0] = 0.5 * (creal(less) + creal(more));
+    to[1][1] = 0.5 * (creal(less) - creal(more));
+    to[0][1] = -0.5 * (cimag(more) - cimag(less));
+    to[1][0] = -0.5 * (cimag(more) + cimag(less));
+}
+
+/* Row I of L, the products of a column with those before it and itself, becomes that of Cholesky's
+ * factor.  What part of its square is in no other. */
+static double factor_row(double *L, int ld, int i)
+{
+    double *row = L + (size_t)i * (size_t)ld, whole = row[i], left;
+
+    cblas_dtrsv(CblasRowMajor, CblasLower, CblasNoTrans, CblasNonUnit, i, L, ld, row, 1);
+    left = larger(whole - cblas_ddot(i, row, 1, row, 1), 0);
+    row[i] = sqrt(left);
+    return left / whole;
+}
+
+/* What part of ROW's columns, whose products with WITH's are TO, is not in those: of a row that has
+ * one column less than of their waves. */
+static double left_by(const struct torus_sheet *a, const struct torus_row *row,
+                      const struct torus_row *with, double to[2][2])
+{
+    double L[4 * 4] = { 0 }, own[2][2], part = 1;
+    int first = with->real ? 1 : 2, all = first + (row->real ? 1 : 2);
+
+    products(a, with, with, own);
+    for (int i = 0; i < first; i++)
+        for (int j = 0; j <= i; j++)
+            L[4 * i + j] = own[i][j];
+    products(a, row, row, own);
+    for (int i = first; i < all; i++)
+        for (int j = 0; j <= i; j++)
+            L[4 * i + j] = j < first ? to[i - first][j] : own[i - first][j - first];
+    for (int i = 0; i < all && (i < first || part > 0); i++) {
+        double left = factor_row(L, 4, i);
+
+        part = i < first ? part : fmin(part, left);
+    }
+    return part;
+}
+
+/* ROW's columns behind the A->columns of L; what part of them is in no other.  *PAIR: what part is
+ * not in the row told that has most of it; *ALONE: of its waves. */
+static double try_row(const struct torus_sheet *a, const struct torus_row *row, double *L, int ld,
+                      double *pair, double *alone)
+{
+    int at = a->columns;
+    double *first = L + (size_t)at * (size_t)ld, *second = first + ld, own[2][2], part;
+
+    for (int t = 0; t < a->told; t++) {
+        const struct torus_row *with = &a->row[t];
+        double to[2][2];
+
+        products(a, row, with, to);
+        for (int c = 0; c < 2 - with->real; c++)
+            first[with->at + c] = to[0][c], second[with->at + c] = to[1][c];
+        *pair = fmin(*pair, left_by(a, row, with, to));
+        for (int sign = -1; sign <= 1; sign += 2) {
+            double complex both = mean_wave(a, row, sign, with);
+
+            *alone = fmin(*alone, 1 - creal(both) * creal(both) - cimag(both) * cimag(both));
         }
     }
+    products(a, row, row, own);
+    first[at] = own[0][0], second[at] = own[1][0], second[at + 1] = own[1][1];
+    part = factor_row(L, ld, at);
+    return row->real || part < TOLD ? part : fmin(part, factor_row(L, ld, at + 1));
 }
 
-/* e^{2 pi i s m / N} of row ROW into SLOW, N. */
-static void slow_waves(const struct torus_sheet *a, int row, double complex *slow)
+/* Rows by rising rank: those of two other tones are not in order as they stand. */
+struct place { int rank, row; };
+
+static int by_place(const void *a, const void *b)
 {
-    struct torus_index k;
-    double complex turn;
-    double s;
+    const struct place *x = a, *y = b;
 
-    row_of(a, row, &k);
-    s = 2 * M_PI * turns_of(a, k) / a->N;
-    turn = CMPLX(cos(s), sin(s));
-    for (int m = 0; m < a->N; m++)
-        slow[m] = m % AFRESH == 0 ? cexp(I * s * m) : turned(slow[m - 1], turn);
-}
-
-/* The sums over r of (1) of SIGNAL, all rows at once: into a->sum, less their waves within a
- * turn. */
-static void gather(struct torus_sheet *a, const double *signal)
-{
-    size_t wide = (size_t)a->outputs, columns = (size_t)a->N * wide;
-
-    for (int first = 0; first < a->turns; first += BLOCK) {
-        int turns = a->turns - first < BLOCK ? a->turns - first : BLOCK;
-        const double *x = signal + (size_t)first * columns;
-
-        for (size_t e = 0; e < (size_t)turns * columns; e++)
-            a->weighed[e] = a->window[(size_t)(first * a->N) + e / wide] * x[e];
-        cblas_dgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, 2 * a->rows, (int)columns, turns, 1,
-                    a->wave + first, a->turns, a->weighed, (int)columns, first > 0, a->sum,
-                    (int)columns);
-    }
-}
-
-/* Those of output I and row ROW into SUM, N, SLOW being its waves. */
-static void sums_of(const struct torus_sheet *a, int i, int row, const double complex *slow,
-                    double complex *sum)
-{
-    size_t columns = (size_t)a->N * (size_t)a->outputs;
-
-    for (int m = 0; m < a->N; m++) {
-        const double *at = a->sum + (size_t)row * columns + (size_t)(m * a->outputs + i);
-
-        sum[m] = conj(CMPLX(at[0], at[(size_t)a->rows * columns]) * slow[m]);
-    }
-}
-
-/* (1) of k_lead from SUM; e^{2 pi i m / N} is TURN, N a power of two. */
-static double complex line_at(const struct torus_sheet *a, const double complex *sum, int lead,
-                              const double complex *turn)
-{
-    double re = 0, im = 0;
-
-    for (int m = 0; m < a->N; m++) {
-        double complex w = turn[(lead * m) & (a->N - 1)];
-
-        re += creal(sum[m]) * creal(w) + cimag(sum[m]) * cimag(w);
-        im += cimag(sum[m]) * creal(w) - creal(sum[m]) * cimag(w);
-    }
-    return CMPLX(re, im);
-}
-
-/* SIGNAL less the lines X, whose places are LIST, by row.  SLOW: N of room. */
-static void take_out(struct torus_sheet *a, double *signal, const struct line *list,
-                     const double complex *X, double complex *slow, const double complex *turn)
-{
-    size_t columns = (size_t)a->N * (size_t)a->outputs;
-
-    memset(a->sum, 0, 2 * (size_t)a->rows * columns * sizeof *a->sum);
-    for (int l = 0; l < a->count; l++) {
-        if (l == 0 || list[l].row != list[l - 1].row)
-            slow_waves(a, list[l].row, slow);
-        for (int e = 0; e < (int)columns; e++) {
-            int i = e % a->outputs, m = e / a->outputs;
-            double complex Z = X[(size_t)i * (size_t)a->count + (size_t)l]
-                * turn[(list[l].lead * m) & (a->N - 1)] * slow[m];
-            double *at = a->sum + (size_t)list[l].row * columns + (size_t)e;
-
-            at[0] += creal(Z);
-            at[(size_t)a->rows * columns] -= cimag(Z);
-        }
-    }
-    cblas_dgemm(CblasRowMajor, CblasTrans, CblasNoTrans, a->turns, (int)columns, 2 * a->rows, -1,
-                a->wave, a->turns, a->sum, (int)columns, 1, signal, (int)columns);
-}
-
-/* By falling size: what is left out last is least. */
-static int by_size(const void *a, const void *b)
-{
-    double x = ((const struct line *)a)->size, y = ((const struct line *)b)->size;
-
-    return (x < y) - (x > y);
-}
-
-static int by_order(const void *a, const void *b)
-{
-    int order = torus_order(((const struct line *)a)->k) - torus_order(((const struct line *)b)->k);
-
-    return order != 0 ? order : by_size(a, b);
-}
-
-/* Of two lines that the record does not tell apart one is where the motion is, and larger; where
- * they coincide it is that of the lower order. */
-static int by_claim(const void *a, const void *b)
-{
-    const struct line *x = a, *y = b;
-    double p = x->size / (1 + torus_order(x->k)), q = y->size / (1 + torus_order(y->k));
-
-    return p != q ? (p < q) - (p > q) : by_order(a, b);
-}
-
-/* Lines of a row share their waves. */
-static int by_row(const void *a, const void *b)
-{
-    return ((const struct line *)a)->row - ((const struct line *)b)->row;
-}
-
-/* All lines below N / 2 of the record into LIST; SUM: twice N. */
-static int sheet(struct torus_sheet *a, struct line *list, double complex *sum,
-                 const double complex *turn)
-{
-    double complex *slow = sum + a->N;
-    int count = 0;
-
-    gather(a, a->x);
-    for (int row = 0; row < a->rows; row++) {
-        int first = count, middle;
-        struct torus_index k;
-
-        row_of(a, row, &k);
-        middle = -(int)lround(turns_of(a, k));     /* a high row's slow lines have as high a lead */
-        for (int lead = row > 0 ? middle - a->N / 2 : 0; lead <= middle + a->N / 2; lead++) {
-            struct line l = { .row = row, .lead = lead };
-
-            k.k[a->s->tones.lead] = lead;
-            l.k = torus_signed(&a->s->tones, k, &l.flipped);
-            if (2 * turns_of(a, l.k) < a->N)
-                list[count++] = l;
-        }
-        slow_waves(a, row, slow);
-        for (int i = 0; i < a->outputs; i++) {
-            sums_of(a, i, row, slow, sum);
-            for (int l = first; l < count; l++)
-                list[l].size = larger(list[l].size,
-                                      2 * cabs(line_at(a, sum, list[l].lead, turn)));
-        }
-    }
-    return count;
-}
-
-/* Of claim(): two lines are never in one, for it is as wide as they are apart at least. */
-static int cells_of(const struct torus_sheet *a)
-{
-    return (int)((double)a->N * a->turns / (2 * APART)) + 3;
-}
-
-/* How far FREQUENCY, in turns, is from the nearest that is taken, one a cell of as many at most, in
- * turns of the record; from APART on it is then among them. */
-static double claim(const struct torus_sheet *a, double frequency, double *taken)
-{
-    double least = APART / a->turns, nearest = APART;
-    int cell = 1 + (int)(frequency / least);
-
-    for (int c = cell - 1; c <= cell + 1; c++)
-        if (taken[c] >= 0)
-            nearest = fmin(nearest, fabs(taken[c] - frequency) * a->turns);
-    if (nearest >= APART)
-        taken[cell] = frequency;
-    return nearest;
-}
-
-/* Whether K is among the last lines below N / 2. */
-static bool is_last(const struct torus_sheet *a, struct torus_index k)
-{
-    return 2 * turns_of(a, k) > (1 - LAST) * a->N;
-}
-
-/* Of ALL lines those to keep at the front of LIST, by row: apart from each other, and larger than
- * LEAVE; the mean always. */
-static int keep(struct torus_sheet *a, struct line *list, int all, double leave, double *taken)
-{
-    int most = LINES_MOST, count = 0, large = 0;
-
-    for (int c = 0; c < cells_of(a); c++)
-        taken[c] = -1;
-    for (int o = 0; o < TORUS_SHEET_ORDERS; o++)
-        a->nearest[o] = APART;
-    for (int l = 0; l < all; l++) {
-        if (torus_order(list[l].k) == 0)
-            list[l].size = HUGE_VAL;
-        if (list[l].size > leave)
-            list[large++] = list[l];
-        else
-            a->last += is_last(a, list[l].k) ? list[l].size : 0;
-    }
-    qsort(list, (size_t)large, sizeof *list, by_claim);
-    for (int l = 0; l < large; l++) {
-        int order = torus_order(list[l].k);
-        double far = claim(a, turns_of(a, list[l].k), taken);
-
-        if (far >= APART)
-            list[count++] = list[l];
-        else if (far > SAME && order < TORUS_SHEET_ORDERS)
-            a->nearest[order] = fmin(a->nearest[order], far);
-    }
-    if (count > most)
-        qsort(list, (size_t)count, sizeof *list, by_size);
-    count = count < most ? count : most;
-    qsort(list, (size_t)count, sizeof *list, by_row);
-    return count;
+    return x->rank != y->rank ? x->rank - y->rank : x->row - y->row;
 }
 
 /*
- * What a line may hide of another that the record does not tell from it, in m.  F turns of the
- * record away they drift apart by pi F to its ends, and LEFT is the most that is seen there; and it
- * is no larger than the lines kept of its order and above.
+ * Of rows of ORDER what PART is in no other is all that is seen of one that is not told.  PAIR as
+ * try_row has it: one that several rows have together, of tones whose beat is longer than the
+ * record, is seen not at all, for as many lines may hide each other's.
  */
-static double hidden(const struct torus_sheet *a, const struct line *list, double left)
+static void hide(struct torus_sheet *a, int order, double part, double pair)
 {
-    double most = 0;
-
-    for (int order = 0; order < TORUS_SHEET_ORDERS; order++) {
-        double size = 0;
-
-        if (a->nearest[order] >= APART)
-            continue;
-        for (int l = 0; l < a->count; l++)
-            size = torus_order(list[l].k) >= order && isfinite(list[l].size)
-                       ? fmax(size, list[l].size) : size;
-        most = fmax(most, fmin(2 * size, left / fmin(1, M_PI / 2 * a->nearest[order])));
-    }
-    return most;
+    if (order < TORUS_SHEET_ORDERS)
+        a->nearest[order] = part < TOGETHER * pair ? 0 : fmin(a->nearest[order], sqrt(part));
 }
 
-/* V of (2), F turns of the record away: even, and so is W. */
-static double leaks(const struct torus_sheet *a, double f)
+/* The order of K; of one with a tone that no load has past all others, which what the record does
+ * not tell from it is told as, and hide() knows nothing of it. */
+static int rank_of(const struct torus_sheet *a, struct torus_index k)
 {
-    double step = M_PI * f / TORUS_SHEET_NODES, turn = 2 * cos(step), c = cos(step / 2);
-    double before = c, sum = 0;
+    int order = torus_order(k);
 
-    for (int n = 0; n < TORUS_SHEET_NODES; n++) {      /* c = cos(pi f u) at a->node's u */
-        double next = turn * c - before;
-
-        sum += a->node[n] * c;
-        before = c;
-        c = next;
-    }
-    return sum;
+    for (int j = 0; j < a->s->tones.count; j++)
+        order += a->idle[j] && k.k[j] != 0 ? TORUS_SHEET_ORDERS : 0;
+    return order;
 }
 
-/* Line L of a list, AT so many turns of the record. */
-struct spot { double at; int l; };
-
-static int by_frequency(const void *a, const void *b)
+/* A->row, those that are told, and the factor of their products, LD a row, into L. */
+static enum modal_status choose_rows(struct torus_sheet *a, double *L, int ld,
+                                     struct modal_error *err)
 {
-    double x = ((const struct spot *)a)->at, y = ((const struct spot *)b)->at;
-
-    return (x > y) - (x < y);
-}
-
-/* The matrices of (2) for real and imaginary parts, of lines SPOT in order: DIAGONALS below the
- * main one, by columns. */
-static void fill_leaks(const struct torus_sheet *a, const struct spot *spot, int diagonals,
-                       double *re, double *im)
-{
-    for (int l = 0; l < a->count; l++)
-        for (int d = 0; d <= diagonals && l + d < a->count; d++) {
-            double less = spot[l + d].at - spot[l].at, more = spot[l + d].at + spot[l].at;
-            double V = less < a->bins ? leaks(a, less) : 0, U = more < a->bins ? leaks(a, more) : 0;
-            size_t at = (size_t)l * (size_t)(diagonals + 1) + (size_t)d;
-
-            re[at] = V + U;
-            im[at] = spot[l].at > 0 ? V - U : d == 0;      /* the mean is real */
-        }
-}
-
-/* (2) solved: X, read by (1), becomes that of the lines LIST. */
-static enum modal_status untangle(struct torus_sheet *a, const struct line *list, double complex *X,
-                                  struct modal_error *err)
-{
-    size_t K = (size_t)a->count, all = K * (size_t)a->outputs;
-    double middle = a->start + M_PI / a->s->tones.omega[a->s->tones.lead]
-        * (a->turns - 1.0 / a->N);
-    struct spot *spot = workspace_zeros(&a->space, K, sizeof *spot);
-    double *b = workspace_zeros(&a->space, 2 * all, sizeof *b), *part[2];
-    int diagonals = 0;
+    struct place *list = workspace_room(&a->space, (size_t)a->rows, sizeof *list);
     enum modal_status rc = workspace_check(&a->space, "torus: no memory for a record", err);
 
-    for (size_t l = 0; rc == MODAL_OK && l < K; l++)
-        spot[l] = (struct spot) { turns_of(a, list[l].k) * a->turns, (int)l };
+    for (int o = 0; o < TORUS_SHEET_ORDERS; o++)
+        a->nearest[o] = 1;
+    a->told = a->columns = 0;
+    for (int k = 0; rc == MODAL_OK && a->others[1] < 0 && k < 2 * a->rows; k++)
+        a->mean[k] = mean_at(a, k * a->s->tones.nu[a->others[0]]);
+    for (int r = 0; rc == MODAL_OK && r < a->rows; r++) {
+        struct torus_index k;
+
+        row_of(a, r, &k);
+        list[r] = (struct place) { rank_of(a, k), r };
+    }
     if (rc == MODAL_OK)
-        qsort(spot, K, sizeof *spot, by_frequency);
-    for (size_t l = 0; rc == MODAL_OK && l < K; l++)
-        while (l + (size_t)diagonals + 1 < K
-               && spot[l + (size_t)diagonals + 1].at - spot[l].at < a->bins)
-            diagonals++;
-    for (int e = 0; e < 2; e++)
-        part[e] = workspace_zeros(&a->space, K * (size_t)(diagonals + 1), sizeof *part[e]);
-    if (rc == MODAL_OK)
-        rc = workspace_check(&a->space, "torus: no memory for a record", err);
-    if (rc != MODAL_OK)
-        return rc;
-    fill_leaks(a, spot, diagonals, part[0], part[1]);
-    for (size_t e = 0; e < all; e++) {
-        const struct line *at = &list[spot[e % K].l];
-        double complex Y = X[e / K * K + (size_t)spot[e % K].l];
+        qsort(list, (size_t)a->rows, sizeof *list, by_place);
+    for (int r = 0; rc == MODAL_OK && r < a->rows; r++) {
+        struct torus_row row = { .row = list[r].row, .at = a->columns };
+        struct torus_index k;
+        double own[2][2], s, part, pair = 1, alone = 1;
 
-        /* from the record's middle; the mean stands for both of its halves */
-        Y = (at->flipped ? conj(Y) : Y)
-            * cexp(I * fmod(torus_frequency(&a->s->tones, at->k) * middle, 2 * M_PI));
-        b[e] = torus_order(at->k) == 0 ? 2 * creal(Y) : creal(Y);
-        b[all + e] = cimag(Y);
+        row_of(a, row.row, &k);
+        s = turns_of(a, k);
+        row.whole = (int)lround(s);
+        row.s = s - row.whole;
+        products(a, &row, &row, own);
+        row.real = own[1][1] < 0.5 * TOLD;
+        part = try_row(a, &row, L, ld, &pair, &alone);
+        if (part >= TOLD && TURNS_A_ROW * (a->columns + 2) <= 2 * a->turns) {
+            a->row[a->told++] = row;
+            a->columns += row.real ? 1 : 2;
+            if (row.real && 2 * own[1][1] > SAME * SAME)   /* of it and its mirror one is told */
+                hide(a, list[r].rank + 1, 2 * own[1][1], 0);
+        } else if (alone > SAME * SAME)   /* of frequencies: PART has a factor's rounding */
+            hide(a, list[r].rank, row.real ? fmax(part, 2 * own[1][1]) : part, pair);
     }
-    for (int e = 0; e < 2; e++)
-        if (LAPACKE_dpbsv_work(LAPACK_COL_MAJOR, 'L', a->count, diagonals, a->outputs, part[e],
-                               diagonals + 1, b + (size_t)e * all, a->count) != 0)
-            return MODAL_OK;              /* as they were read: the second pass mends some */
-    for (size_t e = 0; e < all; e++) {
-        const struct line *at = &list[spot[e % K].l];
-        double complex Y = CMPLX(b[e], b[all + e])
-            * cexp(-I * fmod(torus_frequency(&a->s->tones, at->k) * middle, 2 * M_PI));
-
-        X[e / K * K + (size_t)spot[e % K].l] = at->flipped ? conj(Y) : Y;
-    }
-    return MODAL_OK;
+    return rc;
 }
 
-/* X += the lines at LIST of what is left of the record, and they are taken out of it. */
-static enum modal_status read_lines(struct torus_sheet *a, const struct line *list,
-                                    double complex *more, double complex *sum,
-                                    const double complex *turn, struct modal_error *err)
+/* The columns' waves of the rows told, [column][turn]; WAVE: turns of room. */
+static void fill_columns(struct torus_sheet *a, double complex *wave)
 {
-    size_t K = (size_t)a->count;
-    enum modal_status rc;
+    for (int t = 0; t < a->told; t++) {
+        const struct torus_row *row = &a->row[t];
+        double *to = a->wave + (size_t)row->at * (size_t)a->turns;
 
-    gather(a, a->left);
-    for (int l = 0; l < a->count; l++)
-        for (int i = 0; i < a->outputs; i++) {
-            double complex X;
-
-            if (i == 0 && (l == 0 || list[l].row != list[l - 1].row))
-                slow_waves(a, list[l].row, sum + a->N);
-            if (a->outputs > 1 || l == 0 || list[l].row != list[l - 1].row)
-                sums_of(a, i, list[l].row, sum + a->N, sum);
-            X = line_at(a, sum, list[l].lead, turn);
-            more[(size_t)i * K + (size_t)l] =
-                torus_order(list[l].k) == 0 ? creal(X) : 2 * X;
-        }
-    rc = untangle(a, list, more, err);
-    if (rc != MODAL_OK)
-        return rc;
-    take_out(a, a->left, list, more, sum, turn);
-    for (size_t j = 0; j < (size_t)a->outputs * K; j++)
-        a->X[j] += more[j];
-    return MODAL_OK;
-}
-
-/* The largest of output I of SIGNAL, over all of the record: its ends too, where W has next to
- * nothing and lines told wrongly have drifted apart. */
-static double largest(const struct torus_sheet *a, const double *signal, int i)
-{
-    double most = 0;
-
-    for (long n = 0; n < (long)a->N * a->turns; n++)
-        most = larger(most, fabs(signal[n * a->outputs + i]));
-    return most;
-}
-
-/* What was read, by rising order and with torus.h's signs, without those of LEAVE or less, whose
- * sum is added to *LEFT.  What leaked into many is found to be nothing once they are told
- * apart. */
-static enum modal_status sort_lines(struct torus_sheet *a, const struct line *list,
-                                    double complex *room, double leave, double *left,
-                                    struct modal_error *err)
-{
-    size_t K = (size_t)a->count;
-    double sum = 0;
-    struct line *sorted = workspace_zeros(&a->space, K, sizeof *sorted);
-    enum modal_status rc = workspace_check(&a->space, "torus: no memory for a record", err);
-
-    if (rc != MODAL_OK)
-        return rc;
-    for (size_t l = 0; l < K; l++) {
-        sorted[l] = list[l];
-        sorted[l].row = (int)l;                    /* where its X is */
+        fill_wave(row->s, -a->turns / 2, 1, a->turns, wave);
+        for (int r = 0; r < a->turns; r++)
+            to[r] = creal(wave[r]);
+        for (int r = 0; !row->real && r < a->turns; r++)
+            to[a->turns + r] = -cimag(wave[r]);
     }
-    qsort(sorted, K, sizeof *sorted, by_size);
-    while (a->count > 1 && sorted[a->count - 1].size <= leave)
-        sum += sorted[--a->count].size;
-    *left += sum;
-    qsort(sorted, (size_t)a->count, sizeof *sorted, by_order);
-    memcpy(room, a->X, (size_t)a->outputs * K * sizeof *room);
-    for (size_t l = 0; l < (size_t)a->count; l++) {
-        a->index[l] = sorted[l].k;
-        for (size_t i = 0; i < (size_t)a->outputs; i++) {
-            double complex X = room[i * K + (size_t)sorted[l].row];
-
-            a->X[i * (size_t)a->count + l] = sorted[l].flipped ? conj(X) : X;
-        }
-    }
-    return MODAL_OK;
 }
 
 /* z_k <- sum_n z_n e^{-2 pi i n k / M} of M = 2^p numbers, TURN being e^{-pi i j / M} for j < M: to
@@ -535,26 +340,284 @@ static void transform(double complex *z, size_t M, const double complex *turn)
             }
 }
 
-/* The largest line of what no line explains, wherever it is: of W times it.  Even and odd samples
- * are one number of half as many, z = x + i y, whose transforms are those of both:
- * X_k + e^{-pi i k / M} Y_k is the whole record's. */
+/* e^{-pi i j / M}, j < M, into TURN. */
+static void half_turn(size_t M, double complex *turn)
+{
+    fill_wave(-0.5 / (double)M, 0, 1, (int)M, turn);
+}
+
+/* (2)'s waves of row T's s within a turn into SLOW, N. */
+static void slow_waves(const struct torus_sheet *a, int t, double complex *slow)
+{
+    fill_wave(a->row[t].s, 0, 1.0 / a->N, a->N, slow);
+}
+
+/* Where a->sum has column C of sample M of output I. */
+static double *sum_at(const struct torus_sheet *a, int c, int m, int i)
+{
+    return a->sum + (size_t)c * (size_t)(a->N * a->outputs) + (size_t)(m * a->outputs + i);
+}
+
+/* Where A has the N lines of row T and output I, by their leads modulo N. */
+static double complex *lines_at(const struct torus_sheet *a, int t, int i)
+{
+    return a->Y + ((size_t)t * (size_t)a->outputs + (size_t)i) * (size_t)a->N;
+}
+
+/* (1) of what is left solved for z of all rows, L being the factor, and (2) for their lines, which
+ * are added to A's; ROOM: 2 N. */
+static void solve_rows(struct torus_sheet *a, const double *L, int ld, double complex *room)
+{
+    int columns = a->columns, wide = a->N * a->outputs, N = a->N;
+    double complex *slow = room, *turn = room + N;
+
+    cblas_dgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, columns, wide, a->turns,
+                1.0 / a->turns, a->wave, a->turns, a->left, wide, 0, a->sum, wide);
+    for (int e = 0; e < 2; e++)
+        cblas_dtrsm(CblasRowMajor, CblasLeft, CblasLower, e == 0 ? CblasNoTrans : CblasTrans,
+                    CblasNonUnit, columns, wide, 1, L, ld, a->sum, wide);
+    half_turn((size_t)N, turn);
+    for (int t = 0; t < a->told; t++) {
+        const struct torus_row *row = &a->row[t];
+
+        slow_waves(a, t, slow);
+        for (int i = 0; i < a->outputs; i++) {
+            double complex *Y = lines_at(a, t, i), *z = a->z;
+
+            for (int m = 0; m < N; m++)
+                z[m] = turned(CMPLX(*sum_at(a, row->at, m, i),
+                                    row->real ? 0 : *sum_at(a, row->at + 1, m, i)),
+                              conj(slow[m]) / N);
+            transform(z, (size_t)N, turn);
+            for (int m = 0; m < N; m++)
+                Y[m] += z[m];
+        }
+    }
+}
+
+/* x less the lines in a->Y, into a->left; ROOM: 2 N. */
+static void take_out(struct torus_sheet *a, double complex *room)
+{
+    int wide = a->N * a->outputs, N = a->N;
+    double complex *slow = room, *turn = room + N, *z = a->z;
+
+    half_turn((size_t)N, turn);
+    for (int t = 0; t < a->told; t++) {
+        const struct torus_row *row = &a->row[t];
+
+        slow_waves(a, t, slow);
+        for (int i = 0; i < a->outputs; i++) {
+            const double complex *Y = lines_at(a, t, i);
+
+            for (int m = 0; m < N; m++)        /* the transform back, by that of conjugates */
+                z[m] = conj(Y[m]);
+            transform(z, (size_t)N, turn);
+            for (int m = 0; m < N; m++) {
+                double complex at = turned(conj(z[m]), slow[m]);
+
+                *sum_at(a, row->at, m, i) = creal(at);
+                if (!row->real)
+                    *sum_at(a, row->at + 1, m, i) = cimag(at);
+            }
+        }
+    }
+    memcpy(a->left, a->x, (size_t)wide * (size_t)a->turns * sizeof *a->left);
+    cblas_dgemm(CblasRowMajor, CblasTrans, CblasNoTrans, a->turns, wide, a->columns, -1, a->wave,
+                a->turns, a->sum, wide, 1, a->left, wide);
+}
+
+/* What is left, under (3); its sum of squares then. */
+static double weigh(struct torus_sheet *a)
+{
+    long samples = (long)a->N * a->turns;
+    double sum = 0, *left = a->left;
+
+    for (long n = 0; n < samples; n++) {
+        double c = sin(M_PI * ((double)n + 0.5) / (double)samples), c2 = c * c;
+
+        for (int i = 0; i < a->outputs; i++, left++) {
+            *left *= 8.0 / 3 * c2 * c2;
+            sum += *left * *left;
+        }
+    }
+    return sum;
+}
+
+/* The lines of all rows, L being the factor, into a->Y; ROOM: 2 N. */
+static void fit_rows(struct torus_sheet *a, const double *L, int ld, double complex *room)
+{
+    size_t wide = (size_t)a->outputs * (size_t)a->N;
+    double before = HUGE_VAL;
+
+    memset(a->Y, 0, (size_t)a->told * wide * sizeof *a->Y);
+    memcpy(a->left, a->x, wide * (size_t)a->turns * sizeof *a->left);
+    if (a->settled)
+        solve_rows(a, L, ld, room);
+    for (int pass = 0; pass < PASSES && !a->settled; pass++) {
+        double left = weigh(a);
+
+        if (left > FALLS * FALLS * before)
+            break;
+        before = left;
+        solve_rows(a, L, ld, room);
+        take_out(a, room);
+    }
+    /* a real row has each line and its mirror; the mean is both */
+    for (int t = 0; t < a->told; t++)
+        for (size_t e = 0; a->row[t].real && e < wide; e++)
+            lines_at(a, t, 0)[e] *= a->row[t].row == 0 && e % (size_t)a->N == 0 ? 1 : 2;
+}
+
+/* By falling size: what is left out last is least. */
+static int by_size(const void *a, const void *b)
+{
+    double x = ((const struct line *)a)->size, y = ((const struct line *)b)->size;
+
+    return (x < y) - (x > y);
+}
+
+static int by_order(const void *a, const void *b)
+{
+    int order = torus_order(((const struct line *)a)->k) - torus_order(((const struct line *)b)->k);
+
+    return order != 0 ? order : by_size(a, b);
+}
+
+/* The line LEAD turns from row T's s, 2 |lead + s| < N.  Of a real row each is two combinations, of
+ * which it is that of the lower order. */
+static struct line line_of(const struct torus_sheet *a, int t, int lead)
+{
+    const struct torus_row *row = &a->row[t];
+    struct line line = { .told = t, .bin = lead & (a->N - 1) };
+    struct torus_index k;
+    int own = lead - row->whole, mirror = -lead - (int)lround(2 * row->s) - row->whole;
+
+    row_of(a, row->row, &k);
+    k.k[a->s->tones.lead] = row->real && abs(mirror) < abs(own) ? mirror : own;
+    line.k = torus_signed(&a->s->tones, k, &line.flipped);
+    line.flipped = lead + row->s < 0;     /* Y stands for the frequency that it was read at */
+    for (int i = 0; i < a->outputs; i++) {
+        double complex Y = lines_at(a, t, i)[line.bin];
+
+        line.size = larger(line.size, creal(Y) * creal(Y) + cimag(Y) * cimag(Y));
+    }
+    line.size = sqrt(line.size);
+    return line;
+}
+
+/* Whether K is among the last lines below N / 2. */
+static bool is_last(const struct torus_sheet *a, struct torus_index k)
+{
+    return 2 * turns_of(a, k) > (1 - LAST) * a->N;
+}
+
+/* The lines below N / 2 to be told into LIST, the mean and what is above LEAVE, no more than
+ * LINES_MOST, by rising order: their count.  *FOLDED: the largest of the last, told or not. */
+static int list_lines(struct torus_sheet *a, struct line *list, double leave, double *folded)
+{
+    int count = 0;
+
+    for (int t = 0; t < a->told; t++)
+        for (int lead = -a->N / 2; lead <= a->N / 2; lead++) {
+            double f = lead + a->row[t].s;
+            struct line *line = &list[count];
+
+            if (2 * fabs(f) >= a->N || (a->row[t].real && f < 0))
+                continue;
+            *line = line_of(a, t, lead);
+            if (is_last(a, line->k)) {
+                a->last += line->size;
+                *folded = larger(*folded, line->size);
+            }
+            line->size = torus_order(line->k) == 0 ? HUGE_VAL : line->size;
+            count += line->size > leave;
+        }
+    if (count > LINES_MOST) {
+        qsort(list, (size_t)count, sizeof *list, by_size);
+        count = LINES_MOST;
+    }
+    qsort(list, (size_t)count, sizeof *list, by_order);
+    return count;
+}
+
+/*
+ * What a line may hide of another that the record does not tell from it, in m.  Of one of which the
+ * root PART is left the most that is seen, LEFT, is as much; and it is no larger than the lines
+ * told of its order and above.
+ */
+static double hidden(const struct torus_sheet *a, const struct line *list, double left)
+{
+    double most = 0;
+
+    for (int order = 0; order < TORUS_SHEET_ORDERS; order++) {
+        double size = 0;
+
+        if (a->nearest[order] >= 1)
+            continue;
+        for (int l = 0; l < a->count; l++)
+            size = torus_order(list[l].k) >= order && isfinite(list[l].size)
+                       ? fmax(size, list[l].size) : size;
+        most = fmax(most, a->nearest[order] > 0 ? fmin(2 * size, left / a->nearest[order])
+                                                : 2 * size);
+    }
+    return most;
+}
+
+/* The largest of output I of SIGNAL, over all of the record. */
+static double largest(const struct torus_sheet *a, const double *signal, int i)
+{
+    double most = 0;
+
+    for (long n = 0; n < (long)a->N * a->turns; n++)
+        most = larger(most, fabs(signal[n * a->outputs + i]));
+    return most;
+}
+
+/* The lines at LIST as a->index and a->X, from the record's middle to t = 0; a->Y has no others
+ * then. */
+static void tell_lines(struct torus_sheet *a, const struct line *list)
+{
+    const struct torus_tones *t = &a->s->tones;
+    double middle = a->start + a->turns / 2 * 2 * M_PI / t->omega[t->lead];
+    size_t K = (size_t)a->count;
+
+    for (size_t l = 0; l < K; l++) {
+        a->index[l] = list[l].k;
+        for (int i = 0; i < a->outputs; i++)
+            a->X[(size_t)i * K + l] = lines_at(a, list[l].told, i)[list[l].bin];
+    }
+    memset(a->Y, 0, (size_t)a->told * (size_t)(a->outputs * a->N) * sizeof *a->Y);
+    for (size_t l = 0; l < K; l++) {
+        double phase = fmod(torus_frequency(t, list[l].k) * middle, 2 * M_PI);
+        double complex turn = CMPLX(cos(phase), -sin(phase));
+
+        for (int i = 0; i < a->outputs; i++) {
+            double complex *X = &a->X[(size_t)i * K + l];
+
+            lines_at(a, list[l].told, i)[list[l].bin] = *X;
+            *X = turned(list[l].flipped ? conj(*X) : *X, turn);
+        }
+    }
+}
+
+/* The largest line of what no line explains, wherever it is.  Even and odd samples are one number
+ * of half as many, z = x + i y, whose transforms are those of both: X_k + e^{-pi i k / M} Y_k is
+ * the whole record's. */
 static enum modal_status unexplained(struct torus_sheet *a, double *most, struct modal_error *err)
 {
     size_t M = (size_t)a->N * (size_t)a->turns / 2, wide = (size_t)a->outputs;
-    double complex *z = workspace_zeros(&a->space, M, sizeof *z),
-                   *turn = workspace_zeros(&a->space, M, sizeof *turn);
-    double step = M_PI / (double)M, largest = 0;
+    double complex *z = workspace_room(&a->space, M, sizeof *z),
+                   *turn = workspace_room(&a->space, M, sizeof *turn);
+    double largest = 0;
     enum modal_status rc = workspace_check(&a->space, "torus: no memory for a record", err);
 
-    for (size_t j = 0; rc == MODAL_OK && j < M; j++)
-        turn[j] = j % AFRESH == 0 ? CMPLX(cos(step * (double)j), -sin(step * (double)j))
-                                  : turned(turn[j - 1], turn[1]);
+    if (rc == MODAL_OK)
+        half_turn(M, turn);
     for (size_t i = 0; rc == MODAL_OK && i < wide; i++) {
         if (!a->reported[i])
             continue;
         for (size_t n = 0; n < M; n++)
-            z[n] = CMPLX(a->window[2 * n] * a->left[2 * n * wide + i],
-                         a->window[2 * n + 1] * a->left[(2 * n + 1) * wide + i]);
+            z[n] = CMPLX(a->left[2 * n * wide + i], a->left[(2 * n + 1) * wide + i]);
         transform(z, M, turn);
         for (size_t k = 0; k < M; k++) {
             double complex p = z[k], q = conj(z[k > 0 ? M - k : 0]);
@@ -564,62 +627,61 @@ static enum modal_status unexplained(struct torus_sheet *a, double *most, struct
                                                           + cimag(X) * cimag(X)));
         }
     }
-    *most = sqrt(largest);
+    *most = sqrt(largest) / (2.0 * (double)M);
+    return rc;
+}
+
+/* The lines of the record, LIST, into A, and what they leave of it: E's truncation, line and
+ * folded.  ROOM: 2 N. */
+static enum modal_status read_lines(struct torus_sheet *a, struct line *list, double leave,
+                                    double complex *room, struct torus_errors *e,
+                                    struct modal_error *err)
+{
+    enum modal_status rc;
+
+    a->count = list_lines(a, list, leave, &e->folded);
+    a->index = workspace_room(&a->space, (size_t)a->count, sizeof *a->index);
+    a->X = workspace_room(&a->space, (size_t)(a->outputs * a->count), sizeof *a->X);
+    rc = workspace_check(&a->space, "torus: no memory for a record", err);
+    if (rc != MODAL_OK)
+        return rc;
+    tell_lines(a, list);
+    take_out(a, room);
+    for (int i = 0; i < a->outputs; i++)
+        e->truncation = fmax(e->truncation, a->reported[i] ? largest(a, a->left, i) : 0);
+    e->change = e->truncation;
+    e->truncation = fmax(e->truncation, hidden(a, list, e->truncation));
+    if (!a->settled)
+        weigh(a), weigh(a);               /* what decays or drifts is no line */
+    rc = unexplained(a, &e->line, err);
+    e->line *= a->settled ? 1 : TWICE;
     return rc;
 }
 
 enum modal_status torus_sheet_read(struct torus_sheet *a, struct torus_errors *e, double *amplitude,
                                     struct modal_error *err)
 {
-    size_t most = 2 * (size_t)a->rows * (size_t)a->N, numbers = (size_t)a->N * (size_t)a->turns;
-    struct line *list = workspace_zeros(&a->space, most, sizeof *list);
-    double *taken = workspace_zeros(&a->space, (size_t)cells_of(a), sizeof *taken);
-    double complex *sum = workspace_zeros(&a->space, 3 * (size_t)a->N, sizeof *sum),
-                   *turn = sum + 2 * a->N, *more;
-    double leave;
+    int ld = 2 * a->rows;
+    size_t lines = (size_t)a->rows * ((size_t)a->N + 1);
+    double *L = workspace_room(&a->space, (size_t)ld * (size_t)ld, sizeof *L);
+    struct line *list = workspace_room(&a->space, lines, sizeof *list);
+    int longest = a->turns > 2 * a->N ? a->turns : 2 * a->N;
+    double complex *room = workspace_room(&a->space, (size_t)longest, sizeof *room);
     enum modal_status rc = workspace_check(&a->space, "torus: no memory for a record", err);
 
+    if (rc == MODAL_OK)
+        rc = choose_rows(a, L, ld, err);
     if (rc != MODAL_OK)
         return rc;
     *amplitude = 0;
     for (int i = 0; i < a->outputs; i++)
         *amplitude = fmax(*amplitude, a->reported[i] ? largest(a, a->x, i) : 0);
-    leave = FEWER * a->wanted * *amplitude;
-    for (int m = 0; m < a->N; m++)
-        turn[m] = cexp(2 * M_PI * I * m / a->N);
-    a->count = keep(a, list, sheet(a, list, sum, turn), leave, taken);
-    most = (size_t)a->outputs * (size_t)a->count;
-    a->index = workspace_zeros(&a->space, (size_t)a->count, sizeof *a->index);
-    a->X = workspace_zeros(&a->space, most, sizeof *a->X);
-    more = workspace_zeros(&a->space, most, sizeof *more);
-    rc = workspace_check(&a->space, "torus: no memory for a record", err);
-    if (rc != MODAL_OK)
-        return rc;
-    memcpy(a->left, a->x, numbers * (size_t)a->outputs * sizeof *a->left);
-    for (int pass = 0; rc == MODAL_OK && pass < 2; pass++)
-        rc = read_lines(a, list, more, sum, turn, err);
-    if (rc != MODAL_OK)
-        return rc;
-    for (int i = 0; i < a->outputs; i++)
-        e->truncation = fmax(e->truncation, a->reported[i] ? largest(a, a->left, i) : 0);
-    e->change = e->truncation;
-    rc = unexplained(a, &e->line, err);
-    if (rc != MODAL_OK)
-        return rc;
-    for (int l = 0; l < a->count; l++) {
-        list[l].size = torus_order(list[l].k) == 0 ? HUGE_VAL : 0;
-        for (int i = 0; i < a->outputs; i++)
-            list[l].size = fmax(list[l].size, cabs(a->X[(size_t)i * (size_t)a->count + (size_t)l]));
-    }
-    e->truncation = fmax(e->truncation, hidden(a, list, e->truncation));
-    for (int l = 0; l < a->count; l++)
-        if (is_last(a, list[l].k)) {
-            a->last += list[l].size;
-            e->folded = fmax(e->folded, list[l].size);
-        }
+    fill_columns(a, room);
+    fit_rows(a, L, ld, room);
+    rc = read_lines(a, list, FEWER * a->wanted * *amplitude, room, e, err);
     e->sampling = BEYOND * a->last;
     budget_add(a->s->work, torus_sheet_work(a));
-    return sort_lines(a, list, more, leave, &e->truncation, err);
+    return rc;
 }
 
 bool torus_sheet_lay(struct torus_sheet *a, int N, int turns, double wanted)
@@ -629,8 +691,9 @@ bool torus_sheet_lay(struct torus_sheet *a, int N, int turns, double wanted)
 
     a->N = N, a->turns = turns;
     a->wanted = wanted;
-    a->bins = fmin(fmax(log(10 / wanted) / M_PI, BINS_LEAST), BINS_MOST);
-    a->apart = APART / turns * t->omega[t->lead];
+    /* of two lines F turns of the record apart (2 pi F SPREAD)^2 is left */
+    a->apart = sqrt(TOLD) / (2 * M_PI * (a->settled ? SPREAD : SPREAD_WEIGHED))
+        / turns * t->omega[t->lead];
     a->others[0] = a->others[1] = -1;
     for (int j = 0; j < t->count; j++)
         if (j != t->lead)
@@ -643,42 +706,23 @@ bool torus_sheet_lay(struct torus_sheet *a, int N, int turns, double wanted)
 
 double torus_sheet_work(const struct torus_sheet *a)
 {
-    return WAVE * a->rows * a->outputs * ((double)a->N * a->turns);
+    return a->rows * (WAVE * (a->settled ? 1 : READ) * a->outputs * ((double)a->N * a->turns)
+                      + FACTOR * (double)a->rows * a->rows);
 }
 
 enum modal_status torus_sheet_room(struct torus_sheet *a, struct modal_error *err)
 {
-    size_t samples = (size_t)a->N * (size_t)a->turns;
-    double sum = 0;
-    enum modal_status rc;
+    size_t samples = (size_t)a->N * (size_t)a->turns, wide = (size_t)(a->N * a->outputs);
+    size_t rows = (size_t)a->rows;
 
     if (a->x == NULL)
         a->x = workspace_zeros(&a->space, samples * (size_t)a->outputs, sizeof *a->x);
-    a->left = workspace_zeros(&a->space, samples * (size_t)a->outputs, sizeof *a->left);
-    a->window = workspace_zeros(&a->space, samples, sizeof *a->window);
-    a->weighed = workspace_zeros(&a->space, (size_t)BLOCK * (size_t)(a->N * a->outputs),
-                                 sizeof *a->weighed);
-    a->wave = workspace_zeros(&a->space, 2 * (size_t)a->rows * (size_t)a->turns, sizeof *a->wave);
-    a->sum = workspace_zeros(&a->space, 2 * (size_t)a->rows * (size_t)(a->N * a->outputs),
-                             sizeof *a->sum);
-    rc = workspace_check(&a->space, "torus: no memory for a record", err);
-    for (size_t n = 0; rc == MODAL_OK && n < samples / 2; n++) {   /* the same from both ends */
-        double u = (2 * (double)n + 1) / (double)samples - 1;
-
-        sum += a->window[n] = exp(M_PI * a->bins * (sqrt(1 - u * u) - 1));
-    }
-    for (size_t n = 0; rc == MODAL_OK && n < samples / 2; n++)
-        a->window[samples - 1 - n] = a->window[n] /= 2 * sum;
-    if (rc == MODAL_OK)
-        fill_waves(a);
-    sum = 0;
-    for (int n = 0; n < TORUS_SHEET_NODES; n++) {
-        double u = (n + 0.5) / TORUS_SHEET_NODES;
-
-        sum += a->node[n] = exp(M_PI * a->bins * (sqrt(1 - u * u) - 1));
-    }
-    for (int n = 0; n < TORUS_SHEET_NODES; n++)
-        a->node[n] /= sum;
-    return rc;
+    a->left = workspace_room(&a->space, samples * (size_t)a->outputs, sizeof *a->left);
+    a->row = workspace_room(&a->space, rows, sizeof *a->row);
+    a->wave = workspace_room(&a->space, 2 * rows * (size_t)a->turns, sizeof *a->wave);
+    a->sum = workspace_room(&a->space, 2 * rows * wide, sizeof *a->sum);
+    a->Y = workspace_room(&a->space, rows * wide, sizeof *a->Y);
+    a->z = workspace_room(&a->space, (size_t)a->N, sizeof *a->z);
+    a->mean = workspace_room(&a->space, 2 * rows, sizeof *a->mean);
+    return workspace_check(&a->space, "torus: no memory for a record", err);
 }
-

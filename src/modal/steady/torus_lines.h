@@ -1,11 +1,12 @@
-/* torus_lines.h - the lines of a record: combinations of tones, by weighed least squares */
+/* torus_lines.h - the lines of a record: combinations of tones, by least squares */
 #ifndef MODAL_TORUS_LINES_H
 #define MODAL_TORUS_LINES_H
 #include "modal/linalg/workspace.h"
 #include "modal/steady/torus_state.h"
 
+struct torus_row;
+
 enum {
-    TORUS_SHEET_NODES = 64,           /* of the sum that V is: W and cos(pi B u) are smooth */
     TORUS_SHEET_ORDERS = 1024,        /* beyond all that a record tells */
     TORUS_SHEET_MOST = 20000000,      /* numbers of a record: 160 MB */
 };
@@ -16,25 +17,30 @@ struct torus_sheet {
     struct torus_solver *s;
     struct workspace space;
     int N, turns, outputs, *dofs;
+    bool settled;                         /* nothing is in it but lines and rounding */
     bool *reported;                       /* of each output */
     double *x0, *v0;                      /* by dof: where the march begins */
-    double wanted, tolerance, bins;       /* of the amplitude; of a step; B */
+    double wanted, tolerance;             /* of the amplitude; of a step */
     double apart;                         /* rad/s: nearer combinations are one line */
-    double node[TORUS_SHEET_NODES];                   /* W at 0 < u < 1, of sum 1 */
     int others[TORUS_TONES_MOST - 1];     /* the tones but the lead; -1: none */
-    int highest, rows;                    /* most of |k_j|; sets of them, told once each: an s of
-                                           * (1) a row */
+    bool idle[TORUS_TONES_MOST];          /* tones that no load has: lines of others come first */
+    int highest, rows;                    /* most of |k_j|; sets of them, each with all its leads */
     double start;                         /* s: of its first sample, whole turns */
     double a_turn;                        /* what one was seen to cost, in budget.h's units */
-    double *x, *left, *window;            /* [sample][output], the caller's or A's; what no line
-                                           * explains; W */
-    double *weighed, *wave, *sum;         /* of torus_lines.c: W x, waves, their sums */
+    double *x, *left;                     /* [sample][output], the caller's or A's; what no line
+                                           * explains */
+    struct torus_row *row;                /* of torus_lines.c: rows told, with as many columns */
+    int told, columns;
+    double *wave, *sum;                   /* [column][turn]; [column][m][output] */
+    double complex *Y, *z, *mean;         /* lines of rows, [row][output][lead]; a turn's room;
+                                           * of columns' products, of one other tone */
     double last;                          /* m: what the last lines below N / 2 sum to */
     int count;
     struct torus_index *index;            /* lines told, the mean first, by rising order */
     double complex *X;                    /* [output count + m] */
-    double nearest[TORUS_SHEET_ORDERS];   /* of each order's combinations that have no line: to one
-                                           * that has, in turns of the record; APART: all have */
+    double nearest[TORUS_SHEET_ORDERS];   /* of each order's rows that are not told: the root of
+                                           * what is in no other, the least, or 0: they may hide
+                                           * each other; 1: all are told */
 };
 
 /* A, its outputs known, for N samples, a power of two, of each of TURNS turns from A's start, and

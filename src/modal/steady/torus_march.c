@@ -15,9 +15,9 @@
  * A line is off by those that the record does not tell from it and by what leaks; both fall as the
  * record grows.  What lines move by as it doubles is what they were off by before, and as errors
  * fall from record to record by a ratio, the last is off by that ratio of the last move.  What is
- * left of the record, under the window, has no line larger than its largest Fourier coefficient:
- * that bounds the lines that are not told, wherever they are.  Such an estimate knows nothing of
- * two lines that no record so far has told apart: of those the last lengths would say the same.
+ * left of the record has no line larger than its largest Fourier coefficient: that bounds the lines
+ * that are not told, wherever they are.  Such an estimate knows nothing of two lines that no record
+ * so far has told apart: of those the last lengths would say the same.
  */
 #include <math.h>
 #include <stdlib.h>
@@ -64,6 +64,7 @@ static const double CLOSER = 0.7;         /* of the error of a record a quarter 
                                            * not better ends the march */
 static const double LEFT = 0.3;           /* of the error asked for, as in torus_solve.c */
 static const double FOLDS = 1e-5;         /* the least error asked for that SAMPLES_EXACT serve */
+static const double BESIDE = 1.05;        /* of a tone: samples of its turns serve one so near */
 static const double AGREE = 3;            /* errors of a balance that its motion may be off */
 
 bool torus_march_takes(const struct torus_solver *s, bool balanced)
@@ -76,6 +77,31 @@ bool torus_march_takes(const struct torus_solver *s, bool balanced)
         events = events || (!s->p->law[l].kind->smooth && torus_acts(s->laws, l));
     }
     return takes && events;
+}
+
+/* Whether a load of S has tone J. */
+static bool is_loaded(const struct torus_solver *s, int j)
+{
+    for (int i = 0; i < s->p->loads; i++) {
+        const struct program_load *load = &s->p->load[i];
+
+        if (load->tone[j] != 0 && (load->cosine != 0 || load->sine != 0))
+            return true;
+    }
+    return false;
+}
+
+/* S's tones, led by the fastest that a load has: turns of another are none of the motion's. */
+static struct torus_tones led_by_loads(const struct torus_solver *s)
+{
+    struct torus_tones t = s->tones;
+    double fastest = 0;
+
+    for (int j = 0; j < t.count; j++)
+        if (is_loaded(s, j) && t.omega[j] > fastest)
+            fastest = t.omega[j], t.lead = j;
+    torus_tones_move(&t, t.lead, t.omega[t.lead]);
+    return t;
 }
 
 /* The program's motion from the start over the outputs, into SIGNALS; TOLERANCE of a step. */
@@ -170,6 +196,8 @@ static enum modal_status set_out(struct torus_sheet *a, bool balanced, struct mo
         a->dofs[at] = dof;
         a->reported[at] = true;
     }
+    for (int j = 0; j < s->tones.count; j++)
+        a->idle[j] = !is_loaded(s, j);
     memcpy(a->x0, s->p->x0, n * sizeof *a->x0);
     memcpy(a->v0, s->p->v0, n * sizeof *a->v0);
     if (balanced)
@@ -218,11 +246,12 @@ static double complex balanced_at(const struct torus_solver *s, const struct tor
 }
 
 /* A march may leave an unstable motion for another.  Where its lines explain that well it is the
- * answer; else it is none, and more combinations are the way on. */
+ * answer, and where all disturbances of one from the scene's start decay, for then it repeats with
+ * its loads; else it is none, and more combinations are the way on. */
 bool torus_lines_stand(const struct torus_solver *s, const struct torus_lines *lines,
                        const struct torus_point *point)
 {
-    if (lines->count == 0 || lines->error < FEW * lines->amplitude)
+    if (lines->count == 0 || lines->error < FEW * lines->amplitude || s->followed.verdict > 0)
         return lines->count > 0;
     if (point == NULL || !point->converged)
         return false;
@@ -279,8 +308,8 @@ static enum modal_status keep_lines(const struct torus_sheet *a, const struct to
     memcpy(index, a->index, K * sizeof *index);
     memcpy(X, a->X, q * K * sizeof *X);
     torus_lines_done(out);
-    *out = (struct torus_lines) { .count = a->count, .samples = a->N * a->turns, .index = index,
-                                  .apart = a->apart,
+    *out = (struct torus_lines) { .count = a->count, .samples = a->N * a->turns, .turns = a->turns,
+                                  .index = index, .apart = a->apart,
                                   .X = X, .e = *e, .amplitude = amplitude,
                                   .error = e->truncation + e->sampling + e->solver,
                                   .line = fmin(e->line, e->truncation) + e->folded + e->solver };
@@ -329,7 +358,7 @@ static enum modal_status moved(const struct torus_sheet *a, const struct torus_l
 }
 
 /* One record: its lines are kept in place of a shorter record's, for what drifts slowly is seen in
- * the longest.  A march that fails is none. */
+ * the longest, and of one whose errors are larger.  A march that fails is none. */
 static enum modal_status march_once(struct torus_sheet *a, struct torus_errors *e,
                                     struct torus_lines *best, bool *ended,
                                     struct modal_error *err)
@@ -351,7 +380,8 @@ static enum modal_status march_once(struct torus_sheet *a, struct torus_errors *
         return rc == MODAL_CANCELLED ? rc : MODAL_OK;
     }
     rc = torus_sheet_read(a, e, &amplitude, err);
-    if (rc == MODAL_OK)
+    if (rc == MODAL_OK && (a->turns > best->turns
+                           || e->truncation + e->sampling + e->solver < best->error))
         rc = keep_lines(a, e, amplitude, best, err);
     *ended = rc != MODAL_OK || best->error <= a->wanted * amplitude;
     return rc;
@@ -360,11 +390,15 @@ static enum modal_status march_once(struct torus_sheet *a, struct torus_errors *
 enum modal_status torus_march(struct torus_solver *s, double wanted, bool balanced,
                               struct torus_lines *best, struct modal_error *err)
 {
+    const struct torus_tones tones = s->tones;
     int N = SAMPLES, turns = TURNS, tried = 0;
     double left = HUGE_VAL, a_turn = 0;
     bool ended = false;
     enum modal_status rc = MODAL_OK;
 
+    s->tones = led_by_loads(s);
+    if (s->tones.lead != tones.lead && !(s->tones.nu[tones.lead] < BESIDE))
+        N *= 2;                           /* as many of a turn of what was the fastest, about */
     while (rc == MODAL_OK && !ended && N <= SAMPLES_MOST && turns <= TURNS_MOST) {
         struct torus_sheet a = { .s = s, .a_turn = a_turn };
         struct torus_errors e = { 0 };
@@ -387,6 +421,7 @@ enum modal_status torus_march(struct torus_solver *s, double wanted, bool balanc
         else
             turns *= LONGER;
     }
+    s->tones = tones;
     return rc;
 }
 
@@ -478,7 +513,7 @@ static enum modal_status read_exactly(struct torus_solver *s, struct exact *a, i
                                       bool *ended, struct torus_errors *e,
                                       struct modal_error *err)
 {
-    struct torus_sheet sheet = { .s = s, .start = a->start };
+    struct torus_sheet sheet = { .s = s, .settled = true, .start = a->start };
     double amplitude = 0;
     bool followed = true;
     enum modal_status rc = set_out(&sheet, false, err);
@@ -578,8 +613,8 @@ static enum modal_status march_exactly(struct torus_solver *s, int N, double wan
                                        struct torus_lines *best, bool *finer,
                                        struct modal_error *err)
 {
-    struct exact a = { .s = s, .columns = 2 * s->p->n < TORUS_EXPONENTS ? 2 * s->p->n
-                                                                          : TORUS_EXPONENTS };
+    int most = 2 * s->p->n < TORUS_EXPONENTS ? 2 * s->p->n : TORUS_EXPONENTS;
+    struct exact a = { .s = s, .columns = s->opt->stability ? most : 1 };
     double before[2] = { HUGE_VAL, HUGE_VAL }, moves[2] = { HUGE_VAL, HUGE_VAL };
     struct torus_lines now = { 0 };
     bool settled = false, ended = false;
@@ -619,10 +654,12 @@ static enum modal_status march_exactly(struct torus_solver *s, int N, double wan
 enum modal_status torus_march_exactly(struct torus_solver *s, double wanted,
                                       struct torus_lines *best, struct modal_error *err)
 {
+    const struct torus_tones tones = s->tones;
     int N = wanted >= FOLDS ? SAMPLES_EXACT : SAMPLES;
     bool finer = true;
     enum modal_status rc = MODAL_OK;
 
+    s->tones = led_by_loads(s);
     for (; rc == MODAL_OK && finer && N <= SAMPLES_MOST; N *= 2) {
         struct torus_lines now = { 0 };
 
@@ -633,5 +670,6 @@ enum modal_status torus_march_exactly(struct torus_solver *s, double wanted,
         } else                            /* finer samples left no work for as long a record */
             torus_lines_done(&now);
     }
+    s->tones = tones;
     return rc;
 }

@@ -217,10 +217,11 @@ static void step_whole(struct torus_pieces *m, bool *made)
         torus_taylor_make(&m->t, m->u, m->wave, m->to);
         m->work += torus_taylor_work(&m->t);
     } else {
-        if (m->columns == 1)
-            map_step(m, 1);
-        else
-            map_step(m, TORUS_WIDE);
+        switch (m->columns) {
+        case 1: map_step(m, 1); break;
+        case TORUS_PAIR: map_step(m, TORUS_PAIR); break;
+        default: map_step(m, TORUS_WIDE);
+        }
         m->work += 2.0 * m->n * m->D * m->columns;
     }
     m->work += 20.0 * (1 + m->laws);
@@ -248,11 +249,11 @@ static double turns_at(double d0, double v0, double d1, double v1, double T)
 /* How far from TAU the rate of P is 0: Newton's step. */
 static double to_turn(const struct torus_taylor *t, const double *p, double tau)
 {
-    double v = 0, bend = 0;
+    double v = 0, bend = 0, after = tau - t->base;
 
     for (int k = t->terms; k > 0; k--) {
-        bend = bend * tau + v;
-        v = v * tau + k * p[k];
+        bend = bend * after + v;
+        v = v * after + k * p[k];
     }
     return bend != 0 ? -v / bend : v != 0 ? HUGE_VAL : 0;
 }
@@ -722,7 +723,7 @@ enum modal_status torus_pieces_new(struct torus_solver *s, int N, int columns,
     else if (serves(s, steepest)) {
         m->s = s, m->N = N, m->settling = true;
         m->leaves = torus_unknowns(s, LEAST_ORDER) > TORUS_CORE_MOST;
-        m->disturbances = columns, m->columns = columns > 0 ? TORUS_WIDE : 1;
+        m->disturbances = columns, m->columns = columns > 1 ? TORUS_WIDE : 1 + columns;
         m->n = s->p->n, m->laws = s->p->laws;
         m->waves = s->groups, m->D = 2 * m->n + m->laws + 2 * m->waves;
         rc = pieces_room(m, err);

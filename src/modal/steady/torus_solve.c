@@ -26,6 +26,11 @@ static const double LITTLE = 0.01;        /* of a motion that has settled: lines
                                            * worth more than a first balance, whatever they leave */
 static const double BEHIND = 0.1;         /* of a balance's error: lines that have less it does not
                                            * reach by growing two or three times */
+static const double SMALL = 0.01;         /* of a balance's error, which its disturbances are to see:
+                                           * what combinations not followed may sum to */
+static const double THIN = 1e-3;          /* of a motion marched, and no more than its error: what
+                                           * combinations not followed sum to; of one with gaps a
+                                           * hundredth made what decays grow */
 static const double ROUGH = 0.01;         /* of a motion that a march begins at: the first set
                                            * leaves out as much */
 
@@ -347,7 +352,7 @@ static enum modal_status begin(struct torus_solver *s, bool *begun, struct modal
 static enum modal_status judge(struct torus_solver *s, struct torus_point *out,
                                struct modal_error *err)
 {
-    double missed = 0, target = target_of(s);
+    double missed = 0, target = target_of(s), leave;
     enum modal_status rc;
 
     if (s->marched > 0 && s->followed.count > 0) {
@@ -357,8 +362,10 @@ static enum modal_status judge(struct torus_solver *s, struct torus_point *out,
                 out->stability = (struct torus_stability) { .reason = TORUS_RESTS };
         return MODAL_OK;
     }
-    rc = torus_judge(s, condense_place(s->condense[0]), &out->stability, out->error, &missed, err);
-
+    leave = s->marched > 0 ? fmin(out->error, THIN * out->amplitude) : SMALL * out->error;
+    rc = torus_judge(s, condense_place(s->condense[0]), &out->stability, leave, &missed, err);
+    if (s->marched > 0 && out->stability.verdict < 0)
+        out->stability.verdict = 0;       /* a march leaves what grows: that is of those left out */
     if (rc != MODAL_OK || missed <= out->error)
         return rc;
     out->truncation += missed - out->error;

@@ -68,8 +68,6 @@ enum {
 #define SQRT3 1.7320508075688772          /* of the points of Gauss's second method */
 static const double WORK = 1e9;           /* budget.h: some second, of the longest */
 static const double SURE = 3;             /* errors away from 0 */
-static const double SMALL = 0.01;         /* of the motion's error: what combinations left out
-                                           * may sum to */
 static const double DIFFERENCE = 1e-6;    /* of the largest combination: so rarely another regime */
 
 /* Gauss's methods, (2). */
@@ -626,7 +624,7 @@ static enum modal_status follow(struct flow *f, double work, bool rests,
 }
 
 enum modal_status torus_judge(struct torus_solver *s, const int *place, struct torus_stability *out,
-                              double error, double *missed, struct modal_error *err)
+                              double leave, double *missed, struct modal_error *err)
 {
     struct flow f = { .s = s, .n = (size_t)s->p->n };
     bool rests = false;
@@ -640,7 +638,7 @@ enum modal_status torus_judge(struct torus_solver *s, const int *place, struct t
     f.m = 2 * f.n < TORUS_EXPONENTS ? 2 * f.n : TORUS_EXPONENTS;
     f.columns = f.m + (s->marched == 0 && !rests && s->tone.index < 0 && s->grid != NULL);
     f.places = places_of(s->p);
-    rc = choose(&f, SMALL * error, err);
+    rc = choose(&f, leave, err);
     f.stages = f.places > 0 ? 1 : STAGES_MOST;
     if (work_of(&f) > WORK)
         f.stages = 1;

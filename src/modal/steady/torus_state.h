@@ -94,7 +94,7 @@ struct torus_errors { double truncation, change, sampling, solver, tone, line, f
 
 /* A motion read from a march: as s->index and s->X, errors in m. */
 struct torus_lines {
-    int count, samples;                   /* 0: none */
+    int count, samples, turns;            /* 0: none */
     struct torus_index *index;
     double complex *X;
     struct torus_errors e;                /* change: what is seen of the truncation */
@@ -234,11 +234,12 @@ void torus_judge_growth(const struct torus_solver *s, const double *growth, int 
                         struct torus_stability *out);
 /* Why a motion is not called stable though all that is followed decays. */
 #define TORUS_RESTS "a slider comes to rest, and no disturbance of its place decays"
-/* Of s->X's disturbances, ERROR being what is stated of it, in m; PLACE as condense_place has it.
+/* Of s->X's disturbances, without combinations that sum to LEAVE, in m; PLACE as condense_place
+ * has it.
  * *MISSED: the system's own motion leaves that of a balance by so much at least, in m; 0 where
  * disturbances grow anyway, and where it is not followed. */
 enum modal_status torus_judge(struct torus_solver *s, const int *place, struct torus_stability *out,
-                              double error, double *missed, struct modal_error *err);
+                              double leave, double *missed, struct modal_error *err);
 
 /* ---- torus_open.c ---- */
 

@@ -16,7 +16,9 @@
  *     g(tau) = (level' - level) + (gain' - gain) d(tau)                                         (2)
  *
  * alone.  Each term reaches one neighbour further, and where it is below rounding of the motion it
- * ends: of a chain a change moves some ten dofs within a step, however long the chain is.
+ * ends: of a chain a change moves some ten dofs within a step, however long the chain is.  D is
+ * told about tau_0, and to move it to the step's begin costs each dof the terms' square: where few
+ * dofs are beside those that are reached, the whole step is begun anew at tau_0 instead.
  *
  * M^-1 is that of masses on the diagonal.  Of others it is full, but entries far from the diagonal
  * are below rounding and left out.
@@ -279,6 +281,7 @@ static void find_reach(struct torus_taylor *t, const struct graph *g, struct sea
         return;
     for (int e = t->push.start[l]; e < t->push.start[l + 1]; e++)
         add_dof(a, l, t->push.dof[e], &count);
+    r->felt = -1;
     for (r->hops = 0; r->hops < TORUS_TERMS_MOST; r->hops++) {
         for (; looked < count; looked++)
             for (int e = g->law_start[a->list[looked]]; e < g->law_start[a->list[looked] + 1];
@@ -374,6 +377,9 @@ enum modal_status torus_taylor_init(struct torus_taylor *t, const struct torus_s
     t->level = workspace_zeros(&t->space, (size_t)(t->laws * columns), sizeof *t->level);
     t->a = workspace_zeros(&t->space, wide, sizeof *t->a);
     t->delta = workspace_zeros(&t->space, wide, sizeof *t->delta);
+    t->u = workspace_zeros(&t->space, 2 * n * (size_t)columns, sizeof *t->u);
+    t->end = workspace_zeros(&t->space, 2 * n * (size_t)columns, sizeof *t->end);
+    t->wave = workspace_zeros(&t->space, 2 * (size_t)t->waves, sizeof *t->wave);
     *serves = true;
     if (!t->space.failed)
         invert(t, s, &m, serves);
@@ -533,10 +539,13 @@ COPIED void make(struct torus_taylor *t, const double *u, const double *wave, in
 
 void torus_taylor_make(struct torus_taylor *t, const double *u, const double *wave, double *to)
 {
-    if (t->columns == 1)
-        make(t, u, wave, 1, to);
-    else
-        make(t, u, wave, TORUS_WIDE, to);
+    t->base = 0;
+    memcpy(t->wave, wave, 2 * (size_t)t->waves * sizeof *wave);
+    switch (t->columns) {
+    case 1: make(t, u, wave, 1, to); break;
+    case TORUS_PAIR: make(t, u, wave, TORUS_PAIR, to); break;
+    default: make(t, u, wave, TORUS_WIDE, to);
+    }
 }
 
 void torus_taylor_sees(const struct torus_taylor *t, int l, int c, double *p)
@@ -552,11 +561,11 @@ void torus_taylor_sees(const struct torus_taylor *t, int l, int c, double *p)
 
 double torus_taylor_at(const struct torus_taylor *t, const double *p, double tau, double *rate)
 {
-    double x = p[t->terms], v = 0;
+    double x = p[t->terms], v = 0, after = tau - t->base;
 
     for (int k = t->terms - 1; k >= 0; k--) {
-        v = v * tau + x;
-        x = x * tau + p[k];
+        v = v * after + x;
+        x = x * after + p[k];
     }
     *rate = v;
     return x;
@@ -629,6 +638,13 @@ static void sizes(const struct torus_taylor *t, int l, double *size)
                                          fabs(t->a[(t->n + r->dof[b]) * C + c])));
 }
 
+/* Law L's GAIN and LEVEL from here on. */
+static void set_line(struct torus_taylor *t, int l, double gain, const double *level)
+{
+    memcpy(t->level + l * t->columns, level, (size_t)t->columns * sizeof *level);
+    t->gain[l] = gain;
+}
+
 /* g's terms about TAU, (2), of law L's new gain and level, which it has from here on. */
 static void moves_by(struct torus_taylor *t, int l, double tau, double gain, const double *level,
                      double *g)
@@ -639,13 +655,41 @@ static void moves_by(struct torus_taylor *t, int l, double tau, double gain, con
         double p[TORUS_TERMS_MOST + 1];
 
         torus_taylor_sees(t, l, c, p);
-        shift(t->terms, tau, 1, p);
+        shift(t->terms, tau - t->base, 1, p);
         for (int k = 0; k <= t->terms; k++)
             g[k * C + c] = (gain - t->gain[l]) * p[k];
         g[c] += level[c] - t->level[l * C + c];
-        t->level[l * C + c] = level[c];
     }
-    t->gain[l] = gain;
+    set_line(t, l, gain, level);
+}
+
+/* (1) from TAU on, about TAU, of C columns, the laws as they are. */
+COPIED void begin_anew(struct torus_taylor *t, double tau, int C)
+{
+    int wide = t->n * C;
+    double *restrict x = t->u, *restrict v = x + wide, q[2 * TORUS_LOADS_MOST];
+    double after = tau - t->base, per_s = 1 / t->h;
+
+    memcpy(x, t->a + t->terms * wide, (size_t)wide * sizeof *x);
+    memset(v, 0, (size_t)wide * sizeof *v);
+    for (int k = t->terms - 1; k >= 0; k--) {
+        const double *a = t->a + k * wide;
+
+        for (int e = 0; e < wide; e++) {
+            v[e] = v[e] * after + x[e];
+            x[e] = x[e] * after + a[e];
+        }
+    }
+    for (int e = 0; e < wide; e++)
+        v[e] *= per_s;
+    for (int w = 0; w < t->waves; w++) {
+        double c = cos(t->omega[w] * t->h * tau), s = sin(t->omega[w] * t->h * tau);
+
+        q[2 * w] = c * t->wave[2 * w] - s * t->wave[2 * w + 1];
+        q[2 * w + 1] = s * t->wave[2 * w] + c * t->wave[2 * w + 1];
+    }
+    t->base = tau;
+    make(t, t->u, q, C, t->end);
 }
 
 /* D of dof I, from TAU on, to its motion; D is 0 again. */
@@ -659,7 +703,7 @@ COPIED void add_change(struct torus_taylor *t, int i, double tau, int C)
             p[k * C + c] = from[c], from[c] = 0;
     /* polynomials of what comes after TAU, told as (1) is, from the step's begin: of no use before,
      * where nobody looks any more */
-    shift(t->terms, -tau, C, p);
+    shift(t->terms, t->base - tau, C, p);
     for (int k = 0; k <= t->terms; k++, to += wide)
         for (int c = 0; c < C; c++)
             to[c] += p[k * C + c];
@@ -686,26 +730,55 @@ COPIED int change_by(struct torus_taylor *t, int l, double tau, double gain, con
     return hops;
 }
 
+/* What it costs to begin a step anew. */
+static double anew_work(const struct torus_taylor *t)
+{
+    return torus_taylor_work(t) + 2.0 * t->terms * t->n * t->columns / BUDGET_DENSE;
+}
+
+/* What a motion of its own costs that reaches DOFS, and as many to be moved to the step's begin. */
+static double reach_work(const struct torus_taylor *t, double dofs)
+{
+    return dofs / t->n * torus_taylor_work(t)
+        + t->columns * dofs * t->terms * t->terms / BUDGET_DENSE;
+}
+
 int torus_taylor_change(struct torus_taylor *t, int l, double tau, double gain,
                         const double *level)
 {
-    return t->columns == 1 ? change_by(t, l, tau, gain, level, 1)
-                           : change_by(t, l, tau, gain, level, TORUS_WIDE);
+    struct torus_reach *r = &t->reach[l];
+
+    if (r->felt < 0 || anew_work(t) > reach_work(t, r->dofs[r->felt])) {
+        switch (t->columns) {
+        case 1: r->felt = change_by(t, l, tau, gain, level, 1); break;
+        case TORUS_PAIR: r->felt = change_by(t, l, tau, gain, level, TORUS_PAIR); break;
+        default: r->felt = change_by(t, l, tau, gain, level, TORUS_WIDE);
+        }
+        return r->felt;
+    }
+    set_line(t, l, gain, level);
+    switch (t->columns) {
+    case 1: begin_anew(t, tau, 1); break;
+    case TORUS_PAIR: begin_anew(t, tau, TORUS_PAIR); break;
+    default: begin_anew(t, tau, TORUS_WIDE);
+    }
+    return r->hops - 1;
 }
 
 void torus_taylor_end(const struct torus_taylor *t, const int *list, int count, double *to)
 {
     int C = t->columns;
     size_t wide = (size_t)t->n * (size_t)C;
+    double after = 1 - t->base;
 
     for (int b = 0; b < count; b++)
         for (int c = 0; c < C; c++) {
             const double *a = t->a + list[b] * C + c;
             double x = 0, v = 0;
 
-            for (int k = t->terms; k > 0; k--)
-                x += a[(size_t)k * wide], v += k * a[(size_t)k * wide];
-            to[list[b] * C + c] = a[0] + x;
+            for (int k = t->terms; k >= 0; k--)
+                v = v * after + x, x = x * after + a[(size_t)k * wide];
+            to[list[b] * C + c] = x;
             to[wide + (size_t)(list[b] * C + c)] = v / t->h;
         }
 }
@@ -721,7 +794,5 @@ double torus_taylor_work(const struct torus_taylor *t)
 
 double torus_taylor_change_work(const struct torus_taylor *t, int l, int hops)
 {
-    double dofs = t->reach[l].dofs[hops], part = dofs / t->n;
-
-    return part * torus_taylor_work(t) + t->columns * dofs * t->terms * t->terms / BUDGET_DENSE;
+    return fmin(anew_work(t), reach_work(t, t->reach[l].dofs[hops]));
 }

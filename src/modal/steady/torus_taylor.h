@@ -2,7 +2,7 @@
  *
  * With tau = t / h, 0 <= tau <= 1, dof i moves, in column c, by
  *
- *     x_i(tau) = sum_k a[(k n + i) columns + c] tau^k,   k = 0 .. terms.                        (1)
+ *     x_i(tau) = sum_k a[(k n + i) columns + c] (tau - base)^k,   k = 0 .. terms.               (1)
  *
  * Column 0 is the motion; the others are disturbances of it, which no load moves.  A law is the
  * force f = level + gain d.
@@ -15,16 +15,18 @@
 
 enum {
     TORUS_TERMS_MOST = 24,                /* of (1), and more than any step needs */
-    TORUS_WIDE = 2 + TORUS_EXPONENTS,     /* columns of a motion with disturbances: an even number,
-                                           * as vectors want; what there is none for is 0 */
+    TORUS_PAIR = 2,                       /* columns of a motion with its leading disturbance; */
+    TORUS_WIDE = 2 + TORUS_EXPONENTS,     /* with several: an even number, as vectors want; what
+                                           * there is none for is 0 */
 };
 
 /* Entries by owner: those of L are at start[l] .. start[l + 1] - 1. */
 struct torus_ends { int *start, *dof; double *weight; };
 
 /* What a change of one law reaches within a step, by rising hops from it: dof[0 .. dofs[r] - 1] are
- * r hops or less away, and so for the laws that look at them. */
-struct torus_reach { int hops, *dofs, *dof, *laws, *law; };
+ * r hops or less away, and so for the laws that look at them.  felt: how far the last was seen to
+ * come; -1: none was. */
+struct torus_reach { int hops, felt, *dofs, *dof, *laws, *law; };
 
 struct torus_taylor {
     struct workspace space;
@@ -35,16 +37,19 @@ struct torus_taylor {
     struct torus_ends pull[2];            /* of waves: M^-1 of cosines' and sines' loads, h^2 */
     double *omega;                        /* of waves, rad/s */
     double *gain, *level;                 /* of laws now; [law columns + c] */
-    double *a;                            /* (1) */
+    double *a, base;                      /* (1); base: where the step was begun last */
+    double *u, *end, *wave;               /* of that: where it was, x and v, and where it ends; the
+                                           * waves at the step's own begin */
     double *delta;                        /* as a, zeros between changes */
     struct torus_reach *reach;            /* of laws */
     double fast;                          /* rad/s: a bound of the fastest motion */
 };
 
 /*
- * Of S's program, in COLUMNS, 1 or TORUS_WIDE; *SERVES false: masses are missing, and a dof follows
- * the others at once; or too many dofs share masses.  STEEPEST: each law's largest gain.  Its step
- * is 1 s, and wants to be set.  Fails with MODAL_NO_MEMORY; done takes what is half made.
+ * Of S's program, in COLUMNS, 1, TORUS_PAIR or TORUS_WIDE; *SERVES false: masses are missing, and a
+ * dof follows the others at once; or too many dofs share masses.  STEEPEST: each law's largest
+ * gain.  Its step is 1 s, and wants to be set.  Fails with MODAL_NO_MEMORY; done takes what is half
+ * made.
  */
 enum modal_status torus_taylor_init(struct torus_taylor *t, const struct torus_solver *s,
                                     int columns, const double *steepest, bool *serves,
@@ -65,7 +70,8 @@ void torus_taylor_sees(const struct torus_taylor *t, int l, int c, double *p);
 /* A polynomial of T and its rate per tau, at TAU. */
 double torus_taylor_at(const struct torus_taylor *t, const double *p, double tau, double *rate);
 /* From TAU on law L has gain GAIN and levels LEVEL, columns of them: (1) of all that feel it within
- * the step.  How many hops of t->reach[l] that is: dofs[hops] dofs of it, which laws[hops] see. */
+ * the step, or of all from TAU on, where that costs less.  How many hops of t->reach[l] that is:
+ * dofs[hops] dofs of it, which laws[hops] see. */
 int torus_taylor_change(struct torus_taylor *t, int l, double tau, double gain,
                         const double *level);
 /* The end of (1) of the first COUNT dofs of LIST, into TO as torus_taylor_make has it. */

@@ -291,16 +291,19 @@ static void test_a_slider_under_tones_one_per_cent_apart_moves_as_marching_says(
     program_free(p);
 }
 
-/* Of a sum of lines the lines; those of (1, 0) and (8, -5) are 1.6 turns of the record apart. */
-static void test_lines_less_than_two_turns_of_a_record_apart_are_told(void **state)
+/* Of a sum of lines the lines; those of (1, 0) and (8, -5) are 1.6 turns of the record apart, those
+ * of (-7, 5) and (10, -7) 0.67: one told as the other would drift from it by two radians. */
+static void test_lines_less_than_a_turn_of_a_record_apart_are_told(void **state)
 {
     const double w[2] = { 1, 1.4142135623730951 };
-    const struct torus_index k[] = { { { 0 } }, { { 1, 0 } }, { { 8, -5 } }, { { 0, 1 } } };
-    const double complex X[] = { 0.2, 1, 0.3 * cexp(I), 0.7 * I };
+    const struct torus_index k[] = {
+        { { 0 } }, { { 1, 0 } }, { { 8, -5 } }, { { 0, 1 } }, { { -7, 5 } }, { { 10, -7 } }
+    };
+    const double complex X[] = { 0.2, 1, 0.3 * cexp(I), 0.7 * I, 0.4, -0.2 * I };
     struct torus_options opt = { .dofs_count = 0 };
     struct torus_solver s = { .tones = torus_tones_of(w, 2), .q = 1, .opt = &opt };
     bool reported = true;
-    struct torus_sheet a = { .s = &s, .outputs = 1, .reported = &reported,
+    struct torus_sheet a = { .s = &s, .settled = true, .outputs = 1, .reported = &reported,
                              .start = 16 * 2 * M_PI / w[1] };
     struct torus_errors e = { 0 };
     double amplitude, most = 0;
@@ -309,12 +312,12 @@ static void test_lines_less_than_two_turns_of_a_record_apart_are_told(void **sta
     assert_true(torus_sheet_lay(&a, 64, 32, 1e-8));
     assert_int_equal(torus_sheet_room(&a, NULL), MODAL_OK);
     for (int n = 0; n < 64 * 32; n++)
-        for (int m = 0; m < 4; m++)
+        for (int m = 0; m < 6; m++)
             a.x[n] += creal(X[m] * cexp(I * torus_frequency(&s.tones, k[m])
                                         * (a.start + 2 * M_PI / w[1] * n / 64)));
     assert_int_equal(torus_sheet_read(&a, &e, &amplitude, NULL), MODAL_OK);
     assert_true(e.truncation < 1e-8 * amplitude);
-    for (int m = 0; m < 4; m++) {
+    for (int m = 0; m < 6; m++) {
         double off = HUGE_VAL;
 
         for (int l = 0; l < a.count; l++)
@@ -332,7 +335,7 @@ static void test_lines_far_below_the_error_asked_for_are_not_told_however_many(v
     struct torus_options opt = { .dofs_count = 0 };
     struct torus_solver s = { .tones = torus_tones_of(w, 2), .q = 1, .opt = &opt };
     bool reported = true;
-    struct torus_sheet a = { .s = &s, .outputs = 1, .reported = &reported };
+    struct torus_sheet a = { .s = &s, .settled = true, .outputs = 1, .reported = &reported };
     struct torus_errors e = { 0 };
     double amplitude;
 
@@ -350,6 +353,67 @@ static void test_lines_far_below_the_error_asked_for_are_not_told_however_many(v
     assert_int_equal(a.count, 2);                  /* that of 1 and the mean */
     assert_true(e.line > 8e-7 && e.line < 1e-6);   /* the largest left out, wherever it is */
     assert_true(e.truncation > 8e-5);
+    workspace_free(&a.space);
+}
+
+/* Of tones one in 100 apart 100 times the one is 101 times the other, and 50 times their difference
+ * half of it: all that a motion of that has is told, and no combination is more of it. */
+static void test_combinations_of_one_frequency_hide_nothing_of_each_other(void **state)
+{
+    const double w[2] = { 0.7840357304881012, 0.7918760877929821 };
+    struct torus_options opt = { .dofs_count = 0 };
+    struct torus_solver s = { .tones = torus_tones_of(w, 2), .q = 1, .opt = &opt };
+    bool reported = true;
+    struct torus_sheet a = { .s = &s, .settled = true, .outputs = 1, .reported = &reported };
+    struct torus_errors e = { 0 };
+    double amplitude;
+
+    (void)state;
+    for (int turns = 256; turns <= 2048; turns *= 2) {
+        assert_true(torus_sheet_lay(&a, 64, turns, 1e-6));
+        assert_int_equal(torus_sheet_room(&a, NULL), MODAL_OK);
+        for (int n = 0; n < 64 * turns; n++) {
+            double phase = w[0] * 2 * M_PI / w[1] * n / 64;
+
+            a.x[n] = cos(phase) + 0.05 * cos(1.5 * phase) + 0.01 * sin(0.5 * phase);
+        }
+        assert_int_equal(torus_sheet_read(&a, &e, &amplitude, NULL), MODAL_OK);
+        assert_true(e.truncation < 1e-8 * amplitude);
+        workspace_free(&a.space);
+        a.x = NULL;
+        e = (struct torus_errors) { 0 };
+    }
+}
+
+/* What decays and what drifts has no lines: those told of it would have rates, of which a march
+ * that begins with them knows. */
+static void test_what_decays_and_drifts_in_a_record_leaves_its_rates_alone(void **state)
+{
+    const double w[2] = { 1, 1.4142135623730951 }, T = 256 * 2 * M_PI / 1.4142135623730951;
+    struct torus_options opt = { .dofs_count = 0 };
+    struct torus_solver s = { .tones = torus_tones_of(w, 2), .q = 1, .opt = &opt };
+    bool reported = true;
+    struct torus_sheet a = { .s = &s, .outputs = 1, .reported = &reported };
+    struct torus_errors e = { 0 };
+    double amplitude, off = 0, rates = 0;
+
+    (void)state;
+    assert_true(torus_sheet_lay(&a, 64, 256, 1e-6));
+    assert_int_equal(torus_sheet_room(&a, NULL), MODAL_OK);
+    for (int n = 0; n < 64 * 256; n++) {
+        double t = T * n / (64 * 256);
+
+        a.x[n] = 0.2 * cos(w[0] * t) + 0.3 * sin(w[1] * t) + 1e-3 * exp(-0.02 * t) + 1e-4 * t / T;
+    }
+    assert_int_equal(torus_sheet_read(&a, &e, &amplitude, NULL), MODAL_OK);
+    for (int l = 0; l < a.count; l++) {
+        int order = torus_order(a.index[l]), first = a.index[l].k[0];
+        double complex X = order != 1 ? 0 : first != 0 ? 0.2 : -0.3 * I;
+
+        off = fmax(off, order == 1 ? cabs(a.X[l] - X) : 0);
+        rates += torus_frequency(&s.tones, a.index[l]) * cabs(a.X[l] - X);
+    }
+    assert_true(off < 1e-8 && rates < 1e-5);
     workspace_free(&a.space);
 }
 
@@ -394,38 +458,39 @@ static void two_loads(struct torus_solver *s, const struct program *p, struct to
 }
 
 /* The motion is analytic until the law changes and from there on: two shorter steps, one to each
- * side, know of no change within a step. */
-static void test_a_law_that_changes_within_a_step_moves_all_as_two_shorter_steps_do(void **state)
+ * side, know of no change within a step.  AGAIN: after one of nothing, that moves none. */
+static void moves_as_two_steps(int n, int law, bool again)
 {
-    enum { N = 40, LAW = 17, WIDE = 2 * N * TORUS_WIDE };
+    enum { MOST = 40, WIDE = 2 * MOST * TORUS_WIDE };
     const double tau = 0.37, h = 0.15;
-    struct program *p = chain_of_sliders(N);
+    struct program *p = chain_of_sliders(n);
     struct torus_options opt = { .dofs_count = 0 };
     struct torus_solver s;
     struct torus_taylor t;
     double u[WIDE], once[WIDE], part[WIDE], twice[WIDE], wave[4] = { 0.6, 0.8, -0.28, 0.96 };
-    double steepest[N], level[TORUS_WIDE], rest[TORUS_WIDE] = { 0.1 }, most = 0;
+    double steepest[MOST], level[TORUS_WIDE], rest[TORUS_WIDE] = { 0.1 }, most = 0;
     bool serves;
 
-    (void)state;
-    for (int l = 0; l < N; l++)
+    for (int l = 0; l < n; l++)
         steepest[l] = 0.5;
     two_loads(&s, p, &opt);
     assert_int_equal(torus_taylor_init(&t, &s, TORUS_WIDE, steepest, &serves, NULL), MODAL_OK);
     assert_true(serves && torus_taylor_set_step(&t, h) && !torus_taylor_set_step(&t, 10 * h));
-    for (int e = 0; e < WIDE; e++)
+    for (int e = 0; e < 2 * n * TORUS_WIDE; e++)
         u[e] = cos(1 + 0.7 * e) / (1 + e % 5);
-    for (int l = 0; l < N; l++)
+    for (int l = 0; l < n; l++)
         t.gain[l] = 0.5 * (l % 2);
-    for (int e = 0; e < N * TORUS_WIDE; e++)
+    for (int e = 0; e < n * TORUS_WIDE; e++)
         t.level[e] = 0.1 * sin(e);
-    memcpy(level, t.level + LAW * TORUS_WIDE, sizeof level);
+    memcpy(level, t.level + law * TORUS_WIDE, sizeof level);
     torus_taylor_make(&t, u, wave, once);
-    torus_taylor_end(&t, t.reach[LAW].dof,
-                     t.reach[LAW].dofs[torus_taylor_change(&t, LAW, tau, 0, rest)], once);
+    if (again)
+        torus_taylor_change(&t, law, 0.5 * tau, t.gain[law], level);
+    torus_taylor_end(&t, t.reach[law].dof,
+                     t.reach[law].dofs[torus_taylor_change(&t, law, tau, 0, rest)], once);
     assert_true(torus_taylor_set_step(&t, tau * h));
-    t.gain[LAW] = 0.5;
-    memcpy(t.level + LAW * TORUS_WIDE, level, sizeof level);
+    t.gain[law] = 0.5;
+    memcpy(t.level + law * TORUS_WIDE, level, sizeof level);
     torus_taylor_make(&t, u, wave, part);
     for (int w = 0; w < 2; w++) {
         double complex q = CMPLX(wave[2 * w], wave[2 * w + 1]) * cexp(I * t.omega[w] * tau * h);
@@ -433,14 +498,27 @@ static void test_a_law_that_changes_within_a_step_moves_all_as_two_shorter_steps
         wave[2 * w] = creal(q), wave[2 * w + 1] = cimag(q);
     }
     assert_true(torus_taylor_set_step(&t, (1 - tau) * h));
-    t.gain[LAW] = 0;
-    memcpy(t.level + LAW * TORUS_WIDE, rest, sizeof rest);
+    t.gain[law] = 0;
+    memcpy(t.level + law * TORUS_WIDE, rest, sizeof rest);
     torus_taylor_make(&t, part, wave, twice);
-    for (int e = 0; e < WIDE; e++)
+    for (int e = 0; e < 2 * n * TORUS_WIDE; e++)
         most = fmax(most, fabs(once[e] - twice[e]));
     assert_true(most < 1e-14);
     torus_taylor_done(&t);
     program_free(p);
+}
+
+static void test_a_law_that_changes_within_a_step_moves_all_as_two_shorter_steps_do(void **state)
+{
+    (void)state;
+    moves_as_two_steps(40, 17, false);
+}
+
+static void test_a_change_that_moves_nothing_ends_none_of_the_next_one_s_reach(void **state)
+{
+    (void)state;
+    for (int n = 4; n <= 40; n += 2)
+        moves_as_two_steps(n, 1, true);
 }
 
 /* Four times the dofs and laws have four times the entries and the events: 16 would be where each
@@ -522,10 +600,13 @@ int main(void)
         cmocka_unit_test(test_a_cubic_spring_is_balanced_combination_by_combination),
         cmocka_unit_test(test_a_slider_that_never_slips_is_a_spring_of_undetermined_place),
         cmocka_unit_test(test_a_slider_under_tones_one_per_cent_apart_moves_as_marching_says),
-        cmocka_unit_test(test_lines_less_than_two_turns_of_a_record_apart_are_told),
+        cmocka_unit_test(test_lines_less_than_a_turn_of_a_record_apart_are_told),
         cmocka_unit_test(test_lines_far_below_the_error_asked_for_are_not_told_however_many),
+        cmocka_unit_test(test_combinations_of_one_frequency_hide_nothing_of_each_other),
+        cmocka_unit_test(test_what_decays_and_drifts_in_a_record_leaves_its_rates_alone),
         cmocka_unit_test(
             test_a_law_that_changes_within_a_step_moves_all_as_two_shorter_steps_do),
+        cmocka_unit_test(test_a_change_that_moves_nothing_ends_none_of_the_next_one_s_reach),
         cmocka_unit_test(test_a_turn_of_a_chain_of_sliders_costs_as_its_length),
         cmocka_unit_test(test_twin_tones_of_a_strong_spring_are_balanced_whole),
         cmocka_unit_test(test_laws_that_are_no_function_of_a_path_are_refused),

@@ -1005,6 +1005,23 @@ def test_a_motion_locked_to_its_load_has_no_second_tone(tmp_path):
     assert not result["converged"] and "locked" in result["diagnostics"][0]["message"]
 
 
+# Where the load is three times as fast as the oscillator the motion repeats after 3 of its turns,
+# 100 turns before its end as well, and after no fewer: DOP853's.
+@pytest.mark.parametrize("load", [2, 1])
+def test_a_motion_locked_to_a_third_of_its_load_is_told_to_repeat_after_three_turns(load, tmp_path):
+    scene = van_der_pol(0.3, omega=3, excitation=[{"dof": "x", "k": 1, "cos": load}])
+    rate = lambda t, y: [y[1], load * math.cos(3 * t) + 0.3 * (1 - y[0] ** 2) * y[1] - y[0]]
+    turns = np.array([200, 297, 298, 299, 300])
+    x = solve_ivp(rate, (0, 200 * math.pi), [0, 0], "DOP853", turns * 2 * math.pi / 3, rtol=1e-10,
+                  atol=1e-12).y[0]
+    assert abs(x[4] - x[1]) < 1e-6 and abs(x[3] - x[0]) < 1e-3
+    assert min(abs(x[4] - x[2]), abs(x[4] - x[3])) > 0.1
+    result = run("steady", scene, tmp_path, "-o", "tones=3,free")[1]
+    assert not result["converged"] and result["diagnostics"][0]["code"] == "not_converged"
+    assert "repeats after 3 turns of the forced tone: it is locked" in (
+        result["diagnostics"][0]["message"])
+
+
 # Order 3 against scipy's DOP853 from settled; omega, where a scene has one as well, is not what
 # tones go by.
 @pytest.mark.parametrize("more", [{}, {"omega": 1}])

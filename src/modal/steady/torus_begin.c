@@ -35,6 +35,8 @@ enum {
     FORCED_ORDER = 8,          /* combinations of forced tones that are taken out of a record */
     SAMPLES = 2 * FORCED_ORDER + 1,       /* of a turn of the fastest: of one forced tone all that
                                            * repeats with it is then taken out */
+    LOCKED_TURNS_MOST = 8,     /* of a forced tone that a motion locked to it repeats after: the
+                                * tongues of more are as narrow as some power of the load */
     NARROWINGS = 40,           /* of a frequency's bracket: to 1e-8 of it */
 };
 static const double AMPLITUDE = 1e-3;     /* m, where the search begins; it goes both ways */
@@ -44,6 +46,8 @@ static const double LINEAR = 1e-3;        /* of the gain: what a tenth of the am
 static const double NEAR = 0.02;          /* of the gains beside it: little enough to let go */
 static const double LOCKED = 1e-4;        /* of a record, unexplained by forced tones: march's own
                                            * tolerance */
+static const double REPEATS = 1e-3;       /* of it, ten times as much: what is locked takes a step's
+                                           * error back slowly where it nearly slips */
 
 /* A mode of the motion at rest: its frequency, rad/s, growth, 1/s, and shape on the kept dofs. */
 struct mode { double omega, growth; double complex *shape; };
@@ -496,8 +500,43 @@ static enum modal_status explain(struct torus_solver *s, const struct scene_time
     return rc;
 }
 
+/* After how many turns of the leading tone a record repeats, 2 to LOCKED_TURNS_MOST; 0: it does
+ * not.  Half of it apart, so that a tone a millionth beside that frequency is none of it. */
+static int repeats_after(const struct scene_time *time, int q, const double *signals)
+{
+    size_t all = (size_t)time->samples * (size_t)q;
+    double most = 0;
+
+    for (size_t e = 0; e < all; e++)
+        most = fmax(most, fabs(signals[e]));
+    for (int turns = 2; turns <= LOCKED_TURNS_MOST; turns++) {
+        size_t later = (size_t)(TURNS / (2 * turns) * turns * SAMPLES) * (size_t)q;
+        double off = 0;
+
+        for (size_t e = 0; e + later < all; e++)
+            off = fmax(off, fabs(signals[e + later] - signals[e]));
+        if (off <= REPEATS * most)
+            return turns;
+    }
+    return 0;
+}
+
+/* What is said of a motion that repeats after TURNS. */
+static const char *locked_after(int turns)
+{
+#define AFTER(n) "marched from the scene's initial state, the motion repeats after " #n " turns of " \
+    "the forced tone: it is locked to it, a motion of one tone, omega that one's, subharmonic " #n
+    static const char *const text[LOCKED_TURNS_MOST + 1] = {
+        [2] = AFTER(2), AFTER(3), AFTER(4), AFTER(5), AFTER(6), AFTER(7), AFTER(8)
+    };
+#undef AFTER
+
+    return text[turns];
+}
+
 /* From a march of WAIT turns: its strongest line, and the motion that it begins; *ENDED: to
- * march on is of no use, as no line but those of forced tones is left, or it failed. */
+ * march on is of no use, as no line but those of forced tones is left, it repeats with one of
+ * these, or it failed. */
 static enum modal_status begin_march(struct torus_solver *s, double wait, bool *begun,
                                      bool *ended, struct modal_error *err)
 {
@@ -505,7 +544,8 @@ static enum modal_status begin_march(struct torus_solver *s, double wait, bool *
     struct scene_time time = { .dt = dt, .start = wait * SAMPLES * dt, .samples = SAMPLES * TURNS,
                                .duration = (SAMPLES * TURNS - 1) * dt };
     double *signals = calloc((size_t)time.samples * (size_t)s->q + 1, sizeof *signals);
-    int tone = s->tone.index;
+    int tone = s->tone.index, turns = 0;
+    bool alone = s->tones.count == 2 && s->tones.lead != tone;    /* the forced tone leads */
     struct modal_error own = { 0 };
     enum modal_status rc = signals == NULL
                                ? modal_fail(err, MODAL_NO_MEMORY, "torus: no memory for a record")
@@ -522,6 +562,14 @@ static enum modal_status begin_march(struct torus_solver *s, double wait, bool *
     memcpy(omega, s->tones.omega, sizeof omega);
     if (rc == MODAL_OK)
         rc = strongest(s, &time, signals, &omega[tone], err);
+    if (rc == MODAL_OK && omega[tone] > 0 && alone)
+        turns = repeats_after(&time, s->q, signals);
+    if (turns > 0) {
+        omega[tone] = 0;
+        s->reason = locked_after(turns);
+    } else if (rc == MODAL_OK && !(omega[tone] > 0))
+        s->reason = "marched from the scene's initial state, the motion settles on forced tones "
+                    "alone: it is locked to them, or brings none of its own";
     if (rc == MODAL_OK && omega[tone] > 0) {
         s->tones = torus_tones_of(omega, s->tones.count);
         torus_grid_free(s->grid);
@@ -533,9 +581,6 @@ static enum modal_status begin_march(struct torus_solver *s, double wait, bool *
             rc = torus_solve_set(s, begun, err);
     }
     *ended = !(omega[tone] > 0);
-    if (*ended)
-        s->reason = "marched from the scene's initial state, the motion settles on forced tones "
-                    "alone: it is locked to them, or brings none of its own";
     free(signals);
     return rc;
 }

@@ -7,8 +7,8 @@
  *
  * a pair (w, y) of H_m has the residual |h| |e_m^T y| / |y| as one of A, without a product.  H's
  * eigenvalues come by QR, the vectors of the wanted ones alone by inverse iteration.  Looking costs
- * 10 m^3: it is done where m has grown by a half, so that all looks cost about 1.4 of the last, and
- * by a quarter once residuals fall, which they do the faster the later.
+ * 10 m^3: it is done where m has grown by a half, so that all looks cost about 1.4 of the last.
+ * Once residuals fall they do so the faster the later: then where two looks foretell the end.
  *
  * [S11] Saad, Numerical Methods for Large Eigenvalue Problems, 2nd ed., SIAM 2011.
  */
@@ -25,9 +25,11 @@
 enum {
     LOOK_FIRST = 4,              /* products for each wanted value before the first look */
     GROWTH = 2,                  /* a look each time m has grown by a half, */
-    GROWTH_LATE = 4,             /* or by a quarter once residuals are FALLING */
+    GROWTH_LATE = 4,             /* or by a quarter at most once residuals are FALLING, */
+    GROWTH_LEAST = 16,           /* and by a sixteenth at least */
 };
 static const double FALLING = 1e-3;  /* of the largest modulus: residuals below it fall: chosen */
+static const double AHEAD = 1.25;    /* of what is foretold: another look costs some hundred vectors */
 static const double AGAIN = 0.7; /* of its norm: less is left, then orthogonal once more [S11] */
 
 struct subspace {
@@ -218,6 +220,18 @@ static enum modal_status look(const struct subspace *s, int wanted, double toler
     return rc;
 }
 
+/* How many products there are at the look after that of M, which found WORST in place of BEFORE of
+ * M_BEFORE: where the line through both, of its logarithm, meets TOLERANCE. */
+static int next_look(int m, double worst, int m_before, double before, double tolerance)
+{
+    double foretold = AHEAD * (m - m_before) * log(worst / tolerance) / log(before / worst);
+
+    if (!(worst < FALLING))
+        return m + m / GROWTH;
+    return m + (before > worst && foretold < m / GROWTH_LATE
+                    ? (int)fmax(ceil(foretold), m / GROWTH_LEAST) : m / GROWTH_LATE);
+}
+
 /* A fixed vector without pattern, of unit norm, to begin with. */
 static void begin(struct subspace *s)
 {
@@ -250,7 +264,8 @@ enum modal_status arnoldi(const struct linear_operator *A, int wanted, double to
     int limit = most > 0 && most < ARNOLDI_MOST ? most : ARNOLDI_MOST;
     struct subspace s = { .A = A, .n = A->n, .most = A->n < limit ? A->n : limit };
     size_t n = (size_t)A->n, room = (size_t)s.most, values = (size_t)wanted + 1;
-    int next = LOOK_FIRST * wanted;
+    int next = LOOK_FIRST * wanted, looked = 0;
+    double before = HUGE_VAL;
     enum modal_status rc = MODAL_OK;
 
     *out = (struct arnoldi){ .w = calloc(values, sizeof *out->w),
@@ -270,7 +285,9 @@ enum modal_status arnoldi(const struct linear_operator *A, int wanted, double to
         if (rc != MODAL_OK || (s.m < next && !s.whole && s.m < s.most))
             continue;
         rc = look(&s, wanted, tolerance, out, err);
-        next = s.m + s.m / (out->worst < FALLING ? GROWTH_LATE : GROWTH);
+        next = next_look(s.m, out->worst, looked, before, tolerance);
+        looked = s.m;
+        before = out->worst;
     }
     out->products = s.m;
     sort(out, n);

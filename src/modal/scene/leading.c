@@ -191,8 +191,8 @@ enum modal_status leading_multipliers(struct period_map *m, int wanted, double t
         int products = most > 0 ? (most - p.carried) / p.periods : 0;
         if (most > 0 && products < wanted)
             products = wanted;
-        /* a tenth: of the power, and the basis loses some */
-        rc = arnoldi(&A, wanted, tolerance / 10, products, &out->found, err);
+        /* the basis loses some, and more of a power's */
+        rc = arnoldi(&A, wanted, tolerance / (p.periods > 1 ? 10 : 2), products, &out->found, err);
         if (rc == MODAL_OK)
             rc = refine(&p, out, &worst, err);
         out->periods = p.carried;

@@ -65,6 +65,54 @@ TEST(all_eigenvalues_are_had_by_as_many_products_as_there_are)
     arnoldi_done(&a);
 }
 
+enum { LINE = 400 };
+
+/* Values 0.995^k. */
+static enum modal_status multiply_line(void *context, const double *x, double *y,
+                                       struct modal_error *err)
+{
+    (void)context, (void)err;
+    for (int k = 0; k < LINE; k++)
+        y[k] = x[k] * pow(0.995, k);
+    return MODAL_OK;
+}
+
+/* Products after which eight eigenvalues settle, looked at wherever MOST says. */
+static int products_of(double tolerance, int most, bool *settled)
+{
+    struct linear_operator A = { LINE, LINE, NULL, multiply_line, NULL };
+    struct arnoldi a;
+    int products;
+
+    CHECK(arnoldi(&A, 8, tolerance, most, &a, NULL) == MODAL_OK);
+    *settled = a.settled;
+    products = a.products;
+    arnoldi_done(&a);
+    return products;
+}
+
+/* The fewest are those after which a look with so many at most finds all settled. */
+TEST(spaces_that_settle_are_hardly_larger_than_they_must_be)
+{
+    int all = 0, fewest = 0;
+    bool settled;
+
+    for (double tolerance = 1e-5; tolerance > 5e-13; tolerance /= 10) {
+        int low = 8, high = products_of(tolerance, 0, &settled);
+        CHECK(settled);
+        all += high;
+        while (low < high) {
+            int middle = (low + high) / 2;
+            products_of(tolerance, middle, &settled);
+            high = settled ? middle : high;
+            low = settled ? low : middle + 1;
+        }
+        fewest += high;
+    }
+    print_message("%d products of %d\n", all, fewest);
+    CHECK(all <= 1.1 * fewest);
+}
+
 static enum modal_status refuse(void *context, const double *x, double *y, struct modal_error *err)
 {
     (void)context, (void)x, (void)y;

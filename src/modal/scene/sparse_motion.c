@@ -749,7 +749,7 @@ bool sparse_motion_wins(const struct program *p, const struct scene_time *time)
         return false;
     if (p->n > STATESPACE_DOFS_MOST)
         return true;
-    return p->laws > 0 && (!small(p) || dofwise_slides(p)) && dense_steps(p) * time->dt < 1;
+    return p->laws > 0 && !small(p) && dense_steps(p) * time->dt < 1;
 }
 
 int64_t sparse_motion_worth(const struct program *p, const struct scene_time *time)

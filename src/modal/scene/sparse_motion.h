@@ -9,8 +9,7 @@
 #include "modal/scene/simulate.h"
 
 /* Is it the way for P, asked every dt?  Yes where only it serves, or where it is large for the
- * dense way, or has rigid sliders, whose catching that way meets rounding, and explicit steps,
- * bounded by the fastest motion, are cheaper. */
+ * dense way and explicit steps, bounded by the fastest motion, are cheaper. */
 bool sparse_motion_wins(const struct program *p, const struct scene_time *time);
 /* Of a program that is small for the dense way: the steps of that after which this one would have
  * been cheaper; 0: it does not serve. */

@@ -300,7 +300,7 @@ TEST(rigid_sliders_move_by_leaps_as_they_do_by_steps_of_the_whole)
     struct outcome leaps, steps;
 
     sliding_chain(0, text);
-    leaps = run(text, simulate, 1e-12);
+    leaps = run(text, sparse_motion, 1e-12);
     sliding_chain(0.3, text);
     steps = run(text, simulate, 1e-12);
     CHECK_STRING(leaps.s.integrator, "dormand-prince-8");

@@ -36,7 +36,8 @@ bool dofwise_slides(const struct program *p)
     return false;
 }
 
-/* Does each rigid slider hold one dof to the ground that no other holds, and is M diagonal? */
+/* Does each rigid slider hold one dof to the ground that no other holds, nor a law with memory, and
+ * is M diagonal? */
 static bool sliders_apart(const struct program *p)
 {
     const struct sparse *m = &p->constant[PROGRAM_M];
@@ -50,6 +51,9 @@ static bool sliders_apart(const struct program *p)
             if (apart)
                 held[p->law[l].end[0].dof] = true;
         }
+    for (int l = 0; apart && l < p->laws; l++)
+        for (int e = 0; p->law[l].memory > 0 && e < law_ends(&p->law[l]); e++)
+            apart = apart && !held[p->law[l].end[e].dof];
     free(held);
     return apart;
 }

@@ -61,8 +61,8 @@ struct dofwise {
 };
 
 /* Can P be asked dof by dof?  Not with linear states, turning axes, a mass that pulsates, nor laws
- * with a history of their own; with rigid sliders where each holds a dof of its own to the ground
- * and M is diagonal: what holds one that sticks is what pulls at its dof then. */
+ * with a history of their own; with rigid sliders where each holds a dof of its own to the ground,
+ * no law with memory acts there and M is diagonal: what holds one that sticks is what pulls at its dof then. */
 bool dofwise_serves(const struct program *p);
 /* Is any law of P a rigid slider? */
 bool dofwise_slides(const struct program *p);

@@ -19,7 +19,7 @@ enum {
 /* of a step: where events are looked for from on (leap_events.c) */
 static const double MOMENT = 1e-4;
 
-/* of what a slider holds: pulled by nearly as much where another's piece ends, it slips with that */
+/* of what a slider holds: pulled by nearly as much where another's piece ends, it slips too */
 static const double ALMOST = 1e-9;
 
 /* The one text of it here. */

@@ -49,8 +49,7 @@ struct dofwise {
     int memories;                    /* doubles, of all laws; of a rigid slider the way that its */
                                      /* dof slips, 1 or -1, and 0 where it sticks */
     int sliders;                     /* rigid ones */
-    int ended;                       /* the law whose piece ends where laws are asked to remember; */
-                                     /* -1: none */
+    int ended;                       /* the law whose piece ends where laws remember; -1: none */
     double at_rest;                  /* in roots of energies: a slider no faster may stick */
     bool switched;                   /* a slider has, since it was last set to false */
     struct law_watch *watch;         /* of each law */
@@ -62,7 +61,8 @@ struct dofwise {
 
 /* Can P be asked dof by dof?  Not with linear states, turning axes, a mass that pulsates, nor laws
  * with a history of their own; with rigid sliders where each holds a dof of its own to the ground,
- * no law with memory acts there and M is diagonal: what holds one that sticks is what pulls at its dof then. */
+ * no law with memory acts there and M is diagonal: what holds one that sticks is what pulls at its
+ * dof then. */
 bool dofwise_serves(const struct program *p);
 /* Is any law of P a rigid slider? */
 bool dofwise_slides(const struct program *p);

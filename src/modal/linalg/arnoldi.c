@@ -29,7 +29,7 @@ enum {
     GROWTH_LEAST = 16,           /* and by a sixteenth at least */
 };
 static const double FALLING = 1e-3;  /* of the largest modulus: residuals below it fall: chosen */
-static const double AHEAD = 1.25;    /* of what is foretold: another look costs some hundred vectors */
+static const double AHEAD = 1.25;    /* of what is foretold: looks cost some hundred vectors */
 static const double AGAIN = 0.7; /* of its norm: less is left, then orthogonal once more [S11] */
 
 struct subspace {

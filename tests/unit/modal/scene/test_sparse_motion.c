@@ -289,7 +289,8 @@ static void sliding_chain(double coupled, char *at)
         at += sprintf(at, "%s{'type':'coulomb','dof':'x%d','limit':0.03},{'type':'cubic_spring',"
                           "'dof':'x%d','coefficient':0.2}", i > 1 ? "," : "", i, i);
     sprintf(at, "],'excitation':[{'dof':'x6','k':1,'cos':0.4},{'dof':'x5','type':'step',"
-                "'start':7.3,'amplitude':0.2},{'dof':'x2','type':'impulse','start':3.11,'amplitude':0.5}],"
+                "'start':7.3,'amplitude':0.2},{'dof':'x2','type':'impulse','start':3.11,"
+                "'amplitude':0.5}],"
                 "'omega':0.9,'initial':{'v':{'x3':0.2}},'time':{'dt':0.1,'duration':40}}");
 }
 

@@ -15,10 +15,11 @@
  *   pairs    two strong poles nearer than half a beat over the record are told apart by the model
  *            alone; where one of the doubts above holds the model is not right, and either may be
  *            anywhere between them: the error is at least half their distance
- *   another  of a periodic system one more pole may be there that does not pay (another.h): where
- *            noise would let the best gain so much in no more than a share DOUBTED of records, the
- *            error is that with it, and the difference; of a constant one so is the next beside it
- *            (widen_for_others), asked of all channels, whose price is far above what noise gives
+ *   another  one more pole may be there that does not pay, or a line of a multiplier that has
+ *            others (another.h): where noise would let the best gain so much in no more than a
+ *            share DOUBTED of records, the error is that with it, and the difference; then the next
+ *            beside it. Of a periodic system in noise that is white in all columns; of a constant
+ *            one (widen_for_others) in all channels, whose price is far above what noise gives
  *
  * A difference counts from REFINE_CLEAR standard errors on: in ordinary noise fewer than one pole
  * in 300 has one.
@@ -39,7 +40,7 @@ static const double
     DOUBTED = 0.05,                     /* of records: they have wider bars for nothing */
     DOUBTED_CONSTANT = 1e-3;            /* few: an update of a live window, which is asked no more
                                          * than judge_residual(), has the errors of a batch */
-enum { OTHERS_MOST = 4 };               /* each costs a fit */
+enum { OTHERS_MOST = 8 };               /* each costs a fit */
 
 static bool at_rounding(const struct refine_data *d, double residual)
 {
@@ -214,18 +215,23 @@ static void widen_by(const struct refined *more, struct poles *p)
     }
 }
 
-/* Of a periodic system in noise that is white in all columns. */
-static enum modal_status for_another(const struct refine_data *d, const struct refined *fit,
-                                     struct poles *p, struct modal_error *err)
+/* By one pole more, and by the next beside that, while noise lets the best gain so much in less than
+ * a share DOUBTED of records. */
+static enum modal_status widen_one_by_one(const struct refine_data *d, const struct refined *fit,
+                                          double doubted, struct poles *p, struct modal_error *err)
 {
-    struct another a;
-    enum modal_status rc;
+    struct another a = { 0 };
+    bool found = fit->poles == p->count;
+    enum modal_status rc = MODAL_OK;
 
-    if (fit->poles != p->count || (d->white > 0 && d->white < 1))
-        return MODAL_OK;
-    rc = another_pole(d, fit, &a, err);
-    if (rc == MODAL_OK && a.chance < DOUBTED)
-        widen_by(&a.fit, p);
+    for (int i = 0; i < OTHERS_MOST && found && rc == MODAL_OK; i++) {
+        struct refined before = a.fit;
+        rc = another_pole(d, before.poles > 0 ? &before : fit, &a, err);
+        refined_done(&before);
+        found = rc == MODAL_OK && a.chance < doubted;
+        if (found)
+            widen_by(&a.fit, p);
+    }
     refined_done(&a.fit);
     return rc;
 }
@@ -233,20 +239,7 @@ static enum modal_status for_another(const struct refine_data *d, const struct r
 enum modal_status widen_for_others(const struct refine_data *d, const struct refined *fit,
                                    struct poles *p, struct modal_error *err)
 {
-    struct another a = { 0 };
-    bool found = refined_converged(fit) && fit->poles == p->count;
-    enum modal_status rc = MODAL_OK;
-
-    for (int i = 0; i < OTHERS_MOST && found && rc == MODAL_OK; i++) {
-        struct refined before = a.fit;
-        rc = another_pole(d, before.poles > 0 ? &before : fit, &a, err);
-        refined_done(&before);
-        found = rc == MODAL_OK && a.chance < DOUBTED_CONSTANT;
-        if (found)
-            widen_by(&a.fit, p);
-    }
-    refined_done(&a.fit);
-    return rc;
+    return refined_converged(fit) ? widen_one_by_one(d, fit, DOUBTED_CONSTANT, p, err) : MODAL_OK;
 }
 
 /* The five doubts, in their order. */
@@ -268,8 +261,8 @@ static enum modal_status doubt(const struct refine_data *d, const struct order_c
         for_slow(d, choice, p);
     if (rc == MODAL_OK && constant && (out->colour > 1 || out->contradiction > 1))
         for_pairs(d, p);
-    if (rc == MODAL_OK && (d->phases > 1 || d->omega > 0))
-        rc = for_another(d, &choice->candidates[choice->chosen].fit, p, err);
+    if (rc == MODAL_OK && (d->phases > 1 || d->omega > 0) && !(d->white > 0 && d->white < 1))
+        rc = widen_one_by_one(d, &choice->candidates[choice->chosen].fit, DOUBTED, p, err);
     return rc;
 }
 

@@ -12,7 +12,7 @@
  *   prepare/   from a batch to rows of unit rms: the free part (event), cut (window, band,
  *              difference, detrend), turns, folds of a period; many channels to few signals
  *   answer/    from poles to modes: amplitudes, shapes, harmonics g_jk
- *   ask/       is the model right, and what follows: widen, merge, trend, drift, verdict, diagnostics
+ *   ask/       is the model right, and what follows: widen, merge, trend, drift, verdict, notes
  *   ambient/   where noise drives: Whittle's likelihood of the spectral matrix
  *   forced/    where the excitation was measured: its likelihood line by line
  *   live/      windows of a stream: the same fit on compressed rows, and modes over time as tracks

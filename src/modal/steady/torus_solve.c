@@ -26,8 +26,8 @@ static const double LITTLE = 0.01;        /* of a motion that has settled: lines
                                            * worth more than a first balance, whatever they leave */
 static const double BEHIND = 0.1;         /* of a balance's error: lines that have less it does not
                                            * reach by growing two or three times */
-static const double SMALL = 0.01;         /* of a balance's error, which its disturbances are to see:
-                                           * what combinations not followed may sum to */
+static const double SMALL = 0.01;         /* of a balance's error, which its disturbances are to
+                                           * see: what combinations not followed may sum to */
 static const double THIN = 1e-3;          /* of a motion marched, and no more than its error: what
                                            * combinations not followed sum to; of one with gaps a
                                            * hundredth made what decays grow */

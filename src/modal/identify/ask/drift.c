@@ -5,7 +5,7 @@
  * more near the first for each digit.  The fit is adequate, what it leaves is white, and halves of
  * the record have the same poles; but they have one shape, and their sum
  *
- *     f_c(l) = sum_j C_jc e^{lambda_j tau l},     s_c e^{k0 + k1 x + k2 x^2},  x in [-1, 1]      (1)
+ *     f_c(l) = sum_j C_jc e^{lambda_j tau l},     s_c e^{k0 + k1 x + k2 x^2},  x in [-1, 1]     (1)
  *
  * is one function, of a constant and an evenly changing exponent, in every signal c.  Of G poles in
  * S signals the second model has 2 (G - 1) columns and 2 (G - 1) - 2 exponents less.  It is the
@@ -16,6 +16,8 @@
  *
  * Sums over rows are taken at POINTS of them: (1) without its carrier turns by a radian a point at
  * most.
+ *
+ * Tested by tests/unit/modal/identify/test_many_modes.c.
  */
 #include "modal/identify/ask/drift.h"
 #include <cblas.h>
@@ -28,7 +30,7 @@
 #include "modal/linalg/workspace.h"
 
 enum {
-    POINTS = 256,
+    POINTS = 256,                    /* 40 turns of what (1) has without its carrier */
     GROUP_MOST = 12,                 /* poles of one mode: a pole a digit, of those noise leaves */
     TERMS = 3,                       /* k of (1) */
     ROUNDS = 4                       /* of Gauss and Newton, and of the power method */

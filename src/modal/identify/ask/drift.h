@@ -6,6 +6,9 @@
 #include "modal/identify/fit/refine.h"
 #include "modal/identify/result.h"
 
+/* Fewer groups may be so by chance. */
+enum { DRIFT_LEAST = 3 };
+
 /*
  * Of the COUNT poles LAMBDA of a fit to DATA of a constant system, with signals' NOISE (refine.h):
  * the groups of poles of one shape whose lines overlap, and those of them that one mode, its
@@ -14,7 +17,6 @@
  * raised by HERTZ.  So a record of so many modes is asked that no window shows them one by one.
  * Fails with MODAL_NO_MEMORY, MODAL_NO_CONVERGENCE.
  */
-enum { DRIFT_LEAST = 3 };
 enum modal_status drift_watch(const struct refine_data *data, const double complex *lambda,
                               int count, const double *noise, double hertz,
                               struct identify_result *result, struct modal_error *err);

@@ -215,8 +215,8 @@ static void widen_by(const struct refined *more, struct poles *p)
     }
 }
 
-/* By one pole more, and by the next beside that, while noise lets the best gain so much in less than
- * a share DOUBTED of records. */
+/* By one pole more, and by the next beside that, while noise lets the best gain so much in less
+ * than a share DOUBTED of records. */
 static enum modal_status widen_one_by_one(const struct refine_data *d, const struct refined *fit,
                                           double doubted, struct poles *p, struct modal_error *err)
 {

@@ -26,7 +26,7 @@ class Answer(dict[str, Any]):
 
     def count(self, name: str) -> int:
         """A whole number, 0 and up."""
-        value = self.get(name)
+        value: Any = self.get(name)
         if type(value) not in (int, float) or value != int(value) or value < 0:
             raise self._wrong(name, "a whole number, 0 and up")
         return int(value)

@@ -78,8 +78,9 @@ class Client(Session):
         name = word.removeprefix("stream:")
         is_open = False
         for one in self.streams(name, limit=2):
-            if one.text("state") == "sealed":
-                return one.text("upload")
+            stream = Answer(one)
+            if stream.text("state") == "sealed":
+                return stream.text("upload")
             is_open = True
         if is_open:
             raise Error("conflict", f"stream {name[:60]!r} is open: it is a batch once it is "
@@ -273,7 +274,8 @@ class Client(Session):
         if len(data) != 8 * shape[0] * shape[1]:
             raise Error("bad_frame", f"the daemon sent {len(data)} bytes as {shape[0]} samples of "
                         f"{shape[1]} channels")
-        return Batch(np.frombuffer(data, dtype="<f8").reshape(shape), d.get("dt"), d.get("period"),
+        dt: Any = d.get("dt")
+        return Batch(np.frombuffer(data, dtype="<f8").reshape(shape), dt, d.get("period"),
                      d.get("names"), d.get("units"))
 
     def list(self, state: str | None = None, kind: str | None = None,

@@ -81,8 +81,9 @@ class Error(Exception):
 
     def pause(self, otherwise: float) -> float:
         """Seconds after which to ask again: the daemon's `retry_after_s`, where it says any."""
-        told = self.detail.get("retry_after_s", otherwise)
-        return min(PAUSE_ASKED, told if type(told) in (int, float) and told >= 0 else otherwise)
+        told: Any = self.detail.get("retry_after_s", otherwise)
+        good = type(told) in (int, float) and told >= 0
+        return float(min(PAUSE_ASKED, told if good else otherwise))
 
 
 def read_keyfile(path: str) -> dict[str, bytes]:

@@ -109,8 +109,9 @@ class Session:
             if state in ENDED:
                 return document
             if progress:
-                done = document.inner("progress").get("fraction")
-                progress(state, float(done) if type(done) in (int, float) else 0.0)
+                done: Any = document.inner("progress").get("fraction")
+                good = type(done) in (int, float) and 0 <= done <= 1
+                progress(state, float(done) if good else 0.0)
             if time.monotonic() >= deadline:
                 raise Error("timeout", f"job {job} is {state}; not finished in time",
                             detail=document)

@@ -524,8 +524,9 @@ static int repeats_after(const struct scene_time *time, int q, const double *sig
 /* What is said of a motion that repeats after TURNS. */
 static const char *locked_after(int turns)
 {
-#define AFTER(n) "marched from the scene's initial state, the motion repeats after " #n " turns " \
-    "of the forced tone: it is locked to it, a motion of one tone, omega that one's, subharmonic " #n
+#define AFTER(n) \
+    "marched from the scene's initial state, the motion repeats after " #n " turns of the " \
+    "forced tone: it is locked to it, a motion of one tone, omega that one's, subharmonic " #n
     static const char *const text[LOCKED_TURNS_MOST + 1] = {
         [2] = AFTER(2), AFTER(3), AFTER(4), AFTER(5), AFTER(6), AFTER(7), AFTER(8)
     };

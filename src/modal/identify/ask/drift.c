@@ -16,8 +16,6 @@
  *
  * Sums over rows are taken at POINTS of them: (1) without its carrier turns by a radian a point at
  * most.
- *
- * Tested by tests/unit/modal/identify/test_many_modes.c.
  */
 #include "modal/identify/ask/drift.h"
 #include <cblas.h>

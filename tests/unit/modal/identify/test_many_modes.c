@@ -1,5 +1,6 @@
 /* test_many_modes.c - many modes in few channels: no order below theirs explains much, and the
  * ladder must not end before */
+/* Tests as well: drift.c */
 #include "check.h"
 #include "modal/identify/identify.h"
 #include "signals.h"

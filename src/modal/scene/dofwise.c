@@ -21,6 +21,8 @@ static const double MOMENT = 1e-4;
 
 /* of what a slider holds: pulled by nearly as much where another's piece ends, it slips too */
 static const double ALMOST = 1e-9;
+/* of that: stages of a step of a radian see so much of what a harmonic pulls by between them */
+static const double NEARLY = 0.5;
 
 /* The one text of it here. */
 static enum modal_status no_memory(struct modal_error *err)
@@ -409,16 +411,21 @@ static enum modal_status law_part(struct dofwise *f, int law, double t, const do
     return rc;
 }
 
-/* A rigid slider on its dof's FORCE, which has all else that acts there: it takes all of that where
- * it sticks, and its limit where it slips, and is watched. */
+/*
+ * A rigid slider on its dof's FORCE, which has all else that acts there: it takes all of that where
+ * it sticks, and its limit where it slips.  A piece that ends and begins again between two stages
+ * shows at none: one that is pulled by NEARLY what it holds is watched, and one that would stand
+ * still within the step, going on as it does.
+ */
 static void slider_part(struct dofwise *f, int law, const double *v, const double *memory)
 {
     int dof = f->p->law[law].end[0].dof;
-    double way = memory[f->memory[law]], *force = &f->force[dof];
+    double way = memory[f->memory[law]], *force = &f->force[dof], holds = dofwise_holds(f, law);
 
     f->evaluations[law]++;
-    f->watch[law].mixed |= way == 0 ? fabs(*force) > dofwise_holds(f, law) : way * v[dof] < 0;
-    *force = way == 0 ? 0 : *force - way * dofwise_holds(f, law);
+    f->watch[law].mixed |= way == 0 ? fabs(*force) > NEARLY * holds
+        : way * v[dof] < f->step * fabs(*force - way * holds) / f->mass[dof];
+    *force = way == 0 ? 0 : *force - way * holds;
 }
 
 /* The piece that law AT is on a moment after the start of a step of H: an event before the step's
@@ -455,6 +462,7 @@ enum modal_status dofwise_watch(struct dofwise *f, const struct dof_set *set, do
 {
     enum modal_status rc = MODAL_OK;
 
+    f->step = h;
     for (int k = 0; k < set->laws && rc == MODAL_OK; k++)
         rc = begin_watch(f, set->law[k], t, h, x, v, memory, err);
     return rc;
@@ -590,6 +598,30 @@ void dofwise_fastest(const struct program *p, double *frequency, double *decay)
     /* Gershgorin's circles of M^-1 K and M^-1 C */
     *frequency = sqrt(largest_row(&p->constant[PROGRAM_K], &p->constant[PROGRAM_M]));
     *decay = largest_row(&p->constant[PROGRAM_C], &p->constant[PROGRAM_M]);
+}
+
+/* Of one load, rad/s; a pulse's is that of its sine. */
+static double load_frequency(const struct program *p, const struct program_load *load)
+{
+    switch (load->type) {
+    case LOAD_HARMONIC:
+        return fabs(program_load_frequency(p, load));
+    case LOAD_HALF_SINE:
+        return M_PI / load->duration;
+    case LOAD_ONE_MINUS_COSINE:
+        return 2 * M_PI / load->duration;
+    default:
+        return 0;
+    }
+}
+
+double dofwise_radian(const struct program *p)
+{
+    double fastest = p->harmonics > 0 ? p->harmonic[p->harmonics - 1].k * fabs(p->omega) : 0;
+
+    for (int l = 0; l < p->loads; l++)
+        fastest = fmax(fastest, load_frequency(p, &p->load[l]));
+    return fastest > 0 ? 1 / fastest : HUGE_VAL;
 }
 
 void dofwise_weights(const struct program *p, double duration, double *weight)

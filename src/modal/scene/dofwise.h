@@ -50,6 +50,7 @@ struct dofwise {
                                      /* dof slips, 1 or -1, and 0 where it sticks */
     int sliders;                     /* rigid ones */
     int ended;                       /* the law whose piece ends where laws remember; -1: none */
+    double step;                     /* s: that whose stages laws are watched in */
     double at_rest;                  /* in roots of energies: a slider no faster may stick */
     bool switched;                   /* a slider has, since it was last set to false */
     struct law_watch *watch;         /* of each law */
@@ -111,6 +112,9 @@ enum modal_status dofwise_pull(struct dofwise *f, int law, double t, const doubl
                                struct modal_error *err);
 /* What LAW, a rigid slider, holds against that, N. */
 double dofwise_holds(const struct dofwise *f, int law);
+
+/* s: a radian of the fastest that P's loads and matrices pulsate by; HUGE_VAL where none does. */
+double dofwise_radian(const struct program *p);
 
 /* Into WEIGHT, 2 n: what makes x and v the roots of energies, sqrt(K_ii) and sqrt(M_ii).  A dof
  * without stiffness has the softest that can be told from one; where none has any, 1 / DURATION is

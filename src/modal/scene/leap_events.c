@@ -7,7 +7,8 @@
  *
  * A rigid slider's piece is the way that it remembers, wherever it is just after it began to slip,
  * where its rate is rounding: it ends where its dof goes back, or of one that sticks where more
- * pulls at that than it holds.
+ * pulls at that than it holds.  What is left until then is one number over the leap, whose minima
+ * between points are looked for: a dof that goes back and on within a tenth of a leap had stood.
  */
 #include "modal/scene/leap_events.h"
 #include <math.h>
@@ -17,6 +18,7 @@ static const double GRID[] = { 1e-4, 0.05, 0.12, 0.2, 0.3, 0.4, 0.5, 0.6,
                                0.7,  0.8,  0.9,  1.0, 1.1, 1.2 };
 enum { POINTS = sizeof GRID / sizeof *GRID };
 enum { BISECTIONS = 60 };                      /* of a leap: down to one unit in the last place */
+enum { PARABOLAS = 6 };                        /* a smooth minimum to rounding: digits by 1.3 each */
 static const double APART = 1e-14;             /* of a leap: closer, theta is rounding */
 static const double MOMENT = 2e-5;             /* of a leap: a fifth of the first grid point */
 enum { MEMORY_MOST = 1024 };                   /* doubles of a law, as in dofwise.c */
@@ -36,9 +38,10 @@ static void motion(const struct leap *l, const struct law *law, double theta, do
     }
 }
 
-/* 1 where rigid slider LAW has left its piece at theta, else 0. */
-static enum modal_status slider_piece(const struct leap *l, const double *memory, int law,
-                                      double theta, int *piece, struct modal_error *err)
+/* What is LEFT of rigid slider LAW's piece at theta: its dof's rate along its way, or what it would
+ * hold beyond the pull; below 0 it is over. */
+static enum modal_status slider_left(const struct leap *l, const double *memory, int law,
+                                     double theta, double *left, struct modal_error *err)
 {
     struct dofwise *of = l->of;
     int n = of->n, dof = of->p->law[law].end[0].dof;
@@ -46,7 +49,7 @@ static enum modal_status slider_piece(const struct leap *l, const double *memory
     enum modal_status rc;
 
     if (way != 0) {
-        *piece = way * leap_value(l, n + dof, t) < 0;
+        *left = way * leap_value(l, n + dof, t);
         return MODAL_OK;
     }
     for (int k = of->graph.start[dof] - 1; k < of->graph.start[dof + 1]; k++) {
@@ -55,7 +58,7 @@ static enum modal_status slider_piece(const struct leap *l, const double *memory
         y[n + j] = leap_value(l, n + j, t);
     }
     rc = dofwise_pull(of, law, t, y, y + n, memory, &pull, err);
-    *piece = fabs(pull) > dofwise_holds(of, law);
+    *left = dofwise_holds(of, law) - fabs(pull);
     return rc;
 }
 
@@ -72,8 +75,12 @@ static enum modal_status piece_at(const struct leap *l, const double *memory, in
     struct law_force force = { .memory = turned };
     enum modal_status rc = MODAL_OK;
 
-    if (at->kind->set_valued)
-        return slider_piece(l, memory, law, theta, piece, err);
+    if (at->kind->set_valued) {
+        double left = 0;
+        rc = slider_left(l, memory, law, theta, &left, err);
+        *piece = left < 0;
+        return rc;
+    }
     motion(l, at, theta, d, v);
     for (int k = 0; k < at->kind->inputs; k++)
         before[k] = d[k] - MOMENT * l->h * v[k];
@@ -106,15 +113,75 @@ static enum modal_status bisect(const struct leap *l, const double *memory, int 
     return rc;
 }
 
+/* Of LEFT at three instants AT, least in the middle: where a parabola through them is least. */
+static double vertex(const double *at, const double *left)
+{
+    double a = (left[0] - left[1]) / (at[1] - at[0]), b = (left[2] - left[1]) / (at[2] - at[1]);
+
+    return a + b > 0 ? ((at[0] + at[1]) * b + (at[1] + at[2]) * a) / (2 * (a + b)) : at[1];
+}
+
+/* Is slider LAW's piece over between the instants AT, where LEFT, at all above 0, is least in the
+ * middle?  Then *THETA is one at which it is, else HUGE_VAL. */
+static enum modal_status look_between(const struct leap *l, const double *memory, int law,
+                                      double *at, double *left, double *theta,
+                                      struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+
+    *theta = HUGE_VAL;
+    for (int i = 0; i < PARABOLAS && rc == MODAL_OK; i++) {
+        double now = 0, t = vertex(at, left);
+        int side = t < at[1] ? 0 : 2;
+        if (!(fabs(t - at[1]) > APART))
+            break;
+        rc = slider_left(l, memory, law, t, &now, err);
+        if (rc == MODAL_OK && now < 0) {
+            *theta = t;
+            break;
+        }
+        if (now < left[1]) {                       /* the middle becomes the other side */
+            at[2 - side] = at[1], left[2 - side] = left[1];
+            at[1] = t, left[1] = now;
+        } else
+            at[side] = t, left[side] = now;
+    }
+    return rc;
+}
+
+/* leap_find_event of a rigid slider. */
+static enum modal_status find_slip(const struct leap *l, const double *memory, int law,
+                                   double limit, double *theta, struct modal_error *err)
+{
+    double left[POINTS] = { 0 }, out;
+    enum modal_status rc = slider_left(l, memory, law, GRID[0], &left[0], err);
+
+    *theta = HUGE_VAL;
+    for (int i = 1; i < POINTS && GRID[i] <= limit && rc == MODAL_OK; i++) {
+        rc = slider_left(l, memory, law, GRID[i], &left[i], err);
+        if (rc == MODAL_OK && left[i] < 0)
+            return bisect(l, memory, law, 0, GRID[i - 1], GRID[i], theta, err);
+        if (i < 2 || rc != MODAL_OK || !(left[i - 1] < left[i - 2] && left[i - 1] <= left[i]))
+            continue;
+        double at[3] = { GRID[i - 2], GRID[i - 1], GRID[i] },
+               three[3] = { left[i - 2], left[i - 1], left[i] };
+        rc = look_between(l, memory, law, at, three, &out, err);
+        if (rc == MODAL_OK && out < HUGE_VAL)
+            return bisect(l, memory, law, 0, at[0], out, theta, err);
+    }
+    return rc;
+}
+
 enum modal_status leap_find_event(const struct leap *l, const double *memory, int law, double limit,
                                   double *theta, struct modal_error *err)
 {
-    int first = 0, now;
-    enum modal_status rc = l->of->p->law[law].kind->set_valued
-                               ? MODAL_OK
-                               : piece_at(l, memory, law, GRID[0], &first, err);
+    int first, now;
+    enum modal_status rc;
 
     *theta = HUGE_VAL;
+    if (l->of->p->law[law].kind->set_valued)
+        return find_slip(l, memory, law, limit, theta, err);
+    rc = piece_at(l, memory, law, GRID[0], &first, err);
     for (int i = 1; i < POINTS && GRID[i] <= limit && rc == MODAL_OK; i++) {
         rc = piece_at(l, memory, law, GRID[i], &now, err);
         if (rc == MODAL_OK && now != first)

@@ -97,6 +97,7 @@ struct sparse_motion {
     double t, dt, h, most;           /* s: now; samples; the next leap, and its bound by parts */
     double tolerance, scale;         /* scale: the largest weighed component so far */
     double done;                     /* dofs x stages of parts in this leap, over the whole's */
+    double radian;                   /* s: the longest that sliders' pull allows */
     double part_most;                /* s: the longest step that every part's error allows */
     int64_t steps, rejected;
 };
@@ -362,6 +363,19 @@ static enum modal_status stalled(const struct sparse_motion *m, struct modal_err
                       m->part.t, STEPS_MOST, m->whole.h);
 }
 
+/* m->scale, and what the part's step comes to where that is more: a slider that slips after all have
+ * been at rest. */
+static double part_scale(const struct sparse_motion *m)
+{
+    double scale = m->scale;
+
+    for (int r = 0; r < m->set.runs; r++)
+        for (int i = m->set.run[r].from; i < m->set.run[r].to; i++)
+            for (int c = i; c < 2 * m->f->n; c += m->f->n)
+                scale = fmax(scale, fabs(m->part.to[c]) * m->weight[c]);
+    return scale;
+}
+
 /* The part over all of the leap, from event to event. */
 static enum modal_status step_part(struct sparse_motion *m, struct modal_error *err)
 {
@@ -382,7 +396,7 @@ static enum modal_status step_part(struct sparse_motion *m, struct modal_error *
             return rc;
         if (++steps > STEPS_MOST)
             return stalled(m, err);
-        error = leap_error(&m->part, m->weight, NULL) / (m->tolerance * m->scale);
+        error = leap_error(&m->part, m->weight, NULL) / (m->tolerance * part_scale(m));
         if (!(error <= 1)) {
             m->rejected++;
             want = m->part.h * fmin(factor_of(error), SAFETY);
@@ -505,7 +519,7 @@ static void choose_length(struct sparse_motion *m, double error)
     else if (m->done < PARTS_LEAST)
         m->most = fmax(m->most, m->whole.h) * LONGER;
     /* the whole's error says nothing of its parts, whose motion is as fast */
-    m->h = fmin(m->whole.h * factor_of(error), fmin(m->most, m->part_most));
+    m->h = fmin(m->whole.h * factor_of(error), fmin(fmin(m->most, m->part_most), m->radian));
     if (m->depth > DEPTH)
         m->depth--;                  /* a shorter leap needs less, by (1) */
 }
@@ -670,6 +684,9 @@ static enum modal_status start(struct sparse_motion *m, struct program *p,
     dofwise_fastest(p, &frequency, &decay);
     m->h = FIRST / fmax(fmax(frequency, decay), 1 / time->dt);
     m->most = HUGE_VAL;
+    /* where all stick no error tells how fast they are pulled */
+    m->radian = m->f->sliders > 0 ? dofwise_radian(p) : HUGE_VAL;
+    m->h = fmin(m->h, m->radian);
     m->depth = DEPTH;
     /* a slider put past its bound has followed */
     rc = choose_ways(m, err);

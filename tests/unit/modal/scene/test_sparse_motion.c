@@ -311,6 +311,27 @@ TEST(rigid_sliders_move_by_leaps_as_they_do_by_steps_of_the_whole)
     done(&steps);
 }
 
+/* Two loads that beat pull by more than is held for some tenths of a second half a minute on: until
+ * then nothing that moves says how long a leap may be. */
+TEST(a_slider_that_rests_and_slips_for_a_moment_is_not_leapt_over)
+{
+    char text[500];
+
+    for (int i = 0; i < 20; i++) {
+        snprintf(text, sizeof text, "{'structure':{'type':'chain','masses':[1],'springs':[1,1],"
+                 "'dampers':[0.03,0.03]},'effects':[{'type':'coulomb','dof':'x1','limit':%.3f}],"
+                 "'excitation':[{'dof':'x1','k':10,'cos':0.15},{'dof':'x1','k':11,'cos':-0.15}],"
+                 "'omega':%.2f,'time':{'duration':60,'dt':0.1}}", 0.28 + 0.001 * i,
+                 0.1 + 0.005 * i);
+        struct outcome leaps = run(text, sparse_motion, 0), steps = run(text, simulate, 0);
+        CHECK_STRING(leaps.s.integrator, "dormand-prince-8");
+        CHECK_STRING(steps.s.integrator, "exponential-collocation");
+        CHECK(apart(&leaps, &steps) < 1e-8);
+        done(&leaps);
+        done(&steps);
+    }
+}
+
 TEST(contacts_that_all_touch_at_times_of_their_own_cost_what_each_does)
 {
     static const char each[] = "{'type':'gap','dof':'x%d','stiffness':1000,'clearance':0.01}";

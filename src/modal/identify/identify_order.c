@@ -494,18 +494,23 @@ static enum modal_status climb_all(struct work *w, struct identify_result *out,
     return rc;
 }
 
+/* Is there nothing better than what came from above where work cut that off?  A ladder that explains
+ * little is no better for having ended; but the modes of a periodic system are looked for again. */
+static bool serves_unfinished(const struct work *w, double ladder)
+{
+    return w->many && w->rec.period == 0 && ladder > ORDER_POOR * safe_matrix_norm(w->data.Y);
+}
+
 /* Does what came from above explain much more than the ladder's choice?  What is not one set of
- * modes in white noise may draw noise, but never as much as that.  What work cut off says so, but a
- * ladder that explains little is no better for having ended. */
+ * modes in white noise may draw noise, but never as much as that. */
 static bool explains_more(const struct work *w, const struct order_choice *above)
 {
-    double worse = above->clean ? ORDER_WORSE : ORDER_DRAWN;
+    double worse = above->clean ? ORDER_WORSE : ORDER_DRAWN,
+           ladder = w->choice.chosen < 0 ? HUGE_VAL
+                  : w->choice.candidates[w->choice.chosen].fit.residual;
 
-    if (above->chosen < 0 || (above->limited && !w->many))
-        return false;
-    return w->choice.chosen < 0
-        || w->choice.candidates[w->choice.chosen].fit.residual
-               > worse * above->candidates[above->chosen].fit.residual;
+    return above->chosen >= 0 && (!above->limited || serves_unfinished(w, ladder))
+        && ladder > worse * above->candidates[above->chosen].fit.residual;
 }
 
 /* By the criterion, but no fit that did not converge before one that did. */

@@ -363,8 +363,8 @@ static enum modal_status stalled(const struct sparse_motion *m, struct modal_err
                       m->part.t, STEPS_MOST, m->whole.h);
 }
 
-/* m->scale, and what the part's step comes to where that is more: a slider that slips after all have
- * been at rest. */
+/* m->scale, and what the part's step comes to where that is more: a slider that slips after all
+ * have been at rest. */
 static double part_scale(const struct sparse_motion *m)
 {
     double scale = m->scale;

@@ -45,3 +45,13 @@ double numbers_modulus(const double complex *x, size_t count)
         most = fmax(most, cabs(x[i]));
     return most;
 }
+
+double complex numbers_row_dot(int count, const double complex *a, int lda,
+                               const double complex *b, int ldb)
+{
+    double complex sum = 0;
+
+    for (int i = 0; i < count; i++)
+        sum += conj(a[(size_t)i * (size_t)lda]) * b[(size_t)i * (size_t)ldb];
+    return sum;
+}

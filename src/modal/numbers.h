@@ -1,4 +1,4 @@
-/* numbers.h - an array of numbers in order, and its largest magnitude */
+/* numbers.h - an array of numbers in order, its largest magnitude, and rows of matrices */
 #ifndef MODAL_NUMBERS_H
 #define MODAL_NUMBERS_H
 #include <complex.h>
@@ -10,4 +10,10 @@ void numbers_sort(double *x, size_t count);
 /* max |x_i| of COUNT numbers, real or complex, those that are NAN passed over; 0 of none. */
 double numbers_largest(const double *x, size_t count);
 double numbers_modulus(const double complex *x, size_t count);
+
+/* sum conj(a_i) b_i of COUNT numbers, each LDA and LDB after the one before: rows of matrices by
+ * columns.  cblas_zdotc_sub of OpenBLAS 0.3.21 reads a number beyond the last of such rows, and
+ * ends the program where that is another page's; with a step of 1 it does not. */
+double complex numbers_row_dot(int count, const double complex *a, int lda,
+                               const double complex *b, int ldb);
 #endif

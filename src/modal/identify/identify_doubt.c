@@ -14,6 +14,7 @@
 #include "modal/identify/fit/stationary.h"
 #include "modal/identify/linear/exponents.h"
 #include "modal/linalg/svd.h"
+#include "modal/numbers.h"
 
 enum { NOISE_ROWS = 65536 };      /* asked whether they are noise: the first, where motion is */
 static const double
@@ -57,7 +58,7 @@ static bool shapes_differ(const struct synthesis *f, const double complex *lambd
         double bb = cblas_dznrm2(f->channels, f->coefficient + j, n);
         if (j == at || fabs(cimag(lambda[j]) / cimag(lambda[at]) - 1) > TREND_CLOSE)
             continue;
-        cblas_zdotc_sub(f->channels, f->coefficient + at, n, f->coefficient + j, n, &ab);
+        ab = numbers_row_dot(f->channels, f->coefficient + at, n, f->coefficient + j, n);
         /* the modal assurance criterion of two shapes */
         one = fmin(one, creal(ab * conj(ab)) / (aa * bb * bb));
     }

@@ -494,8 +494,9 @@ static enum modal_status climb_all(struct work *w, struct identify_result *out,
     return rc;
 }
 
-/* Is there nothing better than what came from above where work cut that off?  A ladder that explains
- * little is no better for having ended; but the modes of a periodic system are looked for again. */
+/* Is there nothing better than what came from above where work cut that off?  A ladder that
+ * explains little is no better for having ended; but the modes of a periodic system are looked for
+ * again. */
 static bool serves_unfinished(const struct work *w, double ladder)
 {
     return w->many && w->rec.period == 0 && ladder > ORDER_POOR * safe_matrix_norm(w->data.Y);

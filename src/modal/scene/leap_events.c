@@ -18,7 +18,7 @@ static const double GRID[] = { 1e-4, 0.05, 0.12, 0.2, 0.3, 0.4, 0.5, 0.6,
                                0.7,  0.8,  0.9,  1.0, 1.1, 1.2 };
 enum { POINTS = sizeof GRID / sizeof *GRID };
 enum { BISECTIONS = 60 };                      /* of a leap: down to one unit in the last place */
-enum { PARABOLAS = 6 };                        /* a smooth minimum to rounding: digits by 1.3 each */
+enum { PARABOLAS = 6 };                        /* to rounding of a minimum: digits by 1.3 each */
 static const double APART = 1e-14;             /* of a leap: closer, theta is rounding */
 static const double MOMENT = 2e-5;             /* of a leap: a fifth of the first grid point */
 enum { MEMORY_MOST = 1024 };                   /* doubles of a law, as in dofwise.c */

@@ -26,6 +26,7 @@
 #include "modal/identify/ask/trend.h"
 #include "modal/identify/linear/exponents.h"
 #include "modal/linalg/workspace.h"
+#include "modal/numbers.h"
 
 enum {
     POINTS = 256,                    /* 40 turns of what (1) has without its carrier */
@@ -80,10 +81,9 @@ static void amplitudes(struct drift *d, struct projected *p, const double *noise
 /* Have two poles one shape? */
 static bool alike(const struct drift *d, int i, int j)
 {
-    double complex ab;
+    double complex ab = numbers_row_dot(d->S, d->C + i, d->count, d->C + j, d->count);
     double norm = d->size[i] * d->size[j];
 
-    cblas_zdotc_sub(d->S, d->C + i, d->count, d->C + j, d->count, &ab);
     return norm > 0 && creal(ab * conj(ab)) > TREND_ONE_SHAPE * norm * norm;
 }
 

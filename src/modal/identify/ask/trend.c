@@ -29,6 +29,7 @@
 #include "modal/identify/linear/exponents.h"
 #include "modal/identify/linear/pencil.h"
 #include "modal/identify/order/order.h"
+#include "modal/numbers.h"
 
 enum {
     ORDERS = 2 * TREND_MODES,      /* of a window */
@@ -131,8 +132,8 @@ static bool one_shape(const struct synthesis *f, const struct trend_input *in, c
     for (int i = 0; i < count; i++)
         for (int j = 0; j < count; j++)
             for (int k = 0; k < count; k++) {
-                cblas_zdotc_sub(f->channels, f->coefficient + near[j], f->poles,
-                                f->coefficient + near[k], f->poles, &cc);
+                cc = numbers_row_dot(f->channels, f->coefficient + near[j], f->poles,
+                                     f->coefficient + near[k], f->poles);
                 P[i + count * j] += overlap(f, in, near[i], near[k]) * cc;
             }
     for (int i = 0; i < count; i++)

@@ -27,6 +27,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/identify/fit/criterion.h"
+#include "modal/numbers.h"
 
 enum {
     STEPS_EACH = 12,             /* of a fit on the way */
@@ -181,8 +182,7 @@ static double strongest(const double complex *M, int n, int columns, double comp
     double gain = 0;
 
     for (int i = 0; i < n; i++) {
-        cblas_zdotc_sub(columns, M + i, n, M, n, &p);
-        v[i] = conj(p) + (i == 0);
+        v[i] = numbers_row_dot(columns, M, n, M + i, n) + (i == 0);
     }
     for (int turn = 0; turn < TURNS; turn++) {
         double size = cblas_dznrm2(n, v, 1);

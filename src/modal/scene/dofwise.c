@@ -600,27 +600,29 @@ void dofwise_fastest(const struct program *p, double *frequency, double *decay)
     *decay = largest_row(&p->constant[PROGRAM_C], &p->constant[PROGRAM_M]);
 }
 
-/* Of one load, rad/s; a pulse's is that of its sine. */
-static double load_frequency(const struct program *p, const struct program_load *load)
+/* Of one load at t, rad/s; a pulse's is that of its sine, while it lasts. */
+static double load_frequency(const struct program *p, const struct program_load *load, double t)
 {
+    bool lasts = t >= load->start && t <= load->start + load->duration;
+
     switch (load->type) {
     case LOAD_HARMONIC:
         return fabs(program_load_frequency(p, load));
     case LOAD_HALF_SINE:
-        return M_PI / load->duration;
+        return lasts ? M_PI / load->duration : 0;
     case LOAD_ONE_MINUS_COSINE:
-        return 2 * M_PI / load->duration;
+        return lasts ? 2 * M_PI / load->duration : 0;
     default:
         return 0;
     }
 }
 
-double dofwise_radian(const struct program *p)
+double dofwise_radian(const struct program *p, double t)
 {
     double fastest = p->harmonics > 0 ? p->harmonic[p->harmonics - 1].k * fabs(p->omega) : 0;
 
     for (int l = 0; l < p->loads; l++)
-        fastest = fmax(fastest, load_frequency(p, &p->load[l]));
+        fastest = fmax(fastest, load_frequency(p, &p->load[l], t));
     return fastest > 0 ? 1 / fastest : HUGE_VAL;
 }
 

@@ -113,8 +113,9 @@ enum modal_status dofwise_pull(struct dofwise *f, int law, double t, const doubl
 /* What LAW, a rigid slider, holds against that, N. */
 double dofwise_holds(const struct dofwise *f, int law);
 
-/* s: a radian of the fastest that P's loads and matrices pulsate by; HUGE_VAL where none does. */
-double dofwise_radian(const struct program *p);
+/* s: a radian of the fastest that P's loads and matrices pulsate by at T; HUGE_VAL where none does.
+ */
+double dofwise_radian(const struct program *p, double t);
 
 /* Into WEIGHT, 2 n: what makes x and v the roots of energies, sqrt(K_ii) and sqrt(M_ii).  A dof
  * without stiffness has the softest that can be told from one; where none has any, 1 / DURATION is

@@ -608,6 +608,11 @@ static enum modal_status pass_corners(struct sparse_motion *m, int *corner, doub
             v[i] += m->f->solved[i];
     }
     *next = *corner < src->corners ? src->corner[*corner].t : HUGE_VAL;
+    /* where all sliders stick no error tells how fast they are pulled; pulses begin and end at
+     * corners */
+    if ((any || m->t == 0) && m->f->sliders > 0)
+        m->radian = dofwise_radian(m->f->p, (m->t + *next) / 2);
+    m->h = fmin(m->h, m->radian);
     if (any && m->f->sliders > 0)
         rc = choose_ways(m, err);
     return any && rc == MODAL_OK
@@ -684,9 +689,7 @@ static enum modal_status start(struct sparse_motion *m, struct program *p,
     dofwise_fastest(p, &frequency, &decay);
     m->h = FIRST / fmax(fmax(frequency, decay), 1 / time->dt);
     m->most = HUGE_VAL;
-    /* where all stick no error tells how fast they are pulled */
-    m->radian = m->f->sliders > 0 ? dofwise_radian(p) : HUGE_VAL;
-    m->h = fmin(m->h, m->radian);
+    m->radian = HUGE_VAL;
     m->depth = DEPTH;
     /* a slider put past its bound has followed */
     rc = choose_ways(m, err);

@@ -332,6 +332,27 @@ TEST(a_slider_that_rests_and_slips_for_a_moment_is_not_leapt_over)
     }
 }
 
+/* A blow of a millisecond bounds the leaps while it lasts. */
+TEST(a_short_pulse_costs_a_slider_no_steps_before_and_after_it)
+{
+    static const char *const pulses[] = {
+        "", ",{'dof':'x1','type':'half_sine','start':50,'duration':0.001,'amplitude':9}"
+    };
+    char text[500];
+    double steps[2];
+
+    for (int i = 0; i < 2; i++) {
+        snprintf(text, sizeof text, "{'structure':{'type':'chain','masses':[1],'springs':[1,1],"
+                 "'dampers':[0.03,0.03]},'effects':[{'type':'coulomb','dof':'x1','limit':0.1}],"
+                 "'excitation':[{'dof':'x1','k':1,'cos':0.3}%s],'omega':0.7,"
+                 "'time':{'duration':100,'dt':0.1}}", pulses[i]);
+        struct outcome o = run(text, sparse_motion, 0);
+        steps[i] = (double)o.s.steps;
+        done(&o);
+    }
+    CHECK(steps[1] < 1.5 * steps[0]);
+}
+
 TEST(contacts_that_all_touch_at_times_of_their_own_cost_what_each_does)
 {
     static const char each[] = "{'type':'gap','dof':'x%d','stiffness':1000,'clearance':0.01}";

@@ -14,6 +14,7 @@ import subprocess
 import time
 
 import pytest
+import zmq
 
 from wire import (BUILD, PATIENCE_S, Client, Daemon, crc32c, executed, identity, submit, until,
                   woken)
@@ -125,6 +126,64 @@ def test_version_and_check_config(tmp_path):
         out = run("--config", str(bad), "--check-config",
                   env={**os.environ, "XDG_RUNTIME_DIR": str(tmp_path)})
         assert out.returncode == 2 and said in out.stderr, (line, out)
+
+
+@pytest.mark.parametrize("lines, said", [
+    ("workers = 1\nbind = ipc://@/s\nworkers = 2", "c:4: workers stands in line 2 too"),
+    ("bind = tcp://127.0.0.1:99999", "a port from 0 to 65535"),
+    ("bind = tcp://127.0.0.1:-1", "a port from 0 to 65535"),
+    ("bind = tcp://127.0.0.1", "a port from 0 to 65535"),
+    ("worker_bind = tcp://127.0.0.1:65536", "a port from 0 to 65535"),
+    ("run_limit_s = 1e-10", "less than a nanosecond"),
+    ("windows_elsewhere_s = 4.9e-324", "less than a nanosecond"),
+    ("metrics_file = @/c", "something else in it"),
+    ("metrics_file = /dev/null", "is no file"),
+    ("metrics_file = @", "is no file"),
+    ("server_key = @/pair\nkeys = @/keys", "keys:3: the key of user \"ann\" stands here again"),
+])
+def test_a_setting_that_would_be_taken_for_another_is_refused(lines, said, tmp_path):
+    """Twice (the later was taken), a port beyond those there are (taken modulo 65536), a time that
+    is rounded to none (no limit), a file of metrics over one that is something else."""
+    key, other = (pair.decode() for pair in zmq.curve_keypair())
+    (tmp_path / "keys").write_text(f"{key} ann read\n{other} bob read\n{key} ann admin\n")
+    (tmp_path / "keys").chmod(0o600)
+    (tmp_path / "pair").touch()
+    c = tmp_path / "c"
+    c.write_text(f"data = {tmp_path}/d\n" + lines.replace("@", str(tmp_path)) + "\n")
+    out = run("--config", str(c), "--check-config",
+              env={**os.environ, "XDG_RUNTIME_DIR": str(tmp_path)})
+    assert out.returncode == 2 and said in out.stderr, out
+
+
+def test_an_endpoint_where_a_file_lies_is_refused_and_the_file_stays(tmp_path):
+    file = tmp_path / "results.csv"
+    file.write_text("1, 2\n")
+    out = run("--data", str(tmp_path / "d"), "--bind", f"ipc://{file}")
+    assert out.returncode == 2 and "something else than a socket" in out.stderr, out
+    assert file.read_text() == "1, 2\n"
+
+
+@pytest.mark.parametrize("name, value", [
+    ("WATCHDOG_USEC", "-400000"), ("WATCHDOG_USEC", "0"), ("WATCHDOG_USEC", ""),
+    ("WATCHDOG_USEC", "400000us"), ("WATCHDOG_USEC", "9223372036854775807"),
+    ("WATCHDOG_USEC", "18446744073709551616"), ("WATCHDOG_PID", "me")])
+def test_a_watchdog_s_time_that_is_none_is_refused_at_the_start(name, value, tmp_path):
+    env = {**os.environ, "WATCHDOG_USEC": "400000", name: value}
+    out = run("--data", str(tmp_path / "d"), "--bind", f"ipc://{tmp_path}/s", env=env)
+    assert out.returncode == 2 and f"${name} is" in out.stderr, out
+
+
+def test_the_watchdog_of_another_process_is_none_of_ours(tmp_path):
+    heard = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    heard.bind(str(tmp_path / "notify"))
+    heard.settimeout(PATIENCE_S)
+    env = {"NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "1000", "WATCHDOG_PID": "1"}
+    with Daemon(folder=tmp_path, config=FAKE, env=env) as d:
+        assert heard.recv(200).startswith(b"READY=1")
+        c = d.client()
+        c.ask("WAIT", job=submit(c)["job"], timeout_s=250)
+        d.process.send_signal(signal.SIGTERM)
+        assert heard.recv(200).startswith(b"STOPPING=1")
 
 
 def in_group(name, gid, tmp_path):

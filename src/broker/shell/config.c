@@ -15,6 +15,7 @@
 #include "store/file.h"
 #include <ctype.h>
 #include <errno.h>
+#include <fcntl.h>
 #include <grp.h>
 #include <math.h>
 #include <stddef.h>
@@ -32,6 +33,8 @@
 #define FILE_MOST 1048576        /* bytes of a file: keys of 10,000 users, 100 bytes each */
 #define LIMIT_MOST 1e15          /* a double below has all whole numbers, and bytes of a petabyte */
 #define NOT_SAID (-1)   /* of settings that are 0 or more */
+#define PORT_MOST 65535          /* 16 bits, RFC 9293 */
+#define NANOSECOND 1e-9          /* s */
 
 enum kind { TEXT, COUNT, BYTES, SECONDS, NANOSECONDS, MODE, SWITCH, BIND, ENTRY };
 
@@ -74,6 +77,8 @@ static const struct row {
     { "tombstone_age_s", NANOSECONDS, offsetof(struct config, settings.tombstone_age_ns), 1, 3e9 },
     { "upload_idle_s", NANOSECONDS, offsetof(struct config, settings.upload_idle_ns), 1, 3e9 },
 };
+
+enum { ROWS = sizeof rows / sizeof *rows };
 
 void config_init(struct config *c)
 {
@@ -136,6 +141,10 @@ static enum modal_status set_number(char *place, const struct row *row, const ch
     bool octal = row->kind == MODE && value[0] != 0 && value[strspn(value, "01234567")] == 0;
     double x = octal ? (double)strtol(value, NULL, 8) : row->kind == MODE ? NAN : quantity(value);
 
+    if (row->kind == NANOSECONDS && x > 0 && x < NANOSECOND)   /* it would be 0: no limit */
+        return modal_fail_field(err, MODAL_BAD_INPUT, row->key,
+                                "%s is \"%.60s\", less than a nanosecond; accepted: from %.15g to "
+                                "%.15g", row->key, value, fmax(row->low, NANOSECOND), row->high);
     if (!(x >= row->low && x <= row->high)
         || (row->kind != SECONDS && row->kind != NANOSECONDS && x != floor(x)))
         return modal_fail_field(err, MODAL_BAD_INPUT, row->key,
@@ -162,37 +171,42 @@ static enum modal_status add_endpoint(char list[BINDS_MOST][PATH_ROOM], int *cou
     return set_text(list[(*count)++], PATH_ROOM, key, value, err);
 }
 
+static int find_row(const char *key)
+{
+    for (int i = 0; i < ROWS; i++)
+        if (strcmp(rows[i].key, key) == 0)
+            return i;
+    return -1;
+}
+
 enum modal_status config_set(struct config *c, const char *key, const char *value,
                              struct modal_error *err)
 {
-    const char *names[sizeof rows / sizeof *rows + 1] = { NULL };
+    const char *names[ROWS + 1] = { NULL };
     char list[NEAR_ACCEPTED];
+    int at = find_row(key);
 
-    for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
-        const struct row *row = &rows[i];
-        char *place = (char *)c + row->at;
-
-        names[i] = row->key;
-        if (strcmp(row->key, key) != 0)
-            continue;
-        if (row->kind == BIND)
-            return add_endpoint(c->bind, &c->bind_count, key, value, err);
-        if (row->kind == ENTRY)
-            return add_endpoint(c->worker_bind, &c->worker_bind_count, key, value, err);
-        if (row->kind == TEXT)
-            return set_text(place, row->low > 0 ? sizeof c->worker_user : PATH_ROOM, key, value,
-                            err);
-        if (row->kind == SWITCH) {
-            if (strcmp(value, "on") != 0 && strcmp(value, "off") != 0)
-                return modal_fail_field(err, MODAL_BAD_INPUT, key,
-                                        "%s is \"%.60s\"; accepted: on, off", key, value);
-            *(bool *)place = strcmp(value, "on") == 0;
-            return MODAL_OK;
-        }
-        return set_number(place, row, value, err);
+    if (at < 0) {
+        for (int i = 0; i < ROWS; i++)
+            names[i] = rows[i].key;
+        near_accepted(key, names, list);
+        return modal_fail_field(err, MODAL_BAD_INPUT, key, "unknown key \"%.60s\"%s", key, list);
     }
-    near_accepted(key, names, list);
-    return modal_fail_field(err, MODAL_BAD_INPUT, key, "unknown key \"%.60s\"%s", key, list);
+    char *place = (char *)c + rows[at].at;
+    switch (rows[at].kind) {
+    case BIND: return add_endpoint(c->bind, &c->bind_count, key, value, err);
+    case ENTRY: return add_endpoint(c->worker_bind, &c->worker_bind_count, key, value, err);
+    case TEXT:
+        return set_text(place, rows[at].low > 0 ? sizeof c->worker_user : PATH_ROOM, key, value,
+                        err);
+    case SWITCH:
+        if (strcmp(value, "on") != 0 && strcmp(value, "off") != 0)
+            return modal_fail_field(err, MODAL_BAD_INPUT, key,
+                                    "%s is \"%.60s\"; accepted: on, off", key, value);
+        *(bool *)place = strcmp(value, "on") == 0;
+        return MODAL_OK;
+    default: return set_number(place, &rows[at], value, err);
+    }
 }
 
 /* ---- files ----------------------------------------------------------------------------------- */
@@ -265,11 +279,27 @@ static bool split(char *line, char **key, char **value)
     return true;
 }
 
+/* The KEY of line NUMBER is in LINES, but it may stand in several; else the later one would be
+ * taken without a word. */
+static enum modal_status check_first(int lines[ROWS], const char *key, int number,
+                                     struct modal_error *err)
+{
+    int row = find_row(key);
+
+    if (row < 0 || rows[row].kind == BIND || rows[row].kind == ENTRY)
+        return MODAL_OK;
+    if (lines[row] > 0)
+        return modal_fail_field(err, MODAL_BAD_INPUT, key, "%s stands in line %d too; accepted: "
+                                "once", key, lines[row]);
+    lines[row] = number;
+    return MODAL_OK;
+}
+
 enum modal_status config_read(struct config *c, const char *file, struct modal_error *err)
 {
     char *text, *at, *line, *key, *value;
     size_t length;
-    int number = 0;
+    int number = 0, lines[ROWS] = { 0 };
     bool first_bind = true;
     struct modal_error why;
     enum modal_status rc = get_text(file, "config", &text, &length, err);
@@ -289,7 +319,9 @@ enum modal_status config_read(struct config *c, const char *file, struct modal_e
             c->bind_count = 0;                     /* the file's endpoints, not the ones before */
             first_bind = false;
         }
-        rc = config_set(c, key, value, &why);
+        rc = check_first(lines, key, number, &why);
+        if (rc == MODAL_OK)
+            rc = config_set(c, key, value, &why);
         if (rc != MODAL_OK)
             modal_fail_field(err, rc, why.field, "%s:%d: %s", file, number, why.message);
     }
@@ -365,6 +397,11 @@ static enum modal_status read_key(struct config *c, char *line, const char *file
                                 "%s:%d: the first word is not a public key of 40 signs", file,
                                 number);
     strcpy(account.key, word);
+    for (size_t i = 0; i < c->account_count; i++)
+        if (strcmp(c->accounts[i].key, word) == 0)
+            return modal_fail_field(err, MODAL_BAD_INPUT, "keys", "%s:%d: the key of user \"%s\" "
+                                    "stands here again; accepted: one line a key", file, number,
+                                    c->accounts[i].user);
     word = strtok_r(NULL, " \t\r", &rest);
     if (word == NULL || strlen(word) >= NAME_MOST || strpbrk(word, "\"\\=") != NULL)
         return modal_fail_field(err, MODAL_BAD_INPUT, "keys",
@@ -453,6 +490,17 @@ enum modal_status config_server_keys(const struct config *c, char public[41], ch
 
 /* ---- what belongs together ------------------------------------------------------------------- */
 
+/* Where ENDPOINT ends in a port that there is, or `*`: else libzmq takes one modulo 65536. */
+static bool has_port(const char *endpoint)
+{
+    const char *port = strrchr(endpoint, ':') + 1;
+    size_t digits = strspn(port, "0123456789");
+
+    if (strcmp(port, "*") == 0)
+        return true;
+    return digits > 0 && port[digits] == 0 && strtod(port, NULL) <= PORT_MOST;
+}
+
 static bool is_loopback(const char *endpoint)
 {
     return strncmp(endpoint, "tcp://127.", 10) == 0 || strncmp(endpoint, "tcp://[::1]:", 12) == 0
@@ -463,9 +511,10 @@ static enum modal_status check_bind(const char *endpoint, bool keys, struct moda
 {
     bool ipc = strncmp(endpoint, "ipc://", 6) == 0, tcp = strncmp(endpoint, "tcp://", 6) == 0;
 
-    if (!ipc && !tcp)
+    if (!ipc && (!tcp || !has_port(endpoint)))
         return modal_fail_field(err, MODAL_BAD_INPUT, "bind",
-                                "\"%.200s\"; accepted: ipc://PATH, tcp://HOST:PORT", endpoint);
+                                "\"%.200s\"; accepted: ipc://PATH, tcp://HOST:PORT with a port "
+                                "from 0 to 65535, or * for any", endpoint);
     if (ipc && strlen(endpoint) - 6 > SOCKET_PATH_MOST)
         return modal_fail_field(err, MODAL_BAD_INPUT, "bind",
                                 "\"%.200s\": the path of a socket has at most 107 bytes", endpoint);
@@ -483,14 +532,40 @@ static enum modal_status check_bind(const char *endpoint, bool keys, struct moda
 static enum modal_status check_worker_bind(const char *endpoint, bool keys,
                                            struct modal_error *err)
 {
-    if (strncmp(endpoint, "tcp://", 6) != 0)
+    if (strncmp(endpoint, "tcp://", 6) != 0 || !has_port(endpoint))
         return modal_fail_field(err, MODAL_BAD_INPUT, "worker_bind",
-                                "\"%.200s\"; accepted: tcp://HOST:PORT", endpoint);
+                                "\"%.200s\"; accepted: tcp://HOST:PORT with a port from 0 to "
+                                "65535, or * for any", endpoint);
     if (!keys)
         return modal_fail_field(err, MODAL_BAD_INPUT, "worker_bind",
                                 "\"%.200s\": without keys everyone who reaches the port would be "
                                 "given jobs and believed; accepted: with server_key and keys",
                                 endpoint);
+    return MODAL_OK;
+}
+
+/* It is written over every metrics_s seconds: nothing else may lie there. */
+static enum modal_status check_metrics(const char *file, struct modal_error *err)
+{
+    static const char first[] = "# HELP modald_";
+    struct modal_error why;
+    char begin[sizeof first];
+    size_t got = 0;
+    int fd = -1;
+    enum modal_status rc = file_open(file, O_RDONLY, 0, &fd, &why);
+
+    if (rc == MODAL_NOT_FOUND)
+        return MODAL_OK;
+    if (rc == MODAL_OK) {
+        rc = file_read(fd, begin, sizeof first - 1, 0, &got, &why);
+        close(fd);
+    }
+    if (rc != MODAL_OK)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "metrics_file", "%s", why.message);
+    if (got > 0 && (got < sizeof first - 1 || memcmp(begin, first, got) != 0))
+        return modal_fail_field(err, MODAL_BAD_INPUT, "metrics_file", "%s has something else in "
+                                "it, which would be lost; accepted: no file, an empty one, or "
+                                "one with modald's metrics", file);
     return MODAL_OK;
 }
 
@@ -543,6 +618,8 @@ enum modal_status config_finish(struct config *c, struct modal_error *err)
         rc = check_bind(c->bind[i], keys, err);
     for (int i = 0; rc == MODAL_OK && i < c->worker_bind_count; i++)
         rc = check_worker_bind(c->worker_bind[i], keys, err);
+    if (rc == MODAL_OK && c->metrics_file[0] != 0)
+        rc = check_metrics(c->metrics_file, err);
     if (rc == MODAL_OK && keys)
         rc = read_keys(c, err);
     if (rc != MODAL_OK)

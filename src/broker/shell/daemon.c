@@ -102,12 +102,17 @@ static enum modal_status bind_one(void *socket, const char *endpoint, int mode,
                                   struct modal_error *err)
 {
     bool ipc = strncmp(endpoint, "ipc://", 6) == 0;
+    struct stat there;
     mode_t mask;
     int rc;
 
     if (ipc && somebody_listens(endpoint + 6))
         return modal_fail_field(err, MODAL_BUSY, "bind", "%s: another daemon listens there",
                                 endpoint);
+    /* libzmq removes what is there */
+    if (ipc && lstat(endpoint + 6, &there) == 0 && !S_ISSOCK(there.st_mode))
+        return modal_fail_field(err, MODAL_BAD_INPUT, "bind", "%s: there is something else than a "
+                                "socket, which would be lost", endpoint);
     mask = umask(0177);                            /* nobody else, until the mode is set */
     rc = zmq_bind(socket, endpoint);
     umask(mask);
@@ -375,8 +380,10 @@ static enum modal_status start_pool(struct daemon *d, struct modal_error *err)
 
 static enum modal_status begin(struct daemon *d, struct modal_error *err)
 {
-    enum modal_status rc = open_signals(d, err);
+    enum modal_status rc = notify_watchdog(&d->watchdog_ns, err);
 
+    if (rc == MODAL_OK)
+        rc = open_signals(d, err);
     if (rc == MODAL_OK)
         rc = raise_descriptors(d->config, err);
     accept_most(d->config->connections);
@@ -491,7 +498,6 @@ int daemon_run(struct config *config, config_again *again, void *context)
         status = modal_status_exit(err.status) == 2 ? 2 : 1;
     } else {
         log_ready(config);
-        d->watchdog_ns = notify_watchdog_ns();
         notify_manager("READY=1\nSTATUS=serving");
         loop_run(d);
         status = d->status;

@@ -1,11 +1,16 @@
 /* notify.c - see notify.h */
 #include "broker/shell/notify.h"
+#include <ctype.h>
+#include <errno.h>
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/socket.h>
 #include <sys/un.h>
 #include <unistd.h>
+
+#define YEAR_US (INT64_C(366) * 86400 * 1000000)   /* added to any clock in ns it is in range */
 
 void notify_manager(const char *state)
 {
@@ -27,11 +32,34 @@ void notify_manager(const char *state)
     close(fd);
 }
 
-int64_t notify_watchdog_ns(void)
+/* A whole number from 1 to MOST. */
+static bool read_count(const char *text, int64_t most, int64_t *out)
 {
-    const char *usec = getenv("WATCHDOG_USEC"), *pid = getenv("WATCHDOG_PID");
+    char *end;
 
-    if (usec == NULL || (pid != NULL && strtoll(pid, NULL, 10) != getpid()))
-        return 0;
-    return strtoll(usec, NULL, 10) * 500;
+    if (!isdigit((unsigned char)text[0]))
+        return false;
+    errno = 0;
+    *out = strtoll(text, &end, 10);
+    return errno == 0 && *end == 0 && *out >= 1 && *out <= most;
+}
+
+enum modal_status notify_watchdog(int64_t *ns, struct modal_error *err)
+{
+    static const int64_t half_ns = 500;            /* of a microsecond */
+    const char *usec = getenv("WATCHDOG_USEC"), *pid = getenv("WATCHDOG_PID");
+    int64_t us, process = getpid();
+
+    *ns = 0;
+    if (usec == NULL)
+        return MODAL_OK;
+    if (pid != NULL && !read_count(pid, INT32_MAX, &process))
+        return modal_fail_field(err, MODAL_BAD_INPUT, "WATCHDOG_PID", "$WATCHDOG_PID is \"%.60s\"; "
+                                "accepted: the number of a process", pid);
+    if (!read_count(usec, YEAR_US, &us))
+        return modal_fail_field(err, MODAL_BAD_INPUT, "WATCHDOG_USEC", "$WATCHDOG_USEC is "
+                                "\"%.60s\"; accepted: microseconds, a whole number from 1 to %lld",
+                                usec, (long long)YEAR_US);
+    *ns = process == getpid() ? us * half_ns : 0;
+    return MODAL_OK;
 }

@@ -7,6 +7,7 @@
 #include "broker/core/inputs.h"
 #include "broker/verbs/streams.h"
 #include "broker/verbs/verbs.h"
+#include "broker/verbs/window_turns.h"
 #include <stdlib.h>
 #include <string.h>
 
@@ -117,13 +118,14 @@ void window_load_told(struct core *c, const struct note_record *r)
     struct stream *s = stream_by_id(c, strtoll(r->name, NULL, 10));
     cJSON *text = NULL;
     const char *verdict = NULL, *tracks = NULL;
-    double epoch = -1, next = 0, told = 0;
+    double epoch = -1, next = 0, told = 0, round = 0;
 
     if (json_read(r->text, strlen(r->text), &text, NULL) != MODAL_OK)
         return;
     json_get_number(text, "", "epoch", 0, WIRE_INTEGER_MOST, &epoch, NULL);
     json_get_number(text, "", "next", 0, WIRE_INTEGER_MOST, &next, NULL);
     json_get_number(text, "", "told", 0, WIRE_INTEGER_MOST, &told, NULL);
+    json_get_number(text, "", "round", 0, WIRE_INTEGER_MOST, &round, NULL);
     verdict = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(text, "verdict"));
     tracks = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(text, "tracks"));
     if (s != NULL && (double)s->epoch == epoch) {
@@ -132,6 +134,8 @@ void window_load_told(struct core *c, const struct note_record *r)
         s->window.told_epoch = s->epoch;
         s->window.told = (uint64_t)told;
     }
+    if (s != NULL)
+        turn_recall(c, s, (int64_t)round);
     if (s != NULL && tracks != NULL)
         take_tracks(s, tracks);
     cJSON_Delete(text);

@@ -22,6 +22,8 @@ struct segment { uint64_t epoch, first, count; };
 struct window {
     uint64_t samples, hop;                /* 0: the stream has none */
     uint64_t next;                        /* the index at which one is due */
+    bool first;                           /* that is the first one of samples without a gap */
+    uint64_t waits_from;                  /* what was durable when it began to wait for a worker */
     char *options;
     char *recent;                         /* the last durable ones, by index % samples */
     struct alarms *alarms;                /* NULL: none */

@@ -1,12 +1,12 @@
 /*
  * window_turns.c - whose window is next where there are more than workers
  *
- * Each stream whose window is due gets its newest one in its turn.  Turns go round by round: who
- * waits gets a window before anybody gets two, so that no stream has more than its share, whatever
- * the order within a round.  That is free, and a window goes rather to the worker that had the one
- * before: that gets only what is new.  So each worker has a list of those that it is to go on with,
- * and a turn looks at the first of each list alone, however many wait.  Another worker that has
- * nothing else to do takes the first of a list whose worker
+ * Each stream whose window is due gets its newest one in its turn.  Turns go round by round, over a
+ * restart, too: who waits gets a window before anybody gets two, so that no stream has more than
+ * its share, whatever the order within a round.  That is free, and a window goes rather to the
+ * worker that had the one before: that gets only what is new.  So each worker has a list of those
+ * that it is to go on with, and a turn looks at the first of each list alone, however many wait.
+ * Another worker that has nothing else to do takes the first of a list whose worker
  *
  *   - is not to have windows any more,
  *   - has let the next window of that stream come due as well, or
@@ -24,8 +24,10 @@ bool window_is_due(struct stream *s)
 
     if (w->samples == 0 || w->recent == NULL || s->durable_epoch != s->epoch || s->durable < least)
         return false;
-    if (w->next < least)
+    if (w->next < least) {
         w->next = least;
+        w->first = true;
+    }
     return s->durable >= w->next;
 }
 
@@ -162,6 +164,13 @@ struct stream *turn_take(struct core *c, int slot)
     s = first_out(c, list);
     s->window.round = slots->round;
     return s;
+}
+
+void turn_recall(struct core *c, struct stream *s, int64_t round)
+{
+    s->window.round = round;
+    if (round > c->slots->round)
+        c->slots->round = round;
 }
 
 void turns_free(struct core *c, int slot)

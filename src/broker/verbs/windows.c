@@ -173,6 +173,7 @@ void window_keep(struct stream *s, const struct segment_record *segment)
 void window_reset(struct stream *s)
 {
     s->window.next = s->window.here = 0;
+    s->window.waits_from = UINT64_MAX;
     s->window.slot = -1;
     alarms_reset(s->window.alarms);
 }
@@ -221,14 +222,29 @@ void window_offer(struct core *c, struct stream *s)
 
     if (w->queued || w->running)
         return;
-    if (window_is_due(s))
+    if (window_is_due(s)) {
+        w->waits_from = s->durable;
         turn_wait(c, s);
-    else if (s->closed && !w->reading && window_is_untold(s))
+    } else if (s->closed && !w->reading && window_is_untold(s))
         read_last(c, s);
     else if (s->closed) {                          /* no more will come */
         free(w->recent);
         w->recent = NULL;
     }
+}
+
+/* The next window of W is due a hop after the one that is cut of samples up to DURABLE.  Streams
+ * that begin together, as the runs of one job do, have their first windows due together, and the
+ * last would wait nearly a hop for a worker, each time anew: whatever holds it up then, it is left
+ * out.  So hops count from where the first one had its turn, and each stream's next are due when
+ * that of the one before it is done. */
+static void await_next(struct window *w, uint64_t durable)
+{
+    uint64_t waits_from = w->waits_from > w->next ? w->waits_from : w->next;
+    uint64_t waited = w->first && waits_from < durable ? durable - waits_from : 0;
+
+    w->next += ((durable - waited - w->next) / w->hop + 1) * w->hop + waited;
+    w->first = false;
 }
 
 /* The window that is due, as raw samples from *FIRST on: those before KNOWN are where they are
@@ -248,7 +264,7 @@ static struct blob *cut_window(struct core *c, struct stream *s, uint64_t known,
     for (uint64_t i = 0; i < count; i++)
         memcpy(data + i * size, w->recent + (*first + i) % w->samples * size, size);
     skipped = (s->durable - w->next) / w->hop;
-    w->next += (skipped + 1) * w->hop;
+    await_next(w, s->durable);
     w->skipped += skipped;
     w->skipped_all += skipped;
     c->slots->windows_skipped += (int64_t)skipped;
@@ -550,8 +566,8 @@ void window_keep_verdict(struct core *c, const struct stream *s, struct transact
         input_judge(c, s->batch, s->window.verdict, t);
 }
 
-/* Which one is due next, what the last one said and what is known of tracks, for a daemon that
- * starts again: one row, as each is a page of the log. */
+/* Which one is due next, what the last one said, in which round of turns it was and what is known
+ * of tracks, for a daemon that starts again: one row, as each is a page of the log. */
 static void note_told(const struct stream *s, struct transaction *t)
 {
     const struct window *w = &s->window;
@@ -565,6 +581,7 @@ static void note_told(const struct stream *s, struct transaction *t)
     json_text_number(&text, "epoch", (double)w->epoch);
     json_text_number(&text, "next", (double)w->next);
     json_text_number(&text, "told", (double)w->told);
+    json_text_number(&text, "round", (double)w->round);
     json_text_string(&text, "verdict", w->verdict);
     if (w->tracks != NULL)
         json_text_string(&text, "tracks", w->tracks);
@@ -667,13 +684,14 @@ static void try_again(struct core *c, struct stream *s)
     window_offer(c, s);
 }
 
-/* All that the worker of SLOT has are due again; ALONE: and each by itself. */
-static void give_back(struct core *c, int slot, bool alone)
+/* All that the worker of SLOT had are due again; DIED: of any of them, each by itself. */
+static void give_back(struct core *c, int slot, bool died)
 {
     while (c->slots->at[slot].live != NULL) {
         struct stream *s = leave(c, slot);
         s->window.slot = -1;
-        s->window.alone |= alone;
+        s->window.alone |= died;
+        s->window.died += died;
         try_again(c, s);
     }
 }

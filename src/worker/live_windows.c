@@ -10,6 +10,7 @@
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 #include "job/live.h"
 #include "wire/protocol.h"
 
@@ -21,6 +22,7 @@ struct window {
     double epoch, next;           /* next: the index of the first sample that is not here */
     struct live *live;
     size_t bytes;
+    int64_t took_ms;              /* the last one */
 };
 
 struct live_windows {
@@ -74,13 +76,13 @@ static enum modal_status read_asked(const cJSON *live, struct asked *a, struct m
     return rc;
 }
 
-/* NULL: it is not here. */
-static struct window *find(struct live_windows *windows, const char *stream)
+/* Its place; -1: it is not here. */
+static int find(const struct live_windows *windows, const char *stream)
 {
     for (int i = 0; i < windows->count; i++)
         if (strcmp(windows->all[i].stream, stream) == 0)
-            return &windows->all[i];
-    return NULL;
+            return i;
+    return -1;
 }
 
 /* Room for one more of BYTES (xorshift64*). */
@@ -135,7 +137,8 @@ static enum modal_status go_on(struct window *w, const struct asked *a, const st
 static struct window *find_for(struct live_windows *windows, const struct asked *a,
                                const struct batch *batch)
 {
-    struct window *w = find(windows, a->stream);
+    const int at = find(windows, a->stream);
+    struct window *w = at < 0 ? NULL : &windows->all[at];
     bool follows = w != NULL && w->next == a->to + 1 - (double)batch->samples;
 
     if (w == NULL || (w->epoch == a->epoch && (follows || batch->samples == (size_t)a->window)))
@@ -144,10 +147,27 @@ static struct window *find_for(struct live_windows *windows, const struct asked 
     return NULL;
 }
 
+static int64_t now_ms(void)
+{
+    struct timespec now;
+
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return (int64_t)now.tv_sec * 1000 + now.tv_nsec / 1000000;
+}
+
+int64_t live_windows_took_ms(const struct live_windows *windows, const cJSON *live)
+{
+    struct asked a = { 0 };
+    const int at = read_asked(live, &a, NULL) == MODAL_OK ? find(windows, a.stream) : -1;
+
+    return at < 0 ? INT64_MAX : windows->all[at].took_ms;
+}
+
 enum modal_status live_windows_run(struct live_windows *windows, const cJSON *live,
                                    const cJSON *options, const struct batch *batch,
                                    cJSON **document, struct modal_error *err)
 {
+    const int64_t begun_ms = now_ms();
     struct asked a = { 0 };
     struct window *w = NULL;
     enum modal_status rc = read_asked(live, &a, err);
@@ -159,9 +179,10 @@ enum modal_status live_windows_run(struct live_windows *windows, const cJSON *li
     if (rc == MODAL_OK)
         rc = live_next(w->live, (uint64_t)a.epoch, (uint64_t)a.to, batch->signals, batch->samples,
                        document, err);
-    if (w != NULL && rc == MODAL_OK)
+    if (w != NULL && rc == MODAL_OK) {
         w->next = a.to + 1;
-    else if (w != NULL)
+        w->took_ms = now_ms() - begun_ms;
+    } else if (w != NULL)
         forget(windows, w);
     return rc;
 }

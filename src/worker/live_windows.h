@@ -1,6 +1,7 @@
 /* live_windows.h - the live windows that a worker keeps between one RUN and the next */
 #ifndef WORKER_LIVE_WINDOWS_H
 #define WORKER_LIVE_WINDOWS_H
+#include <stdint.h>
 #include "modal/batch.h"
 #include "base/error.h"
 #include "base/json.h"
@@ -33,4 +34,7 @@ void live_windows_free(struct live_windows *windows);
 enum modal_status live_windows_run(struct live_windows *windows, const cJSON *live,
                                    const cJSON *options, const struct batch *batch,
                                    cJSON **document, struct modal_error *err);
+/* ms of real time that the last window took of the stream that LIVE, as above, names; INT64_MAX:
+ * none of it is here. */
+int64_t live_windows_took_ms(const struct live_windows *windows, const cJSON *live);
 #endif

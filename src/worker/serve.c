@@ -423,6 +423,17 @@ static void name_limit(struct modal_error *why, uint64_t memory)
                  "; a worker has at most %llu bytes (worker_memory)", (unsigned long long)memory);
 }
 
+/* LIVE is to run next: what is kept waits no longer than it may for one that takes long, or that
+ * nobody knows. */
+static enum modal_status go_before(struct run *run, const struct live_windows *windows,
+                                   const cJSON *live, struct modal_error *err)
+{
+    const int64_t since_ms = link_kept_ms(run->link);
+
+    return since_ms != 0 && live_windows_took_ms(windows, live) > since_ms + KEPT_MS - now_ms()
+               ? link_let_go(run->link, err) : MODAL_OK;
+}
+
 static enum modal_status run_job(struct run *run, struct live_windows *windows,
                                  const struct wire_message *message, struct modal_error *err)
 {
@@ -433,6 +444,9 @@ static enum modal_status run_job(struct run *run, struct live_windows *windows,
 
     live = cJSON_GetObjectItemCaseSensitive(run->header, "live");
     if (rc == MODAL_OK && live != NULL && run->scene == NULL) {
+        const enum modal_status sent = go_before(run, windows, live, err);
+        if (sent != MODAL_OK)
+            return sent;
         rc = live_windows_run(windows, live, run->options, &run->batch, &result.result, &why);
     } else if (rc == MODAL_OK) {
         struct job_request request = {

@@ -6,6 +6,7 @@ import json
 import math
 import os
 import pathlib
+import random
 import shutil
 import signal
 import socket
@@ -312,6 +313,37 @@ def test_identify_gives_the_same_document_from_a_mapped_file_and_from_the_messag
         assert abs(mode["exponent"][0] + 0.1) < 1e-9 and abs(abs(mode["exponent"][1]) - 6.0) < 1e-9
         found.append([document["modes"], document["rank"]])
     assert found[0] == found[1]
+
+
+def window(stream, attempt, channels, first, count, size):
+    """RUN's header and body as the daemon sends a live window: COUNT samples of noise from FIRST on
+    of STREAM."""
+    body = random.Random(f"{stream} {first}").randbytes(count * channels)
+    return ({"job": "live", "attempt": attempt, "kind": "identify",
+             "options": {"rank.fixed": 4}, "run_limit_s": 60,
+             "live": {"stream": stream, "epoch": 0, "to": first + count - 1, "window": size,
+                      "hop": 8},
+             "input": {"content": "batch", "samples": count, "channels": channels, "dt": 0.01}},
+            struct.pack(f"<{count * channels}d", *body))
+
+
+@pytest.mark.parametrize("last", [("long", 2000, 8), ("other", 0, 2000)])
+def test_the_end_of_a_window_does_not_wait_for_one_that_takes_long_after_it(daemon, last):
+    """Two of 2000 x 40, behind them one of 50 x 2, then one like the first, which its worker has
+    had or has not; all are there before the short one begins.  Once the ends of the last two came
+    together."""
+    stream, first, count = last
+    runs = [window(name, k + 1, 40, 0, 2000, 2000) for k, name in enumerate(["long", "a"])]
+    runs += [window("short", 3, 2, 0, 50, 50), window(stream, 4, 40, first, count, 2000)]
+    daemon.next("READY")
+    for run in runs:
+        daemon.send("RUN", *run)
+    times, used = {}, {}
+    while len(times) < len(runs):
+        _, header, _ = daemon.next("DONE")
+        times[header["attempt"]], used[header["attempt"]] = time.monotonic(), header["cpu_s"]
+    assert list(times) == [1, 2, 3, 4] and used[4] > 0.02
+    assert times[4] - times[3] > used[4] / 2
 
 
 def test_the_signals_of_simulate_come_in_parts_of_at_most_a_mebibyte(daemon):

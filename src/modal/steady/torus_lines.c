@@ -4,16 +4,18 @@
  * A record has N samples a turn of the leading tone, t = 2 pi (r + m / N) / w_lead.  Combinations
  * that differ by the leading tone alone are a row: from turn to turn, at any m, they go on alike,
  *
- *     x(r, m) = Re sum_rows z_row(m) e^{2 pi i s rho},   rho = r - turns / 2,                   (1)
+ *     x(r, m) = Re sum_rows z_row(m) e^{2 pi i s rho},   rho = r - (turns - 1) / 2,             (1)
  *     s = sum_j k_j nu_j of the other tones j,
  *
  * and z is N samples of what the row's own lines sum to within a turn,
  *
- *     z(m) = sum_lead Y e^{2 pi i (lead + s) m / N},                                            (2)
+ *     z(m) = e^{-pi i s} sum_lead Y e^{2 pi i (lead + s) m / N},                                (2)
  *
- * Y a line as it stands in the record's middle.  (1) is least squares of two columns a row, cosine
- * and sine, whose products are known in closed form and the same for all m; (2) is a transform.
- * Where 2 s is a whole number a row is its own mirror, real, and one column.
+ * Y a line as it stands turns / 2 from the record's begin.  (1) is least squares of two columns a
+ * row, cosine and minus sine, whose products are known in closed form and the same for all m; (2)
+ * is a transform.  About the middle of the turns cosines are even and sines odd, of no product with
+ * each other, and so each kind has a factor of its own.  Where 2 s is a whole number a row is its
+ * own mirror, real, and one of its columns is 0.
  *
  * Rows are taken by rising order.  One of which all but TOLD of its square is in those before it
  * is left out, and what its lines are is told as theirs: what no line explains would stand in it
@@ -72,8 +74,11 @@ static const double WAVE = 1.2;           /* budget.h: of a sample and a row, tw
 static const double READ = 3;             /* passes of a record that has not settled, most often */
 static const double FACTOR = 0.4;         /* of a factor of them, times its rows' cube */
 
-/* A row: its place, whole turns of s and the rest, and its first column. */
-struct torus_row { int row, whole, at; double s; bool real; };
+/* The columns of a row, by kind. */
+enum { COSINE, SINE, KINDS };
+
+/* A row: its place, whole turns of s and the rest, and its column of each kind; -1: none. */
+struct torus_row { int row, whole, at[KINDS]; double s; bool real; };
 
 /* A line of a row, of combination k as torus.h's (1) has it. */
 struct line { struct torus_index k; double size; int told, bin; bool flipped; };
@@ -123,8 +128,14 @@ static void fill_wave(double s, double first, double step, int count, double com
             wave[n] = turned(wave[n - 1], turn);
 }
 
+/* +-1: e^{2 pi i whole rho}, rho of (1). */
+static int sign_of(const struct torus_sheet *a, int whole)
+{
+    return whole * (a->turns - 1) % 2 == 0 ? 1 : -1;
+}
+
 /* The mean of e^{2 pi i s rho} over the record's turns, under (3) where it has not settled. */
-static double complex mean_at(const struct torus_sheet *a, double s)
+static double mean_at(const struct torus_sheet *a, double s)
 {
     double f = M_PI * (s - round(s)), sum = 0;
     int highest = a->settled ? 0 : 2;
@@ -134,32 +145,36 @@ static double complex mean_at(const struct torus_sheet *a, double s)
 
         sum += HARMONIC[abs(j)] * (g == 0 ? 1 : sin(a->turns * g) / (a->turns * sin(g)));
     }
-    return CMPLX(cos(f) * sum, -sin(f) * sum);
+    return sign_of(a, (int)lround(s)) * sum;
 }
 
-/* That of ROW's s + SIGN WITH's.  Of one other tone it is its s times a whole number, and as many
- * means are known. */
-static double complex mean_wave(const struct torus_sheet *a, const struct torus_row *row, int sign,
-                                const struct torus_row *with)
+/* That of ROW's s + SIGN WITH's.  Of one other tone both are a whole number of its, less whole
+ * turns, and as many means are known. */
+static double mean_wave(const struct torus_sheet *a, const struct torus_row *row, int sign,
+                        const struct torus_row *with)
 {
-    int k = row->row + sign * with->row;
-
     if (a->others[1] >= 0)
         return mean_at(a, row->s + sign * with->s);
-    return k < 0 ? conj(a->mean[-k]) : a->mean[k];
+    return sign_of(a, row->whole + with->whole) * a->mean[abs(row->row + sign * with->row)];
 }
 
-/* The mean products of columns of ROW and WITH, cosine and minus sine: into TO [of row][of
- * with]. */
+/* The mean products of columns of ROW and WITH, of each kind. */
 static void products(const struct torus_sheet *a, const struct torus_row *row,
-                     const struct torus_row *with, double to[2][2])
+                     const struct torus_row *with, double to[KINDS])
 {
-    double complex less = mean_wave(a, row, -1, with), more = mean_wave(a, row, 1, with);
+    double less = mean_wave(a, row, -1, with), more = mean_wave(a, row, 1, with);
 
-    to[0][0] = 0.5 * (creal(less) + creal(more));
-    to[1][1] = 0.5 * (creal(less) - creal(more));
-    to[0][1] = -0.5 * (cimag(more) - cimag(less));
-    to[1][0] = -0.5 * (cimag(more) + cimag(less));
+    to[COSINE] = 0.5 * (less + more), to[SINE] = 0.5 * (less - more);
+}
+
+/* <x, y>, N numbers: short ones are most, and a library's call costs as much as one. */
+static double inner(const double *x, const double *y, int n)
+{
+    double even = 0, odd = 0;
+
+    for (int i = 0; i + 1 < n; i += 2)
+        even += x[i] * y[i], odd += x[i + 1] * y[i + 1];
+    return even + odd + (n % 2 ? x[n - 1] * y[n - 1] : 0);
 }
 
 /* Row I of L, the products of a column with those before it and itself, becomes that of Cholesky's
@@ -168,62 +183,61 @@ static double factor_row(double *L, int ld, int i)
 {
     double *row = L + (size_t)i * (size_t)ld, whole = row[i], left;
 
-    cblas_dtrsv(CblasRowMajor, CblasLower, CblasNoTrans, CblasNonUnit, i, L, ld, row, 1);
-    left = larger(whole - cblas_ddot(i, row, 1, row, 1), 0);
+    for (int j = 0; j < i; j++) {
+        const double *before = L + (size_t)j * (size_t)ld;
+
+        row[j] = (row[j] - inner(before, row, j)) / before[j];
+    }
+    left = larger(whole - inner(row, row, i), 0);
     row[i] = sqrt(left);
     return left / whole;
 }
 
-/* What part of ROW's columns, whose products with WITH's are TO, is not in those: of a row that has
- * one column less than of their waves. */
+/* What part of ROW's columns, whose products with WITH's are TO and with themselves OWN, is not in
+ * those. */
 static double left_by(const struct torus_sheet *a, const struct torus_row *row,
-                      const struct torus_row *with, double to[2][2])
+                      const struct torus_row *with, const double to[KINDS],
+                      const double own[KINDS])
 {
-    double L[4 * 4] = { 0 }, own[2][2], part = 1;
-    int first = with->real ? 1 : 2, all = first + (row->real ? 1 : 2);
+    double of[KINDS], part = 1;
 
-    products(a, with, with, own);
-    for (int i = 0; i < first; i++)
-        for (int j = 0; j <= i; j++)
-            L[4 * i + j] = own[i][j];
-    products(a, row, row, own);
-    for (int i = first; i < all; i++)
-        for (int j = 0; j <= i; j++)
-            L[4 * i + j] = j < first ? to[i - first][j] : own[i - first][j - first];
-    for (int i = 0; i < all && (i < first || part > 0); i++) {
-        double left = factor_row(L, 4, i);
-
-        part = i < first ? part : fmin(part, left);
-    }
+    products(a, with, with, of);
+    for (int k = 0; k < KINDS; k++)
+        if (row->at[k] >= 0 && with->at[k] >= 0)
+            part = fmin(part, larger(1 - to[k] * to[k] / (of[k] * own[k]), 0));
     return part;
 }
 
-/* ROW's columns behind the A->columns of L; what part of them is in no other.  *PAIR: what part is
- * not in the row told that has most of it; *ALONE: of its waves. */
-static double try_row(const struct torus_sheet *a, const struct torus_row *row, double *L, int ld,
-                      double *pair, double *alone)
+/* ROW's columns, of products OWN with themselves, behind those of L, a factor of each kind; what
+ * part of them is in no other.  *PAIR: what part is not in the row told that has most of it;
+ * *ALONE: of its waves. */
+static double try_row(const struct torus_sheet *a, const struct torus_row *row,
+                      const double own[KINDS], double *const L[KINDS], int ld, double *pair,
+                      double *alone)
 {
-    int at = a->columns;
-    double *first = L + (size_t)at * (size_t)ld, *second = first + ld, own[2][2], part;
+    double part = 1;
 
     for (int t = 0; t < a->told; t++) {
         const struct torus_row *with = &a->row[t];
-        double to[2][2];
+        double to[KINDS];
 
         products(a, row, with, to);
-        for (int c = 0; c < 2 - with->real; c++)
-            first[with->at + c] = to[0][c], second[with->at + c] = to[1][c];
-        *pair = fmin(*pair, left_by(a, row, with, to));
-        for (int sign = -1; sign <= 1; sign += 2) {
-            double complex both = mean_wave(a, row, sign, with);
+        for (int k = 0; k < KINDS; k++)
+            if (row->at[k] >= 0 && with->at[k] >= 0)
+                L[k][(size_t)row->at[k] * (size_t)ld + (size_t)with->at[k]] = to[k];
+        *pair = fmin(*pair, left_by(a, row, with, to, own));
+        for (int k = 0; k < KINDS; k++) {
+            double both = to[COSINE] + (k == COSINE ? 1 : -1) * to[SINE];
 
-            *alone = fmin(*alone, 1 - creal(both) * creal(both) - cimag(both) * cimag(both));
+            *alone = fmin(*alone, 1 - both * both);
         }
     }
-    products(a, row, row, own);
-    first[at] = own[0][0], second[at] = own[1][0], second[at + 1] = own[1][1];
-    part = factor_row(L, ld, at);
-    return row->real || part < TOLD ? part : fmin(part, factor_row(L, ld, at + 1));
+    for (int k = 0; k < KINDS && part >= TOLD; k++)
+        if (row->at[k] >= 0) {
+            L[k][(size_t)row->at[k] * (size_t)(ld + 1)] = own[k];
+            part = fmin(part, factor_row(L[k], ld, row->at[k]));
+        }
+    return part;
 }
 
 /* Rows by rising rank: those of two other tones are not in order as they stand. */
@@ -258,8 +272,30 @@ static int rank_of(const struct torus_sheet *a, struct torus_index k)
     return order;
 }
 
-/* A->row, those that are told, and the factor of their products, LD a row, into L. */
-static enum modal_status choose_rows(struct torus_sheet *a, double *L, int ld,
+/* Row number R as the next that may be told, its products with itself into OWN: with each column
+ * of which there is anything. */
+static struct torus_row next_row(const struct torus_sheet *a, int r, double own[KINDS])
+{
+    struct torus_row row = { .row = r };
+    struct torus_index k;
+    double s;
+
+    row_of(a, r, &k);
+    s = turns_of(a, k);
+    row.whole = (int)lround(s);
+    row.s = s - row.whole;
+    products(a, &row, &row, own);
+    for (int kind = 0; kind < KINDS; kind++) {
+        bool none = own[kind] < 0.5 * TOLD;
+
+        row.at[kind] = none ? -1 : a->columns[kind];
+        row.real = row.real || none;
+    }
+    return row;
+}
+
+/* A->row, those that are told, and the factors of their products, LD a row, into L. */
+static enum modal_status choose_rows(struct torus_sheet *a, double *const L[KINDS], int ld,
                                      struct modal_error *err)
 {
     struct place *list = workspace_room(&a->space, (size_t)a->rows, sizeof *list);
@@ -267,7 +303,7 @@ static enum modal_status choose_rows(struct torus_sheet *a, double *L, int ld,
 
     for (int o = 0; o < TORUS_SHEET_ORDERS; o++)
         a->nearest[o] = 1;
-    a->told = a->columns = 0;
+    a->told = a->columns[COSINE] = a->columns[SINE] = 0;
     for (int k = 0; rc == MODAL_OK && a->others[1] < 0 && k < 2 * a->rows; k++)
         a->mean[k] = mean_at(a, k * a->s->tones.nu[a->others[0]]);
     for (int r = 0; rc == MODAL_OK && r < a->rows; r++) {
@@ -279,40 +315,46 @@ static enum modal_status choose_rows(struct torus_sheet *a, double *L, int ld,
     if (rc == MODAL_OK)
         qsort(list, (size_t)a->rows, sizeof *list, by_place);
     for (int r = 0; rc == MODAL_OK && r < a->rows; r++) {
-        struct torus_row row = { .row = list[r].row, .at = a->columns };
-        struct torus_index k;
-        double own[2][2], s, part, pair = 1, alone = 1;
+        double own[KINDS], pair = 1, alone = 1, less;
+        struct torus_row row = next_row(a, list[r].row, own);
+        double part = try_row(a, &row, own, L, ld, &pair, &alone);
 
-        row_of(a, row.row, &k);
-        s = turns_of(a, k);
-        row.whole = (int)lround(s);
-        row.s = s - row.whole;
-        products(a, &row, &row, own);
-        row.real = own[1][1] < 0.5 * TOLD;
-        part = try_row(a, &row, L, ld, &pair, &alone);
-        if (part >= TOLD && TURNS_A_ROW * (a->columns + 2) <= 2 * a->turns) {
+        less = 2 * fmin(own[COSINE], own[SINE]);
+        if (part >= TOLD
+            && TURNS_A_ROW * (a->columns[COSINE] + a->columns[SINE] + 2) <= 2 * a->turns) {
             a->row[a->told++] = row;
-            a->columns += row.real ? 1 : 2;
-            if (row.real && 2 * own[1][1] > SAME * SAME)   /* of it and its mirror one is told */
-                hide(a, list[r].rank + 1, 2 * own[1][1], 0);
+            for (int k = 0; k < KINDS; k++)
+                a->columns[k] += row.at[k] >= 0;
+            if (row.real && less > SAME * SAME)        /* of it and its mirror one is told */
+                hide(a, list[r].rank + 1, less, 0);
         } else if (alone > SAME * SAME)   /* of frequencies: PART has a factor's rounding */
-            hide(a, list[r].rank, row.real ? fmax(part, 2 * own[1][1]) : part, pair);
+            hide(a, list[r].rank, row.real ? fmax(part, less) : part, pair);
     }
     return rc;
 }
 
-/* The columns' waves of the rows told, [column][turn]; WAVE: turns of room. */
+/* The waves of A's columns of KIND, [column][turn]; their sums. */
+static double *waves_of(const struct torus_sheet *a, int kind)
+{
+    return a->wave + (size_t)kind * (size_t)a->rows * (size_t)a->turns;
+}
+
+static double *sums_of(const struct torus_sheet *a, int kind)
+{
+    return a->sum + (size_t)kind * (size_t)a->rows * (size_t)(a->N * a->outputs);
+}
+
+/* The columns' waves of the rows told; WAVE: turns of room. */
 static void fill_columns(struct torus_sheet *a, double complex *wave)
 {
     for (int t = 0; t < a->told; t++) {
         const struct torus_row *row = &a->row[t];
-        double *to = a->wave + (size_t)row->at * (size_t)a->turns;
 
-        fill_wave(row->s, -a->turns / 2, 1, a->turns, wave);
-        for (int r = 0; r < a->turns; r++)
-            to[r] = creal(wave[r]);
-        for (int r = 0; !row->real && r < a->turns; r++)
-            to[a->turns + r] = -cimag(wave[r]);
+        fill_wave(row->s, -0.5 * (a->turns - 1), 1, a->turns, wave);
+        for (int k = 0; k < KINDS; k++)
+            for (int r = 0; row->at[k] >= 0 && r < a->turns; r++)
+                waves_of(a, k)[(size_t)row->at[k] * (size_t)a->turns + (size_t)r]
+                    = k == COSINE ? creal(wave[r]) : -cimag(wave[r]);
     }
 }
 
@@ -349,13 +391,16 @@ static void half_turn(size_t M, double complex *turn)
 /* (2)'s waves of row T's s within a turn into SLOW, N. */
 static void slow_waves(const struct torus_sheet *a, int t, double complex *slow)
 {
-    fill_wave(a->row[t].s, 0, 1.0 / a->N, a->N, slow);
+    fill_wave(a->row[t].s, -0.5, 1.0 / a->N, a->N, slow);
 }
 
-/* Where a->sum has column C of sample M of output I. */
-static double *sum_at(const struct torus_sheet *a, int c, int m, int i)
+/* Where a->sum has the column of KIND of row T at sample M of output I; NULL: it has none. */
+static double *sum_at(const struct torus_sheet *a, int kind, int t, int m, int i)
 {
-    return a->sum + (size_t)c * (size_t)(a->N * a->outputs) + (size_t)(m * a->outputs + i);
+    int c = a->row[t].at[kind];
+    size_t wide = (size_t)(a->N * a->outputs);
+
+    return c < 0 ? NULL : sums_of(a, kind) + (size_t)c * wide + (size_t)(m * a->outputs + i);
 }
 
 /* Where A has the N lines of row T and output I, by their leads modulo N. */
@@ -364,30 +409,36 @@ static double complex *lines_at(const struct torus_sheet *a, int t, int i)
     return a->Y + ((size_t)t * (size_t)a->outputs + (size_t)i) * (size_t)a->N;
 }
 
-/* (1) of what is left solved for z of all rows, L being the factor, and (2) for their lines, which
+/* (1) of what is left solved for z of all rows, L being the factors, and (2) for their lines, which
  * are added to A's; ROOM: 2 N. */
-static void solve_rows(struct torus_sheet *a, const double *L, int ld, double complex *room)
+static void solve_rows(struct torus_sheet *a, double *const L[KINDS], int ld,
+                       double complex *room)
 {
-    int columns = a->columns, wide = a->N * a->outputs, N = a->N;
+    int wide = a->N * a->outputs, N = a->N;
     double complex *slow = room, *turn = room + N;
 
-    cblas_dgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, columns, wide, a->turns,
-                1.0 / a->turns, a->wave, a->turns, a->left, wide, 0, a->sum, wide);
-    for (int e = 0; e < 2; e++)
-        cblas_dtrsm(CblasRowMajor, CblasLeft, CblasLower, e == 0 ? CblasNoTrans : CblasTrans,
-                    CblasNonUnit, columns, wide, 1, L, ld, a->sum, wide);
+    for (int k = 0; k < KINDS; k++) {
+        double *sum = sums_of(a, k);
+
+        cblas_dgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, a->columns[k], wide, a->turns,
+                    1.0 / a->turns, waves_of(a, k), a->turns, a->left, wide, 0, sum, wide);
+        for (int e = 0; e < 2; e++)
+            cblas_dtrsm(CblasRowMajor, CblasLeft, CblasLower, e == 0 ? CblasNoTrans : CblasTrans,
+                        CblasNonUnit, a->columns[k], wide, 1, L[k], ld, sum, wide);
+    }
     half_turn((size_t)N, turn);
     for (int t = 0; t < a->told; t++) {
-        const struct torus_row *row = &a->row[t];
-
         slow_waves(a, t, slow);
         for (int i = 0; i < a->outputs; i++) {
+            const double *even = sum_at(a, COSINE, t, 0, i), *odd = sum_at(a, SINE, t, 0, i);
             double complex *Y = lines_at(a, t, i), *z = a->z;
 
-            for (int m = 0; m < N; m++)
-                z[m] = turned(CMPLX(*sum_at(a, row->at, m, i),
-                                    row->real ? 0 : *sum_at(a, row->at + 1, m, i)),
+            for (int m = 0; m < N; m++) {
+                int at = m * a->outputs;
+
+                z[m] = turned(CMPLX(even != NULL ? even[at] : 0, odd != NULL ? odd[at] : 0),
                               conj(slow[m]) / N);
+            }
             transform(z, (size_t)N, turn);
             for (int m = 0; m < N; m++)
                 Y[m] += z[m];
@@ -403,10 +454,9 @@ static void take_out(struct torus_sheet *a, double complex *room)
 
     half_turn((size_t)N, turn);
     for (int t = 0; t < a->told; t++) {
-        const struct torus_row *row = &a->row[t];
-
         slow_waves(a, t, slow);
         for (int i = 0; i < a->outputs; i++) {
+            double *even = sum_at(a, COSINE, t, 0, i), *odd = sum_at(a, SINE, t, 0, i);
             const double complex *Y = lines_at(a, t, i);
 
             for (int m = 0; m < N; m++)        /* the transform back, by that of conjugates */
@@ -415,15 +465,17 @@ static void take_out(struct torus_sheet *a, double complex *room)
             for (int m = 0; m < N; m++) {
                 double complex at = turned(conj(z[m]), slow[m]);
 
-                *sum_at(a, row->at, m, i) = creal(at);
-                if (!row->real)
-                    *sum_at(a, row->at + 1, m, i) = cimag(at);
+                if (even != NULL)
+                    even[m * a->outputs] = creal(at);
+                if (odd != NULL)
+                    odd[m * a->outputs] = cimag(at);
             }
         }
     }
     memcpy(a->left, a->x, (size_t)wide * (size_t)a->turns * sizeof *a->left);
-    cblas_dgemm(CblasRowMajor, CblasTrans, CblasNoTrans, a->turns, wide, a->columns, -1, a->wave,
-                a->turns, a->sum, wide, 1, a->left, wide);
+    for (int k = 0; k < KINDS; k++)
+        cblas_dgemm(CblasRowMajor, CblasTrans, CblasNoTrans, a->turns, wide, a->columns[k], -1,
+                    waves_of(a, k), a->turns, sums_of(a, k), wide, 1, a->left, wide);
 }
 
 /* What is left, under (3); its sum of squares then. */
@@ -443,8 +495,8 @@ static double weigh(struct torus_sheet *a)
     return sum;
 }
 
-/* The lines of all rows, L being the factor, into a->Y; ROOM: 2 N. */
-static void fit_rows(struct torus_sheet *a, const double *L, int ld, double complex *room)
+/* The lines of all rows, L being the factors, into a->Y; ROOM: 2 N. */
+static void fit_rows(struct torus_sheet *a, double *const L[KINDS], int ld, double complex *room)
 {
     size_t wide = (size_t)a->outputs * (size_t)a->N;
     double before = HUGE_VAL;
@@ -661,9 +713,10 @@ static enum modal_status read_lines(struct torus_sheet *a, struct line *list, do
 enum modal_status torus_sheet_read(struct torus_sheet *a, struct torus_errors *e, double *amplitude,
                                     struct modal_error *err)
 {
-    int ld = 2 * a->rows;
-    size_t lines = (size_t)a->rows * ((size_t)a->N + 1);
-    double *L = workspace_room(&a->space, (size_t)ld * (size_t)ld, sizeof *L);
+    int ld = a->rows;
+    size_t lines = (size_t)a->rows * ((size_t)a->N + 1), square = (size_t)ld * (size_t)ld;
+    double *L[KINDS] = { workspace_room(&a->space, square, sizeof **L),
+                         workspace_room(&a->space, square, sizeof **L) };
     struct line *list = workspace_room(&a->space, lines, sizeof *list);
     int longest = a->turns > 2 * a->N ? a->turns : 2 * a->N;
     double complex *room = workspace_room(&a->space, (size_t)longest, sizeof *room);

@@ -29,11 +29,11 @@ struct torus_sheet {
     double a_turn;                        /* what one was seen to cost, in budget.h's units */
     double *x, *left;                     /* [sample][output], the caller's or A's; what no line
                                            * explains */
-    struct torus_row *row;                /* of torus_lines.c: rows told, with as many columns */
-    int told, columns;
-    double *wave, *sum;                   /* [column][turn]; [column][m][output] */
-    double complex *Y, *z, *mean;         /* lines of rows, [row][output][lead]; a turn's room;
-                                           * of columns' products, of one other tone */
+    struct torus_row *row;                /* of torus_lines.c: rows told, and their columns of */
+    int told, columns[2];                 /* cosines and of sines */
+    double *wave, *sum;                   /* of each kind [column][turn]; [column][m][output] */
+    double complex *Y, *z;                /* lines of rows, [row][output][lead]; a turn's room */
+    double *mean;                         /* of columns' products, of one other tone */
     double last;                          /* m: what the last lines below N / 2 sum to */
     int count;
     struct torus_index *index;            /* lines told, the mean first, by rising order */

@@ -197,6 +197,25 @@ def test_tones_with_a_common_period_answer_as_one(tmp_path):
     assert np.abs(x.real - motion(b, t)).max() < 1e-10
 
 
+# The gap's motion under 2/1 is unstable, which a balance over all phases has to 1e-4.
+@pytest.mark.parametrize("law, p, q", [("friction", 5, 4), ("gap", 2, 1)])
+def test_events_under_tones_with_a_common_period_answer_as_one_within_both_errors(law, p, q,
+                                                                                  tmp_path):
+    effect = {"gap": {"type": "gap", "dof": "x", "stiffness": 2, "clearance": 0.2},
+              "friction": {"type": "friction", "dof": "x", "stiffness": 0.5, "limit": 0.2}}[law]
+    two = oscillator([effect], [0.8, 0.8 * p / q])
+    one = {**two, "omega": 0.8 / q, "steady": {},
+           "excitation": [{"dof": "x", "k": k, "cos": 0.2} for k in (q, p)]}
+    a, b = (run("steady", scene, tmp_path)[1] for scene in (one, two))
+    t = np.linspace(0, 2 * np.pi * q / 0.8, 300)
+    rows = a["harmonics"][0]
+    x = np.exp(1j * 0.8 / q * np.outer(t, rows["k"])) @ (np.array(rows["re"])
+                                                         + 1j * np.array(rows["im"]))
+    assert a["converged"] and b["converged"] and not b["diagnostics"]
+    assert np.abs(x.real - motion(b, t)).max() <= a["total_error"] + b["total_error"]
+    assert a["stability"]["stable"] is b["stability"]["stable"]
+
+
 def test_three_tones_are_balanced_too(tmp_path):
     tones = [0.61, 0.61 * 2 ** 0.5, 0.61 * 3 ** 0.5]
     scene = oscillator([{"type": "cubic_spring", "dof": "x", "coefficient": 0.2}], tones, 0.1)

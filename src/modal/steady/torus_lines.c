@@ -89,6 +89,8 @@ static void row_of(const struct torus_sheet *a, int row, struct torus_index *k)
     int wide = 2 * a->highest + 1;
 
     *k = (struct torus_index) { { 0 } };
+    if (a->others[0] < 0)
+        return;
     if (a->others[1] < 0) {
         k->k[a->others[0]] = row;
         return;
@@ -305,7 +307,7 @@ static enum modal_status choose_rows(struct torus_sheet *a, double *const L[KIND
         a->nearest[o] = 1;
     a->told = a->columns[COSINE] = a->columns[SINE] = 0;
     for (int k = 0; rc == MODAL_OK && a->others[1] < 0 && k < 2 * a->rows; k++)
-        a->mean[k] = mean_at(a, k * a->s->tones.nu[a->others[0]]);
+        a->mean[k] = mean_at(a, a->others[0] < 0 ? 0 : k * a->s->tones.nu[a->others[0]]);
     for (int r = 0; rc == MODAL_OK && r < a->rows; r++) {
         struct torus_index k;
 
@@ -751,7 +753,7 @@ bool torus_sheet_lay(struct torus_sheet *a, int N, int turns, double wanted)
     for (int j = 0; j < t->count; j++)
         if (j != t->lead)
             a->others[r++] = j;
-    a->highest = turns / TURNS_A_ROW < most ? turns / TURNS_A_ROW : most;
+    a->highest = r == 0 ? 0 : turns / TURNS_A_ROW < most ? turns / TURNS_A_ROW : most;
     wide = 2 * a->highest + 1;
     a->rows = t->count > 2 ? (wide * wide + 1) / 2 : a->highest + 1;
     return (double)N * turns * a->outputs <= TORUS_SHEET_MOST;

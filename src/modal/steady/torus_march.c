@@ -41,6 +41,8 @@ enum {
     CHECKED = 16,              /* turns that are marched once more */
     LEAPS = 16,                /* a turn: sliders of a few events, measured */
     TURNS_EXACT = 32,          /* of a record followed exactly, at first, and twice as many again */
+    TURNS_ONE = 4,             /* of one tone, whose turns are alike: the least that tells a row */
+    PACE_MOST = 8,             /* as torus_fold.c has it */
     SETTLED_MOST = 4096,       /* turns: what loses less than 2e-4 of itself in a radian */
     LOOK = 8,                  /* turns between looks at what has decayed */
     TOLD_APART = 512,          /* turns that tell tones one in 340 apart: before them a record may
@@ -64,6 +66,7 @@ static const double CLOSER = 0.7;         /* of the error of a record a quarter 
                                            * not better ends the march */
 static const double LEFT = 0.3;           /* of the error asked for, as in torus_solve.c */
 static const double FOLDS = 1e-5;         /* the least error asked for that SAMPLES_EXACT serve */
+static const double NEAR = 1e-9;          /* of a load's frequency: its rounding, and far more */
 static const double BESIDE = 1.05;        /* of a tone: samples of its turns serve one so near */
 static const double AGREE = 3;            /* errors of a balance that its motion may be off */
 
@@ -102,6 +105,20 @@ static struct torus_tones led_by_loads(const struct torus_solver *s)
             fastest = t.omega[j], t.lead = j;
     torus_tones_move(&t, t.lead, t.omega[t.lead]);
     return t;
+}
+
+/* Turns of the fastest load in one of the lead's, or up to twice as many, a power of two: records
+ * are sampled, and disturbances seen, as often as that asks for. */
+static int pace_of(const struct torus_solver *s)
+{
+    double fastest = 0;
+    int pace = 1;
+
+    for (int g = 1; g <= s->groups; g++)
+        fastest = fmax(fastest, torus_frequency(&s->tones, s->group[g]));
+    while (pace < PACE_MOST && pace * s->tones.omega[s->tones.lead] < (1 - NEAR) * fastest)
+        pace *= 2;
+    return pace;
 }
 
 /* The program's motion from the start over the outputs, into SIGNALS; TOLERANCE of a step. */
@@ -431,6 +448,7 @@ struct exact {
     struct torus_pieces *m;
     double *x, *growth, start;            /* s */
     int turns, seen, columns;             /* seen: of the turns, with disturbances; 0: all */
+    int pace;                             /* as pace_of has it */
 };
 
 /* Whether a slider of march M is at rest, so that its place is one of many, and a balance may
@@ -449,16 +467,17 @@ static enum modal_status settle(struct exact *a, double wanted, bool *settled,
                                 struct modal_error *err)
 {
     double growth[LOOK * TORUS_EXPONENTS], all = 0, enough = log(DECAYED * wanted);
+    int look = LOOK / a->pace;
     bool followed = true;
     enum modal_status rc = MODAL_OK;
 
     *settled = false;
-    for (int turns = LOOK; rc == MODAL_OK && followed && !*settled && turns <= SETTLED_MOST
+    for (int turns = look; rc == MODAL_OK && followed && !*settled && turns <= SETTLED_MOST
                            && (turns < SLOWLY || all * SETTLED_MOST / turns < enough)
                            && !budget_spent(a->s->work);
-         turns += LOOK) {
-        rc = torus_pieces_go(a->m, LOOK, 0, NULL, NULL, growth, &followed, err);
-        for (int t = 0; t < LOOK; t++)
+         turns += look) {
+        rc = torus_pieces_go(a->m, look, 0, NULL, NULL, growth, &followed, err);
+        for (int t = 0; t < look; t++)
             all += growth[t * a->columns];
         *settled = followed && all < enough;
     }
@@ -550,7 +569,7 @@ static void see_growth(struct torus_solver *s, struct exact *a)
     if (a->seen > 0)
         return;
     torus_judge_growth(s, a->growth, a->turns, a->columns, &s->followed);
-    if (s->opt->stability && (s->followed.verdict == 0 || a->turns < GROWTH_LEAST))
+    if (s->opt->stability && (s->followed.verdict == 0 || a->turns * a->pace < GROWTH_LEAST))
         return;
     a->seen = a->turns;
     torus_pieces_alone(a->m);
@@ -614,7 +633,9 @@ static enum modal_status march_exactly(struct torus_solver *s, int N, double wan
                                        struct modal_error *err)
 {
     int most = 2 * s->p->n < TORUS_EXPONENTS ? 2 * s->p->n : TORUS_EXPONENTS;
-    struct exact a = { .s = s, .columns = s->opt->stability ? most : 1 };
+    struct exact a = { .s = s, .columns = s->opt->stability ? most : 1, .pace = pace_of(s) };
+    int first = s->tones.count > 1 ? TURNS_EXACT : TURNS_ONE;
+    int apart = s->tones.count > 1 ? TOLD_APART : first;       /* one tone has none beside it */
     double before[2] = { HUGE_VAL, HUGE_VAL }, moves[2] = { HUGE_VAL, HUGE_VAL };
     struct torus_lines now = { 0 };
     bool settled = false, ended = false;
@@ -625,7 +646,7 @@ static enum modal_status march_exactly(struct torus_solver *s, int N, double wan
         rc = settle(&a, wanted, &settled, err);
     if (settled)
         a.start = (double)torus_pieces_turns(a.m) * 2 * M_PI / s->tones.omega[s->tones.lead];
-    for (int turns = TURNS_EXACT; rc == MODAL_OK && settled && !ended && turns <= TURNS_MOST;
+    for (int turns = first; rc == MODAL_OK && settled && !ended && turns <= TURNS_MOST;
          turns *= 2) {
         struct torus_errors e = { 0 };
 
@@ -637,7 +658,7 @@ static enum modal_status march_exactly(struct torus_solver *s, int N, double wan
             rc = keep_better(&now, s->q, best, err);
         if (rc == MODAL_OK && !ended && !*finer)
             see_growth(s, &a);
-        ended = ended || *finer || (turns >= TOLD_APART && now.line > CLOSER * before[0]);
+        ended = ended || *finer || (turns >= apart && now.line > CLOSER * before[0]);
         before[0] = before[1];
         before[1] = now.line;
     }
@@ -655,12 +676,13 @@ enum modal_status torus_march_exactly(struct torus_solver *s, double wanted,
                                       struct torus_lines *best, struct modal_error *err)
 {
     const struct torus_tones tones = s->tones;
-    int N = wanted >= FOLDS ? SAMPLES_EXACT : SAMPLES;
+    int N = wanted >= FOLDS ? SAMPLES_EXACT : SAMPLES, pace;
     bool finer = true;
     enum modal_status rc = MODAL_OK;
 
     s->tones = led_by_loads(s);
-    for (; rc == MODAL_OK && finer && N <= SAMPLES_MOST; N *= 2) {
+    pace = pace_of(s);
+    for (N *= pace; rc == MODAL_OK && finer && N <= SAMPLES_MOST * pace; N *= 2) {
         struct torus_lines now = { 0 };
 
         rc = march_exactly(s, N, wanted, &now, &finer, err);

@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/steady/condense.h"
+#include "modal/steady/torus_fold.h"
 #include "modal/steady/torus_laws.h"
 #include "modal/steady/torus_state.h"
 
@@ -430,9 +431,10 @@ static enum modal_status set_up(struct torus_solver *s, struct modal_error *err)
     return rc == MODAL_OK && s->q > 0 ? torus_find_ways(s, err) : rc;
 }
 
-enum modal_status torus_solve(const struct program *p, const double *omega, int count,
-                              const struct torus_options *opt, struct torus_point *out,
-                              struct modal_error *err)
+/* torus_solve of tones that are not folded. */
+static enum modal_status solve_tones(const struct program *p, const double *omega, int count,
+                                     const struct torus_options *opt, struct torus_point *out,
+                                     struct modal_error *err)
 {
     struct torus_solver *s = calloc(1, sizeof *s);
     double tones[TORUS_TONES_MOST] = { 0 };
@@ -473,6 +475,35 @@ enum modal_status torus_solve(const struct program *p, const double *omega, int 
     solver_done(s);
     if (rc != MODAL_OK)
         torus_point_done(out);
+    return rc;
+}
+
+/* Whether a load of P names more than COUNT tones: it has no place among as many. */
+static bool has_more_tones(const struct program *p, int count)
+{
+    bool more = false;
+
+    for (int i = 0; i < p->loads; i++)
+        more = more || p->load[i].tones > count;
+    return more;
+}
+
+enum modal_status torus_solve(const struct program *p, const double *omega, int count,
+                              const struct torus_options *opt, struct torus_point *out,
+                              struct modal_error *err)
+{
+    struct torus_fold fold;
+    enum modal_status rc;
+
+    if (opt->free > 0 || opt->order > 0 || has_more_tones(p, count)
+        || !torus_fold_finds(omega, count, &fold))
+        return solve_tones(p, omega, count, opt, out, err);
+    rc = torus_fold_make(&fold, p, opt, err);
+    if (rc == MODAL_OK)
+        rc = solve_tones(&fold.view, &fold.omega, 1, &fold.opt, out, err);
+    if (rc == MODAL_OK && (rc = torus_fold_undo(&fold, omega, out, err)) != MODAL_OK)
+        torus_point_done(out);
+    torus_fold_done(&fold);
     return rc;
 }
 

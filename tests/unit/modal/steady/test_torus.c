@@ -1,6 +1,6 @@
 /* Tests as well: torus_laws.c torus_set.c torus_tone.c torus_newton.c torus_begin.c torus_error.c
  * torus_lines.c torus_march.c torus_pieces.c torus_from.c torus_stability.c torus_solve.c
- * torus_slopes.c torus_taylor.c
+ * torus_slopes.c torus_taylor.c torus_fold.c
  *
  * Motions of several tones. */
 #include <math.h>
@@ -16,6 +16,7 @@
 #include "modal/scene/program.h"
 #include "modal/scene/scene.h"
 #include "modal/steady/budget.h"
+#include "modal/steady/torus_fold.h"
 #include "modal/steady/torus_laws.h"
 #include "modal/steady/torus_lines.h"
 #include "modal/steady/torus_pieces.h"
@@ -267,6 +268,92 @@ static double march(const double *w, const struct torus_point *point, double h, 
         v += h / 6 * (a[0] + 2 * a[1] + 2 * a[2] + a[3]);
     }
     return worst;
+}
+
+static void test_tones_are_one_where_small_whole_numbers_have_them_to_rounding(void **state)
+{
+    const double fifths[] = { 0.8, 0.8 * 5 / 3 }, even[] = { 1.4, 0.7, 2.1 },
+                 hundredths[] = { 0.8, 0.8 * 1.01 }, off[] = { 0.7, 1.4 * (1 + 1e-14) };
+    struct torus_fold f;
+
+    (void)state;
+    assert_true(torus_fold_finds(fifths, 2, &f));
+    assert_int_equal(f.number[0], 3);
+    assert_int_equal(f.number[1], 5);
+    assert_float_equal(f.omega, 0.8 / 3, 1e-15);
+    assert_true(torus_fold_finds(even, 3, &f));
+    assert_int_equal(f.number[0], 2);
+    assert_int_equal(f.number[1], 1);
+    assert_int_equal(f.number[2], 3);
+    assert_false(torus_fold_finds(W, 2, &f));
+    assert_false(torus_fold_finds(hundredths, 2, &f));
+    assert_false(torus_fold_finds(off, 2, &f));
+    assert_false(torus_fold_finds(W, 1, &f));
+}
+
+/* At the phases that these tones have the slider holds, a spring; at others it would slip. */
+static void test_a_slider_that_holds_at_its_tones_own_phases_is_a_spring_to_the_error_asked_for(
+    void **state)
+{
+    struct program *p =
+        lower("{\"structure\":{\"type\":\"matrices\",\"M\":[[1]],\"C\":[[0.1]],\"K\":[[1]],"
+              "\"dofs\":[\"x\"]},"
+              "\"effects\":[{\"type\":\"friction\",\"dof\":\"x\",\"stiffness\":0.5,"
+              "\"limit\":0.2}],"
+              "\"excitation\":[{\"dof\":\"x\",\"k\":[1,0],\"cos\":0.2},"
+              "{\"dof\":\"x\",\"k\":[0,1],\"cos\":0.2}]}");
+    const double w[] = { 0.8, 1.6 };
+    struct torus_point point;
+
+    (void)state;
+    solve(p, w, 2, 1e-6, &point);
+    assert_true(point.converged && point.undetermined[0] && point.tones.count == 2);
+    assert_true(point.error < 1e-6);               /* of all phases: 6.6e-3 */
+    assert_float_equal(point.tones.omega[1], 1.6, 0);
+    for (int j = 0; j < 2; j++) {
+        double complex X = find(&point, 0, 1 - j, j), exact = 1.5 - w[j] * w[j] + 0.1 * I * w[j];
+
+        assert_float_equal(cabs(X - 0.2 / exact), 0, 1e-6);
+    }
+    torus_point_done(&point);
+    program_free(p);
+}
+
+/* x'' + 0.1 x' + x + 0.5 x^3 of loads 3 and 2 of 0.35 rad/s: each harmonic is told once, at the
+ * combination of the lowest order that has it, and one begun at the motion is there. */
+static void test_a_motion_of_a_common_period_is_told_at_lowest_combinations_and_begun_at(
+    void **state)
+{
+    struct program *p =
+        lower("{\"structure\":{\"type\":\"matrices\",\"M\":[[1]],\"C\":[[0.1]],\"K\":[[1]],"
+              "\"dofs\":[\"x\"]},"
+              "\"effects\":[{\"type\":\"cubic_spring\",\"dof\":\"x\",\"coefficient\":0.5}],"
+              "\"excitation\":[{\"dof\":\"x\",\"k\":[1,0],\"cos\":0.2},"
+              "{\"dof\":\"x\",\"k\":[0,1],\"cos\":0.2}]}");
+    const double w[] = { 1.05, 0.7 };
+    const int dofs[] = { 0 };
+    struct torus_point point, again;
+    struct torus_options opt = { .target_error = 1e-9, .dofs = dofs, .dofs_count = 1,
+                                 .near = true, .start = &point };
+
+    (void)state;
+    solve(p, w, 2, 1e-9, &point);
+    assert_true(point.converged && point.error < 1e-8);
+    for (int m = 1; m < point.count; m++) {
+        const int *k = point.index[m].k;
+
+        assert_true(torus_order(point.index[m]) >= torus_order(point.index[m - 1]));
+        assert_true(3 * k[0] + 2 * k[1] > 0);
+        for (int a = -30; a <= 30; a++)                /* (-2, 3) has frequency 0 */
+            assert_true(torus_order(point.index[m]) <= abs(k[0] - 2 * a) + abs(k[1] + 3 * a));
+    }
+    assert_int_equal(torus_solve(p, w, 2, &opt, &again, NULL), MODAL_OK);
+    assert_true(again.converged && again.iterations <= 3);
+    assert_float_equal(cabs(find(&again, 0, 1, -1) - find(&point, 0, 1, -1)), 0, 1e-8);
+    assert_true(cabs(find(&point, 0, 1, -1)) > 1e-3);
+    torus_point_done(&point);
+    torus_point_done(&again);
+    program_free(p);
 }
 
 static void test_a_slider_under_tones_one_per_cent_apart_moves_as_marching_says(void **state)
@@ -599,6 +686,11 @@ int main(void)
         cmocka_unit_test(test_a_linear_structure_answers_each_tone_by_its_receptance),
         cmocka_unit_test(test_a_cubic_spring_is_balanced_combination_by_combination),
         cmocka_unit_test(test_a_slider_that_never_slips_is_a_spring_of_undetermined_place),
+        cmocka_unit_test(test_tones_are_one_where_small_whole_numbers_have_them_to_rounding),
+        cmocka_unit_test(
+            test_a_slider_that_holds_at_its_tones_own_phases_is_a_spring_to_the_error_asked_for),
+        cmocka_unit_test(
+            test_a_motion_of_a_common_period_is_told_at_lowest_combinations_and_begun_at),
         cmocka_unit_test(test_a_slider_under_tones_one_per_cent_apart_moves_as_marching_says),
         cmocka_unit_test(test_lines_less_than_a_turn_of_a_record_apart_are_told),
         cmocka_unit_test(test_lines_far_below_the_error_asked_for_are_not_told_however_many),

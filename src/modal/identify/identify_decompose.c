@@ -79,20 +79,25 @@ static bool affords(const struct work *w, int rows, int triplets)
         && side * k * k <= (many ? MANY_WORK : SIGNALS_WORK);
 }
 
-/* Rows for many triplets, and for those that cannot be had of as many rows as few need: as high
- * as it is wide the Hankel matrix has its noise lowest beside its signals, and more rows cost
- * more; it has room for FOLD times the triplets. */
-static int rows_of_many(const struct work *w, int triplets)
+/* As high as it is wide the Hankel matrix has its noise lowest beside its signals, and more rows
+ * cost more; it has room for FOLD times the triplets. */
+static int rows_square(const struct work *w, int triplets)
 {
     enum { FOLD = 4 };              /* room beside the signals for their noise */
     /* S rows = L - rows: the block Hankel matrix is square */
     int L = w->X->m, S = w->X->n, rows = L / (S + 1), least = FOLD * triplets / S + 1;
 
+    rows = rows > least ? rows : least;
+    return rows < (L + 2) / 3 ? rows : (L + 2) / 3;
+}
+
+/* Rows for many triplets, and for those that cannot be had of as many rows as few need. */
+static int rows_of_many(const struct work *w, int triplets)
+{
     if (w->opt.rows > 0 || triplets <= TRIPLETS_MOST
         || (!w->many && affords(w, w->pencil.rows, triplets)))
         return w->opt.rows;
-    rows = rows > least ? rows : least;
-    return rows < (L + 2) / 3 ? rows : (L + 2) / 3;
+    return rows_square(w, triplets);
 }
 
 /* Do as many triplets as few modes need leave much of the signals? Then many modes are there. What
@@ -215,18 +220,38 @@ enum modal_status work_pencil_of_all(struct work *w, struct pencil *all, struct 
     return rc;
 }
 
+/* The pencil of an order that was told, and where there are more signals of as many as there are,
+ * up to twice the order: of those the told ones are chosen (order.c). */
+static enum modal_status pencil_told(struct work *w, int told, struct modal_error *err)
+{
+    struct lanczos *run = NULL;
+    struct pencil_options opt = {
+        .rows = w->opt.rows > 0 ? w->opt.rows : rows_square(w, told),
+        .wanted = told + ORDER_AHEAD, .sure = told, .run = &run
+    };
+    enum modal_status rc = pencil_new(work_searched(w), &opt, &w->pencil, err);
+
+    if (rc == MODAL_OK && pencil_signals(&w->pencil) == opt.wanted && w->refine) {
+        pencil_done(&w->pencil);
+        opt.wanted = 2 * told + ORDER_AHEAD, opt.sure = 2 * told;
+        rc = pencil_new(work_searched(w), &opt, &w->pencil, err);
+    }
+    lanczos_free(run);
+    return rc;
+}
+
 static enum modal_status pencil(struct work *w, struct identify_result *out,
                                 struct modal_error *err)
 {
     int fixed = w->opt.rank.rule == RANK_FIXED ? w->opt.rank.fixed : 0, most = (w->X->m - 1) / 2;
-    struct pencil_options opt = { .rows = w->opt.rows,
-                                  .wanted = fixed > 0 ? fixed + 4 : w->triplets };
+    struct pencil_options opt = { .rows = w->opt.rows, .wanted = w->triplets };
     enum modal_status rc;
 
     if (fixed > most)
         return modal_fail_field(err, MODAL_BAD_INPUT, "rank.fixed",
                                 "rank %d of %d samples; accepted: 1 to %d", fixed, w->X->m, most);
-    rc = pencil_new(work_searched(w), &opt, &w->pencil, err);
+    rc = fixed > 0 ? pencil_told(w, fixed, err)
+                   : pencil_new(work_searched(w), &opt, &w->pencil, err);
     out->rows = w->pencil.rows, out->columns = w->X->m - w->pencil.rows;
     return rc;
 }

@@ -173,6 +173,8 @@ static enum modal_status choose_order(struct work *w, struct identify_result *ou
             err, MODAL_BAD_INPUT, "rank.fixed",
             "rank %d where there are %d directions and %d rows; accepted: 1 to %d", opt.fixed,
             w->projected ? p->count : w->pencil.count, w->data.Y->m, source.most);
+    if (opt.fixed > 0 && !w->projected)
+        source.signals = pencil_signals(&w->pencil);
     opt.look = before_gap(w);
     opt.no_offset = !w->refine;
     opt.thorough = w->shift > 1;

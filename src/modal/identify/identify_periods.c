@@ -172,8 +172,8 @@ static enum modal_status pencil_folded(struct work *w, const struct matrix *Y,
 {
     int all = Y->m - height, most = all <= FOLDED_MOST ? all : TRIPLETS_MOST;
     struct lanczos *run = NULL;
-    struct pencil_options how = { height, all <= TRIPLETS_MOST ? all : TRIPLETS_FIRST, products,
-                                  &run };
+    struct pencil_options how = { .rows = height, .products = products, .run = &run,
+                                  .wanted = all <= TRIPLETS_MOST ? all : TRIPLETS_FIRST };
     enum modal_status rc = pencil_new(Y, &how, &w->pencil, err);
 
     while (rc == MODAL_OK && how.wanted < most && pencil_signals(&w->pencil) > how.wanted / 2) {

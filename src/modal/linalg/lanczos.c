@@ -213,6 +213,8 @@ static int count_converged(const struct lanczos *L, const struct small *B,
         double r = last * fabs(B->P[B->k - 1 + (size_t)i * B->k]);
         if (r > tolerance)
             break;
+        if (opt->residuals != NULL)
+            opt->residuals[i] = r;
         if (r > *residual)
             *residual = r;
     }
@@ -239,8 +241,10 @@ static enum modal_status iterate(struct lanczos *L, const struct linear_operator
                                  const struct lanczos_options *opt, struct small *B,
                                  struct lanczos_result *out, struct modal_error *err)
 {
-    int check = opt->wanted + 2;                /* fewer steps cannot have that many triplets */
-    bool look = L->U.count > 0;                 /* those of a call before may do */
+    /* fewer steps cannot have that many triplets */
+    int check = opt->least > opt->wanted + 2 ? opt->least : opt->wanted + 2;
+    /* those of a call before may do */
+    bool look = L->U.count > 0 && (L->U.count >= opt->least || L->exhausted);
     enum modal_status rc = MODAL_OK;
 
     out->steps = L->U.count;

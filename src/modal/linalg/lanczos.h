@@ -20,7 +20,9 @@ struct linear_operator {
 struct lanczos_options {
     int wanted;         /* triplets; 1 .. min(m, n) */
     int steps;          /* most steps; 0: min(m, n) */
+    int least;          /* steps before the first look, at least, as far as there are any */
     double tolerance;  /* a triplet has converged when its residual <= tolerance * s[0]; 0: 1e-14 */
+    double *residuals;  /* out: |A^T u - s v| of each that is returned; NULL: not wanted */
 };
 
 struct lanczos_result {

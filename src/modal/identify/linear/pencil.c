@@ -58,6 +58,12 @@ enum {
     WHOLE_SHARE = 4                /* of one in so many eigenvectors all are had for less */
 };
 static const double LAST_MOST = 0.5;    /* of a column's square in its last row: a bit is lost */
+/* Of the edge: noise turns the vector of value s by edge / s, and what is left of an iteration by
+ * residual / s; a tenth of that adds a hundredth to the square of the error. */
+static const double WITHIN = 0.1;
+static const double ROUNDING = 1e-14;   /* of the largest value: no residual need be smaller */
+enum { STEPS_MOST = 4 };                /* steps a triplet: what has not converged by then lies
+                                         * among others as strong, and either is as good */
 
 struct hankel_operator {
     int L, S, m, n, N;
@@ -341,43 +347,89 @@ static enum modal_status triplets_of_products(const struct matrix *K, int m, int
     return rc;
 }
 
-/* The same by (1). Any tolerance is met at once: strong triplets have converged by then, and noise
- * has none worth waiting for. */
-static enum modal_status triplets_of_signals(const struct matrix *Y, int m, int wanted,
-                                             struct lanczos **run, struct pencil *p,
-                                             struct matrix *VT, struct lanczos_result *found,
-                                             struct modal_error *err)
+/* The edge of noise, of what the COUNT triplets of P leave of H. */
+static double edge_of(const struct pencil *p, int count)
 {
-    struct hankel_operator *h = NULL;
-    struct lanczos *own = NULL;
-    struct linear_operator op;
-    struct matrix none = { 0 };
-    enum modal_status rc = hankel_operator_new(Y, m, &h, &op, err);
+    double rest = p->energy;
 
-    p->energy = hankel_energy(Y, m, p->columns);
-    if (rc == MODAL_OK)
-        rc = lanczos_more(run != NULL ? run : &own, &op,
-                          &(struct lanczos_options){ .wanted = wanted, .tolerance = HUGE_VAL },
-                          p->s, &none, VT, found, err);
-    lanczos_free(own);
-    hankel_operator_done(h);
-    return rc;
-}
-
-int pencil_signals(const struct pencil *p)
-{
-    double rest = p->energy, edge;
-    int count = 0;
-
-    for (int i = 0; i < p->count; i++)
+    for (int i = 0; i < count; i++)
         rest -= p->s[i] * p->s[i];
     /* mean square of what the triplets leave of H */
     rest = fmax(rest, 0) / ((double)p->height * p->columns);
     /* pod.c's (1); a Hankel matrix of noise has dependent entries, and a margin for that */
-    edge = PENCIL_EDGE * sqrt(rest) * (sqrt(p->height) + sqrt(p->columns));
+    return PENCIL_EDGE * sqrt(rest) * (sqrt(p->height) + sqrt(p->columns));
+}
+
+int pencil_signals(const struct pencil *p)
+{
+    double edge = edge_of(p, p->count);
+    int count = 0;
+
     while (count < p->count && p->s[count] > edge)
         count++;
     return count;
+}
+
+/* Have the leading SURE of COUNT triplets converged, as far as they are no noise? */
+static bool converged(const struct pencil *p, const double *residuals, int count, int sure)
+{
+    double edge = edge_of(p, count), most;
+
+    if (count < 1)
+        return true;
+    most = fmax(WITHIN * edge, ROUNDING * p->s[0]);
+    for (int i = 0; i < sure && i < count && p->s[i] > edge; i++)
+        if (residuals[i] > most)
+            return false;
+    return true;
+}
+
+/* RUN goes on until `sure` triplets have converged. */
+static enum modal_status make_sure(struct lanczos **run, const struct linear_operator *op,
+                                   struct lanczos_options *how, int sure, struct pencil *p,
+                                   struct modal_error *err)
+{
+    struct matrix none = { 0 };
+    struct lanczos_result found;
+    enum modal_status rc = MODAL_OK;
+
+    how->residuals = calloc((size_t)how->wanted, sizeof *how->residuals);
+    if (how->residuals == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "pencil: no memory for %d values", how->wanted);
+    do {
+        rc = lanczos_more(run, op, how, p->s, &none, &none, &found, err);
+        if (rc != MODAL_OK || found.steps < how->least
+            || converged(p, how->residuals, found.count, sure))
+            break;
+        how->least = found.steps + how->wanted / 8 + 4;
+    } while (how->least <= STEPS_MOST * how->wanted);
+    free(how->residuals), how->residuals = NULL;
+    how->least = 0;
+    return rc;
+}
+
+/* The same by (1). Any tolerance is met at once: strong triplets have converged by then, and noise
+ * has none worth waiting for. */
+static enum modal_status triplets_of_signals(const struct matrix *Y, int m, int wanted,
+                                             const struct pencil_options *opt, struct pencil *p,
+                                             struct matrix *VT, struct lanczos_result *found,
+                                             struct modal_error *err)
+{
+    struct hankel_operator *h = NULL;
+    struct lanczos *own = NULL, **run = opt != NULL && opt->run != NULL ? opt->run : &own;
+    struct linear_operator op;
+    struct matrix none = { 0 };
+    struct lanczos_options how = { .wanted = wanted, .tolerance = HUGE_VAL };
+    enum modal_status rc = hankel_operator_new(Y, m, &h, &op, err);
+
+    p->energy = hankel_energy(Y, m, p->columns);
+    if (rc == MODAL_OK && opt != NULL && opt->sure > 0)
+        rc = make_sure(run, &op, &how, opt->sure, p, err);
+    if (rc == MODAL_OK)
+        rc = lanczos_more(run, &op, &how, p->s, &none, VT, found, err);
+    lanczos_free(own);
+    hankel_operator_done(h);
+    return rc;
 }
 
 enum modal_status pencil_new(const struct matrix *Y, const struct pencil_options *opt,
@@ -406,8 +458,7 @@ enum modal_status pencil_new(const struct matrix *Y, const struct pencil_options
         goto out;
     }
     rc = K != NULL ? triplets_of_products(K, rows, wanted, &p, &VT, &found, err)
-                   : triplets_of_signals(Y, rows, wanted, opt != NULL ? opt->run : NULL, &p, &VT,
-                                         &found, err);
+                   : triplets_of_signals(Y, rows, wanted, opt, &p, &VT, &found, err);
     if (rc != MODAL_OK)
         goto out;
     p.count = found.count, p.steps = found.steps;

@@ -10,6 +10,8 @@
 struct pencil_options {
     int rows;      /* of the Hankel matrix, per signal; 0: L/3 */
     int wanted;    /* leading singular triplets; 0: 16.  At most min(S rows, columns) are had */
+    int sure;      /* so many leading ones are iterated until those above the edge of noise have
+                    * converged within it; 0: none, the last may not have.  Without `products` */
     /* Y Y^T (lower triangle read), where what is PENCIL_SQUARES of the largest and less may be
      * lost; borrowed, NULL: Y itself is read */
     const struct matrix *products;

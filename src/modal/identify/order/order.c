@@ -58,6 +58,7 @@
 #include "modal/identify/fit/colour.h"
 #include "modal/identify/order/order_state.h"
 #include "modal/identify/order/remainder.h"
+#include "modal/identify/order/trim.h"
 #include "modal/linalg/svd.h"
 #include <math.h>
 #include <stdlib.h>
@@ -101,8 +102,6 @@ static enum modal_status look(struct climb *c, int *least, struct modal_error *e
     for (int r = 1;
          r <= c->source->most && worth_a_look(c, r, *least, best_r, all) && rc == MODAL_OK; r++) {
         int count = 0, at;
-        if (c->opt->fixed > 0 && r != c->opt->fixed)
-            continue;
         if (*least >= 0 && climb_spent(c, LOOK_SHARE))
             break;
         rc = c->source->poles(c->source->context, r, c->lambda, &count, err);
@@ -121,6 +120,29 @@ static enum modal_status look(struct climb *c, int *least, struct modal_error *e
         }
     }
     return rc;
+}
+
+/* The order that was told, in place of pass 1. Where more signals are seen it is theirs without
+ * those that cost least: fewer directions are no span of any modes. (One fewer cuts a pair, which
+ * is said.) Poles that others span, as of noise that decays at once, are left out. */
+static enum modal_status look_at_told(struct climb *c, int *at, struct modal_error *err)
+{
+    const struct order_source *s = c->source;
+    int told = c->opt->fixed, signals = s->signals < s->most ? s->signals : s->most, count = 0;
+    bool more = signals > told + 1;
+    enum modal_status rc = s->poles(s->context, more ? signals : told, c->lambda, &count, err);
+    struct trim_options opt = { .order = told };
+
+    *at = -1;
+    if (rc == MODAL_OK && more && count > 0)
+        rc = trim_poles(c->data, c->lambda, &count, NULL, &opt, &c->choice.work, err);
+    if (rc == MODAL_OK)
+        rc = climb_try(c, told, c->lambda, count, NULL, false, 0, at, err);
+    if (rc != MODAL_OK || *at < 0 || c->choice.candidates[*at].fit.end != REFINE_DEGENERATE)
+        return rc == MODAL_NO_CONVERGENCE ? MODAL_OK : rc;
+    refined_done(&c->choice.candidates[--c->choice.count].fit);
+    rc = trim_poles(c->data, c->lambda, &count, NULL, &opt, &c->choice.work, err);
+    return rc == MODAL_OK ? climb_try(c, told, c->lambda, count, NULL, false, 0, at, err) : rc;
 }
 
 /* From `least` in direction `step`, until two refined neighbours in a row are worse than the best.
@@ -324,7 +346,7 @@ enum modal_status order_choose(const struct refine_data *data, const struct orde
 
     if (rc != MODAL_OK)
         goto out;
-    rc = look(&c, &best, err);
+    rc = c.opt->fixed > 0 ? look_at_told(&c, &best, err) : look(&c, &best, err);
     c.choice.cut =
         c.opt->cut > 0 && best >= 0 && c.choice.candidates[best].r + ORDER_AHEAD > c.opt->cut;
     if (rc == MODAL_OK && best >= 0 && !c.choice.cut)

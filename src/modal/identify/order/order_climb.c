@@ -127,7 +127,7 @@ enum modal_status climb_steps(struct climb *c, int i, int steps, struct modal_er
 enum modal_status climb_trim(struct climb *c, double complex *lambda, int *count, double share,
                              double reach, int most, struct modal_error *err)
 {
-    struct trim_options opt = { share, reach, most };
+    struct trim_options opt = { .share = share, .reach = reach, .most = most };
 
     return trim_poles(c->data, lambda, count, NULL, &opt, &c->choice.work, err);
 }

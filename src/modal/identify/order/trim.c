@@ -78,6 +78,7 @@ static int cheapest(struct trim *t, const struct trim_options *opt)
 {
     const struct criterion *k = &t->p.criterion;
     int q = t->p.order, rows = t->data->Y->m, at = -1;
+    bool must = opt->order > 0 && q > opt->order;
     double least = HUGE_VAL, tau = t->data->tau;
     int apart = poles_apart(t->lambda, t->count, tau, rows);
 
@@ -90,7 +91,7 @@ static int cheapest(struct trim *t, const struct trim_options *opt)
                      - criterion_price(k, left, q - n, t->p.parameters - n), excess;
         /* < 0: its absence costs less than it */
         excess = loss_of(k, t->p.rss, t->rise + j * k->groups) - opt->share * price - opt->reach;
-        if (!fixed && excess < 0 && excess < least)
+        if (!fixed && (excess < 0 || must) && excess < least)
             least = excess, at = j;
     }
     return at;

@@ -8,6 +8,7 @@
 struct trim_options {
     double share, reach;
     int most;                    /* poles left out at most; 0: any number, but one stays */
+    int order;                   /* whatever they cost, until no more columns are left; 0: no */
 };
 
 /*

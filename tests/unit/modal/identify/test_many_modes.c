@@ -231,6 +231,48 @@ TEST(a_hundred_modes_are_all_found)
     identify_result_done(&r);
 }
 
+/* How many of the record's modes are near one that is found where the order is TOLD; *hits: within
+ * five of its own standard errors. */
+static int modes_told(int told, const double complex *lambda, int modes, const struct batch *b,
+                      int *hits)
+{
+    struct identify_options opt = { .rank = { .rule = RANK_FIXED, .fixed = told } };
+    struct identify_result r;
+    int near = 0;
+
+    *hits = 0;
+    CHECK(modal_identify(b, &opt, &r, NULL) == MODAL_OK);
+    CHECK(r.mode_count <= told);
+    for (int j = 0; j < modes; j++) {
+        bool is = false;
+        /* a fifth of the least distance of two modes */
+        for (int m = 0; m < r.mode_count; m++)
+            is |= fabs(cimag(r.modes[m].exponent - lambda[j])) < 0.2 * 2 * M_PI * 0.35
+                && creal(r.modes[m].exponent) < 0;
+        near += is, *hits += has(&r, lambda[j]);
+    }
+    identify_result_done(&r);
+    return near;
+}
+
+TEST(orders_that_are_told_give_all_modes_or_as_many_of_them_as_fit_or_all_and_some_of_noise)
+{
+    enum { ROWS = 2000, MANY = 4, MODES = 40 };
+    static double y[ROWS * MANY];
+    struct batch b = { .samples = ROWS, .channels = MANY, .signals = y, .dt = 0.01 };
+    struct random rng = { 820 };
+    double complex lambda[MODES];
+    int hits;
+
+    for (int j = 0; j < MODES; j++)
+        lambda[j] = decay_pole(1.2 + 0.95 * j + 0.6 * random_uniform(&rng),
+                               0.0005 + 0.001 * random_uniform(&rng));
+    random_record(&rng, MODES, MANY, ROWS, b.dt, 50, lambda, y);
+    CHECK(modes_told(2 * MODES, lambda, MODES, &b, &hits) == MODES && hits == MODES);
+    CHECK(modes_told(2 * MODES - 20, lambda, MODES, &b, &hits) == MODES - 10);
+    CHECK(modes_told(2 * MODES + 10, lambda, MODES, &b, &hits) == MODES);
+}
+
 /* Seventy modes whose strengths fall by two thirds of a decade, in a record of which 256 triplets
  * of a matrix as high as few modes have it cost too much: the first 64 leave little, and more are
  * looked for. */

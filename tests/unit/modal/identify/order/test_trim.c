@@ -45,7 +45,7 @@ TEST(the_pole_that_goes_first_is_the_one_whose_absence_costs_least_by_fits_made_
     for (uint64_t seed = 0; seed < 8; seed++) {
         struct matrix Y = record(30 + seed, 0.05);
         struct refine_data d = { .Y = &Y, .tau = 1 };
-        struct trim_options one = { 1, 1e9, 1 };
+        struct trim_options one = { .share = 1, .reach = 1e9, .most = 1 };
         const double complex all[6] = { truth[0], truth[1], truth[2],
                                         CMPLX(-0.3, 0), CMPLX(0.001, 1.7), CMPLX(-0.1, M_PI) };
         double complex left[6];
@@ -76,7 +76,7 @@ TEST(poles_in_noise_go_and_modes_stay_and_so_does_what_is_fixed)
     for (uint64_t seed = 0; seed < 20; seed++) {
         struct matrix Y = record(60 + seed, 0.05);
         struct refine_data d = { .Y = &Y, .tau = 1 };
-        struct trim_options whole = { 1, 0, 0 };
+        struct trim_options whole = { .share = 1 };
         double complex lambda[7] = { 0, truth[0], CMPLX(-0.01, 1.6), truth[1],
                                      CMPLX(0.001, 2.0), truth[2], CMPLX(-0.2, 0) };
         bool fixed[7] = { true };
@@ -93,7 +93,7 @@ TEST(a_pole_listed_twice_goes_once)
 {
     struct matrix Y = record(90, 1);
     struct refine_data d = { .Y = &Y, .tau = 1 };
-    struct trim_options whole = { 1, 0, 0 };
+    struct trim_options whole = { .share = 1 };
     double complex lambda[4] = { truth[0], truth[1], truth[0], truth[2] };
     int count = 4;
 

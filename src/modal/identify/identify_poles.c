@@ -236,6 +236,26 @@ static bool may_have_others(const struct work *w, bool rounded)
         && !w->facts.doubt.exact && w->opt.rank.rule == RANK_AUTO;
 }
 
+/* What grows by its errors, until one is found that must. */
+static enum modal_status doubt_crowds(struct work *w, struct modal_error *err)
+{
+    struct poles *p = &w->poles;
+    const struct refined *fit = w->choice.chosen >= 0
+                              ? &w->choice.candidates[w->choice.chosen].fit : NULL;
+    bool decays = fit != NULL && fit->poles == p->count && refined_converged(fit)
+               && w->shift == 1 && w->rec.period <= 0 && !w->facts.doubt.exact;
+    enum modal_status rc = MODAL_OK;
+
+    for (int j = 0; j < p->count && decays && rc == MODAL_OK; j++) {
+        if (!(creal(p->lambda[j]) > REFINE_CLEAR * p->std_re[j]))
+            continue;
+        rc = another_decays(&w->data, fit, j, &decays, err);
+        if (decays)
+            p->growth[j] = GROWTH_IN_CROWD;
+    }
+    return rc;
+}
+
 /* Standard errors by all that is doubted. */
 enum modal_status work_widen(struct work *w, const struct batch *b,
                              const struct identify_result *out, struct modal_error *err)
@@ -261,6 +281,8 @@ enum modal_status work_widen(struct work *w, const struct batch *b,
     for (int j = 0; j < p->count && w->facts.told > 0; j++)
         if (p->growth[j] == GROWTH_IN_HALF || p->growth[j] == GROWTH_IN_HALVES)
             p->growth[j] = GROWTH_UNSEEN;
+    if (rc == MODAL_OK && w->refine)
+        rc = doubt_crowds(w, err);
     synthesis_done(&own);
     return rc;
 }

@@ -117,10 +117,11 @@ struct identify_harmonic { int k; double magnitude; };
  * periodic system's were.  NEVER: halves contradict
  * the whole, but it and both of them decay, each by three of its own standard errors.  BELOW_GRID:
  * it never reaches half a step of the grid that the samples lie on; what decays is rounded by ever
- * more of itself, and that looks like growth. */
+ * more of itself, and that looks like growth.  IN_CROWD: with its neighbours within a beat, and one
+ * mode more, it may as well decay (another.h). */
 enum growth {
     GROWTH_UNSEEN, GROWTH_IN_HALF, GROWTH_IN_HALVES, GROWTH_EXACT, GROWTH_UNASKED, GROWTH_NEVER,
-    GROWTH_BELOW_GRID
+    GROWTH_BELOW_GRID, GROWTH_IN_CROWD
 };
 
 struct identify_mode {

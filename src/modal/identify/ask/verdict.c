@@ -114,7 +114,7 @@ static bool believed(const struct identify_result *r, int i, double duration)
     bool shadow = overshadowed(r, i, duration), weak = m->energy < VERDICT_WEAK,
          slow = cabs(m->resolved) * duration < SLOW;
 
-    if (m->growth == GROWTH_BELOW_GRID)
+    if (m->growth == GROWTH_BELOW_GRID || m->growth == GROWTH_IN_CROWD)
         return false;
     if (m->growth == GROWTH_EXACT || !(weak || slow || shadow))
         return true;
@@ -143,12 +143,14 @@ static int verdict_of(struct identify_result *r, int i, double duration)
         return VERDICT_UNDECIDED;
     if (believed(r, i, duration))
         return VERDICT_UNSTABLE;
-    identify_diagnose(r, "growth_unconfirmed", -1,
-                      "mode %d (%.5g Hz) grows in the fit to the whole record, but has little "
-                      "energy or is slower than the record, and is not clearly seen to grow "
-                      "in either half: it may make up for drift or nonlinearity, and is not taken "
-                      "for an instability; record longer",
-                      i, cabs(m->exponent) / (2 * M_PI));
+    identify_diagnose(r, "growth_unconfirmed", -1, "mode %d (%.5g Hz) grows in the fit to the "
+                      "whole record, but %s; record longer", i, cabs(m->exponent) / (2 * M_PI),
+                      m->growth == GROWTH_IN_CROWD
+                          ? "has a neighbour within a beat over it, and with one mode more there, "
+                            "of which none grows, it is explained as well"
+                          : "has little energy or is slower than the record, and is not clearly "
+                            "seen to grow in either half: it may make up for drift or "
+                            "nonlinearity, and is not taken for an instability");
     return VERDICT_UNDECIDED;
 }
 

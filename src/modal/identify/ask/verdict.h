@@ -28,7 +28,8 @@ enum modal_status verdict_clusters(struct identify_result *result, double durati
  *   doubtful   a mode of little energy, or slower than the record (DURATION, s), makes unstable
  *              only if half of the record alone shows the growth, and not at all if it rises little
  *              and slowly, as drift does, or is a weak neighbour of a strong mode; else it is said
- *              by the diagnostic growth_unconfirmed, and leaves the verdict undecided.  What fits
+ *              by the diagnostic growth_unconfirmed, and leaves the verdict undecided; so does one
+ *              that may as well decay beside another in a crowd (GROWTH_IN_CROWD).  What fits
  *              to rounding is not doubted.
  *   spurious   a mode of little energy that most orders do not show has no say at all
  */

@@ -18,6 +18,20 @@
  * Where rows are many, that costs rows^2, and what decays within few of them matters little: the
  * best is that of remainder_peak().  Of a constant system it always is, and a fit is worth its work
  * only where noise has not as much in each record.
+ *
+ * Two poles within a beat over the record are told apart by the model alone, and that there is no
+ * third by its price alone: what the record says of one there is no narrower than what was known
+ * before, so that no price is due.  Of three the likelihood is so flat that standard errors say
+ * nothing; but whether one has to grow it says: the least -2 ln(likelihood) of those that do not is
+ * held against that of all,
+ *
+ *     min over Re(lambda) <= 0  -  min  <=  REFINE_CLEAR^2,                                    (3)
+ *
+ * the square of a normal deviate where it is quadratic; nor does any have to that does not grow by
+ * its own errors in the fit of all.  Of a pole that grows, two lines without
+ * damping take the place, a LINES of a beat to either side: they make any a cos(dt) + b sin(dt) of
+ * its amplitude, which all that grows little does; and one line that of others that grow beside it.
+ * What grows in the fit of the rest is (Re / its error)^2 above one that does not.
  */
 #include "modal/identify/order/another.h"
 #include <cblas.h>
@@ -34,7 +48,8 @@ static const double
     RATE_FIRST = 2,              /* (2): slower ones last */
     RATE_RATIO = 2,              /* of one between two of them the nearer shows 0.97 */
     RATE_MOST = 1.5,             /* a row: what decays faster is one row */
-    OWN = 0.03;                  /* of a pole's norm: what is left of less is one of the fit's */
+    OWN = 0.03,                  /* of a pole's norm: what is left of less is one of the fit's */
+    LINES = 0.125;               /* (3): half a radian and more over the record: told from one */
 
 /* Of signal g the sum of squares that FIT leaves. */
 static double left_of(const struct refine_data *d, const struct refined *fit, int g)
@@ -278,4 +293,96 @@ enum modal_status another_pole(const struct refine_data *data, const struct refi
     if (out->fit.poles > 0)
         out->chance = chance_of(data, fit, &out->fit);
     return rc;
+}
+
+/* What -2 ln(likelihood) of FIT is above that of MORE. */
+static double gain_of(const struct refine_data *d, const struct refined *fit,
+                      const struct refined *more)
+{
+    double gain = 0;
+
+    for (int g = 0; g < fit->groups; g++)
+        if (tells(fit, g) && tells(more, g))
+            gain += d->Y->m * log(left_of(d, fit, g) / left_of(d, more, g));
+    return gain;
+}
+
+static bool within_a_beat(const struct refine_data *d, double complex a, double complex b)
+{
+    return cimag(a) != 0 && cimag(b) != 0
+        && fabs(cimag(a) - cimag(b)) * d->tau * d->Y->m < 2 * M_PI;
+}
+
+/* The poles of FIT, none about pole J growing, into LAMBDA; which of them are lines, into FIXED. */
+static void undamp(const struct refine_data *d, const struct refined *fit, int j,
+                   double complex *lambda, bool *fixed)
+{
+    double part = LINES * 2 * M_PI / (d->tau * d->Y->m);
+
+    for (int k = 0; k < fit->poles; k++) {
+        bool grows = creal(fit->lambda[k]) > 0
+                  && within_a_beat(d, fit->lambda[k], fit->lambda[j]);
+        lambda[k] = grows ? CMPLX(0, cimag(fit->lambda[k])) : fit->lambda[k];
+        fixed[k] = grows || fit->first[k] < 0;
+    }
+    lambda[j] = CMPLX(0, cimag(fit->lambda[j]) - part);
+    lambda[fit->poles] = CMPLX(0, cimag(fit->lambda[j]) + part);
+    fixed[fit->poles] = true;
+}
+
+/* The left side of (3), of FIT's own poles, of STEADY, where none grows, and of FREE. */
+static double cost_of(const struct refine_data *d, const struct refined *fit, int j,
+                      const struct refined *steady, const struct refined *freed)
+{
+    double cost = fmax(gain_of(d, steady, fit),
+                       freed->poles > 0 ? gain_of(d, steady, freed) : 0);
+
+    for (int k = 0; k < steady->poles; k++)
+        if (creal(steady->lambda[k]) > 0 && within_a_beat(d, steady->lambda[k], fit->lambda[j]))
+            cost += pow(creal(steady->lambda[k]) / steady->std_re[k], 2);
+    return cost;
+}
+
+/* Does a pole within a beat of LAMBDA grow by its own errors? */
+static bool grows_about(const struct refine_data *d, const struct refined *freed,
+                        double complex lambda)
+{
+    bool grows = !refined_converged(freed);
+
+    for (int k = 0; k < freed->poles; k++)
+        grows |= within_a_beat(d, freed->lambda[k], lambda)
+              && creal(freed->lambda[k]) > REFINE_CLEAR * freed->std_re[k];
+    return grows;
+}
+
+enum modal_status another_decays(const struct refine_data *data, const struct refined *fit, int j,
+                                 bool *decays, struct modal_error *err)
+{
+    size_t n = (size_t)fit->poles + 1;
+    struct refine_options opt = { .work = WORK };
+    double complex *lambda = malloc(sizeof *lambda * n);
+    bool *fixed = calloc(n, sizeof *fixed), crowd = false;
+    struct refined steady = { 0 }, freed = { 0 };
+    enum modal_status rc = MODAL_OK;
+
+    *decays = false;
+    for (int k = 0; k < fit->poles; k++)
+        crowd |= k != j && within_a_beat(data, fit->lambda[k], fit->lambda[j]);
+    if (lambda == NULL || fixed == NULL)
+        rc = modal_fail(err, MODAL_NO_MEMORY, "another: no memory for %d poles", fit->poles);
+    else if (crowd && fit->order + 2 < data->Y->m && fit->order + 2 <= REFINE_ORDER_MOST) {
+        undamp(data, fit, j, lambda, fixed);
+        rc = refine_poles(data, lambda, (int)n, fixed, &opt, &steady, err);
+    }
+    if (rc == MODAL_OK && refined_converged(&steady) && steady.poles > 0) {
+        for (size_t k = 0; k < n; k++)
+            fixed[k] = k + 1 < n && fit->first[k] < 0;
+        rc = refine_poles(data, steady.lambda, (int)n, fixed, &opt, &freed, err);
+        *decays = rc == MODAL_OK
+               && (!grows_about(data, &freed, fit->lambda[j])
+                   || cost_of(data, fit, j, &steady, &freed) <= REFINE_CLEAR * REFINE_CLEAR);
+    }
+    refined_done(&steady), refined_done(&freed);
+    free(lambda), free(fixed);
+    return rc == MODAL_NO_CONVERGENCE ? MODAL_OK : rc;
 }

@@ -20,4 +20,12 @@ enum modal_status another_pole(const struct refine_data *data, const struct refi
 /* Does it show enough of one for that to be asked?  Of FIT its poles and noise count alone. */
 enum modal_status another_shows(const struct refine_data *data, const struct refined *fit,
                                 bool *shows, struct modal_error *err);
+
+/*
+ * Pole J of FIT, converged, of a constant system's DATA, grows.  *DECAYS is true where it has a
+ * neighbour within a beat over the record, and the two and one more, none of which grows, explain
+ * the record as well as three that may (another.c, (3)).  Fails as another_pole.
+ */
+enum modal_status another_decays(const struct refine_data *data, const struct refined *fit, int j,
+                                 bool *decays, struct modal_error *err);
 #endif

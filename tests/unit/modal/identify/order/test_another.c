@@ -85,3 +85,82 @@ TEST(a_look_that_fails_is_not_taken_for_one_that_finds_nothing)
     CHECK(a.fit.poles == 0 && a.chance == 1);
     refined_done(&fit);
 }
+
+enum { LONG = 300, FEW = 4 };
+static double slow[LONG * FEW];
+
+/* COUNT pairs LAMBDA of size 1 and random shapes in FEW signals, in noise of 0.1. */
+static struct matrix slow_signals(const double complex *exponents, int count, struct random *rng)
+{
+    for (int c = 0; c < FEW; c++) {
+        double complex b[3];
+        for (int j = 0; j < count; j++)
+            b[j] = CMPLX(random_normal(rng), random_normal(rng));
+        for (int l = 0; l < LONG; l++) {
+            slow[l + c * LONG] = 0.1 * random_normal(rng);
+            for (int j = 0; j < count; j++)
+                slow[l + c * LONG] += creal(b[j] * cexp(exponents[j] * l));
+        }
+    }
+    return (struct matrix) { LONG, FEW, LONG, slow };
+}
+
+/* How many of 100 records grow in the fit of two pairs from START by its errors; of how many of
+ * these it may be that none does. */
+static int count_growing(const double complex *exponents, int count, const double complex *start,
+                         int *may_decay)
+{
+    int grow = 0;
+
+    *may_decay = 0;
+    for (int run = 0; run < 100; run++) {
+        struct random rng = { 900 + (uint64_t)run };
+        struct matrix Y = slow_signals(exponents, count, &rng);
+        struct refine_data data = { .Y = &Y, .tau = 1 };
+        struct refined fit;
+        CHECK(refine_poles(&data, start, 2, NULL, NULL, &fit, NULL) == MODAL_OK);
+        for (int j = 0, seen = 0; j < 2 && refined_converged(&fit) && seen == 0; j++) {
+            bool decays;
+            if (!(creal(fit.lambda[j]) > 3 * fit.std_re[j]))
+                continue;
+            CHECK(another_decays(&data, &fit, j, &decays, NULL) == MODAL_OK);
+            grow++, seen++, *may_decay += decays;
+        }
+        refined_done(&fit);
+    }
+    return grow;
+}
+
+/* Turns in the record, and e-foldings. */
+static double complex slow_one(double turns, double rise)
+{
+    return CMPLX(rise / LONG, 2 * M_PI * turns / LONG);
+}
+
+TEST(what_three_slow_modes_without_growth_let_two_poles_draw_is_not_growth)
+{
+    double complex truth[] = { slow_one(3, -0.01), slow_one(3.15, -0.01), slow_one(3.4, -0.02) },
+                   start[] = { truth[0], truth[2] };
+    int may, grow = count_growing(truth, 3, start, &may);
+
+    CHECK(grow >= 10);
+    CHECK(may >= grow - 1);
+}
+
+TEST(of_two_slow_modes_that_which_grows_by_e_squared_has_to_whatever_is_beside_it)
+{
+    double complex truth[] = { slow_one(3, 2), slow_one(3.6, -0.3) };
+    int may, grow = count_growing(truth, 2, truth, &may);
+
+    CHECK(grow >= 95);
+    CHECK(may <= 5);
+}
+
+TEST(of_a_mode_without_a_neighbour_within_a_beat_no_other_is_asked)
+{
+    double complex truth[] = { slow_one(3, 0.5), slow_one(4.5, -0.3) };
+    int may, grow = count_growing(truth, 2, truth, &may);
+
+    CHECK(grow >= 95);
+    CHECK(may == 0);
+}

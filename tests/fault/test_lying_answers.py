@@ -14,6 +14,7 @@ import zmq
 HERE = pathlib.Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parents[1] / "clients" / "python"), str(HERE.parent / "system")]
 import modald  # noqa: E402
+from modald import session  # noqa: E402
 import sanitized  # noqa: E402
 from wire import BUILD  # noqa: E402
 
@@ -115,6 +116,46 @@ def test_the_python_client_says_that_an_answer_is_none(ask, answers, tmp_path):
         with pytest.raises(modald.Error) as why:
             ask(client)
         assert liar.asked > 0 and why.value.code in ("bad_frame", "internal"), why.value
+
+
+class Slow(Liar):
+    """Each answer to RESULT comes 10 ms after it was asked for; none at all comes to WAIT."""
+
+    waits = 0
+
+    def lie(self, socket, peer, mark, verb, header, *body):
+        if verb == b"RESULT":
+            self.over.wait(0.01)
+        if verb == b"WAIT":
+            self.waits += 1
+        else:
+            super().lie(socket, peer, mark, verb, header, *body)
+
+
+@pytest.mark.parametrize("ask, timeout", [
+    (lambda c: c.submit("identify", BATCH).result(), 0.5),
+    (lambda c: c.signals("a", timeout=0.5), 20)])
+def test_pieces_that_keep_coming_are_not_waited_for_beyond_the_timeout(ask, timeout, tmp_path):
+    """A thousand pieces, each well within it."""
+    pieces = [reply({**PART, "total": 1000}, b" ") for _ in range(1000)]
+    with (Slow(tmp_path / "s", SUBMIT=[reply(DONE)], RESULT=pieces) as slow,
+          modald.connect(slow.url, timeout=timeout) as client):
+        with pytest.raises(modald.Error) as why:
+            ask(client)
+        assert why.value.code == "timeout" and 2 < slow.asked < 1000, why.value
+
+
+def test_a_wait_ends_though_the_daemon_says_nothing_to_it(tmp_path, monkeypatch):
+    """By its timeout and what an answer may take, not by what a daemon that is lost may, in which
+    it was asked five times more."""
+    monkeypatch.setattr(session, "ASK_AGAIN", 0.2)
+    monkeypatch.setattr(session, "LOST_PATIENCE", 2.0)
+    with (Slow(tmp_path / "s", SUBMIT=[reply(JOB)]) as slow,
+          modald.connect(slow.url, timeout=20) as client):
+        job = client.submit("identify", BATCH)
+        with pytest.raises(modald.Error) as why:
+            job.result(timeout=0.2)
+        assert why.value.code == "timeout" and slow.waits < 3, (why.value, slow.waits)
 
 
 @pytest.mark.parametrize("told", [1e308, 10**400, -1, "x", None, True, [1]])

@@ -267,9 +267,9 @@ class Client(Session):
         time.sleep(pause)
         return again
 
-    def signals(self, job: str) -> Batch:
-        """The batch that a `simulate` job made."""
-        data, d = self._fetch(job, "batch")
+    def signals(self, job: str, timeout: float | None = None) -> Batch:
+        """The batch that a `simulate` job made; `timeout` bounds all of its pieces."""
+        data, d = self._fetch(job, "batch", timeout)
         shape = d.count("samples"), d.count("channels")
         if len(data) != 8 * shape[0] * shape[1]:
             raise Error("bad_frame", f"the daemon sent {len(data)} bytes as {shape[0]} samples of "

@@ -115,7 +115,8 @@ class Job(concurrent.futures.Future):  # type: ignore[type-arg]
     def result(self, timeout: float | None = None) -> Result:
         """Wait for the job's end, `timeout` s at most, and give its result.
 
-        Its own error is raised, as is `timeout`: both are `modald.Error`.
+        The client's own `timeout` bounds the fetching of what is there, all pieces of it.  The
+        job's own error is raised, as is `timeout`: both are `modald.Error`.
         """
         self.wait(timeout)
         if self.state != "done":

@@ -99,12 +99,16 @@ class Session:
 
     def wait(self, job: str, timeout: float | None = None,
              progress: Progress | None = None) -> Document:
-        """The document of the ended job; `timeout` raises Error with the code "timeout"."""
+        """The document of the ended job; `timeout` raises Error with the code "timeout", up to 5 s
+        later where the daemon says nothing.
+        """
         deadline = float("inf") if timeout is None else time.monotonic() + timeout
         while True:
-            part = max(0.0, min(0.5 if progress else 20.0, deadline - time.monotonic()))
+            left = deadline - time.monotonic()
+            part = max(0.0, min(0.5 if progress else 20.0, left))
             document, _ = self.ask("WAIT", {"job": job, "timeout_s": part},
-                                   timeout=part + LOST_PATIENCE, patience=part + ASK_AGAIN)
+                                   timeout=min(part + LOST_PATIENCE, max(0.0, left) + ASK_AGAIN),
+                                   patience=part + ASK_AGAIN)
             state = document.text("state")
             if state in ENDED:
                 return document
@@ -116,11 +120,13 @@ class Session:
                 raise Error("timeout", f"job {job} is {state}; not finished in time",
                             detail=document)
 
-    def _fetch(self, job: str, part: str) -> tuple[bytes, Answer]:
-        data = bytearray()
+    def _fetch(self, job: str, part: str,
+               timeout: float | None = None) -> tuple[bytes, Answer]:
+        data, deadline = bytearray(), self._deadline(timeout)
         description, total = Answer(), -1
         while True:
-            answer, body = self.ask("RESULT", {"job": job, "part": part, "offset": len(data)})
+            answer, body = self.ask("RESULT", {"job": job, "part": part, "offset": len(data)},
+                                    timeout=deadline - time.monotonic())
             data += body[0] if body else b""
             description = answer.inner("batch") or description
             total = answer.count("total") if total < 0 else total
@@ -132,13 +138,13 @@ class Session:
             if not body or not body[0]:
                 raise Error("bad_frame", "the daemon sent no bytes of a result")
 
-    def result(self, job: str) -> Result:
-        """The result of a done job, an id or "key:K"."""
-        return Result(document_of([self._fetch(job, "document")[0]]))
+    def result(self, job: str, timeout: float | None = None) -> Result:
+        """The result of a done job, an id or "key:K"; `timeout` bounds all of its pieces."""
+        return Result(document_of([self._fetch(job, "document", timeout)[0]]))
 
-    def result_bytes(self, job: str) -> bytes:
+    def result_bytes(self, job: str, timeout: float | None = None) -> bytes:
         """The result to the byte."""
-        return self._fetch(job, "document")[0]
+        return self._fetch(job, "document", timeout)[0]
 
     def stderr(self, job: str) -> str:
         """The last words of a worker that died of the job."""

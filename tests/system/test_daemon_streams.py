@@ -374,9 +374,12 @@ def test_windows_go_on_after_a_restart_from_the_samples_that_are_durable():
         assert sum(1 + e["skipped"] for e in told) == (end - window) // hop + 1
 
 
-def test_a_window_whose_shapes_are_longer_than_a_frame_is_told_without_them():
-    """Three modes of 8192 channels: each shape has 8192 pairs of some 17 digits."""
-    window, channels, dt = 16, 8192, 0.01
+@pytest.mark.parametrize("channels, left_out", [(8192, "shapes"), (1024, "modes")])
+def test_a_window_that_is_longer_than_a_frame_or_a_header_is_told_without_what_is_long(channels,
+                                                                                     left_out):
+    """Three modes of 8192 channels: each shape has 8192 pairs of some 17 digits, over the 1048576
+    bytes of a frame; of 1024 they fit one, but not the 49152 of an event."""
+    window, dt = 16, 0.01
     dice = random.Random(2385)
     shapes = [[complex(dice.gauss(0, 1), dice.gauss(0, 1)) for _ in range(channels)]
               for _ in range(3)]
@@ -393,8 +396,11 @@ def test_a_window_whose_shapes_are_longer_than_a_frame_is_told_without_them():
             assert push(c, s, 0, at, struct.pack(f"<{len(piece)}d", *piece), channels).ok
         told = windows_told(c, lambda told: told)[0]
         assert "error" not in told and told["verdict"] == "stable"
-        assert len(told["modes"]) == 3 and all("shape" not in mode for mode in told["modes"])
-        assert told["left_out"] == "shapes"
+        assert told["left_out"] == left_out and told["stability"]["stable"] is True
+        if left_out == "modes":
+            assert "modes" not in told and "diagnostics" not in told
+        else:
+            assert len(told["modes"]) == 3 and all("shape" not in mode for mode in told["modes"])
 
 
 def test_the_newest_window_of_a_sealed_stream_is_told_after_a_restart_of_the_daemon():

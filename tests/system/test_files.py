@@ -8,7 +8,9 @@ import json
 import os
 import struct
 import subprocess
+import sys
 import zipfile
+import zlib
 
 import h5py
 import numpy as np
@@ -432,6 +434,54 @@ def test_a_flipped_bit_in_a_compressed_file_is_an_error(ctl, tmp_path):
         data[len(data) // 3] ^= 0x10
         (tmp_path / name).write_bytes(data)
         assert refused(ctl, tmp_path / name)[0] == "file"
+
+
+def deflated_mat(path, rows, columns, spoil=0):
+    """Zeros, and a checksum that is not theirs by SPOIL."""
+    def element(kind, data):
+        return struct.pack("<II", kind, len(data)) + data + bytes(-len(data) % 8)
+
+    head = (element(6, struct.pack("<II", 6, 0)) + element(5, struct.pack("<ii", rows, columns))
+            + element(1, b"accel") + struct.pack("<II", 9, 8 * rows * columns))
+    packed = bytearray(zlib.compress(struct.pack("<II", 14, len(head) + 8 * rows * columns) + head
+                                     + bytes(8 * rows * columns)))
+    packed[-1] ^= spoil
+    path.write_bytes(b"MATLAB 5.0 MAT-file".ljust(124) + b"\0\1IM"
+                     + struct.pack("<II", 15, len(packed)) + packed)
+
+
+def peak(path):
+    """Bytes that modalctl held at once to read PATH, in which nothing moves; told by a program
+    between, for what is counted begins with what its parent holds."""
+    run = subprocess.run([sys.executable, "-c", "import resource, subprocess, sys\n"
+                          "subprocess.run(sys.argv[1:])\n"
+                          "print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)",
+                          str(BUILD / "bin" / "modalctl"), "--local", "identify", path, "--dt",
+                          str(DT)], capture_output=True, env=environment(), text=True)
+    assert "no motion to identify" in run.stderr, run
+    return 1024 * int(run.stdout)
+
+
+@pytest.mark.parametrize("write", [
+    deflated_mat,
+    lambda path, rows, columns: npz(path, np.zeros((columns, rows)).T, np.savez_compressed)])
+def test_a_compressed_matrix_takes_the_memory_of_its_numbers_once(write, tmp_path):
+    """Beside them there was what it was inflated to, and then the numbers before they are turned.
+    Where two fit, three of them would not: 1.5."""
+    small, large, rows = tmp_path / "small", tmp_path / "large", 2 ** 20
+    write(small, 100, 2)
+    write(large, rows, 2)
+    assert large.stat().st_size < 10 ** 5
+    assert peak(large) - peak(small) < 1.5 * 8 * 2 * rows
+
+
+@pytest.mark.parametrize("rows", [10, 2000, 2048, 2048 * 4 - 9])
+def test_a_wrong_checksum_behind_all_numbers_is_an_error(rows, ctl, tmp_path):
+    """Short, and ending within, at and beyond a piece of what is inflated at a time."""
+    for spoil, status in ((0, 0), (1, 2)):
+        deflated_mat(tmp_path / "x", rows, 2, spoil)
+        said = ctl("export", tmp_path / "x", "--dt", DT, "-O", tmp_path / "y.h5")
+        assert said.status == status, said.document
 
 
 def test_export_writes_what_identify_reads_and_keeps_what_the_file_says(ctl, tmp_path):

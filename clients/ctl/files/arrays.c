@@ -167,9 +167,11 @@ enum modal_status arrays_pick(const struct arrays *arrays, const char *dataset,
 
 /* ---- the step ---- */
 
-static enum modal_status load(const struct arrays *arrays, const struct array *array, double **out,
-                              struct modal_error *err)
+/* ARRAY as it lies, or TURNED, rows for columns. */
+static enum modal_status load(const struct arrays *arrays, const struct array *array, bool turned,
+                              double **out, struct modal_error *err)
 {
+    size_t lines = array->by_columns ? array->columns : array->rows;
     enum modal_status rc;
 
     *out = NULL;
@@ -183,7 +185,12 @@ static enum modal_status load(const struct arrays *arrays, const struct array *a
     if (*out == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "%s: no memory for %zu x %zu numbers",
                           arrays->path, array->rows, array->columns);
-    rc = arrays->load(arrays, array, *out, err);
+    struct numbers into = { .to = *out, .line = array->rows * array->columns, .lines = 1 };
+    if (turned) {
+        into.line /= lines;
+        into.lines = lines;
+    }
+    rc = arrays->load(arrays, array, &into, err);
     if (rc != MODAL_OK) {
         free(*out);
         *out = NULL;
@@ -211,7 +218,7 @@ static enum modal_status read_number(const struct arrays *arrays, const struct a
     if (a->rows != 1 || a->columns != 1)
         return modal_fail_field(err, MODAL_BAD_INPUT, a->name, "%s: `%s` is %zu x %zu; accepted: "
                                 "one number", arrays->path, a->name, a->rows, a->columns);
-    rc = load(arrays, a, &x, err);
+    rc = load(arrays, a, false, &x, err);
     if (rc != MODAL_OK)
         return rc;
     *value = x[0];
@@ -243,7 +250,7 @@ static enum modal_status step_of(const struct arrays *arrays, const struct array
                                 "`%s` are %zu x %zu; accepted: a time for each sample",
                                 arrays->path, a->name, a->rows, a->columns, signals->name,
                                 signals->rows, signals->columns);
-    rc = load(arrays, a, &t, err);
+    rc = load(arrays, a, false, &t, err);
     if (rc == MODAL_OK)
         rc = steps_read(t, a->rows * a->columns, a->single ? FLT_EPSILON : 0, arrays->path,
                         "its array of times", options, one, err);
@@ -289,8 +296,11 @@ enum modal_status arrays_step(const struct arrays *arrays, const struct array *a
 
 enum modal_status arrays_turn(double **x, size_t rows, size_t columns, struct modal_error *err)
 {
-    double *turned = malloc(rows * columns * sizeof *turned);
+    double *turned;
 
+    if (rows == 1 || columns == 1)                 /* it lies the same */
+        return MODAL_OK;
+    turned = malloc(rows * columns * sizeof *turned);
     if (turned == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "no memory to turn %zu x %zu numbers", rows,
                           columns);
@@ -312,13 +322,10 @@ enum modal_status arrays_read(const struct arrays *arrays, const struct signals_
     if (rc == MODAL_OK)
         rc = arrays_step(arrays, array, options, out, &turned, err);
     if (rc == MODAL_OK)
-        rc = load(arrays, array, &out->x, err);
+        rc = load(arrays, array, array->by_columns != turned, &out->x, err);
     if (rc != MODAL_OK)
         return rc;
     out->samples = turned ? array->columns : array->rows;
     out->channels = turned ? array->rows : array->columns;
-    if (array->by_columns == turned)
-        return MODAL_OK;
-    return array->by_columns ? arrays_turn(&out->x, array->columns, array->rows, err)
-                             : arrays_turn(&out->x, array->rows, array->columns, err);
+    return MODAL_OK;
 }

@@ -26,9 +26,9 @@ struct array {
 struct arrays {
     const char *path;
     const void *from;               /* the reader's own */
-    /* rows * columns numbers of ARRAY as they lie */
-    enum modal_status (*load)(const struct arrays *arrays, const struct array *array, double *to,
-                              struct modal_error *err);
+    /* rows * columns numbers of ARRAY, as they lie, INTO */
+    enum modal_status (*load)(const struct arrays *arrays, const struct array *array,
+                              struct numbers *into, struct modal_error *err);
     struct array *list;
     size_t count, room;
 };
@@ -51,6 +51,7 @@ enum modal_status arrays_step(const struct arrays *arrays, const struct array *a
 enum modal_status arrays_read(const struct arrays *arrays, const struct signals_options *options,
                               struct signals *out, struct modal_error *err);
 
-/* X, which lies as ROWS of COLUMNS, as COLUMNS of ROWS: in a new place, the old one is freed. */
+/* X, which lies as ROWS of COLUMNS, as COLUMNS of ROWS: in a new place, the old one is freed, where
+ * these are not the same. */
 enum modal_status arrays_turn(double **x, size_t rows, size_t columns, struct modal_error *err);
 #endif

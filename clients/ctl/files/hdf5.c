@@ -197,8 +197,9 @@ static void list_attributes(hid_t object, enum place place, struct arrays *array
 /* The file, and the name of the dataset whose attributes are in the list. */
 struct source { hid_t file; const char *signals; };
 
-static enum modal_status load(const struct arrays *arrays, const struct array *array, double *to,
-                              struct modal_error *err)
+/* Of times and steps: the signals are the batch's, and none of these is turned. */
+static enum modal_status load(const struct arrays *arrays, const struct array *array,
+                              struct numbers *into, struct modal_error *err)
 {
     const struct source *from = arrays->from;
     const char *set = array->at == ON_SIGNALS ? from->signals : array->name;
@@ -206,9 +207,9 @@ static enum modal_status load(const struct arrays *arrays, const struct array *a
                     ? H5Dopen2(from->file, set, H5P_DEFAULT) : H5I_INVALID_HID;
     hid_t object = array->at == IN_ROOT ? from->file : own;
     hid_t a = array->at != IN_DATASET ? H5Aopen(object, array->name, H5P_DEFAULT) : H5I_INVALID_HID;
-    bool ok = a >= 0 ? H5Aread(a, H5T_NATIVE_DOUBLE, to) >= 0
+    bool ok = a >= 0 ? H5Aread(a, H5T_NATIVE_DOUBLE, into->to) >= 0
                      : own >= 0 && H5Dread(own, H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT,
-                                           to) >= 0;
+                                           into->to) >= 0;
 
     if (a >= 0)
         H5Aclose(a);

@@ -16,6 +16,7 @@ enum {
     VERSION_AT = 124,                    /* two bytes */
     ORDER_AT   = 126,                    /* two letters */
     PREFIX = 1024,                       /* bytes of a matrix that hold its flags, sizes, name */
+    TAG_BYTES = 8,                       /* of the long form */
     ALIGNED = 8,                         /* bytes: where an element begins */
     SHORT_MOST = 4,                      /* bytes of data that a tag can hold itself */
     TYPE_INT8       = 1,                 /* [MAT], table 1-1 */
@@ -139,60 +140,88 @@ static enum modal_status damaged(const char *path, struct modal_error *err)
 
 struct matlab { struct bytes file; bool big; };
 
-/* The bytes of the matrix of A, unpacked into *OWN where it is compressed. */
-static enum modal_status unpack(const struct matlab *m, const char *path, size_t at, size_t most,
-                                struct bytes *out, unsigned char **own, struct modal_error *err)
+/* A matrix: its first bytes, all of them where MORE is NULL, else what comes behind them. */
+struct matrix { struct bytes first; size_t length; struct inflater *more;
+                unsigned char own[PREFIX]; };
+
+static void matrix_close(struct matrix *x)
+{
+    inflater_free(x->more);
+}
+
+/* A compressed element, E, says one matrix and its length, which deflate can have made of it. */
+static bool inflate_first(const struct matlab *m, const struct element *e, struct matrix *out)
+{
+    unsigned char tag[TAG_BYTES];
+    struct bytes first = { tag, sizeof tag, 0 };
+    struct element inner;
+    size_t got;
+
+    if (!inflater_read(out->more, tag, sizeof tag, &got) || got < sizeof tag
+        || !next_tag(&first, m->big, &inner) || inner.type != TYPE_MATRIX
+        || inner.length > inflated_most(e->length))
+        return false;
+    out->length = inner.length;
+    out->first = (struct bytes) { out->own, inner.length < PREFIX ? inner.length : PREFIX, 0 };
+    return inflater_read(out->more, out->own, out->first.length, &got) && got == out->first.length;
+}
+
+/* The element at AT, which matrix_close closes whatever comes back. */
+static enum modal_status matrix_open(const struct matlab *m, const char *path, size_t at,
+                                     struct matrix *out, struct modal_error *err)
 {
     struct bytes from = m->file;
-    unsigned char tag[8];
-    struct element e, inner;
-    size_t got, length;
+    struct element e;
 
-    *own = NULL;
+    out->more = NULL;
     from.at = at;
     if (!next_element(&from, m->big, &e))
         return damaged(path, err);
-    *out = e.data;
+    out->first = e.data;
+    out->length = e.length;
     if (e.type != TYPE_COMPRESSED)
         return MODAL_OK;
-    struct bytes first = { tag, sizeof tag, 0 };
-    if (!inflate_bytes(e.data, false, tag, sizeof tag, &got) || got < sizeof tag
-        || !next_tag(&first, m->big, &inner) || inner.type != TYPE_MATRIX
-        || inner.length > inflated_most(e.length))
-        return damaged(path, err);
-    length = inner.length < most ? inner.length : most;
-    *own = malloc(sizeof tag + length);
-    if (*own == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "%s: no memory for %zu bytes", path, length);
-    if (!inflate_bytes(e.data, false, *own, sizeof tag + length, &got)
-        || got != sizeof tag + length)
-        return damaged(path, err);
-    *out = (struct bytes) { *own + sizeof tag, length, 0 };
-    return MODAL_OK;
+    out->more = inflater_new(e.data, false);
+    if (out->more == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "%s: no memory to unpack it", path);
+    return inflate_first(m, &e, out) ? MODAL_OK : damaged(path, err);
 }
 
-static enum modal_status load(const struct arrays *arrays, const struct array *a, double *to,
-                              struct modal_error *err)
+/* COUNT numbers from where X stands, at their tag, and the rest of what is compressed: its checksum
+ * is at the end. */
+static bool decode(const struct matlab *m, struct matrix *x, size_t count, struct numbers *into)
+{
+    struct bytes first = x->first;
+    struct element numbers;
+
+    if (!next_tag(&first, m->big, &numbers) || numbers.length > x->length - first.at)
+        return false;
+    struct number_type type = type_of(numbers.type, m->big);
+    if (type.kind == NUMBER_NONE || count != numbers.length / (size_t)type.size
+        || numbers.length % (size_t)type.size != 0)
+        return false;
+    size_t here = bytes_left(&first) / (size_t)type.size;     /* whole ones: it is ALIGNED */
+    here = here < count ? here : count;
+    numbers_put(type, first.data + first.at, here, into);
+    return x->more == NULL
+           || (inflater_numbers(x->more, type, count - here, into)
+               && inflater_pass(x->more, x->length - x->first.length
+                                             - (count - here) * (size_t)type.size));
+}
+
+static enum modal_status load(const struct arrays *arrays, const struct array *a,
+                              struct numbers *into, struct modal_error *err)
 {
     const struct matlab *m = arrays->from;
-    size_t count = a->rows * a->columns;
     struct array again = { 0 };
-    unsigned char *own;
-    struct element numbers;
-    struct number_type type;
-    struct bytes matrix, name;
-    enum modal_status rc = unpack(m, arrays->path, a->at, SIZE_MAX, &matrix, &own, err);
+    struct matrix x;
+    struct bytes name;
+    enum modal_status rc = matrix_open(m, arrays->path, a->at, &x, err);
 
-    if (rc == MODAL_OK && (!read_head(&matrix, m->big, &again, &name)
-                           || !next_element(&matrix, m->big, &numbers)))
+    if (rc == MODAL_OK && (!read_head(&x.first, m->big, &again, &name)
+                           || !decode(m, &x, a->rows * a->columns, into)))
         rc = damaged(arrays->path, err);
-    type = type_of(rc == MODAL_OK ? numbers.type : 0, m->big);
-    if (rc == MODAL_OK && (type.kind == NUMBER_NONE || count != numbers.length / (size_t)type.size
-                           || numbers.length % (size_t)type.size != 0))
-        rc = damaged(arrays->path, err);
-    if (rc == MODAL_OK)
-        numbers_decode(type, numbers.data.data, count, to);
-    free(own);
+    matrix_close(&x);
     return rc;
 }
 
@@ -202,15 +231,15 @@ static enum modal_status list_element(struct arrays *arrays, const struct elemen
 {
     const struct matlab *m = arrays->from;
     struct array a = { 0 }, *one;
-    struct bytes matrix, name;
-    unsigned char *own;
+    struct matrix x;
+    struct bytes name;
     enum modal_status rc;
 
     if (e->type != TYPE_MATRIX && e->type != TYPE_COMPRESSED)
         return MODAL_OK;
-    rc = unpack(m, arrays->path, at, PREFIX, &matrix, &own, err);
+    rc = matrix_open(m, arrays->path, at, &x, err);
     size_t most = e->type == TYPE_COMPRESSED ? inflated_most(e->length) : e->length;
-    if (rc == MODAL_OK && (!read_head(&matrix, m->big, &a, &name)
+    if (rc == MODAL_OK && (!read_head(&x.first, m->big, &a, &name)
                            || (a.numbers && a.columns > 0 && a.rows > most / a.columns)))
         rc = damaged(arrays->path, err);                  /* a number takes a byte or more */
     /* a matrix without a name is what MATLAB keeps for itself */
@@ -225,7 +254,7 @@ static enum modal_status list_element(struct arrays *arrays, const struct elemen
             *one = a;
         }
     }
-    free(own);
+    matrix_close(&x);
     return rc;
 }
 

@@ -143,13 +143,13 @@ static enum modal_status damaged(const char *path, const char *name, struct moda
 
 /* ---- NPY ---- */
 
-static enum modal_status load_plain(const struct arrays *arrays, const struct array *a, double *to,
-                                    struct modal_error *err)
+static enum modal_status load_plain(const struct arrays *arrays, const struct array *a,
+                                    struct numbers *into, struct modal_error *err)
 {
     const struct bytes *file = arrays->from;
 
     (void)err;
-    numbers_decode(a->kind, file->data + a->at + a->inner, a->rows * a->columns, to);
+    numbers_put(a->kind, file->data + a->at + a->inner, a->rows * a->columns, into);
     return MODAL_OK;
 }
 
@@ -295,24 +295,35 @@ static bool find_entry(struct bytes file, const struct array *a, struct entry *o
     return false;
 }
 
-static enum modal_status load_packed(const struct arrays *arrays, const struct array *a, double *to,
-                                     struct modal_error *err)
+/* The numbers of A, which are all that is in the entry E behind its head. */
+static bool decode(struct bytes file, const struct entry *e, const struct array *a,
+                   struct numbers *into)
+{
+    struct bytes packed = { file.data + e->data, e->packed, 0 };
+    size_t count = a->rows * a->columns;
+    struct inflater *from;
+    bool ok;
+
+    if (e->method == STORED) {
+        numbers_put(a->kind, packed.data + a->inner, count, into);
+        return crc32_z(0, packed.data, e->length) == e->crc;
+    }
+    from = inflater_new(packed, true);
+    ok = from != NULL && inflater_pass(from, a->inner)
+         && inflater_numbers(from, a->kind, count, into) && inflater_crc(from) == e->crc;
+    inflater_free(from);
+    return ok;
+}
+
+static enum modal_status load_packed(const struct arrays *arrays, const struct array *a,
+                                     struct numbers *into, struct modal_error *err)
 {
     const struct bytes *file = arrays->from;
-    unsigned char *whole = malloc(a->length);
     struct entry e;
-    enum modal_status rc = MODAL_OK;
 
-    if (whole == NULL)
-        rc = modal_fail(err, MODAL_NO_MEMORY, "%s: no memory for %zu bytes", arrays->path,
-                        a->length);
-    else if (!find_entry(*file, a, &e) || !unpack(*file, &e, whole, a->length)
-             || crc32_z(0, whole, a->length) != e.crc)
-        rc = damaged(arrays->path, a->name, err);
-    else
-        numbers_decode(a->kind, whole + a->inner, a->rows * a->columns, to);
-    free(whole);
-    return rc;
+    if (!find_entry(*file, a, &e) || e.length != a->length || !decode(*file, &e, a, into))
+        return damaged(arrays->path, a->name, err);
+    return MODAL_OK;
 }
 
 enum modal_status npz_read(struct bytes file, const char *path,

@@ -157,16 +157,25 @@ void window_done(struct window *w)
     alarms_free(w->alarms);
 }
 
+/* How many of the COUNT samples from INDEX on lie one behind the other in the ring of W. */
+static uint64_t in_one_piece(const struct window *w, uint64_t index, uint64_t count)
+{
+    const uint64_t left = w->samples - index % w->samples;
+
+    return count < left ? count : left;
+}
+
 void window_keep(struct stream *s, const struct segment_record *segment)
 {
     struct window *w = &s->window;
     const char *data = segment->data;
-    uint64_t size = sample_bytes(s);
+    const uint64_t size = sample_bytes(s), end = segment->first + segment->count;
 
-    for (uint64_t i = 0; w->samples > 0 && i < segment->count; i++) {
-        if (w->recent == NULL)
-            w->recent = grab(w->samples * size);
-        memcpy(w->recent + (segment->first + i) % w->samples * size, data + i * size, size);
+    if (w->samples > 0 && w->recent == NULL)
+        w->recent = grab(w->samples * size);
+    for (uint64_t i = segment->first, n; w->samples > 0 && i < end; i += n, data += n * size) {
+        n = in_one_piece(w, i, end - i);
+        memcpy(w->recent + i % w->samples * size, data, n * size);
     }
 }
 
@@ -261,8 +270,10 @@ static struct blob *cut_window(struct core *c, struct stream *s, uint64_t known,
     *first = known > w->from && known < s->durable ? known : w->from;
     count = s->durable - *first;
     data = grab(count * size);
-    for (uint64_t i = 0; i < count; i++)
-        memcpy(data + i * size, w->recent + (*first + i) % w->samples * size, size);
+    for (uint64_t i = 0, n; i < count; i += n) {
+        n = in_one_piece(w, *first + i, count - i);
+        memcpy(data + i * size, w->recent + (*first + i) % w->samples * size, n * size);
+    }
     skipped = (s->durable - w->next) / w->hop;
     await_next(w, s->durable);
     w->skipped += skipped;

@@ -87,6 +87,7 @@ static bool factor_all(struct by_harmonic *s, const struct blocks *b)
     size_t entries = (size_t)pattern_entries(s->pattern);
     double before = s->work;
 
+    gmres_forget(s->gmres);
     s->rcond = 1;
     s->old = false;
     s->making = s->solving = 0;
@@ -107,6 +108,7 @@ static bool factor_all(struct by_harmonic *s, const struct blocks *b)
 
 bool by_harmonic_factor(struct by_harmonic *s, const struct blocks *b)
 {
+    gmres_forget(s->gmres);                             /* B is another, if P is not */
     s->old = s->making > 0 && s->solving < s->making;
     return s->old || factor_all(s, b);
 }
@@ -164,14 +166,13 @@ static void product(void *context, const double *in, double *out)
 /* y <- B^-1 y with the factors there are; false where it is not reached, or for want of memory. */
 static bool solve(struct by_harmonic *s, const struct blocks *b, double left, double *y)
 {
-    double n = (double)s->q * s->m, k;
     bool ok;
 
     s->blocks = b;
     precondition(s, y);
     ok = gmres_solve(s->gmres, product, s, left, y);
-    k = gmres_vectors(s->gmres);
-    s->solving = k * product_work(s, b) + k * (k - 1) / 2 * n / BUDGET_DENSE;
+    s->solving = gmres_vectors(s->gmres) * product_work(s, b)
+               + gmres_work(s->gmres) / BUDGET_DENSE;
     s->work += s->solving;
     return ok;
 }

@@ -396,6 +396,7 @@ enum modal_status by_inputs_set(struct by_inputs *s, struct aft *w, struct modal
 {
     enum modal_status rc = aft_each_slope(w, keep_block, s, err);
 
+    gmres_forget(s->gmres);                             /* D is another */
     if (rc == MODAL_OK && !s->j->made)
         choose_slopes(s);
     return rc;
@@ -444,6 +445,7 @@ static bool make_changes(struct by_inputs *s)
     }
     free(pivot);
     s->made_at = ok ? s->omega : 0;
+    gmres_forget(s->gmres);                             /* and G */
     return ok;
 }
 
@@ -601,8 +603,8 @@ static bool correct(struct by_inputs *s, double *y)
         return false;
     read_inputs(s, y, s->w);                            /* the right-hand side of (2) */
     ok = gmres_solve(s->gmres, product, s, s->inner, s->w);
-    s->work += gmres_vectors(s->gmres)
-        * (2 * m * r * (r + 2.0 * j->modes.count) + 2.0 * j->p->laws * 4 * m * m) / BUDGET_DENSE;
+    s->work += (gmres_work(s->gmres) + gmres_vectors(s->gmres)
+        * (2 * m * r * (r + 2.0 * j->modes.count) + 2.0 * j->p->laws * 4 * m * m)) / BUDGET_DENSE;
     slopes_on(s, true, s->w, s->f);                     /* and d of it, by A^-1 once more */
     memcpy(y, s->kept, size * sizeof *y);
     pull(s, s->f, y);

@@ -13,7 +13,11 @@
  * With u the real vector of X and |.| the relative size of balance_relative,
  *
  *     J(u) d = -R(u),                                                                           (1)
- *     J(u) d' = -R(u + lambda d),      |d'| <= (1 - lambda / 4) |d|.                            (2)
+ *     J(u) d' = -R(u + lambda d),      |d'| <= (1 - lambda / 4) |d|,                            (2)
+ *     d' = (1 - lambda) d + e,         J(u) e = (1 - lambda) R(u) - R(u + lambda d):            (3)
+ *
+ * an iterative solution needs no more digits of e, which curvature makes, for a short step than for
+ * a long one.
  *
  * Near the solution, where |d| is below CLOSE and shrinks, (2) is not asked for.  With a rate r =
  * |d| / |d_before| < 1 the distance left after a step is at most r / (1 - r) |d|, if the rate
@@ -80,7 +84,8 @@ static const double LONG_STEP = 0.5;
 static const double SHORT_STEP = 0.1;
 /* Damped steps after which their pace is looked at: one bad step among a few is no pace. */
 static const int PACE_STEPS = 8;
-/* What may be left of a simplified step, over lambda: an eighth of the margin in (2). */
+/* What may be left of e in (3): where (2) is near, e is of lambda |d|, and this an eighth of the
+ * margin. */
 static const double FORCING_TRIAL = 1.0 / 32;
 /* A singular J is stiffened by this share of its largest entry, then by a thousand times more:
  * past 1 nothing of it is left. */
@@ -369,7 +374,7 @@ static bool factor_somehow(struct balance *b, double *kept, bool soft)
 }
 
 struct newton_work {
-    double *step, *trial_step, *u, *kept, *scratch;
+    double *step, *trial_step, *u, *R, *kept, *scratch;
     double complex *trial;
     bool *cut;
     double logs;                      /* of damped steps, as many: see arrives() */
@@ -395,6 +400,7 @@ static enum modal_status damp(struct balance *b, struct newton_work *w, double c
     enum modal_status rc;
 
     *ok = false;
+    memcpy(w->R, b->R, (size_t)b->order * sizeof *w->R);
     for (double lambda = 1; lambda >= LAMBDA_LEAST; lambda *= lambda == 1 ? DAMP_FIRST : DAMP) {
         double next;
 
@@ -405,10 +411,12 @@ static enum modal_status damp(struct balance *b, struct newton_work *w, double c
         if (rc != MODAL_OK)
             return rc;
         for (int i = 0; i < b->order; i++)
-            w->trial_step[i] = -b->R[i];
-        b->forcing = FORCING_TRIAL * lambda;
-        balance_solve(b, w->trial_step, 1);
+            w->trial_step[i] = (1 - lambda) * w->R[i] - b->R[i];
+        b->forcing = FORCING_TRIAL;
+        balance_solve(b, w->trial_step, 1);             /* (3) */
         b->forcing = forcing;
+        for (int i = 0; i < b->order; i++)
+            w->trial_step[i] += (1 - lambda) * w->step[i];
         next = norm_above(b, faint, w->trial_step, X);  /* of the simplified step, the same J */
         if (next <= (1 - lambda / 4) * size || next < FLOOR) {
             *ok = true;
@@ -514,6 +522,7 @@ static enum modal_status work_init(struct newton_work *w, const struct balance *
     w->step = workspace_zeros(&w->space, n, sizeof *w->step);
     w->trial_step = workspace_zeros(&w->space, n, sizeof *w->trial_step);
     w->u = workspace_zeros(&w->space, n, sizeof *w->u);
+    w->R = workspace_zeros(&w->space, n, sizeof *w->R);
     w->kept = workspace_zeros(&w->space, small, sizeof *w->kept);
     w->scratch = workspace_zeros(&w->space, 2 * n, sizeof *w->scratch);
     w->trial = workspace_zeros(&w->space, (size_t)b->q * ((size_t)b->H + 1), sizeof *w->trial);

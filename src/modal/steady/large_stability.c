@@ -46,7 +46,8 @@ enum {
     IN_VAIN = 3,                 /* points' work that windows may spend without a verdict: chosen */
     FIRST = 200,                 /* periods before the bound is asked for: chosen */
     SERIES = 100,                /* operations of a harmonic's coefficients over a step, */
-    PIECE = 10,                  /* and of whether a piece holds there */
+    PIECE = 10,                  /* of whether a piece holds there, */
+    AGAIN = 1,                   /* and of a number that is as before */
     SAMPLES_LEAST = 64,          /* of a slope */
     SAMPLES_MOST = 4096,         /* jumps that a sampled law makes are as fine as that */
 };
@@ -59,7 +60,10 @@ struct law_slope {
     enum slope_kind kind;
     int top;                     /* of the series; law without pieces */
     double complex *harmonic;
-    double work;                 /* operations of its coefficients over a step */
+    bool constant;               /* between the ends of its law's pieces: VALUE, of FROM <= theta <
+                                  * UNTIL, once it is known there */
+    double value, from, until;
+    double work;                 /* operations of its coefficients over a step, where not known */
 };
 
 struct large {
@@ -141,17 +145,54 @@ static double taylor_work(const struct disturbance *u, const struct law_slope *f
     if (f->harmonic != NULL)
         return SERIES * (f->top + 1.0);
     return u->pieces[f->law].count * PIECE
-         + (varies(u, f) ? SERIES * (u->in[f->law * LAW_INPUTS_MOST].top + 1.0) : 0);
+         + (f->constant ? 0 : SERIES * (u->in[f->law * LAW_INPUTS_MOST].top + 1.0));
+}
+
+/* The same in the mean of all steps: what is constant is asked for anew at most at each end of its
+ * law's pieces. */
+static double mean_work(const struct disturbance *u, const struct law_slope *f)
+{
+    double ends = 2.0 * u->pieces[f->law].count + 1;
+
+    return f->constant ? AGAIN + f->work * fmin(ends / u->cuts, 1) : f->work;
+}
+
+/* F's value at THETA, where it is constant, and between which ends of pieces it holds: events of
+ * other laws, of which there may be thousands, change nothing of it. */
+static void take_value(const struct disturbance *u, struct law_slope *f, double theta)
+{
+    const struct law_pieces *pieces = &u->pieces[f->law];
+
+    f->value = 0;
+    pieces_taylor(u, f, theta, 0, 1, &f->value);
+    f->from = 0;
+    f->until = 2 * M_PI;
+    for (int i = 0; i < 2 * pieces->count; i++) {
+        const struct law_piece *p = &pieces->piece[i / 2];
+        double end = disturbance_wrap(i % 2 == 0 ? p->from : p->to);
+        if (end <= theta)
+            f->from = fmax(f->from, end);
+        else
+            f->until = fmin(f->until, end);
+    }
+    budget_add(u->budget, f->work);
 }
 
 /* period_parts.taylor */
 static int taylor(void *context, int function, double t, double h, int most, double *out)
 {
-    const struct large *l = context;
-    const struct law_slope *f = &l->slope[function];
+    struct large *l = context;
+    struct law_slope *f = &l->slope[function];
     double theta = t * l->u->point->omega, turn = h * l->u->point->omega, largest;
     int count = 1;
 
+    if (f->constant) {
+        double middle = disturbance_wrap(theta + turn / 2);
+        if (middle < f->from || middle >= f->until)
+            take_value(l->u, f, middle);
+        out[0] = f->value;
+        return 1;
+    }
     memset(out, 0, (size_t)most * sizeof *out);
     if (f->harmonic != NULL)
         add_series(f->harmonic, f->top, 1, 0, theta, turn, most, out);
@@ -182,8 +223,10 @@ static void add_slope(struct large *l, struct law_slope slope)
         c->in = law->end + law->start[in];
         c->ins = law->start[in + 1] - law->start[in];
     }
+    slope.constant = slope.harmonic == NULL && !varies(l->u, &slope);
     slope.work = taylor_work(l->u, &slope);
-    l->parts.step_work += slope.work / FIRST;    /* of a vector's share: so many are carried */
+    /* of a vector's share: so many are carried */
+    l->parts.step_work += mean_work(l->u, &slope) / FIRST;
     l->slope[l->parts.functions++] = slope;
 }
 
@@ -205,16 +248,18 @@ static void pieces_slopes(struct large *l, int number)
         for (int o = 0; o < inputs; o++)
             for (int j = 0; j < inputs; j++)
                 if (has[kind][o][j])
-                    add_slope(l, (struct law_slope){ number, o, j, kind, 0, NULL, 0 });
+                    add_slope(l, (struct law_slope){ .law = number, .out = o, .in = j,
+                                                     .kind = kind });
     for (int e = 0; e < law->memory; e++)        /* the last input is what its sliders resist */
-        add_slope(l, (struct law_slope){ number, inputs - 1, e, OF_SLIDER, 0, NULL, 0 });
+        add_slope(l, (struct law_slope){ .law = number, .out = inputs - 1, .in = e,
+                                         .kind = OF_SLIDER });
 }
 
 /* Slope I of a law without pieces: by place, then by rate, outputs first. */
 static struct law_slope slope_of(int number, int i, int inputs)
 {
-    return (struct law_slope){ number, i / inputs % inputs, i % inputs,
-                               i < inputs * inputs ? BY_PLACE : BY_RATE, 0, NULL, 0 };
+    return (struct law_slope){ .law = number, .out = i / inputs % inputs, .in = i % inputs,
+                               .kind = i < inputs * inputs ? BY_PLACE : BY_RATE };
 }
 
 /* N samples of each slope of law NUMBER, one after another. */

@@ -47,6 +47,50 @@ TEST(what_so_few_vectors_do_not_reach_is_near_and_said_not_to_be_reached)
     gmres_free(g);
 }
 
+TEST(a_second_right_hand_side_begins_with_what_the_first_found)
+{
+    struct gmres *g = gmres_new(N, N), *alone = gmres_new(N, N);
+    double x[3][N], y[3][N], again[N];
+    int products = 0, of_the_first;
+
+    for (int j = 0; j < 3; j++) {
+        for (int i = 0; i < N; i++)                     /* the third: of the first's and a little */
+            x[j][i] = j < 2 ? sin((i + 1.0) * (j + 1)) : x[0][i] + 1e-3 * (i % 7);
+        tridiagonal(&products, x[j], y[j]);
+    }
+    for (int i = 0; i < N; i++)
+        again[i] = y[2][i];
+    CHECK(gmres_solve(alone, tridiagonal, &products, 1e-4, again));
+    CHECK(gmres_solve(g, tridiagonal, &products, 1e-4, y[0]));
+    of_the_first = gmres_vectors(g);
+    CHECK(of_the_first > 10);
+    CHECK(gmres_solve(g, tridiagonal, &products, 1e-4, y[2]));
+    CHECK(gmres_vectors(g) < gmres_vectors(alone));
+    CHECK(gmres_solve(g, tridiagonal, &products, 1e-4, y[1]));
+    for (int j = 0; j < 3; j++)
+        for (int i = 0; i < N; i++)
+            CHECK_NEAR(y[j][i], x[j][i], 1e-2);
+    gmres_free(alone);
+    gmres_free(g);
+}
+
+TEST(what_was_solved_before_is_there_without_a_product_until_the_operator_is_another)
+{
+    struct gmres *g = gmres_new(N, N);
+    double y[N], again[N];
+    int products = 0;
+
+    for (int i = 0; i < N; i++)
+        y[i] = again[i] = cos(i * i);
+    CHECK(gmres_solve(g, tridiagonal, &products, 1e-4, y) && products > 0);
+    CHECK(gmres_solve(g, tridiagonal, &products, 1e-3, again) && gmres_vectors(g) == 0);
+    for (int i = 0; i < N; i++)
+        CHECK_NEAR(again[i], y[i], 1e-2);
+    gmres_forget(g);
+    CHECK(gmres_solve(g, tridiagonal, &products, 1e-3, again) && gmres_vectors(g) > 0);
+    gmres_free(g);
+}
+
 /* out <- (0, in_0): of no vector the first is made. */
 static void shift(void *context, const double *in, double *out)
 {

@@ -71,6 +71,41 @@ TEST(what_harmonics_solve_apart_is_what_the_whole_blocks_give)
     program_free(p);
 }
 
+/* What the first found of the blocks is there for the second, as long as they are the same. */
+TEST(a_second_right_hand_side_of_the_same_blocks_costs_less_than_the_first)
+{
+    struct program *p = program_text(
+        "{'structure':{'type':'chain','masses':[1,1,1,1,1,1],'springs':[1,1,1,1,1,1,0]},'omega':1,"
+        "'effects':[{'type':'cubic_spring','dof':'x2','to':'x5','coefficient':1},"
+        "{'type':'gap','dof':'x3','stiffness':1,'clearance':0}]}");
+    int place[DOFS] = { 0, 1, 2, 3, 4, 5 };
+    struct pattern *pattern = NULL;
+    struct by_harmonic *s = NULL;
+    struct blocks *b;
+    double y[2][ORDER], z[ORDER], work[3];
+    unsigned state = 3;
+
+    CHECK(pattern_new(p, place, DOFS, false, &pattern, NULL) == MODAL_OK);
+    CHECK(by_harmonic_new(pattern, HJ, &s, NULL) == MODAL_OK);
+    b = filled(pattern, 0.5);
+    CHECK(by_harmonic_factor(s, b) && blocks_factor(b, NULL));
+    work[0] = by_harmonic_work(s);
+    for (int j = 0; j < 2; j++) {
+        for (int i = 0; i < ORDER; i++)                 /* the second: the first, and a little */
+            y[j][i] = z[i] = j == 0 ? next(&state) : z[i] + 0.01 * next(&state);
+        CHECK(by_harmonic_solve(s, b, 1e-3, y[j]));
+        work[j + 1] = by_harmonic_work(s);
+    }
+    CHECK(work[2] - work[1] < 0.7 * (work[1] - work[0]));
+    blocks_solve(b, z);
+    for (int i = 0; i < ORDER; i++)
+        CHECK_NEAR(y[1][i], z[i], 1e-2);
+    blocks_free(b);
+    by_harmonic_free(s);
+    pattern_free(pattern);
+    program_free(p);
+}
+
 TEST(a_harmonic_that_is_singular_is_told)
 {
     struct program *p = program_text(

@@ -334,6 +334,33 @@ static enum modal_status check_set(hid_t set, const char *name, hsize_t dims[2],
     return rc;
 }
 
+/* That the numbers of SET, DIMS of them, are in its own file, and not in another that it names,
+ * which may be anybody's; and that so few bytes can be so many, as far as deflate can (RFC 1951):
+ * those never written have none. */
+static enum modal_status check_held(hid_t set, const char *name, const hsize_t dims[2],
+                                    struct modal_error *err)
+{
+    enum { DEFLATE_RATIO = 1032 };        /* 8 * 258 bits by 2 */
+    hid_t type = H5Dget_type(set), how = H5Dget_create_plist(set);
+    bool here = how >= 0 && H5Pget_layout(how) != H5D_VIRTUAL && H5Pget_external_count(how) == 0;
+    double said = (double)dims[0] * (double)dims[1] * (type >= 0 ? (double)H5Tget_size(type) : 0),
+           held = here ? (double)H5Dget_storage_size(set) : 0;
+
+    if (how >= 0)
+        H5Pclose(how);
+    if (type >= 0)
+        H5Tclose(type);
+    if (!here)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "the numbers of dataset `%s` are "
+                                "in other files; accepted: in its own, as `h5repack -l CONTI` "
+                                "makes it", name);
+    if (said > DEFLATE_RATIO * held)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "dataset `%s` of %llu x %llu has "
+                                "%.0f bytes in the file: most of it was never written", name,
+                                (unsigned long long)dims[0], (unsigned long long)dims[1], held);
+    return MODAL_OK;
+}
+
 /* Where in the file the samples lie as they are used: whole, unfiltered, in no other file.  0: they
  * do not. */
 static uint64_t place_of(hid_t set)
@@ -403,6 +430,8 @@ static enum modal_status read_signals(hid_t set, const struct source *from, stru
     enum modal_status rc = check_set(set, from->set, dims, most, err);
     size_t count, bytes;
 
+    if (rc == MODAL_OK)
+        rc = check_held(set, from->set, dims, err);
     if (rc != MODAL_OK)
         return rc;
     out->batch.samples = (size_t)dims[0];

@@ -427,6 +427,34 @@ def test_headers_that_promise_the_absurd_cost_nothing_and_are_refused(ctl, tmp_p
                 in ("file", "signals")), (name, said.document)
 
 
+def test_numbers_that_are_not_in_the_hdf5_file_itself_are_none(ctl, tmp_path):
+    """Never written, of which there may be more than any memory; or in another file, that only who
+    reads it may read."""
+    other, path = tmp_path / "other.h5", tmp_path / "x.h5"
+    hdf5(other)
+    (tmp_path / "secret").write_bytes(bytes(range(200)))
+    virtual = h5py.VirtualLayout(shape=(SAMPLES, 3), dtype="f8")
+    virtual[:] = h5py.VirtualSource(other, "run/accel", shape=(SAMPLES, 3))
+    cases = {
+        "never written": lambda f: f.create_dataset("signals", (2 ** 27, 8), "f8"),
+        "never written, in chunks": lambda f: f.create_dataset("signals", (2 ** 27, 8), "f8",
+                                                               chunks=(4096, 8)),
+        "in other files": lambda f: f.create_virtual_dataset("signals", virtual),
+        "in other files, as they lie": lambda f: f.create_dataset(
+            "signals", (200, 1), "u1", external=[(str(tmp_path / "secret"), 0, 200)])}
+    for said, write in cases.items():
+        with h5py.File(path, "w", libver="latest") as f:
+            write(f).attrs["dt"] = DT
+        field, text = refused(ctl, path)
+        assert field == "signals" and said.split(",")[0] in text, (said, text)
+    with h5py.File(path, "w") as f:                 # of much that is the same, deflate makes little
+        y = np.zeros((2 ** 18, 1))
+        y[:50, 0] = Y[:50, 0]
+        f.create_dataset("signals", data=y, chunks=(2 ** 18, 1), compression=9).attrs["dt"] = DT
+        assert f["signals"].id.get_storage_size() < 5000
+    assert ctl("export", path, "-O", tmp_path / "y.h5").status == 0
+
+
 def test_a_flipped_bit_in_a_compressed_file_is_an_error(ctl, tmp_path):
     for name, write in (("npz", EXACT["npz deflated"]), ("mat", EXACT["mat compressed"])):
         write(tmp_path / name)

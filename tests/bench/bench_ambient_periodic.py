@@ -3,22 +3,27 @@
 their lifted spectrum.
 
     MODALD_BUILD=build tests/bench/bench_ambient_periodic.py [FIRST] [LAST] [-v]
+    MODALD_BUILD=build tests/bench/bench_ambient_periodic.py wander [FIRST] [LAST] [-v]
 
 Each record, by turns: Mathieu's oscillator, and two degrees of freedom; stiffness parts of 10 to 40
 % that vary once or twice a period, damping 0.5 to 3 %, one channel, or two, 500 to 3,000 periods of
 PHASES samples, white noise of 1 to 10 % on each channel; defaults and `period`.  The samples of
 each period are one vector, the lifted signal, whose spectral matrix is that of a constant system:
 the bound is the inverse of its Whittle likelihood's information at the truth (bench_ambient.py),
-nothing of it reduced.
+nothing of it reduced.  `wander`: the stiffness turns with an azimuth, a channel, whose speed
+wanders by WANDER within 5 and 100 turns, by halves of the records, while all else keeps to time;
+multipliers are those of the mean turn, and the bound is that of even turns.
 """
 import sys
 import numpy as np
 import scipy.linalg
+import scipy.signal
 from scipy.optimize import linear_sum_assignment
 import bench_ambient
 from bench_ambient import root, say
 
 PHASES, FINE = 12, 16
+WANDER, WITHIN = 0.01, (5, 100)
 
 
 def step_of(A, B, h):
@@ -98,8 +103,49 @@ def random_periodic(rng, dofs, channels=None, phases=PHASES):
         seen = channels or rng.integers(1, dofs + 1)
         C = np.c_[rng.standard_normal((seen, dofs)), np.zeros((seen, dofs))]
         s = Periodic(A, B, C, 10 ** rng.uniform(-2, -1), phases)
+        s.A, s.B, s.C = A, B, C
         if np.max(abs(s.all)) < 0.995 and np.min(abs(s.all.imag)) > 0.02:
             return s, int(np.exp(rng.uniform(np.log(500), np.log(3000))))
+
+
+def wander(system, periods, within, rng):
+    """Samples of the system at a speed that wanders, beside them the azimuth in degrees; system.mu
+    becomes that of the mean turn."""
+    bound = system.bound(periods)
+    fine, n = FINE * PHASES // 2, len(system.F)
+    h, keep, steps = 1 / fine, np.exp(-1 / fine / within), periods * fine
+    speed = 1 + scipy.signal.lfilter([WANDER * np.sqrt(1 - keep ** 2)], [1, -keep],
+                                     rng.standard_normal(steps))
+    angle = np.r_[0, np.cumsum(speed[:-1])] * h
+
+    # five harmonics are all of A
+    parts = np.fft.fft([system.A(k / 5) for k in range(5)], axis=0)[[3, 4, 0, 1, 2]] / 5
+
+    def advance(at, h):
+        turns = np.exp(2j * np.pi * np.outer(at, np.arange(-2, 3)))
+        A = h * np.einsum("ij,jkl->ikl", turns, parts).real
+        F, term = np.eye(n) + A, A
+        for k in range(2, 7):
+            term = A @ term / k
+            F = F + term
+        return F
+
+    F, x = advance(angle + h / 2 * speed, h), root(system.mean) @ rng.standard_normal(n)
+    kicks = rng.standard_normal((steps, system.B.shape[1])) @ system.B.T * np.sqrt(h)
+    Y, every = np.empty((steps, n)), FINE // 2
+    for k in range(steps):
+        Y[k] = x
+        x = F[k] @ x + kicks[k]
+    mean, M = (steps - 1) * h / angle[-1], np.eye(n)
+    # by steps as long, so that what they leave out is left out of both
+    for step in advance((np.arange(fine) + 0.5) / fine, mean / fine):
+        M = step @ M
+    mu = np.linalg.eigvals(M)
+    system.mu = np.array([mu[np.argmin(abs(mu - m))] for m in system.mu])
+    system.bound = lambda periods: bound
+    Y = Y[::every] @ system.C.T
+    return np.c_[Y + rng.standard_normal(Y.shape) * system.sigma[:Y.shape[1]],
+                 np.mod(angle[::every], 1) * 360]
 
 
 def compare(system, periods, said):
@@ -123,11 +169,12 @@ def compare(system, periods, said):
 
 
 def many(first, last, verbose, ask):
+    """ask: of a system, its number of periods and a generator, what is said."""
     rows, right, missed = [], 0, 0
     for seed in range(first, last):
         rng = np.random.default_rng(seed)
         system, periods = random_periodic(rng, 1 + seed % 2)
-        said = ask(system, system.samples(periods, rng))
+        said = ask(system, periods, rng, seed)
         assert ("error" not in said and said["stability"]["stable"]
                 is not False), f"seed {seed}: {said}"
         own = compare(system, periods, said)
@@ -152,11 +199,16 @@ def many(first, last, verbose, ask):
     say("modes without errors", missed)
 
 
-def ask(system, Y):
-    return bench_ambient.run(Y, 1 / PHASES, "-o", "period=1")
+def ask_even(system, periods, rng, seed):
+    return bench_ambient.run(system.samples(periods, rng), 1 / PHASES, "-o", "period=1")
+
+
+def ask_wandering(system, periods, rng, seed):
+    Y = wander(system, periods, WITHIN[seed // 2 % 2], rng)
+    return bench_ambient.run(Y, 1 / PHASES, "-o", f"azimuth={Y.shape[1] - 1}")
 
 
 if __name__ == "__main__":
     numbers = [int(x) for x in sys.argv[1:] if x.isdigit()]
     many(numbers[0] if numbers else 0, numbers[1] if len(numbers) > 1 else 20, "-v" in sys.argv,
-         ask)
+         ask_wandering if "wander" in sys.argv else ask_even)

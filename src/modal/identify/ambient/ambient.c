@@ -11,6 +11,7 @@
  */
 #include "modal/identify/ambient/ambient.h"
 #include <cblas.h>
+#include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -20,6 +21,7 @@
 #include "modal/identify/ambient/ambient_lines.h"
 #include "modal/identify/ambient/ambient_order.h"
 #include "modal/identify/ambient/ambient_steady.h"
+#include "modal/identify/ambient/ambient_wander.h"
 #include "modal/identify/answer/modes.h"
 #include "modal/identify/ask/diagnose.h"
 #include "modal/identify/ask/verdict.h"
@@ -49,6 +51,7 @@ struct work {
     int phases;                  /* samples a period, each a column of its own; 1: constant */
     bool periodic;
     double sample, span;         /* s a sample; that a multiplier is over: the period, or dt */
+    double *longer;              /* of an azimuth: turns_lengths(); owned */
     struct matrix whole;         /* the first rows before lines were taken off; owned */
     struct pod pod;
     struct matrix Z;             /* signals of unit variance; the pod's memory */
@@ -112,7 +115,7 @@ static enum modal_status read_period(struct work *w, const struct batch *batch,
 
     w->periodic = w->rec.period > 0 || w->opt.azimuth != NULL;
     if (w->opt.azimuth != NULL || (w->periodic && w->rec.per_period == 0))
-        rc = turns_even(&w->rec, batch, w->opt.azimuth, err);
+        rc = turns_even(&w->rec, batch, w->opt.azimuth, &w->longer, err);
     if (rc != MODAL_OK)
         return rc;
     w->phases = w->periodic ? w->rec.per_period : 1;
@@ -648,6 +651,25 @@ static enum modal_status conclude(struct work *w, struct identify_result *out,
     return rc;
 }
 
+/* Do turns differ by more than the rounding of their angle, which no multiplier would show? */
+static bool wanders(const struct work *w)
+{
+    int turns = w->Z.m;
+
+    return w->longer != NULL
+           && cblas_dnrm2(turns, w->longer, 1) > sqrt(DBL_EPSILON) * sqrt(turns);
+}
+
+static enum modal_status follow_turns(struct work *w, struct modal_error *err)
+{
+    const struct identify_options *o = &w->opt;
+    struct ambient_wander in = { &w->Z, w->longer, w->phases,
+                                 ambient_price(w->Z.n, w->spectrum.lines), o->rank.fixed > 0,
+                                 o->cancelled, o->context };
+
+    return ambient_wander_fit(&in, w->found.model, err);
+}
+
 static enum modal_status search(struct work *w, struct modal_error *err)
 {
     const struct identify_options *o = &w->opt;
@@ -659,7 +681,9 @@ static enum modal_status search(struct work *w, struct modal_error *err)
                                          &w->spectrum, err);
 
     w->step = rc == MODAL_OK ? w->rec.step * w->rec.Y.m / w->spectrum.samples : NAN;
-    return rc == MODAL_OK ? ambient_search(&w->spectrum, &limits, &w->found, err) : rc;
+    if (rc == MODAL_OK)
+        rc = ambient_search(&w->spectrum, &limits, &w->found, err);
+    return rc == MODAL_OK && wanders(w) ? follow_turns(w, err) : rc;
 }
 
 enum modal_status ambient_identify(const struct batch *batch, const struct identify_options *opt,
@@ -689,6 +713,7 @@ enum modal_status ambient_identify(const struct batch *batch, const struct ident
     pod_done(&w.pod);
     record_done(&w.rec);
     free(w.whole.x);
+    free(w.longer);
     free(w.back);
     return rc;
 }

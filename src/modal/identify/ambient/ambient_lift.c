@@ -13,13 +13,8 @@
  * whose Fourier coefficients tell at which lambda + i k 2 pi / T it moves (harmonics.h).
  *
  * Where the speed wanders, rows at even angles are such a system if all that has a rate keeps to
- * the angle.  Frequencies that keep to time make F one of the length of each turn: there is no one
- * multiplier then and no bound of (1).  What is found is that of the turns in which a mode happened
- * to be strong, with errors of decay as stated, of the turn per period too small where the speed
- * keeps its way for as long as the mode swings on: Mathieu's oscillator in 1,500 turns, 1 % within
- * 100 turns, mean squared errors of 1.3 and 2.0 times the bound of even turns, within 5 turns 1.4
- * and 1.4 (60 records each; all kept to the angle: 1.3 and 0.9, 1.2 and 1.2).  Where half of the
- * rotor's frequency is near, to which modes are drawn, they may be out by far more.
+ * the angle.  Frequencies that keep to time make F one of the length of each turn: see
+ * ambient_wander.c.
  *
  * [BC09] Bittanti and Colaneri, Periodic Systems, Springer 2009, chapter 6.
  *

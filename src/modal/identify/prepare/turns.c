@@ -108,22 +108,45 @@ enum modal_status turns_even_out(struct record *r, const double *turn, struct mo
     return rc;
 }
 
+void turns_lengths(const double *turn, int rows, int turns, double *longer)
+{
+    double each = turns_rows_each(turn, rows), before = 0;
+
+    for (int i = 0, at = 0; i < turns; i++) {
+        double angle = turn[0] + i + 1, row;
+        while (at < rows - 2 && turn[at + 1] <= angle)
+            at++;
+        row = at + (angle - turn[at]) / (turn[at + 1] - turn[at]);
+        longer[i] = angle <= turn[rows - 1] ? (row - before) / each - 1 : 0;
+        before = row;
+    }
+}
+
 enum modal_status turns_even(struct record *r, const struct batch *b, const int *azimuth,
-                             struct modal_error *err)
+                             double **longer, struct modal_error *err)
 {
     size_t first = (size_t)llround(r->t0 / b->dt);
-    double *turn = malloc(sizeof *turn * (size_t)r->Y.m);
+    int rows = r->Y.m;
+    double *turn = calloc((size_t)rows + 1, sizeof *turn);
     enum modal_status rc = MODAL_OK;
 
     if (turn == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d angles", r->Y.m);
     if (azimuth != NULL)
-        rc = turns_read(b->signals + first * b->channels + (size_t)*azimuth, b->channels, r->Y.m,
+        rc = turns_read(b->signals + first * b->channels + (size_t)*azimuth, b->channels, rows,
                         turn, err);
-    for (int k = 0; k < r->Y.m && azimuth == NULL; k++)
+    for (int k = 0; k < rows && azimuth == NULL; k++)
         turn[k] = k * r->step / r->period;
     if (rc == MODAL_OK)
         rc = turns_even_out(r, turn, err);
+    if (rc == MODAL_OK && azimuth != NULL) {
+        int turns = r->Y.m / r->per_period;
+        *longer = malloc(sizeof **longer * ((size_t)turns + 1));
+        if (*longer != NULL)
+            turns_lengths(turn, rows, turns, *longer);
+        else
+            rc = modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d turns", turns);
+    }
     free(turn);
     return rc;
 }

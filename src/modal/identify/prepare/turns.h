@@ -25,13 +25,18 @@ enum { TURNS_POINTS = 8 };      /* of a polynomial between rows, at most */
 enum modal_status turns_resample(struct matrix *Y, const double *turn, int phases, int points,
                                  struct modal_error *err);
 
+/* longer[i], i < turns: by what share of the mean turn the i-th of TURN's ROWS is longer than that;
+ * of one that the rows do not hold whole 0. */
+void turns_lengths(const double *turn, int rows, int turns, double *longer);
+
 /*
  * R's rows at even angles, a whole number a turn, and its period and step as they are in the mean:
- * of channel *AZIMUTH of B, which R was cut from, or, NULL, of its period.  Fails with
- * MODAL_NO_MEMORY and as turns_read() does.
+ * of channel *AZIMUTH of B, which R was cut from, or, NULL, of its period.  *longer, the caller's,
+ * of an azimuth: turns_lengths() of the turns that R then has whole.  Fails with MODAL_NO_MEMORY
+ * and as turns_read() does.
  */
 enum modal_status turns_even(struct record *r, const struct batch *b, const int *azimuth,
-                             struct modal_error *err);
+                             double **longer, struct modal_error *err);
 
 /* R's rows at even angles of TURN, of each row of it, and its period and step as they are in the
  * mean.  Fails with MODAL_NO_MEMORY. */

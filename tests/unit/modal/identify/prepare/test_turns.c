@@ -74,3 +74,26 @@ TEST(rows_are_at_even_angles)
         CHECK_NEAR(Y.x[i], cos(4 * M_PI * i / PHASES + 0.2), 1e-3);
     free(Y.x);
 }
+
+/* Turns begin at the angle that the first row has. */
+TEST(a_turn_is_as_long_as_its_rows_are_beside_the_mean)
+{
+    static double turn[ROWS], longer[46];
+    double each;
+
+    for (int k = 0; k < ROWS; k++)
+        turn[k] = turned(k);
+    each = turns_rows_each(turn, ROWS);
+    turns_lengths(turn, ROWS, 46, longer);
+    /* the rows hold 44.9 turns */
+    CHECK(longer[44] == 0 && longer[45] == 0);
+    for (int i = 0; i < 44; i++) {
+        double begins = 13.37 * i, ends = 13.37 * (i + 1);
+        for (int step = 0; step < 50; step++) {     /* k / 13.37 + 0.013 sin(0.04 k) = i */
+            begins = 13.37 * (i - 0.013 * sin(0.04 * begins));
+            ends = 13.37 * (i + 1 - 0.013 * sin(0.04 * ends));
+        }
+        /* angles taken as linear between rows are off by 0.013 0.04^2 / 8 */
+        CHECK_NEAR(longer[i], (ends - begins) / each - 1, 2 * 0.013 * 0.04 * 0.04 / 8 + 1e-7);
+    }
+}

@@ -1,0 +1,438 @@
+/*
+ * ambient_wander.c - multipliers that the length of each turn moves
+ *
+ * Let the coefficients of a system turn with an angle whose speed wanders, while the rest of it
+ * keeps to time: A(angle) x, samples at even angles.  Turn m, longer than the mean one by the share
+ * d_m, has a multiplier of its own,
+ *
+ *     log rho(d) = lambda + nu d + ..,                                                          (1)
+ *
+ * nu = lambda + i k 2 pi where the mode moves as exp(lambda t) at the k-th harmonic alone, 0 where
+ * all that has a rate keeps to the angle: it is one complex unknown a mode, and as d is known and
+ * zero in the mean nothing that lambda tells is lost to it.  Taken as equal, turns make a line as
+ * wide as they differ, beside its own width, and where it is by the turns in which the mode
+ * happened to be strong.  Such a record is not stationary and has no spectral matrix, but it has
+ * its innovations e: with (1) of whittle.c in time, to first order in d,
+ *
+ *     q(m+1) = e^(nu d_m) (e^lambda q(m) + kappa^T e(m)),
+ *     z(m) = e(m) + 2 Re sum (phi + d_m chi) q(m):                                              (2)
+ *
+ * what e(m) tells of the state is as far from the next turn as the state is, and what a mode does
+ * within a turn is longer too.  N/2 log det of the covariance of e falls to its least [Lju99, ch.
+ * 7] by Gauss and Newton, damped after Levenberg and Marquardt, from the model of equal turns; q(0)
+ * is unknown too.  A line that is drawn wide can take two pairs: any that is not worth its price in
+ * (2) leaves.  Beyond (1), where two modes nearly lock, d^2 moves the mean as well.
+ *
+ * [Lju99] Ljung, System Identification, Prentice Hall 1999.
+ *
+ * Tested by tests/unit/modal/identify/ambient/test_ambient_wander.c.
+ */
+#include "modal/identify/ambient/ambient_wander.h"
+#include <cblas.h>
+#include <lapacke.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "modal/linalg/workspace.h"
+
+enum { L = WHITTLE_CHANNELS_MOST, MODES = WHITTLE_MODES_MOST };
+/* Unknowns of a mode: of each a real and an imaginary part; chi, kappa behind phi. */
+enum { LAMBDA = 0, NU = 2, BEGUN = 4, PHI = 6 };
+enum { STEPS_MOST = 60 };        /* of the answer's climb, as of any (ambient_order.c) */
+static const double
+    DAMPING_FIRST = 1e-3,        /* of Levenberg and Marquardt, in the scale of J's diagonal */
+    DAMPING_LEAST = 1e-12,       /* as good as none */
+    DAMPING_MOST = 1e8,          /* no step gains: the summit, to rounding */
+    GAIN = 1e-3,                 /* of the logarithm of the likelihood: a twentieth of an error */
+    DECAY_LEAST = 0.1,           /* over the record: what is slower is a line */
+    PATIENCE = 8,                /* prices: what a fit may make up for where a pair leaves */
+    WORK_MOST = 2e10;            /* multiplications of all fits: ten seconds */
+
+struct model {
+    struct whittle m;
+    double complex nu[MODES], begun[MODES];       /* begun: q(0) */
+    double complex chi[MODES][L];
+};
+
+struct work {
+    const struct ambient_wander *in;
+    struct workspace memory;
+    int l, p, unknowns;
+    double complex *x, *dx;      /* q; its derivatives, p x unknowns */
+    double *C, *slope, *at, *K;  /* l x 2p: phi, chi, both of a turn; 2p x l: (2) in reals */
+    double *e, *de;              /* l x turns; l x unknowns, of one turn */
+    double *J, *factor, *gradient, *step, *scale;
+    double left;                 /* of WORK_MOST */
+};
+
+static int each(const struct work *w)
+{
+    return PHI + 6 * w->l;
+}
+
+static enum modal_status make_room(struct work *w, int pairs, struct modal_error *err)
+{
+    struct workspace *s = &w->memory;
+    size_t l = (size_t)w->l, p = (size_t)pairs, n = p * (size_t)each(w);
+
+    workspace_free(s);
+    w->p = pairs, w->unknowns = (int)n;
+    w->x = workspace_zeros(s, p + 1, sizeof *w->x);
+    w->dx = workspace_zeros(s, p * n + 1, sizeof *w->dx);
+    w->C = workspace_numbers(s, l, 2 * p), w->K = workspace_numbers(s, l, 2 * p);
+    w->slope = workspace_numbers(s, l, 2 * p), w->at = workspace_numbers(s, l, 2 * p);
+    w->e = workspace_numbers(s, l, (size_t)w->in->Z->m), w->de = workspace_numbers(s, l, n);
+    w->J = workspace_numbers(s, n, n), w->factor = workspace_numbers(s, n, n);
+    w->gradient = workspace_numbers(s, n, 1), w->step = workspace_numbers(s, n, 1);
+    w->scale = workspace_numbers(s, n, 1);
+    return workspace_check(s, "identify: no memory for a system whose speed wanders", err);
+}
+
+/* ---- the innovations ---- */
+
+static void set_matrices(struct work *w, const struct model *t)
+{
+    for (int k = 0; k < w->p; k++)
+        for (int i = 0; i < w->l; i++) {
+            double complex phi = t->m.mode[k].phi[i], kappa = t->m.mode[k].kappa[i];
+            w->C[i + w->l * 2 * k] = 2 * creal(phi), w->C[i + w->l * (2 * k + 1)] = -2 * cimag(phi);
+            w->slope[i + w->l * 2 * k] = 2 * creal(t->chi[k][i]);
+            w->slope[i + w->l * (2 * k + 1)] = -2 * cimag(t->chi[k][i]);
+            w->K[2 * k + 2 * w->p * i] = creal(kappa);
+            w->K[2 * k + 1 + 2 * w->p * i] = cimag(kappa);
+        }
+}
+
+/* (2) from turn M to the next, whose innovations are in place. */
+static void turn_over(struct work *w, const struct model *t, int m)
+{
+    const double *e = w->e + (size_t)w->l * m;
+
+    for (int k = 0; k < w->p; k++)
+        w->x[k] *= cexp(t->m.mode[k].lambda);
+    if (w->p > 0)
+        cblas_dgemv(CblasColMajor, CblasNoTrans, 2 * w->p, w->l, 1, w->K, 2 * w->p, e, 1, 1,
+                    (double *)w->x, 1);
+    for (int k = 0; k < w->p; k++)
+        w->x[k] *= cexp(t->nu[k] * w->in->longer[m]);
+}
+
+/* The innovations of turn M. */
+static void innovate(struct work *w, int m)
+{
+    double *e = w->e + (size_t)w->l * m;
+
+    for (int i = 0; i < 2 * w->l * w->p; i++)
+        w->at[i] = w->C[i] + w->in->longer[m] * w->slope[i];
+    cblas_dcopy(w->l, w->in->Z->x + m, w->in->Z->ld, e, 1);
+    cblas_dgemv(CblasColMajor, CblasNoTrans, w->l, 2 * w->p, -1, w->at, w->l, (double *)w->x, 1, 1,
+                e, 1);
+}
+
+/* All innovations of T, the root of their covariance and the likelihood; -HUGE_VAL: none. */
+static void predict(struct work *w, struct model *t)
+{
+    int N = w->in->Z->m, l = w->l;
+    double *R = t->m.root;
+
+    set_matrices(w, t);
+    memcpy(w->x, t->begun, sizeof *w->x * (size_t)w->p);
+    for (int m = 0; m < N; m++) {
+        innovate(w, m);
+        turn_over(w, t, m);
+    }
+    w->left -= 4.0 * N * l * (2 * w->p + l);
+    cblas_dsyrk(CblasColMajor, CblasLower, CblasNoTrans, l, N, 1.0 / N, w->e, l, 0, R, l);
+    t->m.likelihood = -HUGE_VAL;
+    if (!isfinite(cblas_dasum(l * l, R, 1))
+        || LAPACKE_dpotrf(LAPACK_COL_MAJOR, 'L', l, R, l) != 0)
+        return;
+    t->m.likelihood = 0;
+    for (int i = 0; i < l; i++)
+        t->m.likelihood -= N * log(R[i + l * i]);
+}
+
+/* ---- a step ---- */
+
+/* The entry of phi that stays: phi kappa^T has no scale. */
+static int pivot_of(const struct work *w, const struct whittle_mode *q)
+{
+    return (int)cblas_izamax(w->l, q->phi, 1);
+}
+
+/* de += what phi and chi alone do, of turn M. */
+static void vary_shapes(struct work *w, const struct model *t, int m)
+{
+    double longer = w->in->longer[m];
+
+    for (int k = 0; k < w->p; k++) {
+        double *de = w->de + (size_t)w->l * (each(w) * k + PHI);
+        int pivot = pivot_of(w, &t->m.mode[k]);
+        for (int i = 0; i < w->l; i++)
+            if (i != pivot) {
+                de[i + w->l * 2 * i] -= 2 * creal(w->x[k]);
+                de[i + w->l * (2 * i + 1)] += 2 * cimag(w->x[k]);
+                de[i + w->l * 2 * (w->l + i)] -= 2 * creal(w->x[k]) * longer;
+                de[i + w->l * (2 * (w->l + i) + 1)] += 2 * cimag(w->x[k]) * longer;
+            }
+    }
+}
+
+/* dx += what lambda and kappa alone do, of turn M, before nu. */
+static void vary_states(struct work *w, const struct model *t, int m)
+{
+    const double *e = w->e + (size_t)w->l * m;
+
+    for (int k = 0; k < w->p; k++) {
+        double complex moved = w->x[k] * cexp(t->m.mode[k].lambda);
+        double complex *dx = w->dx + k + (size_t)w->p * (each(w) * k);
+        for (int part = 0; part < 2; part++) {
+            double complex unit = part == 0 ? 1 : I;
+            dx[w->p * (LAMBDA + part)] += unit * moved;
+            for (int i = 0; i < w->l; i++)
+                dx[w->p * (PHI + 4 * w->l + 2 * i + part)] += unit * e[i];
+        }
+    }
+}
+
+/* dx to the next turn, and x. */
+static void move_derivatives(struct work *w, const struct model *t, int m)
+{
+    int l = w->l, p = w->p, n = w->unknowns;
+
+    for (int k = 0; k < p; k++)
+        cblas_zscal(n, &(double complex) { cexp(t->m.mode[k].lambda) }, w->dx + k, p);
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, 2 * p, n, l, 1, w->K, 2 * p, w->de, l, 1,
+                (double *)w->dx, 2 * p);
+    vary_states(w, t, m);
+    turn_over(w, t, m);
+    for (int k = 0; k < p; k++) {
+        double complex *dx = w->dx + k + (size_t)p * (each(w) * k + NU);
+        double longer = w->in->longer[m];
+        cblas_zscal(n, &(double complex) { cexp(t->nu[k] * longer) }, w->dx + k, p);
+        dx[0] += w->x[k] * longer, dx[p] += I * w->x[k] * longer;
+    }
+}
+
+/* J and the gradient at T, whose innovations are known. */
+static void inform(struct work *w, const struct model *t)
+{
+    int N = w->in->Z->m, l = w->l, p = w->p, n = w->unknowns;
+    double e[L];
+
+    memset(w->dx, 0, sizeof *w->dx * (size_t)p * (size_t)n);
+    memset(w->J, 0, sizeof *w->J * (size_t)n * (size_t)n);
+    memset(w->gradient, 0, sizeof *w->gradient * (size_t)n);
+    memcpy(w->x, t->begun, sizeof *w->x * (size_t)p);
+    for (int k = 0; k < p; k++)
+        for (int part = 0; part < 2; part++)
+            w->dx[k + (size_t)p * (each(w) * k + BEGUN + part)] = part == 0 ? 1 : I;
+    for (int m = 0; m < N; m++) {
+        innovate(w, m);
+        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, l, n, 2 * p, -1, w->at, l,
+                    (double *)w->dx, 2 * p, 0, w->de, l);
+        vary_shapes(w, t, m);
+        move_derivatives(w, t, m);
+        memcpy(e, w->e + (size_t)l * m, sizeof *e * (size_t)l);
+        cblas_dtrsv(CblasColMajor, CblasLower, CblasNoTrans, CblasNonUnit, l, t->m.root, l, e, 1);
+        cblas_dtrsm(CblasColMajor, CblasLeft, CblasLower, CblasNoTrans, CblasNonUnit, l, n, 1,
+                    t->m.root, l, w->de, l);
+        cblas_dsyrk(CblasColMajor, CblasLower, CblasTrans, n, l, 1, w->de, l, 1, w->J, n);
+        cblas_dgemv(CblasColMajor, CblasTrans, l, n, -1, w->de, l, e, 1, 1, w->gradient, 1);
+    }
+    w->left -= (double)N * n * (4.0 * p * l + l * l + 0.5 * l * n);
+    /* what moves nothing stays where it is */
+    for (int i = 0; i < n; i++) {
+        double own = w->J[i + (size_t)n * i];
+        w->scale[i] = own > 0 ? 1 / sqrt(own) : 1;
+        w->J[i + (size_t)n * i] = own > 0 ? own : 1;
+    }
+}
+
+/* The factor of J in the scale of its diagonal, DAMPING added; false where it has none. */
+static bool factor(struct work *w, double damping)
+{
+    int n = w->unknowns;
+
+    for (int j = 0; j < n; j++) {
+        for (int i = j; i < n; i++)
+            w->factor[i + (size_t)n * j] = w->J[i + (size_t)n * j] * w->scale[i] * w->scale[j];
+        w->factor[j + (size_t)n * j] += damping;
+    }
+    w->left -= (double)n * n * n / 6;
+    return LAPACKE_dpotrf(LAPACK_COL_MAJOR, 'L', n, w->factor, n) == 0;
+}
+
+/* T by the step of this damping. */
+static void move(const struct work *w, struct model *t)
+{
+    for (int k = 0; k < w->p; k++) {
+        const double complex *d = (const double complex *)(w->step + each(w) * k);
+        struct whittle_mode *q = &t->m.mode[k];
+        double slowest = DECAY_LEAST / w->in->Z->m;
+        q->lambda += d[LAMBDA / 2], t->nu[k] += d[NU / 2], t->begun[k] += d[BEGUN / 2];
+        q->lambda = CMPLX(fmin(creal(q->lambda), -slowest), cimag(q->lambda));
+        for (int i = 0; i < w->l; i++) {
+            q->phi[i] += d[PHI / 2 + i];
+            t->chi[k][i] += d[PHI / 2 + w->l + i];
+            q->kappa[i] += d[PHI / 2 + 2 * w->l + i];
+        }
+    }
+}
+
+/* One step uphill, *gained by it: 0 where none gains.  TRIAL: room. */
+static void step_up(struct work *w, struct model *t, struct model *trial, double *damping,
+                    double *gained)
+{
+    int n = w->unknowns;
+
+    *gained = 0;
+    inform(w, t);
+    for (; *damping < DAMPING_MOST; *damping *= 10) {
+        if (!factor(w, *damping))
+            continue;
+        for (int i = 0; i < n; i++)
+            w->step[i] = w->gradient[i] * w->scale[i];
+        LAPACKE_dpotrs(LAPACK_COL_MAJOR, 'L', n, 1, w->factor, n, w->step, n);
+        for (int i = 0; i < n; i++)
+            w->step[i] *= w->scale[i];
+        *trial = *t;
+        move(w, trial);
+        predict(w, trial);
+        if (trial->m.likelihood >= t->m.likelihood) {
+            *gained = trial->m.likelihood - t->m.likelihood;
+            *t = *trial;
+            *damping = fmax(*damping / 10, DAMPING_LEAST);
+            return;
+        }
+    }
+}
+
+/* T at its summit; m->converged where it came there. */
+static enum modal_status climb(struct work *w, struct model *t, struct model *trial,
+                               struct modal_error *err)
+{
+    double damping = DAMPING_FIRST, gained;
+
+    t->m.converged = w->p == 0;
+    predict(w, t);
+    for (int i = 0; i < STEPS_MOST && !t->m.converged && w->left > 0
+                        && isfinite(t->m.likelihood); i++) {
+        if (w->in->cancelled != NULL && w->in->cancelled(w->in->context))
+            return modal_fail(err, MODAL_CANCELLED, "identify: cancelled");
+        step_up(w, t, trial, &damping, &gained);
+        t->m.converged = gained < GAIN;
+    }
+    return MODAL_OK;
+}
+
+/* ---- the way ---- */
+
+/* nu to begin with: of those that (1) may have the likeliest, mode by mode. */
+static void begin(struct work *w, struct model *t)
+{
+    for (int k = 0; k < w->p; k++)
+        t->nu[k] = t->begun[k] = 0;
+    predict(w, t);
+    for (int k = 0; k < w->p; k++) {
+        double complex best = 0;
+        double most = t->m.likelihood;
+        for (int j = -w->in->phases / 2; j <= w->in->phases / 2; j++) {
+            t->nu[k] = t->m.mode[k].lambda + CMPLX(0, 2 * M_PI * j);
+            predict(w, t);
+            if (t->m.likelihood > most)
+                most = t->m.likelihood, best = t->nu[k];
+        }
+        t->nu[k] = best;
+    }
+}
+
+static void leave_out(struct model *t, int k)
+{
+    size_t behind = (size_t)(--t->m.count - k);
+
+    memmove(t->m.mode + k, t->m.mode + k + 1, sizeof *t->m.mode * behind);
+    memmove(t->nu + k, t->nu + k + 1, sizeof *t->nu * behind);
+    memmove(t->begun + k, t->begun + k + 1, sizeof *t->begun * behind);
+    memmove(t->chi + k, t->chi + k + 1, sizeof *t->chi * behind);
+}
+
+/* One pair that is not worth its price leaves; *less: there was one. */
+static enum modal_status shrink(struct work *w, struct model *t, struct model *fewer,
+                                struct model *trial, bool *less, struct modal_error *err)
+{
+    enum modal_status rc = make_room(w, t->m.count - 1, err);
+
+    *less = false;
+    for (int k = 0; rc == MODAL_OK && k < t->m.count && !*less && w->left > 0; k++) {
+        *fewer = *t;
+        leave_out(fewer, k);
+        predict(w, fewer);
+        if (t->m.likelihood - fewer->m.likelihood > PATIENCE * w->in->price)
+            continue;
+        rc = climb(w, fewer, trial, err);
+        *less = t->m.likelihood - fewer->m.likelihood < w->in->price;
+        if (*less)
+            *t = *fewer;
+    }
+    return rc;
+}
+
+/* From the information at T. */
+static void find_errors(struct work *w, struct model *t)
+{
+    int n = w->unknowns;
+
+    predict(w, t);
+    inform(w, t);
+    t->m.converged = factor(w, 0)
+        && LAPACKE_dpotri(LAPACK_COL_MAJOR, 'L', n, w->factor, n) == 0;
+    for (int k = 0; k < w->p; k++) {
+        int at = each(w) * k + LAMBDA;
+        struct whittle_mode *q = &t->m.mode[k];
+        q->std_decay = t->m.converged ? w->scale[at] * sqrt(w->factor[at + (size_t)n * at]) : NAN;
+        at++;
+        q->std_turn = t->m.converged ? w->scale[at] * sqrt(w->factor[at + (size_t)n * at]) : NAN;
+    }
+}
+
+static enum modal_status fit(struct work *w, struct model *t, struct model *fewer,
+                             struct model *trial, struct modal_error *err)
+{
+    bool less = !w->in->fixed;
+    enum modal_status rc = make_room(w, t->m.count, err);
+
+    if (rc == MODAL_OK) {
+        begin(w, t);
+        rc = climb(w, t, trial, err);
+    }
+    while (rc == MODAL_OK && less && t->m.count > 0)
+        rc = shrink(w, t, fewer, trial, &less, err);
+    if (rc == MODAL_OK)
+        rc = make_room(w, t->m.count, err);
+    if (rc == MODAL_OK && t->m.converged)
+        find_errors(w, t);
+    return rc;
+}
+
+enum modal_status ambient_wander_fit(const struct ambient_wander *in, struct whittle *m,
+                                     struct modal_error *err)
+{
+    struct work w = { .in = in, .l = m->channels, .left = WORK_MOST };
+    struct model *t = calloc(3, sizeof *t);
+    double faster = 1. / in->Z->m;        /* than a record that repeats shows it (whittle.c) */
+    enum modal_status rc;
+
+    if (t == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for a model of turns");
+    t->m = *m;
+    for (int k = 0; k < m->count; k++)
+        t->m.mode[k].lambda += faster;
+    rc = fit(&w, t, t + 1, t + 2, err);
+    *m = t->m;
+    for (int k = 0; k < m->count; k++)
+        m->mode[k].lambda -= faster;
+    workspace_free(&w.memory);
+    free(t);
+    return rc;
+}

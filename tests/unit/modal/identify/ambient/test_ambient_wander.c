@@ -1,0 +1,111 @@
+/* test_ambient_wander.c - multipliers of the mean turn where turns differ, against a recursion of
+ * one state a mode whose multipliers are known */
+#include "check.h"
+#include "signals.h"
+#include <complex.h>
+#include <stdlib.h>
+#include "modal/identify/ambient/ambient_wander.h"
+
+enum { TURNS = 1500, CHANNELS = 3, DRAWS = 10 };
+static const double complex LAMBDA = CMPLX(-0.03, 1.1), NU = CMPLX(-0.2, 8);
+static double z[CHANNELS * TURNS], longer[TURNS];
+
+static struct whittle model(void)
+{
+    struct whittle m = { .channels = CHANNELS, .count = 1 };
+
+    m.mode[0].lambda = LAMBDA;
+    for (int i = 0; i < CHANNELS; i++) {
+        m.root[i + CHANNELS * i] = 1;
+        m.mode[0].phi[i] = CMPLX(1 - 0.4 * i, 0.3 * i);
+        m.mode[0].kappa[i] = CMPLX(0.1, -0.05 * i);
+    }
+    return m;
+}
+
+/* Turns whose lengths wander by SHARE within 50 of them, noise of unit variance. */
+static void draw(uint64_t seed, double share)
+{
+    struct random r = { seed };
+    struct whittle m = model();
+    double keep = exp(-1. / 50), mean = 0;
+    double complex q = 0;
+
+    longer[0] = share * random_normal(&r);
+    for (int t = 1; t < TURNS; t++)
+        longer[t] = keep * longer[t - 1] + share * sqrt(1 - keep * keep) * random_normal(&r);
+    for (int t = 0; t < TURNS; t++)
+        mean += longer[t] / TURNS;
+    for (int t = 0; t < TURNS; t++)
+        longer[t] -= mean;
+    for (int t = 0; t < TURNS; t++) {
+        double complex next = q * cexp(LAMBDA);
+        for (int i = 0; i < CHANNELS; i++) {
+            double e = random_normal(&r);
+            z[t + TURNS * i] = e + 2 * creal(m.mode[0].phi[i] * q);
+            next += m.mode[0].kappa[i] * e;
+        }
+        q = next * cexp(NU * longer[t]);
+    }
+}
+
+static struct whittle fitted(const double *lengths, struct whittle m)
+{
+    struct matrix Z = { TURNS, CHANNELS, TURNS, z };
+    struct ambient_wander in = { &Z, lengths, 8, 40, false, NULL, NULL };
+    struct modal_error err;
+
+    CHECK(ambient_wander_fit(&in, &m, &err) == MODAL_OK && m.converged);
+    return m;
+}
+
+/* Mean squares of the errors of decay and turn over the standard errors: of DRAWS 1 to 0.45. */
+static void pool(double share, bool told, double square[2])
+{
+    static const double even[TURNS];
+
+    square[0] = square[1] = 0;
+    for (int seed = 0; seed < DRAWS; seed++) {
+        struct whittle m;
+        draw(100 + (uint64_t)seed, share);
+        m = fitted(told ? longer : even, model());
+        CHECK(m.count == 1);
+        double complex off = whittle_exponent(&m.mode[0], TURNS) - LAMBDA;
+        square[0] += pow(creal(off) / m.mode[0].std_decay, 2) / DRAWS;
+        square[1] += pow(cimag(off) / m.mode[0].std_turn, 2) / DRAWS;
+    }
+}
+
+TEST(multipliers_that_each_turn_moves_are_those_of_the_mean_turn_within_their_errors)
+{
+    double square[2];
+
+    /* 0.8 % of 8 rad: twice the decay */
+    pool(0.008, true, square);
+    CHECK(square[0] < 3 && square[1] < 3);
+    pool(0.008, false, square);
+    CHECK(square[0] > 4);
+}
+
+TEST(even_turns_have_the_errors_that_they_have)
+{
+    double square[2];
+
+    pool(0, true, square);
+    CHECK(square[0] < 3 && square[1] < 3);
+}
+
+TEST(a_second_pair_that_drew_a_line_as_wide_as_turns_differ_leaves)
+{
+    struct whittle two = model();
+
+    draw(7, 0.008);
+    two.count = 2;
+    two.mode[1] = two.mode[0];
+    two.mode[0].lambda += CMPLX(0, 0.05), two.mode[1].lambda -= CMPLX(0, 0.05);
+    for (int i = 0; i < CHANNELS; i++)
+        two.mode[0].kappa[i] /= 2, two.mode[1].kappa[i] /= 2;
+    two = fitted(longer, two);
+    CHECK(two.count == 1);
+    CHECK_NEAR(creal(whittle_exponent(&two.mode[0], TURNS)), -0.03, 4 * two.mode[0].std_decay);
+}

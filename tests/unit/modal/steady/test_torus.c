@@ -504,6 +504,90 @@ static void test_what_decays_and_drifts_in_a_record_leaves_its_rates_alone(void 
     workspace_free(&a.space);
 }
 
+/* The record of COUNT lines X at K, N samples a turn, into A->x. */
+static void record_lines(struct torus_sheet *a, int count, const struct torus_index *k,
+                         const double complex *X)
+{
+    const struct torus_tones *t = &a->s->tones;
+
+    for (int n = 0; n < a->N * a->turns; n++)
+        for (int m = 0; m < count; m++)
+            a->x[n] += creal(X[m] * cexp(I * torus_frequency(t, k[m]) * 2 * M_PI
+                                         / t->omega[t->lead] * n / a->N));
+}
+
+/* Of a tone that no load has and twice one that has, 1e-5 of each other apart, no record of 64
+ * turns tells which it was. */
+static void test_a_line_beside_a_tone_without_load_is_told_as_one_of_the_loaded_tones(void **state)
+{
+    const double w[3] = { 1, 0.31415926, 2 * 0.31415926 * (1 + 1e-5) };
+    const struct torus_index k[] = { { { 1, 0, 0 } }, { { 0, 1, 0 } }, { { 0, 2, 0 } } };
+    const double complex X[] = { 1, 0.5 * I, 0.3 };
+    struct torus_options opt = { .dofs_count = 0 };
+    struct torus_solver s = { .tones = torus_tones_of(w, 3), .q = 1, .opt = &opt };
+    bool reported = true, found = false;
+    struct torus_sheet a = { .s = &s, .settled = true, .outputs = 1, .reported = &reported,
+                             .idle = { false, false, true } };
+    struct torus_errors e = { 0 };
+    double amplitude;
+
+    (void)state;
+    assert_true(torus_sheet_lay(&a, 32, 64, 1e-6));
+    assert_int_equal(torus_sheet_room(&a, NULL), MODAL_OK);
+    record_lines(&a, 3, k, X);
+    assert_int_equal(torus_sheet_read(&a, &e, &amplitude, NULL), MODAL_OK);
+    assert_true(e.change < 1e-8 * amplitude);
+    for (int l = 0; l < a.count; l++) {
+        assert_int_equal(a.index[l].k[2], 0);
+        found = found || (torus_equal(a.index[l], k[2]) && cabs(a.X[l] - X[2]) < 1e-8);
+    }
+    assert_true(found);
+    workspace_free(&a.space);
+}
+
+/* Two columns in three turns explain two thirds of what is no line; were there as many columns as
+ * turns, nothing would be left, and a record would vouch for anything. */
+static void test_of_noise_under_three_tones_a_third_is_left(void **state)
+{
+    const double w[3] = { 1, 0.6180339887, 0.4142135624 };
+    struct torus_options opt = { .dofs_count = 0 };
+    struct torus_solver s = { .tones = torus_tones_of(w, 3), .q = 1, .opt = &opt };
+    bool reported = true;
+    struct torus_sheet a = { .s = &s, .settled = true, .outputs = 1, .reported = &reported };
+    struct torus_errors e = { 0 };
+    double amplitude, all = 0, left = 0;
+    uint32_t seed = 1;
+
+    (void)state;
+    assert_true(torus_sheet_lay(&a, 32, 64, 1e-9));
+    assert_int_equal(torus_sheet_room(&a, NULL), MODAL_OK);
+    for (int n = 0; n < 32 * 64; n++) {
+        seed = seed * 1664525u + 1013904223u;
+        a.x[n] = seed / 4294967296.0 - 0.5;
+        all += a.x[n] * a.x[n];
+    }
+    assert_int_equal(torus_sheet_read(&a, &e, &amplitude, NULL), MODAL_OK);
+    for (int n = 0; n < 32 * 64; n++)
+        left += a.left[n] * a.left[n];
+    assert_true(left > 0.28 * all && left < 0.5 * all);
+    workspace_free(&a.space);
+}
+
+static void test_lines_that_leave_much_stand_only_where_all_disturbances_decay(void **state)
+{
+    struct torus_solver s = { .followed = { .verdict = 1 } };
+    struct torus_lines lines = { .count = 1, .error = 0.1, .amplitude = 1 };
+
+    (void)state;
+    assert_true(torus_lines_stand(&s, &lines, NULL));
+    s.followed.verdict = 0;
+    assert_false(torus_lines_stand(&s, &lines, NULL));
+    s.followed.verdict = -1;
+    assert_false(torus_lines_stand(&s, &lines, NULL));
+    lines.error = 1e-3;
+    assert_true(torus_lines_stand(&s, &lines, NULL));
+}
+
 /* A chain of N masses of 1, stiffness 1 between them and 0.4 to the ground, damped, a slider at
  * each under unequal loads of both tones. */
 static struct program *chain_of_sliders(int n)
@@ -695,6 +779,9 @@ int main(void)
         cmocka_unit_test(test_lines_less_than_a_turn_of_a_record_apart_are_told),
         cmocka_unit_test(test_lines_far_below_the_error_asked_for_are_not_told_however_many),
         cmocka_unit_test(test_combinations_of_one_frequency_hide_nothing_of_each_other),
+        cmocka_unit_test(test_a_line_beside_a_tone_without_load_is_told_as_one_of_the_loaded_tones),
+        cmocka_unit_test(test_of_noise_under_three_tones_a_third_is_left),
+        cmocka_unit_test(test_lines_that_leave_much_stand_only_where_all_disturbances_decay),
         cmocka_unit_test(test_what_decays_and_drifts_in_a_record_leaves_its_rates_alone),
         cmocka_unit_test(
             test_a_law_that_changes_within_a_step_moves_all_as_two_shorter_steps_do),

@@ -26,8 +26,9 @@ def chain(n, tones, effect):
     dofs = [f"x{i + 1}" for i in range(n)]
     loads = [{"dof": dofs[i], "k": [int(a == j) for a in range(tones)],
               "cos": 0.15 + 0.05 * ((i + j) % 3)} for i in range(n) for j in range(tones)]
-    return {"structure": {"type": "chain", "masses": [1] * n, "springs": [0.4] + [1] * (n - 1) + [0],
-                          "dampers": [0.3] + [0.05] * (n - 1) + [0.2]},
+    springs, dampers = [0.4] + [1] * (n - 1) + [0], [0.3] + [0.05] * (n - 1) + [0.2]
+    return {"structure": {"type": "chain", "masses": [1] * n, "springs": springs,
+                          "dampers": dampers},
             "effects": [{**effect, "dof": dof} for dof in dofs],
             "excitation": loads, "steady": {"tones": TONES[:tones]}}
 
@@ -55,7 +56,7 @@ def row_of(n, tones, effect, target, before, folder):
     cpu, codes = result["cost"]["cpu_s"], [d["code"] for d in result["diagnostics"]]
     grown = f"{cpu / before:5.2f}" if before else "     "
     line = f"{result['line_error'] / largest(result):.1e}" if result["converged"] else "-"
-    print(f"{n:5d} {tones} {cpu:8.3f} s {grown} {result['cost'].get('work', 0):9.2e}"
+    print(f"{n:5d} {tones} {cpu:8.3f} s {grown} {result['work']['spent']:9.2e}"
           f" {result['method']:7s} {line} {' '.join(codes)}", flush=True)
     return cpu
 

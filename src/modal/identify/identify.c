@@ -306,12 +306,22 @@ static enum modal_status analyse_above_grid(struct work *w, const struct batch *
     return rc == MODAL_OK ? analyse(w, out, err) : rc;
 }
 
+/* Did every direction that was told stand out of the noise?  Weights change that alone, and poles
+ * that were refined are a start as good as any. */
+static bool told_all(const struct work *w)
+{
+    return w->opt.rank.rule == RANK_FIXED && !w->projected && w->shift == 1 && w->facts.converged
+        && w->facts.order == w->opt.rank.fixed
+        && pencil_signals(&w->pencil) >= w->opt.rank.fixed;
+}
+
 /* Once more, on channels weighed by the noise that the answer before left, until that settles. */
 static enum modal_status analyse_weighed(struct work *w, struct identify_result *out,
                                          struct modal_error *err)
 {
     for (int round = 0; round < WEIGH_MOST && work_worth_weighing(w); round++) {
-        bool again;
+        bool again, told = round == 0 && told_all(w);
+        struct pencil kept = { 0 };
         enum modal_status rc = work_weigh_channels(w, &again, err);
         if (rc != MODAL_OK || !again)
             return rc;
@@ -320,10 +330,13 @@ static enum modal_status analyse_weighed(struct work *w, struct identify_result 
         if (round == 0)
             rc = work_keep_chosen(w, &out->unweighed, err);
         /* poles to begin with: other weights move them by little */
-        w->known = round == 0 && (w->many || (w->choice.clean && !w->choice.crowded));
+        w->known = round == 0 && (w->many || told || (w->choice.clean && !w->choice.crowded));
         if (rc != MODAL_OK)
             return rc;
+        if (told)
+            kept = w->pencil, w->pencil = (struct pencil) { 0 };
         forget_analysis(w, out);
+        w->pencil = kept;
         rc = analyse(w, out, err);
         if (rc != MODAL_OK)
             return rc;

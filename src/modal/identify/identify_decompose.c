@@ -245,13 +245,15 @@ static enum modal_status pencil(struct work *w, struct identify_result *out,
 {
     int fixed = w->opt.rank.rule == RANK_FIXED ? w->opt.rank.fixed : 0, most = (w->X->m - 1) / 2;
     struct pencil_options opt = { .rows = w->opt.rows, .wanted = w->triplets };
-    enum modal_status rc;
+    enum modal_status rc = MODAL_OK;
 
     if (fixed > most)
         return modal_fail_field(err, MODAL_BAD_INPUT, "rank.fixed",
                                 "rank %d of %d samples; accepted: 1 to %d", fixed, w->X->m, most);
-    rc = fixed > 0 ? pencil_told(w, fixed, err)
-                   : pencil_new(work_searched(w), &opt, &w->pencil, err);
+    if (fixed == 0)
+        rc = pencil_new(work_searched(w), &opt, &w->pencil, err);
+    else if (w->pencil.s == NULL)           /* that of channels not yet weighed serves */
+        rc = pencil_told(w, fixed, err);
     out->rows = w->pencil.rows, out->columns = w->X->m - w->pencil.rows;
     return rc;
 }

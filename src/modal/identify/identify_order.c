@@ -175,6 +175,8 @@ static enum modal_status choose_order(struct work *w, struct identify_result *ou
             w->projected ? p->count : w->pencil.count, w->data.Y->m, source.most);
     if (opt.fixed > 0 && !w->projected)
         source.signals = pencil_signals(&w->pencil);
+    if (opt.fixed > 0 && w->known)
+        source.known = out->unweighed.lambda, source.known_count = out->unweighed.count;
     opt.look = before_gap(w);
     opt.no_offset = !w->refine;
     opt.thorough = w->shift > 1;

@@ -137,8 +137,8 @@ enum modal_status work_take_poles(struct work *w, struct modal_error *err)
         p->std_re[j] = w->refine ? fit->std_re[j] : NAN;
         p->std_im[j] = w->refine ? fit->std_im[j] : NAN;
         p->bar[j] = NAN;            /* nothing left out yet */
-        p->angle[j] = projection_angle(VT, r, fit->lambda[j], w->tau);
     }
+    projection_angles(VT, r, fit->lambda, n, w->tau, p->angle);
     if (ill_determined(w))
         rc = polish_poles(&w->data, p->lambda, n, p->std_re, p->std_im, err);
     if (rc == MODAL_OK && w->projected && n > 0) {

@@ -12,16 +12,19 @@
  * twice and never copied.  A real negative multiplier has the one column (-1)^l |rho|^l; cosine and
  * sine would be parallel there.
  *
- * Of a long record V = Q R by doubling (doubling.h), and (1) is of R and Q^T Y in place of V and Y:
+ * Of many poles in noise R and V^+ Y come of sums in closed form (gram.h), which read Y alone; and
+ * of a long record V = Q R by doubling (doubling.h), and (1) is of R and Q^T Y in place of V and Y:
  * neither V nor Q is formed, and the fit, where it is wanted, is made pole by pole.
  */
 #include "modal/identify/fit/synthesis.h"
 #include <cblas.h>
 #include <float.h>
 #include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 #include "modal/identify/fit/doubling.h"
+#include "modal/identify/fit/gram.h"
 #include "modal/identify/linear/exponents.h"
 #include "modal/identify/linear/powers.h"
 #include "modal/linalg/svd.h"
@@ -152,33 +155,24 @@ static void fit_block(const double complex *lambda, double tau, const struct mat
     }
 }
 
-/* ---- long records ---- */
+/* ---- without the basis ---- */
 
-/* The triangle of a basis of many rows, and what projects on it. */
-struct tall {
-    struct doubling *doubling;
-    enum pole_kind *kind;
-    int *column;
-    double *a, *b;                /* per pole */
-    struct matrix R;
-};
+/* The poles per row, and the triangle of their basis. */
+struct laid { enum pole_kind *kind; int *column; double *a, *b; struct matrix R; };
 
-static void tall_done(struct tall *t)
+static void laid_done(struct laid *t)
 {
-    doubling_free(t->doubling);
     free(t->kind), free(t->column), free(t->a), free(t->R.x);
 }
 
-/* Of L rows of N columns, for one column of data at a time, or of the blocks that have it. */
-static enum modal_status tall_new(const double complex *lambda, int count, double tau, int L,
-                                  int n, struct compressed *blocks, struct tall *t,
+/* Of N columns; R is yet to be made. */
+static enum modal_status laid_new(const double complex *lambda, int count, double tau, int n,
+                                  struct laid *t, struct doubling_poles *poles,
                                   struct modal_error *err)
 {
     size_t most = (size_t)count + 1, order = (size_t)n;
-    struct doubling_poles poles;
-    enum modal_status rc = MODAL_OK;
 
-    *t = (struct tall) { .R = { n, n, n, NULL } };
+    *t = (struct laid) { .R = { n, n, n, NULL } };
     t->kind = malloc(most * sizeof *t->kind), t->column = malloc(most * sizeof *t->column);
     t->a = malloc(2 * most * sizeof *t->a), t->R.x = malloc(order * order * sizeof *t->R.x);
     if (t->kind == NULL || t->column == NULL || t->a == NULL || t->R.x == NULL)
@@ -189,13 +183,8 @@ static enum modal_status tall_new(const double complex *lambda, int count, doubl
         t->a[j] = creal(lambda[j]) * tau, t->b[j] = cimag(lambda[j]) * tau;
         c += pole_order(lambda[j], tau);
     }
-    poles = (struct doubling_poles) { count, n, t->kind, t->column, t->a, t->b };
-    if (blocks != NULL && !compressed_holds(blocks, &poles))
-        rc = compressed_about(blocks, &poles, err);
-    t->doubling = rc == MODAL_OK ? doubling_new(L, n, 1, blocks) : NULL;
-    if (rc == MODAL_OK && t->doubling == NULL)
-        rc = modal_fail(err, MODAL_NO_MEMORY, "synthesis: no memory for %d rows, order %d", L, n);
-    return rc == MODAL_OK ? doubling_factor(t->doubling, &poles, t->R.x, err) : rc;
+    *poles = (struct doubling_poles) { count, n, t->kind, t->column, t->a, t->b };
+    return MODAL_OK;
 }
 
 /* The fit, of the coefficients in S, pole by pole. */
@@ -224,6 +213,68 @@ static enum modal_status rebuild(const double complex *lambda, double tau,
     free(basis), free(x);
     return room ? MODAL_OK : modal_fail(err, MODAL_NO_MEMORY, "synthesis: no memory for a fit of "
                                         "%d rows", L);
+}
+
+/* ---- many poles ---- */
+
+/* By sums; *told: whether they tell enough. */
+static enum modal_status fit_sums(const double complex *lambda, double tau, const struct matrix *Y,
+                                  struct matrix *fit, struct synthesis *s, bool *told,
+                                  struct modal_error *err)
+{
+    int n = s->order, S = Y->n;
+    struct factors f = { { 0 }, { 0 }, NULL, NULL, NULL };
+    struct doubling_poles poles;
+    struct laid t = { 0 };
+    double *C = malloc((2 * (size_t)n + 1) * (size_t)S * sizeof *C), *Z = C + (size_t)n * S;
+    struct gram *g = gram_new(Y->m, s->poles, n);
+    enum modal_status rc = laid_new(lambda, s->poles, tau, n, &t, &poles, err);
+
+    if (rc == MODAL_OK && (g == NULL || C == NULL))
+        rc = modal_fail(err, MODAL_NO_MEMORY, "synthesis: no memory for order %d", n);
+    *told = rc == MODAL_OK && gram_factor(g, &poles, true, t.R.x)
+         && gram_project(g, Y, t.R.x, C, Z, Z + (size_t)n * S);
+    if (*told)
+        rc = factorise(&t.R, Y->m, &f, s, err);
+    *told &= rc == MODAL_OK && s->rank == n;
+    for (int j = 0; j < s->poles && *told; j++)
+        s->reference[j] = fmax(t.a[j], 0) * (Y->m - 1);
+    for (int c = 0; c < S && *told; c++)
+        s->channel_residual[c] = sqrt(fmax(Z[(size_t)n * S + c], 0));
+    if (*told)
+        store_coefficients(lambda, tau, C, n, 0, S, s);
+    if (*told && fit != NULL)
+        rc = rebuild(lambda, tau, s, fit, err);
+    gram_free(g), free(C);
+    factors_done(&f), laid_done(&t);
+    return rc;
+}
+
+/* ---- long records ---- */
+
+/* The triangle of a basis of many rows, and what projects on it. */
+struct tall { struct doubling *doubling; struct laid laid; };
+
+static void tall_done(struct tall *t)
+{
+    doubling_free(t->doubling);
+    laid_done(&t->laid);
+}
+
+/* Of L rows of N columns, for one column of data at a time, or of the blocks that have it. */
+static enum modal_status tall_new(const double complex *lambda, int count, double tau, int L,
+                                  int n, struct compressed *blocks, struct tall *t,
+                                  struct modal_error *err)
+{
+    struct doubling_poles poles;
+    enum modal_status rc = laid_new(lambda, count, tau, n, &t->laid, &poles, err);
+
+    if (rc == MODAL_OK && blocks != NULL && !compressed_holds(blocks, &poles))
+        rc = compressed_about(blocks, &poles, err);
+    t->doubling = rc == MODAL_OK ? doubling_new(L, n, 1, blocks) : NULL;
+    if (rc == MODAL_OK && t->doubling == NULL)
+        rc = modal_fail(err, MODAL_NO_MEMORY, "synthesis: no memory for %d rows, order %d", L, n);
+    return rc == MODAL_OK ? doubling_factor(t->doubling, &poles, t->laid.R.x, err) : rc;
 }
 
 /* One channel: coefficients and what is left. */
@@ -262,7 +313,7 @@ static enum modal_status fit_tall(const double complex *lambda, double tau, cons
     for (int j = 0; j < s->poles; j++)
         s->reference[j] = fmax(creal(lambda[j]), 0) * tau * (Y->m - 1);
     if (rc == MODAL_OK)
-        rc = factorise(&t.R, Y->m, &f, s, err);
+        rc = factorise(&t.laid.R, Y->m, &f, s, err);
     for (int c = 0; c < Y->n && rc == MODAL_OK; c++)
         rc = fit_column(lambda, tau, Y, c, &t, &f, work, s, err);
     if (rc == MODAL_OK && fit != NULL)
@@ -361,6 +412,23 @@ static enum modal_status fit_rows(const double complex *lambda, double tau, cons
     return rc;
 }
 
+/* By sums where that costs less and tells enough, else by doubling, or by rows. */
+static enum modal_status fit_cheaply(const double complex *lambda, double tau,
+                                     const struct matrix *Y, struct compressed *blocks,
+                                     struct matrix *fit, struct synthesis *s,
+                                     struct modal_error *err)
+{
+    bool told = false;
+    enum modal_status rc = MODAL_OK;
+
+    if (blocks == NULL && gram_pays(Y->m, s->order, Y->n))
+        rc = fit_sums(lambda, tau, Y, fit, s, &told, err);
+    if (rc != MODAL_OK || told)
+        return rc;
+    return doubling_pays(Y->m, s->order, Y->n) ? fit_tall(lambda, tau, Y, blocks, fit, s, err)
+                                               : fit_rows(lambda, tau, Y, fit, s, err);
+}
+
 static enum modal_status fit_any(const double complex *lambda, int count, double tau,
                                  const struct matrix *Y, struct compressed *blocks,
                                  struct matrix *fit, struct synthesis *out,
@@ -377,8 +445,7 @@ static enum modal_status fit_any(const double complex *lambda, int count, double
         rc = modal_fail(err, MODAL_NO_MEMORY, "synthesis: no memory for %d poles in %d channels",
                         count, Y->n);
     else
-        rc = doubling_pays(Y->m, s.order, Y->n) ? fit_tall(lambda, tau, Y, blocks, fit, &s, err)
-                                                : fit_rows(lambda, tau, Y, fit, &s, err);
+        rc = fit_cheaply(lambda, tau, Y, blocks, fit, &s, err);
     if (rc == MODAL_OK) {
         s.residual = safe_norm(s.channel_residual, Y->n);
         *out = s;

@@ -31,7 +31,10 @@
 #include "modal/linalg/least_squares.h"
 #include "modal/linalg/svd.h"
 
-enum { DENSE_SIDE = 128 };        /* up to it all triplets are made, without iteration */
+enum {
+    DENSE_SIDE = 128,               /* up to it all triplets are made, without iteration */
+    ANGLES = 16                     /* poles at a time: one read of the vectors serves them all */
+};
 
 void projection_done(struct projection *p)
 {
@@ -282,25 +285,43 @@ out:
     return rc;
 }
 
-double projection_angle(const struct matrix *VT, int r, double complex lambda, double tau)
+/* The same of no more than ANGLES poles: real parts in even columns of Z, imaginary ones in odd. */
+static void angles_of(const struct matrix *VT, int r, const double complex *lambda, int count,
+                      double tau, double *Z, double *C, double *angle)
 {
     int n = VT->n;
-    double a = creal(lambda) * tau, b = cimag(lambda) * tau, top = a > 0 ? a * (n - 1) : 0, norm2,
-           rest2;
-    /* real parts, then imaginary ones */
-    double *z = malloc(sizeof *z * 2 * ((size_t)n + (size_t)r)), *c = z + 2 * (size_t)n;
 
-    if (z == NULL)
-        return NAN;
-    for (int l = 0; l < n; l++) {
-        double e = exp(a * l - top);
-        z[l] = e * cos(b * l), z[n + l] = e * sin(b * l);
+    for (int j = 0; j < count; j++) {
+        double a = creal(lambda[j]) * tau, b = cimag(lambda[j]) * tau,
+               top = a > 0 ? a * (n - 1) : 0, *z = Z + 2 * (size_t)j * (size_t)n;
+        for (int l = 0; l < n; l++) {
+            double e = exp(a * l - top);
+            z[l] = e * cos(b * l), z[n + l] = e * sin(b * l);
+        }
+        angle[j] = cblas_ddot(2 * n, z, 1, z, 1);
     }
-    norm2 = cblas_ddot(2 * n, z, 1, z, 1);
-    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, r, 2, n, 1, VT->x, VT->ld, z, n, 0, c,
-                r);
-    cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, n, 2, r, -1, VT->x, VT->ld, c, r, 1, z, n);
-    rest2 = cblas_ddot(2 * n, z, 1, z, 1);
-    free(z);
-    return norm2 > 0 ? sqrt(rest2 / norm2) : NAN;
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, r, 2 * count, n, 1, VT->x, VT->ld, Z, n,
+                0, C, r);
+    cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, n, 2 * count, r, -1, VT->x, VT->ld, C, r,
+                1, Z, n);
+    for (int j = 0; j < count; j++) {
+        const double *z = Z + 2 * (size_t)j * (size_t)n;
+        angle[j] = angle[j] > 0 ? sqrt(cblas_ddot(2 * n, z, 1, z, 1) / angle[j]) : NAN;
+    }
+}
+
+void projection_angles(const struct matrix *VT, int r, const double complex *lambda, int count,
+                       double tau, double *angle)
+{
+    size_t columns = 2 * (size_t)(count < ANGLES ? count : ANGLES), n = (size_t)VT->n;
+    double *Z = malloc(sizeof *Z * (columns * (n + (size_t)r) + 1));
+
+    for (int j = 0; j < count; j += ANGLES) {
+        int some = count - j < ANGLES ? count - j : ANGLES;
+        if (Z != NULL)
+            angles_of(VT, r, lambda + j, some, tau, Z, Z + columns * n, angle + j);
+        for (int i = j; i < j + some && Z == NULL; i++)
+            angle[i] = NAN;
+    }
+    free(Z);
 }

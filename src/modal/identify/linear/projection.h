@@ -43,7 +43,9 @@ enum modal_status projection_bars(const struct projection *p, int r, int left_ou
                                   const double complex *lambda, int count, double *bar,
                                   struct modal_error *err);
 
-/* The sine of the angle between (1, rho, rho^2, ...) and the span of the R leading right vectors,
- * rows of VT: 0 for a multiplier that the signals obey exactly. */
-double projection_angle(const struct matrix *VT, int r, double complex lambda, double tau);
+/* Of each of COUNT poles the sine of the angle between (1, rho, rho^2, ...) and the span of the R
+ * leading right vectors, rows of VT: 0 for a multiplier that the signals obey exactly; NAN: no
+ * memory. */
+void projection_angles(const struct matrix *VT, int r, const double complex *lambda, int count,
+                       double tau, double *angle);
 #endif

@@ -130,10 +130,13 @@ static enum modal_status look_at_told(struct climb *c, int *at, struct modal_err
     const struct order_source *s = c->source;
     int told = c->opt->fixed, signals = s->signals < s->most ? s->signals : s->most, count = 0;
     bool more = signals > told + 1;
-    enum modal_status rc = s->poles(s->context, more ? signals : told, c->lambda, &count, err);
     struct trim_options opt = { .order = told };
+    enum modal_status rc;
 
     *at = -1;
+    if (s->known != NULL)
+        return climb_try(c, told, s->known, s->known_count, NULL, false, 0, at, err);
+    rc = s->poles(s->context, more ? signals : told, c->lambda, &count, err);
     if (rc == MODAL_OK && more && count > 0)
         rc = trim_poles(c->data, c->lambda, &count, NULL, &opt, &c->choice.work, err);
     if (rc == MODAL_OK)

@@ -33,7 +33,8 @@ struct order_source {
     int most;                   /* largest r */
     /* singular values above the edge of noise (pencil.h); 0: not known */
     int signals;
-    /* from above: poles to begin with, borrowed; NULL: only those of the decomposition */
+    /* from above, or an order that is told: poles to begin with, borrowed; NULL: only those of the
+     * decomposition */
     const double complex *known; int known_count;
     enum modal_status (*poles)(void *context, int r, double complex *lambda, int *count,
                                struct modal_error *err);

@@ -13,7 +13,8 @@
  * A change counts where it exceeds CHANGE and six times its own standard errors.  The sign of every
  * step agreeing with that of the amplitude's (Kendall's tau >= TAU_LEAST) makes it amplitude
  * dependence; anything else is a change of the system, unless the fit is adequate: among modes that
- * decay at rates of their own another may be the strongest in each window.
+ * decay at rates of their own another may be the strongest in each window.  So is one further off
+ * than TREND_CLOSE from all others, beside an adequate fit: a crowd is no wider.
  */
 #include "modal/identify/ask/trend.h"
 #include "modal/identify/ask/diagnose.h"
@@ -492,6 +493,21 @@ static void keep(const struct window *w, int n, struct identify_result *result)
             w[i].amplitude };
 }
 
+/* Is there a gap between the frequencies that no one mode wanders over? */
+static bool leaps(const struct window *w, int n)
+{
+    bool far = false;
+
+    for (int i = 0; i < n; i++) {
+        double next = HUGE_VAL;
+        for (int j = 0; j < n; j++)
+            if (w[j].frequency > w[i].frequency)
+                next = fmin(next, w[j].frequency);
+        far |= next < HUGE_VAL && next > w[i].frequency * (1 + TREND_CLOSE);
+    }
+    return far;
+}
+
 static void judge(const struct window *w, int n, bool good, struct identify_result *result,
                   bool *follows)
 {
@@ -507,7 +523,7 @@ static void judge(const struct window *w, int n, bool good, struct identify_resu
     for (int i = 1; i < n; i++)
         range = fmax(range, fabs(w[i].frequency - w[0].frequency) / w[0].frequency);
     write_table(w, n, table, sizeof table);
-    *follows = decays && range < WANDERS
+    *follows = decays && range < WANDERS && !(good && leaps(w, n))
         && ((f && tau_f >= TAU_LEAST) || (z && tau_z >= TAU_LEAST));
     if (good && !*follows)
         return;

@@ -325,6 +325,32 @@ static void shaken(void)
     }
 }
 
+/* One channel: four modes that are over in a quarter of the record, within a tenth of a frequency,
+ * and one a seventh above them that lasts, which is the strongest of the windows after that. */
+TEST(a_mode_that_outlasts_a_crowd_is_not_what_the_crowd_becomes)
+{
+    enum { ROWS = 1600 };
+    const double rise[] = { -4.4, -3.8, -6.2, -6.9, -0.21 },
+                 turns[] = { 251, 248.6, 240.8, 262.3, 286.2 },
+                 size[] = { 1, 0.1, 0.14, 0.05, 0.2 };
+    struct batch b = batch_of(ROWS, 1, 1.0 / ROWS);
+
+    for (int draw = 0; draw < 6; draw++) {
+        struct random rng = { 40 + (uint64_t)draw };
+        struct identify_options opt = { 0 };
+        struct identify_result r;
+        for (int i = 0; i < ROWS; i++) {
+            x[i] = 0.004 * random_normal(&rng);
+            for (int j = 0; j < 5; j++)
+                x[i] += size[j] * exp(rise[j] * i / ROWS)
+                      * cos(2 * M_PI * turns[j] * i / ROWS + 20 * size[j]);
+        }
+        CHECK(modal_identify(&b, &opt, &r, NULL) == MODAL_OK);
+        CHECK(r.mode_count == 5 && !has(&r, "amplitude_dependent"));
+        identify_result_done(&r);
+    }
+}
+
 TEST(a_driven_response_is_not_a_free_decay)
 {
     struct batch b = batch_of(4000, 1, 0.02);

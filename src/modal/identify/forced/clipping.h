@@ -17,11 +17,11 @@ struct clipping {
 };
 
 /*
- * Did inputs go on beyond extremes that they hold?  Of RECORD, whose own account is of so much BIC;
- * OUT: of each input.  *cut: yes, those whose samples are not 0.  See clipping.c.  Fails with
+ * Did inputs go on beyond extremes that they hold?  Of RECORD, whose own account is OWN; OUT: of
+ * each input.  *cut: yes, those whose samples are not 0.  See clipping.c.  Fails with
  * MODAL_NO_MEMORY, and as forced_search does.
  */
-enum modal_status clipping_find(const struct clipping_record *record, double bic,
-                                const struct forced_limits *limits, struct clipping *out, bool *cut,
-                                struct modal_error *err);
+enum modal_status clipping_find(const struct clipping_record *record,
+                                const struct forced_search *own, const struct forced_limits *limits,
+                                struct clipping *out, bool *cut, struct modal_error *err);
 #endif

@@ -633,7 +633,7 @@ static enum modal_status about_inputs(struct work *w, struct identify_result *r,
     struct clipping each[IDENTIFY_INPUTS_MOST];
     char text[80];
     enum modal_status rc = f->model.exact || f->limit ? MODAL_OK
-        : clipping_find(&record, f->rung[f->rungs - 1].bic, &limits, each, &w->clipped, err);
+        : clipping_find(&record, f, &limits, each, &w->clipped, err);
 
     for (int j = 0; j < w->inputs.n && rc == MODAL_OK && w->clipped; j++)
         if (each[j].samples > 0)

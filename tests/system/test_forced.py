@@ -98,8 +98,8 @@ def test_frequency_and_damping_are_at_the_bound_with_errors_that_cover(ctl, tmp_
                                          (4, 0.5)])
 def test_an_input_that_was_cut_off_is_told_and_one_that_truly_stops_there_is_not(ctl, tmp_path,
                                                                                  seed, share):
-    """At such a share of its largest value, a record of noise, of a sweep and of hits that grow, by turns:
-    cut off before it was recorded, or before it moved anything."""
+    """At such a share of its largest value, a record of noise, of a sweep and of hits that grow, by
+    turns: cut off before it was recorded, or before it moved anything."""
     s = System(seed)
     noise, s.u = s.y - s.clean, s.u * np.linspace(0.4, 1.6, SAMPLES)
     s.y = s.simulate(s.p) + noise

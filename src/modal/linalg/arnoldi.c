@@ -10,6 +10,12 @@
  * 10 m^3: it is done where m has grown by a half, so that all looks cost about 1.4 of the last.
  * Once residuals fall they do so the faster the later: then where two looks foretell the end.
  *
+ * Where values crowd that takes a polynomial of some degree D of A.  From A^j v_0 it has zeros at 0
+ * j times, and where most values are smaller than the wanted ones m falls to about D - j: products
+ * as before, and fewer vectors, each of which costs more than a product once there are many.  Other
+ * values lose by A^j beside the largest w; the last wanted one may lose LOST, which as rounding's
+ * share of the start is still 1e-13.
+ *
  * [S11] Saad, Numerical Methods for Large Eigenvalue Problems, 2nd ed., SIAM 2011.
  */
 #include "modal/linalg/arnoldi.h"
@@ -27,14 +33,17 @@ enum {
     GROWTH = 2,                  /* a look each time m has grown by a half, */
     GROWTH_LATE = 4,             /* or by a quarter at most once residuals are FALLING, */
     GROWTH_LEAST = 16,           /* and by a sixteenth at least */
+    TRIED = 3,                   /* of EVEN, a third: vectors so far are cheap to let go */
 };
 static const double FALLING = 1e-3;  /* of the largest modulus: residuals below it fall: chosen */
 static const double AHEAD = 1.25;    /* of what is foretold: looks cost some hundred vectors */
+static const double LOST = 1e-3;     /* of a wanted value's part of the start: chosen, see above */
 static const double AGAIN = 0.7; /* of its norm: less is left, then orthogonal once more [S11] */
 
 struct subspace {
     const struct linear_operator *A;
     int n, m, most;              /* vectors so far; room */
+    int limit, end, before;      /* products; vectors at most; products before the first of them */
     double *V, *H, *h;           /* n x (most + 1), (most + 1) x most, most + 1 */
     bool whole;                  /* invariant: nothing is left outside */
 };
@@ -214,7 +223,7 @@ static enum modal_status look(const struct subspace *s, int wanted, double toler
     }
     out->worst = worst / largest;
     out->settled = out->worst <= tolerance;
-    if (rc == MODAL_OK && (out->settled || s->m == s->most))
+    if (rc == MODAL_OK && (out->settled || s->m == s->end))
         rc = take(s, &e, true, out, err);
     workspace_free(&e.space);
     return rc;
@@ -244,6 +253,41 @@ static void begin(struct subspace *s)
     cblas_dscal(s->n, 1 / cblas_dnrm2(s->n, s->V, 1), s->V, 1);
 }
 
+/* So many products may a start be carried for: twice as many as were made, what leaves half of all
+ * to vectors, or where all of A could be spanned what lets it be, and what the wanted in A bear. */
+static int carried_most(const struct subspace *s, const struct arnoldi *a)
+{
+    double largest = 0, least = HUGE_VAL, bear,
+           leaves = (s->limit < s->n ? s->limit / 2 : s->limit - s->n) - s->m;
+
+    for (int i = 0; i < a->count; i++) {
+        largest = fmax(largest, cabs(a->w[i]));
+        least = fmin(least, cabs(a->w[i]));
+    }
+    bear = largest > least ? log(LOST) / log(least / largest) : HUGE_VAL;
+    return (int)fmax(fmin(fmin(2.0 * s->m, leaves), bear), 0);
+}
+
+/* The space anew from the start carried on by PRODUCTS. */
+static enum modal_status begin_again(struct subspace *s, int products, struct modal_error *err)
+{
+    double *next = s->V + s->n, size = 1;
+    enum modal_status rc = MODAL_OK;
+
+    memset(s->H, 0, ((size_t)s->most + 1) * (size_t)s->m * sizeof *s->H);
+    s->before += s->m + products;
+    s->end = s->most < s->limit - s->before ? s->most : s->limit - s->before;
+    s->m = 0;
+    begin(s);
+    for (int i = 0; rc == MODAL_OK && i < products && size > 0; i++) {
+        rc = s->A->apply(s->A->context, s->V, next, err);
+        size = cblas_dnrm2(s->n, next, 1);
+        for (int k = 0; rc == MODAL_OK && size > 0 && k < s->n; k++)
+            s->V[k] = next[k] / size;
+    }
+    return rc;
+}
+
 /* Descending in modulus, pairs together. */
 static void sort(struct arnoldi *a, size_t n)
 {
@@ -258,20 +302,53 @@ static void sort(struct arnoldi *a, size_t n)
         }
 }
 
-enum modal_status arnoldi(const struct linear_operator *A, int wanted, double tolerance, int most,
-                          struct arnoldi *out, struct modal_error *err)
+/* Grows until WANTED have settled, or all products are made. */
+static enum modal_status run(struct subspace *s, int wanted, double tolerance, int even,
+                             struct arnoldi *out, struct modal_error *err)
 {
-    int limit = most > 0 && most < ARNOLDI_MOST ? most : ARNOLDI_MOST;
-    struct subspace s = { .A = A, .n = A->n, .most = A->n < limit ? A->n : limit };
-    size_t n = (size_t)A->n, room = (size_t)s.most, values = (size_t)wanted + 1;
     int next = LOOK_FIRST * wanted, looked = 0;
     double before = HUGE_VAL;
+    enum modal_status rc = MODAL_OK;
+
+    begin(s);
+    while (rc == MODAL_OK && !out->settled && s->m < s->end) {
+        int carried;
+
+        rc = grow(s, err);
+        if (rc != MODAL_OK || (s->m < next && !s->whole && s->m < s->end))
+            continue;
+        rc = look(s, wanted, tolerance, out, err);
+        next = next_look(s->m, out->worst, looked, before, tolerance);
+        looked = s->m;
+        before = out->worst;
+        if (rc != MODAL_OK || s->before > 0 || s->whole || TRIED * s->m < even || even == 0
+            || !(out->worst >= FALLING))
+            continue;
+        carried = carried_most(s, out);
+        if (carried < s->m)                  /* little is spared beside what is let go */
+            continue;
+        rc = begin_again(s, carried, err);
+        next = LOOK_FIRST * wanted;
+        looked = 0;
+        before = HUGE_VAL;
+    }
+    return rc;
+}
+
+enum modal_status arnoldi(const struct linear_operator *A, int wanted, double tolerance, int most,
+                          int even, struct arnoldi *out, struct modal_error *err)
+{
+    int limit = most > 0 && most < ARNOLDI_MOST ? most : ARNOLDI_MOST;
+    struct subspace s = { .A = A, .n = A->n, .most = A->n < limit ? A->n : limit,
+                          .limit = limit };
+    size_t n = (size_t)A->n, room = (size_t)s.most, values = (size_t)wanted + 1;
     enum modal_status rc = MODAL_OK;
 
     *out = (struct arnoldi){ .w = calloc(values, sizeof *out->w),
                              .residual = calloc(values, sizeof *out->residual),
                              .condition = calloc(values, sizeof *out->condition),
                              .V = calloc(values * n, sizeof *out->V) };
+    s.end = s.most;
     s.V = calloc(n * (room + 1), sizeof *s.V);
     s.H = calloc((room + 1) * room, sizeof *s.H);
     s.h = calloc(room + 1, sizeof *s.h);
@@ -279,17 +356,9 @@ enum modal_status arnoldi(const struct linear_operator *A, int wanted, double to
         || s.V == NULL || s.H == NULL || s.h == NULL)
         rc = no_memory(err);
     if (rc == MODAL_OK)
-        begin(&s);
-    while (rc == MODAL_OK && !out->settled && s.m < s.most) {
-        rc = grow(&s, err);
-        if (rc != MODAL_OK || (s.m < next && !s.whole && s.m < s.most))
-            continue;
-        rc = look(&s, wanted, tolerance, out, err);
-        next = next_look(s.m, out->worst, looked, before, tolerance);
-        looked = s.m;
-        before = out->worst;
-    }
-    out->products = s.m;
+        rc = run(&s, wanted, tolerance, even, out, err);
+    out->vectors = s.m;
+    out->products = s.before + s.m;
     sort(out, n);
     free(s.V);
     free(s.H);

@@ -45,8 +45,6 @@ static const double WORK_ALL = 1e9;     /* the same, on as many vectors as there
 static const double WORK_ROUGH = 1e10;  /* the same, where vectors are cheap: some eight seconds */
 enum {
     CARRIED_LEAST = 4,                  /* vectors a multiplier, before which none settles */
-    LOOKS = 15,                         /* operations a cubed vector, all looks of arnoldi.c */
-    DENSE = 4,                          /* dense operations in the time of one, as BUDGET_DENSE */
     SETTLE = 4,                         /* so many states a vector, before leading ones settle */
     BELOW = 4,                          /* multipliers past the last that show it is the last */
 };
@@ -256,14 +254,13 @@ static enum modal_status periodic(const struct statespace *ss, double period,
     return rc;
 }
 
-/* The products that WORK pays: carried, made orthogonal to all before, and LOOKS m^3 of looks at
- * the small problem; the latter two dense. */
+/* The products that WORK pays: carried, and each a vector beside all before. */
 static int products_most(const struct period_map *map, double work)
 {
-    double states = period_map_states(map), carried = period_map_work(map);
+    double carried = period_map_work(map);
     int m = CARRIED_LEAST;
 
-    while (m < ARNOLDI_MOST && m * (carried + m * (2 * states + (double)LOOKS * m) / DENSE) < work)
+    while (m < ARNOLDI_MOST && m * (carried + leading_vector_work(map, m)) < work)
         m++;
     return m;
 }

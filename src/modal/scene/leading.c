@@ -36,6 +36,8 @@ static const double BOUND_FACTOR = 7.9788456080286536;   /* 10 sqrt(2/pi), (2) *
 enum {
     SUBSPACE = 200,              /* vectors at which both costs are weighed: chosen */
     PERIODS_MOST = 32,           /* a product: what settles first does so by then */
+    LOOKS = 15,                  /* operations a cubed vector, all looks of arnoldi.c */
+    DENSE = 4,                   /* dense operations in the time of one, as BUDGET_DENSE */
 };
 
 struct powers { struct period_map *map; int periods, carried; };
@@ -178,6 +180,21 @@ static int periods_of(const struct period_map *m)
     return ratio < 1 ? 1 : ratio > PERIODS_MOST ? PERIODS_MOST : (int)ratio;
 }
 
+double leading_vector_work(const struct period_map *m, int vectors)
+{
+    return vectors * (2.0 * period_map_states(m) + (double)LOOKS * vectors) / DENSE;
+}
+
+/* Vectors beside which one more costs what carrying one over PERIODS does. */
+static int even_of(const struct period_map *m, int periods)
+{
+    int even = 1;
+
+    while (even < ARNOLDI_MOST && leading_vector_work(m, even) < periods * period_map_work(m))
+        even++;
+    return even;
+}
+
 enum modal_status leading_multipliers(struct period_map *m, int wanted, double tolerance, int most,
                                       struct leading *out, struct modal_error *err)
 {
@@ -192,7 +209,8 @@ enum modal_status leading_multipliers(struct period_map *m, int wanted, double t
         if (most > 0 && products < wanted)
             products = wanted;
         /* the basis loses some, and more of a power's */
-        rc = arnoldi(&A, wanted, tolerance / (p.periods > 1 ? 10 : 2), products, &out->found, err);
+        rc = arnoldi(&A, wanted, tolerance / (p.periods > 1 ? 10 : 2), products,
+                     even_of(m, p.periods), &out->found, err);
         if (rc == MODAL_OK)
             rc = refine(&p, out, &worst, err);
         out->periods = p.carried;

@@ -22,6 +22,9 @@ struct leading {
 enum modal_status leading_multipliers(struct period_map *m, int wanted, double tolerance, int most,
                                       struct leading *out, struct modal_error *err);
 
+/* Operations (budget.h) of one more vector beside VECTORS, orthogonal to them, and of looks. */
+double leading_vector_work(const struct period_map *m, int vectors);
+
 /* *L becomes zeros. */
 void leading_done(struct leading *l);
 

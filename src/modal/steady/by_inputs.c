@@ -135,16 +135,6 @@ static void number_inputs(struct joint *j, const int *place)
     }
 }
 
-/* Whether (j, i) is there with each (i, j). */
-static bool is_symmetric(const struct pattern *p)
-{
-    for (int j = 0; j < p->q; j++)
-        for (int e = p->start[j]; e < p->start[j + 1]; e++)
-            if (p->index[pattern_find(p, j, p->index[e])] != j)
-                return false;
-    return true;
-}
-
 enum modal_status joint_new(const struct program *p, const int *place,
                             const struct pattern *pattern, struct joint **out,
                             struct modal_error *err)
@@ -173,8 +163,7 @@ enum modal_status joint_new(const struct program *p, const int *place,
     rc = workspace_check(&j->space, "joint: no memory", err);
     if (rc == MODAL_OK)
         number_inputs(j, place);
-    if (rc == MODAL_OK && j->r >= INPUTS_LEAST && j->r * DOFS_LEAST <= j->q
-        && is_symmetric(pattern))
+    if (rc == MODAL_OK && j->r >= INPUTS_LEAST && j->r * DOFS_LEAST <= j->q)
         *out = j;
     else
         joint_free(j);

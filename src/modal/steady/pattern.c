@@ -29,12 +29,15 @@ static void add_pair(struct pairs *p, int i, int j, bool mixes)
     p->count++;
 }
 
-/* Every entry of a matrix. */
+/* Every entry of a matrix, and its mirror image: where rounding left something in one of two that
+ * are equal but for it, the pattern is symmetric all the same. */
 static void add_matrix(struct pairs *p, const struct sparse *a, const int *place, bool mixes)
 {
     for (int i = 0; a->start != NULL && i < a->m; i++)
-        for (int e = a->start[i]; e < a->start[i + 1]; e++)
+        for (int e = a->start[i]; e < a->start[i + 1]; e++) {
             add_pair(p, place[i], place[a->index[e]], mixes);
+            add_pair(p, place[a->index[e]], place[i], mixes);
+        }
 }
 
 /* Every end of a law acts on every other, at all harmonics. */

@@ -19,8 +19,9 @@ struct pattern {
 };
 
 /*
- * Of P, PLACE[dof] a dof's index among the q that iterate, or -1.  FULL: every entry, for the
- * linear dofs taken out couple all others.  Fails with MODAL_NO_MEMORY; pattern_free takes NULL.
+ * Of P, PLACE[dof] a dof's index among the q that iterate, or -1; (j, i) is there with each (i, j).
+ * FULL: every entry, for the linear dofs taken out couple all others.  Fails with
+ * MODAL_NO_MEMORY; pattern_free takes NULL.
  */
 enum modal_status pattern_new(const struct program *p, const int *place, int q, bool full,
                               struct pattern **out, struct modal_error *err);

@@ -9,6 +9,7 @@
 #include "modal/steady/balance.h"
 #include "modal/steady/by_inputs.h"
 #include "modal/steady/condense.h"
+#include "modal/steady/pattern.h"
 #include "scene_text.h"
 
 enum { DOFS = 200, SLIDERS = 24, H = 5, ORDER = DOFS * (2 * H + 1) };
@@ -87,6 +88,23 @@ TEST(what_is_solved_on_the_laws_inputs_is_what_the_whole_blocks_give)
     free(X);
     free(y);
     free(z);
+}
+
+/* As the sums of finite elements leave it: 1e-18 where its mirror image cancels to 0. */
+TEST(a_stiffness_that_is_symmetric_but_for_rounding_has_a_symmetric_pattern)
+{
+    struct program *p = program_text(
+        "{'structure':{'type':'matrices','M':[[1,0,0],[0,1,0],[0,0,1]],"
+        "'K':[[2,-1,1e-18],[-1,2,-1],[0,-1,2]]},'omega':1,'effects':[]}");
+    int place[3] = { 0, 1, 2 };
+    struct pattern *pattern = NULL;
+
+    CHECK(pattern_new(p, place, 3, false, &pattern, NULL) == MODAL_OK);
+    CHECK(pattern_entries(pattern) == 9);
+    CHECK(pattern->index[pattern_find(pattern, 0, 2)] == 0);
+    CHECK(pattern->index[pattern_find(pattern, 2, 0)] == 2);
+    pattern_free(pattern);
+    program_free(p);
 }
 
 TEST(few_inputs_are_left_to_factors)

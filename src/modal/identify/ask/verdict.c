@@ -1,12 +1,13 @@
 /*
  * verdict.c - what the multipliers say, with their errors
  *
- * Half width.  A mode's Re lambda is known to b = 3 std where the Jacobian gave it; else to bar /
- * (|rho| span), the bar being the largest of jackknife and backward estimate (projection.c).  With
- * hardly more equations than unknowns the Jacobian's residual is no measure of the noise, and both
- * are added.  b is never below rounding, ROUNDING / span, nor, in a near-defective cluster that is
- * not resolved, below twice its radius.  Resolved: no two members are nearer than REFINE_CLEAR of
- * their errors together; what the errors say of them then holds, however close they are.
+ * Half width.  A mode's Re lambda is known to b = VERDICT_CLEAR std where the Jacobian gave it;
+ * else to bar / (|rho| span), the bar being the largest of jackknife and backward estimate
+ * (projection.c).  With hardly more equations than unknowns the Jacobian's residual is no measure
+ * of the noise, and both are added.  b is never below rounding, ROUNDING / span, nor, in a
+ * near-defective cluster that is not resolved, below twice its radius.  Resolved: no two members
+ * are nearer than REFINE_CLEAR of their errors together; what the errors say of them then holds,
+ * however close they are.
  *
  * Near-defective.  Two exponents that meet form a Jordan block, and their coefficients grow like
  * 1/distance with opposite signs while the sum of the two parts stays finite:
@@ -60,7 +61,7 @@ static double cluster_radius(const struct identify_result *r, int mode)
 static double half_width(const struct identify_result *r, int i)
 {
     const struct identify_mode *m = &r->modes[i];
-    double span = span_of(r), b = REFINE_CLEAR * m->std_re, size = cabs(m->multiplier) * span,
+    double span = span_of(r), b = VERDICT_CLEAR * m->std_re, size = cabs(m->multiplier) * span,
            bar = size > 0 && isfinite(m->bar) ? m->bar / size : HUGE_VAL;
 
     if (!(b > 0) || !isfinite(b))
@@ -164,7 +165,7 @@ static void report_largest(struct identify_result *r)
             r->max_multiplier = cabs(m->multiplier);
         if (!(-g >= r->margin)) {
             r->margin = 0 - g;
-            r->margin_std = isfinite(b) ? b / REFINE_CLEAR : NAN;
+            r->margin_std = isfinite(b) ? b / VERDICT_CLEAR : NAN;
         }
     }
 }

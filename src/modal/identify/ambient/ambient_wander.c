@@ -410,7 +410,7 @@ static enum modal_status fit(struct work *w, struct model *t, struct model *fewe
         rc = shrink(w, t, fewer, trial, &less, err);
     if (rc == MODAL_OK)
         rc = make_room(w, t->m.count, err);
-    if (rc == MODAL_OK && t->m.converged)
+    if (rc == MODAL_OK && t->m.converged && t->m.count > 0)
         find_errors(w, t);
     return rc;
 }

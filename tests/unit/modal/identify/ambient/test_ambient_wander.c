@@ -109,3 +109,17 @@ TEST(a_second_pair_that_drew_a_line_as_wide_as_turns_differ_leaves)
     CHECK(two.count == 1);
     CHECK_NEAR(creal(whittle_exponent(&two.mode[0], TURNS)), -0.03, 4 * two.mode[0].std_decay);
 }
+
+TEST(of_noise_alone_the_pair_leaves_and_none_is_an_answer)
+{
+    struct random r = { 11 };
+    struct whittle m = model();
+
+    draw(3, 0.008);                                       /* how turns differ */
+    for (int i = 0; i < CHANNELS * TURNS; i++)
+        z[i] = random_normal(&r);
+    m = fitted(longer, m);
+    CHECK(m.count == 0 && m.converged);
+    m = fitted(longer, m);                                /* as it does where none was found */
+    CHECK(m.count == 0 && m.converged);
+}

@@ -81,8 +81,9 @@ static void add_peaks(const double *x, int L, double value, double sign, int how
 {
     for (int k = 0, first = 0; k <= L; k++)
         if (k == L || x[k] != value) {
-            double n = k - first + 1;
-            double height = how & EQUAL ? fabs(value) : height_of(x, L, sign, first, k);
+            double n = k - first + 1, height = 0;
+            if (first < k)
+                height = how & EQUAL ? fabs(value) : height_of(x, L, sign, first, k);
             for (int i = first; i < k; i++) {
                 double round = 4 * (i - first + 1) * (k - i) / (n * n);
                 s[i] = sign * height * (how & POINTED ? round * round : round);

@@ -116,7 +116,7 @@ void turns_lengths(const double *turn, int rows, int turns, double *longer)
         double angle = turn[0] + i + 1, row;
         while (at < rows - 2 && turn[at + 1] <= angle)
             at++;
-        row = at + (angle - turn[at]) / (turn[at + 1] - turn[at]);
+        row = turn[at + 1] > turn[at] ? at + (angle - turn[at]) / (turn[at + 1] - turn[at]) : at;
         longer[i] = angle <= turn[rows - 1] ? (row - before) / each - 1 : 0;
         before = row;
     }

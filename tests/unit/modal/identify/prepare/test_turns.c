@@ -97,3 +97,13 @@ TEST(a_turn_is_as_long_as_its_rows_are_beside_the_mean)
         CHECK_NEAR(longer[i], (ends - begins) / each - 1, 2 * 0.013 * 0.04 * 0.04 / 8 + 1e-7);
     }
 }
+
+TEST(a_coarse_angle_that_stands_where_the_record_ends_gives_its_last_turn_a_length)
+{
+    const double turn[] = { 0, 0.25, 0.5, 0.75, 1, 1.25, 1.5, 1.75, 2, 2 };
+    double longer[2];
+
+    turns_lengths(turn, 10, 2, longer);                   /* 4 rows each; 4.5 in the mean */
+    CHECK_NEAR(longer[0], 4 / 4.5 - 1, 1e-15);
+    CHECK_NEAR(longer[1], 4 / 4.5 - 1, 1e-15);
+}

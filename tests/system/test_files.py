@@ -453,6 +453,12 @@ def test_numbers_that_are_not_in_the_hdf5_file_itself_are_none(ctl, tmp_path):
         f.create_dataset("signals", data=y, chunks=(2 ** 18, 1), compression=9).attrs["dt"] = DT
         assert f["signals"].id.get_storage_size() < 5000
     assert ctl("export", path, "-O", tmp_path / "y.h5").status == 0
+    with h5py.File(path, "w") as f:                 # and two filters still less
+        relay = (np.arange(2 ** 21) < 50).astype("i4")[:, None]
+        f.create_dataset("signals", data=relay, chunks=(2 ** 15, 1), scaleoffset=0,
+                         compression=9).attrs["dt"] = DT
+        assert 2000 * f["signals"].id.get_storage_size() < relay.nbytes
+    assert ctl("export", path, "-O", tmp_path / "y.h5").status == 0
 
 
 def test_a_flipped_bit_in_a_compressed_file_is_an_error(ctl, tmp_path):

@@ -12,6 +12,7 @@
 #include "broker/shell/config.h"
 #include "base/near.h"
 #include "base/machine.h"
+#include "broker/kit/map.h"
 #include "store/file.h"
 #include <ctype.h>
 #include <errno.h>
@@ -381,10 +382,33 @@ static bool set_limit(struct account *a, const char *word)
     return false;
 }
 
+static bool is_key(const void *value, const void *key)
+{
+    return strcmp(value, key) == 0;
+}
+
+/* KEY of line NUMBER is none of those MET, and is one of them then: else a user had the rights of
+ * another's line. */
+static enum modal_status meet_key(const struct config *c, struct map *met, char *key,
+                                  const char *file, int number, struct modal_error *err)
+{
+    uint64_t hash = map_hash_text(key);
+    size_t i = 0;
+
+    if (map_find(met, hash, is_key, key) == NULL)
+        return map_put(met, hash, key) ? MODAL_OK : modal_fail(err, MODAL_NO_MEMORY,
+                                                               "out of memory");
+    while (i + 1 < c->account_count && strcmp(c->accounts[i].key, key) != 0)
+        i++;
+    return modal_fail_field(err, MODAL_BAD_INPUT, "keys", "%s:%d: the key of user \"%s\" stands "
+                            "here again; accepted: one line a key", file, number,
+                            c->accounts[i].user);
+}
+
 /* The line's comment sign may be part of a key: keys come first, so the comment is cut after
- * them only. */
-static enum modal_status read_key(struct config *c, char *line, const char *file, int number,
-                                  struct modal_error *err)
+ * them only.  MET: the keys of the lines before. */
+static enum modal_status read_key(struct config *c, char *line, struct map *met, const char *file,
+                                  int number, struct modal_error *err)
 {
     struct account account = { .weight = 1 }, *all;
     char *rest, *word = strtok_r(line, " \t\r", &rest), list[NEAR_ACCEPTED];
@@ -397,11 +421,9 @@ static enum modal_status read_key(struct config *c, char *line, const char *file
                                 "%s:%d: the first word is not a public key of 40 signs", file,
                                 number);
     strcpy(account.key, word);
-    for (size_t i = 0; i < c->account_count; i++)
-        if (strcmp(c->accounts[i].key, word) == 0)
-            return modal_fail_field(err, MODAL_BAD_INPUT, "keys", "%s:%d: the key of user \"%s\" "
-                                    "stands here again; accepted: one line a key", file, number,
-                                    c->accounts[i].user);
+    enum modal_status rc = meet_key(c, met, word, file, number, err);
+    if (rc != MODAL_OK)
+        return rc;
     word = strtok_r(NULL, " \t\r", &rest);
     if (word == NULL || strlen(word) >= NAME_MOST || strpbrk(word, "\"\\=") != NULL)
         return modal_fail_field(err, MODAL_BAD_INPUT, "keys",
@@ -435,6 +457,7 @@ static enum modal_status read_key(struct config *c, char *line, const char *file
 static enum modal_status read_keys(struct config *c, struct modal_error *err)
 {
     char *text = NULL, *line, *rest;
+    struct map met = { 0 };
     size_t length;
     int number = 0;
     enum modal_status rc = check_private(c->keys, err);
@@ -448,8 +471,9 @@ static enum modal_status read_keys(struct config *c, struct modal_error *err)
         rest = strchr(line, '\n');
         if (rest != NULL)
             *rest++ = 0;
-        rc = read_key(c, line, c->keys, ++number, err);
+        rc = read_key(c, line, &met, c->keys, ++number, err);
     }
+    map_done(&met);
     free(text);
     return rc;
 }

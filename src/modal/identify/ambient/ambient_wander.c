@@ -38,7 +38,10 @@
 enum { L = WHITTLE_CHANNELS_MOST, MODES = WHITTLE_MODES_MOST };
 /* Unknowns of a mode: of each a real and an imaginary part; chi, kappa behind phi. */
 enum { LAMBDA = 0, NU = 2, BEGUN = 4, PHI = 6 };
-enum { STEPS_MOST = 60 };        /* of the answer's climb, as of any (ambient_order.c) */
+enum {
+    STEPS_MOST = 60,             /* of the answer's climb, as of any (ambient_order.c) */
+    CALLS = 400                  /* multiplications in the time of a turn's calls, measured */
+};
 static const double
     DAMPING_FIRST = 1e-3,        /* of Levenberg and Marquardt, in the scale of J's diagonal */
     DAMPING_LEAST = 1e-12,       /* as good as none */
@@ -46,7 +49,8 @@ static const double
     GAIN = 1e-3,                 /* of the logarithm of the likelihood: a twentieth of an error */
     DECAY_LEAST = 0.1,           /* over the record: what is slower is a line */
     PATIENCE = 8,                /* prices: what a fit may make up for where a pair leaves */
-    WORK_MOST = 2e10;            /* multiplications of all fits: ten seconds */
+    WORK_MOST = 2e10,            /* multiplications of all fits: ten seconds */
+    WORK_BEGIN = 1e9;            /* of where nu begins: a twentieth, no more than a few steps */
 
 struct model {
     struct whittle m;
@@ -129,6 +133,12 @@ static void innovate(struct work *w, int m)
                 e, 1);
 }
 
+/* Multiplications of predict(). */
+static double predict_work(const struct work *w)
+{
+    return w->in->Z->m * (4.0 * w->l * (2 * w->p + w->l) + CALLS);
+}
+
 /* All innovations of T, the root of their covariance and the likelihood; -HUGE_VAL: none. */
 static void predict(struct work *w, struct model *t)
 {
@@ -141,7 +151,7 @@ static void predict(struct work *w, struct model *t)
         innovate(w, m);
         turn_over(w, t, m);
     }
-    w->left -= 4.0 * N * l * (2 * w->p + l);
+    w->left -= predict_work(w);
     cblas_dsyrk(CblasColMajor, CblasLower, CblasNoTrans, l, N, 1.0 / N, w->e, l, 0, R, l);
     t->m.likelihood = -HUGE_VAL;
     if (!isfinite(cblas_dasum(l * l, R, 1))
@@ -328,16 +338,20 @@ static enum modal_status climb(struct work *w, struct model *t, struct model *tr
 
 /* ---- the way ---- */
 
-/* nu to begin with: of those that (1) may have the likeliest, mode by mode. */
+/* nu to begin with: of those that (1) may have the likeliest, mode by mode; of many phases only the
+ * slowest that there is work for, the climb goes on from them. */
 static void begin(struct work *w, struct model *t)
 {
+    double room = WORK_BEGIN / (2 * predict_work(w) * (w->p + 1));
+    int highest = (int)fmin(w->in->phases / 2, room);
+
     for (int k = 0; k < w->p; k++)
         t->nu[k] = t->begun[k] = 0;
     predict(w, t);
     for (int k = 0; k < w->p; k++) {
         double complex best = 0;
         double most = t->m.likelihood;
-        for (int j = -w->in->phases / 2; j <= w->in->phases / 2; j++) {
+        for (int j = -highest; j <= highest; j++) {
             t->nu[k] = t->m.mode[k].lambda + CMPLX(0, 2 * M_PI * j);
             predict(w, t);
             if (t->m.likelihood > most)

@@ -49,14 +49,19 @@ static void draw(uint64_t seed, double share)
     }
 }
 
-static struct whittle fitted(const double *lengths, struct whittle m)
+static struct whittle fitted_of(int phases, const double *lengths, struct whittle m)
 {
     struct matrix Z = { TURNS, CHANNELS, TURNS, z };
-    struct ambient_wander in = { &Z, lengths, 8, 40, false, NULL, NULL };
+    struct ambient_wander in = { &Z, lengths, phases, 40, false, NULL, NULL };
     struct modal_error err;
 
     CHECK(ambient_wander_fit(&in, &m, &err) == MODAL_OK && m.converged);
     return m;
+}
+
+static struct whittle fitted(const double *lengths, struct whittle m)
+{
+    return fitted_of(8, lengths, m);
 }
 
 /* Mean squares of the errors of decay and turn over the standard errors: of DRAWS 1 to 0.45. */
@@ -122,4 +127,17 @@ TEST(of_noise_alone_the_pair_leaves_and_none_is_an_answer)
     CHECK(m.count == 0 && m.converged);
     m = fitted(longer, m);                                /* as it does where none was found */
     CHECK(m.count == 0 && m.converged);
+}
+
+/* 250,000 phases: to try the harmonics that so many may tell is all the work there is. */
+TEST(of_as_many_phases_as_there_may_be_the_multiplier_is_that_of_few)
+{
+    struct whittle few, many;
+
+    draw(100, 0.008);
+    few = fitted(longer, model());
+    many = fitted_of(250000, longer, model());
+    CHECK(few.count == 1 && many.count == 1);
+    CHECK_NEAR(creal(many.mode[0].lambda), creal(few.mode[0].lambda), 0.1 * few.mode[0].std_decay);
+    CHECK_NEAR(cimag(many.mode[0].lambda), cimag(few.mode[0].lambda), 0.1 * few.mode[0].std_turn);
 }

@@ -1,6 +1,7 @@
 /* torus.c - see torus.h; tested by tests/unit/modal/steady/test_torus.c */
 #include "modal/steady/torus.h"
 #include <fftw3.h>
+#include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -11,6 +12,7 @@ enum {
                                              * would all be in the same few of its places, and
                                              * transforms across 256 take 15 times as long */
 };
+static const double SAME = 4 * DBL_EPSILON; /* of a tone, as torus_fold.c has it */
 static const double NOTHING = 1e-13;        /* of a sum of frequencies: its rounding */
 
 struct torus_grid {
@@ -49,6 +51,15 @@ double torus_frequency(const struct torus_tones *t, struct torus_index k)
     for (int j = 0; j < t->count; j++)
         sum += k.k[j] * t->omega[j];
     return sum;
+}
+
+double torus_rounding(const struct torus_tones *t, struct torus_index k)
+{
+    double sum = 0;
+
+    for (int j = 0; j < t->count; j++)
+        sum += abs(k.k[j]) * t->omega[j];
+    return SAME * sum;
 }
 
 int torus_order(struct torus_index k)

@@ -36,6 +36,8 @@ struct torus_tones torus_tones_of(const double *omega, int count);
 void torus_tones_move(struct torus_tones *t, int j, double omega);
 /* Omega_k, rad/s. */
 double torus_frequency(const struct torus_tones *t, struct torus_index k);
+/* rad/s: what Omega_k may be off by where tones that have a period are off it by rounding. */
+double torus_rounding(const struct torus_tones *t, struct torus_index k);
 /* |k_1| + .. + |k_d|. */
 int torus_order(struct torus_index k);
 bool torus_equal(struct torus_index a, struct torus_index b);

@@ -1,5 +1,5 @@
 /*
- * torus_lines.c - see torus_lines.h; tested by tests/unit/modal/steady/test_torus.c
+ * torus_lines.c - see torus_lines.h; tested by tests/unit/modal/steady/test_torus_lines.c
  *
  * A record has N samples a turn of the leading tone, t = 2 pi (r + m / N) / w_lead.  Combinations
  * that differ by the leading tone alone are a row: from turn to turn, at any m, they go on alike,
@@ -44,11 +44,6 @@
 #include <string.h>
 
 enum {
-    TURNS_A_ROW = 3,           /* two columns a row: as many as two thirds of the turns, so that
-                                * what is left is a measure of what they miss */
-    OTHERS_MOST = 160,         /* |k_j| of one tone beside the leading one: slow envelopes of close
-                                * tones have as many lines */
-    OTHERS_OF_TWO_MOST = 12,   /* of two */
     PASSES = 8,                /* at most: of 64, 256, 1024 turns each left 0.2, 0.04, 1e-3 of what
                                 * the one before had */
     AFRESH = 32,               /* products of a wave: no rounding gathers */
@@ -57,8 +52,6 @@ enum {
 static const double TOLD = 0.1;           /* of a column's square: three errors of what is no line,
                                            * at most */
 static const double TOGETHER = 0.5;       /* of what one row leaves of it, several leave less */
-static const double SAME = 1e-6;          /* root of what is left of a row that coincides with
-                                           * others: a million records would not tell them */
 static const double HARMONIC[] = { 1, 2.0 / 3, 1.0 / 6 };  /* of (3), at j whole waves */
 static const double SPREAD = 0.289;       /* root mean square of u, with no window: 12^-1/2 */
 static const double SPREAD_WEIGHED = 0.141;   /* under (3) */
@@ -69,16 +62,9 @@ static const double FEWER = 0.01;         /* of the error asked for, which is a 
                                            * are not worth being told */
 static const double LAST = 0.125;         /* of the lines below N / 2, as in torus_error.c */
 static const double BEYOND = 4.06;        /* 2 / ((1 - LAST)^-3 - 1): see above */
-static const double WAVE = 1.2;           /* budget.h: of a sample and a row, two products of
-                                           * matrices of two columns */
-static const double READ = 3;             /* passes of a record that has not settled, most often */
-static const double FACTOR = 0.4;         /* of a factor of them, times its rows' cube */
 
 /* The columns of a row, by kind. */
-enum { COSINE, SINE, KINDS };
-
-/* A row: its place, whole turns of s and the rest, and its column of each kind; -1: none. */
-struct torus_row { int row, whole, at[KINDS]; double s; bool real; };
+enum { COSINE, SINE, KINDS = TORUS_KINDS };
 
 /* A line of a row, of combination k as torus.h's (1) has it. */
 struct line { struct torus_index k; double size; int told, bin; bool flipped; };
@@ -211,11 +197,9 @@ static double left_by(const struct torus_sheet *a, const struct torus_row *row,
 }
 
 /* ROW's columns, of products OWN with themselves, behind those of L, a factor of each kind; what
- * part of them is in no other.  *PAIR: what part is not in the row told that has most of it;
- * *ALONE: of its waves. */
+ * part of them is in no other.  *PAIR: what part is not in the row told that has most of it. */
 static double try_row(const struct torus_sheet *a, const struct torus_row *row,
-                      const double own[KINDS], double *const L[KINDS], int ld, double *pair,
-                      double *alone)
+                      const double own[KINDS], double *const L[KINDS], int ld, double *pair)
 {
     double part = 1;
 
@@ -228,11 +212,6 @@ static double try_row(const struct torus_sheet *a, const struct torus_row *row,
             if (row->at[k] >= 0 && with->at[k] >= 0)
                 L[k][(size_t)row->at[k] * (size_t)ld + (size_t)with->at[k]] = to[k];
         *pair = fmin(*pair, left_by(a, row, with, to, own));
-        for (int k = 0; k < KINDS; k++) {
-            double both = to[COSINE] + (k == COSINE ? 1 : -1) * to[SINE];
-
-            *alone = fmin(*alone, 1 - both * both);
-        }
     }
     for (int k = 0; k < KINDS && part >= TOLD; k++)
         if (row->at[k] >= 0) {
@@ -240,6 +219,30 @@ static double try_row(const struct torus_sheet *a, const struct torus_row *row,
             part = fmin(part, factor_row(L[k], ld, row->at[k]));
         }
     return part;
+}
+
+/* rad/s: what lines of ROW and, with SIGN, of WITH or its mirror beat with at the slowest; 0: no
+ * faster than the rounding of tones.  However slow it is else, a longer record would see it. */
+static double beat_of(const struct torus_sheet *a, const struct torus_row *row, int sign,
+                      const struct torus_row *with)
+{
+    const struct torus_tones *t = &a->s->tones;
+    double turns = row->s + sign * with->s, beat = fabs(turns - round(turns)) * t->omega[t->lead];
+    struct torus_index k, l;
+
+    row_of(a, row->row, &k);
+    row_of(a, with->row, &l);
+    return beat > torus_rounding(t, k) + torus_rounding(t, l) ? beat : 0;
+}
+
+/* The slowest of ROW with those told. */
+static double slowest_beat(const struct torus_sheet *a, const struct torus_row *row)
+{
+    double beat = HUGE_VAL;
+
+    for (int r = 0; r < a->told; r++)
+        beat = fmin(beat, fmin(beat_of(a, row, -1, &a->row[r]), beat_of(a, row, 1, &a->row[r])));
+    return beat;
 }
 
 /* Rows by rising rank: those of two other tones are not in order as they stand. */
@@ -255,12 +258,15 @@ static int by_place(const void *a, const void *b)
 /*
  * Of rows of ORDER what PART is in no other is all that is seen of one that is not told.  PAIR as
  * try_row has it: one that several rows have together, of tones whose beat is longer than the
- * record, is seen not at all, for as many lines may hide each other's.
+ * record, is seen not at all, for as many lines may hide each other's.  BEAT: slowest_beat's.
  */
-static void hide(struct torus_sheet *a, int order, double part, double pair)
+static void hide(struct torus_sheet *a, int order, double part, double pair, double beat)
 {
-    if (order < TORUS_SHEET_ORDERS)
-        a->nearest[order] = part < TOGETHER * pair ? 0 : fmin(a->nearest[order], sqrt(part));
+    if (order >= TORUS_SHEET_ORDERS)
+        return;
+    a->nearest[order] = part < TOGETHER * pair ? 0 : fmin(a->nearest[order], sqrt(part));
+    if (beat < torus_sheet_apart(&a->s->tones, TORUS_TURNS_MOST, a->settled))
+        a->beats = order < a->beats ? order : a->beats;
 }
 
 /* The order of K; of one with a tone that no load has past all others, which what the record does
@@ -305,6 +311,7 @@ static enum modal_status choose_rows(struct torus_sheet *a, double *const L[KIND
 
     for (int o = 0; o < TORUS_SHEET_ORDERS; o++)
         a->nearest[o] = 1;
+    a->beats = TORUS_SHEET_ORDERS;
     a->told = a->columns[COSINE] = a->columns[SINE] = 0;
     for (int k = 0; rc == MODAL_OK && a->others[1] < 0 && k < 2 * a->rows; k++)
         a->mean[k] = mean_at(a, a->others[0] < 0 ? 0 : k * a->s->tones.nu[a->others[0]]);
@@ -317,20 +324,22 @@ static enum modal_status choose_rows(struct torus_sheet *a, double *const L[KIND
     if (rc == MODAL_OK)
         qsort(list, (size_t)a->rows, sizeof *list, by_place);
     for (int r = 0; rc == MODAL_OK && r < a->rows; r++) {
-        double own[KINDS], pair = 1, alone = 1, less;
+        double own[KINDS], pair = 1, less, beat;
         struct torus_row row = next_row(a, list[r].row, own);
-        double part = try_row(a, &row, own, L, ld, &pair, &alone);
+        double part = try_row(a, &row, own, L, ld, &pair);
 
-        less = 2 * fmin(own[COSINE], own[SINE]);
+        less = larger(2 * fmin(own[COSINE], own[SINE]), 0);
         if (part >= TOLD
-            && TURNS_A_ROW * (a->columns[COSINE] + a->columns[SINE] + 2) <= 2 * a->turns) {
+            && TORUS_TURNS_A_ROW * (a->columns[COSINE] + a->columns[SINE] + 2)
+                   <= 2 * a->turns) {
             a->row[a->told++] = row;
             for (int k = 0; k < KINDS; k++)
                 a->columns[k] += row.at[k] >= 0;
-            if (row.real && less > SAME * SAME)        /* of it and its mirror one is told */
-                hide(a, list[r].rank + 1, less, 0);
-        } else if (alone > SAME * SAME)   /* of frequencies: PART has a factor's rounding */
-            hide(a, list[r].rank, row.real ? fmax(part, less) : part, pair);
+            beat = beat_of(a, &row, 1, &row);
+            if (row.real && beat > 0)     /* of it and its mirror one is told */
+                hide(a, list[r].rank + 1, less, 0, beat);
+        } else if ((beat = slowest_beat(a, &row)) > 0)
+            hide(a, list[r].rank, row.real ? fmax(part, less) : part, pair, beat);
     }
     return rc;
 }
@@ -594,6 +603,17 @@ static int list_lines(struct torus_sheet *a, struct line *list, double leave, do
     return count;
 }
 
+/* The largest of the lines told, LIST, of ORDER and above; not the mean. */
+static double largest_line(const struct torus_sheet *a, const struct line *list, int order)
+{
+    double size = 0;
+
+    for (int l = 0; l < a->count; l++)
+        if (torus_order(list[l].k) >= order && isfinite(list[l].size))
+            size = fmax(size, list[l].size);
+    return size;
+}
+
 /*
  * What a line may hide of another that the record does not tell from it, in m.  Of one of which the
  * root PART is left the most that is seen, LEFT, is as much; and it is no larger than the lines
@@ -604,13 +624,10 @@ static double hidden(const struct torus_sheet *a, const struct line *list, doubl
     double most = 0;
 
     for (int order = 0; order < TORUS_SHEET_ORDERS; order++) {
-        double size = 0;
+        double size = a->nearest[order] < 1 ? largest_line(a, list, order) : 0;
 
         if (a->nearest[order] >= 1)
             continue;
-        for (int l = 0; l < a->count; l++)
-            size = torus_order(list[l].k) >= order && isfinite(list[l].size)
-                       ? fmax(size, list[l].size) : size;
         most = fmax(most, a->nearest[order] > 0 ? fmin(2 * size, left / a->nearest[order])
                                                 : 2 * size);
     }
@@ -708,7 +725,7 @@ static enum modal_status read_lines(struct torus_sheet *a, struct line *list, do
     if (!a->settled)
         weigh(a), weigh(a);               /* what decays or drifts is no line */
     rc = unexplained(a, &e->line, err);
-    e->line *= a->settled ? 1 : TWICE;
+    e->line = fmax(e->line * (a->settled ? 1 : TWICE), 2 * largest_line(a, list, a->beats));
     return rc;
 }
 
@@ -735,49 +752,12 @@ enum modal_status torus_sheet_read(struct torus_sheet *a, struct torus_errors *e
     fit_rows(a, L, ld, room);
     rc = read_lines(a, list, FEWER * a->wanted * *amplitude, room, e, err);
     e->sampling = BEYOND * a->last;
-    budget_add(a->s->work, torus_sheet_work(a));
     return rc;
 }
 
-bool torus_sheet_lay(struct torus_sheet *a, int N, int turns, double wanted)
+double torus_sheet_apart(const struct torus_tones *t, int turns, bool settled)
 {
-    const struct torus_tones *t = &a->s->tones;
-    int r = 0, most = t->count > 2 ? OTHERS_OF_TWO_MOST : OTHERS_MOST, wide;
-
-    a->N = N, a->turns = turns;
-    a->wanted = wanted;
     /* of two lines F turns of the record apart (2 pi F SPREAD)^2 is left */
-    a->apart = sqrt(TOLD) / (2 * M_PI * (a->settled ? SPREAD : SPREAD_WEIGHED))
-        / turns * t->omega[t->lead];
-    a->others[0] = a->others[1] = -1;
-    for (int j = 0; j < t->count; j++)
-        if (j != t->lead)
-            a->others[r++] = j;
-    a->highest = r == 0 ? 0 : turns / TURNS_A_ROW < most ? turns / TURNS_A_ROW : most;
-    wide = 2 * a->highest + 1;
-    a->rows = t->count > 2 ? (wide * wide + 1) / 2 : a->highest + 1;
-    return (double)N * turns * a->outputs <= TORUS_SHEET_MOST;
-}
-
-double torus_sheet_work(const struct torus_sheet *a)
-{
-    return a->rows * (WAVE * (a->settled ? 1 : READ) * a->outputs * ((double)a->N * a->turns)
-                      + FACTOR * (double)a->rows * a->rows);
-}
-
-enum modal_status torus_sheet_room(struct torus_sheet *a, struct modal_error *err)
-{
-    size_t samples = (size_t)a->N * (size_t)a->turns, wide = (size_t)(a->N * a->outputs);
-    size_t rows = (size_t)a->rows;
-
-    if (a->x == NULL)
-        a->x = workspace_zeros(&a->space, samples * (size_t)a->outputs, sizeof *a->x);
-    a->left = workspace_room(&a->space, samples * (size_t)a->outputs, sizeof *a->left);
-    a->row = workspace_room(&a->space, rows, sizeof *a->row);
-    a->wave = workspace_room(&a->space, 2 * rows * (size_t)a->turns, sizeof *a->wave);
-    a->sum = workspace_room(&a->space, 2 * rows * wide, sizeof *a->sum);
-    a->Y = workspace_room(&a->space, rows * wide, sizeof *a->Y);
-    a->z = workspace_room(&a->space, (size_t)a->N, sizeof *a->z);
-    a->mean = workspace_room(&a->space, 2 * rows, sizeof *a->mean);
-    return workspace_check(&a->space, "torus: no memory for a record", err);
+    return sqrt(TOLD) / (2 * M_PI * (settled ? SPREAD : SPREAD_WEIGHED)) / turns
+        * t->omega[t->lead];
 }

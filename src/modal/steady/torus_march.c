@@ -35,7 +35,6 @@ enum {
     SAMPLES_MOST = 256,        /* doubled twice: of stiff contacts */
     SAMPLES_EXACT = 32,        /* of one followed exactly: some 32^-4, where that is enough */
     TURNS = 64,                /* of a record, at first: tones one in 40 apart are told */
-    TURNS_MOST = 4096,         /* tones one in 2700 apart are told: past it a budget ends it */
     LONGER = 4,                /* the next: all before cost a third of it */
     SETTLING = 4,              /* a record's turns over those that go before it */
     CHECKED = 16,              /* turns that are marched once more */
@@ -70,18 +69,6 @@ static const double NEAR = 1e-9;          /* of a load's frequency: its rounding
 static const double BESIDE = 1.05;        /* of a tone: samples of its turns serve one so near */
 static const double AGREE = 3;            /* errors of a balance that its motion may be off */
 
-bool torus_march_takes(const struct torus_solver *s, bool balanced)
-{
-    bool takes = s->tone.index < 0 && s->opt->order == 0 && s->q > 0 && !s->opt->near;
-    bool events = !balanced;
-
-    for (int l = 0; l < s->p->laws; l++) {
-        takes = takes && (balanced || !torus_undetermined(s->laws, l));
-        events = events || (!s->p->law[l].kind->smooth && torus_acts(s->laws, l));
-    }
-    return takes && events;
-}
-
 /* Whether a load of S has tone J. */
 static bool is_loaded(const struct torus_solver *s, int j)
 {
@@ -105,6 +92,45 @@ static struct torus_tones led_by_loads(const struct torus_solver *s)
             fastest = t.omega[j], t.lead = j;
     torus_tones_move(&t, t.lead, t.omega[t.lead]);
     return t;
+}
+
+/* Whether loads beat with each other or the mean more slowly than the longest record tells: it
+ * would have their motion at one phase of the beat. */
+static bool beats_too_slowly(const struct torus_solver *s)
+{
+    const struct torus_tones t = led_by_loads(s);
+    double apart = torus_sheet_apart(&t, TORUS_TURNS_MOST, true);
+    bool loaded[TORUS_LOADS_MOST + 1] = { true }, slowly = false, flipped;
+
+    for (int i = 0; i < s->p->loads; i++) {
+        const struct program_load *load = &s->p->load[i];
+        struct torus_index k = { { load->tone[0], load->tone[1], load->tone[2] } };
+
+        if (load->cosine != 0 || load->sine != 0)
+            loaded[torus_group(s, torus_signed(&s->tones, k, &flipped))] = true;
+    }
+    for (int g = 1; g <= s->groups; g++)
+        for (int h = 0; h < g; h++) {
+            double beat = fabs(torus_frequency(&t, s->group[g]) - torus_frequency(&t, s->group[h]));
+
+            slowly = slowly || (loaded[g] && loaded[h] && beat < apart
+                                && beat > torus_rounding(&t, s->group[g])
+                                              + torus_rounding(&t, s->group[h]));
+        }
+    return slowly;
+}
+
+bool torus_march_takes(const struct torus_solver *s, bool balanced)
+{
+    bool takes = s->tone.index < 0 && s->opt->order == 0 && s->q > 0 && !s->opt->near
+        && !beats_too_slowly(s);
+    bool events = !balanced;
+
+    for (int l = 0; l < s->p->laws; l++) {
+        takes = takes && (balanced || !torus_undetermined(s->laws, l));
+        events = events || (!s->p->law[l].kind->smooth && torus_acts(s->laws, l));
+    }
+    return takes && events;
 }
 
 /* Turns of the fastest load in one of the lead's, or up to twice as many, a power of two: records
@@ -309,23 +335,38 @@ void torus_adopt(struct torus_solver *s, struct torus_lines *lines, double wante
     *lines = (struct torus_lines) { 0 };
 }
 
-/* The record's lines, read with the errors E, into OUT. */
+/* Whether A tells a line of K. */
+static bool has_line(const struct torus_sheet *a, struct torus_index k)
+{
+    bool has = false;
+
+    for (int l = 0; l < a->count && !has; l++)
+        has = torus_equal(a->index[l], k);
+    return has;
+}
+
+/* The record's lines, read with the errors E, into OUT: beside them those of loads that it does not
+ * tell from others, or that move no law, for other dofs follow from them as well. */
 static enum modal_status keep_lines(const struct torus_sheet *a, const struct torus_errors *e,
                                     double amplitude, struct torus_lines *out,
                                     struct modal_error *err)
 {
-    size_t K = (size_t)a->count, q = (size_t)a->s->q;
-    struct torus_index *index = malloc(K * sizeof *index);
-    double complex *X = malloc(q * K * sizeof *X);
+    size_t told = (size_t)a->count, K = told, q = (size_t)a->s->q;
+    struct torus_index *index = malloc((told + (size_t)a->s->groups) * sizeof *index);
+    double complex *X = calloc(q * (told + (size_t)a->s->groups) + 1, sizeof *X);
 
     if (index == NULL || X == NULL) {
         free(index), free(X);
         return modal_fail(err, MODAL_NO_MEMORY, "torus: no memory for %d combinations", a->count);
     }
-    memcpy(index, a->index, K * sizeof *index);
-    memcpy(X, a->X, q * K * sizeof *X);
+    memcpy(index, a->index, told * sizeof *index);
+    for (int g = 1; g <= a->s->groups; g++)
+        if (!has_line(a, a->s->group[g]))
+            index[K++] = a->s->group[g];
+    for (size_t i = 0; i < q; i++)
+        memcpy(X + i * K, a->X + i * told, told * sizeof *X);
     torus_lines_done(out);
-    *out = (struct torus_lines) { .count = a->count, .samples = a->N * a->turns, .turns = a->turns,
+    *out = (struct torus_lines) { .count = (int)K, .samples = a->N * a->turns, .turns = a->turns,
                                   .index = index, .apart = a->apart,
                                   .X = X, .e = *e, .amplitude = amplitude,
                                   .error = e->truncation + e->sampling + e->solver,
@@ -397,6 +438,7 @@ static enum modal_status march_once(struct torus_sheet *a, struct torus_errors *
         return rc == MODAL_CANCELLED ? rc : MODAL_OK;
     }
     rc = torus_sheet_read(a, e, &amplitude, err);
+    budget_add(a->s->work, torus_sheet_work(a));
     if (rc == MODAL_OK && (a->turns > best->turns
                            || e->truncation + e->sampling + e->solver < best->error))
         rc = keep_lines(a, e, amplitude, best, err);
@@ -416,7 +458,7 @@ enum modal_status torus_march(struct torus_solver *s, double wanted, bool balanc
     s->tones = led_by_loads(s);
     if (s->tones.lead != tones.lead && !(s->tones.nu[tones.lead] < BESIDE))
         N *= 2;                           /* as many of a turn of what was the fastest, about */
-    while (rc == MODAL_OK && !ended && N <= SAMPLES_MOST && turns <= TURNS_MOST) {
+    while (rc == MODAL_OK && !ended && N <= SAMPLES_MOST && turns <= TORUS_TURNS_MOST) {
         struct torus_sheet a = { .s = s, .a_turn = a_turn };
         struct torus_errors e = { 0 };
 
@@ -552,6 +594,7 @@ static enum modal_status read_exactly(struct torus_solver *s, struct exact *a, i
         rc = torus_sheet_room(&sheet, err);
         if (rc == MODAL_OK)
             rc = torus_sheet_read(&sheet, e, &amplitude, err);
+        budget_add(s->work, torus_sheet_work(&sheet));
         if (rc == MODAL_OK)
             rc = now_known(&sheet, best, moves, e, err);
         if (rc == MODAL_OK)
@@ -583,7 +626,7 @@ static enum modal_status decide(struct torus_solver *s, struct exact *a, struct 
     enum modal_status rc = MODAL_OK;
 
     see_growth(s, a);
-    while (rc == MODAL_OK && followed && a->seen == 0 && 2 * a->turns <= TURNS_MOST) {
+    while (rc == MODAL_OK && followed && a->seen == 0 && 2 * a->turns <= TORUS_TURNS_MOST) {
         rc = extend(a, NULL, 2 * a->turns, &followed, err);
         if (rc == MODAL_OK && followed)
             see_growth(s, a);
@@ -646,7 +689,7 @@ static enum modal_status march_exactly(struct torus_solver *s, int N, double wan
         rc = settle(&a, wanted, &settled, err);
     if (settled)
         a.start = (double)torus_pieces_turns(a.m) * 2 * M_PI / s->tones.omega[s->tones.lead];
-    for (int turns = first; rc == MODAL_OK && settled && !ended && turns <= TURNS_MOST;
+    for (int turns = first; rc == MODAL_OK && settled && !ended && turns <= TORUS_TURNS_MOST;
          turns *= 2) {
         struct torus_errors e = { 0 };
 

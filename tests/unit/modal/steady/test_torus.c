@@ -1,5 +1,5 @@
 /* Tests as well: torus_laws.c torus_set.c torus_tone.c torus_newton.c torus_begin.c torus_error.c
- * torus_lines.c torus_march.c torus_pieces.c torus_from.c torus_stability.c torus_solve.c
+ * torus_march.c torus_pieces.c torus_from.c torus_stability.c torus_solve.c
  * torus_slopes.c torus_taylor.c torus_fold.c
  *
  * Motions of several tones. */
@@ -378,201 +378,6 @@ static void test_a_slider_under_tones_one_per_cent_apart_moves_as_marching_says(
     program_free(p);
 }
 
-/* Of a sum of lines the lines; those of (1, 0) and (8, -5) are 1.6 turns of the record apart, those
- * of (-7, 5) and (10, -7) 0.67: one told as the other would drift from it by two radians. */
-static void test_lines_less_than_a_turn_of_a_record_apart_are_told(void **state)
-{
-    const double w[2] = { 1, 1.4142135623730951 };
-    const struct torus_index k[] = {
-        { { 0 } }, { { 1, 0 } }, { { 8, -5 } }, { { 0, 1 } }, { { -7, 5 } }, { { 10, -7 } }
-    };
-    const double complex X[] = { 0.2, 1, 0.3 * cexp(I), 0.7 * I, 0.4, -0.2 * I };
-    struct torus_options opt = { .dofs_count = 0 };
-    struct torus_solver s = { .tones = torus_tones_of(w, 2), .q = 1, .opt = &opt };
-    bool reported = true;
-    struct torus_sheet a = { .s = &s, .settled = true, .outputs = 1, .reported = &reported,
-                             .start = 16 * 2 * M_PI / w[1] };
-    struct torus_errors e = { 0 };
-    double amplitude, most = 0;
-
-    (void)state;
-    assert_true(torus_sheet_lay(&a, 64, 32, 1e-8));
-    assert_int_equal(torus_sheet_room(&a, NULL), MODAL_OK);
-    for (int n = 0; n < 64 * 32; n++)
-        for (int m = 0; m < 6; m++)
-            a.x[n] += creal(X[m] * cexp(I * torus_frequency(&s.tones, k[m])
-                                        * (a.start + 2 * M_PI / w[1] * n / 64)));
-    assert_int_equal(torus_sheet_read(&a, &e, &amplitude, NULL), MODAL_OK);
-    assert_true(e.truncation < 1e-8 * amplitude);
-    for (int m = 0; m < 6; m++) {
-        double off = HUGE_VAL;
-
-        for (int l = 0; l < a.count; l++)
-            off = torus_equal(a.index[l], k[m]) ? cabs(a.X[l] - X[m]) : off;
-        most = fmax(most, off);
-    }
-    assert_true(most < 1e-8 * amplitude);
-    workspace_free(&a.space);
-}
-
-/* Of an error of 1e-4: a hundred lines of 9e-7 are 9e-5 together, and none is of any use. */
-static void test_lines_far_below_the_error_asked_for_are_not_told_however_many(void **state)
-{
-    const double w[2] = { 1, 1.4142135623730951 };
-    struct torus_options opt = { .dofs_count = 0 };
-    struct torus_solver s = { .tones = torus_tones_of(w, 2), .q = 1, .opt = &opt };
-    bool reported = true;
-    struct torus_sheet a = { .s = &s, .settled = true, .outputs = 1, .reported = &reported };
-    struct torus_errors e = { 0 };
-    double amplitude;
-
-    (void)state;
-    assert_true(torus_sheet_lay(&a, 32, 512, 1e-4));
-    assert_int_equal(torus_sheet_room(&a, NULL), MODAL_OK);
-    for (int n = 0; n < 32 * 512; n++)
-        for (int m = 0; m <= 100; m++) {
-            struct torus_index k = { { m == 0 ? 1 : m % 10, m == 0 ? 0 : 1 + m / 10 } };
-
-            a.x[n] += (m == 0 ? 1 : 9e-7) * cos(torus_frequency(&s.tones, k) * 2 * M_PI / w[1] * n
-                                                / 32);
-        }
-    assert_int_equal(torus_sheet_read(&a, &e, &amplitude, NULL), MODAL_OK);
-    assert_int_equal(a.count, 2);                  /* that of 1 and the mean */
-    assert_true(e.line > 8e-7 && e.line < 1e-6);   /* the largest left out, wherever it is */
-    assert_true(e.truncation > 8e-5);
-    workspace_free(&a.space);
-}
-
-/* Of tones one in 100 apart 100 times the one is 101 times the other, and 50 times their difference
- * half of it: all that a motion of that has is told, and no combination is more of it. */
-static void test_combinations_of_one_frequency_hide_nothing_of_each_other(void **state)
-{
-    const double w[2] = { 0.7840357304881012, 0.7918760877929821 };
-    struct torus_options opt = { .dofs_count = 0 };
-    struct torus_solver s = { .tones = torus_tones_of(w, 2), .q = 1, .opt = &opt };
-    bool reported = true;
-    struct torus_sheet a = { .s = &s, .settled = true, .outputs = 1, .reported = &reported };
-    struct torus_errors e = { 0 };
-    double amplitude;
-
-    (void)state;
-    for (int turns = 256; turns <= 2048; turns *= 2) {
-        assert_true(torus_sheet_lay(&a, 64, turns, 1e-6));
-        assert_int_equal(torus_sheet_room(&a, NULL), MODAL_OK);
-        for (int n = 0; n < 64 * turns; n++) {
-            double phase = w[0] * 2 * M_PI / w[1] * n / 64;
-
-            a.x[n] = cos(phase) + 0.05 * cos(1.5 * phase) + 0.01 * sin(0.5 * phase);
-        }
-        assert_int_equal(torus_sheet_read(&a, &e, &amplitude, NULL), MODAL_OK);
-        assert_true(e.truncation < 1e-8 * amplitude);
-        workspace_free(&a.space);
-        a.x = NULL;
-        e = (struct torus_errors) { 0 };
-    }
-}
-
-/* What decays and what drifts has no lines: those told of it would have rates, of which a march
- * that begins with them knows. */
-static void test_what_decays_and_drifts_in_a_record_leaves_its_rates_alone(void **state)
-{
-    const double w[2] = { 1, 1.4142135623730951 }, T = 256 * 2 * M_PI / 1.4142135623730951;
-    struct torus_options opt = { .dofs_count = 0 };
-    struct torus_solver s = { .tones = torus_tones_of(w, 2), .q = 1, .opt = &opt };
-    bool reported = true;
-    struct torus_sheet a = { .s = &s, .outputs = 1, .reported = &reported };
-    struct torus_errors e = { 0 };
-    double amplitude, off = 0, rates = 0;
-
-    (void)state;
-    assert_true(torus_sheet_lay(&a, 64, 256, 1e-6));
-    assert_int_equal(torus_sheet_room(&a, NULL), MODAL_OK);
-    for (int n = 0; n < 64 * 256; n++) {
-        double t = T * n / (64 * 256);
-
-        a.x[n] = 0.2 * cos(w[0] * t) + 0.3 * sin(w[1] * t) + 1e-3 * exp(-0.02 * t) + 1e-4 * t / T;
-    }
-    assert_int_equal(torus_sheet_read(&a, &e, &amplitude, NULL), MODAL_OK);
-    for (int l = 0; l < a.count; l++) {
-        int order = torus_order(a.index[l]), first = a.index[l].k[0];
-        double complex X = order != 1 ? 0 : first != 0 ? 0.2 : -0.3 * I;
-
-        off = fmax(off, order == 1 ? cabs(a.X[l] - X) : 0);
-        rates += torus_frequency(&s.tones, a.index[l]) * cabs(a.X[l] - X);
-    }
-    assert_true(off < 1e-8 && rates < 1e-5);
-    workspace_free(&a.space);
-}
-
-/* The record of COUNT lines X at K, N samples a turn, into A->x. */
-static void record_lines(struct torus_sheet *a, int count, const struct torus_index *k,
-                         const double complex *X)
-{
-    const struct torus_tones *t = &a->s->tones;
-
-    for (int n = 0; n < a->N * a->turns; n++)
-        for (int m = 0; m < count; m++)
-            a->x[n] += creal(X[m] * cexp(I * torus_frequency(t, k[m]) * 2 * M_PI
-                                         / t->omega[t->lead] * n / a->N));
-}
-
-/* Of a tone that no load has and twice one that has, 1e-5 of each other apart, no record of 64
- * turns tells which it was. */
-static void test_a_line_beside_a_tone_without_load_is_told_as_one_of_the_loaded_tones(void **state)
-{
-    const double w[3] = { 1, 0.31415926, 2 * 0.31415926 * (1 + 1e-5) };
-    const struct torus_index k[] = { { { 1, 0, 0 } }, { { 0, 1, 0 } }, { { 0, 2, 0 } } };
-    const double complex X[] = { 1, 0.5 * I, 0.3 };
-    struct torus_options opt = { .dofs_count = 0 };
-    struct torus_solver s = { .tones = torus_tones_of(w, 3), .q = 1, .opt = &opt };
-    bool reported = true, found = false;
-    struct torus_sheet a = { .s = &s, .settled = true, .outputs = 1, .reported = &reported,
-                             .idle = { false, false, true } };
-    struct torus_errors e = { 0 };
-    double amplitude;
-
-    (void)state;
-    assert_true(torus_sheet_lay(&a, 32, 64, 1e-6));
-    assert_int_equal(torus_sheet_room(&a, NULL), MODAL_OK);
-    record_lines(&a, 3, k, X);
-    assert_int_equal(torus_sheet_read(&a, &e, &amplitude, NULL), MODAL_OK);
-    assert_true(e.change < 1e-8 * amplitude);
-    for (int l = 0; l < a.count; l++) {
-        assert_int_equal(a.index[l].k[2], 0);
-        found = found || (torus_equal(a.index[l], k[2]) && cabs(a.X[l] - X[2]) < 1e-8);
-    }
-    assert_true(found);
-    workspace_free(&a.space);
-}
-
-/* Two columns in three turns explain two thirds of what is no line; were there as many columns as
- * turns, nothing would be left, and a record would vouch for anything. */
-static void test_of_noise_under_three_tones_a_third_is_left(void **state)
-{
-    const double w[3] = { 1, 0.6180339887, 0.4142135624 };
-    struct torus_options opt = { .dofs_count = 0 };
-    struct torus_solver s = { .tones = torus_tones_of(w, 3), .q = 1, .opt = &opt };
-    bool reported = true;
-    struct torus_sheet a = { .s = &s, .settled = true, .outputs = 1, .reported = &reported };
-    struct torus_errors e = { 0 };
-    double amplitude, all = 0, left = 0;
-    uint32_t seed = 1;
-
-    (void)state;
-    assert_true(torus_sheet_lay(&a, 32, 64, 1e-9));
-    assert_int_equal(torus_sheet_room(&a, NULL), MODAL_OK);
-    for (int n = 0; n < 32 * 64; n++) {
-        seed = seed * 1664525u + 1013904223u;
-        a.x[n] = seed / 4294967296.0 - 0.5;
-        all += a.x[n] * a.x[n];
-    }
-    assert_int_equal(torus_sheet_read(&a, &e, &amplitude, NULL), MODAL_OK);
-    for (int n = 0; n < 32 * 64; n++)
-        left += a.left[n] * a.left[n];
-    assert_true(left > 0.28 * all && left < 0.5 * all);
-    workspace_free(&a.space);
-}
-
 static void test_lines_that_leave_much_stand_only_where_all_disturbances_decay(void **state)
 {
     struct torus_solver s = { .followed = { .verdict = 1 } };
@@ -586,6 +391,98 @@ static void test_lines_that_leave_much_stand_only_where_all_disturbances_decay(v
     assert_false(torus_lines_stand(&s, &lines, NULL));
     lines.error = 1e-3;
     assert_true(torus_lines_stand(&s, &lines, NULL));
+}
+
+/* Ten times the one tone is nine times the other: a record tells that as (0, 9), of lower order. */
+static void test_a_load_that_a_record_tells_as_another_combination_moves_what_no_law_is_at(
+    void **state)
+{
+    struct program *p = lower(
+        "{\"structure\":{\"type\":\"matrices\",\"M\":[[1,0],[0,1]],\"C\":[[0.2,0],[0,0.2]],"
+        "\"K\":[[1,0],[0,60]],\"dofs\":[\"x\",\"y\"]},"
+        "\"effects\":[{\"type\":\"gap\",\"dof\":\"x\",\"stiffness\":1,\"clearance\":0.1}],"
+        "\"excitation\":[{\"dof\":\"x\",\"k\":[1,0],\"cos\":0.2},"
+        "{\"dof\":\"x\",\"k\":[0,1],\"cos\":0.1},{\"dof\":\"y\",\"k\":[10,0],\"cos\":3}]}");
+    const double w[2] = { 0.9, 1 };
+    double complex y = 0;
+    struct torus_point point;
+
+    (void)state;
+    solve(p, w, 2, 1e-3, &point);
+    assert_true(point.converged && point.marched);
+    for (int m = 0; m < point.count; m++)
+        if (fabs(torus_frequency(&point.tones, point.index[m]) - 9) < 1e-9)
+            y += point.X[point.count + m];
+    assert_float_equal(cabs(y - 3 / (60 - 81 + 0.2 * I * 9)), 0, 1e-10);
+    torus_point_done(&point);
+    program_free(p);
+}
+
+/* Two masses, the first at a stop, the second without a law; at each its own load. */
+static const char BY_A_STOP[] =
+    "{\"structure\":{\"type\":\"matrices\",\"M\":[[1,0],[0,1]],\"C\":[[0.2,0],[0,0.2]],"
+    "\"K\":[[2,-1],[-1,2]],\"dofs\":[\"x\",\"y\"]},"
+    "\"effects\":[{\"type\":\"gap\",\"dof\":\"x\",\"stiffness\":1,\"clearance\":0.1}],"
+    "\"excitation\":[{\"dof\":\"x\",\"k\":%s,\"cos\":0.2},"
+    "{\"dof\":\"y\",\"k\":%s,\"cos\":%.17g,\"sin\":%.17g}]}";
+
+static struct program *lower_by_a_stop(const char *first, const char *second, double phase)
+{
+    char text[600];
+
+    snprintf(text, sizeof text, BY_A_STOP, first, second, 0.15 * cos(phase), 0.15 * sin(phase));
+    return lower(text);
+}
+
+/* x of dof at phases PHASE of the tones. */
+static double at_phases(const struct torus_point *point, int dof, const double *phase)
+{
+    double sum = 0;
+
+    for (int m = 0; m < point->count; m++) {
+        const int *k = point->index[m].k;
+
+        sum += creal(point->X[dof * point->count + m]
+                     * cexp(I * (k[0] * phase[0] + k[1] * phase[1])));
+    }
+    return sum;
+}
+
+/* Tones 2e-9 apart are one tone at each phase of their beat, which takes 5e8 turns: a record sees
+ * one of them. */
+static void test_twin_tones_at_a_stop_move_as_one_tone_does_at_each_phase_of_their_beat(
+    void **state)
+{
+    const double w[2] = { 0.9, 0.9 * (1 + 2e-9) }, once[2] = { 0.9, 1.8 };
+    struct program *p = lower_by_a_stop("[1,0]", "[0,1]", 0);
+    struct torus_point twins;
+    double least = HUGE_VAL, most = 0;
+
+    (void)state;
+    solve(p, w, 2, 1e-3, &twins);
+    assert_true(twins.converged && twins.error < 0.02 * twins.amplitude);
+    for (int b = 0; b < 4; b++) {
+        double beat = b * M_PI / 2, largest = 0;
+        struct program *q = lower_by_a_stop("[1,0]", "[1,0]", -beat);   /* cos(w t + beat) */
+        struct torus_point one;
+
+        solve(q, once, 2, 1e-6, &one);
+        assert_true(one.converged && one.error < 1e-4 * one.amplitude);
+        for (int i = 0; i < 2 * 50; i++) {
+            double theta = 2 * M_PI * (i / 2) / 50;
+            double x = at_phases(&one, i % 2, (double[]) { theta, 2 * theta });
+            double twin = at_phases(&twins, i % 2, (double[]) { theta, theta + beat });
+
+            assert_true(fabs(x - twin) <= twins.error + one.error);
+            largest = fmax(largest, fabs(x));
+        }
+        least = fmin(least, largest), most = fmax(most, largest);
+        torus_point_done(&one);
+        program_free(q);
+    }
+    assert_true(most > 1.5 * least);                       /* a beat there is */
+    torus_point_done(&twins);
+    program_free(p);
 }
 
 /* A chain of N masses of 1, stiffness 1 between them and 0.4 to the ground, damped, a slider at
@@ -776,18 +673,16 @@ int main(void)
         cmocka_unit_test(
             test_a_motion_of_a_common_period_is_told_at_lowest_combinations_and_begun_at),
         cmocka_unit_test(test_a_slider_under_tones_one_per_cent_apart_moves_as_marching_says),
-        cmocka_unit_test(test_lines_less_than_a_turn_of_a_record_apart_are_told),
-        cmocka_unit_test(test_lines_far_below_the_error_asked_for_are_not_told_however_many),
-        cmocka_unit_test(test_combinations_of_one_frequency_hide_nothing_of_each_other),
-        cmocka_unit_test(test_a_line_beside_a_tone_without_load_is_told_as_one_of_the_loaded_tones),
-        cmocka_unit_test(test_of_noise_under_three_tones_a_third_is_left),
         cmocka_unit_test(test_lines_that_leave_much_stand_only_where_all_disturbances_decay),
-        cmocka_unit_test(test_what_decays_and_drifts_in_a_record_leaves_its_rates_alone),
         cmocka_unit_test(
             test_a_law_that_changes_within_a_step_moves_all_as_two_shorter_steps_do),
         cmocka_unit_test(test_a_change_that_moves_nothing_ends_none_of_the_next_one_s_reach),
         cmocka_unit_test(test_a_turn_of_a_chain_of_sliders_costs_as_its_length),
         cmocka_unit_test(test_twin_tones_of_a_strong_spring_are_balanced_whole),
+        cmocka_unit_test(
+            test_a_load_that_a_record_tells_as_another_combination_moves_what_no_law_is_at),
+        cmocka_unit_test(
+            test_twin_tones_at_a_stop_move_as_one_tone_does_at_each_phase_of_their_beat),
         cmocka_unit_test(test_laws_that_are_no_function_of_a_path_are_refused),
     };
 

@@ -7,9 +7,9 @@
 
 /* A mode of less than this share of the energy has its say only where it persists. */
 #define VERDICT_WEAK 1e-3
-/* Standard errors to either side of a growth.  A verdict is the largest of a record's modes and is
- * asked of record after record: of bench_identify_random.py's, with errors that are normal and at
- * their bounds, 3 would tell 1.6e-4 of records falsely, 3 in 20,000, and 4 tell 3e-6; of those whose
+/* Standard errors to either side of a growth.  A verdict is by the largest of a record's modes, of
+ * one record after the other: of bench_identify_random.py's, with errors that are normal and at
+ * their bounds, 3 would tell 1.6e-4 of them falsely, 3 in 20,000, and 4 tell 3e-6; of those whose
  * growth is beyond five bounds 0.3 % are left open then. */
 #define VERDICT_CLEAR 4.0
 

@@ -14,30 +14,40 @@
  * happened to be strong.  Such a record is not stationary and has no spectral matrix, but it has
  * its innovations e: with (1) of whittle.c in time, to first order in d,
  *
- *     q(m+1) = e^(nu d_m) (e^lambda q(m) + kappa^T e(m)),
+ *     q(m+1) = e^(nu d_m) (1 + d_m eta) (e^lambda q(m) + kappa^T e(m)),
  *     z(m) = e(m) + 2 Re sum (phi + d_m chi) q(m):                                              (2)
  *
  * what e(m) tells of the state is as far from the next turn as the state is, and what a mode does
- * within a turn is longer too.  N/2 log det of the covariance of e falls to its least [Lju99, ch.
- * 7] by Gauss and Newton, damped after Levenberg and Marquardt, from the model of equal turns; q(0)
- * is unknown too.  A line that is drawn wide can take two pairs: any that is not worth its price in
- * (2) leaves.  Beyond (1), where two modes nearly lock, d^2 moves the mean as well.
+ * within a turn is longer too.  By eta a mode moves the others and the conjugates, its own as well:
+ * what it does to lambda is of the second order, over the distance of the multipliers, so that it
+ * counts where two of them nearly lock, and those that are NEAR are taken.
  *
- * [Lju99] Ljung, System Identification, Prentice Hall 1999.
+ * N/2 log det of the covariance of e falls to its least [Lju99, ch. 7] by Gauss and Newton, damped
+ * after Levenberg and Marquardt, from the model of equal turns; q(0) is unknown too.  A line that is drawn wide can take two pairs: any that is not worth its price in
+ * (2) leaves.  What is beyond the first order in d shows most in the weakest signals, where noise
+ * is least, and would rule the fit.  By the model of equal turns, whose innovations hold what turns
+ * do, all that a turn tells of its state is in as many combinations of signals as the state has
+ * numbers [And79, ch. 6]: (2) is fitted to these.
+ *
+ * [Lju99] Ljung, System Identification, Prentice Hall 1999.  [And79] Anderson and Moore, Optimal
+ * Filtering, Prentice Hall 1979.
  *
  * Tested by tests/unit/modal/identify/ambient/test_ambient_wander.c.
  */
 #include "modal/identify/ambient/ambient_wander.h"
 #include <cblas.h>
+#include <float.h>
 #include <lapacke.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/linalg/svd.h"
 #include "modal/linalg/workspace.h"
 
 enum { L = WHITTLE_CHANNELS_MOST, MODES = WHITTLE_MODES_MOST };
 /* Unknowns of a mode: of each a real and an imaginary part; chi, kappa behind phi. */
 enum { LAMBDA = 0, NU = 2, BEGUN = 4, PHI = 6 };
+enum { NEAR = 3 };               /* of a pair: as many others as two pairs have */
 enum {
     STEPS_MOST = 60,             /* of the answer's climb, as of any (ambient_order.c) */
     CALLS = 400                  /* multiplications in the time of a turn's calls, measured */
@@ -56,13 +66,19 @@ struct model {
     struct whittle m;
     double complex nu[MODES], begun[MODES];       /* begun: q(0) */
     double complex chi[MODES][L];
+    double complex eta[MODES][2 * MODES];         /* by q_j at 2 j, its conjugate at 2 j + 1 */
 };
 
 struct work {
     const struct ambient_wander *in;
     struct workspace memory;
-    int l, p, unknowns;
+    int l, p, unknowns, near_count;
+    int near[MODES][NEAR];       /* of eta, what is not zero */
+    bool apart;                  /* nothing is, yet */
+    const double *z;             /* l x turns: what is fitted to */
     double complex *x, *dx;      /* q; its derivatives, p x unknowns */
+    double complex *alone, *lone;        /* both before modes move each other */
+    double *H;                   /* 2p x 2p: eta in reals */
     double *C, *slope, *at, *K;  /* l x 2p: phi, chi, both of a turn; 2p x l: (2) in reals */
     double *e, *de;              /* l x turns; l x unknowns, of one turn */
     double *J, *factor, *gradient, *step, *scale;
@@ -71,7 +87,7 @@ struct work {
 
 static int each(const struct work *w)
 {
-    return PHI + 6 * w->l;
+    return PHI + 6 * w->l + 2 * NEAR;
 }
 
 static enum modal_status make_room(struct work *w, int pairs, struct modal_error *err)
@@ -83,6 +99,9 @@ static enum modal_status make_room(struct work *w, int pairs, struct modal_error
     w->p = pairs, w->unknowns = (int)n;
     w->x = workspace_zeros(s, p + 1, sizeof *w->x);
     w->dx = workspace_zeros(s, p * n + 1, sizeof *w->dx);
+    w->alone = workspace_zeros(s, p + 1, sizeof *w->alone);
+    w->lone = workspace_zeros(s, p * n + 1, sizeof *w->lone);
+    w->H = workspace_numbers(s, 2 * p, 2 * p);
     w->C = workspace_numbers(s, l, 2 * p), w->K = workspace_numbers(s, l, 2 * p);
     w->slope = workspace_numbers(s, l, 2 * p), w->at = workspace_numbers(s, l, 2 * p);
     w->e = workspace_numbers(s, l, (size_t)w->in->Z->m), w->de = workspace_numbers(s, l, n);
@@ -94,8 +113,22 @@ static enum modal_status make_room(struct work *w, int pairs, struct modal_error
 
 /* ---- the innovations ---- */
 
+static void set_eta(struct work *w, const struct model *t)
+{
+    int n = 2 * w->p;
+
+    for (int k = 0; k < w->p; k++)
+        for (int j = 0; j < w->p; j++) {
+            double complex own = t->eta[k][2 * j], turned = t->eta[k][2 * j + 1];
+            double *re = w->H + 2 * k + (size_t)n * 2 * j, *im = re + n;
+            re[0] = creal(own + turned), re[1] = cimag(own + turned);
+            im[0] = cimag(turned - own), im[1] = creal(own - turned);
+        }
+}
+
 static void set_matrices(struct work *w, const struct model *t)
 {
+    set_eta(w, t);
     for (int k = 0; k < w->p; k++)
         for (int i = 0; i < w->l; i++) {
             double complex phi = t->m.mode[k].phi[i], kappa = t->m.mode[k].kappa[i];
@@ -117,6 +150,10 @@ static void turn_over(struct work *w, const struct model *t, int m)
     if (w->p > 0)
         cblas_dgemv(CblasColMajor, CblasNoTrans, 2 * w->p, w->l, 1, w->K, 2 * w->p, e, 1, 1,
                     (double *)w->x, 1);
+    memcpy(w->alone, w->x, sizeof *w->x * (size_t)w->p);
+    if (w->p > 0)
+        cblas_dgemv(CblasColMajor, CblasNoTrans, 2 * w->p, 2 * w->p, w->in->longer[m], w->H,
+                    2 * w->p, (double *)w->alone, 1, 1, (double *)w->x, 1);
     for (int k = 0; k < w->p; k++)
         w->x[k] *= cexp(t->nu[k] * w->in->longer[m]);
 }
@@ -128,7 +165,7 @@ static void innovate(struct work *w, int m)
 
     for (int i = 0; i < 2 * w->l * w->p; i++)
         w->at[i] = w->C[i] + w->in->longer[m] * w->slope[i];
-    cblas_dcopy(w->l, w->in->Z->x + m, w->in->Z->ld, e, 1);
+    cblas_dcopy(w->l, w->z + (size_t)w->l * m, 1, e, 1);
     cblas_dgemv(CblasColMajor, CblasNoTrans, w->l, 2 * w->p, -1, w->at, w->l, (double *)w->x, 1, 1,
                 e, 1);
 }
@@ -136,7 +173,7 @@ static void innovate(struct work *w, int m)
 /* Multiplications of predict(). */
 static double predict_work(const struct work *w)
 {
-    return w->in->Z->m * (4.0 * w->l * (2 * w->p + w->l) + CALLS);
+    return w->in->Z->m * (4.0 * (w->l * (2 * w->p + w->l) + w->p * w->p) + CALLS);
 }
 
 /* All innovations of T, the root of their covariance and the likelihood; -HUGE_VAL: none. */
@@ -205,6 +242,27 @@ static void vary_states(struct work *w, const struct model *t, int m)
     }
 }
 
+/* dx by what the others do within turn M: as eta is, and by eta alone. */
+static void vary_eta(struct work *w, int m)
+{
+    int p = w->p, n = w->unknowns;
+    double longer = w->in->longer[m];
+
+    if (w->near_count == 0)
+        return;
+    memcpy(w->lone, w->dx, sizeof *w->dx * (size_t)p * (size_t)n);
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, 2 * p, n, 2 * p, longer, w->H, 2 * p,
+                (double *)w->lone, 2 * p, 1, (double *)w->dx, 2 * p);
+    for (int k = 0; k < p; k++)
+        for (int i = 0; i < w->near_count; i++) {
+            double complex *dx = w->dx + k + (size_t)p * (each(w) * k + PHI + 6 * w->l + 2 * i);
+            double complex by = w->alone[w->near[k][i] / 2] * longer;
+            if (w->near[k][i] % 2 == 1)
+                by = conj(by);
+            dx[0] += by, dx[p] += I * by;
+        }
+}
+
 /* dx to the next turn, and x. */
 static void move_derivatives(struct work *w, const struct model *t, int m)
 {
@@ -216,6 +274,7 @@ static void move_derivatives(struct work *w, const struct model *t, int m)
                 (double *)w->dx, 2 * p);
     vary_states(w, t, m);
     turn_over(w, t, m);
+    vary_eta(w, m);
     for (int k = 0; k < p; k++) {
         double complex *dx = w->dx + k + (size_t)p * (each(w) * k + NU);
         double longer = w->in->longer[m];
@@ -250,7 +309,7 @@ static void inform(struct work *w, const struct model *t)
         cblas_dsyrk(CblasColMajor, CblasLower, CblasTrans, n, l, 1, w->de, l, 1, w->J, n);
         cblas_dgemv(CblasColMajor, CblasTrans, l, n, -1, w->de, l, e, 1, 1, w->gradient, 1);
     }
-    w->left -= (double)N * n * (4.0 * p * l + l * l + 0.5 * l * n);
+    w->left -= (double)N * n * (4.0 * p * (p + l) + l * l + 0.5 * l * n);
     /* what moves nothing stays where it is */
     for (int i = 0; i < n; i++) {
         double own = w->J[i + (size_t)n * i];
@@ -287,6 +346,8 @@ static void move(const struct work *w, struct model *t)
             t->chi[k][i] += d[PHI / 2 + w->l + i];
             q->kappa[i] += d[PHI / 2 + 2 * w->l + i];
         }
+        for (int i = 0; i < w->near_count; i++)
+            t->eta[k][w->near[k][i]] += d[PHI / 2 + 3 * w->l + i];
     }
 }
 
@@ -318,6 +379,34 @@ static void step_up(struct work *w, struct model *t, struct model *trial, double
     }
 }
 
+static double complex multiplier(const struct model *t, int j)
+{
+    double complex rho = cexp(t->m.mode[j / 2].lambda);
+
+    return j % 2 == 0 ? rho : conj(rho);
+}
+
+/* Of each mode of T the multipliers next to its own. */
+static void find_near(struct work *w, const struct model *t)
+{
+    w->near_count = w->apart ? 0 : 2 * w->p - 1 < NEAR ? 2 * w->p - 1 : NEAR;
+    for (int k = 0; k < w->p; k++) {
+        double far[NEAR + 1];
+        int count = 0, near[NEAR + 1];
+        for (int j = 0; j < 2 * w->p; j++) {
+            double distance = cabs(multiplier(t, j) - multiplier(t, 2 * k));
+            int i = count;
+            if (j == 2 * k)
+                continue;
+            for (; i > 0 && far[i - 1] > distance; i--)
+                far[i] = far[i - 1], near[i] = near[i - 1];
+            far[i] = distance, near[i] = j;
+            count = count < NEAR ? count + 1 : NEAR;
+        }
+        memcpy(w->near[k], near, sizeof w->near[k]);
+    }
+}
+
 /* T at its summit; m->converged where it came there. */
 static enum modal_status climb(struct work *w, struct model *t, struct model *trial,
                                struct modal_error *err)
@@ -325,6 +414,7 @@ static enum modal_status climb(struct work *w, struct model *t, struct model *tr
     double damping = DAMPING_FIRST, gained;
 
     t->m.converged = w->p == 0;
+    find_near(w, t);
     predict(w, t);
     for (int i = 0; i < STEPS_MOST && !t->m.converged && w->left > 0
                         && isfinite(t->m.likelihood); i++) {
@@ -369,6 +459,9 @@ static void leave_out(struct model *t, int k)
     memmove(t->nu + k, t->nu + k + 1, sizeof *t->nu * behind);
     memmove(t->begun + k, t->begun + k + 1, sizeof *t->begun * behind);
     memmove(t->chi + k, t->chi + k + 1, sizeof *t->chi * behind);
+    memmove(t->eta + k, t->eta + k + 1, sizeof *t->eta * behind);
+    for (int i = 0; i < t->m.count; i++)
+        memmove(t->eta[i] + 2 * k, t->eta[i] + 2 * k + 2, 2 * sizeof **t->eta * behind);
 }
 
 /* One pair that is not worth its price leaves; *less: there was one. */
@@ -397,6 +490,7 @@ static void find_errors(struct work *w, struct model *t)
 {
     int n = w->unknowns;
 
+    find_near(w, t);
     predict(w, t);
     inform(w, t);
     t->m.converged = factor(w, 0)
@@ -410,43 +504,140 @@ static void find_errors(struct work *w, struct model *t)
     }
 }
 
+/* Each pair apart first: a second one on the same line and the first would move each other. */
 static enum modal_status fit(struct work *w, struct model *t, struct model *fewer,
                              struct model *trial, struct modal_error *err)
 {
     bool less = !w->in->fixed;
     enum modal_status rc = make_room(w, t->m.count, err);
 
+    w->apart = true;
     if (rc == MODAL_OK) {
         begin(w, t);
         rc = climb(w, t, trial, err);
     }
     while (rc == MODAL_OK && less && t->m.count > 0)
         rc = shrink(w, t, fewer, trial, &less, err);
+    w->apart = false;
     if (rc == MODAL_OK)
         rc = make_room(w, t->m.count, err);
+    if (rc == MODAL_OK && t->m.count > 0)
+        rc = climb(w, t, trial, err);
     if (rc == MODAL_OK && t->m.converged && t->m.count > 0)
         find_errors(w, t);
     return rc;
 }
 
+/* ---- what tells of the state ---- */
+
+/* U: in units of the innovations of M, an orthonormal basis of its shapes, *rank of them. */
+static enum modal_status find_basis(const struct whittle *m, double *U, int *rank,
+                                    struct modal_error *err)
+{
+    int l = m->channels, columns = 2 * m->count;
+    double s[L], x[L * 2 * MODES], vt[L * 2 * MODES];
+    struct matrix shapes = { l, columns, l, x };
+    int most = l < columns ? l : columns;
+    struct matrix left = { l, most, l, U }, right = { most, columns, most, vt };
+    enum modal_status rc;
+
+    for (int k = 0; k < m->count; k++)
+        for (int i = 0; i < l; i++) {
+            x[i + l * 2 * k] = creal(m->mode[k].phi[i]);
+            x[i + l * (2 * k + 1)] = cimag(m->mode[k].phi[i]);
+        }
+    *rank = 0;
+    if (columns == 0)
+        return MODAL_OK;
+    cblas_dtrsm(CblasColMajor, CblasLeft, CblasLower, CblasNoTrans, CblasNonUnit, l, columns, 1,
+                m->root, l, x, l);
+    rc = svd_thin(&shapes, s, &left, &right, err);
+    while (rc == MODAL_OK && *rank < most && s[*rank] > DBL_EPSILON * l * s[0])
+        (*rank)++;
+    return rc;
+}
+
+/* Signals, shapes and how they are driven, along U; z: room for them. */
+static void go_in(struct work *w, const double *U, const struct whittle *m, double *z,
+                  struct model *t)
+{
+    int l = m->channels, r = w->l, N = w->in->Z->m;
+    double unit[L], x[2 * L], y[2 * L];
+
+    for (int turn = 0; turn < N; turn++) {
+        cblas_dcopy(l, w->in->Z->x + turn, w->in->Z->ld, unit, 1);
+        cblas_dtrsv(CblasColMajor, CblasLower, CblasNoTrans, CblasNonUnit, l, m->root, l, unit, 1);
+        cblas_dgemv(CblasColMajor, CblasTrans, l, r, 1, U, l, unit, 1, 0, z + (size_t)r * turn, 1);
+    }
+    for (int k = 0; k < m->count; k++)
+        for (int driven = 0; driven < 2; driven++) {
+            const double complex *from = driven ? m->mode[k].kappa : m->mode[k].phi;
+            double complex *to = driven ? t->m.mode[k].kappa : t->m.mode[k].phi;
+            for (int i = 0; i < l; i++)
+                x[i] = creal(from[i]), x[l + i] = cimag(from[i]);
+            if (driven)
+                cblas_dtrmm(CblasColMajor, CblasLeft, CblasLower, CblasTrans, CblasNonUnit, l, 2, 1,
+                            m->root, l, x, l);
+            else
+                cblas_dtrsm(CblasColMajor, CblasLeft, CblasLower, CblasNoTrans, CblasNonUnit, l, 2,
+                            1, m->root, l, x, l);
+            cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, r, 2, l, 1, U, l, x, l, 0, y, r);
+            for (int i = 0; i < r; i++)
+                to[i] = CMPLX(y[i], y[r + i]);
+        }
+}
+
+/* The way back, T to *M, whose innovations' covariance stays that of equal turns. */
+static void go_out(const double *U, int r, const struct model *t, struct whittle *m)
+{
+    int l = m->channels;
+    double x[2 * L], y[2 * L];
+
+    for (int k = 0; k < t->m.count; k++) {
+        struct whittle_mode *q = &m->mode[k];
+        *q = t->m.mode[k];
+        for (int driven = 0; driven < 2; driven++) {
+            const double complex *from = driven ? t->m.mode[k].kappa : t->m.mode[k].phi;
+            double complex *to = driven ? q->kappa : q->phi;
+            for (int i = 0; i < r; i++)
+                x[i] = creal(from[i]), x[r + i] = cimag(from[i]);
+            cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, l, 2, r, 1, U, l, x, r, 0, y, l);
+            if (driven)
+                cblas_dtrsm(CblasColMajor, CblasLeft, CblasLower, CblasTrans, CblasNonUnit, l, 2, 1,
+                            m->root, l, y, l);
+            else
+                cblas_dtrmm(CblasColMajor, CblasLeft, CblasLower, CblasNoTrans, CblasNonUnit, l, 2,
+                            1, m->root, l, y, l);
+            for (int i = 0; i < l; i++)
+                to[i] = CMPLX(y[i], y[l + i]);
+        }
+    }
+    m->count = t->m.count, m->likelihood = t->m.likelihood, m->converged = t->m.converged;
+}
+
 enum modal_status ambient_wander_fit(const struct ambient_wander *in, struct whittle *m,
                                      struct modal_error *err)
 {
-    struct work w = { .in = in, .l = m->channels, .left = WORK_MOST };
+    struct work w = { .in = in, .left = WORK_MOST };
     struct model *t = calloc(3, sizeof *t);
+    double *z = malloc(sizeof *z * (size_t)m->channels * (size_t)in->Z->m), U[L * L];
     double faster = 1. / in->Z->m;        /* than a record that repeats shows it (whittle.c) */
-    enum modal_status rc;
+    enum modal_status rc = find_basis(m, U, &w.l, err);
 
-    if (t == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for a model of turns");
-    t->m = *m;
-    for (int k = 0; k < m->count; k++)
-        t->m.mode[k].lambda += faster;
-    rc = fit(&w, t, t + 1, t + 2, err);
-    *m = t->m;
-    for (int k = 0; k < m->count; k++)
-        m->mode[k].lambda -= faster;
+    if (rc == MODAL_OK && (t == NULL || z == NULL))
+        rc = modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for a model of turns");
+    if (rc == MODAL_OK && w.l > 0) {
+        t->m = *m, w.z = z;
+        go_in(&w, U, m, z, t);
+        for (int k = 0; k < m->count; k++)
+            t->m.mode[k].lambda += faster;
+        rc = fit(&w, t, t + 1, t + 2, err);
+        for (int k = 0; k < t->m.count; k++)
+            t->m.mode[k].lambda -= faster;
+        go_out(U, w.l, t, m);
+    }
     workspace_free(&w.memory);
     free(t);
+    free(z);
     return rc;
 }

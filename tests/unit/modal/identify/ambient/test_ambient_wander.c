@@ -8,26 +8,36 @@
 
 enum { TURNS = 1500, CHANNELS = 3, DRAWS = 10 };
 static const double complex LAMBDA = CMPLX(-0.03, 1.1), NU = CMPLX(-0.2, 8);
+/* nearly locked with its own conjugate, which COUPLED lets move it */
+static const double complex LOCKED = CMPLX(-0.05, 3), LOCKED_NU = CMPLX(-0.1, 2),
+                            COUPLED = CMPLX(3.2, 2.4);
 static double z[CHANNELS * TURNS], longer[TURNS];
 
-static struct whittle model(void)
+static struct whittle model_at(double complex lambda)
 {
     struct whittle m = { .channels = CHANNELS, .count = 1 };
 
-    m.mode[0].lambda = LAMBDA;
+    m.mode[0].lambda = lambda;
     for (int i = 0; i < CHANNELS; i++) {
         m.root[i + CHANNELS * i] = 1;
         m.mode[0].phi[i] = CMPLX(1 - 0.4 * i, 0.3 * i);
-        m.mode[0].kappa[i] = CMPLX(0.1, -0.05 * i);
+        /* so that what predicts the next turn dies away */
+        m.mode[0].kappa[i] = 0.15 * conj(m.mode[0].phi[i]) * cexp(lambda);
     }
     return m;
 }
 
-/* Turns whose lengths wander by SHARE within 50 of them, noise of unit variance. */
-static void draw(uint64_t seed, double share)
+static struct whittle model(void)
+{
+    return model_at(LAMBDA);
+}
+
+/* Turns whose lengths wander by SHARE within 50 of them, noise of unit variance; each moves the
+ * mode M by nu, and by eta what its conjugate adds to it. */
+static void draw_of(struct whittle m, double complex nu, double complex eta, uint64_t seed,
+                    double share)
 {
     struct random r = { seed };
-    struct whittle m = model();
     double keep = exp(-1. / 50), mean = 0;
     double complex q = 0;
 
@@ -39,14 +49,20 @@ static void draw(uint64_t seed, double share)
     for (int t = 0; t < TURNS; t++)
         longer[t] -= mean;
     for (int t = 0; t < TURNS; t++) {
-        double complex next = q * cexp(LAMBDA);
+        double complex next = q * cexp(m.mode[0].lambda);
         for (int i = 0; i < CHANNELS; i++) {
             double e = random_normal(&r);
             z[t + TURNS * i] = e + 2 * creal(m.mode[0].phi[i] * q);
             next += m.mode[0].kappa[i] * e;
         }
-        q = next * cexp(NU * longer[t]);
+        next += longer[t] * eta * conj(next);
+        q = next * cexp(nu * longer[t]);
     }
+}
+
+static void draw(uint64_t seed, double share)
+{
+    draw_of(model(), NU, 0, seed, share);
 }
 
 static struct whittle fitted_of(int phases, const double *lengths, struct whittle m)
@@ -140,4 +156,21 @@ TEST(of_as_many_phases_as_there_may_be_the_multiplier_is_that_of_few)
     CHECK(few.count == 1 && many.count == 1);
     CHECK_NEAR(creal(many.mode[0].lambda), creal(few.mode[0].lambda), 0.1 * few.mode[0].std_decay);
     CHECK_NEAR(cimag(many.mode[0].lambda), cimag(few.mode[0].lambda), 0.1 * few.mode[0].std_turn);
+}
+
+TEST(a_pair_nearly_locked_with_its_conjugate_has_the_decay_of_the_mean_turn)
+{
+    double square = 0, mean = 0;
+
+    for (int seed = 0; seed < DRAWS; seed++) {
+        struct whittle m = model_at(LOCKED);
+        draw_of(m, LOCKED_NU, COUPLED, 300 + (uint64_t)seed, 0.015);
+        m = fitted(longer, m);
+        CHECK(m.count == 1);
+        double off = (creal(whittle_exponent(&m.mode[0], TURNS)) - creal(LOCKED))
+            / m.mode[0].std_decay;
+        square += off * off / DRAWS, mean += off / DRAWS;
+    }
+    CHECK(square < 3);
+    CHECK(fabs(mean) < 3 / sqrt(DRAWS));
 }

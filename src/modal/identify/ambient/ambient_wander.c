@@ -23,11 +23,12 @@
  * counts where two of them nearly lock, and those that are NEAR are taken.
  *
  * N/2 log det of the covariance of e falls to its least [Lju99, ch. 7] by Gauss and Newton, damped
- * after Levenberg and Marquardt, from the model of equal turns; q(0) is unknown too.  A line that is drawn wide can take two pairs: any that is not worth its price in
- * (2) leaves.  What is beyond the first order in d shows most in the weakest signals, where noise
- * is least, and would rule the fit.  By the model of equal turns, whose innovations hold what turns
- * do, all that a turn tells of its state is in as many combinations of signals as the state has
- * numbers [And79, ch. 6]: (2) is fitted to these.
+ * after Levenberg and Marquardt, from the model of equal turns; q(0) is unknown too.  A line that
+ * is drawn wide can take two pairs: any that is not worth its price in (2) leaves.  What is beyond
+ * the first order in d shows most in the weakest signals, where noise is least, and would rule the
+ * fit.  By the model of equal turns, whose innovations hold what turns do, all that a turn tells of
+ * its state is in as many combinations of signals as the state has numbers [And79, ch. 6]: (2) is
+ * fitted to these.
  *
  * [Lju99] Ljung, System Identification, Prentice Hall 1999.  [And79] Anderson and Moore, Optimal
  * Filtering, Prentice Hall 1979.
@@ -392,7 +393,7 @@ static void find_near(struct work *w, const struct model *t)
     w->near_count = w->apart ? 0 : 2 * w->p - 1 < NEAR ? 2 * w->p - 1 : NEAR;
     for (int k = 0; k < w->p; k++) {
         double far[NEAR + 1];
-        int count = 0, near[NEAR + 1];
+        int count = 0, near[NEAR + 1] = { 0 };
         for (int j = 0; j < 2 * w->p; j++) {
             double distance = cabs(multiplier(t, j) - multiplier(t, 2 * k));
             int i = count;

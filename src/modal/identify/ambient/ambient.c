@@ -11,7 +11,6 @@
  */
 #include "modal/identify/ambient/ambient.h"
 #include <cblas.h>
-#include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -651,13 +650,14 @@ static enum modal_status conclude(struct work *w, struct identify_result *out,
     return rc;
 }
 
-/* Do turns differ by more than the rounding of their angle, which no multiplier would show? */
+/* Do turns differ by what a multiplier may show?  No mode moves by more than pi a row: a line of
+ * the record is 1 / turns wide, and what moves by less is no wider for it. */
 static bool wanders(const struct work *w)
 {
     int turns = w->Z.m;
+    double moved = M_PI * w->phases / sqrt(turns), line = 1. / turns;
 
-    return w->longer != NULL
-           && cblas_dnrm2(turns, w->longer, 1) > sqrt(DBL_EPSILON) * sqrt(turns);
+    return w->longer != NULL && moved * cblas_dnrm2(turns, w->longer, 1) > line;
 }
 
 static enum modal_status follow_turns(struct work *w, struct modal_error *err)

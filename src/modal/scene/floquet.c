@@ -6,7 +6,9 @@
  * rho.  An eigenvalue moves by at most kappa e to first order under a perturbation of norm e, kappa
  * = 1 / |y^H x| (left and right unit eigenvectors), and by about sqrt(e |Phi|) where two meet: the
  * smaller of both is its bar.  A multiplier that does not exceed its bar is below rounding and has
- * no exponent.
+ * no exponent.  A double one that e parts by 2 d has kappa = 1 / (2 d) and e = d^2 where Phi's norm
+ * is 1, so that kappa e is half of what it is off by: two within twice their bars together may be
+ * one, and half of what parts them is added to both.
  *
  * Of a large or stiff periodic program the leading multipliers alone are asked for, each bar its
  * residual times kappa: of vectors carried over a period (leading.h), and where these do not settle
@@ -273,7 +275,15 @@ static int first_products(const struct period_map *map)
     return products_most(map, WORK_ALL) >= all ? all : products_most(map, WORK_FIRST);
 }
 
-/* COUNT multipliers into F, each bar its residual by the eigenvalue's condition, as of Phi. */
+/* By a residual and the eigenvalue's condition, as of Phi. */
+static double leading_bar(double residual, double condition)
+{
+    double least = fmax(residual, DBL_EPSILON);
+
+    return fmin(condition * least, fmax(sqrt(least), least));
+}
+
+/* COUNT multipliers into F, with bars as the opening has them. */
 static enum modal_status take_leading(int count, const double complex *w, const double *residual,
                                       const double *condition, double period, struct floquet *f,
                                       struct modal_error *err)
@@ -281,10 +291,14 @@ static enum modal_status take_leading(int count, const double complex *w, const 
     enum modal_status rc = make(count, f, err);
 
     for (int i = 0; rc == MODAL_OK && i < count; i++) {
-        double least = fmax(residual[i], DBL_EPSILON);
+        double parted = 0;                       /* from those that may be the same */
 
+        for (int j = 0; j < count; j++)
+            if (cabs(w[i] - w[j]) <= 2 * (leading_bar(residual[i], condition[i])
+                                          + leading_bar(residual[j], condition[j])))
+                parted = fmax(parted, cabs(w[i] - w[j]));
         f->multiplier[i] = w[i];
-        f->bar[i] = fmin(condition[i] * least, fmax(sqrt(least), least));
+        f->bar[i] = leading_bar(residual[i], condition[i]) + parted / 2;
         f->error = fmax(f->error, residual[i]);
         f->resolved[i] = cabs(f->multiplier[i]) > f->bar[i];
         f->exponent[i] = f->resolved[i] ? exponent_of(f->multiplier[i], period) : 0;

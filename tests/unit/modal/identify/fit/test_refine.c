@@ -317,31 +317,6 @@ TEST(a_fit_by_blocks_of_rows_is_that_to_all_of_them_for_less)
     refined_done(&r[0]), refined_done(&r[1]);
 }
 
-/* On either side of where a difference of squares would cancel (60 dB), and far beyond. */
-TEST(what_is_left_of_blocks_is_what_is_left_of_all_rows_at_any_noise)
-{
-    const double noise_db[] = { 20, 58, 62, 120, 180 };
-    const struct refine_options look = { .iterations = -1 };
-
-    for (size_t i = 0; i < sizeof noise_db / sizeof *noise_db; i++) {
-        struct decay d = { .modes = 2, .channels = 2, .samples = 32 * 1024, .dt = 0.05,
-                           .lambda = { decay_pole(1.0, 1e-6), decay_pole(2.3, 1e-6) } };
-        struct random rng = { 9 };
-        struct refined r[2];
-        decay_amplitudes(&d, &rng);
-        struct matrix Y = signals_of(&d);
-        decay_noise(&d, y, (size_t)d.samples, noise_db[i], &rng);
-        struct refine_data data = { .Y = &Y, .tau = d.dt };
-        CHECK(refine_poles(&data, d.lambda, 2, NULL, &look, &r[0], NULL) == MODAL_OK);
-        data.blocks = compressed_new(&Y);
-        CHECK(data.blocks != NULL);
-        CHECK(refine_poles(&data, d.lambda, 2, NULL, &look, &r[1], NULL) == MODAL_OK);
-        CHECK_NEAR(r[1].residual / r[0].residual, 1, 1e-6);
-        compressed_free(data.blocks);
-        refined_done(&r[0]), refined_done(&r[1]);
-    }
-}
-
 TEST(two_equal_poles_are_degenerate_and_nothing_is_not_a_number_in_the_poles)
 {
     struct decay d = three(100, 8);

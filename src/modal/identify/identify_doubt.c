@@ -88,7 +88,7 @@ static double white_left(const struct work *w)
     if (!w->choice.clean || !w->choice.rest.known)
         return 0;
     /* trend_watch() need not read the rows again */
-    return w->choice.candidates[w->choice.chosen].fit.residual / refine_size(&w->data);
+    return w->choice.candidates[w->choice.chosen].fit.residual / safe_matrix_norm(w->X);
 }
 
 /* What noise drives for so long that no pole is worth its price. */
@@ -290,7 +290,7 @@ static bool at_rounding_of_parts(const struct work *w, const struct identify_res
     for (int i = 0; i < r->mode_count; i++)
         parts += r->modes[i].amplitude * r->modes[i].amplitude;  /* as if they did not cancel */
     return w->choice.chosen >= 0 && w->choice.candidates[w->choice.chosen].fit.residual
-        <= ROUNDINGS * DBL_EPSILON * sqrt(parts) * refine_size(&w->data);
+        <= ROUNDINGS * DBL_EPSILON * sqrt(parts) * safe_matrix_norm(w->data.Y);
 }
 
 enum modal_status work_conclude(struct work *w, const struct batch *batch,

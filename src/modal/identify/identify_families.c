@@ -379,7 +379,7 @@ static enum modal_status try_without(struct families *f, const struct lines *l, 
 {
     double own = fit->bic + short_of(f, exponents_of(f, j, j + 1)),
            a_column = f->w->data.Y->n * log((double)f->w->data.Y->m * f->w->data.Y->n);
-    bool exact = fit->residual <= REFINE_EXACT * refine_size(&f->w->data),
+    bool exact = fit->residual <= REFINE_EXACT * safe_matrix_norm(f->w->data.Y),
          near = has_neighbour(f, j), ready, idles = false;
     int alone = 0;
     enum modal_status rc = MODAL_OK;
@@ -604,7 +604,7 @@ static enum modal_status look_at_rest(const struct families *f, const struct ref
 
     colour_left_by(fit->lambda, fit->poles, d->tau, d->Y->m, mean);
     *clean = rc == MODAL_OK
-          && (fit->residual <= REFINE_EXACT * refine_size(d)
+          && (fit->residual <= REFINE_EXACT * safe_matrix_norm(d->Y)
               || (refined_converged(fit) && E->x != NULL && colour_white_about(E, mean, 0)));
     return rc;
 }

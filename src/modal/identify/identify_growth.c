@@ -36,7 +36,7 @@ static bool grows(const struct refined *fit)
  * of a pencil may have hidden some, each a hundredth of what is left. */
 static double rounding_share(const struct work *w, const struct refined *fit)
 {
-    double norm = refine_size(&w->data), sum = 0,
+    double norm = safe_matrix_norm(w->data.Y), sum = 0,
            pencil = w->choice.clean ? 0 : ABOVE * ABOVE * DBL_EPSILON
                * fmax(w->pencil.height, w->pencil.columns);
 
@@ -92,7 +92,7 @@ enum modal_status work_cut_growth(struct work *w, bool *cut, struct modal_error 
     if (!work_may_take_wild(w) || w->rec.period > 0 || fit == NULL || !grows(fit))
         return MODAL_OK;
     f2 = rounding_share(w, fit);
-    if (!(fit->residual < ABOVE * sqrt(f2) * refine_size(&w->data)))
+    if (!(fit->residual < ABOVE * sqrt(f2) * safe_matrix_norm(w->data.Y)))
         return MODAL_OK;
     rebuilt = matrix_new(L, w->rec.Y.n);
     if (rebuilt.x == NULL)

@@ -3,7 +3,6 @@
 #include "modal/identify/identify_state.h"
 #include <float.h>
 #include <math.h>
-#include "modal/identify/fit/compressed.h"
 #include "modal/identify/linear/exponents.h"
 #include "modal/linalg/svd.h"
 
@@ -50,9 +49,7 @@ double work_bic_of_nothing(const struct refine_data *d)
     for (int g = 0; g < d->Y->n / d->phases; g++) {
         double energy = 0;
         for (int k = 0; k < d->phases; k++) {
-            int c = g * d->phases + k;
-            double norm = d->blocks != NULL ? sqrt(d->blocks->energy[c])
-                                            : safe_norm(d->Y->x + (size_t)c * d->Y->ld, d->Y->m);
+            double norm = safe_norm(d->Y->x + (size_t)(g * d->phases + k) * d->Y->ld, d->Y->m);
             energy += norm * norm;
         }
         sum += energy > 0 ? own * log(fmax(energy / n, d->least != NULL ? d->least[g] : 0)) : 0;

@@ -75,7 +75,7 @@ static bool overfitted(const struct work *w)
         w->choice.chosen >= 0 ? &w->choice.candidates[w->choice.chosen].fit : NULL;
 
     return fit != NULL && fit->order > work_sparing_order(w)
-        && fit->residual > REFINE_EXACT * refine_size(&w->data);
+        && fit->residual > REFINE_EXACT * safe_matrix_norm(w->data.Y);
 }
 
 /* Can the ladder be cut off by the number of triplets, so that more of them may help? */
@@ -94,7 +94,7 @@ static bool cut_off(const struct work *w)
         return false;
     return w->rank + ORDER_AHEAD > w->pencil.count
         || w->choice.candidates[w->choice.chosen].fit.residual
-        > ORDER_POOR * refine_size(&w->data);
+        > ORDER_POOR * safe_matrix_norm(w->data.Y);
 }
 
 /* Does noise drive this record, or begins a very long one with what is no free response? Then there
@@ -144,7 +144,7 @@ static void note_chosen(struct work *w, struct identify_result *out)
     w->rank = c->r > 0 ? c->r : c->fit.order;
     w->facts.order = c->fit.order;
     w->facts.converged = !w->refine || refined_converged(&c->fit)
-        || c->fit.residual <= REFINE_EXACT * refine_size(&w->data);
+        || c->fit.residual <= REFINE_EXACT * safe_matrix_norm(w->data.Y);
     out->hankel_rank = c->fit.order;
 }
 
@@ -503,7 +503,7 @@ static enum modal_status climb_all(struct work *w, struct identify_result *out,
  * again. */
 static bool serves_unfinished(const struct work *w, double ladder)
 {
-    return w->many && w->rec.period == 0 && ladder > ORDER_POOR * refine_size(&w->data);
+    return w->many && w->rec.period == 0 && ladder > ORDER_POOR * safe_matrix_norm(w->data.Y);
 }
 
 /* Does what came from above explain much more than the ladder's choice?  What is not one set of

@@ -26,7 +26,7 @@ enum {
 static bool at_rounding(const struct work *w, const struct order_choice *k)
 {
     return k->chosen >= 0
-        && k->candidates[k->chosen].fit.residual <= REFINE_EXACT * refine_size(&w->data);
+        && k->candidates[k->chosen].fit.residual <= REFINE_EXACT * safe_matrix_norm(w->data.Y);
 }
 
 /* Periods are few and each has many samples: a pencil of a few periods' height, whose columns are

@@ -107,7 +107,7 @@ static bool ill_determined(const struct work *w)
         ill |= p->lambda[j] != 0 && !(p->std_re[j] <= KNOWN * cabs(p->lambda[j]));
     return ill && w->refine && !w->rec.wide && w->data.omega == 0
         && w->choice.candidates[w->choice.chosen].fit.residual
-        <= REFINE_EXACT * refine_size(&w->data);
+        <= REFINE_EXACT * safe_matrix_norm(w->data.Y);
 }
 
 enum modal_status work_take_poles(struct work *w, struct modal_error *err)

@@ -122,7 +122,7 @@ bool work_worth_weighing(const struct work *w)
 {
     return work_may_weigh(w) && w->choice.chosen >= 0
         && w->choice.candidates[w->choice.chosen].fit.residual
-        > REFINE_EXACT * refine_size(&w->data);
+        > REFINE_EXACT * safe_matrix_norm(w->data.Y);
 }
 
 /* The amplitudes of poles in the signals Y, by blocks where those are they. */

@@ -122,7 +122,7 @@ bool work_is_clean(const struct work *w)
 {
     return w->choice.clean
         || (w->choice.chosen >= 0 && w->choice.candidates[w->choice.chosen].fit.residual
-                                         <= REFINE_EXACT * refine_size(&w->data));
+                                         <= REFINE_EXACT * safe_matrix_norm(w->data.Y));
 }
 
 /* Rebuilt samples agree with the model whatever it is: neither the size of the noise nor what is

@@ -44,7 +44,7 @@ enum { OTHERS_MOST = 8 };               /* each costs a fit */
 
 static bool at_rounding(const struct refine_data *d, double residual)
 {
-    return residual <= REFINE_EXACT * refine_size(d);
+    return residual <= REFINE_EXACT * safe_matrix_norm(d->Y);
 }
 
 /* Of what the poles leave: a factor for each frequency THETA. */
@@ -183,7 +183,7 @@ static void scatter(const struct order_choice *choice, double all, struct poles 
 static void for_slow(const struct refine_data *d, const struct order_choice *choice,
                      struct poles *p)
 {
-    double record = d->tau * d->Y->m, all = refine_size(d);
+    double record = d->tau * d->Y->m, all = safe_matrix_norm(d->Y);
 
     for (int j = 0; j < p->count; j++)
         /* less than a turn */

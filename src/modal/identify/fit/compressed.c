@@ -9,8 +9,8 @@
  * and so has its derivative. So all that a fit can ask of the block is in the span of
  * u^p e^{lambda_0 l}, u = (l - c) / w, p < TERMS, whichever block it is: they differ by a factor.
  * With an orthonormal Q of that span |y - Phi x|^2 = |Q^T y - Q^T Phi x|^2 + |y - Q Q^T y|^2, and
- * the second part does not depend on the fit. Where the difference of the squares would cancel it
- * is summed from what is left, so that exact data stay exact.
+ * the second part does not depend on the fit. It is summed from what is left, not by difference,
+ * so that exact data stay exact.
  *
  * w is half of the block, or the life 1 / |a| of what decays sooner. (1) is cut at
  * (delta w)^TERMS / TERMS!, which REACH keeps below 1e-11.
@@ -28,11 +28,7 @@ enum {
     WIDE = 4,                       /* rows a column: a block shrinks to a quarter at least */
     CHUNK = 1 << 14                 /* rows at once: 128 kB, in a second cache */
 };
-static const double
-    REACH = 3e-4,                   /* of delta w: (1) is then cut below 1e-11 */
-    CANCELS = 1e-6;                 /* of a chunk's square: where more is left, the difference of
-                                     * squares, off by 1e-15 of them, has nine digits of it: ten
-                                     * million rows' likelihood is off by 0.01 at most */
+static const double REACH = 3e-4;   /* of delta w: (1) is then cut below 1e-11 */
 
 void compressed_free(struct compressed *c)
 {
@@ -163,17 +159,13 @@ static double project_blocks(struct compressed *c, int k, int t, int end, double
         int some = end - t < chunk ? end - t : chunk;
         const double *from = y + (size_t)t * (size_t)B;
         double *to = z + (size_t)t * (size_t)n;
-        double all = cblas_ddot(some * B, from, 1, from, 1), left;
         cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, n, some, B, 1, c->Q, B, from, B, 0,
                     to, n);
-        left = all - cblas_ddot(some * n, to, 1, to, 1);
-        if (!(left > CANCELS * all)) {
-            memcpy(rest, from, (size_t)some * (size_t)B * sizeof *rest);
-            cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, B, some, n, -1, c->Q, B, to, n,
-                        1, rest, B);
-            left = cblas_ddot(some * B, rest, 1, rest, 1);
-        }
-        sum += left;
+        memcpy(rest, from, (size_t)some * (size_t)B * sizeof *rest);
+        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, B, some, n, -1, c->Q, B, to, n, 1,
+                    rest, B);
+        /* from the rest itself: |y|^2 - |Q^T y|^2 would cancel */
+        sum += cblas_ddot(some * B, rest, 1, rest, 1);
     }
     return sum;
 }

@@ -63,7 +63,6 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/identify/fit/refine_state.h"
-#include "modal/linalg/svd.h"
 
 static bool refined_new(struct refined *r, const struct work *w)
 {
@@ -187,17 +186,6 @@ static void set_energy(struct work *w)
         w->lowest[g] = w->data->least != NULL ? fmax(w->floor2[g],
                                                      w->data->least[g]) : w->floor2[g];
     }
-}
-
-double refine_size(const struct refine_data *data)
-{
-    double sum = 0;
-
-    if (data->blocks == NULL)
-        return safe_matrix_norm(data->Y);
-    for (int c = 0; c < data->Y->n; c++)
-        sum += data->blocks->energy[c];
-    return sqrt(sum);
 }
 
 /* Of data that were checked. */

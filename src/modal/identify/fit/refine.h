@@ -124,10 +124,6 @@ enum modal_status refine_poles(const struct refine_data *data, const double comp
                                struct refined *out, struct modal_error *err);
 void refined_done(struct refined *r);
 
-/* The root of the sum of squares of the data; of blocks, that were summed already, without reading
- * Y. */
-double refine_size(const struct refine_data *data);
-
 /* Multiplications of one evaluation of ORDER columns with their derivatives, about. */
 double refine_work(const struct refine_data *data, int order);
 

@@ -95,7 +95,7 @@ static bool worth_a_look(const struct climb *c, int r, int best, int best_r, dou
 static enum modal_status look(struct climb *c, int *least, struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
-    double all = refine_size(c->data);
+    double all = safe_matrix_norm(c->data->Y);
     int best_r = 0;
 
     *least = -1;

@@ -110,22 +110,17 @@ static void read_signals(struct scan *s, const struct batch *b, const int *chann
                          size_t first)
 {
     int wanted = count < SIGNALS_MOST ? count : SIGNALS_MOST;
-    const double *x = b->signals + first * b->channels;
-    size_t L = (size_t)s->L;
 
-    /* all of a sample's, that lie together: a long record is read once */
-    for (int k = 0; k < s->L; k++) {
-        double sum[SIGNALS_MOST] = { 0 };
-        for (int j = 0; j < s->each; j++, x += b->channels)
-            for (int i = 0; i < wanted; i++)
-                sum[i] += x[channels[(long)i * count / wanted]] / s->each;
-        for (int i = 0; i < wanted; i++)
-            s->z[k + (size_t)i * L] = sum[i];
-    }
     for (int i = 0; i < wanted; i++) {
-        double *z = s->z + (size_t)s->S * L;
-        if (s->S < i)
-            memcpy(z, s->z + (size_t)i * L, L * sizeof *z);
+        size_t c = (size_t)channels[(long)i * count / wanted];
+        double *z = s->z + (size_t)s->S * (size_t)s->L;
+        const double *x = b->signals + first * b->channels + c;
+        for (int k = 0; k < s->L; k++) {
+            double sum = 0;
+            for (int j = 0; j < s->each; j++, x += b->channels)
+                sum += *x / s->each;
+            z[k] = sum;
+        }
         s->S += scale_signal(z, s->L);
     }
     for (int c = 0; c < s->S; c++) {

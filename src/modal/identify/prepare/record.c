@@ -13,8 +13,8 @@
  *   band                 a finite impulse response filter, evaluated only where all its inputs are
  *                        inside the record, mixed down and decimated
  *   scale                each channel divided by its rms, in two steps (largest magnitude, then
- *                        rms) where its squares leave the doubles; or all by the largest rms, which
- *                        keeps their proportions, as the paper has it
+ *                        rms) so that 1e+-300 is harmless; or all by the largest rms, which keeps
+ *                        their proportions, as the paper has it
  *
  * Band.  With w[m], m = 0..M-1, a Kaiser-windowed low-pass and fc the centre of the band,
  *
@@ -259,10 +259,9 @@ static enum modal_status mend(const struct batch *b, const struct identify_optio
  * independent. */
 static void detrend_column(double *x, int L, enum identify_detrend what)
 {
-    double most = what != DETREND_NONE ? largest_magnitude(x, L) : 0;
-    double mean = 0, slope = 0, moment = 0;
+    double most = largest_magnitude(x, L), mean = 0, slope = 0, moment = 0;
 
-    if (most == 0)
+    if (most == 0 || what == DETREND_NONE)
         return;
     for (int k = 0; k < L; k++)
         mean += x[k] / most / L;    /* most first: sums of numbers near DBL_MAX do not overflow */
@@ -493,21 +492,17 @@ out:
     return rc;
 }
 
-/* Unit rms; largest magnitude first where squares or their mean leave the doubles, whatever the
- * scale; a zero channel stays zero. */
+/* Largest magnitude, then rms: unit rms whatever the scale; a zero channel stays zero. */
 static void scale_column(double *x, int L, double *scale)
 {
-    double rms = safe_norm(x, L) / sqrt(L), most = 1;
+    double most = largest_magnitude(x, L), rms;
 
-    if (!isnormal(rms)) {
-        most = largest_magnitude(x, L);
-        *scale = 0;
-        if (most == 0)
-            return;
-        for (int k = 0; k < L; k++)
-            x[k] /= most;
-        rms = safe_norm(x, L) / sqrt(L);
-    }
+    *scale = 0;
+    if (most == 0)
+        return;
+    for (int k = 0; k < L; k++)
+        x[k] /= most;
+    rms = safe_norm(x, L) / sqrt(L);
     for (int k = 0; k < L; k++)
         x[k] /= rms;
     *scale = most * rms > 0 ? most * rms : most;

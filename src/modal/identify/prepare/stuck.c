@@ -267,10 +267,8 @@ static int mark_column(struct look *k)
 
     memset(k->out, 0, (size_t)k->L * sizeof *k->out);
     find_runs(k);
-    for (int l = 1; l < k->L; l++) {
-        double x = k->sent[l];      /* finite */
-        low = x < low ? x : low, high = x > high ? x : high;
-    }
+    for (int l = 1; l < k->L; l++)
+        low = fmin(low, k->sent[l]), high = fmax(high, k->sent[l]);
     for (int l = 0; l < k->L; l++)
         extremes += k->sent[l] == low || k->sent[l] == high;
     if ((k->runs == 0 && extremes == 2 && low != -high) || !has_values(k))

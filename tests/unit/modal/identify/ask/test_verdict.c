@@ -201,8 +201,32 @@ TEST(growth_that_no_half_was_asked_for_is_believed_of_strong_modes)
         CHECK(verdict_of_slow_growth(cases[i].energy, cases[i].growth) == cases[i].verdict);
 }
 
-/* Van der Pol's oscillator from three times its limit cycle, by the midpoint rule: the motion that
- * stays does not decay. */
+/* A mode of 20 standard errors' decay beside one off 0 by Z of its own: noise alone shows so much to
+ * either side in one of 2 / erfc(Z / sqrt 2) records. */
+TEST(what_noise_shows_once_in_twenty_thousand_records_is_no_verdict)
+{
+    static const double off[] = { 2.5, 3.5, 4.5, 6 };
+
+    for (int i = 0; i < 8; i++) {
+        double z = (i % 2 ? -1 : 1) * off[i / 2];
+        bool chance = 20000 * erfc(fabs(z) / sqrt(2)) / 2 > 1;
+        struct identify_mode modes[2] = {
+            { .exponent = CMPLX(-2, 300), .resolved = CMPLX(-2, 300), .multiplier = 0.998,
+              .energy = 0.5, .persistence = 1, .std_re = 0.1 },
+            { .exponent = CMPLX(0.1 * z, 900), .resolved = CMPLX(0.1 * z, 900), .multiplier = 1,
+              .energy = 0.5, .persistence = 1, .std_re = 0.1 },
+        };
+        struct identify_result r = { .modes = modes, .mode_count = 2, .dt = 1e-3, .decimation = 1,
+                                     .freedom = 900 };
+
+        verdict_stability(&r, 1);
+        CHECK(r.verdict == (chance ? VERDICT_UNDECIDED : z > 0 ? VERDICT_UNSTABLE
+                                                               : VERDICT_STABLE));
+        CHECK(r.verdict == VERDICT_STABLE || r.decides == 1);
+        CHECK_NEAR(r.margin_std, 0.1, 1e-12);
+    }
+}
+
 /* A motion gone in 824 nepers a period: its multiplier is below the least double and its logarithm
  * is anybody's guess, but |rho| is at most its bar, and a bar below 1 decays. */
 TEST(a_multiplier_below_the_least_number_is_judged_by_its_bar)
@@ -226,6 +250,8 @@ TEST(a_multiplier_below_the_least_number_is_judged_by_its_bar)
     }
 }
 
+/* Van der Pol's oscillator from three times its limit cycle, by the midpoint rule: the motion that
+ * stays does not decay. */
 TEST(what_settles_on_a_limit_cycle_is_not_stable)
 {
     for (int i = 0; i < 4; i++) {

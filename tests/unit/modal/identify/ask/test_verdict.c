@@ -201,8 +201,8 @@ TEST(growth_that_no_half_was_asked_for_is_believed_of_strong_modes)
         CHECK(verdict_of_slow_growth(cases[i].energy, cases[i].growth) == cases[i].verdict);
 }
 
-/* A mode of 20 standard errors' decay beside one off 0 by Z of its own: noise alone shows so much to
- * either side in one of 2 / erfc(Z / sqrt 2) records. */
+/* A mode of 20 standard errors' decay beside one off 0 by Z of its own: noise alone shows so much
+ * to that side in one of 2 / erfc(Z / sqrt 2) records. */
 TEST(what_noise_shows_once_in_twenty_thousand_records_is_no_verdict)
 {
     static const double off[] = { 2.5, 3.5, 4.5, 6 };

@@ -7,6 +7,7 @@
 #include <dirent.h>
 #include <math.h>
 #include <stdlib.h>
+#include <sys/mman.h>
 #include <unistd.h>
 #include "ctl/files/bytes.h"
 #include "ctl/files/steps.h"
@@ -16,13 +17,13 @@
 
 enum { SEED_MOST = 4096, FILES = 13 };
 
+/* A file in memory: on a disk one that is cut to nothing and written anew is waited for. */
+static int fd = -1;
 static char path[64];
 
 static void write_file(const unsigned char *data, size_t length)
 {
-    FILE *file = fopen(path, "wb");
-
-    CHECK(file != NULL && fwrite(data, 1, length, file) == length && fclose(file) == 0);
+    CHECK(ftruncate(fd, 0) == 0 && pwrite(fd, data, length, 0) == (ssize_t)length);
 }
 
 /* Read DATA as a file with a given step where FLAGS, the first byte of a seed, say so. */
@@ -46,8 +47,9 @@ static int for_each_seed(void (*check_one)(const char *name, int flags, unsigned
     struct dirent *entry;
     int count = 0;
 
-    strcpy(path, "/tmp/test_files.XXXXXX");
-    CHECK(folder != NULL && close(mkstemp(path)) == 0);
+    fd = memfd_create("test_files", MFD_CLOEXEC);
+    snprintf(path, sizeof path, "/proc/self/fd/%d", fd);
+    CHECK(folder != NULL && fd >= 0);
     while ((entry = readdir(folder)) != NULL) {
         unsigned char data[SEED_MOST];
         char from[sizeof SEEDS + 300];
@@ -62,7 +64,7 @@ static int for_each_seed(void (*check_one)(const char *name, int flags, unsigned
         count++;
     }
     closedir(folder);
-    unlink(path);
+    close(fd);
     return count;
 }
 

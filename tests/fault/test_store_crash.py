@@ -21,7 +21,7 @@ BUILD = pathlib.Path(os.environ.get("MODALD_BUILD", pathlib.Path(__file__).resol
                                     / "build"))
 SCENARIO = BUILD / "fault" / "store_scenario"
 CRASHIO = BUILD / "fault" / "libcrashio.so"
-VARIANTS = int(os.environ.get("MODALD_CRASH_VARIANTS", "40"))
+VARIANTS = int(os.environ.get("MODALD_CRASH_VARIANTS", "20"))
 CALLS = ["open", "pread", "pwrite", "fsync", "fdatasync", "ftruncate", "fallocate", "rename",
          "unlink", "mkdir"]
 PROMISES = {"P1": "acknowledged is durable", "P2": "one key, one job",

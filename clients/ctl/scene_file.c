@@ -1,57 +1,59 @@
 /* scene_file.c - see scene_file.h */
 #include "scene_file.h"
+#include <errno.h>
 #include <hdf5.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
+#include "apart.h"
 #include "matrix_market.h"
 #include "signals.h"
+#include "store/batch_h5.h"
+#include "store/h5_numbers.h"
 
 static const char *const matrices[] = { "M", "K", "C", "G", NULL };
 
 #define BAD_FILE(...) modal_fail_field(err, MODAL_BAD_INPUT, "structure.file", __VA_ARGS__)
 
-/* A dataset of numbers with RANK dimensions, as doubles; the caller frees *X. */
+/* The numbers of SET, of RANK dimensions, as doubles; the caller frees *X. */
+static enum modal_status read_set(hid_t set, const char *name, int rank, hsize_t *dims, double **x,
+                                  struct modal_error *err)
+{
+    struct h5_numbers of = { .set = set, .name = name, .field = "structure.file",
+                             .most = (double)(SIGNALS_VALUES_MOST / 16 * sizeof(double)) };
+    enum modal_status rc = h5_numbers_look(&of, err);
+    double *values, count;
+
+    if (rc != MODAL_OK)
+        return rc;
+    if (of.rank != rank)
+        return BAD_FILE("dataset \"%s\" has %d dimensions; accepted: %d", name, of.rank, rank);
+    count = (double)of.dims[0] * (double)of.dims[1];
+    /* these, two copies and compressed rows that grow; and chunks, as in files/hdf5.c */
+    apart_allow(6 * count * (double)sizeof *values + 4 * (double)of.piece);
+    values = malloc((size_t)count * sizeof *values + 1);
+    if (values == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "no memory for dataset \"%s\"", name);
+    rc = h5_numbers_read(&of, values, err);
+    if (rc != MODAL_OK) {
+        free(values);
+        return rc;
+    }
+    memcpy(dims, of.dims, (size_t)rank * sizeof *dims);
+    *x = values;
+    return MODAL_OK;
+}
+
 static enum modal_status read_numbers(hid_t at, const char *name, int rank, hsize_t *dims,
                                       double **x, struct modal_error *err)
 {
-    hid_t set = H5Dopen2(at, name, H5P_DEFAULT), space = H5I_INVALID_HID, type = H5I_INVALID_HID;
-    enum modal_status rc = MODAL_OK;
-    hssize_t count = 0;
-    double *values = NULL;
+    hid_t set = H5Dopen2(at, name, H5P_DEFAULT);
+    enum modal_status rc = set < 0 ? BAD_FILE("no dataset \"%s\"", name)
+                                   : read_set(set, name, rank, dims, x, err);
 
-    if (set < 0)
-        return BAD_FILE("no dataset \"%s\"", name);
-    space = H5Dget_space(set);
-    type = H5Dget_type(set);
-    H5T_class_t class = type < 0 ? H5T_NO_CLASS : H5Tget_class(type);
-    if (space < 0 || (class != H5T_FLOAT && class != H5T_INTEGER)
-        || H5Sget_simple_extent_ndims(space) != rank) {
-        rc = BAD_FILE("dataset \"%s\" is not %d-dimensional numbers", name, rank);
-        goto out;
-    }
-    H5Sget_simple_extent_dims(space, dims, NULL);
-    count = H5Sget_simple_extent_npoints(space);
-    if (count < 0 || (size_t)count > SIGNALS_VALUES_MOST / 16) {
-        rc = modal_fail_field(err, MODAL_TOO_LARGE, "structure.file",
-                              "dataset \"%s\": more than %zu values", name,
-                              SIGNALS_VALUES_MOST / 16);
-        goto out;
-    }
-    values = malloc((size_t)count * sizeof *values + 1);
-    if (values == NULL)
-        rc = modal_fail(err, MODAL_NO_MEMORY, "no memory for dataset \"%s\"", name);
-    else if (H5Dread(set, H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT, values) < 0)
-        rc = BAD_FILE("dataset \"%s\" cannot be read", name);
-    else {
-        *x = values;
-        values = NULL;
-    }
-out:
-    free(values);
-    if (type >= 0) H5Tclose(type);
-    if (space >= 0) H5Sclose(space);
-    H5Dclose(set);
+    if (set >= 0)
+        H5Dclose(set);
     return rc;
 }
 
@@ -142,34 +144,98 @@ static void beside(char *out, size_t size, const char *scene_path, const char *n
              name[0] == '/' || slash == NULL ? 0 : (int)(slash - scene_path + 1), scene_path, name);
 }
 
+/* The matrices of the HDF5 file PATH, read in a child: what the scene's text says of them, and the
+ * arrays behind it. */
+struct reading { const char *path; cJSON *said; struct scene_arrays_made *arrays; };
+
+static enum modal_status read_here(void *context, struct modal_error *err)
+{
+    struct reading *to = context;
+    enum modal_status rc = MODAL_OK;
+
+    batch_h5_lock();
+    hid_t file = H5Fopen(to->path, H5F_ACC_RDONLY, H5P_DEFAULT);
+    to->said = cJSON_CreateObject();
+    if (file < 0)
+        rc = BAD_FILE("%.300s cannot be read as HDF5: it is another file, truncated or damaged",
+                      to->path);
+    for (int i = 0; rc == MODAL_OK && matrices[i] != NULL; i++) {
+        cJSON *matrix = NULL;
+        rc = read_matrix(file, matrices[i], to->arrays, &matrix, err);
+        if (rc == MODAL_OK && matrix != NULL)
+            cJSON_AddItemToObject(to->said, matrices[i], matrix);
+    }
+    if (file >= 0)
+        H5Fclose(file);
+    batch_h5_unlock();
+    return rc;
+}
+
+static bool tell(void *context, FILE *to)
+{
+    const struct reading *from = context;
+    const struct scene_arrays_made *arrays = from->arrays;
+    char *said = json_print(from->said);
+
+    return said != NULL && apart_tell_text(said, to)
+           && fwrite(&arrays->length, sizeof arrays->length, 1, to) == 1
+           && fwrite(arrays->data, 1, arrays->length, to) == arrays->length;
+}
+
+static bool hear(void *context, FILE *from)
+{
+    struct reading *to = context;
+    struct scene_arrays_made *arrays = to->arrays;
+    char *said = NULL;
+    bool ok = apart_hear_text(&said, from) && said != NULL
+              && json_read(said, strlen(said), &to->said, NULL) == MODAL_OK
+              && fread(&arrays->length, sizeof arrays->length, 1, from) == 1;
+
+    free(said);
+    free(arrays->data);                   /* of which the child has told all again */
+    arrays->data = ok ? malloc(arrays->length + 1) : NULL;
+    if (arrays->data == NULL)
+        arrays->length = 0;
+    return ok && arrays->data != NULL
+           && fread(arrays->data, 1, arrays->length, from) == arrays->length;
+}
+
+static enum modal_status check_file(const char *path, struct modal_error *err)
+{
+    struct stat known;
+
+    if (stat(path, &known) != 0)
+        return BAD_FILE("%.300s: %s", path, strerror(errno));
+    return S_ISREG(known.st_mode) ? MODAL_OK : BAD_FILE("%.300s is no file; accepted: HDF5", path);
+}
+
 static enum modal_status inline_file(cJSON *structure, const char *scene_path,
                                      struct scene_arrays_made *arrays, struct modal_error *err)
 {
+    static const struct apart how = { .work = read_here, .tell = tell, .hear = hear };
     const cJSON *key = cJSON_GetObjectItemCaseSensitive(structure, "file");
-    enum modal_status rc = MODAL_OK;
+    struct reading to = { .arrays = arrays };
+    enum modal_status rc;
     char path[4096];
-    hid_t file;
 
     if (key == NULL)
         return MODAL_OK;
     if (!cJSON_IsString(key))
         return BAD_FILE("accepted: the name of an HDF5 file");
     beside(path, sizeof path, scene_path, key->valuestring);
-    H5Eset_auto2(H5E_DEFAULT, NULL, NULL);
-    file = H5Fopen(path, H5F_ACC_RDONLY, H5P_DEFAULT);
-    if (file < 0)
-        return BAD_FILE("%.300s: no such HDF5 file", path);
-    for (int i = 0; rc == MODAL_OK && matrices[i] != NULL; i++) {
-        cJSON *matrix = NULL;
-        rc = read_matrix(file, matrices[i], arrays, &matrix, err);
-        if (rc == MODAL_OK && matrix != NULL && cJSON_HasObjectItem(structure, matrices[i])) {
+    to.path = path;
+    rc = check_file(path, err);
+    if (rc == MODAL_OK)
+        rc = apart_do(&how, &to, path, "structure.file", err);
+    for (cJSON *matrix; rc == MODAL_OK && (matrix = to.said->child) != NULL;) {
+        cJSON_DetachItemViaPointer(to.said, matrix);
+        if (cJSON_HasObjectItem(structure, matrix->string)) {
+            rc = BAD_FILE("matrix %s stands in the scene and in the file", matrix->string);
             cJSON_Delete(matrix);
-            rc = BAD_FILE("matrix %s stands in the scene and in the file", matrices[i]);
-        } else if (rc == MODAL_OK && matrix != NULL) {
-            cJSON_AddItemToObject(structure, matrices[i], matrix);
-        }
+        } else
+            cJSON_AddItemToObject(structure, matrix->string, matrix);
     }
-    H5Fclose(file);
+    cJSON_Delete(to.said);
     if (rc == MODAL_OK)
         cJSON_DeleteItemFromObjectCaseSensitive(structure, "file");
     return rc;

@@ -16,6 +16,7 @@
 #include "base/utf8.h"
 #include "store/batch_h5.h"
 #include "store/file.h"
+#include "store/h5_numbers.h"
 
 static const double SECONDS_MOST = 1e300;    /* past it sums of squares overflow */
 
@@ -300,84 +301,6 @@ enum { MAPPED_LEAST = 1 << 24 };
 
 struct source { const char *path, *set; double dt; uint64_t kept; };  /* those of batch_file_map */
 
-static enum modal_status check_set(hid_t set, const char *name, hsize_t dims[2], double most,
-                                   struct modal_error *err)
-{
-    hid_t type = H5Dget_type(set), space = H5Dget_space(set);
-    H5T_class_t class = type >= 0 ? H5Tget_class(type) : H5T_NO_CLASS;
-    int rank = space >= 0 ? H5Sget_simple_extent_ndims(space) : -1;
-    enum modal_status rc = MODAL_OK;
-    double bytes;
-
-    if (class != H5T_INTEGER && class != H5T_FLOAT)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "signals",
-                              "dataset `%s` does not hold numbers; accepted: any integer or "
-                              "floating-point type", name);
-    else if (rank != 1 && rank != 2)
-        rc = modal_fail_field(
-            err, MODAL_BAD_INPUT, "signals",
-            "dataset `%s` has %d dimensions; accepted: 2, n_samples x n_channels, or 1",
-            name, rank < 0 ? 0 : rank);
-    else if (H5Sget_simple_extent_dims(space, dims, NULL) < 0)
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "signals",
-                              "the shape of dataset `%s` cannot be read", name);
-    bytes = rc == MODAL_OK ? 8.0 * (double)dims[0] * (double)dims[1] : 0;
-    if (rc == MODAL_OK && bytes > most)
-        rc = modal_fail_field(
-            err, MODAL_TOO_LARGE, "signals",
-            "dataset `%s` of %llu x %llu takes %.3g bytes, this machine has %.3g", name,
-            (unsigned long long)dims[0], (unsigned long long)dims[1], bytes, most);
-    if (space >= 0)
-        H5Sclose(space);
-    if (type >= 0)
-        H5Tclose(type);
-    return rc;
-}
-
-/* Were all of SET's chunks written, DIMS numbers? */
-static bool is_written(hid_t set, hid_t how, const hsize_t dims[2])
-{
-    hid_t space = H5Dget_space(set);
-    hsize_t chunk[2], written = 0, all = 1;
-    int rank = H5Pget_layout(how) == H5D_CHUNKED ? H5Pget_chunk(how, 2, chunk) : 0;
-    bool told = space >= 0 && (rank == 1 || rank == 2)
-                && H5Dget_num_chunks(set, space, &written) >= 0;
-
-    for (int i = 0; told && i < rank; i++)
-        all *= (dims[i] + chunk[i] - 1) / chunk[i];
-    if (space >= 0)
-        H5Sclose(space);
-    return told && written >= all;
-}
-
-/* That the numbers of SET, DIMS of them, are in its own file, and not in another that it names,
- * which may be anybody's; and that so few bytes can be so many, as far as deflate can (RFC 1951):
- * those never written have none.  Filters behind each other make less of what is all the same. */
-static enum modal_status check_held(hid_t set, const char *name, const hsize_t dims[2],
-                                    struct modal_error *err)
-{
-    enum { DEFLATE_RATIO = 1032 };        /* 8 * 258 bits by 2 */
-    hid_t type = H5Dget_type(set), how = H5Dget_create_plist(set);
-    bool here = how >= 0 && H5Pget_layout(how) != H5D_VIRTUAL && H5Pget_external_count(how) == 0;
-    double said = (double)dims[0] * (double)dims[1] * (type >= 0 ? (double)H5Tget_size(type) : 0),
-           held = here ? (double)H5Dget_storage_size(set) : 0;
-    bool few = here && said > DEFLATE_RATIO * held && !is_written(set, how, dims);
-
-    if (how >= 0)
-        H5Pclose(how);
-    if (type >= 0)
-        H5Tclose(type);
-    if (!here)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "the numbers of dataset `%s` are "
-                                "in other files; accepted: in its own, as `h5repack -l CONTI` "
-                                "makes it", name);
-    if (few)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "dataset `%s` of %llu x %llu has "
-                                "%.0f bytes in the file: parts of it were never written", name,
-                                (unsigned long long)dims[0], (unsigned long long)dims[1], held);
-    return MODAL_OK;
-}
-
 /* Where in the file the samples lie as they are used: whole, unfiltered, in no other file.  0: they
  * do not. */
 static uint64_t place_of(hid_t set)
@@ -442,31 +365,27 @@ static enum modal_status read_signals(hid_t set, const struct source *from, stru
 {
     uint64_t place = from->kept < UINT64_MAX ? place_of(set) : 0;
     double memory = (double)sysconf(_SC_PHYS_PAGES) * (double)sysconf(_SC_PAGESIZE);
-    hsize_t dims[2] = { 0, 1 };
-    double most = place > 0 ? (double)(SIZE_MAX / 4) : memory;
-    enum modal_status rc = check_set(set, from->set, dims, most, err);
+    struct h5_numbers of = { .set = set, .name = from->set, .field = "signals",
+                             .most = place > 0 ? (double)(SIZE_MAX / 4) : memory };
+    enum modal_status rc = h5_numbers_look(&of, err);
     size_t count, bytes;
 
-    if (rc == MODAL_OK)
-        rc = check_held(set, from->set, dims, err);
+    if (rc == MODAL_OK && of.rank == 0)
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "signals", "dataset `%s` is one number; "
+                              "accepted: n_samples x n_channels, or n_samples", from->set);
     if (rc != MODAL_OK)
         return rc;
-    out->batch.samples = (size_t)dims[0];
-    out->batch.channels = (size_t)dims[1];
-    count = (size_t)(dims[0] * dims[1]);
+    out->batch.samples = (size_t)of.dims[0];
+    out->batch.channels = (size_t)of.dims[1];
+    count = out->batch.samples * out->batch.channels;
     bytes = count * sizeof *out->signals;
     if (place > 0 && (bytes > from->kept || bytes > MAPPED_LEAST))
         return map_signals(from, place, bytes, out, err);
     out->signals = malloc((count > 0 ? count : 1) * sizeof *out->signals);
     if (out->signals == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "batch: no memory for %zu samples", count);
-    if (count > 0
-        && H5Dread(set, H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT, out->signals) < 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "signals",
-                                "dataset `%s` cannot be read: the file is truncated, damaged, "
-                                "or compressed by a filter that is not built in", from->set);
     out->batch.signals = out->signals;
-    return MODAL_OK;
+    return h5_numbers_read(&of, out->signals, err);
 }
 
 /* --- the file --- */

@@ -33,7 +33,7 @@
 #include <sys/stat.h>
 #include <sys/syscall.h>
 #include <unistd.h>
-#include "worker/sanitized.h"
+#include "base/sanitized.h"
 
 #if SANITIZED
 enum { MEMORY_LIMITED = false };        /* its shadow is larger than any limit */

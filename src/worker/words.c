@@ -6,7 +6,7 @@
 #include <string.h>
 #include <time.h>
 #include <unistd.h>
-#include "worker/sanitized.h"
+#include "base/sanitized.h"
 
 enum {
     PART         = 4096,            /* bytes of one read: a page */

@@ -1,9 +1,15 @@
 /* hdf5.c - see hdf5.h */
 #include "hdf5.h"
+#include <errno.h>
+#include <fcntl.h>
+#include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 #include "arrays.h"
+#include "ctl/apart.h"
 #include "store/batch_file.h"
 #include "store/batch_h5.h"
+#include "store/h5_numbers.h"
 
 enum {
     USER_BLOCK_LEAST = 512,       /* bytes: the format's */
@@ -53,11 +59,12 @@ static void shape_of(hid_t set, bool matlab, struct array *out)
     hid_t space = H5Dget_space(set);
     hsize_t dims[H5S_MAX_RANK] = { 1, 1 };
     int rank = space >= 0 ? H5Sget_simple_extent_dims(space, dims, NULL) : -1;
+    bool empty = space >= 0 && H5Sget_simple_extent_type(space) == H5S_NULL;
 
     if (space >= 0)
         H5Sclose(space);
-    out->numbers = rank >= 0 && rank <= MATRIX;
-    out->type = "of more than two dimensions";
+    out->numbers = rank >= 0 && rank <= MATRIX && !empty;
+    out->type = empty ? "empty" : "of more than two dimensions";
     out->rows = dims[0];
     out->columns = rank == MATRIX ? dims[1] : 1;
     out->by_columns = matlab && rank == MATRIX;
@@ -197,28 +204,59 @@ static void list_attributes(hid_t object, enum place place, struct arrays *array
 /* The file, and the name of the dataset whose attributes are in the list. */
 struct source { hid_t file; const char *signals; };
 
+/* What reading the numbers OF takes, COPIES of them at a time; libhdf5 unpacks a chunk into what it
+ * doubles until that fits, beside the packed one. */
+static void allow(const struct h5_numbers *of, int copies)
+{
+    apart_allow(copies * (double)sizeof(double) * (double)of->dims[0] * (double)of->dims[1]
+                + 4 * (double)of->piece);
+}
+
+static enum modal_status load_attribute(hid_t object, const struct array *array, double *to)
+{
+    hid_t a = H5Aopen(object, array->name, H5P_DEFAULT);
+    bool ok = a >= 0 && H5Aread(a, H5T_NATIVE_DOUBLE, to) >= 0;
+
+    if (a >= 0)
+        H5Aclose(a);
+    return ok ? MODAL_OK : MODAL_BAD_INPUT;
+}
+
+static enum modal_status load_dataset(hid_t set, const struct array *array, double *to,
+                                      struct modal_error *err)
+{
+    struct h5_numbers of = { .set = set, .name = array->name, .field = array->name,
+                             .most = (double)(SIGNALS_VALUES_MOST * sizeof(double)) };
+    enum modal_status rc = h5_numbers_look(&of, err);
+
+    if (rc == MODAL_OK && of.dims[0] * of.dims[1] != array->rows * array->columns)
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, array->name, "dataset `%s` is damaged",
+                              array->name);
+    if (rc == MODAL_OK) {
+        allow(&of, 0);                                      /* their place is there */
+        rc = h5_numbers_read(&of, to, err);
+    }
+    return rc;
+}
+
 /* Of times and steps: the signals are the batch's, and none of these is turned. */
 static enum modal_status load(const struct arrays *arrays, const struct array *array,
                               struct numbers *into, struct modal_error *err)
 {
     const struct source *from = arrays->from;
-    const char *set = array->at == ON_SIGNALS ? from->signals : array->name;
-    hid_t own = array->at == IN_DATASET || array->at == ON_SIGNALS
-                    ? H5Dopen2(from->file, set, H5P_DEFAULT) : H5I_INVALID_HID;
-    hid_t object = array->at == IN_ROOT ? from->file : own;
-    hid_t a = array->at != IN_DATASET ? H5Aopen(object, array->name, H5P_DEFAULT) : H5I_INVALID_HID;
-    bool ok = a >= 0 ? H5Aread(a, H5T_NATIVE_DOUBLE, into->to) >= 0
-                     : own >= 0 && H5Dread(own, H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT,
-                                           into->to) >= 0;
+    const char *name = array->at == ON_SIGNALS ? from->signals : array->name;
+    hid_t set = array->at != IN_ROOT ? H5Dopen2(from->file, name, H5P_DEFAULT) : H5I_INVALID_HID;
+    enum modal_status rc = MODAL_BAD_INPUT;
 
-    if (a >= 0)
-        H5Aclose(a);
-    if (own >= 0)
-        H5Dclose(own);
-    return ok ? MODAL_OK
-              : modal_fail_field(err, MODAL_BAD_INPUT, array->name, "%s: `%s` cannot be read: the "
-                                 "file is truncated, damaged, or compressed by a filter that is "
-                                 "not built in", arrays->path, array->name);
+    modal_fail_field(err, rc, array->name, "%s: `%s` cannot be read: the file is truncated or "
+                     "damaged", arrays->path, array->name);
+    if (array->at != IN_DATASET)
+        rc = load_attribute(array->at == IN_ROOT ? from->file : set, array, into->to);
+    else if (set >= 0)
+        rc = load_dataset(set, array, into->to, err);
+    if (set >= 0)
+        H5Dclose(set);
+    return rc;
 }
 
 /* ---- the signals ---- */
@@ -244,17 +282,25 @@ static enum modal_status plan_signals(struct arrays *arrays, struct source *from
         return modal_fail_field(err, MODAL_BAD_INPUT, "dataset", "%s: a name of more than %zu "
                                 "bytes", arrays->path, sizeof plan->name - 1);
     size_t at = (size_t)(picked - arrays->list);
-    hid_t set = H5Dopen2(from->file, plan->name, H5P_DEFAULT);
+    struct h5_numbers of = { .set = H5Dopen2(from->file, plan->name, H5P_DEFAULT),
+                             .name = plan->name, .field = "signals",
+                             .most = (double)(SIZE_MAX / 4) };
     from->signals = plan->name;
-    if (set >= 0) {
-        list_attributes(set, ON_SIGNALS, arrays);           /* the list may move */
-        H5Dclose(set);
+    if (of.set >= 0) {
+        rc = h5_numbers_look(&of, err);
+        list_attributes(of.set, ON_SIGNALS, arrays);        /* the list may move */
+        H5Dclose(of.set);
     }
     picked = &arrays->list[at];
     plan->rows = picked->rows;
     plan->columns = picked->columns;
     plan->by_columns = picked->by_columns;
-    return arrays_step(arrays, picked, options, &plan->step, &plan->turned, err);
+    if (rc == MODAL_OK) {
+        allow(&of, 1);                                      /* a time for each sample */
+        rc = arrays_step(arrays, picked, options, &plan->step, &plan->turned, err);
+    }
+    allow(&of, plan->by_columns != plan->turned ? 2 : 1);
+    return rc;
 }
 
 static enum modal_status look_into(const char *path, const struct signals_options *options,
@@ -292,34 +338,137 @@ static enum modal_status turn(const struct plan *plan, struct signals *out, stru
     return rc;
 }
 
-enum modal_status hdf5_read(const char *path, const struct signals_options *options,
-                            struct signals *out, struct modal_error *err)
+/* A file to read, in the child; and the signals in it, of which the parent hears. */
+struct reading {
+    const char *path;
+    const struct signals_options *options;
+    uint64_t kept;                /* as batch_file_map has it */
+    struct signals read;
+    uint64_t place, mapped;       /* bytes of the file; 0: none are mapped */
+};
+
+static enum modal_status read_here(void *context, struct modal_error *err)
 {
+    struct reading *to = context;
+    const struct signals_options *options = to->options;
     struct plan plan = { 0 };
     struct batch_file file;
     enum modal_status rc;
 
     batch_h5_lock();
-    rc = look_into(path, options, &plan, err);
+    rc = look_into(to->path, options, &plan, err);
     batch_h5_unlock();
     if (rc != MODAL_OK)
         return rc;
     double dt = plan.step.dt > 0 ? plan.step.dt : options->dt;
     bool mapped = options->map && !(options->scale > 0) && plan.by_columns == plan.turned;
-    rc = mapped ? batch_file_map(path, plan.name, dt, mapping_resident_most(), &file, err)
-                : batch_file_read(path, plan.name, dt, &file, err);
+    rc = mapped ? batch_file_map(to->path, plan.name, dt, to->kept, &file, err)
+                : batch_file_read(to->path, plan.name, dt, &file, err);
     if (rc != MODAL_OK)
         return rc;
-    *out = (struct signals){ .samples = file.batch.samples, .channels = file.batch.channels,
-                             .x = file.signals, .map = file.map, .dt = file.batch.dt,
-                             .dt_off = SIGNALS_DT_OFF * file.batch.dt,
-                             .dt_from = "its attribute `dt`", .period = file.batch.period,
-                             .names = file.names, .units = file.units,
-                             .attributes = file.attributes };
+    to->read = (struct signals){ .samples = file.batch.samples, .channels = file.batch.channels,
+                                 .x = file.signals, .map = file.map, .dt = file.batch.dt,
+                                 .dt_off = SIGNALS_DT_OFF * file.batch.dt,
+                                 .dt_from = "its attribute `dt`", .period = file.batch.period,
+                                 .names = file.names, .units = file.units,
+                                 .attributes = file.attributes };
     if (plan.step.dt > 0) {
-        out->dt = plan.step.dt;
-        out->dt_off = plan.step.dt_off;
-        out->dt_from = plan.step.dt_from;
+        to->read.dt = plan.step.dt;
+        to->read.dt_off = plan.step.dt_off;
+        to->read.dt_from = plan.step.dt_from;
     }
-    return turn(&plan, out, err);                           /* everything the file held has moved */
+    return turn(&plan, &to->read, err);                     /* all that the file held has moved */
+}
+
+/* X as it leaves, block by block, for the parent has them then; all of a block but its edges, where
+ * pages may be another's too. */
+static bool tell_numbers(const double *x, size_t bytes, FILE *to)
+{
+    enum {
+        BLOCK = 1 << 22,                          /* bytes */
+        EDGE  = 1 << 16,                          /* no page is larger */
+    };
+    const char *from = (const char *)x;
+    bool ok = true;
+
+    for (; ok && bytes > BLOCK; from += BLOCK, bytes -= BLOCK) {
+        ok = fwrite(from, 1, BLOCK, to) == BLOCK;
+        mapping_release(from + EDGE, BLOCK - 2 * EDGE);
+    }
+    return ok && fwrite(from, 1, bytes, to) == bytes;
+}
+
+static bool tell(void *context, FILE *to)
+{
+    const struct signals *s = &((const struct reading *)context)->read;
+    char *attributes = json_print(s->attributes);
+    bool ok = attributes != NULL && fwrite(s, sizeof *s, 1, to) == 1
+              && apart_tell_text(attributes, to) && apart_tell_text(s->units, to);
+
+    for (size_t i = 0; ok && s->names != NULL && i < s->channels; i++)
+        ok = apart_tell_text(s->names[i], to);
+    return ok && (s->x == NULL
+                  || tell_numbers(s->x, s->samples * s->channels * sizeof *s->x, to));
+}
+
+/* The numbers, where they are not mapped: COUNT, or one where there are none. */
+static bool hear_numbers(size_t count, double **x, FILE *from)
+{
+    *x = malloc((count > 0 ? count : 1) * sizeof **x);
+    return *x != NULL && fread(*x, sizeof **x, count, from) == count;
+}
+
+static bool hear(void *context, FILE *from)
+{
+    struct reading *to = context;
+    struct signals said, *s = &to->read;
+    char *attributes = NULL;
+
+    if (fread(&said, sizeof said, 1, from) != 1
+        || (said.channels > 0 && said.samples > SIZE_MAX / sizeof(double) / said.channels))
+        return false;
+    *s = said;
+    s->x = NULL;
+    s->names = NULL;
+    s->units = NULL;
+    s->attributes = NULL;
+    s->map = (struct mapping) { 0 };
+    to->place = said.map.offset;
+    to->mapped = said.x == NULL ? said.map.length : 0;
+    bool ok = apart_hear_text(&attributes, from) && apart_hear_text(&s->units, from)
+              && attributes != NULL
+              && json_read(attributes, strlen(attributes), &s->attributes, NULL) == MODAL_OK;
+    free(attributes);
+    if (ok && said.names != NULL)
+        ok = (s->names = calloc(s->channels + 1, sizeof *s->names)) != NULL;
+    for (size_t i = 0; ok && s->names != NULL && i < s->channels; i++)
+        ok = apart_hear_text(&s->names[i], from) && s->names[i] != NULL;
+    return ok && (said.x == NULL || hear_numbers(s->samples * s->channels, &s->x, from));
+}
+
+/* What the child had mapped. */
+static enum modal_status map_again(struct reading *of, struct modal_error *err)
+{
+    int fd = open(of->path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+    enum modal_status rc = fd >= 0 ? mapping_open(fd, of->path, of->place, of->mapped,
+                                                  &of->read.map, err)
+                                   : modal_fail_field(err, MODAL_BAD_INPUT, "file", "%s: %s",
+                                                      of->path, strerror(errno));
+
+    if (fd >= 0)
+        close(fd);
+    return rc;
+}
+
+enum modal_status hdf5_read(const char *path, const struct signals_options *options,
+                            struct signals *out, struct modal_error *err)
+{
+    static const struct apart how = { .work = read_here, .tell = tell, .hear = hear };
+    struct reading to = { .path = path, .options = options, .kept = mapping_resident_most() };
+    enum modal_status rc = apart_do(&how, &to, path, "file", err);
+
+    if (rc == MODAL_OK && to.mapped > 0)
+        rc = map_again(&to, err);
+    *out = to.read;
+    return rc;
 }

@@ -13,7 +13,8 @@
 bool hdf5_is(const unsigned char *head, size_t length);
 enum { HDF5_HEAD_BYTES = 2048 + 8 };      /* the last such place and the signature in it */
 
-/* PATH into *OUT (signals_done frees it).  Fails as batch_file_map and arrays_pick do. */
+/* PATH into *OUT (signals_done frees it, whatever came of it).  Fails as batch_file_map and
+ * arrays_pick do. */
 enum modal_status hdf5_read(const char *path, const struct signals_options *options,
                             struct signals *out, struct modal_error *err);
 #endif

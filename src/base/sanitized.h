@@ -1,6 +1,6 @@
 /* sanitized.h - is this build watched by a sanitizer, which makes calls of its own? */
-#ifndef WORKER_SANITIZED_H
-#define WORKER_SANITIZED_H
+#ifndef BASE_SANITIZED_H
+#define BASE_SANITIZED_H
 
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
 #define SANITIZED 1    /* by gcc */

@@ -234,6 +234,8 @@ def test_of_three_tones_an_answer_that_more_is_asked_of_is_no_worse(tmp_path):
                for target in ("1e-3", "1e-4", "1e-6")]
     errors = [result["line_error"] for result in answers]
     assert errors[0] >= errors[1] >= 0.5 * errors[2]      # these two: of the same record, estimates
+    for result in answers:                # half of it for a balance that was not to be the answer
+        assert result["work"]["spent"] < result["work"]["allowed"] / 3
     dt, steps = 0.1, 12000
     scene["time"] = {"dt": dt, "duration": dt * steps}
     csv = tmp_path / "record.csv"

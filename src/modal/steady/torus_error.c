@@ -242,11 +242,12 @@ static enum modal_status truncation(struct torus_solver *s, struct torus_grid *f
 }
 
 /* The motions that F, forces at LOOK, make at all but the set's combinations: into X, and as
- * *COUNT candidates into LIST and ROOM.  COLUMN: q. */
+ * *COUNT candidates into LIST and ROOM.  What no grid serves is added up in *BEYOND.  COLUMN: q. */
 static enum modal_status left_out(struct torus_solver *s, int all, const struct torus_index *look,
                                   const double complex *F, double complex *X,
                                   struct torus_candidate *list, int *count, double complex *room,
-                                  double complex *column, struct modal_error *err)
+                                  double *beyond, double complex *column,
+                                  struct modal_error *err)
 {
     size_t q = (size_t)s->q;
 
@@ -268,7 +269,10 @@ static enum modal_status left_out(struct torus_solver *s, int all, const struct 
             c->size = fmax(c->size, cabs(column[i]));
             X[i * (size_t)all + (size_t)a] = column[i];
         }
-        *count += serves(s, look[a]);
+        if (serves(s, look[a]))
+            ++*count;
+        else
+            *beyond += c->size;
     }
     return MODAL_OK;
 }
@@ -283,6 +287,7 @@ enum modal_status torus_estimate(struct torus_solver *s, struct torus_candidate 
     double complex *F = malloc(q * (K + TORUS_CANDIDATES_MOST) * sizeof *F + 1),
                    *X = calloc(q * (K + TORUS_CANDIDATES_MOST) + 1, sizeof *X),
                    *d = malloc((2 * n + 1) * sizeof *d), *column = malloc((q + 1) * sizeof *column);
+    double past;
     int all = 0;
     enum modal_status rc = look == NULL || F == NULL || X == NULL || d == NULL || column == NULL
                                ? modal_fail(err, MODAL_NO_MEMORY, "torus: no memory")
@@ -293,7 +298,7 @@ enum modal_status torus_estimate(struct torus_solver *s, struct torus_candidate 
         rc = torus_forces(s->laws, fine, s->count, s->index, s->X, all, look, F, err);
     }
     if (rc == MODAL_OK)
-        rc = left_out(s, all, look, F, X, list, count, room, column, err);
+        rc = left_out(s, all, look, F, X, list, count, room, &e->beyond, column, err);
     /* sampling: J^-1 of what the finer grid says of the set's forces */
     for (size_t i = 0; rc == MODAL_OK && i < q; i++)
         for (size_t m = 0; m < K; m++) {
@@ -312,7 +317,8 @@ enum modal_status torus_estimate(struct torus_solver *s, struct torus_candidate 
     if (rc == MODAL_OK)
         rc = truncation(s, fine, all, look, X, F, d, &e->truncation, &e->change,
                         &e->tone, err);
-    e->truncation += beyond(s);
+    past = beyond(s);
+    e->truncation += past, e->beyond += past;
     e->solver = s->step * *amplitude;
     e->tone += s->tone.index < 0 ? 0 : s->step * s->tone.omega_kept;
     if (rc == MODAL_OK)

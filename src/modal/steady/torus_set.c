@@ -305,7 +305,7 @@ static int samples_of(const struct torus_solver *s, int k)
 int torus_highest(const struct torus_solver *s, int j)
 {
     /* samples of the lead, lines */
-    static const int most[][2] = { { 16384, 1 }, { 1024, 512 }, { 64, 32 } };
+    static const int most[][2] = { { 16384, 1 }, { 1024, 512 }, { 64, 64 } };
 
     return (most[s->tones.count - 1][j != s->tones.lead] - 1) / (samples_of(s, 1) - 1);
 }

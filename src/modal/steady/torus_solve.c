@@ -21,7 +21,8 @@ static const double GROWTH = 0.25;        /* of it: then no more is begun, for a
 static const double LEFT = 0.3;           /* of the error asked for: what one of its parts may be */
 static const double HALF = 0.5;           /* of it: truncation that growth is worth while for */
 static const double BESIDE = 0.1;         /* of truncation: sampling that more lines are worth
-                                           * while for */
+                                           * while for; of what no growth mends: what of the rest
+                                           * it need not */
 static const double TARGET_USUAL = 1e-6;  /* as with one tone */
 static const double LITTLE = 0.01;        /* of a motion that has settled: lines known so well are
                                            * worth more than a first balance, whatever they leave */
@@ -57,24 +58,28 @@ static int choose(const struct torus_solver *s, const struct torus_candidate *li
     return take;
 }
 
-/* One solution and its errors; the combinations around it into LIST.  Its error is without bound
- * where LINES, NULL: none, are an answer and no more is begun: an estimate costs as much as a
- * solution. */
+/*
+ * One solution and its errors; the combinations around it into LIST.  Where LINES, NULL: none, are
+ * an answer, it may take what leaves room for growth, and no more: a first set alone is never as
+ * good.  Its error is without bound where nothing is left, for an estimate costs as much.
+ */
 static enum modal_status solve_round(struct torus_solver *s, const struct torus_lines *lines,
                                      struct torus_candidate *list, int *count,
                                      double complex *room, struct torus_errors *e,
                                      struct torus_point *out, struct modal_error *err)
 {
-    bool enough;
+    double most = s->work->most;
+    bool stand = lines != NULL && torus_lines_stand(s, lines, NULL), enough;
     enum modal_status rc;
 
     torus_grid_free(s->grid);
     s->grid = NULL;
     rc = torus_grid_for(s, 0, s->finer, &s->grid, err);
+    s->work->most *= stand ? GROWTH : 1;
     if (rc == MODAL_OK)
         rc = torus_solve_set(s, &out->converged, err);
-    enough = lines != NULL && s->work->spent > GROWTH * s->work->most
-        && torus_lines_stand(s, lines, NULL);
+    enough = stand && budget_spent(s->work);
+    s->work->most = most;
     if (enough)
         out->error = HUGE_VAL;
     if (rc == MODAL_OK && out->converged && !enough)
@@ -233,7 +238,7 @@ static enum modal_status solve_grown(struct torus_solver *s, struct torus_lines 
         rc = march_first(s, target, lines, out, &met, err);
     for (int round = 0; rc == MODAL_OK && !met && round < ROUNDS_MOST; round++) {
         struct torus_errors e = { 0 };
-        double wanted, missed, went = 0;
+        double wanted, missed, leave, went = 0;
         double residual = s->residual, omega = s->tone.omega_kept, spent = s->work->spent;
         int count = 0, take;
         bool more_lines;
@@ -258,7 +263,8 @@ static enum modal_status solve_grown(struct torus_solver *s, struct torus_lines 
             || (lines->error < BEHIND * out->error && torus_lines_stand(s, lines, out))
             || s->opt->order > 0 || s->work->spent > GROWTH * s->work->most)
             break;
-        take = out->truncation > HALF * wanted ? choose(s, list, count, LEFT * wanted / missed) : 0;
+        leave = fmax(LEFT * wanted / missed, BESIDE * e.beyond);
+        take = out->truncation > HALF * wanted ? choose(s, list, count, leave) : 0;
         more_lines = e.sampling > fmax(LEFT * wanted, BESIDE * out->truncation)
             && s->finer < TORUS_FINER_MOST && torus_grid_fits(s, 1, s->finer + 1);
         if ((take == 0 && !more_lines) || is_too_dear(s, s->work->spent - spent, take))

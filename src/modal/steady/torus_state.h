@@ -88,9 +88,10 @@ struct torus_solver {
 /* A combination beside the set, and the motion that its force makes. */
 struct torus_candidate { struct torus_index k; double size; double complex *X; };
 
-/* Of X, in m: left out, as torus_error.c has it; what that makes of itself; of samples; of a
- * record's the same of a single line.  tone: rad/s. */
-struct torus_errors { double truncation, change, sampling, solver, tone, line, folded; };
+/* Of X, in m: left out, as torus_error.c has it; what that makes of itself; beyond: what of it is
+ * past all grids, however the set grows; of samples; of a record's the same of a single line.
+ * tone: rad/s. */
+struct torus_errors { double truncation, change, beyond, sampling, solver, tone, line, folded; };
 
 /* A motion read from a march: as s->index and s->X, errors in m. */
 struct torus_lines {

@@ -148,6 +148,11 @@ int slot_after(const struct core *c, int slot)
     return slot < SLOTS_MOST + c->slots->remotes || slot < c->slots->count ? slot : -1;
 }
 
+bool slot_owes_ready(const struct slot *s)
+{
+    return s->state == SLOT_STARTING || s->state == SLOT_TAKEN;
+}
+
 void slot_set(struct core *c, int slot, enum slot_state state)
 {
     enum slot_state *now = &c->slots->at[slot].state;

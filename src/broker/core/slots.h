@@ -76,6 +76,9 @@ struct remote *slot_join(struct core *c, uint64_t peer);
 void slot_leave(struct core *c, int slot);
 /* S, of SLOT, becomes IDLE, or what it becomes then. */
 void slot_set(struct core *c, int slot, enum slot_state state);
+/* Is S neither at work nor at rest?  Nothing but READY is a sign of life then: else who sends BEAT
+ * and asks for nothing keeps the slot for good. */
+bool slot_owes_ready(const struct slot *s);
 /* INPUT of LENGTH bytes came from the worker elsewhere in SLOT: the last one of a large input says
  * how fast the link is. */
 void slot_pulled(struct core *c, int slot, uint64_t length);

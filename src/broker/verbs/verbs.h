@@ -248,6 +248,8 @@ void windows_give_ahead(struct core *c);
 bool windows_first(const struct core *c, int from, int end);
 /* M, DONE or FAILED, is the end of SLOT's window. */
 void window_end(struct core *c, int slot, const struct wire_message *m);
+/* Does M ask again for WORKER's window, as one that was dropped, though all of it was sent? */
+bool window_is_whole(const struct slot *worker, const struct wire_message *m);
 /* The worker of SLOT died under its window: once more on another, unless the window is to blame;
  * and those that it had ahead, each alone. */
 void window_died(struct core *c, int slot);

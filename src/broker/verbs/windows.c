@@ -742,6 +742,20 @@ void window_died(struct core *c, int slot)
     window_offer(c, s);
 }
 
+/* Is M the word that a window was dropped? */
+static bool is_dropped(const struct wire_message *m)
+{
+    const cJSON *told = cJSON_GetObjectItemCaseSensitive(m->header, "error");
+    const char *field = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(told, "field"));
+
+    return field != NULL && strcmp(field, "live") == 0;
+}
+
+bool window_is_whole(const struct slot *worker, const struct wire_message *m)
+{
+    return is_dropped(m) && worker->live->window.anew;
+}
+
 void window_end(struct core *c, int slot, const struct wire_message *m)
 {
     struct slot *worker = &c->slots->at[slot];
@@ -767,7 +781,7 @@ void window_end(struct core *c, int slot, const struct wire_message *m)
         worker_error(told, &err);
         error = wire_error_object(&err, NULL);
     }
-    if (told != NULL && strcmp(err.field, "live") == 0)
+    if (is_dropped(m))
         try_again(c, s);               /* it dropped the window: once more, all of it */
     else
         tell_result(c, s, m->body_count > 0 ? &m->body[0] : NULL, error);

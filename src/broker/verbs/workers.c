@@ -243,8 +243,8 @@ void worker_timer(struct core *c, enum timer what, int64_t number)
         watch(c, slot, due);
         return;
     }
-    core_log(c, "level=warning event=lease slot=%d silent_s=%.1f", slot,
-             (double)(c->now.mono_ns - s->heard_ns) / 1e9);
+    core_log(c, "level=warning event=lease slot=%d silent_s=%.1f%s", slot, (double)(c->now.mono_ns
+             - s->heard_ns) / 1e9, slot_owes_ready(s) ? " what=\"no READY\"" : "");
     c->counts.leases_lost++;
     if (s->job != NULL)
         s->job->ending = ENDING_LEASE;
@@ -425,6 +425,7 @@ static void finish(struct core *c, int slot)
     part(c, s);
     /* until READY, which may have come while the signals were sealed */
     s->state = SLOT_TAKEN;
+    s->heard_ns = c->now.mono_ns;
     if (ready || (s->remote != NULL && s->remote->leaving))
         make_idle(c, slot);
     publish(c, job, document);
@@ -718,7 +719,10 @@ static void on_stderr(struct core *c, int slot, const struct wire_message *m, st
 static void on_window(struct core *c, int slot, const struct wire_message *m, struct blob **body)
 {
     (void)body;
-    window_end(c, slot, m);
+    if (window_is_whole(&c->slots->at[slot], m))
+        bad_worker(c, slot, "a window asked for again that it has whole");
+    else
+        window_end(c, slot, m);
 }
 
 static void on_input(struct core *c, int slot, const struct wire_message *m, struct blob **body)
@@ -778,7 +782,8 @@ void worker_message(struct core *c, const struct event *e)
         bad_worker(c, slot, e->fault->message);
         return;
     }
-    s->heard_ns = c->now.mono_ns;
+    if (!slot_owes_ready(s))
+        s->heard_ns = c->now.mono_ns;
     for (size_t i = 0; i < sizeof verbs / sizeof *verbs; i++) {
         if (strcmp(verbs[i].verb, m->verb) != 0 || (verbs[i].elsewhere && s->remote == NULL))
             continue;

@@ -504,6 +504,39 @@ TEST(a_window_that_kills_workers_behind_others_at_first_is_told_worker_died_afte
     core_free(core);
 }
 
+/* It would be sent a megabyte as often as it likes, and nobody told. */
+TEST(a_worker_that_asks_again_for_a_window_that_it_has_whole_is_ended)
+{
+    char header[120];
+
+    start_workers(1);
+    open_stream("s", 8, 8);
+    push(stream, 0, 8);
+    CHECK(told[0] == 1);
+    snprintf(header, sizeof header, "{\"job\":\"live\",\"attempt\":%s,\"error\":"
+             "{\"code\":\"not_found\",\"field\":\"live\"}}", runs[0][0].attempt);
+    say(WIRE_WORKER, "FAILED", header, NULL, 0);
+    CHECK(told[0] == 1 && core->slots->at[0].state == SLOT_KILLED);
+    core_free(core);
+}
+
+/* BEAT after BEAT, and no READY: the slot was gone, and no line told so. */
+TEST(a_worker_that_has_ended_its_work_and_asks_for_none_is_ended_after_its_lease)
+{
+    start_workers(1);
+    open_stream("s", 8, 8);
+    push(stream, 0, 8);
+    found("{}");
+    CHECK(core->slots->at[0].state == SLOT_TAKEN);
+    for (int k = 0; k < 11; k++) {
+        now.mono_ns += SECOND;
+        say(WIRE_WORKER, "BEAT", "{}", NULL, 0);
+        step((struct event) { .type = EVENT_TIME });
+    }
+    CHECK(core->slots->at[0].state == SLOT_KILLED);
+    core_free(core);
+}
+
 /* 1 ms each, from nothing too: as many are ahead as of those that it goes on with. */
 TEST(a_worker_that_is_new_has_as_many_windows_ahead_as_last_20_ms_by_what_they_took_anew_before)
 {

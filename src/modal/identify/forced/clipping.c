@@ -3,22 +3,29 @@
  *
  * A converter at its stop records the same extreme value whatever the input was; so does a force
  * that truly holds its extreme, a relay's or a generator's.  The responses know which.  A clipped
- * input u was u + a s in the mean, a > 0, with s a parabola over each run of samples at the input's
- * largest value, the negative of one at its smallest, and else 0.  How high each is beside others
- * is told by the input itself: where it is smooth, a run of n samples that is entered and left at
- * the slope r, r from the samples beside it, went on by r n / 4; where it is not, all went on by
- * the same.  A hit of few samples is more pointed than a parabola: its square is asked as well.  Of
- * each a is one unknown, for what was cut off reaches the responses by the same way as the rest.
+ * input u was u + sum a_c s_c, a_c >= 0, with s_c over each run of samples at the input's largest
+ * value some shape, over those at its smallest its negative, and else 0.  A run of n samples that
+ * is entered and left at the slope r, r from the samples beside it, went on as a parabola by
+ * r n / 4 where the input is smooth; where it is not, all went on by the same; and a hit of few
+ * samples is more pointed, a parabola's square.  Of FEW samples each is a shape by itself.
  *
- * What went on beyond would be taken for modes, many of them, by an account of u alone.  So a is
- * found with the poles of that account, and all is searched for anew with u + a s.  That is
- * believed where its BIC is the lower, a charged for as one number more, and where its own poles
- * without a are worse by as much: two searches that go different ways prove nothing.
+ * What was cut off reaches the responses by the same way as the rest: they are linear in the a_c.
+ * What went on beyond would be taken for modes, many of them, by an account of u alone; but as it
+ * is no modes' motion, a step of the a_c with all of that account (transfer.h) sees it in what they
+ * leave.  One a_c after another joins, that which gains most, where the gain is worth one number
+ * more and the choice among so many: where none is, nothing was cut off.
+ *
+ * One such mode stands in for it where all hits are alike: a filter that turns one hit into the
+ * other.  So the account less one pole is asked as well, that in whose place the a_c promise most;
+ * as the spectrum of a hit has zeros that move with it, from several heights.  An account with a_c
+ * is believed where its BIC is the lower, so much charged for each, and where without them it is
+ * worse by as much.
  *
  * An extreme value of continuous samples is met once, of coarse ones less often than the value next
  * to it; one that most samples have is where nothing pushes, between hits: none of these is asked.
  */
 #include "modal/identify/forced/clipping.h"
+#include <cblas.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -26,17 +33,22 @@
 enum {
     MET = 2,                     /* samples at an extreme at least */
     OF_ALL = 2,                  /* samples for each of those: where nothing pushes are more */
-    DOUBLINGS = 3,               /* of a, from where as much was cut off as was not: from 8 */
-    HALVINGS = 6,                /* times that to 3 % of it */
-    FINER = 4,                   /* halvings of the distance between them */
+    FEW = 8,                     /* as many shapes as two of each kind */
+    HEIGHTS = 4,                 /* of a shape to begin with, doubled from LOWEST */
+    SWEEPS = 100,                /* over the a_c of a step: each halves what is left at least */
+    ROUNDS = 8,                  /* steps: nearly linear, the third changes little */
+    TRIES = 4,                   /* of one, each half of the last */
     STEPS = 12                   /* of a fit that is one of many */
 };
-static const double ENOUGH = 0.1;        /* of ln likelihood: of such a fit */
+static const double
+    ENOUGH = 0.1,                /* of ln likelihood: of such a fit */
+    LOWEST = 0.125;              /* an a: what is cut off over what is not */
 
 enum {
     EQUAL = 1,                   /* peaks as high as each other, not as their slopes have them */
     POINTED = 2,                 /* not round */
-    KINDS = 4                    /* of peaks: either, both or neither of these */
+    KINDS = 4,                   /* of peaks: either, both or neither of these */
+    SHAPES = KINDS + FEW         /* of an input at most */
 };
 
 /* ---- what was cut off ---- */
@@ -92,154 +104,357 @@ static void add_peaks(const double *x, int L, double value, double sign, int how
         }
 }
 
-/* s of x. */
-static void mark(const double *x, int L, int how, struct clipping *c, double *s)
-{
-    int high = count_held(x, L, 1, &c->high), low = count_held(x, L, -1, &c->low);
+struct shapes {
+    int count;
+    int *input;                  /* of each */
+    struct matrix s;             /* a column each */
+};
 
-    memset(s, 0, sizeof *s * (size_t)L);
-    if (high > 0)
-        add_peaks(x, L, c->high, 1, how, s);
-    if (low > 0)
-        add_peaks(x, L, c->low, -1, how, s);
+/* All of the input J, x, of which *C is told. */
+static void add_shapes(struct shapes *h, const double *x, int j, struct clipping *c)
+{
+    int L = h->s.m, high = count_held(x, L, 1, &c->high), low = count_held(x, L, -1, &c->low);
+
     c->samples = high + low;
+    memset(h->s.x + (size_t)h->s.ld * h->count, 0, sizeof *h->s.x * (size_t)L * SHAPES);
+    for (int how = 0; how < KINDS && c->samples > 0; how++) {
+        double *s = h->s.x + (size_t)h->s.ld * h->count;
+        if (high > 0)
+            add_peaks(x, L, c->high, 1, how, s);
+        if (low > 0)
+            add_peaks(x, L, c->low, -1, how, s);
+        h->input[h->count++] = j;
+    }
+    for (int k = 0; k < L && c->samples <= FEW; k++)
+        if ((high > 0 && x[k] == c->high) || (low > 0 && x[k] == c->low)) {
+            h->s.x[k + (size_t)h->s.ld * h->count] = x[k] == c->high ? fabs(x[k]) : -fabs(x[k]);
+            h->input[h->count++] = j;
+        }
 }
 
 /* ---- do the responses know of it? ---- */
 
+struct account { struct lines lines; struct transfer model; };
+
 struct work {
     const struct clipping_record *record;
-    const struct forced_search *own;
+    struct account own;          /* the lines, its model borrowed */
     const struct forced_limits *limits;
-    struct matrix u, s;          /* u: inputs and so much of s as is asked for */
-    double *a;                   /* of each input */
+    struct shapes shapes;
+    struct lines cut;            /* W: the shapes */
+    struct transfer_more more;   /* these */
+    struct matrix u;             /* inputs and a times the shapes */
+    double *a, *trial, *step, *M;
+    bool *asked;
+    int only;                    /* that may join; -1: any */
+    double bic, price;           /* the own one; of an a that is not 0, in 2 ln likelihood */
+    double work;                 /* multiplications left, of a search's */
 };
 
-static enum modal_status set_lines(struct work *w, const double *a, struct lines *out,
-                                   struct modal_error *err)
+static void account_done(struct account *k)
+{
+    transfer_done(&k->model);
+    lines_done(&k->lines);
+}
+
+static enum modal_status set_lines(struct work *w, struct lines *out, struct modal_error *err)
 {
     const struct clipping_record *r = w->record;
+    const struct shapes *h = &w->shapes;
 
     for (int j = 0; j < w->u.n; j++)
-        for (int k = 0; k < w->u.m; k++)
-            w->u.x[k + (size_t)w->u.ld * j] = r->inputs->x[k + (size_t)r->inputs->ld * j]
-                + a[j] * w->s.x[k + (size_t)w->s.ld * j];
+        memcpy(w->u.x + (size_t)w->u.ld * j, r->inputs->x + (size_t)r->inputs->ld * j,
+               sizeof *w->u.x * (size_t)w->u.m);
+    for (int c = 0; c < h->count; c++)
+        cblas_daxpy(w->u.m, w->trial[c], h->s.x + (size_t)h->s.ld * c, 1,
+                    w->u.x + (size_t)w->u.ld * h->input[c], 1);
     return lines_make(r->responses, &w->u, &r->records, r->band, out, err);
 }
 
-/* *likelihood: what of the responses the poles of FROM explain, each moved a little, with A. */
-static enum modal_status weigh(struct work *w, const struct transfer *from, const double *a,
-                               double *likelihood, struct modal_error *err)
+/* The poles of FROM but one (-1: all), fitted by so many steps, with w->trial. */
+static enum modal_status fit(struct work *w, const struct account *from, int but, int steps,
+                             struct account *out, struct modal_error *err)
 {
-    struct lines lines = { 0 };
-    struct transfer t = { 0 };
-    double work = HUGE_VAL;
-    struct transfer_limits limits = { STEPS, ENOUGH, &work, w->limits->cancelled,
+    int drives = from->lines.drives;
+    double complex q[LINES_DRIVES_MOST];
+    struct transfer_limits limits = { steps, ENOUGH, &w->work, w->limits->cancelled,
                                       w->limits->context };
-    enum modal_status rc = set_lines(w, a, &lines, err);
+    enum modal_status rc = set_lines(w, &out->lines, err);
 
     if (rc == MODAL_OK)
-        rc = transfer_new(&lines, &t, err);
-    if (rc == MODAL_OK) {
-        transfer_copy(&lines, from, &t);
-        rc = transfer_fit(&lines, &limits, &t, err);
+        rc = transfer_new(&out->lines, &out->model, err);
+    for (int p = 0; p < from->model.poles && rc == MODAL_OK; p++) {
+        for (int j = 0; j < drives; j++)
+            /* of units that changed with the input */
+            q[j] = from->model.q[j + (size_t)p * drives] * out->lines.size[j] / from->lines.size[j];
+        if (p != but)
+            transfer_add(&out->lines, &out->model, from->model.s[p], q);
     }
-    *likelihood = t.likelihood;
-    transfer_done(&t);
-    lines_done(&lines);
+    return rc == MODAL_OK ? transfer_fit(&out->lines, &limits, &out->model, err) : rc;
+}
+
+/* That in the place of *BEST, and w->trial of w->a, where it is likelier; *more: it is. */
+static enum modal_status try(struct work *w, const struct account *from, int but,
+                             struct account *best, bool *more, struct modal_error *err)
+{
+    struct account next = { 0 }, last = *best;
+    enum modal_status rc = fit(w, from, but, STEPS, &next, err);
+
+    *more = rc == MODAL_OK && next.model.likelihood > best->model.likelihood;
+    if (*more) {
+        *best = next, next = last;
+        memcpy(w->a, w->trial, sizeof *w->a * (size_t)w->shapes.count);
+    }
+    account_done(&next);
     return rc;
 }
 
-/* w->a[j], the likeliest, of the input J alone, *best its likelihood: that of no a before. */
-static enum modal_status find_share(struct work *w, int j, double *best, struct modal_error *err)
+static double score_of(const struct work *w, int c)
 {
-    double found = 0, likelihood, factor = 2;
+    return w->M[(size_t)(w->shapes.count + 1) * (c + 1)];
+}
+
+static double information(const struct work *w, int c, int k)
+{
+    return w->M[c + 1 + (size_t)(w->shapes.count + 1) * (k + 1)];
+}
+
+/* The most of score . d - d . information d / 2 over a + d >= 0, d 0 but where ASKED. */
+static double climb(const struct work *w, double *d)
+{
+    int n = w->shapes.count;
+    double all = 0;
+
+    memset(d, 0, sizeof *d * (size_t)n);
+    for (int sweep = 0; sweep < SWEEPS; sweep++)
+        for (int c = 0; c < n; c++) {
+            double slope = score_of(w, c), own = information(w, c, c);
+            for (int k = 0; k < n; k++)
+                slope -= information(w, c, k) * d[k];
+            if (w->asked[c] && own > 0)
+                d[c] = fmax(d[c] + slope / own, -w->a[c]);
+        }
+    for (int c = 0; c < n; c++) {
+        double slope = score_of(w, c);
+        for (int k = 0; k < n; k++)
+            slope -= information(w, c, k) * d[k] / 2;
+        all += slope * d[c];
+    }
+    return all;
+}
+
+/* *d, the step of all a that are not 0 and of those that join them; what it promises in ln
+ * likelihood.  LEADING, where it is asked for: the first to join. */
+static double choose(struct work *w, double *d, int *leading)
+{
+    int n = w->shapes.count, best, joined = 0;
+    double before;
+
+    for (int c = 0; c < n; c++)
+        w->asked[c] = w->a[c] > 0;
+    do {
+        double most = before = climb(w, d);
+        best = -1;
+        for (int c = 0; c < n; c++)
+            if (!w->asked[c] && (w->only < 0 || w->only == c)) {
+                double with;
+                w->asked[c] = true;
+                with = climb(w, d);
+                w->asked[c] = false;
+                if (2 * (with - before) > w->price && with > most)
+                    most = with, best = c;
+            }
+        if (best >= 0)
+            w->asked[best] = true;
+        if (best >= 0 && joined++ == 0 && leading != NULL)
+            *leading = best;
+    } while (best >= 0);
+    return climb(w, d);
+}
+
+/* w->M of *K. */
+static enum modal_status gain(struct work *w, struct account *k, struct modal_error *err)
+{
+    w->work -= 2 * transfer_work(&k->lines, k->model.poles);
+    return transfer_gain(&k->lines, &k->model, &w->more, w->M, err);
+}
+
+/* w->a with *K, from where both are. */
+static enum modal_status seek(struct work *w, struct account *k, struct modal_error *err)
+{
+    bool more = true;
     enum modal_status rc = MODAL_OK;
 
-    for (int i = -DOUBLINGS; rc == MODAL_OK && i < HALVINGS; i++) {
-        w->a[j] = pow(factor, -i);
-        rc = weigh(w, &w->own->model, w->a, &likelihood, err);
-        if (rc == MODAL_OK && likelihood > *best)
-            *best = likelihood, found = w->a[j];
-    }
-    for (int i = 0; rc == MODAL_OK && found > 0 && i < FINER; i++) {
-        double middle = found;
-        factor = sqrt(factor);
-        for (int side = -1; rc == MODAL_OK && side <= 1; side += 2) {
-            w->a[j] = middle * pow(factor, side);
-            rc = weigh(w, &w->own->model, w->a, &likelihood, err);
-            if (rc == MODAL_OK && likelihood > *best)
-                *best = likelihood, found = w->a[j];
+    for (int i = 0; i < ROUNDS && rc == MODAL_OK && more && w->work > 0; i++) {
+        rc = gain(w, k, err);
+        more = false;
+        if (rc != MODAL_OK || !(choose(w, w->step, NULL) > ENOUGH))
+            break;
+        for (int t = 0; t < TRIES && rc == MODAL_OK && !more; t++) {
+            for (int c = 0; c < w->shapes.count; c++)
+                w->trial[c] = w->a[c] + ldexp(w->step[c], -t);
+            rc = try(w, k, -1, k, &more, err);
         }
     }
-    w->a[j] = found;
     return rc;
 }
 
-/* Is the account of the inputs and w->a of what was cut off, COUNT numbers, the better one? */
-static enum modal_status is_better(struct work *w, int count, bool *better, struct modal_error *err)
+static void clear(const struct work *w, double *a)
 {
-    double *none = calloc((size_t)w->u.n, sizeof *none), without = 0, price;
-    struct lines lines = { 0 };
-    struct forced_search found = { 0 };
-    enum modal_status rc = none == NULL
-        ? modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d inputs", w->u.n)
-        : set_lines(w, w->a, &lines, err);
-
-    /* as a number costs there */
-    price = rc == MODAL_OK ? count * log(2.0 * lines.count * lines.responses) : 0;
-    if (rc == MODAL_OK)
-        rc = forced_search(&lines, w->limits, &found, err);
-    *better = rc == MODAL_OK
-        && found.rung[found.rungs - 1].bic + price < w->own->rung[w->own->rungs - 1].bic;
-    if (*better) {
-        rc = weigh(w, &found.model, none, &without, err);
-        *better = rc == MODAL_OK && 2 * (found.model.likelihood - without) > price;
-    }
-    forced_search_done(&found);
-    lines_done(&lines);
-    free(none);
-    return rc;
+    memset(a, 0, sizeof *a * (size_t)w->shapes.count);
 }
 
-/* By heights of that kind; *cut: yes. */
-static enum modal_status ask(struct work *w, int how, struct clipping *out, bool *cut,
-                             struct modal_error *err)
+/* Is the account *K with w->a better than the own one, and than itself without? */
+static enum modal_status is_better(struct work *w, const struct account *k, bool *better,
+                                   struct modal_error *err)
 {
-    double best = w->own->model.likelihood;
-    int count = 0;
+    struct account none = { 0 };
+    double price = 0;
     enum modal_status rc = MODAL_OK;
 
-    memset(w->a, 0, sizeof *w->a * (size_t)w->u.n);
-    for (int j = 0; j < w->u.n; j++)
-        mark(w->record->inputs->x + (size_t)w->record->inputs->ld * j, w->u.m, how, &out[j],
-             w->s.x + (size_t)w->s.ld * j);
-    for (int j = 0; rc == MODAL_OK && j < w->u.n; j++)
-        if (out[j].samples > 0)
-            rc = find_share(w, j, &best, err);
-    for (int j = 0; j < w->u.n; j++)
-        count += w->a[j] > 0;
-    if (rc == MODAL_OK && count > 0)
-        rc = is_better(w, count, cut, err);
-    for (int j = 0; j < w->u.n && *cut; j++)
-        out[j].samples *= w->a[j] > 0;
+    for (int c = 0; c < w->shapes.count; c++)
+        price += w->a[c] > 0 ? w->price : 0;
+    *better = price > 0 && forced_bic(&k->lines, &k->model) + price < w->bic;
+    clear(w, w->trial);
+    if (*better)
+        rc = fit(w, k, -1, STEPS, &none, err);
+    *better = *better && rc == MODAL_OK
+        && 2 * (k->model.likelihood - none.model.likelihood) > price;
+    account_done(&none);
     return rc;
+}
+
+/* The pole of the own account in whose place shapes promise most, and the SHAPE that does; -1: none
+ * promises anything. */
+static enum modal_status find_pole(struct work *w, int *pole, int *shape, struct modal_error *err)
+{
+    double most = -HUGE_VAL;
+    enum modal_status rc = MODAL_OK;
+
+    *pole = -1;
+    clear(w, w->trial), clear(w, w->a);
+    for (int p = 0; p < w->own.model.poles && rc == MODAL_OK && w->work > 0; p++) {
+        struct account less = { 0 };
+        double promise = 0;
+        int leading;
+        rc = fit(w, &w->own, p, 0, &less, err);
+        if (rc == MODAL_OK)
+            rc = gain(w, &less, err);
+        if (rc == MODAL_OK)
+            promise = choose(w, w->step, &leading);
+        if (promise > 0 && less.model.likelihood + promise > most) {
+            most = less.model.likelihood + promise;
+            *pole = p, *shape = leading;
+        }
+        account_done(&less);
+    }
+    return rc;
+}
+
+/* The own account, LESS one pole where that is asked for, with the likeliest w->a. */
+static enum modal_status find_account(struct work *w, bool less, struct account *out,
+                                      struct modal_error *err)
+{
+    int pole = -1, shape = 0;
+    bool more;
+    enum modal_status rc = less ? find_pole(w, &pole, &shape, err) : MODAL_OK;
+
+    if (rc != MODAL_OK || (less && pole < 0))
+        return rc;
+    clear(w, w->trial);
+    rc = fit(w, &w->own, pole, STEPS, out, err);
+    for (int i = 0; i < HEIGHTS && rc == MODAL_OK && less; i++) {
+        w->trial[shape] = ldexp(LOWEST, i);
+        rc = try(w, &w->own, pole, out, &more, err);
+    }
+    /* the way from several heights is one number's */
+    w->only = less ? shape : -1;
+    for (; rc == MODAL_OK && w->only >= 0; w->only = -1) {
+        rc = seek(w, out, err);
+        memcpy(w->trial, w->a, sizeof *w->a * (size_t)w->shapes.count);
+        /* poles that the way bent, where it began */
+        if (rc == MODAL_OK)
+            rc = try(w, &w->own, pole, out, &more, err);
+    }
+    return rc == MODAL_OK ? seek(w, out, err) : rc;
+}
+
+static enum modal_status ask(struct work *w, bool *cut, struct modal_error *err)
+{
+    const struct clipping_record *r = w->record;
+    enum modal_status rc = lines_make(r->responses, &w->shapes.s, &r->records, r->band, &w->cut,
+                                      err);
+
+    for (int c = 0; c < w->shapes.count && rc == MODAL_OK; c++)
+        cblas_zdscal(w->cut.count, w->cut.size[c], w->cut.W + (size_t)c * w->cut.count, 1);
+    if (rc == MODAL_OK)
+        rc = set_lines(w, &w->own.lines, err);
+    w->work = rc == MODAL_OK ? forced_work(&w->own.lines, w->limits) : 0;
+    w->more = (struct transfer_more) { w->shapes.count, w->shapes.input, w->cut.W };
+    for (int less = 0; less <= 1 && rc == MODAL_OK && !*cut; less++) {
+        struct account k = { 0 };
+        rc = find_account(w, less > 0, &k, err);
+        if (rc == MODAL_OK)
+            rc = is_better(w, &k, cut, err);
+        account_done(&k);
+    }
+    return rc;
+}
+
+/* As the search left it. */
+static double own_bic(const struct forced_search *own)
+{
+    int i = 0;
+
+    while (own->rung[i].poles != own->model.poles)
+        i++;
+    return own->rung[i].bic;
+}
+
+static enum modal_status work_init(struct work *w, struct modal_error *err)
+{
+    const struct matrix *u = w->record->inputs;
+    size_t inputs = (size_t)u->n, most = inputs * SHAPES;
+
+    w->only = -1;
+    w->u = matrix_new(u->m, u->n);
+    w->shapes.s = matrix_new(u->m, (int)most);
+    w->shapes.input = malloc(sizeof *w->shapes.input * most);
+    w->a = calloc(most, sizeof *w->a), w->trial = calloc(most, sizeof *w->trial);
+    w->step = calloc(most, sizeof *w->step);
+    w->asked = malloc(sizeof *w->asked * most);
+    w->M = malloc(sizeof *w->M * (most + 1) * (most + 1));
+    return w->u.x != NULL && w->shapes.s.x != NULL && w->shapes.input != NULL && w->a != NULL
+            && w->trial != NULL && w->step != NULL && w->asked != NULL && w->M != NULL
+        ? MODAL_OK
+        : modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d inputs", u->n);
 }
 
 enum modal_status clipping_find(const struct clipping_record *r, const struct forced_search *own,
                                 const struct forced_limits *limits, struct clipping *out, bool *cut,
                                 struct modal_error *err)
 {
-    int L = r->inputs->m, inputs = r->inputs->n;
-    struct work w = { r, own, limits, matrix_new(L, inputs), matrix_new(L, inputs),
-                      malloc(sizeof *w.a * (size_t)inputs) };
-    enum modal_status rc = MODAL_OK;
+    struct work w = { .record = r, .own.model = own->model, .bic = own_bic(own),
+                      .limits = limits };
+    int L = r->inputs->m, n;
+    enum modal_status rc = work_init(&w, err);
 
     *cut = false;
-    if (w.u.x == NULL || w.s.x == NULL || w.a == NULL)
-        rc = modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d inputs", inputs);
-    for (int how = 0; rc == MODAL_OK && how < KINDS && !*cut; how++)
-        rc = ask(&w, how, out, cut, err);
-    free(w.u.x), free(w.s.x), free(w.a);
+    for (int j = 0; j < r->inputs->n && rc == MODAL_OK; j++)
+        add_shapes(&w.shapes, r->inputs->x + (size_t)r->inputs->ld * j, j, &out[j]);
+    w.shapes.s.n = n = w.shapes.count;
+    /* as a number costs there, and one of so many */
+    w.price = log((double)L * r->responses->n) + 2 * log(n);
+    if (rc == MODAL_OK && n > 0 && own->model.poles > 0)
+        rc = ask(&w, cut, err);
+    for (int j = 0; j < r->inputs->n && *cut; j++) {
+        bool any = false;
+        for (int c = 0; c < n; c++)
+            any = any || (w.shapes.input[c] == j && w.a[c] > 0);
+        out[j].samples *= any;
+    }
+    lines_done(&w.cut), lines_done(&w.own.lines);
+    free(w.u.x), free(w.shapes.s.x), free(w.shapes.input);
+    free(w.a), free(w.trial), free(w.step), free(w.asked), free(w.M);
     return rc;
 }

@@ -620,8 +620,7 @@ static void about_fit(const struct work *w, struct identify_result *r)
     diagnose_still_channels(r);
 }
 
-/* Inputs that were cut off; what they went on by is an excitation that nobody measured.  A search
- * that ended early is no account to be held against another, and has no errors. */
+/* Inputs that were cut off; what they went on by is an excitation that nobody measured. */
 static enum modal_status about_inputs(struct work *w, struct identify_result *r,
                                       struct modal_error *err)
 {
@@ -632,7 +631,7 @@ static enum modal_status about_inputs(struct work *w, struct identify_result *r,
     struct forced_limits limits = search_limits(w);
     struct clipping each[IDENTIFY_INPUTS_MOST];
     char text[80];
-    enum modal_status rc = f->model.exact || f->limit ? MODAL_OK
+    enum modal_status rc = f->model.exact ? MODAL_OK
         : clipping_find(&record, f, &limits, each, &w->clipped, err);
 
     for (int j = 0; j < w->inputs.n && rc == MODAL_OK && w->clipped; j++)

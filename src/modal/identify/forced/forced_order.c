@@ -82,7 +82,7 @@ static double price_of(const struct lines *l, const struct transfer *t)
          + (l->drives - 1) * order * log(numbers * l->responses);
 }
 
-static double bic_of(const struct lines *l, const struct transfer *t)
+double forced_bic(const struct lines *l, const struct transfer *t)
 {
     return -2 * t->likelihood + price_of(l, t);
 }
@@ -114,7 +114,7 @@ static double worth_of(const struct lines *l, const struct transfer *t, const st
 /* Is T, of more poles, worth their price?  By one level of noise, and by those of its bands. */
 static bool pays(const struct lines *l, const struct transfer *t, const struct transfer *less)
 {
-    return bic_of(l, t) < bic_of(l, less)
+    return forced_bic(l, t) < forced_bic(l, less)
         && worth_of(l, t, less) > price_of(l, t) - price_of(l, less);
 }
 
@@ -141,7 +141,7 @@ static enum modal_status keep_rung(struct work *w, const struct transfer *t,
             o->rung[i] = o->rung[--o->rungs];
         }
     r = &o->rung[o->rungs];
-    *r = (struct forced_rung) { t->poles, bic_of(w->l, t), residual_of(w->l, t), t->converged,
+    *r = (struct forced_rung) { t->poles, forced_bic(w->l, t), residual_of(w->l, t), t->converged,
                                 malloc(sizeof *r->s * (n + 1)),
                                 malloc(sizeof *r->spread * (2 * n + 1)) };
     o->rungs++;
@@ -345,7 +345,7 @@ static enum modal_status settle(struct work *w, struct transfer *t, struct modal
         for (int j = 0; j < w->l->drives; j++)
             w->real.q[j + p * w->l->drives] = creal(t->q[j + p * w->l->drives]);
         rc = fit(w, STEPS_EACH, &w->real, err);
-        if (rc == MODAL_OK && bic_of(w->l, &w->real) < bic_of(w->l, t))
+        if (rc == MODAL_OK && forced_bic(w->l, &w->real) < forced_bic(w->l, t))
             transfer_copy(w->l, &w->real, t);
     }
     return rc;
@@ -409,11 +409,11 @@ static enum modal_status prune(struct work *w, struct modal_error *err)
     enum modal_status rc = MODAL_OK;
 
     for (int p = 0; p < t->poles && rc == MODAL_OK && w->limits->fixed == 0 && w->work > 0;) {
-        double bic = bic_of(w->l, t);
+        double bic = forced_bic(w->l, t);
         transfer_copy(w->l, t, &w->trial);
         transfer_drop(w->l, &w->trial, p);
         rc = fit(w, 0, &w->trial, err);
-        if (rc == MODAL_OK && bic_of(w->l, &w->trial) < bic + PATIENCE)
+        if (rc == MODAL_OK && forced_bic(w->l, &w->trial) < bic + PATIENCE)
             rc = fit(w, STEPS_EACH, &w->trial, err);
         if (rc == MODAL_OK && !pays(w->l, t, &w->trial)) {
             transfer_copy(w->l, &w->trial, t);
@@ -432,10 +432,15 @@ void forced_search_done(struct forced_search *s)
     memset(s, 0, sizeof *s);
 }
 
+double forced_work(const struct lines *l, const struct forced_limits *limits)
+{
+    return limits->work > 0 ? limits->work : fmax(WORK_MOST, WORK_LINE * l->count);
+}
+
 enum modal_status forced_search(const struct lines *l, const struct forced_limits *limits,
                                 struct forced_search *out, struct modal_error *err)
 {
-    double work = limits->work > 0 ? limits->work : fmax(WORK_MOST, WORK_LINE * l->count);
+    double work = forced_work(l, limits);
     struct work w = { .l = l, .limits = limits, .out = out, .work = work, .settling = work };
     size_t n = (size_t)l->count;
     enum modal_status rc = transfer_new(l, &out->model, err);

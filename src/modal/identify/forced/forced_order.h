@@ -37,5 +37,10 @@ struct forced_limits {
  */
 enum modal_status forced_search(const struct lines *lines, const struct forced_limits *limits,
                                 struct forced_search *out, struct modal_error *err);
+/* Multiplications that a search by LIMITS may take. */
+double forced_work(const struct lines *lines, const struct forced_limits *limits);
+
+/* What T costs: the less, the better an account. */
+double forced_bic(const struct lines *lines, const struct transfer *t);
 void forced_search_done(struct forced_search *search);
 #endif

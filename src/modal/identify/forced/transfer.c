@@ -40,6 +40,7 @@ static const double
     DEPENDENT = 1e-11,           /* of the largest eigenvalue: directions of V that are others */
     RIDGE = 1e-12,               /* of S's diagonal: what is not seen has 1e6 times its own error */
     ROUNDING = 1e-12,            /* rms left over, of the response's: a recursion's rounding */
+    ALONE = 1e-9,                /* of its square: what all else leaves of it is no rounding */
     CAREFUL = 1e-3,              /* first damping of a step */
     FASTEST = 4;                 /* ln of what is left of a motion after a sample: nothing */
 
@@ -83,76 +84,6 @@ double transfer_work(const struct lines *l, int poles)
     return work_of_measure(l, poles) + work_of_step(l, poles);
 }
 
-/* ---- models ---- */
-
-void transfer_done(struct transfer *t)
-{
-    free(t->s), free(t->q), free(t->held), free(t->x), free(t->rss), free(t->band);
-    free(t->variance);
-    free(t->spread), free(t->energy);
-    memset(t, 0, sizeof *t);
-}
-
-static size_t size_of_x(const struct lines *l, int poles)
-{
-    return (size_t)(2 * poles + l->direct) * (size_t)l->responses;
-}
-
-enum modal_status transfer_new(const struct lines *l, struct transfer *out, struct modal_error *err)
-{
-    const size_t most = TRANSFER_POLES_MOST, responses = (size_t)l->responses;
-
-    *out = (struct transfer) {
-        .s = calloc(most, sizeof *out->s),
-        .q = calloc(most * (size_t)l->drives, sizeof *out->q),
-        .held = calloc(most, sizeof *out->held),
-        .x = calloc(size_of_x(l, TRANSFER_POLES_MOST), sizeof *out->x),
-        .rss = calloc(responses, sizeof *out->rss),
-        .band = calloc(responses * (size_t)l->bands, sizeof *out->band),
-        .variance = calloc(responses, sizeof *out->variance),
-        .spread = calloc(2 * most, sizeof *out->spread),
-        .energy = calloc(most, sizeof *out->energy) };
-    if (out->s != NULL && out->q != NULL && out->held != NULL && out->x != NULL && out->rss != NULL
-        && out->band != NULL && out->variance != NULL && out->spread != NULL && out->energy != NULL)
-        return MODAL_OK;
-    transfer_done(out);
-    return modal_fail(err, MODAL_NO_MEMORY, "transfer: no memory for %d responses", l->responses);
-}
-
-void transfer_copy(const struct lines *l, const struct transfer *from, struct transfer *to)
-{
-    size_t n = (size_t)from->poles, responses = (size_t)l->responses;
-    struct transfer own = *to;
-
-    *to = *from;
-    to->s = memcpy(own.s, from->s, sizeof *own.s * n);
-    to->q = memcpy(own.q, from->q, sizeof *own.q * n * (size_t)l->drives);
-    to->held = memcpy(own.held, from->held, sizeof *own.held * n);
-    to->x = memcpy(own.x, from->x, sizeof *own.x * size_of_x(l, from->poles));
-    to->rss = memcpy(own.rss, from->rss, sizeof *own.rss * responses);
-    to->band = memcpy(own.band, from->band, sizeof *own.band * responses * (size_t)l->bands);
-    to->variance = memcpy(own.variance, from->variance, sizeof *own.variance * responses);
-    to->spread = memcpy(own.spread, from->spread, sizeof *own.spread * 2 * n);
-    to->energy = memcpy(own.energy, from->energy, sizeof *own.energy * n);
-}
-
-/* The strongest of pole p's drives is 1. */
-static void hold(const struct lines *l, struct transfer *t, int p)
-{
-    double complex *q = t->q + (size_t)p * l->drives, one;
-    int at = 0;
-
-    for (int j = 1; j < l->drives; j++)
-        if (cabs(q[j]) > cabs(q[at]))
-            at = j;
-    /* phi q^T is one product: a factor moves from one to the other, and one entry holds it */
-    one = q[at];
-    for (int j = 0; j < l->drives; j++)
-        q[j] = one != 0 ? q[j] / one : j == at;
-    q[at] = 1;
-    t->held[p] = at;
-}
-
 /* Of every pole whose drive is not the strongest by far any more; true where one changed. */
 static bool hold_all(const struct lines *l, struct transfer *t)
 {
@@ -164,29 +95,9 @@ static bool hold_all(const struct lines *l, struct transfer *t)
         for (int j = 0; j < l->drives; j++)
             most = fmax(most, cabs(t->q[j + (size_t)p * l->drives]));
         if (most > WEAK)
-            hold(l, t, p), changed = true;
+            transfer_hold(l, t, p), changed = true;
     }
     return changed;
-}
-
-void transfer_add(const struct lines *l, struct transfer *t, double complex s,
-                  const double complex *q)
-{
-    int p = t->poles++;
-
-    t->s[p] = s;
-    memcpy(t->q + (size_t)p * l->drives, q, sizeof *q * (size_t)l->drives);
-    hold(l, t, p);
-}
-
-void transfer_drop(const struct lines *l, struct transfer *t, int pole)
-{
-    size_t behind = (size_t)(--t->poles - pole), drives = (size_t)l->drives;
-
-    memmove(t->s + pole, t->s + pole + 1, sizeof *t->s * behind);
-    memmove(t->held + pole, t->held + pole + 1, sizeof *t->held * behind);
-    memmove(t->q + (size_t)pole * drives, t->q + ((size_t)pole + 1) * drives,
-            sizeof *t->q * behind * drives);
 }
 
 /* ---- columns ---- */
@@ -364,24 +275,30 @@ static void weigh(const struct lines *l, struct transfer *t, struct sums *s)
     }
 }
 
-/* All sums at *T, its shapes and direct terms, its likelihood. */
-static enum modal_status measure(const struct lines *l, struct transfer *t, struct sums *s,
-                                 struct modal_error *err)
+/* All sums at *T. */
+static enum modal_status take_all(const struct lines *l, const struct transfer *t, struct sums *s,
+                                  struct modal_error *err)
 {
     int K = s->K, V = s->V;
-    double *b = calloc((size_t)V * l->responses + 1, sizeof *b);
-    enum modal_status rc;
 
-    if (b == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "transfer: no memory for %d responses",
-                          l->responses);
     s->spent += work_of_measure(l, t->poles);
     fill_Q(l, t, s);
     take_sums(l, t, s);
     cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, K, V, K, 1, s->G, K, s->Q, K, 0, s->GV,
                 K);
     cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, V, V, K, 1, s->Q, K, s->GV, K, 0, s->A, V);
-    rc = invert(s->A, V, err);
+    return invert(s->A, V, err);
+}
+
+/* These, its shapes and direct terms, its likelihood. */
+static enum modal_status measure(const struct lines *l, struct transfer *t, struct sums *s,
+                                 struct modal_error *err)
+{
+    int K = s->K, V = s->V;
+    double *b = calloc((size_t)V * l->responses + 1, sizeof *b);
+    enum modal_status rc = b != NULL ? take_all(l, t, s, err)
+        : modal_fail(err, MODAL_NO_MEMORY, "transfer: no memory for %d responses", l->responses);
+
     if (rc == MODAL_OK) {
         cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, V, l->responses, K, 1, s->Q, K, s->B,
                     K, 0, b, V);
@@ -743,5 +660,101 @@ enum modal_status transfer_frf(const struct lines *l, struct transfer *t, const 
             }
         }
     workspace_free(&s.held), workspace_free(&r.held);
+    return rc;
+}
+
+/* ---- more of the inputs ---- */
+
+/* What the model has responses do by so much more of the inputs, below those of L. */
+static enum modal_status set_answers(const struct lines *l, const struct transfer *t,
+                                     const struct transfer_more *more, double complex *Y,
+                                     struct modal_error *err)
+{
+    int V = 2 * t->poles + l->direct, K = PARTS * t->poles * l->drives + l->direct;
+    size_t each = (size_t)l->count * (size_t)l->responses;
+    double complex *v = malloc(sizeof *v * (size_t)(V + K + 1));
+
+    if (v == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "transfer: no memory for %d unknowns", V + K);
+    memcpy(Y, l->Y, sizeof *Y * each);
+    for (int c = 0; c < more->count; c++)
+        for (int n = 0; n < l->count; n++) {
+            fill_rows(l, t, l->z[n], more->input[c], v, v + V);
+            for (int i = 0; i < l->responses; i++) {
+                double complex h = 0;
+                for (int k = 0; k < V; k++)
+                    h += v[k] * t->x[k + (size_t)V * i];
+                Y[each * (c + 1) + n + (size_t)i * l->count]
+                    = h * more->U[n + (size_t)c * l->count];
+            }
+        }
+    free(v);
+    return MODAL_OK;
+}
+
+/* M of transfer_gain(), of the N columns of each response in ALL, by their sums and S^-1. */
+static void take_gain(const struct lines *l, const struct lines *all, const struct transfer *t,
+                      struct sums *s, int n, double *room, double *M)
+{
+    int K = s->K, V = s->V, g = s->g, R = l->responses, rows = 2 * l->count;
+    double *VY = room, *X = VY + (size_t)V * R * n, *T = X + (size_t)V * R * n;
+    double *J = T + (size_t)K * g, *SJ = J + (size_t)g * n, *whole = SJ + (size_t)g * n;
+
+    memset(whole, 0, sizeof *whole * (size_t)n);
+    cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, V, R * n, K, 1, s->Q, K, s->B, K, 0, VY,
+                V);
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, V, R * n, V, 1, s->A, V, VY, V, 0, X, V);
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, K, R * n, V, -1, s->GV, K, X, V, 1, s->B,
+                K);
+    memset(M, 0, sizeof *M * (size_t)n * n);
+    for (int i = 0; i < R; i++) {
+        const double *Y = (const double *)(all->Y + (size_t)i * l->count);
+        double w = 1 / t->variance[i];
+        fill_T(l, t, i, K, T);
+        cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, n, n, rows, w, Y, rows * R, Y,
+                    rows * R, 1, M, n);
+        for (int c = 0; c < n; c++)
+            whole[c] += w * cblas_ddot(rows, Y + (size_t)rows * R * c, 1,
+                                       Y + (size_t)rows * R * c, 1);
+        cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, n, n, V, -w, X + (size_t)V * i, V * R,
+                    VY + (size_t)V * i, V * R, 1, M, n);
+        cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, g, n, K, w, T, K,
+                    s->B + (size_t)K * i, K * R, i > 0, J, g);
+    }
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, g, n, g, 1, s->S, g, J, g, 0, SJ, g);
+    cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, n, n, g, -1, J, g, SJ, g, 1, M, n);
+    for (int c = 1; c < n; c++)
+        if (!(M[c + (size_t)n * c] > ALONE * whole[c]))
+            M[n * c] = 0;
+}
+
+enum modal_status transfer_gain(const struct lines *l, struct transfer *t,
+                                const struct transfer_more *more, double *M,
+                                struct modal_error *err)
+{
+    int n = more->count + 1;
+    struct lines all = *l;
+    struct sums s = { 0 };
+    double *room = NULL;
+    enum modal_status rc;
+
+    all.responses *= n;
+    rc = sums_new(&all, t->poles, &s, err);
+    all.Y = workspace_zeros(&s.held, (size_t)l->count * (size_t)all.responses, sizeof *all.Y);
+    room = workspace_zeros(&s.held, (size_t)s.V * (size_t)(2 * all.responses)
+                           + (size_t)s.g * (size_t)(s.K + 2 * n) + (size_t)n, sizeof *room);
+    if (rc == MODAL_OK)
+        rc = workspace_check(&s.held, "transfer: no memory for more of the inputs", err);
+    if (rc == MODAL_OK)
+        rc = set_answers(l, t, more, all.Y, err);
+    if (rc == MODAL_OK)
+        rc = take_all(&all, t, &s, err);
+    if (rc == MODAL_OK)
+        rc = make_step(l, t, &s, err);
+    if (rc == MODAL_OK && s.g > 0 && !covariance(s.S, s.g))
+        memset(s.S, 0, sizeof *s.S * (size_t)s.g * s.g);    /* s and q then stay where they are */
+    if (rc == MODAL_OK)
+        take_gain(l, &all, t, &s, n, room, M);
+    workspace_free(&s.held);
     return rc;
 }

@@ -49,6 +49,9 @@ enum modal_status transfer_new(const struct lines *lines, struct transfer *out,
 void transfer_done(struct transfer *t);
 void transfer_copy(const struct lines *lines, const struct transfer *from, struct transfer *to);
 
+/* The strongest of pole P's drives, which it is held by, is 1 again. */
+void transfer_hold(const struct lines *lines, struct transfer *t, int pole);
+
 /* One pole more, driven by Q; one less. */
 void transfer_add(const struct lines *lines, struct transfer *t, double complex s,
                   const double complex *q);
@@ -76,6 +79,19 @@ enum modal_status transfer_rest(const struct lines *lines, const struct transfer
 enum modal_status transfer_frf(const struct lines *lines, struct transfer *t, const double *turn,
                                int count, double complex *H, double *spread,
                                struct modal_error *err);
+
+/* More of inputs: of each column c, U's lines (count x columns) added to INPUT[c], over
+ * sqrt(samples) as lines are. */
+struct transfer_more { int count; const int *input; const double complex *U; };
+
+/*
+ * What it takes off: at *T, as transfer_fit left it, with a_c times column c the likelihood's
+ * logarithm changes by score . a - a . info a / 2, all else fitted anew, to the second order.  M is
+ * (count + 1)^2: row 0 from entry 1 on the score, rows and columns from 1 on the information.
+ */
+enum modal_status transfer_gain(const struct lines *lines, struct transfer *t,
+                                const struct transfer_more *more, double *M,
+                                struct modal_error *err);
 
 /* Of one step of a fit of so many POLES: multiplications of its products. */
 double transfer_work(const struct lines *lines, int poles);

@@ -177,8 +177,10 @@ TEST(growth_among_many_decays_is_unstable_and_hides_none_before_rounding_does)
 TEST(growth_that_is_rounded_to_more_than_the_noise_leaves_every_mode_in_the_record_before)
 {
     enum { ROWS = 2000, MODES = 20 };
+    static const uint64_t seeds[] = { 0, 3, 1, 4, 2, 5 };
 
-    for (uint64_t seed = 0; seed < 6; seed++) {
+    for (int draw = 0; draw < check_draws(2, 6); draw++) {
+        uint64_t seed = seeds[draw];
         int modes = seed < 3 ? MODES : 3, width = seed < 3 ? 6 : 4;
         struct random rng = { 1200 + seed };
         struct identify_result r;

@@ -247,7 +247,7 @@ TEST(noise_about_the_step_and_above_changes_nothing_of_that)
  * is.  Adds the errors over their standard errors that are below 1.96, and all. */
 static void check_digits(uint64_t seed, int digits, int *within, int *all)
 {
-    enum { L = 2000, S = 3 };
+    enum { L = 1000, S = 3 };
     static double y[L * S], z[L * S];
     struct random rng = { seed };
     struct decay d = { .modes = 1 + (int)(seed % 3), .channels = S, .samples = L, .dt = 0.01 };

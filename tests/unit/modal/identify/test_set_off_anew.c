@@ -1,11 +1,11 @@
 /* test_set_off_anew.c - a motion that is struck again within the record is no instability, and a
  * system that grows is one though it is struck
  *
- * FEW of DRAWS random systems of one to three modes, 0.5 to 8 Hz, damping ratios 0.002 to 0.03 (one
- * of them negative where it grows), in three signals with noise of 1e-4 to 1e-2 of their rms; struck
- * at the start and, where said, once more at a random sample.  A free response is not what such a
- * record holds, so that `undecided` is as right as the truth; the wrong verdict is what must never
- * come.
+ * FEW, or in the nightly run DRAWS, random systems of one to three modes, 0.5 to 8 Hz, damping
+ * ratios 0.002 to 0.03 (one of them negative where it grows), in three signals with noise of 1e-4
+ * to 1e-2 of their rms; struck at the start and, where said, once more at a random sample.  A free
+ * response is not what such a record holds, so that `undecided` is as right as the truth; the wrong
+ * verdict is what must never come.
  */
 #include "modal/identify/identify.h"
 #include <math.h>

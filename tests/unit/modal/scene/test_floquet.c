@@ -804,7 +804,7 @@ TEST(rigid_motion_of_a_large_chain_is_a_double_multiplier_of_one_in_all_units)
     char *text = malloc(40 * 300 + 800);
 
     assert_non_null(text);
-    for (int u = 0; u < 3; u++) {
+    for (int u = 0; u < check_draws(2, 3); u++) {
         char *at = text;
         struct floquet f;
 

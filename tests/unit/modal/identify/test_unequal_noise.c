@@ -139,7 +139,7 @@ TEST(the_bar_of_a_mode_in_noise_is_its_bound_whatever_is_exact_beside_it)
  * all three modes, and that they decay freely. */
 TEST(a_channel_of_mostly_noise_does_not_hide_what_the_others_hear)
 {
-    for (uint64_t seed = 0; seed < 16; seed++) {
+    for (uint64_t seed = 0; seed < (uint64_t)check_draws(6, 16); seed++) {
         struct random rng = { 900 + seed };
         struct decay d;
         struct identify_result r;

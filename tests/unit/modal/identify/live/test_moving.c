@@ -141,6 +141,8 @@ static double apart(const struct identify_result *a, const struct identify_resul
     return worst;
 }
 
+/* Every so many windows are held against a batch of them, or NONE is. */
+enum { NONE = 1 << 30 };
 static struct tally compare(const double *x, int samples, struct moving_options opt, int chunk,
                             int every, double rounding)
 {
@@ -386,9 +388,9 @@ TEST(a_mode_that_begins_in_mid_record_is_found_when_a_batch_finds_it)
         for (int c = 0; c < 3; c++)
             x[k * 3 + c] += 0.3 * (c + 1) * exp(-1e-3 * (k - 1500) * d.dt) *
                             cos(w * d.dt * (k - 1500) + c);
-    before = compare(x, 1500, opt, 100, 1, 0);
+    before = compare(x, 1500, opt, 100, NONE, 0);
     all = compare(x, d.samples, opt, 100, 1, 0);
-    after = compare(x + 2100 * 3, d.samples - 2100, opt, 100, 1, 0);
+    after = compare(x + 2100 * 3, d.samples - 2100, opt, 100, NONE, 0);
     CHECK_NEAR(all.worst, 0, 1e-9);
     CHECK(before.updates == before.windows - 1);
     CHECK(all.windows - all.updates >= 2 && all.updates >= before.updates);

@@ -1,13 +1,13 @@
 /* test_diagnostics.c - each diagnostic on either side of its threshold
  *
  * A row makes a record of random modes on the side where its code is to be told and on the side
- * where it is not; three draws of each.  What else may be said is not asked. */
+ * where it is not; FEW or DRAWS of each.  What else may be said is not asked. */
 #include "check.h"
 #include <stdio.h>
 #include "modal/identify/identify.h"
 #include "signals.h"
 
-enum { MOST = 40000, MODES = 3, DRAWS = 3 };
+enum { MOST = 40000, MODES = 3, FEW = 2, DRAWS = 3 };
 static double y[MOST];
 
 struct made {
@@ -301,7 +301,7 @@ static bool is_told(const struct row *row, uint64_t seed, bool told)
 TEST(each_code_is_told_beyond_its_threshold_and_not_before)
 {
     for (size_t i = 0; i < sizeof rows / sizeof *rows; i++)
-        for (uint64_t seed = 0; seed < 2 * DRAWS; seed++) {
+        for (uint64_t seed = 0; seed < 2 * (uint64_t)check_draws(FEW, DRAWS); seed++) {
             bool told = seed % 2, said = is_told(&rows[i], 40 + 7 * seed + 100 * i, told);
             if (said != told)
                 printf("%s: %s\n", rows[i].code, told ? "not told" : "told");

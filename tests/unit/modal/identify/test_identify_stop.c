@@ -47,7 +47,7 @@ static double *stopped_signals(struct decay *d, int *stop, bool dies, struct ran
 /* Errors of 4 standard deviations have a chance of 1e-4 each; the row is told within a few. */
 TEST(a_response_that_stops_is_told_without_a_verdict_and_what_comes_before_has_the_true_modes)
 {
-    for (int i = 0; i < STOPS; i++) {
+    for (int i = 0; i < check_draws(3, STOPS); i++) {
         struct random rng = { 7000 + (uint64_t)i };
         struct decay d = { 0 };
         int stop;

@@ -9,12 +9,17 @@
  * checked, so that a changed, zeroed or misplaced page is SQLITE_IOERR_DATA. Pages in the log keep
  * SQLite's own checksum; they get ours when they are copied to the database.
  *
+ * SQLite writes its log by frames, 24 bytes and a page each.  They are held here until a commit's
+ * frame comes, or what needs them in the file: a group is one write, where each of its pages was
+ * two.  Nobody else is told of a frame before its commit is there.
+ *
  * All else is the default VFS's.
  */
 #include "store/file.h"
 #include <errno.h>
 #include <pthread.h>
 #include <sqlite3.h>
+#include <stdlib.h>
 #include <string.h>
 #include "base/crc32c.h"
 #include "store/file_fault.h"
@@ -24,12 +29,19 @@ enum { DATABASE_HEADER = 100 };    /* bytes of page 1: SQLite's format */
 enum {
     PAGE     = 4096,     /* SQLite's default, which ledgers are made with */
     RESERVED = PAGE - FILE_PAGE_DATA,    /* bytes at its end, 8: the checksum and "mdlc" */
+    FRAME_HEADER = 24,       /* bytes: SQLite's format */
+    HELD_MOST = 16 * (FRAME_HEADER + PAGE),      /* bytes: a page has a sixteenth of a call */
 };
 
 struct vfs_file {
     sqlite3_file base;
     bool checked;            /* a database whose pages carry checksums */
     bool database;
+    bool log;
+    bool commits;            /* the latest frame of the log ends a transaction */
+    char *held;              /* of the log, from `held_at` on, not in the file yet; NULL: no room */
+    int held_size;
+    sqlite3_int64 held_at;
     sqlite3_file real[];     /* the default VFS's file, szOsFile bytes */
 };
 
@@ -79,25 +91,6 @@ static void learn(struct vfs_file *file, const void *page, int amount, sqlite3_i
         file->checked = ((const unsigned char *)page)[20] == RESERVED;
 }
 
-static int vfs_close(sqlite3_file *file)
-{
-    return real(file)->pMethods->xClose(real(file));
-}
-
-static int vfs_read(sqlite3_file *base, void *data, int amount, sqlite3_int64 offset)
-{
-    struct vfs_file *file = (struct vfs_file *)base;
-    int rc = GUARDED(FILE_PREAD, SQLITE_IOERR_READ,
-                     real(base)->pMethods->xRead(real(base), data, amount, offset));
-
-    if (rc != SQLITE_OK)
-        return rc;
-    learn(file, data, amount, offset);
-    if (!file->checked || !is_page(file, amount, offset))
-        return rc;
-    return file_vfs_page_good(data, offset) ? SQLITE_OK : SQLITE_IOERR_DATA;
-}
-
 /* As the default VFS writes, which takes of what file.h has for a full disk ENOSPC alone. */
 static int write_real(sqlite3_file *base, const void *data, int amount, sqlite3_int64 offset)
 {
@@ -119,43 +112,115 @@ static int write_through(sqlite3_file *base, const void *data, int amount, sqlit
                : write_real(base, (const char *)data + half, amount - half, offset + half);
 }
 
-static int vfs_write(sqlite3_file *base, const void *data, int amount, sqlite3_int64 offset)
+static int write_out(sqlite3_file *base, const void *data, int amount, sqlite3_int64 offset)
 {
-    struct vfs_file *file = (struct vfs_file *)base;
     struct file_fault fault = file_fault_next(FILE_PWRITE);
-    unsigned char page[PAGE];
     int rc = fault_code(fault, SQLITE_IOERR_WRITE);
 
-    learn(file, data, amount, offset);
-    if (file->checked && is_page(file, amount, offset)) {
-        memcpy(page, data, PAGE);
-        page_sum(page, offset, page + PAGE - RESERVED);
-        data = page;
-    }
     if (rc == SQLITE_OK)
         rc = write_through(base, data, amount, offset, fault.cut);
     file_fault_after(fault);
     return rc;
 }
 
+/* What is held goes to the file, or is lost with its transaction, which fails of that. */
+static int write_held(sqlite3_file *base)
+{
+    struct vfs_file *file = (struct vfs_file *)base;
+    const int size = file->held_size;
+
+    file->held_size = 0;
+    return size > 0 ? write_out(base, file->held, size, file->held_at) : SQLITE_OK;
+}
+
+/* A piece of the log; a commit's frame goes to the file with what is held before it. */
+static int hold(sqlite3_file *base, const void *data, int amount, sqlite3_int64 offset)
+{
+    struct vfs_file *file = (struct vfs_file *)base;
+    const unsigned char *p = data;
+    int rc = SQLITE_OK;
+
+    if (offset != file->held_at + file->held_size || amount > HELD_MOST - file->held_size)
+        rc = write_held(base);
+    if (file->held == NULL)
+        file->held = malloc(HELD_MOST);
+    if (rc != SQLITE_OK || file->held == NULL || amount > HELD_MOST)
+        return rc != SQLITE_OK ? rc : write_out(base, data, amount, offset);
+    if (file->held_size == 0)
+        file->held_at = offset;
+    memcpy(file->held + file->held_size, data, (size_t)amount);
+    file->held_size += amount;
+    if (amount != FRAME_HEADER)
+        return file->commits ? write_held(base) : SQLITE_OK;
+    file->commits = (p[4] | p[5] | p[6] | p[7]) != 0;      /* the pages of the database then */
+    return SQLITE_OK;
+}
+
+static int vfs_close(sqlite3_file *base)
+{
+    free(((struct vfs_file *)base)->held);         /* of no transaction that was committed */
+    return real(base)->pMethods->xClose(real(base));
+}
+
+static int vfs_read(sqlite3_file *base, void *data, int amount, sqlite3_int64 offset)
+{
+    struct vfs_file *file = (struct vfs_file *)base;
+    int rc = write_held(base);
+
+    if (rc == SQLITE_OK)
+        rc = GUARDED(FILE_PREAD, SQLITE_IOERR_READ,
+                     real(base)->pMethods->xRead(real(base), data, amount, offset));
+
+    if (rc != SQLITE_OK)
+        return rc;
+    learn(file, data, amount, offset);
+    if (!file->checked || !is_page(file, amount, offset))
+        return rc;
+    return file_vfs_page_good(data, offset) ? SQLITE_OK : SQLITE_IOERR_DATA;
+}
+
+static int vfs_write(sqlite3_file *base, const void *data, int amount, sqlite3_int64 offset)
+{
+    struct vfs_file *file = (struct vfs_file *)base;
+    unsigned char page[PAGE];
+
+    if (file->log)
+        return hold(base, data, amount, offset);
+    learn(file, data, amount, offset);
+    if (file->checked && is_page(file, amount, offset)) {
+        memcpy(page, data, PAGE);
+        page_sum(page, offset, page + PAGE - RESERVED);
+        data = page;
+    }
+    return write_out(base, data, amount, offset);
+}
+
 static int vfs_truncate(sqlite3_file *file, sqlite3_int64 size)
 {
-    return GUARDED(FILE_FTRUNCATE, SQLITE_IOERR_TRUNCATE,
-                   real(file)->pMethods->xTruncate(real(file), size));
+    int rc = write_held(file);
+
+    return rc != SQLITE_OK ? rc
+                           : GUARDED(FILE_FTRUNCATE, SQLITE_IOERR_TRUNCATE,
+                                     real(file)->pMethods->xTruncate(real(file), size));
 }
 
 static int vfs_sync(sqlite3_file *file, int flags)
 {
-    int rc = GUARDED(FILE_FDATASYNC, SQLITE_IOERR_FSYNC,
-                     real(file)->pMethods->xSync(real(file), flags));
+    int rc = write_held(file);
 
+    if (rc != SQLITE_OK)
+        return rc;
+    rc = GUARDED(FILE_FDATASYNC, SQLITE_IOERR_FSYNC,
+                 real(file)->pMethods->xSync(real(file), flags));
     /* whatever the reason, what is on the disk is unknown */
     return rc == SQLITE_FULL ? SQLITE_IOERR_FSYNC : rc;
 }
 
 static int vfs_file_size(sqlite3_file *file, sqlite3_int64 *size)
 {
-    return real(file)->pMethods->xFileSize(real(file), size);
+    int rc = write_held(file);
+
+    return rc != SQLITE_OK ? rc : real(file)->pMethods->xFileSize(real(file), size);
 }
 
 static int vfs_lock(sqlite3_file *file, int level)
@@ -238,6 +303,7 @@ static int vfs_open(sqlite3_vfs *vfs, const char *name, sqlite3_file *base, int 
     (void)vfs;
     memset(file, 0, sizeof *file);
     file->database = (flags & SQLITE_OPEN_MAIN_DB) != 0;
+    file->log = (flags & SQLITE_OPEN_WAL) != 0;
     rc = GUARDED(FILE_OPEN, SQLITE_CANTOPEN,
                  under->xOpen(under, name, real(base), flags, out_flags));
     if (rc == SQLITE_OK)

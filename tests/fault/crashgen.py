@@ -1,14 +1,15 @@
 """The disk states a power cut may leave, from a record of libcrashio.so.
 
 A file is an inode: what was synced, and the changes since.  A folder's entries are durable once the
-folder is synced.  At a cut everything synced is there, and of the rest any subset, the last write
-of a file torn at any byte.  That is more than real file systems do to us (they keep more order), so
+folder is synced.  At a cut everything synced is there, and of the rest any subset of pages, any of
+them torn at any byte.  That is more than real file systems do to us (they keep more order), so
 what survives here survives there.
 """
 import random
 import struct
 
 HEAD = struct.Struct("<BBHIQQ")
+PAGE = 4096
 
 
 def read_log(path):
@@ -83,6 +84,11 @@ class Disk:
             self.pending = [p for p in self.pending if p[0] != name]
         elif op == "s":
             self.files[inode].sync()
+        elif op == "w":             # page by page, as a disk may have it
+            pending, end = self.files[inode].pending, offset + len(data)
+            for at in range(offset - offset % PAGE, end, PAGE):
+                first, last = max(at, offset), min(at + PAGE, end)
+                pending.append((op, first, data[first - offset:last - offset]))
         else:
             self.files[inode].pending.append((op, offset, data))
 

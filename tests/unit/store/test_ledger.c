@@ -3,6 +3,7 @@
  * tape.c */
 #include "check.h"
 #include <fcntl.h>
+#include <limits.h>
 #include <stdlib.h>
 #include <sqlite3.h>
 #include <sys/file.h>
@@ -106,6 +107,7 @@ static enum modal_status one(struct ledger *ledger, struct ledger_change change)
 /* What a load gives, counted, the last of each kept. */
 struct seen {
     int inputs, jobs, results, tombstones, notes, events, segments;
+    int notes_as[3];                     /* of streams, by their first letter */
     struct segment_record segment[8];
     struct input_record input;
     struct job_record job;
@@ -153,6 +155,8 @@ static enum modal_status see_note(void *context, const struct note_record *note)
     seen->notes++;
     if (strcmp(note->topic, "stream") != 0)
         CHECK_STRING(note->text, "second");
+    else if (note->text[0] >= 'a' && note->text[0] <= 'c')
+        seen->notes_as[note->text[0] - 'a']++;
     return MODAL_OK;
 }
 
@@ -467,6 +471,37 @@ TEST(a_thousand_pushes_of_forty_streams_in_one_group_are_one_write_and_later_a_r
     seen = load(ledger);
     CHECK(seen.segments == 40);
     CHECK(seen.segment[2].stream == 3 && seen.segment[2].count == 75);
+    stop(ledger);
+}
+
+/* In each group of rows none is beside another on its page of 4096 bytes; the second is more than
+ * is held at once, the third more than SQLite keeps in memory, which reads its own frames again.
+ * One write is the mark's, the first of all the log's header.  Before, each page was two. */
+TEST(a_group_is_one_write_of_the_log_for_each_sixteen_pages_and_is_there_afterwards)
+{
+    static const struct { int rows; long writes; } cases[] = { { 12, 3 }, { 40, 5 },
+                                                               { 1500, LONG_MAX } };
+    static struct ledger_change changes[1500];
+    static char text[3000], names[1500][12];
+    struct ledger *ledger = start();
+    struct seen seen;
+
+    memset(text, 'x', sizeof text - 1);
+    for (int k = 0; k < 3; k++) {
+        const long before = writes_of_this_process();
+        text[0] = (char)('a' + k);
+        for (int i = 0; i < cases[k].rows; i++) {
+            snprintf(names[i], sizeof names[i], "%d", i);
+            changes[i] = (struct ledger_change) { .verb = LEDGER_NOTE_PUT,
+                                                  .note = { "stream", names[i], text } };
+        }
+        CHECK(ledger_commit(ledger, changes, (size_t)cases[k].rows, NULL) == MODAL_OK);
+        CHECK(writes_of_this_process() - before <= cases[k].writes);
+    }
+    ledger = again(ledger);
+    seen = load(ledger);
+    CHECK(seen.notes == 1500 && seen.notes_as[0] == 0 && seen.notes_as[1] == 0);
+    CHECK(seen.notes_as[2] == 1500);
     stop(ledger);
 }
 

@@ -13,12 +13,18 @@
 
 void worker_send(struct core *c, int slot, const char *verb, cJSON *header, struct blob *body)
 {
-    const struct remote *remote = c->slots->at[slot].remote;
     char *text = json_print(header);
 
     cJSON_Delete(header);
     if (text == NULL)
         abort();
+    worker_send_text(c, slot, verb, text, body);
+}
+
+void worker_send_text(struct core *c, int slot, const char *verb, char *text, struct blob *body)
+{
+    const struct remote *remote = c->slots->at[slot].remote;
+
     core_act(c, (struct action) {
                     .type = remote != NULL ? ACT_REMOTE : ACT_WORKER, .slot = slot,
                     .peer = remote != NULL ? remote->peer : 0, .verb = verb, .header = text,

@@ -479,6 +479,8 @@ void slots_init(struct core *c);
 void slots_done(struct core *c);
 /* VERB to the worker of SLOT; HEADER and BODY (or NULL) are taken. */
 void worker_send(struct core *c, int slot, const char *verb, cJSON *header, struct blob *body);
+/* The same, its header as TEXT, which is taken. */
+void worker_send_text(struct core *c, int slot, const char *verb, char *text, struct blob *body);
 /* A PART of it has its place: it may send one more. */
 void worker_go(struct core *c, int slot);
 /* Its process group ends now, or it is told to and not heard any more; SLOT -1 is none. */

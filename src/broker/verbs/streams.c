@@ -91,9 +91,13 @@ struct stream *stream_make(struct core *c, struct user *user, const char *name,
     wire_input_write(header, w);
     cJSON_DeleteItemFromObject(header, "samples");
     cJSON_DeleteItemFromObject(header, "content");
-    if (window != NULL)
-        cJSON_AddItemToObject(header, "window", cJSON_Duplicate(window, true));
     s->header = json_print(header);
+    s->input_length = strlen(s->header) - 1;
+    if (window != NULL) {
+        free(s->header);
+        cJSON_AddItemToObject(header, "window", cJSON_Duplicate(window, true));
+        s->header = json_print(header);
+    }
     cJSON_Delete(header);
     window_init(s, window, w);
     s->next_stream = c->streams;

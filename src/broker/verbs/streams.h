@@ -55,6 +55,7 @@ struct stream {
     int64_t id;
     struct user *user;
     char *name, *header;                  /* header: what open said, as JSON */
+    size_t input_length;                  /* of it what is said of samples, before `window` */
     uint64_t channels;
     double dt, period;
     /* of the present epoch: its first sample, the next to come */

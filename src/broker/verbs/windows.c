@@ -325,31 +325,36 @@ static struct stream *leave(struct core *c, int slot)
     return s;
 }
 
-static cJSON *run_header(const struct stream *s, int attempt, uint64_t first)
+/* The caller's to free. */
+static char *run_header(const struct stream *s, int attempt, uint64_t first)
 {
-    cJSON *header = cJSON_CreateObject(), *input = cJSON_Parse(s->header), *live;
     const struct window *w = &s->window;
+    struct json_text text = { 0 };
     char name[24];
 
     snprintf(name, sizeof name, "%lld", (long long)s->id);
-    cJSON_AddStringToObject(header, "job", "live");
-    cJSON_AddNumberToObject(header, "attempt", attempt);
-    cJSON_AddStringToObject(header, "kind", "identify");
-    cJSON_AddRawToObject(header, "options", w->options);
-    cJSON_AddNumberToObject(header, "run_limit_s", LIVE_LIMIT_S);
-    live = cJSON_AddObjectToObject(header, "live");
-    cJSON_AddStringToObject(live, "stream", name);
-    cJSON_AddNumberToObject(live, "epoch", (double)w->epoch);
-    cJSON_AddNumberToObject(live, "to", (double)w->to);
-    cJSON_AddNumberToObject(live, "window", (double)w->samples);
-    cJSON_AddNumberToObject(live, "hop", (double)w->hop);
+    json_text_open(&text, NULL);
+    json_text_string(&text, "job", "live");
+    json_text_number(&text, "attempt", attempt);
+    json_text_string(&text, "kind", "identify");
+    json_text_key(&text, "options");
+    json_text_raw(&text, w->options);
+    json_text_number(&text, "run_limit_s", LIVE_LIMIT_S);
+    json_text_open(&text, "live");
+    json_text_string(&text, "stream", name);
+    json_text_number(&text, "epoch", (double)w->epoch);
+    json_text_number(&text, "to", (double)w->to);
+    json_text_number(&text, "window", (double)w->samples);
+    json_text_number(&text, "hop", (double)w->hop);
     if (first == w->from && w->tracks != NULL)     /* who had the window before has them */
-        cJSON_AddStringToObject(live, "tracks", w->tracks);
-    cJSON_DeleteItemFromObject(input, "window");
-    cJSON_AddStringToObject(input, "content", "batch");
-    cJSON_AddNumberToObject(input, "samples", (double)(w->to + 1 - first));
-    cJSON_AddItemToObject(header, "input", input);
-    return header;
+        json_text_string(&text, "tracks", w->tracks);
+    json_text_close(&text);
+    json_text_key(&text, "input");
+    json_text_bytes(&text, s->header, s->input_length);
+    json_text_string(&text, "content", "batch");
+    json_text_number(&text, "samples", (double)(w->to + 1 - first));
+    json_text_close(&text);
+    return text_end(&text);
 }
 
 bool windows_first(const struct core *c, int from, int end)
@@ -383,7 +388,7 @@ bool window_start(struct core *c, int slot)
     w->slot = slot;
     w->process = worker->process;
     w->attempt = ++c->slots->windows;
-    worker_send(c, slot, "RUN", run_header(s, w->attempt, first), data);
+    worker_send_text(c, slot, "RUN", run_header(s, w->attempt, first), data);
     join(c, slot, s);
     return true;
 }

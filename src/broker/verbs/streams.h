@@ -31,12 +31,13 @@ struct window {
     bool running;                         /* a worker has it, or had it before it is told dead */
     int attempt;                          /* its number, for that worker */
     bool anew;                            /* that worker has none of its samples of before */
-    /* s of a processor: of the one before; of the last anew, 0: none was; for this one */
+    /* s of a processor, 0: not known: of the last gone on with; of the last anew; for this one */
     double cost_s, anew_s, expected_s;
     bool queued;                          /* among those that wait for a worker */
     struct stream *behind;                /* of these, or of those that its worker has */
     int64_t turn;                         /* its place among all that waited */
     int64_t round;                        /* of turns, in which it had its latest window */
+    uint64_t lost;                        /* left out since its worker had the first */
     uint64_t skipped;                     /* left out since the one told last */
     uint64_t skipped_all;                 /* and since the daemon began with the stream */
     /* of the one told last: its verdict, NULL where it had none, its epoch and last sample */

@@ -6,12 +6,19 @@
  * its share, whatever the order within a round.  That is free, and a window goes rather to the
  * worker that had the one before: that gets only what is new.  So each worker has a list of those
  * that it is to go on with, and a turn looks at the first of each list alone, however many wait.
- * Another worker that has nothing else to do takes the first of a list whose worker
+ * Another worker that has nothing else to do takes the first of a list whose worker is not to have
+ * windows any more, or where that pays for the A that the window takes from nothing, where it would
+ * take C:
  *
- *   - is not to have windows any more,
- *   - has let the next window of that stream come due as well, or
- *   - has more in its list than it can do in a hop, so that the last would come to that:
- *     from nothing, a window that is late costs more, but one left out is not told at all.
+ *   - Its worker has L to do.  The last of the list would be told after L, and is after A; each of
+ *     the L / C before it by C sooner: 2 L - A of waiting is saved.  In A up to A / C of the other
+ *     worker's own windows come due, and wait for half of A each.  It pays from
+ *     L = A / 2 + A^2 / (4 C) on: at once where both take the same.
+ *   - That never comes to be where few streams have a worker each, one of them too many.  So what
+ *     was left out of a stream there counts as well, C each, up to the A - C that it takes more: as
+ *     who rents buys once he has paid the price, it takes at most twice what the best would.
+ *
+ * Taken whenever it is late, where A is 15 C, it makes other windows late, which are taken then.
  */
 #include "broker/verbs/window_turns.h"
 #include "broker/core/slots.h"
@@ -107,14 +114,26 @@ static bool is_coming(const struct core *c, int slot)
         && (own->state == SLOT_IDLE || own->state == SLOT_TAKEN || own->live != NULL);
 }
 
+/* Does it pay that another than the worker of SLOT, which has LIST, does S's window?  What that
+ * worker does at present takes as long again as it has taken so far. */
+static bool pays(const struct core *c, int slot, const struct waiting *list, const struct stream *s)
+{
+    const struct slot *own = &c->slots->at[slot];
+    const struct window *w = &s->window;
+    const double anew_s = w->anew_s, cost_s = w->cost_s;
+    double left_s = list->cost_s + own->ahead_s;
+
+    if (own->live != NULL)
+        left_s += (double)(c->now.mono_ns - own->started_ns) / 1e9;
+    return cost_s > 0 && (left_s > anew_s / 2 + anew_s * anew_s / (4 * cost_s)
+                          || (double)w->lost * cost_s >= anew_s - cost_s);
+}
+
 /* May another than its worker, which has LIST, take S, the first of it? */
 static bool may_leave(const struct core *c, int slot, const struct waiting *list,
                       const struct stream *s)
 {
-    const struct window *w = &s->window;
-
-    return !window_is_with(c, s, slot) || !is_coming(c, slot) || s->durable - w->next >= w->hop
-        || list->cost_s > (double)w->hop * s->dt;
+    return !window_is_with(c, s, slot) || !is_coming(c, slot) || pays(c, slot, list, s);
 }
 
 /* The list at WHICH of the one that has waited longest of those that the worker of SLOT may take:

@@ -276,6 +276,7 @@ static struct blob *cut_window(struct core *c, struct stream *s, uint64_t known,
     }
     skipped = (s->durable - w->next) / w->hop;
     await_next(w, s->durable);
+    w->lost += skipped;
     w->skipped += skipped;
     w->skipped_all += skipped;
     c->slots->windows_skipped += (int64_t)skipped;
@@ -383,6 +384,8 @@ bool window_start(struct core *c, int slot)
     with = window_is_with(c, s, slot);
     data = cut_window(c, s, with ? w->to + 1 : 0, &first);
     w->anew = !with;
+    if (!with)
+        w->lost = 0, w->cost_s = 0;
     w->expected_s = with && w->cost_s > 0 ? w->cost_s : w->anew_s > 0 ? w->anew_s : ahead_s;
     w->running = true;
     w->slot = slot;
@@ -776,9 +779,7 @@ void window_end(struct core *c, int slot, const struct wire_message *m)
     if (worker->live == NULL)
         worker->state = SLOT_TAKEN;
     c->slots->windows_ns += c->now.mono_ns - began_ns;
-    s->window.cost_s = cpu_s;
-    if (s->window.anew)
-        s->window.anew_s = cpu_s;
+    *(s->window.anew ? &s->window.anew_s : &s->window.cost_s) = cpu_s;
     s->window.died = 0;
     s->window.alone = false;
     if (told != NULL) {

@@ -132,8 +132,9 @@ static enum modal_status set_number(const struct row *row, const char *text, dou
     if (end == text || *end != 0 || !isfinite(value) || value < row->low || value > row->high
         || (row->type == WHOLE && value != floor(value)))
         return modal_fail_field(err, MODAL_BAD_INPUT, row->name,
-                                "--%s is \"%.60s\"; accepted: a %snumber from %g to %g", row->name,
-                                text, row->type == WHOLE ? "whole " : "", row->low, row->high);
+                                "--%s is \"%.60s\"; accepted: %s, a %snumber from %g to %g",
+                                row->name, text, row->value, row->type == WHOLE ? "whole " : "",
+                                row->low, row->high);
     *at = value;
     return MODAL_OK;
 }

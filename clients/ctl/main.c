@@ -191,8 +191,9 @@ static enum modal_status check(const struct verb *verb, const struct args *args,
     int given = args->words - 1;
 
     if (given < verb->least || given > verb->most)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "arguments", "%s takes %s, not %d arguments",
-                                verb->name, verb->words, given);
+        return modal_fail_field(err, MODAL_BAD_INPUT, "arguments", "%s takes %s, not %d argument%s",
+                                verb->name, verb->words[0] != 0 ? verb->words : "none", given,
+                                given == 1 ? "" : "s");
     return args_check(args, verb->name, verb->takes, err);
 }
 

@@ -272,10 +272,7 @@ enum modal_status scene_file_read(const char *path, cJSON **out, struct scene_ar
     struct modal_error inside = { 0 };
     enum modal_status rc = signals_read_text(path, SCENE_TEXT_MOST, &text, &length, err);
 
-    /* which editors put before UTF-8 */
-    size_t mark = rc == MODAL_OK && strncmp(text, "\xef\xbb\xbf", 3) == 0 ? 3 : 0;
-
-    if (rc == MODAL_OK && (rc = json_read(text + mark, length - mark, &scene, &inside)) != MODAL_OK)
+    if (rc == MODAL_OK && (rc = json_read(text, length, &scene, &inside)) != MODAL_OK)
         rc = modal_fail_field(err, rc, inside.field[0] ? inside.field : "scene", "%s: %s", path,
                               inside.message);
     if (rc == MODAL_OK && !cJSON_IsObject(scene))

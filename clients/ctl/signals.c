@@ -26,6 +26,7 @@ static enum modal_status no_file(const char *path, struct modal_error *err)
 static enum modal_status read_all(FILE *file, const char *path, size_t most, char **text,
                                   size_t *length, struct modal_error *err)
 {
+    static const char mark[] = "\xef\xbb\xbf";           /* which editors put before UTF-8 */
     size_t room = 1 << 16, used = 0, got;
     char *bytes = malloc(room + 1);
 
@@ -49,6 +50,10 @@ static enum modal_status read_all(FILE *file, const char *path, size_t most, cha
         return no_file(path, err);
     }
     bytes[used] = 0;
+    if (strncmp(bytes, mark, strlen(mark)) == 0) {
+        used -= strlen(mark);
+        memmove(bytes, bytes + strlen(mark), used + 1);
+    }
     *text = bytes;
     *length = used;
     return MODAL_OK;
@@ -113,10 +118,17 @@ static enum modal_status read_text(char *text, size_t length, const char *path,
     if (length > TEXT_MOST)
         return modal_fail_field(err, MODAL_TOO_LARGE, "file", "%s: more than %d bytes of text",
                                 path, TEXT_MOST);
+    if (memcmp(text, "\xff\xfe", 2) == 0 || memcmp(text, "\xfe\xff", 2) == 0)
+        return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "%s: text in UTF-16; accepted: "
+                                "UTF-8 or Latin-1, in which other programs save it too", path);
     if (memchr(text, 0, length) != NULL)
         return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "%s: neither text in UTF-8 or "
                                 "Latin-1 nor anything else that is known; accepted: "
                                 SIGNALS_FILES, path);
+    if (text[strspn(text, " \t\r\n")] == '{')
+        return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "%s is JSON, as scenes are, and "
+                                "no signals; accepted: " SIGNALS_FILES "; scenes with steady, "
+                                "simulate, floquet", path);
     out->open_end = length > 0 && text[length - 1] != '\n';
     return csv_read(text, path, options, out, NULL, err);
 }

@@ -66,8 +66,8 @@ enum modal_status signals_read_rows(char *text, const char *path,
 /* A view: borrows everything from SIGNALS. */
 struct batch signals_batch(const struct signals *signals);
 
-/* A text file whole, with a 0 behind it; the caller frees it.  MODAL_BAD_INPUT if it cannot be
- * read, MODAL_TOO_LARGE. */
+/* A text file whole, but for a byte order mark, with a 0 behind it; the caller frees it.
+ * MODAL_BAD_INPUT if it cannot be read, MODAL_TOO_LARGE. */
 enum modal_status signals_read_text(const char *path, size_t most, char **text, size_t *length,
                                     struct modal_error *err);
 

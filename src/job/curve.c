@@ -80,8 +80,9 @@ enum modal_status curve_range_read(const char *text, const char *field, bool cou
     long count = counted ? 2 : FROM_TO_USUAL;
 
     if (equals == NULL || equals == text || (size_t)(equals - text) >= sizeof range->path)
-        return modal_fail_field(err, MODAL_BAD_INPUT, field, "\"%.60s\": accepted: PATH=A:B%s",
-                                text, counted ? ":N" : "");
+        return modal_fail_field(err, MODAL_BAD_INPUT, field, "\"%.60s\": accepted: PATH=A:B%s, "
+                                "such as omega=1:2%s", text, counted ? ":N" : "",
+                                counted ? ":20" : "");
     *range = (struct curve_range) { 0 };
     memcpy(range->path, text, (size_t)(equals - text));
     range->from = strtod(equals + 1, &end);

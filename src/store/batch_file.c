@@ -173,9 +173,8 @@ static enum modal_status read_time(hid_t set, hid_t root, const char *name, bool
     values_done(&values);
     if (!there && required)
         return modal_fail_field(err, MODAL_BAD_INPUT, name,
-                                "attribute `%s` is missing on signals and root; accepted: "
-                                "a positive number of seconds",
-                                name);
+                                "neither the dataset nor the root has an attribute `%s`; "
+                                "accepted: `dt` [s], `fs` [Hz] there, or --dt SECONDS", name);
     if (!there)
         return MODAL_OK;
     if (!ok)

@@ -8,22 +8,43 @@
 #include <string.h>
 #include <sys/file.h>
 #include <sys/socket.h>
+#include <sys/stat.h>
 #include <sys/un.h>
 #include <time.h>
 #include <unistd.h>
 #include "base/sha256.h"
 #include "store/file.h"
 
+/* Why there is no folder PATH, which the configuration's key `data` wants: WHY is the system's. */
+static enum modal_status refuse(const char *path, const struct modal_error *why,
+                                struct modal_error *err)
+{
+    struct stat known;
+
+    if (lstat(path, &known) == 0 && S_ISLNK(known.st_mode) && stat(path, &known) != 0)
+        return modal_fail_field(err, why->status, "data", "%s is a link to nothing; accepted: a "
+                                "folder, or the name of one to be made", path);
+    if (stat(path, &known) == 0 && !S_ISDIR(known.st_mode))
+        return modal_fail_field(err, why->status, "data", "%s is no folder; accepted: a folder, or "
+                                "the name of one to be made", path);
+    return modal_fail_field(err, why->status, "data", "the data folder cannot be made (%s); "
+                            "accepted: a folder, or the name of one to be made in a folder that is "
+                            "there and may be written", why->message);
+}
+
 enum modal_status folder_make(const char *dir, struct modal_error *err)
 {
     static const char *const inside[] = { "", "/spool", "/results" };
     char path[4200];
     enum modal_status rc = MODAL_OK;
+    struct modal_error why;
 
     for (size_t i = 0; rc == MODAL_OK && i < sizeof inside / sizeof *inside; i++) {
         snprintf(path, sizeof path, "%s%s", dir, inside[i]);
-        rc = file_make_dir(path, 0750, err);
+        rc = file_make_dir(path, 0750, &why);
     }
+    if (rc != MODAL_OK)
+        return refuse(path, &why, err);
     if (rc == MODAL_OK)
         rc = file_sync_dir(dir, err);
     snprintf(path, sizeof path, "%s/..", dir);

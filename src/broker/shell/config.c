@@ -308,7 +308,10 @@ enum modal_status config_read(struct config *c, const char *file, struct modal_e
     if (rc != MODAL_OK)
         return rc;
     snprintf(c->file, sizeof c->file, "%s", file);
-    for (at = text; rc == MODAL_OK && (line = next_line(&at, &number)) != NULL;) {
+    at = text;
+    if (strncmp(at, "\xef\xbb\xbf", 3) == 0)       /* which editors put before UTF-8 */
+        at += 3;
+    while (rc == MODAL_OK && (line = next_line(&at, &number)) != NULL) {
         if (*line == 0)
             continue;
         if (!split(line, &key, &value)) {

@@ -71,8 +71,9 @@ static enum modal_status check_batch(const struct batch *b, struct modal_error *
                                 "signals: no channels; at least 1 is needed");
     if (b->samples < IDENTIFY_SAMPLES_LEAST)
         return modal_fail_field(err, MODAL_BAD_INPUT, "signals",
-                                "signals: %zu samples; at least %d are needed", b->samples,
-                                IDENTIFY_SAMPLES_LEAST);
+                                "signals: %zu samples; at least %d are needed%s", b->samples,
+                                IDENTIFY_SAMPLES_LEAST, b->channels > b->samples
+                                    ? "; rows are samples, columns are channels" : "");
     if (b->samples > INT32_MAX / 2 || b->channels > IDENTIFY_CHANNELS_MOST)
         return modal_fail_field(err, MODAL_TOO_LARGE, "signals",
                                 "signals: %zu samples of %zu channels; at most %d of %d",

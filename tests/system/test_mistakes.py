@@ -1,0 +1,93 @@
+"""What a newcomer gets wrong is told as what it is, with what is accepted; nothing is read as
+something else."""
+# Tests as well: folder.c config.c csv.c signals.c
+import json
+import subprocess
+
+import h5py
+import numpy as np
+import pytest
+from conftest import BUILD, PATIENCE, environment
+
+T = np.arange(200) * 0.01
+Y = np.exp(-0.3 * T) * np.cos(31 * T)
+
+
+def said(tmp_path, program, *words, status=2):
+    done = subprocess.run([BUILD / "bin" / program, *map(str, words)], capture_output=True,
+                          text=True, timeout=PATIENCE, env=environment(), cwd=tmp_path)
+    assert done.returncode == status, done
+    return done.stderr
+
+
+def table(path, head, times=T, mark=b""):
+    rows = "\n".join(f"{t:.9g},{y:.9g}" for t, y in zip(times, Y))
+    path.write_bytes(mark + f"{head}\n{rows}\n".encode())
+
+
+@pytest.mark.parametrize("head, unit", [("time_ms,a", "ms"), ("Time [ms],a", "ms"),
+                                        ("t (min),a", "min"), ("t,a\n(us),(m)", "us"),
+                                        ("t [\u00b5s],a", "\u00b5s")])
+def test_times_in_another_unit_than_seconds_are_refused_with_the_unit(head, unit, tmp_path):
+    """They were taken for seconds, and every frequency was wrong by that factor."""
+    table(tmp_path / "x.csv", head)
+    text = said(tmp_path, "modalctl", "--local", "identify", "x.csv")
+    assert f"in {unit};" in text and "--dt SECONDS with --ignore-time" in text, text
+
+
+@pytest.mark.parametrize("head", ["time_s,a", "Time [s],a", "t (sec),a", "t,a\n(s),(ms)",
+                                  "time_stamp,a"])
+def test_times_in_seconds_are_times_however_they_say_so(head, tmp_path):
+    table(tmp_path / "x.csv", head)
+    said(tmp_path, "modalctl", "--local", "identify", "x.csv", status=0)
+
+
+def other_inputs(folder):
+    (folder / "scene.json").write_text(' \n{"structure": {}}')
+    (folder / "wide.csv").write_text("t,a\n0,1\n", encoding="utf-16")
+    np.save(folder / "turned.npy", np.stack([Y, Y]))
+    with h5py.File(folder / "x.h5", "w") as file:
+        file["accel"] = Y[:, None]
+    return {"scene.json": "steady", "wide.csv": "UTF-16", "turned.npy": "rows are samples",
+            "x.h5": "`fs` [Hz]"}
+
+
+def test_other_inputs_than_signals_are_called_what_they_are(tmp_path):
+    for name, word in other_inputs(tmp_path).items():
+        words = ["--dt", 0.01] if name == "turned.npy" else []
+        text = said(tmp_path, "modalctl", "--local", "identify", name, *words)
+        assert word in text, text
+
+
+def test_words_of_another_form_are_told_with_one_that_is_accepted(tmp_path):
+    table(tmp_path / "x.csv", "t,a")
+    assert "SECONDS" in said(tmp_path, "modalctl", "identify", "x.csv", "--dt", "10ms")
+    assert "takes none, not 1 argument" in said(tmp_path, "modalctl", "stats", "x")
+    (tmp_path / "s.json").write_text(json.dumps(
+        {"structure": {"type": "chain", "masses": [1], "springs": [1, 0]}, "omega": 2,
+         "excitation": [{"dof": "x1", "cos": 1}]}))
+    text = said(tmp_path, "modalctl", "--local", "steady", "s.json", "--sweep", "1:2:3")
+    assert "such as omega=1:2:20" in text
+
+
+def test_a_byte_order_mark_is_no_part_of_a_list_or_a_configuration(tmp_path):
+    mark = b"\xef\xbb\xbf"
+    table(tmp_path / "x.csv", "t,a", mark=mark)
+    said(tmp_path, "modalctl", "--local", "identify", "x.csv", status=0)
+    (tmp_path / "list").write_bytes(mark + b'{"kind": "none"}\n')
+    assert "line[1].file is missing" in said(tmp_path, "modalctl", "submit", "--from", "list",
+                                               "--server", "ipc://none")
+    (tmp_path / "c").write_bytes(mark + b"workers = 2\n")
+    said(tmp_path, "modald", "--config", "c", "--data", "d", "--bind", "ipc://s", "--check-config",
+         status=0)
+
+
+def test_a_data_folder_that_cannot_be_is_named_with_its_key_and_what_is_accepted(tmp_path):
+    (tmp_path / "file").touch()
+    (tmp_path / "link").symlink_to("nowhere")
+    for path, why in {"file": "is no folder", "link": "is a link to nothing",
+                      "no/such": "No such file", "file/x": "Not a directory"}.items():
+        done = subprocess.run([BUILD / "bin" / "modald", "--data", path, "--bind", "ipc://s"],
+                              capture_output=True, text=True, timeout=PATIENCE, cwd=tmp_path)
+        assert done.returncode != 0 and 'field="data"' in done.stderr, done
+        assert path in done.stderr and why in done.stderr and "accepted:" in done.stderr

@@ -41,7 +41,7 @@ def test_a_chunk_shorter_than_it_says_is_refused(options, tmp_path):
     with_last_bytes_lost(tmp_path / "x.h5", **options)
     error = export(tmp_path / "x.h5", tmp_path)
     assert error is not None and error["field"] == "signals", error
-    assert "is damaged" in error["message"] or "or damaged" in error["message"]
+    assert "damaged" in error["message"]
 
 
 def test_a_filter_that_is_not_built_in_is_named(tmp_path):
@@ -73,4 +73,5 @@ def test_an_empty_dataset_is_no_number(tmp_path):
     with h5py.File(tmp_path / "x.h5", "w") as file:
         file["signals"] = np.sin(np.arange(200.0))[:, None]
         file["dt"] = h5py.Empty("f8")
-    assert export(tmp_path / "x.h5", tmp_path)["field"] == "dt"
+    error = export(tmp_path / "x.h5", tmp_path)
+    assert error["field"] == "dt" and "`dt` is" not in error["message"], error

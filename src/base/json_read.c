@@ -171,12 +171,32 @@ static bool is_escape_of_a_character(const char *p, const char *end)
     return true;
 }
 
+#define EACH_BYTE (~UINT64_C(0) / 255)
+
+/* Behind the characters from P on that stand in a string for themselves: ASCII without quotes,
+ * backslashes and control characters.  Eight at once, of which one is another where a bit 7 is set:
+ * of itself, or by the borrow from 1 below it or from 32, for those that are equal or less. */
+static const char *plain_end(const char *p, const char *end)
+{
+    for (; end - p >= 8; p += 8) {
+        uint64_t x, quote, escape;
+        memcpy(&x, p, 8);
+        quote = x ^ EACH_BYTE * '"', escape = x ^ EACH_BYTE * '\\';
+        if (((x | (x - EACH_BYTE * 0x20) | (quote - EACH_BYTE) | (escape - EACH_BYTE))
+             & EACH_BYTE * 0x80) != 0)
+            break;
+    }
+    while (p < end && (signed char)*p >= 0x20 && *p != '"' && *p != '\\')
+        p++;
+    return p;
+}
+
 /* The string at s->at, between its quotes; *ESCAPES: whether there are any. */
 static enum modal_status scan_string(struct scan *s, struct key *inside, bool *escapes)
 {
     *escapes = false;
     inside->text = ++s->at;
-    while (s->at < s->end && *s->at != '"') {
+    while ((s->at = plain_end(s->at, s->end)) < s->end && *s->at != '"') {
         int n = (unsigned char)*s->at < 0x80 ? 1 : utf8_length(s->at, s->end);
         if (n == 0)
             return scan_fail(s, "not UTF-8");
@@ -617,23 +637,28 @@ static size_t skip_blanks(const char *text, size_t length, size_t at)
 /* Behind the string that begins AT. */
 static size_t skip_quoted(const char *text, size_t length, size_t at)
 {
-    for (at++; at < length && text[at] != '"'; at++)
-        at += text[at] == '\\';
-    return at + 1;
+    const char *end = text + length, *p = plain_end(text + (at < length ? at + 1 : at), end);
+
+    while (p < end && *p != '"')
+        p = plain_end(p + (*p == '\\' && end - p > 1 ? 2 : 1), end);
+    return (size_t)(p - text) + 1;
 }
 
 /* Behind the value that begins AT. */
 static size_t skip_member(const char *text, size_t length, size_t at)
 {
+    enum { OPEN = 1, CLOSE, COMMA, QUOTE };
+    static const unsigned char kinds[256] = {
+        ['{'] = OPEN, ['['] = OPEN, ['}'] = CLOSE, [']'] = CLOSE, [','] = COMMA, ['"'] = QUOTE };
     size_t depth = 0;
 
     while (at < length) {
-        const char c = text[at];
-        if (depth == 0 && (c == ',' || c == '}' || c == ']'))
+        const int kind = kinds[(unsigned char)text[at]];
+        if (depth == 0 && (kind == CLOSE || kind == COMMA))
             break;
-        depth += c == '{' || c == '[';
-        depth -= c == '}' || c == ']';
-        at = c == '"' ? skip_quoted(text, length, at) : at + 1;
+        depth += kind == OPEN;
+        depth -= kind == CLOSE;
+        at = kind == QUOTE ? skip_quoted(text, length, at) : at + 1;
     }
     return at;
 }

@@ -314,6 +314,32 @@ TEST(members_are_found_as_they_are_written)
     }
 }
 
+#define LETTERS "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ"
+
+/* Strings of 0 to 40 characters with one at any place that does not stand for itself. */
+TEST(a_quote_an_escape_a_control_character_and_a_byte_of_utf8_are_seen_at_any_place_of_a_string)
+{
+    static const struct { const char *put; bool good; } cases[] = {
+        { "\\\"", true }, { "\\\\", true }, { "\xc3\xa9", true }, { "\x7f", true }, { " ", true },
+        { "!", true }, { "#", true }, { "[", true }, { "]", true }, { "\x1f", false },
+        { "\x01", false }, { "\x80", false }, { "\xff", false }, { "\"", false } };
+    static const char *const key[] = { "b" };
+
+    for (size_t k = 0; k < sizeof cases / sizeof *cases; k++)
+        for (int length = 0; length <= 40; length++)
+            for (int at = 0; at <= length; at++) {
+                char text[128];
+                struct json_part found;
+                cJSON *read = NULL;
+                snprintf(text, sizeof text, "{\"a\":\"%.*s%s%.*s\",\"b\":7}", at, LETTERS,
+                         cases[k].put, length - at, LETTERS);
+                CHECK((json_read(text, strlen(text), &read, NULL) == MODAL_OK) == cases[k].good);
+                json_find_texts(text, strlen(text), key, 1, &found);
+                CHECK(!cases[k].good || (found.length == 1 && *found.text == '7'));
+                cJSON_Delete(read);
+            }
+}
+
 TEST(an_unknown_key_is_named_and_the_accepted_ones_listed)
 {
     static const char *const names[] = { "stiffness", "limit", NULL };

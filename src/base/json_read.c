@@ -647,7 +647,7 @@ static size_t skip_quoted(const char *text, size_t length, size_t at)
 /* Behind the value that begins AT. */
 static size_t skip_member(const char *text, size_t length, size_t at)
 {
-    enum { OPEN = 1, CLOSE, COMMA, QUOTE };
+    enum { OTHER, OPEN, CLOSE, COMMA, QUOTE };
     static const unsigned char kinds[256] = {
         ['{'] = OPEN, ['['] = OPEN, ['}'] = CLOSE, [']'] = CLOSE, [','] = COMMA, ['"'] = QUOTE };
     size_t depth = 0;

@@ -311,8 +311,7 @@ static enum modal_status analyse_above_grid(struct work *w, const struct batch *
 static bool told_all(const struct work *w)
 {
     return w->opt.rank.rule == RANK_FIXED && !w->projected && w->shift == 1 && w->facts.converged
-        && w->facts.order == w->opt.rank.fixed
-        && pencil_signals(&w->pencil) >= w->opt.rank.fixed;
+        && w->facts.order == w->opt.rank.fixed;
 }
 
 /* Once more, on channels weighed by the noise that the answer before left, until that settles. */

@@ -148,6 +148,14 @@ static void note_chosen(struct work *w, struct identify_result *out)
     out->hankel_rank = c->fit.order;
 }
 
+/* How far a search for the modes of an order that is told may go before it comes back to it. */
+static int order_beyond(int told)
+{
+    int most = told + 2 * ORDER_AHEAD;
+
+    return most < IDENTIFY_ORDER_MOST ? most : IDENTIFY_ORDER_MOST;
+}
+
 static enum modal_status choose_order(struct work *w, struct identify_result *out,
                                       struct modal_error *err)
 {
@@ -180,7 +188,9 @@ static enum modal_status choose_order(struct work *w, struct identify_result *ou
     opt.look = before_gap(w);
     opt.no_offset = !w->refine;
     opt.thorough = w->shift > 1;
-    opt.order_most = w->opt.rank.rule == RANK_AUTO ? work_rows_allow(w) : 0;
+    opt.order_most = w->opt.rank.rule == RANK_AUTO ? work_rows_allow(w)
+                   : w->projected                  ? 0
+                                                   : order_beyond(opt.fixed);
     rc = climb(w, &source, &opt, err);
     if (rc == MODAL_OK && w->opt.rank.rule == RANK_AUTO && overfitted(w)) {
         opt.order_most = work_sparing_order(w);

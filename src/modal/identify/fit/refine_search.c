@@ -251,17 +251,27 @@ static double tied_scale(const struct work *w, const struct point *from, const d
     return scale;
 }
 
-/* No step turns a phase over the record by more than a few radians: another line is another
- * minimum. */
+/* Of STEP, the part that moves no pole further than its line is wide, of the record's length or of
+ * the pole's own life where that is less: another line is another minimum. */
+static double step_share(const struct work *w, const struct point *from, const double *step)
+{
+    double share = 1;
+
+    for (int j = 0; j < w->count; j++) {
+        double wide = fmax(TURN_MOST / w->L, fabs(from->a[j]));
+        int own = w->first[j] < 0 ? 0 : w->kind[j] == POLE_PAIR && w->turn[j] != 0 ? 2 : 1;
+        for (int i = 0; i < own; i++)
+            if (fabs(step[w->first[j] + i]) * share > wide)
+                share = wide / fabs(step[w->first[j] + i]);
+    }
+    return share;
+}
+
 void refine_take_step(const struct work *w, const struct point *from, const double *delta,
                       struct point *to)
 {
-    double most = 0, scale;
+    double scale = tied_scale(w, from, delta, step_share(w, from, delta));
 
-    for (int i = 0; i < w->parameters; i++)
-        most = fmax(most, fabs(delta[i]) * w->L);
-    scale = most > TURN_MOST ? TURN_MOST / most : 1;
-    scale = tied_scale(w, from, delta, scale);
     for (int j = 0; j < w->count; j++) {
         int p = w->first[j];
         to->a[j] = from->a[j], to->b[j] = from->b[j];

@@ -44,6 +44,11 @@
  * drifts. What is not clean, or crowded, goes to the ladder, which is sparing; a crowd is believed
  * where the ladder leaves much more (ORDER_WORSE).
  *
+ * An order that is told is searched for alike: where its directions reach down to the noise, modes
+ * hide among them, poles of noise have their places and go nowhere. Those that pay are refined, and
+ * what they leave shows the rest, which come in by their price, a few beyond the order and back to
+ * it, or up to it whatever they pay.
+ *
  * Of a periodic system (phases) rows are few, poles are near each other for all that, and none of
  * this settles the order at once: identify_periods.c goes down from pencils until three agree.
  * A pole more than there are may end beside one of them and share its amplitude; the least told
@@ -146,6 +151,17 @@ static enum modal_status look_at_told(struct climb *c, int *at, struct modal_err
     refined_done(&c->choice.candidates[--c->choice.count].fit);
     rc = trim_poles(c->data, c->lambda, &count, NULL, &opt, &c->choice.work, err);
     return rc == MODAL_OK ? climb_try(c, told, c->lambda, count, NULL, false, 0, at, err) : rc;
+}
+
+/* The order that was told, in place of pass 2. Where its signals reach down to the noise a mode may
+ * be missing, and what noise there is in its place leads no fit anywhere. */
+static enum modal_status refine_told(struct climb *c, int *best, struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+
+    if (c->opt->refine.iterations >= 0 && (c->source->signals > 0 || c->source->known != NULL))
+        rc = climb_complete(c, best, err);
+    return rc == MODAL_OK ? climb_refine(c, *best, 0, err) : rc;
 }
 
 /* From `least` in direction `step`, until two refined neighbours in a row are worse than the best.
@@ -352,7 +368,9 @@ enum modal_status order_choose(const struct refine_data *data, const struct orde
     rc = c.opt->fixed > 0 ? look_at_told(&c, &best, err) : look(&c, &best, err);
     c.choice.cut =
         c.opt->cut > 0 && best >= 0 && c.choice.candidates[best].r + ORDER_AHEAD > c.opt->cut;
-    if (rc == MODAL_OK && best >= 0 && !c.choice.cut)
+    if (rc == MODAL_OK && best >= 0 && c.opt->fixed > 0)
+        rc = refine_told(&c, &best, err);
+    else if (rc == MODAL_OK && best >= 0 && !c.choice.cut)
         rc = refine_ladder(&c, &best, err);
     if (rc == MODAL_OK && best >= 0 && c.opt->thorough && c.opt->fixed == 0)
         rc = climb_search_remainder(&c, &best, err);

@@ -3,6 +3,7 @@
 #include "modal/identify/linear/exponents.h"
 #include "modal/identify/order/order_state.h"
 #include "modal/identify/order/remainder.h"
+#include "modal/identify/order/trim.h"
 #include <stdlib.h>
 #include <string.h>
 
@@ -185,4 +186,94 @@ enum modal_status climb_descend(struct climb *c, int *best, struct modal_error *
         return MODAL_OK;                        /* more than there is to spend */
     rc = ripen(c, best, err);
     return rc == MODAL_OK ? climb_search_remainder(c, best, err) : rc;
+}
+
+/* What FIT leaves shows most of this: a pair, or a real pole where there is ROOM for no more. */
+static enum modal_status most_shown(struct climb *c, const struct refined *fit, int room,
+                                    double complex *lambda, int *count, struct modal_error *err)
+{
+    double chi2;
+    struct matrix E = { 0 };
+    enum modal_status rc = remainder_of(c->data, fit, &E, err);
+
+    *count = 0;
+    if (rc == MODAL_OK && E.x != NULL && room > 1) {
+        rc = remainder_peak(&E, c->data->tau, lambda, &chi2, err);
+        *count = 1;
+    } else if (rc == MODAL_OK && E.x != NULL) {
+        rc = remainder_poles(&E, c->data->tau, room, lambda, count, err);
+    }
+    free(E.x);
+    return rc;
+}
+
+/* Candidate *at and what it leaves shows most of, whatever that pays, up to ORDER: as they are. */
+static enum modal_status fill_up(struct climb *c, int order, int *at, struct modal_error *err)
+{
+    bool more = true;
+    enum modal_status rc = MODAL_OK;
+
+    while (more && rc == MODAL_OK && c->choice.candidates[*at].fit.order < order) {
+        const struct refined *fit = &c->choice.candidates[*at].fit;
+        int count = fit->poles, extra, next = -1;
+        rc = most_shown(c, fit, order - fit->order, c->lambda + count, &extra, err);
+        memcpy(c->lambda, fit->lambda, (size_t)count * sizeof *c->lambda);
+        if (rc == MODAL_OK && extra > 0
+            && poles_order(c->lambda, count + extra, c->data->tau) <= order)
+            rc = climb_try(c, 0, c->lambda, count + extra, NULL, false, 0, &next, err);
+        more = next >= 0 && c->choice.candidates[next].fit.end != REFINE_DEGENERATE;
+        *at = more ? next : *at;
+    }
+    return rc;
+}
+
+/* Candidate *at without those that cost least down to ORDER, as they are. */
+static enum modal_status cut_down(struct climb *c, int order, int *at, struct modal_error *err)
+{
+    const struct refined *fit = &c->choice.candidates[*at].fit;
+    struct trim_options opt = { .order = order };
+    int count = fit->poles;
+    enum modal_status rc;
+
+    if (fit->order <= order)
+        return MODAL_OK;
+    memcpy(c->lambda, fit->lambda, (size_t)count * sizeof *c->lambda);
+    rc = trim_poles(c->data, c->lambda, &count, NULL, &opt, &c->choice.work, err);
+    return rc == MODAL_OK ? climb_try(c, 0, c->lambda, count, NULL, false, 0, at, err) : rc;
+}
+
+/* Where it begins: *at, -1 where nothing is missing. */
+static enum modal_status begin_told(struct climb *c, int told, int *at, struct modal_error *err)
+{
+    const struct order_candidate *k = &c->choice.candidates[told];
+    const struct order_source *s = c->source;
+    int count = k->fit.poles, all = s->signals + ORDER_AHEAD;
+    enum modal_status rc;
+
+    *at = -1;
+    if (s->known == NULL && s->signals < c->opt->fixed)
+        return look_at(c, all < s->most ? all : s->most, at, err);
+    memcpy(c->lambda, k->fit.lambda, (size_t)count * sizeof *c->lambda);
+    rc = climb_trim(c, c->lambda, &count, 1, 0, 0, err);
+    return rc == MODAL_OK && count < k->fit.poles
+               ? climb_try(c, k->r, c->lambda, count, NULL, false, 0, at, err) : rc;
+}
+
+enum modal_status climb_complete(struct climb *c, int *best, struct modal_error *err)
+{
+    int order = c->choice.candidates[*best].fit.order, at;
+    enum modal_status rc = begin_told(c, *best, &at, err);
+
+    if (rc != MODAL_OK || at < 0)
+        return rc;
+    rc = ripen(c, &at, err);
+    if (rc == MODAL_OK)
+        rc = climb_search_remainder(c, &at, err);
+    if (rc == MODAL_OK)
+        rc = cut_down(c, order, &at, err);
+    if (rc == MODAL_OK)
+        rc = fill_up(c, order, &at, err);
+    if (rc == MODAL_OK && at >= 0 && c->choice.candidates[at].fit.order == order)
+        *best = at;
+    return rc;
 }

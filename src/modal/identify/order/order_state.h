@@ -67,6 +67,10 @@ double climb_worth_looking(const struct climb *c, const struct refined *fit, dou
 /* The whole signal subspace, at the sizes that the singular values suggest; the best of them
  * refined, and completed. */
 enum modal_status climb_descend(struct climb *c, int *best, struct modal_error *err);
+/* *best, looked at, of an order that is told, with poles of noise in place of modes that hide among
+ * them: its poles that pay, refined, those that what they leave shows to pay, and up to its order
+ * those that it shows most of. */
+enum modal_status climb_complete(struct climb *c, int *best, struct modal_error *err);
 /* Poles in what the best leaves, as long as there are any. */
 enum modal_status climb_search_remainder(struct climb *c, int *best, struct modal_error *err);
 

@@ -273,6 +273,43 @@ TEST(orders_that_are_told_give_all_modes_or_as_many_of_them_as_fit_or_all_and_so
     CHECK(modes_told(2 * MODES + 10, lambda, MODES, &b, &hits) == MODES);
 }
 
+/* Is mode J further from any other than their two half lines reach? */
+static bool alone(const double complex *lambda, int modes, int j)
+{
+    bool is = true;
+
+    for (int k = 0; k < modes; k++)
+        is &= k == j || fabs(cimag(lambda[j] - lambda[k])) > -creal(lambda[j] + lambda[k]);
+    return is;
+}
+
+/* Thirty modes, many within a line of the next, the weakest of which no singular value shows: noise
+ * refined in their place ends nowhere, and none of it is beside the modes that are found. */
+TEST(an_order_that_is_told_is_reached_though_overlapping_modes_hide_among_noise)
+{
+    enum { ROWS = 1200, MANY = 8, MODES = 30 };
+    static double y[ROWS * MANY];
+    struct batch b = { .samples = ROWS, .channels = MANY, .signals = y, .dt = 0.01 };
+    struct identify_options opt = { .rank = { .rule = RANK_FIXED, .fixed = 2 * MODES } };
+
+    for (uint64_t seed = 0; seed < 2; seed++) {
+        struct random rng = { 910 + seed };
+        double complex lambda[MODES];
+        struct identify_result r;
+        for (int j = 0; j < MODES; j++)
+            lambda[j] = decay_pole(1 + 39 * random_uniform(&rng),
+                                   0.002 + 0.018 * random_uniform(&rng));
+        random_record(&rng, MODES, MANY, ROWS, b.dt, 30, lambda, y);
+        CHECK(modal_identify(&b, &opt, &r, NULL) == MODAL_OK);
+        CHECK(r.mode_count == MODES);
+        for (int i = 0; i < r.diagnostic_count; i++)
+            CHECK(strcmp(r.diagnostics[i].code, "not_converged") != 0);
+        for (int j = 0; j < MODES; j++)
+            CHECK(!alone(lambda, MODES, j) || has(&r, lambda[j]));
+        identify_result_done(&r);
+    }
+}
+
 /* Seventy modes whose strengths fall by two thirds of a decade, in a record of which 256 triplets
  * of a matrix as high as few modes have it cost too much: the first 64 leave little, and more are
  * looked for. */

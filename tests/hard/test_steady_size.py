@@ -131,6 +131,15 @@ def test_dampers_that_are_taken_away_lead_to_what_no_load_leads_to(tmp_path, law
     assert answer["converged"] and residual(answer, K, C, law) < close(law)
 
 
+def test_what_newtons_method_comes_to_with_nothing_between_is_not_looked_for_again(tmp_path):
+    """By [D04, theorem 2.2]; six steps, where a ramp of the load took 24 in all."""
+    K = chain(60)
+    C = 0.03 * K + 0.05 * numpy.eye(60)
+    answer = run(tmp_path, scene_of(K, C, "cubic"))
+    assert answer["method"] == "newton" and answer["iterations"] < 10
+    assert residual(answer, K, C, "cubic") < close("cubic")
+
+
 def test_a_membrane_with_a_contact_at_every_node_is_in_balance(tmp_path):
     side = 9
     K = numpy.kron(chain(side), numpy.eye(side)) + numpy.kron(numpy.eye(side), chain(side))

@@ -24,6 +24,14 @@
  * holds: a loose tolerance is compared with that.  Of a matrix of few harmonics (balance.h) (1)
  * holds for those alone and the rest move by (7); it converges linearly, at the rate of their gain.
  *
+ * Whole steps with |d_k+1| <= w / 2 |d_k|^2, w a bound over the iterates, stay within a ball of the
+ * start, and what they lead to is the only solution there, if
+ *
+ *     h_0 = w |d_0| < 2                                                                         (4)
+ *
+ * [D04, theorem 2.2]: it moves continuously with all that h_0 grows with.  w is the largest that
+ * steps down to CLOSE show.
+ *
  * Where J is singular it is stiffened, J + mu max|J| I, which leaves the solution where it is and
  * only delays it.
  *
@@ -645,6 +653,14 @@ static enum modal_status pardon(enum modal_status rc, struct iterate_report *rep
     return MODAL_OK;
 }
 
+/* (4): what the step just computed shows, after one of LAST that was taken to LAMBDA. */
+static void see_bend(struct iterate_report *report, double first, double last, double lambda)
+{
+    if (report->iterations > 1 && last >= CLOSE)
+        report->bend = fmax(report->bend, lambda < 1 ? HUGE_VAL
+                                          : 2 * report->step / (last * last) * first);
+}
+
 /* Newton's method with the matrix of harmonics 0 .. HJ that B has now, (1) and (2). */
 static enum modal_status newton(struct balance *b, const struct iterate_options *opt,
                                 double complex *X, struct iterate_report *report,
@@ -652,7 +668,7 @@ static enum modal_status newton(struct balance *b, const struct iterate_options 
 {
     size_t size = (size_t)b->q * ((size_t)b->H + 1) * sizeof *X;
     double tolerance = opt->tolerance > 0 ? opt->tolerance : TOLERANCE, last = HUGE_VAL, lambda = 1,
-           residual = 0;
+           residual = 0, first = 0;
     int most = opt->most > 0 ? opt->most : ITERATIONS_MOST;
     struct newton_work w;
     enum modal_status rc = work_init(&w, b, err);
@@ -667,6 +683,8 @@ static enum modal_status newton(struct balance *b, const struct iterate_options 
             : propose(b, opt, known, X, &w, soft, report, &ok, err);
         if (rc != MODAL_OK || !ok)
             break;
+        first = report->iterations == 1 ? report->step : first;
+        see_bend(report, first, last, lambda);
         /* A residual that a loose tolerance leaves is not looked at while it shrinks. */
         shrinks = report->iterations > 1 && tolerance > FLOOR && report->residual < 0.5 * residual;
         residual = report->residual;

@@ -35,6 +35,8 @@ struct iterate_report {
     double residual;          /* relative */
     bool open;                /* converged, with a direction in which the motion may be moved: a
                                * body that nothing holds in place */
+    double bend;              /* Newton: h_0 of iterate.c (4), below 2 where nothing lies between
+                               * start and end; HUGE_VAL where a step was not taken whole */
     const char *reason;       /* why it ended, where not converged; static text */
 };
 

@@ -19,7 +19,10 @@
 #include <stdbool.h>
 #include <stddef.h>
 
-struct budget { double spent, most; };     /* most 0: no limit */
+struct budget {
+    double spent, most;       /* most 0: no limit */
+    long factorizations;      /* of sparse matrices; while it is spent, less those of before */
+};
 
 enum {
     BUDGET_DENSE = 4,      /* dense operations in the time of one on a scattered number */

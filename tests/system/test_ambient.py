@@ -503,6 +503,20 @@ def test_a_drift_is_left_in_where_that_is_asked(ctl, tmp_path):
     assert "drift" not in codes(said)
 
 
+def test_a_channel_that_was_cut_off_is_named_and_a_sine_on_a_coarse_grid_is_not(ctl, tmp_path):
+    """At 1.5 standard deviations, by a converter of steps of a twentieth of one; a sine, of which
+    the largest value is met most of all, on steps of a sixth of it."""
+    Y = record(0, samples=6000)
+    Y[:, 1] = np.round(np.clip(Y[:, 1] / Y[:, 1].std(), -1.5, 1.5) * 20)
+    said = identify(ctl, tmp_path / "a.h5", Y).document
+    assert [d["channel"] for d in said["diagnostics"] if d["code"] == "clipped"] == [1]
+    assert said["stability"]["stable"] is None
+    assert all(m["std"]["damping_ratio"] is None for m in said["modes"])
+    Y[:, 1] = np.round(6 * np.sin(2 * np.pi * 3.3 * DT * np.arange(6000)) + 0.1 * Y[:, 0])
+    said = identify(ctl, tmp_path / "a.h5", Y).document
+    assert "clipped" not in codes(said) and "narrow_line" in codes(said)
+
+
 def test_a_change_of_level_is_said(ctl, tmp_path):
     Y = record(13)
     Y[10000:] *= 4

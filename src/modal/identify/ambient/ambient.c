@@ -23,6 +23,7 @@
 #include "modal/identify/ambient/ambient_wander.h"
 #include "modal/identify/answer/modes.h"
 #include "modal/identify/ask/diagnose.h"
+#include "modal/identify/ask/screen.h"
 #include "modal/identify/ask/verdict.h"
 #include "modal/identify/linear/exponents.h"
 #include "modal/identify/prepare/pod.h"
@@ -59,6 +60,7 @@ struct work {
     double step;                 /* s a sample of the spectrum */
     double *back;                /* from signals to columns of channels of unit rms */
     int broad;                   /* poles without a peak */
+    size_t from, rows;           /* of the batch */
     double drift;                /* share of the mean square that moved too slowly to be told */
     double clock;
 };
@@ -155,6 +157,7 @@ static enum modal_status read_record(struct work *w, const struct batch *batch,
                               "taken with response=ambient; name channels by `signals`, or give "
                               "`window`", w->rec.Y.m, w->rec.channels);
     if (rc == MODAL_OK) {
+        w->from = (size_t)llround(w->rec.t0 / batch->dt), w->rows = (size_t)w->rec.Y.m;
         drop_constant(w, batch);
         if (unasked)
             rc = take_drift(w, err);
@@ -630,10 +633,11 @@ static enum modal_status about_all_time(const struct work *w, struct identify_re
     return rc;
 }
 
-static enum modal_status conclude(struct work *w, struct identify_result *out,
-                                  struct modal_error *err)
+static enum modal_status conclude(struct work *w, const struct batch *batch,
+                                  struct identify_result *out, struct modal_error *err)
 {
     double record = w->rec.Y.m * w->rec.step;
+    bool clipped;
     enum modal_status rc = verdict_clusters(out, record, err);
 
     if (rc != MODAL_OK)
@@ -642,10 +646,11 @@ static enum modal_status conclude(struct work *w, struct identify_result *out,
     about_lines(w, out);
     about_modes(w, out);
     about_poles(w, out);
+    clipped = screen_rails(batch, w->from, w->rows, out);
     rc = about_all_time(w, out, err);
     if (rc == MODAL_OK)
         rc = about_free(w, out, err);
-    if (!w->found.model->converged || out->driven)
+    if (!w->found.model->converged || out->driven || clipped)
         verdict_withhold(out);
     return rc;
 }
@@ -706,7 +711,7 @@ enum modal_status ambient_identify(const struct batch *batch, const struct ident
         && (rc = report_spectra(&w, out, err)) == MODAL_OK
         && (rc = report_orders(&w, out, err)) == MODAL_OK
         && (rc = report_rank(&w, out, err)) == MODAL_OK)
-        rc = conclude(&w, out, err);
+        rc = conclude(&w, batch, out, err);
     response_stage(opt, &w.clock, "verdict", out);
     ambient_search_done(&w.found);
     spectrum_done(&w.spectrum);

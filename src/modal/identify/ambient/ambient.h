@@ -20,6 +20,7 @@
  *
  *   not_ambient          nearly all energy lies in a small part of the record: a free decay, or a
  *                        hit; neither errors nor a verdict are given
+ *   clipped              a channel's peaks were cut off (screen.h): neither, too
  *   too_few_cycles       a mode's damping is known to no better than ENOUGH; how many are enough
  *   narrow_line          a line taken off (ambient_lines.h), or a mode that is no wider: no verdict
  *   mains_line           such a line at a multiple of the mains' frequency: no harm

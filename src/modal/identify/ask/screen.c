@@ -26,6 +26,7 @@ static const double
     GRID_LEAST = 1e-4,                      /* of the rms */
     APART = 1e-9,                           /* of the range: less is the rounding of one value */
     OFF = 1e-3;                             /* of a step, or of many: no multiple, as above */
+static const double LINGERS = M_SQRT1_2;
 enum {
     STEPS_LEAST = 3,                        /* that a grid has: two make one by chance */
     SAMPLES_LEAST = 3                       /* that have anything wrong */
@@ -122,4 +123,85 @@ void screen_samples(const struct batch *b, struct identify_result *result)
             look_for_clipping(x, L, (int)c, result);
     }
     free(x);
+}
+
+/* ln of the chance that AT of so many ALL are at the extreme, or more, at LINGERS each: Chernoff's
+ * bound. */
+static double ln_chance(double at, double all)
+{
+    double share = at / all, rest = 1 - share;
+
+    if (!(share > LINGERS))
+        return 0;
+    return -all * (share * log(share / LINGERS)
+                   + (rest > 0 ? rest * log(rest / (1 - LINGERS)) : 0));
+}
+
+/* How many of sorted X, N of them, are at the extreme in the direction of SIGN; *all: and at the
+ * value next to it. */
+static int count_extreme(const double *x, int n, int sign, int *all)
+{
+    const double *end = sign > 0 ? x + n - 1 : x;
+    int at = 0;
+
+    while (at < n && end[-sign * at] == *end)
+        at++;
+    for (*all = at; *all < n && end[-sign * *all] == end[-sign * at];)
+        ++*all;
+    return at;
+}
+
+/* Of a channel's sorted X: at those of its extremes that it was cut off at. */
+static int count_at_rails(const double *x, int n, double alarm)
+{
+    int at[2], all[2], ties = 0, held = 0;
+
+    for (int k = 1; k < n; k++)
+        ties += x[k] == x[k - 1] && x[k] > x[0] && x[k] < x[n - 1];
+    for (int end = 0; end < 2; end++) {
+        at[end] = count_extreme(x, n, 2 * end - 1, &all[end]);
+        if ((ties == 0 && at[end] >= HELD) || ln_chance(at[end], all[end]) < log(alarm))
+            held += at[end];
+    }
+    if (ln_chance(at[0] + at[1], all[0] + all[1]) < log(alarm))
+        held = at[0] + at[1];
+    return 2 * (at[0] + at[1]) > n ? 0 : held;
+}
+
+/* Are there as many samples at an extreme as are a finding?  Most channels are not sorted. */
+static bool has_rail(const double *x, size_t n)
+{
+    double low = x[0], high = x[0];
+    int at_low = 0, at_high = 0;
+
+    for (size_t k = 1; k < n; k++)
+        low = fmin(low, x[k]), high = fmax(high, x[k]);
+    for (size_t k = 0; k < n; k++)
+        at_low += x[k] == low, at_high += x[k] == high;
+    return high > low && (at_low >= HELD || at_high >= HELD);
+}
+
+bool screen_rails(const struct batch *b, size_t first, size_t count, struct identify_result *result)
+{
+    double *x = malloc(sizeof *x * (count + 1));
+    double alarm = IDENTIFY_ALARM / (3. * result->channel_count);   /* either extreme, or both */
+    bool any = false;
+
+    for (int i = 0; x != NULL && i < result->channel_count && count >= SAMPLES_LEAST; i++) {
+        int c = result->channel[i], held = 0;
+        for (size_t k = 0; k < count; k++)
+            x[k] = b->signals[(first + k) * b->channels + (size_t)c];
+        if (has_rail(x, count)) {
+            numbers_sort(x, count);
+            held = count_at_rails(x, (int)count, alarm);
+        }
+        any = any || held > 0;
+        if (held > 0)
+            identify_diagnose(result, "clipped", c, "channel %d holds its extremes %g and %g in %d "
+                              "samples, more than motion does: its peaks are cut off, errors are "
+                              "unknown and no verdict is given; measure with less gain, or "
+                              "identify a window without them", c, x[0], x[count - 1], held);
+    }
+    free(x);
+    return any;
 }

@@ -1,6 +1,7 @@
 /* screen.h - what is wrong with the samples themselves: clipped, quantised */
 #ifndef MODAL_SCREEN_H
 #define MODAL_SCREEN_H
+#include <stdbool.h>
 #include "modal/batch.h"
 #include "modal/identify/result.h"
 
@@ -20,4 +21,12 @@ enum {
  * Constant and zero channels have neither.  Out of memory it looks at nothing.
  */
 void screen_samples(const struct batch *batch, struct identify_result *result);
+
+/*
+ * The same of responses that go on throughout, of rows FIRST .. FIRST + COUNT - 1 of all channels
+ * chosen: clipped, where an extreme is held by more samples than any motion that comes to it has
+ * there (screen.c).  Is one?  Out of memory, none.
+ */
+bool screen_rails(const struct batch *batch, size_t first, size_t count,
+                  struct identify_result *result);
 #endif

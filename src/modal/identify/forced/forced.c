@@ -25,6 +25,7 @@
 #include <string.h>
 #include "modal/identify/answer/modes.h"
 #include "modal/identify/ask/diagnose.h"
+#include "modal/identify/ask/screen.h"
 #include "modal/identify/ask/verdict.h"
 #include "modal/identify/fit/refine.h"
 #include "modal/identify/forced/clipping.h"
@@ -56,7 +57,7 @@ struct work {
     struct lines lines;
     struct forced_search found;
     double widest;               /* factor of the second opinion */
-    bool clipped;                /* an input was */
+    bool clipped;                /* an input or a response was */
     double clock;
 };
 
@@ -657,6 +658,8 @@ static enum modal_status conclude(struct work *w, struct identify_result *out,
     about_modes(w, out);
     about_fit(w, out);
     rc = about_inputs(w, out, err);
+    if (screen_rails(w->batch, (size_t)llround(w->rec.t0 / w->batch->dt), (size_t)w->rec.Y.m, out))
+        w->clipped = true;
     if (!w->found.model.converged || is_starved(w) || is_cut_short(w) || w->clipped)
         verdict_withhold(out);
     return rc;

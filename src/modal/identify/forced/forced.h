@@ -18,7 +18,7 @@
  * not known; *out's reconstruction is that of the responses about their means.  Diagnostics, beside
  * those of verdict.h: no_modes, short_record, near_nyquist, broad_poles, narrow_line,
  * too_many_unknowns, coloured_residual, poor_reconstruction, zero_channel, order_work_limit,
- * not_converged.
+ * not_converged, clipped (a channel; no errors and no verdict then).
  */
 enum modal_status forced_identify(const struct batch *batch, const struct identify_options *options,
                                   struct identify_result *out, struct modal_error *err);

@@ -315,6 +315,36 @@ TEST(the_input_that_was_cut_off_is_named_and_takes_errors_and_verdict)
     identify_result_done(&r);
 }
 
+/* Cut off at one standard deviation from its mean by a converter of steps of 0.1, or of none; whole
+ * on the same grid, on which its largest value is met more than once. */
+TEST(the_response_that_was_cut_off_is_named_and_a_whole_one_on_a_grid_is_not)
+{
+    const double steps[] = { 0.1, 0 };
+
+    for (int cut = 0; cut < 2; cut++)
+        for (int i = 0; i < 2; i++) {
+            struct batch b = simulated(6, 0.5);
+            struct identify_options opt = forced();
+            struct identify_result r;
+            double square = 0;
+            for (int k = 0; k < SAMPLES; k++)
+                square += pow(x[CHANNELS * k + 3] + 5, 2) / SAMPLES;
+            for (int k = 0; k < SAMPLES; k++) {
+                double *y = x + CHANNELS * k + 3, most = cut ? sqrt(square) : HUGE_VAL;
+                *y = fmin(fmax(*y, -5 - most), -5 + most);
+                *y = steps[i] > 0 ? nearbyint(*y / steps[i]) * steps[i] : *y;
+            }
+            CHECK(modal_identify(&b, &opt, &r, NULL) == MODAL_OK);
+            CHECK(has(&r, "clipped") == (cut == 1));
+            for (int d = 0; d < r.diagnostic_count && cut == 1; d++)
+                CHECK(strcmp(r.diagnostics[d].code, "clipped") != 0
+                      || r.diagnostics[d].channel == 3);
+            CHECK((r.verdict == VERDICT_UNDECIDED) == (cut == 1));
+            CHECK(r.mode_count > 0 && isnan(r.modes[0].std_re) == (cut == 1));
+            identify_result_done(&r);
+        }
+}
+
 static void refused(const struct batch *b, struct identify_options opt, const char *field,
                     const char *words)
 {

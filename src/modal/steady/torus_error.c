@@ -13,8 +13,11 @@
 #include "modal/steady/condense.h"
 #include "modal/steady/torus_laws.h"
 
-enum { CANDIDATES_LEAST = 24 };           /* two shells around the first set: below them an
+enum {
+    CANDIDATES_LEAST = 24,                /* two shells around the first set: below them an
                                            * estimate of the rest is none */
+    BINS = 1024,                          /* of keys: one holds a thousandth of the points, about */
+};
 static const double LAST = 0.125;         /* of the highest combinations that grids serve */
 static const double LOOKING = 2e8;        /* budget.h: what linear parts of a look may cost */
 static const double SLOW = 0.15;          /* chosen: slow combinations are looked at to orders
@@ -128,6 +131,27 @@ static int by_key(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
+static int bin_of(double key, double most) { return (int)(key / most * (BINS - 1)); }
+
+/* Those of RANK among which the WANTED lowest are, as they stand, to its begin: how many.  To sort
+ * all points of a fine grid takes as long as a law does at them. */
+static int lowest(struct rank *rank, int ranks, int wanted)
+{
+    int in[BINS] = { 0 }, bin = 0, kept = 0;
+    double most = 1;
+
+    for (int r = 0; r < ranks; r++)
+        most = fmax(most, rank[r].key);
+    for (int r = 0; r < ranks; r++)
+        in[bin_of(rank[r].key, most)]++;
+    for (int sum = in[0]; sum < wanted && bin < BINS - 1; sum += in[bin])
+        bin++;
+    for (int r = 0; r < ranks; r++)
+        if (bin_of(rank[r].key, most) <= bin)
+            rank[kept++] = rank[r];
+    return kept;
+}
+
 /*
  * What is looked at: the set first, then of the combinations around it that grid G holds those of
  * low order, and of high ones those that are slow.  A slider that forgets where it began gives
@@ -150,6 +174,7 @@ static int look_at(const struct torus_solver *s, const struct torus_grid *g,
         rank[ranks++] = (struct rank) { all[i], torus_order(all[i])
                                                     * fmin(1, fmax(SLOW, turns * turns / 4)) };
     }
+    ranks = lowest(rank, ranks, s->count + most);
     if (ranks > 0)
         qsort(rank, (size_t)ranks, sizeof *rank, by_key);
     for (int i = 0; i < ranks && count < s->count + most; i++)

@@ -66,7 +66,8 @@ static const struct result_key provenance_keys[] = {
     { "host", RESULT_TEXT, .absent = "tradeoff identify", .means = "where it ran" },
     { "threads", RESULT_WHOLE, .absent = "tradeoff identify", .means = "that it was given" },
     { "blas_core", RESULT_TEXT, .means = "the processor's kernels that OpenBLAS chose" },
-    { "attributes", RESULT_OWN, .absent = "where the input has none", .means = "the input's own" },
+    { "attributes", RESULT_OWN, .absent = "where the input has none",
+      .means = "of the input, as they came" },
     { "units", RESULT_TEXT, .absent = "where the scene names none", .means = "as the scene says" },
     { 0 },
 };
@@ -380,7 +381,6 @@ static const struct result_key equation_keys[] = {
 static const struct result_key work_keys[] = {
     { "spent", RESULT_NUMBER, .null = UNKNOWN, .means = "operations, counted not timed" },
     { "allowed", RESULT_NUMBER, .null = "no limit", .means = "the most unasked" },
-    { "factorizations", RESULT_NUMBER, .absent = "several tones", .means = "of sparse matrices" },
     { 0 },
 };
 

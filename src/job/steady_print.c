@@ -253,7 +253,6 @@ enum modal_status steady_print(struct steady *s, const struct program *p,
     r = cJSON_AddObjectToObject(doc, "work");
     json_set_number(r, "spent", point->work.spent);
     json_set_number(r, "allowed", point->work.most);
-    json_set_number(r, "factorizations", (double)point->work.factorizations);
     print_stability(stability != NULL ? stability : &unknown, doc);
     print_diagnostics(p, settings, point, stability, doc);
     if (rc != MODAL_OK) {

@@ -105,8 +105,3 @@ bool sparse_symmetric(const struct sparse *a, double tolerance)
                 return false;
     return true;
 }
-
-static _Thread_local long factorizations;
-
-long sparse_factorizations(void) { return factorizations; }
-void sparse_count_factorization(void) { factorizations++; }

@@ -38,9 +38,4 @@ void sparse_add_to_dense(const struct sparse *a, double alpha, struct matrix *ou
 /* Whether each entry differs from the one across the diagonal by no more than the part TOLERANCE of
  * itself. */
 bool sparse_symmetric(const struct sparse *a, double tolerance);
-
-/* How many sparse matrices this thread has factored: a meter, whose differences are looked at; */
-long sparse_factorizations(void);
-/* one more: of whoever factors. */
-void sparse_count_factorization(void);
 #endif

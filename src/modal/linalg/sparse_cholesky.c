@@ -11,7 +11,6 @@
  * (2008) 22.
  */
 #include "modal/linalg/sparse_cholesky.h"
-#include "modal/linalg/sparse.h"
 #include <cblas.h>
 #include <math.h>
 #include <stdlib.h>
@@ -56,10 +55,8 @@ enum modal_status sparse_cholesky_new(int n, const int *start, const int *index,
     f->common.nmethods = 1;
     f->common.method[0].ordering = CHOLMOD_AMD;
     f->factor = cholmod_analyze(&A, &f->common);
-    if (f->factor != NULL) {
+    if (f->factor != NULL)
         cholmod_factorize(&A, f->factor, &f->common);
-        sparse_count_factorization();
-    }
     status = f->common.status;
     if (status == CHOLMOD_OK && f->factor->minor == f->factor->n) {
         *out = f;

@@ -8,7 +8,6 @@
  * [D04] Davis, Algorithm 832: UMFPACK V4.3, ACM Trans. Math. Softw. 30 (2004) 196-199.
  */
 #include "modal/linalg/sparse_lu.h"
-#include "modal/linalg/sparse.h"
 #include "modal/linalg/workspace.h"
 #include <float.h>
 #include <math.h>
@@ -114,7 +113,6 @@ bool sparse_lu_factor(struct sparse_lu *f, const void *value)
                                 f->control, info)
            : umfpack_di_numeric(f->start, f->index, value, f->symbolic, &f->numeric, f->control,
                                 info);
-    sparse_count_factorization();
     f->flops = info[UMFPACK_FLOPS];
     f->fill = info[UMFPACK_LNZ] + info[UMFPACK_UNZ];
     f->work = f->flops + SPARSE_LU_ENTRY * (f->start[f->n] + f->fill);

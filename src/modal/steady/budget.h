@@ -19,10 +19,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 
-struct budget {
-    double spent, most;       /* most 0: no limit */
-    long factorizations;      /* of sparse matrices; while it is spent, less those of before */
-};
+struct budget { double spent, most; };     /* most 0: no limit */
 
 enum {
     BUDGET_DENSE = 4,      /* dense operations in the time of one on a scattered number */

@@ -407,7 +407,7 @@ enum modal_status estimate_near(struct steady *s, struct balance *b, double comp
         point->attempts = 1;
         point->iterations = r.iterations;
         point->step = r.step;
-        point->work = steady_work(s);
+        point->work = s->budget;
         rc = estimate_errors(s, b, point, err);
     }
     *found = rc == MODAL_OK;

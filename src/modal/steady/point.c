@@ -18,7 +18,6 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include "modal/linalg/sparse.h"
 #include "modal/scene/craig_bampton.h"
 #include "modal/scene/program.h"
 #include "modal/steady/aft.h"
@@ -163,24 +162,7 @@ void steady_allow_work(struct steady *s)
 
     s->budget = (struct budget){ .most = fmin(WORK * (1 + q / WORK_DOFS),  /* from 0 */
                                               WORK_FEW * (1 + s->p->n / DOFS_FEW))
-                                         + ASKED * steady_factor_work(s, s->opt.harmonics),
-                                 .factorizations = -sparse_factorizations() };
-}
-
-struct budget steady_work(const struct steady *s)
-{
-    struct budget work = s->budget;
-
-    work.factorizations += sparse_factorizations();
-    return work;
-}
-
-struct budget steady_work_after(const struct steady *s, struct budget before)
-{
-    struct budget work = steady_work(s);
-
-    return (struct budget) { before.spent + work.spent, before.most + work.most,
-                             before.factorizations + work.factorizations };
+                                         + ASKED * steady_factor_work(s, s->opt.harmonics) };
 }
 
 int steady_counted_dof(const struct steady *s, int i)

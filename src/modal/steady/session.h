@@ -48,10 +48,6 @@ struct iterate_options steady_iterate_options(const struct steady *s);
 double steady_factor_work(const struct steady *s, int H);
 /* The budget of a solution begins. */
 void steady_allow_work(struct steady *s);
-/* What was spent of it so far, */
-struct budget steady_work(const struct steady *s);
-/* and of BEFORE, a solution's before it. */
-struct budget steady_work_after(const struct steady *s, struct budget before);
 /* The I-th of the dofs whose errors count. */
 int steady_counted_dof(const struct steady *s, int i);
 /* The error asked for, relative to the largest displacement. */

@@ -385,7 +385,8 @@ enum modal_status steady_solve_all(struct steady *s, double omega, const struct 
         *count = 0;
         rc = points_of_all(s, b, &found, method, list, count, err);
         for (int i = 0; i < *count; i++)
-            list[i].work = steady_work_after(s, work);
+            list[i].work = (struct budget) { work.spent + s->budget.spent,
+                                             work.most + s->budget.most };
     }
     if (rc == MODAL_OK)
         rc = balance_set(b, omega, 1, err);
@@ -632,7 +633,7 @@ enum modal_status steady_refine(struct steady *s, struct steady_point *point,
         && point->error > steady_target(s) * point->amplitude) {
         steady_allow_work(s);
         rc = solve_to_target(s, point->omega, NULL, point, &fine, err);
-        work = steady_work_after(s, work);
+        work = (struct budget) { work.spent + s->budget.spent, work.most + s->budget.most };
     }
     if (rc == MODAL_OK && fine.converged && fine.error < point->error) {
         struct steady_point last = *point;
@@ -701,7 +702,7 @@ enum modal_status steady_solve(struct steady *s, double omega, const struct stea
             rc = solve_any(s, omega, NULL, point, err);
     } else if (rc != MODAL_OK && err != NULL)
         *err = singular;
-    point->work = steady_work(s);
+    point->work = s->budget;
     if (rc != MODAL_OK)
         steady_point_done(point);
     return rc;
@@ -746,6 +747,6 @@ enum modal_status steady_follow_attractor(struct steady *s, double omega,
     rc = time_answer(s, omega, 0, point, err);
     *found = rc == MODAL_OK && point->converged;
     point->attempts = 1;
-    point->work = steady_work(s);
+    point->work = s->budget;
     return rc;
 }

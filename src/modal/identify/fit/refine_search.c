@@ -251,14 +251,15 @@ static double tied_scale(const struct work *w, const struct point *from, const d
     return scale;
 }
 
-/* Of STEP, the part that moves no pole further than its line is wide, of the record's length or of
- * the pole's own life where that is less: another line is another minimum. */
+/* Of STEP, the part that moves no pole further than the record's length has its line be wide:
+ * another line is another minimum.  Of one that lives less, half of its own width, which stays a
+ * half to three halves of that. */
 static double step_share(const struct work *w, const struct point *from, const double *step)
 {
     double share = 1;
 
     for (int j = 0; j < w->count; j++) {
-        double wide = fmax(TURN_MOST / w->L, fabs(from->a[j]));
+        double wide = fmax(TURN_MOST / w->L, fabs(from->a[j]) / 2);
         int own = w->first[j] < 0 ? 0 : w->kind[j] == POLE_PAIR && w->turn[j] != 0 ? 2 : 1;
         for (int i = 0; i < own; i++)
             if (fabs(step[w->first[j] + i]) * share > wide)

@@ -11,7 +11,9 @@
  *
  * SQLite writes its log by frames, 24 bytes and a page each.  They are held here until a commit's
  * frame comes, or what needs them in the file: a group is one write, where each of its pages was
- * two.  Nobody else is told of a frame before its commit is there.
+ * two.  Nobody else is told of a frame before its commit is there.  That is right of one connection
+ * that writes, whose group is synced before it is told (synchronous=FULL): headers that SQLite
+ * writes anew behind the commit's frame, and frames of a group taken back, are held until then.
  *
  * All else is the default VFS's.
  */

@@ -708,11 +708,11 @@ static bool wait_for(zmq_pollitem_t *items, int n, long ms)
             items[i].fd, items[i].events == ZMQ_POLLOUT ? POLLOUT : POLLIN, 0 };
         if (items[i].socket == NULL)
             continue;
-        if (items[i].events == 0)
-            of[i].fd = -1;
-        else if (zmq_getsockopt(items[i].socket, ZMQ_EVENTS, &events, &events_size) < 0
-                 || zmq_getsockopt(items[i].socket, ZMQ_FD, &of[i].fd, &size) < 0)
+        if (zmq_getsockopt(items[i].socket, ZMQ_EVENTS, &events, &events_size) < 0
+            || zmq_getsockopt(items[i].socket, ZMQ_FD, &of[i].fd, &size) < 0)
             return errno == EINTR;
+        if (items[i].events == 0)
+            of[i].fd = -1;             /* ZMQ_EVENTS alone: it does what its peers ask of it */
         items[i].revents = (short)(events & items[i].events);
         ready |= items[i].revents != 0;
     }

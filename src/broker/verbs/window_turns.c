@@ -120,13 +120,14 @@ static bool pays(const struct core *c, int slot, const struct waiting *list, con
 {
     const struct slot *own = &c->slots->at[slot];
     const struct window *w = &s->window;
-    const double anew_s = w->anew_s, cost_s = w->cost_s;
+    const double anew_s = w->anew_s;
+    const double cost_s = w->cost_s > 0 ? w->cost_s : anew_s;      /* not known yet: as the first */
     double left_s = list->cost_s + own->ahead_s;
 
     if (own->live != NULL)
         left_s += (double)(c->now.mono_ns - own->started_ns) / 1e9;
-    return cost_s > 0 && (left_s > anew_s / 2 + anew_s * anew_s / (4 * cost_s)
-                          || (double)w->lost * cost_s >= anew_s - cost_s);
+    return left_s > anew_s / 2 + (cost_s > 0 ? anew_s * anew_s / (4 * cost_s) : 0)
+        || (w->cost_s > 0 && (double)w->lost * cost_s >= anew_s - cost_s);
 }
 
 /* May another than its worker, which has LIST, take S, the first of it? */

@@ -782,7 +782,7 @@ void worker_message(struct core *c, const struct event *e)
         bad_worker(c, slot, e->fault->message);
         return;
     }
-    if (!slot_owes_ready(s))
+    if (!slot_owes_ready(s) || strcmp(m->verb, "READY") == 0)
         s->heard_ns = c->now.mono_ns;
     for (size_t i = 0; i < sizeof verbs / sizeof *verbs; i++) {
         if (strcmp(verbs[i].verb, m->verb) != 0 || (verbs[i].elsewhere && s->remote == NULL))

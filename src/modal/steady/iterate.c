@@ -24,13 +24,14 @@
  * holds: a loose tolerance is compared with that.  Of a matrix of few harmonics (balance.h) (1)
  * holds for those alone and the rest move by (7); it converges linearly, at the rate of their gain.
  *
- * Whole steps with |d_k+1| <= w / 2 |d_k|^2, w a bound over the iterates, stay within a ball of the
- * start, and what they lead to is the only solution there, if
+ * Whole steps with |d_k+1| <= w / 2 |d_k|^2, w a bound over a ball about the start, stay within it,
+ * and what they lead to is the only solution there, if
  *
  *     h_0 = w |d_0| < 2                                                                         (4)
  *
- * [D04, theorem 2.2]: it moves continuously with all that h_0 grows with.  w is the largest that
- * steps down to CLOSE show.
+ * [D04, theorem 2.2]: it moves continuously with all that h_0 grows with.  w here is the largest
+ * that steps down to CLOSE show, of the iterates alone and in a norm that changes with them: a
+ * sign, which random scenes of smooth laws bear out (ways.c), and no proof.
  *
  * Where J is singular it is stiffened, J + mu max|J| I, which leaves the solution where it is and
  * only delays it.

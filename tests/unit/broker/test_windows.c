@@ -537,6 +537,42 @@ TEST(a_worker_that_has_ended_its_work_and_asks_for_none_is_ended_after_its_lease
     core_free(core);
 }
 
+/* Its second window's cost is not known before it was done, and was taken for one that no other may
+ * take: a free worker rested for as long as the window before it went on, 60 s at most. */
+TEST(a_second_window_behind_one_that_hangs_is_taken_by_a_worker_that_is_free)
+{
+    char idents[3][9];
+
+    start_daemon(2);
+    slot = 0;
+    say(WIRE_WORKER, "READY", "{\"job\":\"\",\"attempt\":0,\"pid\":7}", NULL, 0);
+    cpu_s = 0.03;                         /* one is ahead of its turn */
+    open_full(3, idents);
+    for (int k = 0; k < 3; k++) {
+        found("{}");
+        say(WIRE_WORKER, "READY", "{\"job\":\"\",\"attempt\":0,\"pid\":7}", NULL, 0);
+    }
+    for (int k = 0; k < 3; k++)
+        push(idents[k], 8, 2);
+    slot = 1;
+    say(WIRE_WORKER, "READY", "{\"job\":\"\",\"attempt\":0,\"pid\":7}", NULL, 0);
+    CHECK(told[0] == 2 && told[1] == 1);
+    cpu_s = 0;
+    core_free(core);
+}
+
+/* The lease counts from READY, not from when it was begun. */
+TEST(a_worker_that_is_ready_late_in_its_lease_is_not_ended_for_want_of_a_beat)
+{
+    start_daemon(1);
+    now.mono_ns += 4 * SECOND;
+    be_ready(1);
+    now.mono_ns += 2 * SECOND;
+    step((struct event) { .type = EVENT_TIME });
+    CHECK(core->slots->at[0].state == SLOT_IDLE);
+    core_free(core);
+}
+
 /* 1 ms each, from nothing too: as many are ahead as of those that it goes on with. */
 TEST(a_worker_that_is_new_has_as_many_windows_ahead_as_last_20_ms_by_what_they_took_anew_before)
 {

@@ -17,20 +17,22 @@ struct apart {
     /* in the child: what was found; it is the parent's twin, in which texts of the program lie at
      * the same place.  False: it cannot be told. */
     bool (*tell)(void *context, FILE *to);
-    /* in the parent: the same, in the same order.  False: there is less. */
+    /* in the parent: the same, in the same order.  False: there is less, or no memory. */
     bool (*hear)(void *context, FILE *from);
 };
 
 /*
  * Do HOW->work for PATH in a child, with CONTEXT.  Fails as it does; with MODAL_BAD_INPUT, field
- * FIELD, where the child came to its end by a signal or a limit, MODAL_NO_MEMORY, MODAL_IO where
- * there is none to be had.
+ * FIELD, where the library broke down or met the limit of time; MODAL_NO_MEMORY, of the child or
+ * where HOW->hear failed with more to be heard; MODAL_IO where no child was to be had, or somebody
+ * ended it.
  */
 enum modal_status apart_do(const struct apart *how, void *context, const char *path,
                            const char *field, struct modal_error *err);
 
-/* The child may take BYTES more than it holds, to read or make as many: memory, and time. */
-void apart_allow(double bytes);
+/* The child may take BYTES more than it holds, to read or make as many: memory, and time; and time
+ * for PIECES that they lie in. */
+void apart_allow(double bytes, double pieces);
 
 /* A text, or NULL, to the other end; the caller frees *TEXT.  False: it did not get there, or there
  * is no memory. */

@@ -31,7 +31,7 @@ static enum modal_status read_set(hid_t set, const char *name, int rank, hsize_t
         return BAD_FILE("dataset \"%s\" has %d dimensions; accepted: %d", name, of.rank, rank);
     count = (double)of.dims[0] * (double)of.dims[1];
     /* these, two copies and compressed rows that grow; and chunks, as in files/hdf5.c */
-    apart_allow(6 * count * (double)sizeof *values + 4 * (double)of.piece);
+    apart_allow(6 * count * (double)sizeof *values + 4 * (double)of.piece, of.pieces);
     values = malloc((size_t)count * sizeof *values + 1);
     if (values == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "no memory for dataset \"%s\"", name);

@@ -54,17 +54,19 @@ static enum modal_status look_filters(const struct look *l, struct modal_error *
     return MODAL_OK;
 }
 
-/* Were all chunks written, of which each has PIECE bytes? */
-static bool look_chunks(const struct look *l, size_t *piece)
+/* Were all chunks written? */
+static bool look_chunks(const struct look *l)
 {
+    struct h5_numbers *of = l->of;
     hsize_t chunk[2] = { 1, 1 }, written = 0, all = 1;
     int rank = H5Pget_layout(l->how) == H5D_CHUNKED ? H5Pget_chunk(l->how, 2, chunk) : 0;
-    bool told = rank == l->of->rank && rank > 0
-                && H5Dget_num_chunks(l->of->set, l->space, &written) >= 0;
+    bool told = rank == of->rank && rank > 0
+                && H5Dget_num_chunks(of->set, l->space, &written) >= 0;
 
-    *piece = rank > 0 ? (size_t)(chunk[0] * chunk[1]) * H5Tget_size(l->type) : 0;
+    of->piece = rank > 0 ? (size_t)(chunk[0] * chunk[1]) * H5Tget_size(l->type) : 0;
     for (int i = 0; told && i < rank; i++)
-        all *= (l->of->dims[i] + chunk[i] - 1) / chunk[i];
+        all *= (of->dims[i] + chunk[i] - 1) / chunk[i];
+    of->pieces = told ? (double)all : 0;
     return told && written >= all;
 }
 
@@ -81,7 +83,7 @@ static enum modal_status look_held(const struct look *l, struct modal_error *err
         return BAD_SET("the numbers of dataset `%s` are in other files; accepted: in its own, as "
                        "`h5repack -l CONTI` makes it", of->name);
     double held = (double)H5Dget_storage_size(of->set);
-    bool whole = look_chunks(l, &l->of->piece);
+    bool whole = look_chunks(l);
     if (said > DEFLATE_RATIO * held && !whole)
         return BAD_SET("dataset `%s` of %llu x %llu has %.0f bytes in the file: parts of it were "
                        "never written", of->name, (unsigned long long)of->dims[0],
@@ -236,13 +238,82 @@ static enum modal_status check_pieces(const struct h5_numbers *of, struct modal_
     return rc;
 }
 
+/* ---- reading ---- */
+
+/* OUT: was it for want of memory that the library's last call failed? */
+static herr_t is_of_memory(unsigned n, const H5E_error2_t *error, void *out)
+{
+    (void)n;
+    if (error->min_num == H5E_NOSPACE || error->min_num == H5E_CANTALLOC)
+        *(bool *)out = true;
+    return 0;
+}
+
+static enum modal_status not_read(const struct h5_numbers *of, struct modal_error *err)
+{
+    bool memory = false;
+
+    H5Ewalk2(H5E_DEFAULT, H5E_WALK_UPWARD, is_of_memory, &memory);
+    if (memory)
+        return modal_fail_field(err, MODAL_NO_MEMORY, of->field, "dataset `%s` cannot be read: no "
+                                "memory for what its parts say that they take", of->name);
+    return modal_fail_field(err, MODAL_BAD_INPUT, of->field, "dataset `%s` cannot be read: the "
+                            "file is truncated or damaged", of->name);
+}
+
+/* Numbers of each dimension that are read at once: whole chunks, BLOCK_CHUNKS at most, and of whole
+ * rows where a row has no more. */
+static bool block_of(const struct h5_numbers *of, hsize_t block[2])
+{
+    enum { BLOCK_CHUNKS = 64 };       /* 0.25 MB of map; 1024 of one row took half more time each */
+    hid_t how = H5Dget_create_plist(of->set);
+    hsize_t chunk[2] = { 1, 1 }, left = BLOCK_CHUNKS;
+    bool chunked = how >= 0 && H5Pget_layout(how) == H5D_CHUNKED,
+         ok = how >= 0 && (!chunked || H5Pget_chunk(how, 2, chunk) == of->rank);
+
+    block[0] = of->dims[0];
+    block[1] = of->dims[1];
+    for (int i = 1; ok && chunked && i >= 0; i--) {
+        hsize_t chunks = (of->dims[i] - 1) / chunk[i] + 1, taken = chunks < left ? chunks : left;
+        block[i] = taken * chunk[i];
+        left /= taken;
+    }
+    if (how >= 0)
+        H5Pclose(how);
+    return ok;
+}
+
+/*
+ * All of them, by blocks: libhdf5 1.10 makes a map of all chunks that one call reads, 3.8 kB of
+ * each whatever its size, so that of a million rows in as many chunks it takes 4 GB for 32 MB.
+ */
+static bool read_blocks(const struct h5_numbers *of, hid_t space, double *to)
+{
+    hsize_t block[2], at[2], count[2];
+    bool ok = block_of(of, block);
+
+    for (at[0] = 0; ok && at[0] < of->dims[0]; at[0] += block[0])
+        for (at[1] = 0; ok && at[1] < of->dims[1]; at[1] += block[1]) {
+            for (int i = 0; i < 2; i++)
+                count[i] = of->dims[i] - at[i] < block[i] ? of->dims[i] - at[i] : block[i];
+            ok = (of->rank == 0
+                  || H5Sselect_hyperslab(space, H5S_SELECT_SET, at, NULL, count, NULL) >= 0)
+                 && H5Dread(of->set, H5T_NATIVE_DOUBLE, space, space, H5P_DEFAULT, to) >= 0;
+        }
+    return ok;
+}
+
 enum modal_status h5_numbers_read(const struct h5_numbers *of, double *to, struct modal_error *err)
 {
     enum modal_status rc = of->dims[0] * of->dims[1] > 0 ? check_pieces(of, err) : MODAL_OK;
+    hid_t space;
 
-    if (rc != MODAL_OK || of->dims[0] * of->dims[1] == 0
-        || H5Dread(of->set, H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT, to) >= 0)
+    if (rc != MODAL_OK || of->dims[0] * of->dims[1] == 0)
         return rc;
-    return modal_fail_field(err, MODAL_BAD_INPUT, of->field, "dataset `%s` cannot be read: the "
-                            "file is truncated or damaged", of->name);
+    space = H5Dget_space(of->set);
+    if (space < 0 || !read_blocks(of, space, to))
+        rc = not_read(of, err);
+    if (space >= 0)
+        H5Sclose(space);
+    return rc;
 }

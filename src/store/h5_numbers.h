@@ -12,7 +12,8 @@ struct h5_numbers {
     double most;           /* bytes that they may take as doubles */
     int rank;              /* 0 to 2 dimensions */
     hsize_t dims[2];       /* 1 where there is none */
-    size_t piece;          /* bytes that are unpacked at once: of a chunk; 0: none are packed */
+    size_t piece;          /* bytes that are unpacked at once: of a chunk; 0: there are none */
+    double pieces;         /* chunks */
 };
 
 /*
@@ -23,7 +24,8 @@ struct h5_numbers {
  */
 enum modal_status h5_numbers_look(struct h5_numbers *out, struct modal_error *err);
 
-/* All of them, in the order of the file, into TO.  MODAL_BAD_INPUT: damaged. */
+/* All of them, in the order of the file, into TO; beside them it holds a few chunks, however many
+ * there are.  MODAL_BAD_INPUT: damaged; MODAL_NO_MEMORY. */
 enum modal_status h5_numbers_read(const struct h5_numbers *of, double *to,
                                   struct modal_error *err);
 #endif

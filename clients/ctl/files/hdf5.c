@@ -209,7 +209,7 @@ struct source { hid_t file; const char *signals; };
 static void allow(const struct h5_numbers *of, int copies)
 {
     apart_allow(copies * (double)sizeof(double) * (double)of->dims[0] * (double)of->dims[1]
-                + 4 * (double)of->piece);
+                + 4 * (double)of->piece, of->pieces);
 }
 
 static enum modal_status load_attribute(hid_t object, const struct array *array, double *to)

@@ -21,8 +21,8 @@ static const double BYTES_LEAST = 256 << 20;
 /* Packed numbers become 1 GiB in 4 s (gzip) to 30 s (n-bit, the slowest): a quarter of that. */
 static const double BYTES_A_SECOND = 8 << 20;
 
-/* Chunks of one row, unpacked, are checked and read in 8 to 11 us each, whatever index finds them:
- * a quarter of that speed, too. */
+/* Chunks of one row are checked and read in 4 to 10 us each, by what finds and packs them (gzip):
+ * a quarter of the slowest. */
 static const double PIECES_A_SECOND = 25000;
 
 enum {

@@ -187,7 +187,7 @@ TEST(a_child_has_time_for_each_piece)
     struct context none = { 0 }, many = { .bytes = 1000000 };
 
     CHECK(run(say_time, &none, NULL) == MODAL_OK && run(say_time, &many, NULL) == MODAL_OK);
-    CHECK(none.told < 10 && many.told >= none.told + 11);   /* of 11 us each */
+    CHECK(none.told < 10 && many.told >= none.told + 11);   /* they took 11 us each */
 }
 
 TEST(a_child_that_tells_less_than_all_is_a_damaged_file)

@@ -504,10 +504,10 @@ def test_a_drift_is_left_in_where_that_is_asked(ctl, tmp_path):
 
 
 def test_a_channel_that_was_cut_off_is_named_and_a_sine_on_a_coarse_grid_is_not(ctl, tmp_path):
-    """At 1.5 standard deviations, by a converter of steps of a twentieth of one; a sine, of which
+    """At 1.5 standard deviations, by a converter of steps of a thousandth of one; a sine, of which
     the largest value is met most of all, on steps of a sixth of it."""
     Y = record(0, samples=6000)
-    Y[:, 1] = np.round(np.clip(Y[:, 1] / Y[:, 1].std(), -1.5, 1.5) * 20)
+    Y[:, 1] = np.round(np.clip(Y[:, 1] / Y[:, 1].std(), -1.5, 1.5) * 1000)
     said = identify(ctl, tmp_path / "a.h5", Y).document
     assert [d["channel"] for d in said["diagnostics"] if d["code"] == "clipped"] == [1]
     assert said["stability"]["stable"] is None

@@ -19,6 +19,7 @@
 
 enum {
     HELD = 3,                               /* equal extremes that are a plateau */
+    NEAR = 8,                               /* an extreme: a step is told among so many */
     PLATEAUS = 2,                           /* that are a finding, as above */
     ROWS = 64                               /* of a file mapped that are held at a time */
 };
@@ -26,7 +27,6 @@ static const double
     GRID_LEAST = 1e-4,                      /* of the rms */
     APART = 1e-9,                           /* of the range: less is the rounding of one value */
     OFF = 1e-3;                             /* of a step, or of many: no multiple, as above */
-static const double LINGERS = M_SQRT1_2;
 enum {
     STEPS_LEAST = 3,                        /* that a grid has: two make one by chance */
     SAMPLES_LEAST = 3                       /* that have anything wrong */
@@ -125,82 +125,83 @@ void screen_samples(const struct batch *b, struct identify_result *result)
     free(x);
 }
 
-/* ln of the chance that AT of so many ALL are at the extreme, or more, at LINGERS each: Chernoff's
- * bound. */
-static double ln_chance(double at, double all)
+/*
+ * Motion that comes to a stop of its converter is on its way at one sample and held at the next.  A
+ * smooth one that stays for n samples within one step q of its peak P - c t^2 has
+ * c ((n - 1) / 2)^2 <= 2 q, where noise within half a step at either side is let pass for motion,
+ * and so came from two samples before to one before by c (n + 2) <= 8 q (n + 2) / (n - 1)^2, as
+ * rounding and that noise have it, by 2 q more.  That is how far it may come; how far it came, the
+ * shorter way of before and after, is S of it.
+ *
+ * Motion that is not smooth between samples, which goes by S at a time, still meets the one step
+ * of its peak with each of n - 1 samples by a chance of 1 / S or less; so do smooth ones whose peak
+ * is flat by chance (of t^4 alone: S^(n - 1) < 500).  Noise gives each of the extreme's RUNS such a
+ * chance; that periods repeat gives them none.  A grid need not be known: q is the least distance
+ * among the values NEAR the extreme, which is never less than its step.
+ */
+static double way_allowed(int n)
 {
-    double share = at / all, rest = 1 - share;
-
-    if (!(share > LINGERS))
-        return 0;
-    return -all * (share * log(share / LINGERS)
-                   + (rest > 0 ? rest * log(rest / (1 - LINGERS)) : 0));
+    return 8. * (n + 2) / ((n - 1.) * (n - 1)) + 2;
 }
 
-/* How many of sorted X, N of them, are at the extreme in the direction of SIGN; *all: and at the
- * value next to it. */
-static int count_extreme(const double *x, int n, int sign, int *all)
+struct rail { double value; int samples; double ln_chance; };
+
+/* The extreme of x in the direction of SIGN, of SORTED values, and the ln of the chance that it was
+ * not cut off. */
+static struct rail look_at(const double *x, const double *sorted, int L, int sign)
 {
-    const double *end = sign > 0 ? x + n - 1 : x;
-    int at = 0;
+    const double *end = sign > 0 ? sorted + L - 1 : sorted;
+    double range = sorted[L - 1] - sorted[0], step = range, surest = 0;
+    struct rail rail = { .value = *end };
+    int runs = 0;
 
-    while (at < n && end[-sign * at] == *end)
-        at++;
-    for (*all = at; *all < n && end[-sign * *all] == end[-sign * at];)
-        ++*all;
-    return at;
-}
-
-/* Of a channel's sorted X: at those of its extremes that it was cut off at. */
-static int count_at_rails(const double *x, int n, double alarm)
-{
-    int at[2], all[2], ties = 0, held = 0;
-
-    for (int k = 1; k < n; k++)
-        ties += x[k] == x[k - 1] && x[k] > x[0] && x[k] < x[n - 1];
-    for (int end = 0; end < 2; end++) {
-        at[end] = count_extreme(x, n, 2 * end - 1, &all[end]);
-        if ((ties == 0 && at[end] >= HELD) || ln_chance(at[end], all[end]) < log(alarm))
-            held += at[end];
+    for (int k = 1, steps = 0; k < L && steps < NEAR; k++) {
+        double apart = fabs(end[-sign * k] - end[-sign * (k - 1)]);
+        if (apart > APART * range)
+            step = fmin(step, apart), steps++;
     }
-    if (ln_chance(at[0] + at[1], all[0] + all[1]) < log(alarm))
-        held = at[0] + at[1];
-    return 2 * (at[0] + at[1]) > n ? 0 : held;
-}
-
-/* Are there as many samples at an extreme as are a finding?  Most channels are not sorted. */
-static bool has_rail(const double *x, size_t n)
-{
-    double low = x[0], high = x[0];
-    int at_low = 0, at_high = 0;
-
-    for (size_t k = 1; k < n; k++)
-        low = fmin(low, x[k]), high = fmax(high, x[k]);
-    for (size_t k = 0; k < n; k++)
-        at_low += x[k] == low, at_high += x[k] == high;
-    return high > low && (at_low >= HELD || at_high >= HELD);
+    for (int k = 0, first = 0; k <= L; k++)
+        if (k == L || x[k] != rail.value) {
+            int n = k - first;
+            rail.samples += n, runs += n > 0;
+            if (n >= HELD && first > 1 && k + 1 < L) {
+                double way = fmin(sign * (x[first - 1] - x[first - 2]), sign * (x[k] - x[k + 1]));
+                if (way > 0)
+                    surest = fmax(surest, (n - 1) * log(way / (way_allowed(n) * step)));
+            }
+            first = k + 1;
+        }
+    rail.ln_chance = log(runs) - surest;
+    return rail;
 }
 
 bool screen_rails(const struct batch *b, size_t first, size_t count, struct identify_result *result)
 {
-    double *x = malloc(sizeof *x * (count + 1));
-    double alarm = IDENTIFY_ALARM / (3. * result->channel_count);   /* either extreme, or both */
+    double *x = malloc(2 * sizeof *x * (count + 1)), *sorted = x + count;
+    double chance = log(IDENTIFY_ALARM / result->channel_count);
     bool any = false;
 
     for (int i = 0; x != NULL && i < result->channel_count && count >= SAMPLES_LEAST; i++) {
-        int c = result->channel[i], held = 0;
+        int c = result->channel[i], L = (int)count, held;
+        double least = HUGE_VAL, most = -HUGE_VAL;
+        struct rail low, high;
         for (size_t k = 0; k < count; k++)
-            x[k] = b->signals[(first + k) * b->channels + (size_t)c];
-        if (has_rail(x, count)) {
-            numbers_sort(x, count);
-            held = count_at_rails(x, (int)count, alarm);
-        }
-        any = any || held > 0;
-        if (held > 0)
-            identify_diagnose(result, "clipped", c, "channel %d holds its extremes %g and %g in %d "
-                              "samples, more than motion does: its peaks are cut off, errors are "
-                              "unknown and no verdict is given; measure with less gain, or "
-                              "identify a window without them", c, x[0], x[count - 1], held);
+            x[k] = b->signals[(first + k) * b->channels + (size_t)c],
+            least = fmin(least, x[k]), most = fmax(most, x[k]);
+        if (runs_at(x, L, least) == 0 || runs_at(x, L, most) == 0)
+            continue;                           /* most channels: not sorted */
+        memcpy(sorted, x, sizeof *x * count);
+        numbers_sort(sorted, count);
+        low = look_at(x, sorted, L, -1), high = look_at(x, sorted, L, 1);
+        held = low.samples + high.samples;
+        /* contact forces hold one, signals of two levels both, most of the time */
+        if (!(low.ln_chance < chance) || !(high.ln_chance < chance) || held > L - held)
+            continue;
+        any = true;
+        identify_diagnose(result, "clipped", c, "channel %d holds its extremes %g and %g in %d "
+                          "samples, and comes to both at full speed: its peaks are cut off, errors "
+                          "are unknown and no verdict is given; measure with less gain, or "
+                          "identify a window without them", c, low.value, high.value, held);
     }
     free(x);
     return any;

@@ -24,8 +24,8 @@ void screen_samples(const struct batch *batch, struct identify_result *result);
 
 /*
  * The same of responses that go on throughout, of rows FIRST .. FIRST + COUNT - 1 of all channels
- * chosen: clipped, where an extreme is held by more samples than any motion that comes to it has
- * there (screen.c).  Is one?  Out of memory, none.
+ * chosen: clipped, where both extremes are held longer than any motion is that comes to them and
+ * goes as fast (screen.c).  Is one?  Out of memory, none.
  */
 bool screen_rails(const struct batch *batch, size_t first, size_t count,
                   struct identify_result *result);

@@ -1,9 +1,10 @@
 /* Forced responses of systems that are known, simulated here mode by mode: x' = rho x + b u. */
-/* Tests as well: clipping.c forced_order.c lines.c transfer.c transfer_model.c */
+/* Tests as well: clipping.c forced_order.c lines.c screen.c transfer.c transfer_model.c */
 #include "modal/identify/identify.h"
 #include <complex.h>
 #include <stdlib.h>
 #include "check.h"
+#include "modal/identify/ask/screen.h"
 #include "modal/identify/forced/forced_order.h"
 #include "modal/linalg/matrix.h"
 #include "signals.h"
@@ -315,23 +316,25 @@ TEST(the_input_that_was_cut_off_is_named_and_takes_errors_and_verdict)
     identify_result_done(&r);
 }
 
-/* Cut off at one standard deviation from its mean by a converter of steps of 0.1, or of none; whole
- * on the same grid, on which its largest value is met more than once. */
+/* Cut off at 0.8 standard deviations from its mean by a converter of steps of 0.001, or of none;
+ * whole on the same grid. */
 TEST(the_response_that_was_cut_off_is_named_and_a_whole_one_on_a_grid_is_not)
 {
-    const double steps[] = { 0.1, 0 };
+    const double steps[] = { 0.001, 0 };
 
     for (int cut = 0; cut < 2; cut++)
         for (int i = 0; i < 2; i++) {
             struct batch b = simulated(6, 0.5);
             struct identify_options opt = forced();
             struct identify_result r;
-            double square = 0;
+            double mean = 0, square = 0;
             for (int k = 0; k < SAMPLES; k++)
-                square += pow(x[CHANNELS * k + 3] + 5, 2) / SAMPLES;
+                mean += x[CHANNELS * k + 3] / SAMPLES;
+            for (int k = 0; k < SAMPLES; k++)
+                square += pow(x[CHANNELS * k + 3] - mean, 2) / SAMPLES;
             for (int k = 0; k < SAMPLES; k++) {
-                double *y = x + CHANNELS * k + 3, most = cut ? sqrt(square) : HUGE_VAL;
-                *y = fmin(fmax(*y, -5 - most), -5 + most);
+                double *y = x + CHANNELS * k + 3, most = cut ? 0.8 * sqrt(square) : HUGE_VAL;
+                *y = fmin(fmax(*y, mean - most), mean + most);
                 *y = steps[i] > 0 ? nearbyint(*y / steps[i]) * steps[i] : *y;
             }
             CHECK(modal_identify(&b, &opt, &r, NULL) == MODAL_OK);
@@ -343,6 +346,52 @@ TEST(the_response_that_was_cut_off_is_named_and_a_whole_one_on_a_grid_is_not)
             CHECK(r.mode_count > 0 && isnan(r.modes[0].std_re) == (cut == 1));
             identify_result_done(&r);
         }
+}
+
+static bool is_cut_off(double *y, int samples)
+{
+    struct batch b = { .samples = (size_t)samples, .channels = 1, .signals = y, .dt = dt };
+    struct identify_result r = { .channel = calloc(1, sizeof *r.channel), .channel_count = 1 };
+    bool cut = screen_rails(&b, 0, b.samples, &r);
+
+    CHECK(cut == has(&r, "clipped"));
+    identify_result_done(&r);
+    return cut;
+}
+
+/* Where periods repeat, noise of less than a step gives a peak the same value nearly each time. */
+TEST(sines_of_whole_samples_a_turn_are_whole_on_any_grid_and_one_cut_off_at_0_8_is_told)
+{
+    struct random r = { 8 };
+
+    for (int turn = 20; turn <= 200; turn += 36)
+        for (double steps = 3; steps < 5000; steps *= 4)
+            for (double noise = 0; noise < 1; noise = 2 * noise + 0.05) {
+                for (int k = 0; k < SAMPLES; k++)
+                    x[k] = nearbyint(steps * sin(2 * M_PI * k / turn) + noise * random_normal(&r));
+                CHECK(!is_cut_off(x, SAMPLES));
+            }
+    for (int k = 0; k < SAMPLES; k++)
+        x[k] = nearbyint(1000 * fmin(fmax(sin(0.2 * k), -0.8), 0.8));
+    CHECK(is_cut_off(x, SAMPLES));
+}
+
+/* A contact force, one about its mean, two levels, three, a sensor slower than its converter, and a
+ * hit that dies away. */
+TEST(what_truly_holds_an_extreme_is_not_cut_off)
+{
+    for (int kind = 0; kind < 6; kind++) {
+        for (int k = 0; k < SAMPLES; k++) {
+            double y = sin(0.1 * k) + 0.3 * sin(0.237 * k);
+            x[k] = kind == 0 ? fmax(0, y)
+                 : kind == 1 ? fmax(0, y) - 0.37
+                 : kind == 2 ? (y > 0) - (y < 0)
+                 : kind == 3 ? nearbyint(1.2 * y)
+                 : kind == 4 ? nearbyint(50 * sin(0.1 * (k / 4 * 4)))
+                             : nearbyint(1000 * exp(-0.01 * k) * sin(0.3 * k));
+        }
+        CHECK(!is_cut_off(x, SAMPLES));
+    }
 }
 
 static void refused(const struct batch *b, struct identify_options opt, const char *field,

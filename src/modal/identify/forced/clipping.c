@@ -47,8 +47,7 @@ static const double
 enum {
     EQUAL = 1,                   /* peaks as high as each other, not as their slopes have them */
     POINTED = 2,                 /* not round */
-    KINDS = 4,                   /* of peaks: either, both or neither of these */
-    SHAPES = KINDS + FEW         /* of an input at most */
+    KINDS = 4                    /* of peaks: either, both or neither of these */
 };
 
 /* ---- what was cut off ---- */
@@ -110,13 +109,19 @@ struct shapes {
     struct matrix s;             /* a column each */
 };
 
-/* All of the input J, x, of which *C is told. */
-static void add_shapes(struct shapes *h, const double *x, int j, struct clipping *c)
+/* *C of an input x; shapes of it. */
+static int count_shapes(const double *x, int L, struct clipping *c)
 {
-    int L = h->s.m, high = count_held(x, L, 1, &c->high), low = count_held(x, L, -1, &c->low);
+    c->samples = count_held(x, L, 1, &c->high) + count_held(x, L, -1, &c->low);
+    return c->samples == 0 ? 0 : KINDS + (c->samples <= FEW ? c->samples : 0);
+}
 
-    c->samples = high + low;
-    memset(h->s.x + (size_t)h->s.ld * h->count, 0, sizeof *h->s.x * (size_t)L * SHAPES);
+/* All of the input J, x, of which *C is told; zero before. */
+static void add_shapes(struct shapes *h, const double *x, int j, const struct clipping *c)
+{
+    double end;
+    int L = h->s.m, high = count_held(x, L, 1, &end), low = count_held(x, L, -1, &end);
+
     for (int how = 0; how < KINDS && c->samples > 0; how++) {
         double *s = h->s.x + (size_t)h->s.ld * h->count;
         if (high > 0)
@@ -275,7 +280,9 @@ static double choose(struct work *w, double *d, int *leading)
 /* w->M of *K. */
 static enum modal_status gain(struct work *w, struct account *k, struct modal_error *err)
 {
-    w->work -= 2 * transfer_work(&k->lines, k->model.poles);
+    if (w->limits->cancelled != NULL && w->limits->cancelled(w->limits->context))
+        return modal_fail(err, MODAL_CANCELLED, "cancelled");
+    w->work -= transfer_gain_work(&k->lines, k->model.poles, w->shapes.count);
     return transfer_gain(&k->lines, &k->model, &w->more, w->M, err);
 }
 
@@ -411,14 +418,16 @@ static double own_bic(const struct forced_search *own)
     return own->rung[i].bic;
 }
 
-static enum modal_status work_init(struct work *w, struct modal_error *err)
+/* Of so many shapes. */
+static enum modal_status work_init(struct work *w, size_t most, struct modal_error *err)
 {
     const struct matrix *u = w->record->inputs;
-    size_t inputs = (size_t)u->n, most = inputs * SHAPES;
 
     w->only = -1;
     w->u = matrix_new(u->m, u->n);
     w->shapes.s = matrix_new(u->m, (int)most);
+    if (w->shapes.s.x != NULL)
+        memset(w->shapes.s.x, 0, sizeof *w->shapes.s.x * (size_t)u->m * most);
     w->shapes.input = malloc(sizeof *w->shapes.input * most);
     w->a = calloc(most, sizeof *w->a), w->trial = calloc(most, sizeof *w->trial);
     w->step = calloc(most, sizeof *w->step);
@@ -436,16 +445,21 @@ enum modal_status clipping_find(const struct clipping_record *r, const struct fo
 {
     struct work w = { .record = r, .own.model = own->model, .bic = own_bic(own),
                       .limits = limits };
-    int L = r->inputs->m, n;
-    enum modal_status rc = work_init(&w, err);
+    const struct matrix *u = r->inputs;
+    int L = u->m, n = 0;
+    enum modal_status rc;
 
     *cut = false;
-    for (int j = 0; j < r->inputs->n && rc == MODAL_OK; j++)
-        add_shapes(&w.shapes, r->inputs->x + (size_t)r->inputs->ld * j, j, &out[j]);
-    w.shapes.s.n = n = w.shapes.count;
+    for (int j = 0; j < u->n; j++)
+        n += count_shapes(u->x + (size_t)u->ld * j, L, &out[j]);
+    if (n == 0 || own->model.poles == 0)
+        return MODAL_OK;
+    rc = work_init(&w, (size_t)n, err);
+    for (int j = 0; j < u->n && rc == MODAL_OK; j++)
+        add_shapes(&w.shapes, u->x + (size_t)u->ld * j, j, &out[j]);
     /* as a number costs there, and one of so many */
     w.price = log((double)L * r->responses->n) + 2 * log(n);
-    if (rc == MODAL_OK && n > 0 && own->model.poles > 0)
+    if (rc == MODAL_OK)
         rc = ask(&w, cut, err);
     for (int j = 0; j < r->inputs->n && *cut; j++) {
         bool any = false;
@@ -456,5 +470,6 @@ enum modal_status clipping_find(const struct clipping_record *r, const struct fo
     lines_done(&w.cut), lines_done(&w.own.lines);
     free(w.u.x), free(w.shapes.s.x), free(w.shapes.input);
     free(w.a), free(w.trial), free(w.step), free(w.asked), free(w.M);
-    return rc;
+    *cut = *cut && rc == MODAL_OK;
+    return rc == MODAL_NO_MEMORY ? MODAL_OK : rc;
 }

@@ -665,66 +665,112 @@ enum modal_status transfer_frf(const struct lines *l, struct transfer *t, const 
 
 /* ---- more of the inputs ---- */
 
-/* What the model has responses do by so much more of the inputs, below those of L. */
-static enum modal_status set_answers(const struct lines *l, const struct transfer *t,
-                                     const struct transfer_more *more, double complex *Y,
-                                     struct modal_error *err)
+double transfer_gain_work(const struct lines *l, int poles, int columns)
 {
-    int V = 2 * t->poles + l->direct, K = PARTS * t->poles * l->drives + l->direct;
-    size_t each = (size_t)l->count * (size_t)l->responses;
-    double complex *v = malloc(sizeof *v * (size_t)(V + K + 1));
+    double K = PARTS * poles * l->drives + l->direct, n = columns + 1;
 
-    if (v == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "transfer: no memory for %d unknowns", V + K);
-    memcpy(Y, l->Y, sizeof *Y * each);
-    for (int c = 0; c < more->count; c++)
-        for (int n = 0; n < l->count; n++) {
-            fill_rows(l, t, l->z[n], more->input[c], v, v + V);
+    return transfer_work(l, poles) + 2.0 * l->count * l->responses * n * (K + n);
+}
+
+/* Of a block of lines at a time. */
+struct answers {
+    int n;                       /* of each response: itself, and what it does by each column */
+    double complex *v, *H;       /* a line's rows; responses by inputs that have columns */
+    double *Y;                   /* those n of a response, real parts above imaginary ones */
+    double *B, *YY;              /* over all lines: C^T Y of each response, Y^T Y over v of all */
+    double *T, *VY, *X, *J, *SJ;
+    struct workspace held;
+};
+
+static enum modal_status answers_new(const struct lines *l, const struct sums *s, int n,
+                                     struct answers *a, struct modal_error *err)
+{
+    size_t K = (size_t)s->K, V = (size_t)s->V, g = (size_t)s->g, N = (size_t)n;
+
+    *a = (struct answers) { .n = n };
+    a->v = workspace_zeros(&a->held, V + K, sizeof *a->v);
+    a->H = workspace_zeros(&a->held, (size_t)BLOCK * l->responses * l->inputs, sizeof *a->H);
+    a->Y = workspace_zeros(&a->held, 2 * BLOCK * N, sizeof *a->Y);
+    a->B = workspace_zeros(&a->held, K * N * l->responses, sizeof *a->B);
+    a->YY = workspace_zeros(&a->held, N * N, sizeof *a->YY);
+    a->T = workspace_zeros(&a->held, K * g, sizeof *a->T);
+    a->VY = workspace_zeros(&a->held, V * N, sizeof *a->VY);
+    a->X = workspace_zeros(&a->held, V * N, sizeof *a->X);
+    a->J = workspace_zeros(&a->held, g * N, sizeof *a->J);
+    a->SJ = workspace_zeros(&a->held, g * N, sizeof *a->SJ);
+    return workspace_check(&a->held, "transfer: no memory for more of the inputs", err);
+}
+
+/* a->H of `rows` lines from FIRST on. */
+static void fill_H(const struct lines *l, const struct transfer *t,
+                   const struct transfer_more *more, int first, int rows, struct answers *a)
+{
+    int V = 2 * t->poles + l->direct;
+
+    for (int c = 0; c < more->count; c++) {
+        int j = more->input[c];
+        for (int n = 0; n < rows && (c == 0 || j != more->input[c - 1]); n++) {
+            fill_rows(l, t, l->z[first + n], j, a->v, a->v + V);
             for (int i = 0; i < l->responses; i++) {
                 double complex h = 0;
                 for (int k = 0; k < V; k++)
-                    h += v[k] * t->x[k + (size_t)V * i];
-                Y[each * (c + 1) + n + (size_t)i * l->count]
-                    = h * more->U[n + (size_t)c * l->count];
+                    h += a->v[k] * t->x[k + (size_t)V * i];
+                a->H[n + (size_t)rows * (i + (size_t)l->responses * j)] = h;
             }
         }
-    free(v);
-    return MODAL_OK;
+    }
 }
 
-/* M of transfer_gain(), of the N columns of each response in ALL, by their sums and S^-1. */
-static void take_gain(const struct lines *l, const struct lines *all, const struct transfer *t,
-                      struct sums *s, int n, double *room, double *M)
+/* a->B and a->YY. */
+static void take_answers(const struct lines *l, const struct transfer *t,
+                         const struct transfer_more *more, struct sums *s, struct answers *a)
 {
-    int K = s->K, V = s->V, g = s->g, R = l->responses, rows = 2 * l->count;
-    double *VY = room, *X = VY + (size_t)V * R * n, *T = X + (size_t)V * R * n;
-    double *J = T + (size_t)K * g, *SJ = J + (size_t)g * n, *whole = SJ + (size_t)g * n;
+    int K = s->K, N = a->n;
 
-    memset(whole, 0, sizeof *whole * (size_t)n);
-    cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, V, R * n, K, 1, s->Q, K, s->B, K, 0, VY,
-                V);
-    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, V, R * n, V, 1, s->A, V, VY, V, 0, X, V);
-    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, K, R * n, V, -1, s->GV, K, X, V, 1, s->B,
-                K);
-    memset(M, 0, sizeof *M * (size_t)n * n);
-    for (int i = 0; i < R; i++) {
-        const double *Y = (const double *)(all->Y + (size_t)i * l->count);
-        double w = 1 / t->variance[i];
-        fill_T(l, t, i, K, T);
-        cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, n, n, rows, w, Y, rows * R, Y,
-                    rows * R, 1, M, n);
-        for (int c = 0; c < n; c++)
-            whole[c] += w * cblas_ddot(rows, Y + (size_t)rows * R * c, 1,
-                                       Y + (size_t)rows * R * c, 1);
-        cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, n, n, V, -w, X + (size_t)V * i, V * R,
-                    VY + (size_t)V * i, V * R, 1, M, n);
-        cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, g, n, K, w, T, K,
-                    s->B + (size_t)K * i, K * R, i > 0, J, g);
+    for (int first = 0; first < l->count; first += BLOCK) {
+        int rows = l->count - first < BLOCK ? l->count - first : BLOCK, two = 2 * rows;
+        fill_columns(l, t, first, rows, s->block);
+        fill_H(l, t, more, first, rows, a);
+        for (int i = 0; i < l->responses; i++) {
+            for (int n = 0; n < rows; n++)
+                put(a->Y, rows, n, l->Y[first + n + (size_t)i * l->count]);
+            for (int c = 0; c < more->count; c++) {
+                const double complex *u = more->U + first + (size_t)c * l->count;
+                const double complex *h
+                    = a->H + (size_t)rows * (i + (size_t)l->responses * more->input[c]);
+                for (int n = 0; n < rows; n++)
+                    put(a->Y + (size_t)two * (c + 1), rows, n, h[n] * u[n]);
+            }
+            cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, K, N, two, 1, s->block, two, a->Y,
+                        two, 1, a->B + (size_t)K * N * i, K);
+            cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, N, N, two, 1 / t->variance[i],
+                        a->Y, two, a->Y, two, 1, a->YY, N);
+        }
+    }
+}
+
+/* M of transfer_gain(), by these, all sums and S^-1. */
+static void take_gain(const struct lines *l, const struct transfer *t, const struct sums *s,
+                      struct answers *a, double *M)
+{
+    int K = s->K, V = s->V, g = s->g, n = a->n;
+    double *VY = a->VY, *X = a->X, *J = a->J, *SJ = a->SJ;
+
+    memcpy(M, a->YY, sizeof *M * (size_t)n * n);
+    for (int i = 0; i < l->responses; i++) {
+        double w = 1 / t->variance[i], *B = a->B + (size_t)K * n * i;
+        fill_T(l, t, i, K, a->T);
+        cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, V, n, K, 1, s->Q, K, B, K, 0, VY, V);
+        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, V, n, V, 1, s->A, V, VY, V, 0, X, V);
+        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, K, n, V, -1, s->GV, K, X, V, 1, B,
+                    K);
+        cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, n, n, V, -w, X, V, VY, V, 1, M, n);
+        cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, g, n, K, w, a->T, K, B, K, 1, J, g);
     }
     cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, g, n, g, 1, s->S, g, J, g, 0, SJ, g);
     cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, n, n, g, -1, J, g, SJ, g, 1, M, n);
     for (int c = 1; c < n; c++)
-        if (!(M[c + (size_t)n * c] > ALONE * whole[c]))
+        if (!(M[c + (size_t)n * c] > ALONE * a->YY[c + (size_t)n * c]))
             M[n * c] = 0;
 }
 
@@ -732,29 +778,22 @@ enum modal_status transfer_gain(const struct lines *l, struct transfer *t,
                                 const struct transfer_more *more, double *M,
                                 struct modal_error *err)
 {
-    int n = more->count + 1;
-    struct lines all = *l;
     struct sums s = { 0 };
-    double *room = NULL;
-    enum modal_status rc;
+    struct answers a = { 0 };
+    enum modal_status rc = sums_new(l, t->poles, &s, err);
 
-    all.responses *= n;
-    rc = sums_new(&all, t->poles, &s, err);
-    all.Y = workspace_zeros(&s.held, (size_t)l->count * (size_t)all.responses, sizeof *all.Y);
-    room = workspace_zeros(&s.held, (size_t)s.V * (size_t)(2 * all.responses)
-                           + (size_t)s.g * (size_t)(s.K + 2 * n) + (size_t)n, sizeof *room);
     if (rc == MODAL_OK)
-        rc = workspace_check(&s.held, "transfer: no memory for more of the inputs", err);
+        rc = answers_new(l, &s, more->count + 1, &a, err);
     if (rc == MODAL_OK)
-        rc = set_answers(l, t, more, all.Y, err);
-    if (rc == MODAL_OK)
-        rc = take_all(&all, t, &s, err);
+        rc = take_all(l, t, &s, err);
     if (rc == MODAL_OK)
         rc = make_step(l, t, &s, err);
     if (rc == MODAL_OK && s.g > 0 && !covariance(s.S, s.g))
         memset(s.S, 0, sizeof *s.S * (size_t)s.g * s.g);    /* s and q then stay where they are */
-    if (rc == MODAL_OK)
-        take_gain(l, &all, t, &s, n, room, M);
-    workspace_free(&s.held);
+    if (rc == MODAL_OK) {
+        take_answers(l, t, more, &s, &a);
+        take_gain(l, t, &s, &a, M);
+    }
+    workspace_free(&s.held), workspace_free(&a.held);
     return rc;
 }

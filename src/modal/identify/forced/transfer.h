@@ -93,6 +93,10 @@ enum modal_status transfer_gain(const struct lines *lines, struct transfer *t,
                                 const struct transfer_more *more, double *M,
                                 struct modal_error *err);
 
+/* Of that, of so many COLUMNS: multiplications of its products.  Its memory is the model's, not
+ * the record's: it grows with no lines. */
+double transfer_gain_work(const struct lines *lines, int poles, int columns);
+
 /* Of one step of a fit of so many POLES: multiplications of its products. */
 double transfer_work(const struct lines *lines, int poles);
 

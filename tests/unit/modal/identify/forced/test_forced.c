@@ -267,6 +267,9 @@ TEST(what_an_input_lacks_is_foretold_by_the_account_without_it)
     CHECK(transfer_gain(&l, &without.model, &(struct transfer_more) { 2, (const int[]) { 0, 0 },
                                                                       shapes.W }, M, NULL)
           == MODAL_OK);
+    /* each column's share of the products over lines is charged, of each response */
+    CHECK(transfer_gain_work(&l, MODES, 64) - transfer_gain_work(&l, MODES, 0)
+          > 64. * RESPONSES * l.count * 2 * (64 + 2 * MODES));
     /* row 0 is the score, the rest the information */
     det = M[4] * M[8] - M[5] * M[7];
     CHECK(fabs((M[3] * M[8] - M[6] * M[5]) / det - lacks) < 4 * sqrt(M[8] / det));

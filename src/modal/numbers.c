@@ -7,6 +7,9 @@
  * the reverse order there are twice as many moves */
 enum { FEW = 64 };
 
+/* Each leaves half on average: so many leave all only where the order is made for that. */
+enum { PASSES = 64 };
+
 static int by_value(const void *a, const void *b)
 {
     double x = *(const double *)a, y = *(const double *)b;
@@ -26,6 +29,35 @@ void numbers_sort(double *x, size_t count)
     }
     if (count > FEW)
         qsort(x, count, sizeof *x, by_value);
+}
+
+static double middle(double a, double b, double c)
+{
+    return fmax(fmin(a, b), fmin(fmax(a, b), c));
+}
+
+double numbers_ranked(double *x, size_t count, size_t k)
+{
+    size_t low = 0, high = count > 0 ? count - 1 : 0;
+
+    for (int pass = 0; high - low >= FEW && pass < PASSES; pass++) {
+        const double pivot = middle(x[low], x[low + (high - low) / 2], x[high]);
+        size_t i = low, j = high;
+
+        for (;; i++, j--) {                   /* two of the three stop these */
+            while (x[i] < pivot)
+                i++;
+            while (x[j] > pivot)
+                j--;
+            if (i >= j)
+                break;
+            const double v = x[i];
+            x[i] = x[j], x[j] = v;
+        }
+        *(k <= j ? &high : &low) = k <= j ? j : j + 1;        /* none up to j is above the rest */
+    }
+    numbers_sort(x + low, high - low + 1);
+    return x[k];
 }
 
 double numbers_largest(const double *x, size_t count)

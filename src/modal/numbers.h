@@ -1,4 +1,5 @@
-/* numbers.h - an array of numbers in order, its largest magnitude, and rows of matrices */
+/* numbers.h - an array of numbers in order, or one of them by its rank, its largest magnitude, and
+ * rows of matrices */
 #ifndef MODAL_NUMBERS_H
 #define MODAL_NUMBERS_H
 #include <complex.h>
@@ -6,6 +7,10 @@
 
 /* Sorts the COUNT numbers of X, none of them NAN, ascending. */
 void numbers_sort(double *x, size_t count);
+
+/* The one of them that would be the K-th, from 0, were they sorted; leaves X in some order.  As long
+ * as reading them a few times. */
+double numbers_ranked(double *x, size_t count, size_t k);
 
 /* max |x_i| of COUNT numbers, real or complex, those that are NAN passed over; 0 of none. */
 double numbers_largest(const double *x, size_t count);

@@ -1,6 +1,8 @@
 /* test_numbers.c - an array in order, its largest magnitude, and rows of matrices */
 #include "modal/numbers.h"
 #include <math.h>
+#include <stdint.h>
+#include <string.h>
 #include <sys/mman.h>
 #include <unistd.h>
 #include "check.h"
@@ -15,6 +17,34 @@ TEST(numbers_are_sorted_ascending_with_their_signs_and_repeats)
         CHECK(x[i] == sorted[i]);
     numbers_sort(x, 0);
     CHECK(x[0] == -7.5);
+}
+
+/* Of orders that a median of three halves well, badly and not at all: ascending, descending, all the
+ * same, few values, up and down again, dice. */
+TEST(the_number_of_any_rank_is_that_of_the_sorted_array)
+{
+    enum { MOST = 3000, ORDERS = 6 };
+    static const size_t counts[] = { 1, 2, 3, 64, 65, 66, 67, 100, 1000, MOST };
+    static double x[MOST], sorted[MOST];
+    uint64_t dice = 5;
+
+    for (size_t c = 0; c < sizeof counts / sizeof *counts; c++)
+        for (int order = 0; order < ORDERS; order++) {
+            const size_t n = counts[c];
+            for (size_t k = 0; k < n; k += n > 100 ? n / 7 : 1) {
+                for (size_t i = 0; i < n; i++) {
+                    const double of[ORDERS] = { (double)i, -(double)i, 4, (double)(i % 3),
+                                                fmin((double)i, (double)(n - i)),
+                                                (double)(dice >> 40) };
+                    dice = dice * 6364136223846793005u + 1442695040888963407u;
+                    x[i] = sorted[i] = of[order];
+                }
+                numbers_sort(sorted, n);
+                CHECK(numbers_ranked(x, n, k) == sorted[k]);
+                numbers_sort(x, n);                   /* the same ones are still there */
+                CHECK(memcmp(x, sorted, n * sizeof *x) == 0);
+            }
+        }
 }
 
 TEST(the_largest_magnitude_may_be_negative_and_passes_over_what_is_no_number)

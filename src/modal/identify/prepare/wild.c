@@ -84,8 +84,7 @@ double wild_size(const double *e, int count, double *room)
 {
     for (int i = 0; i < count; i++)
         room[i] = fabs(e[i]);
-    numbers_sort(room, (size_t)count);
-    return MEDIAN * room[count / 2];
+    return MEDIAN * numbers_ranked(room, (size_t)count, (size_t)count / 2);
 }
 
 /* The size of what stands not out. */

@@ -96,12 +96,14 @@ def test_a_job_that_fails_or_does_not_end_in_time_is_an_error_of_ours(own_daemon
 
 
 def test_a_future_whose_client_is_closed_ends_with_an_error(own_daemon, slow):
-    client = own_daemon(workers=1).client()
+    daemon = own_daemon(workers=1)
+    client = daemon.client()
     long = client.submit("identify", slow, SLOW, key="long")
     heard = threading.Event()
     long.add_done_callback(lambda job: heard.set())
     client.close()
     assert heard.wait(PATIENCE) and long.done()
+    daemon.kill()                                             # the job would be waited for
 
 
 def test_a_watched_job_is_told_of_over_a_restart_of_the_daemon(own_daemon, slow):

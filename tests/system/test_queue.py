@@ -201,6 +201,7 @@ def test_a_list_that_is_not_finished_in_time_is_5(own_daemon, ctl, slow_batch, t
     said = ctl("submit", "--from", tmp_path / "list.jsonl", "--wait", "--timeout", "1",
                server=daemon, one=False)
     assert said.status == 5 and said.lines[-1]["error"]["code"] == "timeout"
+    daemon.kill()                                             # its job would be waited for
 
 
 def test_resume_sends_only_what_was_not_accepted(daemon, ctl, batch, tmp_path):

@@ -8,8 +8,8 @@
 /* Sorts the COUNT numbers of X, none of them NAN, ascending. */
 void numbers_sort(double *x, size_t count);
 
-/* The one of them that would be the K-th, from 0, were they sorted; leaves X in some order.  As long
- * as reading them a few times. */
+/* The one of them that would be the K-th, from 0, were they sorted, in the time of reading them a
+ * few times; X is left in some order. */
 double numbers_ranked(double *x, size_t count, size_t k);
 
 /* max |x_i| of COUNT numbers, real or complex, those that are NAN passed over; 0 of none. */

@@ -19,8 +19,8 @@ TEST(numbers_are_sorted_ascending_with_their_signs_and_repeats)
     CHECK(x[0] == -7.5);
 }
 
-/* Of orders that a median of three halves well, badly and not at all: ascending, descending, all the
- * same, few values, up and down again, dice. */
+/* Of orders that a median of three halves well, badly and not at all: ascending, descending, all
+ * the same, few values, up and down again, dice. */
 TEST(the_number_of_any_rank_is_that_of_the_sorted_array)
 {
     enum { MOST = 3000, ORDERS = 6 };

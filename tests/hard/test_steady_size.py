@@ -222,8 +222,9 @@ def joint_answer(tmp_path, patch, harmonics, load):
     return run(tmp_path, scene), K, M, C, scene
 
 
-def test_a_hundred_contacts_that_slide_are_in_balance_at_21_harmonics(tmp_path):
-    answer, *joint = joint_answer(tmp_path, 10, 21, 0.0035)
+def test_contacts_that_slide_are_in_balance_at_21_harmonics(tmp_path):
+    """36, and a hundred in the nightly run."""
+    answer, *joint = joint_answer(tmp_path, 10 if os.environ.get("MODALD_LONG") else 6, 21, 0.0035)
     left, whole = left_of_joint(answer, *joint, samples=1 << 13)
     assert answer["converged"] and whole
     assert left < 21**2 * (2 * numpy.pi / 8192) ** 2     # as close(), of the last harmonic

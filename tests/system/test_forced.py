@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+import sanitized
 
 from conftest import decay, write_batch
 
@@ -206,6 +207,7 @@ class Hits:
                    *FORCED, "-o", "starts=" + starts, *options)
 
 
+@pytest.mark.skipif(sanitized.SANITIZED, reason="a minute under sanitizers")
 def test_hits_in_records_of_their_own_are_averaged_by_likelihood_to_their_common_bound(
         ctl, tmp_path):
     """Of 20 records with 4 values each the mean square over the bound has a standard deviation of

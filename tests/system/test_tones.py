@@ -8,6 +8,7 @@ import subprocess
 
 import numpy as np
 import pytest
+import sanitized
 from scipy.integrate import solve_ivp
 
 from conftest import BUILD, environment
@@ -977,6 +978,7 @@ def chain_of_laws(effect, n):
 # turns: what it is off by after 30 more is of the order of the error stated.  The target is that of
 # each line; MOST bounds all errors, for sliders mostly what lines too many and too small to be told
 # are together: 0.68 % with 66 harmonics told, 1.1 % with 36, as the march's own errors come out.
+@pytest.mark.skipif(sanitized.SANITIZED, reason="a minute under sanitizers")
 @pytest.mark.parametrize("effect,n,most", [
     ({"type": "cubic_spring", "coefficient": 0.3}, 80, 1e-3),
     ({"type": "gap", "stiffness": 1, "clearance": 0.2}, 40, 1e-2),

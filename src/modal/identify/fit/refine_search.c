@@ -251,28 +251,17 @@ static double tied_scale(const struct work *w, const struct point *from, const d
     return scale;
 }
 
-/* Of STEP, the part that moves no pole further than the record's length has its line be wide:
- * another line is another minimum.  Of one that lives less, half of its own width, which stays a
- * half to three halves of that. */
-static double step_share(const struct work *w, const struct point *from, const double *step)
-{
-    double share = 1;
-
-    for (int j = 0; j < w->count; j++) {
-        double wide = fmax(TURN_MOST / w->L, fabs(from->a[j]) / 2);
-        int own = w->first[j] < 0 ? 0 : w->kind[j] == POLE_PAIR && w->turn[j] != 0 ? 2 : 1;
-        for (int i = 0; i < own; i++)
-            if (fabs(step[w->first[j] + i]) * share > wide)
-                share = wide / fabs(step[w->first[j] + i]);
-    }
-    return share;
-}
-
+/* No step turns a phase over the record by more than a few radians: another line is another
+ * minimum. */
 void refine_take_step(const struct work *w, const struct point *from, const double *delta,
                       struct point *to)
 {
-    double scale = tied_scale(w, from, delta, step_share(w, from, delta));
+    double most = 0, scale;
 
+    for (int i = 0; i < w->parameters; i++)
+        most = fmax(most, fabs(delta[i]) * w->L);
+    scale = most > TURN_MOST ? TURN_MOST / most : 1;
+    scale = tied_scale(w, from, delta, scale);
     for (int j = 0; j < w->count; j++) {
         int p = w->first[j];
         to->a[j] = from->a[j], to->b[j] = from->b[j];

@@ -117,7 +117,8 @@ enum modal_status refine_search(struct work *w, struct search *s,
 double refine_guard(const struct work *w, double a);
 /* The damped step: min |[R_J; sqrt(mu) diag] delta - [g; 0]|. False where it has no solution. */
 bool refine_damped_step(int n, const double *T, double mu, double *A, double *delta);
-/* No pole goes further than its line is wide. */
+/* No step turns a phase over the record by more than a few radians: another line is another
+ * minimum. */
 void refine_take_step(const struct work *w, const struct point *from, const double *delta,
                       struct point *to);
 /* What its fits are compared by. */

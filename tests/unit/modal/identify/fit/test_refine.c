@@ -120,28 +120,6 @@ TEST(two_exponents_that_begin_nearly_equal_come_apart_in_whatever_direction_is_r
 
 /* White noise: standard errors are the bound at the true noise level up to its estimate's scatter,
  * 1/sqrt(2 * 3580) = 1.2 %; 5 of it. */
-/* A mode that is over in a 200th of the record has a line 2 |Re| wide, of which it begins half away
- * from the truth: ten steps and more of the record's own lines, a few of its own. */
-TEST(a_mode_that_is_over_early_is_reached_by_steps_of_its_own_line)
-{
-    struct decay d = { .modes = 1, .channels = 2, .samples = 4000, .dt = 1,
-                       .lambda = { CMPLX(-0.05, 1.37) } };
-    struct random r = { 46 };
-    struct refined fit;
-    double complex start;
-
-    decay_amplitudes(&d, &r);
-    struct matrix Y = signals_of(&d);
-    struct refine_data data = { .Y = &Y, .tau = d.dt };
-    decay_noise(&d, y, (size_t)d.samples, 40, &r);
-    start = d.lambda[0] + CMPLX(0.01, 0.05);
-    CHECK(refine_poles(&data, &start, 1, NULL, NULL, &fit, NULL) == MODAL_OK);
-    CHECK(fit.end == REFINE_CONVERGED && fit.iterations <= 12);
-    CHECK(fabs(creal(fit.lambda[0] - d.lambda[0])) < 5 * fit.std_re[0]);
-    CHECK(fabs(cimag(fit.lambda[0] - d.lambda[0])) < 5 * fit.std_im[0]);
-    refined_done(&fit);
-}
-
 TEST(standard_errors_are_the_cramer_rao_bound)
 {
     struct decay d = three(1200, 2);

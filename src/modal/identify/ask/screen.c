@@ -179,14 +179,17 @@ bool screen_rails(const struct batch *b, size_t first, size_t count, struct iden
 {
     double *x = malloc(2 * sizeof *x * (count + 1)), *sorted = x + count;
     double chance = log(IDENTIFY_ALARM / result->channel_count);
+    struct batch part = *b;
     bool any = false;
+
+    part.signals += first * b->channels;
 
     for (int i = 0; x != NULL && i < result->channel_count && count >= SAMPLES_LEAST; i++) {
         int c = result->channel[i], L = (int)count, held;
         double least = HUGE_VAL, most = -HUGE_VAL;
         struct rail low, high;
-        for (size_t k = 0; k < count; k++)
-            x[k] = b->signals[(first + k) * b->channels + (size_t)c],
+        read_channel(&part, (size_t)c, L, x);
+        for (int k = 0; k < L; k++)
             least = fmin(least, x[k]), most = fmax(most, x[k]);
         if (runs_at(x, L, least) == 0 || runs_at(x, L, most) == 0)
             continue;                           /* most channels: not sorted */

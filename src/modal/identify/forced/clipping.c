@@ -224,21 +224,34 @@ static double information(const struct work *w, int c, int k)
     return w->M[c + 1 + (size_t)(w->shapes.count + 1) * (k + 1)];
 }
 
+/* One sweep over the d that are ASKED; how many changed. */
+static int sweep(struct work *w, double *d)
+{
+    int n = w->shapes.count, changed = 0;
+
+    for (int c = 0; c < n; c++) {
+        double slope = score_of(w, c), own = information(w, c, c), last = d[c];
+        if (!w->asked[c] || !(own > 0))
+            continue;
+        for (int k = 0; k < n; k++)
+            slope -= information(w, c, k) * d[k];
+        d[c] = fmax(d[c] + slope / own, -w->a[c]);
+        changed += d[c] != last;
+        w->work -= n;
+    }
+    return changed;
+}
+
 /* The most of score . d - d . information d / 2 over a + d >= 0, d 0 but where ASKED. */
-static double climb(const struct work *w, double *d)
+static double climb(struct work *w, double *d)
 {
     int n = w->shapes.count;
     double all = 0;
 
     memset(d, 0, sizeof *d * (size_t)n);
-    for (int sweep = 0; sweep < SWEEPS; sweep++)
-        for (int c = 0; c < n; c++) {
-            double slope = score_of(w, c), own = information(w, c, c);
-            for (int k = 0; k < n; k++)
-                slope -= information(w, c, k) * d[k];
-            if (w->asked[c] && own > 0)
-                d[c] = fmax(d[c] + slope / own, -w->a[c]);
-        }
+    for (int i = 0; i < SWEEPS && sweep(w, d) > 0; i++)
+        continue;
+    w->work -= (double)n * n;
     for (int c = 0; c < n; c++) {
         double slope = score_of(w, c);
         for (int k = 0; k < n; k++)
@@ -261,7 +274,7 @@ static double choose(struct work *w, double *d, int *leading)
         double most = before = climb(w, d);
         best = -1;
         for (int c = 0; c < n; c++)
-            if (!w->asked[c] && (w->only < 0 || w->only == c)) {
+            if (!w->asked[c] && (w->only < 0 || w->only == c) && w->work > 0) {
                 double with;
                 w->asked[c] = true;
                 with = climb(w, d);
@@ -273,7 +286,7 @@ static double choose(struct work *w, double *d, int *leading)
             w->asked[best] = true;
         if (best >= 0 && joined++ == 0 && leading != NULL)
             *leading = best;
-    } while (best >= 0);
+    } while (best >= 0 && w->work > 0);
     return climb(w, d);
 }
 
@@ -471,5 +484,5 @@ enum modal_status clipping_find(const struct clipping_record *r, const struct fo
     free(w.u.x), free(w.shapes.s.x), free(w.shapes.input);
     free(w.a), free(w.trial), free(w.step), free(w.asked), free(w.M);
     *cut = *cut && rc == MODAL_OK;
-    return rc == MODAL_NO_MEMORY ? MODAL_OK : rc;
+    return rc;
 }

@@ -18,8 +18,8 @@ struct clipping {
 
 /*
  * Did inputs go on beyond extremes that they hold?  Of RECORD, whose own account is OWN; OUT: of
- * each input.  *cut: yes, those whose samples are not 0.  See clipping.c.  Out of
- * memory, no; else it fails as transfer_fit does.
+ * each input.  *cut: yes, those whose samples are not 0.  See clipping.c.  It fails as transfer_fit
+ * does.
  */
 enum modal_status clipping_find(const struct clipping_record *record,
                                 const struct forced_search *own, const struct forced_limits *limits,

@@ -83,15 +83,15 @@ static void measure(struct work *w)
 /* The line that stands out most, not closed; -1: none. */
 static int find(const struct work *w)
 {
-    double sorted[BLOCK], most = STANDS_OUT;
+    double block[BLOCK], most = STANDS_OUT;
     int at = -1;
 
     for (int first = 0; first + BLOCK <= w->lines; first += BLOCK) {
-        memcpy(sorted, w->power + first, sizeof sorted);
-        numbers_sort(sorted, BLOCK);
+        memcpy(block, w->power + first, sizeof block);
+        const double median = numbers_ranked(block, BLOCK, BLOCK / 2);
         for (int j = first; j < first + BLOCK; j++)
-            if (j > WIDTH && !w->closed[j] && w->power[j] > most * sorted[BLOCK / 2])
-                at = j, most = w->power[j] / sorted[BLOCK / 2];
+            if (j > WIDTH && !w->closed[j] && w->power[j] > most * median)
+                at = j, most = w->power[j] / median;
     }
     return at;
 }

@@ -774,6 +774,7 @@ TEST(streams_that_ask_for_seven_tenths_of_what_workers_have_get_every_window)
  * cost the same for any worker, who yet rested while others had less than a hop to do: 0.045. */
 TEST(where_costs_vary_moving_windows_saves_more_than_it_takes_and_thinning_stays_fair)
 {
+    check_slow();
     static const struct { int workers, streams, anew; double load, most; } cases[] = {
         { 8, 120, ANEW, 0.7, 0.05 }, { 2, 100, 0, 0.9, 0.03 }, { 2, 50, 0, 1.2, 0.25 } };
 

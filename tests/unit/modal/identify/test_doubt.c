@@ -99,6 +99,7 @@ TEST(values_on_a_grid_are_quantised)
  * decays, and what follows it may grow.  Nothing grows. */
 TEST(what_rounding_leaves_of_a_decay_is_never_called_unstable)
 {
+    check_slow();
     enum { ROWS = 1600 };
     static double y[12 * ROWS];
     int cut = 0;
@@ -222,6 +223,7 @@ static double hardening_hertz(const struct hardening *h, const double u[2])
 
 TEST(a_hardening_spring_without_noise_is_one_mode_that_follows_its_amplitude)
 {
+    check_slow();
     static const double hard[] = { 0.03, 0.1, 0.3 }, damping[] = { 0.05, 0.2 };
     static const int all[] = { 0, 3, 4, 1, 2, 5 };  /* each of both is among the first three */
     enum { ROWS = 2000, FINE = 20 };
@@ -431,6 +433,7 @@ TEST(what_is_said_of_a_record_that_was_struck_twice_is_said_to_the_end)
  * From the blow on all is known. */
 TEST(where_a_fit_did_not_converge_neither_errors_nor_a_verdict_are_given)
 {
+    check_slow();
     struct batch b = batch_of(2000, 1, 0.02);
     struct identify_options opt = { 0 };
     struct identify_result r;

@@ -441,6 +441,7 @@ static double windows_and_map(const struct program *p, double period, int wanted
  * the slow motions where windows begin. */
 TEST(windows_alone_find_what_leaves_the_circle_by_a_sum_of_two_frequencies)
 {
+    check_slow();
     static const int at[] = { 4, 7, 9, 13, 17, 26, 35, 38, 52, 54,
                               64, 65, 73, 84, 90, 93, 97, 102, 113, 117 };
     struct program *p = pumped_chain(120, 0, at, sizeof at / sizeof *at, 1.3, 1, 0, 0);
@@ -454,6 +455,7 @@ TEST(windows_alone_find_what_leaves_the_circle_by_a_sum_of_two_frequencies)
  * the map by scipy's DOP853 to 3e-13. */
 TEST(windows_know_a_period_of_several_cycles_of_what_pulsates_and_a_harmonic_that_is_not_the_first)
 {
+    check_slow();
     static const int at[] = { 4, 7, 9, 13, 17, 26, 35, 38, 52, 54 };
     static const struct { int k, cycles; double phase; } cases[] = {
         { 1, 2, 0 }, { 1, 3, 0.4 }, { 2, 1, 0 }, { 2, 2, 1.1 }, { 3, 1, 0.4 }, { 3, 6, -0.7 },
@@ -711,6 +713,7 @@ static double complex of_mode(double squared, double beta, double omega)
  * the frequency of the sixth, which grows. */
 TEST(multipliers_that_crowd_on_the_circle_are_those_of_mathieus_equation)
 {
+    check_slow();
     enum { N = 300, LOOKED = 12 };
     double omega = 4 * sin(6 * M_PI / (2 * (N + 1))), beta = 0.01;
     char *text = breathing_chain(N, 1, beta, omega);

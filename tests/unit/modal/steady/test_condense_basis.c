@@ -286,6 +286,7 @@ static double ask_roughly(const struct program *p, const double complex *force, 
 /* Between sharp resonances S seems to settle before they are apart: it was off by 57 % here. */
 TEST(an_estimate_holds_to_its_digits_among_sharp_resonances)
 {
+    check_slow();
     struct program *p = membrane(50, 44, 1e-6);
     double complex S[TOP + 1], other[TOP + 1];
 
@@ -322,6 +323,7 @@ TEST(an_estimate_is_within_its_digits_of_the_largest_motion_and_what_it_leaves_o
 /* Without damping a motion has no bound. */
 TEST(an_estimate_leaves_nothing_out_where_nothing_damps)
 {
+    check_slow();
     static const double complex force[TOP + 1] = { [3] = 1, [7] = 1e-4 };
     struct program *p = membrane(50, 44, 0);
     double complex S[TOP + 1], other[TOP + 1];
@@ -335,6 +337,7 @@ TEST(an_estimate_leaves_nothing_out_where_nothing_damps)
 /* 240,000 entries: what sums of them are rounded by is more than entries may be off. */
 TEST(damping_of_a_large_structure_in_proportion_to_its_matrices_is_known_as_that)
 {
+    check_slow();
     enum { LARGE = 80000 };
     char *text = malloc(12 * LARGE), *at = text;
     struct condense *c;

@@ -379,6 +379,7 @@ TEST(channels_of_different_noise_are_weighed_as_a_batch_weighs_them)
  * four. */
 TEST(a_mode_that_begins_in_mid_record_is_found_when_a_batch_finds_it)
 {
+    check_slow();
     struct decay d = three(3600, 3, 11);
     double *x = record(&d, 40, 12), w = 2 * M_PI * 3.1;
     struct moving_options opt = { .channels = 3, .window = 600, .hop = 100, .dt = d.dt };
@@ -402,6 +403,7 @@ TEST(a_mode_that_begins_in_mid_record_is_found_when_a_batch_finds_it)
  * hundredth window is still what the update finds. */
 TEST(a_million_samples_later_an_update_is_still_the_batch)
 {
+    check_slow();
     struct decay d = { .modes = 2,
                        .channels = 2,
                        .samples = 1000000,
@@ -512,6 +514,7 @@ static void add_constant(double *x, int samples, int channels, double size, doub
  * the residual must be too, or it is not white. */
 TEST(a_window_with_an_offset_is_updated_and_its_offset_is_the_batchs)
 {
+    check_slow();
     static const struct { int channels, window; double size, slope;
     } cases[] = {
         { 1, 800, 3.7, 0.1 },  { 3, 800, 0.02, 0.1 }, { 3, 800, 170, 0.1 },

@@ -108,6 +108,7 @@ TEST(of_two_strikes_what_follows_the_second_is_proposed)
 
 TEST(a_window_that_was_not_asked_for_is_told_with_advice_and_not_used)
 {
+    check_slow();
     struct random rng = { 77 };
     struct strike s;
 

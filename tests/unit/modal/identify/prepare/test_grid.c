@@ -281,6 +281,7 @@ static void check_digits(uint64_t seed, int digits, int *within, int *all)
 /* Of 240 numbers 95 % give or take 3.5 standard deviations of that count, 1.4 %. */
 TEST(decays_of_few_significant_digits_have_their_own_modes_and_errors)
 {
+    check_slow();
     const int digits[] = { 3, 5, 6, 9, SINGLE_PRECISION };
     int within = 0, all = 0;
 

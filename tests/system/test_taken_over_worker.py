@@ -27,7 +27,7 @@ def end_of(client, *messages, key=None):
     """
     job = submit(client, options={"send": [list(m) for m in messages]}, max_attempts=1,
                  fresh=True)["job"]
-    return client.ask("WAIT", job=job, timeout_s=15, result=True)
+    return client.ask("WAIT", job=job, timeout_s=250, result=True)
 
 
 def part(offset, total, *bodies, part="document", **members):
@@ -64,6 +64,8 @@ REFUSED = {
     "more than four without a GO": [part(8 * i, 8 * 600, 8, part="batch",
                                          **({"batch": {**SIGNALS, "samples": 600}} if i == 0
                                             else {})) for i in range(600)],
+    "more at length than of signals and of an error": [
+        ["BEAT", {"x": {"text": "y", "times": 900000}}, []]] * 3 + [["DONE", {}, [7]]],
     "a message that is none": [["done", {}, [2]]],
     "a message of unknown verb": [["OPEN", {}, []]],
 }
@@ -90,6 +92,13 @@ def test_an_error_of_a_worker_is_cut_to_what_an_error_may_be(daemon, client):
     assert set(end["error"]["message"]) == {"ö"} and set(end["error"]["field"]) == {"é"}
     assert len(json.dumps(end.header)) < 8192
     assert "event=detail_left_out" in daemon.text()
+
+
+def test_what_is_said_at_length_once_a_job_is_heard(client):
+    """Of signals what they are, and an error: as long as headers may be, job after job."""
+    long = [[verb, {"x": {"text": "y", "times": 1000000}}, []] for verb in ("BEAT", "READY")]
+    for _ in range(3):
+        assert end_of(client, *long, ["DONE", {}, [7]])["state"] == "done"
 
 
 def test_a_detail_of_4_kB_is_kept(client):

@@ -66,6 +66,13 @@ static void spawn(struct daemon *d, int slot)
                 .type = EVENT_EXIT, .slot = slot, .status = 127 << 8, .stderr_text = "" });
 }
 
+/* A worker that has a RUN may speak of it at length. */
+static void begin_run(struct peer *worker, const char *verb)
+{
+    if (strcmp(verb, "RUN") == 0)
+        worker->said_long = 0;
+}
+
 static void to_worker(struct daemon *d, struct action *a)
 {
     struct peer *peer = peers_by_number(&d->workers, d->pool.slots[a->slot].peer);
@@ -75,6 +82,7 @@ static void to_worker(struct daemon *d, struct action *a)
         blob_drop(a->body);
         return;
     }
+    begin_run(peer, a->verb);
     peers_send(&d->workers, peer, a->verb, a->header, a->body);
 }
 
@@ -94,6 +102,7 @@ static void to_remote(struct daemon *d, struct action *a)
         blob_drop(a->body);
         return;
     }
+    begin_run(peer, a->verb);
     remote_changed(d, a->peer, peers_send(&d->remotes, peer, a->verb, a->header, a->body));
 }
 
@@ -214,7 +223,7 @@ static void ask(struct daemon *d, struct received *r, uint64_t turn, bool waited
 {
     struct wire_message message;
     struct modal_error err;
-    enum modal_status rc = received_open(r, WIRE_VERSION, true, &message, &err);
+    enum modal_status rc = received_open(r, &message, &err);
 
     if (rc == MODAL_OK && refused != NULL)
         err = *refused;
@@ -279,7 +288,7 @@ static void from_worker(struct daemon *d, struct received *r)
     int slot;
 
     slot = pool_slot_of_peer(&d->pool, r->peer->number);
-    if (received_open(r, WIRE_WORKER, false, &message, &err) != MODAL_OK) {
+    if (received_open_worker(r, &message, &err) != MODAL_OK) {
         if (slot >= 0)
             step(d, &(struct event) { .type = EVENT_WORKER, .slot = slot, .fault = &err });
         else
@@ -305,7 +314,7 @@ static void from_remote(struct daemon *d, struct received *r)
 {
     struct wire_message message;
     struct modal_error err;
-    enum modal_status rc = received_open(r, WIRE_WORKER, false, &message, &err);
+    enum modal_status rc = received_open_worker(r, &message, &err);
 
     step(d, &(struct event) {
         .type = EVENT_REMOTE, .peer = r->peer->number, .key = r->key,

@@ -27,6 +27,7 @@ struct peer {
     size_t bytes;
     struct lent *lent;             /* and what libzmq has of them */
     int fd;                        /* its connection's, until accept_free */
+    size_t said_long;              /* a worker's: bytes of long headers since its last RUN */
     bool full;                     /* its queue is over half: events wait */
     size_t waiting;                /* bytes of its requests at the ledger's door; door.c */
     bool ended;                    /* too much waited for it: nothing more is sent */

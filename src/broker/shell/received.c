@@ -85,8 +85,8 @@ void received_release(struct received *r)
         blob_drop(r->frames[i]);
 }
 
-enum modal_status received_open(const struct received *r, const char *version, bool needs_id,
-                                struct wire_message *out, struct modal_error *err)
+static enum modal_status open_as(const struct received *r, const char *version, bool needs_id,
+                                 struct wire_message *out, struct modal_error *err)
 {
     struct wire_frame frames[FRAMES_TAKEN];
 
@@ -94,6 +94,27 @@ enum modal_status received_open(const struct received *r, const char *version, b
         frames[i] = (struct wire_frame) { r->frames[i]->data, r->frames[i]->size };
     return wire_open(frames, r->count < FRAMES_TAKEN ? r->count : FRAMES_TAKEN, version, needs_id,
                      out, err);
+}
+
+enum modal_status received_open(const struct received *r, struct wire_message *out,
+                                struct modal_error *err)
+{
+    return open_as(r, WIRE_VERSION, true, out, err);
+}
+
+enum modal_status received_open_worker(const struct received *r, struct wire_message *out,
+                                       struct modal_error *err)
+{
+    const size_t header = r->count > 2 ? r->frames[2]->size : 0;
+
+    if (header > WIRE_SAID_MOST && r->peer != NULL
+        && (r->peer->said_long += header) > WIRE_SAID_LONG_MOST) {
+        memset(out, 0, sizeof *out);
+        return modal_fail(err, MODAL_BAD_FRAME, "headers over %d bytes of %zu since the last RUN; "
+                          "accepted: at most %d of them", WIRE_SAID_MOST, r->peer->said_long,
+                          WIRE_SAID_LONG_MOST);
+    }
+    return open_as(r, WIRE_WORKER, false, out, err);
 }
 
 int received_verb(const struct received *r)

@@ -20,9 +20,14 @@ struct received {
 bool received_take(struct peers *peers, struct received *r);
 /* Its frames go. */
 void received_release(struct received *r);
-/* R as a message of VERSION, which borrows from it; as wire_open. */
-enum modal_status received_open(const struct received *r, const char *version, bool needs_id,
-                                struct wire_message *out, struct modal_error *err);
+/* R as a client's message, which borrows from it; as wire_open. */
+enum modal_status received_open(const struct received *r, struct wire_message *out,
+                                struct modal_error *err);
+/* The same of a worker's.  Read takes as long as its header has members, whoever believes it:
+ * headers that are longer than any but what signals there are and an error are read no more after
+ * a RUN than a job has use for. */
+enum modal_status received_open_worker(const struct received *r, struct wire_message *out,
+                                       struct modal_error *err);
 /* The verb that R names, as wire_verb_find has it, -1 for none. */
 int received_verb(const struct received *r);
 #endif

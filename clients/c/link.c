@@ -32,6 +32,7 @@ static const double pause_least = 0.05, pause_most = 1;      /* s between two co
 
 enum {
     BACKLOG_MOST = 67108864,                 /* bytes without a silence: the largest document's */
+    PORT_MOST = 65535,                       /* 16 bits, RFC 9293 */
     MESSAGE_COST = 64,                       /* of a frame in libzmq's pipe, beside its bytes */
 };
 
@@ -149,9 +150,26 @@ static void close_socket(struct link *link)
     link->heard = 0;
 }
 
+/* What ENDPOINT is not that one is; NULL: libzmq may be asked, which takes ports modulo 65536. */
+static const char *endpoint_fault(const char *endpoint)
+{
+    const char *port = strrchr(endpoint, ':');
+    size_t digits = port != NULL ? strspn(port + 1, "0123456789") : 0;
+
+    if (strncmp(endpoint, "ipc://", 6) == 0)
+        return endpoint[6] != 0 ? NULL : "has no path";
+    if (strncmp(endpoint, "tcp://", 6) != 0)
+        return "begins with neither ipc:// nor tcp://";
+    if (digits == 0 || port[1 + digits] != 0 || !(strtod(port + 1, NULL) <= PORT_MOST)
+        || strtod(port + 1, NULL) < 1)
+        return "ends in no port of 1 to 65535";
+    return NULL;
+}
+
 /* A socket on its way to the endpoint; MODAL_BAD_INPUT: it is none. */
 static enum modal_status open_socket(struct link *link, struct modal_error *err)
 {
+    const char *fault = endpoint_fault(link->endpoint);
     enum modal_status rc = MODAL_OK;
 
     link->socket = zmq_socket(link->context, ZMQ_DEALER);
@@ -160,7 +178,10 @@ static enum modal_status open_socket(struct link *link, struct modal_error *err)
         goto out;
     }
     set_options(link->socket);
-    if (link->keys.server[0] != 0 && !set_keys(link))
+    if (fault != NULL)
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, "server", "\"%.200s\" %s; accepted: ipc://PATH "
+                              "or tcp://HOST:PORT", link->endpoint, fault);
+    else if (link->keys.server[0] != 0 && !set_keys(link))
         rc = modal_fail_field(err, MODAL_BAD_INPUT, "keyfile", "a key in it is no key");
     else if (zmq_connect(link->socket, link->endpoint) != 0)
         rc = modal_fail_field(err, MODAL_BAD_INPUT, "server",

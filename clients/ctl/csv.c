@@ -367,41 +367,12 @@ static char *read_head(struct table *table, char **rest, size_t *number)
     return line;
 }
 
-/* "t", "time", "Zeit", "Time [s]", "t_s", "time (sec)": what is behind the word; NULL: no time. */
-static const char *behind_time(const char *name)
-{
-    static const char *const words[] = { "time", "zeit", "temps", "tiempo", "t" };
-
-    for (size_t i = 0; name != NULL && i < sizeof words / sizeof *words; i++) {
-        size_t n = strlen(words[i]);
-        if (strncasecmp(name, words[i], n) == 0 && !isalnum((unsigned char)name[n]))
-            return name + n;
-    }
-    return NULL;
-}
-
-/* The unit in TEXT, such as "[ms]" or "_min", where it is a time's and not the second; "": none. */
-static const char *other_unit(const char *text)
-{
-    static const char *const units[] = {
-        "ms", "msec", "millisecond", "milliseconds", "us", "usec", "\xc2\xb5s", "\xce\xbcs",
-        "microseconds", "ns", "nsec", "nanoseconds", "min", "minutes", "h", "hours", "d", "days",
-    };
-    const char *at = text != NULL ? text + strspn(text, " _-.,:/[(<") : "";
-    size_t length = strcspn(at, " _-.,:/])>");
-
-    for (size_t i = 0; i < sizeof units / sizeof *units; i++)
-        if (strlen(units[i]) == length && strncasecmp(at, units[i], length) == 0)
-            return units[i];
-    return "";
-}
-
 /* The column that is called time; none: the first. */
 static bool find_name(const struct table *table, size_t *column)
 {
     *column = 0;
     for (size_t i = 0; table->names != NULL && i < table->columns; i++)
-        if (behind_time(table->names[i]) != NULL) {
+        if (steps_behind_time(table->names[i]) != NULL) {
             *column = i;
             return true;
         }
@@ -452,14 +423,13 @@ static enum modal_status find_time(const struct table *table, const struct signa
                   ? (int)at : -1;
     if (*column < 0 || options->ignore_time)
         return MODAL_OK;
-    const char *unit = named ? other_unit(behind_time(table->names[at])) : "";
+    const char *unit = named ? steps_unit(steps_behind_time(table->names[at])) : "";
     if (unit[0] == 0 && named && table->units != NULL)
-        unit = other_unit(table->units[at]);
-    if (unit[0] != 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "time", "%s: column %zu says its times in "
-                                "%s; accepted: in s, or --dt SECONDS with --ignore-time",
-                                table->path, at + 1, unit);
+        unit = steps_unit(table->units[at]);
     snprintf(what, sizeof what, "column %zu", at + 1);
+    enum modal_status rc = steps_unit_check(unit, table->path, what, options, err);
+    if (rc != MODAL_OK)
+        return rc;
     if (!(off <= STEPS_UNEVEN_MOST))
         return steps_refuse(table->x + at, table->rows, table->columns, off, table->path, what,
                             options, err);

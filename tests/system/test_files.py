@@ -80,7 +80,8 @@ def hdf5(path, y=Y):
         file.create_dataset("about", data=b"hammer")
 
 
-def uff(path, y=Y, binary=True, wide=True, function=1, even=True, big=False, announced=None):
+def uff(path, y=Y, binary=True, wide=True, function=1, even=True, big=False, announced=None,
+        time=("NONE", "NONE")):
     """Data set 151 and a 58 or 58b a channel; columns as in the description by the University of
     Cincinnati."""
     out = [b"    -1\n   151\nmodel\nnobody\n    -1\n"]
@@ -93,8 +94,8 @@ def uff(path, y=Y, binary=True, wide=True, function=1, even=True, big=False, ann
                 f"{'NONE':10s}{0:10d}{0:4d}",
                 f"{form:10d}{announced or len(x):10d}{int(even):10d}"
                 f"{0:13.5e}{DT if even else 0:13.5e}{0:13.5e}",
-                *[f"{kind:10d}{0:5d}{0:5d}{0:5d} {'NONE':20s} {'NONE':20s}"
-                  for kind in (17, 12, 0, 0)]]
+                *[f"{kind:10d}{0:5d}{0:5d}{0:5d} {label:20s} {unit:20s}"
+                  for kind, (label, unit) in zip((17, 12, 0, 0), (time, *[("NONE", "NONE")] * 3))]]
         if binary:
             own = np.dtype(order + ("f8" if wide else "f4"))
             data = (x.astype(own).tobytes() if even
@@ -112,11 +113,11 @@ def uff(path, y=Y, binary=True, wide=True, function=1, even=True, big=False, ann
     path.write_bytes(b"".join(out))
 
 
-def outb(path, y=Y, form=4):
+def outb(path, y=Y, form=4, time="(s)"):
     """OpenFAST's binary output as NWTC_IO.f90 writes it; what it stores is returned."""
     width = 10 if form != 4 else 14
     names = "".join(n.ljust(width) for n in ("Time", *NAMES)).encode()
-    units = "".join(u.ljust(width) for u in ("(s)", "(m/s^2)", "(m/s^2)", "(m/s^2)")).encode()
+    units = "".join(u.ljust(width) for u in (time, "(m/s^2)", "(m/s^2)", "(m/s^2)")).encode()
     scale = (65535 / (y.max(0) - y.min(0))).astype("<f4")
     offset = (-32768 - scale.astype(float) * y.min(0)).astype("<f4")
     packed = np.clip(np.round(scale.astype(float) * y + offset), -32768, 32767).astype("<i2")
@@ -225,6 +226,51 @@ def test_integers_singles_rows_and_fortrans_order_are_samples_too(ctl, tmp_path)
     mat(tmp_path / "turned", Y.T, t=T)
     got = ctl("identify", tmp_path / "turned", "-o", "rank.fixed=6").document["provenance"]["input"]
     assert (got["samples"], got["channels"]) == (SAMPLES, 3)
+
+
+def netcdf(path, unit):
+    """HDF5 as xarray and h5py leave it: a unit is an attribute of the times."""
+    with h5py.File(path, "w") as file:
+        file["accel"], file["time"] = Y, T
+        file["time"].attrs["units"] = unit
+
+
+SAYS_UNIT = {
+    "mat": lambda path, unit: mat(path, **{f"t_{unit}": T}),
+    "npz": lambda path, unit: np.savez(open(path, "wb"), **{f"time [{unit}]": T, "accel": Y}),
+    "hdf5": netcdf,
+    "hdf5 by fixed text": lambda path, unit: netcdf(path, np.bytes_(unit)),
+    "58": lambda path, unit: uff(path, binary=False, time=("Time", unit)),
+    "58b": lambda path, unit: uff(path, time=("NONE", unit)),
+    "58 uneven": lambda path, unit: uff(path, even=False, time=(f"Time [{unit}]", "NONE")),
+    "outb": lambda path, unit: outb(path, time=f"({unit})"),
+}
+
+
+@pytest.mark.parametrize("unit", ["ms", "min"])
+@pytest.mark.parametrize("kind", SAYS_UNIT)
+def test_times_of_a_file_in_another_unit_than_seconds_are_refused_with_the_unit(kind, unit, ctl,
+                                                                               tmp_path):
+    """They were taken for seconds, or passed over without a word."""
+    SAYS_UNIT[kind](tmp_path / "x", unit)
+    error = ctl("identify", tmp_path / "x").document["error"]
+    assert (error["code"], error["field"]) == ("bad_input", "time"), error
+    assert f"in {unit};" in error["message"] and "--ignore-time" in error["message"], error
+    assert ctl("identify", tmp_path / "x", "--dt", DT, "--ignore-time", "-o",
+               "rank.fixed=6").status == 0
+
+
+@pytest.mark.parametrize("kind", SAYS_UNIT)
+def test_times_of_a_file_that_say_seconds_are_its_times(kind, ctl, tmp_path):
+    SAYS_UNIT[kind](tmp_path / "x", "s")
+    said = ctl("identify", tmp_path / "x", "-o", "rank.fixed=6")
+    assert said.status == 0, said.document
+    assert np.allclose(modes(said.document), [m[:2] for m in MODES], rtol=1e-3)
+
+
+def test_a_temperature_and_a_delay_beside_signals_are_no_times(ctl, tmp_path):
+    mat(tmp_path / "x", T_h=20 + T, t_ms=3.0, T_ms=T)
+    assert ctl("identify", tmp_path / "x", "--dataset", "accel", "-o", "rank.fixed=6").status == 0
 
 
 def test_uneven_abscissae_and_singles_of_a_universal_file_are_read(ctl, tmp_path):

@@ -7,6 +7,7 @@ import subprocess
 import h5py
 import numpy as np
 import pytest
+import modald
 from conftest import BUILD, PATIENCE, environment
 
 T = np.arange(200) * 0.01
@@ -57,6 +58,34 @@ def test_other_inputs_than_signals_are_called_what_they_are(tmp_path):
         words = ["--dt", 0.01] if name == "turned.npy" else []
         text = said(tmp_path, "modalctl", "--local", "identify", name, *words)
         assert word in text, text
+
+
+def test_signals_given_as_a_scene_are_no_scene_and_what_is_accepted_is_said(tmp_path):
+    table(tmp_path / "x.csv", "t,a")
+    np.save(tmp_path / "x.npy", Y)
+    (tmp_path / "list.json").write_text("[1]")
+    for name in ("x.csv", "x.npy", "list.json"):
+        for verb in ("steady", "floquet"):
+            text = said(tmp_path, "modalctl", "--local", verb, name)
+            assert f"{name} is no scene; accepted: a JSON object" in text, text
+            assert "signals with identify" in text, text
+
+
+@pytest.mark.parametrize("server, fault", [
+    ("localhost:99", "begins with neither ipc:// nor tcp://"), ("/run/s", "begins with neither"),
+    ("http://localhost:99", "begins with neither"), ("tcp://localhost", "ends in no port"),
+    ("tcp://localhost:0", "ends in no port"), ("tcp://localhost:65545", "ends in no port"),
+    ("tcp://localhost:9x", "ends in no port"), ("ipc://", "has no path")])
+def test_a_server_that_is_none_is_told_what_it_lacks_by_modalctl_and_by_python(server, fault,
+                                                                             tmp_path):
+    """A port beyond 65535 was taken modulo 65536."""
+    told = f'"{server}" {fault}'
+    text = said(tmp_path, "modalctl", "--server", server, "stats")
+    assert told in text and "accepted: ipc://PATH or tcp://HOST:PORT" in text, text
+    with pytest.raises(modald.Error) as why:
+        modald.Client(server)
+    assert (why.value.code, why.value.field) == ("bad_input", "server")
+    assert told in str(why.value) and "accepted: ipc://PATH or tcp://HOST:PORT" in str(why.value)
 
 
 def test_words_of_another_form_are_told_with_one_that_is_accepted(tmp_path):

@@ -53,6 +53,15 @@ static size_t folder_of(const char *name)
     return slash != NULL ? (size_t)(slash - name) + 1 : 0;
 }
 
+/* The unit that an array of times says by its name, `t_ms`; "": it is none of times, or says none.
+ * A letter may be large in it: `T_h` is another quantity. */
+static const char *unit_of_name(const struct array *array)
+{
+    const char *own = array->name + folder_of(array->name), *behind = steps_behind_time(own);
+
+    return own[0] == 'T' && behind == own + 1 ? "" : steps_unit(behind);
+}
+
 /* What an array of this name says of the step. */
 enum says { SAYS_NOTHING, SAYS_STEP, SAYS_RATE, SAYS_TIMES };
 
@@ -67,7 +76,7 @@ static enum says says(const struct array *array)
     for (size_t i = 0; array->numbers && i < sizeof words / sizeof *words; i++)
         if (strcmp(own, words[i].name) == 0)
             return words[i].says;
-    return SAYS_NOTHING;
+    return array->numbers && unit_of_name(array)[0] != 0 ? SAYS_TIMES : SAYS_NOTHING;
 }
 
 /* ---- the signals ---- */
@@ -209,6 +218,14 @@ static bool fits(const struct array *a, const struct array *signals, bool *turne
     return n == (*turned ? signals->columns : signals->rows);
 }
 
+/* Is A, which is not called plainly `time`, no time of SIGNALS after all? */
+static bool is_other(const struct array *a, const struct array *signals)
+{
+    bool turned;
+
+    return unit_of_name(a)[0] != 0 && !fits(a, signals, &turned);
+}
+
 static enum modal_status read_number(const struct arrays *arrays, const struct array *a,
                                      double *value, struct modal_error *err)
 {
@@ -235,7 +252,8 @@ static enum modal_status step_of(const struct arrays *arrays, const struct array
                                  const struct signals_options *options, struct signals *one,
                                  bool *turned, struct modal_error *err)
 {
-    double value = 0, *t;
+    double value = 0, *t = NULL;
+    char what[48];
     enum modal_status rc;
 
     if (says(a) != SAYS_TIMES) {
@@ -250,7 +268,11 @@ static enum modal_status step_of(const struct arrays *arrays, const struct array
                                 "`%s` are %zu x %zu; accepted: a time for each sample",
                                 arrays->path, a->name, a->rows, a->columns, signals->name,
                                 signals->rows, signals->columns);
-    rc = load(arrays, a, false, &t, err);
+    snprintf(what, sizeof what, "`%.40s`", a->name);
+    rc = steps_unit_check(unit_of_name(a)[0] == 0 && a->unit != NULL ? a->unit : unit_of_name(a),
+                          arrays->path, what, options, err);
+    if (rc == MODAL_OK)
+        rc = load(arrays, a, false, &t, err);
     if (rc == MODAL_OK)
         rc = steps_read(t, a->rows * a->columns, a->single ? FLT_EPSILON : 0, arrays->path,
                         "its array of times", options, one, err);
@@ -280,7 +302,8 @@ enum modal_status arrays_step(const struct arrays *arrays, const struct array *a
         size_t own = folder_of(a->name);
         bool beside = own == 0 || (own == folder && strncmp(a->name, array->name, own) == 0);
 
-        if (a == array || !beside || says(a) == SAYS_NOTHING || options->ignore_time)
+        if (a == array || !beside || says(a) == SAYS_NOTHING || is_other(a, array)
+            || options->ignore_time)
             continue;
         rc = step_of(arrays, a, array, options, &one, turned, err);
         if (rc == MODAL_OK && out->dt > 0 && !(fabs(out->dt - one.dt) <= out->dt_off + one.dt_off))

@@ -6,6 +6,7 @@
 #include <string.h>
 #include <unistd.h>
 #include "arrays.h"
+#include "steps.h"
 #include "ctl/apart.h"
 #include "store/batch_file.h"
 #include "store/batch_h5.h"
@@ -37,17 +38,24 @@ bool hdf5_is(const unsigned char *head, size_t length)
 
 /* ---- the list ---- */
 
-/* What MATLAB says that SET is, or "" for another's dataset. */
-static void matlab_class(hid_t set, char *class, size_t room)
+/* The attribute NAME of SET, where it is one text of less than ROOM bytes; else "". */
+static void text_attribute(hid_t set, const char *name, char *text, size_t room)
 {
-    hid_t attribute = H5Aexists(set, "MATLAB_class") > 0
-                          ? H5Aopen(set, "MATLAB_class", H5P_DEFAULT) : H5I_INVALID_HID;
+    hid_t attribute = H5Aexists(set, name) > 0 ? H5Aopen(set, name, H5P_DEFAULT) : H5I_INVALID_HID;
     hid_t type = attribute >= 0 ? H5Aget_type(attribute) : H5I_INVALID_HID;
+    hid_t space = attribute >= 0 ? H5Aget_space(attribute) : H5I_INVALID_HID;
+    bool one = type >= 0 && space >= 0 && H5Tget_class(type) == H5T_STRING
+               && H5Sget_simple_extent_npoints(space) == 1;
+    char *own = NULL;
 
-    memset(class, 0, room);
-    if (type >= 0 && H5Tget_class(type) == H5T_STRING && H5Tis_variable_str(type) == 0
-        && H5Tget_size(type) < room)
-        H5Aread(attribute, type, class);
+    memset(text, 0, room);
+    if (one && H5Tis_variable_str(type) == 0 && H5Tget_size(type) < room)
+        H5Aread(attribute, type, text);
+    if (one && H5Tis_variable_str(type) > 0 && H5Aread(attribute, type, &own) >= 0 && own != NULL)
+        snprintf(text, room, "%s", strlen(own) < room ? own : "");
+    H5free_memory(own);
+    if (space >= 0)
+        H5Sclose(space);
     if (type >= 0)
         H5Tclose(type);
     if (attribute >= 0)
@@ -84,9 +92,10 @@ struct walk {
     int count;
 };
 
+/* A class is what MATLAB says that it is; "" for another's. */
 static herr_t list_dataset(hid_t from, const char *link, struct walk *walk)
 {
-    char class[32];
+    char class[32], unit[32];
     struct array *a = arrays_add(walk->arrays, walk->name, strlen(walk->name));
     hid_t set = a != NULL ? H5Dopen2(from, link, H5P_DEFAULT) : H5I_INVALID_HID;
 
@@ -94,7 +103,7 @@ static herr_t list_dataset(hid_t from, const char *link, struct walk *walk)
         return -1;
     hid_t type = H5Dget_type(set);
     H5T_class_t kind = type >= 0 ? H5Tget_class(type) : H5T_NO_CLASS;
-    matlab_class(set, class, sizeof class);
+    text_attribute(set, "MATLAB_class", class, sizeof class);
     if (kind != H5T_INTEGER && kind != H5T_FLOAT)
         a->type = kind == H5T_STRING ? "text" : kind == H5T_COMPOUND ? "a compound" : "no numbers";
     else if (strcmp(class, "char") == 0)
@@ -102,6 +111,8 @@ static herr_t list_dataset(hid_t from, const char *link, struct walk *walk)
     else
         shape_of(set, class[0] != 0, a);
     a->single = kind == H5T_FLOAT && H5Tget_size(type) <= sizeof(float);
+    text_attribute(set, "units", unit, sizeof unit);
+    a->unit = steps_unit(unit);
     if (type >= 0)
         H5Tclose(type);
     H5Dclose(set);

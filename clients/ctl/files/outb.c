@@ -110,8 +110,13 @@ static enum modal_status read_times(const struct outb *o, const char *path,
                                     struct modal_error *err)
 {
     double *t, digits = 1.0 / (double)INT32_MAX;            /* packed over the record */
+    char unit[NAME_MOST + 1];
     enum modal_status rc;
 
+    snprintf(unit, sizeof unit, "%.*s", (int)o->name, (const char *)o->units);
+    rc = steps_unit_check(steps_unit(unit), path, "its column of time", options, err);
+    if (rc != MODAL_OK)
+        return rc;
     if (o->form != WITH_TIMES) {
         out->dt = o->second;
         out->dt_off = SIGNALS_DT_OFF * out->dt;

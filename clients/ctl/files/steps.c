@@ -1,6 +1,49 @@
 /* steps.c - see steps.h */
 #include "steps.h"
+#include <ctype.h>
 #include <math.h>
+#include <string.h>
+#include <strings.h>
+
+const char *steps_behind_time(const char *name)
+{
+    static const char *const words[] = { "time", "zeit", "temps", "tiempo", "t" };
+
+    for (size_t i = 0; name != NULL && i < sizeof words / sizeof *words; i++) {
+        size_t n = strlen(words[i]);
+        if (strncasecmp(name, words[i], n) == 0 && !isalnum((unsigned char)name[n]))
+            return name + n;
+    }
+    return NULL;
+}
+
+const char *steps_unit(const char *text)
+{
+    static const char *const seconds[] = { "s", "sec", "second", "seconds" };
+    static const char *const others[] = {
+        "ms", "msec", "millisecond", "milliseconds", "us", "usec", "\xc2\xb5s", "\xce\xbcs",
+        "microseconds", "ns", "nsec", "nanoseconds", "min", "minutes", "h", "hours", "d", "days",
+    };
+    const char *at = text != NULL ? text + strspn(text, " _-.,:/[(<") : "";
+    size_t length = strcspn(at, " _-.,:/])>");
+
+    for (size_t i = 0; i < sizeof seconds / sizeof *seconds; i++)
+        if (strlen(seconds[i]) == length && strncasecmp(at, seconds[i], length) == 0)
+            return seconds[0];
+    for (size_t i = 0; i < sizeof others / sizeof *others; i++)
+        if (strlen(others[i]) == length && strncasecmp(at, others[i], length) == 0)
+            return others[i];
+    return "";
+}
+
+enum modal_status steps_unit_check(const char *unit, const char *path, const char *what,
+                                   const struct signals_options *options, struct modal_error *err)
+{
+    if (unit[0] == 0 || strcmp(unit, "s") == 0 || options->ignore_time)
+        return MODAL_OK;
+    return modal_fail_field(err, MODAL_BAD_INPUT, "time", "%s: %s says its times in %s; accepted: "
+                            "in s, or --dt SECONDS with --ignore-time", path, what, unit);
+}
 
 size_t steps_turn_back(const double *t, size_t n, size_t stride)
 {

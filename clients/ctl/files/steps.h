@@ -11,6 +11,17 @@
 /* Time is even if no sample is further than this part of a step from its place. */
 #define STEPS_UNEVEN_MOST 1e-3
 
+/* What NAME says behind a word for time, such as " [s]" of "Time [s]" or "_ms" of "t_ms"; NULL: it
+ * is no name of times. */
+const char *steps_behind_time(const char *name);
+/* The unit of time in TEXT, such as "[ms]" or "_min"; "s" for the second however it is written, "":
+ * none. */
+const char *steps_unit(const char *text);
+/* MODAL_BAD_INPUT, field "time", where UNIT is neither "s" nor "": times that WHAT says in it are
+ * another step than they seem, and OPTIONS do not pass them over. */
+enum modal_status steps_unit_check(const char *unit, const char *path, const char *what,
+                                   const struct signals_options *options, struct modal_error *err);
+
 /* The deviation of t[0], t[stride], ..., N of them, and *DT; HUGE_VAL where they do not grow. */
 double steps_deviation(const double *t, size_t n, size_t stride, double *dt);
 /* The first whose time is not after the one before, or 0. */

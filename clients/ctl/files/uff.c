@@ -3,10 +3,11 @@
  * A data set stands between two lines "    -1"; the line after the first is its number.  A 58 has
  * eleven lines of head in fixed columns: 6 says the function's type and its node, 7 how its numbers
  * lie: type (2 single, 4 double, 5 and 6 the same complex), how many, whether the steps are even,
- * the first abscissa, the step.  Text has six numbers of 13 columns in a line, doubles four of 20;
- * uneven ones an abscissa of 13 columns before each.  A 58b has the same head and says in its first
- * line the order of bytes (1 little, 2 big endian), the form (2: IEEE 754) and the bytes that
- * follow, which writers get wrong: what line 7 says is held against the end of the data set.
+ * the first abscissa, the step; 8 the abscissa's label and units, of 20 columns each.  Text has six
+ * numbers of 13 columns in a line, doubles four of 20; uneven ones an abscissa of 13 columns before
+ * each.  A 58b has the same head and says in its first line the order of bytes (1 little, 2 big
+ * endian), the form (2: IEEE 754) and the bytes that follow, which writers get wrong: what line 7
+ * says is held against the end of the data set.
  */
 #include "uff.h"
 #include <ctype.h>
@@ -23,6 +24,7 @@ enum {
     HEAD_LINES = 11,                         /* of a function; in them: */
     TYPE_LINE  = 6,                          /* type and nodes */
     FORM_LINE  = 7,                          /* how numbers lie */
+    TIME_LINE  = 8,                          /* of the abscissa: its label and units */
     TURNS      = 6,                          /* directions: three ways, three turns */
     NUMBER_COLUMNS = 6,                      /* of a data set's number; 58b has its b behind them */
     TIME_RESPONSE = 1,                       /* type of a function */
@@ -44,6 +46,7 @@ struct function {
     bool binary, big, even;
     size_t count;
     double step, digits;                     /* s, and what its last digit leaves open */
+    const char *unit;                        /* of times, as steps_unit */
     size_t at;
     char name[LINE];
 };
@@ -199,6 +202,16 @@ static void name_function(const char *line, struct function *f)
                  way > 0 ? "+" : way < 0 ? "-" : "", turns[abs(way)]);
 }
 
+/* The unit of time in the line of the abscissa; where its field has none, in the label: "Time
+ * [ms]". */
+static const char *unit_in(const char *line)
+{
+    char field[LINE];
+    const char *unit = steps_unit(columns(line, 47, 20, field));
+
+    return unit[0] != 0 ? unit : steps_unit(steps_behind_time(columns(line, 26, 20, field)));
+}
+
 /* The eleven lines. */
 static enum modal_status read_head(struct uff *u, struct function *f, struct modal_error *err)
 {
@@ -217,7 +230,8 @@ static enum modal_status read_head(struct uff *u, struct function *f, struct mod
         } else if (i == FORM_LINE) {
             memcpy(form, line, sizeof form);
             form_line = u->line;
-        }
+        } else if (i == TIME_LINE)
+            f->unit = unit_in(line);
     }
     size_t here = u->line;
     u->line = form_line;
@@ -386,11 +400,11 @@ static enum modal_status read_channel(struct uff *u, const struct function *f, s
                                       struct signals *out, struct modal_error *err)
 {
     struct signals one = { .dt = f->step, .dt_off = f->digits, .dt_from = "its abscissa step" };
-    enum modal_status rc = MODAL_OK;
+    enum modal_status rc = steps_unit_check(f->unit, u->path, "its abscissa", options, err);
 
-    if (f->binary)
+    if (rc == MODAL_OK && f->binary)
         decode(u, f, x, t);
-    else
+    else if (rc == MODAL_OK)
         rc = read_columns(u, f, x, t, err);
     if (rc == MODAL_OK && !f->even) {
         one = (struct signals) { 0 };

@@ -144,12 +144,28 @@ class Talk:
                            else self.link.nobody())
 
 
+def endpoint_fault(endpoint: str) -> str:
+    """What it is not that an endpoint is; nothing: libzmq may be asked, which takes ports modulo
+    65536."""
+    way, _, rest = endpoint.partition("://")
+    if way == "ipc":
+        return "" if rest else "has no path"
+    if way != "tcp":
+        return "begins with neither ipc:// nor tcp://"
+    port = rest.rpartition(":")[2]
+    good = port.isascii() and port.isdigit() and 1 <= int(port[:9]) <= 65535 and ":" in rest
+    return "" if good else "ends in no port of 1 to 65535"
+
+
 class Link:
     """See the module.  Everything below the line belongs to the thread."""
 
     def __init__(self, endpoint: str, keyfile: str | None):
         """Begin to connect; does not wait."""
         self.endpoint = endpoint
+        accepted = "accepted: ipc://PATH or tcp://HOST:PORT"
+        if fault := endpoint_fault(endpoint):
+            raise Error("bad_input", f'"{endpoint}" {fault}; {accepted}', "server")
         try:
             self.keys = read_keyfile(keyfile) if keyfile else {}
         except (OSError, UnicodeDecodeError) as why:
@@ -175,7 +191,7 @@ class Link:
             self._open()
         except zmq.ZMQError as why:
             self._context.destroy(linger=0)
-            raise Error("bad_input", f"{endpoint}: {why}", "server") from why
+            raise Error("bad_input", f"{endpoint}: {why}; {accepted}", "server") from why
         self._thread = threading.Thread(target=self._run, name="modald", daemon=True)
         self._thread.start()
 

@@ -18,8 +18,10 @@ sys.path.insert(0, str(HERE.parent / "system"))
 import sanitized  # noqa: E402
 import curve_peer  # noqa: E402
 from lab import Lab  # noqa: E402
-from wire import VERSION, Client, Daemon, crc32c, identity, ring_down, submit, until  # noqa: E402
+from wire import (  # noqa: E402
+    PATIENCE_S, VERSION, Client, Daemon, crc32c, identity, ring_down, submit, until)
 
+HANDSHAKE_S = 3                         # that one may be silent: ZMQ_HANDSHAKE_IVL of daemon.c
 # of ZMTP 3.0, without security
 GREETING = b"\xff" + bytes(8) + b"\x7f\x03\x00NULL" + bytes(16 + 1 + 31)
 
@@ -49,7 +51,7 @@ PING = b"\x04\x07\x04PING\x00\x0a"
 def reach(daemon):
     tcp = daemon.endpoint.startswith("tcp")
     made = socket.socket(socket.AF_INET if tcp else socket.AF_UNIX)
-    made.settimeout(20)
+    made.settimeout(PATIENCE_S)
     made.connect(("127.0.0.1", int(daemon.endpoint.rsplit(":", 1)[1])) if tcp
                  else daemon.endpoint.removeprefix("ipc://"))
     return made
@@ -86,7 +88,7 @@ def free_port():
 
 def until_alone(client):
     """Until CLIENT's is the only connection, what the others left being done with."""
-    end = time.monotonic() + 60
+    end = time.monotonic() + PATIENCE_S
     while metric(client, "connections") > 1:
         assert time.monotonic() < end, "connections that ended are still counted"
 
@@ -159,7 +161,7 @@ def test_each_connection_ended_for_what_it_sends_is_counted_and_the_log_has_a_li
         def told():
             return [int(n) for n in re.findall(r"event=connections_ended count=(\d+)", d.text())]
         while sum(told()) < strangers + 1:
-            assert time.monotonic() < begin + 120, told()
+            assert time.monotonic() < begin + PATIENCE_S, told()
         assert sum(told()) == strangers + 1 and len(told()) <= time.monotonic() - begin + 1
 
 
@@ -237,7 +239,7 @@ def test_what_a_connection_waited_for_reaches_no_other_of_its_routing_id(tmp_pat
         alice, later = client("alice", b"rig"), client("alice")
         assert alice.ask("EVENTS").ok
         job = submit(alice, key="secret", not_before=time.time() + 1)["job"]
-        alice.send("WAIT", job=job, timeout_s=30, result=True)
+        alice.send("WAIT", job=job, timeout_s=250, result=True)
         assert alice.ask("WHOAMI").ok
         for _ in range(200):                     # and does not read what is sent: it queues
             alice.send("METRICS")
@@ -245,7 +247,7 @@ def test_what_a_connection_waited_for_reaches_no_other_of_its_routing_id(tmp_pat
         alice.close()
         bob = client("bob", b"rig")
         assert bob.ask("HELLO").ok
-        assert later.ask("WAIT", job=job, timeout_s=30)["state"] == "done"
+        assert later.ask("WAIT", job=job, timeout_s=250)["state"] == "done"
         assert bob.ask("HELLO").ok and bob.early == []
 
 
@@ -269,12 +271,20 @@ def greeted(daemon):
 def test_one_who_speaks_is_served_before_those_who_are_silent_have_had_their_time():
     """They have three seconds, and came within a moment: before, none was left when he was heard.
     """
-    with Daemon(config="connections = 8\n") as d, contextlib.ExitStack() as stack:
-        silent = [stack.enter_context(greeted(d)) for _ in range(8)]
-        c = d.client()
-        assert c.ask("HELLO").ok
-        assert sum(map(is_open, silent)) == 7, "one place was wanted, and one given"
-        assert metric(c, "connections") == 8
+    with Daemon(config="connections = 8\n") as d:
+        taken_s = HANDSHAKE_S
+        # on a machine that was busy meanwhile their time may have been over: again
+        while taken_s >= HANDSHAKE_S:
+            with contextlib.ExitStack() as stack:
+                begin = time.monotonic()
+                silent = [stack.enter_context(greeted(d)) for _ in range(8)]
+                c = d.client()
+                answered, kept = c.ask("HELLO").ok, sum(map(is_open, silent))
+                connections = metric(c, "connections")
+                taken_s = time.monotonic() - begin
+                c.close()
+        assert answered and kept == 7, "one place was wanted, and one given"
+        assert connections == 8
 
 
 def test_who_has_spoken_keeps_his_place():
@@ -320,7 +330,7 @@ def test_what_was_freed_goes_back_to_the_system_though_the_daemon_is_never_at_re
         for s in group:
             for _ in range(7):
                 s.sendall(frame(bytes(1 << 20), True))
-        end = time.monotonic() + 120
+        end = time.monotonic() + PATIENCE_S
 
         def asked_until(enough, what):
             while not enough(memory_mb(d, "VmRSS") - before):
@@ -495,7 +505,7 @@ def test_a_message_without_an_end_is_bounded_under_curve_too(tmp_path):
         bomb, before, part = made("bob"), memory_mb(d, "VmHWM"), bytes(900000)
         assert bomb.ask("HELLO").ok
         bomb.raw(VERSION, b"HELLO", b'{"id":1}', *[part] * 400)
-        end = time.monotonic() + 60
+        end = time.monotonic() + PATIENCE_S
         # it is ended; libzmq sends none of the rest again
         while metric(honest, "connections") == 2:
             assert time.monotonic() < end, "its connection is not ended"

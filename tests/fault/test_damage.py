@@ -71,7 +71,7 @@ def stored():
         kinds["stream"] = (stream(client, again), "input", again)
         job = client.ask("SUBMIT", [json.dumps(SCENE).encode()], kind="simulate",
                          input={"content": "scene"})["job"]
-        assert client.ask("WAIT", job=job, timeout_s=20)["state"] == "done"
+        assert client.ask("WAIT", job=job, timeout_s=250)["state"] == "done"
         kinds["simulate"] = (job, "batch", whole(client, job, "batch", 1 << 20))
         files = {path: path.read_bytes()
                  for path in (daemon.folder / "data" / "spool").glob("*.h5")}

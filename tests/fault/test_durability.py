@@ -4,6 +4,7 @@ full disk (PROTOCOL.md, section 6).
 The workers are tests/system/fake_worker.py, so that the daemon, not the numerics, is what is under
 load.  MODALD_KILLS and MODALD_JOBS enlarge the runs.
 """
+import contextlib
 import json
 import os
 import pathlib
@@ -21,7 +22,7 @@ import zmq
 HERE = pathlib.Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent / "system"))
 from small_disk import small_disk  # noqa: E402
-from wire import PATIENCE_S, Daemon, crc32c, ring_down, submit, until  # noqa: E402
+from wire import PATIENCE_S, Client, Daemon, crc32c, ring_down, submit, until  # noqa: E402
 
 FAKE = f"worker_path = {HERE.parent / 'system' / 'fake_worker.py'}\n"
 KILLS = int(os.environ.get("MODALD_KILLS", 20))
@@ -30,20 +31,34 @@ CLIENTS = 8
 needs_strace = pytest.mark.skipif(shutil.which("strace") is None, reason="strace is not installed")
 
 
-def patiently(client, verb, body=(), seconds=120, **header):
+def patiently(client, verb, body=(), **header):
     """Ask until there is an answer that is not `try again`: what section 10 tells a client to do.
+    Each time that none came it is waited for twice as long: else a machine that is slower than the
+    client's patience never answers it.
     """
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        try:
-            reply = client.ask(verb, body, **header)
-        except zmq.Again:
-            client.early.clear()
-            continue
-        if reply.code not in ("busy", "draining", "storage_full"):
-            return reply
-        time.sleep(reply["error"]["detail"]["retry_after_s"] / 20)
+    end, patience_ms = time.monotonic() + PATIENCE_S, client.socket.rcvtimeo
+    try:
+        while time.monotonic() < end:
+            try:
+                reply = client.ask(verb, body, **header)
+            except zmq.Again:
+                client.early.clear()
+                client.socket.rcvtimeo = min(2 * client.socket.rcvtimeo, PATIENCE_S * 100)
+                continue
+            if reply.code not in ("busy", "draining", "storage_full"):
+                return reply
+            time.sleep(reply["error"]["detail"]["retry_after_s"] / 20)
+    finally:
+        client.socket.rcvtimeo = patience_ms
     raise AssertionError(f"no answer to {verb}")
+
+
+def ended(client, job):
+    """The end of a job, whenever it comes."""
+    while (doc := patiently(client, "WAIT", job=job,
+                            timeout_s=1))["state"] in ("queued", "running"):
+        pass
+    return doc
 
 
 class Submitter(threading.Thread):
@@ -57,7 +72,6 @@ class Submitter(threading.Thread):
                                                                          count, {}, None)
 
     def run(self):
-        from wire import Client
         client = Client(self.endpoint, timeout_s=0.7)
         try:
             together = 5 if self.number % 2 == 1 else 1
@@ -102,11 +116,11 @@ def all_docs(client):
             return docs
 
 
-def check_everything(client, acks, seconds=180):
+def check_everything(client, acks):
     """Each acknowledged key names one job with one result; no key has two jobs; no two edges into
     an end.
     """
-    end = time.monotonic() + seconds
+    end = time.monotonic() + PATIENCE_S
     while True:
         docs = all_docs(client)
         if all(d["state"] == "done" for d in docs) or time.monotonic() > end:
@@ -139,7 +153,7 @@ def test_8_clients_lose_and_double_nothing_while_the_daemon_is_killed_20_times()
             d.kill()
             d.start()
         for s in submitters:
-            s.join(240)
+            s.join(PATIENCE_S)
             assert s.error is None and not s.is_alive(), s.error
         acks = {key: job for s in submitters for key, job in s.acks.items()}
         assert len(acks) == JOBS // CLIENTS * CLIENTS
@@ -191,26 +205,39 @@ def test_restarts_of_every_kind_under_load_lose_and_double_nothing():
             counts[how] += 1
             time.sleep(dice.uniform(0.05, 0.4))
         for s in submitters:
-            s.join(240)
+            s.join(PATIENCE_S)
             assert s.error is None and not s.is_alive(), s.error
         acks = {key: job for s in submitters for key, job in s.acks.items()}
         check_everything(d.client(), acks)
         print(f"\nP1 P2 P3 P4 P9: {counts}, {len(acks)} acknowledged jobs, 0 violations")
 
 
-def load(endpoint, acks, uploads, stop):
+class UntilItDies(Client):
+    """Waits for an answer as long as the daemon D lives, and no longer."""
+
+    def __init__(self, d):
+        super().__init__(d.endpoint, timeout_s=0.1)
+        self.process = d.process
+
+    def receive(self):
+        while self.process.poll() is None:
+            with contextlib.suppress(zmq.Again):
+                return super().receive()
+        raise ProcessLookupError
+
+
+def load(d, acks, uploads):
     """Submissions and one upload, until the daemon dies; what was acknowledged goes to ACKS and
     UPLOADS.
     """
-    from wire import Client
-    client = Client(endpoint, timeout_s=0.5)
+    client = UntilItDies(d)
     try:
         data = bytes(800000)
         begun = client.ask("UPLOAD", op="begin", content="batch", samples=100000, channels=1, dt=1,
                            key="load")
         at = begun["present"]
-        first = i = len(acks)
-        while not stop.is_set() and i < first + 30:
+        first = len(acks)
+        for i in range(first, first + 30):
             if begun.ok and at < len(data):
                 piece = data[at:at + 65536]
                 if client.ask("UPLOAD", [piece], op="chunk", upload=begun["upload"], offset=at,
@@ -220,8 +247,7 @@ def load(endpoint, acks, uploads, stop):
             reply = submit(client, key=f"s{i}", phase=i * 1e-3)
             if reply.ok:
                 acks[f"s{i}"] = reply["job"]
-            i += 1
-    except (zmq.Again, KeyError):
+    except (ProcessLookupError, KeyError):
         pass
     finally:
         client.close()
@@ -235,19 +261,14 @@ def test_a_kill_at_the_nth_call_loses_nothing_acknowledged(call, tmp_path):
     for n in [1 + (i * (i + 1)) // 2 * 2 for i in range(points)]:
         wrap = ["strace", "-f", "-qq", "-o", "/dev/null", "-e", f"trace={call}", "-e",
                 f"inject={call}:signal=SIGKILL:when={n}"]
-        stop = threading.Event()
         try:
             d = Daemon(folder=tmp_path, config=FAKE, workers=1, wrap=wrap)
         except RuntimeError:
             # at the start: nothing was acknowledged in this life
             killed += 1
             continue
-        worker = threading.Thread(target=load, args=(d.endpoint, acks, uploads, stop), daemon=True)
-        worker.start()
-        worker.join(3)
+        load(d, acks, uploads)
         killed += d.process.poll() is not None
-        stop.set()
-        worker.join(5)
         d.__exit__()
     with Daemon(folder=tmp_path, config=FAKE, workers=2) as d:
         c = d.client()
@@ -274,7 +295,7 @@ def test_a_failed_sync_ends_the_daemon_and_acknowledges_nothing_more(call, tmp_p
         except RuntimeError:
             ended += 1
             continue
-        load(d.endpoint, acks, {"present": 0}, threading.Event())
+        load(d, acks, {"present": 0})
         try:
             status = d.process.wait(PATIENCE_S if call == "fdatasync" else 10)
             ended += 1
@@ -357,7 +378,6 @@ def test_10_clients_uploading_at_once_keep_the_daemon_under_200_mb():
     peak, errors = [0.0], []
 
     def feed(d, n):
-        from wire import Client
         c = Client(d.endpoint)
         try:
             begun = c.ask("UPLOAD", op="begin", content="batch", samples=size // 8, channels=1,

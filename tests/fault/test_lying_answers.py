@@ -16,7 +16,7 @@ sys.path[:0] = [str(HERE.parents[1] / "clients" / "python"), str(HERE.parent / "
 import modald  # noqa: E402
 from modald import session  # noqa: E402
 import sanitized  # noqa: E402
-from wire import BUILD  # noqa: E402
+from wire import BUILD, PATIENCE_S  # noqa: E402
 
 BATCH = modald.Batch([0.5, 0.25, 0.125], 0.1)
 LARGE = modald.Batch([0.0] * 100000, 0.1)
@@ -71,7 +71,7 @@ def identify(client):
 
 def watched(client):
     """The future's own end, which its watch makes: the job's own methods ask anew."""
-    [job] = modald.as_completed([client.submit("identify", BATCH)], timeout=20)
+    [job] = modald.as_completed([client.submit("identify", BATCH)], timeout=PATIENCE_S)
     raise concurrent.futures.Future.exception(job)
 
 
@@ -112,7 +112,8 @@ LIES = {
 
 @pytest.mark.parametrize("ask, answers", LIES.values(), ids=LIES)
 def test_the_python_client_says_that_an_answer_is_none(ask, answers, tmp_path):
-    with Liar(tmp_path / "s", **answers) as liar, modald.connect(liar.url, timeout=20) as client:
+    with (Liar(tmp_path / "s", **answers) as liar,
+          modald.connect(liar.url, timeout=PATIENCE_S) as client):
         with pytest.raises(modald.Error) as why:
             ask(client)
         assert liar.asked > 0 and why.value.code in ("bad_frame", "internal"), why.value
@@ -133,8 +134,8 @@ class Slow(Liar):
 
 
 @pytest.mark.parametrize("ask, timeout", [
-    (lambda c: c.submit("identify", BATCH).result(), 0.5),
-    (lambda c: c.signals("a", timeout=0.5), 20)])
+    (lambda c: c.submit("identify", BATCH).result(), 2),
+    (lambda c: c.signals("a", timeout=2), PATIENCE_S)])
 def test_pieces_that_keep_coming_are_not_waited_for_beyond_the_timeout(ask, timeout, tmp_path):
     """A thousand pieces, each well within it."""
     pieces = [reply({**PART, "total": 1000}, b" ") for _ in range(1000)]
@@ -151,7 +152,7 @@ def test_a_wait_ends_though_the_daemon_says_nothing_to_it(tmp_path, monkeypatch)
     monkeypatch.setattr(session, "ASK_AGAIN", 0.2)
     monkeypatch.setattr(session, "LOST_PATIENCE", 2.0)
     with (Slow(tmp_path / "s", SUBMIT=[reply(JOB)]) as slow,
-          modald.connect(slow.url, timeout=20) as client):
+          modald.connect(slow.url, timeout=PATIENCE_S) as client):
         job = client.submit("identify", BATCH)
         with pytest.raises(modald.Error) as why:
             job.result(timeout=0.2)

@@ -1,6 +1,7 @@
 """The machine under the daemon: a slow disk (F8), no descriptors left (F9), a clock that jumps
 (F15), no processor to spare (F22), files that may not grow.
 """
+import collections
 import os
 import pathlib
 import shutil
@@ -45,17 +46,18 @@ def test_a_slow_disk_delays_only_what_needs_it(tmp_path):
         thread = threading.Thread(target=submits, daemon=True)
         thread.start()
         until(lambda: acked)
-        before = len(acked)
+        between = collections.Counter()
         for _ in range(100):
             assert reader.ask("STATS").ok
-        meanwhile = len(acked) - before
+            between[len(acked)] += 1
         stop.set()
         thread.join(120)
         assert "event=lease" not in d.text()
-        print(f"\nF8: 1 s a sync: 100 reads while {meanwhile} times 20 submissions were "
-              f"acknowledged, each time after {min(acked):.2f} s or more")
-        # a read that waited for a sync would see one of these a read
-        assert meanwhile < 25 and min(acked) > 1
+        most = max(between.values())
+        print(f"\nF8: 1 s a sync: 100 reads, {most} of them between two acknowledgements of 20 "
+              f"submissions, each after {min(acked):.2f} s or more")
+        # of reads that waited for a sync there would be one or two
+        assert most > 4 and min(acked) > 1
 
 
 def test_a_limit_on_the_size_of_files_is_a_full_disk_and_ends_nothing():
@@ -263,7 +265,7 @@ def test_by_a_clock_before_1970_or_past_2262_jobs_are_done(tmp_path, seconds):
         job = submit(c)["job"]
         late = submit(c, options={"say": "later"}, deadline_s=3000)["job"]
         for one in (job, late):
-            assert c.ask("WAIT", job=one, timeout_s=60)["state"] == "done"
+            assert c.ask("WAIT", job=one, timeout_s=250)["state"] == "done"
         assert d.stop() == 0
 
 

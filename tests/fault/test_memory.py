@@ -143,7 +143,8 @@ def test_the_nth_allocation_of_a_worker_fails_and_the_job_still_ends(tmp_path, c
             doc = client.ask("WAIT", job=job, timeout_s=15)
             # the worker fails before it is ready, each time anew
             if doc["state"] in ("queued", "running"):
-                assert client.ask("CANCEL", job=job)["state"] == "cancelled"
+                # or it has come to its end since
+                assert client.ask("CANCEL", job=job)["state"] in ("cancelled", "done", "failed")
             elif doc["state"] != "done":
                 assert (doc["error"]["code"] in ("no_memory", "worker_died", "internal",
                                                  "io_error")), doc

@@ -18,8 +18,8 @@ import zmq
 HERE = pathlib.Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent / "system"))
 from lab import Lab  # noqa: E402
-from test_durability import check_everything, patiently  # noqa: E402
-from wire import ring_down, until  # noqa: E402
+from test_durability import check_everything, ended, patiently  # noqa: E402
+from wire import PATIENCE_S, ring_down, until  # noqa: E402
 
 pytestmark = pytest.mark.skipif(not zmq.has("curve"), reason="this pyzmq has no CURVE")
 HEARTBEAT_S, PORT = 10, 47391          # PROTOCOL.md, section 10
@@ -117,7 +117,7 @@ def test_a_partition_loses_and_doubles_no_submission(wire, lab):
         time.sleep(0.8)
         wire.up()
         cuts += 1
-    thread.join(120)
+    thread.join(PATIENCE_S)
     assert not errors and len(acks) == 400, errors
     check_everything(lab.client("ann"), acks)
     print(f"\nP2 P4: {cuts} partitions, {len(acks)} acknowledged jobs, 0 violations")
@@ -153,7 +153,7 @@ def test_a_job_runs_on_while_its_client_is_cut_off_and_the_answer_is_there_after
         client.ask("WAIT", job=asked["job"], timeout_s=1)
     time.sleep(2)
     wire.up()
-    done = patiently(client, "WAIT", job=asked["job"], timeout_s=1)
+    done = ended(client, asked["job"])
     assert done["state"] == "done" and done["attempts"] == 1
 
 
@@ -172,4 +172,4 @@ def test_a_daemon_that_stands_still_is_a_silence_and_no_loss(lab):
         os.kill(lab.daemon.pid, signal.SIGCONT)
     job = patiently(client, "SUBMIT", [data], kind="identify", input=described, key="still")
     assert job["duplicate"] is True
-    assert patiently(client, "WAIT", job=job["job"], timeout_s=10)["state"] == "done"
+    assert ended(client, job["job"])["state"] == "done"

@@ -918,7 +918,7 @@ def test_a_subscriber_is_told_the_kinds_of_events_that_it_asked_for_live_and_in_
         data = struct.pack("<100d", *(math.exp(-0.02 * k) * math.cos(0.4 * k) for k in range(100)))
         assert push(c, s, 0, 0, data, channels=1).ok
         assert ears["modes",].receive()["event"] == "modes"
-        c.ask("WAIT", job=submit(c)["job"], timeout_s=20)
+        c.ask("WAIT", job=submit(c)["job"], timeout_s=250)
         told = [ears["state", "alarm"].receive() for _ in range(3)]
         assert ([t["event"] for t in told] == ["state"] * 3 and [t["state"] for t in told]
                 == ["queued", "running", "done"])

@@ -71,7 +71,7 @@ def test_what_was_open_goes_on_where_it_was(tmp_path):
     with opened(tmp_path, 1) as d:
         c = d.client()
         for key in ("queued1", "queued2"):
-            assert c.ask("WAIT", job="key:" + key, timeout_s=60)["state"] == "done"
+            assert c.ask("WAIT", job="key:" + key, timeout_s=250)["state"] == "done"
         whole = make.wave(make.SAMPLES, 5)
         begun = c.ask("UPLOAD", op="begin", content="batch", samples=make.SAMPLES, channels=1,
                       dt=0.5, key="open")
@@ -91,7 +91,7 @@ def test_what_was_open_goes_on_where_it_was(tmp_path):
         again = c.ask("SUBMIT", kind="identify", key="again", options={"rank.fixed": 2},
                       input={"sha256": TOLD["sealed"]})
         # samples are missing, as then
-        assert again.ok and c.ask("WAIT", job=again["job"], timeout_s=60)["state"] == "failed"
+        assert again.ok and c.ask("WAIT", job=again["job"], timeout_s=250)["state"] == "failed"
         assert c.ask("RETRY", job="key:dead")["state"] in ("queued", "running")
         assert c.ask("CANCEL", job="key:dead")["state"] == "cancelled"
 

@@ -13,7 +13,7 @@ import subprocess
 import time
 
 import pytest
-from wire import Daemon, crc32c, ring_down, submit, until
+from wire import PATIENCE_S, Daemon, crc32c, ring_down, submit, until
 
 BUILD = pathlib.Path(os.environ.get("MODALD_BUILD", pathlib.Path(__file__).resolve().parents[2]
                                     / "build"))
@@ -131,7 +131,7 @@ def test_ledger_and_spool_are_at_most_1_2_of_the_live_bytes_after_retention(tmp_
             assert c.ask("WAIT", job=job, timeout_s=250)["state"] == "done"
         for job in jobs[:200]:
             assert c.ask("DELETE", job=job).ok
-        log, end = tmp_path / "data" / "ledger.db-wal", time.monotonic() + 120
+        log, end = tmp_path / "data" / "ledger.db-wal", time.monotonic() + PATIENCE_S
         while log.stat().st_size > 0:
             assert time.monotonic() < end, "the log is never emptied"
             time.sleep(0.05)
@@ -181,7 +181,7 @@ def test_no_file_of_the_daemon_is_open_to_others_whatever_the_umask_and_an_open_
     with Daemon(folder=tmp_path, config=f"metrics_file = {metrics}\nmetrics_s = 0.1\n",
                 wrap=["sh", "-c", 'umask 0; exec "$@"', "sh"]) as daemon:
         client = daemon.client()
-        client.ask("WAIT", job=submit(client)["job"], timeout_s=20)
+        client.ask("WAIT", job=submit(client)["job"], timeout_s=250)
         batch = bytes(8 * 9000)
         upload = client.ask("UPLOAD", op="begin", content="batch", samples=9000, channels=1,
                             dt=0.1)["upload"]

@@ -228,7 +228,7 @@ def test_the_upload_rate_holds_for_chunks_streams_and_small_jobs_together(lab):
             small, described = random_input(5000, seed)
             insist("SUBMIT", small, kind="identify", input=described, options={"say": "x"})
     took = time.monotonic() - begin
-    assert took >= (2400000 - 1048576) / 0.5e6 - 0.01 and 0 < refused < 200
+    assert took >= (2400000 - 1048576) / 0.5e6 - 0.01 and refused < 200
 
 
 def test_a_stream_beyond_the_upload_rate_has_no_hole(lab, tmp_path):

@@ -41,7 +41,7 @@ def limits_of_a_worker(client, daemon, **more):
     Of two real ones the other may not have begun, and has no limit then.
     """
     job = submit(client, fresh=True, **more)["job"]
-    done = client.ask("WAIT", job=job, timeout_s=60, result=True)
+    done = client.ask("WAIT", job=job, timeout_s=250, result=True)
     assert done["state"] == "done", done
     limits = [data_limit(child) for child in daemon.children()]
     return (json.loads(done.body[0]).get("run_limit_s"),
@@ -53,7 +53,7 @@ def test_with_keys_an_attempt_has_a_day_unless_somebody_says_otherwise(tmp_path)
     with with_keys.daemon as daemon:
         client = with_keys.client("a")
         assert limits_of_a_worker(client, daemon)[0] == DAY_S
-        assert limits_of_a_worker(client, daemon, run_limit_s=7)[0] == 7
+        assert limits_of_a_worker(client, daemon, run_limit_s=2385)[0] == 2385
         with_keys.daemon.config.write_text(with_keys.config + "run_limit_s = 0\n")
         with_keys.reload()
         assert limits_of_a_worker(client, daemon)[0] == 0
@@ -67,8 +67,8 @@ def test_with_keys_an_attempt_has_a_day_unless_somebody_says_otherwise(tmp_path)
 def test_a_job_that_passes_the_limit_of_the_configuration_is_told_whose_it_is():
     with Daemon(config=FAKE + "run_limit_s = 0.5\n") as daemon:
         client = daemon.client()
-        job = submit(client, options={"sleep": 60})["job"]
-        error = client.ask("WAIT", job=job, timeout_s=30)["error"]
+        job = submit(client, options={"sleep": 600})["job"]
+        error = client.ask("WAIT", job=job, timeout_s=250)["error"]
         assert (error["code"] == "run_limit" and "0.5 s" in error["message"]
                 and "run_limit_s" in error["message"])
         client.close()

@@ -191,7 +191,7 @@ def test_a_timeout_of_one_leaves_the_others_and_the_client_as_they_were(client):
 
 def script(text, *words, **more):
     code = ("import os, signal, sys, threading, time\nimport modald\nc = "
-            "modald.connect(sys.argv[1], timeout=20)\n" + text)
+            "modald.connect(sys.argv[1], timeout=300)\n" + text)
     import pathlib
     return subprocess.Popen(["/usr/bin/python3", "-c", code, *words], stdout=subprocess.PIPE,
                             stderr=subprocess.PIPE, text=True,
@@ -225,8 +225,8 @@ def test_an_interrupt_ends_the_wait_and_not_the_client(daemon):
     run = script("""
 job = c.submit("identify", modald.Batch([1.0, 2.0, 1.0] * 20, 0.01), key="interrupted",
                not_before=time.time() + 3600, fresh=True)
-print("waits", flush=True)
 try:
+    print("waits", flush=True)
     job.wait()
 except KeyboardInterrupt:
     print(c.status(job.id)["state"], c.cancel(job.id)["state"], flush=True)

@@ -244,7 +244,7 @@ def test_it_is_nice_confined_and_alone_in_its_group(daemon):
     pid = daemon.process.pid
     status = dict(line.split(":\t", 1) for line in open(f"/proc/{pid}/status").read().splitlines()
                   if ":\t" in line)
-    assert os.getpriority(os.PRIO_PROCESS, pid) == 10
+    assert os.getpriority(os.PRIO_PROCESS, pid) == max(10, os.getpriority(os.PRIO_PROCESS, 0))
     assert os.getpgid(pid) == pid
     if b"__asan_init" not in WORKER.read_bytes():
         assert status["NoNewPrivs"] == "1"
@@ -336,14 +336,18 @@ def test_the_end_of_a_window_does_not_wait_for_one_that_takes_long_after_it(daem
     runs = [window(name, k + 1, 40, 0, 2000, 2000) for k, name in enumerate(["long", "a"])]
     runs += [window("short", 3, 2, 0, 50, 50), window(stream, 4, 40, first, count, 2000)]
     daemon.next("READY")
-    for run in runs:
-        daemon.send("RUN", *run)
-    times, used = {}, {}
-    while len(times) < len(runs):
-        _, header, _ = daemon.next("DONE")
-        times[header["attempt"]], used[header["attempt"]] = time.monotonic(), header["cpu_s"]
-    assert list(times) == [1, 2, 3, 4] and used[4] > 0.02
-    assert times[4] - times[3] > used[4] / 2
+    apart, rounds = False, 0
+    # who reads late on a busy machine finds both there: the ends that come apart are seen so once
+    while not apart:
+        assert (rounds := rounds + 1) <= 20, "the ends come together"
+        for run in runs:
+            daemon.send("RUN", *run)
+        times, used = {}, {}
+        while len(times) < len(runs):
+            _, header, _ = daemon.next("DONE")
+            times[header["attempt"]], used[header["attempt"]] = time.monotonic(), header["cpu_s"]
+        assert list(times) == [1, 2, 3, 4] and used[4] > 0.02
+        apart = times[4] - times[3] > used[4] / 2
 
 
 def test_the_signals_of_simulate_come_in_parts_of_at_most_a_mebibyte(daemon):

@@ -737,12 +737,11 @@ static void give_up(struct core *c, struct stream *s)
 
 void window_died(struct core *c, int slot)
 {
-    const bool others = c->slots->at[slot].ahead > 0;
     struct stream *s = leave(c, slot);
 
     give_back(c, slot, true);                      /* it may have begun with any of these */
     s->window.slot = -1;
-    s->window.alone |= others;
+    s->window.alone = true;
     if (++s->window.died < LIVE_DEATHS_MOST)
         try_again(c, s);
     else

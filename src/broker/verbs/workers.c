@@ -286,11 +286,13 @@ static int cores_of(const struct core *c, const struct job *job)
 }
 
 /* Time is the daemon's own; of the processor's a worker is believed no more than its cores can have
- * given meanwhile. */
+ * given meanwhile.  DONE has booked what ends while its signals are sealed. */
 static void account_for(struct core *c, const struct slot *s, struct job *job)
 {
     double wall_s = (double)(c->now.mono_ns - s->started_ns) / 1e9, cpu_s = s->cpu_s;
 
+    if (s->finishing)
+        return;
     if (cpu_s > wall_s)
         cpu_s = fmin(cpu_s, wall_s * cores_of(c, job));
     job->cpu_ns += (int64_t)(cpu_s * 1e9);

@@ -504,6 +504,23 @@ TEST(a_window_that_kills_workers_behind_others_at_first_is_told_worker_died_afte
     core_free(core);
 }
 
+/* Twice by itself, and then behind another: a fourth worker would be lost to it. */
+TEST(a_window_whose_worker_died_though_it_had_no_other_has_none_beside_it_with_the_next)
+{
+    struct run had[RUNS_MOST];
+    char idents[1][9];
+
+    start_workers(1);
+    open_full(1, idents);
+    CHECK(told[0] == 1 && die(had) == 1 && told[0] == 1);
+    open_stream("another", 8, 2);
+    push(stream, 0, 8);
+    CHECK(told[0] == 1);
+    end_one();
+    CHECK(told[0] == 1);                           /* the other, by itself as it came */
+    core_free(core);
+}
+
 /* It would be sent a megabyte as often as it likes, and nobody told. */
 TEST(a_worker_that_asks_again_for_a_window_that_it_has_whole_is_ended)
 {

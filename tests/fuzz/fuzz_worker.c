@@ -511,11 +511,10 @@ static void say_properly(int what, struct worker *of, struct bytes *in)
     case 2: say_part(of, in); break;
     case 3: say_as("DONE", of, ",\"cpu_s\":1e6", of->document > 0 ? 0 : 2); break;
     case 4: say_as("FAILED", of, ",\"cpu_s\":1e6,\"error\":{\"code\":\"bad_input\"}", 0); break;
+    case 5: say_as("FAILED", of, ",\"error\":{\"code\":\"internal\",\"field\":\"live\"}", 0); break;
+    case 6: say_input(of); break;
     case 7: say_as("JOIN", of, ",\"version\":\"" MODALD_VERSION "\",\"name\":\"n\","
                    "\"node\":\"h\",\"memory_bytes\":1e9", 0); break;
-    case 6: say_input(of); break;
-    case 7: say_as("JOIN", of, ",\"version\":\"" MODALD_VERSION "\",\"name\":\"n\",\"node\":\"h\","
-                   "\"memory_bytes\":1e9", 0); break;
     }
 }
 

@@ -471,11 +471,6 @@ static void on_ready(struct core *c, int slot, const struct wire_message *m, str
         s->ready = s->state == SLOT_BUSY && s->finishing;
 }
 
-static void on_beat(struct core *c, int slot, const struct wire_message *m, struct blob **body)
-{
-    (void)c, (void)slot, (void)m, (void)body;
-}
-
 static void on_progress(struct core *c, int slot, const struct wire_message *m, struct blob **body)
 {
     struct job *job = c->slots->at[slot].job;
@@ -765,9 +760,9 @@ void worker_message(struct core *c, const struct event *e)
         const char *verb;
         bool on_job;         /* believed only of the current job, or window, and attempt */
         bool elsewhere;      /* of those alone */
-        said *run, *window;  /* window: of a live one; NULL: nothing */
+        said *run, *window;  /* window: of a live one; NULL: it was heard, which is all */
     } verbs[] = {
-        { "READY", false, false, on_ready, NULL }, { "BEAT", false, false, on_beat, NULL },
+        { "READY", false, false, on_ready, NULL }, { "BEAT", false, false, NULL, NULL },
         { "PROGRESS", true, false, on_progress, NULL }, { "PART", true, false, on_part, NULL },
         { "DONE", true, false, on_done, on_window },
         { "FAILED", true, false, on_failed, on_window },
@@ -777,6 +772,7 @@ void worker_message(struct core *c, const struct event *e)
     const struct wire_message *m = e->message;
     const int slot = e->slot;
     struct slot *s = &c->slots->at[slot];
+    said *run;
 
     if (slot < 0 || (slot >= c->slots->count && s->remote == NULL) || s->state == SLOT_EMPTY)
         return;
@@ -791,10 +787,9 @@ void worker_message(struct core *c, const struct event *e)
             continue;
         if (verbs[i].on_job && !is_current(c, s, m))
             tell_late(c, slot, m->verb);
-        else if (!verbs[i].on_job || s->live == NULL)
-            verbs[i].run(c, slot, m, e->body);
-        else if (verbs[i].window != NULL)
-            verbs[i].window(c, slot, m, e->body);
+        else if ((run = verbs[i].on_job && s->live != NULL ? verbs[i].window
+                                                           : verbs[i].run) != NULL)
+            run(c, slot, m, e->body);
         return;
     }
     bad_worker(c, slot, "an unknown verb");

@@ -75,3 +75,40 @@ def test_of_all_solutions_rest_is_given_once():
     sizes = sorted(max(abs(complex(a, b)) for a, b in zip(m["re"], m["im"]))
                    for s in answer["solutions"] for m in s["harmonics"])
     assert len(sizes) == 3 and sizes[0] == 0 and sizes[1] > 0.1 and abs(sizes[2] - sizes[1]) < 1e-9
+
+
+def duffing(periods, steps):
+    """d'' + 0.6 d' + 2 d + d^3 = 4 cos t by RK4: the last period's displacements."""
+    def rate(t, y):
+        return numpy.array([y[1], 4 * numpy.cos(t) - 0.6 * y[1] - 2 * y[0] - y[0] ** 3])
+    h, y, out = 2 * numpy.pi / steps, numpy.zeros(2), numpy.empty(steps)
+    for j in range(periods * steps):
+        out[j % steps] = y[0]
+        a = rate(j * h, y)
+        b = rate((j + 0.5) * h, y + h / 2 * a)
+        c = rate((j + 0.5) * h, y + h / 2 * b)
+        y = y + h / 6 * (a + 2 * b + 2 * c + rate((j + 1) * h, y + h * c))
+    return out
+
+
+@pytest.mark.parametrize("law", ["cubic_spring", "gap"])
+def test_two_free_masses_have_the_error_of_their_motion_about_a_mean_that_nothing_holds(
+        law, tmp_path):
+    effect = {"type": "cubic_spring", "dof": "x2", "to": "x1", "coefficient": 0.5}
+    if law == "gap":                  # that never closes: the derivative's first row is 0
+        effect = {"type": "gap", "dof": "x2", "clearance": 1e3, "stiffness": 1.0}
+    scene = {"structure": {"type": "matrices", "M": [[1, 0], [0, 1]],
+                           "K": [[1, -1], [-1, 1]], "C": [[0.3, -0.3], [-0.3, 0.3]]},
+             "effects": [effect], "omega": 1.0, "steady": {"harmonics": 5, "stability": False},
+             "excitation": [{"dof": "x1", "k": 1, "cos": -2.0}, {"dof": "x2", "k": 1, "cos": 2.0}]}
+    (tmp_path / "free.json").write_text(json.dumps(scene))
+    answer = run(tmp_path / "free")
+    assert answer["converged"]
+    assert "undetermined_mean" in [d["code"] for d in answer["diagnostics"]]
+    if law == "gap":
+        assert answer["total_error"] < 1e-9
+        return
+    z = [numpy.array(h["re"]) + 1j * numpy.array(h["im"]) for h in answer["harmonics"]]
+    turns = numpy.exp(2j * numpy.pi * numpy.outer(numpy.arange(256) / 256, numpy.arange(6)))
+    off = abs((turns @ (z[1] - z[0])).real - duffing(25, 256)).max()
+    assert off / 2 < 3 * answer["total_error"] < 9 * off

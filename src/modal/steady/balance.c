@@ -485,7 +485,7 @@ static void solve_small(int n, const double *A, const int *pivot, double *y)
     }
 }
 
-/* Rows of J divided by their largest entry, 1 / which goes into b->row; false where one is 0 or not
+/* Rows of J divided by their largest entry, 1 / which goes into b->row; false where one is not
  * finite. */
 static bool scale_rows(struct balance *b)
 {
@@ -499,9 +499,9 @@ static bool scale_rows(struct balance *b)
             b->row[i] = size > b->row[i] || isnan(size) ? size : b->row[i];
         }
     for (int i = 0; i < n; i++) {
-        if (!(b->row[i] > 0) || !isfinite(b->row[i]))
+        if (!isfinite(b->row[i]))
             return false;
-        b->row[i] = 1 / b->row[i];
+        b->row[i] = b->row[i] > 0 ? 1 / b->row[i] : 1;
     }
     for (int j = 0; j < n; j++)
         for (int i = 0; i < n; i++)
@@ -602,6 +602,7 @@ bool balance_factor(struct balance *b, int *sign)
     if (!b->pattern->full)
         return (sign == NULL && factor_apart(b)) || factor_blocks(b, sign);
     b->factored = false;
+    b->rcond = NAN;                                     /* no factors yet */
     budget_add(b->budget, balance_dense_work(n));
     if (!scale_rows(b))
         return false;
@@ -623,6 +624,21 @@ bool balance_factor(struct balance *b, int *sign)
     /* to rounding of rounding: a pivot that is not 0 */
     b->factored = least > 4 * DBL_EPSILON * DBL_EPSILON * most;
     return b->factored;
+}
+
+bool balance_factor_open(struct balance *b)
+{
+    size_t n = (size_t)b->small;
+    double most = 0;
+
+    if (balance_factor(b, NULL) || !b->pattern->full || isnan(b->rcond))
+        return b->factored;
+    for (size_t i = 0; i < n; i++)
+        most = fmax(most, fabs(b->J[i * n + i]));
+    for (size_t i = 0; i < n; i++)                   /* with which the others are as they were */
+        if (fabs(b->J[i * n + i]) < DBL_EPSILON * most)
+            b->J[i * n + i] = DBL_EPSILON * most;
+    return b->factored = most > 0;
 }
 
 bool balance_factor_stiffened(struct balance *b, double mu)

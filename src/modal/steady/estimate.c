@@ -365,7 +365,7 @@ enum modal_status estimate_errors(struct steady *s, struct balance *b, struct st
         balance_set_order(b, iterate_order(b, 0));
     if (rc == MODAL_OK)
         rc = balance_derivative(b, err);
-    point->open = rc == MODAL_OK && balance_factor(b, NULL) && balance_open(b);
+    point->open = rc == MODAL_OK && balance_factor_open(b) && balance_open(b);
     if (rc != MODAL_OK || !b->factored || (rc = move_by_samples(b, &e, point, err)) != MODAL_OK)
         goto out;
     point->amplitude = 0;

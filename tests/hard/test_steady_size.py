@@ -67,7 +67,7 @@ def force(law, x):
     if law == "contact":
         pressed, along = numpy.maximum(0.1 + x, 0), numpy.roll(x, -1, axis=0)
         return pressed + numpy.roll(slid(along, 0.5, 0.3 * pressed), 1, axis=0)
-    return slid(x, 0.3, 0.05 + 0 * x)
+    return slid(x, 0.3 if law == "friction" else law, 0.05 + 0 * x)
 
 
 def slid(x, stiffness, limit):
@@ -475,3 +475,16 @@ def test_sliders_a_hundred_million_times_as_stiff_as_the_chain_move_as_rigid_one
     for ours, theirs in zip(stiff["harmonics"], rigid["harmonics"]):
         a, b = (complex(h["re"][1], h["im"][1]) for h in (ours, theirs))
         assert abs(a - b) < stiff["total_error"] + rigid["total_error"]
+
+
+def test_twenty_sliders_a_hundred_million_times_as_stiff_as_the_chain_are_in_balance(tmp_path):
+    """Some never slip.  Newton's method comes there from softer ones alone."""
+    K, stiffness = chain(20), 1e8
+    scene = scene_of(K, 0.05 * numpy.eye(20), "friction")
+    for e in scene["effects"]:
+        e["stiffness"] = stiffness
+    answer = run(tmp_path, scene)
+    assert answer["converged"] and answer["method"] == "newton-ramped"
+    assert answer["residual"] < 15 * 2.3e-16 * stiffness
+    # a jump falls between two samples
+    assert residual(answer, K, 0.05 * numpy.eye(20), stiffness, samples=1 << 12) < 1e-3

@@ -25,6 +25,7 @@ static const double SWEEP_TOLERANCE = 1e-12;
 /* Frees what A holds. */
 static void law_free(struct aft_law *a)
 {
+    law_done(&a->soft);
     for (int j = 0; j < LAW_INPUTS_MOST; j++)
         orbit_done(&a->in[j]);
     pieces_done(&a->pieces);
@@ -51,7 +52,7 @@ static enum modal_status law_init(struct aft *w, struct aft_law *a, const struct
     size_t N = (size_t)w->N, n = (size_t)inputs, H = (size_t)w->H;
     enum modal_status rc = MODAL_OK;
 
-    a->law = law;
+    a->law = a->given = law;
     a->exact = w->located && law->kind->pieces != NULL;
     a->memory = law->memory;
     for (int j = 0; rc == MODAL_OK && j < inputs; j++)
@@ -260,6 +261,47 @@ enum modal_status aft_force(struct aft *w, double omega, const double complex *X
         scatter_force(&w->law[i], w->law[i].F, w->H + 1, F);
     return finite_motion(F, count) ? MODAL_OK
                                    : modal_fail(err, MODAL_OVERFLOW, "aft: a force is not finite");
+}
+
+double aft_stiffest(const struct aft *w)
+{
+    double most = 0;
+
+    for (int l = 0; l < w->laws; l++) {
+        const struct law *law = w->law[l].given;
+
+        most = fmax(most, law->kind->stiffest != NULL ? law->kind->stiffest(law) : 0);
+    }
+    return most;
+}
+
+/* Of law A, with ends of its own. */
+static enum modal_status soften_law(struct aft_law *a, double most, struct modal_error *err)
+{
+    const struct law *law = a->given;
+    enum modal_status rc;
+
+    law_done(&a->soft);
+    a->law = law;
+    if (law->kind->soften == NULL || law->kind->stiffest(law) <= most)
+        return MODAL_OK;
+    rc = law->kind->soften(law, most, &a->soft, err);
+    for (int i = 0; rc == MODAL_OK && i < law->kind->inputs; i++)
+        if (!law_add_ends(&a->soft, i, law->end + law->start[i],
+                          law->start[i + 1] - law->start[i]))
+            rc = modal_fail(err, MODAL_NO_MEMORY, "aft: no memory for a law");
+    if (rc == MODAL_OK)
+        a->law = &a->soft;
+    return rc;
+}
+
+enum modal_status aft_soften(struct aft *w, double most, struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+
+    for (int l = 0; rc == MODAL_OK && l < w->laws; l++)
+        rc = soften_law(&w->law[l], most, err);
+    return rc;
 }
 
 void aft_set_order(struct aft *w, int HJ) { w->HJ = HJ; }

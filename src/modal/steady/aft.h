@@ -29,6 +29,11 @@ void aft_free(struct aft *w);
  */
 enum modal_status aft_force(struct aft *w, double omega, const double complex *X, double complex *F,
                             struct modal_error *err);
+/* The stiffest spring of the laws that are made of springs, N/m; 0: none is. */
+double aft_stiffest(const struct aft *w);
+/* From here on none of them is stiffer than MOST; HUGE_VAL: as they are.  Fails with
+ * MODAL_NO_MEMORY. */
+enum modal_status aft_soften(struct aft *w, double most, struct modal_error *err);
 /* Derivatives from here on are of harmonics 0 .. HJ <= H alone, of order q (2 HJ + 1). */
 void aft_set_order(struct aft *w, int HJ);
 /* Where a derivative lies: column C of the block of retained dofs (i, j), 2 HJ + 1 rows. */

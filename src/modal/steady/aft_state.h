@@ -11,7 +11,8 @@ static const double TWO_PI = 6.283185307179586477;   /* a period of theta */
 
 /* One law: its motion, its force, and what its derivative is made of. */
 struct aft_law {
-    const struct law *law;
+    const struct law *law, *given;          /* now, and of the program */
+    struct law soft;                        /* given's like with softer springs; else empty */
     int *place;                             /* of each end of the law: its retained dof */
     struct orbit in[LAW_INPUTS_MOST];
     struct law_pieces pieces;               /* of the last force, where exact */

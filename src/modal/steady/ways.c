@@ -22,6 +22,14 @@
  *
  *     damping = DAMPING_LEAST (e^a - 1),    a from log(DAMPING_MOST / DAMPING_LEAST) to 0.      (2)
  *
+ * Springs of laws are made softer, none stiffer than
+ *
+ *     k = e^a k_max,    a from log(|S| / k_max) to 0,                                           (3)
+ *
+ * k_max the stiffest of them and |S| the structure's own.  Where they are far stiffer a motion
+ * tends to that of rigid stops and rigid friction, and changes by a share of 1 / k; Newton's method
+ * from afar, with all that moves by |S| over k turned over at each step, finds none.
+ *
  * To many harmonics the way is gone with few first: H_ROUGH, three times as many, and so on,
  * roughly, each the start of the next.  A short matrix is small in the cube, and what it leaves out
  * is small.
@@ -169,21 +177,28 @@ static bool leaps(const double complex *X, const double complex *good, size_t si
     return far > LEAP * expm1(fabs(step)) * scale;
 }
 
-/* e^AT of the loads. */
-static void set_level(struct balance *b, double at) { balance_set_level(b, exp(at)); }
+/* What a ramp changes, at a = AT. */
+typedef enum modal_status set_ramp(struct balance *b, double at, struct modal_error *err);
 
-/* The dampers of (2) at a = AT. */
-static void set_damping(struct balance *b, double at)
+/* e^AT of the loads. */
+static enum modal_status set_level(struct balance *b, double at, struct modal_error *err)
 {
-    balance_set_damping(b, DAMPING_LEAST * expm1(at));
+    (void)err;
+    balance_set_level(b, exp(at));
+    return MODAL_OK;
 }
 
-/* B at a = AT of a ramp; no dampers are none to the last bit. */
-static enum modal_status set_ramp(struct balance *b, void (*set)(struct balance *b, double at),
-                                  double at, struct modal_error *err)
+/* The dampers of (2) at a = AT; none are none to the last bit. */
+static enum modal_status set_damping(struct balance *b, double at, struct modal_error *err)
 {
-    set(b, at);
-    return at == 0 && set == set_damping ? balance_set(b, b->omega, 1, err) : MODAL_OK;
+    balance_set_damping(b, DAMPING_LEAST * expm1(at));
+    return at == 0 ? balance_set(b, b->omega, 1, err) : MODAL_OK;
+}
+
+/* (3) */
+static enum modal_status set_softness(struct balance *b, double at, struct modal_error *err)
+{
+    return aft_soften(b->aft, at == 0 ? HUGE_VAL : exp(at) * aft_stiffest(b->aft), err);
 }
 
 /* A ramp over the dampers has met a fold at a = AT, its solution GOOD: around it. */
@@ -211,8 +226,8 @@ static enum modal_status around_dampers(struct steady *s, struct balance *b, dou
 /* From a = log FROM to 0, each from the last, SET what a stands for; the step of a shrinks on
  * failure and grows on success. */
 static enum modal_status ramp(struct steady *s, struct balance *b, double from,
-                              void (*set)(struct balance *b, double at), double complex *X,
-                              struct steady_point *point, struct modal_error *err)
+                              set_ramp *set, double complex *X, struct steady_point *point,
+                              struct modal_error *err)
 {
     struct iterate_options opt = steady_iterate_options(s);
     size_t size = (size_t)b->q * ((size_t)b->H + 1);
@@ -227,11 +242,11 @@ static enum modal_status ramp(struct steady *s, struct balance *b, double from,
         return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory for a ramp");
     memset(X, 0, size * sizeof *X);
     if (from > 1) {
-        set(b, at);
+        rc = set(b, at, err);
         laws_left_out(b, X);
     }
     for (int i = 0; rc == MODAL_OK && i < LEVELS_MOST; i++) {
-        rc = set_ramp(b, set, at, err);
+        rc = set(b, at, err);
         opt.rough = at != 0 && !b->pattern->full;       /* on the way nothing is an answer */
         opt.tolerance = opt.rough ? ON_THE_WAY : s->opt.tolerance;
         if (rc != MODAL_OK || (rc = iterate_newton(b, &opt, X, &r, err)) != MODAL_OK)
@@ -483,6 +498,7 @@ struct attempt {
     bool nearest;                       /* and nothing lies between that and its end */
     bool timed;                         /* a motion in time was sought */
     bool ramped;                        /* loads were ramped up and dampers down */
+    bool stiffened;                     /* laws were ramped up from soft ones */
     bool walked;                        /* the branch over levels was followed */
     bool fewer;                         /* fewer harmonics were tried */
 };
@@ -654,6 +670,42 @@ static enum modal_status damp_down(struct attempt *a, struct modal_error *err)
     return rc;
 }
 
+/* The stiffness of the kept dofs, the largest. */
+static double structure_stiffness(const struct balance *b)
+{
+    size_t entries = (size_t)pattern_entries(b->pattern);
+    double most = 0;
+
+    for (int i = 0; i < b->q; i++) {
+        const double complex *S = b->S + pattern_find(b->pattern, i, i);
+
+        most = fmax(most, fmax(fabs(creal(S[0])), b->H > 0 ? fabs(creal(S[entries])) : 0));
+    }
+    return most;
+}
+
+/* Some law has a stiffer spring. */
+static bool is_stiff(const struct attempt *a)
+{
+    return goes_round(a) && a->s->exact && !a->stiffened
+        && aft_stiffest(a->b->aft) > structure_stiffness(a->b);
+}
+
+/* With springs of the laws that grow stiffer, */
+static enum modal_status stiffen(struct attempt *a, struct modal_error *err)
+{
+    double most = a->s->budget.most;
+    enum modal_status rc, back;
+
+    a->stiffened = true;
+    share_budget(a->s, most);
+    rc = ramp(a->s, a->b, structure_stiffness(a->b) / aft_stiffest(a->b->aft), set_softness, a->X,
+              a->point, err);
+    a->s->budget.most = most;
+    back = aft_soften(a->b->aft, HUGE_VAL, err);
+    return rc == MODAL_OK ? back : rc;
+}
+
 /* Level by level from loads that leave the laws linear, */
 static enum modal_status ramp_up(struct attempt *a, struct modal_error *err)
 {
@@ -694,6 +746,7 @@ static const struct {
     { is_small,           from_time },            /* settle.h */
     { has_many_harmonics, from_fewer },
     { may_damp,           damp_down },            /* cheap, and of any law */
+    { is_stiff,           stiffen },
     { may_ramp,           ramp_up },
     { goes_round,         ramp_down },
     { is_free,            from_time },

@@ -449,15 +449,57 @@ static bool contact_stays(const struct law *law, const double *mean, const doubl
     return least > 0 && c->tangential_stiffness * (fabs(mean[1]) + reach[1]) <= c->mu * least;
 }
 
+static double sliders_stiffest(const struct law *law)
+{
+    const struct sliders *s = law->data;
+    double most = 0;
+
+    for (int i = 0; i < s->count; i++)
+        most = fmax(most, s->element[i].stiffness);
+    return most;
+}
+
+static double contact_stiffest(const struct law *law)
+{
+    const struct contact *c = law->data;
+
+    return fmax(c->normal_stiffness, c->tangential_stiffness);
+}
+
+static enum modal_status sliders_soften(const struct law *law, double most, struct law *out,
+                                        struct modal_error *err)
+{
+    const struct sliders *s = law->data;
+    double stiffness[LAW_TERMS_MOST], limit[LAW_TERMS_MOST];
+
+    for (int i = 0; i < s->count; i++) {
+        stiffness[i] = fmin(s->element[i].stiffness, most);
+        limit[i] = s->element[i].limit;
+    }
+    return law_iwan(stiffness, limit, s->count, out, err);
+}
+
+static enum modal_status contact_soften(const struct law *law, double most, struct law *out,
+                                        struct modal_error *err)
+{
+    const struct contact *c = law->data;
+    double normal = fmin(c->normal_stiffness, most), along = fmin(c->tangential_stiffness, most);
+
+    return c->side ? law_contact_side(normal, c->preload, along, c->mu, out, err)
+                   : law_contact_friction(normal, c->preload, along, c->mu, out, err);
+}
+
 static const struct law_class jenkins_class = {
     .name = "friction", .inputs = 1, .force = sliders_force, .pieces = sliders_pieces,
-    .stays = sliders_stay
+    .stays = sliders_stay, .stiffest = sliders_stiffest, .soften = sliders_soften
 };
-static const struct law_class iwan_class = { .name = "iwan", .inputs = 1, .force = sliders_force,
-                                             .pieces = sliders_pieces, .stays = sliders_stay };
+static const struct law_class iwan_class = {
+    .name = "iwan", .inputs = 1, .force = sliders_force, .pieces = sliders_pieces,
+    .stays = sliders_stay, .stiffest = sliders_stiffest, .soften = sliders_soften
+};
 static const struct law_class contact_class = {
     .name = "contact_friction", .inputs = 2, .force = contact_force, .pieces = contact_pieces,
-    .stays = contact_stays
+    .stays = contact_stays, .stiffest = contact_stiffest, .soften = contact_soften
 };
 
 /* One class for one element and for many: memory is a place each. */

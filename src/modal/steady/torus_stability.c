@@ -31,6 +31,13 @@
  * by difference quotients of the law, which is a line between its regimes.  Where these change is
  * known to a step, so that the error is not even any more: what two lengths differ by is all of it.
  *
+ * Each turn of the leading tone begins at its phase 0, so that what it adds to the motion is the
+ * same in all: combinations that differ in its k alone, a row, have one factor that goes on,
+ *
+ *     d(t) = Re sum_rows e^{i (Omega_k - k_lead w) t} sum_k D_k e^{i k_lead w t},               (5)
+ *
+ * and a turn's inner sums are made once.
+ *
  * A free tone may be shifted in time, and a body that nothing holds be moved: as many exponents are
  * 0, the nearest to it, and decide nothing.
  *
@@ -55,6 +62,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/linalg/workspace.h"
+#include "modal/steady/condense.h"
 #include "modal/steady/torus_laws.h"
 
 enum {
@@ -83,13 +91,17 @@ struct flow {
     struct torus_solver *s;
     size_t n, m, columns;                 /* dofs, disturbances, and e of (4) where it is asked */
     int count, *kept;                     /* combinations followed, and which those are */
-    double complex *balanced;             /* [dof][k]: forces; of dofs without laws 0 */
+    int lanes, inputs;                    /* what has combinations: laws' inputs, then, where e is
+                                           * asked for, the forces balanced */
+    double complex *lane;                 /* [lane][k] */
     double *left;                         /* n: r of (4) where the waves stand */
     double most;                          /* m: of e over the reported dofs, once settled */
-    double complex *input;                /* [law][input][k]: of laws' displacements */
-    int stages;
-    double *omega;                        /* Omega_k */
-    double complex *wave, *hop;           /* e^{i Omega_k t}; [stage][k], to the next stage */
+    int stages, rows, *row;               /* of each k; -1 - that of -k, whose conjugate it adds */
+    double *omega, *beat;                 /* Omega_k; of a row */
+    double complex *wave, *hop;           /* e^{-i beat t}; [stage][row], to the next stage */
+    double complex *turn, *now;           /* (5), [step][stage][lane][row], of inputs their rates
+                                           * beside them; where the waves stand */
+    double *seen;                         /* lanes there, rates beside inputs */
     double *M, *C, *K, *Ct, *Kt;          /* n x n by columns */
     double *y, *v;                        /* n x columns */
     double *W, *A;                        /* (2), of all stages: by columns; its right side and A */
@@ -101,24 +113,6 @@ struct flow {
     int *pivot;
     struct workspace space;
 };
-
-/* A law's inputs and their rates where the waves stand. */
-static void see(const struct flow *f, int law, double *d, double *v)
-{
-    const struct torus_solver *s = f->s;
-
-    for (int j = 0; j < s->p->law[law].kind->inputs; j++) {
-        const double complex *D =
-            f->input + (size_t)(law * LAW_INPUTS_MOST + j) * (size_t)f->count;
-
-        d[j] = v[j] = 0;
-        for (int k = 0; k < f->count; k++) {
-            d[j] += creal(D[k]) * creal(f->wave[k]) - cimag(D[k]) * cimag(f->wave[k]);
-            v[j] -= f->omega[k]
-                * (creal(D[k]) * cimag(f->wave[k]) + cimag(D[k]) * creal(f->wave[k]));
-        }
-    }
-}
 
 /* WEIGHT of a law's input J, onto the dofs of its ends, at A[dof stride]. */
 static void spread(const struct law *law, int j, double weight, double *a, size_t stride)
@@ -161,19 +155,17 @@ static enum modal_status places_now(struct flow *f, const struct law *law, size_
     return rc;
 }
 
-/* r of (4) less the laws' forces, which are added as they are seen. */
-static void balanced_now(struct flow *f)
+/* (5) where the waves stand; r of (4) less the laws' forces, which are added as they are seen. */
+static void see(struct flow *f)
 {
-    size_t K = (size_t)f->count;
+    const int *dof = condense_dofs(f->s->condense[0]);
+    int rates = f->inputs;
 
-    for (size_t i = 0; f->columns > f->m && i < f->n; i++) {
-        double sum = 0;
-
-        for (size_t k = 0; k < K; k++)
-            sum += creal(f->balanced[i * K + k]) * creal(f->wave[k])
-                - cimag(f->balanced[i * K + k]) * cimag(f->wave[k]);
-        f->left[i] = -sum;
-    }
+    cblas_dgemv(CblasRowMajor, CblasNoTrans, f->lanes + rates, 2 * f->rows, 1,
+                (const double *)f->now, 2 * f->rows, (const double *)f->wave, 1, 0, f->seen, 1);
+    memset(f->left, 0, f->n * sizeof *f->left);
+    for (int i = f->inputs; i < f->lanes; i++)
+        f->left[dof[i - f->inputs]] = -f->seen[i + rates];
 }
 
 /* Ct and Kt of (1), (3) and r of (4), where the waves stand. */
@@ -181,19 +173,21 @@ static enum modal_status slopes_now(struct flow *f, struct modal_error *err)
 {
     const struct program *p = f->s->p;
     size_t place = 0;
+    int lane = 0;
     enum modal_status rc = MODAL_OK;
 
     memcpy(f->Ct, f->C, f->n * f->n * sizeof *f->C);
     memcpy(f->Kt, f->K, f->n * f->n * sizeof *f->K);
     memset(f->Fz, 0, f->places * (2 * f->n + f->places) * sizeof *f->Fz);
-    balanced_now(f);
+    see(f);
     for (int l = 0; rc == MODAL_OK && l < p->laws; l++) {
         const struct law *law = &p->law[l];
         double d[LAW_INPUTS_MOST], v[LAW_INPUTS_MOST], after[LAW_TERMS_MOST];
         struct law_point at = { .d = d, .v = v, .d_before = d, .memory_before = f->z + place };
         struct law_force out = { .memory = after };
 
-        see(f, l, d, v);
+        for (int i = 0; i < law->kind->inputs; i++, lane++)
+            d[i] = f->seen[2 * lane], v[i] = f->seen[2 * lane + 1];
         rc = law->kind->force(law, &at, &out, err);
         if (rc == MODAL_OK && law->memory > 0)
             rc = places_now(f, law, place, d, v, &out, err);
@@ -263,6 +257,12 @@ static double complex turned(double complex a, double complex b)
                  creal(a) * cimag(b) + cimag(a) * creal(b));
 }
 
+/* Numbers of (5) at one instant. */
+static size_t block_of(const struct flow *f)
+{
+    return (size_t)(f->lanes + f->inputs) * (size_t)f->rows;
+}
+
 /* A step over H, the waves at its first stage; then at the next step's. */
 static enum modal_status step_over(struct flow *f, double h, struct modal_error *err)
 {
@@ -275,8 +275,9 @@ static enum modal_status step_over(struct flow *f, double h, struct modal_error 
         if (rc != MODAL_OK)
             return rc;
         fill_stage(f, i, h);
-        for (int k = 0; k < f->count; k++)
-            f->wave[k] = turned(f->wave[k], f->hop[i * f->count + k]);
+        for (int r = 0; r < f->rows; r++)
+            f->wave[r] = turned(f->wave[r], f->hop[i * f->rows + r]);
+        f->now += block_of(f);
     }
     if (LAPACKE_dgesv_work(LAPACK_COL_MAJOR, rows, m, f->W, rows, f->pivot, f->A, rows) != 0)
         return modal_fail(err, MODAL_NO_CONVERGENCE, "torus: a step of disturbances is singular");
@@ -358,6 +359,34 @@ static void begin(struct flow *f, double rate)
     f->most = 0;
 }
 
+/* (5) at the stages of N steps. */
+static void fill_turn(struct flow *f, int N)
+{
+    const struct torus_solver *s = f->s;
+    const double *c = gauss[f->stages - 1].c;
+    size_t K = (size_t)f->count, rows = (size_t)f->rows;
+    double complex *now = f->turn;
+
+    memset(now, 0, (size_t)(N * f->stages) * block_of(f) * sizeof *now);
+    for (int i = 0; i < N * f->stages; i++, now += block_of(f)) {
+        double phase = 2 * M_PI / N * (i / f->stages + c[i % f->stages]);
+
+        for (size_t k = 0; k < K; k++) {
+            int row = f->row[k], sign = row < 0 ? -1 : 1;
+            double complex wave = cexp(I * phase * s->index[f->kept[k]].k[s->tones.lead]);
+            double complex *to = now + (row < 0 ? -1 - row : row);
+
+            for (size_t l = 0; l < (size_t)f->lanes; l++, to += rows) {
+                double complex x = turned(f->lane[l * K + k], wave);
+
+                *to += CMPLX(creal(x), sign * cimag(x));
+                if (l < (size_t)f->inputs)
+                    *(to += rows) += f->omega[k] * CMPLX(-cimag(x), sign * creal(x));
+            }
+        }
+    }
+}
+
 /* Mean growth, 1/s, under each window [window][m] of TURNS turns, of N steps each. */
 static enum modal_status grow(struct flow *f, int turns, int N, double *growth,
                               struct modal_error *err)
@@ -370,13 +399,15 @@ static enum modal_status grow(struct flow *f, int turns, int N, double *growth,
 
     memset(growth, 0, WINDOWS * f->m * sizeof *growth);
     begin(f, rate);
+    fill_turn(f, N);
     for (int i = 0; i < f->stages; i++)
-        for (int k = 0; k < f->count; k++)
-            f->hop[i * f->count + k] =
-                cexp(I * f->omega[k] * h * (i + 1 < f->stages ? c[i + 1] - c[i] : 1 + c[0] - c[i]));
+        for (int r = 0; r < f->rows; r++)
+            f->hop[i * f->rows + r] =
+                cexp(-I * f->beat[r] * h * (i + 1 < f->stages ? c[i + 1] - c[i] : 1 + c[0] - c[i]));
     for (int turn = -turns / SETTLING; rc == MODAL_OK && turn < turns; turn++) {
-        for (int k = 0; k < f->count; k++)           /* afresh each turn: no rounding gathers */
-            f->wave[k] = cexp(I * f->omega[k] * (turn * period + c[0] * h));
+        for (int r = 0; r < f->rows; r++)            /* afresh each turn: no rounding gathers */
+            f->wave[r] = cexp(-I * f->beat[r] * (turn * period + c[0] * h));
+        f->now = f->turn;
         for (int i = 0; rc == MODAL_OK && i < N; i++) {
             rc = step_over(f, h, err);
             if (turn >= 0)
@@ -414,6 +445,39 @@ static int by_size(const void *a, const void *b)
     return (x < y) - (x > y);
 }
 
+/* The rows of the combinations followed, and the lanes. */
+static enum modal_status find_rows(struct flow *f, struct modal_error *err)
+{
+    const struct torus_solver *s = f->s;
+    int lead = s->tones.lead;
+    struct torus_index *beat = workspace_zeros(&f->space, (size_t)f->count, sizeof *beat);
+
+    f->row = workspace_zeros(&f->space, (size_t)f->count, sizeof *f->row);
+    f->beat = workspace_zeros(&f->space, (size_t)f->count, sizeof *f->beat);
+    if (f->space.failed)
+        return workspace_check(&f->space, "torus: no memory for disturbances", err);
+    for (int k = 0; k < f->count; k++) {
+        struct torus_index of = s->index[f->kept[k]], back = { { 0 } };
+        double of_lead = of.k[lead] * s->tones.omega[lead];
+        int r = 0;
+
+        of.k[lead] = 0;
+        for (int j = 0; j < TORUS_TONES_MOST; j++)
+            back.k[j] = -of.k[j];
+        while (r < f->rows && !torus_equal(beat[r], of) && !torus_equal(beat[r], back))
+            r++;
+        if (r == f->rows) {
+            f->beat[r] = f->omega[k] - of_lead;
+            beat[f->rows++] = of;
+        }
+        f->row[k] = torus_equal(beat[r], of) ? r : -1 - r;
+    }
+    for (int l = 0; l < s->p->laws; l++)
+        f->inputs += s->p->law[l].kind->inputs;
+    f->lanes = f->inputs + (f->columns > f->m ? s->q : 0);
+    return MODAL_OK;
+}
+
 /* The combinations followed: those left out sum to LEAVE, in m. */
 static enum modal_status choose(struct flow *f, double leave, struct modal_error *err)
 {
@@ -440,21 +504,21 @@ static enum modal_status choose(struct flow *f, double leave, struct modal_error
         f->omega[k] = torus_frequency(&s->tones, s->index[part[k].at]);
     }
     f->apart = DIFFERENCE * part[0].size;
-    return MODAL_OK;
+    return find_rows(f, err);
 }
 
 /* Inputs' combinations, matrices, and room. */
 static enum modal_status set_out(struct flow *f, const int *place, struct modal_error *err)
 {
     const struct torus_solver *s = f->s;
-    size_t K = (size_t)f->count, n = f->n, S = (size_t)f->stages;
+    size_t K = (size_t)f->count, n = f->n, S = (size_t)f->stages, lane = 0;
     struct matrix to[3];
 
-    f->input = workspace_zeros(&f->space, (size_t)s->p->laws * LAW_INPUTS_MOST * K,
-                               sizeof *f->input);
-    f->balanced = workspace_zeros(&f->space, n * K, sizeof *f->balanced);
+    f->lane = workspace_zeros(&f->space, (size_t)f->lanes * K, sizeof *f->lane);
+    f->turn = workspace_zeros(&f->space, 2 * STEPS * S * block_of(f), sizeof *f->turn);
     f->left = workspace_zeros(&f->space, n, sizeof *f->left);
-    f->wave = workspace_zeros(&f->space, (1 + STAGES_MOST) * K, sizeof *f->wave);
+    f->seen = workspace_zeros(&f->space, (size_t)(f->lanes + f->inputs), sizeof *f->seen);
+    f->wave = workspace_zeros(&f->space, (1 + S) * (size_t)f->rows, sizeof *f->wave);
     f->M = workspace_zeros(&f->space, 5 * n * n, sizeof *f->M);
     f->y = workspace_zeros(&f->space, 2 * n * f->columns, sizeof *f->y);
     f->W = workspace_zeros(&f->space, S * n * S * n, sizeof *f->W);
@@ -464,7 +528,7 @@ static enum modal_status set_out(struct flow *f, const int *place, struct modal_
     f->Fz = workspace_zeros(&f->space, f->places * (2 * n + f->places) + 1, sizeof *f->Fz);
     if (f->space.failed)
         return workspace_check(&f->space, "torus: no memory for disturbances", err);
-    f->hop = f->wave + K;
+    f->hop = f->wave + f->rows;
     f->C = f->M + n * n, f->K = f->C + n * n, f->Ct = f->K + n * n, f->Kt = f->Ct + n * n;
     f->v = f->y + n * f->columns;
     f->zd = f->z + f->places, f->step = f->zd + f->places * f->columns;
@@ -474,14 +538,14 @@ static enum modal_status set_out(struct flow *f, const int *place, struct modal_
         sparse_add_to_dense(&s->p->constant[a], 1, &to[a]);
     }
     for (int l = 0; l < s->p->laws; l++)
-        for (int j = 0; j < s->p->law[l].kind->inputs; j++)
+        for (int j = 0; j < s->p->law[l].kind->inputs; j++, lane++)
             for (int e = s->p->law[l].start[j]; e < s->p->law[l].start[j + 1]; e++)
                 for (size_t k = 0; k < K; k++) {
                     const struct law_end *end = &s->p->law[l].end[e];
                     double complex X = s->X[(size_t)place[end->dof] * (size_t)s->count
                                             + (size_t)f->kept[k]];
 
-                    f->input[(size_t)(l * LAW_INPUTS_MOST + j) * K + k] += end->weight * X;
+                    f->lane[lane * K + k] += end->weight * X;
                 }
     return MODAL_OK;
 }
@@ -560,8 +624,8 @@ void torus_judge_growth(const struct torus_solver *s, const double *growth, int 
     judge(s, out);
 }
 
-/* The forces balanced, by dofs of all; e is asked for then. */
-static enum modal_status set_balance(struct flow *f, const int *place, struct modal_error *err)
+/* The forces balanced; e is asked for then. */
+static enum modal_status set_balance(struct flow *f, struct modal_error *err)
 {
     struct torus_solver *s = f->s;
     size_t K = (size_t)s->count, kept = (size_t)f->count;
@@ -570,9 +634,9 @@ static enum modal_status set_balance(struct flow *f, const int *place, struct mo
 
     if (rc == MODAL_OK)
         rc = torus_forces(s->laws, s->grid, s->count, s->index, s->X, s->count, s->index, F, err);
-    for (size_t i = 0; rc == MODAL_OK && i < f->n; i++)
-        for (size_t k = 0; place[i] >= 0 && k < kept; k++)
-            f->balanced[i * kept + k] = F[(size_t)place[i] * K + (size_t)f->kept[k]];
+    for (size_t i = 0; rc == MODAL_OK && i < (size_t)s->q; i++)
+        for (size_t k = 0; k < kept; k++)
+            f->lane[((size_t)f->inputs + i) * kept + k] = F[i * K + (size_t)f->kept[k]];
     return rc;
 }
 
@@ -583,9 +647,8 @@ static double work_of(const struct flow *f)
     double steps = 3.0 * STEPS * TURNS * (1 + 1.0 / SETTLING);
 
     return steps * (n * n * n / BUDGET_DENSE + 4 * n * n
-                    + S * (double)f->s->p->laws * (BUDGET_SAMPLE + 4.0 * f->count)
-                    + BUDGET_SAMPLE * (double)f->places
-                    + (f->columns > f->m ? 2 * S * f->s->q * f->count : 0));
+                    + S * BUDGET_SAMPLE * (double)f->s->p->laws + BUDGET_SAMPLE * (double)f->places
+                    + S * (double)block_of(f));
 }
 
 /* Exponents over more and more turns, from WORK on, until they decide; *MISSED as torus_judge has
@@ -650,7 +713,7 @@ enum modal_status torus_judge(struct torus_solver *s, const int *place, struct t
     if (rc == MODAL_OK && out->reason == NULL)
         rc = set_out(&f, place, err);
     if (rc == MODAL_OK && out->reason == NULL && f.columns > f.m)
-        rc = set_balance(&f, place, err);
+        rc = set_balance(&f, err);
     if (rc == MODAL_OK && out->reason == NULL)
         rc = follow(&f, work, rests, out, missed, err);
     workspace_free(&f.space);

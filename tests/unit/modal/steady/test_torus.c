@@ -676,6 +676,47 @@ static void test_three_tones_are_balanced_to_the_orders_that_a_beat_of_two_has(v
     program_free(p);
 }
 
+/* Work of the stability of P's motion of all combinations of at most ORDER; *COUNT: how many. */
+static double work_to_follow(const struct program *p, int order, int *count)
+{
+    const int dofs[] = { 0 };
+    double spent[2];
+
+    for (int i = 0; i < 2; i++) {
+        struct torus_options opt = { .order = order, .dofs = dofs, .dofs_count = 1,
+                                     .stability = i > 0 };
+        struct torus_point point;
+
+        assert_int_equal(torus_solve(p, W, 2, &opt, &point, NULL), MODAL_OK);
+        assert_true(point.converged);
+        assert_true(!opt.stability || point.stability.verdict == 1);
+        *count = point.count;
+        spent[i] = point.work.spent;
+        torus_point_done(&point);
+    }
+    return spent[1] - spent[0];
+}
+
+/* Order 16 has 3.7 times as many combinations as 8, of 1.9 times as many k of the slower tone.  An
+ * unstable motion of tones 1 to 1.01 has some hundreds, and asks for 512 turns to be told. */
+static void test_disturbances_cost_as_the_orders_of_the_slow_tone_not_as_the_combinations(
+    void **state)
+{
+    struct program *p = lower(
+        "{\"structure\":{\"type\":\"matrices\",\"M\":[[1]],\"C\":[[0.3]],\"K\":[[1]],"
+        "\"dofs\":[\"x\"]},\"effects\":[{\"type\":\"gap\",\"dof\":\"x\",\"to\":\"ground\","
+        "\"stiffness\":1,\"clearance\":0.1}],"
+        "\"excitation\":[{\"dof\":\"x\",\"k\":[1,0],\"cos\":0.2},"
+        "{\"dof\":\"x\",\"k\":[0,1],\"cos\":0.2}]}");
+    int few, many;
+    double once = work_to_follow(p, 8, &few), twice = work_to_follow(p, 16, &many);
+
+    (void)state;
+    assert_true(many > 3.5 * few);
+    assert_true(twice < 2 * once);
+    program_free(p);
+}
+
 static void test_laws_that_are_no_function_of_a_path_are_refused(void **state)
 {
     struct program *p = lower(
@@ -719,6 +760,8 @@ int main(void)
             test_twin_tones_at_a_stop_move_as_one_tone_does_at_each_phase_of_their_beat),
         cmocka_unit_test(
             test_three_tones_are_balanced_to_the_orders_that_a_beat_of_two_has),
+        cmocka_unit_test(
+            test_disturbances_cost_as_the_orders_of_the_slow_tone_not_as_the_combinations),
         cmocka_unit_test(test_laws_that_are_no_function_of_a_path_are_refused),
     };
 

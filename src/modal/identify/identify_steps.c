@@ -5,7 +5,6 @@
 #include <stdlib.h>
 #include "modal/identify/linear/exponents.h"
 
-enum { TOLD = 3 };                  /* steps: more say the same */
 static const double
     MOVED = 0.1;                    /* of a step's std: what is left of it biases no error by more
                                      * than a hundredth */
@@ -147,7 +146,7 @@ void work_put_steps_back(struct work *w)
 
 void work_report_steps(const struct work *w, struct identify_result *out)
 {
-    for (int i = 0; i < w->steps.count && i < TOLD; i++) {
+    for (int i = 0; i < w->steps.count && i < IDENTIFY_TOLD; i++) {
         const struct step *s = &w->steps.at[i];
         int channel = w->rec.channel[s->channel];
         identify_diagnose(out, "step", channel,

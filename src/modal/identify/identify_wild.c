@@ -6,8 +6,6 @@
 #include "modal/identify/prepare/bound.h"
 #include "modal/linalg/svd.h"
 
-enum { TOLD = 3 };                  /* channels: more say the same */
-
 /* rec.Y between its scale and the batch's: samples are kept in the batch's unit. */
 static void scale_wild(struct work *w, bool out)
 {
@@ -183,7 +181,7 @@ void work_report_wild(const struct work *w, struct identify_result *out)
     for (int i = 0, first = 0; i < all->count; i++) {
         if (i + 1 < all->count && all->at[i + 1].channel == all->at[i].channel)
             continue;
-        if (said++ < TOLD)
+        if (said++ < IDENTIFY_TOLD)
             report_channel(w, all->at + first, i + 1 - first, out);
         first = i + 1;
     }

@@ -60,6 +60,7 @@ enum {
     IDENTIFY_INPUTS_MOST = 16,           /* measured, of a forced response */
     IDENTIFY_RECORDS_MOST = 32,          /* one after another: each has a state of its own */
     IDENTIFY_DIAGNOSTICS_MOST = 64,      /* of a result: what comes after is not added */
+    IDENTIFY_TOLD = 3,                   /* of them of one code: more say the same */
     IDENTIFY_STAGES = 12                 /* whose seconds are told */
 };
 

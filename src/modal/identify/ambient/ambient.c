@@ -34,7 +34,6 @@
 
 enum {
     MAINS = 20,                  /* multiples */
-    TOLD = 3,                    /* diagnostics of one kind about modes */
     SAMPLES_LEAST = 4 * AMBIENT_STEADY_UNITS    /* four to a unit have an energy */
 };
 static const double
@@ -488,13 +487,13 @@ static void about_width(const struct work *w, struct identify_result *r, int i, 
     double share = m->std_damping_ratio / z, longer = share * share / (ENOUGH * ENOUGH);
 
     if (is_line(w, m->exponent * w->step)) {
-        if ((*narrow)++ < TOLD)
+        if ((*narrow)++ < IDENTIFY_TOLD)
             identify_diagnose(r, "narrow_line", -1, "mode %d (%.5g Hz) is no wider than a line of "
                               "the record: a rotating part, the mains or a limit cycle looks so, "
                               "and so does damping below %.2g; record longer, or leave it out by "
                               "`band`", i, hz,
                               NARROW / (2 * M_PI * hz * w->rec.Y.m * w->rec.step));
-    } else if (share > ENOUGH && (*few)++ < TOLD)
+    } else if (share > ENOUGH && (*few)++ < IDENTIFY_TOLD)
         identify_diagnose(r, "too_few_cycles", -1, "mode %d (%.5g Hz) has %.0f cycles in the "
                           "record: its damping is known to %.0f %% only; %.0f %% take some %.3g "
                           "cycles, %.3g s", i, hz, m->cycles, 100 * share, 100 * ENOUGH,

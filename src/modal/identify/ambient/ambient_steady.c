@@ -20,8 +20,7 @@
 
 enum {
     PARTS = 8,                   /* of the record */
-    UNITS = AMBIENT_STEADY_UNITS,  /* and for the part that holds most of the energy */
-    TOLD = 3                     /* channels */
+    UNITS = AMBIENT_STEADY_UNITS   /* and for the part that holds most of the energy */
 };
 static const double
     UNSTEADY = 40,               /* chi-squared of 7 degrees of freedom: 1e-6 */
@@ -150,7 +149,7 @@ enum modal_status ambient_steady_tell(const struct ambient_steady_input *in,
     if (F == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d lines",
                           in->spectrum->lines);
-    for (int c = 0; c < in->rec->Y.n && told < TOLD; c++) {
+    for (int c = 0; c < in->rec->Y.n && told < IDENTIFY_TOLD; c++) {
         double sum = in->rec->scale[c] > 0 ? channel_unsteadiness(in, c, F) : 0;
         int channel = in->rec->channel[c];
         if (!(sum > UNSTEADY))

@@ -11,7 +11,6 @@ static const double
     TIE = 0.8,                      /* of the strongest harmonic: noise may have decided */
     ALIASED = 0.3,                  /* of it: a mode of its own may be there */
     POOR = 0.7;                     /* of a signal's rms: hardly half of its energy is rebuilt */
-enum { TOLD = 3 };                  /* channels of one code: more say the same */
 
 void identify_diagnose(struct identify_result *result, const char *code, int channel,
                        const char *format, ...)
@@ -160,7 +159,8 @@ static void about_channels(struct identify_result *r)
                           "the modes leave %.0f %% of the signals unexplained: noise, a forced "
                           "response, or too low a rank",
                           100 * r->total_relative_error);
-    for (int c = 0; c < r->channel_count && said < TOLD && r->total_relative_error <= 0.5; c++)
+    for (int c = 0;
+         c < r->channel_count && said < IDENTIFY_TOLD && r->total_relative_error <= 0.5; c++)
         if (r->relative_error[c] > POOR && r->relative_error[c] > 3 * r->total_relative_error) {
             identify_diagnose(r, "dominated_signal", r->channel[c],
                               "channel %d is rebuilt to %.0f %% only while all together are to "
@@ -175,7 +175,7 @@ static void about_rounding(struct identify_result *r, const struct diagnose_fact
 {
     int said = 0;
 
-    for (int c = 0; c < r->channel_count && f->below != NULL && said < TOLD; c++)
+    for (int c = 0; c < r->channel_count && f->below != NULL && said < IDENTIFY_TOLD; c++)
         if (f->below[c]) {
             identify_diagnose(
                 r, "below_rounding", r->channel[c],
@@ -227,7 +227,7 @@ static void about_parts(struct identify_result *r, const struct diagnose_facts *
 
 void diagnose_still_channels(struct identify_result *r)
 {
-    for (int c = 0, said = 0; c < r->channel_count && said < TOLD; c++)
+    for (int c = 0, said = 0; c < r->channel_count && said < IDENTIFY_TOLD; c++)
         if (isnan(r->relative_error[c])) {
             identify_diagnose(r, "zero_channel", r->channel[c], "channel %d is constant throughout "
                               "what is identified: not connected, or not moved; it says nothing "

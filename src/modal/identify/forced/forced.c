@@ -36,7 +36,6 @@
 
 enum {
     NEAR = 32,                   /* lines about a pole at least */
-    TOLD = 3,                    /* diagnostics of one kind */
     FRF_EVEN = 256,              /* frequencies of frequency responses over the band, */
     FRF_BESIDE = 10,             /* and on either side of a mode */
     FRF_MOST = 1000000           /* numbers: some 60 MB of JSON */
@@ -550,7 +549,7 @@ static void about_modes(const struct work *w, struct identify_result *r)
             identify_diagnose(r, "short_record", -1, "mode %d turns %.2g times in the record: its "
                               "damping, and the standard errors, hold only if the system is "
                               "exactly linear and constant; record longer", i, m->cycles);
-        if (swings && isfinite(m->std_re) && narrow < TOLD
+        if (swings && isfinite(m->std_re) && narrow < IDENTIFY_TOLD
             && fabs(creal(m->exponent)) < fmin(1 / record, REFINE_CLEAR * m->std_re)) {
             narrow++;
             identify_diagnose(r, "narrow_line", -1, "mode %d (%.5g Hz) does not decay within the "

@@ -54,11 +54,7 @@ enum {
     CALLS = 400                  /* multiplications in the time of a turn's calls, measured */
 };
 static const double
-    DAMPING_FIRST = 1e-3,        /* of Levenberg and Marquardt, in the scale of J's diagonal */
-    DAMPING_LEAST = 1e-12,       /* as good as none */
-    DAMPING_MOST = 1e8,          /* no step gains: the summit, to rounding */
     GAIN = 1e-3,                 /* of the logarithm of the likelihood: a twentieth of an error */
-    DECAY_LEAST = 0.1,           /* over the record: what is slower is a line */
     PATIENCE = 8,                /* prices: what a fit may make up for where a pair leaves */
     WORK_MOST = 2e10,            /* multiplications of all fits: ten seconds */
     WORK_BEGIN = 1e9;            /* of where nu begins: a twentieth, no more than a few steps */
@@ -339,7 +335,7 @@ static void move(const struct work *w, struct model *t)
     for (int k = 0; k < w->p; k++) {
         const double complex *d = (const double complex *)(w->step + each(w) * k);
         struct whittle_mode *q = &t->m.mode[k];
-        double slowest = DECAY_LEAST / w->in->Z->m;
+        double slowest = WHITTLE_DECAY_LEAST / w->in->Z->m;
         q->lambda += d[LAMBDA / 2], t->nu[k] += d[NU / 2], t->begun[k] += d[BEGUN / 2];
         q->lambda = CMPLX(fmin(creal(q->lambda), -slowest), cimag(q->lambda));
         for (int i = 0; i < w->l; i++) {
@@ -360,7 +356,7 @@ static void step_up(struct work *w, struct model *t, struct model *trial, double
 
     *gained = 0;
     inform(w, t);
-    for (; *damping < DAMPING_MOST; *damping *= 10) {
+    for (; *damping < WHITTLE_DAMPING_MOST; *damping *= 10) {
         if (!factor(w, *damping))
             continue;
         for (int i = 0; i < n; i++)
@@ -374,7 +370,7 @@ static void step_up(struct work *w, struct model *t, struct model *trial, double
         if (trial->m.likelihood >= t->m.likelihood) {
             *gained = trial->m.likelihood - t->m.likelihood;
             *t = *trial;
-            *damping = fmax(*damping / 10, DAMPING_LEAST);
+            *damping = fmax(*damping / 10, WHITTLE_DAMPING_LEAST);
             return;
         }
     }
@@ -412,7 +408,7 @@ static void find_near(struct work *w, const struct model *t)
 static enum modal_status climb(struct work *w, struct model *t, struct model *trial,
                                struct modal_error *err)
 {
-    double damping = DAMPING_FIRST, gained;
+    double damping = WHITTLE_DAMPING_FIRST, gained;
 
     t->m.converged = w->p == 0;
     find_near(w, t);

@@ -47,7 +47,6 @@ static const double
     HELD_FACTOR = 100,           /* more, until the information has a factor, */
     HELD_MOST = 1e-8,            /* and no more than half of the digits */
     ENOUGH = 0.1,                /* of the residual's square: a step gains all but as much */
-    DECAY_LEAST = 0.1,           /* over the record: what is slower is a line, whatever it is */
     LOG_STEP = 1;                /* of a decay rate's logarithm in one step: a factor of e */
 
 /* Unknowns first .. first + count - 1 of a block whose dS are v_i f^H + f v_i^H, v_i = vary + i. */
@@ -678,7 +677,7 @@ void scoring_move(const struct scoring *w, const struct bins *s, struct whittle 
     part = most > LOG_STEP ? LOG_STEP / most : 1;
     for (int k = 0; k < m->count; k++) {
         struct whittle_mode *q = &m->mode[k];
-        q->lambda = CMPLX(fmin(creal(q->lambda) * exp(part * x[n]), -DECAY_LEAST / s->samples),
+        q->lambda = CMPLX(fmin(creal(q->lambda) * exp(part * x[n]), -WHITTLE_DECAY_LEAST / s->samples),
                           remainder(cimag(q->lambda) + part * x[n + 1], 2 * M_PI));
         n += 2;
         for (int i = 0; i < l; i++)

@@ -54,8 +54,6 @@
 #include <string.h>
 
 enum { L = WHITTLE_CHANNELS_MOST };
-static const double
-    DECAY_LEAST = 0.1;           /* over the record: what is slower is a line, whatever it is */
 
 int whittle_unknowns_of_mode(int channels)
 {
@@ -70,7 +68,7 @@ int whittle_unknowns(const struct whittle *m)
 double complex whittle_exponent(const struct whittle_mode *q, int samples)
 {
     /* a record that repeats shows each pole as decaying by 1/N faster */
-    double decay = fmax(-creal(q->lambda) - 1. / samples, DECAY_LEAST / samples);
+    double decay = fmax(-creal(q->lambda) - 1. / samples, WHITTLE_DECAY_LEAST / samples);
 
     return CMPLX(-decay, fabs(cimag(q->lambda)));
 }

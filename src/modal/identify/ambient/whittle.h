@@ -9,6 +9,15 @@ enum {
     WHITTLE_MODES_MOST = 120        /* of one spectrum */
 };
 
+/* Over the record: what decays less is a line, whatever it is. */
+#define WHITTLE_DECAY_LEAST 0.1
+
+/* Of Levenberg and Marquardt, in the scale of the information's diagonal: how a climb begins, as
+ * good as none, and where no step gains: at the summit, to rounding. */
+#define WHITTLE_DAMPING_FIRST 1e-3
+#define WHITTLE_DAMPING_LEAST 1e-12
+#define WHITTLE_DAMPING_MOST 1e8
+
 /* One pair of the model (1) of whittle.c. */
 struct whittle_mode {
     double complex lambda;                          /* a sample; Re < 0 */

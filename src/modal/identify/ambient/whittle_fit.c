@@ -11,9 +11,6 @@
 
 enum { STEPS_BLIND = 2 };        /* the first is damped: it tells little of what may be had */
 static const double
-    DAMPING_FIRST = 1e-3,        /* of Levenberg and Marquardt, in the scale of J's diagonal */
-    DAMPING_MOST = 1e8,          /* no step gains: the summit, to rounding */
-    DAMPING_LEAST = 1e-12,       /* as good as none */
     UNSETTLED = 100,             /* times more damping, not 10, where a step that does not gain took
                                     all of its products: a little more would settle as little */
     HOPE = 10;                   /* steps like the last: what gains less by a tenth each sums to */
@@ -39,7 +36,7 @@ static bool try_steps(struct climb *c, struct whittle *m, const struct bins *s)
     struct scoring_step step;
     double gained;
 
-    for (; c->damping < DAMPING_MOST; c->damping *= step.settled ? 10 : UNSETTLED) {
+    for (; c->damping < WHITTLE_DAMPING_MOST; c->damping *= step.settled ? 10 : UNSETTLED) {
         step.settled = true;
         if (!scoring_step(c->scoring, m, s, c->damping, &step))
             continue;
@@ -47,7 +44,7 @@ static bool try_steps(struct climb *c, struct whittle *m, const struct bins *s)
         scoring_move(c->scoring, s, &trial);
         trial.likelihood = whittle_likelihood(&trial, s);
         gained = trial.likelihood - m->likelihood;
-        c->left = c->damping <= DAMPING_FIRST ? step.promised : gained;
+        c->left = c->damping <= WHITTLE_DAMPING_FIRST ? step.promised : gained;
         if (gained >= 0) {
             *m = trial;
             if (!step.settled)
@@ -81,7 +78,7 @@ static enum modal_status climb(struct climb *c, struct whittle *m, const struct 
 
     m->converged = false;
     m->likelihood = whittle_likelihood(m, s);
-    c->damping = DAMPING_FIRST, c->least = DAMPING_LEAST, c->left = HUGE_VAL;
+    c->damping = WHITTLE_DAMPING_FIRST, c->least = WHITTLE_DAMPING_LEAST, c->left = HUGE_VAL;
     for (; steps < limits->most && !m->converged && *limits->work > 0
                && (steps < STEPS_BLIND || m->likelihood + HOPE * c->left > limits->needed);
          steps++) {

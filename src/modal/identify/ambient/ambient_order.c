@@ -36,11 +36,10 @@ enum {
     FINER = 8,                   /* times, where likelihoods far apart are compared */
     WIDEST = 48,                 /* the spectrum between the modes in so many bins at least */
     STEPS_TRIAL = 20,            /* of a fit that is one of many */
-    STEPS_MOST = 60,             /* of the answer's */
     ABOVE = 2,                   /* orders that are fitted beyond the best of the ladder's */
     ROUNDS = 12,                 /* of pairs that leave */
     CORRECTIONS = 2,             /* of what is seen; each leaves less than a tenth of the last */
-    SETTLING_MOST = (CORRECTIONS + 1) * STEPS_MOST   /* of all that are settled, as of a slow one */
+    SETTLING_MOST = (CORRECTIONS + 1) * AMBIENT_STEPS_MOST   /* of all that are settled, as of a slow one */
 };
 static const double
     ALARM = 0.01,                /* probability of a pair too many in a record, (1) */
@@ -51,9 +50,8 @@ static const double
     GAIN_EACH = 1e-3,            /* or of many pairs a twentieth of one of each */
     WORK_MOST = 6e9,             /* of all fits but the answer's, as whittle.h counts it: ten
                                     seconds */
-    WORK_SETTLING = 2.4e10,      /* of the answer's: three times the steps of a trial, and one more
+    WORK_SETTLING = 2.4e10;      /* of the answer's: three times the steps of a trial, and one more
                                     such for what leaves */
-    PATIENCE = 8;                /* prices: what a fit may make up for where a pair leaves */
 
 double ambient_price(int channels, int lines)
 {
@@ -253,7 +251,7 @@ static enum modal_status settle(struct search *w, struct whittle *m, struct bins
                                 struct modal_error *err)
 {
     struct whittle_limits limits = { fmax(GAIN_LAST, GAIN_EACH * m->count), -HUGE_VAL,
-                                     w->settling < STEPS_MOST ? w->settling : STEPS_MOST,
+                                     w->settling < AMBIENT_STEPS_MOST ? w->settling : AMBIENT_STEPS_MOST,
                                      CORRECTIONS, true, &w->settling_work, w->limits->cancelled,
                                      w->limits->context };
     enum modal_status rc = bins_for(w, m, m, bins, err);
@@ -283,7 +281,7 @@ static enum modal_status shrink(struct search *w, struct ambient_search *a, bool
     for (int k = 0; rc == MODAL_OK && k < m->count && !*less; k++) {
         *t = *m;
         leave_out(t, k);
-        if (m->likelihood - whittle_likelihood(t, &a->bins) > PATIENCE * w->price)
+        if (m->likelihood - whittle_likelihood(t, &a->bins) > AMBIENT_PATIENCE * w->price)
             continue;
         rc = fit(w, t, &a->bins, m->likelihood - w->price, err);
         *less = m->likelihood - t->likelihood < w->price;

@@ -3,6 +3,11 @@
 #define MODAL_AMBIENT_ORDER_H
 #include "modal/identify/ambient/whittle.h"
 
+enum { AMBIENT_STEPS_MOST = 60 };    /* of the answer's climb */
+
+/* Prices: what a fit may make up for where a pair leaves. */
+#define AMBIENT_PATIENCE 8.0
+
 struct ambient_limits {
     int fixed, most;                 /* pairs; fixed 0: as many as pay, at most `most` */
     bool (*cancelled)(void *context);

@@ -42,6 +42,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/identify/ambient/ambient_order.h"
 #include "modal/linalg/svd.h"
 #include "modal/linalg/workspace.h"
 
@@ -50,12 +51,10 @@ enum { L = WHITTLE_CHANNELS_MOST, MODES = WHITTLE_MODES_MOST };
 enum { LAMBDA = 0, NU = 2, BEGUN = 4, PHI = 6 };
 enum { NEAR = 3 };               /* of a pair: as many others as two pairs have */
 enum {
-    STEPS_MOST = 60,             /* of the answer's climb, as of any (ambient_order.c) */
     CALLS = 400                  /* multiplications in the time of a turn's calls, measured */
 };
 static const double
     GAIN = 1e-3,                 /* of the logarithm of the likelihood: a twentieth of an error */
-    PATIENCE = 8,                /* prices: what a fit may make up for where a pair leaves */
     WORK_MOST = 2e10,            /* multiplications of all fits: ten seconds */
     WORK_BEGIN = 1e9;            /* of where nu begins: a twentieth, no more than a few steps */
 
@@ -413,7 +412,7 @@ static enum modal_status climb(struct work *w, struct model *t, struct model *tr
     t->m.converged = w->p == 0;
     find_near(w, t);
     predict(w, t);
-    for (int i = 0; i < STEPS_MOST && !t->m.converged && w->left > 0
+    for (int i = 0; i < AMBIENT_STEPS_MOST && !t->m.converged && w->left > 0
                         && isfinite(t->m.likelihood); i++) {
         if (w->in->cancelled != NULL && w->in->cancelled(w->in->context))
             return modal_fail(err, MODAL_CANCELLED, "identify: cancelled");
@@ -472,7 +471,7 @@ static enum modal_status shrink(struct work *w, struct model *t, struct model *f
         *fewer = *t;
         leave_out(fewer, k);
         predict(w, fewer);
-        if (t->m.likelihood - fewer->m.likelihood > PATIENCE * w->in->price)
+        if (t->m.likelihood - fewer->m.likelihood > AMBIENT_PATIENCE * w->in->price)
             continue;
         rc = climb(w, fewer, trial, err);
         *less = t->m.likelihood - fewer->m.likelihood < w->in->price;

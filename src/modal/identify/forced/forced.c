@@ -41,8 +41,6 @@ enum {
     FRF_MOST = 1000000           /* numbers: some 60 MB of JSON */
 };
 static const double
-    CHANCE = 4,                  /* standard deviations of noise about a pole */
-    NO_PEAK = M_SQRT1_2,         /* damping ratio from which a response has no peak */
     UNEXPLAINED = 0.5,           /* of the responses' rms */
     FEW_CYCLES = 2;              /* in the record: their beginning and end is all there is */
 
@@ -363,7 +361,7 @@ static enum modal_status report_mode(struct work *w, const double complex *R, in
                                   .persistence = NAN, .residual = NAN, .runner_up = NAN,
                                   .growth = t->exact ? GROWTH_EXACT : GROWTH_UNSEEN };
     noise = noise_about(w, R, p, &lines);
-    wider = noise > 1 + CHANCE / sqrt(lines) && !t->exact ? sqrt(noise) : 1;
+    wider = noise > 1 + FORCED_CHANCE / sqrt(lines) && !t->exact ? sqrt(noise) : 1;
     w->widest = fmax(w->widest, wider);
     m->std_re = t->spread[2 * p] / step * wider;
     m->std_im = t->spread[2 * p + 1] / step * wider;
@@ -544,7 +542,7 @@ static void about_modes(const struct work *w, struct identify_result *r)
         const struct identify_mode *m = &r->modes[i];
         double turn = cimag(m->exponent) * w->rec.step / M_PI;
         bool swings = cimag(m->exponent) > 0;
-        broad += damping_ratio_of(m->exponent) >= NO_PEAK;
+        broad += damping_ratio_of(m->exponent) >= FORCED_NO_PEAK;
         if (swings && m->cycles < FEW_CYCLES)
             identify_diagnose(r, "short_record", -1, "mode %d turns %.2g times in the record: its "
                               "damping, and the standard errors, hold only if the system is "

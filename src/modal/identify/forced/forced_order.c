@@ -40,11 +40,9 @@ static const double
     DAMPING_FIRST = 0.003,       /* ratio of the first grade */
     GRADE = 4,                   /* a damping off by 2 shows 8 / 9 of a mode */
     RATE = 1.5,                  /* of a real one over that before it */
-    NO_PEAK = M_SQRT1_2,         /* damping ratio from which a response has no peak */
     ENOUGH_EACH = 0.1,           /* of ln likelihood, where 1 is the chance */
     ENOUGH_LAST = 1e-6,          /* a thousandth of a standard error */
     REACH = 6,                   /* 90 % of a mode's energy */
-    CHANCE = 4,                  /* standard deviations of noise in a band */
     PATIENCE = 1000,             /* of 2 ln likelihood: what neighbours may make up for */
     APART = 0.7,                 /* of a record's line: no band is narrower than that */
     WORK_MOST = 8e10,            /* multiplications, ten seconds': 27 modes in 8 responses of 8000
@@ -94,7 +92,7 @@ static double level_of(const struct lines *l, const struct transfer *t, int i, i
 {
     double all = t->variance[i], own = t->band[band + (size_t)l->bands * i] / (2.0 * (end - first));
 
-    return own > all * (1 + CHANCE / sqrt(end - first)) ? own : all;
+    return own > all * (1 + FORCED_CHANCE / sqrt(end - first)) ? own : all;
 }
 
 /* What the poles of T that LESS has not take off it, in 2 ln likelihood of noise of T's levels. */
@@ -338,7 +336,7 @@ static enum modal_status settle(struct work *w, struct transfer *t, struct modal
     enum modal_status rc = MODAL_OK;
 
     for (int p = 0; p < t->poles && rc == MODAL_OK; p++) {
-        if (cimag(t->s[p]) == 0 || -creal(t->s[p]) < NO_PEAK * cabs(t->s[p]))
+        if (cimag(t->s[p]) == 0 || -creal(t->s[p]) < FORCED_NO_PEAK * cabs(t->s[p]))
             continue;
         transfer_copy(w->l, t, &w->real);
         w->real.s[p] = -cabs(t->s[p]);

@@ -4,6 +4,9 @@
 #include "modal/identify/forced/lines.h"
 #include "modal/identify/forced/transfer.h"
 
+#define FORCED_NO_PEAK M_SQRT1_2     /* damping ratio from which a response has no peak */
+#define FORCED_CHANCE 4.0            /* standard deviations of noise among the lines of a band */
+
 /* One model on the way. */
 struct forced_rung {
     int poles;

@@ -39,7 +39,8 @@ enum {
     ABOVE = 2,                   /* orders that are fitted beyond the best of the ladder's */
     ROUNDS = 12,                 /* of pairs that leave */
     CORRECTIONS = 2,             /* of what is seen; each leaves less than a tenth of the last */
-    SETTLING_MOST = (CORRECTIONS + 1) * AMBIENT_STEPS_MOST   /* of all that are settled, as of a slow one */
+    /* of all that are settled, as of a slow one */
+    SETTLING_MOST = (CORRECTIONS + 1) * AMBIENT_STEPS_MOST
 };
 static const double
     ALARM = 0.01,                /* probability of a pair too many in a record, (1) */
@@ -251,7 +252,8 @@ static enum modal_status settle(struct search *w, struct whittle *m, struct bins
                                 struct modal_error *err)
 {
     struct whittle_limits limits = { fmax(GAIN_LAST, GAIN_EACH * m->count), -HUGE_VAL,
-                                     w->settling < AMBIENT_STEPS_MOST ? w->settling : AMBIENT_STEPS_MOST,
+                                     w->settling < AMBIENT_STEPS_MOST ? w->settling
+                                                                      : AMBIENT_STEPS_MOST,
                                      CORRECTIONS, true, &w->settling_work, w->limits->cancelled,
                                      w->limits->context };
     enum modal_status rc = bins_for(w, m, m, bins, err);

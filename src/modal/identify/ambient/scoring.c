@@ -677,7 +677,8 @@ void scoring_move(const struct scoring *w, const struct bins *s, struct whittle 
     part = most > LOG_STEP ? LOG_STEP / most : 1;
     for (int k = 0; k < m->count; k++) {
         struct whittle_mode *q = &m->mode[k];
-        q->lambda = CMPLX(fmin(creal(q->lambda) * exp(part * x[n]), -WHITTLE_DECAY_LEAST / s->samples),
+        q->lambda = CMPLX(fmin(creal(q->lambda) * exp(part * x[n]),
+                               -WHITTLE_DECAY_LEAST / s->samples),
                           remainder(cimag(q->lambda) + part * x[n + 1], 2 * M_PI));
         n += 2;
         for (int i = 0; i < l; i++)

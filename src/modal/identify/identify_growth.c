@@ -20,7 +20,6 @@
 #include <string.h>
 #include "modal/linalg/svd.h"
 
-enum { GROWN_ROWS = 64 };           /* that must be left */
 static const double ABOVE = 10;     /* rounding is a hundredth of the variance, and less of errors
                                      * than anybody tells */
 
@@ -101,7 +100,7 @@ enum modal_status work_cut_growth(struct work *w, bool *cut, struct modal_error 
     if (rc == MODAL_OK)
         rows = rows_above_rounding(&w->rec.Y, &rebuilt, f2);
     synthesis_done(&s), free(rebuilt.x);
-    if (rc != MODAL_OK || rows < GROWN_ROWS || rows == L)
+    if (rc != MODAL_OK || rows < REFINE_ROWS_LEAST || rows == L)
         return rc;
     if (w->whole.x == NULL && (rc = keep_whole(w, err)) != MODAL_OK)
         return rc;

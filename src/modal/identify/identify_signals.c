@@ -12,7 +12,6 @@
 #include "modal/linalg/svd.h"
 
 /* Records that end below the grid. */
-enum { GRID_ROWS = 64 };                /* that must be left */
 static const double
     GRID_ABOVE = 1.9,                   /* steps from the end's value */
     GRID_WORTH = 0.9;                   /* of all: records of which more is above stay whole */
@@ -364,7 +363,7 @@ enum modal_status work_cut_below_grid(struct work *w, struct modal_error *err)
         rows = w->rec.decimation == 1 && !w->opt.difference ? rows_above_grid(w) : L;
 
     rows = (rows + w->shift - 1) / w->shift * w->shift;
-    if (rows > GRID_WORTH * L || rows < GRID_ROWS * w->shift)
+    if (rows > GRID_WORTH * L || rows < REFINE_ROWS_LEAST * w->shift)
         return MODAL_OK;
     pod_done(&w->pod);
     w->cut = rows;

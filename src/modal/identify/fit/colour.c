@@ -19,12 +19,12 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/identify/fit/refine.h"
 #include "modal/identify/linear/exponents.h"
 #include "modal/identify/linear/pencil.h"
 #include "modal/linalg/svd.h"
 
 enum {
-    ROWS_LEAST = 64,                /* of fewer the 17 bins that are averaged are half of all */
     HALF_LEAST = 8,                 /* h of the text, */
     HALF_PART = 64                  /* and what part of N it is where that is more */
 };
@@ -64,7 +64,7 @@ void colour_factors_of(const double *power, int rows, const double *theta, int c
     int half = rows / HALF_PART > HALF_LEAST ? rows / HALF_PART : HALF_LEAST;
 
     for (int j = 0; j < count; j++) {
-        double ratio = rows < ROWS_LEAST ? 1 : ratio_at(power, rows / 2 + 1, theta[j], half);
+        double ratio = rows < REFINE_ROWS_LEAST ? 1 : ratio_at(power, rows / 2 + 1, theta[j], half);
         /* variance by the spectrum at its line over white noise's */
         factor[j] = ratio > RATIO_LEAST ? sqrt(ratio) : 1;
     }
@@ -81,7 +81,7 @@ enum modal_status colour_factors(const struct matrix *E, const double *theta, in
 
     for (int j = 0; j < count; j++)
         factor[j] = 1;
-    if (L < ROWS_LEAST || count == 0)
+    if (L < REFINE_ROWS_LEAST || count == 0)
         return MODAL_OK;
     x = fftw_alloc_real(N), X = fftw_alloc_complex(bins), power = calloc(bins, sizeof *power);
     if (x != NULL && X != NULL)

@@ -83,6 +83,10 @@ enum refine_end {
 /* Numbers of a signal that a fit leaves free: of fewer it tells no noise of its own. */
 enum { REFINE_FREEDOM_LEAST = 30 };
 
+/* Rows of what is asked for its noise, its colour or its recurrence, or cut to be identified alone:
+ * 64 tell a level to 9 % (1 / sqrt(128)). */
+enum { REFINE_ROWS_LEAST = 64 };
+
 struct refined {
     int poles, order;            /* entries of lambda; columns of the basis */
     int parameters;              /* real unknowns in the exponents that are not fixed */

@@ -39,12 +39,12 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/identify/fit/refine.h"
 #include "modal/identify/result.h"
 
 enum {
     SIGNALS_MOST = 4,            /* of many channels: a strike is in all of them */
     ROWS_MOST = 4096,            /* longer records are looked at in means of several samples */
-    ROWS_LEAST = 64,             /* fewer tell nothing of a recurrence */
     COARSER = 4,                 /* strikes of many samples are seen in means of some */
     ORDER_MOST = 24,             /* of (1) */
     REFERENCE = 32,              /* rows that a window of residuals is held against */
@@ -443,7 +443,7 @@ static enum modal_status driven_rows(const struct batch *b, const int *channels,
 
     *rows = 0;
     head.last = coarse > 1 ? part.first + ROWS_MOST - 1 : part.last;
-    for (size_t each = 1; rc == MODAL_OK && *rows == 0 && n / each >= ROWS_LEAST;
+    for (size_t each = 1; rc == MODAL_OK && *rows == 0 && n / each >= REFINE_ROWS_LEAST;
          each = each < coarse ? coarse : COARSER * each) {
         struct scan s = { 0 };
         rc = scan_begin(&s, b, channels, count, each < coarse ? head : part, each, err);

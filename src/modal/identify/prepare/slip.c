@@ -39,7 +39,6 @@
 #include "modal/linalg/eigen.h"
 
 enum {
-    ROWS_LEAST = 64,             /* turns that are searched first, and rows of more */
     COLUMNS_MOST = 256,          /* of F, which has fewer phases where there were more: a Q
                                   * takes some milliseconds, whatever the record is */
     CHANNELS_MOST = 8,           /* the least noisy */
@@ -263,7 +262,7 @@ static double beyond(struct scan *a, double ends, double bow, int rank)
 /* A scan of the first TURNS, or nothing where there is no memory. */
 static void scan_of(struct scan *a, double turns)
 {
-    int most = ROWS_LEAST > 2 * a->r->order ? ROWS_LEAST : 2 * a->r->order;
+    int most = REFINE_ROWS_LEAST > 2 * a->r->order ? REFINE_ROWS_LEAST : 2 * a->r->order;
 
     a->turns = turns;
     a->apart = (int)ceil(turns / most);
@@ -350,7 +349,7 @@ static bool is_least(struct scan *a, double none)
 /* From what the first turns tell, of bows up to MOST, to all N of them. */
 static double search(struct scan *a, double N, double most, double *ends, double *bow)
 {
-    double turns = fmin(N, ROWS_LEAST);
+    double turns = fmin(N, REFINE_ROWS_LEAST);
 
     scan_of(a, turns);
     search_grid(a, most, ends, bow);
@@ -443,7 +442,7 @@ enum modal_status slip_find(const struct slip_record *r, struct slip *out, struc
     if (columns_of(&a) > COLUMNS_MOST)
         a.phases = COLUMNS_MOST / a.channels;
     scan_of(&a, N);
-    side = (size_t)(ROWS_LEAST > 2 * r->order ? ROWS_LEAST : 2 * r->order) + 1;
+    side = (size_t)(REFINE_ROWS_LEAST > 2 * r->order ? REFINE_ROWS_LEAST : 2 * r->order) + 1;
     entries = side * (size_t)columns_of(&a);
     a.F = malloc(sizeof *a.F * entries), other = malloc(sizeof *other * entries);
     a.G = calloc(side * side, sizeof *a.G), a.H = calloc(side * side, sizeof *a.H);

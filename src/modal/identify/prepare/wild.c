@@ -35,7 +35,6 @@
 #include "modal/numbers.h"
 
 enum {
-    ROWS_LEAST = 64,             /* free ones: of fewer a median tells too little */
     ABOUT = 32,                  /* rows before and after */
     RUN_GAP = 3,                 /* rows from one that stands out to the next, of one dropout */
     BISECTIONS = 32,             /* of (1): eight digits */
@@ -239,7 +238,7 @@ enum modal_status wild_take(const struct rebuild_model *poles, struct matrix *Y,
 
     if (k.F.x == NULL || k.e == NULL || k.part == NULL || k.out == NULL)
         rc = modal_fail(err, MODAL_NO_MEMORY, "wild: no memory for %d rows", Y->m);
-    if (Y->m - k.order < ROWS_LEAST)
+    if (Y->m - k.order < REFINE_ROWS_LEAST)
         more = false;
     for (int i = 0; i < PASSES && more && rc == MODAL_OK; i++)
         rc = pass(poles, Y, &k, w, &more, err);

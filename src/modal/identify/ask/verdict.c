@@ -4,7 +4,7 @@
  * Half width.  A mode's Re lambda is known to b = VERDICT_CLEAR std where the Jacobian gave it;
  * else to bar / (|rho| span), the bar being the largest of jackknife and backward estimate
  * (projection.c).  With hardly more equations than unknowns the Jacobian's residual is no measure
- * of the noise, and both are added.  b is never below rounding, ROUNDING / span, nor, in a
+ * of the noise, and both are added.  b is never below rounding, REFINE_EXACT / span, nor, in a
  * near-defective cluster that is not resolved, below twice its radius.  Resolved: no two members
  * are nearer than REFINE_CLEAR of their errors together; what the errors say of them then holds,
  * however close they are.
@@ -29,7 +29,6 @@
 #include "modal/identify/linear/exponents.h"
 
 static const double
-    ROUNDING = 1e-12,               /* of a multiplier, as above */
     CANCELLATION = 4;               /* of (1), where both parts are twice what they make */
 /* rad over the record: rounding e of the data splits a Jordan block by sqrt(e), 1e-8, times some
  * hundreds for the record's sensitivity, whatever the fit is to. */
@@ -70,7 +69,7 @@ static double half_width(const struct identify_result *r, int i)
         b += bar;                   /* so few residuals tell their own variance badly */
     if (size > 0)
         b = fmax(b, 2 * cluster_radius(r, i) / size);
-    return fmax(b, ROUNDING / span);
+    return fmax(b, REFINE_EXACT / span);
 }
 
 /*

@@ -27,6 +27,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/identify/fit/refine.h"
 #include "modal/linalg/eigen.h"
 #include "modal/linalg/workspace.h"
 
@@ -39,7 +40,6 @@ enum {
 static const double
     DEPENDENT = 1e-11,           /* of the largest eigenvalue: directions of V that are others */
     RIDGE = 1e-12,               /* of S's diagonal: what is not seen has 1e6 times its own error */
-    ROUNDING = 1e-12,            /* rms left over, of the response's: a recursion's rounding */
     ALONE = 1e-9,                /* of its square: what all else leaves of it is no rounding */
     CAREFUL = 1e-3,              /* first damping of a step */
     FASTEST = 4;                 /* ln of what is left of a motion after a sample: nothing */
@@ -262,7 +262,7 @@ static void weigh(const struct lines *l, struct transfer *t, struct sums *s)
     }
     t->likelihood = 0, t->exact = true;
     for (int i = 0; i < l->responses; i++) {
-        double least = ROUNDING * ROUNDING * l->energy[i];
+        double least = REFINE_EXACT * REFINE_EXACT * l->energy[i];
         if (l->energy[i] == 0) {
             t->variance[i] = HUGE_VAL;
             continue;

@@ -51,7 +51,6 @@ static const double TURN_LAST = 1e-9;
 static const double CLOSE = 1e-10;
 static const double STEP_MOST = 30;                /* a longer first step: the start was not near */
 static const double TURN_MOST = 3;                 /* rad over the window: half of refine.c's */
-static const double TURN_LEAST = 1e-12;            /* rad a row: a pair that turns less is none */
 static const double SPAN = 4e-5;                   /* x: x^2 / 2 is then 1e-9 of a standard error */
 enum { STEPS = 14 };                     /* a fit that has not settled then is none */
 
@@ -370,7 +369,7 @@ static bool take_step(const struct work *w, double complex *lambda)
             continue;
         if (w->kind[j] == POLE_PAIR)
             im += w->delta[p + 1] / tau;
-        if (w->kind[j] == POLE_PAIR && !(im * tau > TURN_LEAST && im * tau < M_PI))
+        if (w->kind[j] == POLE_PAIR && !(im * tau > REFINE_EXACT && im * tau < M_PI))
             return false;
         lambda[j] = CMPLX(creal(lambda[j]) + w->delta[p] / tau, im);
     }

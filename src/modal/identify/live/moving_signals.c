@@ -26,7 +26,6 @@ enum { TILE = 16 };                     /* samples and channels that are turned 
 /* least diagonal of a triangle of unit channels that single precision is enough for */
 static const double SINGLE = 1e-4;
 static const double FAR = 0.3;          /* the first value of the rest over the last that is kept */
-static const double NOTHING = 1e-12;             /* of a channel: the channels before it span it */
 static const double SETTLED = 1e-13;             /* of the largest singular value */
 
 void job_done(struct job *j)
@@ -303,10 +302,10 @@ static double unit_triangle(const struct job *j, double *R, double *unit)
     }
     for (int c = 0; c < S; c++) {
         double diagonal = fabs(R[c + (size_t)c * (size_t)S]);
-        for (int i = 0; i < S && !(diagonal > NOTHING); i++)
+        for (int i = 0; i < S && !(diagonal > REFINE_EXACT); i++)
             R[c + (size_t)i * (size_t)S] = R[i + (size_t)c * (size_t)S] = i == c;
-        unit[c] = diagonal > NOTHING ? unit[c] : 0;
-        least = diagonal > NOTHING ? fmin(least, diagonal) : least;
+        unit[c] = diagonal > REFINE_EXACT ? unit[c] : 0;
+        least = diagonal > REFINE_EXACT ? fmin(least, diagonal) : least;
     }
     return least;
 }

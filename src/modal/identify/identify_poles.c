@@ -24,7 +24,6 @@ enum {
 static const double
     WORK_CHANNELS = 1e9,                /* multiplications (refine.h): half a second, */
     EVALUATIONS = 8;                    /* of which a fit takes so many at least */
-static const double KNOWN = 1e-9;       /* of a pole: nine digits, as below */
 
 /* Steps over all channels until one is short; the last leaves its start in p->lambda and its end in
  * step->lambda.  Where they do not shrink the standard deviations are as long as the step that was
@@ -104,7 +103,7 @@ static bool ill_determined(const struct work *w)
     bool ill = false;
 
     for (int j = 0; j < p->count; j++)
-        ill |= p->lambda[j] != 0 && !(p->std_re[j] <= KNOWN * cabs(p->lambda[j]));
+        ill |= p->lambda[j] != 0 && !(p->std_re[j] <= REFINE_TIED * cabs(p->lambda[j]));
     return ill && w->refine && !w->rec.wide && w->data.omega == 0
         && w->choice.candidates[w->choice.chosen].fit.residual
         <= REFINE_EXACT * safe_matrix_norm(w->data.Y);

@@ -22,6 +22,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/identify/fit/refine.h"
 #include "modal/linalg/eigen.h"
 #include "modal/linalg/svd.h"
 
@@ -35,7 +36,6 @@ enum {
 static const double
     RIDGE_FIRST = 1e-13,         /* of unit variance: white noise added where rounding is more */
     RIDGE_FACTOR = 10,           /* from one to the next */
-    DECAY_LEAST = 1e-9,          /* a sample, where rounding makes a pole slower */
     BESIDE = 0.5;                /* of its decay rate: how far a real pole's pair turns */
 
 void subspace_done(struct subspace *s)
@@ -282,7 +282,7 @@ static void add_pair(const struct subspace *s, int n, const struct modal_form *f
     double complex lambda = clog(f->mu[j]);
     bool real = cimag(f->mu[j]) == 0;
     /* a model of vibrations has pairs only: a real pole begins beside the axis */
-    double decay = fmax(-creal(lambda), DECAY_LEAST), turn = fmin(BESIDE * decay, 1);
+    double decay = fmax(-creal(lambda), REFINE_TIED), turn = fmin(BESIDE * decay, 1);
 
     if (real)
         lambda = CMPLX(0, creal(f->mu[j]) > 0 ? turn : M_PI - turn);

@@ -12,10 +12,10 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/identify/fit/refine.h"
 #include "modal/identify/linear/exponents.h"
 
 static const double
-    SAME = 1e-9,                    /* of 1 / period: frequencies, to rounding and a few digits */
     TIED = 1e-6,                    /* of a magnitude: partners' differ by the fit's rounding */
     TOP_MOST = 300;                 /* ln of a growth whose square, e^600, is finite */
 
@@ -39,7 +39,7 @@ static bool same_frequency(double complex lambda, double period, int j, int k)
     double a = fabs(signed_frequency(lambda, period, j)),
            b = fabs(signed_frequency(lambda, period, k));
 
-    return fabs(a - b) < SAME * 2 * M_PI / period;
+    return fabs(a - b) < REFINE_TIED * 2 * M_PI / period;
 }
 
 void harmonics_choose(struct identify_harmonic *list, int count, double complex lambda,

@@ -15,6 +15,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/identify/fit/refine.h"
 #include "modal/numbers.h"
 
 enum {
@@ -25,7 +26,6 @@ enum {
 };
 static const double
     GRID_LEAST = 1e-4,                      /* of the rms */
-    APART = 1e-9,                           /* of the range: less is the rounding of one value */
     OFF = 1e-3;                             /* of a step, or of many: no multiple, as above */
 enum {
     STEPS_LEAST = 3,                        /* that a grid has: two make one by chance */
@@ -69,7 +69,7 @@ static bool look_for_grid(const double *x, int L, double rms, int channel,
     int off = 0, steps = 0;
 
     for (int k = 1; k < L; k++)
-        if (x[k] - x[k - 1] > APART * range)
+        if (x[k] - x[k - 1] > REFINE_TIED * range)
             step = fmin(step, x[k] - x[k - 1]);
     if (!(step > GRID_LEAST * rms) || !(range > 0))
         return false;
@@ -157,7 +157,7 @@ static struct rail look_at(const double *x, const double *sorted, int L, int sig
 
     for (int k = 1, steps = 0; k < L && steps < NEAR; k++) {
         double apart = fabs(end[-sign * k] - end[-sign * (k - 1)]);
-        if (apart > APART * range)
+        if (apart > REFINE_TIED * range)
             step = fmin(step, apart), steps++;
     }
     for (int k = 0, first = 0; k <= L; k++)

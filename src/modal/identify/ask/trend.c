@@ -2,8 +2,8 @@
  * trend.c - one mode, watched over windows
  *
  * The model is called adequate where the residual of the chosen fit is white (colour.h), signals
- * that leave no more than EXACT apart, or where all of it is rounding.  Only an inadequate fit, or
- * one with a crowd of modes of one shape in one place, is looked at further: two close modes of a
+ * that leave no more than REFINE_TIED apart, or where all of it is rounding.  Only an inadequate
+ * fit, or one with a crowd of modes of one shape in one place, is looked at further: two close modes of a
  * linear system beat, and watched through windows as one they would seem to drift, but their fit is
  * adequate.
  *
@@ -45,7 +45,6 @@ enum {
 /* Exponents times rows below which the geometric series loses more digits than this. */
 static const double SERIES_LEAST = 1e-8;
 static const double
-    EXACT = 1e-9,                  /* of the signals: what is left there is rounding */
     CHANGE = 1e-3,                 /* of a frequency, and of a window's rms: less is no matter */
     DAMPING_CHANGE = 0.25,         /* of a damping ratio */
     DECAYS = 0.7,                  /* of the first window's amplitude is left in the last */
@@ -81,9 +80,9 @@ static enum modal_status adequate(const struct trend_input *in, bool *answer, do
         }
     *left = total > 0 && rc == MODAL_OK ? fit.residual / sqrt(total) : 0;
     if (rc == MODAL_OK) {
-        colour_leave_out(&E, in->X, EXACT);
+        colour_leave_out(&E, in->X, REFINE_TIED);
         colour_left_by(in->lambda, in->count, in->tau, in->X->m, mean);
-        *answer = fit.residual <= EXACT * sqrt(total) || colour_white_about(&E, mean, 0);
+        *answer = fit.residual <= REFINE_TIED * sqrt(total) || colour_white_about(&E, mean, 0);
     }
     synthesis_done(&fit);
     free(E.x);

@@ -42,7 +42,8 @@ struct refine_data {
                                   * have one exponent, and move together; 0: each for itself */
 };
 
-/* The same to rounding: in parts of omega. */
+/* The same to rounding: in parts of omega, of a pole, of a range of samples, of a sum of squares.
+ * Of the twelve digits that REFINE_EXACT leaves three go with the condition of what is solved. */
 #define REFINE_TIED 1e-9
 
 struct refine_options {
@@ -74,8 +75,8 @@ enum refine_end {
     REFINE_LOOKED     /* options.iterations < 0: the poles are the start, without standard errors */
 };
 
-/* Of the signals' norm, of a channel, of a multiplier: what is below it is rounding, 2.2e-16 of each
- * of some thousand terms of a sum or steps of a recursion. */
+/* Of the signals' norm, of a channel, of a multiplier: what is below it is rounding, 2.2e-16 of
+ * each of some thousand terms of a sum or steps of a recursion. */
 #define REFINE_EXACT 1e-12
 
 /* Standard errors that settle a question: of normal errors 0.3 % are larger. */

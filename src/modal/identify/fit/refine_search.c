@@ -15,7 +15,6 @@ static const double
                                      * first entry */
     SETTLED = 1e-10,                /* standard errors between a settled answer and the minimum */
     TURN_MOST = 6,                  /* rad over the record in a step: one line of its spectrum */
-    FALL_LEAST = 1e-9,              /* of F: what falls by less may be rounding */
     WEIGHTS_SETTLED = 0.02;         /* of a weight, from one round to the next */
 enum {
     ITERATIONS = 60,                /* where the options name none */
@@ -438,7 +437,7 @@ static enum modal_status try_step(struct work *w, struct search *s, struct dampi
         damp_more(d);
         return MODAL_OK;
     }
-    *still = fall <= FALL_LEAST * s->now.F && is_rounding(w, &s->next);
+    *still = fall <= REFINE_TIED * s->now.F && is_rounding(w, &s->next);
     swap_in(s);
     damp_less(d, fall / promise);
     return MODAL_OK;

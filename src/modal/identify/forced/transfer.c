@@ -40,7 +40,6 @@ enum {
 static const double
     DEPENDENT = 1e-11,           /* of the largest eigenvalue: directions of V that are others */
     RIDGE = 1e-12,               /* of S's diagonal: what is not seen has 1e6 times its own error */
-    ALONE = 1e-9,                /* of its square: what all else leaves of it is no rounding */
     CAREFUL = 1e-3,              /* first damping of a step */
     FASTEST = 4;                 /* ln of what is left of a motion after a sample: nothing */
 
@@ -770,7 +769,7 @@ static void take_gain(const struct lines *l, const struct transfer *t, const str
     cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, g, n, g, 1, s->S, g, J, g, 0, SJ, g);
     cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, n, n, g, -1, J, g, SJ, g, 1, M, n);
     for (int c = 1; c < n; c++)
-        if (!(M[c + (size_t)n * c] > ALONE * a->YY[c + (size_t)n * c]))
+        if (!(M[c + (size_t)n * c] > REFINE_TIED * a->YY[c + (size_t)n * c]))
             M[n * c] = 0;
 }
 

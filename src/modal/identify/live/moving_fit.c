@@ -41,12 +41,6 @@
 /* gradients in standard errors: wanted; good enough where rounding allows no less */
 static const double SETTLED = 1e-10;
 static const double NEAR = 1e-6;
-/* standard errors, as much as SPAN lets: what a last step may leave.  Each step leaves of the
- * gradient the same part, for the columns' change with the residual is left out of (4) */
-static const double LEFT = 1e-9;
-/* rad over the window: a last step may be so long, for the coefficients of before it are off by the
- * half of it */
-static const double TURN_LAST = 1e-9;
 /* a step that is this part of every real and imaginary part is the last */
 static const double CLOSE = 1e-10;
 static const double STEP_MOST = 30;                /* a longer first step: the start was not near */
@@ -418,9 +412,12 @@ static void descend(struct work *w, struct moving_fit *f)
             || (w->gradient >= before && (w->gradient <= NEAR || at_rounding(w)));
         if (f->settled || w->gradient >= before || i == STEPS - 1 || !newton(w))
             return;
-        /* quadratic near the end: what follows a step of 1e-10 is rounding */
+        /* quadratic near the end: what follows a step of 1e-10 is rounding.  So is half of a turn
+         * of REFINE_TIED, by which coefficients of before a step are off, with as much gradient in
+         * standard errors: each step leaves of it the same part, for the columns' change with the
+         * residual is left out of (4) */
         f->settled = is_last(w, f->lambda)
-            || (longest_turn(w) <= TURN_LAST && w->gradient * (w->gradient / now) <= LEFT);
+            || (longest_turn(w) <= REFINE_TIED && w->gradient * (w->gradient / now) <= REFINE_TIED);
         if (!take_step(w, f->lambda) || f->settled)
             return;
         before = i > 0 ? now : HUGE_VAL, now = w->gradient;

@@ -63,13 +63,13 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/identify/fit/refine.h"
 #include "modal/identify/live/assign.h"
 
 static const double MEMORY = 4;             /* windows: as few as leave a line some freedom */
 static const double ALPHA = 1e-4;           /* of the windows: some per day at one in ten seconds */
 static const double SUBSTANTIAL = 3.1622776601683795;    /* odds, 10^(1/2), as [J61] grades them */
 static const double SHAPE_SAY = 6.9;        /* one in 1,000 */
-static const double ROUNDING = 1e-9;        /* of |lambda|: updates and batches agree to that */
 static const double PRIOR = 2;              /* a, b of nothing: (4) has a variance only above 1 */
 static const double SHAPE_PRIOR = 0.02;     /* b of nothing in (6): noise at a seventh of a shape */
 enum { COUNTED_MOST = 64 };                 /* windows of (5): then both counts are halved */
@@ -196,7 +196,7 @@ static struct both_ways foresee(const struct track *t, const struct track_window
 static double variance(double std, double complex lambda, double line)
 {
     /* no error: anywhere within its line */
-    return isfinite(std) ? fmax(std * std, pow(ROUNDING * cabs(lambda), 2)) : line * line;
+    return isfinite(std) ? fmax(std * std, pow(REFINE_TIED * cabs(lambda), 2)) : line * line;
 }
 
 /* What a mode is off by, and the variances of that. */

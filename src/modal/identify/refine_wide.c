@@ -7,9 +7,6 @@
 #include <string.h>
 #include "modal/identify/prepare/wide.h"
 
-/* Of a channel's energy: what is left by difference has half of its digits. */
-static const double CANCELS = 1e-8;
-
 /* Of all channels, where samples must be read in order: Q^T A, and what is left of them by the
  * samples themselves, or NULL. */
 struct in_order { double *Z, *rest2; };
@@ -27,7 +24,7 @@ static bool rest_by_energies(const struct work *w, const struct wide *d, int cha
     double sum = cblas_ddot(w->order, z, 1, z, 1);
 
     *rest2 = energy - sum;          /* Pythagoras: Z are products with an orthonormal basis */
-    return *rest2 > CANCELS * energy;
+    return *rest2 > REFINE_HALVED * energy;
 }
 
 /* One pass, and another where energies cancel. */

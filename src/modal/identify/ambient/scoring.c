@@ -29,6 +29,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/identify/ambient/reach.h"
+#include "modal/identify/fit/refine.h"
 #include "modal/linalg/envelope.h"
 
 enum { L = WHITTLE_CHANNELS_MOST, MODES = WHITTLE_MODES_MOST, SHARED = WHITTLE_TRANSFERS, OWN = 8,
@@ -45,7 +46,6 @@ static const double
     LOSS[] = { 0.03, 1e-3 },     /* of what is told of an exponent: for steps, for errors */
     HELD_FIRST = 1e-14,          /* what holds an unknown that nothing tells, in that scale; */
     HELD_FACTOR = 100,           /* more, until the information has a factor, */
-    HELD_MOST = 1e-8,            /* and no more than half of the digits */
     ENOUGH = 0.1,                /* of the residual's square: a step gains all but as much */
     LOG_STEP = 1;                /* of a decay rate's logarithm in one step: a factor of e */
 
@@ -700,7 +700,7 @@ void scoring_errors(struct scoring *w, struct whittle *m)
     bool known = envelope_factor(&w->J, w->scale, 0);
 
     /* what cannot be told at all, like the turn of a pair on the axis, is held where it is */
-    for (double held = HELD_FIRST; !known && held <= HELD_MOST; held *= HELD_FACTOR)
+    for (double held = HELD_FIRST; !known && held <= REFINE_HALVED; held *= HELD_FACTOR)
         known = envelope_factor(&w->J, w->scale, held);
     for (int k = 0; k < m->count; k++) {
         struct whittle_mode *q = &m->mode[k];

@@ -26,6 +26,7 @@
 #include <string.h>
 #include "modal/identify/ask/verdict.h"
 #include "modal/identify/fit/colour.h"
+#include "modal/identify/fit/refine.h"
 #include "modal/identify/fit/synthesis.h"
 #include "modal/identify/linear/exponents.h"
 #include "modal/identify/linear/pencil.h"
@@ -42,8 +43,6 @@ enum {
     CROWD_MOST = 32,               /* poles of one mode that changes: work, and stack */
     WATCHED_LEAST = 3              /* windows that show how something goes on */
 };
-/* Exponents times rows below which the geometric series loses more digits than this. */
-static const double SERIES_LEAST = 1e-8;
 static const double
     CHANGE = 1e-3,                 /* of a frequency, and of a window's rms: less is no matter */
     DAMPING_CHANGE = 0.25,         /* of a damping ratio */
@@ -112,7 +111,7 @@ static double complex overlap(const struct synthesis *f, const struct trend_inpu
     /* columns are divided by their largest entry */
     double scale = -f->reference[i] - f->reference[j];
 
-    return cabs(s) * f->rows < SERIES_LEAST
+    return cabs(s) * f->rows < REFINE_HALVED
                ? f->rows * exp(scale)
                : (cexp(s * f->rows + scale) - exp(scale)) / (cexp(s) - 1);
 }

@@ -79,6 +79,10 @@ enum refine_end {
  * each of some thousand terms of a sum or steps of a recursion. */
 #define REFINE_EXACT 1e-12
 
+/* What products or differences leave of a number, the half of its digits: sqrt(2.2e-16), in parts
+ * of the largest. */
+#define REFINE_HALVED 1e-8
+
 /* Standard errors that settle a question: of normal errors 0.3 % are larger. */
 #define REFINE_CLEAR 3.0
 

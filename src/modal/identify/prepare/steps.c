@@ -38,6 +38,7 @@
 #include <float.h>
 #include <math.h>
 #include <string.h>
+#include "modal/identify/fit/refine.h"
 #include "modal/identify/fit/synthesis.h"
 #include "modal/identify/linear/exponents.h"
 #include "modal/identify/prepare/grid.h"
@@ -62,7 +63,6 @@ enum {
     ROWS_EACH = 2 * REACH + 1    /* where it may be */
 };
 static const double
-    NEAR = 1e-8,                 /* of the largest difference: (1) is solved by products */
     HALVES = 8;                  /* deviations that noise's halves may differ by, as colour.h has
                                   * them: no ordinary number of records exceeds them */
 
@@ -162,7 +162,7 @@ static double size_of_all(const struct look *k)
 
     for (int l = k->sense > 0 ? k->p : 0; l < (k->sense > 0 ? k->n : k->n - k->p); l += every)
         k->h[count++] = k->e[l];
-    return fmax(wild_size(k->h, count, k->part), NEAR);
+    return fmax(wild_size(k->h, count, k->part), REFINE_HALVED);
 }
 
 static bool is_out(const struct look *k, struct place at)

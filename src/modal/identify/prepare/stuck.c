@@ -42,6 +42,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/identify/fit/refine.h"
 #include "modal/identify/prepare/grid.h"
 #include "modal/identify/prepare/recurrence.h"
 #include "modal/identify/result.h"
@@ -57,8 +58,6 @@ enum {
     ROWS_LEAST = 8,              /* over p: of fewer (2) is no more than the samples themselves */
     ROUNDS = 3                   /* of (2): where peaks are cut few samples have p others before */
 };
-static const double
-    NEAR = 1e-8;                 /* of the largest sample: the rounding of (2) by its products */
 
 struct run { int begin, count; };
 
@@ -352,7 +351,7 @@ static int acquit(struct look *k, double mean, double size)
         double off = 0;
         for (begin = l; l < k->L && k->out[l]; l++)
             off = fmax(off, fabs(mean + k->z[l] * size - k->sent[l]));
-        bool same = off <= LEAVES * k->step + NEAR * size;
+        bool same = off <= LEAVES * k->step + REFINE_HALVED * size;
         if (same && l > begin)
             memset(k->out + begin, false, (size_t)(l - begin));
         count += same ? 0 : l - begin;

@@ -37,7 +37,6 @@
 
 static const double
     SAME = 0.01,                /* of omega: poles that begin one family, as modes.c has them, */
-    ERRORS = 5,                 /* and so many standard errors */
     ROWS_SHARE = 0.5;           /* of the rows, at most, as columns: the rest tell the noise */
 enum {
     LINES_MOST = 256,           /* of all families: beyond, a fit is seconds */
@@ -171,7 +170,7 @@ static enum modal_status add_poles(struct families *f, const struct refined *fit
 {
     for (int j = 0; j < fit->poles; j++) {
         double complex head = principal(f, fit->lambda[j]);
-        double apart = SAME * f->Omega + ERRORS * hypot(fit->std_re[j], fit->std_im[j]);
+        double apart = SAME * f->Omega + REFINE_APART * hypot(fit->std_re[j], fit->std_im[j]);
         bool known = fit->lambda[j] == 0;
         for (int i = 0; i < f->count; i++)
             known |= !(cabs(f->head[i] - head) > apart);     /* of unknown errors: NAN */

@@ -303,7 +303,6 @@ static enum modal_status look_at(const struct trend_input *in, int first, int ro
 
 enum { GROWING_MOST = 2 };         /* poles: more make up for something else */
 static const double
-    GROWS = 3,                     /* of a standard error */
     WEAK = 1e-3,                   /* of the energy */
     HARMONIC_WEAK = 0.05,          /* a harmonic of a nonlinearity: of its mode's energy, */
     HARMONIC_NEAR = 5e-3,          /* off its frequency, */
@@ -335,7 +334,7 @@ static bool may_be_harmonic(const struct refined *fit, const double *energy, int
     return false;
 }
 
-/* Poles of FIT that grow beyond GROWS of their errors, are more than WEAK, no harmonics,
+/* Poles of FIT that grow beyond REFINE_CLEAR of their errors, are more than WEAK, no harmonics,
  * no drift; *sign: 1 where one of them lies at FREQUENCY, as far as the rows resolve it, -1 where
  * all that lies there decays as clearly, else 0. */
 static int growing(const struct refined *fit, const struct synthesis *f, double tau,
@@ -350,11 +349,11 @@ static int growing(const struct refined *fit, const struct synthesis *f, double 
         double complex z = fit->lambda[j];
         /* rows resolve one beat over their length */
         bool strong = energy[j] > WEAK * total, at = fabs(cimag(z) - frequency) < beat;
-        bool grows = strong && creal(z) > GROWS * fit->std_re[j] && !may_be_harmonic(fit, energy, j)
+        bool grows = strong && creal(z) > REFINE_CLEAR * fit->std_re[j] && !may_be_harmonic(fit, energy, j)
             && !verdict_slow(z, tau * f->rows);
         count += grows;
         here += strong && at, up += grows && at;
-        down += strong && at && creal(z) < -GROWS * fit->std_re[j];
+        down += strong && at && creal(z) < -REFINE_CLEAR * fit->std_re[j];
     }
     *sign = up > 0 ? 1 : here > 0 && down == here ? -1 : 0;
     return count;

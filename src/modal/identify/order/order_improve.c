@@ -7,8 +7,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const double TOLD = 5;       /* standard errors between two poles that are no doubt two */
-
 /* COUNT poles in c->lambda, refined into candidate *at where they come near the best's criterion as
  * they are put, before a step; else -1. */
 static enum modal_status try_split(struct climb *c, int count, int best, int *at,
@@ -181,11 +179,11 @@ static enum modal_status drop_undetermined(struct climb *c, int *best, struct mo
     }
 }
 
-/* The pole that is told least from its nearest neighbour; -1: all are told by TOLD standard errors
+/* The pole that is told least from its nearest neighbour; -1: all are told by REFINE_APART standard errors
  * or more. */
 static int least_told(const struct refined *fit)
 {
-    double most = 1 / TOLD;
+    double most = 1 / REFINE_APART;
     int at = -1;
 
     for (int j = 0; j < fit->poles; j++) {

@@ -6,22 +6,18 @@
 #include "modal/identify/linear/exponents.h"
 #include "modal/linalg/svd.h"
 
-enum { FREEDOM = 3 };                   /* rows over, at least */
 static const double SPARING = 0.6;      /* of the independent numbers */
 
 /* Multiplications (refine.h). */
 static const double
     WORK_MOST = 1.6e10,                 /* of all ladders of an answer, */
     WORK_LONG = 5e9,                    /* those of very long records, */
-    WORK_LEAST = 5e8,                   /* and one that begins after they are spent: a second or
+    WORK_LEAST = 5e8;                   /* and one that begins after they are spent: a second or
                                          * two */
-    WORK_TRIAL = 1e9;                   /* of a first search among few channels that have not been
-                                         * weighed by their noise: if that differs much the search
-                                         * may find no end */
 
 double work_left(const struct work *w, bool trial, bool longer)
 {
-    return trial ? fmax(WORK_TRIAL - w->spent, DBL_MIN)
+    return trial ? fmax(REFINE_WORK_ASKED - w->spent, DBL_MIN)
                  : fmax((longer ? WORK_LONG : WORK_MOST) - w->spent, WORK_LEAST);
 }
 
@@ -29,7 +25,7 @@ int work_rows_allow(const struct work *w)
 {
     int L = w->data.Y->m;
 
-    return L - FREEDOM > 2 ? L - FREEDOM : L > 2 ? 2 : 1;
+    return L - REFINE_SPARE_LEAST > 2 ? L - REFINE_SPARE_LEAST : L > 2 ? 2 : 1;
 }
 
 int work_sparing_order(const struct work *w)

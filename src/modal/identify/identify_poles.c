@@ -22,7 +22,6 @@ enum {
     TENTHS = 10                         /* of the columns, one is left out (projection.h) */
 };
 static const double
-    WORK_CHANNELS = 1e9,                /* multiplications (refine.h): half a second, */
     EVALUATIONS = 8;                    /* of which a fit takes so many at least */
 
 /* Steps over all channels until one is short; the last leaves its start in p->lambda and its end in
@@ -201,7 +200,7 @@ static enum modal_status weigh_by_digits(struct work *w, const struct batch *b,
 static enum modal_status widen_by_channels(struct work *w, struct modal_error *err)
 {
     struct refine_data all = w->data;
-    struct refine_options look = { .iterations = -1 }, end = { .work = WORK_CHANNELS };
+    struct refine_options look = { .iterations = -1 }, end = { .work = REFINE_WORK_ASKED };
     struct poles *p = &w->poles;
     struct refined fit = { 0 };
     bool *fixed = calloc((size_t)p->count, sizeof *fixed), shows = false;
@@ -212,7 +211,7 @@ static enum modal_status widen_by_channels(struct work *w, struct modal_error *e
         return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d poles", p->count);
     for (int j = 0; j < p->count; j++)
         fixed[j] = p->lambda[j] == 0;
-    if (refine_work(&all, poles_order(p->lambda, p->count, p->tau)) < WORK_CHANNELS / EVALUATIONS)
+    if (refine_work(&all, poles_order(p->lambda, p->count, p->tau)) < REFINE_WORK_ASKED / EVALUATIONS)
         rc = refine_poles(&all, p->lambda, p->count, fixed, &look, &fit, err);
     if (rc == MODAL_OK && fit.poles > 0)
         rc = another_shows(&all, &fit, &shows, err);

@@ -39,7 +39,6 @@ static double span_of(const struct identify_result *r)
     return r->period > 0 ? r->period : r->dt / (r->decimation > 0 ? r->decimation : 1);
 }
 
-enum { FREEDOM_LEAST = 3 };         /* with fewer equations to spare a residual is no noise */
 static const double
     FAR_STRONGER = 30,              /* energy over energy */
     SLOW = 3 * M_PI,                /* rad over the record: one and a half turns */
@@ -65,7 +64,7 @@ static double half_width(const struct identify_result *r, int i)
 
     if (!(b > 0) || !isfinite(b))
         b = bar;
-    else if (r->freedom < FREEDOM_LEAST)
+    else if (r->freedom < REFINE_SPARE_LEAST)
         b += bar;                   /* so few residuals tell their own variance badly */
     if (size > 0)
         b = fmax(b, 2 * cluster_radius(r, i) / size);

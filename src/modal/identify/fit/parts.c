@@ -40,7 +40,6 @@
 #include "modal/identify/linear/exponents.h"
 
 enum { ITERATIONS = 20 };                /* from the poles of the whole, which are near */
-static const double WORK = 1e9;          /* multiplications a half may take (refine.h) */
 
 struct half {
     struct refine_data data;
@@ -141,7 +140,7 @@ static enum modal_status fit_half(const double complex *lambda, int count, struc
                                   struct modal_error *err)
 {
     struct refine_options own = { .iterations = ITERATIONS,
-                                  .work = WORK,
+                                  .work = REFINE_WORK_ASKED,
                                   /* descended only where it could contradict */
                                   .gain = allowed(2.0 * h->free) };
 

@@ -93,6 +93,13 @@ enum refine_end {
 /* Numbers of a signal that a fit leaves free: of fewer it tells no noise of its own. */
 enum { REFINE_FREEDOM_LEAST = 30 };
 
+/* Equations beyond the unknowns: with fewer a residual is no noise. */
+enum { REFINE_SPARE_LEAST = 3 };
+
+/* Multiplications that a question beside the answer may take, half a second: a half of the record,
+ * another model, a first search of channels that have not been weighed yet, a last fit of all. */
+#define REFINE_WORK_ASKED 1e9
+
 /* Rows of what is asked for its noise, its colour or its recurrence, or cut to be identified alone:
  * 64 tell a level to 9 % (1 / sqrt(128)). */
 enum { REFINE_ROWS_LEAST = 64 };

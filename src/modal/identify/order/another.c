@@ -44,7 +44,6 @@
 #include "modal/linalg/qr.h"
 
 static const double
-    WORK = 1e9,                  /* multiplications (refine.h), as for a half (parts.c) */
     RATE_FIRST = 2,              /* (2): slower ones last */
     RATE_RATIO = 2,              /* of one between two of them the nearer shows 0.97 */
     RATE_MOST = 1.5,             /* a row: what decays faster is one row */
@@ -198,7 +197,7 @@ static enum modal_status find_peak(const struct refine_data *d, const struct ref
     double looks = 2 * 3 * E->m, chi2;       /* 2 L for each of three rates, and fewer of others */
     enum modal_status rc = workspace_check(&space, "another: no memory", err);
 
-    if (rc == MODAL_OK && looks * 2 * L * (2 * q + S) > WORK / 10) {
+    if (rc == MODAL_OK && looks * 2 * L * (2 * q + S) > REFINE_WORK_ASKED / 10) {
         rc = remainder_peak(E, d->tau, peak, &chi2, err);
     } else if (rc == MODAL_OK) {
         rc = basis_of(d, fit, l.Q, err);
@@ -216,7 +215,7 @@ static enum modal_status fit_with(const struct refine_data *d, const struct refi
                                   struct modal_error *err)
 {
     size_t n = (size_t)fit->poles;
-    struct refine_options opt = { .work = WORK };
+    struct refine_options opt = { .work = REFINE_WORK_ASKED };
     double complex *lambda = malloc(sizeof *lambda * (n + 1));
     bool *fixed = calloc(n + 1, sizeof *fixed);
     enum modal_status rc = MODAL_OK;
@@ -359,7 +358,7 @@ enum modal_status another_decays(const struct refine_data *data, const struct re
                                  bool *decays, struct modal_error *err)
 {
     size_t n = (size_t)fit->poles + 1;
-    struct refine_options opt = { .work = WORK };
+    struct refine_options opt = { .work = REFINE_WORK_ASKED };
     double complex *lambda = malloc(sizeof *lambda * n);
     bool *fixed = calloc(n, sizeof *fixed), crowd = false;
     struct refined steady = { 0 }, freed = { 0 };

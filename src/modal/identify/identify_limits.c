@@ -15,6 +15,7 @@ static const double
     WORK_LEAST = 5e8;                   /* and one that begins after they are spent: a second or
                                          * two */
 
+/* A trial's channels have not been weighed by their noise: if that differs much it finds no end. */
 double work_left(const struct work *w, bool trial, bool longer)
 {
     return trial ? fmax(REFINE_WORK_ASKED - w->spent, DBL_MIN)

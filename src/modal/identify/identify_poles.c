@@ -211,7 +211,8 @@ static enum modal_status widen_by_channels(struct work *w, struct modal_error *e
         return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d poles", p->count);
     for (int j = 0; j < p->count; j++)
         fixed[j] = p->lambda[j] == 0;
-    if (refine_work(&all, poles_order(p->lambda, p->count, p->tau)) < REFINE_WORK_ASKED / EVALUATIONS)
+    if (refine_work(&all, poles_order(p->lambda, p->count, p->tau))
+        < REFINE_WORK_ASKED / EVALUATIONS)
         rc = refine_poles(&all, p->lambda, p->count, fixed, &look, &fit, err);
     if (rc == MODAL_OK && fit.poles > 0)
         rc = another_shows(&all, &fit, &shows, err);

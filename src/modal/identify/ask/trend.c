@@ -3,9 +3,9 @@
  *
  * The model is called adequate where the residual of the chosen fit is white (colour.h), signals
  * that leave no more than REFINE_TIED apart, or where all of it is rounding.  Only an inadequate
- * fit, or one with a crowd of modes of one shape in one place, is looked at further: two close modes of a
- * linear system beat, and watched through windows as one they would seem to drift, but their fit is
- * adequate.
+ * fit, or one with a crowd of modes of one shape in one place, is looked at further: two close
+ * modes of a linear system beat, and watched through windows as one they would seem to drift, but
+ * their fit is adequate.
  *
  * Each window is identified on its own (pencil.c, order.c with few orders), to CHANGE of its rms
  * and no further: what changes by less is no matter, and without noise poles beyond would make up
@@ -349,8 +349,8 @@ static int growing(const struct refined *fit, const struct synthesis *f, double 
         double complex z = fit->lambda[j];
         /* rows resolve one beat over their length */
         bool strong = energy[j] > WEAK * total, at = fabs(cimag(z) - frequency) < beat;
-        bool grows = strong && creal(z) > REFINE_CLEAR * fit->std_re[j] && !may_be_harmonic(fit, energy, j)
-            && !verdict_slow(z, tau * f->rows);
+        bool grows = strong && creal(z) > REFINE_CLEAR * fit->std_re[j]
+            && !may_be_harmonic(fit, energy, j) && !verdict_slow(z, tau * f->rows);
         count += grows;
         here += strong && at, up += grows && at;
         down += strong && at && creal(z) < -REFINE_CLEAR * fit->std_re[j];

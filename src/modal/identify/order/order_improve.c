@@ -179,8 +179,8 @@ static enum modal_status drop_undetermined(struct climb *c, int *best, struct mo
     }
 }
 
-/* The pole that is told least from its nearest neighbour; -1: all are told by REFINE_APART standard errors
- * or more. */
+/* The pole that is told least from its nearest neighbour; -1: all are told by REFINE_APART standard
+ * errors or more. */
 static int least_told(const struct refined *fit)
 {
     double most = 1 / REFINE_APART;

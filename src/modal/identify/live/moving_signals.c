@@ -13,6 +13,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/identify/fit/colour.h"
+#include "modal/identify/fit/refine.h"
 #include "modal/identify/prepare/pod.h"
 #include "modal/linalg/qr.h"
 #include "modal/linalg/svd.h"

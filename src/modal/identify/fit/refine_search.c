@@ -9,8 +9,6 @@
 #include <string.h>
 
 static const double
-    GROWTH_MOST = 700,              /* ln of the largest growth or decay over the record: e^700 is
-                                     * finite */
     DECAY_MOST = 36,                /* ln of the fastest decay in one step: below it a column is its
                                      * first entry */
     SETTLED = 1e-10,                /* standard errors between a settled answer and the minimum */
@@ -224,13 +222,13 @@ static double promised(int n, const double *T, const double *delta)
 
 double refine_guard(const struct work *w, double a)
 {
-    return fmin(fmax(a, -fmin(DECAY_MOST, GROWTH_MOST)), GROWTH_MOST / w->L);
+    return fmin(fmax(a, -fmin(DECAY_MOST, EXPONENT_MOST)), EXPONENT_MOST / w->L);
 }
 
 static bool at_guard(const struct work *w, const struct point *at)
 {
     for (int j = 0; j < w->count; j++)
-        if (w->first[j] >= 0 && (at->a[j] <= -DECAY_MOST || at->a[j] >= GROWTH_MOST / w->L))
+        if (w->first[j] >= 0 && (at->a[j] <= -DECAY_MOST || at->a[j] >= EXPONENT_MOST / w->L))
             return true;
     return false;
 }

@@ -4,6 +4,9 @@
 #include <complex.h>
 #include <stdbool.h>
 
+/* ln of the largest growth whose exponential is taken: e^709 is the last that is finite. */
+#define EXPONENT_MOST 700.0
+
 /*
  * A multiplier rho over a step tau and its exponent, rho = exp(lambda tau), Im lambda in (-pi/tau,
  * pi/tau]. Throughout `identify` a set of poles is a list with one entry per conjugate pair or real

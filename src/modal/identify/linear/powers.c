@@ -11,7 +11,7 @@
 #include <math.h>
 
 enum { TABLE = 64 };              /* rows for which one exponential is multiplied out */
-static const double STEEP = 700.0 / TABLE;     /* e^709 is the last */
+static const double STEEP = EXPONENT_MOST / TABLE;
 
 /* e^{i b l}. */
 static void turn(double b, int l, double *c, double *s)

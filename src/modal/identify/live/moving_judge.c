@@ -16,7 +16,6 @@
 #include "modal/identify/linear/exponents.h"
 #include "modal/identify/order/order.h"
 
-static const double LIKELY = 0.5;       /* of a pair's price: refined, it may pay */
 enum {
     EDGE_SAMPLES = 2,                   /* at either end, which have no line in a spectrum */
     PART_LEAST = 8                      /* samples that have a spectrum */
@@ -46,7 +45,7 @@ enum reason judge_fit(const struct job *j, const struct moving_fit *f)
     /* the constant might decay: one parameter more than it costs */
     if (f->most_free > MOVES * f->price)
         return OFFSET;
-    if (chosen && f->most_split > LIKELY * f->pair_price)  /* order.c, pass 3 */
+    if (chosen && f->most_split > ORDER_LOOK * f->pair_price)  /* order.c, pass 3 */
         return POLE_SPLITS;
     return GOOD;
 }
@@ -358,7 +357,7 @@ static bool wants_a_pair(const struct job *j, const struct moving_fit *f, const 
     struct moving *m = j->m;
     /* what may not pay, but widens a batch's errors (widen.c, another) */
     double noise = criterion_noise_pair(j->r, 1, (double)m->L * j->r),
-           limit = fmin(LIKELY * f->pair_price, noise);
+           limit = fmin(ORDER_LOOK * f->pair_price, noise);
 
     for (int count = 1; count <= EDGE_SAMPLES; count++)
         if (gain_of_samples(j, f, E, 0, count) > limit

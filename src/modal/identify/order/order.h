@@ -17,6 +17,10 @@
 
 enum { ORDER_AHEAD = 4 };       /* the ladder ends this many rungs past its best */
 
+/* Of a pole's price: so much it must pay before it is refined; what is left then is more than
+ * noise. */
+#define ORDER_LOOK 0.5
+
 /* A fit is much the worse where it leaves so many times more. */
 #define ORDER_WORSE 1.5
 

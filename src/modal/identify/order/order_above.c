@@ -27,7 +27,7 @@ static enum modal_status look_at(struct climb *c, int r, int *at, struct modal_e
     while (count > 1 && poles_order(c->lambda, count, c->data->tau) > climb_order_most(c))
         count--;
     if (rc == MODAL_OK && count > 0)
-        rc = climb_trim(c, c->lambda, &count, SHARE_LOOK, 0, 0, err);
+        rc = climb_trim(c, c->lambda, &count, ORDER_LOOK, 0, 0, err);
     return rc == MODAL_OK ? climb_try(c, r, c->lambda, count, NULL, false, 0, at, err) : rc;
 }
 
@@ -78,7 +78,7 @@ static enum modal_status add_poles(struct climb *c, const struct matrix *E, doub
     while (more > count && poles_order(c->lambda, more, c->data->tau) > climb_order_most(c))
         more--;
     if (rc == MODAL_OK)
-        rc = climb_trim(c, c->lambda, &more, SHARE_LOOK, 0, 0, err);
+        rc = climb_trim(c, c->lambda, &more, ORDER_LOOK, 0, 0, err);
     if (rc == MODAL_OK && (more != count
                            || memcmp(c->lambda, fit->lambda, (size_t)more * sizeof *c->lambda)))
         rc = join_poles(c, more, best, better, err);

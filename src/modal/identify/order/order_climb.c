@@ -198,7 +198,7 @@ double climb_worth_looking(const struct climb *c, const struct refined *fit, dou
            largest = spread != NULL ? spread->largest : 1;
 
     if (c->opt->renewed)
-        return fmax(SHARE_LOOK * climb_pair_price(c, fit), d + 2 * sqrt(square * x)
+        return fmax(ORDER_LOOK * climb_pair_price(c, fit), d + 2 * sqrt(square * x)
                                                                + 2 * largest * x);
-    return fmin(SHARE_LOOK * climb_pair_price(c, fit), d + 2 * sqrt(square * x) + 2 * largest * x);
+    return fmin(ORDER_LOOK * climb_pair_price(c, fit), d + 2 * sqrt(square * x) + 2 * largest * x);
 }

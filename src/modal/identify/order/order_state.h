@@ -4,9 +4,7 @@
 #include "modal/identify/order/order.h"
 
 static const double
-    LOOK_SHARE = 0.5,               /* of the work, for looking before anything is refined */
-    SHARE_LOOK = 0.5;               /* of a pole's price that it must pay before it is refined:
-                                     * what is left then is more than noise */
+    LOOK_SHARE = 0.5;               /* of the work, for looking before anything is refined */
 enum { MORE_MOST = 16 };            /* directions looked for in what a fit leaves */
 
 struct climb {

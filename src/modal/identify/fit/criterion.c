@@ -17,7 +17,7 @@
  * Of a periodic system each sample of a period has an amplitude of its own, and ln n for each of S
  * of those is many times what keeps noise out: of S columns of white noise k given ones of the
  * basis take chi-squared of k S degrees of freedom, more than k S + 2 sqrt(k S x) + 2 x with less
- * than e^-x [LM00], and with e^-x = FALSE_ALARM / PLACES L the best of the poles in L rows does so
+ * than e^-x [LM00], and with e^-x = FALSE_ALARM / CRITERION_PLACES L the best of the poles in L rows does so
  * in a share FALSE_ALARM of records at most. One of k columns that comes where m numbers are left
  * free lowers -2 ln(likelihood) by noise by less than
  *
@@ -44,7 +44,6 @@
 
 static const double
     SCARCE_MOST = 0.95,         /* of the numbers, for (2) */
-    PLACES = 4,                 /* where a pole may be told from the others, a row (remainder.h) */
     FALSE_ALARM = 1e-3;         /* of records, for (3) */
 
 double criterion_scarcity(double unknowns, double numbers)
@@ -57,7 +56,7 @@ double criterion_scarcity(double unknowns, double numbers)
 /* What noise gives a pole of K columns of S amplitudes, of so many NUMBERS, at most. */
 static double noise_most(double S, double white, double numbers, int k)
 {
-    double x = log(PLACES * numbers / S / FALSE_ALARM);
+    double x = log(CRITERION_PLACES * numbers / S / FALSE_ALARM);
     double a = sqrt((1 - white) / (1 + white));
 
     return k * (S + 1) + 2 * sqrt(k * S / white * x) + 2 * x * (1 + a) / (1 - a);
@@ -73,7 +72,7 @@ double criterion_chance(double columns, double numbers, double chi2, int k)
     double freedom = k * (columns + 1), spread = 2 / (9 * freedom);
     double normal = (cbrt(chi2 / freedom) - (1 - spread)) / sqrt(spread);            /* [WH31] */
 
-    return fmin(PLACES * numbers / columns * erfc(normal / M_SQRT2) / 2, 1);
+    return fmin(CRITERION_PLACES * numbers / columns * erfc(normal / M_SQRT2) / 2, 1);
 }
 
 int criterion_order_told(double columns, double numbers)

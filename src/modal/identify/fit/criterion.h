@@ -4,6 +4,9 @@
 #define MODAL_CRITERION_H
 #include <stdbool.h>
 
+/* Where a pole may be told from the others, a row: independent ordinates of remainder.h. */
+enum { CRITERION_PLACES = 4 };
+
 /* The signals that models are compared on. */
 struct criterion {
     int groups, phases;          /* signals; columns of each */

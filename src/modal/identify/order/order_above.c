@@ -96,7 +96,7 @@ static enum modal_status search_once(struct climb *c, int *best, bool *better,
                                      struct modal_error *err)
 {
     const struct refined *fit = &c->choice.candidates[*best].fit;
-    double count = REMAINDER_FILTERS * (double)c->data->Y->m, chi2 = 0;
+    double count = CRITERION_PLACES * (double)c->data->Y->m, chi2 = 0;
     double complex peak = 0;
     /* phases of a period hear each sample's noise but once */
     bool spreads = c->data->phases <= 1;
@@ -120,7 +120,7 @@ static enum modal_status search_blocks(struct climb *c, int *best, bool *better,
                                        struct modal_error *err)
 {
     const struct refined *fit = &c->choice.candidates[*best].fit;
-    double count = REMAINDER_FILTERS * (double)c->data->Y->m;
+    double count = CRITERION_PLACES * (double)c->data->Y->m;
     enum modal_status rc = climb_rest(c, *best, err);
 
     if (rc != MODAL_OK || !(c->rest.chi2 > climb_worth_looking(c, fit, count, &c->rest.spread)))

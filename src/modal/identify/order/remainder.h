@@ -20,7 +20,6 @@ double remainder_unit(const struct refine_data *data, const struct refined *fit,
  * the chi-squared of its amplitudes in all columns: 0.6 and more of that of the best of all poles,
  * and, beside others that were fitted, less than fitting it with them would take.
  */
-enum { REMAINDER_FILTERS = 4 };        /* ordinates that it looks at, of independent ones, a row */
 enum modal_status remainder_peak(const struct matrix *E, double tau, double complex *lambda,
                                  double *chi2, struct modal_error *err);
 

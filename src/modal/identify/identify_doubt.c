@@ -18,8 +18,7 @@
 
 enum { NOISE_ROWS = 65536 };      /* asked whether they are noise: the first, where motion is */
 static const double
-    ORBIT_LEAST = 0.01,          /* of the energy: less may be what others leave */
-    REBUILT = 0.15;              /* of the rms is left at most of what decays, as in trend.c */
+    ORBIT_LEAST = 0.01;          /* of the energy: less may be what others leave */
 
 /* A multiplier of 1 that is no offset, in a periodic system: the orbit itself. */
 static bool has_orbit(const struct work *w, const struct identify_result *r)
@@ -274,7 +273,7 @@ static enum modal_status say_noise(const struct work *w, struct identify_result 
  */
 static bool is_rejected(const struct work *w, const struct identify_result *r)
 {
-    bool changes = says(r, "changes_in_record") && r->total_relative_error > REBUILT;
+    bool changes = says(r, "changes_in_record") && r->total_relative_error > TREND_REBUILT;
 
     return (changes || (w->facts.doubt.contradiction > 1 && r->verdict == VERDICT_UNDECIDED))
            && !r->driven && !says(r, "amplitude_dependent");

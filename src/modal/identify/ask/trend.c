@@ -39,7 +39,6 @@ enum {
     LONG = 20000                   /* rows from which on there are TREND_WINDOWS_LONG */
 };
 enum {
-    CROWD_LEAST = 3,               /* poles near one another: a pair may be two modes */
     CROWD_MOST = 32,               /* poles of one mode that changes: work, and stack */
     WATCHED_LEAST = 3              /* windows that show how something goes on */
 };
@@ -49,7 +48,6 @@ static const double
     DECAYS = 0.7,                  /* of the first window's amplitude is left in the last */
     WANDERS = 0.2,                 /* of a frequency: what goes further is no amplitude's doing */
     TAU_LEAST = 0.7,               /* of 8 windows: 1.4 % of chance orders have more */
-    WELL = 0.15,                   /* of a window's rms is left where decaying modes rebuild it, */
     POOR = 0.4;                    /* of the record's where they do not */
 
 struct window {
@@ -101,7 +99,7 @@ static bool crowd_about(const struct trend_input *in, double complex lambda)
 
     for (int j = 0; j < in->count; j++)
         near += in_crowd(in->lambda[j], lambda);
-    return near >= CROWD_LEAST;
+    return near >= TREND_CROWD;
 }
 
 /* sum_k conj(z_i^k) z_j^k of the columns of a fit, by the geometric series. */
@@ -303,7 +301,6 @@ static enum modal_status look_at(const struct trend_input *in, int first, int ro
 
 enum { GROWING_MOST = 2 };         /* poles: more make up for something else */
 static const double
-    WEAK = 1e-3,                   /* of the energy */
     HARMONIC_WEAK = 0.05,          /* a harmonic of a nonlinearity: of its mode's energy, */
     HARMONIC_NEAR = 5e-3,          /* off its frequency, */
     HARMONIC_DECAY = 0.3,          /* and off its decay rate */
@@ -334,7 +331,7 @@ static bool may_be_harmonic(const struct refined *fit, const double *energy, int
     return false;
 }
 
-/* Poles of FIT that grow beyond REFINE_CLEAR of their errors, are more than WEAK, no harmonics,
+/* Poles of FIT that grow beyond REFINE_CLEAR of their errors, are more than VERDICT_WEAK, no harmonics,
  * no drift; *sign: 1 where one of them lies at FREQUENCY, as far as the rows resolve it, -1 where
  * all that lies there decays as clearly, else 0. */
 static int growing(const struct refined *fit, const struct synthesis *f, double tau,
@@ -348,7 +345,7 @@ static int growing(const struct refined *fit, const struct synthesis *f, double 
     for (int j = 0; j < fit->poles; j++) {
         double complex z = fit->lambda[j];
         /* rows resolve one beat over their length */
-        bool strong = energy[j] > WEAK * total, at = fabs(cimag(z) - frequency) < beat;
+        bool strong = energy[j] > VERDICT_WEAK * total, at = fabs(cimag(z) - frequency) < beat;
         bool grows = strong && creal(z) > REFINE_CLEAR * fit->std_re[j]
             && !may_be_harmonic(fit, energy, j) && !verdict_slow(z, tau * f->rows);
         count += grows;
@@ -563,8 +560,8 @@ static bool is_driven(const struct window *w, int n, bool good, double left,
     int well = 0;
 
     for (int i = 0; i < n; i++)
-        well += w[i].left < WELL;
-    if (left >= POOR ? 5 * well >= n : good || left < WELL || !rises_and_falls(w, n, left))
+        well += w[i].left < TREND_REBUILT;
+    if (left >= POOR ? 5 * well >= n : good || left < TREND_REBUILT || !rises_and_falls(w, n, left))
         return false;
     result->driven = true;
     if (left < POOR) {
@@ -580,7 +577,7 @@ static bool is_driven(const struct window *w, int n, bool good, double left,
                       "modes to %g %%: the response is driven, or noise, of which there are no "
                       "standard errors and no verdict; give response=ambient where nobody measured "
                       "the excitation, response=forced and its channels as inputs where it was "
-                      "measured, or window a part after it has ended", well, n, 100 * WELL);
+                      "measured, or window a part after it has ended", well, n, 100 * TREND_REBUILT);
     return true;
 }
 
@@ -606,7 +603,7 @@ static enum modal_status watch(const struct trend_input *in, bool good, double l
         if (rc == MODAL_NO_CONVERGENCE)
             rc = MODAL_OK;
         all[i].frequency += in->hertz;
-        if (all[i].found && all[i].left < WELL)
+        if (all[i].found && all[i].left < TREND_REBUILT)
             found[count++] = all[i];
     }
     free(least);

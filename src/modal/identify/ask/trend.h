@@ -12,7 +12,11 @@
 #define TREND_CLOSE 0.05
 #define TREND_ONE_SHAPE 0.9
 
+/* Of the rms: at most so much is left where decaying modes rebuild a record, or a window of it. */
+#define TREND_REBUILT 0.15
+
 enum {
+    TREND_CROWD = 3,                 /* poles near one another: a pair may be two modes */
     TREND_MODES = 6,                 /* of a window, of which the strongest is watched */
     TREND_WINDOWS = 8,               /* equal parts of a record */
     TREND_WINDOWS_LONG = 28          /* a long record has room for more */

@@ -60,10 +60,8 @@ enum { GRID_LOOK = 24 };                         /* samples */
 /* times the variance of rounding; identify_signals.c's own question is asked at 2 */
 static const double GRID_NEAR = 4;
 static const double
-    DRIFTS = 0.6,                   /* of |lambda| over the window: slow, twice CONSTANT */
     ONCE = 1.001,                   /* turns in the window: what turns less is slow (widen.c) */
     CONSTANT = 0.3;                 /* decay over the window: an offset, as modes.c has it */
-enum { CROWD = 3 };                 /* poles, as in trend.c */
 
 /* In the order of enum reason. */
 static const char *const moving_reasons[] = {
@@ -236,11 +234,11 @@ static bool special(const struct moving *m, const double complex *lambda, int co
         for (int j = 0; j < count; j++)
             near += cimag(lambda[j]) > 0
                 && fabs(cimag(lambda[j]) - cimag(lambda[i])) < TREND_CLOSE * cimag(lambda[i]);
-        constants += lambda[i] == 0, slow += lambda[i] != 0 && cabs(lambda[i]) * record < DRIFTS;
+        constants += lambda[i] == 0, slow += lambda[i] != 0 && cabs(lambda[i]) * record < 2 * CONSTANT;
         /* its error would be its scatter over orders, of which an update has one */
         if (cimag(lambda[i]) > 0 && cimag(lambda[i]) * record < ONCE * 2 * M_PI)
             return true;
-        if (near >= CROWD
+        if (near >= TREND_CROWD
             || (pole_kind(lambda[i], m->opt.dt) == POLE_REAL && lambda[i] != 0
                 && fabs(creal(lambda[i])) * record < CONSTANT))
             return true;

@@ -331,8 +331,8 @@ static bool may_be_harmonic(const struct refined *fit, const double *energy, int
     return false;
 }
 
-/* Poles of FIT that grow beyond REFINE_CLEAR of their errors, are more than VERDICT_WEAK, no harmonics,
- * no drift; *sign: 1 where one of them lies at FREQUENCY, as far as the rows resolve it, -1 where
+/* Poles of FIT that grow beyond REFINE_CLEAR of their errors, are more than VERDICT_WEAK, no
+ * harmonics, no drift; *sign: 1 where one of them lies at FREQUENCY, as far as the rows resolve it, -1 where
  * all that lies there decays as clearly, else 0. */
 static int growing(const struct refined *fit, const struct synthesis *f, double tau,
                    double frequency, int *sign)
@@ -561,7 +561,8 @@ static bool is_driven(const struct window *w, int n, bool good, double left,
 
     for (int i = 0; i < n; i++)
         well += w[i].left < TREND_REBUILT;
-    if (left >= POOR ? 5 * well >= n : good || left < TREND_REBUILT || !rises_and_falls(w, n, left))
+    if (left >= POOR ? 5 * well >= n
+                     : good || left < TREND_REBUILT || !rises_and_falls(w, n, left))
         return false;
     result->driven = true;
     if (left < POOR) {

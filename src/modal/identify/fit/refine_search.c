@@ -222,7 +222,7 @@ static double promised(int n, const double *T, const double *delta)
 
 double refine_guard(const struct work *w, double a)
 {
-    return fmin(fmax(a, -fmin(DECAY_MOST, EXPONENT_MOST)), EXPONENT_MOST / w->L);
+    return fmin(fmax(a, -DECAY_MOST), EXPONENT_MOST / w->L);
 }
 
 static bool at_guard(const struct work *w, const struct point *at)

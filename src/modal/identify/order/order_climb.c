@@ -197,8 +197,8 @@ double climb_worth_looking(const struct climb *c, const struct refined *fit, dou
            square = spread != NULL ? fmax(2 * spread->square, d) : d,
            largest = spread != NULL ? spread->largest : 1;
 
-    if (c->opt->renewed)
-        return fmax(ORDER_LOOK * climb_pair_price(c, fit), d + 2 * sqrt(square * x)
-                                                               + 2 * largest * x);
-    return fmin(ORDER_LOOK * climb_pair_price(c, fit), d + 2 * sqrt(square * x) + 2 * largest * x);
+    double share = ORDER_LOOK * climb_pair_price(c, fit),
+           noise = d + 2 * sqrt(square * x) + 2 * largest * x;
+
+    return c->opt->renewed ? fmax(share, noise) : fmin(share, noise);
 }

@@ -3,7 +3,10 @@
 #define MODAL_RECURRENCE_H
 #include <stdbool.h>
 
-enum { RECURRENCE_MOST = 64 };   /* order */
+enum {
+    RECURRENCE_MOST = 64,        /* order */
+    RECURRENCE_SPARE = 8         /* rows over it: of fewer it is no more than the samples themselves */
+};
 
 /*
  * The recurrences of order P, up to RECURRENCE_MOST, that leave the least sum of squares of

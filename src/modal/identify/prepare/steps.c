@@ -19,7 +19,7 @@
  * and exceeds p + 1 + 2 sqrt((p + 1) x) + 2 x with a probability e^-x = ALARM at most [LM00].
  * An onset or a motion struck anew leaves more.  A spike is one step up and one down at the next
  * row, h (a_j - a_{j-1}) of e; near the record's ends those rows of it that are there tell, more
- * than SPIKE_ROW of them.  A grid of step q makes differences of up to LEAVES q of what is smooth
+ * than SPIKE_ROW of them.  A grid of step q makes differences of up to GRID_LEAVES q of what is smooth
  * (stuck.c).
  *
  * The step beside poles whose basis is Q: with v = u - Q Q'u, u being 0 before its row and 1 from
@@ -53,9 +53,7 @@ enum {
     LOOKS = 8,                   /* at a column: each sees one place */
     SETTLES = 4,                 /* fits without it until its row is the one */
     ABOUT = 64,                  /* rows before (2), and after: of p */
-    ROWS_LEAST = 8,              /* over p */
     SAMPLE = 8192,               /* numbers of a median */
-    LEAVES = 4,                  /* as above */
     SPIKE_ROW = 2,               /* the first that may be one: with fewer rows before it, an
                                   * onset is as likely */
     REACH = 8,                   /* rows that (3) looks about: noise moves a step's own by some
@@ -341,7 +339,7 @@ static int look_at_column(struct look *k, const double *y, double unit, struct t
         if (!largest(k, &at))
             break;
         if (look == 0)
-            k->jump = LEAVES * grid_of(y, 1, k->n + 1).step / unit;
+            k->jump = GRID_LEAVES * grid_of(y, 1, k->n + 1).step / unit;
         if (!settle(k, &at))
             break;
         if (!is_there(k, at, &h))
@@ -371,7 +369,7 @@ static enum modal_status add(struct steps *s, const struct told *found, int coun
 enum modal_status steps_find(const struct matrix *Y, struct steps *out, struct steps *spikes,
                              struct modal_error *err)
 {
-    int n = Y->m - 1, p = n / ROWS_LEAST < RECURRENCE_MOST ? n / ROWS_LEAST : RECURRENCE_MOST;
+    int n = Y->m - 1, p = n / RECURRENCE_SPARE < RECURRENCE_MOST ? n / RECURRENCE_SPARE : RECURRENCE_MOST;
     struct workspace space = { 0 };
     struct look k = { .n = n, .p = p, .z = workspace_numbers(&space, (size_t)n, 1),
                       .e = workspace_numbers(&space, (size_t)n, 1),

@@ -12,16 +12,16 @@
  *
  * On a grid of step q a smooth motion dwells within a step where its derivatives vanish, whatever
  * (1) says of others. Where it does so for h samples on either side of such a place and goes as
- * t^d, it leaves by ((1 + 1/h)^d - 1) q at the next: under LEAVES q for all d to 4, of runs of 5.
+ * t^d, it leaves by ((1 + 1/h)^d - 1) q at the next: under GRID_LEAVES q for all d to 4, of runs of 5.
  * What is stuck leaves by what the motion did meanwhile.
  *
  * The N samples at the column's least value, at its largest, or at both where they are the same but
  * for their sign, are cut where 2 S P(N - 1) < ALARM, n all pairs of others, neighbours or not:
  * numbers of full precision do not meet their extreme again. On a grid they do, at each crest; but
- * a crest is within its first step 1 / sqrt(1 + LEAVES) of the time that it is within 1 + LEAVES,
+ * a crest is within its first step 1 / sqrt(1 + GRID_LEAVES) of the time that it is within 1 + GRID_LEAVES,
  * and noise makes that less: cut, where of N + M samples there N are in the first by
  *
- *     2 S C(N + M, N) (1 + LEAVES)^(-N / 2) < ALARM.
+ *     2 S C(N + M, N) (1 + GRID_LEAVES)^(-N / 2) < ALARM.
  *
  * A periodic motion may rest or meet a stop in each period: what it comes to in the last one of the
  * record is its own.
@@ -53,9 +53,7 @@ enum {
     RUN_LEAST = 4,               /* samples: of 3, (1) of 2 ABOUT pairs is 3e-5: four rows are over
                                   * ALARM */
     ABOUT = 128,                 /* rows before and after a run, or twice its length */
-    LEAVES = 4,                  /* as above */
     ORDER_MOST = 32,             /* p of (2): sixteen modes, or fewer in noise */
-    ROWS_LEAST = 8,              /* over p: of fewer (2) is no more than the samples themselves */
     ROUNDS = 3                   /* of (2): where peaks are cut few samples have p others before */
 };
 
@@ -122,7 +120,7 @@ static bool jumps(const struct look *k, struct run r)
     const double *x = k->sent, value = x[r.begin];
 
     return fmax(fabs(x[r.begin - 1] - value), fabs(x[r.begin + r.count] - value))
-         > LEAVES * k->step;
+         > GRID_LEAVES * k->step;
 }
 
 /* Pairs of the rows FROM to TO - 1 that are not stuck, and the equal ones of them. */
@@ -173,10 +171,10 @@ static bool at_rail(double x, double value, bool both)
  * record may begin in a crest. */
 static bool is_within(const struct look *k, int begin, int end)
 {
-    return end < k->L && (begin > 0 || fabs(k->sent[end] - k->sent[0]) > LEAVES * k->step);
+    return end < k->L && (begin > 0 || fabs(k->sent[end] - k->sent[0]) > GRID_LEAVES * k->step);
 }
 
-/* Rows within the column at a rail; *near: others within LEAVES steps of it. */
+/* Rows within the column at a rail; *near: others within GRID_LEAVES steps of it. */
 static int count_at(const struct look *k, double value, bool both, int *near)
 {
     const double *x = k->sent;
@@ -189,7 +187,7 @@ static int count_at(const struct look *k, double value, bool both, int *near)
             continue;
         if (at_rail(x[begin], value, both) && !k->out[begin] && is_within(k, begin, l)) {
             at += l - begin;
-        } else if (v != value && fabs(v - value) <= LEAVES * k->step) {
+        } else if (v != value && fabs(v - value) <= GRID_LEAVES * k->step) {
             *near += l - begin;
         }
         begin = l;
@@ -233,7 +231,7 @@ static void mark_cut(struct look *k, double value, bool both)
         return;
     equal = equal_others(k, value, both, &pairs);
     chance = k->step > 0 ? lgamma(at + near + 1.0) - lgamma(at + 1.0) - lgamma(near + 1.0)
-                               - at * log(LEAVES + 1) / 2
+                               - at * log(GRID_LEAVES + 1) / 2
                          : ln_chance(equal, pairs, at - 1);
     if (!(chance < log(IDENTIFY_ALARM * k->L / (2 * k->all))))
         return;
@@ -351,7 +349,7 @@ static int acquit(struct look *k, double mean, double size)
         double off = 0;
         for (begin = l; l < k->L && k->out[l]; l++)
             off = fmax(off, fabs(mean + k->z[l] * size - k->sent[l]));
-        bool same = off <= LEAVES * k->step + REFINE_HALVED * size;
+        bool same = off <= GRID_LEAVES * k->step + REFINE_HALVED * size;
         if (same && l > begin)
             memset(k->out + begin, false, (size_t)(l - begin));
         count += same ? 0 : l - begin;
@@ -419,7 +417,7 @@ enum modal_status stuck_mend(struct matrix *Y, int period, struct wild *out,
                              struct modal_error *err)
 {
     size_t L = (size_t)Y->m;
-    int p = Y->m / ROWS_LEAST < ORDER_MOST ? Y->m / ROWS_LEAST : ORDER_MOST;
+    int p = Y->m / RECURRENCE_SPARE < ORDER_MOST ? Y->m / RECURRENCE_SPARE : ORDER_MOST;
     struct look k = { .L = Y->m, .p = p, .period = period, .all = (double)L * Y->n,
                       .z = malloc(L * sizeof(double)), .e = malloc(L * sizeof(double)),
                       .out = malloc(L * sizeof(bool)),

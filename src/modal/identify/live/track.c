@@ -18,7 +18,7 @@
  * A mode with standard errors s at the distance n from there has, with S = P_lambda + s^2 and
  * d^2 = sum n^2 / S over the p = 2 parts (1 of a real exponent), the density
  *
- *     p(n) = (1 - ALPHA) <t(d^2) / |S|^{1/2}> + ALPHA N(n; S + w^2),                          (3)
+ *     p(n) = (1 - IDENTIFY_ALARM) <t(d^2) / |S|^{1/2}> + IDENTIFY_ALARM N(n; S + w^2),                          (3)
  *     t(d^2) = Gamma(a + p/2) / Gamma(a) (2 pi b)^{-p/2} (1 + d^2 / (2 b))^{-(a + p/2)},     (4)
  *
  * <> the mean of the two ways, Gauss's with a precision that is Gamma distributed, a and b being
@@ -26,7 +26,7 @@
  * line does makes its bars wider for itself.  They are never narrower than they say, b >= a, for
  * windows that share samples err alike.  That is b of the next window: a line that is off by its
  * slope is off by k times as much at the k-th, where b is a + k^2 (b - a).
- * ALPHA is the false alarm: a settled mode that jumps within its line is the same one, and both
+ * IDENTIFY_ALARM is the false alarm: a settled mode that jumps within its line is the same one, and both
  * ways begin anew where it is.
  *
  * Against "the track was missed, and the mode is new" that is worth
@@ -67,7 +67,6 @@
 #include "modal/identify/live/assign.h"
 
 static const double MEMORY = 4;             /* windows: as few as leave a line some freedom */
-static const double ALPHA = 1e-4;           /* of the windows: some per day at one in ten seconds */
 static const double SUBSTANTIAL = 3.1622776601683795;    /* odds, 10^(1/2), as [J61] grades them */
 static const double SHAPE_SAY = 6.9;        /* one in 1,000 */
 static const double PRIOR = 2;              /* a, b of nothing: (4) has a variance only above 1 */
@@ -225,7 +224,7 @@ static double ln_near(const struct ahead *way, const struct miss *x, double p)
     double half = x->pair ? 1 : 0.5;
 
     return way->ln_density - (way->freedom + half) * log1p(distance2(x) / (2 * way->misfit))
-        - 0.5 * (log(x->S_re) + (x->pair ? log(x->S_im) : 0)) + log((1 - ALPHA) * p);
+        - 0.5 * (log(x->S_re) + (x->pair ? log(x->S_im) : 0)) + log((1 - IDENTIFY_ALARM) * p);
 }
 
 static double ln_normal(double x, double variance)
@@ -238,7 +237,7 @@ static double ln_far(const struct miss *x)
 {
     double line2 = x->line * x->line;
 
-    return log(ALPHA) + ln_normal(x->re, x->S_re + line2)
+    return log(IDENTIFY_ALARM) + ln_normal(x->re, x->S_re + line2)
         + (x->pair ? ln_normal(x->im, x->S_im + line2) : 0);
 }
 

@@ -23,10 +23,7 @@
 #include <string.h>
 
 enum {
-    TERMS = 3,                      /* of (1) */
-    BLOCK_LEAST = 64,               /* rows: below, the calls cost more than the sums */
-    WIDE = 4,                       /* rows a column: a block shrinks to a quarter at least */
-    CHUNK = 1 << 14                 /* rows at once: 128 kB, in a second cache */
+    TERMS = 3                       /* of (1) */
 };
 static const double REACH = 3e-4;   /* of delta w: (1) is then cut below 1e-11 */
 
@@ -105,8 +102,8 @@ static void cut_blocks(struct compressed *c, int columns)
     int L = c->Y.m, least = (int)sqrt((double)L);
 
     /* and no fewer rows than sqrt(L): blocks and their number balance */
-    least = least > WIDE * columns ? least : WIDE * columns;
-    least = least > BLOCK_LEAST ? least : BLOCK_LEAST;
+    least = least > POWERS_WIDE * columns ? least : POWERS_WIDE * columns;
+    least = least > POWERS_BLOCK_LEAST ? least : POWERS_BLOCK_LEAST;
     for (c->levels = 0; L >> (c->levels + 1) >= least;)
         c->levels++;
     c->block = L >> c->levels;
@@ -151,7 +148,7 @@ static enum modal_status orthonormalise(struct compressed *c, int n, struct moda
 /* Q^T of blocks T .. END of column K; the square of what is left. REST has room for a chunk. */
 static double project_blocks(struct compressed *c, int k, int t, int end, double *rest)
 {
-    int B = c->block, n = c->rows, chunk = CHUNK / B > 0 ? CHUNK / B : 1;
+    int B = c->block, n = c->rows, chunk = POWERS_CHUNK / B > 0 ? POWERS_CHUNK / B : 1;
     const double *y = c->Y.x + (size_t)k * (size_t)c->Y.ld;
     double *z = c->data + (size_t)k * ((size_t)n << c->levels), sum = 0;
 
@@ -191,7 +188,7 @@ enum modal_status compressed_about(struct compressed *c, const struct doubling_p
     c->count = 0;
     cut_blocks(c, columns);
     if (!make_room(c, columns, p->count)
-        || (rest = malloc((size_t)(CHUNK + c->block) * sizeof *rest)) == NULL)
+        || (rest = malloc((size_t)(POWERS_CHUNK + c->block) * sizeof *rest)) == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "compressed: no memory for %d rows", c->Y.m);
     for (int j = 0; j < p->count; j++)
         at += fill_pole(c, p->kind[j], p->a[j], p->b[j], c->Q + (size_t)at * (size_t)c->block);

@@ -40,10 +40,7 @@
 
 enum {
     LEVELS_MOST = 31,               /* an int counts rows */
-    BLOCK_LEAST = 64,               /* rows: below, the calls cost more than the sums */
     TABLE = 16,                     /* rows of a block that are made one by one */
-    WIDE = 4,                       /* rows a column in the first block at least: Q' has two, and
-                                     * then weighs little beside it */
     PANEL = 16                      /* columns of the compact form */
 };
 
@@ -72,9 +69,9 @@ struct doubling {
 static int block_least(int L, int n)
 {
     /* the leaf's factor costs B n^2, the levels n^3 each */
-    int root = (int)sqrt((double)L), wide = WIDE * n;
+    int root = (int)sqrt((double)L), wide = POWERS_WIDE * n;
 
-    root = root > BLOCK_LEAST ? root : BLOCK_LEAST;
+    root = root > POWERS_BLOCK_LEAST ? root : POWERS_BLOCK_LEAST;
     return wide > root ? wide : root;
 }
 

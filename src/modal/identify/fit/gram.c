@@ -38,7 +38,6 @@
 /* Fewer columns than this cost little either way, and a QR serves exact data too. */
 enum { ORDER_LEAST = 64 };
 enum {
-    BLOCK_LEAST = 64,               /* rows: below, the calls cost more than the sums */
     TERMS = 20                      /* of the series: the next is (SERIES / 2)^20 / 20!, 4e-19 */
 };
 static const double COLUMN_LEAST = 1e-5;     /* of a column, that no other explains */
@@ -93,7 +92,7 @@ struct gram *gram_new(int L, int count, int order)
         return NULL;
     g->L = L, g->count = count, g->order = order;
     /* sqrt(L) rows make the table and the starts as long: least memory, and products of level 3 */
-    g->block = root > BLOCK_LEAST ? root : BLOCK_LEAST;
+    g->block = root > POWERS_BLOCK_LEAST ? root : POWERS_BLOCK_LEAST;
     g->block = g->block < L ? g->block : L;
     g->blocks = (L + g->block - 1) / g->block;
     blocks = (size_t)g->blocks;

@@ -31,7 +31,6 @@
 #include "modal/identify/order/remainder.h"
 
 enum {
-    CHUNK = 1 << 14,                /* rows at once: 128 kB a channel, in a second cache */
     BLOCKS_LEAST = 16,              /* rows of what a pencil is asked of */
     SHORTER = 4                     /* from one part of the record to the next: 0.82 is seen */
 };
@@ -143,7 +142,7 @@ static void leave_column(struct model *m, int c)
 {
     const struct compressed *b = m->blocks;
     const double *y = b->Y.x + (size_t)c * (size_t)b->Y.ld;
-    int blocks = m->count - 1, chunk = CHUNK / m->B > 0 ? CHUNK / m->B : 1, B = m->B;
+    int blocks = m->count - 1, chunk = POWERS_CHUNK / m->B > 0 ? POWERS_CHUNK / m->B : 1, B = m->B;
 
     turn_column(m, c);
     for (int t = 0; t < blocks; t += chunk) {

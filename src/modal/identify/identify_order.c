@@ -18,10 +18,7 @@
 
 enum {
     LONG = 4096,                        /* rows: a fit costs L r^2, so that triplets */
-    TRIPLETS_LONG = 32,                 /* of longer records end earlier */
-    VERY_LONG = 32768                   /* rows: a ladder of more that is near the number of
-                                         * triplets is not refined before they are doubled; it is
-                                         * thrown away, and costs seconds */
+    TRIPLETS_LONG = 32                  /* of longer records end earlier */
 };
 static const double
     LOW_BIC = 20,                       /* odds of e^10 that more poles are there, */
@@ -104,7 +101,7 @@ static bool driven(const struct work *w)
 {
     bool begins = w->rec.proposed[1] > 0 && !w->rec.parted;
 
-    return w->ragged > 0 || (begins && w->X->m > VERY_LONG);
+    return w->ragged > 0 || (begins && w->X->m > RECORD_PARTED);
 }
 
 /* The ladder within what is left of the work; a rank that was given is refined to its end. */
@@ -113,9 +110,9 @@ static enum modal_status climb(struct work *w, const struct order_source *source
 {
     enum modal_status rc;
 
-    opt->cut = w->data.Y->m > VERY_LONG && more_triplets(w) ? w->pencil.count : 0;
+    opt->cut = w->data.Y->m > RECORD_PARTED && more_triplets(w) ? w->pencil.count : 0;
     opt->work = w->opt.rank.rule != RANK_AUTO ? 0
-              : work_left(w, w->trial || driven(w), w->data.Y->m > VERY_LONG);
+              : work_left(w, w->trial || driven(w), w->data.Y->m > RECORD_PARTED);
     order_done(&w->choice);
     rc = order_choose(&w->data, source, opt, &w->choice, err);
     w->spent += w->choice.work;

@@ -78,10 +78,10 @@ static enum modal_status check_batch(const struct batch *b, struct modal_error *
         return modal_fail_field(err, MODAL_TOO_LARGE, "signals",
                                 "signals: %zu samples of %zu channels; at most %d of %d",
                                 b->samples, b->channels, INT32_MAX / 2, IDENTIFY_CHANNELS_MOST);
-    if (!(b->dt >= RECORD_STEP_LEAST && b->dt <= RECORD_STEP_MOST))
+    if (!(b->dt >= 1 / RECORD_STEP_MOST && b->dt <= RECORD_STEP_MOST))
         return modal_fail_field(err, MODAL_BAD_INPUT, "dt",
                                 "dt is %g s; accepted: a positive number from %g to %g", b->dt,
-                                RECORD_STEP_LEAST, RECORD_STEP_MOST);
+                                1 / RECORD_STEP_MOST, RECORD_STEP_MOST);
     return MODAL_OK;
 }
 

@@ -52,7 +52,6 @@ enum {
 enum { RECORD_PARTED = 32768 };
 
 /* Seconds between samples that are taken: exponents of 1/dt and their squares stay finite. */
-#define RECORD_STEP_LEAST 1e-100
 #define RECORD_STEP_MOST 1e100
 
 /* BATCH, borrowed, as OPT asks for it; MODAL_BAD_INPUT names what is wrong with either. */

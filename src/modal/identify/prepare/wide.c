@@ -43,7 +43,6 @@ enum {
     SCALED_AT_ONCE = 512            /* channels: with BLOCK of them 64 kB on the stack */
 };
 static const double
-    PLAIN_LEAST = 1e-250,           /* of a sum of squares, that is no underflow */
     PLAIN_MOST = 1e250;             /* and none that overflows once multiplied */
 static const double GUARD = 1e-6;      /* least s_i / s_1 that (2) is trusted with */
 /* margin over the edge of white noise: scaled channels carry unequal noise, whose edge lies higher
@@ -657,7 +656,7 @@ enum modal_status wide_scales(const struct wide *w, double *scale, bool *varies,
     square_sums(w, NULL, scale);
     for (int c = 0; c < w->S; c++) {
         /* false for NaN, infinity, and what squares to nothing */
-        plain &= scale[c] > PLAIN_LEAST && scale[c] < PLAIN_MOST;
+        plain &= scale[c] > 1 / PLAIN_MOST && scale[c] < PLAIN_MOST;
     }
     *varies = has_variation(w);
     if (!plain)

@@ -19,8 +19,7 @@ enum {
 static const double
     /* multiplications: of few modes what twice the triplets of few cost of the longest record that
      * is not searched by its head, of a square matrix of 2 L rows and columns, */
-    SIGNALS_WORK = 2.0 * GROW * HEAD * (2 * TRIPLETS_MOST) * (2 * TRIPLETS_MOST),
-    MANY_WORK = 1e11;                   /* and of many */
+    SIGNALS_WORK = 2.0 * GROW * HEAD * (2 * TRIPLETS_MOST) * (2 * TRIPLETS_MOST);
 
 /* The pencil uses every column there is. */
 static bool every_column(const struct work *w)
@@ -76,7 +75,7 @@ static bool affords(const struct work *w, int rows, int triplets)
 
     /* each Lanczos vector is orthogonalised against all before it: side k^2 */
     return k <= (many ? MANY_MOST : SIGNALS_MOST)
-        && side * k * k <= (many ? MANY_WORK : SIGNALS_WORK);
+        && side * k * k <= (many ? WORK_MANY : SIGNALS_WORK);
 }
 
 /* As high as it is wide the Hankel matrix has its noise lowest beside its signals, and more rows

@@ -28,9 +28,8 @@ static const double
 static const double
     EVALUATIONS_MANY = 64,              /* of all of them, as a search takes that begins near its
                                          * end; */
-    EVALUATIONS_FAR = 1024,             /* and one that begins far from it, as where modes overlap:
+    EVALUATIONS_FAR = 1024;             /* and one that begins far from it, as where modes overlap:
                                          * 100 in 4000 x 20 take over 512, */
-    WORK_FAR = 1e11;                    /* while that is no more than a pencil of many may take */
 
 static enum modal_status projection_source(void *context, int r, double complex *lambda, int *count,
                                            struct modal_error *err)
@@ -243,7 +242,7 @@ static enum modal_status descend(struct work *w, const struct identify_result *o
     one = refine_work(&w->data, many);
     if (opt.many)
         opt.work = fmax(opt.work, fmax(EVALUATIONS_MANY * one,
-                                       fmin(EVALUATIONS_FAR * one, WORK_FAR) - w->descents));
+                                       fmin(EVALUATIONS_FAR * one, WORK_MANY) - w->descents));
     rc = order_from_above(&w->data, &source, &opt, &w->choice, err);
     w->descents += rc == MODAL_OK ? w->choice.work : 0;
     if (rc != MODAL_OK || w->choice.chosen < 0)

@@ -35,6 +35,9 @@ enum {
     GROW = 8                        /* the errors of frequencies fall by 23 from one to the next */
 };
 
+/* Multiplications of a pencil of many modes, and of a search that begins far from their poles. */
+#define WORK_MANY 1e11
+
 struct work {
     struct identify_options opt;    /* defaults filled in */
     struct record rec;

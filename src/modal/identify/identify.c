@@ -32,8 +32,7 @@ const char *const identify_method_names[IDENTIFY_METHOD_COUNT + 1] = {
 };
 
 enum {
-    WEIGH_MOST = 5,                 /* rounds: each tells the channels' noise anew */
-    WILD_MOST = 5,                  /* rounds: each sees smaller spikes than the one before */
+    ROUNDS_MOST = 5,                /* each tells the noise of channels anew, or smaller spikes */
     WILD_LEAST = 2,                 /* the first poles are bent by what they had to rebuild */
     GROWTH_MOST = 4,                /* rounds: each may show more of what is left to be modes */
     STEPS_MOST = 4                  /* rounds: poles and steps are told by different rows */
@@ -318,7 +317,7 @@ static bool told_all(const struct work *w)
 static enum modal_status analyse_weighed(struct work *w, struct identify_result *out,
                                          struct modal_error *err)
 {
-    for (int round = 0; round < WEIGH_MOST && work_worth_weighing(w); round++) {
+    for (int round = 0; round < ROUNDS_MOST && work_worth_weighing(w); round++) {
         bool again, told = round == 0 && told_all(w);
         struct pencil kept = { 0 };
         enum modal_status rc = work_weigh_channels(w, &again, err);
@@ -448,9 +447,9 @@ static enum modal_status analyse_without_wild(struct work *w, struct identify_re
     for (int round = 1; rc == MODAL_OK && w->wild.count > 0; round++) {
         before = w->wild.count, poles = chosen_poles(w);
         rc = analyse_anew(w, out, err);
-        if (rc == MODAL_OK && round < WILD_MOST)
+        if (rc == MODAL_OK && round < ROUNDS_MOST)
             rc = work_take_wild(w, err);
-        if (round == WILD_MOST || (work_is_clean(w) || w->wild.known_count == 0
+        if (round == ROUNDS_MOST || (work_is_clean(w) || w->wild.known_count == 0
                                    ? round >= WILD_LEAST && w->wild.count == before
                                    : chosen_poles(w) >= poles))
             break;

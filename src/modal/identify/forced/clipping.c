@@ -37,11 +37,9 @@ enum {
     HEIGHTS = 4,                 /* of a shape to begin with, doubled from LOWEST */
     SWEEPS = 100,                /* over the a_c of a step: each halves what is left at least */
     ROUNDS = 8,                  /* steps: nearly linear, the third changes little */
-    TRIES = 4,                   /* of one, each half of the last */
-    STEPS = 12                   /* of a fit that is one of many */
+    TRIES = 4                    /* of one, each half of the last */
 };
 static const double
-    ENOUGH = 0.1,                /* of ln likelihood: of such a fit */
     LOWEST = 0.125;              /* an a: what is cut off over what is not */
 
 enum {
@@ -182,7 +180,7 @@ static enum modal_status fit(struct work *w, const struct account *from, int but
 {
     int drives = from->lines.drives;
     double complex q[LINES_DRIVES_MOST];
-    struct transfer_limits limits = { steps, ENOUGH, &w->work, w->limits->cancelled,
+    struct transfer_limits limits = { steps, FORCED_ENOUGH_EACH, &w->work, w->limits->cancelled,
                                       w->limits->context };
     enum modal_status rc = set_lines(w, &out->lines, err);
 
@@ -203,7 +201,7 @@ static enum modal_status try(struct work *w, const struct account *from, int but
                              struct account *best, bool *more, struct modal_error *err)
 {
     struct account next = { 0 }, last = *best;
-    enum modal_status rc = fit(w, from, but, STEPS, &next, err);
+    enum modal_status rc = fit(w, from, but, FORCED_STEPS_EACH, &next, err);
 
     *more = rc == MODAL_OK && next.model.likelihood > best->model.likelihood;
     if (*more) {
@@ -308,7 +306,7 @@ static enum modal_status seek(struct work *w, struct account *k, struct modal_er
     for (int i = 0; i < ROUNDS && rc == MODAL_OK && more && w->work > 0; i++) {
         rc = gain(w, k, err);
         more = false;
-        if (rc != MODAL_OK || !(choose(w, w->step, NULL) > ENOUGH))
+        if (rc != MODAL_OK || !(choose(w, w->step, NULL) > FORCED_ENOUGH_EACH))
             break;
         for (int t = 0; t < TRIES && rc == MODAL_OK && !more; t++) {
             for (int c = 0; c < w->shapes.count; c++)
@@ -337,7 +335,7 @@ static enum modal_status is_better(struct work *w, const struct account *k, bool
     *better = price > 0 && forced_bic(&k->lines, &k->model) + price < w->bic;
     clear(w, w->trial);
     if (*better)
-        rc = fit(w, k, -1, STEPS, &none, err);
+        rc = fit(w, k, -1, FORCED_STEPS_EACH, &none, err);
     *better = *better && rc == MODAL_OK
         && 2 * (k->model.likelihood - none.model.likelihood) > price;
     account_done(&none);
@@ -382,7 +380,7 @@ static enum modal_status find_account(struct work *w, bool less, struct account 
     if (rc != MODAL_OK || (less && pole < 0))
         return rc;
     clear(w, w->trial);
-    rc = fit(w, &w->own, pole, STEPS, out, err);
+    rc = fit(w, &w->own, pole, FORCED_STEPS_EACH, out, err);
     for (int i = 0; i < HEIGHTS && rc == MODAL_OK && less; i++) {
         w->trial[shape] = ldexp(LOWEST, i);
         rc = try(w, &w->own, pole, out, &more, err);

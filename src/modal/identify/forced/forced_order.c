@@ -30,7 +30,6 @@
 #include "modal/numbers.h"
 
 enum {
-    STEPS_EACH = 12,             /* of a fit on the way */
     STEPS_LAST = 60,             /* of the answer's */
     GRADES = 3,                  /* of damping: ratios of 0.003 to 0.05 */
     TURNS = 24,                  /* of the power iteration: a second one is nearly as good */
@@ -40,7 +39,6 @@ static const double
     DAMPING_FIRST = 0.003,       /* ratio of the first grade */
     GRADE = 4,                   /* a damping off by 2 shows 8 / 9 of a mode */
     RATE = 1.5,                  /* of a real one over that before it */
-    ENOUGH_EACH = 0.1,           /* of ln likelihood, where 1 is the chance */
     ENOUGH_LAST = 1e-6,          /* a thousandth of a standard error */
     REACH = 6,                   /* 90 % of a mode's energy */
     PATIENCE = 1000,             /* of 2 ln likelihood: what neighbours may make up for */
@@ -322,7 +320,7 @@ static enum modal_status take_rest(struct work *w, bool levels, struct modal_err
 
 static enum modal_status fit(struct work *w, int steps, struct transfer *t, struct modal_error *err)
 {
-    double enough = steps < STEPS_LAST ? ENOUGH_EACH : ENOUGH_LAST;
+    double enough = steps < STEPS_LAST ? FORCED_ENOUGH_EACH : ENOUGH_LAST;
     double *work = steps < STEPS_LAST ? &w->work : &w->settling;
     struct transfer_limits limits = { steps, enough, work, w->limits->cancelled,
                                       w->limits->context };
@@ -342,7 +340,7 @@ static enum modal_status settle(struct work *w, struct transfer *t, struct modal
         w->real.s[p] = -cabs(t->s[p]);
         for (int j = 0; j < w->l->drives; j++)
             w->real.q[j + p * w->l->drives] = creal(t->q[j + p * w->l->drives]);
-        rc = fit(w, STEPS_EACH, &w->real, err);
+        rc = fit(w, FORCED_STEPS_EACH, &w->real, err);
         if (rc == MODAL_OK && forced_bic(w->l, &w->real) < forced_bic(w->l, t))
             transfer_copy(w->l, &w->real, t);
     }
@@ -364,7 +362,7 @@ static enum modal_status climb(struct work *w, bool *more, struct modal_error *e
             break;
         transfer_copy(w->l, t, &w->trial);
         transfer_add(w->l, &w->trial, c.s, c.q);
-        rc = fit(w, STEPS_EACH, &w->trial, err);
+        rc = fit(w, FORCED_STEPS_EACH, &w->trial, err);
         if (rc == MODAL_OK)
             rc = settle(w, &w->trial, err);
         *more = rc == MODAL_OK && (w->limits->fixed > 0 || pays(w->l, &w->trial, t));
@@ -412,7 +410,7 @@ static enum modal_status prune(struct work *w, struct modal_error *err)
         transfer_drop(w->l, &w->trial, p);
         rc = fit(w, 0, &w->trial, err);
         if (rc == MODAL_OK && forced_bic(w->l, &w->trial) < bic + PATIENCE)
-            rc = fit(w, STEPS_EACH, &w->trial, err);
+            rc = fit(w, FORCED_STEPS_EACH, &w->trial, err);
         if (rc == MODAL_OK && !pays(w->l, t, &w->trial)) {
             transfer_copy(w->l, &w->trial, t);
             p = 0;

@@ -4,6 +4,10 @@
 #include "modal/identify/forced/lines.h"
 #include "modal/identify/forced/transfer.h"
 
+/* Of a fit that is one of many: its steps, and when it ends, of ln likelihood, where 1 is the chance. */
+enum { FORCED_STEPS_EACH = 12 };
+#define FORCED_ENOUGH_EACH 0.1
+
 #define FORCED_NO_PEAK M_SQRT1_2     /* damping ratio from which a response has no peak */
 #define FORCED_CHANCE 4.0            /* standard deviations of noise among the lines of a band */
 

@@ -35,9 +35,9 @@
 #include "modal/identify/identify_state.h"
 #include "modal/identify/linear/exponents.h"
 #include "modal/identify/prepare/event.h"
+#include "modal/identify/prepare/record.h"
 
 enum {
-    CHANNELS_MOST = 4,           /* of many: a response stops in all of them */
     ROUNDS = 3,                  /* each is told the stop by the modes of the one before */
     PART = 8,                    /* of the rows before a stop that is told by the energy of parts */
     ANEW = 64                    /* rows: powers of multipliers gather rounding until then */
@@ -53,11 +53,11 @@ void stop_done(struct stop *s)
 static enum modal_status stop_read(struct stop *s, const struct batch *b,
                                    const struct identify_result *of, struct modal_error *err)
 {
-    int wanted = of->channel_count < CHANNELS_MOST ? of->channel_count : CHANNELS_MOST;
+    int wanted = of->channel_count < RECORD_FEW ? of->channel_count : RECORD_FEW;
     int m = of->samples, shown = 0;
-    size_t room = ((size_t)m + 1) * CHANNELS_MOST;
+    size_t room = ((size_t)m + 1) * RECORD_FEW;
 
-    s->Y = matrix_new(m, CHANNELS_MOST);
+    s->Y = matrix_new(m, RECORD_FEW);
     s->left = calloc(room, sizeof(double)), s->sum = calloc(room, sizeof(double));
     s->own = calloc(room, sizeof(double));
     if (s->Y.x == NULL || s->left == NULL || s->sum == NULL || s->own == NULL)

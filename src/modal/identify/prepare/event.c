@@ -40,10 +40,10 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/identify/fit/refine.h"
+#include "modal/identify/prepare/record.h"
 #include "modal/identify/result.h"
 
 enum {
-    SIGNALS_MOST = 4,            /* of many channels: a strike is in all of them */
     ROWS_MOST = 4096,            /* longer records are looked at in means of several samples */
     COARSER = 4,                 /* strikes of many samples are seen in means of some */
     ORDER_MOST = 24,             /* of (1) */
@@ -74,11 +74,11 @@ static enum modal_status scan_memory(struct scan *s, struct modal_error *err)
 {
     size_t L = (size_t)s->L, p = (size_t)s->p;
 
-    s->z = calloc(L * SIGNALS_MOST, sizeof *s->z);
+    s->z = calloc(L * RECORD_FEW, sizeof *s->z);
     s->energy = calloc(L, sizeof *s->energy);
-    s->w = calloc(L * SIGNALS_MOST, sizeof *s->w);
-    s->sum[0] = calloc((L + 1) * SIGNALS_MOST, sizeof(double));
-    s->sum[1] = calloc((L + 1) * SIGNALS_MOST, sizeof(double));
+    s->w = calloc(L * RECORD_FEW, sizeof *s->w);
+    s->sum[0] = calloc((L + 1) * RECORD_FEW, sizeof(double));
+    s->sum[1] = calloc((L + 1) * RECORD_FEW, sizeof(double));
     s->triangle = calloc(p * (p + 1), sizeof(double));
     s->row = calloc(p + 1, sizeof(double));
     if (s->z == NULL || s->energy == NULL || s->w == NULL || s->sum[0] == NULL || s->sum[1] == NULL
@@ -109,7 +109,7 @@ static bool scale_signal(double *z, int L)
 static void read_signals(struct scan *s, const struct batch *b, const int *channels, int count,
                          size_t first)
 {
-    int wanted = count < SIGNALS_MOST ? count : SIGNALS_MOST;
+    int wanted = count < RECORD_FEW ? count : RECORD_FEW;
 
     for (int i = 0; i < wanted; i++) {
         size_t c = (size_t)channels[(long)i * count / wanted];

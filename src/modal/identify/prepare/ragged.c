@@ -44,6 +44,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/identify/prepare/record.h"
 #include "modal/numbers.h"
 
 enum {
@@ -51,8 +52,7 @@ enum {
     HALF = BINS / 2,            /* even and odd ones: rows and columns of (1) */
     POLES = BINS / 4,           /* that may be among them */
     PLACES = 16,                /* those of most energy are looked at */
-    CROWD = 3 * POLES,          /* poles that are no set of modes */
-    SIGNALS = 4                 /* the first */
+    CROWD = 3 * POLES           /* poles that are no set of modes */
 };
 static const double
     TIMES = 2,                  /* of the noise that is expected */
@@ -96,7 +96,7 @@ static bool over_noise(double complex *F, int count, double *p)
 static enum modal_status read_lines(const struct matrix *Y, struct lines *s,
                                     struct modal_error *err)
 {
-    int L = Y->m, wanted = Y->n < SIGNALS ? Y->n : SIGNALS;
+    int L = Y->m, wanted = Y->n < RECORD_FEW ? Y->n : RECORD_FEW;
     double *x = fftw_alloc_real((size_t)L + 2);
     fftw_complex *X = fftw_alloc_complex((size_t)L / 2 + 1);
     fftw_plan plan = x != NULL && X != NULL ? fftw_plan_dft_r2c_1d(L, x, X, FFTW_ESTIMATE) : NULL;
@@ -123,7 +123,7 @@ static enum modal_status read_lines(const struct matrix *Y, struct lines *s,
 static enum modal_status raggedness(const struct lines *s, int first, double *ratio, int *poles,
                                     struct modal_error *err)
 {
-    double complex A[HALF * HALF * SIGNALS];
+    double complex A[HALF * HALF * RECORD_FEW];
     double value[HALF], work[HALF], noise = 0, rest = 0;
 
     for (int c = 0; c < s->signals; c++)

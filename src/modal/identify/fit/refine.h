@@ -79,6 +79,14 @@ enum refine_end {
  * each of some thousand terms of a sum or steps of a recursion. */
 #define REFINE_EXACT 1e-12
 
+/* Standard errors between a settled answer and the minimum, and what part of a pole a step may be that
+ * is the last: its square is below rounding. */
+#define REFINE_SETTLED 1e-10
+
+/* rad over the record in a step: one line of its spectrum; a live window, which begins near, takes
+ * half of it. */
+#define REFINE_TURN_MOST 6.0
+
 /* What products or differences leave of a number, the half of its digits: sqrt(2.2e-16), in parts
  * of the largest. */
 #define REFINE_HALVED 1e-8

@@ -11,8 +11,6 @@
 static const double
     DECAY_MOST = 36,                /* ln of the fastest decay in one step: below it a column is its
                                      * first entry */
-    SETTLED = 1e-10,                /* standard errors between a settled answer and the minimum */
-    TURN_MOST = 6,                  /* rad over the record in a step: one line of its spectrum */
     WEIGHTS_SETTLED = 0.02;         /* of a weight, from one round to the next */
 enum {
     ITERATIONS = 60,                /* where the options name none */
@@ -257,7 +255,7 @@ void refine_take_step(const struct work *w, const struct point *from, const doub
 
     for (int i = 0; i < w->parameters; i++)
         most = fmax(most, fabs(delta[i]) * w->L);
-    scale = most > TURN_MOST ? TURN_MOST / most : 1;
+    scale = most > REFINE_TURN_MOST ? REFINE_TURN_MOST / most : 1;
     scale = tied_scale(w, from, delta, scale);
     for (int j = 0; j < w->count; j++) {
         int p = w->first[j];
@@ -480,7 +478,7 @@ static enum modal_status settle(struct work *w, struct search *s, bool equal,
 {
     double before = HUGE_VAL, now = HUGE_VAL;
 
-    for (int i = 0; i < SETTLE_STEPS && now > SETTLED; i++) {
+    for (int i = 0; i < SETTLE_STEPS && now > REFINE_SETTLED; i++) {
         enum modal_status rc;
         double next;
         /* undamped: Gauss-Newton converges at the residual's rate near the minimum */

@@ -38,13 +38,8 @@
 #include "modal/linalg/qr.h"
 #include "modal/numbers.h"
 
-/* gradients in standard errors: wanted; good enough where rounding allows no less */
-static const double SETTLED = 1e-10;
 static const double NEAR = 1e-6;
-/* a step that is this part of every real and imaginary part is the last */
-static const double CLOSE = 1e-10;
 static const double STEP_MOST = 30;                /* a longer first step: the start was not near */
-static const double TURN_MOST = 3;                 /* rad over the window: half of refine.c's */
 static const double SPAN = 4e-5;                   /* x: x^2 / 2 is then 1e-9 of a standard error */
 enum { STEPS = 14 };                     /* a fit that has not settled then is none */
 
@@ -346,7 +341,7 @@ static bool newton(struct work *w)
     memcpy(w->delta, w->J + (size_t)w->P * (size_t)P, sizeof(double) * (size_t)w->P);
     cblas_dtrsv(CblasColMajor, CblasUpper, CblasNoTrans, CblasNonUnit, w->P, w->J, P, w->delta, 1);
     for (int i = 0; i < w->P; i++)
-        if (!isfinite(w->delta[i]) || fabs(w->delta[i]) * w->L > TURN_MOST)
+        if (!isfinite(w->delta[i]) || fabs(w->delta[i]) * w->L > REFINE_TURN_MOST / 2)
             return false;
     return true;
 }
@@ -376,10 +371,10 @@ static bool is_last(const struct work *w, const double complex *lambda)
 
     for (int j = 0; j < w->count; j++) {
         int p = w->first[j];
-        if (p >= 0 && fabs(w->delta[p]) > CLOSE * fabs(creal(lambda[j])) * tau)
+        if (p >= 0 && fabs(w->delta[p]) > REFINE_SETTLED * fabs(creal(lambda[j])) * tau)
             return false;
         if (p >= 0 && w->kind[j] == POLE_PAIR
-            && fabs(w->delta[p + 1]) > CLOSE * cimag(lambda[j]) * tau)
+            && fabs(w->delta[p + 1]) > REFINE_SETTLED * cimag(lambda[j]) * tau)
             return false;
     }
     return true;
@@ -408,7 +403,7 @@ static void descend(struct work *w, struct moving_fit *f)
         if (!evaluate(w, f->lambda, i == 0 ? 2 : MOVING_MOMENTS) || !isfinite(w->gradient)
             || (i == 0 && w->gradient > STEP_MOST && !at_rounding(w)))
             return;
-        f->settled = w->gradient <= SETTLED
+        f->settled = w->gradient <= REFINE_SETTLED
             || (w->gradient >= before && (w->gradient <= NEAR || at_rounding(w)));
         if (f->settled || w->gradient >= before || i == STEPS - 1 || !newton(w))
             return;

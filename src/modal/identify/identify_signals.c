@@ -372,7 +372,7 @@ enum modal_status work_cut_below_grid(struct work *w, struct modal_error *err)
 
 void work_report_grids(const struct work *w, struct identify_result *out)
 {
-    for (int c = 0; c < w->rec.channels && c < SCREEN_CHANNELS && out->at_grid; c++) {
+    for (int c = 0; c < w->rec.channels && c < GRID_CHANNELS && out->at_grid; c++) {
         bool said = w->grid[c].step == 0;
         for (int i = 0; i < out->diagnostic_count; i++)
             said |= strcmp(out->diagnostics[i].code, "quantised") == 0

@@ -16,6 +16,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/identify/fit/refine.h"
+#include "modal/identify/prepare/grid.h"
 #include "modal/numbers.h"
 
 enum {
@@ -109,7 +110,7 @@ void screen_samples(const struct batch *b, struct identify_result *result)
     int L = b->samples < SCREEN_SAMPLES ? (int)b->samples : SCREEN_SAMPLES;
     double *x = malloc(2 * sizeof *x * ((size_t)L + 1)), *sorted = x + L;
 
-    for (int i = 0; x != NULL && i < result->channel_count && i < SCREEN_CHANNELS; i++) {
+    for (int i = 0; x != NULL && i < result->channel_count && i < GRID_CHANNELS; i++) {
         size_t c = (size_t)result->channel[i];
         double most = read_channel(b, c, L, x), sum = 0;
         for (int k = 0; k < L && most > 0; k++)

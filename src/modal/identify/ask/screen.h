@@ -6,12 +6,11 @@
 #include "modal/identify/result.h"
 
 enum {
-    SCREEN_CHANNELS = 16,       /* the first: one converter is behind many */
     SCREEN_SAMPLES = 20000      /* of each: they are sorted */
 };
 
 /*
- * Look at the first SCREEN_CHANNELS of the channels chosen (result->channel) and SCREEN_SAMPLES
+ * Look at the first GRID_CHANNELS of the channels chosen (result->channel) and SCREEN_SAMPLES
  * samples as they were sent, and add diagnostics with the channel at fault:
  *
  *   clipped     the largest or smallest value is held for three samples or more, at least twice:

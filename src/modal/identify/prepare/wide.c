@@ -716,11 +716,11 @@ static bool grids_of(const struct wide *w, int rows, int first, int every, int c
 enum modal_status wide_grids(const struct wide *w, struct grid *grid, bool *any,
                              struct modal_error *err)
 {
-    int rows = grid_rows(w), every = (w->S + WIDE_GRID_CHANNELS - 1) / WIDE_GRID_CHANNELS,
+    int rows = grid_rows(w), every = (w->S + GRID_CHANNELS - 1) / GRID_CHANNELS,
         block = GRID_BLOCK / rows;
     double *x;
 
-    block = block > WIDE_GRID_CHANNELS ? block : WIDE_GRID_CHANNELS;
+    block = block > GRID_CHANNELS ? block : GRID_CHANNELS;
     x = malloc(sizeof *x * (size_t)rows * (size_t)block);
     if (x == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "wide: no memory for %d samples of %d channels",

@@ -56,14 +56,13 @@ enum modal_status wide_rests(const struct wide *w, const double *Q, int k, const
 
 enum {
     WIDE_GRID_NUMBERS = 1 << 22,     /* read at most, where that leaves */
-    WIDE_GRID_ROWS = 128,            /* of each channel */
-    WIDE_GRID_CHANNELS = 16          /* looked at first: all have grids, or none has */
+    WIDE_GRID_ROWS = 128             /* of each channel */
 };
 
 /*
  * The grid of each channel (grid.h), S of them, 0 where there is none; *any: there is one.  Seen in
  * up to WIDE_GRID_NUMBERS numbers, of the first rows and of others spread over the record; where
- * WIDE_GRID_CHANNELS channels spread over all have none, no others are looked at: a converter or a
+ * GRID_CHANNELS channels spread over all have none, no others are looked at: a converter or a
  * printed table rounds them alike. MODAL_NO_MEMORY.
  */
 enum modal_status wide_grids(const struct wide *w, struct grid *grid, bool *any,

@@ -332,8 +332,8 @@ static bool may_be_harmonic(const struct refined *fit, const double *energy, int
 }
 
 /* Poles of FIT that grow beyond REFINE_CLEAR of their errors, are more than VERDICT_WEAK, no
- * harmonics, no drift; *sign: 1 where one of them lies at FREQUENCY, as far as the rows resolve it, -1 where
- * all that lies there decays as clearly, else 0. */
+ * harmonics, no drift; *sign: 1 where one of them lies at FREQUENCY, as far as the rows resolve it,
+ * -1 where all that lies there decays as clearly, else 0. */
 static int growing(const struct refined *fit, const struct synthesis *f, double tau,
                    double frequency, int *sign)
 {
@@ -578,7 +578,8 @@ static bool is_driven(const struct window *w, int n, bool good, double left,
                       "modes to %g %%: the response is driven, or noise, of which there are no "
                       "standard errors and no verdict; give response=ambient where nobody measured "
                       "the excitation, response=forced and its channels as inputs where it was "
-                      "measured, or window a part after it has ended", well, n, 100 * TREND_REBUILT);
+                      "measured, or window a part after it has ended", well, n,
+                      100 * TREND_REBUILT);
     return true;
 }
 

@@ -18,8 +18,8 @@
  * of those is many times what keeps noise out: of S columns of white noise k given ones of the
  * basis take chi-squared of k S degrees of freedom, more than k S + 2 sqrt(k S x) + 2 x with less
  * than e^-x [LM00], and with e^-x = FALSE_ALARM / CRITERION_PLACES L the best of the poles in L
- * rows does so in a share FALSE_ALARM of records at most. One of k columns that comes where m numbers are left
- * free lowers -2 ln(likelihood) by noise by less than
+ * rows does so in a share FALSE_ALARM of records at most. One of k columns that comes where m
+ * numbers are left free lowers -2 ln(likelihood) by noise by less than
  *
  *     -n ln(1 - (k (S + 1) + 2 sqrt(k S x) + 2 x) / m),                             (3)
  *

@@ -79,8 +79,8 @@ enum refine_end {
  * each of some thousand terms of a sum or steps of a recursion. */
 #define REFINE_EXACT 1e-12
 
-/* Standard errors between a settled answer and the minimum, and what part of a pole a step may be that
- * is the last: its square is below rounding. */
+/* Standard errors between a settled answer and the minimum, and what part of a pole a step may be
+ * that is the last: its square is below rounding. */
 #define REFINE_SETTLED 1e-10
 
 /* rad over the record in a step: one line of its spectrum; a live window, which begins near, takes

@@ -4,7 +4,8 @@
 #include "modal/identify/forced/lines.h"
 #include "modal/identify/forced/transfer.h"
 
-/* Of a fit that is one of many: its steps, and when it ends, of ln likelihood, where 1 is the chance. */
+/* Of a fit that is one of many: its steps, and when it ends, of ln likelihood, where 1 is the
+ * chance. */
 enum { FORCED_STEPS_EACH = 12 };
 #define FORCED_ENOUGH_EACH 0.1
 

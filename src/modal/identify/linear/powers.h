@@ -6,8 +6,8 @@
 /* Of blocks of rows that a basis is worked on by. */
 enum {
     POWERS_BLOCK_LEAST = 64,     /* rows: below, the calls cost more than the sums */
-    POWERS_WIDE = 4,             /* rows a column: a block shrinks to a quarter at least, and Q', which
-                                  * has two, weighs little beside it */
+    POWERS_WIDE = 4,             /* rows a column: a block shrinks to a quarter at least, and Q',
+                                  * which has two, weighs little beside it */
     POWERS_CHUNK = 1 << 14       /* rows at once: 128 kB a channel, in a second cache */
 };
 

@@ -18,16 +18,16 @@
  * A mode with standard errors s at the distance n from there has, with S = P_lambda + s^2 and
  * d^2 = sum n^2 / S over the p = 2 parts (1 of a real exponent), the density
  *
- *     p(n) = (1 - IDENTIFY_ALARM) <t(d^2) / |S|^{1/2}> + IDENTIFY_ALARM N(n; S + w^2),                          (3)
+ *     p(n) = (1 - ALARM) <t(d^2) / |S|^{1/2}> + ALARM N(n; S + w^2),                          (3)
  *     t(d^2) = Gamma(a + p/2) / Gamma(a) (2 pi b)^{-p/2} (1 + d^2 / (2 b))^{-(a + p/2)},     (4)
  *
  * <> the mean of the two ways, Gauss's with a precision that is Gamma distributed, a and b being
  * half the count and half the sum of the d^2 of the way's own history: a mode that drifts as no
  * line does makes its bars wider for itself.  They are never narrower than they say, b >= a, for
  * windows that share samples err alike.  That is b of the next window: a line that is off by its
- * slope is off by k times as much at the k-th, where b is a + k^2 (b - a).
- * IDENTIFY_ALARM is the false alarm: a settled mode that jumps within its line is the same one, and both
- * ways begin anew where it is.
+ * slope is off by k times as much at the k-th, where b is a + k^2 (b - a). IDENTIFY_ALARM is the
+ * false alarm: a settled mode that jumps within its line is the same one, and both ways begin anew
+ * where it is.
  *
  * Against "the track was missed, and the mode is new" that is worth
  *

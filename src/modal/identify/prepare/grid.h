@@ -6,7 +6,7 @@
 
 enum {
     GRID_CHANNELS = 16,             /* asked of many: one converter is behind all */
-    GRID_LEAVES = 4,                /* steps that it moves a difference of what is smooth (stuck.c) */
+    GRID_LEAVES = 4,                /* steps that it moves smooth differences by (stuck.c) */
     GRID_VALUES_LEAST = 8,          /* steps between values: fewer lie on some grid by chance */
     GRID_SAMPLES = 4096             /* looked at: they are sorted */
 };

@@ -47,7 +47,8 @@ enum {
     RECORD_WIDE_ENTRIES = 1 << 22       /* 32 MB, what a last cache holds */
 };
 
-/* Of many channels so many are asked what all of them show: a strike, a stop, motion without end. */
+/* Of many channels so many are asked what all of them show: a strike, a stop, motion without
+ * end. */
 enum { RECORD_FEW = 4 };
 
 /* Rows from which on a record whose beginning is no free response is that response alone, unless

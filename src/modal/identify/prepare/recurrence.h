@@ -5,7 +5,7 @@
 
 enum {
     RECURRENCE_MOST = 64,        /* order */
-    RECURRENCE_SPARE = 8         /* rows over it: of fewer it is no more than the samples themselves */
+    RECURRENCE_SPARE = 8         /* times it, rows: of fewer it is the samples themselves */
 };
 
 /*

@@ -14,13 +14,12 @@
  * the medians of the column's e, of the rows before and of those after, and so of e back in time:
  * what a recurrence leaves of a motion one way it does not the other; and the sums of (2) by their
  * own median: of little more than the motion's own order p e is noise that (1) filtered, white by
- * no means, and h has as many times the size that (2) says. What is told must explain
- * what is there: the sum of squares of e[m + j] - h a_j is chi-squared of p + 1 degrees of freedom,
- * and exceeds p + 1 + 2 sqrt((p + 1) x) + 2 x with a probability e^-x = ALARM at most [LM00].
- * An onset or a motion struck anew leaves more.  A spike is one step up and one down at the next
- * row, h (a_j - a_{j-1}) of e; near the record's ends those rows of it that are there tell, more
- * than SPIKE_ROW of them.  A grid of step q makes differences of up to GRID_LEAVES q of what is smooth
- * (stuck.c).
+ * no means, and h has as many times the size that (2) says. What is told must explain what is
+ * there: the sum of squares of e[m + j] - h a_j is chi-squared of p + 1 degrees of freedom, and
+ * exceeds p + 1 + 2 sqrt((p + 1) x) + 2 x with a probability e^-x = ALARM at most [LM00]. An onset
+ * or a motion struck anew leaves more.  A spike is one step up and one down at the next row, h (a_j
+ * - a_{j-1}) of e; near the record's ends those rows of it that are there tell, more than SPIKE_ROW
+ * of them.  A grid of step q makes differences of up to GRID_LEAVES q of what is smooth (stuck.c).
  *
  * The step beside poles whose basis is Q: with v = u - Q Q'u, u being 0 before its row and 1 from
  * there on, r what the poles leave of the record as it was sent,
@@ -369,7 +368,8 @@ static enum modal_status add(struct steps *s, const struct told *found, int coun
 enum modal_status steps_find(const struct matrix *Y, struct steps *out, struct steps *spikes,
                              struct modal_error *err)
 {
-    int n = Y->m - 1, p = n / RECURRENCE_SPARE < RECURRENCE_MOST ? n / RECURRENCE_SPARE : RECURRENCE_MOST;
+    int n = Y->m - 1;
+    int p = n / RECURRENCE_SPARE < RECURRENCE_MOST ? n / RECURRENCE_SPARE : RECURRENCE_MOST;
     struct workspace space = { 0 };
     struct look k = { .n = n, .p = p, .z = workspace_numbers(&space, (size_t)n, 1),
                       .e = workspace_numbers(&space, (size_t)n, 1),

@@ -12,14 +12,14 @@
  *
  * On a grid of step q a smooth motion dwells within a step where its derivatives vanish, whatever
  * (1) says of others. Where it does so for h samples on either side of such a place and goes as
- * t^d, it leaves by ((1 + 1/h)^d - 1) q at the next: under GRID_LEAVES q for all d to 4, of runs of 5.
- * What is stuck leaves by what the motion did meanwhile.
+ * t^d, it leaves by ((1 + 1/h)^d - 1) q at the next: under GRID_LEAVES q for all d to 4, of runs of
+ * 5. What is stuck leaves by what the motion did meanwhile.
  *
  * The N samples at the column's least value, at its largest, or at both where they are the same but
  * for their sign, are cut where 2 S P(N - 1) < ALARM, n all pairs of others, neighbours or not:
  * numbers of full precision do not meet their extreme again. On a grid they do, at each crest; but
- * a crest is within its first step 1 / sqrt(1 + GRID_LEAVES) of the time that it is within 1 + GRID_LEAVES,
- * and noise makes that less: cut, where of N + M samples there N are in the first by
+ * a crest is within its first step 1 / sqrt(1 + GRID_LEAVES) of the time that it is within 1 +
+ * GRID_LEAVES, and noise makes that less: cut, where of N + M samples there N are in the first by
  *
  *     2 S C(N + M, N) (1 + GRID_LEAVES)^(-N / 2) < ALARM.
  *

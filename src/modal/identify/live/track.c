@@ -65,6 +65,7 @@
 #include <string.h>
 #include "modal/identify/fit/refine.h"
 #include "modal/identify/live/assign.h"
+#include "modal/identify/result.h"
 
 static const double MEMORY = 4;             /* windows: as few as leave a line some freedom */
 static const double SUBSTANTIAL = 3.1622776601683795;    /* odds, 10^(1/2), as [J61] grades them */

@@ -114,6 +114,28 @@ static void no_modes(struct made *m, bool told)
     fill(m);
 }
 
+/* So much in a row that four e-foldings are passed, or not. */
+static void fast_decay(struct made *m, bool told)
+{
+    m->noise = 1e-8;
+    m->lambda[1] = mode(70, (told ? 4.2 : 3.8) * m->rows);
+    fill(m);
+}
+
+/* A line without damping at 50 Hz, or a tenth of one beside it. */
+static void mains_line(struct made *m, bool told)
+{
+    m->lambda[1] = mode(told ? 50 : 50.1, 0);
+    fill(m);
+}
+
+/* What moves by less than 1.5 over the record, or by more. */
+static void drift(struct made *m, bool told)
+{
+    m->lambda[1] = mode(0, told ? 1.2 : 2), m->weaker = 0.5;
+    fill(m);
+}
+
 /* ---- of channels ---- */
 
 static void poor_reconstruction(struct made *m, bool told)
@@ -201,6 +223,26 @@ static void wild_samples(struct made *m, bool told)
     y[(m->rows / 3) * m->channels] += (told ? 100 : 2) * m->noise;
 }
 
+/* A level that jumps in mid record. */
+static void step(struct made *m, bool told)
+{
+    fill(m);
+    for (int k = m->rows / 2; k < m->rows; k++)
+        y[k * m->channels] += (told ? 50 : 2) * m->noise;
+}
+
+/* Noise alone before the motion begins, or none. */
+static void not_free_throughout(struct made *m, bool told)
+{
+    int before = told ? 120 : 0;
+
+    fill(m);
+    memmove(y + before * m->channels, y, sizeof *y * (size_t)(m->rows * m->channels));
+    for (int i = 0; i < before * m->channels; i++)
+        y[i] = m->noise * random_normal(&m->rng);
+    m->rows += before;
+}
+
 /* ---- of the model ---- */
 
 static void fixed_rank(struct made *m, int rank)
@@ -279,6 +321,8 @@ static const struct row {
     { "rank_too_low", rank_too_low }, { "cut_pair", cut_pair },
     { "rank_at_rounding", rank_at_rounding }, { "coloured_residual", coloured_residual },
     { "changes_in_record", changes_in_record }, { "near_tie", near_tie }, { "aliases", aliases },
+    { "fast_decay", fast_decay }, { "mains_line", mains_line }, { "drift", drift },
+    { "step", step }, { "not_free_throughout", not_free_throughout },
 };
 
 static bool is_told(const struct row *row, uint64_t seed, bool told)

@@ -256,6 +256,23 @@ static bool has_weak_mode(const struct identify_result *r)
     return any;
 }
 
+/* Does a mode grow beyond its errors beside another within a beat over the window?  The two may
+ * draw it: a batch asks whether, with one more there, none need grow (another_decays()). */
+static bool neighbour_grows(const struct moving *m, const struct identify_result *r)
+{
+    double beat = 2 * M_PI / (m->L * m->opt.dt);
+    bool any = false;
+
+    for (int i = 0; i < r->mode_count; i++)
+        for (int j = 0; j < r->mode_count; j++) {
+            const struct identify_mode *a = &r->modes[i], *b = &r->modes[j];
+            any |= j != i && cimag(a->exponent) > 0 && cimag(b->exponent) > 0
+                && creal(a->exponent) > REFINE_CLEAR * a->std_re
+                && fabs(cimag(a->exponent) - cimag(b->exponent)) < beat;
+        }
+    return any;
+}
+
 /* Does a verdict of RESULT need what an update does not know?  A weak mode's say needs its
  * persistence, which only a ladder of orders knows; a crowd's growth parts of the window. */
 static bool needs_more(const struct identify_result *r)
@@ -446,7 +463,7 @@ static enum modal_status conclude(struct moving *m, struct job *j, struct identi
 {
     enum modal_status rc = *why == GOOD ? moving_report(j, out, err) : MODAL_OK;
 
-    if (rc == MODAL_OK && *why == GOOD && needs_more(out)) {
+    if (rc == MODAL_OK && *why == GOOD && (needs_more(out) || neighbour_grows(m, out))) {
         *why = has_weak_mode(out) ? WEAK_MODE : UNDETERMINED;
         identify_result_done(out);
     }

@@ -32,7 +32,8 @@ const char *const identify_method_names[IDENTIFY_METHOD_COUNT + 1] = {
 };
 
 enum {
-    ROUNDS_MOST = 5,                /* each tells the noise of channels anew, or smaller spikes */
+    ROUNDS_MOST = 5,                /* each tells the channels' noise anew, or sees smaller
+                                     * spikes than the one before */
     WILD_LEAST = 2,                 /* the first poles are bent by what they had to rebuild */
     GROWTH_MOST = 4,                /* rounds: each may show more of what is left to be modes */
     STEPS_MOST = 4                  /* rounds: poles and steps are told by different rows */

@@ -26,6 +26,7 @@ int work_rows_allow(const struct work *w)
 {
     int L = w->data.Y->m;
 
+    /* rows over, at least; two in any case, which a real pole has */
     return L - REFINE_SPARE_LEAST > 2 ? L - REFINE_SPARE_LEAST : L > 2 ? 2 : 1;
 }
 

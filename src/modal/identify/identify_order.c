@@ -109,6 +109,8 @@ static enum modal_status climb(struct work *w, const struct order_source *source
 {
     enum modal_status rc;
 
+    /* a ladder of a long record that is near the number of triplets is not refined before they are
+     * doubled; it is thrown away, and costs seconds */
     opt->cut = w->data.Y->m > RECORD_PARTED && more_triplets(w) ? w->pencil.count : 0;
     opt->work = w->opt.rank.rule != RANK_AUTO ? 0
               : work_left(w, w->trial || driven(w), w->data.Y->m > RECORD_PARTED);

@@ -101,6 +101,7 @@ static bool ill_determined(const struct work *w)
     const struct poles *p = &w->poles;
     bool ill = false;
 
+    /* of a pole: nine digits are what a fit in double precision tells of any */
     for (int j = 0; j < p->count; j++)
         ill |= p->lambda[j] != 0 && !(p->std_re[j] <= REFINE_TIED * cabs(p->lambda[j]));
     return ill && w->refine && !w->rec.wide && w->data.omega == 0

@@ -146,7 +146,7 @@ void work_put_steps_back(struct work *w)
 
 void work_report_steps(const struct work *w, struct identify_result *out)
 {
-    for (int i = 0; i < w->steps.count && i < IDENTIFY_TOLD; i++) {
+    for (int i = 0; i < w->steps.count && i < IDENTIFY_TOLD; i++) {      /* steps */
         const struct step *s = &w->steps.at[i];
         int channel = w->rec.channel[s->channel];
         identify_diagnose(out, "step", channel,

@@ -53,6 +53,7 @@ void stop_done(struct stop *s)
 static enum modal_status stop_read(struct stop *s, const struct batch *b,
                                    const struct identify_result *of, struct modal_error *err)
 {
+    /* of many: a response stops in all of them */
     int wanted = of->channel_count < RECORD_FEW ? of->channel_count : RECORD_FEW;
     int m = of->samples, shown = 0;
     size_t room = ((size_t)m + 1) * RECORD_FEW;

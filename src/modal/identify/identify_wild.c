@@ -181,7 +181,7 @@ void work_report_wild(const struct work *w, struct identify_result *out)
     for (int i = 0, first = 0; i < all->count; i++) {
         if (i + 1 < all->count && all->at[i + 1].channel == all->at[i].channel)
             continue;
-        if (said++ < IDENTIFY_TOLD)
+        if (said++ < IDENTIFY_TOLD)     /* channels */
             report_channel(w, all->at + first, i + 1 - first, out);
         first = i + 1;
     }

@@ -23,6 +23,7 @@ static bool rest_by_energies(const struct work *w, const struct wide *d, int cha
     double rms = wide_rms(d, channel), energy = w->L * rms * rms;
     double sum = cblas_ddot(w->order, z, 1, z, 1);
 
+    /* what is left by difference has half of the channel's digits */
     *rest2 = energy - sum;          /* Pythagoras: Z are products with an orthonormal basis */
     return *rest2 > REFINE_HALVED * energy;
 }

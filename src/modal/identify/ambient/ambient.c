@@ -487,7 +487,7 @@ static void about_width(const struct work *w, struct identify_result *r, int i, 
     double share = m->std_damping_ratio / z, longer = share * share / (ENOUGH * ENOUGH);
 
     if (is_line(w, m->exponent * w->step)) {
-        if ((*narrow)++ < IDENTIFY_TOLD)
+        if ((*narrow)++ < IDENTIFY_TOLD)     /* modes */
             identify_diagnose(r, "narrow_line", -1, "mode %d (%.5g Hz) is no wider than a line of "
                               "the record: a rotating part, the mains or a limit cycle looks so, "
                               "and so does damping below %.2g; record longer, or leave it out by "

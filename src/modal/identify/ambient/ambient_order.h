@@ -3,7 +3,8 @@
 #define MODAL_AMBIENT_ORDER_H
 #include "modal/identify/ambient/whittle.h"
 
-enum { AMBIENT_STEPS_MOST = 60 };    /* of the answer's climb */
+/* Of the answer's climb, with a speed that wanders or without. */
+enum { AMBIENT_STEPS_MOST = 60 };
 
 /* Prices: what a fit may make up for where a pair leaves. */
 #define AMBIENT_PATIENCE 8.0

@@ -334,7 +334,7 @@ static void move(const struct work *w, struct model *t)
     for (int k = 0; k < w->p; k++) {
         const double complex *d = (const double complex *)(w->step + each(w) * k);
         struct whittle_mode *q = &t->m.mode[k];
-        double slowest = WHITTLE_DECAY_LEAST / w->in->Z->m;
+        double slowest = WHITTLE_DECAY_LEAST / w->in->Z->m;     /* what is slower is a line */
         q->lambda += d[LAMBDA / 2], t->nu[k] += d[NU / 2], t->begun[k] += d[BEGUN / 2];
         q->lambda = CMPLX(fmin(creal(q->lambda), -slowest), cimag(q->lambda));
         for (int i = 0; i < w->l; i++) {
@@ -407,7 +407,7 @@ static void find_near(struct work *w, const struct model *t)
 static enum modal_status climb(struct work *w, struct model *t, struct model *trial,
                                struct modal_error *err)
 {
-    double damping = WHITTLE_DAMPING_FIRST, gained;
+    double damping = WHITTLE_DAMPING_FIRST, gained;     /* as whittle_fit.c climbs */
 
     t->m.converged = w->p == 0;
     find_near(w, t);

@@ -699,7 +699,8 @@ void scoring_errors(struct scoring *w, struct whittle *m)
 {
     bool known = envelope_factor(&w->J, w->scale, 0);
 
-    /* what cannot be told at all, like the turn of a pair on the axis, is held where it is */
+    /* what cannot be told at all, like the turn of a pair on the axis, is held where it is, by no
+     * more than half of the digits */
     for (double held = HELD_FIRST; !known && held <= REFINE_HALVED; held *= HELD_FACTOR)
         known = envelope_factor(&w->J, w->scale, held);
     for (int k = 0; k < m->count; k++) {

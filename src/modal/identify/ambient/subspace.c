@@ -281,7 +281,8 @@ static void add_pair(const struct subspace *s, int n, const struct modal_form *f
     struct whittle_mode *m = &out->mode[out->count++];
     double complex lambda = clog(f->mu[j]);
     bool real = cimag(f->mu[j]) == 0;
-    /* a model of vibrations has pairs only: a real pole begins beside the axis */
+    /* a model of vibrations has pairs only: a real pole begins beside the axis; and where rounding
+     * makes a pole slower than REFINE_TIED a sample it decays by that */
     double decay = fmax(-creal(lambda), REFINE_TIED), turn = fmin(BESIDE * decay, 1);
 
     if (real)

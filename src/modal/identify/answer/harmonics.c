@@ -38,6 +38,7 @@ static bool same_frequency(double complex lambda, double period, int j, int k)
     double a = fabs(signed_frequency(lambda, period, j)),
            b = fabs(signed_frequency(lambda, period, k));
 
+    /* of 1 / period: frequencies, to rounding and a few digits */
     return fabs(a - b) < REFINE_TIED * 2 * M_PI / period;
 }
 

@@ -69,6 +69,7 @@ static bool look_for_grid(const double *x, int L, double rms, int channel,
     double range = x[L - 1] - x[0], step = range;
     int off = 0, steps = 0;
 
+    /* of the range: less is the rounding of one value */
     for (int k = 1; k < L; k++)
         if (x[k] - x[k - 1] > REFINE_TIED * range)
             step = fmin(step, x[k] - x[k - 1]);

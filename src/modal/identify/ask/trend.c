@@ -77,6 +77,7 @@ static enum modal_status adequate(const struct trend_input *in, bool *answer, do
         }
     *left = total > 0 && rc == MODAL_OK ? fit.residual / sqrt(total) : 0;
     if (rc == MODAL_OK) {
+        /* of a signal, or of all: what is left there is rounding */
         colour_leave_out(&E, in->X, REFINE_TIED);
         colour_left_by(in->lambda, in->count, in->tau, in->X->m, mean);
         *answer = fit.residual <= REFINE_TIED * sqrt(total) || colour_white_about(&E, mean, 0);
@@ -99,6 +100,7 @@ static bool crowd_about(const struct trend_input *in, double complex lambda)
 
     for (int j = 0; j < in->count; j++)
         near += in_crowd(in->lambda[j], lambda);
+    /* a pair may be two modes */
     return near >= TREND_CROWD;
 }
 
@@ -109,6 +111,7 @@ static double complex overlap(const struct synthesis *f, const struct trend_inpu
     /* columns are divided by their largest entry */
     double scale = -f->reference[i] - f->reference[j];
 
+    /* below, the geometric series loses more digits by its differences than by being left out */
     return cabs(s) * f->rows < REFINE_HALVED
                ? f->rows * exp(scale)
                : (cexp(s * f->rows + scale) - exp(scale)) / (cexp(s) - 1);

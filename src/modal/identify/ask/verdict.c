@@ -68,6 +68,7 @@ static double half_width(const struct identify_result *r, int i)
         b += bar;                   /* so few residuals tell their own variance badly */
     if (size > 0)
         b = fmax(b, 2 * cluster_radius(r, i) / size);
+    /* of a multiplier, as above */
     return fmax(b, REFINE_EXACT / span);
 }
 

@@ -81,6 +81,7 @@ enum modal_status colour_factors(const struct matrix *E, const double *theta, in
 
     for (int j = 0; j < count; j++)
         factor[j] = 1;
+    /* of fewer the 17 bins that are averaged are half of all */
     if (L < REFINE_ROWS_LEAST || count == 0)
         return MODAL_OK;
     x = fftw_alloc_real(N), X = fftw_alloc_complex(bins), power = calloc(bins, sizeof *power);

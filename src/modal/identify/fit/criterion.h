@@ -4,7 +4,8 @@
 #define MODAL_CRITERION_H
 #include <stdbool.h>
 
-/* Where a pole may be told from the others, a row: independent ordinates of remainder.h. */
+/* Where a pole may be told from the others, a row: ordinates that remainder.h looks at, of
+ * independent ones. */
 enum { CRITERION_PLACES = 4 };
 
 /* The signals that models are compared on. */

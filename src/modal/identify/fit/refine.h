@@ -83,13 +83,22 @@ enum refine_end {
  * that is the last: its square is below rounding. */
 #define REFINE_SETTLED 1e-10
 
-/* rad over the record in a step: one line of its spectrum; a live window, which begins near, takes
- * half of it. */
+/* rad over the record in a step: one line of its spectrum, within which the linear model that a
+ * step rests on holds; a live window, which begins near, takes half of it at most, and is found
+ * from nothing where it wants more. */
 #define REFINE_TURN_MOST 6.0
 
 /* What products or differences leave of a number, the half of its digits: sqrt(2.2e-16), in parts
  * of the largest. */
 #define REFINE_HALVED 1e-8
+
+/*
+ * Levels that decide in many places, each by what it means and not by where it stands: a question
+ * that is asked twice must not be answered by two numbers.  What is told of rounding is in parts of
+ * the largest of its kind; what is told of noise, in standard errors, which a fit in white noise
+ * knows to 1 / sqrt(2 n) of n numbers that it leaves free.  Whatever is judged in a single place,
+ * with a reason that holds there alone, is named there.
+ */
 
 /* Standard errors that settle a question: of normal errors 0.3 % are larger. */
 #define REFINE_CLEAR 3.0
@@ -101,7 +110,8 @@ enum refine_end {
 /* Numbers of a signal that a fit leaves free: of fewer it tells no noise of its own. */
 enum { REFINE_FREEDOM_LEAST = 30 };
 
-/* Equations beyond the unknowns: with fewer a residual is no noise. */
+/* Equations beyond the unknowns: with fewer a residual is no noise, for its variance is known to
+ * 1 / sqrt(2 n) of itself by n of them, and by one or two to nothing. */
 enum { REFINE_SPARE_LEAST = 3 };
 
 /* Multiplications that a question beside the answer may take, half a second: a half of the record,

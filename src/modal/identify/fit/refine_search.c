@@ -220,7 +220,7 @@ static double promised(int n, const double *T, const double *delta)
 
 double refine_guard(const struct work *w, double a)
 {
-    return fmin(fmax(a, -DECAY_MOST), EXPONENT_MOST / w->L);
+    return fmin(fmax(a, -DECAY_MOST), EXPONENT_MOST / w->L);    /* over the record: finite */
 }
 
 static bool at_guard(const struct work *w, const struct point *at)
@@ -433,6 +433,7 @@ static enum modal_status try_step(struct work *w, struct search *s, struct dampi
         damp_more(d);
         return MODAL_OK;
     }
+    /* of F: what falls by less may be rounding */
     *still = fall <= REFINE_TIED * s->now.F && is_rounding(w, &s->next);
     swap_in(s);
     damp_less(d, fall / promise);

@@ -4,12 +4,14 @@
 #include "modal/identify/forced/lines.h"
 #include "modal/identify/forced/transfer.h"
 
-/* Of a fit that is one of many: its steps, and when it ends, of ln likelihood, where 1 is the
- * chance. */
+/* Of a fit that is one of many, of poles or of what was cut off: its steps, and when it ends, of ln
+ * likelihood, where 1 is the chance: what it may still gain does not decide between two. */
 enum { FORCED_STEPS_EACH = 12 };
 #define FORCED_ENOUGH_EACH 0.1
 
-#define FORCED_NO_PEAK M_SQRT1_2     /* damping ratio from which a response has no peak */
+/* Damping ratio from which a response has no peak: |H|^2 falls from omega = 0 on, for the square of
+ * where it has its top, omega^2 (1 - 2 zeta^2), is negative. */
+#define FORCED_NO_PEAK M_SQRT1_2
 #define FORCED_CHANCE 4.0            /* standard deviations of noise among the lines of a band */
 
 /* One model on the way. */

@@ -261,7 +261,7 @@ static void weigh(const struct lines *l, struct transfer *t, struct sums *s)
     }
     t->likelihood = 0, t->exact = true;
     for (int i = 0; i < l->responses; i++) {
-        double least = REFINE_EXACT * REFINE_EXACT * l->energy[i];
+        double least = REFINE_EXACT * REFINE_EXACT * l->energy[i];  /* a recursion's rounding */
         if (l->energy[i] == 0) {
             t->variance[i] = HUGE_VAL;
             continue;
@@ -770,7 +770,7 @@ static void take_gain(const struct lines *l, const struct transfer *t, const str
     cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, n, n, g, -1, J, g, SJ, g, 1, M, n);
     for (int c = 1; c < n; c++)
         if (!(M[c + (size_t)n * c] > REFINE_TIED * a->YY[c + (size_t)n * c]))
-            M[n * c] = 0;
+            M[n * c] = 0;           /* what all else leaves of it is rounding of its square */
 }
 
 enum modal_status transfer_gain(const struct lines *l, struct transfer *t,

@@ -11,6 +11,7 @@
 #include <math.h>
 
 enum { TABLE = 64 };              /* rows for which one exponential is multiplied out */
+/* growth a row: a table of so many rows does not overflow */
 static const double STEEP = EXPONENT_MOST / TABLE;
 
 /* e^{i b l}. */

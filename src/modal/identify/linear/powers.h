@@ -3,7 +3,12 @@
 #define MODAL_POWERS_H
 #include "modal/identify/linear/exponents.h"
 
-/* Of blocks of rows that a basis is worked on by. */
+/*
+ * Of the blocks of rows that a basis is worked on by: all columns of a block are those of the first
+ * one times a factor each, so that a record costs its blocks, and not its rows, in exponentials.
+ * Three files take them so (fit/compressed.c, fit/doubling.c, fit/gram.c), a fourth reads what they
+ * leave (order/long_rest.c).
+ */
 enum {
     POWERS_BLOCK_LEAST = 64,     /* rows: below, the calls cost more than the sums */
     POWERS_WIDE = 4,             /* rows a column: a block shrinks to a quarter at least, and Q',

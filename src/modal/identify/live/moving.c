@@ -235,7 +235,7 @@ static bool special(const struct moving *m, const double complex *lambda, int co
             near += cimag(lambda[j]) > 0
                 && fabs(cimag(lambda[j]) - cimag(lambda[i])) < TREND_CLOSE * cimag(lambda[i]);
         constants += lambda[i] == 0;
-        slow += lambda[i] != 0 && cabs(lambda[i]) * record < 2 * CONSTANT;
+        slow += lambda[i] != 0 && cabs(lambda[i]) * record < 2 * CONSTANT;      /* hardly moves */
         /* its error would be its scatter over orders, of which an update has one */
         if (cimag(lambda[i]) > 0 && cimag(lambda[i]) * record < ONCE * 2 * M_PI)
             return true;

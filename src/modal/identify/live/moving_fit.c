@@ -38,6 +38,7 @@
 #include "modal/linalg/qr.h"
 #include "modal/numbers.h"
 
+/* a gradient in standard errors: good enough where rounding allows no less than REFINE_SETTLED */
 static const double NEAR = 1e-6;
 static const double STEP_MOST = 30;                /* a longer first step: the start was not near */
 static const double SPAN = 4e-5;                   /* x: x^2 / 2 is then 1e-9 of a standard error */
@@ -358,6 +359,7 @@ static bool take_step(const struct work *w, double complex *lambda)
             continue;
         if (w->kind[j] == POLE_PAIR)
             im += w->delta[p + 1] / tau;
+        /* rad a row: a pair that turns less is none */
         if (w->kind[j] == POLE_PAIR && !(im * tau > REFINE_EXACT && im * tau < M_PI))
             return false;
         lambda[j] = CMPLX(creal(lambda[j]) + w->delta[p] / tau, im);

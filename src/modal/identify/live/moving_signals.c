@@ -302,6 +302,7 @@ static double unit_triangle(const struct job *j, double *R, double *unit)
             R[i + (size_t)c * (size_t)S] = unit[c] * j->R[i + (size_t)c * (size_t)S];
     }
     for (int c = 0; c < S; c++) {
+        /* of a channel, beside the others: below rounding the channels before it span it */
         double diagonal = fabs(R[c + (size_t)c * (size_t)S]);
         for (int i = 0; i < S && !(diagonal > REFINE_EXACT); i++)
             R[c + (size_t)i * (size_t)S] = R[i + (size_t)c * (size_t)S] = i == c;

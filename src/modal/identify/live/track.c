@@ -195,7 +195,7 @@ static struct both_ways foresee(const struct track *t, const struct track_window
 
 static double variance(double std, double complex lambda, double line)
 {
-    /* no error: anywhere within its line */
+    /* no error: anywhere within its line; updates and batches agree to REFINE_TIED of |lambda| */
     return isfinite(std) ? fmax(std * std, pow(REFINE_TIED * cabs(lambda), 2)) : line * line;
 }
 

@@ -197,6 +197,7 @@ static enum modal_status find_peak(const struct refine_data *d, const struct ref
     double looks = 2 * 3 * E->m, chi2;       /* 2 L for each of three rates, and fewer of others */
     enum modal_status rc = workspace_check(&space, "another: no memory", err);
 
+    /* multiplications of all looks at what is left, which is a part of the question */
     if (rc == MODAL_OK && looks * 2 * L * (2 * q + S) > REFINE_WORK_ASKED / 10) {
         rc = remainder_peak(E, d->tau, peak, &chi2, err);
     } else if (rc == MODAL_OK) {

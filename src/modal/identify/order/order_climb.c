@@ -197,6 +197,7 @@ double climb_worth_looking(const struct climb *c, const struct refined *fit, dou
            square = spread != NULL ? fmax(2 * spread->square, d) : d,
            largest = spread != NULL ? spread->largest : 1;
 
+    /* noise: what the best of COUNT places may show, by the bound above */
     double share = ORDER_LOOK * climb_pair_price(c, fit),
            noise = d + 2 * sqrt(square * x) + 2 * largest * x;
 

@@ -183,6 +183,7 @@ static enum modal_status drop_undetermined(struct climb *c, int *best, struct mo
  * errors or more. */
 static int least_told(const struct refined *fit)
 {
+    /* errors over the distance: as many standard errors are no doubt two poles */
     double most = 1 / REFINE_APART;
     int at = -1;
 

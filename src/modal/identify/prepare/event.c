@@ -109,6 +109,7 @@ static bool scale_signal(double *z, int L)
 static void read_signals(struct scan *s, const struct batch *b, const int *channels, int count,
                          size_t first)
 {
+    /* of many: a strike is in all of them */
     int wanted = count < RECORD_FEW ? count : RECORD_FEW;
 
     for (int i = 0; i < wanted; i++) {

@@ -4,6 +4,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 
+/* What is asked of values, and of channels, that a grid is looked for in. */
 enum {
     GRID_CHANNELS = 16,             /* asked of many: one converter is behind all */
     GRID_LEAVES = 4,                /* steps that it moves smooth differences by (stuck.c) */

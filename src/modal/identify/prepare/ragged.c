@@ -96,6 +96,7 @@ static bool over_noise(double complex *F, int count, double *p)
 static enum modal_status read_lines(const struct matrix *Y, struct lines *s,
                                     struct modal_error *err)
 {
+    /* the first: what has no end has none in any */
     int L = Y->m, wanted = Y->n < RECORD_FEW ? Y->n : RECORD_FEW;
     double *x = fftw_alloc_real((size_t)L + 2);
     fftw_complex *X = fftw_alloc_complex((size_t)L / 2 + 1);

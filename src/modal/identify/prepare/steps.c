@@ -159,6 +159,7 @@ static double size_of_all(const struct look *k)
 
     for (int l = k->sense > 0 ? k->p : 0; l < (k->sense > 0 ? k->n : k->n - k->p); l += every)
         k->h[count++] = k->e[l];
+    /* of the largest difference: (1) is solved by products */
     return fmax(wild_size(k->h, count, k->part), REFINE_HALVED);
 }
 

@@ -349,6 +349,7 @@ static int acquit(struct look *k, double mean, double size)
         double off = 0;
         for (begin = l; l < k->L && k->out[l]; l++)
             off = fmax(off, fabs(mean + k->z[l] * size - k->sent[l]));
+        /* the rounding of (2) by its products */
         bool same = off <= GRID_LEAVES * k->step + REFINE_HALVED * size;
         if (same && l > begin)
             memset(k->out + begin, false, (size_t)(l - begin));

@@ -655,7 +655,8 @@ enum modal_status wide_scales(const struct wide *w, double *scale, bool *varies,
 
     square_sums(w, NULL, scale);
     for (int c = 0; c < w->S; c++) {
-        /* false for NaN, infinity, and what squares to nothing */
+        /* false for NaN, infinity, and what squares to nothing: neither the sum of squares
+         * underflows nor its reciprocal */
         plain &= scale[c] > 1 / PLAIN_MOST && scale[c] < PLAIN_MOST;
     }
     *varies = has_variation(w);

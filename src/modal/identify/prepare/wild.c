@@ -238,6 +238,7 @@ enum modal_status wild_take(const struct rebuild_model *poles, struct matrix *Y,
 
     if (k.F.x == NULL || k.e == NULL || k.part == NULL || k.out == NULL)
         rc = modal_fail(err, MODAL_NO_MEMORY, "wild: no memory for %d rows", Y->m);
+    /* of fewer free ones a median tells too little */
     if (Y->m - k.order < REFINE_ROWS_LEAST)
         more = false;
     for (int i = 0; i < PASSES && more && rc == MODAL_OK; i++)

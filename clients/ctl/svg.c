@@ -33,10 +33,12 @@ void svg_hold(struct svg_axis *axis, double value)
         axis->high = value;
 }
 
+/* Names and messages are others': no markup, and no control characters, which no XML may have. */
 static void escape(FILE *file, const char *text)
 {
     for (; *text != 0; text++)
-        switch (*text) {
+        switch ((unsigned char)*text < ' ' ? 0 : *text) {
+        case 0: fputs("\xef\xbf\xbd", file); break;
         case '<': fputs("&lt;", file); break;
         case '>': fputs("&gt;", file); break;
         case '&': fputs("&amp;", file); break;
@@ -66,6 +68,13 @@ static double part(const struct svg_axis *a, double value)
 {
     return a->logarithmic ? log(value / a->low) / log(a->high / a->low)
                           : (value - a->low) / (a->high - a->low);
+}
+
+/* Has Y at X a place?  Not what is no number or, on a logarithmic axis, not positive, nor any where
+ * the range itself is beyond numbers. */
+static bool drawable(const struct svg_panel *p, double x, double y)
+{
+    return isfinite(part(&p->x, x)) && isfinite(part(&p->y, y));
 }
 
 static double place_x(const struct svg *svg, const struct svg_panel *p, double x)
@@ -175,12 +184,6 @@ void svg_panel(struct svg *svg, struct svg_panel *p)
     fputs("</text>\n", svg->file);
 }
 
-static bool drawable(const struct svg_panel *p, double x, double y)
-{
-    return isfinite(x) && isfinite(y) && (!p->x.logarithmic || x > 0)
-           && (!p->y.logarithmic || y > 0);
-}
-
 void svg_line(const struct svg *svg, const struct svg_panel *p, const double *x, const double *y,
               int count, enum svg_style style)
 {
@@ -219,6 +222,8 @@ void svg_bar(const struct svg *svg, const struct svg_panel *p, double x, double 
 void svg_shade(const struct svg *svg, const struct svg_panel *p, double x0, double y0, double x1,
                double y1, const char *colour)
 {
+    if (!drawable(p, x0, y0) || !drawable(p, x1, y1))
+        return;
     fprintf(svg->file,
             "<rect clip-path=\"url(#c%d)\" x=\"%.2f\" y=\"%.2f\" width=\"%.2f\" height=\"%.2f\" "
             "fill=\"%s\"/>\n",

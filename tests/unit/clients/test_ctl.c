@@ -1,10 +1,12 @@
 /* test_ctl.c - modalctl's reading of a user's words and files */
 #include "check.h"
 #include <stdlib.h>
+#include <string.h>
 #include "ctl/args.h"
 #include "ctl/csv.h"
 #include "ctl/live_modes.h"
 #include "ctl/option.h"
+#include "ctl/svg.h"
 
 static const cJSON *option_of(cJSON *options, const char *text, const char *key)
 {
@@ -30,6 +32,36 @@ TEST(an_option_is_a_number_a_word_a_truth_or_a_list)
     list = option_of(o, "window=[0.25,7]", "window");
     CHECK_NEAR(cJSON_GetArrayItem(list, 0)->valuedouble, 0.25, 0);
     cJSON_Delete(o);
+}
+
+/* Results, and the names in them, come from servers and other users. */
+TEST(a_picture_of_control_characters_and_of_ranges_beyond_numbers_is_xml_with_numbers_alone)
+{
+    const double x[] = { -1.7e308, 0, 1.7e308 }, y[] = { 1, 2, 3 };
+    const char name[] = "\x1b]0;evil\x07<b>";
+    struct svg_panel panel = { .x = { name, 1, -1, false }, .y = { name, 1, -1, false } };
+    struct svg svg;
+    char *text = NULL;
+    size_t length = 0;
+    FILE *file = open_memstream(&text, &length);
+
+    CHECK(file != NULL);
+    for (int i = 0; i < 3; i++) {
+        svg_hold(&panel.x, x[i]);
+        svg_hold(&panel.y, y[i]);
+    }
+    svg_begin(&svg, file, 1, name);
+    svg_panel(&svg, &panel);
+    svg_line(&svg, &panel, x, y, 3, SVG_SOLID);
+    svg_dot(&svg, &panel, x[2], 2, true);
+    svg_shade(&svg, &panel, x[0], 1, x[2], 2, "red");
+    svg_text(&svg, &panel, x[2], 1, SVG_ABOVE_AFTER, name);
+    svg_end(&svg);
+    CHECK(fclose(file) == 0 && strstr(text, "nan") == NULL && strstr(text, "inf") == NULL);
+    CHECK(strstr(text, "\xef\xbf\xbd]0;evil\xef\xbf\xbd&lt;b&gt;") != NULL);
+    for (size_t i = 0; i < length; i++)
+        CHECK((unsigned char)text[i] >= ' ' || text[i] == '\n');
+    free(text);
 }
 
 TEST(an_option_said_twice_is_the_last_one)

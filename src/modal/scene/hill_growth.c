@@ -24,6 +24,15 @@
  *     C(t) + M g / 2,   K(t) + g^2 M,   2 g K(t) - K'(t) + g^3 M                                (3)
  *
  * are positive, for 2 g^2 x'^H M x <= g x'^H M x' + g^3 x^H M x.
+ *
+ * How many harmonics (2) needs: where (1) holds for g / 2 as well, F(s) = s Q+^-1(s) has a positive
+ * hermitian part right of there, and so y^H F y moves by no more than Schwarz and Pick's lemma
+ * lets it, from s = g + i w to any s' = g / 2 + r + i w':
+ *
+ *     |y^H F(s) y| <= (a + b) / (a - b) |y^H F(s') y|,   a, b = |g / 2 +- r + i (w - w')|,      (4)
+ *
+ * and |F| is at most twice the largest of these.  With r = w' one factorization bounds a whole
+ * octave, however many motions lie there: what stiff rows make fast moves few ports.
  */
 #include "modal/scene/hill_growth.h"
 #include <cblas.h>
@@ -64,6 +73,7 @@ struct count {
     double *value[3];                    /* there */
     double complex *q, *right, *x;       /* Q+ at a point; n each */
     struct sparse_lu *Q;
+    double *root;                        /* n: of the masses */
     int *port, *place;                   /* dofs; of dof, or -1 */
     struct sparse extra[3];              /* V_0, of C and K */
     double complex *G, *T, *band;        /* ports^2 by terms; ports^2; (2) */
@@ -107,7 +117,8 @@ static enum modal_status combine(int n, double a, double b, const struct sparse 
     return rc;
 }
 
-/* What sym(A) + SHIFT M lacks of being positive into LACK, of the dofs whose pivots lack it. */
+/* What sym(A) + SHIFT M lacks of being positive into LACK, of the dofs whose pivots lack it; where
+ * it is not positive a pivot that is small and no rounding lacks it too, lest those after it do. */
 static enum modal_status find_lack(const struct count *s, const struct sparse *A, double shift,
                                    double *lack, struct modal_error *err)
 {
@@ -119,6 +130,8 @@ static enum modal_status find_lack(const struct count *s, const struct sparse *A
 
     if (rc == MODAL_OK)
         rc = sparse_lu_new(s->n, sum.start, sum.index, false, &f, err);
+    if (rc == MODAL_OK && !sparse_lu_diagonal(f, sum.value, ROUNDING, &bad))
+        bad.row = 0;
     for (int tries = 0; rc == MODAL_OK && bad.row >= 0; tries++) {
         if (tries > PORTS_MOST)
             rc = modal_fail(err, MODAL_TOO_LARGE, "%d dofs push away from rest", tries);
@@ -205,36 +218,11 @@ static enum modal_status find_ports(struct count *s, struct modal_error *err)
     return MODAL_OK;
 }
 
-/* Where what is left out is small: V times Q+^-1 is below GAIN from there on, by rows. */
-static enum modal_status choose_terms(struct count *s, struct modal_error *err)
-{
-    struct program own = { .n = s->n };
-    double frequency, decay, stiffness, rate, top;
-
-    memcpy(own.constant, s->part, sizeof own.constant);
-    dofwise_fastest(&own, &frequency, &decay);
-    stiffness = frequency * frequency + s->rate * decay;
-    rate = 0;
-    for (int h = -1; h < 2 * s->p->harmonics; h++) {
-        const struct program_harmonic *a = h >= 0 ? &s->p->harmonic[h / 2] : NULL;
-        const struct sparse *of = a == NULL ? s->extra : h % 2 == 0 ? a->cosine : a->sine;
-        memcpy(&own.constant[PROGRAM_C], of + PROGRAM_C, 2 * sizeof *of);
-        dofwise_fastest(&own, &frequency, &decay);
-        stiffness += frequency * frequency / GAIN;
-        rate += decay / GAIN;
-    }
-    top = sqrt(stiffness) + rate;
-    if (!(top / s->W < TERMS_MOST))
-        return modal_fail(err, MODAL_TOO_LARGE, "growth: harmonics up to %g rad/s", top);
-    s->terms = (int)ceil(top / s->W) + s->reach;
-    return MODAL_OK;
-}
-
 /* One structure for M, C and K of Q+, by rows. */
 static enum modal_status join(struct count *s, struct modal_error *err)
 {
     struct triplet *e, *end;
-    size_t count = 0;
+    size_t count = 0, ports = (size_t)s->ports;
     enum modal_status rc;
 
     for (int which = PROGRAM_M; which <= PROGRAM_K; which++)
@@ -264,8 +252,15 @@ static enum modal_status join(struct count *s, struct modal_error *err)
     }
     s->q = workspace_zeros(&s->space, count, sizeof *s->q);
     s->right = workspace_zeros(&s->space, (size_t)s->n, sizeof *s->right);
+    s->x = workspace_zeros(&s->space, (size_t)s->n + ports * ports, sizeof *s->x);
+    s->T = workspace_zeros(&s->space, ports * ports, sizeof *s->T);
+    s->root = workspace_zeros(&s->space, (size_t)s->n, sizeof *s->root);
     if (s->space.failed)
         return no_memory(err);
+    for (int i = 0; i < s->n; i++)
+        for (int k = s->all.start[i]; k < s->all.start[i + 1]; k++)
+            if (s->all.index[k] == i)
+                s->root[i] = sqrt(fabs(s->value[PROGRAM_M][k]));
     return sparse_lu_new(s->n, s->all.start, s->all.index, true, &s->Q, err);
 }
 
@@ -290,6 +285,120 @@ static enum modal_status respond(struct count *s, double complex rate, double co
     }
     s->work += sparse_lu_work(s->Q) / DENSE + SOLVED * (double)ports * s->all.start[s->n];
     return MODAL_OK;
+}
+
+/* Is A, symmetric, positive? */
+static enum modal_status is_definite(const struct sparse *A, bool *positive,
+                                     struct modal_error *err)
+{
+    struct sparse_lu *f = NULL;
+    struct sparse_lu_pivot lacks;
+    enum modal_status rc = sparse_lu_new(A->m, A->start, A->index, false, &f, err);
+
+    *positive = rc == MODAL_OK && sparse_lu_diagonal(f, A->value, ROUNDING, &lacks)
+                && lacks.row < 0;
+    sparse_lu_free(f);
+    return rc;
+}
+
+/* Does (1) hold for g / 2 as well? */
+static enum modal_status is_passive(const struct count *s, bool *passive, struct modal_error *err)
+{
+    double g = s->rate / 2;
+    enum modal_status rc = MODAL_OK;
+
+    *passive = true;
+    for (int which = PROGRAM_C; rc == MODAL_OK && *passive && which <= PROGRAM_K; which++) {
+        struct sparse sum = { 0 };
+        rc = combine(s->n, 0.5, 0.5, &s->part[which], which == PROGRAM_C ? g / 2 : g * g / 2,
+                     &s->part[PROGRAM_M], &sum, err);
+        if (rc == MODAL_OK)
+            rc = is_definite(&sum, passive, err);
+        sparse_done(&sum);
+    }
+    return rc;
+}
+
+/* From where on V times Q+^-1 is below GAIN, by rows, rad/s. */
+static double far_out(const struct count *s)
+{
+    struct program own = { .n = s->n };
+    double frequency, decay, stiffness, rate = 0;
+
+    memcpy(own.constant, s->part, sizeof own.constant);
+    dofwise_fastest(&own, &frequency, &decay);
+    stiffness = frequency * frequency + s->rate * decay;
+    for (int h = -1; h < 2 * s->p->harmonics; h++) {
+        const struct program_harmonic *a = h >= 0 ? &s->p->harmonic[h / 2] : NULL;
+        const struct sparse *of = a == NULL ? s->extra : h % 2 == 0 ? a->cosine : a->sine;
+        memcpy(&own.constant[PROGRAM_C], of + PROGRAM_C, 2 * sizeof *of);
+        dofwise_fastest(&own, &frequency, &decay);
+        stiffness += frequency * frequency / GAIN;
+        rate += decay / GAIN;
+    }
+    return sqrt(stiffness) + rate;
+}
+
+/* The size of V's matrices WHICH, all added, each dof of them over the root of its mass. */
+static double size_of(const struct count *s, int which)
+{
+    double all = 0;
+
+    for (int h = -1; h < 2 * s->p->harmonics; h++) {
+        const struct program_harmonic *a = h >= 0 ? &s->p->harmonic[h / 2] : NULL;
+        const struct sparse *A =
+            a == NULL ? &s->extra[which] : h % 2 == 0 ? &a->cosine[which] : &a->sine[which];
+        double square = 0;
+        for (int i = 0; i < A->m; i++)
+            for (int k = A->start[i]; k < A->start[i + 1]; k++) {
+                double e = A->value[k] / (s->root[i] * s->root[A->index[k]]);
+                square += e * e;
+            }
+        all += sqrt(square);
+    }
+    return all;
+}
+
+/* (4)'s bound of |G V| at all frequencies from 2/3 to 4/3 of PLACE. */
+static enum modal_status bound_of(struct count *s, double place, double *bound,
+                                  struct modal_error *err)
+{
+    size_t ports = (size_t)s->ports;
+    double deep = s->rate - s->rate / 2, square = 0, shortest = place * 2 / 3,
+           /* whence V leads there, at most */
+           from = s->rate + place * 4 / 3 + s->reach * s->W;
+    double complex here = CMPLX(s->rate / 2 + place, place);
+    double a = hypot(deep + place, place / 3), b = hypot(deep - place, place / 3);
+    enum modal_status rc = respond(s, here, s->T, err);
+
+    for (size_t j = 0; j < ports; j++)
+        for (size_t i = 0; i < ports; i++) {
+            double g = cabs(s->T[i + j * ports]) * s->root[s->port[i]] * s->root[s->port[j]];
+            square += g * g;
+        }
+    *bound = 2 * (a + b) * (a + b) / (4 * deep * place) * cabs(here) * sqrt(square) / shortest
+             * (size_of(s, PROGRAM_K) + from * size_of(s, PROGRAM_C));
+    return rc;
+}
+
+/* Where what is left out is small: from there on |G V| is below GAIN, by rows, or octave by octave
+ * by (4) where that holds. */
+static enum modal_status choose_terms(struct count *s, struct modal_error *err)
+{
+    double top = far_out(s), place, bound = 0;
+    bool passive = false;
+    enum modal_status rc = is_passive(s, &passive, err);
+
+    for (place = top; rc == MODAL_OK && passive && place > s->reach * s->W; place /= 2) {
+        rc = bound_of(s, place * 3 / 4, &bound, err);
+        if (!(bound < GAIN))
+            break;
+    }
+    top = passive ? place : top;
+    if (rc == MODAL_OK && !(top / s->W < TERMS_MOST))
+        return modal_fail(err, MODAL_TOO_LARGE, "growth: harmonics up to %g rad/s", top);
+    s->terms = (int)ceil(top / s->W) + s->reach;
+    return rc;
 }
 
 /* T += FACTOR A at the ports. */
@@ -411,10 +520,8 @@ static enum modal_status prepare(struct count *s, int points, struct modal_error
     if (COMPLEX * (double)(terms * p * width * width) / DENSE * points > s->most)
         return modal_fail(err, MODAL_TOO_LARGE, "growth: %zu harmonics of %zu dofs", terms, p);
     s->G = workspace_zeros(&s->space, terms * p * p, sizeof *s->G);
-    s->T = workspace_zeros(&s->space, p * p, sizeof *s->T);
     s->band = workspace_zeros(&s->space, size, sizeof *s->band);
     s->pivots = workspace_zeros(&s->space, terms * p, sizeof *s->pivots);
-    s->x = workspace_zeros(&s->space, (size_t)s->n + p * p, sizeof *s->x);
     if (s->space.failed)
         return no_memory(err);
     rc = respond(s, s->rate, s->G, err);
@@ -455,9 +562,9 @@ static enum modal_status count_all(struct count *s, int *count, struct modal_err
     if (rc == MODAL_OK)
         rc = find_ports(s, err);
     if (rc == MODAL_OK)
-        rc = choose_terms(s, err);
-    if (rc == MODAL_OK)
         rc = join(s, err);
+    if (rc == MODAL_OK)
+        rc = choose_terms(s, err);
     return rc == MODAL_OK ? count_turns(s, count, err) : rc;
 }
 
@@ -468,8 +575,6 @@ static enum modal_status is_positive(const struct program *p, int which, double 
                                      struct modal_error *err)
 {
     struct sparse sum = { 0 }, more;
-    struct sparse_lu *f = NULL;
-    struct sparse_lu_pivot lacks;
     enum modal_status rc = combine(p->n, still, 0, &p->constant[which], shift,
                                    &p->constant[PROGRAM_M], &sum, err);
 
@@ -487,10 +592,7 @@ static enum modal_status is_positive(const struct program *p, int which, double 
     }
     *positive = false;
     if (rc == MODAL_OK && sparse_symmetric(&sum, SYMMETRIC))
-        rc = sparse_lu_new(p->n, sum.start, sum.index, false, &f, err);
-    if (f != NULL)
-        *positive = sparse_lu_diagonal(f, sum.value, ROUNDING, &lacks) && lacks.row < 0;
-    sparse_lu_free(f);
+        rc = is_definite(&sum, positive, err);
     sparse_done(&sum);
     return rc;
 }

@@ -221,10 +221,10 @@ static double complex middle_of(const struct search *s, const struct hill_window
     return middle;
 }
 
-/* Windows over the constant exponents that none has yet, and whose multipliers are not below
- * LEAST. */
-static enum modal_status cover(struct search *s, const struct hill_window *constant, double least,
-                               struct modal_error *err)
+/* Windows over the constant exponents beyond FROM that none has yet, and whose multipliers are not
+ * below LEAST. */
+static enum modal_status cover(struct search *s, const struct hill_window *constant, double from,
+                               double least, struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
 
@@ -232,7 +232,7 @@ static enum modal_status cover(struct search *s, const struct hill_window *const
         double complex here = constant->exponent[i], middle;
         int group = 0;
 
-        if (cimag(here) < -KNOWN * s->found.W || window_of(s, here, 1) >= 0
+        if (cimag(here) < -KNOWN * s->found.W || cabs(here) < from || window_of(s, here, 1) >= 0
             || exp(creal(here) * s->found.period) < least)
             continue;
         middle = middle_of(s, constant, here);
@@ -264,7 +264,7 @@ static enum modal_status step_outwards(struct search *s, double *edge, double *r
         last = middle - constant.radius <= *edge || again == OVERLAPS - 1;
         *radius = constant.radius;
         if (last) {
-            rc = cover(s, &constant, KNOWN * hill_found_largest(&s->found), err);
+            rc = cover(s, &constant, 0, KNOWN * hill_found_largest(&s->found), err);
             *vanish = true;
             for (int i = constant.count / 2; i < constant.count; i++)
                 *vanish = *vanish && exp(creal(constant.exponent[i]) * s->found.period)
@@ -278,7 +278,8 @@ static enum modal_status step_outwards(struct search *s, double *edge, double *r
     return MODAL_OK;
 }
 
-/* Constant exponents at places farther out than EDGE: windows where they may be leading ones. */
+/* Constant exponents at places farther out than EDGE: windows where they may be leading ones.  Of
+ * those within EDGE a place far away knows nothing but its own rounding. */
 static enum modal_status sample(struct search *s, double edge, struct modal_error *err)
 {
     double frequency, decay;
@@ -295,7 +296,7 @@ static enum modal_status sample(struct search *s, double edge, struct modal_erro
                          2 * MORE < 2 * s->n ? 2 * MORE : 2 * s->n, 1, &constant, err);
         if (rc != MODAL_OK)
             return rc;
-        rc = cover(s, &constant, hill_found_least(&s->found), err);
+        rc = cover(s, &constant, edge, hill_found_least(&s->found), err);
         hill_window_done(&constant);
     }
     return rc;
@@ -324,7 +325,7 @@ static enum modal_status step_sums(struct search *s, struct hill_sums *sums, dou
             *found = true;
             rc = hill_sums_add(sums, &constant, *edge, to, err);
             if (rc == MODAL_OK && *edge > 0)
-                rc = cover(s, &constant, hill_found_least(&s->found), err);
+                rc = cover(s, &constant, 0, hill_found_least(&s->found), err);
             for (int i = 0; i < constant.count; i++)     /* as the outermost of them is damped */
                 if (i == 0 || cimag(constant.exponent[i]) > to - half / 2)
                     *next = CMPLX(creal(constant.exponent[i]) + OFF_AXIS * s->found.W,
@@ -578,7 +579,7 @@ static enum modal_status search_real(struct search *s, double rate, struct modal
                          err);
         if (rc != MODAL_OK)
             return rc;
-        rc = cover(s, &constant, least, err);
+        rc = cover(s, &constant, 0, least, err);
         edge = fmax(2 * edge, 2 * edge + constant.radius);
         hill_window_done(&constant);
     }

@@ -223,12 +223,24 @@ def test_an_azimuth_says_what_a_period_is_where_the_speed_wanders(ctl, tmp_path,
     path = write_batch(tmp_path / "a.h5", np.column_stack([Y, azimuth]), dt=1 / bench.PHASES)
     said = ctl("identify", path, *AMBIENT, "-o", "azimuth=1").document
     mode, = said["modes"]
+    assert "turns_lock" not in [d["code"] for d in said["diagnostics"]]
     span = -np.log(abs(complex(*mode["multiplier"]))) / -mode["exponent"][0]
     error = np.log(complex(*mode["multiplier"]) / truth) / span
     assert span == pytest.approx(1, abs=0.01) and mode["resolved_k"] == 0
     assert np.all(np.abs([error.real, error.imag]) < 4 * np.array(mode["std"]["exponent"]))
     assert ([s["name"] for s in said["reconstruction"]["signals"]] == ["ch0"]
             and said["provenance"]["options"]["azimuth"] == 1)
+
+
+def test_a_speed_that_wanders_to_where_multipliers_meet_leaves_no_errors(ctl, tmp_path):
+    """Turns 2 % longer hold half a cycle, where it locks to half the speed: they wander by 1 %."""
+    Y, angle, _ = wandering(8, hertz=0.49, stiffness=0.05)
+    path = write_batch(tmp_path / "a.h5", np.column_stack([Y, np.mod(angle, 1)]),
+                       dt=1 / bench.PHASES)
+    said = ctl("identify", path, *AMBIENT, "-o", "azimuth=1").document
+    assert ("turns_lock" in [d["code"] for d in said["diagnostics"]]
+            and said["stability"]["stable"] is None
+            and all(m["std"]["exponent"] in (None, [None, None]) for m in said["modes"]))
 
 
 def test_a_period_of_no_whole_number_of_samples_is_taken(ctl, tmp_path):

@@ -51,6 +51,7 @@ struct work {
     bool periodic;
     double sample, span;         /* s a sample; that a multiplier is over: the period, or dt */
     double *longer;              /* of an azimuth: turns_lengths(); owned */
+    bool locked;                 /* by these, multipliers meet */
     struct matrix whole;         /* the first rows before lines were taken off; owned */
     struct pod pod;
     struct matrix Z;             /* signals of unit variance; the pod's memory */
@@ -556,6 +557,12 @@ static void about_poles(const struct work *w, struct identify_result *r)
         identify_diagnose(r, "order_work_limit", -1, "the search for modes ended at %d pairs, for "
                           "the work or the pairs that it may take: more may fit better; give "
                           "`band` to look at less, or name fewer channels by `signals`", m->count);
+    if (w->locked)
+        identify_diagnose(r, "turns_lock", -1, "turns differ in length by %.2g %% rms, and where "
+                          "they are some twice that beside the mean two multipliers meet, or one "
+                          "and its own conjugate: errors are unknown and no verdict is given; give "
+                          "a `window` of steadier speed",
+                          100 * cblas_dnrm2(w->Z.m, w->longer, 1) / sqrt(w->Z.m));
     if (!m->converged)
         identify_diagnose(r, "not_converged", -1, "the fit to the spectra did not converge: errors "
                           "are unknown and no verdict is given; give `band` to look at less, "
@@ -649,7 +656,7 @@ static enum modal_status conclude(struct work *w, const struct batch *batch,
     rc = about_all_time(w, out, err);
     if (rc == MODAL_OK)
         rc = about_free(w, out, err);
-    if (!w->found.model->converged || out->driven || clipped)
+    if (!w->found.model->converged || w->locked || out->driven || clipped)
         verdict_withhold(out);
     return rc;
 }
@@ -671,7 +678,7 @@ static enum modal_status follow_turns(struct work *w, struct modal_error *err)
                                  ambient_price(w->Z.n, w->spectrum.lines), o->rank.fixed > 0,
                                  o->cancelled, o->context };
 
-    return ambient_wander_fit(&in, w->found.model, err);
+    return ambient_wander_fit(&in, w->found.model, &w->locked, err);
 }
 
 static enum modal_status search(struct work *w, struct modal_error *err)

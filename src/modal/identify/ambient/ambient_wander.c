@@ -22,6 +22,11 @@
  * what it does to lambda is of the second order, over the distance of the multipliers, so that it
  * counts where two of them nearly lock, and those that are NEAR are taken.
  *
+ * (1) and (2) are the first terms of series in d.  Where two multipliers meet rho has a root, and
+ * beyond that d (1) does not converge; a motion that grows there is most of the record, so that it
+ * is fitted where (2) is worst.  A wander that leaves the mean turn by OFTEN of its rms, as one
+ * turn of twenty does, and so comes to where they meet, has no errors that (2) knows.
+ *
  * N/2 log det of the covariance of e falls to its least [Lju99, ch. 7] by Gauss and Newton, damped
  * after Levenberg and Marquardt, from the model of equal turns; q(0) is unknown too.  A line that
  * is drawn wide can take two pairs: any that is not worth its price in (2) leaves.  What is beyond
@@ -55,6 +60,7 @@ enum {
 };
 static const double
     GAIN = 1e-3,                 /* of the logarithm of the likelihood: a twentieth of an error */
+    OFTEN = 2,                   /* rms: what a twentieth of normal turns is beyond */
     WORK_MOST = 2e10,            /* multiplications of all fits: ten seconds */
     WORK_BEGIN = 1e9;            /* of where nu begins: a twentieth, no more than a few steps */
 
@@ -382,6 +388,25 @@ static double complex multiplier(const struct model *t, int j)
     return j % 2 == 0 ? rho : conj(rho);
 }
 
+/* What a turn's length does to it. */
+static double complex slope_of(const struct model *t, int j)
+{
+    return multiplier(t, j) * (j % 2 == 0 ? t->nu[j / 2] : conj(t->nu[j / 2]));
+}
+
+/* Do the record's turns bring two multipliers of T together, by (1)? */
+static bool locks(const struct work *w, const struct model *t)
+{
+    double far = OFTEN * cblas_dnrm2(w->in->Z->m, w->in->longer, 1) / sqrt(w->in->Z->m);
+
+    for (int k = 0; k < t->m.count; k++)
+        for (int j = 0; j < 2 * t->m.count; j++)
+            if (j != 2 * k && cabs(multiplier(t, j) - multiplier(t, 2 * k))
+                              < far * cabs(slope_of(t, j) - slope_of(t, 2 * k)))
+                return true;
+    return false;
+}
+
 /* Of each mode of T the multipliers next to its own. */
 static void find_near(struct work *w, const struct model *t)
 {
@@ -612,7 +637,7 @@ static void go_out(const double *U, int r, const struct model *t, struct whittle
 }
 
 enum modal_status ambient_wander_fit(const struct ambient_wander *in, struct whittle *m,
-                                     struct modal_error *err)
+                                     bool *locked, struct modal_error *err)
 {
     struct work w = { .in = in, .left = WORK_MOST };
     struct model *t = calloc(3, sizeof *t);
@@ -620,6 +645,7 @@ enum modal_status ambient_wander_fit(const struct ambient_wander *in, struct whi
     double faster = 1. / in->Z->m;        /* than a record that repeats shows it (whittle.c) */
     enum modal_status rc = find_basis(m, U, &w.l, err);
 
+    *locked = false;
     if (rc == MODAL_OK && (t == NULL || z == NULL))
         rc = modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for a model of turns");
     if (rc == MODAL_OK && w.l > 0) {
@@ -628,6 +654,7 @@ enum modal_status ambient_wander_fit(const struct ambient_wander *in, struct whi
         for (int k = 0; k < m->count; k++)
             t->m.mode[k].lambda += faster;
         rc = fit(&w, t, t + 1, t + 2, err);
+        *locked = rc == MODAL_OK && locks(&w, t);
         for (int k = 0; k < t->m.count; k++)
             t->m.mode[k].lambda -= faster;
         go_out(U, w.l, t, m);

@@ -18,8 +18,9 @@ struct ambient_wander {
 /*
  * *M, a model of turns that are all alike, becomes that of the mean turn, with its errors, the
  * exponents as whittle_exponent() takes them; pairs that drew what the lengths explain leave.
- * Without convergence m->converged is false.  Fails with MODAL_NO_MEMORY, MODAL_CANCELLED.
+ * Without convergence m->converged is false.  *locked: turns of the record differ by so much that
+ * multipliers meet; the errors are wrong then.  Fails with MODAL_NO_MEMORY, MODAL_CANCELLED.
  */
 enum modal_status ambient_wander_fit(const struct ambient_wander *in, struct whittle *m,
-                                     struct modal_error *err);
+                                     bool *locked, struct modal_error *err);
 #endif

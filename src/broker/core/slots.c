@@ -133,8 +133,12 @@ void slots_done(struct core *c)
 {
     for (int slot = 0; slot < SLOTS_MOST + REMOTES_MOST; slot++) {
         free(c->slots->at[slot].document);
+        for (int which = 0; which < 2; which++)
+            heap_done(&c->slots->at[slot].due[which].streams);
         slot_leave(c, slot);
     }
+    for (int which = 0; which < 2; which++)
+        heap_done(&c->slots->due[which].streams);
     map_done(&c->slots->peers);
     free(c->slots);
 }

@@ -23,8 +23,9 @@ struct remote {
     char *said;                           /* its last STDERR; NULL: none */
 };
 
-/* Streams that wait, the first of them first; what their windows are expected to take. */
-struct waiting { struct stream *first, **end; double cost_s; };
+/* Streams that wait, first whose window is left out first; what their windows are expected to
+ * take. */
+struct waiting { struct heap streams; double cost_s; };
 
 struct slot {
     enum slot_state state;

@@ -34,8 +34,9 @@ struct window {
     /* s of a processor, 0: not known: of the last gone on with; of the last anew; for this one */
     double cost_s, anew_s, expected_s;
     bool queued;                          /* among those that wait for a worker */
-    struct stream *behind;                /* of these, or of those that its worker has */
-    int64_t turn;                         /* its place among all that waited */
+    struct stream *behind;                /* of those that its worker has */
+    int64_t late_ns;                      /* mono, when the next will be due, and it is left out */
+    uint64_t paced; int64_t paced_ns;     /* what was durable when it waited before this time */
     int64_t round;                        /* of turns, in which it had its latest window */
     uint64_t lost;                        /* left out since its worker had the first */
     uint64_t skipped;                     /* left out since the one told last */

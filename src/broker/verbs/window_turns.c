@@ -1,11 +1,13 @@
 /*
  * window_turns.c - whose window is next where there are more than workers
  *
- * Each stream whose window is due gets its newest one in its turn.  Turns go round by round, over a
- * restart, too: who waits gets a window before anybody gets two, so that no stream has more than
- * its share, whatever the order within a round.  That is free, and a window goes rather to the
- * worker that had the one before: that gets only what is new.  So each worker has a list of those
- * that it is to go on with, and a turn looks at the first of each list alone, however many wait.
+ * Each stream whose window is due gets its newest one in its turn.  While nobody who waits is late,
+ * whose window is left out first is first: who has short hops waits for none of those that have
+ * time.  Once one is late, turns go round by round, over a restart, too: who waits gets a window
+ * before anybody gets two, so that no stream has more than its share, whatever the order within a
+ * round.  That is free, and a window goes rather to the worker that had the one before: that gets
+ * only what is new.  So each worker has a heap of those that it is to go on with, and a turn looks
+ * at the first of each alone, however many wait.
  * Another worker that has nothing else to do takes the first of a list whose worker is not to have
  * windows any more, or where that pays for the A that the window takes from nothing, where it would
  * take C:
@@ -23,6 +25,11 @@
 #include "broker/verbs/window_turns.h"
 #include "broker/core/slots.h"
 #include "broker/verbs/streams.h"
+#include <math.h>
+#include <stdlib.h>
+
+/* A stream that rests has its turn as well. */
+static const double LATE_MOST_S = 60;
 
 bool window_is_due(struct stream *s)
 {
@@ -59,27 +66,56 @@ static struct waiting *list_of(struct core *c, const struct stream *s)
     return &lists[(slots->round + (s->window.round == slots->round)) % 2];
 }
 
-void turn_wait(struct core *c, struct stream *s)
+/* S waits; of those that are left out at the same time, first who has waited longest. */
+static void put(struct core *c, struct stream *s)
 {
     struct waiting *list = list_of(c, s);
+    const struct heap_item item = { s->window.late_ns, c->slots->turns++, s, 0 };
 
     s->window.queued = true;
-    s->window.behind = NULL;
-    s->window.turn = c->slots->turns++;
-    *(list->first == NULL ? &list->first : list->end) = s;
-    list->end = &s->window.behind;
+    if (!heap_push(&list->streams, item))
+        abort();
     list->cost_s += s->window.cost_s;
     c->slots->due_count++;
     c->slots->due_now += s->window.round < c->slots->round;
 }
 
+/* When the window of S, which is due, is left out: at the pace since it waited last, or that of its
+ * own clock where that is not known. */
+static void expect_next(const struct core *c, struct stream *s)
+{
+    struct window *w = &s->window;
+    const int64_t now_ns = c->now.mono_ns;
+    const uint64_t end = w->next + w->hop;
+    double sample_s = s->dt, left_s;
+
+    if (w->paced_ns > 0 && s->durable > w->paced)
+        sample_s = (double)(now_ns - w->paced_ns) / 1e9 / (double)(s->durable - w->paced);
+    left_s = s->durable < end ? sample_s * (double)(end - s->durable) : 0;
+    w->late_ns = now_ns + (int64_t)(fmin(left_s, LATE_MOST_S) * 1e9);
+    w->paced = s->durable;
+    w->paced_ns = now_ns;
+}
+
+void turn_wait(struct core *c, struct stream *s)
+{
+    expect_next(c, s);
+    put(c, s);
+}
+
+static struct stream *first_of(const struct waiting *list)
+{
+    const struct heap_item *least = heap_least(&list->streams);
+
+    return least != NULL ? least->value : NULL;
+}
+
 /* The first of LIST, out of it. */
 static struct stream *first_out(struct core *c, struct waiting *list)
 {
-    struct stream *s = list->first;
+    struct stream *s = heap_pop(&list->streams).value;
 
-    list->first = s->window.behind;
-    list->cost_s = list->first != NULL ? list->cost_s - s->window.cost_s : 0;
+    list->cost_s = list->streams.count > 0 ? list->cost_s - s->window.cost_s : 0;
     s->window.queued = false;
     c->slots->due_count--;
     c->slots->due_now -= s->window.round < c->slots->round;
@@ -89,9 +125,17 @@ static struct stream *first_out(struct core *c, struct waiting *list)
 /* The first of LIST whose window is due still: others have begun anew, and wait no more. */
 static struct stream *first_due(struct core *c, struct waiting *list)
 {
-    while (list->first != NULL && !window_is_due(list->first))
+    while (list->streams.count > 0 && !window_is_due(first_of(list)))
         first_out(c, list);
-    return list->first;
+    return first_of(list);
+}
+
+/* Is the first of A left out before that of B?  An empty list is last. */
+static bool comes_before(const struct waiting *a, const struct waiting *b)
+{
+    const struct heap_item *p = heap_least(&a->streams), *q = heap_least(&b->streams);
+
+    return p != NULL && (q == NULL || p->key < q->key || (p->key == q->key && p->order < q->order));
 }
 
 /* Where nobody waits of this round, the next begins with all who wait. */
@@ -137,21 +181,54 @@ static bool may_leave(const struct core *c, int slot, const struct waiting *list
     return !window_is_with(c, s, slot) || !is_coming(c, slot) || pays(c, slot, list, s);
 }
 
-/* The list at WHICH of the one that has waited longest of those that the worker of SLOT may take:
- * its own, those that none has, and those that may leave their own worker. */
-static struct waiting *longest(struct core *c, int slot, int which)
+/* The list at WHICH whose first is left out first, of those that the worker of SLOT may take: its
+ * own, those that none has, and those that may leave their own worker. */
+static struct waiting *most_urgent(struct core *c, int slot, int which)
 {
     struct waiting *found = &c->slots->due[which];
-    const struct stream *first = first_due(c, found);
 
+    first_due(c, found);
     for (int i = slot_after(c, -1); i >= 0; i = slot_after(c, i)) {
         struct waiting *list = &c->slots->at[i].due[which];
-        const struct stream *s = list->first == NULL ? NULL : first_due(c, list);
-        if (s != NULL && (first == NULL || s->window.turn < first->window.turn)
-            && (i == slot || may_leave(c, i, list, s)))
-            found = list, first = s;
+        const struct stream *s = first_due(c, list);
+        if (s != NULL && comes_before(list, found) && (i == slot || may_leave(c, i, list, s)))
+            found = list;
     }
-    return first != NULL ? found : NULL;
+    return found->streams.count > 0 ? found : NULL;
+}
+
+/* Is a window that waits left out by now? */
+static bool any_is_late(struct core *c)
+{
+    for (int i = slot_after(c, -1); i >= 0; i = slot_after(c, i))
+        for (int which = 0; which < 2; which++) {
+            const struct stream *s = first_due(c, &c->slots->at[i].due[which]);
+            if (s != NULL && s->window.late_ns <= c->now.mono_ns)
+                return true;
+        }
+    for (int which = 0; which < 2; which++) {
+        const struct stream *s = first_due(c, &c->slots->due[which]);
+        if (s != NULL && s->window.late_ns <= c->now.mono_ns)
+            return true;
+    }
+    return false;
+}
+
+/* Where the worker of SLOT finds what nobody asks whether it may take; NULL: there is none. */
+static struct waiting *own_list(struct core *c, int slot)
+{
+    struct slots *slots = c->slots;
+    const int now = (int)(slots->round % 2);
+    struct waiting *own = slots->at[slot].due;
+    struct waiting *others[] = { &own[1 - now], &slots->due[now], &slots->due[1 - now] };
+    struct waiting *found = &own[now];
+
+    first_due(c, found);
+    if (!any_is_late(c))
+        for (int i = 0; i < 3; i++)
+            if (first_due(c, others[i]) != NULL && comes_before(others[i], found))
+                found = others[i];
+    return found->streams.count > 0 ? found : NULL;
 }
 
 /* Who works takes none ahead from another, who may be free before. */
@@ -172,14 +249,13 @@ struct stream *turn_take(struct core *c, int slot)
     if (slots->due_count == 0)
         return NULL;
     begin_round(slots);
-    list = &slots->at[slot].due[slots->round % 2];
-    if (first_due(c, list) == NULL)
-        list = longest(c, slot, (int)(slots->round % 2));
+    list = own_list(c, slot);
     if (list == NULL)
-        list = longest(c, slot, (int)((slots->round + 1) % 2));
-    if (list == NULL
-        || (worker->live != NULL
-            && (list->first->window.alone || is_anothers(c, list->first, slot))))
+        list = most_urgent(c, slot, (int)(slots->round % 2));
+    if (list == NULL)
+        list = most_urgent(c, slot, (int)((slots->round + 1) % 2));
+    s = list != NULL ? first_of(list) : NULL;
+    if (s == NULL || (worker->live != NULL && (s->window.alone || is_anothers(c, s, slot))))
         return NULL;
     s = first_out(c, list);
     s->window.round = slots->round;
@@ -197,10 +273,10 @@ void turns_free(struct core *c, int slot)
 {
     for (int which = 0; which < 2; which++) {
         struct waiting *list = &c->slots->at[slot].due[which];
-        while (list->first != NULL) {
+        while (list->streams.count > 0) {
             struct stream *s = first_out(c, list);
             s->window.slot = -1;
-            turn_wait(c, s);
+            put(c, s);
         }
     }
 }

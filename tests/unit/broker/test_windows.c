@@ -811,6 +811,40 @@ TEST(where_costs_vary_moving_windows_saves_more_than_it_takes_and_thinning_stays
     costs_vary = false;
 }
 
+/* Of 0.3 that the worker has to do, what comes each 600 ms takes 100 in a row; the first stream's
+ * next window is due after 40. */
+TEST(a_stream_of_short_hops_waits_for_no_turn_of_those_that_have_time_and_none_is_left_out)
+{
+    enum { SLOW = 20, EACH = 600, SHORT = 40 };
+    int until = 0;
+    char name[16];
+    uint64_t dice = 88172645463325252u;
+
+    anew = 0;
+    start_workers(1);
+    for (int k = 0; k <= SLOW; k++) {
+        snprintf(name, sizeof name, "s%d", k);
+        open_stream(name, WINDOW, HOP);
+        all[k] = (struct simulated) { .sent = 0, .worker = -1 };
+        memcpy(all[k].ident, stream, sizeof stream);
+    }
+    for (int tick = 0; tick < 40 * EACH; tick++, now.mono_ns += SECOND / 1000) {
+        for (int k = 0; k <= SLOW; k++)
+            if (tick % (k == 0 ? SHORT : EACH) == 0) {
+                push(all[k].ident, all[k].sent, HOP);
+                all[k].sent += HOP;
+            }
+        slot = 0;
+        work(tick, &until, &dice);
+    }
+    CHECK(all[0].had >= 40 * EACH / SHORT - WINDOW / HOP && all[SLOW].had >= 24);
+    printf("%lld left out\n", (long long)core->slots->windows_skipped);
+    CHECK(core->slots->windows_skipped == 0);
+    anew = ANEW;
+    cpu_s = 0;
+    core_free(core);
+}
+
 /* ---- all at once ----------------------------------------------------------------------------- */
 
 enum { TOGETHER = 40, HOP_SAMPLES = 16 };
@@ -884,7 +918,7 @@ TEST(when_the_daemon_starts_again_who_had_no_window_in_a_round_has_one_before_th
     core_free(core);
     start_daemon(1);
     for (int k = 0; k < 6; k++)
-        push(idents[k], 10, 8);
+        push(idents[k], 10, 12);                   /* of each one is left out */
     be_ready(1);
     for (int k = 0; k < 3; k++) {
         for (int i = 0; i < 3; i++)

@@ -274,7 +274,9 @@ def test_one_who_speaks_is_served_before_those_who_are_silent_have_had_their_tim
     with Daemon(config="connections = 8\n") as d:
         taken_s = HANDSHAKE_S
         # on a machine that was busy meanwhile their time may have been over: again
-        while taken_s >= HANDSHAKE_S:
+        for _ in range(20):
+            if taken_s < HANDSHAKE_S:
+                break
             with contextlib.ExitStack() as stack:
                 begin = time.monotonic()
                 silent = [stack.enter_context(greeted(d)) for _ in range(8)]
@@ -283,6 +285,7 @@ def test_one_who_speaks_is_served_before_those_who_are_silent_have_had_their_tim
                 connections = metric(c, "connections")
                 taken_s = time.monotonic() - begin
                 c.close()
+        assert taken_s < HANDSHAKE_S, "so busy a machine tells nothing"
         assert answered and kept == 7, "one place was wanted, and one given"
         assert connections == 8
 

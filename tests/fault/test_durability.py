@@ -213,14 +213,18 @@ def test_restarts_of_every_kind_under_load_lose_and_double_nothing():
 
 
 class UntilItDies(Client):
-    """Waits for an answer as long as the daemon D lives, and no longer."""
+    """Waits for an answer as long as the daemon D lives, and no longer; one that lives and does not
+    answer for PATIENCE_S has lost what it was asked.
+    """
 
     def __init__(self, d):
         super().__init__(d.endpoint, timeout_s=0.1)
         self.process = d.process
 
     def receive(self):
+        end = time.monotonic() + PATIENCE_S
         while self.process.poll() is None:
+            assert time.monotonic() < end, "the daemon lives and does not answer"
             with contextlib.suppress(zmq.Again):
                 return super().receive()
         raise ProcessLookupError

@@ -16,7 +16,8 @@
 #include "modal/identify/linear/exponents.h"
 
 static const double
-    TIED = 1e-6;                    /* of a magnitude: partners' differ by the fit's rounding */
+    TIED = 1e-6,                    /* of a magnitude: partners' differ by the fit's rounding */
+    TOP_MOST = 300;                 /* ln of a growth whose square, e^600, leaves 1e47 to the power */
 
 static int by_magnitude(const void *a, const void *b)
 {
@@ -78,8 +79,7 @@ static void add_power(const double complex *b, size_t stride, int p, double comp
     for (int n = 0; n < p; n++)
         a[n] = b[n * stride] * exp(growth * n - top) * CMPLX(cos(turn * n), sin(turn * n)) / p;
     fftw_execute(plan);
-    /* its square is finite */
-    top = top < EXPONENT_MOST / 2 ? exp(top) : 1;
+    top = top < TOP_MOST ? exp(top) : 1;
     for (int k = 0; k < p; k++)
         power[k] += (creal(a[k]) * creal(a[k]) + cimag(a[k]) * cimag(a[k])) * top * top;
 }

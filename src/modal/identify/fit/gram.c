@@ -24,6 +24,11 @@
  * of all channels, C C^T, entry by entry: no rows for each channel. So an evaluation costs about
  * 4 L order S + 4 order^3.
  *
+ * Poles that move together, the many lines of few multipliers, tell their parameters by sums of
+ * derivatives, of which one alone may be next to nothing beside all others' columns: there R22 is
+ * Cholesky's factor with pivots, of the rank that rounding leaves, and COLUMN_LEAST is asked of
+ * the sums instead.
+ *
  * [B87] Bjorck, Linear Algebra Appl. 88/89 (1987) 31-48: corrected seminormal equations.
  */
 #include "modal/identify/fit/gram.h"
@@ -57,6 +62,10 @@ struct gram {
     double *product;                         /* 4 count x blocks */
     double *rest;                            /* L */
     double *normal;                          /* 2 order x 2 order */
+    bool together;                           /* some poles share their parameters */
+    bool pivoted;                            /* R22 is not a triangle: by pivots, of rank rows */
+    int rank, *pivot;
+    double *scale;                           /* of the derivatives' columns, before Phi was taken */
 };
 
 double gram_work(int L, int order, int S)
@@ -82,7 +91,7 @@ static void power_sums(struct gram *g)
     }
 }
 
-struct gram *gram_new(int L, int count, int order)
+struct gram *gram_new(int L, int count, int order, bool together)
 {
     struct gram *g = calloc(1, sizeof *g);
     size_t N = (size_t)count, blocks;
@@ -90,7 +99,7 @@ struct gram *gram_new(int L, int count, int order)
 
     if (g == NULL)
         return NULL;
-    g->L = L, g->count = count, g->order = order;
+    g->L = L, g->count = count, g->order = order, g->together = together;
     /* sqrt(L) rows make the table and the starts as long: least memory, and products of level 3 */
     g->block = root > POWERS_BLOCK_LEAST ? root : POWERS_BLOCK_LEAST;
     g->block = g->block < L ? g->block : L;
@@ -103,8 +112,11 @@ struct gram *gram_new(int L, int count, int order)
     g->product = malloc(4 * N * blocks * sizeof *g->product);
     g->rest = malloc((size_t)L * sizeof *g->rest);
     g->normal = malloc(4 * (size_t)order * (size_t)order * sizeof *g->normal);
+    g->pivot = malloc((size_t)order * sizeof *g->pivot);
+    g->scale = malloc(3 * (size_t)order * sizeof *g->scale);
     if (g->a == NULL || g->first_column == NULL || g->pair == NULL || g->table == NULL
-        || g->start == NULL || g->product == NULL || g->rest == NULL || g->normal == NULL) {
+        || g->start == NULL || g->product == NULL || g->rest == NULL || g->normal == NULL
+        || g->pivot == NULL || g->scale == NULL) {
         gram_free(g);
         return NULL;
     }
@@ -117,7 +129,7 @@ void gram_free(struct gram *g)
     if (g == NULL)
         return;
     free(g->a), free(g->first_column), free(g->pair), free(g->table), free(g->start);
-    free(g->product), free(g->rest), free(g->normal);
+    free(g->product), free(g->rest), free(g->normal), free(g->pivot), free(g->scale);
     free(g);
 }
 
@@ -259,11 +271,57 @@ static void fill_tables(struct gram *g)
     }
 }
 
+/* The triangle of the first N columns, in place; false: some depends on those before it. */
+static bool factor_first(struct gram *g, int n, const double *norm)
+{
+    bool well = LAPACKE_dpotrf_work(LAPACK_COL_MAJOR, 'U', n, g->normal, g->K) == 0;
+
+    for (int j = 0; j < n && well; j++)  /* the sine of its angle to those before */
+        well = g->normal[j + (size_t)j * (size_t)g->K] > COLUMN_LEAST * norm[j];
+    return well;
+}
+
+/* R22 with pivots: by its columns where they were R22^T R22 is what Phi leaves of the derivatives'
+ * sums of squares, but for their rounding (a tolerance below 0 is LAPACK's, order x epsilon). */
+static bool factor_pivoted(struct gram *g)
+{
+    int q = g->order, K = g->K;
+    double *A = g->normal + q + (size_t)q * (size_t)K, *room = g->scale + q;
+
+    for (int j = 0; j < q; j++)
+        for (int i = 0; i <= j; i++)
+            A[i + (size_t)j * (size_t)K] /= g->scale[i] * g->scale[j];
+    if (LAPACKE_dpstrf_work(LAPACK_COL_MAJOR, 'U', q, A, K, g->pivot, &g->rank,
+                            -1, room) < 0)
+        return false;
+    for (int j = 0; j < q; j++)
+        for (int i = (j < g->rank ? j + 1 : g->rank); i < q; i++)
+            A[i + (size_t)j * (size_t)K] = 0;
+    return g->rank > 0;
+}
+
+/* R of the sums; false: sums do not tell enough. */
+static bool factor(struct gram *g, const double *norm)
+{
+    int q = g->order, K = g->K;
+    double *right = g->normal + (size_t)q * (size_t)K;
+
+    g->pivoted = g->together && !g->look;
+    if (!factor_first(g, g->pivoted ? q : K, norm))
+        return false;
+    if (!g->pivoted)
+        return true;
+    cblas_dtrsm(CblasColMajor, CblasLeft, CblasUpper, CblasTrans, CblasNonUnit, q, q, 1, g->normal,
+                K, right, K);
+    cblas_dsyrk(CblasColMajor, CblasUpper, CblasTrans, q, q, -1, right, K, 1, right + q, K);
+    memcpy(g->scale, norm + q, (size_t)q * sizeof *norm);
+    return factor_pivoted(g);
+}
+
 bool gram_factor(struct gram *g, const struct doubling_poles *poles, bool look, double *R)
 {
     int K = look ? g->order : 2 * g->order;
     double *norm = g->product;                          /* K <= 4 count numbers, until projecting */
-    bool well = true;
 
     g->look = look, g->K = K;
     take_poles(g, poles);
@@ -273,16 +331,15 @@ bool gram_factor(struct gram *g, const struct doubling_poles *poles, bool look, 
             products(g, j, k);
     for (int j = 0; j < K; j++)
         norm[j] = sqrt(g->normal[j + (size_t)j * (size_t)K]);
-    if (LAPACKE_dpotrf_work(LAPACK_COL_MAJOR, 'U', K, g->normal, K) != 0)
+    if (!factor(g, norm))
         return false;
     for (int j = 0; j < K; j++) {
         const double *from = g->normal + (size_t)j * (size_t)K;
         double *to = R + (size_t)j * (size_t)K;
         memcpy(to, from, (size_t)(j + 1) * sizeof *to);
         memset(to + j + 1, 0, (size_t)(K - 1 - j) * sizeof *to);
-        well &= from[j] > COLUMN_LEAST * norm[j];  /* the sine of its angle to those before */
     }
-    return well;
+    return true;
 }
 
 /* ---- data ---- */
@@ -356,6 +413,23 @@ static void solve(const double *R, int K, int q, CBLAS_TRANSPOSE how, double *x,
     cblas_dtrsm(CblasColMajor, CblasLeft, CblasUpper, how, CblasNonUnit, q, S, 1, R, K, x, ld);
 }
 
+/* Z2 of D^T of what is left, in place: R22^{-T} of its part outside Phi, Z1. */
+static void solve_derivatives(const struct gram *g, const double *R, double *Z, int S)
+{
+    int q = g->order, K = g->K;
+    const double *R12 = R + (size_t)q * (size_t)K, *R22 = R12 + q;
+
+    cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, q, S, q, -1, R12, K, Z, K, 1, Z + q, K);
+    for (int c = 0; c < S; c++) {
+        double *z = Z + q + (size_t)c * (size_t)K, *x = g->scale + q;
+        for (int j = 0; j < q; j++)
+            x[j] = z[g->pivot[j] - 1] / g->scale[g->pivot[j] - 1];
+        cblas_dtrsv(CblasColMajor, CblasUpper, CblasTrans, CblasNonUnit, g->rank, R22, K, x, 1);
+        memset(z, 0, (size_t)q * sizeof *z);
+        memcpy(z, x, (size_t)g->rank * sizeof *z);
+    }
+}
+
 bool gram_project(struct gram *g, const struct matrix *Y, const double *R, double *C, double *Z,
                   double *rest2)
 {
@@ -376,7 +450,9 @@ bool gram_project(struct gram *g, const struct matrix *Y, const double *R, doubl
         rest2[c] = left * left;
         project(g, g->rest, !g->look, Z + (size_t)c * (size_t)K);
     }
-    solve(R, K, K, CblasTrans, Z, K, S);
+    solve(R, K, g->pivoted ? q : K, CblasTrans, Z, K, S);
+    if (g->pivoted)
+        solve_derivatives(g, R, Z, S);
     for (int c = 0; c < S; c++) {                       /* what the sums lost */
         double *z = Z + (size_t)c * (size_t)K, *x = C + (size_t)c * (size_t)q;
         /* what Phi still holds of the rest: the correction of [B87] */
@@ -391,30 +467,43 @@ bool gram_project(struct gram *g, const struct matrix *Y, const double *R, doubl
 
 /* ---- the step ---- */
 
-/* Entries of the normal matrix of poles j and k: M of their derivatives, W of their amplitudes. */
-static void normal_of(const struct gram *g, int j, int k, const double *M, const double *W,
-                      const int *first, double *A, int n)
+/* A[row, col] += X, of an entry that its mirror is not added for; of the triangle above only. */
+static void add_entry(double *A, int n, int row, int col, double x)
 {
-    int q = g->order, i = g->first_column[j], l = g->first_column[k], r = first[j], s = first[k];
+    int top = row < col ? row : col, side = row < col ? col : row;
+
+    A[top + (size_t)side * (size_t)n] += x;
+}
+
+/* Entries of the normal matrix of poles j <= k: M of their derivatives, W of their amplitudes. */
+static void normal_of(const struct gram *g, int j, int k, const double *M, const double *W,
+                      const struct gram_parameters *p, double *A)
+{
+    int q = g->order, i = g->first_column[j], l = g->first_column[k], r = p->first[j],
+        s = p->first[k], tj = g->pair[j] ? p->turn[j] : 0, tk = g->pair[k] ? p->turn[k] : 0;
     const double *m = M + i + (size_t)l * (size_t)q, *w = W + i + (size_t)l * (size_t)q;
     bool pj = g->pair[j], pk = g->pair[k];
     double m12 = pk ? m[q] : 0, m21 = pj ? m[1] : 0, m22 = pj && pk ? m[1 + q] : 0;
     double w12 = pk ? w[q] : 0, w21 = pj ? w[1] : 0, w22 = pj && pk ? w[1 + q] : 0;
-    double *a = A + r + (size_t)s * (size_t)n;
+    /* two poles of one parameter: both orders of them are that entry of the diagonal */
+    double both = r == s && j != k ? 2 : 1;
 
     /* K^T M K by (3) of refine.c, summed over channels in W */
-    a[0] = m[0] * w[0] + m12 * w12 + m21 * w21 + m22 * w22;
-    if (pk)
-        a[n] = m12 * w[0] - m[0] * w12 + m22 * w21 - m21 * w22;
-    if (pj)
-        a[1] = m21 * w[0] + m22 * w12 - m[0] * w21 - m12 * w22;
-    if (pj && pk)
-        a[1 + n] = m22 * w[0] - m21 * w12 - m12 * w21 + m[0] * w22;
+    add_entry(A, p->count, r, s, both * (m[0] * w[0] + m12 * w12 + m21 * w21 + m22 * w22));
+    if (tk != 0)
+        add_entry(A, p->count, r, s + 1,
+                  tk * (m12 * w[0] - m[0] * w12 + m22 * w21 - m21 * w22));
+    if (tj != 0 && j != k)
+        add_entry(A, p->count, r + 1, s,
+                  tj * (m21 * w[0] + m22 * w12 - m[0] * w21 - m12 * w22));
+    if (tj != 0 && tk != 0)
+        add_entry(A, p->count, r + 1, s + 1,
+                  both * tj * tk * (m22 * w[0] - m21 * w12 - m12 * w21 + m[0] * w22));
 }
 
 /* Its right-hand side, from V = R22^T Z2. */
 static void slope_of(const struct gram *g, int j, const double *C, const double *V, int S,
-                     const double *weight, double *b)
+                     const double *weight, int turn, double *b)
 {
     int q = g->order, i = g->first_column[j];
 
@@ -423,8 +512,37 @@ static void slope_of(const struct gram *g, int j, const double *C, const double 
         double w = weight[c] * weight[c];
         /* K_c^T R22^T Q2^T y_c, K_c of (3) */
         b[0] += w * (x[0] * v[0] + (g->pair[j] ? x[1] * v[1] : 0));
-        if (g->pair[j])
-            b[1] += w * (x[0] * v[1] - x[1] * v[0]);
+        if (g->pair[j] && turn != 0)
+            b[1] += w * turn * (x[0] * v[1] - x[1] * v[0]);
+    }
+}
+
+/* A, q x N, becomes R22^T A. */
+static void times_derivatives(const struct gram *g, const double *R22, double *A, int n)
+{
+    int q = g->order;
+
+    cblas_dtrmm(CblasColMajor, CblasLeft, CblasUpper, CblasTrans, CblasNonUnit, q, n, 1, R22, g->K,
+                A, q);
+    for (int c = 0; c < n && g->pivoted; c++) {
+        double *x = A + (size_t)c * (size_t)q, *room = g->scale + q;
+        memcpy(room, x, (size_t)q * sizeof *x);
+        for (int j = 0; j < q; j++)
+            x[g->pivot[j] - 1] = room[j] * g->scale[g->pivot[j] - 1];
+    }
+}
+
+/* R22 with its columns where they were, into M. */
+static void derivatives_of(const struct gram *g, const double *R22, double *M)
+{
+    int q = g->order;
+
+    matrix_copy(q, q, R22, g->K, M, q);
+    for (int j = 0; j < q && g->pivoted; j++) {
+        int at = g->pivot[j] - 1;
+        double *x = M + (size_t)at * (size_t)q;
+        memcpy(x, R22 + (size_t)j * (size_t)g->K, (size_t)q * sizeof *x);
+        cblas_dscal(q, g->scale[at], x, 1);
     }
 }
 
@@ -435,22 +553,45 @@ static void step_products(const struct gram *g, const double *R, const double *C
     int q = g->order, K = g->K;
     const double *R22 = R + q + (size_t)q * (size_t)K;
 
-    matrix_copy(q, q, R22, K, M, q);
-    cblas_dtrmm(CblasColMajor, CblasLeft, CblasUpper, CblasTrans, CblasNonUnit, q, q, 1, R22, K, M,
-                q);
+    derivatives_of(g, R22, M);
+    times_derivatives(g, R22, M, q);
     for (int c = 0; c < S; c++)
         for (int i = 0; i < q; i++)
             V[i + (size_t)c * (size_t)q] = weight[c] * C[i + (size_t)c * (size_t)q];
     cblas_dgemm(CblasColMajor, CblasNoTrans, CblasTrans, q, q, S, 1, V, q, V, q, 0, W, q);
     matrix_copy(q, S, Z + q, K, V, q);
-    cblas_dtrmm(CblasColMajor, CblasLeft, CblasUpper, CblasTrans, CblasNonUnit, q, S, 1, R22, K, V,
-                q);
+    times_derivatives(g, R22, V, S);
+}
+
+/* Do the sums tell every parameter: is what Phi and the parameters before leave of its derivative
+ * more than COLUMN_LEAST of it?  Of derivatives that were factored one by one it is. */
+static bool tells(const struct gram *g, const double *W, const struct gram_parameters *p,
+                  const double *A, double *size)
+{
+    int q = g->order, n = p->count;
+    bool told = true;
+
+    memset(size, 0, (size_t)n * sizeof *size);
+    for (int j = 0; j < g->count && g->pivoted; j++) {
+        int i = g->first_column[j], r = p->first[j];
+        for (int c = i; c < i + (g->pair[j] ? 2 : 1) && r >= 0; c++) {
+            double x = W[c + (size_t)c * (size_t)q] * g->scale[c] * g->scale[c];
+            size[r] += x;
+            if (g->pair[j] && p->turn[j] != 0)
+                size[r + 1] += x;
+        }
+    }
+    for (int r = 0; r < n && told; r++) {
+        double a = A[r + (size_t)r * (size_t)n];
+        told = !g->pivoted || a * a > COLUMN_LEAST * COLUMN_LEAST * size[r];
+    }
+    return told;
 }
 
 bool gram_triangle(struct gram *g, const double *R, const double *C, const double *Z, int S,
-                   const double *weight, const int *first, int parameters, double *T)
+                   const double *weight, const struct gram_parameters *p, double *T)
 {
-    size_t q = (size_t)g->order, n = (size_t)parameters, P = n + 1;
+    size_t q = (size_t)g->order, n = (size_t)p->count, P = n + 1;
     double *M = calloc(2 * q * q + q * (size_t)S + n * n + n, sizeof *M);
     double *W = M + q * q, *V = W + q * q, *A = V + q * (size_t)S, *b = A + n * n;
     bool definite = M != NULL;
@@ -459,19 +600,20 @@ bool gram_triangle(struct gram *g, const double *R, const double *C, const doubl
         return false;
     step_products(g, R, C, Z, S, weight, M, W, V);
     for (int k = 0; k < g->count; k++) {
-        for (int j = 0; j <= k && first[k] >= 0; j++)
-            if (first[j] >= 0)
-                normal_of(g, j, k, M, W, first, A, parameters);
-        if (first[k] >= 0)
-            slope_of(g, k, C, V, S, weight, b + first[k]);
+        for (int j = 0; j <= k && p->first[k] >= 0; j++)
+            if (p->first[j] >= 0)
+                normal_of(g, j, k, M, W, p, A);
+        if (p->first[k] >= 0)
+            slope_of(g, k, C, V, S, weight, p->turn[k], b + p->first[k]);
     }
-    definite = LAPACKE_dpotrf_work(LAPACK_COL_MAJOR, 'U', parameters, A, parameters) == 0;
+    definite = LAPACKE_dpotrf_work(LAPACK_COL_MAJOR, 'U', p->count, A, p->count) == 0
+            && tells(g, W, p, A, T);
     memset(T, 0, P * P * sizeof *T);
     for (size_t j = 0; j < n && definite; j++)
         memcpy(T + j * P, A + j * n, (j + 1) * sizeof *T);
     if (definite)
-        cblas_dtrsv(CblasColMajor, CblasUpper, CblasTrans, CblasNonUnit, parameters, A, parameters,
-                    b, 1);
+        cblas_dtrsv(CblasColMajor, CblasUpper, CblasTrans, CblasNonUnit, p->count, A, p->count, b,
+                    1);
     memcpy(T + n * P, b, n * sizeof *T);
     free(M);
     return definite;

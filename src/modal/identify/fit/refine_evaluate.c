@@ -156,7 +156,7 @@ static bool allocate_sums(struct work *w)
     size_t S = (size_t)w->S, K = (size_t)w->columns;
     struct workspace *space = &w->space;
 
-    w->gram = gram_new(w->L, w->count, w->order);
+    w->gram = gram_new(w->L, w->count, w->order, w->tied);
     w->R = workspace_numbers(space, K, K), w->Z = workspace_numbers(space, K, S);
     w->C = workspace_numbers(space, (size_t)w->order, S);
     /* of each column of Y: what is left of it, and its weight */
@@ -176,9 +176,7 @@ bool refine_allocate(struct work *w, bool whole)
         *each[i] = workspace_numbers(&w->held, groups, 1);
     if (w->held.failed)
         return false;
-    /* sums in closed form know each pole's parameters as its own */
-    return whole && !w->tied && gram_pays(w->L, w->order, w->S) ? allocate_sums(w)
-                                                                : allocate_rows(w, whole);
+    return whole && gram_pays(w->L, w->order, w->S) ? allocate_sums(w) : allocate_rows(w, whole);
 }
 
 /* [Phi D]; D is centred where the column has its weight, which changes it by a multiple of the
@@ -433,6 +431,7 @@ static bool evaluate_sums(struct work *w, const struct doubling_poles *poles,
 {
     int q = w->order, K = w->columns, S = w->S;
     double *rest = w->rest, *weight = w->rest + S;
+    const struct gram_parameters p = { w->parameters, w->first, w->turn };
 
     /* known to the square of the condition only: where that is too little, rows decide */
     if (!gram_factor(w->gram, poles, w->look, w->R)
@@ -449,7 +448,7 @@ static bool evaluate_sums(struct work *w, const struct doubling_poles *poles,
     weigh(w, e);
     e->degenerate = !isfinite(e->F);
     return w->look || w->parameters == 0
-        || gram_triangle(w->gram, w->R, w->C, w->Z, S, weight, w->first, w->parameters, e->T);
+        || gram_triangle(w->gram, w->R, w->C, w->Z, S, weight, &p, e->T);
 }
 
 /* The blocks tell of POLES, at the cost of an evaluation of all rows where they did not. */

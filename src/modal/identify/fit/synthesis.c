@@ -227,7 +227,7 @@ static enum modal_status fit_sums(const double complex *lambda, double tau, cons
     struct doubling_poles poles;
     struct laid t = { 0 };
     double *C = malloc((2 * (size_t)n + 1) * (size_t)S * sizeof *C), *Z = C + (size_t)n * S;
-    struct gram *g = gram_new(Y->m, s->poles, n);
+    struct gram *g = gram_new(Y->m, s->poles, n, false);
     enum modal_status rc = laid_new(lambda, s->poles, tau, n, &t, &poles, err);
 
     if (rc == MODAL_OK && (g == NULL || C == NULL))

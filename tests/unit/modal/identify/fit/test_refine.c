@@ -87,6 +87,51 @@ TEST(lines_of_one_multiplier_have_one_exponent_and_the_errors_of_all_of_them)
     refined_done(&r);
 }
 
+enum { HEADS = 4, LINES = 9, FAMILY_ROWS = 2000 };
+static const double FAMILY_OMEGA = 7.3, FAMILY_STEP = 0.05;
+
+/* LINES of each of HEADS, k omega from it. */
+static void family_lines(const double complex *head, double complex *lambda)
+{
+    for (int i = 0; i < HEADS * LINES; i++) {
+        double complex h = head[i / LINES];
+        lambda[i] = CMPLX(creal(h), fabs(cimag(h) + (i % LINES - LINES / 2) * FAMILY_OMEGA));
+    }
+}
+
+/* Of 36 lines of four multipliers, two half a beat apart, whose lines' derivatives each depend on
+ * others' columns: the fit takes sums, a tenth of the work of rows, L columns^2 an evaluation. */
+TEST(many_lines_of_few_multipliers_are_fitted_without_a_row_for_each_column)
+{
+    const double complex head[HEADS] = { CMPLX(-0.011, 0.9), CMPLX(-0.031, 2.17),
+                                         CMPLX(-0.023, 2.2), CMPLX(-0.05, 3.3) };
+    double complex lambda[HEADS * LINES], start[HEADS * LINES], off[HEADS];
+    struct matrix Y = { FAMILY_ROWS, 2, FAMILY_ROWS, y };
+    struct refine_data data = { .Y = &Y, .tau = FAMILY_STEP, .omega = FAMILY_OMEGA };
+    struct random rng = { 11 };
+    double rows = FAMILY_ROWS * (4.0 * HEADS * LINES + 2) * (4.0 * HEADS * LINES + 2);
+    struct refined r;
+
+    for (int h = 0; h < HEADS; h++)
+        off[h] = head[h] + CMPLX(1e-3, h % 2 ? -2e-3 : 2e-3);
+    family_lines(head, lambda), family_lines(off, start);
+    for (int k = 0; k < 2 * FAMILY_ROWS; k++)
+        y[k] = 1e-3 * random_normal(&rng);
+    for (int i = 0; i < 2 * HEADS * LINES; i++) {
+        double complex B = CMPLX(random_normal(&rng), random_normal(&rng));
+        for (int k = 0; k < FAMILY_ROWS; k++)
+            y[k + i % 2 * FAMILY_ROWS] += creal(B * cexp(lambda[i / 2] * (k * FAMILY_STEP)));
+    }
+    CHECK(refine_poles(&data, start, HEADS * LINES, NULL, NULL, &r, NULL) == MODAL_OK);
+    CHECK(r.end == REFINE_CONVERGED && r.parameters == 2 * HEADS);
+    CHECK(r.work < rows / 10 * r.evaluations);
+    for (int i = 0; i < HEADS * LINES; i++) {
+        CHECK(fabs(creal(r.lambda[i] - lambda[i])) < 5 * r.std_re[i]);
+        CHECK(fabs(cimag(r.lambda[i] - lambda[i])) < 5 * r.std_im[i]);
+    }
+    refined_done(&r);
+}
+
 /* A record (A + B t) e^{mt} and more, of two exponents m +- d, looks the same with -d, and so has
  * no slope in d where d is small: begun at small d of other directions, the search comes to the
  * true pair all the same. */

@@ -252,7 +252,8 @@ static void take_heads(const struct families *f, const struct lines *l, const st
 }
 
 /* Exponents by lines and lines by exponents, until the lines stay; those of L, where there are any,
- * have *FIT, and stay where others are no better. */
+ * have *FIT, and stay where others are no better.  Where there are none, *FIT, if any, is that of
+ * more families, and L stays empty where that stands. */
 static enum modal_status settle_lines(struct families *f, struct lines *l, struct refined *fit,
                                       struct modal_error *err)
 {
@@ -265,7 +266,7 @@ static enum modal_status settle_lines(struct families *f, struct lines *l, struc
     for (int i = 0; i < ROUNDS && rc == MODAL_OK && !f->given_up; i++) {
         struct refine_options opt = { .rival = f->rival, .work = f->work };
         struct refined look;
-        bool better;
+        bool better, stands;
         make_lines(f);
         copy_lines(&f->all, &other);
         if ((rc = lines_choose(&f->w->data, &other, err)) != MODAL_OK || other.count == before)
@@ -275,7 +276,11 @@ static enum modal_status settle_lines(struct families *f, struct lines *l, struc
         if (rc != MODAL_OK)
             break;
         f->spent += look.work, f->work = fmax(f->work - look.work, 1);
-        better = l->count == 0 || look.bic < fit->bic;
+        /* what the work allowed has ended is no reason to leave what converged, or is better */
+        stands = look.end == REFINE_STOPPED && fit->poles > 0
+              && (refined_converged(fit) || fit->bic <= look.bic);
+        better = !stands && (l->count == 0 || look.bic < fit->bic);
+        f->given_up = stands;
         if (better) {
             take_heads(f, &other, &look, f->head);
             copy_lines(&other, l);
@@ -409,7 +414,8 @@ static enum modal_status try_without(struct families *f, const struct lines *l, 
     return rc == MODAL_NO_CONVERGENCE ? MODAL_OK : rc;
 }
 
-/* The family that the lines do best without; -1: all pay. */
+/* The family that the lines do best without, and heads, others in their place, as they are
+ * then; -1: all pay. */
 static enum modal_status find_idle(struct families *f, const struct lines *l,
                                    const struct refined *fit, int *idle, struct modal_error *err)
 {
@@ -424,8 +430,7 @@ static enum modal_status find_idle(struct families *f, const struct lines *l,
     all_lines(f, DIAGNOSE_NYQUIST * M_PI / f->w->tau);
     for (int j = 0; j < f->count && f->count > 1 && rc == MODAL_OK; j++)
         rc = try_without(f, l, j, fit, &less, &best, idle, head, err);
-    for (int j = 0; j < f->count && *idle >= 0; j++)
-        f->head[j] = j != *idle ? head[j] : f->head[j];
+    f->head = *idle >= 0 ? head : f->head;
     return rc;
 }
 
@@ -570,17 +575,21 @@ static enum modal_status fit_families(struct families *f, struct refined *fit,
 {
     struct lines l = { 0 };
     double least = HUGE_VAL;                         /* of what was better as more families */
+    double complex *stood = NULL;                    /* heads of *FIT while one is left out */
     bool parted = false;
     int idle = 0;
     enum modal_status rc = make_room(f, &l, err);
 
     while (rc == MODAL_OK && (idle >= 0 || parted) && !f->given_up) {
         rc = settle_lines(f, &l, fit, err);
+        if (f->given_up && l.count == 0)
+            f->head = stood, f->count++;
         for (int i = 0; i < l.count && rc == MODAL_OK; i++)
             l.lambda[i] = fit->lambda[i];
         parted = false;
         if (rc != MODAL_OK || f->given_up)
             break;
+        stood = f->head;
         rc = find_idle(f, &l, fit, &idle, err);
         if (rc == MODAL_OK && idle >= 0)
             drop_family(f, idle), l.count = 0;

@@ -176,7 +176,10 @@ bool refine_allocate(struct work *w, bool whole)
         *each[i] = workspace_numbers(&w->held, groups, 1);
     if (w->held.failed)
         return false;
-    return whole && gram_pays(w->L, w->order, w->S) ? allocate_sums(w) : allocate_rows(w, whole);
+    /* of phases refine_covariance.c reads R22 as it stands: not by pivots */
+    bool plain = !w->tied || w->phases == 1;
+    return whole && plain && gram_pays(w->L, w->order, w->S) ? allocate_sums(w)
+                                                             : allocate_rows(w, whole);
 }
 
 /* [Phi D]; D is centred where the column has its weight, which changes it by a multiple of the

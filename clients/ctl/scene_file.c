@@ -263,15 +263,20 @@ static enum modal_status inline_matrices(cJSON *structure, const char *scene_pat
     return rc;
 }
 
-/* Signals and whatever else is no JSON are called so, and not JSON with a fault at its first
- * byte. */
-static bool begins_as_object(const char *text, size_t length)
+/* Nothing, signals and whatever else is no JSON are called so, and not JSON with a fault at its
+ * first byte. */
+static enum modal_status check_begin(const char *text, size_t length, const char *path,
+                                     struct modal_error *err)
 {
-    size_t at = 0;
+    size_t blanks = strspn(text, " \t\r\n");
+    enum modal_status rc = signals_check_text(text, length, path, "scene", "UTF-8", err);
 
-    while (at < length && strchr(" \t\r\n", text[at]) != NULL && text[at] != 0)
-        at++;
-    return at < length && text[at] == '{';
+    if (rc != MODAL_OK || text[blanks] == '{')
+        return rc;
+    return modal_fail_field(err, MODAL_BAD_INPUT, "scene", "%s is %s; accepted: a JSON object, "
+                            "{\"structure\": ...} (modalctl help scene)%s", path,
+                            blanks == length ? "empty" : "no scene",
+                            blanks == length ? "" : "; signals with identify");
 }
 
 enum modal_status scene_file_read(const char *path, cJSON **out, struct scene_arrays_made *arrays,
@@ -283,10 +288,8 @@ enum modal_status scene_file_read(const char *path, cJSON **out, struct scene_ar
     struct modal_error inside = { 0 };
     enum modal_status rc = signals_read_text(path, SCENE_TEXT_MOST, &text, &length, err);
 
-    if (rc == MODAL_OK && !begins_as_object(text, length))
-        rc = modal_fail_field(err, MODAL_BAD_INPUT, "scene", "%s is no scene; accepted: a JSON "
-                              "object, {\"structure\": ...} (modalctl help scene); signals with "
-                              "identify", path);
+    if (rc == MODAL_OK)
+        rc = check_begin(text, length, path, err);
     if (rc == MODAL_OK && (rc = json_read(text, length, &scene, &inside)) != MODAL_OK)
         rc = modal_fail_field(err, rc, inside.field[0] ? inside.field : "scene", "%s: %s", path,
                               inside.message);

@@ -111,6 +111,16 @@ static enum modal_status check_dataset(const char *path, const struct format *fo
                             "accepted: --dataset with HDF5, MATLAB and NPZ", path);
 }
 
+enum modal_status signals_check_text(const char *text, size_t length, const char *path,
+                                     const char *field, const char *accepted,
+                                     struct modal_error *err)
+{
+    if (length >= 2 && (memcmp(text, "\xff\xfe", 2) == 0 || memcmp(text, "\xfe\xff", 2) == 0))
+        return modal_fail_field(err, MODAL_BAD_INPUT, field, "%s: text in UTF-16; accepted: "
+                                "%s, in which other programs save it too", path, accepted);
+    return MODAL_OK;
+}
+
 static enum modal_status read_text(char *text, size_t length, const char *path,
                                    const struct signals_options *options, struct signals *out,
                                    struct modal_error *err)
@@ -118,9 +128,10 @@ static enum modal_status read_text(char *text, size_t length, const char *path,
     if (length > TEXT_MOST)
         return modal_fail_field(err, MODAL_TOO_LARGE, "file", "%s: more than %d bytes of text",
                                 path, TEXT_MOST);
-    if (memcmp(text, "\xff\xfe", 2) == 0 || memcmp(text, "\xfe\xff", 2) == 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "%s: text in UTF-16; accepted: "
-                                "UTF-8 or Latin-1, in which other programs save it too", path);
+    enum modal_status rc = signals_check_text(text, length, path, "signals", "UTF-8 or Latin-1",
+                                              err);
+    if (rc != MODAL_OK)
+        return rc;
     if (memchr(text, 0, length) != NULL)
         return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "%s: neither text in UTF-8 or "
                                 "Latin-1 nor anything else that is known; accepted: "

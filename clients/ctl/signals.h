@@ -70,5 +70,10 @@ struct batch signals_batch(const struct signals *signals);
  * MODAL_BAD_INPUT if it cannot be read, MODAL_TOO_LARGE. */
 enum modal_status signals_read_text(const char *path, size_t most, char **text, size_t *length,
                                     struct modal_error *err);
+/* MODAL_BAD_INPUT, FIELD, where such a text begins with the mark of UTF-16; ACCEPTED is what may be
+ * there instead. */
+enum modal_status signals_check_text(const char *text, size_t length, const char *path,
+                                     const char *field, const char *accepted,
+                                     struct modal_error *err);
 
 #endif

@@ -236,7 +236,7 @@ def netcdf(path, unit):
 
 
 SAYS_UNIT = {
-    "mat": lambda path, unit: mat(path, **{f"t_{unit}": T}),
+    "mat": lambda path, unit: scipy.io.savemat(path, {"accel": Y, f"t_{unit}": T}),
     "npz": lambda path, unit: np.savez(open(path, "wb"), **{f"time [{unit}]": T, "accel": Y}),
     "hdf5": netcdf,
     "hdf5 by fixed text": lambda path, unit: netcdf(path, np.bytes_(unit)),
@@ -260,17 +260,95 @@ def test_times_of_a_file_in_another_unit_than_seconds_are_refused_with_the_unit(
                "rank.fixed=6").status == 0
 
 
+def identified(ctl, path, *words):
+    """Are the modes of PATH those of Y?"""
+    said = ctl("identify", path, *words, "-o", "rank.fixed=6")
+    assert said.status == 0, said.document
+    return np.allclose(modes(said.document), [m[:2] for m in MODES], rtol=1e-3)
+
+
 @pytest.mark.parametrize("kind", SAYS_UNIT)
 def test_times_of_a_file_that_say_seconds_are_its_times(kind, ctl, tmp_path):
     SAYS_UNIT[kind](tmp_path / "x", "s")
-    said = ctl("identify", tmp_path / "x", "-o", "rank.fixed=6")
-    assert said.status == 0, said.document
-    assert np.allclose(modes(said.document), [m[:2] for m in MODES], rtol=1e-3)
+    assert identified(ctl, tmp_path / "x")
+
+
+@pytest.mark.parametrize("unit", ["hrs", "milliseconds since 2020-01-01 00:00:00",
+                                  np.bytes_("days since 1970-01-01 00:00:00.000000 UTC")])
+def test_units_written_out_and_what_they_count_from_are_units(unit, ctl, tmp_path):
+    """Those of more than 31 characters, as xarray writes them, were none."""
+    netcdf(tmp_path / "x", unit)
+    error = ctl("identify", tmp_path / "x").document["error"]
+    assert error["field"] == "time", error
+    assert f"in {np.bytes_(unit).split()[0].decode()};" in error["message"], error
+
+
+@pytest.mark.parametrize("unit", ["seconds since 2020-01-01 00:00:00.000000", "s" + 200 * " ",
+                                  np.bytes_("sec" + 200 * " "), "s\u00b2" * 100])
+def test_seconds_since_a_day_and_what_is_no_unit_are_seconds(unit, ctl, tmp_path):
+    netcdf(tmp_path / "x", unit)
+    assert identified(ctl, tmp_path / "x")
+
+
+def step_of_unit(path, name, value, unit):
+    with h5py.File(path, "w") as file:
+        file["accel"], file[name] = Y, value
+        file[name].attrs["units"] = unit
+
+
+@pytest.mark.parametrize("name, value, unit", [("dt", 1e3 * DT, "ms"), ("fs", 1e-3 / DT, "kHz"),
+                                               ("Fs", 1e-6 / DT, "MHz"), ("dt", 1 / DT, "Hz")])
+def test_a_step_and_a_rate_in_another_unit_are_refused_with_the_unit(name, value, unit, ctl,
+                                                                     tmp_path):
+    """They were taken for s and Hz."""
+    step_of_unit(tmp_path / "x", name, value, unit)
+    error = ctl("identify", tmp_path / "x").document["error"]
+    assert (error["code"], error["field"]) == ("bad_input", name), error
+    assert f"`{name}` is in {unit}; accepted: in {'s' if name == 'dt' else 'Hz'}, or --dt" \
+        in error["message"], error
+    assert identified(ctl, tmp_path / "x", "--dt", DT, "--ignore-time")
+
+
+@pytest.mark.parametrize("name, value, unit", [("dt", DT, "s"), ("fs", 1 / DT, "Hz"),
+                                               ("fs", 1 / DT, "S/s"), ("fs", 1 / DT, "1/s")])
+def test_a_step_in_s_and_a_rate_in_hz_are_the_signals_own(name, value, unit, ctl, tmp_path):
+    step_of_unit(tmp_path / "x", name, value, unit)
+    assert identified(ctl, tmp_path / "x")
 
 
 def test_a_temperature_and_a_delay_beside_signals_are_no_times(ctl, tmp_path):
     mat(tmp_path / "x", T_h=20 + T, t_ms=3.0, T_ms=T)
     assert ctl("identify", tmp_path / "x", "--dataset", "accel", "-o", "rank.fixed=6").status == 0
+
+
+WARM = 20 + np.sin(T)
+
+
+@pytest.mark.parametrize("beside", [
+    {"dt": DT, "t_s": WARM}, {"fs": 1 / DT, "t_min": Y.min(axis=1)}, {"dt": DT, "t_h": 20 + T},
+    {"t": T, "t_ms": 1e3 * T}, {"t_h": T / 3600, "t_s": T}, {"time": T, "t_d": 0 * T},
+    {"t_ms": WARM, "t_s": T}, {"t_ms": np.full(3, 1.0), "time_s": T}, {"dt": DT, "t_s": T[:3]}],
+    ids=lambda beside: "-".join(beside))
+def test_what_has_a_unit_in_its_name_is_no_time_beside_what_says_the_step(beside, ctl, tmp_path):
+    """A temperature `t_s` was taken for times that do not grow, and the file was refused."""
+    np.savez(tmp_path / "x.npz", accel=Y, **beside)
+    assert identified(ctl, tmp_path / "x.npz")
+
+
+def test_what_has_a_unit_in_its_name_and_does_not_grow_says_no_step(ctl, tmp_path):
+    np.savez(tmp_path / "x.npz", accel=Y, t_ms=WARM)
+    error = ctl("identify", tmp_path / "x.npz").document["error"]
+    assert error["field"] == "dt" and "nothing says the step" in error["message"], error
+    assert identified(ctl, tmp_path / "x.npz", "--dt", DT)
+
+
+def test_a_matrix_with_a_unit_in_its_name_may_be_the_signals(ctl, tmp_path):
+    """It was none, and another was taken without a word."""
+    np.savez(tmp_path / "x.npz", t_d=Y, x=np.ones((100, 2)), dt=DT)
+    error = ctl("identify", tmp_path / "x.npz").document["error"]
+    assert error["field"] == "dataset" and "t_d (2000 x 3)" in error["message"], error
+    np.savez(tmp_path / "y.npz", time_d=Y, dt=DT)
+    assert identified(ctl, tmp_path / "y.npz")
 
 
 def test_uneven_abscissae_and_singles_of_a_universal_file_are_read(ctl, tmp_path):

@@ -71,6 +71,16 @@ def test_signals_given_as_a_scene_are_no_scene_and_what_is_accepted_is_said(tmp_
             assert "signals with identify" in text, text
 
 
+@pytest.mark.parametrize("text, fault", [(b"", "is empty"), (b" \r\n", "is empty"),
+                                         ("{}".encode("utf-16"), "text in UTF-16"),
+                                         (b"\xfe\xff\0{\0}", "text in UTF-16")])
+def test_an_empty_scene_and_one_in_utf_16_are_called_so(text, fault, tmp_path):
+    """They were taken for signals."""
+    (tmp_path / "s.json").write_bytes(text)
+    told = said(tmp_path, "modalctl", "--local", "steady", "s.json")
+    assert fault in told and "accepted: " in told and "identify" not in told, told
+
+
 @pytest.mark.parametrize("server, fault", [
     ("localhost:99", "begins with neither ipc:// nor tcp://"), ("/run/s", "begins with neither"),
     ("http://localhost:99", "begins with neither"), ("tcp://localhost", "ends in no port"),

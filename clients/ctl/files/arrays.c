@@ -62,8 +62,10 @@ static const char *unit_of_name(const struct array *array)
     return own[0] == 'T' && behind == own + 1 ? "" : steps_unit(behind);
 }
 
-/* What an array of this name says of the step. */
-enum says { SAYS_NOTHING, SAYS_STEP, SAYS_RATE, SAYS_TIMES };
+/* What an array of this name says of the step; the last two by the unit in its name only, where it
+ * may be something else: a temperature `t_s`. */
+enum says { SAYS_NOTHING, SAYS_STEP, SAYS_RATE, SAYS_TIMES, SAYS_SECONDS, SAYS_OTHER_UNIT,
+            SAYS_END };
 
 static enum says says(const struct array *array)
 {
@@ -76,7 +78,9 @@ static enum says says(const struct array *array)
     for (size_t i = 0; array->numbers && i < sizeof words / sizeof *words; i++)
         if (strcmp(own, words[i].name) == 0)
             return words[i].says;
-    return array->numbers && unit_of_name(array)[0] != 0 ? SAYS_TIMES : SAYS_NOTHING;
+    if (!array->numbers || unit_of_name(array)[0] == 0 || (array->rows != 1 && array->columns != 1))
+        return SAYS_NOTHING;
+    return strcmp(unit_of_name(array), "s") == 0 ? SAYS_SECONDS : SAYS_OTHER_UNIT;
 }
 
 /* ---- the signals ---- */
@@ -218,20 +222,26 @@ static bool fits(const struct array *a, const struct array *signals, bool *turne
     return n == (*turned ? signals->columns : signals->rows);
 }
 
-/* Is A, which is not called plainly `time`, no time of SIGNALS after all? */
-static bool is_other(const struct array *a, const struct array *signals)
+/* `S/s`, samples a second, is read as s. */
+static enum modal_status check_number_unit(const struct arrays *arrays, const struct array *a,
+                                           struct modal_error *err)
 {
-    bool turned;
+    const char *wanted = says(a) == SAYS_RATE ? "Hz" : "s", *unit = a->unit != NULL ? a->unit : "";
 
-    return unit_of_name(a)[0] != 0 && !fits(a, signals, &turned);
+    if (unit[0] == 0 || strcmp(unit, wanted) == 0 || strcmp(unit, "s") == 0)
+        return MODAL_OK;
+    return modal_fail_field(err, MODAL_BAD_INPUT, a->name, "%s: `%s` is in %s; accepted: in %s, or "
+                            "--dt SECONDS with --ignore-time", arrays->path, a->name, unit, wanted);
 }
 
 static enum modal_status read_number(const struct arrays *arrays, const struct array *a,
                                      double *value, struct modal_error *err)
 {
     double *x;
-    enum modal_status rc;
+    enum modal_status rc = check_number_unit(arrays, a, err);
 
+    if (rc != MODAL_OK)
+        return rc;
     if (a->rows != 1 || a->columns != 1)
         return modal_fail_field(err, MODAL_BAD_INPUT, a->name, "%s: `%s` is %zu x %zu; accepted: "
                                 "one number", arrays->path, a->name, a->rows, a->columns);
@@ -246,37 +256,55 @@ static enum modal_status read_number(const struct arrays *arrays, const struct a
                             "number", arrays->path, a->name, *value);
 }
 
+/* The step of the times A of SIGNALS into ONE; nothing where these are no times after all. */
+static enum modal_status step_of_times(const struct arrays *arrays, const struct array *a,
+                                       const struct array *signals,
+                                       const struct signals_options *options, struct signals *one,
+                                       bool *turned, struct modal_error *err)
+{
+    bool plain = says(a) == SAYS_TIMES, turn, fit = fits(a, signals, &turn);
+    const char *unit = !plain ? unit_of_name(a) : a->unit != NULL ? a->unit : "";
+    size_t n = a->rows * a->columns;
+    double *t;
+    char what[48];
+    enum modal_status rc;
+
+    if (!fit && !plain)
+        return MODAL_OK;
+    if (!fit)
+        return modal_fail_field(err, MODAL_BAD_INPUT, a->name, "%s: `%s` is %zu x %zu, the signals "
+                                "`%s` are %zu x %zu; accepted: a time for each sample",
+                                arrays->path, a->name, a->rows, a->columns, signals->name,
+                                signals->rows, signals->columns);
+    rc = load(arrays, a, false, &t, err);
+    if (rc == MODAL_OK && (plain || steps_turn_back(t, n, 1) == 0)) {
+        *turned = turn;
+        snprintf(what, sizeof what, "`%.40s`", a->name);
+        rc = steps_unit_check(unit, arrays->path, what, options, err);
+        if (rc == MODAL_OK)
+            rc = steps_read(t, n, a->single ? FLT_EPSILON : 0, arrays->path, "its array of times",
+                            options, one, err);
+    }
+    free(t);
+    return rc;
+}
+
 /* What A says of the step of SIGNALS into ONE. */
 static enum modal_status step_of(const struct arrays *arrays, const struct array *a,
                                  const struct array *signals,
                                  const struct signals_options *options, struct signals *one,
                                  bool *turned, struct modal_error *err)
 {
-    double value = 0, *t = NULL;
-    char what[48];
+    bool rate = says(a) == SAYS_RATE;
+    double value = 0;
     enum modal_status rc;
 
-    if (says(a) != SAYS_TIMES) {
-        rc = read_number(arrays, a, &value, err);
-        one->dt = rc != MODAL_OK ? 0 : says(a) == SAYS_RATE ? 1 / value : value;
-        one->dt_off = (a->single ? FLT_EPSILON : SIGNALS_DT_OFF) * one->dt;
-        one->dt_from = says(a) == SAYS_RATE ? "its sampling rate" : "its `dt`";
-        return rc;
-    }
-    if (!fits(a, signals, turned))
-        return modal_fail_field(err, MODAL_BAD_INPUT, a->name, "%s: `%s` is %zu x %zu, the signals "
-                                "`%s` are %zu x %zu; accepted: a time for each sample",
-                                arrays->path, a->name, a->rows, a->columns, signals->name,
-                                signals->rows, signals->columns);
-    snprintf(what, sizeof what, "`%.40s`", a->name);
-    rc = steps_unit_check(unit_of_name(a)[0] == 0 && a->unit != NULL ? a->unit : unit_of_name(a),
-                          arrays->path, what, options, err);
-    if (rc == MODAL_OK)
-        rc = load(arrays, a, false, &t, err);
-    if (rc == MODAL_OK)
-        rc = steps_read(t, a->rows * a->columns, a->single ? FLT_EPSILON : 0, arrays->path,
-                        "its array of times", options, one, err);
-    free(t);
+    if (!rate && says(a) != SAYS_STEP)
+        return step_of_times(arrays, a, signals, options, one, turned, err);
+    rc = read_number(arrays, a, &value, err);
+    one->dt = rc != MODAL_OK ? 0 : rate ? 1 / value : value;
+    one->dt_off = (a->single ? FLT_EPSILON : SIGNALS_DT_OFF) * one->dt;
+    one->dt_from = rate ? "its sampling rate" : "its `dt`";
     return rc;
 }
 
@@ -288,32 +316,54 @@ static enum modal_status twice(const struct arrays *arrays, const struct signals
                             arrays->path, a->dt_from, a->dt, b->dt_from, b->dt);
 }
 
-enum modal_status arrays_step(const struct arrays *arrays, const struct array *array,
-                              const struct signals_options *options, struct signals *out,
-                              bool *turned, struct modal_error *err)
+/* Does A stand in the folder of ARRAY, or at the top? */
+static bool is_beside(const struct array *a, const struct array *array)
 {
-    size_t folder = folder_of(array->name);
+    size_t own = folder_of(a->name);
+
+    return a != array && (own == 0 || (own == folder_of(array->name)
+                                       && strncmp(a->name, array->name, own) == 0));
+}
+
+/* The step of ARRAY into OUT by those that say it in the ways FIRST to the one before END. */
+static enum modal_status step_by(const struct arrays *arrays, const struct array *array,
+                                 enum says first, enum says end,
+                                 const struct signals_options *options, struct signals *out,
+                                 bool *turned, struct modal_error *err)
+{
     enum modal_status rc = MODAL_OK;
 
-    *turned = array->rows == 1;
     for (size_t i = 0; rc == MODAL_OK && i < arrays->count; i++) {
         const struct array *a = &arrays->list[i];
         struct signals one = { 0 };
-        size_t own = folder_of(a->name);
-        bool beside = own == 0 || (own == folder && strncmp(a->name, array->name, own) == 0);
 
-        if (a == array || !beside || says(a) == SAYS_NOTHING || is_other(a, array)
-            || options->ignore_time)
+        if (!is_beside(a, array) || says(a) < first || says(a) >= end)
             continue;
         rc = step_of(arrays, a, array, options, &one, turned, err);
-        if (rc == MODAL_OK && out->dt > 0 && !(fabs(out->dt - one.dt) <= out->dt_off + one.dt_off))
+        if (rc != MODAL_OK || one.dt == 0)
+            continue;
+        if (out->dt > 0 && !(fabs(out->dt - one.dt) <= out->dt_off + one.dt_off))
             rc = twice(arrays, out, &one, err);
-        if (rc == MODAL_OK && (out->dt == 0 || one.dt_off < out->dt_off)) {
+        else if (out->dt == 0 || one.dt_off < out->dt_off) {
             out->dt = one.dt;
             out->dt_off = one.dt_off;
             out->dt_from = one.dt_from;
         }
     }
+    return rc;
+}
+
+enum modal_status arrays_step(const struct arrays *arrays, const struct array *array,
+                              const struct signals_options *options, struct signals *out,
+                              bool *turned, struct modal_error *err)
+{
+    static const enum says ways[] = { SAYS_STEP, SAYS_SECONDS, SAYS_OTHER_UNIT, SAYS_END };
+    enum modal_status rc = MODAL_OK;
+
+    *turned = array->rows == 1;
+    for (int i = 0; rc == MODAL_OK && ways[i] != SAYS_END; i++)
+        if (out->dt == 0 && !options->ignore_time)
+            rc = step_by(arrays, array, ways[i], ways[i + 1], options, out, turned, err);
     return rc;
 }
 

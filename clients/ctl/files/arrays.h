@@ -2,7 +2,9 @@
  *
  * The signals are the array that --dataset names, else `signals`, else the only matrix of numbers
  * beside those that say the step: `dt` [s], `fs` or `Fs` [Hz], `time` or `t` [s], a time a sample.
- * A time says its unit by its name (`time_ms`) or, in HDF5, its attribute `units`.
+ * In HDF5 these say their unit by an attribute `units`.  Where none of them is, a vector with a
+ * value a sample that grows and is named as times with a unit (`t_s`, `time_ms`) says it: beside a
+ * `dt` it may be a temperature.
  * These stand in the folder of the signals, or at the top.  Rows are samples; an array of one row,
  * or one that has a column for each time, is turned.
  */
@@ -20,7 +22,7 @@ struct array {
     size_t rows, columns;
     bool by_columns;                /* as it lies: column behind column */
     bool single;                    /* of 24 bits */
-    const char *unit;               /* that it says of itself, as steps_unit; NULL: none */
+    const char *unit;               /* that it says of itself, of a time or rate; NULL: none */
     struct number_type kind;        /* the reader's own: how, where and how long it lies */
     size_t at, length, inner;
 };

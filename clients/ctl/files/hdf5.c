@@ -38,22 +38,34 @@ bool hdf5_is(const unsigned char *head, size_t length)
 
 /* ---- the list ---- */
 
-/* The attribute NAME of SET, where it is one text of less than ROOM bytes; else "". */
+/* The one text that ATTRIBUTE is, of TYPE, or what there is room for of it. */
+static void read_text(hid_t attribute, hid_t type, char *text, size_t room)
+{
+    hid_t head = H5Tcopy(type);
+    char *own = NULL;
+
+    if (H5Tis_variable_str(type) > 0) {
+        if (H5Aread(attribute, type, &own) >= 0 && own != NULL)
+            snprintf(text, room, "%s", own);
+        H5free_memory(own);
+    } else if (head < 0 || H5Tset_size(head, room) < 0 || H5Tset_strpad(head, H5T_STR_NULLTERM) < 0
+               || H5Aread(attribute, head, text) < 0)
+        text[0] = 0;
+    if (head >= 0)
+        H5Tclose(head);
+}
+
+/* The attribute NAME of SET, where it is one text, as far as there is ROOM for it; else "". */
 static void text_attribute(hid_t set, const char *name, char *text, size_t room)
 {
     hid_t attribute = H5Aexists(set, name) > 0 ? H5Aopen(set, name, H5P_DEFAULT) : H5I_INVALID_HID;
     hid_t type = attribute >= 0 ? H5Aget_type(attribute) : H5I_INVALID_HID;
     hid_t space = attribute >= 0 ? H5Aget_space(attribute) : H5I_INVALID_HID;
-    bool one = type >= 0 && space >= 0 && H5Tget_class(type) == H5T_STRING
-               && H5Sget_simple_extent_npoints(space) == 1;
-    char *own = NULL;
 
     memset(text, 0, room);
-    if (one && H5Tis_variable_str(type) == 0 && H5Tget_size(type) < room)
-        H5Aread(attribute, type, text);
-    if (one && H5Tis_variable_str(type) > 0 && H5Aread(attribute, type, &own) >= 0 && own != NULL)
-        snprintf(text, room, "%s", strlen(own) < room ? own : "");
-    H5free_memory(own);
+    if (type >= 0 && space >= 0 && H5Tget_class(type) == H5T_STRING
+        && H5Sget_simple_extent_npoints(space) == 1)
+        read_text(attribute, type, text, room);
     if (space >= 0)
         H5Sclose(space);
     if (type >= 0)
@@ -95,7 +107,7 @@ struct walk {
 /* A class is what MATLAB says that it is; "" for another's. */
 static herr_t list_dataset(hid_t from, const char *link, struct walk *walk)
 {
-    char class[32], unit[32];
+    char class[32], unit[128];
     struct array *a = arrays_add(walk->arrays, walk->name, strlen(walk->name));
     hid_t set = a != NULL ? H5Dopen2(from, link, H5P_DEFAULT) : H5I_INVALID_HID;
 
@@ -112,7 +124,7 @@ static herr_t list_dataset(hid_t from, const char *link, struct walk *walk)
         shape_of(set, class[0] != 0, a);
     a->single = kind == H5T_FLOAT && H5Tget_size(type) <= sizeof(float);
     text_attribute(set, "units", unit, sizeof unit);
-    a->unit = steps_unit(unit);
+    a->unit = steps_unit(unit)[0] != 0 ? steps_unit(unit) : steps_rate_unit(unit);
     if (type >= 0)
         H5Tclose(type);
     H5Dclose(set);

@@ -17,23 +17,38 @@ const char *steps_behind_time(const char *name)
     return NULL;
 }
 
+/* The one of WORDS, the last of which is NULL, that stands first in TEXT, bare or in brackets. */
+static const char *word_of(const char *text, const char *const words[])
+{
+    const char *at = text != NULL ? text + strspn(text, " _-.,:/[(<") : "";
+    size_t length = strcspn(at, " _-.,:/])>"), i = 0;
+
+    while (words[i] != NULL
+           && (strlen(words[i]) != length || strncasecmp(at, words[i], length) != 0))
+        i++;
+    return words[i];
+}
+
 const char *steps_unit(const char *text)
 {
-    static const char *const seconds[] = { "s", "sec", "second", "seconds" };
+    static const char *const seconds[] = { "s", "sec", "secs", "second", "seconds", NULL };
     static const char *const others[] = {
-        "ms", "msec", "millisecond", "milliseconds", "us", "usec", "\xc2\xb5s", "\xce\xbcs",
-        "microseconds", "ns", "nsec", "nanoseconds", "min", "minutes", "h", "hours", "d", "days",
+        "ms", "msec", "msecs", "millisecond", "milliseconds", "us", "usec", "usecs", "\xc2\xb5s",
+        "\xce\xbcs", "microsecond", "microseconds", "ns", "nsec", "nsecs", "nanosecond",
+        "nanoseconds", "min", "mins", "minute", "minutes", "h", "hr", "hrs", "hour", "hours", "d",
+        "day", "days", NULL,
     };
-    const char *at = text != NULL ? text + strspn(text, " _-.,:/[(<") : "";
-    size_t length = strcspn(at, " _-.,:/])>");
+    const char *other = word_of(text, others);
 
-    for (size_t i = 0; i < sizeof seconds / sizeof *seconds; i++)
-        if (strlen(seconds[i]) == length && strncasecmp(at, seconds[i], length) == 0)
-            return seconds[0];
-    for (size_t i = 0; i < sizeof others / sizeof *others; i++)
-        if (strlen(others[i]) == length && strncasecmp(at, others[i], length) == 0)
-            return others[i];
-    return "";
+    return word_of(text, seconds) != NULL ? seconds[0] : other != NULL ? other : "";
+}
+
+const char *steps_rate_unit(const char *text)
+{
+    static const char *const rates[] = { "Hz", "kHz", "MHz", "GHz", NULL };
+    const char *rate = word_of(text, rates);
+
+    return rate != NULL ? rate : "";
 }
 
 enum modal_status steps_unit_check(const char *unit, const char *path, const char *what,

@@ -181,3 +181,26 @@ TEST(steps_are_even_to_a_thousandth_of_one)
     t[1] = 0.5;
     CHECK(steps_turn_back(t, 5, 1) == 1 && steps_deviation(t, 3, 2, &s.dt) == 0);
 }
+
+TEST(a_unit_of_time_is_the_first_word_bare_or_in_brackets_however_it_is_written)
+{
+    static const char *const others[] = {
+        "ms", "msec", "msecs", "millisecond", "milliseconds", "us", "usec", "usecs",
+        "microsecond", "microseconds", "ns", "nsec", "nsecs", "nanosecond", "nanoseconds",
+        "min", "mins", "minute", "minutes", "h", "hr", "hrs", "hour", "hours", "d", "day", "days",
+    };
+    char text[64];
+
+    for (size_t i = 0; i < sizeof others / sizeof *others; i++) {
+        CHECK_STRING(steps_unit(others[i]), others[i]);
+        snprintf(text, sizeof text, " [%s]", others[i]);
+        CHECK_STRING(steps_unit(text), others[i]);
+        snprintf(text, sizeof text, "%s since 2020-01-01 00:00:00", others[i]);
+        CHECK_STRING(steps_unit(text), others[i]);
+    }
+    CHECK_STRING(steps_unit("seconds since 2020-01-01"), "s");
+    CHECK_STRING(steps_unit("stamp"), "");
+    CHECK_STRING(steps_unit("kHz"), "");
+    CHECK_STRING(steps_rate_unit("(khz)"), "kHz");
+    CHECK_STRING(steps_rate_unit("ms"), "");
+}

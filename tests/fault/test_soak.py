@@ -30,6 +30,8 @@ SECONDS = float(os.environ.get("MODALD_SOAK_SECONDS", 60))
 CONFIG = ("result_age_s = 3\ninput_age_s = 3\ntombstone_age_s = 6\nevents_kept = 1024\nqueue_jobs "
           "= 1000\n")
 FIXED = {"rank.fixed": 2}
+# of an upload: a job that takes as long as workers live is done on no machine that is busy
+PART = {"rank.fixed": 2, "rows": 8, "window": [0, 2]}
 
 
 class Load(threading.Thread):
@@ -114,8 +116,7 @@ def uploads(client, i):
     sha = identity(described["samples"], 32, 0.01, data)
     assert patiently(client, "UPLOAD", op="seal", upload=begun["upload"], sha256=sha).ok
     job = patiently(client, "SUBMIT", kind="identify",
-                    options={"rank.fixed": 2, "rows": 8, "columns": 200}, input={"sha256": sha},
-                    key=f"j{i}")["job"]
+                    options=PART, input={"sha256": sha}, key=f"j{i}")["job"]
     doc = finish(client, job)
     assert doc["state"] == "done", doc
     assert patiently(client, "DELETE", job=job).ok

@@ -1,5 +1,6 @@
 /* svg.c - see svg.h */
 #include "svg.h"
+#include <float.h>
 #include <math.h>
 
 /* A panel, in pixels. */
@@ -66,7 +67,7 @@ void svg_end(struct svg *svg)
 
 static double part(const struct svg_axis *a, double value)
 {
-    return a->logarithmic ? log(value / a->low) / log(a->high / a->low)
+    return a->logarithmic ? (log(value) - log(a->low)) / (log(a->high) - log(a->low))
                           : (value - a->low) / (a->high - a->low);
 }
 
@@ -94,7 +95,7 @@ static void widen(struct svg_axis *a)
         a->low = a->high = a->logarithmic ? 1 : 0;
     if (a->logarithmic) {
         a->low = a->low > 0 ? a->low / 1.3 : 1e-3;
-        a->high = a->high > a->low ? a->high * 1.3 : a->low * 10;
+        a->high = a->high > a->low ? fmin(a->high * 1.3, DBL_MAX) : a->low * 10;
         return;
     }
     double most = fmax(fabs(a->low), fabs(a->high));
@@ -145,12 +146,15 @@ static void ticks_of_decades(const struct svg *svg, const struct svg_panel *p, b
                 tick(svg, p, horizontal, digits[i] * pow(10, e));
 }
 
-/* Within less than a decade logarithms have steps like any other. */
+/* Within less than a decade logarithms have steps like any other; a range beyond numbers has
+ * none. */
 static void ticks(const struct svg *svg, const struct svg_panel *p, bool horizontal)
 {
     const struct svg_axis *a = horizontal ? &p->x : &p->y;
-    double step = tick_step(a->high - a->low);
+    double range = a->high - a->low, step = tick_step(range);
 
+    if (!isfinite(range))
+        return;
     if (a->logarithmic && a->high >= 10 * a->low) {
         ticks_of_decades(svg, p, horizontal);
         return;

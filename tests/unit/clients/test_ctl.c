@@ -64,6 +64,38 @@ TEST(a_picture_of_control_characters_and_of_ranges_beyond_numbers_is_xml_with_nu
     free(text);
 }
 
+/* Places by hand: 428 pixels from 76 on, a range of a factor of 1.3 more at both ends. */
+TEST(a_picture_has_any_numbers_on_logarithmic_axes)
+{
+    static const struct { double low, high; const char *first, *last, *tick; } ranges[] = {
+        { 1, 1.5e308, "cx=\"76.16\"", "cx=\"503.89\"", ">1e+273<" },
+        { 1e-300, 1e300, "cx=\"76.08\"", "cx=\"503.92\"", ">1e+300<" },
+    };
+
+    for (size_t i = 0; i < sizeof ranges / sizeof *ranges; i++) {
+        struct svg_panel panel = { .x = { "", 1, -1, true }, .y = { "", 1, -1, true } };
+        struct svg svg;
+        char *text = NULL;
+        size_t length = 0;
+        FILE *file = open_memstream(&text, &length);
+        const double ends[] = { ranges[i].low, ranges[i].high };
+        CHECK(file != NULL);
+        for (int k = 0; k < 2; k++) {
+            svg_hold(&panel.x, ends[k]);
+            svg_hold(&panel.y, ends[k]);
+        }
+        svg_begin(&svg, file, 1, "");
+        svg_panel(&svg, &panel);
+        for (int k = 0; k < 2; k++)
+            svg_dot(&svg, &panel, ends[k], ends[k], true);
+        svg_end(&svg);
+        CHECK(fclose(file) == 0 && strstr(text, "nan") == NULL && strstr(text, "inf") == NULL);
+        CHECK(strstr(text, ranges[i].first) != NULL && strstr(text, ranges[i].last) != NULL);
+        CHECK(strstr(text, ranges[i].tick) != NULL && length < 8192);
+        free(text);
+    }
+}
+
 TEST(an_option_said_twice_is_the_last_one)
 {
     cJSON *o = cJSON_CreateObject();

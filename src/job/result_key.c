@@ -777,7 +777,7 @@ static const struct result_key progress_keys[] = {
     { "count", RESULT_WHOLE, .absent = "but of a sweep", .means = "of these" },
     { "points", RESULT_OBJECT, .list = "as in the result", .absent = "but of a sweep",
       .members = sweep_point_keys, .as = { "floquet", "steady", "identify" },
-      .means = "those that are new" },
+      .means = "those that are new, where they fit 4096 bytes" },
     { 0 },
 };
 

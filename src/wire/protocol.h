@@ -13,10 +13,11 @@ enum {
     WIRE_HEADER_MOST     = 65536,             /* bytes: WIRE_NAME_MOST for 256 channels */
     WIRE_WORKER_HEADER_MOST = 1048576,        /* between daemon and worker: RUN joins the headers
                                                  of UPLOAD and SUBMIT */
-    WIRE_SAID_MOST       = 8192,              /* of a worker's header at any time: a progress of
-                                                 4096 bytes and its job */
-    WIRE_SAID_LONG_MOST  = 2 * 1048576,       /* of all its longer ones after a RUN: what signals
-                                                 there are, and an error */
+    WIRE_PROGRESS_MOST   = 4096,              /* bytes as JSON: each subscriber is sent it */
+    WIRE_SAID_MOST       = 8192,              /* of a worker's header at any time: a progress and
+                                                 its job */
+    WIRE_SAID_LONG_MOST  = 2 * 1048576,       /* of all its longer ones after a RUN but
+                                                 PROGRESS: what signals there are, an error */
     WIRE_BODY_MOST       = 1048576,           /* one body frame; chosen: four chunks */
     WIRE_ID_MOST         = 64,                /* bytes: a UUID's 36, or a name and a count */
     WIRE_PARTS_MOST      = 4,                 /* of a worker, without their GO */

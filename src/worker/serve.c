@@ -266,17 +266,30 @@ static void run_done(struct run *run)
     cJSON_Delete(run->header);
 }
 
+static bool too_long_to_tell(const cJSON *event)
+{
+    char *text = json_print(event);
+    const bool told = text != NULL && strlen(text) <= WIRE_PROGRESS_MOST;
+
+    free(text);
+    return !told;
+}
+
+/* EVENT, without the points of a sweep where nobody would be told of it with them. */
 static void send_progress(void *context, const cJSON *event)
 {
     struct run *run = context;
     int64_t now = now_ms();
-    cJSON *header;
+    cJSON *header, *progress;
 
     if (now - run->said_ms < PROGRESS_MS)
         return;
     run->said_ms = now;
+    progress = cJSON_Duplicate(event, true);
+    if (too_long_to_tell(progress))
+        cJSON_DeleteItemFromObjectCaseSensitive(progress, "points");
     header = header_of(run);
-    cJSON_AddItemToObject(header, "progress", cJSON_Duplicate(event, true));
+    cJSON_AddItemToObject(header, "progress", progress);
     link_send(run->link, "PROGRESS", header, NULL, 0, NULL);
 }
 

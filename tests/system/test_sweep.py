@@ -93,6 +93,29 @@ def test_a_share_is_a_job_of_its_own(ctl, daemon, tmp_path):
     assert [p["index"] for p in served["points"]] == [[1, 2], [1, 3], [1, 4]]
 
 
+@pytest.mark.parametrize("masses", [3, 100])
+def test_progress_is_told_without_the_points_that_would_make_it_too_long(daemon, masses):
+    """A job's first chunk, a point that has the harmonics of each mass, is always told of."""
+    chain = {"type": "chain", "masses": [1] * masses, "springs": [1] * (masses + 1),
+             "dampers": [0.1] * (masses + 1)}
+    sweep = {"verb": "steady", "grid": [{"path": "omega", "values": [0.5]}], "options": {},
+             "scene": {"structure": chain, "omega": 0.5,
+                       "excitation": [{"dof": "x1", "k": 1, "cos": 0.1}]}}
+    told = []
+    with daemon.client() as client:
+        job = client.submit("sweep", sweep)
+        for event in client.events(start=0, job=job.id, timeout=PATIENCE):
+            told.append(event.header)
+            if event.header.get("state") in ("done", "failed", "dead"):
+                break
+        points = job.result(PATIENCE)["points"]
+    progress, = [e["progress"] for e in told if e.get("event") == "progress"]
+    assert {k: progress.pop(k) for k in ("fraction", "done", "total", "first", "count")} == {
+        "fraction": 1, "done": 1, "total": 1, "first": 0, "count": 1}
+    assert (len(json.dumps(points, separators=(",", ":"))) > 4096) == (masses == 100)
+    assert progress == ({"points": points} if masses == 3 else {})
+
+
 def test_an_error_of_a_point_stays_in_its_row(ctl, daemon, tmp_path):
     document = strutt(3)
     document["grid"][1]["values"][1] = -1

@@ -142,3 +142,10 @@ def test_late_messages_are_told_once_and_not_a_line_each(daemon, client):
 def test_progress_over_4_kB_is_not_kept(client):
     end = end_of(client, ["PROGRESS", {"progress": {"x": "y" * 5000}}, []], ["DONE", {}, [7]])
     assert end["state"] == "done" and "progress" not in end.header
+
+
+def test_progress_that_nobody_is_told_is_no_length_that_a_worker_is_killed_for(client):
+    """As workers of before say the points of a sweep, each second."""
+    long = [["PROGRESS", {"progress": {"x": {"text": "y", "times": 900000}}}, []]] * 4
+    end = end_of(client, *long, ["DONE", {}, [7]])
+    assert end["state"] == "done" and "progress" not in end.header

@@ -287,6 +287,8 @@ static void from_worker(struct daemon *d, struct received *r)
     double pid = 0;
     int slot;
 
+    if (received_untold(r))
+        return;
     slot = pool_slot_of_peer(&d->pool, r->peer->number);
     if (received_open_worker(r, &message, &err) != MODAL_OK) {
         if (slot >= 0)
@@ -314,8 +316,11 @@ static void from_remote(struct daemon *d, struct received *r)
 {
     struct wire_message message;
     struct modal_error err;
-    enum modal_status rc = received_open_worker(r, &message, &err);
+    enum modal_status rc;
 
+    if (received_untold(r))
+        return;
+    rc = received_open_worker(r, &message, &err);
     step(d, &(struct event) {
         .type = EVENT_REMOTE, .peer = r->peer->number, .key = r->key,
         .message = rc == MODAL_OK ? &message : NULL, .fault = &err, .body = r->frames + 3 });

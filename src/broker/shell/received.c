@@ -102,10 +102,15 @@ enum modal_status received_open(const struct received *r, struct wire_message *o
     return open_as(r, WIRE_VERSION, true, out, err);
 }
 
+static size_t header_size(const struct received *r)
+{
+    return r->count > 2 ? r->frames[2]->size : 0;
+}
+
 enum modal_status received_open_worker(const struct received *r, struct wire_message *out,
                                        struct modal_error *err)
 {
-    const size_t header = r->count > 2 ? r->frames[2]->size : 0;
+    const size_t header = header_size(r);
 
     if (header > WIRE_SAID_MOST && r->peer != NULL
         && (r->peer->said_long += header) > WIRE_SAID_LONG_MOST) {
@@ -115,6 +120,14 @@ enum modal_status received_open_worker(const struct received *r, struct wire_mes
                           WIRE_SAID_LONG_MOST);
     }
     return open_as(r, WIRE_WORKER, false, out, err);
+}
+
+bool received_untold(const struct received *r)
+{
+    static const char verb[] = "PROGRESS";
+
+    return header_size(r) > WIRE_SAID_MOST && r->frames[1]->size == sizeof verb - 1
+           && memcmp(r->frames[1]->data, verb, sizeof verb - 1) == 0;
 }
 
 int received_verb(const struct received *r)

@@ -28,6 +28,9 @@ enum modal_status received_open(const struct received *r, struct wire_message *o
  * a RUN than a job has use for. */
 enum modal_status received_open_worker(const struct received *r, struct wire_message *out,
                                        struct modal_error *err);
+/* Is R a worker's PROGRESS so long that nobody is told of it?  It is dropped unread: workers of
+ * before said so every second, and are none to be killed. */
+bool received_untold(const struct received *r);
 /* The verb that R names, as wire_verb_find has it, -1 for none. */
 int received_verb(const struct received *r);
 #endif

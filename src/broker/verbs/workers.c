@@ -20,7 +20,6 @@
 
 enum {
     DETAIL_MOST = 4096,       /* of an error's detail: it is kept with the job's row, a page */
-    PROGRESS_MOST = 4096,     /* of a progress: each subscriber is sent it */
     THREADS_MOST = 1024,      /* of the option: the machine's cores limit it further */
     DOUBLINGS_MOST = 6,       /* of a tenth of a second: 6.4 s between two starts */
 };
@@ -480,7 +479,7 @@ static void on_progress(struct core *c, int slot, const struct wire_message *m, 
     (void)body;
     if (!cJSON_IsObject(progress) || (text = json_print(progress)) == NULL)
         return;
-    if (strlen(text) > PROGRESS_MOST) {
+    if (strlen(text) > WIRE_PROGRESS_MOST) {
         free(text);
         return;
     }

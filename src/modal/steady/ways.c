@@ -684,10 +684,10 @@ static double structure_stiffness(const struct balance *b)
     return most;
 }
 
-/* Some law has a stiffer spring. */
+/* Some law has a stiffer spring; beside no stiffness at all it is stiff by no measure. */
 static bool is_stiff(const struct attempt *a)
 {
-    return goes_round(a) && a->s->exact && !a->stiffened
+    return goes_round(a) && a->s->exact && !a->stiffened && structure_stiffness(a->b) > 0
         && aft_stiffest(a->b->aft) > structure_stiffness(a->b);
 }
 

@@ -626,21 +626,6 @@ bool balance_factor(struct balance *b, int *sign)
     return b->factored;
 }
 
-bool balance_factor_open(struct balance *b)
-{
-    size_t n = (size_t)b->small;
-    double most = 0;
-
-    if (balance_factor(b, NULL) || !b->pattern->full || isnan(b->rcond))
-        return b->factored;
-    for (size_t i = 0; i < n; i++)
-        most = fmax(most, fabs(b->J[i * n + i]));
-    for (size_t i = 0; i < n; i++)                   /* with which the others are as they were */
-        if (fabs(b->J[i * n + i]) < DBL_EPSILON * most)
-            b->J[i * n + i] = DBL_EPSILON * most;
-    return b->factored = most > 0;
-}
-
 bool balance_factor_stiffened(struct balance *b, double mu)
 {
     b->iterates = false;

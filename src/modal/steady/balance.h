@@ -90,9 +90,6 @@ double *balance_column(struct balance *b, int i, int j, int c);
 /* Factor the derivative, rows scaled; false where it is singular to rounding.  The sign of its
  * determinant into *SIGN; NULL: not asked for, and balance_solve may iterate (by_harmonic.h). */
 bool balance_factor(struct balance *b, int *sign);
-/* The same where it may be singular: a pivot of 0 is one of rounding's size then, and
- * balance_solve goes any way in what nothing holds.  False of blocks, and of no numbers. */
-bool balance_factor_open(struct balance *b);
 /* The same of blocks, with MU times their largest entry added on the diagonal. */
 bool balance_factor_stiffened(struct balance *b, double mu);
 /* What a dense factorization of order n costs, its assembly included, in units of budget.h. */

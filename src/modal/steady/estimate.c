@@ -26,6 +26,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/linalg/svd.h"
 #include "modal/scene/orbit.h"
 #include "modal/scene/program.h"
 #include "modal/steady/aft.h"
@@ -42,6 +43,9 @@ static const double STILL = 4 * DBL_EPSILON;
 /* Of the forces past H those below this of the largest move nothing, if not by a resonance that is
  * a million times sharper than the others. */
 static const double UNMOVED = 1e-6;
+/* Of the largest entry of each row what a derivative gives a motion that nothing holds: hundreds of
+ * roundings, as OPEN of balance.c. */
+static const double UNHELD = 1e-13;
 enum {
     EXTENSIONS = 5,             /* rounds of (1) and (2), each an order nearer where laws are
                                  * smooth */
@@ -149,9 +153,86 @@ static enum modal_status tail_of(struct balance *wide, int H, double complex *E,
     return MODAL_OK;
 }
 
-/* The chord step of (2) on harmonics 0 .. H: E_low = X_low - J^-1 R_low(wide), J factored in b. */
-static void chord(struct balance *b, const struct balance *wide, const double complex *X, double *y,
-                  double complex *E)
+/* Means that nothing holds, orthonormal: the last `count` rows of V; or ALL, where blocks say no
+ * more than that there is one. */
+struct unheld {
+    struct matrix V;
+    int count;
+    bool all;
+};
+
+/* The motions of harmonic 0 alone that the derivative of B, full, takes to nothing; it is made
+ * again, its rows scaled as when it was factored last. */
+static enum modal_status find_unheld(struct balance *b, struct unheld *m, struct modal_error *err)
+{
+    int q = b->q, n = 2 * b->HJ + 1;
+    struct matrix A = matrix_new(q * n, q), U = matrix_new(q * n, q);
+    double *s = malloc(((size_t)q + 1) * sizeof *s);
+    enum modal_status rc = balance_derivative(b, err);
+
+    m->V = matrix_new(q, q);
+    if (rc == MODAL_OK && (A.x == NULL || U.x == NULL || s == NULL || m->V.x == NULL))
+        rc = modal_fail(err, MODAL_NO_MEMORY, "steady: no memory for a free mean");
+    for (int j = 0; rc == MODAL_OK && j < q; j++)
+        for (int i = 0; i < q; i++)
+            for (int r = 0; r < n; r++)
+                A.x[(size_t)j * (size_t)A.ld + (size_t)(i * n + r)] =
+                    balance_column(b, i, j, 0)[r] * b->row[i * n + r];
+    if (rc == MODAL_OK)
+        rc = svd_thin(&A, s, &U, &m->V, err);
+    while (rc == MODAL_OK && m->count < q && s[q - 1 - m->count] <= UNHELD * fmax(1, s[0]))
+        m->count++;
+    free(A.x);
+    free(U.x);
+    free(s);
+    return rc;
+}
+
+/* The derivative of B, just made, factored.  Means that nothing holds are found into M, whose V is
+ * the caller's to free, and held by a spring each, as stiff as the stiffest in their rows: the rest
+ * is solved as it was.  What is singular but for these is not factored. */
+static enum modal_status factor_unheld(struct balance *b, struct unheld *m, struct modal_error *err)
+{
+    int q = b->q, n = 2 * b->HJ + 1;
+    enum modal_status rc;
+
+    *m = (struct unheld) { .all = false };
+    balance_factor(b, NULL);
+    m->all = !b->pattern->full && b->factored && balance_open(b);
+    if (!b->pattern->full || !balance_open(b))
+        return MODAL_OK;
+    rc = find_unheld(b, m, err);
+    for (int d = q - m->count; rc == MODAL_OK && d < q; d++)
+        for (int i = 0; i < q; i++)
+            for (int j = 0; j < q; j++)
+                balance_column(b, i, j, 0)[0] +=
+                    m->V.x[d + i * q] * m->V.x[d + j * q] / b->row[i * n];
+    if (rc == MODAL_OK)
+        balance_factor(b, NULL);
+    return rc;
+}
+
+/* What of y, as balance_solve leaves it, moves means of M: out of it, for it has no error. */
+static void leave_means(const struct balance *b, const struct unheld *m, double *y)
+{
+    int q = b->q, n = 2 * b->H + 1;
+
+    for (int d = q - m->count; d < q; d++) {
+        double along = 0;
+
+        for (int i = 0; i < q; i++)
+            along += m->V.x[d + i * q] * y[i * n];
+        for (int i = 0; i < q; i++)
+            y[i * n] -= along * m->V.x[d + i * q];
+    }
+    for (int i = 0; m->all && i < q; i++)
+        y[i * n] = 0;
+}
+
+/* The chord step of (2) on harmonics 0 .. H: E_low = X_low - J^-1 R_low(wide), J factored in b, but
+ * for the means of M. */
+static void chord(struct balance *b, const struct unheld *m, const struct balance *wide,
+                  const double complex *X, double *y, double complex *E)
 {
     int n = 2 * b->H + 1, n2 = 2 * wide->H + 1, K = b->H + 1, K2 = wide->H + 1;
 
@@ -159,12 +240,11 @@ static void chord(struct balance *b, const struct balance *wide, const double co
         for (int r = 0; r < n; r++)
             y[i * n + r] = -wide->R[i * n2 + r];        /* -R_low of (2) */
     balance_solve(b, y, 1);                  /* J^-1 of (2), as the point's last step factored it */
+    leave_means(b, m, y);
     for (int i = 0; i < b->q; i++)
         for (int k = 0; k < K; k++)
             E[i * K2 + k] =
                 X[i * K + k] + (k == 0 ? y[i * n] : CMPLX(y[i * n + 2 * k - 1], y[i * n + 2 * k]));
-    for (int i = 0; balance_open(b) && i < b->q; i++)
-        E[i * K2] = X[i * K];                                /* a mean that is free has no error */
 }
 
 /* What (1) leaves of the equation of motion: F_k - p_k past H, its rms and at most its sum in
@@ -207,6 +287,7 @@ static enum modal_status wide_balance(struct steady *s, int H2, int N2, bool loc
 
 struct estimate {
     int H2;
+    struct unheld mean;
     struct balance *wide;                   /* of H2 harmonics */
     double complex *W, *sampled, *E;        /* X widened; its chord step, (2) without the tail;
                                              * and with it */
@@ -217,6 +298,7 @@ struct estimate {
 static void estimate_done(struct estimate *e)
 {
     balance_free(e->wide);
+    free(e->mean.V.x);
     free(e->W);
     free(e->sampled);
     free(e->E);
@@ -288,7 +370,7 @@ static enum modal_status move_by_samples(struct balance *b, struct estimate *e,
         return rc;
     tail_in_time(e->wide, b->H, point);                 /* of the point itself */
     memcpy(e->sampled, e->W, (size_t)b->q * ((size_t)e->H2 + 1) * sizeof *e->W);
-    chord(b, e->wide, point->X, e->y, e->sampled);
+    chord(b, &e->mean, e->wide, point->X, e->y, e->sampled);
     return MODAL_OK;
 }
 
@@ -304,14 +386,15 @@ static enum modal_status move_by_tail(struct balance *b, struct estimate *e,
         rc = balance_residual(e->wide, e->E, false, err);
     if (rc != MODAL_OK)
         return rc;
-    chord(b, e->wide, point->X, e->y, e->E);                                       /* (2) */
+    chord(b, &e->mean, e->wide, point->X, e->y, e->E);                             /* (2) */
     return tail_of(e->wide, b->H, e->E, err);
 }
 
 /* What the receptances' own doubt makes of the motion: forces of that share of S_k X_k, their signs
  * in turn, taken through J^-1; over time at most the sum over harmonics. */
-static enum modal_status doubt_of(struct balance *b, const struct steady_point *point, double *y,
-                                  double *out, struct modal_error *err)
+static enum modal_status doubt_of(struct balance *b, const struct unheld *m,
+                                  const struct steady_point *point, double *y, double *out,
+                                  struct modal_error *err)
 {
     int K = b->H + 1, n = 2 * b->H + 1;
     double complex *force = calloc((size_t)b->q + 1, sizeof *force);
@@ -337,6 +420,7 @@ static enum modal_status doubt_of(struct balance *b, const struct steady_point *
     if (doubts == 0)
         return MODAL_OK;
     balance_solve(b, y, 1);
+    leave_means(b, m, y);
     for (int i = 0; i < b->q; i++) {
         double sum = 0;
 
@@ -365,7 +449,9 @@ enum modal_status estimate_errors(struct steady *s, struct balance *b, struct st
         balance_set_order(b, iterate_order(b, 0));
     if (rc == MODAL_OK)
         rc = balance_derivative(b, err);
-    point->open = rc == MODAL_OK && balance_factor_open(b) && balance_open(b);
+    if (rc == MODAL_OK)
+        rc = factor_unheld(b, &e.mean, err);
+    point->open = rc == MODAL_OK && (e.mean.all || e.mean.count > 0);
     if (rc != MODAL_OK || !b->factored || (rc = move_by_samples(b, &e, point, err)) != MODAL_OK)
         goto out;
     point->amplitude = 0;
@@ -378,7 +464,7 @@ enum modal_status estimate_errors(struct steady *s, struct balance *b, struct st
         /* what sampling does not explain */
         rc = peak_of_change(s, e.E, e.sampled, b->q, e.H2, &point->truncation, NULL, err);
     if (rc == MODAL_OK)
-        rc = doubt_of(b, point, e.y, &doubtful, err);
+        rc = doubt_of(b, &e.mean, point, e.y, &doubtful, err);
     if (rc == MODAL_OK) {
         point->truncation += condense_left(b->c);
         point->error += condense_left(b->c);            /* of harmonics that (1) has not */
@@ -435,9 +521,9 @@ enum modal_status steady_estimate_point(struct steady *s, struct steady_point *p
 
 /* One round of (1) and (2) on E; how far it moved the first harmonics, relative to the largest of
  * them, into *MOVED.  LOW has room for them. */
-static enum modal_status extend_once(struct balance *b, struct balance *wide, double complex *low,
-                                     double *y, double complex *E, double *moved,
-                                     struct modal_error *err)
+static enum modal_status extend_once(struct balance *b, const struct unheld *m,
+                                     struct balance *wide, double complex *low, double *y,
+                                     double complex *E, double *moved, struct modal_error *err)
 {
     int K = b->H + 1, K2 = wide->H + 1;
     double most = 0, size = 0;
@@ -447,7 +533,7 @@ static enum modal_status extend_once(struct balance *b, struct balance *wide, do
         return rc;
     for (int i = 0; i < b->q; i++)
         memcpy(low + i * K, E + i * K2, (size_t)K * sizeof *low);
-    chord(b, wide, low, y, E);                                                     /* (2) */
+    chord(b, m, wide, low, y, E);                                                     /* (2) */
     for (int i = 0; i < b->q; i++)
         for (int k = 0; k < K; k++) {
             most = fmax(most, cabs(E[i * K2 + k] - low[i * K + k]));
@@ -461,6 +547,7 @@ enum modal_status steady_extend(struct steady *s, const struct steady_point *poi
                                 double complex *E, bool *done, struct modal_error *err)
 {
     struct balance *wide = NULL, *b;
+    struct unheld mean = { .count = 0 };
     double complex *low = NULL;
     double *y = NULL, moved = HUGE_VAL;
     int rounds = s->jumps ? EXTENSIONS_OF_JUMPS : EXTENSIONS;
@@ -471,8 +558,12 @@ enum modal_status steady_extend(struct steady *s, const struct steady_point *poi
         rc = balance_set(b, point->omega, 1, err);
     if (rc == MODAL_OK)
         rc = balance_residual(b, point->X, true, err);
-    if (rc != MODAL_OK || !balance_factor(b, NULL))
+    if (rc == MODAL_OK)
+        rc = factor_unheld(b, &mean, err);
+    if (rc != MODAL_OK || !b->factored) {
+        free(mean.V.x);
         return rc;
+    }
     y = calloc((size_t)b->order + 1, sizeof *y);
     low = calloc((size_t)b->q * ((size_t)b->H + 1) + 1, sizeof *low);
     rc = y == NULL || low == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory")
@@ -483,12 +574,13 @@ enum modal_status steady_extend(struct steady *s, const struct steady_point *poi
     if (rc == MODAL_OK)
         widen_motion(point->X, b->q, b->H, H2, E);
     for (; rc == MODAL_OK && rounds > 0 && moved > STILL && !budget_spent(b->budget); rounds--)
-        rc = extend_once(b, wide, low, y, E, &moved, err);
+        rc = extend_once(b, &mean, wide, low, y, E, &moved, err);
     *done = rc == MODAL_OK && (rounds == 0 || moved <= STILL);
     if (rc == MODAL_OK)
         rc = balance_set(b, point->omega, 1, err);
     free(y);
     free(low);
+    free(mean.V.x);
     balance_free(wide);
     return rc;
 }

@@ -152,3 +152,11 @@ def test_an_undamped_resonance_that_nothing_drives_is_no_mean_that_nothing_holds
     (tmp_path / "resonant.json").write_text(json.dumps(scene))
     answer = run(tmp_path / "resonant")
     assert answer["converged"] and codes(answer) == ["error_unknown"]
+
+
+@pytest.mark.parametrize("harmonics", [5, 8])
+def test_a_mean_that_nothing_holds_is_told_of_a_motion_through_its_events_too(tmp_path, harmonics):
+    effect = {"type": "gap", "dof": "x2", "to": "x1", "clearance": 0.1, "stiffness": 50.0}
+    answer = two_free_masses(tmp_path, effect, 1.0, harmonics)
+    assert answer["method"] == ("events" if harmonics == 8 else "newton")
+    assert codes(answer) == ["undetermined_mean"]

@@ -201,8 +201,9 @@ static enum modal_status ask_mean(struct steady *s, struct balance *b, struct st
 
     if (s->jumps || steady_factor_work(s, b->H) > SHARE_OF_STABLE * s->budget.most)
         return MODAL_OK;
-    rc = balance_residual(b, point->X, true, err);
-    point->open = rc == MODAL_OK && balance_factor(b, NULL) && balance_open(b);
+    rc = balance_residual(b, point->X, false, err);
+    if (rc == MODAL_OK)
+        rc = estimate_mean(b, &point->open, err);
     return rc == MODAL_OVERFLOW ? MODAL_OK : rc;
 }
 

@@ -229,6 +229,20 @@ static void leave_means(const struct balance *b, const struct unheld *m, double 
         y[i * n] = 0;
 }
 
+enum modal_status estimate_mean(struct balance *b, bool *open, struct modal_error *err)
+{
+    struct unheld m;
+    enum modal_status rc = balance_derivative(b, err);
+
+    *open = false;
+    if (rc != MODAL_OK)
+        return rc;
+    rc = factor_unheld(b, &m, err);
+    *open = rc == MODAL_OK && (m.all || m.count > 0);
+    free(m.V.x);
+    return rc;
+}
+
 /* The chord step of (2) on harmonics 0 .. H: E_low = X_low - J^-1 R_low(wide), J factored in b, but
  * for the means of M. */
 static void chord(struct balance *b, const struct unheld *m, const struct balance *wide,

@@ -33,6 +33,16 @@
  *
  * and |F| is at most twice the largest of these.  With r = w' one factorization bounds a whole
  * octave, however many motions lie there: what stiff rows make fast moves few ports.
+ *
+ * Of harmonics above some L all rows of G V, of |entries| summed, are to be at most q < 1: above
+ * all motions by rows of M^-1 K, below that octave by octave by (4), both of displacements as they
+ * are, so that the whole block left out has this norm.  It turns D by nothing, then, and adds to
+ * what is kept what leads out and back.  With m times the highest harmonic of V kept beyond L, a
+ * way out from there and back has 2 m steps at least, so that what it adds to the rows up to L,
+ *
+ *     |B| q q^2m / (1 - q) < 1 / |T^-1|,   |B| <= |T|, T of the harmonics kept,                 (5)
+ *
+ * leaves them regular on its way in from 0: where it is so along the line, the count stands.
  */
 #include "modal/scene/hill_growth.h"
 #include <cblas.h>
@@ -51,12 +61,14 @@ enum {
     TERMS_MOST = 1000000,        /* harmonics: no int overflows */
     HALVED = 12,                 /* times that a stretch of the line may be */
     TIMES = 16,                  /* of the highest harmonic's cycle, at which (3) is asked */
+    MARGIN = 7,                  /* m of (5), at first: of conditions up to 1600 */
     DENSE = 4,                   /* dense operations in the time of one, as BUDGET_DENSE */
 };
 static const double TURN = M_PI / 3;     /* from one point of the line to the next, at most */
 static const double SLOWER = 0.5;        /* of g: what (3) is asked with, for between those times */
 static const double WHOLE = 0.05;        /* of a half turn: what harmonics left out may take */
-static const double GAIN = 0.5;          /* of what is left out: it must be below 1 */
+static const double GAIN = 0.5;          /* of what is left out, q of (5) */
+static const double ESTIMATED = 10;      /* times |T^-1| is more than LAPACK tells, at most */
 static const double SYMMETRIC = 1e-12;   /* of an entry: the one across differs by no more */
 static const double ROUNDING = 1e-13;    /* of a diagonal entry: what its pivot is off by */
 static const double PIVOT = 1e-3;        /* of its diagonal entry: less makes others large */
@@ -68,6 +80,8 @@ struct count {
     const struct program *p;
     double W, rate, most, work;
     int n, ports, terms, reach, unit;    /* harmonics to a side; the highest that pulsates */
+    int core;                            /* L of (5) */
+    double regular;                      /* 1 / (|T| |T^-1|), the least along the line */
     struct sparse part[3];               /* of Q+ */
     struct sparse all;                   /* where any of them has entries */
     double *value[3];                    /* there */
@@ -77,8 +91,9 @@ struct count {
     int *port, *place;                   /* dofs; of dof, or -1 */
     struct sparse extra[3];              /* V_0, of C and K */
     double complex *G, *T, *band;        /* ports^2 by terms; ports^2; (2) */
+    double *row;                         /* of (2): |entries| summed */
     int *pivots;
-    struct workspace space;
+    struct workspace space, room;        /* ROOM: of (2) */
 };
 
 /* The one text of it here. */
@@ -319,47 +334,53 @@ static enum modal_status is_passive(const struct count *s, bool *passive, struct
     return rc;
 }
 
-/* From where on V times Q+^-1 is below GAIN, by rows, rad/s. */
+/* From where on rows of V times Q+^-1 are below GAIN, rad/s: |s|^2 is more than |s C + K| there by
+ * what V is over GAIN, which comes from rates higher by its harmonics. */
 static double far_out(const struct count *s)
 {
     struct program own = { .n = s->n };
-    double frequency, decay, stiffness, rate = 0;
+    double frequency, decay, stiffness, rate;
 
     memcpy(own.constant, s->part, sizeof own.constant);
     dofwise_fastest(&own, &frequency, &decay);
-    stiffness = frequency * frequency + s->rate * decay;
+    stiffness = frequency * frequency;
+    rate = decay;
     for (int h = -1; h < 2 * s->p->harmonics; h++) {
         const struct program_harmonic *a = h >= 0 ? &s->p->harmonic[h / 2] : NULL;
         const struct sparse *of = a == NULL ? s->extra : h % 2 == 0 ? a->cosine : a->sine;
         memcpy(&own.constant[PROGRAM_C], of + PROGRAM_C, 2 * sizeof *of);
         dofwise_fastest(&own, &frequency, &decay);
-        stiffness += frequency * frequency / GAIN;
+        stiffness += (frequency * frequency + s->reach * s->W * decay) / GAIN;
         rate += decay / GAIN;
     }
     return sqrt(stiffness) + rate;
 }
 
-/* The size of V's matrices WHICH, all added, each dof of them over the root of its mass. */
+/* V's matrices WHICH, all added: of their rows' |entries| over the root of each row's mass, the
+ * length over the least root of a mass.  A row of G V is no more than that times the length of G's
+ * with both sides times the roots. */
 static double size_of(const struct count *s, int which)
 {
-    double all = 0;
+    double square = 0, least = HUGE_VAL;
 
-    for (int h = -1; h < 2 * s->p->harmonics; h++) {
-        const struct program_harmonic *a = h >= 0 ? &s->p->harmonic[h / 2] : NULL;
-        const struct sparse *A =
-            a == NULL ? &s->extra[which] : h % 2 == 0 ? &a->cosine[which] : &a->sine[which];
-        double square = 0;
-        for (int i = 0; i < A->m; i++)
-            for (int k = A->start[i]; k < A->start[i + 1]; k++) {
-                double e = A->value[k] / (s->root[i] * s->root[A->index[k]]);
-                square += e * e;
-            }
-        all += sqrt(square);
+    for (int i = 0; i < s->ports; i++) {
+        int dof = s->port[i];
+        double row = 0;
+
+        for (int h = -1; h < 2 * s->p->harmonics; h++) {
+            const struct program_harmonic *a = h >= 0 ? &s->p->harmonic[h / 2] : NULL;
+            const struct sparse *A =
+                a == NULL ? &s->extra[which] : h % 2 == 0 ? &a->cosine[which] : &a->sine[which];
+            for (int k = A->m > 0 ? A->start[dof] : 0; A->m > 0 && k < A->start[dof + 1]; k++)
+                row += fabs(A->value[k]);
+        }
+        square += row / s->root[dof] * row / s->root[dof];
+        least = fmin(least, s->root[dof]);
     }
-    return all;
+    return sqrt(square) / least;
 }
 
-/* (4)'s bound of |G V| at all frequencies from 2/3 to 4/3 of PLACE. */
+/* (4)'s bound of rows of G V at all frequencies from 2/3 to 4/3 of PLACE. */
 static enum modal_status bound_of(struct count *s, double place, double *bound,
                                   struct modal_error *err)
 {
@@ -381,9 +402,8 @@ static enum modal_status bound_of(struct count *s, double place, double *bound,
     return rc;
 }
 
-/* Where what is left out is small: from there on |G V| is below GAIN, by rows, or octave by octave
- * by (4) where that holds. */
-static enum modal_status choose_terms(struct count *s, struct modal_error *err)
+/* L of (5): below all motions octave by octave, where (4) holds. */
+static enum modal_status choose_core(struct count *s, struct modal_error *err)
 {
     double top = far_out(s), place, bound = 0;
     bool passive = false;
@@ -394,10 +414,9 @@ static enum modal_status choose_terms(struct count *s, struct modal_error *err)
         if (!(bound < GAIN))
             break;
     }
-    top = passive ? place : top;
-    if (rc == MODAL_OK && !(top / s->W < TERMS_MOST))
-        return modal_fail(err, MODAL_TOO_LARGE, "growth: harmonics up to %g rad/s", top);
-    s->terms = (int)ceil(top / s->W) + s->reach;
+    if (rc == MODAL_OK && !(place / s->W < TERMS_MOST))
+        return modal_fail(err, MODAL_TOO_LARGE, "growth: harmonics up to %g rad/s", place);
+    s->core = rc == MODAL_OK ? (int)ceil(place / s->W) : 0;
     return rc;
 }
 
@@ -444,6 +463,27 @@ static void add_block(struct count *s, int to, int from, int width)
         }
 }
 
+/* The factors of (2), N rows in a band of WIDTH to a side, and how regular it is. */
+static enum modal_status factor(struct count *s, int N, int width, struct modal_error *err)
+{
+    int ld = 3 * width + 1;
+    double norm = 0, regular = 0;
+
+    memset(s->row, 0, (size_t)N * sizeof *s->row);
+    for (int j = 0; j < N; j++)
+        for (int i = j > width ? j - width : 0; i < N && i <= j + width; i++)
+            s->row[i] += cabs(s->band[(size_t)(2 * width + i - j) + (size_t)j * (size_t)ld]);
+    for (int i = 0; i < N; i++)
+        norm = fmax(norm, s->row[i]);
+    if (LAPACKE_zgbtrf(LAPACK_COL_MAJOR, N, N, width, width, s->band, ld, s->pivots) != 0
+        || LAPACKE_zgbcon(LAPACK_COL_MAJOR, 'I', N, width, width, s->band, ld, s->pivots, norm,
+                          &regular) != 0 || !(regular > 0))
+        return modal_fail(err, MODAL_NO_CONVERGENCE, "growth: an exponent lies on the line");
+    s->regular = fmin(s->regular, regular);
+    s->work += COMPLEX * N * width * width / DENSE;
+    return MODAL_OK;
+}
+
 /* The direction of D at the line's point TURN, over W. */
 static enum modal_status determine(struct count *s, double turn, double complex *direction,
                                    struct modal_error *err)
@@ -473,15 +513,13 @@ static enum modal_status determine(struct count *s, double turn, double complex 
             add_block(s, to, k, width);
         }
     }
-    if (LAPACKE_zgbtrf(LAPACK_COL_MAJOR, N, N, width, width, s->band, ld, s->pivots) != 0)
-        return modal_fail(err, MODAL_NO_CONVERGENCE, "growth: an exponent lies on the line");
-    s->work += COMPLEX * N * width * width / DENSE;
+    rc = factor(s, N, width, err);
     *direction = 1;
-    for (int i = 0; i < N; i++) {
+    for (int i = 0; rc == MODAL_OK && i < N; i++) {
         double complex u = s->band[(size_t)(2 * width) + (size_t)i * (size_t)ld];
         *direction *= (s->pivots[i] == i + 1 ? 1 : -1) * u / cabs(u);
     }
-    return MODAL_OK;
+    return rc;
 }
 
 /* How far D turns from A on, where its direction is OF_A, to B, where it is OF_B. */
@@ -519,10 +557,12 @@ static enum modal_status prepare(struct count *s, int points, struct modal_error
 
     if (COMPLEX * (double)(terms * p * width * width) / DENSE * points > s->most)
         return modal_fail(err, MODAL_TOO_LARGE, "growth: %zu harmonics of %zu dofs", terms, p);
-    s->G = workspace_zeros(&s->space, terms * p * p, sizeof *s->G);
-    s->band = workspace_zeros(&s->space, size, sizeof *s->band);
-    s->pivots = workspace_zeros(&s->space, terms * p, sizeof *s->pivots);
-    if (s->space.failed)
+    workspace_free(&s->room);
+    s->G = workspace_zeros(&s->room, terms * p * p, sizeof *s->G);
+    s->band = workspace_zeros(&s->room, size, sizeof *s->band);
+    s->row = workspace_zeros(&s->room, terms * p, sizeof *s->row);
+    s->pivots = workspace_zeros(&s->room, terms * p, sizeof *s->pivots);
+    if (s->room.failed)
         return no_memory(err);
     rc = respond(s, s->rate, s->G, err);
     if (rc == MODAL_OK)                  /* the next is as dear, without the analysis */
@@ -554,7 +594,7 @@ static enum modal_status count_turns(struct count *s, int *count, struct modal_e
     return rc;
 }
 
-/* By (2). */
+/* By (2), of so many harmonics that (5) holds. */
 static enum modal_status count_all(struct count *s, int *count, struct modal_error *err)
 {
     enum modal_status rc = part(s, err);
@@ -564,8 +604,15 @@ static enum modal_status count_all(struct count *s, int *count, struct modal_err
     if (rc == MODAL_OK)
         rc = join(s, err);
     if (rc == MODAL_OK)
-        rc = choose_terms(s, err);
-    return rc == MODAL_OK ? count_turns(s, count, err) : rc;
+        rc = choose_core(s, err);
+    for (int margin = 0, next = MARGIN; rc == MODAL_OK && next > margin;) {
+        margin = next;
+        s->terms = s->core + margin * s->reach;
+        s->regular = 1;
+        rc = count_turns(s, count, err);
+        next = 1 + (int)(log(s->regular / ESTIMATED * (1 - GAIN) / GAIN) / log(GAIN) / 2);
+    }
+    return rc;
 }
 
 /* P's matrix WHICH at phase W t by STILL and its derivative by MOVING, and SHIFT M: is the sum
@@ -626,6 +673,7 @@ static void count_done(struct count *s)
     }
     sparse_done(&s->all);
     workspace_free(&s->space);
+    workspace_free(&s->room);
 }
 
 enum modal_status hill_is_held(const struct program *p, double period, double rate, bool *held,

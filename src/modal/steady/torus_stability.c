@@ -101,6 +101,7 @@ struct flow {
     double complex *wave, *hop;           /* e^{-i beat t}; [stage][row], to the next stage */
     double complex *turn, *now;           /* (5), [step][stage][lane][row], of inputs their rates
                                            * beside them; where the waves stand */
+    double summed;                        /* numbers of (5) gone through, to make it and to see */
     double *seen;                         /* lanes there, rates beside inputs */
     double *M, *C, *K, *Ct, *Kt;          /* n x n by columns */
     double *y, *v;                        /* n x columns */
@@ -161,6 +162,7 @@ static void see(struct flow *f)
     const int *dof = condense_dofs(f->s->condense[0]);
     int rates = f->inputs;
 
+    f->summed += (f->lanes + rates) * (double)f->rows;
     cblas_dgemv(CblasRowMajor, CblasNoTrans, f->lanes + rates, 2 * f->rows, 1,
                 (const double *)f->now, 2 * f->rows, (const double *)f->wave, 1, 0, f->seen, 1);
     memset(f->left, 0, f->n * sizeof *f->left);
@@ -376,6 +378,7 @@ static void fill_turn(struct flow *f, int N)
             double complex wave = cexp(I * phase * s->index[f->kept[k]].k[s->tones.lead]);
             double complex *to = now + (row < 0 ? -1 - row : row);
 
+            f->summed += f->lanes;
             for (size_t l = 0; l < (size_t)f->lanes; l++, to += rows) {
                 double complex x = turned(f->lane[l * K + k], wave);
 
@@ -640,19 +643,31 @@ static enum modal_status set_balance(struct flow *f, struct modal_error *err)
     return rc;
 }
 
-/* What steps cost in all, of the first length of turns. */
+/* Numbers of (5) that are gone through to make it, of both lengths of steps. */
+static double made_of(const struct flow *f)
+{
+    return 3.0 * STEPS * f->stages * f->count * f->lanes;
+}
+
+/* And to see it, in the first length of turns. */
+static double seen_of(const struct flow *f)
+{
+    return 3.0 * STEPS * f->stages * TURNS * (1 + 1.0 / SETTLING) * (double)block_of(f);
+}
+
+/* What steps cost in all, of the first length of turns, but for sums. */
 static double work_of(const struct flow *f)
 {
     double S = f->stages, n = S * (double)f->n;
     double steps = 3.0 * STEPS * TURNS * (1 + 1.0 / SETTLING);
 
     return steps * (n * n * n / BUDGET_DENSE + 4 * n * n
-                    + S * BUDGET_SAMPLE * (double)f->s->p->laws + BUDGET_SAMPLE * (double)f->places
-                    + S * (double)block_of(f));
+                    + S * BUDGET_SAMPLE * (double)f->s->p->laws
+                    + BUDGET_SAMPLE * (double)f->places);
 }
 
-/* Exponents over more and more turns, from WORK on, until they decide; *MISSED as torus_judge has
- * it: what two lengths of steps agree on. */
+/* Exponents over more and more turns, from WORK and what sums take on, until they decide; *MISSED
+ * as torus_judge has it: what two lengths of steps agree on. */
 static enum modal_status follow(struct flow *f, double work, bool rests,
                                 struct torus_stability *out, double *missed,
                                 struct modal_error *err)
@@ -660,16 +675,20 @@ static enum modal_status follow(struct flow *f, double work, bool rests,
     struct torus_solver *s = f->s;
     double even = torus_smooth(s->laws) ? pow(2, gauss[f->stages - 1].order) - 1 : 0;
     double growth[2][WINDOWS * TORUS_EXPONENTS], e[2];
+    double made = made_of(f), sums = seen_of(f);
     enum modal_status rc = MODAL_OK;
 
-    for (int turns = TURNS; rc == MODAL_OK && out->verdict == 0 && work <= WORK
-                            && (out->count == 0 || s->work->spent + work <= s->work->most);
-         turns *= LONGER, work *= LONGER) {
+    for (int turns = TURNS; rc == MODAL_OK && out->verdict == 0 && work + sums + made <= WORK
+                            && (out->count == 0
+                                || s->work->spent + work + sums + made <= s->work->most);
+         turns *= LONGER, work *= LONGER, sums *= LONGER) {
         budget_add(s->work, work);
+        f->summed = 0;
         for (int i = 0; rc == MODAL_OK && i < 2; i++) {
             rc = grow(f, turns, STEPS << i, growth[i], err);
             e[i] = f->most;
         }
+        budget_add(s->work, f->summed);
         if (rc != MODAL_OK)
             break;
         out->count = (int)f->m;
@@ -703,10 +722,10 @@ enum modal_status torus_judge(struct torus_solver *s, const int *place, struct t
     f.places = places_of(s->p);
     rc = choose(&f, leave, err);
     f.stages = f.places > 0 ? 1 : STAGES_MOST;
-    if (work_of(&f) > WORK)
+    if (work_of(&f) + seen_of(&f) + made_of(&f) > WORK)
         f.stages = 1;
     work = work_of(&f);
-    if (work > WORK)
+    if (work + seen_of(&f) + made_of(&f) > WORK)
         out->reason = "of so many dofs, laws and combinations disturbances are not followed";
     if (s->p->n_linear > 0)
         out->reason = "linear states are not followed beside a motion of tones";

@@ -697,7 +697,8 @@ static double work_to_follow(const struct program *p, int order, int *count)
     return spent[1] - spent[0];
 }
 
-/* Order 16 has 3.7 times as many combinations as 8, of 1.9 times as many k of the slower tone.  An
+/* What sums went through is in that work as they counted it, step by step, not as it was foreseen.
+ * Order 16 has 3.7 times as many combinations as 8, of 1.9 times as many k of the slower tone.  An
  * unstable motion of tones 1 to 1.01 has some hundreds, and asks for 512 turns to be told. */
 static void test_disturbances_cost_as_the_orders_of_the_slow_tone_not_as_the_combinations(
     void **state)

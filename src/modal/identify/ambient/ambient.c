@@ -51,7 +51,8 @@ struct work {
     bool periodic;
     double sample, span;         /* s a sample; that a multiplier is over: the period, or dt */
     double *longer;              /* of an azimuth: turns_lengths(); owned */
-    bool locked;                 /* by these, multipliers meet */
+    bool meet[WHITTLE_MODES_MOST][WHITTLE_MODES_MOST];   /* by these, multipliers do */
+    bool locked;                 /* those of modes */
     struct matrix whole;         /* the first rows before lines were taken off; owned */
     struct pod pod;
     struct matrix Z;             /* signals of unit variance; the pod's memory */
@@ -362,6 +363,7 @@ static enum modal_status report_modes(struct work *w, struct identify_result *ou
     const struct whittle *fit = w->found.model;
     struct whittle_covariances v;
     double dt = w->step, part[WHITTLE_MODES_MOST];
+    bool peak[WHITTLE_MODES_MOST] = { false };
     double complex *moved = malloc(sizeof *moved * (size_t)w->rec.Y.n);
     enum modal_status rc = MODAL_OK;
 
@@ -373,7 +375,6 @@ static enum modal_status report_modes(struct work *w, struct identify_result *ou
         part[k] = part_of(w, fit->mode[k].phi, v.row[k]);
     for (int k = 0; rc == MODAL_OK && k < fit->count; k++) {
         const struct whittle_mode *q = &fit->mode[k];
-        bool peak;
         struct identify_mode *m = &out->modes[out->mode_count];
         double complex lambda = whittle_exponent(q, w->spectrum.samples) / dt;
         *m = (struct identify_mode) {
@@ -382,9 +383,11 @@ static enum modal_status report_modes(struct work *w, struct identify_result *ou
             .std_re = is_line(w, lambda * dt) || !is_sound(w, q) ? NAN : q->std_decay / dt,
             .std_im = is_sound(w, q) ? q->std_turn / dt : NAN, .runner_up = NAN };
         rc = resolve(w, q, moved, m, err);
-        peak = has_peak(w, m->resolved) && adds(fit, part, k);
-        w->broad += !peak;
-        if (rc != MODAL_OK || (peak && is_asked(w, m->resolved) && !take_mains(w, q, m)))
+        peak[k] = has_peak(w, m->resolved) && adds(fit, part, k);
+        w->broad += !peak[k];
+        for (int j = 0; j <= k; j++)
+            w->locked |= peak[j] && peak[k] && (w->meet[j][k] || w->meet[k][j]);
+        if (rc != MODAL_OK || (peak[k] && is_asked(w, m->resolved) && !take_mains(w, q, m)))
             out->mode_count++;
         else
             free(m->harmonics), free(m->shape);
@@ -559,8 +562,9 @@ static void about_poles(const struct work *w, struct identify_result *r)
                           "`band` to look at less, or name fewer channels by `signals`", m->count);
     if (w->locked)
         identify_diagnose(r, "turns_lock", -1, "turns differ in length by %.2g %% rms, and where "
-                          "they are some twice that beside the mean two multipliers meet, or one "
-                          "and its own conjugate: errors are unknown and no verdict is given; give "
+                          "they are some twice that beside the mean the multipliers of two modes "
+                          "meet that move each other, or one and its own conjugate, by the slopes that "
+                          "the record tells: errors are unknown and no verdict is given; give "
                           "a `window` of steadier speed",
                           100 * cblas_dnrm2(w->Z.m, w->longer, 1) / sqrt(w->Z.m));
     if (!m->converged)
@@ -678,7 +682,7 @@ static enum modal_status follow_turns(struct work *w, struct modal_error *err)
                                  ambient_price(w->Z.n, w->spectrum.lines), o->rank.fixed > 0,
                                  o->cancelled, o->context };
 
-    return ambient_wander_fit(&in, w->found.model, &w->locked, err);
+    return ambient_wander_fit(&in, w->found.model, w->meet, err);
 }
 
 static enum modal_status search(struct work *w, struct modal_error *err)

@@ -61,6 +61,7 @@ enum {
 static const double
     GAIN = 1e-3,                 /* of the logarithm of the likelihood: a twentieth of an error */
     OFTEN = 2,                   /* rms: what a twentieth of normal turns is beyond */
+    CHANCE = 6,                  /* chi-square of two: a twentieth of what is none is beyond */
     WORK_MOST = 2e10,            /* multiplications of all fits: ten seconds */
     WORK_BEGIN = 1e9;            /* of where nu begins: a twentieth, no more than a few steps */
 
@@ -394,19 +395,6 @@ static double complex slope_of(const struct model *t, int j)
     return multiplier(t, j) * (j % 2 == 0 ? t->nu[j / 2] : conj(t->nu[j / 2]));
 }
 
-/* Do the record's turns bring two multipliers of T together, by (1)? */
-static bool locks(const struct work *w, const struct model *t)
-{
-    double far = OFTEN * cblas_dnrm2(w->in->Z->m, w->in->longer, 1) / sqrt(w->in->Z->m);
-
-    for (int k = 0; k < t->m.count; k++)
-        for (int j = 0; j < 2 * t->m.count; j++)
-            if (j != 2 * k && cabs(multiplier(t, j) - multiplier(t, 2 * k))
-                              < far * cabs(slope_of(t, j) - slope_of(t, 2 * k)))
-                return true;
-    return false;
-}
-
 /* Of each mode of T the multipliers next to its own. */
 static void find_near(struct work *w, const struct model *t)
 {
@@ -506,28 +494,101 @@ static enum modal_status shrink(struct work *w, struct model *t, struct model *f
     return rc;
 }
 
-/* From the information at T. */
-static void find_errors(struct work *w, struct model *t)
+/* The inverse of the information at T in the scale of its diagonal; false where it has none. */
+static bool find_covariance(struct work *w, const struct model *t)
 {
     int n = w->unknowns;
 
+    inform(w, t);
+    return factor(w, 0) && LAPACKE_dpotri(LAPACK_COL_MAJOR, 'L', n, w->factor, n) == 0;
+}
+
+static double covariance(const struct work *w, int i, int j)
+{
+    size_t low = (size_t)(i > j ? i : j), column = (size_t)(i > j ? j : i);
+
+    return w->scale[i] * w->scale[j] * w->factor[low + (size_t)w->unknowns * column];
+}
+
+static double std_of(const struct work *w, int i)
+{
+    return sqrt(covariance(w, i, i));
+}
+
+/* Does the record tell eta, by which multiplier J moves the mode K? */
+static bool moves(const struct work *w, const struct model *t, int k, int j)
+{
+    double re = creal(t->eta[k][j]), im = cimag(t->eta[k][j]);
+
+    for (int i = 0; i < w->near_count; i++)
+        if (w->near[k][i] == j) {
+            int at = each(w) * k + PHI + 6 * w->l + 2 * i;
+            double a = covariance(w, at, at), b = covariance(w, at + 1, at + 1);
+            double c = covariance(w, at, at + 1);
+            return b * re * re - 2 * c * re * im + a * im * im > CHANCE * (a * b - c * c);
+        }
+    return false;
+}
+
+/* The standard error of |slope_of()| between the mode K and its conjugate, 2 |Im (rho nu)|. */
+static double std_of_slope(const struct work *w, const struct model *t, int k)
+{
+    double complex rho = multiplier(t, 2 * k);
+    double re = cimag(rho), im = creal(rho);    /* of nu's parts */
+    int nu = each(w) * k + NU;
+
+    return 2 * sqrt(fmax(0, re * re * covariance(w, nu, nu)
+                            + 2 * re * im * covariance(w, nu, nu + 1)
+                            + im * im * covariance(w, nu + 1, nu + 1)));
+}
+
+/* Do turns that are FAR from the mean one bring the multiplier J to that of the mode K, by (1)?
+ * Those of two modes pass each other unless each moves the other.  A mode and its conjugate always
+ * may meet, but beside the real axis little takes them there, and chance does: a slope counts that
+ * takes them there less its standard error. */
+static bool meets(const struct work *w, const struct model *t, int k, int j, double far)
+{
+    double gap = cabs(multiplier(t, j) - multiplier(t, 2 * k));
+    double slope = cabs(slope_of(t, j) - slope_of(t, 2 * k));
+
+    if (j == 2 * k + 1)
+        return gap < far * (slope - std_of_slope(w, t, k));
+    return gap < far * slope && moves(w, t, k, j)
+        && moves(w, t, j / 2, j % 2 == 0 ? 2 * k : 2 * k + 1);
+}
+
+static void find_meetings(const struct work *w, const struct model *t, bool meet[MODES][MODES])
+{
+    double far = OFTEN * cblas_dnrm2(w->in->Z->m, w->in->longer, 1) / sqrt(w->in->Z->m);
+
+    for (int k = 0; k < w->p; k++)
+        for (int j = 0; j < 2 * w->p; j++)
+            if (j != 2 * k && meets(w, t, k, j, far))
+                meet[k][j / 2] = true;
+}
+
+/* From the information at T; where the climb ended below the summit, only what meets. */
+static void find_errors(struct work *w, struct model *t, bool meet[MODES][MODES])
+{
+    bool known;
+
     find_near(w, t);
     predict(w, t);
-    inform(w, t);
-    t->m.converged = factor(w, 0)
-        && LAPACKE_dpotri(LAPACK_COL_MAJOR, 'L', n, w->factor, n) == 0;
-    for (int k = 0; k < w->p; k++) {
+    known = isfinite(t->m.likelihood) && find_covariance(w, t);
+    if (known)
+        find_meetings(w, t, meet);
+    for (int k = 0; k < w->p && t->m.converged; k++) {
         int at = each(w) * k + LAMBDA;
-        struct whittle_mode *q = &t->m.mode[k];
-        q->std_decay = t->m.converged ? w->scale[at] * sqrt(w->factor[at + (size_t)n * at]) : NAN;
-        at++;
-        q->std_turn = t->m.converged ? w->scale[at] * sqrt(w->factor[at + (size_t)n * at]) : NAN;
+        t->m.mode[k].std_decay = known ? std_of(w, at) : NAN;
+        t->m.mode[k].std_turn = known ? std_of(w, at + 1) : NAN;
     }
+    t->m.converged = t->m.converged && known;
 }
 
 /* Each pair apart first: a second one on the same line and the first would move each other. */
 static enum modal_status fit(struct work *w, struct model *t, struct model *fewer,
-                             struct model *trial, struct modal_error *err)
+                             struct model *trial, bool meet[MODES][MODES],
+                             struct modal_error *err)
 {
     bool less = !w->in->fixed;
     enum modal_status rc = make_room(w, t->m.count, err);
@@ -544,8 +605,8 @@ static enum modal_status fit(struct work *w, struct model *t, struct model *fewe
         rc = make_room(w, t->m.count, err);
     if (rc == MODAL_OK && t->m.count > 0)
         rc = climb(w, t, trial, err);
-    if (rc == MODAL_OK && t->m.converged && t->m.count > 0)
-        find_errors(w, t);
+    if (rc == MODAL_OK && t->m.count > 0)
+        find_errors(w, t, meet);
     return rc;
 }
 
@@ -637,7 +698,7 @@ static void go_out(const double *U, int r, const struct model *t, struct whittle
 }
 
 enum modal_status ambient_wander_fit(const struct ambient_wander *in, struct whittle *m,
-                                     bool *locked, struct modal_error *err)
+                                     bool meet[MODES][MODES], struct modal_error *err)
 {
     struct work w = { .in = in, .left = WORK_MOST };
     struct model *t = calloc(3, sizeof *t);
@@ -645,7 +706,7 @@ enum modal_status ambient_wander_fit(const struct ambient_wander *in, struct whi
     double faster = 1. / in->Z->m;        /* than a record that repeats shows it (whittle.c) */
     enum modal_status rc = find_basis(m, U, &w.l, err);
 
-    *locked = false;
+    memset(meet, 0, sizeof *meet * MODES);
     if (rc == MODAL_OK && (t == NULL || z == NULL))
         rc = modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for a model of turns");
     if (rc == MODAL_OK && w.l > 0) {
@@ -653,8 +714,7 @@ enum modal_status ambient_wander_fit(const struct ambient_wander *in, struct whi
         go_in(&w, U, m, z, t);
         for (int k = 0; k < m->count; k++)
             t->m.mode[k].lambda += faster;
-        rc = fit(&w, t, t + 1, t + 2, err);
-        *locked = rc == MODAL_OK && locks(&w, t);
+        rc = fit(&w, t, t + 1, t + 2, meet, err);
         for (int k = 0; k < t->m.count; k++)
             t->m.mode[k].lambda -= faster;
         go_out(U, w.l, t, m);

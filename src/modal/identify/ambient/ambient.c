@@ -563,8 +563,8 @@ static void about_poles(const struct work *w, struct identify_result *r)
     if (w->locked)
         identify_diagnose(r, "turns_lock", -1, "turns differ in length by %.2g %% rms, and where "
                           "they are some twice that beside the mean the multipliers of two modes "
-                          "meet that move each other, or one and its own conjugate, by the slopes that "
-                          "the record tells: errors are unknown and no verdict is given; give "
+                          "meet that move each other, or one and its own conjugate, by the slopes "
+                          "that the record tells: errors are unknown and no verdict is given; give "
                           "a `window` of steadier speed",
                           100 * cblas_dnrm2(w->Z.m, w->longer, 1) / sqrt(w->Z.m));
     if (!m->converged)

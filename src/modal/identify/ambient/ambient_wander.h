@@ -19,8 +19,8 @@ struct ambient_wander {
  * *M, a model of turns that are all alike, becomes that of the mean turn, with its errors, the
  * exponents as whittle_exponent() takes them; pairs that drew what the lengths explain leave.
  * Without convergence m->converged is false.  meet[k][j]: turns of the record differ by so much
- * that a multiplier of pair k meets one of pair j, or its own conjugate where j is k, and the record
- * tells that; their errors are wrong then.  Fails with MODAL_NO_MEMORY, MODAL_CANCELLED.
+ * that a multiplier of pair k meets one of pair j, or its own conjugate where j is k, and the
+ * record tells that; their errors are wrong then.  Fails with MODAL_NO_MEMORY, MODAL_CANCELLED.
  */
 enum modal_status ambient_wander_fit(const struct ambient_wander *in, struct whittle *m,
                                      bool meet[WHITTLE_MODES_MOST][WHITTLE_MODES_MOST],

@@ -25,8 +25,8 @@
  *     56        samples of the other stream
  *
  * After each: what a slot holds says that it is there, and each window that runs is in one; nobody
- * has had a RUN without READY; no worker has more PARTs without GO, or INPUTs without CHUNK, than it
- * may; no window is sent more often than workers may die of it; no more of a processor is booked
+ * has had a RUN without READY; no worker has more PARTs without GO, or INPUTs without CHUNK, than
+ * it may; no window is sent more often than workers may die of it; no more of a processor is booked
  * than the cores have had time for under jobs.
  */
 #include <stdint.h>

@@ -17,7 +17,7 @@
 
 static const double
     TIED = 1e-6,                    /* of a magnitude: partners' differ by the fit's rounding */
-    TOP_MOST = 300;                 /* ln of a growth whose square, e^600, leaves 1e47 to the power */
+    TOP_MOST = 300;                 /* ln of a growth whose square, e^600, leaves 1e47 to it */
 
 static int by_magnitude(const void *a, const void *b)
 {

@@ -706,7 +706,7 @@ def test_a_daemon_killed_takes_nothing_with_it(site):
     it = site()
     worker = it.worker()
     ann = it.client("ann")
-    job = scene_job(ann, seconds=1)["job"]
+    job = scene_job(ann, seconds=0.2)["job"]
     until(lambda: state(ann, job)["state"] == "running")
     it.daemon.kill()
     assert worker.wait(PATIENCE_S) == 1

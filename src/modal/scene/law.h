@@ -66,8 +66,9 @@ struct law_class {
     /* Whether a motion of inputs within mean +- reach stays in the regime of rest, which must be
      * linear (law_rest); NULL: never known. */
     bool (*stays)(const struct law *law, const double *mean, const double *reach);
-    /* Of a law that is made of springs: its stiffest, N/m; and OUT, grounded, its like with none
-     * stiffer than MOST, law_done's.  NULL, both: of other laws. */
+    /* Of a law of sliders: its stiffest spring, N/m; and OUT, grounded, its like with none stiffer
+     * than MOST, law_done's.  NULL, both: of others; of gaps a mean that nothing holds would be
+     * where the softer ones left it. */
     double (*stiffest)(const struct law *law);
     enum modal_status (*soften)(const struct law *law, double most, struct law *out,
                                 struct modal_error *err);

@@ -154,24 +154,9 @@ static bool gap_stays(const struct law *law, const double *mean, const double *r
            && (!g->both_sides || mean[0] - reach[0] >= -g->clearance);
 }
 
-static double gap_stiffest(const struct law *law)
-{
-    const struct gap *g = law->data;
-
-    return g->stiffness;
-}
-
-static enum modal_status gap_soften(const struct law *law, double most, struct law *out,
-                                    struct modal_error *err)
-{
-    const struct gap *g = law->data;
-
-    return law_gap(fmin(g->stiffness, most), g->clearance, g->dissipation, g->both_sides, out, err);
-}
-
 static const struct law_class gap_class = {
     .name = "gap", .inputs = 1, .reads_velocity = true, .force = gap_force, .pieces = gap_pieces,
-    .stays = gap_stays, .stiffest = gap_stiffest, .soften = gap_soften
+    .stays = gap_stays
 };
 
 enum modal_status law_gap(double stiffness, double clearance, double dissipation, bool both_sides,

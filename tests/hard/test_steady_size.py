@@ -490,13 +490,13 @@ def test_twenty_sliders_a_hundred_million_times_as_stiff_as_the_chain_are_in_bal
     assert residual(answer, K, 0.05 * numpy.eye(20), stiffness, samples=1 << 12) < 1e-3
 
 
-def test_a_contact_on_what_has_no_stiffness_is_not_come_to_by_softer_ones(tmp_path):
+def test_a_slider_on_what_has_no_stiffness_is_not_come_to_by_softer_ones(tmp_path):
     """What holds x1 through x2 is 0, at rest and at omega: of no stiffness no level begins, and a
     ramp whose levels are no numbers takes all its 60, of 4 iterations each.
     """
     scene = {"structure": {"type": "matrices", "M": [[1, 0], [0, 1]], "K": [[2, -2], [-2, 2]],
                            "C": [[1, 0], [0, 0]]},
-             "effects": [{"type": "gap", "dof": "x1", "clearance": 0.1, "stiffness": 1e3}],
+             "effects": [{"type": "friction", "dof": "x1", "limit": 0.5, "stiffness": 1e3}],
              "omega": 2.0, "steady": {"harmonics": 3, "max_iterations": 4},
              "excitation": [{"dof": "x1", "k": 1, "cos": 2.0}]}
     assert run(tmp_path, scene)["iterations"] < 60 * 4

@@ -67,8 +67,8 @@ struct law_class {
      * linear (law_rest); NULL: never known. */
     bool (*stays)(const struct law *law, const double *mean, const double *reach);
     /* Of a law of sliders: its stiffest spring, N/m; and OUT, grounded, its like with none stiffer
-     * than MOST, law_done's.  NULL, both: of others; of gaps a mean that nothing holds would be
-     * where the softer ones left it. */
+     * than MOST, law_done's.  NULL, both: of others.  Contacts that open have none: softer ones
+     * push a body that nothing else holds to where they just touch it, one of its many means. */
     double (*stiffest)(const struct law *law);
     enum modal_status (*soften)(const struct law *law, double most, struct law *out,
                                 struct modal_error *err);

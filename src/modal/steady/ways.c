@@ -22,13 +22,13 @@
  *
  *     damping = DAMPING_LEAST (e^a - 1),    a from log(DAMPING_MOST / DAMPING_LEAST) to 0.      (2)
  *
- * Springs of laws are made softer, none stiffer than
+ * Springs of sliders are made softer, none stiffer than
  *
  *     k = e^a k_max,    a from log(|S| / k_max) to 0,                                           (3)
  *
  * k_max the stiffest of them and |S| the structure's own.  Where they are far stiffer a motion
- * tends to that of rigid stops and rigid friction, and changes by a share of 1 / k; Newton's method
- * from afar, with all that moves by |S| over k turned over at each step, finds none.
+ * tends to that of rigid friction, and changes by a share of 1 / k; Newton's method from afar, with
+ * all that moves by |S| over k turned over at each step, finds none.
  *
  * To many harmonics the way is gone with few first: H_ROUGH, three times as many, and so on,
  * roughly, each the start of the next.  A short matrix is small in the cube, and what it leaves out

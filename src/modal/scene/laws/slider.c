@@ -459,13 +459,6 @@ static double sliders_stiffest(const struct law *law)
     return most;
 }
 
-static double contact_stiffest(const struct law *law)
-{
-    const struct contact *c = law->data;
-
-    return fmax(c->normal_stiffness, c->tangential_stiffness);
-}
-
 static enum modal_status sliders_soften(const struct law *law, double most, struct law *out,
                                         struct modal_error *err)
 {
@@ -479,16 +472,6 @@ static enum modal_status sliders_soften(const struct law *law, double most, stru
     return law_iwan(stiffness, limit, s->count, out, err);
 }
 
-static enum modal_status contact_soften(const struct law *law, double most, struct law *out,
-                                        struct modal_error *err)
-{
-    const struct contact *c = law->data;
-    double normal = fmin(c->normal_stiffness, most), along = fmin(c->tangential_stiffness, most);
-
-    return c->side ? law_contact_side(normal, c->preload, along, c->mu, out, err)
-                   : law_contact_friction(normal, c->preload, along, c->mu, out, err);
-}
-
 static const struct law_class jenkins_class = {
     .name = "friction", .inputs = 1, .force = sliders_force, .pieces = sliders_pieces,
     .stays = sliders_stay, .stiffest = sliders_stiffest, .soften = sliders_soften
@@ -499,7 +482,7 @@ static const struct law_class iwan_class = {
 };
 static const struct law_class contact_class = {
     .name = "contact_friction", .inputs = 2, .force = contact_force, .pieces = contact_pieces,
-    .stays = contact_stays, .stiffest = contact_stiffest, .soften = contact_soften
+    .stays = contact_stays
 };
 
 /* One class for one element and for many: memory is a place each. */

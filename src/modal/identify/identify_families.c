@@ -56,6 +56,7 @@ struct families {
     double rival;               /* criterion of the fit that stands; 0: none does */
     double work, spent;         /* multiplications there may still be; of all fits so far */
     bool given_up;              /* they are spent, or the rival has won */
+    bool limited;               /* they were spent before all of the fit was tried */
     struct workspace space;
 };
 
@@ -276,6 +277,7 @@ static enum modal_status settle_lines(struct families *f, struct lines *l, struc
         if (rc != MODAL_OK)
             break;
         f->spent += look.work, f->work = fmax(f->work - look.work, 1);
+        f->limited |= look.end == REFINE_STOPPED;
         /* what the work allowed has ended is no reason to leave what converged, or is better */
         stands = look.end == REFINE_STOPPED && fit->poles > 0
               && (refined_converged(fit) || fit->bic <= look.bic);
@@ -409,6 +411,7 @@ static enum modal_status try_without(struct families *f, const struct lines *l, 
         for (int i = 0; i < less->count && way == REFINED; i++)
             less->lambda[i] = look.lambda[i];
         f->spent += look.work, f->work = fmax(f->work - look.work, 1);
+        f->limited |= look.end == REFINE_STOPPED;
         refined_done(&look);
     }
     return rc == MODAL_NO_CONVERGENCE ? MODAL_OK : rc;
@@ -618,23 +621,23 @@ static enum modal_status look_at_rest(const struct families *f, const struct ref
 }
 
 /* The families become the one candidate of *choice. */
-static enum modal_status hold_candidate(struct refined *fit, bool clean,
+static enum modal_status hold_candidate(struct refined *fit, bool clean, bool limited,
                                         struct order_choice *choice, struct modal_error *err)
 {
     choice->candidates = calloc(1, sizeof *choice->candidates);
     if (choice->candidates == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for a candidate");
     choice->candidates[0] = (struct order_candidate) { 0, true, *fit };
-    choice->count = 1, choice->chosen = 0, choice->clean = clean;
+    choice->count = 1, choice->chosen = 0, choice->clean = clean, choice->limited = limited;
     *fit = (struct refined) { 0 };
     return MODAL_OK;
 }
 
 /* Families that begin with the poles of KNOWN, or with those of the signals where it is NULL, and
  * with those in what they leave, until that is noise or brings no better fit; *best, empty, is the
- * caller's. */
+ * caller's; *limited: its work was spent before all of it was tried. */
 static enum modal_status search_families(struct families *f, const struct refined *known,
-                                         struct refined *best, bool *clean,
+                                         struct refined *best, bool *clean, bool *limited,
                                          struct modal_error *err)
 {
     struct matrix E = { 0 };
@@ -644,6 +647,7 @@ static enum modal_status search_families(struct families *f, const struct refine
     f->begun = exponents_of(f, 0, f->count);
     for (int i = 0, had = 0; i < ROUNDS && rc == MODAL_OK && f->count > had && !*clean; i++) {
         struct refined fit = { 0 };
+        f->limited = false;
         rc = fit_families(f, &fit, err);
         if (rc == MODAL_NO_CONVERGENCE || rc == MODAL_BAD_INPUT) {
             refined_done(&fit);                      /* lines that coincide: those before stand */
@@ -654,7 +658,7 @@ static enum modal_status search_families(struct families *f, const struct refine
             break;
         }
         refined_done(best);
-        *best = fit;
+        *best = fit, *limited = f->limited;
         had = f->count;
         /* what stands may be all there is: to look for more costs no more than that did */
         f->rival = best->bic, f->work = fmin(f->work, f->spent);
@@ -673,16 +677,16 @@ enum modal_status work_choose_families(struct work *w, const struct refined *kno
     struct families f = { .w = w, .Omega = 2 * M_PI / w->rec.period,
                           .work = work_left(w, false, false) };
     struct refined fit = { 0 };
-    bool clean = false;
+    bool clean = false, limited = false;
     enum modal_status rc;
 
     w->data.omega = f.Omega;
-    rc = search_families(&f, known, &fit, &clean, err);
+    rc = search_families(&f, known, &fit, &clean, &limited, err);
     *fewer = rc == MODAL_OK && known != NULL && fit.poles > 0
           && exponents_of(&f, 0, f.count) < f.begun
           && fit.bic < known->bic + short_of(&f, f.begun - exponents_of(&f, 0, f.count));
     if (rc == MODAL_OK && fit.poles > 0)
-        rc = hold_candidate(&fit, clean, choice, err);
+        rc = hold_candidate(&fit, clean, limited, choice, err);
     w->data.omega = 0;
     w->spent += f.spent;
     refined_done(&fit);

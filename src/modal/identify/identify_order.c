@@ -565,6 +565,7 @@ static enum modal_status put_families(struct work *w, struct found *families,
 {
     enum modal_status rc = put_found(w, families, out, err);
 
+    w->facts.work_limit = w->choice.limited;
     w->data.omega = 2 * M_PI / w->rec.period;
     return rc;
 }

@@ -23,10 +23,8 @@ static void make(const double complex *head, double *y)
             }
 }
 
-/* The search begins with one family too many, which is to leave once the fit of all has converged;
- * of its work there is what that fit takes, 8.5e8, and as much as the looks without each family,
- * 1e8: the fit of the others ends at its start. */
-TEST(a_fit_that_converged_stays_where_the_work_ends_that_of_one_family_less)
+/* A search that begins with one family too many, of WORK; 0: of all there may be. */
+static void search(double work, struct order_choice *choice, bool *fewer)
 {
     static double y[ROWS * WIDTH];
     double complex start[FAMILIES + 1];
@@ -36,16 +34,38 @@ TEST(a_fit_that_converged_stays_where_the_work_ends_that_of_one_family_less)
     struct work w = { .refine = true, .shift = 1, .tau = 1,
                       .rec = { .Y = { ROWS, WIDTH, ROWS, y }, .period = period, .step = 1,
                                .channels = WIDTH } };
-    struct order_choice choice = { .chosen = -1 };
-    bool fewer;
 
     for (int j = 0; j < FAMILIES; j++)
         start[j] = CMPLX(-0.001 - 0.0001 * j, 0.02 + 0.033 * j);
     make(start, y);
     start[FAMILIES] = CMPLX(-0.002, 0.037);
     w.data = (struct refine_data) { .Y = &w.rec.Y, .tau = 1 };
-    w.spent = work_left(&w, false, false) - 9.4e8;
-    CHECK(work_choose_families(&w, &known, &choice, &fewer, NULL) == MODAL_OK);
+    w.spent = work > 0 ? work_left(&w, false, false) - work : 0;
+    CHECK(work_choose_families(&w, &known, choice, fewer, NULL) == MODAL_OK);
+}
+
+/* It is to leave once the fit of all has converged; of its work there is what that fit takes,
+ * 8.5e8, and as much as the looks without each family, 1e8: the fit of the others ends at its
+ * start. */
+TEST(a_fit_that_converged_stays_where_the_work_ends_that_of_one_family_less)
+{
+    struct order_choice choice = { .chosen = -1 };
+    bool fewer;
+
+    search(9.4e8, &choice, &fewer);
     CHECK(choice.count == 1 && refined_converged(&choice.candidates[0].fit) && !fewer);
+    order_done(&choice);
+}
+
+TEST(where_the_work_of_families_is_spent_before_all_was_tried_it_is_told_and_nowhere_else)
+{
+    struct order_choice choice = { .chosen = -1 };
+    bool fewer;
+
+    search(9.4e8, &choice, &fewer);
+    CHECK(choice.limited);
+    order_done(&choice);
+    search(0, &choice, &fewer);
+    CHECK(!choice.limited && fewer && choice.candidates[0].fit.poles == 3 * FAMILIES);
     order_done(&choice);
 }

@@ -221,13 +221,14 @@ static struct waiting *own_list(struct core *c, int slot)
     const int now = (int)(slots->round % 2);
     struct waiting *own = slots->at[slot].due;
     struct waiting *others[] = { &own[1 - now], &slots->due[now], &slots->due[1 - now] };
-    struct waiting *found = &own[now];
+    struct waiting *found = &own[now], *soonest = found;
 
     first_due(c, found);
-    if (!any_is_late(c))
-        for (int i = 0; i < 3; i++)
-            if (first_due(c, others[i]) != NULL && comes_before(others[i], found))
-                found = others[i];
+    for (int i = 0; i < 3; i++)
+        if (first_due(c, others[i]) != NULL && comes_before(others[i], soonest))
+            soonest = others[i];
+    if (soonest != found && !any_is_late(c))           /* which looks at all workers' */
+        found = soonest;
     return found->streams.count > 0 ? found : NULL;
 }
 

@@ -441,7 +441,7 @@ static double windows_and_map(const struct program *p, double period, int wanted
  * the slow motions where windows begin. */
 TEST(windows_alone_find_what_leaves_the_circle_by_a_sum_of_two_frequencies)
 {
-    check_slow();
+    check_night();
     static const int at[] = { 4, 7, 9, 13, 17, 26, 35, 38, 52, 54,
                               64, 65, 73, 84, 90, 93, 97, 102, 113, 117 };
     struct program *p = pumped_chain(120, 0, at, sizeof at / sizeof *at, 1.3, 1, 0, 0);
@@ -458,13 +458,13 @@ TEST(windows_know_a_period_of_several_cycles_of_what_pulsates_and_a_harmonic_tha
     check_slow();
     static const int at[] = { 4, 7, 9, 13, 17, 26, 35, 38, 52, 54 };
     static const struct { int k, cycles; double phase; } cases[] = {
-        { 1, 2, 0 }, { 1, 3, 0.4 }, { 2, 1, 0 }, { 2, 2, 1.1 }, { 3, 1, 0.4 }, { 3, 6, -0.7 },
+        { 3, 1, 0.4 }, { 2, 2, 1.1 }, { 1, 2, 0 }, { 1, 3, 0.4 }, { 2, 1, 0 }, { 3, 6, -0.7 },
     };
     struct program *one = pumped_chain(60, 0, at, sizeof at / sizeof *at, 1.3, 1, 0, 0);
     struct floquet all;
 
     CHECK(floquet(one, NULL, &all, NULL) == MODAL_OK);
-    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+    for (int i = 0; i < check_draws(2, sizeof cases / sizeof *cases); i++) {
         double period = cases[i].cycles * 2 * M_PI / 1.3;
         struct program *p = pumped_chain(60, 0, at, sizeof at / sizeof *at,
                                          1.3 / cases[i].k, cases[i].k, cases[i].phase, period);

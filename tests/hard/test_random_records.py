@@ -12,14 +12,13 @@ import numpy as np
 import pytest
 import scipy.signal
 
+night = pytest.mark.night
 BUILD = pathlib.Path(os.environ.get("MODALD_BUILD", pathlib.Path(__file__).parents[2] / "build"))
 sys.path.insert(0, str(pathlib.Path(__file__).parents[1] / "bench"))
 import bench_faults as faults
 import bench_identify_families as families
 import bench_identify_periodic as turning
 import bench_identify_random as drawn
-
-LONG = pytest.mark.skipif(os.environ.get("MODALD_LONG") != "1", reason="ten seconds: --long")
 
 
 @pytest.mark.parametrize("seed", [777119],
@@ -199,7 +198,8 @@ def test_faults_of_a_periodic_record_bring_no_multiplier_and_are_told(kind, each
         assert document["stability"]["stable"] is True
 
 
-@pytest.mark.parametrize("grid", [2 ** -5, 2 ** -9, 2 ** -13, 1e-3])
+@pytest.mark.parametrize("grid", [1e-3, *(pytest.param(2.0 ** -bits, marks=night)
+                                          for bits in (5, 9, 13))])
 def test_a_rounded_decay_after_quiet_has_no_wild_samples(grid, monkeypatch):
     """Equal neighbours are common on a grid, and before an onset."""
     monkeypatch.setattr(faults, "CTL", str(BUILD / "bin" / "modalctl"))
@@ -221,7 +221,7 @@ def test_ten_pairs_of_multipliers_in_one_channel_of_39_periods_are_all_found(mon
 
 
 @pytest.mark.parametrize("seed, states", [(3001, 20), (3003, 20), (3013, 20), (52009, 20),
-                                          (5001, 40), (7002, 80)])
+                                          (5001, 40), pytest.param(7002, 80, marks=night)])
 def test_detectable_multipliers_of_many_states_are_found_and_no_other(seed, states, monkeypatch):
     """31 to 136 periods, 24 to 240 samples each: the price of each sample's amplitude hid some."""
     monkeypatch.setattr(turning, "CTL", str(BUILD / "bin" / "modalctl"))
@@ -442,7 +442,7 @@ def test_a_hundred_modes_that_overlap_are_found_and_converge(monkeypatch):
     assert "not_converged" not in [d["code"] for d in document["diagnostics"]]
 
 
-@pytest.mark.parametrize("seed", [0, 1, pytest.param(2, marks=LONG)])   # head of 2: no end
+@pytest.mark.parametrize("seed", [0, 1, pytest.param(2, marks=night)])   # head of 2: no end
 def test_a_hundred_overlapping_modes_are_found_though_slow_ones_outlive_them(seed, monkeypatch):
     """Damping of 0.2 to 2 % at random frequencies of 1 to 40 Hz, 60 dB, 160 s: most of the record
     is noise, but for slow modes.  Sixteen of the hundred no bound tells from a neighbour, which
@@ -466,7 +466,7 @@ def test_a_hundred_overlapping_modes_are_found_though_slow_ones_outlive_them(see
     assert document["stability"]["stable"] and not document["diagnostics"]
 
 
-@LONG
+@night
 def test_a_search_that_work_cut_off_is_not_left_for_one_that_explains_far_less(monkeypatch):
     """A hundred modes as above in four channels: what few poles leave is most of the record.  What
     the search had is the answer, rebuilds the record to a hundredth, and says how it ended.

@@ -19,6 +19,7 @@ SHARED = pathlib.Path(os.environ.get("MODALD_SHARED", TOP / ".." / "shared"))
 FOLDER = SHARED / "data"
 MODALCTL = pathlib.Path(os.environ.get("MODALD_BUILD", TOP / "build")) / "bin" / "modalctl"
 
+night = pytest.mark.night
 pytestmark = [pytest.mark.skipif(not FOLDER.is_dir(), reason=f"no measured data at {FOLDER}"),
               pytest.mark.skipif(not MODALCTL.exists(), reason=f"no {MODALCTL}: build first")]
 
@@ -120,7 +121,8 @@ DEFAULTS = [
 ]
 
 
-@pytest.mark.parametrize("name", sorted({row[0] for row in DEFAULTS}))
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[night] * (name == "nmr_fid_13c"))
+                                  for name in sorted({row[0] for row in DEFAULTS})])
 def test_what_defaults_give_of_a_file_is_right_or_wrong_as_written(name, capsys):
     result = run(name)
     for _, hz, hz_spread, what, damping, spread, hz_then, damping_then, right in (
@@ -169,7 +171,8 @@ def test_what_turns_less_than_once_has_bars_as_wide_as_its_scatter_over_orders()
 
 @pytest.mark.parametrize("name",
                          ["hammer_beam_case1", "tetraspar_f2t1_free", "tower_rotor_f0t2s1_free",
-                          "nmr_fid_13c", "shaketable_3storey_flexible"])
+                          pytest.param("nmr_fid_13c", marks=night),
+                          "shaketable_3storey_flexible"])
 def test_a_structure_that_rings_down_is_not_called_unstable(name):
     """Drift, rounding, friction and the driver's tail get poles, and some of those grow."""
     assert run(name)["stability"]["stable"] is not False

@@ -17,6 +17,7 @@ CTL = pathlib.Path(os.environ.get("MODALD_BUILD", TOP / "build")) / "bin" / "mod
 sys.path.insert(0, str(TOP / "tests" / "bench"))
 from lap_joint import lap_joint  # noqa: E402
 
+night = pytest.mark.night
 pytestmark = pytest.mark.skipif(not CTL.exists(), reason=f"no {CTL}: build first")
 
 OMEGA, LOAD = 0.3, 0.5
@@ -123,7 +124,8 @@ def test_a_chain_of_sixty_laws_is_in_balance_and_so_is_the_same_chain_badly_numb
 
 @pytest.mark.parametrize("law,n,weak", [("contact", 100, 0.05), ("cubic", 200, 0),
                                         # folds in the dampers, too
-                                        ("cubic", 300, 0), ("contact", 50, 0)])
+                                        ("contact", 50, 0),
+                                        pytest.param("cubic", 300, 0, marks=night)])
 def test_dampers_that_are_taken_away_lead_to_what_no_load_leads_to(tmp_path, law, n, weak):
     K = chain(n)
     C = 0.03 * K + weak * numpy.eye(n)
@@ -222,6 +224,7 @@ def joint_answer(tmp_path, patch, harmonics, load):
     return run(tmp_path, scene), K, M, C, scene
 
 
+@night
 def test_contacts_that_slide_are_in_balance_at_21_harmonics(tmp_path):
     """36, and a hundred in the nightly run."""
     answer, *joint = joint_answer(tmp_path, 10 if os.environ.get("MODALD_LONG") else 6, 21, 0.0035)
@@ -237,6 +240,7 @@ def test_a_joint_that_sticks_states_no_more_error_than_rounding(tmp_path):
     assert answer["converged"] and 0 < answer["total_error"] < 1e-9 * largest
 
 
+@night
 def test_a_joint_that_slides_states_the_error_that_twice_the_harmonics_show(tmp_path):
     """5 x 5 contacts; by a third too little or 30 times too much at most."""
     few, many = (joint_answer(tmp_path, 5, harmonics, 0.0035)[0] for harmonics in (21, 42))

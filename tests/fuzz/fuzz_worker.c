@@ -283,7 +283,8 @@ static void ask(const char *verb, const char *header, const void *body, size_t s
 {
     struct blob *blob = body != NULL ? blob_copy(body, size) : NULL;
     struct wire_frame frames[4] = { { WIRE_VERSION, 7 }, { verb, strlen(verb) },
-                                    { header, strlen(header) }, { body, size } };
+                                    { header, strlen(header) },
+                                    { blob != NULL ? blob->data : NULL, size } };   /* lasts */
     struct wire_message m;
 
     if (wire_open(frames, body != NULL ? 4 : 3, WIRE_VERSION, true, &m, NULL) != MODAL_OK)

@@ -33,7 +33,7 @@ static void solve(const struct program *p)
 {
     struct floquet f;
 
-    if (floquet(p, &(struct floquet_options) { 1e-6 }, &f, NULL) != MODAL_OK)
+    if (floquet(p, &(struct floquet_options) { .tolerance = 1e-6 }, &f, NULL) != MODAL_OK)
         return;
     for (int i = 0; i < f.count; i++)
         if (f.resolved[i] && isnan(creal(f.exponent[i])))

@@ -424,9 +424,9 @@ static enum modal_status fetch(struct link *link, const cJSON *what, size_t offs
                          answer, detail, err);
 }
 
-/* What has come of a part of a result: ALL has room for TOTAL bytes, and a zero behind them, once
- * the first answer has said how many these are. */
-struct parts { char *all; size_t used, total; };
+/* What has come of a part of a result: ALL has room for TOTAL bytes, MOST at most, and a zero
+ * behind them, once the first answer has said how many these are. */
+struct parts { char *all; size_t used, total, most; };
 
 /* The bytes of ANSWER, which follow those before. */
 static enum modal_status add_part(struct parts *parts, const struct link_message *answer,
@@ -436,7 +436,7 @@ static enum modal_status add_part(struct parts *parts, const struct link_message
 
     if (parts->all == NULL) {
         parts->total = total;
-        if (total < SIZE_MAX && (parts->all = malloc(total + 1)) == NULL)
+        if (total <= parts->most && (parts->all = malloc(total + 1)) == NULL)
             return modal_fail(err, MODAL_NO_MEMORY, "no memory for %zu bytes of a result", total);
     }
     if (parts->all == NULL || total != parts->total || answer->length > total - parts->used
@@ -454,7 +454,8 @@ static enum modal_status fetch_all(struct link *link, cJSON *what, double deadli
                                    size_t *length, cJSON **description, cJSON **detail,
                                    struct modal_error *err)
 {
-    struct parts parts = { .total = 1 };
+    struct parts parts = { .total = 1,          /* only signals are described */
+                           .most = description != NULL ? SIZE_MAX - 1 : WIRE_DOCUMENT_MOST };
     enum modal_status rc = MODAL_OK;
 
     while (rc == MODAL_OK && parts.used < parts.total) {

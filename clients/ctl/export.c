@@ -6,6 +6,7 @@
 #include "output.h"
 #include "stored.h"
 #include "verbs.h"
+#include "whole_file.h"
 
 /* A file that is there goes before a job of that name. */
 static enum modal_status read_what(const struct args *args, struct input *input,
@@ -67,7 +68,7 @@ int run_export(const struct verb *verb, const struct args *args)
                                                  "-O OUT.h5 or -O OUT.csv is needed")
                               : output_check(args->output, &err);
     if (rc == MODAL_OK)
-        rc = output_check_place(args->output, "output", &err);
+        rc = whole_file_check(args->output, "output", &err);
     if (rc == MODAL_OK)
         rc = read_what(args, &input, &err);
     if (rc == MODAL_OK && input.batch.dt == 0)

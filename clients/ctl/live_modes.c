@@ -94,17 +94,16 @@ void live_modes_show(const cJSON *event)
 
 /* ---- Prometheus */
 
-/* A label's value: backslash, quote and end of line are escaped. */
-static void label(char *out, size_t room, const char *text)
+/* NAME and the label of the stream; of its value backslash, quote and end of line are escaped. */
+static void begin(FILE *to, const char *name, const char *stream)
 {
-    size_t n = 0;
-
-    for (; *text != 0 && n + 3 < room; text++) {
-        if (*text == '\\' || *text == '"' || *text == '\n')
-            out[n++] = '\\';
-        out[n++] = *text == '\n' ? 'n' : *text;
+    fprintf(to, "modald_stream_%s{stream=\"", name);
+    for (const char *c = stream; *c != 0; c++) {
+        if (*c == '\\' || *c == '"' || *c == '\n')
+            fputc('\\', to);
+        fputc(*c == '\n' ? 'n' : *c, to);
     }
-    out[n] = 0;
+    fputc('"', to);
 }
 
 static void head(FILE *to, const char *name, const char *help)
@@ -112,21 +111,44 @@ static void head(FILE *to, const char *name, const char *help)
     fprintf(to, "# HELP modald_stream_%s %s\n# TYPE modald_stream_%s gauge\n", name, help, name);
 }
 
+/* Of a daemon that tells no tracks, the mode's place I. */
+static double track_of(const cJSON *mode, int i)
+{
+    return field_number(mode, "track", i);
+}
+
+/* Has no mode before MODE its TRACK?  Where two samples have the same labels all of the text is
+ * refused. */
+static bool is_first(const cJSON *modes, const cJSON *mode, double track)
+{
+    const cJSON *other;
+    int i = 0;
+
+    cJSON_ArrayForEach(other, modes) {
+        if (other == mode)
+            break;
+        if (track_of(other, i++) == track)
+            return false;
+    }
+    return true;
+}
+
 /* A gauge of each mode: KEY of it, or of its `std`.  `mode` is the number of its track too, as what
- * stays with it; of a daemon that tells none, its place. */
+ * stays with it. */
 static void of_modes(FILE *to, const cJSON *event, const char *stream, const char *name,
                      const char *help, bool std, const char *key)
 {
     const cJSON *mode;
-    int i = 0;
+    int i = -1;
 
     head(to, name, help);
     cJSON_ArrayForEach(mode, field_get(event, "modes")) {
         double value = field_real(std ? field_get(mode, "std") : mode, key);
-        double track = field_number(mode, "track", i++);
-        if (isfinite(value))
-            fprintf(to, "modald_stream_%s{stream=\"%s\",mode=\"%.0f\",track=\"%.0f\"} %.17g\n",
-                    name, stream, track, track, value);
+        double track = track_of(mode, ++i);
+        if (!isfinite(value) || !is_first(field_get(event, "modes"), mode, track))
+            continue;
+        begin(to, name, stream);
+        fprintf(to, ",mode=\"%.0f\",track=\"%.0f\"} %.17g\n", track, track, value);
     }
 }
 
@@ -136,7 +158,8 @@ static void of_stream(FILE *to, const char *stream, const char *name, const char
     if (!isfinite(value))
         return;
     head(to, name, help);
-    fprintf(to, "modald_stream_%s{stream=\"%s\"} %.17g\n", name, stream, value);
+    begin(to, name, stream);
+    fprintf(to, "} %.17g\n", value);
 }
 
 /* 1 stable, -1 unstable, 0 neither is said */
@@ -152,14 +175,13 @@ static double verdict_number(const cJSON *event)
 enum modal_status live_modes_prometheus(const char *path, const cJSON *event,
                                         struct modal_error *err)
 {
-    char stream[520];
+    const char *stream = field_word(event, "stream", "-");
     struct whole_file out;
 
     if (strcmp(field_word(event, "event", "-"), "modes") != 0)
         return MODAL_OK;
     if (whole_file_begin(&out, path, "prometheus", err) != MODAL_OK)
         return MODAL_BAD_INPUT;
-    label(stream, sizeof stream, field_word(event, "stream", "-"));
     of_modes(out.file, event, stream, "frequency_hertz",
              "Frequency of a mode of the last live window, by its track.",
              false, "frequency_hz");

@@ -1,14 +1,12 @@
 /* output.c - see output.h */
 #include "output.h"
-#include <errno.h>
 #include <stdbool.h>
-#include <stdio.h>
 #include <string.h>
 #include <strings.h>
-#include <unistd.h>
 #include "result_file.h"
 #include "store/batch_file.h"
 #include "table_file.h"
+#include "whole_file.h"
 
 /* The last dot of a file's name and what follows it; NULL: no suffix. */
 static const char *suffix_of(const char *path)
@@ -37,20 +35,22 @@ enum modal_status output_check(const char *path, struct modal_error *err)
                             "FILE.hdf5 (HDF5), or FILE.csv", path);
 }
 
-enum modal_status output_check_place(const char *path, const char *field, struct modal_error *err)
+/* HDF5 opens its files itself, by name. */
+static enum modal_status write_hdf5(const char *path, const cJSON *doc, const struct batch *batch,
+                                    struct modal_error *err)
 {
-    const char *slash = path != NULL ? strrchr(path, '/') : NULL;
-    char folder[4096] = ".";
+    const cJSON *provenance = cJSON_GetObjectItemCaseSensitive(doc, "provenance");
+    struct whole_file out;
+    enum modal_status rc = whole_file_begin(&out, path, "output", err);
 
-    if (path == NULL)
-        return MODAL_OK;
-    if (slash != NULL)
-        snprintf(folder, sizeof folder, "%.*s", slash == path ? 1 : (int)(slash - path), path);
-    if (path[0] != 0 && access(folder, W_OK | X_OK) == 0)
-        return MODAL_OK;
-    return modal_fail_field(err, MODAL_BAD_INPUT, field,
-                            "%s: %s; accepted: a file in a folder that can be written", path,
-                            strerror(path[0] != 0 ? errno : ENOENT));
+    if (rc != MODAL_OK)
+        return rc;
+    rc = batch->samples == 0 ? result_file_write(out.beside, doc, err)
+                             : batch_file_write(out.beside, batch, provenance, err);
+    if (rc == MODAL_OK)
+        return whole_file_end(&out, err);
+    whole_file_drop(&out);
+    return rc;
 }
 
 enum modal_status output_write(const char *path, const cJSON *doc, const struct batch *batch,
@@ -63,9 +63,6 @@ enum modal_status output_write(const char *path, const cJSON *doc, const struct 
     if (batch->samples == 0 && !result_file_fits(doc))
         return modal_fail_field(err, MODAL_BAD_INPUT, "output",
                                 "this job gives no signals to write to %s", path);
-    if (is_csv(path))
-        return table_file_write(path, doc, batch, err);
-    if (batch->samples == 0)
-        return result_file_write(path, doc, err);
-    return batch_file_write(path, batch, cJSON_GetObjectItemCaseSensitive(doc, "provenance"), err);
+    return is_csv(path) ? table_file_write(path, doc, batch, err)
+                        : write_hdf5(path, doc, batch, err);
 }

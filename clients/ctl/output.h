@@ -9,10 +9,6 @@
  * else MODAL_BAD_INPUT, field "output". */
 enum modal_status output_check(const char *path, struct modal_error *err);
 
-/* Can PATH (NULL: none) be written?  Asked before the work is done; else MODAL_BAD_INPUT at
- * FIELD. */
-enum modal_status output_check_place(const char *path, const char *field, struct modal_error *err);
-
 /* Write BATCH where it has samples, else DOC, of a kind of result_file.h, to PATH: as table_file.h
  * or as batch_file.h and result_file.h have it.  Fails as output_check, and as they do. */
 enum modal_status output_write(const char *path, const cJSON *doc, const struct batch *batch,

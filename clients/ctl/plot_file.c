@@ -18,6 +18,7 @@
 #include <strings.h>
 #include "field.h"
 #include "plot.h"
+#include "whole_file.h"
 
 enum { SHOWN_SAMPLES = 600 };    /* of a channel: more than a panel has pixels */
 static const char suffix[] = ".svg";
@@ -94,21 +95,27 @@ enum modal_status plot_path_check(const char *path, struct modal_error *err)
                             "FILE.svg, or - for stdout (not of what is watched)", path);
 }
 
+static enum modal_status draw(FILE *to, const char *kind, const cJSON *result,
+                              const struct input *input, struct modal_error *err)
+{
+    bool signals = input != NULL && input->batch.samples > 0;
+    struct plot_input in = { signals ? draw_history : NULL, input, input ? input->scene : NULL };
+
+    return plot_draw(to, kind, result, &in, err);
+}
+
 enum modal_status plot_result(const char *path, const char *kind, const cJSON *result,
                               const struct input *input, struct modal_error *err)
 {
-    bool to_stdout = strcmp(path, "-") == 0, signals = input != NULL && input->batch.samples > 0;
-    struct plot_input in = { signals ? draw_history : NULL, input, input ? input->scene : NULL };
-    FILE *file = to_stdout ? stdout : fopen(path, "we");
+    struct whole_file out;
     enum modal_status rc;
 
-    if (file == NULL)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "plot", "%s: %s", path, strerror(errno));
-    rc = plot_draw(file, kind, result, &in, err);
-    bool written = !ferror(file);
-    if ((to_stdout ? fflush(file) : fclose(file)) != 0 || !written)
-        return modal_fail(err, MODAL_IO, "%s: %s", path, strerror(errno));
-    if (rc != MODAL_OK && !to_stdout)
-        remove(path);
-    return rc;
+    if (strcmp(path, "-") == 0) {
+        rc = draw(stdout, kind, result, input, err);
+        return fflush(stdout) != 0 ? modal_fail(err, MODAL_IO, "stdout: %s", strerror(errno)) : rc;
+    }
+    rc = whole_file_begin(&out, path, "plot", err);
+    if (rc == MODAL_OK && (rc = draw(out.file, kind, result, input, err)) != MODAL_OK)
+        whole_file_drop(&out);
+    return rc == MODAL_OK ? whole_file_end(&out, err) : rc;
 }

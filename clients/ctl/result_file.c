@@ -226,19 +226,14 @@ static bool write_all(hid_t file, const cJSON *doc)
 
 enum modal_status result_file_write(const char *path, const cJSON *doc, struct modal_error *err)
 {
-    char beside[4096];
     hid_t file;
     bool ok;
 
-    if (snprintf(beside, sizeof beside, "%s.part", path) >= (int)sizeof beside)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "output", "the file's name is too long");
     H5Eset_auto2(H5E_DEFAULT, NULL, NULL);
-    file = H5Fcreate(beside, H5F_ACC_TRUNC, H5P_DEFAULT, H5P_DEFAULT);
+    file = H5Fcreate(path, H5F_ACC_TRUNC, H5P_DEFAULT, H5P_DEFAULT);
     ok = file >= 0 && write_all(file, doc);
     if (file >= 0)
         ok = H5Fclose(file) >= 0 && ok;
-    if (ok && rename(beside, path) == 0)
-        return MODAL_OK;
-    remove(beside);
-    return modal_fail_field(err, MODAL_BAD_INPUT, "output", "%.300s cannot be written", path);
+    return ok ? MODAL_OK
+              : modal_fail_field(err, MODAL_BAD_INPUT, "output", "%.300s cannot be written", path);
 }

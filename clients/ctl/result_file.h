@@ -20,7 +20,6 @@
 
 /* Whether DOC is of a kind written here. */
 bool result_file_fits(const cJSON *doc);
-/* Write it to PATH, through a file beside it that is renamed.  Fails with MODAL_BAD_INPUT (field
- * "output"), MODAL_NO_MEMORY. */
+/* Write it to PATH, in place of what is there.  Fails with MODAL_BAD_INPUT (field "output"). */
 enum modal_status result_file_write(const char *path, const cJSON *doc, struct modal_error *err);
 #endif

@@ -3,10 +3,10 @@
 #include <string.h>
 #include "field.h"
 #include "outcome.h"
-#include "output.h"
 #include "plot_file.h"
 #include "result_csv.h"
 #include "show.h"
+#include "whole_file.h"
 
 static bool plots_to_stdout(const struct args *args)
 {
@@ -27,7 +27,7 @@ enum modal_status result_show_check(const struct args *args, struct modal_error 
     if (args->plot != NULL && !plots_to_stdout(args)) {
         rc = plot_path_check(args->plot, err);
         if (rc == MODAL_OK)
-            rc = output_check_place(args->plot, "plot", err);
+            rc = whole_file_check(args->plot, "plot", err);
     }
     return rc;
 }

@@ -18,6 +18,7 @@
 #include "sweep_point.h"
 #include "sweep_shares.h"
 #include "verbs.h"
+#include "whole_file.h"
 
 enum { SECOND_NS = 1000000000 };    /* of struct timespec */
 
@@ -201,7 +202,7 @@ static enum modal_status read_input(const struct verb *verb, const struct args *
                                 "FILE.csv for its signals");
     enum modal_status rc = output_check(args->output, err);
     if (rc == MODAL_OK)
-        rc = output_check_place(args->output, "output", err);
+        rc = whole_file_check(args->output, "output", err);
     if (rc == MODAL_OK)
         rc = result_show_check(args, err);
     if (rc == MODAL_OK)

@@ -12,6 +12,7 @@
 #include "plot_file.h"
 #include "remote.h"
 #include "verbs.h"
+#include "whole_file.h"
 
 static cJSON *subscription(const struct args *args, bool stream, double from)
 {
@@ -99,7 +100,11 @@ static enum modal_status can_watch(const struct args *args, struct seen *seen,
     if (seen == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "watch: no memory for what was seen");
     seen->next = args->after ? strtod(args->after, NULL) : args->words > 1 ? 0 : -1;
-    return args->plot != NULL ? plot_path_check(args->plot, err) : MODAL_OK;
+    if (args->plot != NULL && plot_path_check(args->plot, err) != MODAL_OK)
+        return MODAL_BAD_INPUT;
+    if (whole_file_check(args->plot, "plot", err) != MODAL_OK)
+        return MODAL_BAD_INPUT;
+    return whole_file_check(args->prometheus, "prometheus", err);
 }
 
 int run_watch(const struct verb *verb, const struct args *args)

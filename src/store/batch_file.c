@@ -502,8 +502,8 @@ static hid_t make_file(const char *path)
     return file;
 }
 
-static enum modal_status write_tmp(const char *path, const struct batch *batch,
-                                   const cJSON *attributes, struct modal_error *err)
+static enum modal_status write_file(const char *path, const struct batch *batch,
+                                    const cJSON *attributes, struct modal_error *err)
 {
     struct input_shape shape = { .type = INPUT_BATCH,
                                  .samples = batch->samples,
@@ -531,18 +531,12 @@ static enum modal_status write_tmp(const char *path, const struct batch *batch,
 enum modal_status batch_file_write(const char *path, const struct batch *batch,
                                    const cJSON *attributes, struct modal_error *err)
 {
-    char tmp[4096];
     enum modal_status rc;
 
-    if (snprintf(tmp, sizeof tmp, "%s.tmp", path) >= (int)sizeof tmp)
-        return modal_fail_field(err, MODAL_BAD_INPUT, "file", "the path is longer than %zu bytes",
-                                sizeof tmp - 5);
     batch_h5_lock();
-    rc = write_tmp(tmp, batch, attributes, err);
+    rc = write_file(path, batch, attributes, err);
     batch_h5_unlock();
-    if (rc == MODAL_OK)
-        rc = file_rename(tmp, path, err);
     if (rc != MODAL_OK)
-        unlink(tmp);
+        unlink(path);
     return rc;
 }

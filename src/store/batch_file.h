@@ -42,7 +42,7 @@ enum modal_status batch_file_map(const char *path, const char *set, double dt, u
                                  struct batch_file *out, struct modal_error *err);
 void batch_file_done(struct batch_file *file);
 
-/* Write BATCH to PATH with ATTRIBUTES (an object, or NULL), by PATH.tmp and rename. */
+/* Write BATCH to PATH with ATTRIBUTES (an object, or NULL); where that fails, PATH is gone. */
 enum modal_status batch_file_write(const char *path, const struct batch *batch,
                                    const cJSON *attributes, struct modal_error *err);
 

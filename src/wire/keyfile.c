@@ -61,12 +61,19 @@ enum modal_status keyfile_read(const char *path, struct keyfile *keys, struct mo
 {
     struct stat st;
     enum modal_status rc = MODAL_OK;
-    FILE *file = fopen(path, "re");
+    int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);     /* a FIFO makes nobody wait */
+    FILE *file = fd >= 0 ? fdopen(fd, "r") : NULL;
 
     memset(keys, 0, sizeof *keys);
-    if (file == NULL)
-        return BAD("%s: %s", path, strerror(errno));
-    if (fstat(fileno(file), &st) != 0 || !S_ISREG(st.st_mode) || (st.st_mode & 077) != 0)
+    if (file == NULL) {
+        rc = BAD("%s: %s", path, strerror(errno));
+        if (fd >= 0)
+            close(fd);
+        return rc;
+    }
+    if (fstat(fd, &st) != 0 || !S_ISREG(st.st_mode))
+        rc = BAD("%s: no file; accepted: a file of mode 0600", path);
+    else if ((st.st_mode & 077) != 0)
         rc = BAD("%s: others may read it (mode %04o); accepted: a file of mode 0600", path,
                  st.st_mode & 07777u);
     else if (st.st_uid != geteuid() && geteuid() != 0)

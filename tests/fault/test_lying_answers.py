@@ -7,6 +7,7 @@ import pathlib
 import subprocess
 import sys
 import threading
+import time
 
 import pytest
 import zmq
@@ -92,6 +93,10 @@ LIES = {
         reply({**PART, "total": 4}, b"{}"), reply({**PART, "total": 1 << 20}, b" " * 99999)]}),
     "a result below nothing": (identify, {"SUBMIT": [reply(DONE)], "RESULT": [
         reply({**PART, "total": -1}, b"{}")]}),
+    "a result of a number beyond a double": (identify, {"SUBMIT": [reply(DONE)], "RESULT": [
+        reply({**PART, "total": 407}, b'{"x":1' + b"0" * 400 + b"}")]}),
+    "a result larger than any": (identify, {"SUBMIT": [reply(DONE)], "RESULT": [
+        reply({**PART, "total": 1 << 40}, b" " * 99999)]}),
     "a result that is no object": (identify, {"SUBMIT": [reply(DONE)], "RESULT": [
         reply({**PART, "total": 2}, b"[]")]}),
     "an upload below its beginning": (lambda c: c.upload(LARGE), {"UPLOAD": [
@@ -167,9 +172,11 @@ def test_nobody_sleeps_for_ever_as_he_is_told(told):
 @pytest.mark.parametrize("answers", [
     [reply({**PART, "total": -1}, b"A" * 5000)], [reply({**PART, "total": 1e300}, b"A" * 5000)],
     [reply({**PART, "total": 0.5}, b"A" * 5000)], [reply(PART, b"A" * 5000)],
+    [reply({**PART, "total": 67108865}, b"A" * 5000)],
     [reply({**PART, "total": 5001}, b"A" * 5000), reply({**PART, "total": 1 << 20}, b"A" * 90000)],
     [reply({**PART, "total": 6000}, b"A" * 5000), reply({**PART, "total": 10}, b"A" * 900)],
-], ids=["below nothing", "beyond all", "a half", "none", "more later", "less later"])
+], ids=["below nothing", "beyond all", "a half", "none", "larger than any", "more later",
+        "less later"])
 def test_modalctl_takes_no_more_of_a_result_than_it_has_room_for(answers, tmp_path):
     with Liar(tmp_path / "s", RESULT=answers) as liar:
         done = subprocess.run([BUILD / "bin" / "modalctl", "--json", "--server", liar.url,
@@ -178,3 +185,46 @@ def test_modalctl_takes_no_more_of_a_result_than_it_has_room_for(answers, tmp_pa
         sanitized.hear(done.stderr)
         assert done.returncode == 2, (done.returncode, done.stderr)
         assert json.loads(done.stdout)["error"]["code"] == "bad_frame", done.stdout
+
+
+@pytest.mark.parametrize("document", [
+    {"kind": "identify", "modes": 5}, {"kind": "identify", "modes": [5]},
+    {"kind": "identify", "modes": [{"frequency_hz": "x", "exponent": [1, 2, 3], "shape": 5}]},
+    {"kind": "steady", "harmonics": [{"dof": 1}]}, {"kind": "curve", "points": 7},
+    {"kind": "floquet", "multipliers": [["a", "b"]]}, {"kind": "tradeoff", "rungs": [{}]},
+    {"kind": "sweep", "points": [1]}, {"kind": "ablate", "effects": [{}]}],
+    ids=lambda document: str(document)[:60])
+def test_a_result_that_is_none_says_so_whatever_is_read_of_it(document):
+    """Every member gives what it is for or raises Error, and one of them does."""
+    found, wrong = modald.results.Result(document), 0
+    for name in ("frequency_hz", "std_frequency_hz", "exponent", "multiplier", "shapes"):
+        try:
+            getattr(found, name)
+        except modald.Error as why:
+            wrong += why.code == "bad_frame"
+    for read in (found.rows, found.svg, found._repr_html_):
+        try:
+            read()
+        except modald.Error as why:
+            wrong += why.code == "bad_frame"
+    assert wrong > 0
+
+
+class Flood(Liar):
+    """An event, and the next, without end, once it is asked for them."""
+
+    def lie(self, socket, peer, mark, verb, header, *body):
+        answer = {"id": json.loads(header)["id"], "verb": "EVENTS", "subscription": "1", "next": 1}
+        parts = [peer, b"MODALD1", b"REPLY", json.dumps(answer).encode()]
+        while not self.over.is_set():
+            socket.send_multipart(parts)
+            parts = [peer, b"MODALD1", b"EVENT", b'{"subscription":"1","event":"modes"}']
+
+
+def test_events_end_at_their_timeout_though_they_never_pause(tmp_path):
+    begin, count = time.monotonic(), 0
+    with Flood(tmp_path / "s") as flood, modald.connect(flood.url, timeout=PATIENCE_S) as client:
+        for _ in client.events(0, timeout=0.3):
+            count += 1
+            assert time.monotonic() < begin + PATIENCE_S
+        assert count > 0

@@ -9,6 +9,7 @@ import os
 import pathlib
 import shutil
 import signal
+import socket
 import subprocess
 import time
 
@@ -116,6 +117,25 @@ def test_relative_paths_are_those_of_the_folder_where_the_stream_was_opened(germ
     host = begin("changes folder", tmp_path, german, MODALD_URL="ipc://nobody", MODALD_SPILL=".")
     assert end(host) == (status, out)
     assert [f.name for f in tmp_path.glob("*.spill")] == [f"modald-folder-{host.pid}.spill"]
+
+
+def test_a_host_sends_nothing_to_a_port_that_is_another_modulo_65536(german, tmp_path):
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        host = begin("plain", tmp_path, german,
+                     MODALD_URL=f"tcp://127.0.0.1:{other.getsockname()[1] + 65536}")
+        out, err = host.communicate()
+        other.setblocking(False)
+        with pytest.raises(BlockingIOError):
+            other.accept()
+    assert host.returncode == 7 and b"no socket to the daemon" in err
+
+
+def test_a_key_file_that_is_a_fifo_makes_no_host_wait(german, tmp_path):
+    os.mkfifo(tmp_path / "key", 0o600)
+    host = begin("plain", tmp_path, german, MODALD_URL=f"ipc://{tmp_path}/nobody",
+                 MODALD_KEYFILE=tmp_path / "key")
+    out, err = host.communicate()
+    assert host.returncode == 7 and b"the key file is not one of mode 0600" in err
 
 
 def test_a_ring_file_that_the_disk_has_no_room_for_does_not_end_the_host(german, tmp_path):

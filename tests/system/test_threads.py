@@ -221,6 +221,24 @@ print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), sorted(c.whoami())[0],
     assert run.returncode == 0 and err == ""
 
 
+def test_a_child_that_looks_at_a_job_as_a_future_is_told_so_too(daemon):
+    """The thread that watches jobs stayed with the parent: the child waited for ever."""
+    run = script("""
+job = c.submit("identify", modald.Batch([1.0, 2.0, 1.0] * 20, 0.01), key="forked",
+               not_before=time.time() + 3600, fresh=True)
+job.add_done_callback(lambda job: None)
+child = os.fork()
+if child == 0:
+    told = threading.Event()
+    job.add_done_callback(lambda job: told.set())
+    print(told.wait(60), flush=True)
+    os._exit(0)
+os.waitpid(child, 0)
+job.cancel()
+""", daemon.endpoint)
+    assert run.communicate(timeout=PATIENCE)[0] == "True\n"
+
+
 def test_an_interrupt_ends_the_wait_and_not_the_client(daemon):
     run = script("""
 job = c.submit("identify", modald.Batch([1.0, 2.0, 1.0] * 20, 0.01), key="interrupted",

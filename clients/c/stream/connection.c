@@ -4,11 +4,14 @@
 #include <fcntl.h>
 #include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <sys/eventfd.h>
 #include <sys/stat.h>
 #include <unistd.h>
 #include <zmq.h>
+
+enum { PORT_MOST = 65535 };       /* 16 bits, RFC 9293 */
 
 static void warn_all(struct link *l, const char *what)
 {
@@ -94,7 +97,7 @@ static bool read_keys(struct link *l)
 
     if (l->keyfile == NULL)
         return true;
-    fd = open(l->keyfile, O_RDONLY | O_CLOEXEC);
+    fd = open(l->keyfile, O_RDONLY | O_CLOEXEC | O_NONBLOCK);       /* a FIFO makes nobody wait */
     good = fd >= 0 && fstat(fd, &st) == 0 && (st.st_mode & 077) == 0
         && read(fd, text, sizeof text - 1) > 0;
     for (int i = 0; good && i < KEYS; i++)
@@ -185,10 +188,18 @@ static void close_link(struct link *l)
     forget_together(l);
 }
 
+/* libzmq takes a port modulo 65536; what else is no endpoint it tells itself. */
+static bool has_port(const char *url)
+{
+    const char *port = strrchr(url, ':');
+
+    return strncmp(url, "tcp://", 6) != 0 || strtol(port + 1, NULL, 10) <= PORT_MOST;
+}
+
 static bool open_link(struct link *l)
 {
     l->socket = zmq_socket(l->context, ZMQ_DEALER);
-    if (l->socket != NULL && set_options(l) && open_monitor(l)
+    if (l->socket != NULL && has_port(l->url) && set_options(l) && open_monitor(l)
         && zmq_connect(l->socket, l->url) == 0)
         return true;
     close_link(l);

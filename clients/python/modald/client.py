@@ -330,6 +330,8 @@ class Client(Session):
                             if why.code == "timeout":
                                 return
                             raise
+                        if time.monotonic() >= deadline:        # also where they never end
+                            return
                         if message is None:
                             break
                         kind, event, _ = message

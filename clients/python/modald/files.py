@@ -20,7 +20,11 @@ def read(path: str | os.PathLike[str], dt: float | None = None, dataset: str | N
     `dt` apart, whatever it says of time.  `dataset` names the array where there are several (the
     Error lists them), `scale` multiplies every sample.
     """
-    words = [program("modalctl"), "--local", "--json", "export", os.fspath(path)]
+    name = os.fsdecode(path)
+    if "\0" in name:
+        raise Error("bad_input", f"{name!r}: no name of a file has a zero byte", "file")
+    words = [program("modalctl"), "--local", "--json", "export",
+             f"./{name}" if name.startswith("-") else name]          # a name, and no option
     for name, value in (("--dt", dt), ("--dataset", dataset), ("--scale", scale)):
         words += [] if value is None else [name, str(value)]
     words += ["--ignore-time"] if ignore_time else []

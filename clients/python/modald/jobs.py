@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import collections
 import concurrent.futures
+import os
 import threading
 import time
 from typing import Any, Iterable, Iterator
@@ -31,7 +32,7 @@ class Job(concurrent.futures.Future):  # type: ignore[type-arg]
 
     def __init__(self, client: Session, document: Document):
         """Of `client`, which is asked again; `document` as SUBMIT or STATUS answers."""
-        self._watched = self._over = False
+        self._over, self._watched = False, 0            # by which process
         self._state_lock = threading.Lock()
         super().__init__()
         self.client, self.document = client, document
@@ -42,7 +43,8 @@ class Job(concurrent.futures.Future):  # type: ignore[type-arg]
     def _condition(self) -> threading.Condition:
         """The future's; who asks for it looks at the future, and the watch begins."""
         with self._state_lock:
-            begin, self._watched = not self._watched, True
+            begin = not self._over and self._watched != os.getpid()
+            self._watched = os.getpid()
         if begin:
             watch_of(self.client).add(self)
         return self._own_condition
@@ -80,7 +82,7 @@ class Job(concurrent.futures.Future):  # type: ignore[type-arg]
             self.document = document
             if document.get("state") not in ENDED or self._over:
                 return
-            self._over = self._watched = True       # there is nothing more to watch
+            self._over = True                       # there is nothing more to watch
         if document["state"] == "cancelled":
             super().cancel()
             self.set_running_or_notify_cancel()
@@ -155,7 +157,7 @@ class Watch:
         """Say when JOB has ended."""
         with self._lock:
             self._waiting.append(job)
-            if self._thread is None:
+            if self._thread is None or not self._thread.is_alive():     # a fork's child has none
                 self._thread = threading.Thread(target=self._run, name="modald-jobs", daemon=True)
                 self._thread.start()
 

@@ -36,7 +36,7 @@ LOST_PATIENCE = 30.0            # s: in which a daemon that was there comes back
 PAUSE_LEAST = 0.05              # s between two connections; doubled until one is good
 PAUSE_MOST = 1.0                # s
 PAUSE_ASKED = 5.0               # s: no longer without asking, whatever a daemon says
-UNREAD_MOST = 67108864          # bytes of a talk that nobody fetches: the largest document's
+UNREAD_MOST = wire.DOCUMENT_MOST     # bytes of a talk that nobody fetches
 MESSAGES_MOST = 16384           # of a talk, without a silence
 MECHANISM_MISMATCH = 0x11000002     # libzmq's number for "the other side wants keys, or none"
 _OPTIONS = ((zmq.LINGER, 0), (zmq.RECONNECT_IVL, 50), (zmq.RECONNECT_IVL_MAX, 1000),
@@ -88,7 +88,10 @@ class Error(Exception):
 
 def read_keyfile(path: str) -> dict[str, bytes]:
     """Keys of a file that only its owner may read."""
-    if stat.S_IMODE(os.stat(path).st_mode) & 0o077:
+    mode = os.stat(path).st_mode
+    if not stat.S_ISREG(mode):
+        raise Error("bad_input", f"{path}: no file; accepted: a file of mode 0600", "keyfile")
+    if stat.S_IMODE(mode) & 0o077:
         raise Error("bad_input", f"{path}: others may read it; accepted: a file of mode 0600",
                     "keyfile")
     keys = {}
@@ -219,6 +222,8 @@ class Link:
 
     def forget(self, talk: Talk) -> None:
         """Its answers, when they come, are nobody's."""
+        if os.getpid() != self._pid:            # the thread may have had the lock: it is gone
+            return
         with self._lock:
             for number in talk.numbers:
                 self._asking.pop(number, None)

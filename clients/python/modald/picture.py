@@ -20,7 +20,7 @@ def size(dof: Document) -> float:
 
 def _scale(low: float, high: float, a: float, b: float) -> tuple[float, float]:
     """Slope and offset that take low .. high to a .. b."""
-    slope = (b - a) / (high - low) if high > low else 0.0
+    slope = (b - a) / 2 / (high / 2 - low / 2) if high / 2 > low / 2 else 0.0
     return slope, (a if slope else (a + b) / 2) - slope * low
 
 
@@ -37,7 +37,7 @@ def _axes(points: Points, x_name: str, y_name: str, line: bool) -> str:
            f'width="{WIDTH - LEFT - EDGE:g}" height="{HEIGHT - BELOW - EDGE:g}" fill="none" '
            'stroke="#999"/>']
     for i in range(TICKS + 1):
-        x, y = (span[0] + (span[1] - span[0]) * i / TICKS for span in (side, low))
+        x, y = (span[0] * (1 - i / TICKS) + span[1] * (i / TICKS) for span in (side, low))
         out.append(f'<text x="{ax * x + bx:.1f}" y="{HEIGHT - BELOW + 13:g}" '
                    f'text-anchor="middle">{x:.4g}</text><text x="{LEFT - 4:g}" '
                    f'y="{ay * y + by + 4:.1f}" text-anchor="end">{y:.3g}</text>')

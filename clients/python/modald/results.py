@@ -1,8 +1,9 @@
 """A result: the document that the daemon gave, with its numbers as arrays, tables and pictures."""
 from __future__ import annotations
 
+import functools
 import html
-from typing import Any, Callable
+from typing import Any, Callable, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +22,20 @@ def _pair(pair: Any) -> complex:
 
 def _number(value: Any) -> float:
     return np.nan if value is None else float(value)
+
+
+T = TypeVar("T")
+
+
+def _read(read: Callable[["Result"], T]) -> Callable[["Result"], T]:
+    """A member that says where the document is none of modald-result(5), whoever sent it."""
+    @functools.wraps(read)
+    def told(self: "Result") -> T:
+        try:
+            return read(self)
+        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as why:
+            raise Error("bad_frame", f"the result is none of modald-result(5): {why!r}") from why
+    return told
 
 
 class Result(dict[str, Any]):
@@ -49,48 +64,57 @@ class Result(dict[str, Any]):
         return np.array([_pair(mode.get(of_modes)) for mode in self._modes()], dtype=complex)
 
     @property
+    @_read
     def frequency_hz(self) -> Floats:
         """|exponent| / 2 pi of each mode, Hz; shape (modes,)."""
         return self._each("frequency_hz")
 
     @property
+    @_read
     def damping_ratio(self) -> Floats:
         """-Re exponent / |exponent| of each mode: positive decays; shape (modes,)."""
         return self._each("damping_ratio")
 
     @property
+    @_read
     def std_frequency_hz(self) -> Floats:
         """Standard errors of `frequency_hz`, Hz; shape (modes,), NaN where they are not known."""
         return self._std("frequency_hz")
 
     @property
+    @_read
     def std_damping_ratio(self) -> Floats:
         """Standard errors of `damping_ratio`; shape (modes,), NaN where they are not known."""
         return self._std("damping_ratio")
 
     @property
+    @_read
     def amplitude(self) -> Floats:
         """Rms of each mode's part of the record, channels scaled to unit rms; shape (modes,)."""
         return self._each("amplitude")
 
     @property
+    @_read
     def residual(self) -> Floats:
         """Of each mode, as modald-result(5) says; shape (modes,)."""
         return self._each("residual")
 
     @property
+    @_read
     def exponent(self) -> Complex:
         """Characteristic exponents, 1/s, complex: one of each pair of an identification, shape
         (modes,); all of a floquet result, shape (states,)."""
         return self._pairs("exponent", "exponents")
 
     @property
+    @_read
     def multiplier(self) -> Complex:
         """Multipliers, complex, over one period, or one sample where there is none; shape as of
         `exponent`."""
         return self._pairs("multiplier", "multipliers")
 
     @property
+    @_read
     def shapes(self) -> Complex:
         """Mode shapes, complex, largest component 1; shape (modes, channels).
 
@@ -104,6 +128,7 @@ class Result(dict[str, Any]):
 
     # -- tables and pictures ----------------------------------------------------------------------
 
+    @_read
     def rows(self) -> list[Row]:
         """The result as a table, flat dictionaries: a mode of an identification, a harmonic of a
         dof, a point of a curve or sweep, a multiplier or exponent, a rung or an effect each."""
@@ -118,6 +143,7 @@ class Result(dict[str, Any]):
                         "pandas") from why
         return pandas.DataFrame(self.rows())
 
+    @_read
     def svg(self) -> str:
         """A small picture, SVG text; "" where the kind of result has none."""
         return picture.draw(self)
@@ -131,6 +157,7 @@ class Result(dict[str, Any]):
                         "matplotlib") from why
         return plots.of(self, dof)
 
+    @_read
     def _repr_html_(self) -> str:
         """For notebooks: verdict, table, notes, picture."""
         table = self.rows()[:SHOWN_MOST]

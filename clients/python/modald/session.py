@@ -9,6 +9,7 @@ import time
 import weakref
 from typing import Any, Callable, Sequence
 
+from . import wire
 from .answers import Answer, answer_of, document_of
 from .inputs import Document
 from .link import Error, Link, LOST_PATIENCE, Talk
@@ -130,6 +131,9 @@ class Session:
             data += body[0] if body else b""
             description = answer.inner("batch") or description
             total = answer.count("total") if total < 0 else total
+            if part != "batch" and total > wire.DOCUMENT_MOST:
+                raise Error("bad_frame", f"the daemon says {total} bytes of a result; accepted: "
+                            f"{wire.DOCUMENT_MOST} at most")
             if len(data) > total or total != answer.count("total"):
                 raise Error("bad_frame", f"the daemon sent {len(data)} bytes of a result of {total}"
                             f", or of {answer.count('total')}")

@@ -14,6 +14,7 @@ from .values import csr, plain
 VERSION = b"MODALD1"
 FRAMES_MOST, HEADER_MOST, BODY_MOST = 8, 65536, 1048576
 INLINE_MOST, CHUNK_MOST, SCENE_MOST = 65536, 262144, 16777216
+DOCUMENT_MOST = 67108864
 
 
 def _table() -> tuple[int, ...]:
@@ -135,9 +136,13 @@ def loads(text: bytes | str) -> Any:
         if not math.isfinite(value):
             raise ValueError(f"{s} is beyond a double")
         return value
+
+    def whole(s: str) -> int:
+        number(s)
+        return int(s)
     try:
         return json.loads(text, object_pairs_hook=_unique, parse_constant=_refuse,
-                          parse_float=number)
+                          parse_float=number, parse_int=whole)
     except RecursionError as why:
         raise ValueError("nested too deeply") from why
 

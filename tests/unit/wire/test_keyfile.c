@@ -7,6 +7,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 #include "wire/keyfile.h"
 
@@ -31,9 +32,27 @@ static void test_no_public_key_looks_like_an_option(void **state)
     rmdir(folder);
 }
 
+/* Opening one waits for who writes: the test would not end. */
+static void test_a_fifo_is_no_key_file(void **state)
+{
+    char folder[] = "/tmp/test_keyfile.XXXXXX", path[64];
+    struct modal_error err;
+    struct keyfile keys;
+
+    (void)state;
+    assert_non_null(mkdtemp(folder));
+    snprintf(path, sizeof path, "%s/key", folder);
+    assert_int_equal(mkfifo(path, 0600), 0);
+    assert_int_equal(keyfile_read(path, &keys, &err), MODAL_BAD_INPUT);
+    assert_string_equal(err.field, "keyfile");
+    unlink(path);
+    rmdir(folder);
+}
+
 int main(void)
 {
-    const struct CMUnitTest tests[] = { cmocka_unit_test(test_no_public_key_looks_like_an_option) };
+    const struct CMUnitTest tests[] = { cmocka_unit_test(test_no_public_key_looks_like_an_option),
+                                        cmocka_unit_test(test_a_fifo_is_no_key_file) };
 
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -92,8 +92,20 @@ static void count_instructions(lua_State *L, lua_Debug *at)
 
 static const char *const base_kept[] = { "assert",   "error",  "ipairs",   "math",
                                          "next",     "pairs",  "select",   "tonumber",
-                                         "tostring", "type",   "rawequal", "rawget",
-                                         "rawset",   "rawlen", "_VERSION", NULL };
+                                         "type",     "rawequal", "rawget", "rawset",
+                                         "rawlen",   "_VERSION", NULL };
+
+/* The base's tells where in memory a table or a function lies: nothing a force may depend on, and
+ * nobody's to know. */
+static int print_value(lua_State *L)
+{
+    luaL_checkany(L, 1);
+    if (lua_istable(L, 1) || lua_isfunction(L, 1))
+        lua_pushstring(L, luaL_typename(L, 1));
+    else
+        luaL_tolstring(L, 1, NULL);
+    return 1;
+}
 
 /* Open the base and math, then keep only what base_kept names. */
 static int open_sandbox(lua_State *L)
@@ -110,6 +122,8 @@ static int open_sandbox(lua_State *L)
         lua_getglobal(L, base_kept[i]);
         lua_setfield(L, 1, base_kept[i]);
     }
+    lua_pushcfunction(L, print_value);
+    lua_setfield(L, 1, "tostring");
     lua_pushvalue(L, 1);
     lua_setfield(L, 1, "_G");
     lua_rawseti(L, LUA_REGISTRYINDEX, LUA_RIDX_GLOBALS);  /* the sandbox is all there is */

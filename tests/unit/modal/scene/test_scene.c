@@ -505,6 +505,16 @@ TEST(every_effect_that_a_scene_may_have_can_be_one_in_lua)
     program_free(p);
 }
 
+TEST(a_law_in_lua_is_told_no_address)
+{
+    struct program *p = NULL;
+    struct modal_error err;
+
+    CHECK(lower_lua(1, "error(tostring(assert) .. tostring({}) .. tostring(0.5))", &p, &err)
+          == MODAL_BAD_INPUT);
+    CHECK_STRING(err.message, "lua: source:1: functiontable0.5");
+}
+
 TEST(a_record_has_duration_over_dt_plus_one_samples)
 {
     static const struct { const char *time; long samples;

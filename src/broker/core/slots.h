@@ -23,6 +23,9 @@ struct remote {
     char *said;                           /* its last STDERR; NULL: none */
 };
 
+/* Seconds of work that came due, each counted less the longer ago; mono, until when. */
+struct demand { double s; int64_t at_ns; };
+
 /* Streams that wait, first whose window is left out first; what their windows are expected to
  * take. */
 struct waiting { struct heap streams; double cost_s; };
@@ -47,6 +50,7 @@ struct slot {
     struct stream *live, **live_end;
     int ahead; double ahead_s;            /* how many these are, and what they are to take */
     struct waiting due[2];                /* as slots.due, of streams whose window it has */
+    struct demand demand;                 /* of all of these */
     uint64_t process;                     /* counts the slot's processes */
     struct remote *remote;                /* NULL: its worker is a process of ours */
 };

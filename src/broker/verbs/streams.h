@@ -2,6 +2,7 @@
 #ifndef BROKER_STREAMS_H
 #define BROKER_STREAMS_H
 #include "broker/core/alarms.h"
+#include "broker/core/slots.h"
 #include "broker/verbs/verbs.h"
 
 /* Samples that wait until those before them are compared with the file. */
@@ -31,14 +32,16 @@ struct window {
     bool running;                         /* a worker has it, or had it before it is told dead */
     int attempt;                          /* its number, for that worker */
     bool anew;                            /* that worker has none of its samples of before */
-    /* s of a processor, 0: not known: of the last gone on with; of the last anew; for this one */
+    /* s of a processor, 0: not known: of one gone on with, on average; of the last anew; for this
+     * one */
     double cost_s, anew_s, expected_s;
+    struct demand demand;                 /* counted at its worker, too */
     bool queued;                          /* among those that wait for a worker */
     struct stream *behind;                /* of those that its worker has */
     int64_t late_ns;                      /* mono, when the next will be due, and it is left out */
     uint64_t paced; int64_t paced_ns;     /* what was durable when it waited before this time */
     int64_t round;                        /* of turns, in which it had its latest window */
-    uint64_t lost;                        /* left out since its worker had the first */
+    uint64_t lost;                        /* left out since another worker had more room */
     uint64_t skipped;                     /* left out since the one told last */
     uint64_t skipped_all;                 /* and since the daemon began with the stream */
     /* of the one told last: its verdict, NULL where it had none, its epoch and last sample */

@@ -20,7 +20,11 @@
  *     was left out of a stream there counts as well, C each, up to the A - C that it takes more: as
  *     who rents buys once he has paid the price, it takes at most twice what the best would.
  *
- * Taken whenever it is late, where A is 15 C, it makes other windows late, which are taken then.
+ * Where A is more than C it takes the stream for good, and only while less comes due at it, the
+ * stream with it, than at the worker that has the stream: for A its own streams wait, and what they
+ * lose by that is no reason to move them in their turn.  Each such move makes the sum of squares of
+ * what comes due at the workers less, so of streams that stay the same they come to an end, where
+ * no worker has more to do than any other with one stream more: than the mean, and one stream.
  */
 #include "broker/verbs/window_turns.h"
 #include "broker/core/slots.h"
@@ -30,6 +34,12 @@
 
 /* A stream that rests has its turn as well. */
 static const double LATE_MOST_S = 60;
+/* What came due this long ago counts 1/e of what does now: the longest that a window takes
+ * (windows.c), so that streams of longer windows are none; one that rests is soon forgotten. */
+static const double MEMORY_S = 60;
+/* Weight of one cost in their average: where they scatter by as much as they are, that scatters by
+ * 1 / sqrt(2 COSTS - 1), a quarter. */
+enum { COSTS = 8 };
 
 bool window_is_due(struct stream *s)
 {
@@ -147,6 +157,48 @@ static void begin_round(struct slots *slots)
     slots->due_now = slots->due_count;
 }
 
+/* ---- what workers have to do ----------------------------------------------------------------- */
+
+/* D by now: MEMORY_S times what comes due of it in a second. */
+static double demand_s(const struct core *c, const struct demand *d)
+{
+    return d->s * exp((double)(d->at_ns - c->now.mono_ns) / 1e9 / MEMORY_S);
+}
+
+static void demand_add(const struct core *c, struct demand *d, double work_s)
+{
+    d->s = demand_s(c, d) + work_s;
+    d->at_ns = c->now.mono_ns;
+}
+
+void turn_move(struct core *c, struct stream *s, int slot)
+{
+    struct window *w = &s->window;
+
+    if (w->slot >= 0 && window_is_with(c, s, w->slot))
+        demand_add(c, &c->slots->at[w->slot].demand, -demand_s(c, &w->demand));
+    else
+        w->demand.s = 0;
+    demand_add(c, &c->slots->at[slot].demand, demand_s(c, &w->demand));
+    w->lost = 0;
+    w->slot = slot;
+    w->process = c->slots->at[slot].process;
+}
+
+void turn_took(struct core *c, struct stream *s, int slot, double cost_s)
+{
+    struct window *w = &s->window;
+    double work_s;
+
+    if (w->anew)
+        w->anew_s = cost_s;
+    else
+        w->cost_s += w->cost_s > 0 ? (cost_s - w->cost_s) / COSTS : cost_s;
+    work_s = (double)(w->skipped + 1) * w->cost_s;
+    demand_add(c, &w->demand, work_s);
+    demand_add(c, &c->slots->at[slot].demand, work_s);
+}
+
 /* ---- a turn ---------------------------------------------------------------------------------- */
 
 /* The worker of SLOT will go on with the windows that it has. */
@@ -158,27 +210,34 @@ static bool is_coming(const struct core *c, int slot)
         && (own->state == SLOT_IDLE || own->state == SLOT_TAKEN || own->live != NULL);
 }
 
-/* Does it pay that another than the worker of SLOT, which has LIST, does S's window?  What that
- * worker does at present takes as long again as it has taken so far. */
-static bool pays(const struct core *c, int slot, const struct waiting *list, const struct stream *s)
+/* Does it pay that TAKER does S's window, not the worker of SLOT, which has LIST?  What that worker
+ * does at present takes as long again as it has taken so far. */
+static bool pays(const struct core *c, int taker, int slot, const struct waiting *list,
+                 struct stream *s)
 {
     const struct slot *own = &c->slots->at[slot];
-    const struct window *w = &s->window;
+    struct window *w = &s->window;
     const double anew_s = w->anew_s;
     const double cost_s = w->cost_s > 0 ? w->cost_s : anew_s;      /* not known yet: as the first */
     double left_s = list->cost_s + own->ahead_s;
 
+    if (anew_s > cost_s
+        && demand_s(c, &c->slots->at[taker].demand) + demand_s(c, &w->demand)
+               >= demand_s(c, &own->demand)) {
+        w->lost = 0;
+        return false;
+    }
     if (own->live != NULL)
         left_s += (double)(c->now.mono_ns - own->started_ns) / 1e9;
     return left_s > anew_s / 2 + (cost_s > 0 ? anew_s * anew_s / (4 * cost_s) : 0)
         || (w->cost_s > 0 && (double)w->lost * cost_s >= anew_s - cost_s);
 }
 
-/* May another than its worker, which has LIST, take S, the first of it? */
-static bool may_leave(const struct core *c, int slot, const struct waiting *list,
-                      const struct stream *s)
+/* May TAKER take S, the first of LIST, which the worker of SLOT has? */
+static bool may_leave(const struct core *c, int taker, int slot, const struct waiting *list,
+                      struct stream *s)
 {
-    return !window_is_with(c, s, slot) || !is_coming(c, slot) || pays(c, slot, list, s);
+    return !window_is_with(c, s, slot) || !is_coming(c, slot) || pays(c, taker, slot, list, s);
 }
 
 /* The list at WHICH whose first is left out first, of those that the worker of SLOT may take: its
@@ -190,8 +249,9 @@ static struct waiting *most_urgent(struct core *c, int slot, int which)
     first_due(c, found);
     for (int i = slot_after(c, -1); i >= 0; i = slot_after(c, i)) {
         struct waiting *list = &c->slots->at[i].due[which];
-        const struct stream *s = first_due(c, list);
-        if (s != NULL && comes_before(list, found) && (i == slot || may_leave(c, i, list, s)))
+        struct stream *s = first_due(c, list);
+        if (s != NULL && comes_before(list, found)
+            && (i == slot || may_leave(c, slot, i, list, s)))
             found = list;
     }
     return found->streams.count > 0 ? found : NULL;
@@ -272,6 +332,7 @@ void turn_recall(struct core *c, struct stream *s, int64_t round)
 
 void turns_free(struct core *c, int slot)
 {
+    c->slots->at[slot].demand.s = 0;
     for (int which = 0; which < 2; which++) {
         struct waiting *list = &c->slots->at[slot].due[which];
         while (list->streams.count > 0) {

@@ -371,7 +371,6 @@ bool windows_first(const struct core *c, int from, int end)
 
 bool window_start(struct core *c, int slot)
 {
-    struct slot *worker = &c->slots->at[slot];
     struct stream *s = turn_take(c, slot);
     struct window *w;
     struct blob *data;
@@ -385,11 +384,9 @@ bool window_start(struct core *c, int slot)
     data = cut_window(c, s, with ? w->to + 1 : 0, &first);
     w->anew = !with;
     if (!with)
-        w->lost = 0, w->cost_s = 0;
+        turn_move(c, s, slot);
     w->expected_s = with && w->cost_s > 0 ? w->cost_s : w->anew_s > 0 ? w->anew_s : ahead_s;
     w->running = true;
-    w->slot = slot;
-    w->process = worker->process;
     w->attempt = ++c->slots->windows;
     worker_send_text(c, slot, "RUN", run_header(s, w->attempt, first), data);
     join(c, slot, s);
@@ -778,7 +775,7 @@ void window_end(struct core *c, int slot, const struct wire_message *m)
     if (worker->live == NULL)
         worker->state = SLOT_TAKEN;
     c->slots->windows_ns += c->now.mono_ns - began_ns;
-    *(s->window.anew ? &s->window.anew_s : &s->window.cost_s) = cpu_s;
+    turn_took(c, s, slot, cpu_s);
     s->window.died = 0;
     s->window.alone = false;
     if (told != NULL) {

@@ -793,7 +793,7 @@ TEST(where_costs_vary_moving_windows_saves_more_than_it_takes_and_thinning_stays
 {
     check_slow();
     static const struct { int workers, streams, anew; double load, most; } cases[] = {
-        { 8, 120, ANEW, 0.7, 0.05 }, { 2, 100, 0, 0.9, 0.03 }, { 2, 50, 0, 1.2, 0.25 } };
+        { 8, 120, ANEW, 0.7, 0.03 }, { 2, 100, 0, 0.9, 0.02 }, { 2, 50, 0, 1.2, 0.25 } };
 
     costs_vary = true;
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
@@ -809,6 +809,40 @@ TEST(where_costs_vary_moving_windows_saves_more_than_it_takes_and_thinning_stays
     }
     anew = ANEW;
     costs_vary = false;
+}
+
+/* A stream that takes all of its worker's time, and now and then leaves a window out, and one that
+ * takes a third of the other's, which has nothing to do then: with both it would have more than
+ * time.  Taken there once as much was left out as that takes, each was moved all the time. */
+TEST(two_streams_that_have_a_worker_each_stay_there_though_windows_are_left_out)
+{
+    static const int hops[] = { COST, 3 * COST };
+    int until[WORKERS] = { 0 };
+    uint64_t dice = 88172645463325252u;
+    char name[16];
+
+    start_workers(2);
+    for (int k = 0; k < 2; k++) {
+        snprintf(name, sizeof name, "s%d", k);
+        open_stream(name, WINDOW, HOP);
+        all[k] = (struct simulated) { .sent = 0, .worker = -1 };
+        memcpy(all[k].ident, stream, sizeof stream);
+    }
+    for (int tick = 0; tick < 200 * ANEW; tick++, now.mono_ns += SECOND / 1000) {
+        for (int k = 0; k < 2; k++)
+            if (tick % hops[k] == 0) {
+                push(all[k].ident, all[k].sent, HOP);
+                all[k].sent += HOP;
+            }
+        for (slot = 0; slot < 2; slot++)
+            work(tick, &until[slot], &dice);
+        slot = 0;
+    }
+    printf("%d of %d windows, %d of %d anew\n", all[0].had, 200 * ANEW / COST,
+           all[0].had - all[0].again, all[1].had - all[1].again);
+    CHECK(all[0].had - all[0].again == 1 && all[1].had - all[1].again == 1);
+    cpu_s = 0;
+    core_free(core);
 }
 
 /* Of 0.3 that the worker has to do, what comes each 600 ms takes 100 in a row; the first stream's

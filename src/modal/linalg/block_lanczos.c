@@ -14,6 +14,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/linalg/lanes.h"
 
 enum { PRODUCTS = 8 };          /* n x wide x wide in a step: (1), and Q's factors */
 /* What a column of (1) has beside the others, over |N|, below which it is their rounding. */
@@ -29,7 +30,7 @@ bool block_lanczos_init(struct block_lanczos *l, int n, int sides)
 
     *l = (struct block_lanczos) {
         .n = n, .sides = sides,
-        .ld = (sides + BLOCK_LANCZOS_LANES - 1) / BLOCK_LANCZOS_LANES * BLOCK_LANCZOS_LANES
+        .ld = (sides + LANES - 1) / LANES * LANES
     };
     for (int i = 0; i < 4; i++)
         l->Q[i] = workspace_zeros(&l->space, (size_t)n * (size_t)l->ld, sizeof *l->Q[i]);
@@ -169,7 +170,7 @@ bool block_lanczos_step(struct block_lanczos *l, block_product *product, void *c
     struct block_step *s = &l->step[l->steps];
     double *before = l->Q[0], *now = l->Q[1], *next = l->Q[2], *scratch = l->Q[3];
     int wide = s->wide,
-        columns = (wide + BLOCK_LANCZOS_LANES - 1) / BLOCK_LANCZOS_LANES * BLOCK_LANCZOS_LANES;
+        columns = (wide + LANES - 1) / LANES * LANES;
 
     if (l->ended)
         return false;

@@ -13,8 +13,7 @@
 #include "modal/linalg/workspace.h"
 
 /* Blocks of vectors are rows of `ld` numbers, one row of each of n: those of a step's `wide`
- * columns, then what is of no meaning. */
-enum { BLOCK_LANCZOS_LANES = 4 };       /* ld is a multiple of it */
+ * columns, then what is of no meaning; ld is a multiple of LANES (lanes.h). */
 
 /* Q_j has WIDE columns; A_j; B_j+1, `next` x wide, in columns of `wide`, next <= wide. */
 struct block_step { int wide, next; double *A, *B; };
@@ -31,8 +30,8 @@ struct block_lanczos {
     struct workspace space, blocks; /* of the arrays; of A and B */
 };
 
-/* Y <- N X of the first COLUMNS, a multiple of BLOCK_LANCZOS_LANES, of rows of LD; X is lost;
- * false: no memory. */
+/* Y <- N X of the first COLUMNS, a multiple of LANES, of rows of LD; X is lost; false: no
+ * memory. */
 typedef bool block_product(void *context, int columns, int ld, double *X, double *Y);
 
 /* Room for SIDES vectors of N numbers in Q[1], which are 0; false: no memory.  To done in any

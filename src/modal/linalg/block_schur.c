@@ -9,9 +9,7 @@
 #include "modal/linalg/block_schur.h"
 #include <math.h>
 #include <string.h>
-
-enum { LANES = BLOCK_LANCZOS_LANES };
-typedef double lanes __attribute__((vector_size(LANES * sizeof(double)), aligned(8), may_alias));
+#include "modal/linalg/lanes.h"
 
 /* N, filled up to whole lanes. */
 static size_t whole(size_t n) { return (n + LANES - 1) / LANES * LANES; }
@@ -82,7 +80,7 @@ static void complete_rows(struct block_schur *f, const struct block_step *s, dou
 }
 
 /* Y -= F X, LEN numbers of rows. */
-static void subtract(const struct block_schur *f, size_t len, double complex F, const double *X,
+LANES_BODY void subtract(const struct block_schur *f, size_t len, double complex F, const double *X,
                      double *Y)
 {
     double re = creal(F), im = cimag(F);
@@ -113,8 +111,8 @@ static size_t choose_pivot(const struct block_schur *f, size_t w, double *most)
 }
 
 /* What a row at its pivot 1 / BY, of W in its block, brings to the sum and to the next rows. */
-static void bring(struct block_schur *f, const double *row, double complex by, size_t w,
-                  size_t next)
+LANES_BODY void bring(struct block_schur *f, const double *row, double complex by, size_t w,
+                      size_t next)
 {
     size_t of_B = f->of_D + whole(w);
 
@@ -129,15 +127,11 @@ static void bring(struct block_schur *f, const double *row, double complex by, s
     }
 }
 
-double block_schur_step(struct block_schur *f, const struct block_step *s, double complex a,
-                        double complex c, int watched)
+/* The pivots of a step of W rows, NEXT in the block after it: as block_schur_step. */
+LANES_BODY double eliminate(struct block_schur *f, size_t w, size_t next, size_t watched)
 {
-    size_t w = (size_t)s->wide, next = (size_t)s->next;
-    double largest = 0, *swap = f->row, size;
+    double largest = 0, size;
 
-    complete_rows(f, s, a, c);
-    memset(f->next, 0, 2 * f->stride * next * sizeof *f->next);
-    memset(f->done, 0, w * sizeof *f->done);
     for (size_t step = 0; step < w; step++) {
         size_t p = choose_pivot(f, w, &size);
         const double *row = f->row + 2 * p * f->stride;
@@ -152,9 +146,34 @@ double block_schur_step(struct block_schur *f, const struct block_step *s, doubl
                 subtract(f, f->of_D + whole(w) + whole(next), entry(f, row, f->of_D + i) * by, row,
                          f->row + 2 * i * f->stride);
         bring(f, row, by, w, next);
-        for (size_t i = 0; i < (size_t)watched; i++)
+        for (size_t i = 0; i < watched; i++)
             largest = fmax(largest, square(f, row, i) / sqrt(size));
     }
+    return largest;
+}
+
+LANES_NARROW double eliminate_narrow(struct block_schur *f, size_t w, size_t next, size_t watched)
+{
+    return eliminate(f, w, next, watched);
+}
+
+LANES_WIDE double eliminate_wide(struct block_schur *f, size_t w, size_t next, size_t watched)
+{
+    return eliminate(f, w, next, watched);
+}
+
+double block_schur_step(struct block_schur *f, const struct block_step *s, double complex a,
+                        double complex c, int watched)
+{
+    size_t w = (size_t)s->wide, next = (size_t)s->next;
+    double largest, *swap = f->row;
+
+    complete_rows(f, s, a, c);
+    memset(f->next, 0, 2 * f->stride * next * sizeof *f->next);
+    memset(f->done, 0, w * sizeof *f->done);
+    largest = (lanes_wide() ? eliminate_wide : eliminate_narrow)(f, w, next, (size_t)watched);
+    if (largest < 0)
+        return -1;
     f->row = f->next;
     f->next = swap;
     f->wide = s->next;

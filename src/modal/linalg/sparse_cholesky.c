@@ -16,13 +16,13 @@
 #include <stdlib.h>
 #include <string.h>
 #include <suitesparse/cholmod.h>
+#include "modal/linalg/lanes.h"
 
 enum {
-    LANES = SPARSE_CHOLESKY_LANES,
-    PRODUCT_LEAST = 4,          /* columns of a panel from which products of BLAS are faster, */
-    TRIANGLE_LEAST = 8          /* and from which its triangles are: both seen */
+    PRODUCT_LEAST = 8,          /* columns of a panel from which products of BLAS are faster, */
+    TRIANGLE_LEAST = 32,        /* and from which its triangles are: both seen */
+    FOUR = 4                    /* sums at once */
 };
-typedef double lanes __attribute__((vector_size(LANES * sizeof(double)), aligned(8), may_alias));
 
 struct sparse_cholesky {
     int n;
@@ -125,17 +125,33 @@ static struct panel panel_at(const struct sparse_cholesky *f, int i)
 }
 
 /* Y -= A X, rows of COLUMNS. */
-static void subtract(double a, const double *X, int columns, double *Y)
+LANES_BODY void subtract(double a, const double *X, int columns, double *Y)
 {
     for (int v = 0; v < columns; v += LANES)
         *(lanes *)(Y + v) -= a * *(const lanes *)(X + v);
 }
 
-/* X <- X - the COUNT rows of Y, rows of LD, times A in steps of STRIDE. */
-static void subtract_rows(int count, const double *a, size_t stride, const double *Y, size_t ld,
-                          int columns, double *X)
+/* X <- X - the COUNT rows of Y, rows of LD, times A in steps of STRIDE: FOUR times LANES at once,
+ * as each sum waits for its own. */
+LANES_BODY void subtract_rows(int count, const double *a, size_t stride, const double *Y, size_t ld,
+                              int columns, double *X)
 {
-    for (int v = 0; v < columns; v += LANES) {
+    int v = 0;
+
+    for (; v + FOUR * LANES <= columns; v += FOUR * LANES) {
+        lanes *x = (lanes *)(X + v), sum[FOUR] = { x[0], x[1], x[2], x[3] };
+
+        for (int j = 0; j < count; j++) {
+            const lanes *y = (const lanes *)(Y + (size_t)j * ld + v);
+            double by = a[(size_t)j * stride];
+
+            for (int i = 0; i < FOUR; i++)
+                sum[i] -= by * y[i];
+        }
+        for (int i = 0; i < FOUR; i++)
+            x[i] = sum[i];
+    }
+    for (; v < columns; v += LANES) {
         lanes sum = *(const lanes *)(X + v);
 
         for (int j = 0; j < count; j++)
@@ -144,14 +160,14 @@ static void subtract_rows(int count, const double *a, size_t stride, const doubl
     }
 }
 
-static void divide(double a, int columns, double *X)
+LANES_BODY void divide(double a, int columns, double *X)
 {
     for (int v = 0; v < columns; v += LANES)
         *(lanes *)(X + v) /= a;
 }
 
 /* A panel's own rows of the solution. */
-static void diagonal_forward(const struct panel *p, double *own, int columns, size_t ld)
+LANES_BODY void diagonal_forward(const struct panel *p, double *own, int columns, size_t ld)
 {
     size_t rows = (size_t)p->rows;
 
@@ -167,7 +183,7 @@ static void diagonal_forward(const struct panel *p, double *own, int columns, si
 }
 
 /* The same of L^T. */
-static void diagonal_backward(const struct panel *p, double *own, int columns, size_t ld)
+LANES_BODY void diagonal_backward(const struct panel *p, double *own, int columns, size_t ld)
 {
     if (p->columns >= TRIANGLE_LEAST) {
         cblas_dtrsm(CblasColMajor, CblasRight, CblasLower, CblasNoTrans, CblasNonUnit, columns,
@@ -184,7 +200,7 @@ static void diagonal_backward(const struct panel *p, double *own, int columns, s
 }
 
 /* A panel's rows, and what those below it take from them. */
-static void forward(const struct panel *p, double *X, int columns, size_t ld, double *below)
+LANES_BODY void forward(const struct panel *p, double *X, int columns, size_t ld, double *below)
 {
     int c = p->columns, m = p->rows - c;
     size_t rows = (size_t)p->rows;
@@ -205,7 +221,7 @@ static void forward(const struct panel *p, double *X, int columns, size_t ld, do
 }
 
 /* The same of L^T: a panel's take from them. */
-static void backward(const struct panel *p, double *X, int columns, size_t ld, double *below)
+LANES_BODY void backward(const struct panel *p, double *X, int columns, size_t ld, double *below)
 {
     int c = p->columns, m = p->rows - c;
     size_t rows = (size_t)p->rows;
@@ -226,11 +242,37 @@ static void backward(const struct panel *p, double *X, int columns, size_t ld, d
     diagonal_backward(p, own, columns, ld);
 }
 
+/* Half a solution, panel by panel. */
+LANES_BODY void half(struct sparse_cholesky *f, bool transposed, double *X, int columns, size_t ld)
+{
+    int count = panels(f);
+
+    for (int i = 0; i < count; i++) {
+        struct panel p = panel_at(f, transposed ? count - 1 - i : i);
+
+        if (transposed)
+            backward(&p, X, columns, ld, f->below);
+        else
+            forward(&p, X, columns, ld, f->below);
+    }
+}
+
+LANES_NARROW void half_narrow(struct sparse_cholesky *f, bool transposed, double *X, int columns,
+                              size_t ld)
+{
+    half(f, transposed, X, columns, ld);
+}
+
+LANES_WIDE void half_wide(struct sparse_cholesky *f, bool transposed, double *X, int columns,
+                          size_t ld)
+{
+    half(f, transposed, X, columns, ld);
+}
+
 bool sparse_cholesky_half(struct sparse_cholesky *f, bool transposed, double *X, int columns,
                           int ld)
 {
     size_t room = f->factor->is_super ? f->factor->maxesize * (size_t)columns : 0;
-    int count = panels(f);
 
     if (room > f->below_room) {
         double *more = realloc(f->below, room * sizeof *more);
@@ -240,11 +282,7 @@ bool sparse_cholesky_half(struct sparse_cholesky *f, bool transposed, double *X,
         f->below = more;
         f->below_room = room;
     }
-    for (int i = 0; i < count; i++) {
-        struct panel p = panel_at(f, transposed ? count - 1 - i : i);
-
-        (transposed ? backward : forward)(&p, X, columns, (size_t)ld, f->below);
-    }
+    (lanes_wide() ? half_wide : half_narrow)(f, transposed, X, columns, (size_t)ld);
     return true;
 }
 

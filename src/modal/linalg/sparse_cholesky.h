@@ -20,10 +20,9 @@ void sparse_cholesky_free(struct sparse_cholesky *f);       /* NULL too */
 bool sparse_cholesky_solve(struct sparse_cholesky *f, double *X, int columns);
 /* In the order of elimination, A = L L^T, row ORDER[i] of A is the i-th; F owns ORDER. */
 const int *sparse_cholesky_order(const struct sparse_cholesky *f);
-enum { SPARSE_CHOLESKY_LANES = 4 };     /* numbers of a row at once: a register's */
 /*
  * X, in that order n rows of LD numbers, <- L^-1 X, or L^-T X where TRANSPOSED, of the first
- * COLUMNS, a multiple of SPARSE_CHOLESKY_LANES; false: no memory, and X is as it was.
+ * COLUMNS, a multiple of LANES; false: no memory, and X is as it was.
  */
 bool sparse_cholesky_half(struct sparse_cholesky *f, bool transposed, double *X, int columns,
                           int ld);

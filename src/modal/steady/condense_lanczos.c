@@ -52,6 +52,7 @@
 #include <string.h>
 #include "modal/linalg/block_lanczos.h"
 #include "modal/linalg/block_schur.h"
+#include "modal/linalg/lanes.h"
 #include "modal/linalg/sparse_cholesky.h"
 #include "modal/linalg/sparse_lu.h"
 #include "modal/numbers.h"
@@ -62,7 +63,6 @@
 enum {
     DUALS_MOST = 32,        /* dofs wanted, each of which is one more column of B */
     FASTER = 5,             /* products of full matrices, of 10,000 rows: 20 operations a ns */
-    LANES = BLOCK_LANCZOS_LANES,    /* of a row, at once */
     BETWEEN = 4,            /* steps of (4) from one that (5) is asked of to the next */
     GROWTH = 8,             /* an eighth of the steps is made before s is asked anew */
     STEP = 1000,            /* of budget.h: a microsecond, of the calls that a step of (4) makes */
@@ -85,8 +85,6 @@ static const double ROUGH = 0.03;
 static const double LEAVES = 0.25;
 /* The least |a + c theta| that tells anything. */
 static const double CONDITION = 64 * DBL_EPSILON;
-/* Of a row. */
-typedef double lanes __attribute__((vector_size(LANES * sizeof(double)), aligned(8), may_alias));
 
 struct condense_lanczos {
     double tolerance, alpha, beta, sigma2;

@@ -1,6 +1,7 @@
 /* test_sparse_cholesky.c - factors of sparse symmetric matrices */
 #include "check.h"
 #include <string.h>
+#include "modal/linalg/lanes.h"
 #include "modal/linalg/sparse_cholesky.h"
 
 /* [4 1 0; 1 3 -1; 0 -1 2] but for its last diagonal entry; both triangles. */
@@ -35,7 +36,7 @@ TEST(several_right_hand_sides_are_solved_at_once)
  * [5 -2 -1; -2 8 4; -1 4 11] / 18. */
 TEST(half_a_solution_and_its_transpose_are_a_solution_in_the_order_of_elimination)
 {
-    enum { LD = SPARSE_CHOLESKY_LANES + 1 };
+    enum { LD = LANES + 1 };
     static const double inverse[3][3] = { { 5, -2, -1 }, { -2, 8, 4 }, { -1, 4, 11 } };
     struct sparse_cholesky *f = factors(2);
     const int *order = sparse_cholesky_order(f);
@@ -45,13 +46,52 @@ TEST(half_a_solution_and_its_transpose_are_a_solution_in_the_order_of_eliminatio
 
         x[j][j] = 1;                                    /* its column may be any */
         x[j][LD - 1] = -2;
-        CHECK(sparse_cholesky_half(f, false, x[0], SPARSE_CHOLESKY_LANES, LD));
-        CHECK(sparse_cholesky_half(f, true, x[0], SPARSE_CHOLESKY_LANES, LD));
+        CHECK(sparse_cholesky_half(f, false, x[0], LANES, LD));
+        CHECK(sparse_cholesky_half(f, true, x[0], LANES, LD));
         for (int i = 0; i < 3; i++) {
             CHECK_NEAR(x[i][j], inverse[order[i]][order[j]] / 18, 1e-15);
             CHECK(x[i][LD - 1] == (i == j ? -2 : 0));   /* past COLUMNS */
         }
     }
+    sparse_cholesky_free(f);
+}
+
+/* Of a mesh of 40 x 40, whose panels are of one column and of dozens: CHOLMOD's own solution. */
+TEST(half_a_solution_of_more_columns_than_four_registers_hold_is_half_of_cholmods)
+{
+    enum { SIDE = 40, N = SIDE * SIDE, COLUMNS = 5 * LANES };
+    static int first[N + 1], of[5 * N];
+    static double value[5 * N], x[N][COLUMNS], whole[COLUMNS][N];
+    struct modal_error err = { 0 };
+    struct sparse_cholesky *f;
+    int e = 0;
+
+    for (int i = 0; i < N; i++) {
+        int at = i % SIDE;
+        const int next[] = { i - SIDE, at > 0 ? i - 1 : -1, i, at < SIDE - 1 ? i + 1 : -1,
+                             i + SIDE < N ? i + SIDE : -1 };
+
+        first[i] = e;
+        for (int j = 0; j < 5; j++)
+            if (next[j] >= 0) {
+                value[e] = next[j] == i ? 4.5 : -1;
+                of[e++] = next[j];
+            }
+        for (int j = 0; j < COLUMNS; j++)
+            whole[j][i] = (i * (j + 3) % 17 - 8) / 8.0;
+    }
+    first[N] = e;
+    CHECK(sparse_cholesky_new(N, first, of, value, &f, &err) == MODAL_OK);
+    assert_non_null(f);
+    for (int i = 0; i < N; i++)
+        for (int j = 0; j < COLUMNS; j++)
+            x[i][j] = whole[j][sparse_cholesky_order(f)[i]];
+    CHECK(sparse_cholesky_half(f, false, x[0], COLUMNS, COLUMNS));
+    CHECK(sparse_cholesky_half(f, true, x[0], COLUMNS, COLUMNS));
+    CHECK(sparse_cholesky_solve(f, whole[0], COLUMNS));
+    for (int i = 0; i < N; i++)
+        for (int j = 0; j < COLUMNS; j++)
+            CHECK_NEAR(x[i][j], whole[j][sparse_cholesky_order(f)[i]], 1e-13);
     sparse_cholesky_free(f);
 }
 

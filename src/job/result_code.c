@@ -40,7 +40,7 @@ const struct result_code result_codes[] = {
     { "not_stationary", "identify", "eighths of an ambient record, or of a channel of it, differ "
       "beyond chance", "identify parts by `window`, or leave the channel out by `signals`" },
     { "turns_lock", "identify", "a speed wanders to where the multipliers of two modes "
-      "that move each other meet, or one and its conjugate: no errors are given",
+      "that move each other meet, or one and its conjugate: those have no errors",
       "identify a `window` of steadier speed" },
     { "channels_reduced", "identify", "an ambient record's channels were reduced to the strongest "
       "signals", "name few channels by `signals` where a weak mode matters" },

@@ -52,7 +52,7 @@ struct work {
     double sample, span;         /* s a sample; that a multiplier is over: the period, or dt */
     double *longer;              /* of an azimuth: turns_lengths(); owned */
     bool meet[WHITTLE_MODES_MOST][WHITTLE_MODES_MOST];   /* by these, multipliers do */
-    bool locked;                 /* those of modes */
+    int locked;                  /* modes whose own does */
     struct matrix whole;         /* the first rows before lines were taken off; owned */
     struct pod pod;
     struct matrix Z;             /* signals of unit variance; the pod's memory */
@@ -357,13 +357,32 @@ static enum modal_status resolve(const struct work *w, const struct whittle_mode
     return rc;
 }
 
+/* Of modes whose multipliers meet, no errors: with a bar of NAN such a mode leaves the verdict
+ * undecided.  pair: of each mode of OUT; a pole without a peak has no slope that is a mode's. */
+static void withhold_locked(struct work *w, const bool *peak, const int *pair,
+                            struct identify_result *out)
+{
+    for (int i = 0; i < out->mode_count; i++) {
+        struct identify_mode *m = &out->modes[i];
+        bool locked = false;
+        for (int k = pair[i], j = 0; j < w->found.model->count; j++)
+            locked |= peak[j] && (w->meet[j][k] || w->meet[k][j]);
+        if (locked) {
+            m->std_re = m->std_im = m->std_multiplier = m->bar = NAN;
+            m->std_frequency_hz = m->std_damping_ratio = NAN;
+            w->locked++;
+        }
+    }
+}
+
 static enum modal_status report_modes(struct work *w, struct identify_result *out,
                                       struct modal_error *err)
 {
     const struct whittle *fit = w->found.model;
     struct whittle_covariances v;
     double dt = w->step, part[WHITTLE_MODES_MOST];
-    bool peak[WHITTLE_MODES_MOST] = { false };
+    int pair[WHITTLE_MODES_MOST];
+    bool peak[WHITTLE_MODES_MOST];
     double complex *moved = malloc(sizeof *moved * (size_t)w->rec.Y.n);
     enum modal_status rc = MODAL_OK;
 
@@ -385,13 +404,13 @@ static enum modal_status report_modes(struct work *w, struct identify_result *ou
         rc = resolve(w, q, moved, m, err);
         peak[k] = has_peak(w, m->resolved) && adds(fit, part, k);
         w->broad += !peak[k];
-        for (int j = 0; j <= k; j++)
-            w->locked |= peak[j] && peak[k] && (w->meet[j][k] || w->meet[k][j]);
         if (rc != MODAL_OK || (peak[k] && is_asked(w, m->resolved) && !take_mains(w, q, m)))
-            out->mode_count++;
+            pair[out->mode_count++] = k;
         else
             free(m->harmonics), free(m->shape);
     }
+    if (rc == MODAL_OK)
+        withhold_locked(w, peak, pair, out);
     free(moved);
     if (rc == MODAL_OK)
         modes_rank(out);
@@ -560,13 +579,14 @@ static void about_poles(const struct work *w, struct identify_result *r)
         identify_diagnose(r, "order_work_limit", -1, "the search for modes ended at %d pairs, for "
                           "the work or the pairs that it may take: more may fit better; give "
                           "`band` to look at less, or name fewer channels by `signals`", m->count);
-    if (w->locked)
+    if (w->locked > 0)
         identify_diagnose(r, "turns_lock", -1, "turns differ in length by %.2g %% rms, and where "
                           "they are some twice that beside the mean the multipliers of two modes "
                           "meet that move each other, or one and its own conjugate, by the slopes "
-                          "that the record tells: errors are unknown and no verdict is given; give "
-                          "a `window` of steadier speed",
-                          100 * cblas_dnrm2(w->Z.m, w->longer, 1) / sqrt(w->Z.m));
+                          "that the record tells: of %d mode%s errors are unknown and no verdict "
+                          "is given; give a `window` of steadier speed",
+                          100 * cblas_dnrm2(w->Z.m, w->longer, 1) / sqrt(w->Z.m), w->locked,
+                          w->locked > 1 ? "s" : "");
     if (!m->converged)
         identify_diagnose(r, "not_converged", -1, "the fit to the spectra did not converge: errors "
                           "are unknown and no verdict is given; give `band` to look at less, "
@@ -660,7 +680,7 @@ static enum modal_status conclude(struct work *w, const struct batch *batch,
     rc = about_all_time(w, out, err);
     if (rc == MODAL_OK)
         rc = about_free(w, out, err);
-    if (!w->found.model->converged || w->locked || out->driven || clipped)
+    if (!w->found.model->converged || out->driven || clipped)
         verdict_withhold(out);
     return rc;
 }

@@ -29,8 +29,9 @@
  *                        excitation's or a filter's, no modes
  *   channels_reduced     more channels than are fitted; the share of the energy that is left out
  *   not_stationary       eighths of the record, or of a channel alone, differ by more than chance
- *   turns_lock           the speed wanders to where multipliers meet: neither errors nor a verdict
- *   not_converged        the same
+ *   turns_lock           the speed wanders to where multipliers meet: theirs have no errors, and no
+ *                        verdict is given
+ *   not_converged        the fit ended below its summit: neither errors nor a verdict
  */
 enum modal_status ambient_identify(const struct batch *batch, const struct identify_options *opt,
                                    struct identify_result *out, struct modal_error *err);

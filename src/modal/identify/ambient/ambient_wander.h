@@ -20,7 +20,8 @@ struct ambient_wander {
  * exponents as whittle_exponent() takes them; pairs that drew what the lengths explain leave.
  * Without convergence m->converged is false.  meet[k][j]: turns of the record differ by so much
  * that a multiplier of pair k meets one of pair j, or its own conjugate where j is k, and the
- * record tells that; their errors are wrong then.  Fails with MODAL_NO_MEMORY, MODAL_CANCELLED.
+ * record tells that; the errors of both are wrong then.  Fails with MODAL_NO_MEMORY,
+ * MODAL_CANCELLED.
  */
 enum modal_status ambient_wander_fit(const struct ambient_wander *in, struct whittle *m,
                                      bool meet[WHITTLE_MODES_MOST][WHITTLE_MODES_MOST],

@@ -283,6 +283,7 @@ static enum modal_status shrink(struct search *w, struct ambient_search *a, bool
     for (int k = 0; rc == MODAL_OK && k < m->count && !*less; k++) {
         *t = *m;
         leave_out(t, k);
+        w->work -= whittle_work(t, &a->bins);
         if (m->likelihood - whittle_likelihood(t, &a->bins) > AMBIENT_PATIENCE * w->price)
             continue;
         rc = fit(w, t, &a->bins, m->likelihood - w->price, err);
@@ -307,7 +308,7 @@ static bool is_near_double(const struct whittle *m)
 }
 
 /* *more: of the logarithm of the likelihood, of T than of M, in bins fine for both. */
-static enum modal_status weigh(const struct search *w, const struct whittle *m,
+static enum modal_status weigh(struct search *w, const struct whittle *m,
                                const struct whittle *t, double *more, struct modal_error *err)
 {
     double complex poles[2 * WHITTLE_MODES_MOST];
@@ -321,13 +322,15 @@ static enum modal_status weigh(const struct search *w, const struct whittle *m,
     rc = bins_make(w->s, poles, m->count + t->count, SHARE / FINER, WIDEST * FINER, &fine, err);
     if (rc == MODAL_OK) {
         *more = whittle_likelihood(t, &fine) - whittle_likelihood(m, &fine);
+        w->work -= whittle_work(t, &fine) + whittle_work(m, &fine);
         bins_done(&fine);
     }
     return rc;
 }
 
 /* The pair of M that tells least leaves; LESS: room for a model. */
-static void drop_least(const struct bins *bins, struct whittle *m, struct whittle *less)
+static void drop_least(struct search *w, const struct bins *bins, struct whittle *m,
+                       struct whittle *less)
 {
     double best = -HUGE_VAL;
     int least = 0;
@@ -337,6 +340,7 @@ static void drop_least(const struct bins *bins, struct whittle *m, struct whittl
         *less = *m;
         leave_out(less, k);
         left = whittle_likelihood(less, bins);
+        w->work -= whittle_work(less, bins);
         if (left > best)
             best = left, least = k;
     }
@@ -355,7 +359,7 @@ static enum modal_status descend(struct search *w, struct ambient_search *a, int
     if (rc != MODAL_OK || !isfinite(more))
         return rc;
     while (rc == MODAL_OK && t->count > m->count && w->work > 0) {
-        drop_least(&a->bins, t, &less);
+        drop_least(w, &a->bins, t, &less);
         rc = fit(w, t, &a->bins, -HUGE_VAL, err);
     }
     if (rc != MODAL_OK || w->work <= 0)

@@ -16,18 +16,19 @@ static double square(int l, const double complex *x)
 
 /* What bin B tells of every mode's exponent, told[k * bins]: of c a b^H and its adjoint, after
  * C^-1, the squares |c|^2 |a|^2 |b|^2. */
-static void tell_bin(const struct whittle *m, const struct bins *s, int b, double *told)
+static void tell_bin(const struct whittle *m, const double complex *poles, const struct bins *s,
+                     int b, double *told)
 {
     double complex C[L * L], E[L * L], V[WHITTLE_TRANSFERS * L * L];
-    const double complex one = 1;
+    const double complex one = 1, z = cexp(CMPLX(0, whittle_middle(s, b)));
     int l = m->channels;
 
-    if (isnan(whittle_residual(m, s, b, C, E)))
+    if (isnan(whittle_residual(m, poles, s, b, C, E)))
         return;
-    whittle_transfers(m, whittle_middle(s, b), V);
+    whittle_transfers(m, poles, whittle_middle(s, b), V);
     for (int k = 0; k < m->count; k++) {
         const struct whittle_mode *q = &m->mode[k];
-        struct whittle_peak p = whittle_peak(q->lambda, whittle_middle(s, b));
+        struct whittle_peak p = whittle_peak(poles[k], z);
         double complex v[2 * L] = { 0 };              /* phi, H R of kappa's conjugate */
         for (int i = 0; i < l; i++) {
             v[i] = q->phi[i];
@@ -108,11 +109,13 @@ enum modal_status reach_find(struct whittle *m, const struct bins *s, double los
     size_t n = (size_t)s->count * (size_t)m->count;
     double *told = workspace_zeros(&room, n, sizeof *told);
     bool *unsorted = workspace_zeros(&room, n, sizeof *unsorted);
+    double complex poles[WHITTLE_MODES_MOST];
     int chosen[WHITTLE_MODES_MOST];
     enum modal_status rc = workspace_check(&room, "identify: no memory for what bins tell", err);
 
+    whittle_poles(m, poles);
     for (int b = 0; rc == MODAL_OK && b < s->count; b++)
-        tell_bin(m, s, b, told + b);
+        tell_bin(m, poles, s, b, told + b);
     for (int k = 0; rc == MODAL_OK && k < m->count; k++)
         chosen[k] = choose_bins(told + (size_t)k * s->count, s->count, m->count,
                                 bin_of(s, fabs(cimag(m->mode[k].lambda))), loss, unsorted + k);

@@ -35,7 +35,9 @@
 enum { L = WHITTLE_CHANNELS_MOST, MODES = WHITTLE_MODES_MOST, SHARED = WHITTLE_TRANSFERS, OWN = 8,
        PAIRS = 2,                   /* of vectors: a pole's and its conjugate's */
        RUNS_OF_MODE = 6,            /* two of each part of phi, about its pivot, one of kappa's */
-       PRODUCT = 16,                /* entries of a product of matrices take as long as one of J */
+       PRODUCT = 16,                /* entries of a product of matrices take as long as one of J, */
+       PAIR = 300,                  /* so many of J as the calls for two modes in a bin, or one, */
+       LOOKS = 4,                   /* likelihoods as a gradient, and as J times a step: measured */
        PRODUCTS_MOST = 30,          /* of a step: what is not told by then is not gained by it */
        WHOLE = 60 };                /* products that forming all of J pays for: it serves more than
                                        one step */
@@ -116,14 +118,16 @@ static void find_envelope(struct scoring *w, const struct bins *s)
     block[count] = (struct envelope_block) { .rows = l * (l + 1) / 2 };
     for (int b = 0; b < s->count; b++) {
         const bool *tells = w->tells + (size_t)count * b;
-        int first = count, entries = block[count].rows;
+        int first = count, told = 0;
+        double entries = block[count].rows;
         for (int k = count - 1; k >= 0; k--)
             if (tells[k])
-                first = k, entries += each;
+                first = k, told++;
+        entries += (double)told * each;
         for (int k = first; k < count; k++)
             if (tells[k] && first < block[k].first)
                 block[k].first = first;
-        w->entries += (double)entries * entries;
+        w->entries += entries * entries + PAIR * (told * (told + 1.) / 2 + count - told);
     }
     envelope_room(&w->J, &w->memory);
 }
@@ -280,19 +284,20 @@ static void whiten_again(int l, const double complex *C, double complex *X)
                 X, l);
 }
 
-static void look(struct scoring *w, const struct whittle *m, const struct bins *s, int b)
+static void look(struct scoring *w, const struct whittle *m, const double complex *poles,
+                 const struct bins *s, int b)
 {
     struct glance *g = &w->glance[b];
     double at = whittle_middle(s, b);
+    double complex z = cexp(CMPLX(0, at));
 
-    g->seen = !isnan(whittle_residual(m, s, b, g->C, g->Z));
+    g->seen = !isnan(whittle_residual(m, poles, s, b, g->C, g->Z));
     if (!g->seen)
         return;
     whiten_again(m->channels, g->C, g->Z);
-    whittle_transfers(m, at, g->shared);
+    whittle_transfers(m, poles, at, g->shared);
     for (int k = 0; k < m->count; k++) {
-        struct whittle_peak f = whittle_peak(m->mode[k].lambda, at),
-                            h = whittle_peak(conj(m->mode[k].lambda), at);
+        struct whittle_peak f = whittle_peak(poles[k], z), h = whittle_peak(conj(poles[k]), z);
         double complex *p = w->peak[(size_t)b * m->count + k];
         p[F] = f.f, p[F_CONJUGATE] = h.f, p[SLOPE] = f.slope, p[SLOPE_CONJUGATE] = h.slope;
     }
@@ -301,8 +306,11 @@ static void look(struct scoring *w, const struct whittle *m, const struct bins *
 void scoring_gradient(struct scoring *w, const struct whittle *m, const struct bins *s)
 {
     struct pull *p = w->pull;
+    double complex poles[MODES];
     int l = m->channels;
 
+    w->work += LOOKS * whittle_work(m, s);
+    whittle_poles(m, poles);
     memset(w->gradient, 0, sizeof *w->gradient * (size_t)w->unknowns);
     for (int k = 0; k < m->count; k++)
         for (int i = 0; i < l; i++) {
@@ -311,7 +319,7 @@ void scoring_gradient(struct scoring *w, const struct whittle *m, const struct b
             p->P[(2 * k + 1) * l + i] = conj(m->mode[k].phi[i]);
         }
     for (int b = 0; b < s->count; b++) {
-        look(w, m, s, b);
+        look(w, m, poles, s, b);
         if (w->glance[b].seen)
             pull_bin(w, m, b, w->glance[b].Z, s->lines[b], w->gradient);
     }
@@ -399,7 +407,7 @@ static void multiply(struct scoring *w, const struct whittle *m, const struct bi
 {
     double complex Z[L * L];
 
-    w->work += (double)s->count * w->unknowns * m->channels;
+    w->work += LOOKS * whittle_work(m, s);
     memset(out, 0, sizeof *out * (size_t)w->unknowns);
     push_begin(w, x);
     for (int b = 0; b < s->count; b++)

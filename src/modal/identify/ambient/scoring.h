@@ -17,7 +17,7 @@ void scoring_free(struct scoring *w);
 void scoring_gradient(struct scoring *w, const struct whittle *m, const struct bins *bins);
 void scoring_inform(struct scoring *w, const struct whittle *m, const struct bins *bins);
 
-/* What was done so far, as long as so many entries of J take, each in each bin. */
+/* What was done so far, as long as so many entries of J take, each in each bin: some 4 ns each. */
 double scoring_work(const struct scoring *w);
 
 /*

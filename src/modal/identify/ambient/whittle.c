@@ -53,7 +53,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { L = WHITTLE_CHANNELS_MOST };
+enum {
+    L = WHITTLE_CHANNELS_MOST,
+    WORK_CHANNEL = 200,          /* of a bin, measured with 1 to 12 channels and 3 to 60 modes: */
+    WORK_SHAPE = 4               /* a channel, and what each mode does to it */
+};
 
 int whittle_unknowns_of_mode(int channels)
 {
@@ -75,12 +79,19 @@ double complex whittle_exponent(const struct whittle_mode *q, int samples)
 
 /* ---- the model ---- */
 
-struct whittle_peak whittle_peak(double complex lambda, double w)
+void whittle_poles(const struct whittle *m, double complex *poles)
 {
-    /* a pole at mu, seen from the circle at e^{iw} */
-    double complex mu = cexp(lambda), u = 1 / (cexp(CMPLX(0, w)) - mu);
+    for (int k = 0; k < m->count; k++)
+        poles[k] = cexp(m->mode[k].lambda);
+}
 
-    return (struct whittle_peak) { u, mu * u * u };
+struct whittle_peak whittle_peak(double complex pole, double complex z)
+{
+    double complex from = z - pole;
+    double square = creal(from) * creal(from) + cimag(from) * cimag(from);
+    double complex u = CMPLX(creal(from) / square, -cimag(from) / square);
+
+    return (struct whittle_peak) { u, pole * u * u };
 }
 
 double whittle_middle(const struct bins *s, int b)
@@ -94,7 +105,7 @@ static double complex mean_peak(double complex lambda, const struct bins *s, int
     double complex mu = cexp(lambda), z1 = cexp(CMPLX(0, s->from[b])),
                    z2 = cexp(CMPLX(0, s->to[b]));
 
-    return s->lines[b] == 1 ? whittle_peak(lambda, whittle_middle(s, b)).f
+    return s->lines[b] == 1 ? whittle_peak(mu, cexp(CMPLX(0, whittle_middle(s, b)))).f
                             /* the integral of 1 / (e^{iw} - mu) in closed form: a bin as wide as
                              * the peak hides nothing of it */
                             : clog((1 - mu / z2) / (1 - mu / z1)) / (I * mu)
@@ -121,17 +132,18 @@ static void add_pairs(const struct whittle *m, double complex (*f)[2],
 }
 
 /* H of (1) at w. */
-static void transfer_of(const struct whittle *m, double w, double complex *H)
+static void transfer_of(const struct whittle *m, const double complex *poles, double w,
+                        double complex *H)
 {
-    double complex f[WHITTLE_MODES_MOST][2];
+    double complex f[WHITTLE_MODES_MOST][2], z = cexp(CMPLX(0, w));
     const double complex *right[WHITTLE_MODES_MOST];
     int l = m->channels;
 
     for (int i = 0; i < l * l; i++)
         H[i] = i % (l + 1) == 0;
     for (int k = 0; k < m->count; k++) {
-        f[k][0] = whittle_peak(m->mode[k].lambda, w).f;
-        f[k][1] = whittle_peak(conj(m->mode[k].lambda), w).f;
+        f[k][0] = whittle_peak(poles[k], z).f;
+        f[k][1] = whittle_peak(conj(poles[k]), z).f;
         right[k] = m->mode[k].kappa;
     }
     add_pairs(m, f, right, H);
@@ -151,14 +163,15 @@ static void transfer_times_root(const struct whittle *m, const double complex *H
         }
 }
 
-void whittle_transfers(const struct whittle *m, double w, double complex *V)
+void whittle_transfers(const struct whittle *m, const double complex *poles, double w,
+                       double complex *V)
 {
     int l = m->channels, block = l * l;
 
     memset(V, 0, sizeof *V * block);
     for (int i = 0; i < l; i++)
         V[i + l * i] = 1;
-    transfer_of(m, w, V + WHITTLE_H * block);
+    transfer_of(m, poles, w, V + WHITTLE_H * block);
     transfer_times_root(m, V + WHITTLE_H * block, V + WHITTLE_HM * block);
     for (int c = 0; c < l; c++)
         for (int r = 0; r < l; r++) {
@@ -170,13 +183,14 @@ void whittle_transfers(const struct whittle *m, double w, double complex *V)
 }
 
 /* S of (1) at w. */
-static void spectrum_at(const struct whittle *m, double w, double complex *S)
+static void spectrum_at(const struct whittle *m, const double complex *poles, double w,
+                        double complex *S)
 {
     const double complex one = 1, zero = 0;
     double complex H[L * L], HM[L * L];
     int l = m->channels;
 
-    transfer_of(m, w, H);
+    transfer_of(m, poles, w, H);
     transfer_times_root(m, H, HM);
     cblas_zgemm(CblasColMajor, CblasNoTrans, CblasConjTrans, l, l, l, &one, HM, l, HM, l, &zero, S,
                 l);
@@ -294,14 +308,15 @@ static void add_floor(const struct bins *s, int b, double complex *S)
 }
 
 /* T^-1 I T^-H of bin B in place of I; C C^H is S in its middle, W W^H over its width. */
-static void correct_bin(const struct whittle *m, const struct whittle_covariances *v,
-                        const struct bins *s, int b, double complex *seen)
+static void correct_bin(const struct whittle *m, const double complex *poles,
+                        const struct whittle_covariances *v, const struct bins *s, int b,
+                        double complex *seen)
 {
     const double complex one = 1;
     double complex C[L * L], W[L * L], E[L * L];
     int l = m->channels;
 
-    spectrum_at(m, whittle_middle(s, b), C);
+    spectrum_at(m, poles, whittle_middle(s, b), C);
     whittle_spectrum(m, v, s, b, W);
     add_floor(s, b, C), add_floor(s, b, W);
     if (isnan(factor(l, C)) || isnan(factor(l, W)))
@@ -317,25 +332,27 @@ static void correct_bin(const struct whittle *m, const struct whittle_covariance
 void whittle_correct(const struct whittle *m, struct bins *s)
 {
     struct whittle_covariances v;
+    double complex poles[WHITTLE_MODES_MOST];
     int l = m->channels;
 
     whittle_covariances(m, &v);
+    whittle_poles(m, poles);
     for (int b = 0; b < s->count; b++) {
         double complex *seen = s->seen + (size_t)b * l * l;
         memcpy(seen, s->mean + (size_t)b * l * l, sizeof *seen * l * l);
         add_floor(s, b, seen);
         if (s->lines[b] > 1)
-            correct_bin(m, &v, s, b, seen);
+            correct_bin(m, poles, &v, s, b, seen);
     }
 }
 
-double whittle_residual(const struct whittle *m, const struct bins *s, int b, double complex *C,
-                        double complex *E)
+double whittle_residual(const struct whittle *m, const double complex *poles,
+                        const struct bins *s, int b, double complex *C, double complex *E)
 {
     double determinant;
     int l = m->channels;
 
-    spectrum_at(m, whittle_middle(s, b), C);
+    spectrum_at(m, poles, whittle_middle(s, b), C);
     add_floor(s, b, C);
     determinant = factor(l, C);
     if (isnan(determinant))
@@ -346,14 +363,20 @@ double whittle_residual(const struct whittle *m, const struct bins *s, int b, do
     return determinant;
 }
 
+double whittle_work(const struct whittle *m, const struct bins *s)
+{
+    return (double)s->count * m->channels * (WORK_CHANNEL + WORK_SHAPE * m->count);
+}
+
 double whittle_likelihood(const struct whittle *m, const struct bins *s)
 {
-    double complex C[L * L], E[L * L];
+    double complex C[L * L], E[L * L], poles[WHITTLE_MODES_MOST];
     double sum = 0;
     int l = m->channels;
 
+    whittle_poles(m, poles);
     for (int b = 0; b < s->count; b++) {
-        double each = whittle_residual(m, s, b, C, E) + l;
+        double each = whittle_residual(m, poles, s, b, C, E) + l;
         for (int i = 0; i < l; i++)
             each += creal(E[i + l * i]);
         sum -= s->lines[b] * each;

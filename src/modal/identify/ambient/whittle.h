@@ -52,6 +52,10 @@ struct whittle_covariances {
 /* *OUT: that of M. */
 void whittle_covariances(const struct whittle *m, struct whittle_covariances *out);
 
+/* What a likelihood takes in all bins, by a model of so many channels and modes: as long as so many
+ * entries of J take (scoring.h). */
+double whittle_work(const struct whittle *m, const struct bins *bins);
+
 /* What bin B should hold by M, whose covariances are V: channels x channels by columns */
 void whittle_spectrum(const struct whittle *m, const struct whittle_covariances *v,
                       const struct bins *bins, int b, double complex *S);
@@ -62,21 +66,25 @@ void whittle_correct(const struct whittle *m, struct bins *bins);
 /* The logarithm of the likelihood at M of what is seen; -HUGE_VAL where it is none. */
 double whittle_likelihood(const struct whittle *m, const struct bins *bins);
 
+/* exp(lambda) of each mode of M: they take as long as the rest of a bin, and are those of all. */
+void whittle_poles(const struct whittle *m, double complex *poles);
+
 /* f of (1) at e^{iw}, and its derivative by lambda. */
 struct whittle_peak { double complex f, slope; };
-/* Those of the pole exp(lambda). */
-struct whittle_peak whittle_peak(double complex lambda, double w);
+/* Those of a POLE at z. */
+struct whittle_peak whittle_peak(double complex pole, double complex z);
 
 /* The middle of bin B, rad a sample. */
 double whittle_middle(const struct bins *bins, int b);
 
 /* At e^{iw}, side by side, each channels x channels by columns: 1, H R, H and H M of (1). */
 enum { WHITTLE_UNITS, WHITTLE_HR, WHITTLE_H, WHITTLE_HM, WHITTLE_TRANSFERS };
-/* V: room for them all. */
-void whittle_transfers(const struct whittle *m, double w, double complex *V);
+/* V: room for them all; poles: whittle_poles(). */
+void whittle_transfers(const struct whittle *m, const double complex *poles, double w,
+                       double complex *V);
 
 /* C of S = C C^H in the middle of bin B, and E = C^-1 I C^-H - 1 of what is seen there; the
  * logarithm of det S, NAN where S is not positive. */
-double whittle_residual(const struct whittle *m, const struct bins *bins, int b, double complex *C,
-                        double complex *E);
+double whittle_residual(const struct whittle *m, const double complex *poles,
+                        const struct bins *bins, int b, double complex *C, double complex *E);
 #endif

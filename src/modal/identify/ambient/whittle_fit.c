@@ -19,7 +19,7 @@ struct climb {
     struct scoring *scoring;
     double damping, least;       /* least: a step that is damped less takes all of its products */
     double left;                 /* left: what a step that is hardly damped promises, else gained */
-    double work;                 /* that was charged for */
+    double likelihoods, work;    /* the work of those; of all that was charged for */
     bool informed, there;        /* J is of a place near by that serves; it is of this place */
 };
 
@@ -27,6 +27,12 @@ static void inform(struct climb *c, const struct whittle *m, const struct bins *
 {
     scoring_inform(c->scoring, m, s);
     c->informed = c->there = true;
+}
+
+static void weigh(struct climb *c, struct whittle *m, const struct bins *s)
+{
+    m->likelihood = whittle_likelihood(m, s);
+    c->likelihoods += whittle_work(m, s);
 }
 
 /* The step of this gradient, damped as far as it takes; false where none gains. */
@@ -42,7 +48,7 @@ static bool try_steps(struct climb *c, struct whittle *m, const struct bins *s)
             continue;
         trial = *m;
         scoring_move(c->scoring, s, &trial);
-        trial.likelihood = whittle_likelihood(&trial, s);
+        weigh(c, &trial, s);
         gained = trial.likelihood - m->likelihood;
         c->left = c->damping <= WHITTLE_DAMPING_FIRST ? step.promised : gained;
         if (gained >= 0) {
@@ -74,10 +80,11 @@ static bool step_up(struct climb *c, struct whittle *m, const struct bins *s)
 static enum modal_status climb(struct climb *c, struct whittle *m, const struct bins *s,
                                const struct whittle_limits *limits, struct modal_error *err)
 {
+    double spent;
     int steps = 0;
 
     m->converged = false;
-    m->likelihood = whittle_likelihood(m, s);
+    weigh(c, m, s);
     c->damping = WHITTLE_DAMPING_FIRST, c->least = WHITTLE_DAMPING_LEAST, c->left = HUGE_VAL;
     for (; steps < limits->most && !m->converged && *limits->work > 0
                && (steps < STEPS_BLIND || m->likelihood + HOPE * c->left > limits->needed);
@@ -85,8 +92,9 @@ static enum modal_status climb(struct climb *c, struct whittle *m, const struct 
         if (limits->cancelled != NULL && limits->cancelled(limits->context))
             return modal_fail(err, MODAL_CANCELLED, "identify: cancelled");
         m->converged = !step_up(c, m, s) || c->left < limits->gain;
-        *limits->work += c->work - scoring_work(c->scoring);
-        c->work = scoring_work(c->scoring);
+        spent = scoring_work(c->scoring) + c->likelihoods;
+        *limits->work += c->work - spent;
+        c->work = spent;
     }
     m->steps += steps;
     return MODAL_OK;

@@ -13,7 +13,7 @@ struct whittle_limits {
     double gain, needed;             /* needed: of the logarithm of the likelihood; -HUGE_VAL */
     int most, corrections;
     bool errors;
-    double *work;                    /* what is left of it: scoring_work() */
+    double *work;                    /* what is left of it, of likelihoods and scoring_work() */
     bool (*cancelled)(void *context);
     void *context;
 };

@@ -134,6 +134,28 @@ TEST(a_step_near_the_summit_leaves_little_more_than_its_solution_does)
     bins_done(&b);
 }
 
+/* One of them: the likelihood where it begins and where the step ends, and all that is scored. */
+TEST(a_step_is_charged_for_its_gradient_and_its_likelihoods)
+{
+    struct whittle truth = some_modes(), m = beside(&truth, 0.003);
+    struct bins b = exact(&truth);
+    double left = 1e12, spent, product = 16;     /* as the work of matrices is counted */
+    struct whittle_limits limits = { 0, -HUGE_VAL, 1, 0, false, &left, NULL, NULL };
+    struct scoring *w;
+    struct scoring_step step;
+
+    CHECK(scoring_new(&m, &b, SCORING_STEPS, &w, NULL) == MODAL_OK);
+    scoring_gradient(w, &m, &b);
+    CHECK(scoring_work(w) * product > 8. * LINES * MODES * CHANNELS * CHANNELS);
+    scoring_inform(w, &m, &b);
+    CHECK(scoring_step(w, &m, &b, WHITTLE_DAMPING_FIRST, &step));
+    spent = scoring_work(w) + 2 * whittle_work(&m, &b);
+    CHECK(whittle_fit(&m, &b, &limits, NULL) == MODAL_OK && m.steps == 1);
+    CHECK_NEAR(1e12 - left, spent, 1e-6 * spent);
+    scoring_free(w);
+    bins_done(&b);
+}
+
 /* From the exact spectra the climb's end is what made them, and its errors are those of [Au14],
  * sqrt(decay / samples), of a mode alone in no noise; noise and neighbours add to them. */
 TEST(a_fit_of_exact_spectra_ends_where_they_came_from)

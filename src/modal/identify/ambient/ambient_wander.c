@@ -55,11 +55,14 @@ enum { L = WHITTLE_CHANNELS_MOST, MODES = WHITTLE_MODES_MOST };
 /* Unknowns of a mode: of each a real and an imaginary part; chi, kappa behind phi. */
 enum { LAMBDA = 0, NU = 2, BEGUN = 4, PHI = 6 };
 enum { NEAR = 3 };               /* of a pair: as many others as two pairs have */
+enum { STEPS_BLIND = 2 };         /* the first is damped: it tells little of what may be had */
+enum { BLOCK = 16 };             /* turns whose derivatives are one product: J passes by once */
 enum {
     CALLS = 400                  /* multiplications in the time of a turn's calls, measured */
 };
 static const double
     GAIN = 1e-3,                 /* of the logarithm of the likelihood: a twentieth of an error */
+    HOPE = 10,                   /* steps like the last, as in whittle_fit.c */
     OFTEN = 2,                   /* rms: what a twentieth of normal turns is beyond */
     CHANCE = 6,                  /* chi-square of two: a twentieth of what is none is beyond */
     WORK_MOST = 2e10,            /* multiplications of all fits: ten seconds */
@@ -83,7 +86,8 @@ struct work {
     double complex *alone, *lone;        /* both before modes move each other */
     double *H;                   /* 2p x 2p: eta in reals */
     double *C, *slope, *at, *K;  /* l x 2p: phi, chi, both of a turn; 2p x l: (2) in reals */
-    double *e, *de;              /* l x turns; l x unknowns, of one turn */
+    double *e;                   /* l x turns */
+    double *de, *unit;           /* of a block: l rows a turn x unknowns; the e's, both whitened */
     double *J, *factor, *gradient, *step, *scale;
     double left;                 /* of WORK_MOST */
 };
@@ -107,7 +111,8 @@ static enum modal_status make_room(struct work *w, int pairs, struct modal_error
     w->H = workspace_numbers(s, 2 * p, 2 * p);
     w->C = workspace_numbers(s, l, 2 * p), w->K = workspace_numbers(s, l, 2 * p);
     w->slope = workspace_numbers(s, l, 2 * p), w->at = workspace_numbers(s, l, 2 * p);
-    w->e = workspace_numbers(s, l, (size_t)w->in->Z->m), w->de = workspace_numbers(s, l, n);
+    w->e = workspace_numbers(s, l, (size_t)w->in->Z->m);
+    w->de = workspace_numbers(s, BLOCK * l, n), w->unit = workspace_numbers(s, BLOCK, l);
     w->J = workspace_numbers(s, n, n), w->factor = workspace_numbers(s, n, n);
     w->gradient = workspace_numbers(s, n, 1), w->step = workspace_numbers(s, n, 1);
     w->scale = workspace_numbers(s, n, 1);
@@ -210,20 +215,27 @@ static int pivot_of(const struct work *w, const struct whittle_mode *q)
     return (int)cblas_izamax(w->l, q->phi, 1);
 }
 
+/* de of turn M, from one unknown to the next of them BLOCK l. */
+static double *de_of(const struct work *w, int m)
+{
+    return w->de + w->l * (m % BLOCK);
+}
+
 /* de += what phi and chi alone do, of turn M. */
 static void vary_shapes(struct work *w, const struct model *t, int m)
 {
     double longer = w->in->longer[m];
+    int ld = BLOCK * w->l;
 
     for (int k = 0; k < w->p; k++) {
-        double *de = w->de + (size_t)w->l * (each(w) * k + PHI);
+        double *de = de_of(w, m) + (size_t)ld * (each(w) * k + PHI);
         int pivot = pivot_of(w, &t->m.mode[k]);
         for (int i = 0; i < w->l; i++)
             if (i != pivot) {
-                de[i + w->l * 2 * i] -= 2 * creal(w->x[k]);
-                de[i + w->l * (2 * i + 1)] += 2 * cimag(w->x[k]);
-                de[i + w->l * 2 * (w->l + i)] -= 2 * creal(w->x[k]) * longer;
-                de[i + w->l * (2 * (w->l + i) + 1)] += 2 * cimag(w->x[k]) * longer;
+                de[i + ld * 2 * i] -= 2 * creal(w->x[k]);
+                de[i + ld * (2 * i + 1)] += 2 * cimag(w->x[k]);
+                de[i + ld * 2 * (w->l + i)] -= 2 * creal(w->x[k]) * longer;
+                de[i + ld * (2 * (w->l + i) + 1)] += 2 * cimag(w->x[k]) * longer;
             }
     }
 }
@@ -273,8 +285,8 @@ static void move_derivatives(struct work *w, const struct model *t, int m)
 
     for (int k = 0; k < p; k++)
         cblas_zscal(n, &(double complex) { cexp(t->m.mode[k].lambda) }, w->dx + k, p);
-    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, 2 * p, n, l, 1, w->K, 2 * p, w->de, l, 1,
-                (double *)w->dx, 2 * p);
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, 2 * p, n, l, 1, w->K, 2 * p,
+                de_of(w, m), BLOCK * l, 1, (double *)w->dx, 2 * p);
     vary_states(w, t, m);
     turn_over(w, t, m);
     vary_eta(w, m);
@@ -286,11 +298,19 @@ static void move_derivatives(struct work *w, const struct model *t, int m)
     }
 }
 
+/* J and the gradient by what is in the block that ends with turn M. */
+static void take_block(struct work *w, int m)
+{
+    int rows = w->l * (m % BLOCK + 1), ld = BLOCK * w->l, n = w->unknowns;
+
+    cblas_dsyrk(CblasColMajor, CblasLower, CblasTrans, n, rows, 1, w->de, ld, 1, w->J, n);
+    cblas_dgemv(CblasColMajor, CblasTrans, rows, n, -1, w->de, ld, w->unit, 1, 1, w->gradient, 1);
+}
+
 /* J and the gradient at T, whose innovations are known. */
 static void inform(struct work *w, const struct model *t)
 {
-    int N = w->in->Z->m, l = w->l, p = w->p, n = w->unknowns;
-    double e[L];
+    int N = w->in->Z->m, l = w->l, p = w->p, n = w->unknowns, ld = BLOCK * l;
 
     memset(w->dx, 0, sizeof *w->dx * (size_t)p * (size_t)n);
     memset(w->J, 0, sizeof *w->J * (size_t)n * (size_t)n);
@@ -300,17 +320,18 @@ static void inform(struct work *w, const struct model *t)
         for (int part = 0; part < 2; part++)
             w->dx[k + (size_t)p * (each(w) * k + BEGUN + part)] = part == 0 ? 1 : I;
     for (int m = 0; m < N; m++) {
+        double *de = de_of(w, m), *e = w->unit + l * (m % BLOCK);
         innovate(w, m);
         cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, l, n, 2 * p, -1, w->at, l,
-                    (double *)w->dx, 2 * p, 0, w->de, l);
+                    (double *)w->dx, 2 * p, 0, de, ld);
         vary_shapes(w, t, m);
         move_derivatives(w, t, m);
         memcpy(e, w->e + (size_t)l * m, sizeof *e * (size_t)l);
         cblas_dtrsv(CblasColMajor, CblasLower, CblasNoTrans, CblasNonUnit, l, t->m.root, l, e, 1);
         cblas_dtrsm(CblasColMajor, CblasLeft, CblasLower, CblasNoTrans, CblasNonUnit, l, n, 1,
-                    t->m.root, l, w->de, l);
-        cblas_dsyrk(CblasColMajor, CblasLower, CblasTrans, n, l, 1, w->de, l, 1, w->J, n);
-        cblas_dgemv(CblasColMajor, CblasTrans, l, n, -1, w->de, l, e, 1, 1, w->gradient, 1);
+                    t->m.root, l, de, ld);
+        if (m % BLOCK == BLOCK - 1 || m == N - 1)
+            take_block(w, m);
     }
     w->left -= (double)N * n * (4.0 * p * (p + l) + l * l + 0.5 * l * n);
     /* what moves nothing stays where it is */
@@ -416,17 +437,19 @@ static void find_near(struct work *w, const struct model *t)
     }
 }
 
-/* T at its summit; m->converged where it came there. */
-static enum modal_status climb(struct work *w, struct model *t, struct model *trial,
+/* T at its summit; m->converged where it came there, and it does not try where steps like the last
+ * do not lead to what is NEEDED of its likelihood. */
+static enum modal_status climb(struct work *w, struct model *t, double needed, struct model *trial,
                                struct modal_error *err)
 {
-    double damping = WHITTLE_DAMPING_FIRST, gained;     /* as whittle_fit.c climbs */
+    double damping = WHITTLE_DAMPING_FIRST, gained = HUGE_VAL;  /* as whittle_fit.c climbs */
 
     t->m.converged = w->p == 0;
     find_near(w, t);
     predict(w, t);
     for (int i = 0; i < AMBIENT_STEPS_MOST && !t->m.converged && w->left > 0
-                        && isfinite(t->m.likelihood); i++) {
+                        && isfinite(t->m.likelihood)
+                        && (i < STEPS_BLIND || t->m.likelihood + HOPE * gained > needed); i++) {
         if (w->in->cancelled != NULL && w->in->cancelled(w->in->context))
             return modal_fail(err, MODAL_CANCELLED, "identify: cancelled");
         step_up(w, t, trial, &damping, &gained);
@@ -473,21 +496,39 @@ static void leave_out(struct model *t, int k)
         memmove(t->eta[i] + 2 * k, t->eta[i] + 2 * k + 2, 2 * sizeof **t->eta * behind);
 }
 
-/* One pair that is not worth its price leaves; *less: there was one. */
+/* What is lost with each pair of T, before the rest is fitted anew. */
+static void weigh(struct work *w, const struct model *t, struct model *fewer, double *loss)
+{
+    for (int k = 0; k < t->m.count; k++) {
+        *fewer = *t;
+        leave_out(fewer, k);
+        predict(w, fewer);
+        loss[k] = t->m.likelihood - fewer->m.likelihood;
+    }
+}
+
+/* One pair that is not worth its price leaves, those first that tell least; *less: there was
+ * one. */
 static enum modal_status shrink(struct work *w, struct model *t, struct model *fewer,
                                 struct model *trial, bool *less, struct modal_error *err)
 {
     enum modal_status rc = make_room(w, t->m.count - 1, err);
+    double loss[MODES], enough = t->m.likelihood - w->in->price;
 
     *less = false;
-    for (int k = 0; rc == MODAL_OK && k < t->m.count && !*less && w->left > 0; k++) {
+    if (rc == MODAL_OK)
+        weigh(w, t, fewer, loss);
+    while (rc == MODAL_OK && !*less && w->left > 0) {
+        int k = 0;
+        for (int i = 1; i < t->m.count; i++)
+            k = loss[i] < loss[k] ? i : k;
+        if (!(loss[k] <= AMBIENT_PATIENCE * w->in->price))
+            break;
+        loss[k] = HUGE_VAL;
         *fewer = *t;
         leave_out(fewer, k);
-        predict(w, fewer);
-        if (t->m.likelihood - fewer->m.likelihood > AMBIENT_PATIENCE * w->in->price)
-            continue;
-        rc = climb(w, fewer, trial, err);
-        *less = t->m.likelihood - fewer->m.likelihood < w->in->price;
+        rc = climb(w, fewer, enough, trial, err);
+        *less = fewer->m.likelihood > enough;
         if (*less)
             *t = *fewer;
     }
@@ -596,7 +637,7 @@ static enum modal_status fit(struct work *w, struct model *t, struct model *fewe
     w->apart = true;
     if (rc == MODAL_OK) {
         begin(w, t);
-        rc = climb(w, t, trial, err);
+        rc = climb(w, t, -HUGE_VAL, trial, err);
     }
     while (rc == MODAL_OK && less && t->m.count > 0)
         rc = shrink(w, t, fewer, trial, &less, err);
@@ -604,7 +645,7 @@ static enum modal_status fit(struct work *w, struct model *t, struct model *fewe
     if (rc == MODAL_OK)
         rc = make_room(w, t->m.count, err);
     if (rc == MODAL_OK && t->m.count > 0)
-        rc = climb(w, t, trial, err);
+        rc = climb(w, t, -HUGE_VAL, trial, err);
     if (rc == MODAL_OK && t->m.count > 0)
         find_errors(w, t, meet);
     return rc;

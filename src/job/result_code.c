@@ -101,6 +101,9 @@ const struct result_code result_codes[] = {
       "resample the signals at even angles of the azimuth, or give a shorter `window`" },
     { "growth_unconfirmed", "identify", "growth in the whole record that its parts do not show",
       "record longer, or identify a part by `window`" },
+    { "repeats_later", "steady", "under tones the motion repeats after some turns of one of them "
+      "alone, as laws that open and close may have it", "take tones and k as told, or give that "
+      "part of the tone yourself" },
     { "undetermined_mean", "steady", "nothing but what slips holds the body: its mean follows "
       "from history", "take the motion about it; it has an error" },
     { "undetermined_offset", "steady", "a slider never slips: its place, and the mean, follow "

@@ -408,6 +408,8 @@ static const struct result_key steady_keys[] = {
       .means = "of the motion's first harmonic" },
     { "tones", RESULT_NUMBER, .list = "one to three", .unit = "rad/s", .absent = "without tones",
       .means = "w1, w2, .. of the motion, of no common period; a free one as it was found" },
+    { "subharmonic", RESULT_WHOLE, .list = "one a tone", .absent = "but where a motion of tones "
+      "repeats after turns of one alone", .means = "what each tone given is over its `tones`" },
     { "method", RESULT_TEXT, .means = "what found it: linear, direct, newton, ..; march: lines of "
       "tones, read from a march of laws with events" },
     { "iterations", RESULT_WHOLE, .means = "of the balance" },
@@ -417,14 +419,12 @@ static const struct result_key steady_keys[] = {
       "were evaluated, or of a march; 0: none" },
     { "harmonics", RESULT_OBJECT, .list = "one a dof reported", .members = dof_harmonic_keys,
       .means = "the motion" },
-    { "time", RESULT_OBJECT, .absent = "without time", .members = time_keys,
-      .means = "the motion over one period" },
+    { "time", RESULT_OBJECT, .absent = "without time", .members = time_keys, .means = "a period" },
     { "residual", RESULT_NUMBER, .null = UNKNOWN, .means = "of the balance, relative" },
     { "truncation_error", RESULT_NUMBER, .unit = "the dofs'", .null = UNKNOWN,
       .means = "estimate of max |x - exact| that more harmonics would remove" },
     { "sampling_error", RESULT_NUMBER, .unit = "the dofs'", .null = UNKNOWN, .means = "sampling" },
-    { "solver_error", RESULT_NUMBER, .unit = "the dofs'", .null = UNKNOWN,
-      .means = "that more iterations would remove" },
+    { "solver_error", RESULT_NUMBER, .unit = "the dofs'", .null = UNKNOWN, .means = "iterations" },
     { "reduction_error", RESULT_NUMBER, .unit = "the dofs'", .null = UNKNOWN, .absent = "without "
       "reduce", .means = "that more modes would remove" },
     { "total_error", RESULT_NUMBER, .unit = "the dofs'", .null = UNKNOWN, .means = "of all these, "

@@ -99,6 +99,13 @@ static void print_diagnostics(const struct steady_settings *settings,
                  "what is given is the best iterate", point->reason);
         diagnose(list, "not_converged", text);
     }
+    if (point->converged && point->part.of > 0) {
+        snprintf(text, sizeof text,
+                 "from the scene's initial state the motion settles to one that repeats after %d "
+                 "turns of tone %d alone: tones has one part in %d of it, whose numbers in k are "
+                 "as many times larger", point->part.of, point->part.tone + 1, point->part.of);
+        diagnose(list, "repeats_later", text);
+    }
     if (point->converged && point->wanting && settings->opt.harmonics == 0) {
         snprintf(text, sizeof text,
                  "a line's error is estimated at %.3g of the amplitude, %.3g times target.error "
@@ -164,6 +171,16 @@ static void print_errors(const struct steady_settings *settings, const struct to
     print_stability(point, cJSON_AddObjectToObject(doc, "stability"));
 }
 
+/* What each of the tones given was divided by. */
+static cJSON *print_parts(const struct torus_point *point)
+{
+    cJSON *list = cJSON_CreateArray();
+
+    for (int j = 0; j < point->tones.count; j++)
+        cJSON_AddItemToArray(list, cJSON_CreateNumber(j == point->part.tone ? point->part.of : 1));
+    return list;
+}
+
 cJSON *torus_print(const struct program *p, const struct steady_settings *settings,
                    const struct torus_point *point)
 {
@@ -177,6 +194,8 @@ cJSON *torus_print(const struct program *p, const struct steady_settings *settin
     cJSON_AddNullToObject(doc, "omega");
     cJSON_AddItemToObject(doc, "tones",
                           json_numbers(point->tones.omega, (size_t)point->tones.count));
+    if (point->part.of > 0)
+        cJSON_AddItemToObject(doc, "subharmonic", print_parts(point));
     cJSON_AddStringToObject(doc, "method", method_of(p, point));
     cJSON_AddNumberToObject(doc, "iterations", point->iterations);
     cJSON_AddNumberToObject(doc, "H", highest);

@@ -48,6 +48,7 @@ enum {
                                 * explain nothing, and the next all */
     GROWTH_LEAST = 128,        /* turns of disturbances, as many as torus_stability.c begins with:
                                 * their growth is known to some hundredths then */
+    TURNS_PART = 256,          /* that tell parts of tones: tones one in 170 apart */
     SLOWLY = 256,              /* turns from which on the rest is foreseen */
 };
 static const double TOLERANCE = 1e-4;     /* of the error asked for, of a step: what it leaves is
@@ -56,10 +57,10 @@ static const double TOLERANCE = 1e-4;     /* of the error asked for, of a step: 
 static const double TOLERANCE_LEAST = 1e-11;  /* near rounding */
 static const double FINER = 1.0 / 64;     /* of the tolerance: that measure's */
 static const double SPLIT = 0.2;          /* of the steps have an event, and are two */
-static const double FEW = 1e-2;           /* of a motion that is not the one balanced: where its
-                                           * lines leave more of it, it is none of these tones */
 static const double HALVED = 0.5;         /* of what a shorter record left: a longer one that leaves
                                            * more has what no line explains */
+static const double PLAINLY = 0.1;        /* of a motion that decays to one: so much left of it are
+                                           * lines of other frequencies, not small ones of these */
 static const double DECAYED = 0.01;       /* of the error asked for: of what a march began with */
 static const double CLOSER = 0.7;         /* of the error of a record a quarter as long: one that is
                                            * not better ends the march */
@@ -67,7 +68,6 @@ static const double LEFT = 0.3;           /* of the error asked for, as in torus
 static const double FOLDS = 1e-5;         /* the least error asked for that SAMPLES_EXACT serve */
 static const double NEAR = 1e-9;          /* of a load's frequency: its rounding, and far more */
 static const double BESIDE = 1.05;        /* of a tone: samples of its turns serve one so near */
-static const double AGREE = 3;            /* errors of a balance that its motion may be off */
 
 /* Whether a load of S has tone J. */
 static bool is_loaded(const struct torus_solver *s, int j)
@@ -274,67 +274,6 @@ static bool size_record(struct torus_sheet *a, int N, int turns, double wanted)
     return fits && a->s->work->spent + work + torus_sheet_work(a) <= a->s->work->most;
 }
 
-/* What the balance has of dof I where LINES has line L: of all combinations that it does not tell
- * from that. */
-static double complex balanced_at(const struct torus_solver *s, const struct torus_lines *lines,
-                                  int i, int l)
-{
-    double at = torus_frequency(&s->tones, lines->index[l]);
-    double complex X = 0;
-
-    for (int m = 0; m < s->count; m++)
-        if (fabs(torus_frequency(&s->tones, s->index[m]) - at) < lines->apart)
-            X += s->X[(size_t)i * (size_t)s->count + (size_t)m];
-    return l == 0 ? creal(X) : X;
-}
-
-/* A march may leave an unstable motion for another.  Where its lines explain that well it is the
- * answer, and where all disturbances of one from the scene's start decay, for then it repeats with
- * its loads; else it is none, and more combinations are the way on. */
-bool torus_lines_stand(const struct torus_solver *s, const struct torus_lines *lines,
-                       const struct torus_point *point)
-{
-    if (lines->count == 0 || lines->error < FEW * lines->amplitude || s->followed.verdict > 0)
-        return lines->count > 0;
-    if (point == NULL || !point->converged)
-        return false;
-    for (int i = 0; i < s->q; i++)
-        for (int l = 0; l < lines->count; l++)
-            if (cabs(lines->X[(size_t)i * (size_t)lines->count + (size_t)l]
-                     - balanced_at(s, lines, i, l)) > AGREE * point->error)
-                return false;
-    return lines->error < point->error;
-}
-
-void torus_lines_done(struct torus_lines *lines)
-{
-    free(lines->index), free(lines->X), free(lines->acts);
-    *lines = (struct torus_lines) { 0 };
-}
-
-void torus_adopt(struct torus_solver *s, struct torus_lines *lines, double wanted,
-                 struct torus_point *out)
-{
-    for (int m = 0; s->linear != NULL && m < s->count; m++)
-        torus_linear_done(&s->linear[m]);
-    free(s->linear), free(s->index), free(s->X);
-    s->linear = NULL;
-    s->index = lines->index, s->X = lines->X, s->count = lines->count;
-    s->marched = lines->samples;
-    s->residual = NAN;
-    out->converged = true;
-    out->amplitude = lines->amplitude;
-    out->truncation = lines->e.truncation, out->sampling = lines->e.sampling;
-    out->solver = lines->e.solver;
-    out->error = lines->error;
-    out->line = lines->line;
-    out->wanting = out->line > wanted * out->amplitude;
-    for (int l = 0; lines->acts != NULL && l < s->p->laws; l++)
-        torus_note(s->laws, l, lines->acts[l], lines->asked);
-    free(lines->acts);
-    *lines = (struct torus_lines) { 0 };
-}
-
 /* Whether A tells a line of K. */
 static bool has_line(const struct torus_sheet *a, struct torus_index k)
 {
@@ -490,6 +429,7 @@ struct exact {
     struct torus_pieces *m;
     double *x, *growth, start;            /* s */
     int turns, seen, columns;             /* seen: of the turns, with disturbances; 0: all */
+    long begun;                           /* turns that went before */
     int pace;                             /* as pace_of has it */
 };
 
@@ -605,6 +545,57 @@ static enum modal_status read_exactly(struct torus_solver *s, struct exact *a, i
     return rc;
 }
 
+/* *LEFT: what lines of PART beside S's other tones leave of the record's first turns; HUGE_VAL:
+ * they are not read, for want of work or as the leading tone's part has no such samples. */
+static enum modal_status leaves(struct torus_solver *s, const struct exact *a, int N,
+                                struct torus_part part, double wanted, double *left,
+                                struct modal_error *err)
+{
+    const struct torus_tones tones = s->tones;
+    int lead = part.tone == tones.lead ? part.of : 1;
+    int turns = a->turns < TURNS_PART ? a->turns : TURNS_PART;
+    int skip = (int)((lead - a->begun % lead) % lead);
+    struct torus_sheet sheet = { .s = s, .settled = true,
+                                 .start = a->start + skip * 2 * M_PI / tones.omega[tones.lead] };
+    struct torus_errors e = { .change = HUGE_VAL };
+    double amplitude;
+    enum modal_status rc = set_out(&sheet, false, err);
+
+    torus_tones_move(&s->tones, part.tone, tones.omega[part.tone] / part.of);
+    if (rc == MODAL_OK && (lead & (lead - 1)) == 0
+        && torus_sheet_lay(&sheet, N * lead, (turns - skip) / lead, wanted)
+        && budget_pays(s->work, torus_sheet_work(&sheet))) {
+        sheet.x = a->x + (size_t)skip * (size_t)N * (size_t)sheet.outputs;
+        rc = torus_sheet_room(&sheet, err);
+        if (rc == MODAL_OK)
+            rc = torus_sheet_read(&sheet, &e, &amplitude, err);
+        budget_add(s->work, torus_sheet_work(&sheet));
+    }
+    s->tones = tones;
+    *left = e.change;
+    workspace_free(&sheet.space);
+    return rc;
+}
+
+/* s->part, where what decays to a motion has no lines of the tones: the fewest turns, unless more
+ * explain far more. */
+static enum modal_status find_part(struct torus_solver *s, const struct exact *a, int N,
+                                   double wanted, struct modal_error *err)
+{
+    struct torus_part part = { 0, 1 };
+    double least, left;
+    enum modal_status rc = leaves(s, a, N, part, wanted, &least, err);
+
+    least = least < HUGE_VAL ? HALVED * least : 0;
+    for (; rc == MODAL_OK && part.tone < s->tones.count; part.tone++)
+        for (part.of = 2; rc == MODAL_OK && part.of <= TORUS_PARTS_MOST; part.of++) {
+            rc = leaves(s, a, N, part, wanted, &left, err);
+            if (rc == MODAL_OK && left < least)
+                least = HALVED * left, s->part = part;
+        }
+    return rc;
+}
+
 /* What the growth of disturbances tells so far; where that decides, or nobody asks, they end.  The
  * shortest records decide too, but with errors of a third of what they tell. */
 static void see_growth(struct torus_solver *s, struct exact *a)
@@ -688,7 +679,8 @@ static enum modal_status march_exactly(struct torus_solver *s, int N, double wan
     if (rc == MODAL_OK && a.m != NULL)
         rc = settle(&a, wanted, &settled, err);
     if (settled)
-        a.start = (double)torus_pieces_turns(a.m) * 2 * M_PI / s->tones.omega[s->tones.lead];
+        a.begun = torus_pieces_turns(a.m);
+    a.start = (double)a.begun * 2 * M_PI / s->tones.omega[s->tones.lead];
     for (int turns = first; rc == MODAL_OK && settled && !ended && turns <= TORUS_TURNS_MOST;
          turns *= 2) {
         struct torus_errors e = { 0 };
@@ -710,6 +702,9 @@ static enum modal_status march_exactly(struct torus_solver *s, int N, double wan
         rc = decide(s, &a, err);
     if (rc == MODAL_OK && best->count > 0)
         rc = keep_acts(s, a.m, best, err);
+    if (rc == MODAL_OK && s->followed.verdict >= 0 && s->tones.count > 1
+        && best->e.change > PLAINLY * best->amplitude)
+        rc = find_part(s, &a, N, wanted, err);
     torus_pieces_free(a.m);
     free(a.x), free(a.growth);
     return rc;

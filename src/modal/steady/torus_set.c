@@ -341,11 +341,11 @@ static double size_grid(const struct torus_solver *s, int finer, int lines_finer
     return points;
 }
 
-bool torus_grid_fits(const struct torus_solver *s, int finer, int lines_finer)
+double torus_grid_size(const struct torus_solver *s, int finer, int lines_finer)
 {
     int N, lines[TORUS_TONES_MOST];
 
-    return size_grid(s, finer, lines_finer, &N, lines) <= TORUS_POINTS_MOST;
+    return size_grid(s, finer, lines_finer, &N, lines);
 }
 
 enum modal_status torus_grid_for(const struct torus_solver *s, int finer, int lines_finer,

@@ -142,23 +142,30 @@ static enum modal_status moved(struct torus_solver *s, double *most, struct moda
 
 /* Of laws with events: the first set's motion, roughly, and a march from there, or from the scene's
  * start where none was found; *MET: its lines are the answer, at TARGET or since other ways to a
- * balance would cost more than is left. */
+ * balance would cost more than is left.  The rough one took as much for each of its samples as one
+ * with its error told will twice: where that is not left, lines that agree with the rough one are
+ * not held against a better. */
 static enum modal_status march_first(struct torus_solver *s, double target,
                                      struct torus_lines *lines, struct torus_point *out, bool *met,
                                      struct modal_error *err)
 {
+    double spent = s->work->spent, points, price;
     enum modal_status rc;
 
     s->rough = ROUGH;
+    points = torus_grid_size(s, 0, 0);
     rc = torus_grid_for(s, 0, 0, &s->grid, err);
     if (rc == MODAL_OK)
         rc = torus_solve_set(s, &out->converged, err);
     s->rough = 0;
+    price = 2 * (s->work->spent - spent) * torus_grid_size(s, 0, 0) / points;
     if (rc == MODAL_OK && torus_march_takes(s, out->converged))
         rc = torus_march(s, target, out->converged, lines, err);
     *met = rc == MODAL_OK && lines->count > 0
         && (lines->line <= target * lines->amplitude
-            || (s->work->spent > GROWTH * s->work->most && torus_lines_stand(s, lines, NULL)));
+            || (s->work->spent > GROWTH * s->work->most && torus_lines_stand(s, lines, NULL))
+            || (!budget_pays(s->work, price) && out->converged && lines->error < lines->amplitude
+                && torus_lines_agree(s, lines)));
     if (*met)
         torus_adopt(s, lines, target, out);
     return rc;
@@ -266,7 +273,8 @@ static enum modal_status solve_grown(struct torus_solver *s, struct torus_lines 
         leave = fmax(LEFT * wanted / missed, BESIDE * e.beyond);
         take = out->truncation > HALF * wanted ? choose(s, list, count, leave) : 0;
         more_lines = e.sampling > fmax(LEFT * wanted, BESIDE * out->truncation)
-            && s->finer < TORUS_FINER_MOST && torus_grid_fits(s, 1, s->finer + 1);
+            && s->finer < TORUS_FINER_MOST
+            && torus_grid_size(s, 1, s->finer + 1) <= TORUS_POINTS_MOST;
         if ((take == 0 && !more_lines) || is_too_dear(s, s->work->spent - spent, take))
             break;
         s->finer += more_lines;
@@ -331,22 +339,25 @@ static void solver_done(struct torus_solver *s)
 }
 
 /* Whether the start given is one of a system like this. */
-static bool has_start(const struct torus_solver *s)
+static bool has_start(const struct torus_solver *s, const struct torus_point *out)
 {
     const struct torus_point *start = s->opt->start;
 
     return start != NULL && start->converged && s->q > 0 && start->q == s->q
-        && start->tones.count == s->tones.count;
+        && start->tones.count == s->tones.count && start->part.of == out->part.of
+        && start->part.tone == out->part.tone;
 }
 
-/* The first set, or that of the order asked for, and with a free tone a motion on it; *BEGUN. */
-static enum modal_status begin(struct torus_solver *s, bool *begun, struct modal_error *err)
+/* The first set of OUT's motion, or that of the order asked for, and with a free tone a motion on
+ * it; *BEGUN. */
+static enum modal_status begin(struct torus_solver *s, const struct torus_point *out, bool *begun,
+                               struct modal_error *err)
 {
     int order = s->q == 0 ? 0 : s->opt->order > 0 ? s->opt->order : FIRST_ORDER;
     enum modal_status rc = MODAL_OK;
 
     *begun = true;
-    if (has_start(s))
+    if (has_start(s, out))
         return torus_begin_from(s, order, err);
     if (s->tone.index >= 0 && s->q > 0)
         rc = torus_begin(s, begun, err);
@@ -399,8 +410,8 @@ static enum modal_status find_motion(struct torus_solver *s, struct torus_point 
 
     if (s->q > 0 && !torus_smooth(s->laws) && torus_march_takes(s, false))
         rc = march_exactly(s, &lines, out, &met, err);
-    if (rc == MODAL_OK && !met)
-        rc = begin(s, &begun, err);
+    if (rc == MODAL_OK && !met && s->part.of == 0)
+        rc = begin(s, out, &begun, err);
     if (rc == MODAL_TOO_LARGE && lines.count > 0 && torus_lines_stand(s, &lines, NULL)) {
         torus_adopt(s, &lines, target_of(s), out);
         return MODAL_OK;
@@ -437,10 +448,12 @@ static enum modal_status set_up(struct torus_solver *s, struct modal_error *err)
     return rc == MODAL_OK && s->q > 0 ? torus_find_ways(s, err) : rc;
 }
 
-/* torus_solve of tones that are not folded. */
+/* torus_solve of tones that are not folded, PART in the place of one, its work SPENT more; where
+ * the motion marched to repeats after some turns of one OUT is none, and those are *FOUND. */
 static enum modal_status solve_tones(const struct program *p, const double *omega, int count,
-                                     const struct torus_options *opt, struct torus_point *out,
-                                     struct modal_error *err)
+                                     const struct torus_options *opt, struct torus_part part,
+                                     double spent, struct torus_point *out,
+                                     struct torus_part *found, struct modal_error *err)
 {
     struct torus_solver *s = calloc(1, sizeof *s);
     double tones[TORUS_TONES_MOST] = { 0 };
@@ -453,7 +466,8 @@ static enum modal_status solve_tones(const struct program *p, const double *omeg
                                : count > 1 ? 1e-3 * omega[opt->free > 1 ? 0 : 1]
                                            : 1;
     *out = (struct torus_point) { .tones = torus_tones_of(tones, count),
-                                  .work = { .most = opt->near ? WORK_NEAR : WORK_MOST },
+                                  .part = part,
+                                  .work = { spent, opt->near ? WORK_NEAR : WORK_MOST },
                                   .evaluations = calloc((size_t)p->laws + 1, sizeof(long)),
                                   .acts = calloc((size_t)p->laws + 1, sizeof(bool)),
                                   .undetermined = calloc((size_t)p->laws + 1, sizeof(bool)) };
@@ -478,9 +492,56 @@ static enum modal_status solve_tones(const struct program *p, const double *omeg
         count_laws(s, out);
         rc = report(s, out, err);
     }
+    *found = s->part;
     solver_done(s);
     if (rc != MODAL_OK)
         torus_point_done(out);
+    return rc;
+}
+
+/* Why there is no motion of the tones. */
+static const char *repeats_later(struct torus_part part)
+{
+#define AFTER(of, tone) \
+    "marched from the scene's initial state it settles and repeats after " #of " turns of the " \
+    tone " tone, but its lines at parts of that tone were not told"
+#define PARTS(tone) { [2] = AFTER(2, tone), AFTER(3, tone), AFTER(4, tone), AFTER(5, tone) }
+    static const char *const text[TORUS_TONES_MOST][TORUS_PARTS_MOST + 1] = {
+        PARTS("first"), PARTS("second"), PARTS("third")
+    };
+#undef PARTS
+#undef AFTER
+
+    return text[part.tone][part.of];
+}
+
+/* solve_tones of tones given, with PART in place of its own, of which loads have as many times
+ * their number. */
+static enum modal_status solve_part(const struct program *p, const double *omega, int count,
+                                    const struct torus_options *opt, struct torus_part part,
+                                    double spent, struct torus_point *out,
+                                    struct modal_error *err)
+{
+    struct program view = *p;
+    struct torus_part more;
+    double divided[TORUS_TONES_MOST] = { 0 };
+    enum modal_status rc;
+
+    view.load = malloc(((size_t)p->loads + 1) * sizeof *view.load);
+    if (view.load == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "torus: no memory for loads");
+    for (int i = 0; i < p->loads; i++) {
+        view.load[i] = p->load[i];
+        if (p->load[i].k != 0)            /* one number counts the first, 0 none */
+            view.load[i].tones = count;
+        view.load[i].tone[part.tone] *= part.of;
+    }
+    memcpy(divided, omega, (size_t)count * sizeof *omega);
+    divided[part.tone] /= part.of;
+    rc = solve_tones(&view, divided, count, opt, part, spent, out, &more, err);
+    if (rc == MODAL_OK && !out->converged)
+        out->reason = repeats_later(part);
+    free(view.load);
     return rc;
 }
 
@@ -498,15 +559,26 @@ enum modal_status torus_solve(const struct program *p, const double *omega, int 
                               const struct torus_options *opt, struct torus_point *out,
                               struct modal_error *err)
 {
+    struct torus_part part = { 0 };
     struct torus_fold fold;
     enum modal_status rc;
 
+    if (opt->near && opt->start != NULL && opt->start->part.of > 0)
+        return solve_part(p, omega, count, opt, opt->start->part, 0, out, err);
     if (opt->free > 0 || opt->order > 0 || has_more_tones(p, count)
-        || !torus_fold_finds(omega, count, &fold))
-        return solve_tones(p, omega, count, opt, out, err);
+        || !torus_fold_finds(omega, count, &fold)) {
+        double spent;
+
+        rc = solve_tones(p, omega, count, opt, part, 0, out, &part, err);
+        if (rc != MODAL_OK || part.of == 0)
+            return rc;
+        spent = out->work.spent;
+        torus_point_done(out);
+        return solve_part(p, omega, count, opt, part, spent, out, err);
+    }
     rc = torus_fold_make(&fold, p, opt, err);
     if (rc == MODAL_OK)
-        rc = solve_tones(&fold.view, &fold.omega, 1, &fold.opt, out, err);
+        rc = solve_tones(&fold.view, &fold.omega, 1, &fold.opt, part, 0, out, &part, err);
     if (rc == MODAL_OK && (rc = torus_fold_undo(&fold, omega, out, err)) != MODAL_OK)
         torus_point_done(out);
     torus_fold_done(&fold);

@@ -38,6 +38,9 @@ struct torus_options {
 
 enum { TORUS_EXPONENTS = 4 };   /* leading ones of disturbances */
 
+/* One OF-th of tone TONE, where motions repeat after as many of its turns; of 0: none. */
+struct torus_part { int tone, of; };
+
 struct torus_stability {
     const char *reason;       /* why not computed; NULL: it was */
     int verdict;              /* 1: disturbances decay, -1: one grows, 0: undecided */
@@ -54,6 +57,7 @@ struct torus_point {
     bool from_start;          /* of a march from the scene's initial state */
     const char *reason;       /* where not converged */
     struct torus_tones tones;
+    struct torus_part part;   /* that is one of `tones`, in the place of the tone given */
     int count, iterations;
     struct torus_index *index;       /* the combinations, k = 0 first, by rising order */
     double complex *X;        /* of the reported dofs, [i count + m], m */

@@ -1,6 +1,6 @@
 /* torus_state.h - what torus_tone.c, torus_set.c, torus_newton.c, torus_begin.c, torus_error.c,
- * torus_lines.c, torus_march.c, torus_from.c, torus_stability.c, torus_open.c and torus_solve.c
- * share */
+ * torus_lines.c, torus_march.c, torus_stand.c, torus_from.c, torus_stability.c, torus_open.c and
+ * torus_solve.c share */
 #ifndef MODAL_TORUS_STATE_H
 #define MODAL_TORUS_STATE_H
 #include "modal/scene/program.h"
@@ -18,6 +18,7 @@ enum {
                                     * on */
     TORUS_FINER_MOST = 1,          /* doublings of lines: with torus_highest's, half of them */
     TORUS_CANDIDATES_MOST = 6000,  /* combinations looked at beside those kept: a few times these */
+    TORUS_PARTS_MOST = 5,          /* turns of a tone that a motion is found to repeat after */
     TORUS_WAYS_MOST = 6,           /* of a body in space */
     TORUS_LOADS_MOST = 256,        /* distinct combinations of loads: more than any rig has */
 };
@@ -76,6 +77,7 @@ struct torus_solver {
     double complex *outer;                /* of the other combinations, q x q: S with the laws'
                                            * mean slopes, factored */
     int *outer_pivot;
+    struct torus_part part;               /* what the march repeats after, found by it */
     int marched;                          /* samples of the record that X was read from; 0: X
                                            * balances its set */
     struct torus_stability followed;      /* of the march that X was read from; count 0: none */
@@ -155,9 +157,9 @@ enum modal_status torus_grow(struct torus_solver *s, const struct torus_index *m
 enum modal_status torus_grow_to_order(struct torus_solver *s, int order, struct modal_error *err);
 /* The most of |k_j| that a grid serves which can still be made finer. */
 int torus_highest(const struct torus_solver *s, int j);
-/* A grid for the set, FINER doublings of all, LINES_FINER of the lines beyond: whether it is within
- * TORUS_POINTS_MOST, and it; MODAL_TOO_LARGE where it is not. */
-bool torus_grid_fits(const struct torus_solver *s, int finer, int lines_finer);
+/* A grid for the set, FINER doublings of all, LINES_FINER of the lines beyond: its samples; it;
+ * MODAL_TOO_LARGE where these are more than TORUS_POINTS_MOST. */
+double torus_grid_size(const struct torus_solver *s, int finer, int lines_finer);
 enum modal_status torus_grid_for(const struct torus_solver *s, int finer, int lines_finer,
                                  struct torus_grid **out, struct modal_error *err);
 
@@ -200,10 +202,14 @@ enum modal_status torus_march(struct torus_solver *s, double wanted, bool balanc
  * The same in pieces that are followed exactly (torus_pieces.h), from the scene's start and once
  * what it began with has decayed; BEST stays empty where the scene is not of that kind or does not
  * settle; and where a slider comes to rest, unless there are too many dofs for a balance, which
- * chooses its place.  s->followed is of it.
+ * chooses its place.  s->followed is of it, and s->part: laws that open and close may have what
+ * decays repeat after some turns of a tone alone, with lines that are none of the tones'.
  */
 enum modal_status torus_march_exactly(struct torus_solver *s, double wanted,
                                       struct torus_lines *best, struct modal_error *err);
+
+/* ---- torus_stand.c ---- */
+
 /* Whether LINES are an answer: they explain what was marched, or POINT's motion, that of s->X,
  * better than it does; POINT NULL: none. */
 bool torus_lines_stand(const struct torus_solver *s, const struct torus_lines *lines,
@@ -214,6 +220,10 @@ bool torus_lines_stand(const struct torus_solver *s, const struct torus_lines *l
 void torus_adopt(struct torus_solver *s, struct torus_lines *lines, double wanted,
                  struct torus_point *out);
 void torus_lines_done(struct torus_lines *lines);
+/* Whether LINES are of the motion that s->X balances in part: of its combinations they are off by
+ * no more than a few times what they have beside them, for what is left out changes the rest by
+ * about as much as it is. */
+bool torus_lines_agree(const struct torus_solver *s, const struct torus_lines *lines);
 
 /* ---- torus_begin.c ---- */
 

@@ -1,5 +1,5 @@
 /* Tests as well: torus_laws.c torus_set.c torus_tone.c torus_newton.c torus_begin.c torus_error.c
- * torus_march.c torus_pieces.c torus_from.c torus_stability.c torus_solve.c
+ * torus_march.c torus_stand.c torus_pieces.c torus_from.c torus_stability.c torus_solve.c
  * torus_slopes.c torus_taylor.c torus_fold.c
  *
  * Motions of several tones. */
@@ -718,6 +718,34 @@ static void test_disturbances_cost_as_the_orders_of_the_slow_tone_not_as_the_com
     program_free(p);
 }
 
+/* Nine times as stiff on one side, at twice its frequency of 1.5: lines of a march by Runge and
+ * Kutta's method, 400 steps a turn, of least squares under a window. */
+static void test_a_motion_that_repeats_after_two_turns_of_a_tone_is_told_at_its_half(void **state)
+{
+    static const double second[] = { 4.8541019662496845, 1.8541019662496845 };   /* leads or not */
+    static const double size[][4] = { { 1.575116, 0.260838, 0.062591, 0.010192 },
+                                      { 1.568993, 0.259033, 0.061492, 0.148872 } };
+    struct program *p = lower(
+        "{\"structure\":{\"type\":\"chain\",\"masses\":[1],\"springs\":[1,0],\"dampers\":[0.1,0]},"
+        "\"effects\":[{\"type\":\"gap\",\"dof\":\"x1\",\"stiffness\":8,\"clearance\":0}],"
+        "\"excitation\":[{\"dof\":\"x1\",\"k\":[1,0],\"cos\":1},"
+        "{\"dof\":\"x1\",\"k\":[0,1],\"cos\":0.2}]}");
+
+    (void)state;
+    for (int i = 0; i < 2; i++) {
+        const double w[] = { 3, second[i] };
+        struct torus_point point;
+
+        solve(p, w, 2, 1e-3, &point);
+        assert_true(point.converged && point.part.of == 2 && point.tones.omega[0] == 1.5);
+        for (int k = 0; k < 4; k++)
+            assert_float_equal(cabs(find(&point, 0, k < 3 ? k + 1 : 0, k == 3)), size[i][k],
+                               3 * point.line + 1e-4);
+        torus_point_done(&point);
+    }
+    program_free(p);
+}
+
 static void test_laws_that_are_no_function_of_a_path_are_refused(void **state)
 {
     struct program *p = lower(
@@ -763,6 +791,7 @@ int main(void)
             test_three_tones_are_balanced_to_the_orders_that_a_beat_of_two_has),
         cmocka_unit_test(
             test_disturbances_cost_as_the_orders_of_the_slow_tone_not_as_the_combinations),
+        cmocka_unit_test(test_a_motion_that_repeats_after_two_turns_of_a_tone_is_told_at_its_half),
         cmocka_unit_test(test_laws_that_are_no_function_of_a_path_are_refused),
     };
 

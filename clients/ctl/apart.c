@@ -11,6 +11,7 @@
 #include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
+#include "base/json.h"
 #include "base/sanitized.h"
 
 /* What the child may take before it has said what it reads, and on top of that: names, groups and
@@ -113,6 +114,11 @@ static void catch_nothing(void)
     signal(SIGXCPU, SIG_DFL);
 }
 
+static void cannot_tell(void)
+{
+    _exit(CANNOT_TELL);
+}
+
 /* Ends by _exit: what the parent has to print or to close is the parent's. */
 static _Noreturn void be_child(const struct apart *how, void *context, pid_t parent, int fd)
 {
@@ -120,6 +126,7 @@ static _Noreturn void be_child(const struct apart *how, void *context, pid_t par
     struct outcome outcome = { .rc = MODAL_OK };
     FILE *to = fdopen(fd, "w");
 
+    json_memory_end(cannot_tell);
     prctl(PR_SET_PDEATHSIG, SIGKILL);
     if (to == NULL || getppid() != parent)
         _exit(CANNOT_TELL);

@@ -223,11 +223,11 @@ static int dispatch(const struct args *args, char **argv)
 int main(int argc, char **argv)
 {
     struct modal_error err = { 0 };
-    struct args args;
+    struct args args = { 0 };
     int status;
 
     signal(SIGPIPE, SIG_IGN);
-    outcome_begin();
+    outcome_begin(&args.json);
     terminal_guard();
     status = args_read(argc, (const char *const *)argv, &args, &err) == MODAL_OK
                  ? dispatch(&args, argv)

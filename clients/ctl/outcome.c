@@ -57,8 +57,21 @@ int outcome_failure(bool json, const struct modal_error *err, const cJSON *detai
     return modal_status_exit(err->status);
 }
 
-void outcome_begin(void)
+static const bool *as_json;
+
+static void end_without_memory(void)
 {
+    if (*as_json)
+        puts("{\"error\":{\"code\":\"no_memory\",\"message\":\"no memory for a document\"}}");
+    else
+        fputs("modalctl: no_memory: no memory for a document\n", stderr);
+    exit(modal_status_exit(MODAL_NO_MEMORY));
+}
+
+void outcome_begin(const bool *json)
+{
+    as_json = json;
+    json_memory_end(end_without_memory);
     for (int fd = STDIN_FILENO; fd <= STDERR_FILENO; fd++)
         if (fcntl(fd, F_GETFD) < 0 && errno == EBADF
             && open("/dev/null", fd == STDIN_FILENO ? O_WRONLY : O_RDONLY) != fd)

@@ -18,8 +18,10 @@ cJSON *outcome_error(const struct modal_error *err, const cJSON *detail);
 int outcome_failure(bool json, const struct modal_error *err, const cJSON *detail);
 
 /* Before any file is opened: of stdin, stdout and stderr those that are closed are /dev/null, of
- * which what uses them fails; else a file would have the number, and what is printed go into it. */
-void outcome_begin(void);
+ * which what uses them fails; else a file would have the number, and what is printed go into it.
+ * From then on a document that there is no memory for ends the program, which says so as *JSON has
+ * it. */
+void outcome_begin(const bool *json);
 /* The exit status of what had STATUS: where not all that was printed could be written, that of
  * MODAL_IO, which is told on stderr. */
 int outcome_end(int status);

@@ -7,6 +7,23 @@
 #include <string.h>
 #include "base/near.h"
 
+static void (*ended)(void);
+
+static void *allocate(size_t size)
+{
+    void *block = malloc(size);
+
+    if (block == NULL)
+        ended();
+    return block;
+}
+
+void json_memory_end(void (*end)(void))
+{
+    ended = end;
+    cJSON_InitHooks(&(cJSON_Hooks) { .malloc_fn = allocate, .free_fn = free });
+}
+
 void json_path(char out[JSON_PATH_SIZE], const char *base, const char *key)
 {
     /* an empty key has a name too, or the error would name the document */

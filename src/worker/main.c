@@ -13,6 +13,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
+#include "base/json.h"
 #include "base/machine.h"
 #include "base/utf8.h"
 #include "job/blas_core.h"
@@ -189,6 +190,16 @@ static bool is_final(enum modal_status status)
     return status == MODAL_DENIED || status == MODAL_BAD_VERSION || status == MODAL_BAD_INPUT;
 }
 
+/* The daemon tries the job again, and keeps what is said with it. */
+static void end_without_memory(void)
+{
+    static const char text[] = "modald-worker: no memory for a document\n";
+
+    if (write(STDERR_FILENO, text, sizeof text - 1) < 0)
+        _exit(2);
+    _exit(1);
+}
+
 int main(int argc, char **argv)
 {
     struct arguments arguments;
@@ -201,6 +212,7 @@ int main(int argc, char **argv)
         fprintf(stderr, "modald-worker: %s\n", err.message);
         return 1;
     }
+    json_memory_end(end_without_memory);
     blas_core_ensure(argv);
     wanted = read_arguments(argc, argv, &arguments);
     if (wanted != 0)

@@ -1,12 +1,14 @@
-"""F10: the n-th allocation of the daemon, or of a worker, fails: an error that says so, or a
-restart; nothing acknowledged is lost.
+"""F10: the n-th allocation of the daemon, of a worker or of modalctl fails: an error that says so,
+or a restart; nothing acknowledged is lost, and no result is another.
 
 n goes up by a stride through everything that the process allocates; MODALD_ALLOCATIONS tries more
 of them.
 """
+import json
 import os
 import pathlib
 import shutil
+import subprocess
 import sys
 import time
 
@@ -157,3 +159,50 @@ def test_the_nth_allocation_of_a_worker_fails_and_the_job_still_ends(tmp_path, c
         print(f"\nP4: allocation n of the worker fails: {tried} tried, {reached} reached, jobs "
               f"{ends}, daemon alive each time")
     assert reached > 0
+
+
+def without_times(value):
+    """A document without what two runs of it differ in."""
+    if isinstance(value, dict):
+        return {key: without_times(v) for key, v in value.items()
+                if key not in ("cost", "seconds")}
+    return [without_times(v) for v in value] if isinstance(value, list) else value
+
+
+SCENE = {"structure": {"type": "chain", "masses": [1], "springs": [100, 0], "dampers": [0.4, 0]},
+         "excitation": [{"dof": "x1", "k": 1, "cos": 1}], "omega": 5}
+
+
+def test_where_the_nth_allocation_of_modalctl_fails_no_result_is_another(tmp_path, capsys):
+    """One document, whole, or an error: a member that cJSON has no memory for it leaves out.  A
+    verdict that there was no memory for is left open, and a diagnostic says so."""
+    (tmp_path / "scene.json").write_text(json.dumps(SCENE))
+    mark = tmp_path / "reached"
+
+    def run(n):
+        mark.unlink(missing_ok=True)
+        return subprocess.run(
+            [BUILD / "bin" / "modalctl", "--json", "--local", "steady", tmp_path / "scene.json"],
+            capture_output=True, timeout=250,
+            env={**os.environ, "LD_PRELOAD": str(SHIM), "MALLOC_FAIL": str(n),
+                 "MALLOC_PROGRAM": "modalctl", "MALLOC_MARK": str(mark)})
+
+    whole, n, ends = without_times(json.loads(run(10**9).stdout)), 64, {}
+    while run(n) and mark.exists():
+        n *= 2
+    for i in range(n, 0, -max(1, n // TRIES)):
+        done = run(i)
+        if not mark.exists():
+            continue
+        ends[done.returncode] = ends.get(done.returncode, 0) + 1
+        if done.returncode not in (0, 1, 2):    # the loader and libgfortran end programs themselves
+            assert done.stderr and not done.stdout, (i, done)
+            continue
+        said = without_times(json.loads(done.stdout))
+        if done.returncode:
+            assert "error" in said, (i, done)
+        elif said["diagnostics"] == whole["diagnostics"]:
+            assert said == whole, (i, said)
+    with capsys.disabled():
+        print(f"\nallocation n of modalctl fails: of {n}, ends {ends}")
+    assert ends.get(1, 0) > 0

@@ -20,7 +20,7 @@ if(CMAKE_SYSTEM_PROCESSOR STREQUAL x86_64)
   target_sources(modalctl PRIVATE ${lazy_calls})
   target_link_options(modalctl PRIVATE "-Wl,--export-dynamic-symbol=H5*_g")     # HDF5's objects: one for it and the program
 
-  foreach(guarded connect recv crypto_box_open_afternm)                         # the program's for libzmq too, which is not linked
+  foreach(guarded connect recv crypto_box_open_afternm LAPACKE_xerbla)          # the program's for libzmq and LAPACKE too, which are not linked
     target_link_options(modalctl PRIVATE -Wl,--export-dynamic-symbol=${guarded})
   endforeach()
 

@@ -2,19 +2,29 @@
  * guess might */
 #include "broker/kit/memory.h"
 #include "base/canonical.h"
+#include "base/json.h"
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
+static void end_without_memory(void)
+{
+    fputs("level=crit event=no_memory\n", stderr);
+    fflush(stderr);
+    abort();
+}
+
 static void *checked(void *p)
 {
-    if (p == NULL) {
-        fputs("level=crit event=no_memory\n", stderr);
-        fflush(stderr);
-        abort();
-    }
+    if (p == NULL)
+        end_without_memory();
     return p;
+}
+
+void grab_documents(void)
+{
+    json_memory_end(end_without_memory);
 }
 
 /* calloc passes the thread's own cache by, which is where small blocks come from. */

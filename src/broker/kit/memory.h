@@ -18,6 +18,9 @@ char *grab_format(const char *format, ...) __attribute__((format(printf, 1, 2)))
  * JSON. */
 void text_clean(char *text, size_t size);
 
+/* From here on documents of cJSON end the process too where there is no memory for a part of
+ * them. */
+void grab_documents(void);
 /* canonical_text of base/canonical.h, the caller's to free. */
 char *grab_canonical(const cJSON *value);
 

@@ -4,6 +4,7 @@
 #include <string.h>
 #include <sys/stat.h>
 #include "base/near.h"
+#include "broker/kit/memory.h"
 #include "broker/shell/daemon.h"
 #include "broker/shell/config.h"
 
@@ -96,6 +97,7 @@ int main(int argc, char **argv)
     struct arguments arguments = { argc, argv, false };
     struct modal_error err = { 0 };
 
+    grab_documents();
     for (int i = 1; i < argc; i++) {
         if (strcmp(argv[i], "--version") == 0) {
             printf("modald %s\n", MODALD_VERSION);

@@ -256,6 +256,7 @@ def test_times_of_a_file_in_another_unit_than_seconds_are_refused_with_the_unit(
     error = ctl("identify", tmp_path / "x").document["error"]
     assert (error["code"], error["field"]) == ("bad_input", "time"), error
     assert f"in {unit};" in error["message"] and "--ignore-time" in error["message"], error
+    assert "what is no time needs another name" in error["message"], error
     assert ctl("identify", tmp_path / "x", "--dt", DT, "--ignore-time", "-o",
                "rank.fixed=6").status == 0
 
@@ -297,7 +298,8 @@ def step_of_unit(path, name, value, unit):
 
 
 @pytest.mark.parametrize("name, value, unit", [("dt", 1e3 * DT, "ms"), ("fs", 1e-3 / DT, "kHz"),
-                                               ("Fs", 1e-6 / DT, "MHz"), ("dt", 1 / DT, "Hz")])
+                                               ("Fs", 1e-6 / DT, "MHz"), ("fs", 1e3 / DT, "mHz"),
+                                               ("dt", 1 / DT, "Hz")])
 def test_a_step_and_a_rate_in_another_unit_are_refused_with_the_unit(name, value, unit, ctl,
                                                                      tmp_path):
     """They were taken for s and Hz."""

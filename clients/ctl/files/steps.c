@@ -17,15 +17,20 @@ const char *steps_behind_time(const char *name)
     return NULL;
 }
 
-/* The one of WORDS, the last of which is NULL, that stands first in TEXT, bare or in brackets. */
+/* The one of WORDS, the last of which is NULL, that stands first in TEXT, bare or in brackets; but
+ * for its case where none is written so: mHz is no MHz. */
 static const char *word_of(const char *text, const char *const words[])
 {
     const char *at = text != NULL ? text + strspn(text, " _-.,:/[(<") : "";
     size_t length = strcspn(at, " _-.,:/])>"), i = 0;
 
-    while (words[i] != NULL
-           && (strlen(words[i]) != length || strncasecmp(at, words[i], length) != 0))
+    while (words[i] != NULL && (strlen(words[i]) != length || strncmp(at, words[i], length) != 0))
         i++;
+    if (words[i] != NULL)
+        return words[i];
+    for (i = 0; words[i] != NULL; i++)
+        if (strlen(words[i]) == length && strncasecmp(at, words[i], length) == 0)
+            break;
     return words[i];
 }
 
@@ -45,7 +50,7 @@ const char *steps_unit(const char *text)
 
 const char *steps_rate_unit(const char *text)
 {
-    static const char *const rates[] = { "Hz", "kHz", "MHz", "GHz", NULL };
+    static const char *const rates[] = { "Hz", "kHz", "MHz", "mHz", "GHz", NULL };
     const char *rate = word_of(text, rates);
 
     return rate != NULL ? rate : "";
@@ -57,7 +62,8 @@ enum modal_status steps_unit_check(const char *unit, const char *path, const cha
     if (unit[0] == 0 || strcmp(unit, "s") == 0 || options->ignore_time)
         return MODAL_OK;
     return modal_fail_field(err, MODAL_BAD_INPUT, "time", "%s: %s says its times in %s; accepted: "
-                            "in s, or --dt SECONDS with --ignore-time", path, what, unit);
+                            "in s, or --dt SECONDS with --ignore-time; what is no time needs "
+                            "another name", path, what, unit);
 }
 
 size_t steps_turn_back(const double *t, size_t n, size_t stride)

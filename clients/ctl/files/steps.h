@@ -17,7 +17,7 @@ const char *steps_behind_time(const char *name);
 /* The unit of time in TEXT, such as "[ms]" or "_min"; "s" for the second however it is written, "":
  * none.  Of "ms since 2020-01-01" it is the first word. */
 const char *steps_unit(const char *text);
-/* As steps_unit, of a sampling rate: "Hz", "kHz", "MHz", "GHz" or "". */
+/* As steps_unit, of a sampling rate: "Hz", "kHz", "MHz", "mHz", "GHz" or "". */
 const char *steps_rate_unit(const char *text);
 /* MODAL_BAD_INPUT, field "time", where UNIT is neither "s" nor "": times that WHAT says in it are
  * another step than they seem, and OPTIONS do not pass them over. */

@@ -32,6 +32,7 @@
 #include "modal/steady/aft.h"
 #include "modal/steady/balance.h"
 #include "modal/steady/condense.h"
+#include "modal/steady/graze.h"
 #include "modal/steady/iterate.h"
 #include "modal/steady/pattern.h"
 #include "modal/steady/session.h"
@@ -450,6 +451,7 @@ static enum modal_status doubt_of(struct balance *b, const struct unheld *m,
 enum modal_status estimate_errors(struct steady *s, struct balance *b, struct steady_point *point,
                                   struct modal_error *err)
 {
+    const struct iterate_options opt = steady_iterate_options(s);
     struct estimate e;
     double doubtful = 0;
     enum modal_status rc = estimate_init(s, b, &e, err);
@@ -457,6 +459,10 @@ enum modal_status estimate_errors(struct steady *s, struct balance *b, struct st
     point->truncation = point->sampling = point->solver = point->error = NAN;
     if (rc == MODAL_OK)
         rc = balance_residual(b, point->X, false, err);
+    if (rc == MODAL_OK)
+        rc = graze_leave(b, &opt, point->X, err);
+    if (rc == MODAL_OK)
+        point->residual = balance_relative_residual(b, point->X);
     /* A chord needs no better matrix than the one its steps had. */
     if (rc == MODAL_OK && !b->pattern->full)
         /* off by its gain, a tenth, where it is short */

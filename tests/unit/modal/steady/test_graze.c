@@ -1,0 +1,115 @@
+/* A body that nothing holds, and a stop that it meets by a hair. */
+#include "check.h"
+#include <complex.h>
+#include <math.h>
+#include "modal/steady/condense.h"
+#include "modal/steady/graze.h"
+#include "modal/steady/solve.h"
+#include "modal/steady/stability.h"
+#include "scene_text.h"
+
+#define OMEGA 1.3
+#define CLEARANCE 0.2
+#define LOAD "'excitation':[{'dof':'x1','k':1,'cos':1}"
+#define STOP "'omega':1.3,'effects':[{'type':'gap','dof':'x1','stiffness':1000,'clearance':0.2}"
+#define ONE "{'structure':{'type':'matrices','M':[[1]],'C':[[0.1]],'K':[[0]]}," STOP "]," LOAD
+/* the second stop is far off */
+#define TWO \
+    "{'structure':{'type':'matrices','M':[[1,0],[0,2]],'C':[[0.16,-0.06],[-0.06,0.26]]," \
+    "'K':[[3,-3],[-3,3]]}," STOP ",{'type':'gap','dof':'x2','stiffness':10,'clearance':50}]," LOAD
+
+/* The first harmonics without a stop, multiplied out: (K - w^2 M + i w C) X = (1, 0). */
+static void without_stop(int n, double complex *X)
+{
+    double w = OMEGA;
+    double complex a, d, b, det;
+
+    if (n == 1) {
+        X[0] = 1 / (-w * w + I * w * 0.1);
+        return;
+    }
+    a = 3 - w * w + I * w * 0.16;
+    d = 3 - 2 * w * w + I * w * 0.26;
+    b = -3 - I * w * 0.06;
+    det = a * d - b * b;
+    X[0] = d / det;
+    X[1] = -b / det;
+}
+
+/* The scene TEXT of n masses from the motion without its stop, which that is met by DEPTH in. */
+static struct steady *from_depth(const char *text, int n, double depth, struct program **p,
+                                 struct steady_point *point)
+{
+    enum { H = 15 };
+    double complex X1[2], X[2 * (H + 1)] = { 0 };
+    struct steady_options opt = { .harmonics = H };
+    struct steady_start start;
+    struct steady *s;
+
+    *p = program_text(text);
+    CHECK(steady_new(*p, &opt, &s, NULL) == MODAL_OK);
+    without_stop(n, X1);
+    start = (struct steady_start){ condense_kept(steady_condense(s)), H, X };
+    for (int i = 0; i < start.q; i++) {
+        X[i * (H + 1)] = CLEARANCE + depth - cabs(X1[0]);
+        X[i * (H + 1) + 1] = X1[i];
+    }
+    CHECK(steady_solve(s, OMEGA, &start, point, NULL) == MODAL_OK && point->converged);
+    return s;
+}
+
+TEST(a_free_body_that_newtons_method_leaves_at_a_stop_by_a_hair_has_a_free_mean)
+{
+    static const double depths[] = { 1e-4, 1e-6, 1e-8 };
+
+    for (int r = 0; r < 6; r++) {
+        int n = 1 + r % 2;
+        double complex X1[2], found[2][16];
+        struct program *p;
+        struct steady_point point;
+        struct stability st;
+        struct steady *s = from_depth(n == 1 ? ONE "]}" : TWO "]}", n, depths[r / 2], &p, &point);
+
+        without_stop(n, X1);
+        CHECK(point.open && point.error < 1e-9 && point.residual < 1e-13);
+        for (int i = 0; i < n; i++) {
+            CHECK(steady_recover(s, &point, i, found[i], NULL) == MODAL_OK);
+            CHECK(cabs(found[i][1] - X1[i]) < 1e-12);
+        }
+        /* a whole swing off the stop, and all of one body */
+        CHECK(creal(found[0][0]) < CLEARANCE - 1.9 * cabs(X1[0]));
+        CHECK(n == 1 || cabs(found[1][0] - found[0][0]) < 1e-9);
+        CHECK(stability_of(s, &point, &st, NULL) == MODAL_OK);
+        CHECK(st.verdict == STABILITY_UNDECIDED && fabs(st.largest - 1) < 1e-8);
+        stability_done(&st);
+        steady_point_done(&point);
+        steady_free(s);
+        program_free(p);
+    }
+}
+
+TEST(a_body_that_a_load_presses_on_its_stop_stays_there)
+{
+    for (int n = 1; n <= 2; n++) {
+        struct program *p;
+        struct steady_point point;
+        struct steady *s = from_depth(n == 1 ? ONE ",{'dof':'x1','k':0,'cos':1e-6}]}"
+                                             : TWO ",{'dof':'x1','k':0,'cos':1e-6}]}",
+                                      n, 1e-4, &p, &point);
+        double complex found[16];
+        double far = -HUGE_VAL;
+
+        CHECK(!point.open && steady_recover(s, &point, 0, found, NULL) == MODAL_OK);
+        for (int j = 0; j < 4096; j++) {
+            double x = 0;
+
+            for (int k = 0; k < 16; k++)
+                x += creal(found[k] * cexp(I * k * j * (2 * M_PI / 4096)));
+            far = fmax(far, x);
+        }
+        CHECK(far > CLEARANCE && far < CLEARANCE + 1e-4);
+        steady_point_done(&point);
+        steady_free(s);
+        program_free(p);
+    }
+}

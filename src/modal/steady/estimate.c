@@ -58,8 +58,23 @@ enum {
     WIDE_LEAST = 64,            /* harmonics that fall as k^-3 are 64 times smaller there */
     WIDEN = 4,   /* k^-3 falls to a 64th */
     WIDEN_ON_INPUTS = 2,        /* of the modes that few harmonics need; to an eighth */
-    WIDE_MORE = 64              /* where four times as many are too many */
+    WIDE_MORE = 64,             /* where four times as many are too many */
+    WIDE_KEPT = 1 << 16         /* stiffnesses that a wide balance is kept with: a megabyte */
 };
+
+/* s->peaks of N samples: one is planned for longer than it is used. */
+static enum modal_status set_peaks(struct steady *s, int N, struct modal_error *err)
+{
+    enum modal_status rc;
+
+    if (s->peak_samples == N)
+        return MODAL_OK;
+    orbit_grid_free(s->peaks);
+    s->peaks = NULL;
+    rc = orbit_grid_new(N, &s->peaks, err);
+    s->peak_samples = rc == MODAL_OK ? N : 0;
+    return rc;
+}
 
 /* The peak over time and counted dofs of the motion whose kept part is E - X (loads cancel). */
 static enum modal_status peak_of_change(struct steady *s, const double complex *E,
@@ -70,8 +85,7 @@ static enum modal_status peak_of_change(struct steady *s, const double complex *
         count = s->opt.dofs != NULL ? s->opt.dofs_count : s->p->n;
     double complex *a = calloc((size_t)H + 1, sizeof *a), *b = calloc((size_t)H + 1, sizeof *b);
     double *x = calloc((size_t)N, sizeof *x);
-    struct orbit_grid *g = NULL;
-    enum modal_status rc = orbit_grid_new(N, &g, err);
+    enum modal_status rc = set_peaks(s, N, err);
 
     (void)q;
     if (rc == MODAL_OK && (a == NULL || b == NULL || x == NULL))
@@ -84,15 +98,14 @@ static enum modal_status peak_of_change(struct steady *s, const double complex *
         if (rc != MODAL_OK)
             break;
         if (amplitude != NULL)
-            *amplitude = fmax(*amplitude, orbit_peak(g, H, b, x));
+            *amplitude = fmax(*amplitude, orbit_peak(s->peaks, H, b, x));
         for (int k = 0; k <= H; k++)
             a[k] -= b[k];                               /* loads cancel in the difference */
-        *out = fmax(*out, orbit_peak(g, H, a, x));
+        *out = fmax(*out, orbit_peak(s->peaks, H, a, x));
     }
     free(a);
     free(b);
     free(x);
-    orbit_grid_free(g);
     return rc;
 }
 
@@ -300,19 +313,38 @@ static enum modal_status wide_balance(struct steady *s, int H2, int N2, bool loc
     return rc;
 }
 
+/* The same for estimates, the session's: the last serves again where it is such a one, as from
+ * point to point of a curve. */
+static enum modal_status kept_wide(struct steady *s, int H2, int N2, struct balance **out,
+                                   struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+
+    if (s->wide == NULL || s->wide->H != H2 || aft_samples(s->wide->aft) != N2) {
+        balance_free(s->wide);
+        s->wide = NULL;
+        rc = wide_balance(s, H2, N2, !s->opt.unlocated || s->exact, &s->wide, err);
+    }
+    *out = s->wide;
+    return rc;
+}
+
 struct estimate {
     int H2;
     struct unheld mean;
-    struct balance *wide;                   /* of H2 harmonics */
+    struct balance *wide;                   /* of H2 harmonics, the session's */
     double complex *W, *sampled, *E;        /* X widened; its chord step, (2) without the tail;
                                              * and with it */
     double *y;
 };
 
-/* Frees what E holds. */
-static void estimate_done(struct estimate *e)
+/* Frees what E holds, and S's wide balance where it is large: filling it costs more than a plan. */
+static void estimate_done(struct steady *s, struct estimate *e)
 {
-    balance_free(e->wide);
+    if (s->wide != NULL && (long)pattern_entries(s->wide->pattern) * s->wide->H > WIDE_KEPT) {
+        balance_free(s->wide);
+        s->wide = NULL;
+    }
     free(e->mean.V.x);
     free(e->W);
     free(e->sampled);
@@ -339,7 +371,7 @@ static enum modal_status estimate_init(struct steady *s, const struct balance *b
                             .y = calloc((size_t)b->order + 1, sizeof *e->y) };
     if (e->W == NULL || e->sampled == NULL || e->E == NULL || e->y == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory for an estimate");
-    return wide_balance(s, H2, N2, !s->opt.unlocated || s->exact, &e->wide, err);
+    return kept_wide(s, H2, N2, &e->wide, err);
 }
 
 /* The wide balance at the frequency of B: of many linear dofs, of which each harmonic takes sparse
@@ -493,7 +525,7 @@ enum modal_status estimate_errors(struct steady *s, struct balance *b, struct st
     }
 out:
     balance_set_order(b, b->H);
-    estimate_done(&e);
+    estimate_done(s, &e);
     return rc == MODAL_OVERFLOW ? MODAL_OK : rc;
 }
 

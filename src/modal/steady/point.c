@@ -133,6 +133,15 @@ enum modal_status steady_balance(struct steady *s, int H, struct balance **out,
     return rc;
 }
 
+void steady_drop_balances(struct steady *s)
+{
+    for (int i = 0; i < s->balances; i++)
+        balance_free(s->balance[i]);
+    s->balances = 0;
+    balance_free(s->wide);
+    s->wide = NULL;
+}
+
 struct iterate_options steady_iterate_options(const struct steady *s)
 {
     return (struct iterate_options){ .tolerance = s->opt.tolerance,

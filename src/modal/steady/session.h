@@ -4,6 +4,7 @@
 #include "modal/steady/point.h"
 
 struct iterate_options;
+struct orbit_grid;
 struct settled;               /* by_cycle.c */
 
 /* Orders whose balances are kept: H doubles, and a way or a search asks for a few in between. */
@@ -29,6 +30,9 @@ struct steady {
     struct joint *joint;        /* of its balances (by_inputs.h); NULL: none */
     struct balance *balance[BALANCES];
     int balances;               /* of them */
+    struct balance *wide;       /* of the last estimate, wider than its point; NULL: none yet */
+    struct orbit_grid *peaks;   /* that its motions are looked at on, */
+    int peak_samples;           /* of so many; 0: none yet */
     struct budget budget;       /* of the solution under way */
     double in_vain;             /* operations of stability that gave no verdict, by windows of
                                  * Hill's matrix, of all points so far */
@@ -40,6 +44,8 @@ struct steady {
     bool searching;             /* for all solutions: motions at rest are found as the others are */
 };
 
+/* Frees S's balances, wide and other, as where its kept dofs change. */
+void steady_drop_balances(struct steady *s);
 /* Samples: the least power of 2 that is not below LEAST, at most 2^17. */
 int steady_power_of_two(long least);
 /* The options of one attempt by this session. */

@@ -177,8 +177,8 @@ void steady_free(struct steady *s)
 {
     if (s == NULL)
         return;
-    for (int i = 0; i < s->balances; i++)
-        balance_free(s->balance[i]);
+    steady_drop_balances(s);
+    orbit_grid_free(s->peaks);
     joint_free(s->joint);
     condense_free(s->c);
     at_rest_free(s->rest);
@@ -658,9 +658,7 @@ static enum modal_status condense_nothing(struct steady *s, struct modal_error *
 
     if (rc != MODAL_OK)
         return rc;
-    for (int i = 0; i < s->balances; i++)
-        balance_free(s->balance[i]);
-    s->balances = 0;                                    /* they were of the other kept dofs */
+    steady_drop_balances(s);                            /* they were of the other kept dofs */
     condense_free(s->c);
     s->c = all;
     return MODAL_OK;

@@ -307,6 +307,8 @@ enum modal_status aft_soften(struct aft *w, double most, struct modal_error *err
 void aft_set_order(struct aft *w, int HJ) { w->HJ = HJ; }
 int aft_samples(const struct aft *w) { return w->N; }
 long aft_transforms(const struct aft *w) { return orbit_grid_transforms(w->grid); }
+double aft_summed(const struct aft *w) { return w->summed; }
+
 long aft_events(const struct aft *w)
 {
     long count = 0;

@@ -58,6 +58,8 @@ long aft_transforms(const struct aft *w);
 /* Turns of the laws' motions and events of their pieces in the last force: each is a root of a sum
  * of H terms. */
 long aft_events(const struct aft *w);
+/* Products of harmonics that were summed so far, (2) of aft_events.c. */
+double aft_summed(const struct aft *w);
 /* Of law LAW so far: one a sample, or N for the pieces of a period. */
 long aft_evaluations(const struct aft *w, int law);
 /* Whether law LAW slipped or touched in the last force. */

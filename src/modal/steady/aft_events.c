@@ -75,10 +75,12 @@ void aft_mask(struct aft *w, double length, int most)
 }
 
 /* (2): F_k += of gain G (known to m = K + H) times motion D (0 .. H), k = 0 .. K. */
-static void convolve_add(const double complex *G, const double complex *D, int H, int K,
-                         double complex *F)
+static void convolve_add(struct aft *w, const double complex *G, const double complex *D, int H,
+                         int K, double complex *F)
 {
     double F0 = creal(G[0]) * creal(D[0]);
+
+    w->summed += (double)H * K;
 
     for (int l = 1; l <= H; l++)                        /* (2), F_0 */
         F0 += creal(G[l]) * creal(D[l]) + cimag(G[l]) * cimag(D[l]);
@@ -253,6 +255,22 @@ void aft_waves(struct aft *w, struct aft_law *a)
     }
 }
 
+/* The same of cross, by way of samples: to 3H, times d v to 2H, and of N > 6H none of that falls on
+ * 0 .. H. */
+static void sampled_cross_add(struct aft *w, const struct aft_law *a, double complex *F)
+{
+    int H = w->H;
+
+    for (int m = 0; m <= 3 * H; m++)
+        w->wave[m] = (m > 0 ? 2 : 1) * a->cross[m];
+    orbit_synthesize(w->grid, 3 * H, w->wave, 0, w->samples);
+    for (int n = 0; n < w->N; n++)
+        w->samples[n] *= w->omega * a->in[0].d[n] * a->in[0].v[n];
+    orbit_analyze(w->grid, w->samples, H, w->wave);
+    for (int k = 0; k <= H; k++)
+        F[k] += w->wave[k];
+}
+
 /* F += harmonics of cross d v, d v = (d^2)' / 2: laws of one input. */
 static void cross_force(struct aft *w, const struct aft_law *a, double complex *F,
                         double complex *work)
@@ -265,10 +283,10 @@ static void cross_force(struct aft *w, const struct aft_law *a, double complex *
     for (int m = H + 1; m <= 3 * H; m++)
         two[m] = 0;
     memset(work, 0, (2 * (size_t)H + 1) * sizeof *work);
-    convolve_add(two, a->in[0].D, H, 2 * H, work);      /* d^2 */
+    convolve_add(w, two, a->in[0].D, H, 2 * H, work);   /* d^2 */
     for (int m = 0; m <= 2 * H; m++)
         work[m] *= I * (m * w->omega / 2);              /* (d^2)' / 2 */
-    convolve_add(a->cross, work, 2 * H, H, F);          /* times the mask of cross */
+    convolve_add(w, a->cross, work, 2 * H, H, F);       /* times the mask of cross */
 }
 
 /* (2), of a gain to m = 2H and a motion whose N samples are D, by way of samples: products reach
@@ -306,13 +324,13 @@ static void gain_force(struct aft *w, const struct aft_law *a, int i, double com
         if (by_samples(w, a, j))
             sampled_product_add(w, a->gain + (size_t)(i * inputs + j) * stride, a->in[j].d, 1, F);
         else
-            convolve_add(a->gain + (size_t)(i * inputs + j) * stride, a->in[j].D, a->in[j].top, H,
-                         F);
+            convolve_add(w, a->gain + (size_t)(i * inputs + j) * stride, a->in[j].D, a->in[j].top,
+                         H, F);
     if (a->damps && by_samples(w, a, 0))
         sampled_product_add(w, a->damp + (size_t)(i * inputs) * stride, a->in[0].v, w->omega, F);
     else if (a->damps) {
         rate_of(a->in[0].D, H, w->omega, work);
-        convolve_add(a->damp + (size_t)(i * inputs) * stride, work, H, H, F);
+        convolve_add(w, a->damp + (size_t)(i * inputs) * stride, work, H, H, F);
     }
 }
 
@@ -345,7 +363,10 @@ void aft_waves_force(struct aft *w, struct aft_law *a, int i, double complex *F,
         aft_waves_force(w, a, i, F, work);
         return;
     }
-    if (a->crosses)
+    /* (2) is of 2 H by 2 H there */
+    if (a->crosses && !a->stiff && w->N > 6 * w->H && 4.0 * w->H * w->H > DIRECT * w->N)
+        sampled_cross_add(w, a, F);
+    else if (a->crosses)
         cross_force(w, a, F, work);
 }
 
@@ -358,12 +379,12 @@ void aft_cross_gains(struct aft *w, struct aft_law *a, double complex *work)
     if (!a->crosses)                                    /* no damping times displacement */
         return;
     memset(w->product, 0, stride * sizeof *w->product);
-    convolve_add(a->cross, a->in[0].D, H, 2 * H, w->product);
+    convolve_add(w, a->cross, a->in[0].D, H, 2 * H, w->product);
     for (int m = 0; m <= 2 * H; m++)
         a->damp[m] += w->product[m] / (m > 0 ? 2 : 1);  /* d(cross d v)/dv = cross d */
     rate_of(a->in[0].D, H, w->omega, work);
     memset(w->product, 0, stride * sizeof *w->product);
-    convolve_add(a->cross, work, H, 2 * H, w->product);
+    convolve_add(w, a->cross, work, H, 2 * H, w->product);
     for (int m = 0; m <= 2 * H; m++)
         a->gain[m] += w->product[m] / (m > 0 ? 2 : 1);  /* d(cross d v)/dd = cross v */
 }

@@ -35,7 +35,7 @@ struct aft_law {
 struct aft {
     int q, H, N, laws, room, HJ;          /* HJ: of derivatives */
     bool located;                         /* pieces are asked for */
-    double omega;
+    double omega, summed;                 /* products of (2) of aft_events.c so far */
     struct orbit_grid *grid;              /* N instants, its transforms counted */
     struct aft_law *law;
     double complex *mask, *wave, *product;  /* `room` each */

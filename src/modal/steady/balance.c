@@ -331,9 +331,11 @@ static void linear_residual(struct balance *b, const double complex *X)
 enum modal_status balance_residual(struct balance *b, const double complex *X, bool derivative,
                                    struct modal_error *err)
 {
+    double summed = aft_summed(b->aft);
     enum modal_status rc = aft_force(b->aft, b->omega, X, b->F, err);
 
     budget_add(b->budget, (double)b->p->laws * aft_samples(b->aft) * BUDGET_SAMPLE
+               + BUDGET_PRODUCT * (aft_summed(b->aft) - summed)
                + (double)aft_events(b->aft) * BUDGET_EVENT * b->H
                + 8.0 * pattern_entries(b->pattern) * (b->H + 1));
     if (rc != MODAL_OK)

@@ -6,6 +6,7 @@
  *
  *     a law at one instant, its transforms included      BUDGET_SAMPLE        (balance.c, cycle.c)
  *     an event or a turn of a law's motion               BUDGET_EVENT H       (balance.c)
+ *     a gain's product with a motion, term by term       BUDGET_PRODUCT H^2   (balance.c)
  *     a residual's products with S_k                     8 an entry           (balance.c)
  *     a law's derivative                                 16 (HJ + 1)^2        (balance.c)
  *     a factorization                                    balance_dense_work or blocks_work
@@ -25,7 +26,8 @@ enum {
     BUDGET_DENSE = 4,      /* dense operations in the time of one on a scattered number */
     BUDGET_SAMPLE = 60,    /* of a law at one instant, its transforms included */
     BUDGET_SUM = 2,        /* a harmonic of a motion and its rates at one instant */
-    BUDGET_EVENT = 20      /* a harmonic: some five sums to polish it, and its waves to 3 H */
+    BUDGET_EVENT = 20,     /* a harmonic: some five sums to polish it, and its waves to 3 H */
+    BUDGET_PRODUCT = 2     /* of a piece's gain and a motion's harmonic: eight numbers read */
 };
 
 /* BUDGET may be NULL: nothing is counted, nothing spent. */

@@ -619,8 +619,8 @@ enum modal_status steady_extend(struct steady *s, const struct steady_point *poi
     y = calloc((size_t)b->order + 1, sizeof *y);
     low = calloc((size_t)b->q * ((size_t)b->H + 1) + 1, sizeof *low);
     rc = y == NULL || low == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory")
-                                  : wide_balance(s, H2, steady_power_of_two(4L * H2), true, &wide,
-                                                 err);
+                                  : wide_balance(s, H2, steady_power_of_two(4L * H2 + 1), true,
+                                                 &wide, err);
     if (rc == MODAL_OK)
         rc = balance_set(wide, point->omega, 1, err);
     if (rc == MODAL_OK)

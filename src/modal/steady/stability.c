@@ -35,8 +35,10 @@ static const double TWO_PI = 6.283185307179586477;   /* a period of theta */
 /* So many estimated errors of the multipliers count as one: the estimate is of the last
  * doubling. */
 static const double ERRORS = 10;
-/* The change at a doubling that says the multipliers have settled, for one near 1. */
-static const double SETTLED = 2e-11;
+/* The change at a doubling that says the multipliers have settled, for one near 1: ERRORS of it are
+ * within what is on the circle whatever they are.  They are good to a 63rd of it, as the steps are
+ * of the sixth order. */
+static const double SETTLED = STABILITY_ON_CIRCLE / 10;
 /* Rounding of a product of maps, in units of the last place a step. */
 static const double ROUNDING = 16;
 /* A doubling that does not halve the change has met rounding: the method is of the sixth order. */

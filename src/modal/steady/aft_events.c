@@ -364,7 +364,7 @@ void aft_waves_force(struct aft *w, struct aft_law *a, int i, double complex *F,
         return;
     }
     /* (2) is of 2 H by 2 H there */
-    if (a->crosses && !a->stiff && w->N > 6 * w->H && 4.0 * w->H * w->H > DIRECT * w->N)
+    if (a->crosses && !a->stiff && w->N > 6 * w->H && (2L * w->H) * (2L * w->H) > DIRECT * w->N)
         sampled_cross_add(w, a, F);
     else if (a->crosses)
         cross_force(w, a, F, work);

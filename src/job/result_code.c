@@ -119,6 +119,8 @@ const struct result_code result_codes[] = {
     { "error_unknown", "steady", "the derivative is singular at the solution",
       "take the motion without an error, or move the parameter" },
     { "stability_unknown", "steady", "it was not computed, and why", "see the reason" },
+    { "search_work_limit", "steady", "the search for all motions, or for a stable one beside an "
+      "unstable, ended where its work was spent", "march to one with simulate, and give `start`" },
     { "multipliers_unsettled", "floquet", "the leading multipliers are not told apart: the best so "
       "far", "give fewer `multipliers`" },
     { "multipliers_alike", "floquet", "others have the modulus of the last that is given",

@@ -56,6 +56,7 @@ static enum modal_status take_attractor(struct steady *s, struct steady_point *p
         struct stability was = *known;
 
         *point = other;
+        point->work = *steady_work(s);
         *known = st;
         other = last;
         st = was;
@@ -71,11 +72,11 @@ static enum modal_status prefer_stable(struct steady *s, const struct program *p
                                        struct steady_point *point, struct stability *known,
                                        struct modal_error *err)
 {
+    const struct budget *work = steady_work(s);
     struct stability st = { 0 };
     struct steady_point *points = NULL;
     int count = 0, stable = -1;
     bool done = false;
-    double spent = 0;
     enum modal_status rc = stability_of(s, point, known, err);
 
     if (rc != MODAL_OK || known->verdict != STABILITY_UNSTABLE)
@@ -84,13 +85,12 @@ static enum modal_status prefer_stable(struct steady *s, const struct program *p
     if (rc != MODAL_OK || done)
         return rc;
     rc = steady_solve_all(s, p->omega, NULL, point, &points, &count, err);
-    /* Looking for it may cost as much as the one verdict may; the first is what is known. */
-    for (int i = 1; rc == MODAL_OK && i < count && stable < 0 && spent <= known->work.most; i++) {
+    /* the first is what is known */
+    for (int i = 1; rc == MODAL_OK && i < count && stable < 0 && !budget_spent(work); i++) {
         if (points[i].converged)             /* with the harmonics that its own error asks for */
             rc = steady_refine(s, &points[i], err);
         if (rc == MODAL_OK && points[i].converged)
             rc = stability_of(s, &points[i], &st, err);
-        spent += st.work.spent;
         if (rc == MODAL_OK && points[i].converged && st.verdict == STABILITY_STABLE)
             stable = i;
         if (stable < 0)
@@ -104,8 +104,12 @@ static enum modal_status prefer_stable(struct steady *s, const struct program *p
         *point = points[stable];
         point->method = "multi-start";
         memset(&points[stable], 0, sizeof points[stable]);
-    } else if (rc == MODAL_OK && count > 0)
-        rc = steady_refine(s, point, err);
+    } else if (rc == MODAL_OK) {
+        point->unsought = budget_spent(work) || (count > 0 && points[0].unsought);
+        rc = count > 0 ? steady_refine(s, point, err) : MODAL_OK;
+    }
+    if (rc == MODAL_OK)
+        point->work = *work;
     for (int i = 0; i < count; i++)
         steady_point_done(&points[i]);
     free(points);

@@ -214,6 +214,9 @@ static void print_diagnostics(const struct program *p, const struct steady_setti
         diagnose(list, "error_unknown",
                  "the error could not be estimated: the derivative is singular at the solution%s",
                  "");
+    if (point->unsought)
+        diagnose(list, "search_work_limit", "the work allowed was spent before the search for "
+                 "other motions was over%s", "");
     if (st != NULL && st->verdict == STABILITY_UNKNOWN && st->reason != NULL)
         diagnose(list, "stability_unknown", "the stability was not computed: %s", st->reason);
 }

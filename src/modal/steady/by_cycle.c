@@ -35,11 +35,10 @@
 static const double FOLDS = 7;
 static const double TWO_PI = 6.283185307179586477;   /* a period of theta */
 /* Of the budget, what a motion sought in time may cost: it serves the balances of all orders, which
- * have the rest. */
-static const double SHARE_OF_TIME = 0.25;
-/* The same of one sought beside an unstable answer: an attractor is near within some tens of
- * periods, or transients are too long. */
-static const double SHARE_OF_STABLE = 0.1;
+ * have the rest; and of what is left of it, what one sought beside an unstable answer may. */
+static const double SHARE_OF_TIME = 0.5;
+/* The same of a look at an answer in time, which is near. */
+static const double SHARE_OF_LOOK = 0.1;
 /* Errors are of first order, and multipliers of the motion as the series has it: both hold while
  * what that leaves of the equation of motion is little beside the forces that act.  From a tenth
  * of these on a contact may be met at other instants than it is, and time is asked. */
@@ -199,7 +198,7 @@ static enum modal_status ask_mean(struct steady *s, struct balance *b, struct st
 {
     enum modal_status rc;
 
-    if (s->jumps || steady_factor_work(s, b->H) > SHARE_OF_STABLE * s->budget.most)
+    if (s->jumps || steady_factor_work(s, b->H) > SHARE_OF_LOOK * s->budget.most)
         return MODAL_OK;
     rc = balance_residual(b, point->X, false, err);
     if (rc == MODAL_OK)
@@ -442,7 +441,7 @@ static enum modal_status take_cycle(struct steady *s, struct settle *search, str
 
     if (!c->closed)
         return far > OFF_MOST * point->error ? ask_finer(s, point, err) : MODAL_OK;
-    rc = settle_multipliers(search, SHARE_OF_STABLE * s->budget.most, c, err);
+    rc = settle_multipliers(search, SHARE_OF_LOOK * s->budget.most, c, err);
     if (rc == MODAL_OK)
         rc = cycle_point(s, c, point->omega, point, err);
     if (rc == MODAL_OK)
@@ -456,7 +455,7 @@ enum modal_status time_look(struct steady *s, struct steady_point *point, struct
     const struct steady_start start = { point->q, point->H, point->X };
     size_t n = (size_t)s->p->n;
     double *x = calloc((2 + SETTLE_INSTANTS) * n + 1, sizeof *x), far = 0,
-           most = SHARE_OF_STABLE * s->budget.most;
+           most = SHARE_OF_LOOK * s->budget.most;
     struct settle *search = NULL;
     struct cycle c = { 0 };
     bool ended = false;
@@ -489,6 +488,7 @@ enum modal_status time_look(struct steady *s, struct steady_point *point, struct
 /* A search in time and what it found. */
 struct settled {
     struct settle *search;            /* NULL: it does not apply */
+    bool beside;                      /* an answer that is unstable */
     struct cycle motion;
 };
 
@@ -501,10 +501,12 @@ static enum modal_status search_in_time(struct steady *s, double omega,
     double *x = calloc(2 * (size_t)s->p->n + 1, sizeof *x), most;
     enum modal_status rc = MODAL_OK;
 
-    most = (attracted ? SHARE_OF_STABLE : SHARE_OF_TIME) * s->budget.most;
+    most = SHARE_OF_TIME * (attracted ? s->budget.most - s->budget.spent : s->budget.most);
     s->settled = calloc(1, sizeof *s->settled);
     if (x == NULL || s->settled == NULL)
         rc = modal_fail(err, MODAL_NO_MEMORY, "steady: no memory");
+    if (rc == MODAL_OK)
+        s->settled->beside = attracted;
     if (rc == MODAL_OK && settle_takes(s->p))
         rc = settle_new(s->p, omega, &opt, &s->settled->search, err);
     /* what has no such states is not followed */
@@ -575,11 +577,16 @@ enum modal_status time_attractor(struct steady *s, const struct balance *b, doub
 enum modal_status time_answer(struct steady *s, double omega, double rest,
                               struct steady_point *point, struct modal_error *err)
 {
-    double share = SHARE_OF_TIME * s->budget.most,
-           most = time_closed(s) ? fmax(rest, share) : fmin(rest, share);
+    double share = SHARE_OF_TIME * s->budget.most, most;
     enum modal_status rc = MODAL_OK;
 
-    if (s->settled == NULL || s->settled->search == NULL || most <= 0)
+    if (s->settled == NULL || s->settled->search == NULL)
+        return MODAL_OK;
+    /* beside an answer there is no need of one */
+    most = s->settled->beside ? time_closed(s) * rest
+           : time_closed(s)   ? fmax(rest, share)
+                              : fmin(rest, share);
+    if (most <= 0)
         return MODAL_OK;
     rc = settle_close(s->settled->search, most, &s->settled->motion, err);
     if (rc != MODAL_OK || !s->settled->motion.closed)

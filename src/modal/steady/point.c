@@ -8,8 +8,8 @@
  * Work.  The least factorization costs 2/3 n^3 of n = q (2 H + 1) unknowns where the matrix is full
  * (balance_dense_work), and about 2 q m^3, m = 2 H + 1, of blocks of a chain.  A solution may cost
  *
- *     most = min(WORK (1 + q / WORK_DOFS), WORK_FEW (1 + d / DOFS_FEW))
- *          + ASKED factorizations at the H asked for,                                           (1)
+ *     most = max(min(WORK (1 + q / WORK_DOFS), WORK_FEW (1 + (d / DOFS_FEW)^2)),
+ *                ASKED factorizations at the H asked for),                                      (1)
  *
  * counted in operations (budget.h), so that it ends at the same place on every machine; d: the
  * dofs that are stepped, kept or not.
@@ -35,10 +35,11 @@ static const double SHARED = 1e-10;
 static const double WORK = 3e9;
 /* Kept dofs that double it. */
 static const double WORK_DOFS = 100;
-/* Structures of few dofs are stepped and balanced for less, and what has no answer within it seldom
- * has one at all: chosen, two thirds of WORK at one dof, and all of it from nineteen. */
-static const double WORK_FEW = 2e9;
-static const double DOFS_FEW = 24;
+/* Structures of few dofs are stepped and balanced for less, and are to be answered in a second:
+ * chosen, a quarter of WORK.  A step takes 2 (2 d)^2 / BUDGET_DENSE operations beside some three
+ * hundred of its laws and calls: twice as many from a dozen dofs on. */
+static const double WORK_FEW = 0.75e9;
+static const double DOFS_FEW = 12;
 enum {
     REDUCE_LEAST = 48,    /* linear dofs below which factoring a band beats summing over their
                            * modes */
@@ -47,8 +48,8 @@ enum {
     N_MOST = 1 << 17,   /* 16 samples a harmonic of ORBIT_HARMONICS_MOST */
     N_PER_H = 4,          /* of the motion, */
     N_SAMPLED = 32,       /* and of laws that are neither polynomials nor of pieces */
-    /* factorizations at the harmonics asked for: some attempts of twenty steps */
-    ASKED = 100
+    ASKED = 30               /* factorizations at the harmonics asked for: an attempt of twenty
+                              * steps, and half as much for the ways from fewer */
 };
 
 /* A power of two transforms fastest. */
@@ -164,14 +165,14 @@ double steady_factor_work(const struct steady *s, int H)
 }
 
 /* A solution's budget begins: a hundred dofs that iterate may spend twice what one may, and whoever
- * asks for many harmonics as much as some attempts at them take. */
+ * asks for many harmonics as much as an attempt at them takes. */
 void steady_allow_work(struct steady *s)
 {
-    double q = condense_kept(s->c);
+    double q = condense_kept(s->c), d = s->p->n / DOFS_FEW,
+           most = fmin(WORK * (1 + q / WORK_DOFS), WORK_FEW * (1 + d * d)),
+           asked = s->opt.harmonics > 0 ? ASKED * steady_factor_work(s, s->opt.harmonics) : 0;
 
-    s->budget = (struct budget){ .most = fmin(WORK * (1 + q / WORK_DOFS),  /* from 0 */
-                                              WORK_FEW * (1 + s->p->n / DOFS_FEW))
-                                         + ASKED * steady_factor_work(s, s->opt.harmonics) };
+    s->budget = (struct budget){ .most = fmax(most, asked) };  /* from 0 */
 }
 
 int steady_counted_dof(const struct steady *s, int i)

@@ -62,9 +62,9 @@ struct steady_point {
     bool open;                /* nothing holds its mean (or some other direction), which is one
                                * of many; without error */
     bool wanting;             /* target_error asks for more work than is allowed */
+    bool unsought;            /* the work allowed ended the search for others beside it */
     int iterations, attempts;
-    struct budget work;       /* of the solution, and of the search where it was one of several
-                               * (budget.h) */
+    struct budget work;       /* of the solution, and of what was sought beside it (budget.h) */
     double omega, level;
     int q, H, N;
     double complex *X;        /* kept dofs, [i (H+1) + k] */

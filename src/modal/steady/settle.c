@@ -45,7 +45,7 @@ struct stage { double tolerance, closed, difference; };
 static const struct stage ROUGH = { 1e-6, 1e-3, 1e-3 };
 static const struct stage QUICK = { 0, 1e-6, 1e-5 };    /* of fixed steps */
 /* Of the work allowed, what the quick steps may take, which come far with it. */
-static const double SHARE_OF_QUICK = 0.3;
+static const double SHARE_OF_QUICK = 0.5;
 /* What halved steps may change of a period, of a state's unit: a start for the balance. */
 static const double QUICK_ENOUGH = 1e-2;
 static const struct stage FINE = { 1e-11, 1e-9, 1e-5 };

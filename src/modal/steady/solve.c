@@ -40,9 +40,9 @@ static const double PERIODIC = 10;
 static const double TOLERANCE_OF_STEPS = 1e-11;
 /* Operations that sparse factors may take a linear dof: half a minute for a hundred thousand. */
 static const double WORK_LINEAR = 3e5;
-/* Of the budget, what a search for others than the motion known may cost before what it found is
- * carried on: with that motion's own work a job stays near one budget. */
-static const double SHARE_OF_SEARCH = 1.0 / 6;
+/* Of what is left of the budget, what a search for others than the motion known may cost before
+ * what it found is carried on, which has the rest. */
+static const double SHARE_OF_SEARCH = 0.5;
 enum {
     H_AUTO_MOST = 256,       /* the last one that is tried unasked */
     H_LINEAR_MOST = 4096,   /* no iteration: each harmonic is one solve */
@@ -313,9 +313,10 @@ static enum modal_status widen_all(struct steady *s, const struct balance *few,
 }
 
 /* All solutions of B, whose one is X if that is not NULL: sought with so few harmonics that the
- * budget's SHARE reaches, and carried on. */
+ * SHARE of what is left of the budget reaches, and carried on; *ENDED: it was spent before. */
 static enum modal_status search(struct steady *s, struct balance *b, const double complex *X,
-                                double share, struct solutions *found, struct modal_error *err)
+                                double share, struct solutions *found, bool *ended,
+                                struct modal_error *err)
 {
     struct solutions_options opt = { .cancelled = s->opt.cancelled, .context = s->opt.context };
     struct solutions coarse = { 0 };
@@ -325,7 +326,6 @@ static enum modal_status search(struct steady *s, struct balance *b, const doubl
     bool same;
     enum modal_status rc = MODAL_OK;
 
-    steady_allow_work(s);
     most = s->budget.most;
     while ((H + 1) / 2 >= H_SEARCH && H / 2 > 2 * load
            && (double)SEARCH_SHARE * SEARCHES * steady_factor_work(s, H) > s->budget.most)
@@ -337,11 +337,12 @@ static enum modal_status search(struct steady *s, struct balance *b, const doubl
         rc = steady_balance(s, H, &few, err);
     if (rc == MODAL_OK)
         rc = balance_set(few, omega, 1, err);
-    s->budget.most = share * most;
+    s->budget.most -= (1 - share) * fmax(0, most - s->budget.spent);
     if (rc == MODAL_OK)
         rc = solutions_along_levels(few, &opt, same ? found : &coarse, err);
     if (rc == MODAL_OK)
         rc = solutions_from_starts(few, &opt, same ? found : &coarse, err);
+    *ended = budget_spent(&s->budget);
     s->budget.most = most;
     if (rc == MODAL_OK && !same)
         rc = widen_all(s, few, &coarse, b, found, err);
@@ -358,12 +359,15 @@ enum modal_status steady_solve_all(struct steady *s, double omega, const struct 
     struct solutions found = { 0 };
     struct steady_point *list = calloc(SOLUTIONS_MOST + 1, sizeof *list);
     struct balance *b = NULL;
+    double before = known != NULL ? s->budget.spent : 0;
+    bool ended = false;
     enum modal_status rc;
 
     s->searching = true;  /* the search is of the orders of laws that act */
     rc = list == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory")
          : known != NULL && known->linear == NULL ? point_copy(known, &list[0], err)
                                                   : steady_solve(s, omega, start, &list[0], err);
+    s->budget.spent = fmax(s->budget.spent, before);
     s->searching = false;
     *count = rc == MODAL_OK ? 1 : 0;
     if (rc != MODAL_OK || s->linear || list[0].followed || (s->jumps && !list[0].converged))
@@ -372,14 +376,16 @@ enum modal_status steady_solve_all(struct steady *s, double omega, const struct 
     rc = steady_balance(s, list[0].H, &b, err);
     if (rc == MODAL_OK)
         rc = balance_set(b, omega, 1, err);
+    if (known == NULL)
+        steady_allow_work(s);                           /* of KNOWN's budget the search is part */
     if (rc == MODAL_OK)
         rc = search(s, b, list[0].converged ? list[0].X : NULL,
-                    known != NULL ? SHARE_OF_SEARCH : 1, &found, err);
+                    known != NULL ? SHARE_OF_SEARCH : 1, &found, &ended, err);
     if (rc == MODAL_OK && found.count > 0) {
         /* The first way that led to any of them names all. */
         const char *method = list[0].converged ? list[0].method : "multi-start";
 
-        struct budget work = list[0].work;
+        struct budget work = known == NULL ? list[0].work : (struct budget){ 0 };
 
         steady_point_done(&list[0]);
         *count = 0;
@@ -388,6 +394,7 @@ enum modal_status steady_solve_all(struct steady *s, double omega, const struct 
             list[i].work = (struct budget) { work.spent + s->budget.spent,
                                              work.most + s->budget.most };
     }
+    list[0].unsought = ended;
     if (rc == MODAL_OK)
         rc = balance_set(b, omega, 1, err);
 out:
@@ -631,9 +638,8 @@ enum modal_status steady_refine(struct steady *s, struct steady_point *point,
         return MODAL_OK;
     if (s->opt.harmonics == 0 && !point->wanting && 2 * point->H <= H_AUTO_MOST
         && point->error > steady_target(s) * point->amplitude) {
-        steady_allow_work(s);
         rc = solve_to_target(s, point->omega, NULL, point, &fine, err);
-        work = (struct budget) { work.spent + s->budget.spent, work.most + s->budget.most };
+        work = s->budget;
     }
     if (rc == MODAL_OK && fine.converged && fine.error < point->error) {
         struct steady_point last = *point;
@@ -706,6 +712,8 @@ enum modal_status steady_solve(struct steady *s, double omega, const struct stea
     return rc;
 }
 
+const struct budget *steady_work(const struct steady *s) { return &s->budget; }
+
 enum modal_status steady_solve_attractor(struct steady *s, const struct steady_point *like,
                                          struct steady_point *point, bool *found,
                                          struct modal_error *err)
@@ -716,7 +724,6 @@ enum modal_status steady_solve_attractor(struct steady *s, const struct steady_p
 
     *found = false;
     memset(point, 0, sizeof *point);
-    steady_allow_work(s);
     if (rc == MODAL_OK)
         X = calloc((size_t)b->q * ((size_t)b->H + 1) + 1, sizeof *X);
     if (rc == MODAL_OK)
@@ -741,8 +748,7 @@ enum modal_status steady_follow_attractor(struct steady *s, double omega,
     memset(point, 0, sizeof *point);
     point->omega = omega;
     point->level = 1;
-    steady_allow_work(s);
-    rc = time_answer(s, omega, 0, point, err);
+    rc = time_answer(s, omega, fmax(0, s->budget.most - s->budget.spent), point, err);
     *found = rc == MODAL_OK && point->converged;
     point->attempts = 1;
     point->work = s->budget;

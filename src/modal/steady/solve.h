@@ -32,6 +32,11 @@ void steady_free(struct steady *s);
 enum modal_status steady_solve(struct steady *s, double omega, const struct steady_start *start,
                                struct steady_point *point, struct modal_error *err);
 
+/* The work of one answer is one budget: what steady_solve has left is what a search that sets out
+ * from its answer may spend, by steady_solve_attractor, steady_follow_attractor, steady_refine and
+ * steady_solve_all with KNOWN; verdicts (stability.h) have as much of their own, and count. */
+const struct budget *steady_work(const struct steady *s);
+
 /*
  * Every solution found at OMEGA: along the level of the loads and from many starts; points,
  * *COUNT of them, the caller's.
@@ -60,7 +65,7 @@ enum modal_status steady_follow_attractor(struct steady *s, double omega,
                                           struct modal_error *err);
 
 /* POINT, converged with default harmonics and an error above the target, is carried on from near
- * with more of them, as far as another budget reaches; it stays as it is where that fails or makes
+ * with more of them, as far as the budget reaches; it stays as it is where that fails or makes
  * its error no smaller, or was `wanting` before.  Its other dofs can be recovered then, those of
  * points with other harmonics not. */
 enum modal_status steady_refine(struct steady *s, struct steady_point *point,

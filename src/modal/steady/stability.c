@@ -285,6 +285,7 @@ static enum modal_status stability_alone(struct steady *s, const struct steady_p
                                          struct stability *out, struct modal_error *err)
 {
     struct disturbance u = { .s = s, .p = steady_program(s), .point = point, .budget = &s->budget };
+    struct budget answer;                               /* that this verdict is of */
     enum modal_status rc;
 
     memset(out, 0, sizeof *out);
@@ -294,6 +295,7 @@ static enum modal_status stability_alone(struct steady *s, const struct steady_p
         return known_stability(point, out, err);
     if (point->linear != NULL)
         return stability_at_rest(s, point, out, err);
+    answer = s->budget;
     steady_allow_work(s);
     if (point->followed)
         u.reason = "disturbances of rigid friction beside laws with a memory, or of more than 16 "
@@ -304,6 +306,7 @@ static enum modal_status stability_alone(struct steady *s, const struct steady_p
     if (rc == MODAL_OK && u.reason == NULL)
         rc = nonlinear_stability(&u, out, err);
     out->work = s->budget;
+    s->budget = (struct budget){ answer.spent + out->work.spent, answer.most };
     out->reason = u.reason;
     if (rc != MODAL_OK || u.reason != NULL) {
         free(out->multiplier);

@@ -506,6 +506,12 @@ struct attempt {
 /* The ways that are gone until one has converged. */
 static bool unsolved(const struct attempt *a) { return !a->point->converged; }
 
+/* The same of those that set out from rest: not after a motion in time that closes. */
+static bool may_rise(const struct attempt *a)
+{
+    return unsolved(a) && !(a->timed && time_closed(a->s));
+}
+
 /* Nothing is near, and all ways from far are dear with so many harmonics of so many dofs. */
 static bool is_wide(const struct attempt *a)
 {
@@ -604,9 +610,16 @@ static enum modal_status newton_without_laws(struct attempt *a, struct modal_err
 }
 
 /* What stops has no balance to ramp to. */
-static bool goes_round(const struct attempt *a)
+static bool may_go_far(const struct attempt *a)
 {
     return unsolved(a) && !a->s->jumps && !a->s->brief;
+}
+
+/* Where a motion in time stands ready to be the answer (by_cycle.h), what its balance lacks are
+ * harmonics, and no way from afar. */
+static bool goes_round(const struct attempt *a)
+{
+    return may_go_far(a) && !time_closed(a->s);
 }
 
 /* Enough harmonics for a third of them to be a problem of its own. */
@@ -627,11 +640,14 @@ static bool is_free(const struct attempt *a)
 {
     const struct steady_options *o = &a->s->opt;
 
-    return goes_round(a) && o->method == STEADY_AUTO && o->max_iterations == 0 && !a->timed;
+    return may_go_far(a) && o->method == STEADY_AUTO && o->max_iterations == 0 && !a->timed;
 }
 
 /* A ramp of many dofs is cheaper than their motion in time; of few, the motion. */
 static bool is_small(const struct attempt *a) { return is_free(a) && a->b->pattern->full; }
+
+/* It was sought for another order, and found. */
+static bool is_ready(const struct attempt *a) { return is_free(a) && time_closed(a->s); }
 
 /* The motion that is reached in time, as far as the balance has its harmonics. */
 static enum modal_status from_time(struct attempt *a, struct modal_error *err)
@@ -649,25 +665,29 @@ static enum modal_status from_time(struct attempt *a, struct modal_error *err)
 /* Neither ramp was gone. */
 static bool may_ramp(const struct attempt *a) { return goes_round(a) && !a->ramped; }
 
-/* The branch was not followed, and no motion in time stands ready to be the answer (by_cycle.h). */
-static bool may_walk(const struct attempt *a)
-{
-    return goes_round(a) && !a->walked && !time_closed(a->s);
-}
+/* The branch was not followed. */
+static bool may_walk(const struct attempt *a) { return goes_round(a) && !a->walked; }
 
 /* Of few dofs the motion in time was sought already, which leads to as many. */
 static bool may_damp(const struct attempt *a) { return may_ramp(a) && !a->b->pattern->full; }
 
-/* With dampers that are taken away again, */
-static enum modal_status damp_down(struct attempt *a, struct modal_error *err)
+/* A ramp that may spend its share, as others are left. */
+static enum modal_status ramp_within(struct attempt *a, double from, set_ramp *set,
+                                     struct modal_error *err)
 {
     double most = a->s->budget.most;
     enum modal_status rc;
 
     share_budget(a->s, most);
-    rc = ramp(a->s, a->b, DAMPING_MOST / DAMPING_LEAST, set_damping, a->X, a->point, err);
+    rc = ramp(a->s, a->b, from, set, a->X, a->point, err);
     a->s->budget.most = most;
     return rc;
+}
+
+/* With dampers that are taken away again, */
+static enum modal_status damp_down(struct attempt *a, struct modal_error *err)
+{
+    return ramp_within(a, DAMPING_MOST / DAMPING_LEAST, set_damping, err);
 }
 
 /* The stiffness of the kept dofs, the largest. */
@@ -694,14 +714,10 @@ static bool is_stiff(const struct attempt *a)
 /* With springs of the laws that grow stiffer, */
 static enum modal_status stiffen(struct attempt *a, struct modal_error *err)
 {
-    double most = a->s->budget.most;
     enum modal_status rc, back;
 
     a->stiffened = true;
-    share_budget(a->s, most);
-    rc = ramp(a->s, a->b, structure_stiffness(a->b) / aft_stiffest(a->b->aft), set_softness, a->X,
-              a->point, err);
-    a->s->budget.most = most;
+    rc = ramp_within(a, structure_stiffness(a->b) / aft_stiffest(a->b->aft), set_softness, err);
     back = aft_soften(a->b->aft, HUGE_VAL, err);
     return rc == MODAL_OK ? back : rc;
 }
@@ -709,13 +725,13 @@ static enum modal_status stiffen(struct attempt *a, struct modal_error *err)
 /* Level by level from loads that leave the laws linear, */
 static enum modal_status ramp_up(struct attempt *a, struct modal_error *err)
 {
-    return ramp(a->s, a->b, LEVEL_LOW, set_level, a->X, a->point, err);
+    return ramp_within(a, LEVEL_LOW, set_level, err);
 }
 
 /* from loads beside which the laws are lost, */
 static enum modal_status ramp_down(struct attempt *a, struct modal_error *err)
 {
-    return ramp(a->s, a->b, LEVEL_HIGH, set_level, a->X, a->point, err);
+    return ramp_within(a, LEVEL_HIGH, set_level, err);
 }
 
 /* and along the branch, around its folds (path.h). */
@@ -739,11 +755,12 @@ static const struct {
     { is_direct,          direct_alone },         /* as asked for, and nothing else */
     { is_large,           direct_by_gain },       /* where its gain promises that it converges */
     { is_wide,            from_fewer },
-    { unsolved,           newton_near },
+    { is_ready,           from_time },            /* settle.h */
+    { may_rise,           newton_near },
     { may_have_leapt,     branch_from_low },      /* though it converged */
     { had_start,          newton_from_rest },
-    { unsolved,           newton_without_laws },  /* [CG89], section 3.1 */
-    { is_small,           from_time },            /* settle.h */
+    { may_rise,           newton_without_laws },  /* [CG89], section 3.1 */
+    { is_small,           from_time },
     { has_many_harmonics, from_fewer },
     { may_damp,           damp_down },            /* cheap, and of any law */
     { is_stiff,           stiffen },

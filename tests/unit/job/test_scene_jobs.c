@@ -329,6 +329,24 @@ TEST(a_stable_motion_beside_an_unstable_one_has_the_harmonics_that_its_own_error
     free(text);
 }
 
+/* A damper that drives leaves no motion stable: what is sought beside the unstable answer is of the
+ * answer's budget, and told with it. */
+TEST(the_search_beside_an_unstable_answer_is_of_its_budget)
+{
+    const char *scene = "{'structure':{'type':'matrices','M':[[1]],'C':[[-0.1]],'K':[[1]]},'omega':"
+                        "0.7,'effects':[{'type':'cubic_spring','dof':'x1','coefficient':0.1}],"
+                        "'excitation':[{'dof':'x1','k':1,'cos':0.5}],'steady':{}}";
+    cJSON *alone = job("steady", scene, "{'stability':false}", MODAL_OK, NULL),
+          *r = job("steady", scene, NULL, MODAL_OK, NULL);
+
+    CHECK(cJSON_IsFalse(cJSON_GetObjectItem(cJSON_GetObjectItem(r, "stability"), "stable")));
+    CHECK(number(r, "work", "allowed") == number(alone, "work", "allowed"));
+    CHECK(number(r, "work", "spent") > 2 * number(alone, "work", "spent"));
+    CHECK(number(r, "work", "spent") < 1.1 * number(r, "work", "allowed"));
+    cJSON_Delete(alone);
+    cJSON_Delete(r);
+}
+
 /* On the way through sqrt(K / M) the point there has no motion: neither its neighbour's nor what
  * lay in memory. */
 TEST(a_point_without_any_motion_has_zeros_and_not_the_motion_of_the_one_before)

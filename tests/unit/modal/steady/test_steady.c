@@ -12,6 +12,7 @@
 #include "modal/steady/condense.h"
 #include "modal/steady/cycle.h"
 #include "modal/steady/iterate.h"
+#include "modal/steady/session.h"
 #include "modal/steady/solve.h"
 #include "modal/steady/stability.h"
 
@@ -273,6 +274,38 @@ TEST(the_maps_of_a_verdict_count_as_work_and_end_with_it)
         CHECK(r == 1 || st.verdict == STABILITY_STABLE);
         stability_done(&st);
         steady_point_done(&point);
+        steady_free(s);
+        program_free(p);
+    }
+}
+
+/* A hardening spring past its resonance has three motions; work for none but the one known ends the
+ * search for others. */
+TEST(a_search_for_other_motions_that_its_work_ends_says_so)
+{
+    static const char *const text =
+        "{\"structure\":{\"type\":\"matrices\",\"M\":[[1]],\"C\":[[0.05]],\"K\":[[1]]},"
+        "\"omega\":1.5,\"effects\":[{\"type\":\"cubic_spring\",\"dof\":\"x1\","
+        "\"coefficient\":1}],\"excitation\":[{\"dof\":\"x1\",\"k\":1,\"cos\":0.3}]}";
+
+    for (int r = 0; r < 2; r++) {
+        struct program *p = lower(text);
+        struct steady_options opt = { .harmonics = 5 };
+        struct steady_point known, *points;
+        struct steady *s;
+        int count = 0;
+
+        solve(p, &opt, &s, &known);
+        CHECK(known.converged);
+        if (r == 1)
+            s->budget.most = 2 * s->budget.spent;
+        CHECK(steady_solve_all(s, p->omega, NULL, &known, &points, &count, NULL) == MODAL_OK);
+        CHECK(points[0].unsought == (r == 1) && (r == 1 || count == 3));
+        CHECK(steady_work(s)->spent > known.work.spent);         /* one budget goes on */
+        for (int i = 0; i < count; i++)
+            steady_point_done(&points[i]);
+        free(points);
+        steady_point_done(&known);
         steady_free(s);
         program_free(p);
     }

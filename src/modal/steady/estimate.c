@@ -76,9 +76,10 @@ static enum modal_status set_peaks(struct steady *s, int N, struct modal_error *
     return rc;
 }
 
-/* The peak over time and counted dofs of the motion whose kept part is E - X (loads cancel). */
+/* The peak over time and counted dofs of the motion whose kept part is E - X (loads cancel); that of
+ * X into *AMPLITUDE, if that is not NULL, OPEN about its mean. */
 static enum modal_status peak_of_change(struct steady *s, const double complex *E,
-                                        const double complex *X, int q, int H, double *out,
+                                        const double complex *X, int H, bool open, double *out,
                                         double *amplitude, struct modal_error *err)
 {
     int N = steady_power_of_two(4L * (H + 1)),
@@ -87,7 +88,6 @@ static enum modal_status peak_of_change(struct steady *s, const double complex *
     double *x = calloc((size_t)N, sizeof *x);
     enum modal_status rc = set_peaks(s, N, err);
 
-    (void)q;
     if (rc == MODAL_OK && (a == NULL || b == NULL || x == NULL))
         rc = modal_fail(err, MODAL_NO_MEMORY, "steady: no memory for an estimate");
     *out = 0;
@@ -97,10 +97,11 @@ static enum modal_status peak_of_change(struct steady *s, const double complex *
             rc = condense_recover(s->c, steady_counted_dof(s, i), H, X, H, b, err);
         if (rc != MODAL_OK)
             break;
-        if (amplitude != NULL)
-            *amplitude = fmax(*amplitude, orbit_peak(s->peaks, H, b, x));
         for (int k = 0; k <= H; k++)
             a[k] -= b[k];                               /* loads cancel in the difference */
+        b[0] *= open ? 0 : 1;                           /* one of many is no measure */
+        if (amplitude != NULL)
+            *amplitude = fmax(*amplitude, orbit_peak(s->peaks, H, b, x));
         *out = fmax(*out, orbit_peak(s->peaks, H, a, x));
     }
     free(a);
@@ -507,14 +508,15 @@ enum modal_status estimate_errors(struct steady *s, struct balance *b, struct st
     if (rc != MODAL_OK || !b->factored || (rc = move_by_samples(b, &e, point, err)) != MODAL_OK)
         goto out;
     point->amplitude = 0;
-    rc = peak_of_change(s, e.sampled, e.W, b->q, e.H2, &point->sampling, &point->amplitude, err);
+    rc = peak_of_change(s, e.sampled, e.W, e.H2, point->open, &point->sampling,
+                        &point->amplitude, err);
     if (rc == MODAL_OK)
         rc = move_by_tail(b, &e, point, err);
     if (rc == MODAL_OK)
-        rc = peak_of_change(s, e.E, e.W, b->q, e.H2, &point->error, NULL, err);
+        rc = peak_of_change(s, e.E, e.W, e.H2, false, &point->error, NULL, err);
     if (rc == MODAL_OK)
         /* what sampling does not explain */
-        rc = peak_of_change(s, e.E, e.sampled, b->q, e.H2, &point->truncation, NULL, err);
+        rc = peak_of_change(s, e.E, e.sampled, e.H2, false, &point->truncation, NULL, err);
     if (rc == MODAL_OK)
         rc = doubt_of(b, &e.mean, point, e.y, &doubtful, err);
     if (rc == MODAL_OK) {
@@ -685,7 +687,7 @@ enum modal_status estimate_sharpen(struct steady *s, struct balance *b, struct s
     /* Recovery of the dofs taken out, at so many harmonics: S itself is not used. */
     rc = condense_at(s->c, point->omega, 1, H2, S, load, err);
     if (rc == MODAL_OK)
-        rc = peak_of_change(s, E, low, q, H2, &point->error, &point->amplitude, err);
+        rc = peak_of_change(s, E, low, H2, false, &point->error, &point->amplitude, err);
     point->truncation = point->error;
     point->error += point->sampling;
     point->solver = point->step * point->amplitude;

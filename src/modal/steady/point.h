@@ -75,7 +75,7 @@ struct steady_point {
     double reduction;         /* what the modes left out make (reduction.h); 0: none are */
     double tail_rms, tail_max, load_max;      /* equation residual in time, N, at the kept dofs
                                                * (linear: at all); and the scale of it */
-    double amplitude;         /* max |x(t)| over the dofs that count */
+    double amplitude;         /* max |x(t)| over the dofs that count; open, about their means */
     long ffts;
     int laws;
     long *evaluations;        /* per law */

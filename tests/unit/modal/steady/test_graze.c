@@ -113,3 +113,22 @@ TEST(a_body_that_a_load_presses_on_its_stop_stays_there)
         program_free(p);
     }
 }
+
+/* So that errors are held against what moves, wherever the body is. */
+TEST(the_amplitude_of_a_motion_with_a_free_mean_is_about_it)
+{
+    for (int n = 1; n <= 2; n++) {
+        double complex X1[2];
+        struct program *p;
+        struct steady_point point;
+        struct steady *s = from_depth(n == 1 ? ONE "]}" : TWO "]}", n, -1e3, &p, &point);
+
+        without_stop(n, X1);
+        CHECK(point.open);
+        CHECK_NEAR(point.amplitude, fmax(cabs(X1[0]), n == 2 ? cabs(X1[1]) : 0),
+                   1e-3 * point.amplitude);
+        steady_point_done(&point);
+        steady_free(s);
+        program_free(p);
+    }
+}

@@ -568,6 +568,22 @@ static int stride_over(int H)
     return step;
 }
 
+/* Whether harmonic K is of an estimate that goes about its own way. */
+static bool is_rough(const struct condense *c, int k)
+{
+    return c->force != NULL && c->lanczos != NULL && k > c->exact;
+}
+
+/* Of harmonics 0 .. H, all of them places, those to be learnt that are no estimate's. */
+static int lacking(const struct condense *c, int H)
+{
+    int count = 0;
+
+    for (int k = 0; k <= H; k++)
+        count += condense_lacks(c, k) && !is_rough(c, k);
+    return count;
+}
+
 /* S and p of harmonics 0 .. H from those known, the others learnt. */
 static enum modal_status recall(struct condense *c, int H, double complex *S, double complex *p,
                                 struct modal_error *err)
@@ -585,10 +601,12 @@ static enum modal_status recall(struct condense *c, int H, double complex *S, do
          k++)
         if (condense_lacks(c, k) && !condense_lanczos_leaves(c, k))
             rc = learn(c, k, err);
+    if (rc == MODAL_OK && c->lanczos != NULL)
+        condense_lanczos_expect(c, lacking(c, H));
     /* H, its half, their quarters: a basis serves best between what it was made of. */
     for (int step = stride_over(H); rc == MODAL_OK && step > 0; step /= 2)
         for (int k = H; rc == MODAL_OK && k >= 0; k -= step)
-            if (condense_lacks(c, k) && (c->force == NULL || c->lanczos == NULL || k <= c->exact))
+            if (condense_lacks(c, k) && !is_rough(c, k))
                 rc = learn(c, k, err);
     if (rc != MODAL_OK)
         condense_forget(c, 0);

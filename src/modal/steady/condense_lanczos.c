@@ -94,7 +94,7 @@ struct condense_lanczos {
     struct sparse_cholesky *factors;    /* of A_0; NULL: before the first question */
     struct sparse M;                /* M_rr in the factors' order; its arrays are `space`'s */
     struct block_lanczos b;         /* (3) */
-    int points, asked;              /* that follow; harmonics of the first of them */
+    int points, asked;              /* that follow; harmonics of the first of them, as known */
     double first;                   /* rad/s: of the first */
     double spent, once;             /* operations, of all of it; of one factorization of L */
     int served, failed;             /* harmonics */
@@ -612,6 +612,14 @@ static bool answer_by_steps(struct condense *c, struct at *at, bool rough,
     return true;
 }
 
+void condense_lanczos_expect(struct condense *c, int harmonics)
+{
+    struct condense_lanczos *l = c->lanczos;
+
+    l->first = l->asked == 0 ? c->omega : l->first;
+    l->asked += l->first == c->omega ? harmonics : 0;
+}
+
 bool condense_lanczos_answer(struct condense *c, int k, bool rough, struct condense_harmonic *h)
 {
     struct condense_lanczos *l = c->lanczos;
@@ -628,8 +636,8 @@ bool condense_lanczos_answer(struct condense *c, int k, bool rough, struct conde
             condense_basis_free(c);
         return false;
     }
-    l->first = l->asked == 0 ? c->omega : l->first;
-    l->asked += l->first == c->omega;
+    if (rough)
+        condense_lanczos_expect(c, 1);
     at.a = CMPLX(1, l->beta * s);
     at.c = CMPLX(-s * s, l->alpha * s) - at.a * l->sigma2;
     if (!answer_by_steps(c, &at, rough, h))

@@ -94,6 +94,9 @@ bool condense_proportional(const struct condense *c, double *alpha, double *beta
  * condense_rough has it; false: it does not serve there, and H is to be made anew.  Where that
  * factorization is none at all there is a basis from now on. */
 bool condense_lanczos_answer(struct condense *c, int k, bool rough, struct condense_harmonic *h);
+/* That many harmonics of this frequency will be asked for, beside those of an estimate: those of
+ * the first one are known before one is, and with the points what may be ventured on it. */
+void condense_lanczos_expect(struct condense *c, int harmonics);
 /* Whether harmonic K, of an estimate, moves so little that it is left out; then c->left has it. */
 bool condense_lanczos_leaves(struct condense *c, int k);
 /* A harmonic had to be factored, ROUGH: for an estimate; it may give itself up. */

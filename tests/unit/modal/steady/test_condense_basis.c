@@ -124,6 +124,17 @@ TEST(of_a_curve_with_proportional_damping_nothing_is_factored)
     CHECK(factored == 0);
 }
 
+/* The harmonics of the first point are known before it, and of four they are sixteen. */
+TEST(of_a_curve_of_four_points_nothing_is_factored_either)
+{
+    double far, over;
+    int factored;
+
+    compare(PROPORTIONAL, 1e-10, 4, &far, &over, &factored);
+    CHECK(far <= 1e-9);
+    CHECK(factored == 0);
+}
+
 /* Springs over the distances of squared frequencies: rounding of factors is a million times as
  * much, and a harmonic or two at a resonance is left to them. */
 TEST(a_curve_without_damping_is_that_of_factors_and_factors_next_to_nothing)

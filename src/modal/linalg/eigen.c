@@ -1,6 +1,7 @@
 /* eigen.c - eigenvalues by dgeevx (balanced, with condition numbers) and dsyevd (symmetric) */
 #include "modal/linalg/eigen.h"
 #include <lapacke.h>
+#include <lapacke_utils.h>
 #include <math.h>
 #include <stdbool.h>
 #include <stdlib.h>

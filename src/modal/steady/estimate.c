@@ -76,8 +76,8 @@ static enum modal_status set_peaks(struct steady *s, int N, struct modal_error *
     return rc;
 }
 
-/* The peak over time and counted dofs of the motion whose kept part is E - X (loads cancel); that of
- * X into *AMPLITUDE, if that is not NULL, OPEN about its mean. */
+/* The peak over time and counted dofs of the motion whose kept part is E - X (loads cancel); that
+ * of X into *AMPLITUDE, if that is not NULL, OPEN about its mean. */
 static enum modal_status peak_of_change(struct steady *s, const double complex *E,
                                         const double complex *X, int H, bool open, double *out,
                                         double *amplitude, struct modal_error *err)

@@ -63,7 +63,8 @@ const struct result_code result_codes[] = {
     { "near_defective", "identify", "multipliers nearly coalesce: only their mean is certain",
       "use the cluster's centroid" },
     { "coloured_residual", "identify", "what the modes leave is no white noise; standard "
-      "deviations were widened", "look for what is slow, driven or nonlinear" },
+      "deviations were widened, or are unknown where it is modes or hits between samples",
+      "look for what is slow, driven or nonlinear" },
     { "parts_disagree", "identify", "halves of the record have other exponents; standard "
       "deviations were widened, or left out where no verdict can be given", "identify parts by "
       "`window`, or give response=ambient where it is excited all the time" },

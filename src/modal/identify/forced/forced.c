@@ -29,6 +29,7 @@
 #include "modal/identify/ask/verdict.h"
 #include "modal/identify/fit/refine.h"
 #include "modal/identify/forced/clipping.h"
+#include "modal/identify/forced/hits.h"
 #include "modal/identify/linear/exponents.h"
 #include "modal/identify/prepare/record.h"
 #include "modal/identify/prepare/response.h"
@@ -55,6 +56,7 @@ struct work {
     struct forced_search found;
     double widest;               /* factor of the second opinion */
     bool clipped;                /* an input or a response was */
+    struct hits hits;            /* that samples do not tell */
     double clock;
 };
 
@@ -450,7 +452,7 @@ static void scale_frf(const struct work *w, struct identify_frf *f)
             for (int k = 0; k < f->count; k++) {
                 size_t at = k + (size_t)f->count * (i + (size_t)f->responses * j);
                 f->value[at] *= w->rec.scale[i];
-                f->std[at] *= w->found.model.converged && !w->clipped
+                f->std[at] *= w->found.model.converged && !w->clipped && w->hits.input < 0
                                   ? w->rec.scale[i] * w->widest : NAN;
             }
     }
@@ -583,7 +585,18 @@ static bool is_cut_short(const struct work *w)
 
 static void about_noise(const struct work *w, struct identify_result *r)
 {
-    if (is_cut_short(w))
+    char text[80];
+
+    if (w->hits.input >= 0)
+        identify_diagnose(r, "coloured_residual", w->opt.inputs[w->hits.input], "the responses "
+                          "tell the %d hits of input %s, %d sample%s at most, harder or softer, "
+                          "later or sooner than its samples do: a force that lives between them, "
+                          "or one that was not measured; errors are unknown and no verdict is "
+                          "given; sample faster, use a softer tip, or identify one hit at a time "
+                          "by `window`", w->hits.count,
+                          name_of(w->batch, w->opt.inputs[w->hits.input], text),
+                          w->hits.longest, w->hits.longest > 1 ? "s" : "");
+    else if (is_cut_short(w))
         identify_diagnose(r, "coloured_residual", -1, "what the modes leave is not white noise, "
                           "and the search for more had not ended: errors are unknown and no "
                           "verdict is given; give `band` to look at less");
@@ -618,14 +631,29 @@ static void about_fit(const struct work *w, struct identify_result *r)
     diagnose_still_channels(r);
 }
 
+static struct clipping_record own_record(const struct work *w)
+{
+    return (struct clipping_record) { &w->rec.Y, &w->inputs, { w->row, w->records },
+                                      { w->opt.band[0] * w->rec.step,
+                                        w->opt.band[1] * w->rec.step } };
+}
+
+/* What modes are still in, or nothing is, does not tell hits. */
+static enum modal_status find_hits(struct work *w, struct modal_error *err)
+{
+    struct clipping_record record = own_record(w);
+
+    if (w->found.model.exact || !w->found.model.converged || is_starved(w) || is_cut_short(w))
+        return MODAL_OK;
+    return hits_find(&record, &w->lines, &w->found.model, &w->hits, err);
+}
+
 /* Inputs that were cut off; what they went on by is an excitation that nobody measured. */
 static enum modal_status about_inputs(struct work *w, struct identify_result *r,
                                       struct modal_error *err)
 {
     const struct forced_search *f = &w->found;
-    struct clipping_record record = { &w->rec.Y, &w->inputs, { w->row, w->records },
-                                      { w->opt.band[0] * w->rec.step,
-                                        w->opt.band[1] * w->rec.step } };
+    struct clipping_record record = own_record(w);
     struct forced_limits limits = search_limits(w);
     struct clipping each[IDENTIFY_INPUTS_MOST];
     char text[80];
@@ -653,11 +681,14 @@ static enum modal_status conclude(struct work *w, struct identify_result *out,
         return rc;
     verdict_stability(out, record);
     about_modes(w, out);
+    rc = find_hits(w, err);
     about_fit(w, out);
-    rc = about_inputs(w, out, err);
+    if (rc == MODAL_OK)
+        rc = about_inputs(w, out, err);
     if (screen_rails(w->batch, (size_t)llround(w->rec.t0 / w->batch->dt), (size_t)w->rec.Y.m, out))
         w->clipped = true;
-    if (!w->found.model.converged || is_starved(w) || is_cut_short(w) || w->clipped)
+    if (!w->found.model.converged || is_starved(w) || is_cut_short(w) || w->clipped
+        || w->hits.input >= 0)
         verdict_withhold(out);
     return rc;
 }
@@ -665,7 +696,7 @@ static enum modal_status conclude(struct work *w, struct identify_result *out,
 enum modal_status forced_identify(const struct batch *batch, const struct identify_options *options,
                                   struct identify_result *out, struct modal_error *err)
 {
-    struct work w = { .opt = *options, .batch = batch, .widest = 1 };
+    struct work w = { .opt = *options, .batch = batch, .widest = 1, .hits.input = -1 };
     enum modal_status rc;
 
     response_stage(options, &w.clock, NULL, out);

@@ -1,5 +1,5 @@
 /* Forced responses of systems that are known, simulated here mode by mode: x' = rho x + b u. */
-/* Tests as well: clipping.c forced_order.c lines.c screen.c transfer.c transfer_model.c */
+/* Tests as well: clipping.c forced_order.c hits.c lines.c screen.c transfer.c transfer_model.c */
 #include "modal/identify/identify.h"
 #include <complex.h>
 #include <stdlib.h>
@@ -21,8 +21,9 @@ static double complex exponent(int p)
     return decay_pole(hertz[p], zeta[p]);
 }
 
-/* Two inputs that are white, direct terms, a state from before; noise of rms NOISE on responses. */
-static struct batch simulated(uint64_t seed, double noise)
+/* Two inputs that are white, the first HITS where they are some, direct terms, a state from before;
+ * noise of rms NOISE on responses. */
+static struct batch simulated_by(const double *hits, uint64_t seed, double noise)
 {
     struct random r = { seed };
     double complex shape[RESPONSES][MODES], part[INPUTS][MODES], state[MODES];
@@ -41,7 +42,7 @@ static struct batch simulated(uint64_t seed, double noise)
     for (int k = 0; k < SAMPLES; k++) {
         double *row = x + CHANNELS * k;
         for (int j = 0; j < INPUTS; j++)
-            row[j] = 3 + random_normal(&r);
+            row[j] = hits != NULL && j == 0 ? hits[k] : 3 + random_normal(&r);
         for (int i = 0; i < RESPONSES; i++) {
             row[INPUTS + i] = noise * random_normal(&r) - 5;
             for (int p = 0; p < MODES; p++)
@@ -56,6 +57,11 @@ static struct batch simulated(uint64_t seed, double noise)
         }
     }
     return (struct batch) { .samples = SAMPLES, .channels = CHANNELS, .signals = x, .dt = dt };
+}
+
+static struct batch simulated(uint64_t seed, double noise)
+{
+    return simulated_by(NULL, seed, noise);
 }
 
 static struct identify_options forced(void)
@@ -295,6 +301,32 @@ TEST(modes_that_others_were_left_out_beside_have_no_errors_and_no_verdict)
     for (int p = 0; p < r.mode_count; p++)
         CHECK(isnan(r.modes[p].std_re) && isnan(r.modes[p].std_im));
     identify_result_done(&r);
+}
+
+/* One sample each; at the second turn every other one was 2 % harder than it says, as a force is
+ * whose peak lies between samples. */
+TEST(hits_that_samples_do_not_tell_take_errors_and_verdict_and_those_that_they_tell_do_not)
+{
+    static double hits[SAMPLES];
+    struct identify_options opt = forced();
+
+    for (int i = 0; i < 6; i++)
+        hits[100 + 300 * i] = 40 + 10 * i;
+    for (int harder = 0; harder < 2; harder++) {
+        struct batch b = simulated_by(hits, 9, 0.05);
+        struct identify_result r;
+        bool told = false;
+        for (int i = 0; i < 6; i += 2)
+            x[CHANNELS * (100 + 300 * i)] /= 1 + 0.02 * harder;
+        CHECK(modal_identify(&b, &opt, &r, NULL) == MODAL_OK && r.mode_count >= MODES);
+        for (int i = 0; i < r.diagnostic_count; i++)
+            told |= strcmp(r.diagnostics[i].code, "coloured_residual") == 0
+                && r.diagnostics[i].channel == 0;
+        CHECK(told == harder && (r.verdict == VERDICT_UNDECIDED) == harder);
+        for (int p = 0; p < r.mode_count; p++)
+            CHECK(isnan(r.modes[p].std_re) == harder);
+        identify_result_done(&r);
+    }
 }
 
 /* The first of two inputs, which are white of variance 1 about 3, at two standard deviations. */

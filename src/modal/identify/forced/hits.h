@@ -1,0 +1,18 @@
+/* hits.h - inputs of hits so short that samples do not tell how hard and when they were */
+#ifndef MODAL_HITS_H
+#define MODAL_HITS_H
+#include "modal/identify/forced/clipping.h"
+#include "modal/identify/forced/transfer.h"
+
+struct hits {
+    int input;                   /* -1: none, or the responses agree with its samples */
+    int count, longest;          /* hits; samples of the longest */
+};
+
+/*
+ * Do the responses of RECORD tell hits of an input other than its samples do?  By LINES of it and
+ * T, as transfer_fit left it; see hits.c.  Fails with MODAL_NO_MEMORY.
+ */
+enum modal_status hits_find(const struct clipping_record *record, const struct lines *lines,
+                            struct transfer *t, struct hits *out, struct modal_error *err);
+#endif

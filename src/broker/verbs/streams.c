@@ -227,13 +227,13 @@ static void append(struct stream *s, uint64_t first, uint64_t count, const char 
     s->next = first + count;
 }
 
-static void new_epoch(struct stream *s, uint64_t first, struct transaction *t)
+static void new_epoch(struct core *c, struct stream *s, uint64_t first, struct transaction *t)
 {
     s->epoch++;
     s->begin = s->next = s->run_from = first;
     s->crc_count = 0;
     gaps_drop(s);
-    window_reset(s);
+    window_reset(c, s);
     stream_note(t, s);
 }
 
@@ -303,7 +303,7 @@ static void accept(struct core *c, struct stream *s, const struct push *p)
     t->fence = &s->fence;
     if (p->same == OTHER) {                            /* they are new after all */
         upload_owes(s->user, known_before(s, p->first, p->count));
-        new_epoch(s, p->first, t);
+        new_epoch(c, s, p->first, t);
     }
     known = p->first < s->next && s->segment_count > 0 ? s->next - p->first : 0;
     if (known == 0)
@@ -655,7 +655,7 @@ void stream_request(struct core *c, const struct request *q)
 static void roll_back(struct core *c, struct stream *s)
 {
     segments_cut(s);
-    window_reset(s);
+    window_reset(c, s);
     for (struct after *after = s->askers; after != NULL; after = after->next)
         answer_full(c, &after->reply);
     after_free(s->askers);

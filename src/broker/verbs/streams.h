@@ -41,7 +41,7 @@ struct window {
     int64_t late_ns;                      /* mono, when the next will be due, and it is left out */
     uint64_t paced; int64_t paced_ns;     /* what was durable when it waited before this time */
     int64_t round;                        /* of turns, in which it had its latest window */
-    uint64_t lost;                        /* left out since another worker had more room */
+    uint64_t lost;                        /* left out since its worker had the first */
     uint64_t skipped;                     /* left out since the one told last */
     uint64_t skipped_all;                 /* and since the daemon began with the stream */
     /* of the one told last: its verdict, NULL where it had none, its epoch and last sample */

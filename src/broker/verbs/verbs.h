@@ -227,7 +227,7 @@ void window_done(struct window *w);
 /* SEGMENT is committed: its samples are the latest. */
 void window_keep(struct stream *s, const struct segment_record *segment);
 /* An epoch begins, or samples were taken back: windows begin anew. */
-void window_reset(struct stream *s);
+void window_reset(struct core *c, struct stream *s);
 /* Once its batch has a row, the verdict of its last window is the batch's too, and durable by T. */
 void window_keep_verdict(struct core *c, const struct stream *s, struct transaction *t);
 /* What a window may say, in words; the last is NULL. */

@@ -171,14 +171,20 @@ static void demand_add(const struct core *c, struct demand *d, double work_s)
     d->at_ns = c->now.mono_ns;
 }
 
-void turn_move(struct core *c, struct stream *s, int slot)
+void turn_leave(struct core *c, struct stream *s)
 {
     struct window *w = &s->window;
 
     if (w->slot >= 0 && window_is_with(c, s, w->slot))
         demand_add(c, &c->slots->at[w->slot].demand, -demand_s(c, &w->demand));
-    else
-        w->demand.s = 0;
+    w->slot = -1;
+}
+
+void turn_move(struct core *c, struct stream *s, int slot)
+{
+    struct window *w = &s->window;
+
+    turn_leave(c, s);
     demand_add(c, &c->slots->at[slot].demand, demand_s(c, &w->demand));
     w->lost = 0;
     w->slot = slot;
@@ -196,7 +202,8 @@ void turn_took(struct core *c, struct stream *s, int slot, double cost_s)
         w->cost_s += w->cost_s > 0 ? (cost_s - w->cost_s) / COSTS : cost_s;
     work_s = (double)(w->skipped + 1) * w->cost_s;
     demand_add(c, &w->demand, work_s);
-    demand_add(c, &c->slots->at[slot].demand, work_s);
+    if (window_is_with(c, s, slot))                     /* else an epoch has begun since */
+        demand_add(c, &c->slots->at[slot].demand, work_s);
 }
 
 /* ---- a turn ---------------------------------------------------------------------------------- */
@@ -213,20 +220,18 @@ static bool is_coming(const struct core *c, int slot)
 /* Does it pay that TAKER does S's window, not the worker of SLOT, which has LIST?  What that worker
  * does at present takes as long again as it has taken so far. */
 static bool pays(const struct core *c, int taker, int slot, const struct waiting *list,
-                 struct stream *s)
+                 const struct stream *s)
 {
     const struct slot *own = &c->slots->at[slot];
-    struct window *w = &s->window;
+    const struct window *w = &s->window;
     const double anew_s = w->anew_s;
     const double cost_s = w->cost_s > 0 ? w->cost_s : anew_s;      /* not known yet: as the first */
     double left_s = list->cost_s + own->ahead_s;
 
     if (anew_s > cost_s
         && demand_s(c, &c->slots->at[taker].demand) + demand_s(c, &w->demand)
-               >= demand_s(c, &own->demand)) {
-        w->lost = 0;
+               >= demand_s(c, &own->demand))
         return false;
-    }
     if (own->live != NULL)
         left_s += (double)(c->now.mono_ns - own->started_ns) / 1e9;
     return left_s > anew_s / 2 + (cost_s > 0 ? anew_s * anew_s / (4 * cost_s) : 0)
@@ -235,7 +240,7 @@ static bool pays(const struct core *c, int taker, int slot, const struct waiting
 
 /* May TAKER take S, the first of LIST, which the worker of SLOT has? */
 static bool may_leave(const struct core *c, int taker, int slot, const struct waiting *list,
-                      struct stream *s)
+                      const struct stream *s)
 {
     return !window_is_with(c, s, slot) || !is_coming(c, slot) || pays(c, taker, slot, list, s);
 }
@@ -249,7 +254,7 @@ static struct waiting *most_urgent(struct core *c, int slot, int which)
     first_due(c, found);
     for (int i = slot_after(c, -1); i >= 0; i = slot_after(c, i)) {
         struct waiting *list = &c->slots->at[i].due[which];
-        struct stream *s = first_due(c, list);
+        const struct stream *s = first_due(c, list);
         if (s != NULL && comes_before(list, found)
             && (i == slot || may_leave(c, slot, i, list, s)))
             found = list;

@@ -13,6 +13,8 @@ void turn_wait(struct core *c, struct stream *s);
 struct stream *turn_take(struct core *c, int slot);
 /* S's window, which another worker had before or none, is the worker's of SLOT from now on. */
 void turn_move(struct core *c, struct stream *s, int slot);
+/* No worker is to go on with S; who has it next, has what came due of it so far, too. */
+void turn_leave(struct core *c, struct stream *s);
 /* The worker of SLOT has ended the window of S, which took COST_S of a processor. */
 void turn_took(struct core *c, struct stream *s, int slot, double cost_s);
 /* S had its latest window in ROUND, before the daemon started: who had none in it is first. */

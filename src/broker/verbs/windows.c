@@ -179,11 +179,11 @@ void window_keep(struct stream *s, const struct segment_record *segment)
     }
 }
 
-void window_reset(struct stream *s)
+void window_reset(struct core *c, struct stream *s)
 {
     s->window.next = s->window.here = 0;
     s->window.waits_from = UINT64_MAX;
-    s->window.slot = -1;
+    turn_leave(c, s);
     alarms_reset(s->window.alarms);
 }
 
@@ -237,6 +237,7 @@ void window_offer(struct core *c, struct stream *s)
     } else if (s->closed && !w->reading && window_is_untold(s))
         read_last(c, s);
     else if (s->closed) {                          /* no more will come */
+        turn_leave(c, s);
         free(w->recent);
         w->recent = NULL;
     }
@@ -705,7 +706,7 @@ static void give_back(struct core *c, int slot, bool died)
 {
     while (c->slots->at[slot].live != NULL) {
         struct stream *s = leave(c, slot);
-        s->window.slot = -1;
+        turn_leave(c, s);
         s->window.alone |= died;
         s->window.died += died;
         try_again(c, s);
@@ -737,7 +738,7 @@ void window_died(struct core *c, int slot)
     struct stream *s = leave(c, slot);
 
     give_back(c, slot, true);                      /* it may have begun with any of these */
-    s->window.slot = -1;
+    turn_leave(c, s);
     s->window.alone = true;
     if (++s->window.died < LIVE_DEATHS_MOST)
         try_again(c, s);
@@ -775,11 +776,12 @@ void window_end(struct core *c, int slot, const struct wire_message *m)
     if (worker->live == NULL)
         worker->state = SLOT_TAKEN;
     c->slots->windows_ns += c->now.mono_ns - began_ns;
-    turn_took(c, s, slot, cpu_s);
+    if (!is_dropped(m))
+        turn_took(c, s, slot, cpu_s);
     s->window.died = 0;
     s->window.alone = false;
     if (told != NULL) {
-        s->window.slot = -1;
+        turn_leave(c, s);
         worker_error(told, &err);
         error = wire_error_object(&err, NULL);
     }

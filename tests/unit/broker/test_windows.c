@@ -811,36 +811,98 @@ TEST(where_costs_vary_moving_windows_saves_more_than_it_takes_and_thinning_stays
     costs_vary = false;
 }
 
+/* TICKS in which COUNT streams push at HOPS and WORKERS work. */
+static void run_uneven(int workers, int count, const int *hops, int ticks)
+{
+    int until[WORKERS] = { 0 };
+    uint64_t dice = 88172645463325252u;
+
+    for (int tick = 0; tick < ticks; tick++, now.mono_ns += SECOND / 1000) {
+        for (int k = 0; k < count; k++)
+            if (tick % hops[k] == 0) {
+                push(all[k].ident, all[k].sent, HOP);
+                all[k].sent += HOP;
+            }
+        for (slot = 0; slot < workers; slot++)
+            work(tick, &until[slot], &dice);
+        slot = 0;
+    }
+}
+
+static void open_uneven(int count)
+{
+    char name[16];
+
+    for (int k = 0; k < count; k++) {
+        snprintf(name, sizeof name, "s%d", k);
+        open_stream(name, WINDOW, HOP);
+        all[k] = (struct simulated) { .sent = 0, .worker = -1 };
+        memcpy(all[k].ident, stream, sizeof stream);
+    }
+}
+
 /* A stream that takes all of its worker's time, and now and then leaves a window out, and one that
  * takes a third of the other's, which has nothing to do then: with both it would have more than
  * time.  Taken there once as much was left out as that takes, each was moved all the time. */
 TEST(two_streams_that_have_a_worker_each_stay_there_though_windows_are_left_out)
 {
     static const int hops[] = { COST, 3 * COST };
-    int until[WORKERS] = { 0 };
-    uint64_t dice = 88172645463325252u;
-    char name[16];
 
     start_workers(2);
-    for (int k = 0; k < 2; k++) {
-        snprintf(name, sizeof name, "s%d", k);
-        open_stream(name, WINDOW, HOP);
-        all[k] = (struct simulated) { .sent = 0, .worker = -1 };
-        memcpy(all[k].ident, stream, sizeof stream);
-    }
-    for (int tick = 0; tick < 200 * ANEW; tick++, now.mono_ns += SECOND / 1000) {
-        for (int k = 0; k < 2; k++)
-            if (tick % hops[k] == 0) {
-                push(all[k].ident, all[k].sent, HOP);
-                all[k].sent += HOP;
-            }
-        for (slot = 0; slot < 2; slot++)
-            work(tick, &until[slot], &dice);
-        slot = 0;
-    }
+    open_uneven(2);
+    run_uneven(2, 2, hops, 200 * ANEW);
     printf("%d of %d windows, %d of %d anew\n", all[0].had, 200 * ANEW / COST,
            all[0].had - all[0].again, all[1].had - all[1].again);
     CHECK(all[0].had - all[0].again == 1 && all[1].had - all[1].again == 1);
+    cpu_s = 0;
+    core_free(core);
+}
+
+/* WORKERS of which the first has two streams and the second one. */
+static void start_crowded(int workers)
+{
+    static const int first[] = { 0, 0, 1 };
+
+    start_daemon(workers);
+    open_uneven(3);
+    for (int k = 0; k < 3; k++) {
+        slot = first[k];
+        say(WIRE_WORKER, "READY", "{\"job\":\"\",\"attempt\":0,\"pid\":7}", NULL, 0);
+        push(all[k].ident, 0, WINDOW);
+        CHECK(told[slot] == 1);
+        cpu_s = ANEW / 1000.0;
+        found("{\"modes\":[]}");
+        all[k].worker = slot;
+        all[k].sent = WINDOW;
+    }
+    be_ready(workers);
+}
+
+/* The first worker's two take more than all of its time; the second has as much to do as that
+ * leaves no room for one more; the third rests. */
+TEST(a_worker_that_rests_takes_one_of_two_that_have_too_little_time_whoever_asks_beside_it)
+{
+    static const int hops[] = { 8, 8, 7 };
+
+    start_crowded(3);
+    run_uneven(3, 3, hops, 10000);
+    CHECK(all[0].worker + all[1].worker == 0 + 2 && all[2].worker == 1);
+    cpu_s = 0;
+    core_free(core);
+}
+
+/* What a stream asked for that is closed is not asked for any more, though it was just now. */
+TEST(a_worker_whose_stream_is_closed_takes_one_of_two_that_have_too_little_time)
+{
+    static const int hops[] = { 8, 8, 6 };
+
+    start_crowded(2);
+    run_uneven(2, 3, hops, 10000);
+    CHECK(all[0].worker == 0 && all[1].worker == 0 && all[2].worker == 1);
+    memcpy(stream, all[2].ident, sizeof stream);
+    close_stream();
+    run_uneven(2, 2, hops, 1000);
+    CHECK(all[0].worker != all[1].worker);
     cpu_s = 0;
     core_free(core);
 }

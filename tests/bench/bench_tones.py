@@ -126,6 +126,20 @@ def answer(scene, folder, *options):
     return json.loads(done.stdout), done.returncode, time.time() - begun
 
 
+def record(a, march, steps, turns, per):
+    """x [sample][dof] from rest, STEPS a turn of the fastest tone, PER of them."""
+    numbers = [a["n"], *a["M"].ravel(), *a["C"].ravel(), *a["K"].ravel(), len(a["laws"])]
+    for law in a["laws"]:
+        numbers += law
+    numbers.append(len(a["loads"]))
+    for i, k, c, s in a["loads"]:
+        numbers += [i, float(np.dot(k, a["tones"])), c, s]
+    numbers += [0, 2 * math.pi / max(a["tones"]) / steps, 0, steps * turns, steps // per]
+    out = subprocess.run([march], input="\n".join(repr(float(v)) for v in numbers).encode(),
+                         capture_output=True, check=True).stdout
+    return np.frombuffer(out).reshape(-1, a["n"] + 1)[:, 1:]
+
+
 def lines_of(result):
     rows = result["harmonics"]
     w = np.array(rows[0]["k"]) @ np.array(result["tones"])

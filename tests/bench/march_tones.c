@@ -21,6 +21,7 @@ enum { DOFS = 128, LAWS = 256, LOADS = 64, LINES = 8192 };
 
 static int n, laws, loads, lines;
 static double iM[DOFS * DOFS], A[DOFS * DOFS], B[DOFS * DOFS];    /* M^-1; M^-1 K; M^-1 C */
+static int begin[DOFS], end[DOFS];          /* of a row's numbers that are not 0, in all three */
 static struct { int kind, i, j; double p, q, z; } law[LAWS];
 static struct { int i; double w, c, s; } load[LOADS];
 static double omega[LINES], *re, *im;
@@ -74,6 +75,14 @@ static void read_all(void)
                 B[i * n + j] += iM[i * n + k] * raw[1][k * n + j];
                 A[i * n + j] += iM[i * n + k] * raw[2][k * n + j];
             }
+    for (int i = 0; i < n; i++) {
+        begin[i] = n;
+        for (int j = 0; j < n; j++)
+            if (iM[i * n + j] != 0 || A[i * n + j] != 0 || B[i * n + j] != 0) {
+                begin[i] = j < begin[i] ? j : begin[i];
+                end[i] = j + 1;
+            }
+    }
     laws = (int)number();
     for (int l = 0; l < laws; l++) {
         law[l].kind = (int)number(), law[l].i = (int)number(), law[l].j = (int)number();
@@ -151,7 +160,7 @@ static void accelerate(double t, const double *x, const double *v, double *a)
     }
     for (int i = 0; i < n; i++) {
         a[i] = 0;
-        for (int j = 0; j < n; j++)
+        for (int j = begin[i]; j < end[i]; j++)
             a[i] += iM[i * n + j] * f[j] - A[i * n + j] * x[j] - B[i * n + j] * v[j];
     }
 }

@@ -129,7 +129,7 @@ def row(name, kind, binary, folder):
     size = np.abs(X).sum()
     keep = np.abs(X) > ASKED / 10 * size
     least = fewest(a, binary, size)
-    ladder = [least * finer for finer in FINER if least == PER or least * finer <= MOST]
+    ladder = [least * finer for finer in FINER if least * finer <= max(MOST, 2 * least)]
     x, _ = march(a, binary, 2 * ladder[-1], 2 * OUT[-1] + 3 * TURNS[-1])
     exact = fit(x, w[keep], 2 * np.pi / max(a["tones"]) / PER, 2 * OUT[-1], 3 * TURNS[-1])
     peer = cheapest(a, binary, ladder, w[keep], exact, size)

@@ -28,7 +28,7 @@ TRIES = 5                                # of ours: the least counts, for the re
 FINER, TURNS, OUT = (1, 2, 4, 8, 16), (128, 256, 512, 1024), (16, 32, 64, 128)   # of steps: times
                                          # the fewest that a march is stable with
 RATIOS = {"golden": (1 + 5 ** 0.5) / 2, "sqrt 2": 2 ** 0.5, "1.01": 1.01}
-PER = 16                                 # samples of a turn that are read
+PER = 64                                 # samples of a turn that are read, and lines below half
 MOST = 1024                              # steps a turn of a ladder
 
 
@@ -127,7 +127,7 @@ def row(name, kind, binary, folder):
     h = result["harmonics"][a["tip"]]
     X = np.array(h["re"]) + 1j * np.array(h["im"])
     size = np.abs(X).sum()
-    keep = np.abs(X) > ASKED / 10 * size
+    keep = (np.abs(X) > ASKED / 10 * size) & (w < 0.4 * PER * max(a["tones"]))
     least = fewest(a, binary, size)
     ladder = [least * finer for finer in FINER if least * finer <= max(MOST, 2 * least)]
     x, _ = march(a, binary, 2 * ladder[-1], 2 * OUT[-1] + 3 * TURNS[-1])

@@ -235,8 +235,8 @@ static void test_a_line_whose_beat_no_record_sees_is_off_by_what_it_may_hide(voi
     workspace_free(&a.space);
 }
 
-/* A tenth is left out by a balance of two lines: one of them may be off by as much, three times, and
- * not by the two of a motion on the other side; where nothing is left out it may not be off. */
+/* A tenth is left out by a balance of two lines: one of them may be off by as much, three times,
+ * and not by the two of a motion on the other side; where nothing is left out, by nothing. */
 static void test_lines_of_another_motion_do_not_agree_with_a_balance(void **state)
 {
     const double w[2] = { 1, 1.4142135623730951 };

@@ -3,7 +3,7 @@
  *
  * `fuzz_NAME SECONDS LAST FOLDER`: every file of FOLDER as it is, then inputs made of them by a
  * fixed generator until SECONDS are over, alike each time.  The input that runs stands in LAST, so
- * what ended the program is found there.
+ * what ended the program is found there; of what leaks, the one before the leak was looked for.
  */
 #include <dirent.h>
 #include <fcntl.h>
@@ -17,7 +17,14 @@
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 
-enum { LENGTH_MOST = 1 << 16, INPUTS_MOST = 4096, CHANGES_MOST = 8 };
+#ifdef __SANITIZE_ADDRESS__
+#include <sanitizer/lsan_interface.h>
+#else
+static int __lsan_do_recoverable_leak_check(void) { return 0; }
+#endif
+
+/* LEAKS_EVERY: what a leak check takes, 10 ms and more, is little beside so many runs of 0.1 ms. */
+enum { LENGTH_MOST = 1 << 16, INPUTS_MOST = 4096, CHANGES_MOST = 8, LEAKS_EVERY = 1000 };
 
 struct input {
     uint8_t *data;
@@ -48,13 +55,17 @@ static void keep(const char *folder, const char *name)
     FILE *file;
 
     snprintf(path, sizeof path, "%s/%s", folder, name);
-    if (name[0] == '.' || kept_count == INPUTS_MOST)
+    if (name[0] == '.')
         return;
-    if ((file = fopen(path, "rb")) == NULL) {
-        perror(path);
+    if (kept_count == INPUTS_MOST || (file = fopen(path, "rb")) == NULL) {
+        fprintf(stderr, "%s: cannot be read, or there are more than %d\n", path, INPUTS_MOST);
         exit(2);
     }
     in->size = fread(data, 1, sizeof data, file);
+    if (in->size == sizeof data) {
+        fprintf(stderr, "%s: %d bytes or more\n", path, LENGTH_MOST);
+        exit(2);
+    }
     in->data = memcpy(malloc(in->size + 1), data, in->size);
     kept_count++;
     fclose(file);
@@ -133,12 +144,15 @@ int main(int argc, char **argv)
         for (size_t changes = 1 + below(CHANGES_MOST); changes > 0; changes--)
             size = change(data, size);
         run(data, size, last, file);
-        runs++;
+        if (++runs % LEAKS_EVERY == 0 && __lsan_do_recoverable_leak_check() != 0)
+            return 1;
         clock_gettime(CLOCK_MONOTONIC, &now);
     } while (now.tv_sec - begun.tv_sec < atol(argv[1]));
-    printf("number_of_executed_units: %ld\n", runs);
     for (int i = 0; i < kept_count; i++)
         free(kept[i].data);
+    if (__lsan_do_recoverable_leak_check() != 0)
+        return 1;
     munmap(last, LENGTH_MOST), close(file), unlink(argv[2]);
+    printf("number_of_executed_units: %ld\n", runs);
     return 0;
 }

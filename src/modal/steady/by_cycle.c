@@ -37,6 +37,9 @@ static const double TWO_PI = 6.283185307179586477;   /* a period of theta */
 /* Of the budget, what a motion sought in time may cost: it serves the balances of all orders, which
  * have the rest; and of what is left of it, what one sought beside an unstable answer may. */
 static const double SHARE_OF_TIME = 0.5;
+/* Budgets more for a motion that closes in time where no balance, or none that is stable, is found:
+ * all that was spent is in vain without it, and its own steps are dear. */
+static const double READY = 2;
 /* The same of a look at an answer in time, which is near. */
 static const double SHARE_OF_LOOK = 0.1;
 /* Errors are of first order, and multipliers of the motion as the series has it: both hold while
@@ -488,7 +491,6 @@ enum modal_status time_look(struct steady *s, struct steady_point *point, struct
 /* A search in time and what it found. */
 struct settled {
     struct settle *search;            /* NULL: it does not apply */
-    bool beside;                      /* an answer that is unstable */
     struct cycle motion;
 };
 
@@ -505,8 +507,6 @@ static enum modal_status search_in_time(struct steady *s, double omega,
     s->settled = calloc(1, sizeof *s->settled);
     if (x == NULL || s->settled == NULL)
         rc = modal_fail(err, MODAL_NO_MEMORY, "steady: no memory");
-    if (rc == MODAL_OK)
-        s->settled->beside = attracted;
     if (rc == MODAL_OK && settle_takes(s->p))
         rc = settle_new(s->p, omega, &opt, &s->settled->search, err);
     /* what has no such states is not followed */
@@ -577,17 +577,13 @@ enum modal_status time_attractor(struct steady *s, const struct balance *b, doub
 enum modal_status time_answer(struct steady *s, double omega, double rest,
                               struct steady_point *point, struct modal_error *err)
 {
-    double share = SHARE_OF_TIME * s->budget.most, most;
+    double most = time_closed(s) ? READY * s->budget.most
+                                 : fmin(rest, SHARE_OF_TIME * s->budget.most);
     enum modal_status rc = MODAL_OK;
 
-    if (s->settled == NULL || s->settled->search == NULL)
+    if (s->settled == NULL || s->settled->search == NULL || most <= 0)
         return MODAL_OK;
-    /* beside an answer there is no need of one */
-    most = s->settled->beside ? time_closed(s) * rest
-           : time_closed(s)   ? fmax(rest, share)
-                              : fmin(rest, share);
-    if (most <= 0)
-        return MODAL_OK;
+    s->budget.most += time_closed(s) ? most : 0;
     rc = settle_close(s->settled->search, most, &s->settled->motion, err);
     if (rc != MODAL_OK || !s->settled->motion.closed)
         return rc;

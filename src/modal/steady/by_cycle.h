@@ -29,8 +29,8 @@ enum modal_status time_start(struct steady *s, const struct balance *b,
                              const struct steady_start *start, double complex *X, bool *found,
                              struct modal_error *err);
 /* What time_start found as POINT, as solve_by_cycle gives its own; its iterations and attempts
- * stay.  Of REST operations of budget.h what it found near may be closed with all, and a search
- * that has found nothing goes on for as many as it had.  Fails as time_start does. */
+ * stay.  What it found near is closed, for which the budget grows; a search that has found nothing
+ * goes on for as many operations of budget.h as it had, of REST.  Fails as time_start does. */
 enum modal_status time_answer(struct steady *s, double omega, double rest,
                               struct steady_point *point, struct modal_error *err);
 /* Whether time_start found a motion that closes: time_answer has an answer. */

@@ -75,7 +75,8 @@ enum {
     QUICK_STEPS = 4,       /* rk4's of such a part, to begin with */
     PERIODS_FIRST = 12,    /* marched, so that fast transients are gone */
     TRIES_MOST = 400000,   /* steps in all, whatever they cost */
-    QUICK_CALLS = 150,     /* operations of a stage that its calls take, whatever the size */
+    QUICK_CALLS = 100,     /* operations of a stage that its calls take, whatever the size, */
+    QUICK_LAW = 20,        /* and a law's force, which needs no transform */
     SVD_ROOM = 8           /* dgelss: 5 of the order at least */
 };
 
@@ -409,7 +410,7 @@ static enum modal_status set_quick(struct settle *s, int count, bool *serves,
     if (s->quick.by != NULL)
         s->quick.by->free(s->quick.by);
     s->quick = (struct pace){ 0 };
-    work = stages * (QUICK_CALLS + s->p.laws * BUDGET_SAMPLE
+    work = stages * (QUICK_CALLS + s->p.laws * QUICK_LAW
                      + 2 * N * (N + s->src->nw + probes + s->ports->channels) / BUDGET_DENSE);
     *serves = STEPS * count * work < STEPS_FIRST * s->own.try_work
            && STEPS * count * work * PERIODS_FIRST < s->most - s->spent;

@@ -40,6 +40,9 @@ static const double PERIODIC = 10;
 static const double TOLERANCE_OF_STEPS = 1e-11;
 /* Operations that sparse factors may take a linear dof: half a minute for a hundred thousand. */
 static const double WORK_LINEAR = 3e5;
+/* Of the budget, what orders past the first may cost: an answer may be unstable, and a stable one
+ * is sought with the rest. */
+static const double SHARE_OF_ORDERS = 0.5;
 /* Of what is left of the budget, what a search for others than the motion known may cost before
  * what it found is carried on, which has the rest. */
 static const double SHARE_OF_SEARCH = 0.5;
@@ -56,8 +59,8 @@ enum {
     ORDER_AUTO_MOST = 3000,  /* unknowns of a full matrix that are tried unasked: 72 MB */
     H_SEARCH = 8,            /* the fewest harmonics that all solutions are sought with */
     SEARCHES = 7200,         /* factorizations of such a search: starts times their steps */
-    SEARCH_SHARE = 8,        /* the budget over what these may cost: laws cost as much again, and
-                              * what is found is carried on */
+    SEARCH_SHARE = 3,        /* the budget over what these may cost: what is found is carried on,
+                              * and the answer came first */
     MARCH_SAMPLES = 512,     /* of time integration, unasked; and the harmonics taken from them */
     MARCH_HARMONICS = 256   /* half of the samples */
 };
@@ -446,7 +449,7 @@ static bool last_order(const struct steady *s, int H, int most, double spent, bo
 
     double linear = condense_work(s->c), allowed = WORK_LINEAR * (s->p->n - condense_kept(s->c));
 
-    *wanting = s->budget.spent + next > s->budget.most  /* what the target still asks for */
+    *wanting = s->budget.spent + next > SHARE_OF_ORDERS * s->budget.most  /* the target's */
         || (linear > 0 && 2 * linear > allowed)         /* twice the harmonics */
         || (full && order > ORDER_AUTO_MOST);
     return H >= most || *wanting || (s->opt.samples > 0 && 4 * H >= s->opt.samples);
@@ -748,7 +751,7 @@ enum modal_status steady_follow_attractor(struct steady *s, double omega,
     memset(point, 0, sizeof *point);
     point->omega = omega;
     point->level = 1;
-    rc = time_answer(s, omega, fmax(0, s->budget.most - s->budget.spent), point, err);
+    rc = time_answer(s, omega, 0, point, err);
     *found = rc == MODAL_OK && point->converged;
     point->attempts = 1;
     point->work = s->budget;

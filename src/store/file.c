@@ -67,18 +67,19 @@ static enum modal_status fail_fd(struct modal_error *err, enum file_call call, i
 
 static enum modal_status fail_other(const char *path, struct modal_error *err)
 {
-    return modal_fail(err, MODAL_IO, "%s is no file; accepted: a file, no device, FIFO, socket or "
-                      "folder in its place", path);
+    return modal_fail(err, MODAL_IO, "%s is no file; accepted: a file, no link, device, FIFO, "
+                      "socket or folder in its place", path);
 }
 
 enum modal_status file_open(const char *path, int flags, mode_t mode, int *fd,
                             struct modal_error *err)
 {
     int got = -1;
-    int error = TRY(FILE_OPEN, got = open(path, flags | O_CLOEXEC | O_NONBLOCK, mode));
+    int alone = (flags & O_ACCMODE) == O_RDONLY ? 0 : O_NOFOLLOW;
+    int error = TRY(FILE_OPEN, got = open(path, flags | alone | O_CLOEXEC | O_NONBLOCK, mode));
     struct stat known;
 
-    if (error == ENXIO)                /* a socket, or a FIFO that nobody reads */
+    if (error == ENXIO || error == ELOOP)       /* a socket, a FIFO that nobody reads; a link */
         return fail_other(path, err);
     if (error != 0)
         return fail(err, FILE_OPEN, path, error);

@@ -33,7 +33,7 @@ extern const char *const file_calls[FILE_CALL_COUNT];   /* "open", "pread", ... 
 
 /* Open PATH with open(2)'s FLAGS (O_CLOEXEC is added) and MODE; the caller closes *FD.  What is no
  * file (with O_DIRECTORY: no folder), such as a FIFO, is MODAL_IO, and nobody waits for its other
- * end. */
+ * end; nor, to write, is a link: what it leads to may be another's. */
 enum modal_status file_open(const char *path, int flags, mode_t mode, int *fd,
                             struct modal_error *err);
 

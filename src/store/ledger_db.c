@@ -318,7 +318,7 @@ static enum modal_status close_to_others(const char *path, struct modal_error *e
 {
     struct stat known;
 
-    if (stat(path, &known) != 0)
+    if (lstat(path, &known) != 0)
         return MODAL_OK;
     if (!S_ISREG(known.st_mode))
         return modal_fail(err, MODAL_IO, "%s is no file; accepted: a file or nothing", path);

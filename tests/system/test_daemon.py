@@ -371,3 +371,15 @@ def test_a_job_whose_names_and_options_fill_two_headers_reaches_its_worker():
         ended = client.ask("WAIT", job=job, timeout_s=250)
         assert ((ended["state"], ended["error"]["code"], ended["error"]["field"],
                  ended["attempts"]) == ("failed", "bad_input", "misspelt", 1))
+
+
+@pytest.mark.parametrize("name", ["LOCK", "RESERVE", "ledger.db", "ledger.db-wal", "ledger.db-shm",
+                                  "tape"])
+def test_a_link_in_the_data_folder_leads_the_daemon_to_write_over_nothing(name, tmp_path):
+    """Whoever may write there had it write over any file of its user's."""
+    (tmp_path / "another").write_text("another's" * 1000)
+    (tmp_path / "data").mkdir(mode=0o750)
+    (tmp_path / "data" / name).symlink_to(tmp_path / "another")
+    done = run("--data", tmp_path / "data", "--bind", f"ipc://{tmp_path}/s")
+    assert done.returncode == 1 and "is no file" in done.stderr, done.stderr
+    assert (tmp_path / "another").read_text() == "another's" * 1000

@@ -137,6 +137,9 @@ TEST(what_is_no_file_in_the_place_of_one_is_refused_at_once)
         CHECK(strstr(err.message, "/x is no file") != NULL);
         CHECK(file_open("/dev/zero", ways[i], 0600, &fd, &err) == MODAL_IO && fd == -1);
     }
+    CHECK(unlink(path) == 0 && symlink("elsewhere", path) == 0);
+    for (size_t i = 1; i < sizeof ways / sizeof *ways; i++)     /* what is written is no other's */
+        CHECK(file_open(path, ways[i], 0600, &fd, &err) == MODAL_IO && fd == -1);
     CHECK(file_open(dir, O_RDONLY, 0, &fd, NULL) == MODAL_IO && fd == -1);
     CHECK(file_open(dir, O_RDONLY | O_DIRECTORY, 0, &fd, NULL) == MODAL_OK);
     close(fd);

@@ -15,6 +15,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/linalg/lanes.h"
 #include "modal/linalg/sparse_lu.h"
 #include "modal/linalg/workspace.h"
 #include "modal/numbers.h"
@@ -237,12 +238,52 @@ void blocks_within(const struct blocks *b, int k, double complex *T)
         }
 }
 
+/* y += a x, M numbers. */
+LANES_BODY void add_run(int m, double a, const double *x, double *y)
+{
+    int i = 0;
+
+    for (; i + LANES <= m; i += LANES)
+        *(lanes *)(y + i) += *(const lanes *)(x + i) * a;
+    for (; i < m; i++)
+        y[i] += x[i] * a;
+}
+
+/* y += B x, column by column of (1). */
+LANES_BODY void multiply(const struct blocks *b, const double *x, double *y)
+{
+    const struct pattern *p = b->pattern;
+    const double *value = b->value;
+
+    for (int j = 0; j < p->q; j++)
+        for (int c = 0; c < b->m; c++, x++) {
+            for (int e = p->start[j]; e < p->start[j + 1]; e++) {
+                double *to = y + p->index[e] * b->m + (p->mixes[e] ? 0 : thin_first(c));
+
+                add_run(p->mixes[e] ? b->m : thin_rows(c), *x, value, to);
+                value += p->mixes[e] ? b->m : thin_rows(c);
+            }
+            if (b->bordered)
+                y[b->order - 1] += *value++ * *x;
+        }
+    if (b->bordered)
+        add_run(b->order, *x, value, y);
+}
+
+LANES_NARROW void multiply_narrow(const struct blocks *b, const double *x, double *y)
+{
+    multiply(b, x, y);
+}
+
+LANES_WIDE void multiply_wide(const struct blocks *b, const double *x, double *y)
+{
+    multiply(b, x, y);
+}
+
 void blocks_multiply(const struct blocks *b, const double *x, double *y)
 {
     memset(y, 0, (size_t)b->order * sizeof *y);
-    for (int j = 0; j < b->order; j++)
-        for (int e = b->start[j]; e < b->start[j + 1]; e++)
-            y[b->index[e]] += b->value[e] * x[j];
+    (lanes_wide() ? multiply_wide : multiply_narrow)(b, x, y);
 }
 
 double blocks_entries(const struct blocks *b) { return b->start[b->order]; }

@@ -71,6 +71,37 @@ TEST(what_harmonics_solve_apart_is_what_the_whole_blocks_give)
     program_free(p);
 }
 
+TEST(a_product_with_blocks_undoes_their_solution_with_a_border_or_without)
+{
+    struct program *p = program_text(
+        "{'structure':{'type':'chain','masses':[1,1,1,1,1,1],'springs':[1,1,1,1,1,1,0]},'omega':1,"
+        "'effects':[{'type':'cubic_spring','dof':'x2','to':'x5','coefficient':1}]}");
+    int place[DOFS] = { 0, 1, 2, 3, 4, 5 };
+    struct pattern *pattern = NULL;
+    struct blocks *b[2] = { NULL };
+    double side[2][ORDER], y[ORDER + 1], z[ORDER + 1], again[ORDER + 1];
+    unsigned state = 3;
+
+    CHECK(pattern_new(p, place, DOFS, false, &pattern, NULL) == MODAL_OK);
+    CHECK(blocks_new(pattern, HJ, true, &b[1], NULL) == MODAL_OK);
+    b[0] = filled(pattern, 0.5);
+    for (int i = 0; i < 2 * ORDER; i++)
+        side[i / ORDER][i % ORDER] = next(&state);
+    blocks_set_border(b[1], b[0], 2, side[0], side[1], 3);
+    for (int bordered = 0; bordered < 2; bordered++) {
+        for (int i = 0; i < ORDER + bordered; i++)
+            y[i] = z[i] = next(&state);
+        CHECK(blocks_factor(b[bordered], NULL));
+        blocks_solve(b[bordered], z);
+        blocks_multiply(b[bordered], z, again);
+        for (int i = 0; i < ORDER + bordered; i++)
+            CHECK_NEAR(again[i], y[i], 1e-12);
+        blocks_free(b[bordered]);
+    }
+    pattern_free(pattern);
+    program_free(p);
+}
+
 /* What the first found of the blocks is there for the second, as long as they are the same. */
 TEST(a_second_right_hand_side_of_the_same_blocks_costs_less_than_the_first)
 {

@@ -49,7 +49,7 @@ static const double
     GAIN_TRIAL = 0.5,            /* a step of less is not what a pair pays with */
     GAIN_LAST = 1e-2,            /* a seventh of one standard error, all unknowns together, */
     GAIN_EACH = 1e-3,            /* or of many pairs a twentieth of one of each */
-    WORK_MOST = 6e9,             /* of all fits but the answer's, as whittle.h counts it: ten
+    WORK_MOST = 6e9,             /* of all fits but the answer's, as whittle.h counts it: twenty
                                     seconds */
     WORK_SETTLING = 2.4e10;      /* of the answer's: three times the steps of a trial, and one more
                                     such for what leaves */

@@ -1,88 +1,235 @@
 /* whole_file.c - see whole_file.h */
+#include "whole_file.h"
 #include <errno.h>
 #include <fcntl.h>
+#include <signal.h>
+#include <stdatomic.h>
 #include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
-#include "whole_file.h"
 
 enum { NAMES = 100 };        /* tried beside one place: leavings of lives of the same PID */
 
-enum modal_status whole_file_check(const char *path, const char *option, struct modal_error *err)
-{
-    const char *slash = path != NULL ? strrchr(path, '/') : NULL;
-    char folder[4096] = ".";
-    struct stat known;
+/* ---- what a signal ends ---- */
 
-    if (path == NULL)
-        return MODAL_OK;
-    if (slash != NULL)
-        snprintf(folder, sizeof folder, "%.*s", slash == path ? 1 : (int)(slash - path), path);
-    if (path[0] == 0 || access(folder, W_OK | X_OK) != 0)
-        return modal_fail_field(err, MODAL_BAD_INPUT, option,
-                                "%s: %s; accepted: a file in a folder that can be written", path,
-                                strerror(path[0] != 0 ? errno : ENOENT));
-    if (stat(path, &known) == 0 ? S_ISREG(known.st_mode) : lstat(path, &known) != 0)
-        return MODAL_OK;
-    return modal_fail_field(err, MODAL_BAD_INPUT, option, "%s is %s; accepted: a file, or none yet",
-                            path, S_ISLNK(known.st_mode)   ? "a link to nothing"
-                                  : S_ISDIR(known.st_mode) ? "a folder"
-                                                           : "a device, FIFO or socket");
+static const int ends[] = { SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGXCPU, SIGXFSZ };
+enum { ENDS = sizeof ends / sizeof *ends };
+
+static struct sigaction was[ENDS];             /* of each, while a file is being written */
+static _Atomic(struct whole_file *) last;      /* that was begun and has not ended */
+
+/* Who caught the signal before catches it still; else what is not whole goes, and we end by it. */
+static void end_by(int number)
+{
+    int i = 0;
+
+    while (ends[i] != number)
+        i++;
+    if (was[i].sa_handler != SIG_DFL) {
+        void (*handler)(int) = was[i].sa_handler;
+        if (was[i].sa_flags & SA_RESETHAND)
+            was[i].sa_handler = SIG_DFL;
+        handler(number);
+        return;
+    }
+    for (struct whole_file *out = atomic_load(&last); out != NULL; out = out->next)
+        unlink(out->beside);
+    signal(number, SIG_DFL);
+    raise(number);
 }
 
-/* A file beside its place that was not there; NULL, errno set: there can be none. */
+/* From here until `restore` the thread hears none of them. */
+static void hold(sigset_t *before)
+{
+    sigset_t held;
+
+    sigemptyset(&held);
+    for (int i = 0; i < ENDS; i++)
+        sigaddset(&held, ends[i]);
+    pthread_sigmask(SIG_BLOCK, &held, before);
+}
+
+/* What is ignored stays ignored. */
+static void catch_ends(void)
+{
+    struct sigaction action = { .sa_handler = end_by, .sa_flags = SA_RESTART };
+
+    sigemptyset(&action.sa_mask);
+    for (int i = 0; i < ENDS; i++)
+        if (sigaction(ends[i], NULL, &was[i]) == 0 && was[i].sa_handler != SIG_IGN)
+            sigaction(ends[i], &action, NULL);
+}
+
+static void leave_ends(void)
+{
+    for (int i = 0; i < ENDS; i++)
+        if (was[i].sa_handler != SIG_IGN)
+            sigaction(ends[i], &was[i], NULL);
+}
+
+static void put_on(struct whole_file *out)
+{
+    if ((out->next = atomic_load(&last)) == NULL)
+        catch_ends();
+    atomic_store(&last, out);
+}
+
+static void take_off(struct whole_file *out)
+{
+    struct whole_file *other = atomic_load(&last);
+
+    if (other == out)
+        atomic_store(&last, out->next);
+    while (other != out && other->next != out)
+        other = other->next;
+    other->next = out->next;
+    if (atomic_load(&last) == NULL)
+        leave_ends();
+}
+
+/* ---- where it is written ---- */
+
+/* How many bytes of PLACE name its folder, with the slash; 0: the current one. */
+static int folder_length(const char *place)
+{
+    const char *slash = strrchr(place, '/');
+
+    return slash != NULL ? (int)(slash - place) + 1 : 0;
+}
+
+/* PLACE is what would be replaced: PATH, or what it leads to. */
+static enum modal_status find_place(const char *path, const char *option,
+                                    char place[WHOLE_FILE_PATH], struct modal_error *err)
+{
+    char folder[WHOLE_FILE_PATH + 2];
+    char *real = realpath(path, NULL);
+    int missing = real == NULL ? errno : 0, length;
+    struct stat known = { 0 };
+
+    length = snprintf(place, WHOLE_FILE_PATH, "%s", real != NULL ? real : path);
+    free(real);
+    if (missing == ENOENT && path[0] != 0 && lstat(path, &known) != 0)
+        missing = 0;
+    else if (missing == ENOENT && path[0] != 0)
+        return modal_fail_field(err, MODAL_BAD_INPUT, option, "%s is a link to nothing; accepted: "
+                                "a file, or none yet", path);
+    if (missing == 0 && length >= WHOLE_FILE_PATH)
+        missing = ENAMETOOLONG;
+    snprintf(folder, sizeof folder, "%.*s.", folder_length(place), place);
+    if (missing == 0 && access(folder, W_OK | X_OK) != 0)
+        missing = errno;
+    if (missing != 0)
+        return modal_fail_field(err, MODAL_BAD_INPUT, option,
+                                "%s: %s; accepted: a file in a folder that can be written", path,
+                                strerror(missing));
+    if (stat(place, &known) != 0 || S_ISREG(known.st_mode))
+        return MODAL_OK;
+    return modal_fail_field(err, MODAL_BAD_INPUT, option, "%s is %s; accepted: a file, or none yet",
+                            path, S_ISDIR(known.st_mode) ? "a folder"
+                                                         : "a device, FIFO or socket");
+}
+
+enum modal_status whole_file_check(const char *path, const char *option, struct modal_error *err)
+{
+    char place[WHOLE_FILE_PATH];
+
+    return path != NULL ? find_place(path, option, place, err) : MODAL_OK;
+}
+
+/* A file beside its place that was not there, in a name that is short whatever the place's is;
+ * NULL, errno set: there can be none.  It is opened by name once more, so its owner can write to it
+ * until the end, whatever its mode will be. */
 static FILE *open_beside(struct whole_file *out)
 {
     struct stat known;
-    bool is_there = stat(out->place, &known) == 0;
-    int fd = -1;
+    bool is_there = stat(out->place, &known) == 0, good;
+    int fd = -1, why;
 
     errno = EEXIST;
     for (int i = 0; fd < 0 && errno == EEXIST && i < NAMES; i++) {
-        snprintf(out->beside, sizeof out->beside, "%s.%d-%d.new", out->place, (int)getpid(), i);
+        snprintf(out->beside, sizeof out->beside, "%.*s.modalctl-%d-%d", folder_length(out->place),
+                 out->place, (int)getpid(), i);
         fd = open(out->beside, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, is_there ? 0600 : 0666);
     }
-    if (fd >= 0 && is_there && fchmod(fd, known.st_mode & 0777) != 0) {
-        close(fd);
-        remove(out->beside);
+    if (fd < 0)
         return NULL;
-    }
-    return fd >= 0 ? fdopen(fd, "w") : NULL;
+    good = is_there || fstat(fd, &known) == 0;
+    out->mode = known.st_mode & 0777;
+    out->uid = is_there ? known.st_uid : (uid_t)-1;
+    out->gid = is_there ? known.st_gid : (gid_t)-1;
+    if (good && !is_there && (out->mode & 0600) != 0600)
+        good = fchmod(fd, out->mode | 0600) == 0;
+    if (good && (out->file = fdopen(fd, "w")) != NULL)
+        return out->file;
+    why = errno;
+    close(fd);
+    remove(out->beside);
+    errno = why;
+    return NULL;
 }
 
 enum modal_status whole_file_begin(struct whole_file *out, const char *path, const char *option,
                                    struct modal_error *err)
 {
-    enum modal_status rc = whole_file_check(path, option, err);
-    char *real = rc == MODAL_OK ? realpath(path, NULL) : NULL;
-    int length;
+    sigset_t before;
+    enum modal_status rc;
 
-    if (rc != MODAL_OK)
-        return rc;
+    out->file = NULL;
     out->option = option;
-    length = snprintf(out->place, sizeof out->place, "%s", real != NULL ? real : path);
-    free(real);
-    errno = ENAMETOOLONG;
-    if (length >= (int)sizeof out->place || (out->file = open_beside(out)) == NULL)
-        return modal_fail_field(err, MODAL_BAD_INPUT, option, "%s: %s", path, strerror(errno));
-    return MODAL_OK;
+    if ((rc = find_place(path, option, out->place, err)) != MODAL_OK)
+        return rc;
+    hold(&before);
+    if (open_beside(out) != NULL)
+        put_on(out);
+    else
+        rc = modal_fail_field(err, MODAL_BAD_INPUT, option, "%s: %s", path, strerror(errno));
+    pthread_sigmask(SIG_SETMASK, &before, NULL);
+    return rc;
+}
+
+/* Owner, group and mode of what is replaced.  Where we cannot give it the group, ours has no rights
+ * that the other had. */
+static bool give_rights(const struct whole_file *out)
+{
+    int fd = fileno(out->file);
+    mode_t mode = out->mode;
+    struct stat now;
+
+    if (fstat(fd, &now) != 0)
+        return false;
+    if (fchown(fd, out->uid, out->gid) != 0 && fchown(fd, (uid_t)-1, out->gid) != 0)
+        mode &= ~(mode_t)0070;
+    return (now.st_mode & 0777) == mode || fchmod(fd, mode) == 0;
+}
+
+/* It is no longer written; where it is not GOOD it goes. */
+static void close_off(struct whole_file *out, bool good)
+{
+    sigset_t before;
+
+    hold(&before);
+    out->file = NULL;
+    take_off(out);
+    if (!good)
+        remove(out->beside);
+    pthread_sigmask(SIG_SETMASK, &before, NULL);
 }
 
 enum modal_status whole_file_end(struct whole_file *out, struct modal_error *err)
 {
-    bool good = !ferror(out->file);
+    bool good = !ferror(out->file) && give_rights(out);
 
-    if (fclose(out->file) == 0 && good && rename(out->beside, out->place) == 0)
-        return MODAL_OK;
-    modal_fail_field(err, MODAL_BAD_INPUT, out->option, "%s: %s", out->place, strerror(errno));
-    remove(out->beside);
-    return MODAL_BAD_INPUT;
+    good = fclose(out->file) == 0 && good && rename(out->beside, out->place) == 0;
+    if (!good)
+        modal_fail_field(err, MODAL_BAD_INPUT, out->option, "%s: %s", out->place, strerror(errno));
+    close_off(out, good);
+    return good ? MODAL_OK : MODAL_BAD_INPUT;
 }
 
 void whole_file_drop(struct whole_file *out)
 {
     fclose(out->file);
-    remove(out->beside);
+    close_off(out, false);
 }

@@ -168,14 +168,17 @@ static enum modal_status print_next(const struct writing *w, struct modal_error 
 /* RC is how the tasks were written: all of them, or nothing stays. */
 static int writing_end(struct writing *w, enum modal_status rc, struct modal_error *err)
 {
+    char script[TASK_PATH_MOST];
+
     if (rc == MODAL_OK)
         rc = write_script(w, err);
-    if (rc == MODAL_OK && (rc = whole_file_end(&w->tasks, err)) == MODAL_OK)
+    if (rc == MODAL_OK && (rc = whole_file_end(&w->tasks, err)) != MODAL_OK
+        && task_folder_place(w->folder, "job.sh", script, NULL) == MODAL_OK)
+        remove(script);
+    if (rc == MODAL_OK)
         rc = print_next(w, err);
-    else if (w->tasks.file != NULL) {
-        fclose(w->tasks.file);
-        remove(w->tasks.beside);
-    }
+    if (w->tasks.file != NULL)
+        whole_file_drop(&w->tasks);
     return rc == MODAL_OK ? 0 : outcome_failure(w->args->json, err, NULL);
 }
 

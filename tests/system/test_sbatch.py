@@ -1,18 +1,22 @@
 """--sbatch: a sweep or a list as an array job, computed by a stand-in of sbatch with bash, and on a
 real Slurm; the results of --local, whatever of it came late or not at all.
 """
+import errno
 import json
 import math
+import os
 import pathlib
 import re
+import resource
 import shlex
+import signal
 import subprocess
 
 import numpy as np
 import pytest
 
 import slurm_local
-from conftest import BUILD, PATIENCE, decay, environment
+from conftest import BUILD, PATIENCE, decay, environment, write_batch
 from test_elsewhere import same
 from test_sweep import strutt, table
 
@@ -298,3 +302,23 @@ def test_a_real_slurm_computes_what_local_does(ctl, slurm, folder):
     assert table(ctl("gather", folder / "tasks").document) == table(ctl("sweep", path).document)
     assert sorted(p.name for p in (folder / "tasks").glob("log.*")) == [f"log.{i}" for i in
                                                                        range(1, 5)]
+
+
+def test_tasks_that_there_is_no_room_for_leave_nothing(tmp_path):
+    """The script, which is written before, has room: it went, and tasks.jsonl was closed twice."""
+    write_batch(tmp_path / "in.h5", decay(100))
+    listed = tmp_path / "list"
+    listed.write_text(10 * f'{{"kind": "identify", "file": "{tmp_path}/in.h5"}}\n')
+    assert plain("submit", "--from", listed, "--sbatch", tmp_path / "a").returncode == 0
+    room = (tmp_path / "a" / "job.sh").stat().st_size
+    assert room < (tmp_path / "a" / "tasks.jsonl").stat().st_size
+
+    def few_bytes():
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (room, room))
+
+    done = subprocess.run([CTL, "submit", "--from", listed, "--sbatch", tmp_path / "b"],
+                          preexec_fn=few_bytes, capture_output=True, text=True, timeout=PATIENCE,
+                          env=environment())
+    assert done.returncode == 2 and os.strerror(errno.EFBIG) in done.stderr, done
+    assert not list((tmp_path / "b").iterdir())

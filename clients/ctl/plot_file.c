@@ -112,7 +112,8 @@ enum modal_status plot_result(const char *path, const char *kind, const cJSON *r
 
     if (strcmp(path, "-") == 0) {
         rc = draw(stdout, kind, result, input, err);
-        return fflush(stdout) != 0 ? modal_fail(err, MODAL_IO, "stdout: %s", strerror(errno)) : rc;
+        return fflush(stdout) != 0 || ferror(stdout)
+                   ? modal_fail(err, MODAL_IO, "stdout: %s", strerror(errno)) : rc;
     }
     rc = whole_file_begin(&out, path, "plot", err);
     if (rc == MODAL_OK && (rc = draw(out.file, kind, result, input, err)) != MODAL_OK)

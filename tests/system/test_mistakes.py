@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import modald
 from conftest import BUILD, PATIENCE, environment
+from modald.link import endpoint_fault
 
 T = np.arange(200) * 0.01
 Y = np.exp(-0.3 * T) * np.cos(31 * T)
@@ -79,6 +80,11 @@ def test_an_empty_scene_and_one_in_utf_16_are_called_so(text, fault, tmp_path):
     (tmp_path / "s.json").write_bytes(text)
     told = said(tmp_path, "modalctl", "--local", "steady", "s.json")
     assert fault in told and "accepted: " in told and "identify" not in told, told
+
+
+def test_a_port_of_many_digits_is_their_number():
+    assert endpoint_fault("tcp://h:000000005555") == ""
+    assert endpoint_fault("tcp://h:" + 400 * "9") == "ends in no port of 1 to 65535"
 
 
 @pytest.mark.parametrize("server, fault", [

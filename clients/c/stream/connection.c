@@ -188,12 +188,17 @@ static void close_link(struct link *l)
     forget_together(l);
 }
 
-/* libzmq takes a port modulo 65536; what else is no endpoint it tells itself. */
+/* As endpoint_fault of clients/c/link.c: libzmq takes a port modulo 65536, and passes over what
+ * stands behind it; what else is no endpoint it tells itself. */
 static bool has_port(const char *url)
 {
     const char *port = strrchr(url, ':');
+    size_t digits = port != NULL ? strspn(port + 1, "0123456789") : 0;
 
-    return strncmp(url, "tcp://", 6) != 0 || strtol(port + 1, NULL, 10) <= PORT_MOST;
+    if (strncmp(url, "tcp://", 6) != 0)
+        return true;
+    return digits > 0 && port[1 + digits] == 0 && strtod(port + 1, NULL) >= 1
+        && strtod(port + 1, NULL) <= PORT_MOST;
 }
 
 static bool open_link(struct link *l)

@@ -156,7 +156,7 @@ def endpoint_fault(endpoint: str) -> str:
     if way != "tcp":
         return "begins with neither ipc:// nor tcp://"
     port = rest.rpartition(":")[2]
-    good = port.isascii() and port.isdigit() and 1 <= int(port[:9]) <= 65535 and ":" in rest
+    good = port.isascii() and port.isdigit() and 1 <= float(port) <= 65535 and ":" in rest
     return "" if good else "ends in no port of 1 to 65535"
 
 

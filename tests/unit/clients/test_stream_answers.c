@@ -257,3 +257,16 @@ TEST(a_string_comes_back_as_it_was_written)
     CHECK(!read_string("\"\\u0041\"", back, sizeof back));
     CHECK(!read_string("7", back, sizeof back) && !read_string(NULL, back, sizeof back));
 }
+
+/* libzmq connects to 5555 by each but the last four. */
+TEST(a_server_over_tcp_ends_in_a_port_and_in_nothing_else)
+{
+    static const char *const none[] = { "tcp://h:5555junk", "tcp://h:71091", "tcp://h:5555 ",
+                                        "tcp://h:0", "tcp://h:", "tcp://h", "tcp://h:-1" };
+
+    for (size_t i = 0; i < sizeof none / sizeof *none; i++)
+        if (has_port(none[i]))
+            fail_msg("%s", none[i]);
+    CHECK(has_port("tcp://h:5555") && has_port("tcp://[::1]:65535") && has_port("tcp://h:1"));
+    CHECK(has_port("tcp://h:000000005555") && has_port("ipc:///a:b"));
+}

@@ -239,6 +239,40 @@ job.cancel()
     assert run.communicate(timeout=PATIENCE)[0] == "True\n"
 
 
+def test_a_child_waits_for_no_lock_that_a_thread_of_its_parent_held(daemon):
+    run = script("""
+job = c.submit("identify", modald.Batch([1.0, 2.0, 1.0] * 20, 0.01), key="locked",
+               not_before=time.time() + 3600, fresh=True)
+job.add_done_callback(lambda job: None)
+kinds = type(threading.Lock()), threading.Condition
+locks = {id(one): one for of in (job, modald.jobs.watch_of(c), modald.jobs)
+         for one in vars(of).values() if isinstance(one, kinds)}
+held, forked = threading.Event(), threading.Event()
+def hold():
+    for lock in locks.values():
+        lock.acquire()
+    held.set()
+    forked.wait()
+    for lock in locks.values():
+        lock.release()
+thread = threading.Thread(target=hold)
+thread.start()
+held.wait()
+child = os.fork()
+if child == 0:
+    signal.alarm(20)
+    told = threading.Event()
+    job.add_done_callback(lambda job: told.set())
+    print(len(locks) > 1, told.wait(), flush=True)
+    os._exit(0)
+forked.set()
+thread.join()
+os.waitpid(child, 0)
+job.cancel()
+""", daemon.endpoint)
+    assert run.communicate(timeout=PATIENCE)[0] == "True True\n"
+
+
 def test_an_interrupt_ends_the_wait_and_not_the_client(daemon):
     run = script("""
 job = c.submit("identify", modald.Batch([1.0, 2.0, 1.0] * 20, 0.01), key="interrupted",

@@ -23,6 +23,21 @@ WATCHED_MOST = 1024         # WAITs of one client that are open: a quarter of wh
 WATCH_S = 20.0              # s that one of them is open
 PAUSE_S = 0.05              # s before the watch asks again what was refused
 
+# A future's own word for its end: who asks `done()` takes its condition.
+_FUTURE_OVER = ("CANCELLED", "CANCELLED_AND_NOTIFIED", "FINISHED")
+
+# Of all jobs and watches: nothing that takes long is done under it.
+_lock = threading.Lock()
+
+
+def _after_fork() -> None:
+    """The child has its own: the parent's thread that held it is not here to give it back."""
+    global _lock
+    _lock = threading.Lock()
+
+
+os.register_at_fork(after_in_child=_after_fork)
+
 
 class Job(concurrent.futures.Future):  # type: ignore[type-arg]
     """A job on the queue, as a `concurrent.futures.Future` and as its queue document.
@@ -32,8 +47,8 @@ class Job(concurrent.futures.Future):  # type: ignore[type-arg]
 
     def __init__(self, client: Session, document: Document):
         """Of `client`, which is asked again; `document` as SUBMIT or STATUS answers."""
-        self._over, self._watched = False, 0            # by which process
-        self._state_lock = threading.Lock()
+        self._over = self._watched = False
+        self._process = os.getpid()
         super().__init__()
         self.client, self.document = client, document
         self._answer: Result | None = None
@@ -42,9 +57,10 @@ class Job(concurrent.futures.Future):  # type: ignore[type-arg]
     @property
     def _condition(self) -> threading.Condition:
         """The future's; who asks for it looks at the future, and the watch begins."""
-        with self._state_lock:
-            begin = not self._over and self._watched != os.getpid()
-            self._watched = os.getpid()
+        with _lock:
+            self._take()
+            begin = not self._over and not self._watched
+            self._watched = True
         if begin:
             watch_of(self.client).add(self)
         return self._own_condition
@@ -52,6 +68,14 @@ class Job(concurrent.futures.Future):  # type: ignore[type-arg]
     @_condition.setter
     def _condition(self, value: threading.Condition) -> None:
         self._own_condition = value
+
+    def _take(self) -> None:
+        """Under the lock: a fork's child has none of the threads that held or were to end it."""
+        if self._process == os.getpid():
+            return
+        self._process, self._watched = os.getpid(), False
+        self._own_condition = threading.Condition()
+        self._over = vars(self)["_state"] in _FUTURE_OVER
 
     def __reduce__(self) -> tuple[Any, ...]:
         """A pickled job finds its client by the endpoint."""
@@ -78,7 +102,8 @@ class Job(concurrent.futures.Future):  # type: ignore[type-arg]
     def _end(self, document: Document) -> None:
         """What the daemon says; at its end the future ends, once."""
         Answer(document).job()
-        with self._state_lock:
+        with _lock:
+            self._take()
             self.document = document
             if document.get("state") not in ENDED or self._over:
                 return
@@ -93,7 +118,8 @@ class Job(concurrent.futures.Future):  # type: ignore[type-arg]
 
     def _fail(self, why: Error) -> None:
         """The watch cannot go on."""
-        with self._state_lock:
+        with _lock:
+            self._take()
             if self._over:
                 return
             self._over = True
@@ -149,13 +175,12 @@ class Watch:
     def __init__(self, link: Link):
         """Nothing is asked before the first job is added."""
         self.link = link
-        self._lock = threading.Lock()
         self._waiting: collections.deque[Job] = collections.deque()
         self._thread: threading.Thread | None = None
 
     def add(self, job: Job) -> None:
         """Say when JOB has ended."""
-        with self._lock:
+        with _lock:
             self._waiting.append(job)
             if self._thread is None or not self._thread.is_alive():     # a fork's child has none
                 self._thread = threading.Thread(target=self._run, name="modald-jobs", daemon=True)
@@ -168,7 +193,7 @@ class Watch:
                 while self._send(talk, flying):
                     self._hear(talk, flying)
         except Exception as why:  # nobody shall wait for a thread that is gone
-            with self._lock:
+            with _lock:
                 failed = [*flying.values(), *self._waiting]
                 self._waiting.clear()
                 self._thread = None
@@ -178,7 +203,7 @@ class Watch:
 
     def _send(self, talk: Talk, flying: dict[int, Job]) -> bool:
         """As many as may be open; False, and the thread is gone: there is nothing to watch."""
-        with self._lock:
+        with _lock:
             while self._waiting and len(flying) < WATCHED_MOST:
                 job = self._waiting[0]
                 flying[talk.send("WAIT", {"job": job.id, "timeout_s": WATCH_S})] = job
@@ -215,16 +240,13 @@ class Watch:
                 job._fail(why)
 
     def _again(self, jobs: Iterable[Job]) -> None:
-        with self._lock:
+        with _lock:
             self._waiting.extend(jobs)
-
-
-_one_watch = threading.Lock()
 
 
 def watch_of(session: Session) -> Watch:
     """The watch of a session's jobs: one, whichever thread asks first."""
-    with _one_watch:
+    with _lock:
         if session.watch is None:
             session.watch = Watch(session._link)
     return session.watch  # type: ignore[no-any-return]

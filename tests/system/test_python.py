@@ -170,6 +170,20 @@ def test_a_result_is_its_document_and_the_same_as_arrays(client):
     assert np.isnan(noise.std_frequency_hz[0]) and np.isnan(noise.damping_ratio[0])
 
 
+@pytest.mark.parametrize("kind", ["identify", "steady", "curve", "floquet", "tradeoff"])
+def test_no_picture_of_what_is_no_result_and_of_no_dof_that_is_not_there(kind):
+    for members in ({}, {"modes": 1, "harmonics": 1, "points": [{}], "rungs": [7],
+                         "multipliers": [1]}):
+        with pytest.raises(modald.Error) as caught:
+            modald.Result({"kind": kind, **members}).plot()
+        assert caught.value.code == "bad_frame"
+    shown = {"dof": "x1", "k": [1], "re": [1.0], "im": [0.0]}
+    steady = modald.Result({"kind": "steady", "harmonics": [shown]})
+    with pytest.raises(modald.Error) as caught:
+        steady.plot(dof=1)
+    assert (caught.value.code, caught.value.field) == ("bad_input", "dof")
+
+
 def results(client):
     yield "identify", client.identify(decay(), 0.05, {"rank.fixed": 4})
     yield "steady", client.steady(DAMPER)

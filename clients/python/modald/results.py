@@ -3,7 +3,7 @@ from __future__ import annotations
 
 import functools
 import html
-from typing import Any, Callable, TypeVar
+from typing import Any, Callable, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -25,14 +25,15 @@ def _number(value: Any) -> float:
 
 
 T = TypeVar("T")
+P = ParamSpec("P")
 
 
-def _read(read: Callable[["Result"], T]) -> Callable[["Result"], T]:
+def _read(read: Callable[Concatenate["Result", P], T]) -> Callable[Concatenate["Result", P], T]:
     """A member that says where the document is none of modald-result(5), whoever sent it."""
     @functools.wraps(read)
-    def told(self: "Result") -> T:
+    def told(self: "Result", /, *args: P.args, **more: P.kwargs) -> T:
         try:
-            return read(self)
+            return read(self, *args, **more)
         except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as why:
             raise Error("bad_frame", f"the result is none of modald-result(5): {why!r}") from why
     return told
@@ -148,6 +149,14 @@ class Result(dict[str, Any]):
         """A small picture, SVG text; "" where the kind of result has none."""
         return picture.draw(self)
 
+    def _check_dof(self, dof: int) -> None:
+        kind = self.get("kind")
+        first = [self] if kind == "steady" else self["points"][:1] if kind == "curve" else []
+        for count in (len(one["harmonics"]) for one in first):
+            if not -count <= dof < count:
+                raise Error("bad_input", f"no dof {dof}; accepted: 0 to {count - 1}", "dof")
+
+    @_read
     def plot(self, dof: int = 0) -> Any:
         """A matplotlib.figure.Figure of `modald.plots`; `dof` counts those of a steady result."""
         try:
@@ -155,6 +164,7 @@ class Result(dict[str, Any]):
         except ImportError as why:
             raise Error("bad_input", "plot needs matplotlib (Debian package python3-matplotlib)",
                         "matplotlib") from why
+        self._check_dof(dof)
         return plots.of(self, dof)
 
     @_read

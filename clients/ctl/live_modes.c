@@ -117,8 +117,8 @@ static double track_of(const cJSON *mode, int i)
     return field_number(mode, "track", i);
 }
 
-/* Has no mode before MODE its TRACK?  Where two samples have the same labels all of the text is
- * refused. */
+/* Has no mode before MODE its TRACK, as labels say it?  Where two samples have the same labels all
+ * of the text is refused. */
 static bool is_first(const cJSON *modes, const cJSON *mode, double track)
 {
     const cJSON *other;
@@ -127,7 +127,7 @@ static bool is_first(const cJSON *modes, const cJSON *mode, double track)
     cJSON_ArrayForEach(other, modes) {
         if (other == mode)
             break;
-        if (track_of(other, i++) == track)
+        if (rint(track_of(other, i++)) == rint(track))
             return false;
     }
     return true;

@@ -2,6 +2,7 @@
 #include "check.h"
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 #include "ctl/args.h"
 #include "ctl/csv.h"
 #include "ctl/live_modes.h"
@@ -336,6 +337,29 @@ TEST(text_without_numbers_is_no_batch)
         struct signals s;
         CHECK(read_csv(wrong[i], 0, &s, NULL) == MODAL_BAD_INPUT);
     }
+}
+
+/* The text is refused as a whole where two samples have the same labels. */
+TEST(tracks_that_are_told_alike_are_told_once)
+{
+    char path[] = "/tmp/test_ctl_XXXXXX", text[4096];
+    struct modal_error err;
+    cJSON *event = cJSON_Parse("{\"event\":\"modes\",\"stream\":\"s\",\"modes\":["
+                               "{\"track\":0.2,\"frequency_hz\":2},"
+                               "{\"track\":0.4,\"frequency_hz\":3}]}");
+    int fd = mkstemp(path);
+    FILE *file;
+    size_t got;
+
+    CHECK(live_modes_prometheus(path, event, &err) == MODAL_OK);
+    file = fopen(path, "r");
+    got = fread(text, 1, sizeof text - 1, file);
+    text[got] = 0;
+    CHECK(strstr(text, "track=\"0\"} 2\n") != NULL && strstr(text, "track=\"0\"} 3\n") == NULL);
+    fclose(file);
+    close(fd);
+    remove(path);
+    cJSON_Delete(event);
 }
 
 /* Two windows 30 % apart in damping; the second's errors are known,

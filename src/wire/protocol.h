@@ -56,6 +56,9 @@ enum {
     WIRE_ATTEMPTS_DEFAULT = 3,                /* chosen: who kills three workers is to blame */
 };
 
+/* A worker's exit status: there was no memory for a document of its job. */
+enum { WIRE_WORKER_NO_MEMORY = 3 };
+
 #define WIRE_INTEGER_MOST 9007199254740992.0  /* 2^53 */
 
 #endif

@@ -5,7 +5,7 @@
  * With a key file it is one on another host, started by whoever likes: it joins, and leaves on
  * SIGTERM, after --idle or at --until.
  * Exit status: 0 after STOP or a leave, 1 where it could not go on, 2 wrong usage or a key that the
- * daemon does not want.
+ * daemon does not want, WIRE_WORKER_NO_MEMORY.
  */
 #include <getopt.h>
 #include <signal.h>
@@ -17,6 +17,7 @@
 #include "base/machine.h"
 #include "base/utf8.h"
 #include "job/blas_core.h"
+#include "wire/protocol.h"
 #include "worker/confine.h"
 #include "worker/descriptors.h"
 #include "worker/link.h"
@@ -190,14 +191,13 @@ static bool is_final(enum modal_status status)
     return status == MODAL_DENIED || status == MODAL_BAD_VERSION || status == MODAL_BAD_INPUT;
 }
 
-/* The daemon tries the job again, and keeps what is said with it. */
+/* Nobody is told by a message, which is a document too: the daemon knows it by the status. */
 static void end_without_memory(void)
 {
     static const char text[] = "modald-worker: no memory for a document\n";
 
-    if (write(STDERR_FILENO, text, sizeof text - 1) < 0)
-        _exit(2);
-    _exit(1);
+    (void)!write(STDERR_FILENO, text, sizeof text - 1);
+    _exit(WIRE_WORKER_NO_MEMORY);
 }
 
 int main(int argc, char **argv)

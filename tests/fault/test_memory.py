@@ -150,6 +150,8 @@ def test_the_nth_allocation_of_a_worker_fails_and_the_job_still_ends(tmp_path, c
             elif doc["state"] != "done":
                 assert (doc["error"]["code"] in ("no_memory", "worker_died", "internal",
                                                  "io_error")), doc
+            if b"no memory for a document" in d.log_path.read_bytes():    # tried again in vain
+                assert doc.get("error", {}).get("code") != "worker_died", doc
             state = doc["state"]
             ends[state] = ends.get(state, 0) + 1
             assert d.process.poll() is None
@@ -167,6 +169,10 @@ def without_times(value):
         return {key: without_times(v) for key, v in value.items()
                 if key not in ("cost", "seconds")}
     return [without_times(v) for v in value] if isinstance(value, list) else value
+
+
+def without_verdict(document):
+    return {key: v for key, v in document.items() if key not in ("stability", "diagnostics")}
 
 
 SCENE = {"structure": {"type": "chain", "masses": [1], "springs": [100, 0], "dampers": [0.4, 0]},
@@ -201,8 +207,11 @@ def test_where_the_nth_allocation_of_modalctl_fails_no_result_is_another(tmp_pat
         said = without_times(json.loads(done.stdout))
         if done.returncode:
             assert "error" in said, (i, done)
-        elif said["diagnostics"] == whole["diagnostics"]:
-            assert said == whole, (i, said)
+        elif said != whole:
+            assert [note["code"] for note in said["diagnostics"]
+                    if note not in whole["diagnostics"]] == ["stability_unknown"], (i, said)
+            assert said["stability"]["stable"] is None, (i, said)
+            assert without_verdict(said) == without_verdict(whole), (i, said)
     with capsys.disabled():
         print(f"\nallocation n of modalctl fails: of {n}, ends {ends}")
     assert ends.get(1, 0) > 0

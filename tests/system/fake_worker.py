@@ -2,8 +2,9 @@
 """A worker for tests of the daemon: it speaks section 13 of PROTOCOL.md and does what the job's
 options say.
 
-{"sleep": s}, {"until": path that is to exist}, {"die": true | signal}, {"say": text on stderr},
-{"document": bytes}, {"signals": samples}, {"late": true}: answers for the attempt before.
+{"sleep": s}, {"until": path that is to exist}, {"die": true | signal}, {"exit": status},
+{"say": text on stderr}, {"document": bytes}, {"signals": samples}, {"late": true}: answers for the
+attempt before.
 {"send": [[verb, members, [bytes of each body frame]], ...]}: just that, of the current job and
 attempt, in place of an answer; then READY. In the members {"text": t, "times": n} stands for a long
 text.
@@ -87,6 +88,8 @@ def main():
             time.sleep(o["sleep"])
         while "until" in o and not os.path.exists(o["until"]):
             time.sleep(0.005)
+        if o.get("exit"):
+            os._exit(o["exit"])
         if o.get("die"):
             os.kill(os.getpid(), signal.SIGKILL if o["die"] is True else o["die"])
             time.sleep(10)

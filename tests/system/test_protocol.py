@@ -505,6 +505,15 @@ def test_a_job_whose_worker_dies_is_tried_again_and_dead_after_the_third(client)
     assert wait(client, job)["attempts"] == 6
 
 
+def test_a_job_whose_worker_has_no_memory_for_a_document_is_not_tried_again(client):
+    """By its exit status, WIRE_WORKER_NO_MEMORY; by any other one it died."""
+    failed = wait(client, submit(client, options={"exit": 3})["job"])
+    assert (failed["state"], failed["attempts"]) == ("failed", 1), failed
+    assert failed["error"]["code"] == "no_memory"
+    dead = wait(client, submit(client, options={"exit": 4}, max_attempts=1)["job"])
+    assert dead["error"]["code"] == "worker_died"
+
+
 def test_only_a_dead_job_can_be_tried_again(client):
     job = submit(client)["job"]
     wait(client, job)

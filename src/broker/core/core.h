@@ -60,6 +60,7 @@ struct settings {
     int cores;                    /* of the machine, that jobs may use */
     /* after so many a worker's process is replaced by a fresh one; 0: never */
     int64_t worker_jobs;
+    int64_t worker_memory;        /* bytes that it may have of its own; 0: no limit */
     int64_t queue_jobs;           /* queued jobs at most */
     int64_t input_bytes;          /* an input at most */
     int64_t window_bytes;         /* of chunks in memory, all uploads together */

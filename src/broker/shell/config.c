@@ -56,7 +56,7 @@ static const struct row {
     { "ipc_mode", MODE, offsetof(struct config, ipc_mode), 0, 0777 },
     { "worker_path", TEXT, offsetof(struct config, worker_path), 0, 0 },
     { "worker_user", TEXT, offsetof(struct config, worker_user), 1, 0 },
-    { "worker_memory", BYTES, offsetof(struct config, worker_memory), 0, 1e15 },
+    { "worker_memory", BYTES, offsetof(struct config, settings.worker_memory), 0, 1e15 },
     { "sandbox", SWITCH, offsetof(struct config, sandbox), 0, 0 },
     { "server_key", TEXT, offsetof(struct config, server_key), 0, 0 },
     { "keys", TEXT, offsetof(struct config, keys), 0, 0 },
@@ -91,7 +91,7 @@ void config_init(struct config *c)
         c->workers = WORKERS_MOST;
     c->spool_threads = 3;
     c->ipc_mode = -1;
-    c->worker_memory = NOT_SAID;
+    c->settings.worker_memory = NOT_SAID;
     c->sandbox = true;
     c->drain_s = 60;
     c->metrics_s = 10;
@@ -659,8 +659,8 @@ enum modal_status config_finish(struct config *c, struct modal_error *err)
         c->account_count = 1;
     }
     /* One user's jobs are his own affair; of many, none takes what is the others'. */
-    if (c->worker_memory == NOT_SAID)
-        c->worker_memory = keys ? machine_worker_memory(machine_memory(), c->workers) : 0;
+    if (c->settings.worker_memory == NOT_SAID)
+        c->settings.worker_memory = keys ? machine_worker_memory(machine_memory(), c->workers) : 0;
     if (c->settings.run_limit_ns == NOT_SAID)
         c->settings.run_limit_ns = keys ? DAY_NS : 0;
     c->settings.accounts = c->accounts;

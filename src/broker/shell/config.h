@@ -21,7 +21,6 @@ struct config {
     /* of the socket file; until config_finish, -1: none was named */
     int ipc_mode;
     char worker_path[PATH_ROOM], worker_user[64];
-    int64_t worker_memory;                /* bytes; 0: no limit */
     bool sandbox;
     char server_key[PATH_ROOM];           /* file with the daemon's CURVE keys; "" : no keys */
     char keys[PATH_ROOM];                 /* file with one line a user */

@@ -373,7 +373,7 @@ static enum modal_status start_pool(struct daemon *d, struct modal_error *err)
     d->pool.endpoint = d->worker_endpoint;
     d->pool.data = c->settings.dir;
     d->pool.user = c->worker_user;
-    d->pool.memory = c->worker_memory;
+    d->pool.memory = c->settings.worker_memory;
     d->pool.sandbox = c->sandbox;
     return MODAL_OK;
 }

@@ -2,6 +2,8 @@
 #include "broker/core/jobs.h"
 #include "broker/core/slots.h"
 #include "broker/verbs/verbs.h"
+#include "wire/protocol.h"
+#include <stdio.h>
 #include <string.h>
 #include <sys/wait.h>
 
@@ -30,6 +32,20 @@ static void crashed(struct core *c, struct job *job, const struct remote *elsewh
     core_timer(c, c->now.mono_ns + (SECOND / 2 << (job->crashes - 1)), TIMER_START, job->id, 0);
 }
 
+/* It would have none in another attempt either: as where the worker can say so itself. */
+static void without_memory(struct core *c, struct job *job)
+{
+    struct modal_error err;
+    char limit[96] = "";
+
+    if (c->settings.worker_memory > 0)
+        snprintf(limit, sizeof limit, "; a worker has at most %lld bytes (worker_memory)",
+                 (long long)c->settings.worker_memory);
+    modal_fail(&err, MODAL_NO_MEMORY, "the worker had no memory for a document in attempt %d%s",
+               job->attempts, limit);
+    job_fail(c, job, JOB_FAILED, &err, NULL);
+}
+
 void attempt_ended(struct core *c, struct job *job, enum ending ending,
                    const struct remote *elsewhere, int status, const char *stderr_text)
 {
@@ -54,6 +70,11 @@ void attempt_ended(struct core *c, struct job *job, enum ending ending,
         job_fail(c, job, JOB_FAILED, &err, NULL);
         break;
     default:
+        if (elsewhere == NULL && WIFEXITED(status)
+            && WEXITSTATUS(status) == WIRE_WORKER_NO_MEMORY) {
+            without_memory(c, job);
+            break;
+        }
         crashed(c, job, elsewhere, status, stderr_text);
     }
 }

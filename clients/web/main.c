@@ -10,6 +10,8 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/random.h>
+#include <unistd.h>
+#include "base/json.h"
 #include "base/near.h"
 #include "http.h"
 #include "site.h"
@@ -187,6 +189,15 @@ static enum modal_status serve(struct site *site, const struct arguments *a,
     return rc;
 }
 
+/* What is left out of a document would be shown as not there. */
+static void end_without_memory(void)
+{
+    static const char text[] = "modald-web: no memory for a document\n";
+
+    (void)!write(STDERR_FILENO, text, sizeof text - 1);
+    _exit(modal_status_exit(MODAL_NO_MEMORY));
+}
+
 int main(int argc, char **argv)
 {
     struct site *site = calloc(1, sizeof *site);
@@ -195,6 +206,7 @@ int main(int argc, char **argv)
     enum modal_status rc = site == NULL ? modal_fail(&err, MODAL_NO_MEMORY, "no memory")
                                         : read_arguments(argc, argv, site, &arguments, &err);
 
+    json_memory_end(end_without_memory);
     signal(SIGPIPE, SIG_IGN);
     sigaction(SIGTERM, &(struct sigaction) { .sa_handler = stop }, NULL);
     sigaction(SIGINT, &(struct sigaction) { .sa_handler = stop }, NULL);

@@ -114,9 +114,13 @@ static void catch_nothing(void)
     signal(SIGXCPU, SIG_DFL);
 }
 
-static void cannot_tell(void)
+static void *allocate_or_end(size_t size)
 {
-    _exit(CANNOT_TELL);
+    void *block = malloc(size);
+
+    if (block == NULL)
+        _exit(CANNOT_TELL);
+    return block;
 }
 
 /* Ends by _exit: what the parent has to print or to close is the parent's. */
@@ -126,7 +130,7 @@ static _Noreturn void be_child(const struct apart *how, void *context, pid_t par
     struct outcome outcome = { .rc = MODAL_OK };
     FILE *to = fdopen(fd, "w");
 
-    json_memory_end(cannot_tell);
+    json_memory_by(allocate_or_end);
     prctl(PR_SET_PDEATHSIG, SIGKILL);
     if (to == NULL || getppid() != parent)
         _exit(CANNOT_TELL);

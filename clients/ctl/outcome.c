@@ -59,8 +59,12 @@ int outcome_failure(bool json, const struct modal_error *err, const cJSON *detai
 
 static const bool *as_json;
 
-static void end_without_memory(void)
+static void *allocate_or_end(size_t size)
 {
+    void *block = malloc(size);
+
+    if (block != NULL)
+        return block;
     if (*as_json)
         puts("{\"error\":{\"code\":\"no_memory\",\"message\":\"no memory for a document\"}}");
     else
@@ -71,7 +75,7 @@ static void end_without_memory(void)
 void outcome_begin(const bool *json)
 {
     as_json = json;
-    json_memory_end(end_without_memory);
+    json_memory_by(allocate_or_end);
     for (int fd = STDIN_FILENO; fd <= STDERR_FILENO; fd++)
         if (fcntl(fd, F_GETFD) < 0 && errno == EBADF
             && open("/dev/null", fd == STDIN_FILENO ? O_WRONLY : O_RDONLY) != fd)

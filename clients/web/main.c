@@ -190,10 +190,13 @@ static enum modal_status serve(struct site *site, const struct arguments *a,
 }
 
 /* What is left out of a document would be shown as not there. */
-static void end_without_memory(void)
+static void *allocate_or_end(size_t size)
 {
     static const char text[] = "modald-web: no memory for a document\n";
+    void *block = malloc(size);
 
+    if (block != NULL)
+        return block;
     (void)!write(STDERR_FILENO, text, sizeof text - 1);
     _exit(modal_status_exit(MODAL_NO_MEMORY));
 }
@@ -206,7 +209,7 @@ int main(int argc, char **argv)
     enum modal_status rc = site == NULL ? modal_fail(&err, MODAL_NO_MEMORY, "no memory")
                                         : read_arguments(argc, argv, site, &arguments, &err);
 
-    json_memory_end(end_without_memory);
+    json_memory_by(allocate_or_end);
     signal(SIGPIPE, SIG_IGN);
     sigaction(SIGTERM, &(struct sigaction) { .sa_handler = stop }, NULL);
     sigaction(SIGINT, &(struct sigaction) { .sa_handler = stop }, NULL);

@@ -106,10 +106,10 @@ enum modal_status json_get_numbers(const cJSON *object, const char *base, const 
                                    double low, double high, double **out, size_t *count,
                                    struct modal_error *err);
 
-/* For a program, before its first document: where there is no memory for a part of one, END is
- * called and does not return.  Without it cJSON leaves the part out, and what is told is less, or
- * another thing, without a word. */
-void json_memory_end(void (*end)(void));
+/* For a program, before its first document: parts of documents are blocks of ALLOCATE's, free's to
+ * take back; where there is none for one it ends the program.  malloc's NULL cJSON takes for a part
+ * to leave out: what is told is less, or another thing, without a word. */
+void json_memory_by(void *(*allocate)(size_t size));
 
 /* Building results, the caller's to delete: [re, im], and a list of COUNT numbers; one that is not
  * finite is null. */

@@ -7,20 +7,8 @@
 #include <string.h>
 #include "base/near.h"
 
-static void (*ended)(void);
-
-static void *allocate(size_t size)
+void json_memory_by(void *(*allocate)(size_t size))
 {
-    void *block = malloc(size);
-
-    if (block == NULL)
-        ended();
-    return block;
-}
-
-void json_memory_end(void (*end)(void))
-{
-    ended = end;
     cJSON_InitHooks(&(cJSON_Hooks) { .malloc_fn = allocate, .free_fn = free });
 }
 

@@ -192,10 +192,13 @@ static bool is_final(enum modal_status status)
 }
 
 /* Nobody is told by a message, which is a document too: the daemon knows it by the status. */
-static void end_without_memory(void)
+static void *allocate_or_end(size_t size)
 {
     static const char text[] = "modald-worker: no memory for a document\n";
+    void *block = malloc(size);
 
+    if (block != NULL)
+        return block;
     (void)!write(STDERR_FILENO, text, sizeof text - 1);
     _exit(WIRE_WORKER_NO_MEMORY);
 }
@@ -212,7 +215,7 @@ int main(int argc, char **argv)
         fprintf(stderr, "modald-worker: %s\n", err.message);
         return 1;
     }
-    json_memory_end(end_without_memory);
+    json_memory_by(allocate_or_end);
     blas_core_ensure(argv);
     wanted = read_arguments(argc, argv, &arguments);
     if (wanted != 0)

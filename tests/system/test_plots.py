@@ -170,4 +170,4 @@ def test_a_watched_stream_has_a_picture_of_frequency_and_damping_window_by_windo
     assert (len(dots) == 10 and "frequency, Hz" in words and "damping ratio" in words
             and "seen" in words)
     assert len(drawn(tmp_path / "anew.svg")[1]) == 4
-    assert not list(tmp_path.glob("*.new"))
+    assert not list(tmp_path.glob(".modalctl-*"))

@@ -139,7 +139,7 @@ def test_the_last_window_is_a_file_of_gauges_that_is_replaced_whole(changing, tm
             in file.read_text())
     assert (last["verdict", None], last["last_sample", None], last["gaps", None],
             last["gap_samples", None], last["lag_samples", None]) == (1, 1049, 1, 50, 0)
-    assert not list(tmp_path.glob("*.new"))
+    assert not list(tmp_path.glob(".modalctl-*"))
 
 
 def test_gauges_of_no_stream_are_refused(ctl, changing, tmp_path):

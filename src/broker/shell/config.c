@@ -91,13 +91,12 @@ void config_init(struct config *c)
         c->workers = WORKERS_MOST;
     c->spool_threads = 3;
     c->ipc_mode = -1;
-    c->settings.worker_memory = NOT_SAID;
     c->sandbox = true;
     c->drain_s = 60;
     c->metrics_s = 10;
     c->settings = (struct settings) { .cores = cores > 1 ? (int)cores : 1, .worker_jobs = 10000,
         .queue_jobs = 100000, .input_bytes = INT64_C(16) << 30, .window_bytes = 64 << 20,
-        .lease_ns = 10 * INT64_C(1000000000), .run_limit_ns = NOT_SAID,
+        .lease_ns = 10 * INT64_C(1000000000), .run_limit_ns = NOT_SAID, .worker_memory = NOT_SAID,
         .result_age_ns = 30 * DAY_NS, .input_age_ns = DAY_NS, .tombstone_age_ns = 365 * DAY_NS,
         .upload_idle_ns = DAY_NS, .result_bytes = INT64_C(10) << 30, .events_kept = 100000,
         .jobs_kept = 1000000 };

@@ -40,6 +40,9 @@ enum {
 static const size_t KEEP_MOST = (size_t)1 << 27;
 /* A speed off a multiple of omega by less than this, relative, is one: both come from texts. */
 static const double MULTIPLE = 1e-12;
+/* Of the terms of an entry of S_0 or p_0, what is left of them where they cancel: hundreds of
+ * roundings, as OPEN of balance.c. */
+static const double CANCELLED = 1e-13;
 /* A pivot below so many roundings of its column's size may be 0. */
 static const double PIVOT = 4;
 /* The least pivot over the largest, of sparse factors, below which one may be 0. */
@@ -274,6 +277,7 @@ enum modal_status condense_new(const struct program *p, enum condense_keep keep,
     c->right = workspace_zeros(&c->space, (size_t)c->order * ((size_t)c->q + 1), sizeof *c->right);
     c->pivot = workspace_zeros(&c->space, (size_t)c->order, sizeof *c->pivot);
     c->size = workspace_zeros(&c->space, (size_t)c->order, sizeof *c->size);
+    c->terms = workspace_zeros(&c->space, (size_t)c->q + 1, sizeof *c->terms);
     c->load = workspace_zeros(&c->space, 4 * (size_t)p->loads, sizeof *c->load);
     rc = c->space.failed
              ? modal_fail(err, MODAL_NO_MEMORY, "condense: no memory for a band of %d x %d", c->ld,
@@ -385,6 +389,18 @@ static void place_loads(struct condense *c, int k, double level, double complex 
     }
 }
 
+/* What TERMS of row I of S and p leave, at rest: 0 where that is rounding beside them.  Nothing
+ * holds a mean that S_0 takes to 0, and what rounding held it by would be all that its row has. */
+static void clear_rounding(const struct condense *c, int i, double complex *S, double complex *p)
+{
+    for (int j = 0; j <= c->q; j++) {
+        double complex *entry = j < c->q ? &S[j * c->q + i] : &p[i];
+
+        if (cabs(*entry) <= CANCELLED * c->terms[j])
+            *entry = 0;
+    }
+}
+
 /* S -= L_qr Y, p -= L_qr y, Y the solved right-hand sides; L_qr read from the program's rows of
  * kept dofs. */
 static void subtract_linear(struct condense *c, double s, const double complex *Y,
@@ -393,6 +409,7 @@ static void subtract_linear(struct condense *c, double s, const double complex *
     for (int i = 0; i < c->q; i++) {
         int row = c->kept[i];
 
+        memset(c->terms, 0, ((size_t)c->q + 1) * sizeof *c->terms);
         for (int t = 0; t < 4; t++) {
             const struct sparse *a = t < 3 ? &c->p->constant[t] : &c->p->F;
 
@@ -408,8 +425,11 @@ static void subtract_linear(struct condense *c, double s, const double complex *
                     /* (2), S */
                     S[j * c->q + i] -= value * Y[(size_t)j * (size_t)c->order + (size_t)from];
                 p[i] -= value * Y[(size_t)c->q * (size_t)c->order + (size_t)from];  /* (2), p */
+                for (int j = 0; s == 0 && j <= c->q; j++)
+                    c->terms[j] += cabs(value * Y[(size_t)j * (size_t)c->order + (size_t)from]);
             }
         }
+        clear_rounding(c, i, S, p);                     /* else of no terms: 0 stays 0 */
     }
 }
 

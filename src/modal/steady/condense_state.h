@@ -15,6 +15,7 @@ struct condense {
     int lower, upper, ld;            /* band of L_rr; ld = 2 lower + upper + 1 */
     double complex *band, *right;    /* right: order x (q+1) */
     double *size;                    /* of each column, before factoring */
+    double *terms;                   /* q + 1: sizes of what is taken from a row of S_0 and p_0 */
     int *pivot;                      /* of the band */
     int highest;                     /* harmonic of the loads */
     /* harmonics on the program's axes */

@@ -18,6 +18,7 @@
 #include "modal/steady/balance.h"
 #include "modal/steady/iterate.h"
 #include "modal/steady/pattern.h"
+#include "modal/steady/stiffness.h"
 
 /* Of the largest entry of each row what a derivative gives a motion that nothing holds: hundreds of
  * roundings, as OPEN of balance.c. */
@@ -93,6 +94,42 @@ static bool is_same(const struct balance *b, const double complex *X, const doub
     return most <= SAME * span;
 }
 
+/* Newton's method on X of B, from where it is, its mean along V held there by a spring as stiff as
+ * B's stiffest: S_0 takes V to rounding alone, and divided by itself that takes X back. */
+static enum modal_status newton_held(struct balance *b, const struct iterate_options *opt,
+                                     const double *v, double complex *X, bool *converged,
+                                     struct modal_error *err)
+{
+    int q = b->q, K = b->H + 1;
+    size_t entries = (size_t)q * (size_t)q;
+    double stiff = numbers_modulus(b->S, b->H > 0 ? 2 * entries : entries), along = 0, unit = 0;
+    double complex *own = malloc((entries + (size_t)q) * sizeof *own);
+    struct iterate_report r = { 0 };
+    enum modal_status rc;
+
+    if (own == NULL)
+        return no_memory(err);
+    memcpy(own, b->S, entries * sizeof *own);
+    memcpy(own + entries, b->load, (size_t)q * sizeof *own);
+    for (int i = 0; i < q; i++) {
+        along += v[i] * creal(X[i * K]);
+        unit += v[i] * v[i];
+    }
+    for (int i = 0; i < q; i++) {
+        for (int j = 0; j < q; j++)
+            b->S[j * q + i] += stiff / unit * v[i] * v[j];
+        b->load[i] += stiff / unit * v[i] * along;
+    }
+    stiffness_set(b->stiffness, b->S);
+    rc = iterate_newton(b, opt, X, &r, err);
+    memcpy(b->S, own, entries * sizeof *own);
+    memcpy(b->load, own + entries, (size_t)q * sizeof *own);
+    stiffness_set(b->stiffness, b->S);
+    free(own);
+    *converged = rc == MODAL_OK && r.converged;
+    return rc;
+}
+
 /* X of B along the mean V by as much as it moves itself into MOVED, to a side where Newton's method
  * leaves the motion as it is and nothing holds V; *SLACK false: to neither.  OUT has room for
  * derivative_of. */
@@ -113,13 +150,13 @@ static enum modal_status move_off(struct balance *b, const struct iterate_option
     }
     *slack = false;
     for (int side = -1; rc == MODAL_OK && !*slack && span > 0 && side <= 1; side += 2) {
-        struct iterate_report r;
+        bool converged;
 
         memcpy(moved, X, (size_t)q * (size_t)K * sizeof *X);
         for (int i = 0; i < q; i++)
             moved[i * K] += side * span / far * v[i];
-        rc = iterate_newton(b, opt, moved, &r, err);
-        if (rc != MODAL_OK || !r.converged || !is_same(b, X, moved, span))
+        rc = newton_held(b, opt, v, moved, &converged, err);
+        if (rc != MODAL_OK || !converged || !is_same(b, X, moved, span))
             continue;
         rc = balance_residual(b, moved, true, err);
         if (rc == MODAL_OK)

@@ -53,8 +53,8 @@ struct torus_sheet {
 
 /* ---- torus_sheet.c ---- */
 
-/* A, its outputs known, for N samples, a power of two, of each of TURNS turns from A's start, and
- * an error of WANTED; false: more than TORUS_SHEET_MOST. */
+/* A, its outputs known, for N samples of each of TURNS turns, both powers of two, from A's start,
+ * and an error of WANTED; false: more than TORUS_SHEET_MOST. */
 bool torus_sheet_lay(struct torus_sheet *a, int N, int turns, double wanted);
 /* What reading it costs, in budget.h's units. */
 double torus_sheet_work(const struct torus_sheet *a);

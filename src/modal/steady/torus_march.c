@@ -545,8 +545,19 @@ static enum modal_status read_exactly(struct torus_solver *s, struct exact *a, i
     return rc;
 }
 
+/* Every STEP-th sample of those of A's record after SKIP turns, N a turn, into SHEET's own. */
+static void thin_out(struct torus_sheet *sheet, const struct exact *a, int N, int skip, int step)
+{
+    size_t wide = (size_t)sheet->outputs, count = (size_t)sheet->N * (size_t)sheet->turns;
+    const double *x = a->x + (size_t)skip * (size_t)N * wide;
+
+    for (size_t n = 0; n < count; n++)
+        memcpy(sheet->x + n * wide, x + n * (size_t)step * wide, wide * sizeof *x);
+}
+
 /* *LEFT: what lines of PART beside S's other tones leave of the record's first turns; HUGE_VAL:
- * they are not read, for want of work or as the leading tone's part has no such samples. */
+ * they are not read, for want of work.  A part of the leading tone has as many samples a turn of
+ * its own, every second to fifth: what they fold is on lines of the part again. */
 static enum modal_status leaves(struct torus_solver *s, const struct exact *a, int N,
                                 struct torus_part part, double wanted, double *left,
                                 struct modal_error *err)
@@ -554,21 +565,23 @@ static enum modal_status leaves(struct torus_solver *s, const struct exact *a, i
     const struct torus_tones tones = s->tones;
     int lead = part.tone == tones.lead ? part.of : 1;
     int turns = a->turns < TURNS_PART ? a->turns : TURNS_PART;
-    int skip = (int)((lead - a->begun % lead) % lead);
+    int skip = (int)((lead - a->begun % lead) % lead), whole = 1;
     struct torus_sheet sheet = { .s = s, .settled = true,
                                  .start = a->start + skip * 2 * M_PI / tones.omega[tones.lead] };
     struct torus_errors e = { .change = HUGE_VAL };
     double amplitude;
     enum modal_status rc = set_out(&sheet, false, err);
 
+    while (2 * whole * lead <= turns - skip)
+        whole *= 2;
     torus_tones_move(&s->tones, part.tone, tones.omega[part.tone] / part.of);
-    if (rc == MODAL_OK && (lead & (lead - 1)) == 0
-        && torus_sheet_lay(&sheet, N * lead, (turns - skip) / lead, wanted)
+    if (rc == MODAL_OK && torus_sheet_lay(&sheet, N, whole, wanted)
         && budget_pays(s->work, torus_sheet_work(&sheet))) {
-        sheet.x = a->x + (size_t)skip * (size_t)N * (size_t)sheet.outputs;
         rc = torus_sheet_room(&sheet, err);
-        if (rc == MODAL_OK)
+        if (rc == MODAL_OK) {
+            thin_out(&sheet, a, N, skip, lead);
             rc = torus_sheet_read(&sheet, &e, &amplitude, err);
+        }
         budget_add(s->work, torus_sheet_work(&sheet));
     }
     s->tones = tones;
@@ -577,16 +590,16 @@ static enum modal_status leaves(struct torus_solver *s, const struct exact *a, i
     return rc;
 }
 
-/* s->part, where what decays to a motion has no lines of the tones: the fewest turns, unless more
- * explain far more. */
+/* s->part, where what decays to a motion of so large an AMPLITUDE has no lines of the tones: the
+ * fewest turns, unless more explain far more.  What made it be sought no part may leave. */
 static enum modal_status find_part(struct torus_solver *s, const struct exact *a, int N,
-                                   double wanted, struct modal_error *err)
+                                   double wanted, double amplitude, struct modal_error *err)
 {
     struct torus_part part = { 0, 1 };
     double least, left;
     enum modal_status rc = leaves(s, a, N, part, wanted, &least, err);
 
-    least = least < HUGE_VAL ? HALVED * least : 0;
+    least = least < HUGE_VAL ? fmin(HALVED * least, PLAINLY * amplitude) : 0;
     for (; rc == MODAL_OK && part.tone < s->tones.count; part.tone++)
         for (part.of = 2; rc == MODAL_OK && part.of <= TORUS_PARTS_MOST; part.of++) {
             rc = leaves(s, a, N, part, wanted, &left, err);
@@ -704,7 +717,7 @@ static enum modal_status march_exactly(struct torus_solver *s, int N, double wan
         rc = keep_acts(s, a.m, best, err);
     if (rc == MODAL_OK && s->followed.verdict >= 0 && s->tones.count > 1
         && best->e.change > PLAINLY * best->amplitude)
-        rc = find_part(s, &a, N, wanted, err);
+        rc = find_part(s, &a, N, wanted, best->amplitude, err);
     torus_pieces_free(a.m);
     free(a.x), free(a.growth);
     return rc;

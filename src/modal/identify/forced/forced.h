@@ -17,9 +17,9 @@
  * Of a mode, amplitude is the rms of its part of the responses, and residual and persistence are
  * not known; *out's reconstruction is that of the responses about their means.  Diagnostics, beside
  * those of verdict.h: no_modes, short_record, near_nyquist, broad_poles, narrow_line,
- * too_many_unknowns, coloured_residual (with an input's channel: its hits are not what samples
- * tell, hits.h; no errors and no verdict then), poor_reconstruction, zero_channel,
- * order_work_limit, not_converged, clipped (a channel; the same).
+ * too_many_unknowns, coloured_residual (with an input's channel, the first of such: its hits are
+ * not what samples tell, as far as hits.h asks; no errors and no verdict then), zero_channel,
+ * poor_reconstruction, order_work_limit, not_converged, clipped (a channel; the same).
  */
 enum modal_status forced_identify(const struct batch *batch, const struct identify_options *options,
                                   struct identify_result *out, struct modal_error *err);

@@ -144,7 +144,8 @@ static enum modal_status moved(struct torus_solver *s, double *most, struct moda
  * start where none was found; *MET: its lines are the answer, at TARGET or since other ways to a
  * balance would cost more than is left.  The rough one took as much for each of its samples as one
  * with its error told will twice: where that is not left, lines that agree with the rough one are
- * not held against a better. */
+ * not held against a better: a balance has the same motion, and so their error may be as large as a
+ * balance's that is kept (go_back), where torus_stand.c bounds what nothing else confirms. */
 static enum modal_status march_first(struct torus_solver *s, double target,
                                      struct torus_lines *lines, struct torus_point *out, bool *met,
                                      struct modal_error *err)

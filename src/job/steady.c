@@ -66,6 +66,23 @@ static enum modal_status take_attractor(struct steady *s, struct steady_point *p
     return rc;
 }
 
+/* The verdict of POINT into *KNOWN; one that is not unstable has the rest of the work for what its
+ * target asks, and with more harmonics a verdict of its own. */
+static enum modal_status judge_and_refine(struct steady *s, struct steady_point *point,
+                                          struct stability *known, struct modal_error *err)
+{
+    int H = point->H;
+    enum modal_status rc = stability_of(s, point, known, err);
+
+    if (rc == MODAL_OK && known->verdict != STABILITY_UNSTABLE)
+        rc = steady_refine(s, point, err);
+    if (rc == MODAL_OK && point->H != H) {
+        stability_done(known);
+        rc = stability_of(s, point, known, err);
+    }
+    return rc;
+}
+
 /* A motion found from rest that is unstable is not what a machine does: a stable one is sought
  * among all, and given if there is.  *KNOWN is the stability of the one given. */
 static enum modal_status prefer_stable(struct steady *s, const struct program *p,
@@ -77,7 +94,7 @@ static enum modal_status prefer_stable(struct steady *s, const struct program *p
     struct steady_point *points = NULL;
     int count = 0, stable = -1;
     bool done = false;
-    enum modal_status rc = stability_of(s, point, known, err);
+    enum modal_status rc = judge_and_refine(s, point, known, err);
 
     if (rc != MODAL_OK || known->verdict != STABILITY_UNSTABLE)
         return rc;
@@ -117,6 +134,14 @@ static enum modal_status prefer_stable(struct steady *s, const struct program *p
     return rc;
 }
 
+/* Whether a stable motion is given in place of an unstable one: not where one is asked for by its
+ * start or its method. */
+static bool prefers_stable(const struct program *p, const struct steady_settings *settings)
+{
+    return settings->solutions != 1 && settings->stability && settings->start == NULL
+        && settings->opt.method == STEADY_AUTO && p->laws > 0;
+}
+
 /* One point, or with `solutions` all every one, the first converged first.  *KNOWN: the stability
  * of the one, if it was looked at. */
 static enum modal_status solve_points(struct steady *s, const struct program *p,
@@ -134,8 +159,7 @@ static enum modal_status solve_points(struct steady *s, const struct program *p,
         return modal_fail(err, MODAL_NO_MEMORY, "steady: no memory");
     rc = steady_solve(s, p->omega, start, *points, err);
     *count = rc == MODAL_OK ? 1 : 0;
-    if (rc == MODAL_OK && settings->stability && start == NULL
-        && settings->opt.method == STEADY_AUTO && p->laws > 0 && (*points)->converged)
+    if (rc == MODAL_OK && settings->opt.prefers_stable && (*points)->converged)
         rc = prefer_stable(s, p, *points, known, err);
     return rc;
 }
@@ -170,8 +194,10 @@ static enum modal_status one_state(struct program *p, struct steady_settings *se
     struct stability known = { 0 };
     cJSON *list = NULL, *one = NULL;
     int count = 0;
-    enum modal_status rc = steady_new(p, &settings->opt, &s, err);
+    enum modal_status rc;
 
+    settings->opt.prefers_stable = prefers_stable(p, settings);
+    rc = steady_new(p, &settings->opt, &s, err);
     if (rc == MODAL_OK)
         rc = steady_settings_start(settings, s, &start, err);
     if (rc == MODAL_OK)

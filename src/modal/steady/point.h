@@ -34,6 +34,8 @@ struct steady_options {
     double target_error;      /* relative to max |x|; 0: 1e-6 */
     double relaxation;        /* direct iteration; 0: 1 */
     bool estimate_later;      /* at given H: leave the errors to steady_estimate_point */
+    bool prefers_stable;      /* beside an unstable answer a stable one is sought: part of the
+                               * work is left for that until steady_refine */
     const int *dofs;          /* those whose errors count, `dofs_count` of them; NULL: all */
     int dofs_count;
     double krylov;            /* condense_share; 0: none at a point, SHARED (point.c) along a

@@ -40,8 +40,8 @@ static const double PERIODIC = 10;
 static const double TOLERANCE_OF_STEPS = 1e-11;
 /* Operations that sparse factors may take a linear dof: half a minute for a hundred thousand. */
 static const double WORK_LINEAR = 3e5;
-/* Of the budget, what orders past the first may cost: an answer may be unstable, and a stable one
- * is sought with the rest. */
+/* Of the budget, what orders past the first may cost until the answer has its verdict: beside an
+ * unstable one a stable one is sought with the rest. */
 static const double SHARE_OF_ORDERS = 0.5;
 /* Of what is left of the budget, what a search for others than the motion known may cost before
  * what it found is carried on, which has the rest. */
@@ -50,7 +50,8 @@ enum {
     H_AUTO_MOST = 256,       /* the last one that is tried unasked */
     H_LINEAR_MOST = 4096,   /* no iteration: each harmonic is one solve */
     STEPS_NEXT = 4,          /* Newton's steps that an order from near takes, at least */
-    COST_NEXT = 4,           /* times this order's, of a sparse one: twice the blocks, more fill */
+    COST_NEXT = 4,           /* times this order's, of a sparse one: twice the blocks, more fill; */
+    COST_FULL = 8,           /* of a full one, its cube */
     SPARSE_LEAST = 10,       /* kept dofs from which sparse factors pay, */
     SPARSE_LINEAR = 100,     /* and the dofs beside each that are cheaper kept than taken out */
     FAILED_MOST = 2,         /* orders in a row that failed from near, after which no more is
@@ -436,35 +437,40 @@ static enum modal_status give_best(struct steady *s, struct steady_point *best,
         : rc;         /* recovery at this H */
 }
 
-/* Whether H is the last order that is tried, and if work is what stops it, *WANTING.  SPENT: what
- * H cost from near; 0, unknown. */
-static bool last_order(const struct steady *s, int H, int most, double spent, bool *wanting)
+/* Whether H is the last order that is tried with SHARE of the budget, and if all the work allowed
+ * is what stops it, *WANTING.  SPENT: what H cost from near, at most; 0, unknown. */
+static bool last_order(const struct steady *s, int H, int most, double share, double spent,
+                       bool *wanting)
 {
     double order = (double)condense_kept(s->c) * (4.0 * H + 1);
     bool full = condense_pattern(s->c)->full;
 
     /* Some steps, or what it cost and more. */
-    double next = full || spent == 0 ? STEPS_NEXT * steady_factor_work(s, 2 * H)
-                                     : COST_NEXT * spent;
+    double steps = STEPS_NEXT * steady_factor_work(s, 2 * H),
+           next = spent == 0 ? steps : full ? fmin(steps, COST_FULL * spent) : COST_NEXT * spent;
 
     double linear = condense_work(s->c), allowed = WORK_LINEAR * (s->p->n - condense_kept(s->c));
 
-    *wanting = s->budget.spent + next > SHARE_OF_ORDERS * s->budget.most  /* the target's */
+    next += s->budget.spent;
+    *wanting = next > s->budget.most                    /* the target's */
         || (linear > 0 && 2 * linear > allowed)         /* twice the harmonics */
         || (full && order > ORDER_AUTO_MOST);
-    return H >= most || *wanting || (s->opt.samples > 0 && 4 * H >= s->opt.samples);
+    return H >= most || *wanting || next > share * s->budget.most
+        || (s->opt.samples > 0 && 4 * H >= s->opt.samples);
 }
 
 /* H doubled, each from the last, until the estimate meets the target or the work allowed does not
  * reach for the next order, whose factors cost up to eight times as much; the best so far is the
  * answer.  Past the first H, more than ORDER_FAILED unknowns are tried from near alone; after
- * FAILED_MOST failures in a row, not at all.  COARSE, converged, or NULL: the best so far. */
+ * FAILED_MOST failures in a row, not at all.  COARSE, converged, or NULL: the best so far, whose
+ * verdict is known. */
 static enum modal_status solve_to_target(struct steady *s, double omega,
                                          const struct steady_start *start,
                                          const struct steady_point *coarse,
                                          struct steady_point *point, struct modal_error *err)
 {
-    double target = steady_target(s);
+    double target = steady_target(s),
+           share = s->opt.prefers_stable && coarse == NULL ? SHARE_OF_ORDERS : 1;
     int load = condense_highest_load(s->c), H = coarse != NULL ? 2 * coarse->H
                                                                 : steady_first_order(s),
         most = H_AUTO_MOST > load ? H_AUTO_MOST : load;
@@ -486,7 +492,7 @@ static enum modal_status solve_to_target(struct steady *s, double omega,
         failed = point->converged ? 0 : failed + 1;     /* in a row */
         last = (point->converged && point->error <= target * point->amplitude)  /* (1) */
             || (failed >= FAILED_MOST && condense_kept(s->c) * (4 * H + 1) > ORDER_FAILED)
-            || last_order(s, H, most, fmax(0, s->budget.spent - before), &point->wanting);
+            || last_order(s, H, most, share, fmax(0, s->budget.spent - before), &point->wanting);
         best.attempts = point->attempts;                /* counted over all orders */
         if (point->converged && !last)
             rc = point_copy(point, &best, err);
@@ -635,12 +641,14 @@ enum modal_status steady_refine(struct steady *s, struct steady_point *point,
     struct steady_point fine = { .omega = point->omega, .level = 1 };
     struct budget work = point->work;
     struct balance *b;
+    /* of a sparse order not all before it, which is no bound of the next */
+    double spent = condense_pattern(s->c)->full ? point->work.spent : 0;
     enum modal_status rc = MODAL_OK;
 
     if (s->linear || s->jumps || point->followed || point->linear != NULL)
         return MODAL_OK;
-    if (s->opt.harmonics == 0 && !point->wanting && 2 * point->H <= H_AUTO_MOST
-        && point->error > steady_target(s) * point->amplitude) {
+    if (s->opt.harmonics == 0 && point->error > steady_target(s) * point->amplitude
+        && !last_order(s, point->H, H_AUTO_MOST, 1, spent, &point->wanting)) {
         rc = solve_to_target(s, point->omega, NULL, point, &fine, err);
         work = s->budget;
     }

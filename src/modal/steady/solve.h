@@ -66,8 +66,8 @@ enum modal_status steady_follow_attractor(struct steady *s, double omega,
 
 /* POINT, converged with default harmonics and an error above the target, is carried on from near
  * with more of them, as far as the budget reaches; it stays as it is where that fails or makes
- * its error no smaller, or was `wanting` before.  Its other dofs can be recovered then, those of
- * points with other harmonics not. */
+ * its error no smaller, and is `wanting` where the budget does not reach.  Its
+ * other dofs can be recovered then, those of points with other harmonics not. */
 enum modal_status steady_refine(struct steady *s, struct steady_point *point,
                                 struct modal_error *err);
 #endif

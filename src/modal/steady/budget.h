@@ -20,7 +20,10 @@
 #include <stdbool.h>
 #include <stddef.h>
 
-struct budget { double spent, most; };     /* most 0: no limit */
+struct budget {
+    double spent, most;        /* most 0: no limit */
+    double apart;              /* of most, what verdicts were given beside what an answer may */
+};
 
 enum {
     BUDGET_DENSE = 4,      /* dense operations in the time of one on a scattered number */

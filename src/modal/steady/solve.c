@@ -326,13 +326,12 @@ static enum modal_status search(struct steady *s, struct balance *b, const doubl
     struct solutions coarse = { 0 };
     int load = condense_highest_load(s->c), H = b->H;
     struct balance *few = b;
-    double omega = b->omega, most;
+    double omega = b->omega, most = s->budget.most;
     bool same;
     enum modal_status rc = MODAL_OK;
 
-    most = s->budget.most;
     while ((H + 1) / 2 >= H_SEARCH && H / 2 > 2 * load
-           && (double)SEARCH_SHARE * SEARCHES * steady_factor_work(s, H) > s->budget.most)
+           && (double)SEARCH_SHARE * SEARCHES * steady_factor_work(s, H) > most)
         H = (H + 1) / 2;                             /* cheaper by eight where the matrix is full */
     same = H == b->H || s->opt.samples > 0;
     if (X != NULL)
@@ -363,7 +362,7 @@ enum modal_status steady_solve_all(struct steady *s, double omega, const struct 
     struct solutions found = { 0 };
     struct steady_point *list = calloc(SOLUTIONS_MOST + 1, sizeof *list);
     struct balance *b = NULL;
-    double before = known != NULL ? s->budget.spent : 0;
+    struct budget before = s->budget;
     bool ended = false;
     enum modal_status rc;
 
@@ -371,7 +370,8 @@ enum modal_status steady_solve_all(struct steady *s, double omega, const struct 
     rc = list == NULL ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory")
          : known != NULL && known->linear == NULL ? point_copy(known, &list[0], err)
                                                   : steady_solve(s, omega, start, &list[0], err);
-    s->budget.spent = fmax(s->budget.spent, before);
+    if (known != NULL && known->linear != NULL)         /* it was solved anew, of KNOWN's budget */
+        s->budget = (struct budget){ before.spent + s->budget.spent, before.most, before.apart };
     s->searching = false;
     *count = rc == MODAL_OK ? 1 : 0;
     if (rc != MODAL_OK || s->linear || list[0].followed || (s->jumps && !list[0].converged))
@@ -395,8 +395,8 @@ enum modal_status steady_solve_all(struct steady *s, double omega, const struct 
         *count = 0;
         rc = points_of_all(s, b, &found, method, list, count, err);
         for (int i = 0; i < *count; i++)
-            list[i].work = (struct budget) { work.spent + s->budget.spent,
-                                             work.most + s->budget.most };
+            list[i].work = (struct budget) { .spent = work.spent + s->budget.spent,
+                                             .most = work.most + s->budget.most };
     }
     list[0].unsought = ended;
     if (rc == MODAL_OK)

@@ -280,6 +280,17 @@ static enum modal_status nonlinear_stability(struct disturbance *u, struct stabi
     return rc == MODAL_OK && large ? large_stability(u, out, err) : rc;
 }
 
+/* S's budget becomes ANSWER and the WORK of a verdict of it: what the answer has left stays, as far
+ * as all its verdicts take no more than one may. */
+static void charge_verdict(struct steady *s, struct budget answer, struct budget work)
+{
+    double apart = fmin(work.most, answer.apart + work.spent);
+
+    s->budget.spent = answer.spent + work.spent;
+    s->budget.most = answer.most > 0 ? answer.most + apart - answer.apart : 0;
+    s->budget.apart = apart;
+}
+
 /* Of S's own program. */
 static enum modal_status stability_alone(struct steady *s, const struct steady_point *point,
                                          struct stability *out, struct modal_error *err)
@@ -306,7 +317,7 @@ static enum modal_status stability_alone(struct steady *s, const struct steady_p
     if (rc == MODAL_OK && u.reason == NULL)
         rc = nonlinear_stability(&u, out, err);
     out->work = s->budget;
-    s->budget = (struct budget){ answer.spent + out->work.spent, answer.most };
+    charge_verdict(s, answer, out->work);
     out->reason = u.reason;
     if (rc != MODAL_OK || u.reason != NULL) {
         free(out->multiplier);

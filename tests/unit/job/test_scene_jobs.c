@@ -358,7 +358,8 @@ TEST(the_search_beside_an_unstable_answer_is_of_its_budget)
           *r = job("steady", scene, NULL, MODAL_OK, NULL);
 
     CHECK(cJSON_IsFalse(cJSON_GetObjectItem(cJSON_GetObjectItem(r, "stability"), "stable")));
-    CHECK(number(r, "work", "allowed") == number(alone, "work", "allowed"));
+    CHECK(number(r, "work", "allowed") > number(alone, "work", "allowed")); /* by its verdict */
+    CHECK(number(r, "work", "allowed") <= 2 * number(alone, "work", "allowed"));
     CHECK(number(r, "work", "spent") > 2 * number(alone, "work", "spent"));
     CHECK(number(r, "work", "spent") < 1.1 * number(r, "work", "allowed"));
     cJSON_Delete(alone);

@@ -311,6 +311,67 @@ TEST(a_search_for_other_motions_that_its_work_ends_says_so)
     }
 }
 
+/* What an answer has left after its verdict is for the search; verdicts that took as much as one
+ * may are of what is left. */
+TEST(a_verdict_leaves_an_answer_what_it_had_left_once)
+{
+    struct program *p = lower(friction_damper);
+    struct steady_options opt = { .harmonics = 5 };
+    struct steady_point point;
+    struct steady *s;
+    struct stability st;
+
+    solve(p, &opt, &s, &point);
+    for (int r = 0; r < 2; r++) {
+        double left = s->budget.most - s->budget.spent, now;
+
+        s->budget.apart = r == 1 ? s->budget.most : 0;
+        CHECK(stability_of(s, &point, &st, NULL) == MODAL_OK);
+        now = s->budget.most - s->budget.spent;
+        CHECK(st.work.spent > 0 && st.verdict == STABILITY_STABLE);
+        CHECK(r == 0 ? fabs(now - left) < 1 : now < left - st.work.spent + 1);
+        stability_done(&st);
+    }
+    steady_point_done(&point);
+    steady_free(s);
+    program_free(p);
+}
+
+/* A motion at rest that is known is none of those of a balance, which is solved and searched at the
+ * cost of both. */
+TEST(a_search_beside_a_motion_at_rest_counts_its_own_first_answer)
+{
+    static const char *const text =
+        "{\"structure\":{\"type\":\"matrices\",\"M\":[[1]],\"C\":[[0.05]],\"K\":[[1]]},"
+        "\"omega\":1.5,\"effects\":[{\"type\":\"gap\",\"dof\":\"x1\",\"stiffness\":1,"
+        "\"clearance\":3}],\"excitation\":[{\"dof\":\"x1\",\"k\":1,\"cos\":0.3}]}";
+    struct program *p = lower(text);
+    struct steady_options opt = { .harmonics = 5 };
+    struct steady_point known, *points;
+    struct steady *s;
+    double all = 0, before = 0;
+    int count;
+
+    for (int r = 0; r < 2; r++) {
+        solve(p, &opt, &s, &known);
+        CHECK(known.converged);
+        known.linear = s->c;                            /* as of many laws at rest */
+        if (r == 1)
+            before = s->budget.spent = 0.3 * s->budget.most;
+        CHECK(steady_solve_all(s, p->omega, NULL, r == 1 ? &known : NULL, &points, &count, NULL)
+              == MODAL_OK);
+        if (r == 0)
+            all = points[0].work.spent;
+        CHECK(all > 0 && (r == 0 || fabs(steady_work(s)->spent - before - all) < 0.01 * all));
+        for (int i = 0; i < count; i++)
+            steady_point_done(&points[i]);
+        free(points);
+        steady_point_done(&known);
+        steady_free(s);
+    }
+    program_free(p);
+}
+
 /* Two masses, K and C full; R_k = (K - k^2 w^2 M + i k w C) X_k - P_k multiplied out here from the
  * X reported. */
 TEST(a_linear_scene_reports_the_residual_of_its_equation_of_motion)

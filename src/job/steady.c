@@ -129,8 +129,10 @@ static enum modal_status prefer_stable(struct steady *s, const struct program *p
         point->method = "multi-start";
         memset(&points[stable], 0, sizeof points[stable]);
     } else if (rc == MODAL_OK) {
-        point->unsought = budget_spent(work) || (count > 0 && points[0].unsought);
+        bool unsought = budget_spent(work) || (count > 0 && points[0].unsought);
+
         rc = count > 0 ? steady_refine(s, point, err) : MODAL_OK;
+        point->unsought = unsought;                     /* of whichever the refined one is */
     }
     if (rc == MODAL_OK)
         point->work = *work;

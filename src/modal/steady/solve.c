@@ -326,12 +326,13 @@ static enum modal_status search(struct steady *s, struct balance *b, const doubl
     struct solutions coarse = { 0 };
     int load = condense_highest_load(s->c), H = b->H;
     struct balance *few = b;
-    double omega = b->omega, most = s->budget.most;
+    double omega = b->omega, most = s->budget.most, may;
     bool same;
     enum modal_status rc = MODAL_OK;
 
+    may = fmin(most / SEARCH_SHARE, share * fmax(0, most - s->budget.spent));
     while ((H + 1) / 2 >= H_SEARCH && H / 2 > 2 * load
-           && (double)SEARCH_SHARE * SEARCHES * steady_factor_work(s, H) > most)
+           && SEARCHES * steady_factor_work(s, H) > may)
         H = (H + 1) / 2;                             /* cheaper by eight where the matrix is full */
     same = H == b->H || s->opt.samples > 0;
     if (X != NULL)

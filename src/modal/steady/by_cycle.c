@@ -577,14 +577,17 @@ enum modal_status time_attractor(struct steady *s, const struct balance *b, doub
 enum modal_status time_answer(struct steady *s, double omega, double rest,
                               struct steady_point *point, struct modal_error *err)
 {
-    double most = time_closed(s) ? READY * s->budget.most
-                                 : fmin(rest, SHARE_OF_TIME * s->budget.most);
+    const struct budget before = s->budget;
+    const bool ready = time_closed(s);
+    double most = ready ? READY * before.most : fmin(rest, SHARE_OF_TIME * before.most);
     enum modal_status rc = MODAL_OK;
 
     if (s->settled == NULL || s->settled->search == NULL || most <= 0)
         return MODAL_OK;
-    s->budget.most += time_closed(s) ? most : 0;
+    s->budget.most += ready ? most : 0;
     rc = settle_close(s->settled->search, most, &s->settled->motion, err);
+    if (ready && !s->settled->motion.closed)            /* the others have what they had */
+        s->budget.most = before.most + (s->budget.spent - before.spent);
     if (rc != MODAL_OK || !s->settled->motion.closed)
         return rc;
     rc = settle_multipliers(s->settled->search, SHARE_OF_TIME * s->budget.most,

@@ -35,7 +35,8 @@ enum modal_status steady_solve(struct steady *s, double omega, const struct stea
 /* The work of one answer is one budget: what steady_solve has left is what a search that sets out
  * from its answer may spend, by steady_solve_attractor, steady_follow_attractor, steady_refine and
  * steady_solve_all with KNOWN; verdicts (stability.h) count, and what they cost is
- * allowed beside it, up to as much again of all of them. */
+ * allowed beside it, up to as much again of all of them.  A motion that has closed in time is
+ * carried to its answer by as much beside as by_cycle.c has. */
 const struct budget *steady_work(const struct steady *s);
 
 /*

@@ -429,7 +429,8 @@ static void subtract_linear(struct condense *c, double s, const double complex *
                     c->terms[j] += cabs(value * Y[(size_t)j * (size_t)c->order + (size_t)from]);
             }
         }
-        clear_rounding(c, i, S, p);                     /* else of no terms: 0 stays 0 */
+        if (s == 0)
+            clear_rounding(c, i, S, p);
     }
 }
 

@@ -279,6 +279,14 @@ TEST(the_maps_of_a_verdict_count_as_work_and_end_with_it)
     }
 }
 
+static void drop_points(struct steady_point *points, int count, struct steady_point *known)
+{
+    for (int i = 0; i < count; i++)
+        steady_point_done(&points[i]);
+    free(points);
+    steady_point_done(known);
+}
+
 /* A hardening spring past its resonance has three motions; work for none but the one known ends the
  * search for others. */
 TEST(a_search_for_other_motions_that_its_work_ends_says_so)
@@ -302,10 +310,7 @@ TEST(a_search_for_other_motions_that_its_work_ends_says_so)
         CHECK(steady_solve_all(s, p->omega, NULL, &known, &points, &count, NULL) == MODAL_OK);
         CHECK(points[0].unsought == (r == 1) && (r == 1 || count == 3));
         CHECK(steady_work(s)->spent > known.work.spent);         /* one budget goes on */
-        for (int i = 0; i < count; i++)
-            steady_point_done(&points[i]);
-        free(points);
-        steady_point_done(&known);
+        drop_points(points, count, &known);
         steady_free(s);
         program_free(p);
     }
@@ -363,10 +368,7 @@ TEST(a_search_beside_a_motion_at_rest_counts_its_own_first_answer)
         if (r == 0)
             all = points[0].work.spent;
         CHECK(all > 0 && (r == 0 || fabs(steady_work(s)->spent - before - all) < 0.01 * all));
-        for (int i = 0; i < count; i++)
-            steady_point_done(&points[i]);
-        free(points);
-        steady_point_done(&known);
+        drop_points(points, count, &known);
         steady_free(s);
     }
     program_free(p);

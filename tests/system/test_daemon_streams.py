@@ -351,16 +351,19 @@ def test_jobs_are_done_while_streams_ask_for_more_windows_than_there_can_be():
 def test_windows_go_on_after_a_restart_from_the_samples_that_are_durable():
     """A window of 64 every 16 of 1,000 samples, killed at 500 with samples in between: the first
     window after it begins in those from before, and no window that was due is untold but those
-    counted.  On the code of before 64 new samples had to come."""
+    counted.  On the code of before 64 new samples had to come.  The first one is waited for: hops
+    count from where it had its turn."""
     window, hop, kill, end = 64, 16, 500, 520
     with Daemon(workers=1) as d:
         c = d.client()
         assert c.ask("EVENTS", kinds=["modes"]).ok
         s = c.ask("STREAM", op="open", name="again", channels=2, dt=0.01,
                   window={"samples": window, "hop": hop})["stream"]
-        for at in range(0, kill, 20):
-            assert push(c, s, 0, at, rows(at, 20)).ok
-        before = windows_told(c, lambda told: told and told[-1]["to"] >= kill - 1 - hop)
+        assert push(c, s, 0, 0, rows(0, window)).ok
+        before = windows_told(c, lambda told: told)
+        for at in range(window, kill, 20):
+            assert push(c, s, 0, at, rows(at, min(20, kill - at))).ok
+        before += windows_told(c, lambda told: told and told[-1]["to"] >= kill - 1 - hop)
         d.kill()
         d.start()
         c = d.client()

@@ -1,6 +1,7 @@
 """A sweep through the daemon: shared over the workers, the table of --local, a kill -9 in the
 middle, cancel.
 """
+import contextlib
 import csv
 import json
 import math
@@ -11,6 +12,7 @@ import pytest
 from conftest import BUILD, PATIENCE, TOP, environment
 
 import modald
+import wire
 
 EI, M = 6570.0, 3.24                        # N m^2, kg/m, of a beam of 1 m
 W1, P1 = math.pi ** 2 * math.sqrt(EI / M), math.pi ** 2 * EI
@@ -102,12 +104,13 @@ def test_progress_is_told_without_the_points_that_would_make_it_too_long(daemon,
              "scene": {"structure": chain, "omega": 0.5,
                        "excitation": [{"dof": "x1", "k": 1, "cos": 0.1}]}}
     told = []
-    with daemon.client() as client:
+    with daemon.client() as client, contextlib.closing(wire.Client(daemon.endpoint)) as watcher:
+        assert watcher.ask("EVENTS").ok                 # before: progress is not told afterwards
         job = client.submit("sweep", sweep)
-        for event in client.events(start=0, job=job.id, timeout=PATIENCE):
-            told.append(event.header)
-            if event.header.get("state") in ("done", "failed", "dead"):
-                break
+        while not told or told[-1].get("state") not in ("done", "failed", "dead"):
+            event = watcher.early.pop(0) if watcher.early else watcher.receive()
+            if event.get("job") == job.id:
+                told.append(event.header)
         points = job.result(PATIENCE)["points"]
     progress, = [e["progress"] for e in told if e.get("event") == "progress"]
     assert {k: progress.pop(k) for k in ("fraction", "done", "total", "first", "count")} == {

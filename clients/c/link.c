@@ -493,7 +493,8 @@ static enum modal_status nobody(const struct link *link, struct modal_error *err
             { MODAL_NO_SERVER, "%.200s: somebody is there, but no modald, or one that wants a key "
                                "(--keyfile, $MODALD_KEYFILE)" },
             { MODAL_DENIED, "%.200s: somebody is there, but does not answer to our keys: "
-                            "server-key in the key file is another daemon's" },
+                            "server-key in the key file is another daemon's, or the daemon takes "
+                            "no keys" },
         },
     };
     bool keys = link->keys.server[0] != 0;

@@ -689,7 +689,7 @@ def test_sigterm_lets_a_job_finish_within_the_grace_and_gives_it_back_after(site
     ann = it.client("ann")
     kind = it.worker("--grace", 1000)
     job = scene_job(ann, seconds=0.1)["job"]
-    until(lambda: state(ann, job)["attempts"] == 1)
+    until(lambda: state(ann, job).get("progress") or state(ann, job)["state"] == "done")
     kind.terminate()
     assert kind.wait(PATIENCE_S) == 0
     done = ann.ask("WAIT", job=job, timeout_s=200)

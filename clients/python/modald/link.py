@@ -292,7 +292,8 @@ class Link:
                                     "the daemon wants a key: keyfile or $MODALD_KEYFILE names a "
                                     "file that modalctl keygen made"),
             "handshake": ("denied", "somebody is there, but does not answer to our keys: "
-                                    "server-key in the key file is another daemon's") if keys else
+                                    "server-key in the key file is another daemon's, or the daemon "
+                                    "takes no keys") if keys else
                          ("no_server", "somebody is there, but no modald, or one that wants a key "
                                        "(keyfile, $MODALD_KEYFILE)"),
         }[self.failure]

@@ -10,7 +10,10 @@
  *
  * Limits: INSTRUCTIONS a call (a hook counts), LAW_LUA_MOST bytes a state and LAW_LUA_TOGETHER_MOST
  * all states of a program, STRING_MOST a string (the allocator counts all three); passing one is a
- * failure like any other, named with its line or with the limit.  Derivatives are central
+ * failure like any other, named with its line or with the limit.  What one instruction may make Lua
+ * do without end is counted as the instructions it is worth: `next` passes empty entries, at most
+ * those of the largest table there was, and a table that is given a key when it has no room looks
+ * at all of its own and asks for its parts anew.  Derivatives are central
  * differences, with h = cbrt(eps) max(|d|, scale), scale the largest |d| (|v|) seen so far: error
  * of order h^2, about 1e-10 of the force.  A difference must not be remembered, so `memory` is
  * copied before it and put back.
@@ -28,33 +31,46 @@
 enum {
     INSTRUCTIONS = 1000000,    /* some 10 ms: a law is asked thousands of times a period */
     HOOK_STEP = 10000,         /* between two counts: a hundredth of that, and no cost */
-    STRING_MOST = 4096,        /* bytes: joining or comparing two is one instruction */
+    STRING_MOST = 256,         /* bytes: to compare two is one instruction, of 9 ns a byte where
+                                  they are zeros */
+    WALK_BYTES = 128,          /* of a table that are passed in the time of an instruction: eight
+                                  entries of 16, by measurement 1 ns and 5 to 10 */
+    COPY_WORK = 10,            /* instructions: of an entry that is copied, 50 ns */
     MEMORY_DEPTH = 8,          /* copied by calls that call themselves, on a C stack */
 };
 
 struct lua_law {
     lua_State *L;  /* its own: elements share nothing */
     size_t used, *together;  /* bytes of this one; of all of a program */
+    size_t largest;               /* bytes that a part of a table had at most */
     bool unlimited;               /* outside a protected call, where a refusal would end the
                                      process: a table without entries */
-    enum { NO_LIMIT, OF_ONE, OF_ALL, OF_STRING } passed;     /* by what was refused last */
+    enum { NO_LIMIT, OF_ONE, OF_ALL, OF_STRING, OF_WORK } passed;  /* by what was refused last */
     long left;                    /* instructions of this call */
     double scale_d, scale_v;  /* the largest seen: see the opening */
 };
+
+/* What forbids S a block of KIND that has SIZE bytes, MORE than now. */
+static int limit_passed(const struct lua_law *s, size_t kind, size_t size, size_t more)
+{
+    if (kind == LUA_TSTRING && size > STRING_MOST)
+        return OF_STRING;
+    if (kind == 0 && s->left < 0)
+        return OF_WORK;
+    if (s->used + more > LAW_LUA_MOST)
+        return OF_ONE;
+    return *s->together + more > LAW_LUA_TOGETHER_MOST ? OF_ALL : NO_LIMIT;
+}
 
 /* lua_Alloc that counts: NULL past a limit, which Lua makes an error of. */
 static void *allocate(void *context, void *block, size_t old, size_t size)
 {
     struct lua_law *s = context;
+    size_t kind = block == NULL ? old : 0;  /* of a new block Lua passes it in `old`; 0: a part */
     void *moved;
 
-    if (block == NULL) {  /* then Lua passes the kind of object in `old` */
-        if (old == LUA_TSTRING && size > STRING_MOST && !s->unlimited) {
-            s->passed = OF_STRING;
-            return NULL;
-        }
-        old = 0;
-    }
+    old = block == NULL ? 0 : old;
+    s->left -= (long)((old > size ? old : size) / WALK_BYTES);
     if (size == 0) {
         free(block);
         s->used -= old;
@@ -62,9 +78,9 @@ static void *allocate(void *context, void *block, size_t old, size_t size)
         return NULL;
     }
     if (size > old && !s->unlimited) {
-        bool of_one = s->used + (size - old) > LAW_LUA_MOST;  /* which limit is told */
-        if (of_one || *s->together + (size - old) > LAW_LUA_TOGETHER_MOST) {
-            s->passed = of_one ? OF_ONE : OF_ALL;
+        int passed = limit_passed(s, kind, size, size - old);
+        if (passed != NO_LIMIT) {
+            s->passed = passed;
             return NULL;
         }
     }
@@ -75,25 +91,70 @@ static void *allocate(void *context, void *block, size_t old, size_t size)
     }
     s->used += size - old;
     *s->together += size - old;
+    if (kind == 0 && size > s->largest)
+        s->largest = size;
     return moved;
 }
 
-/* A hook: past the most instructions of a call it raises an error in Lua. */
-static void count_instructions(lua_State *L, lua_Debug *at)
+static struct lua_law *law_of(lua_State *L)
 {
-    struct lua_law *s;
+    void *s;
 
-    (void)at;
-    lua_getallocf(L, (void **)&s);  /* the one thing that a state carries along */
-    s->left -= HOOK_STEP;
-    if (s->left < 0)
-        luaL_error(L, "more than %d instructions in one call", INSTRUCTIONS);
+    lua_getallocf(L, &s);  /* the one thing that a state carries along */
+    return s;
 }
 
-static const char *const base_kept[] = { "assert",   "error",  "ipairs",   "math",
-                                         "next",     "pairs",  "select",   "tonumber",
-                                         "type",     "rawequal", "rawget", "rawset",
+#define TOO_MANY "more than %d instructions in one call"
+
+/* Past the most INSTRUCTIONS of a call it raises an error in Lua. */
+static void spend(lua_State *L, long instructions)
+{
+    struct lua_law *s = law_of(L);
+
+    s->left -= instructions;
+    if (s->left < 0)
+        luaL_error(L, TOO_MANY, INSTRUCTIONS);
+}
+
+static void count_instructions(lua_State *L, lua_Debug *at)
+{
+    (void)at;
+    spend(L, HOOK_STEP);
+}
+
+static const char *const base_kept[] = { "assert",   "error",    "ipairs", "math",   "select",
+                                         "tonumber", "type",     "rawequal", "rawget", "rawset",
                                          "rawlen",   "_VERSION", NULL };
+
+/* The base's, but a walk over a table is paid for where it begins.  Who goes on from the key that
+ * was given last, as `pairs` does, passes each entry once; the table and that key are upvalues. */
+static int next_counted(lua_State *L)
+{
+    bool more;
+
+    luaL_checktype(L, 1, LUA_TTABLE);
+    lua_settop(L, 2);
+    if (lua_isnil(L, 2) || !lua_rawequal(L, 1, lua_upvalueindex(1))
+        || !lua_rawequal(L, 2, lua_upvalueindex(2)))
+        spend(L, (long)(law_of(L)->largest / WALK_BYTES));
+    lua_pushvalue(L, 1);
+    lua_replace(L, lua_upvalueindex(1));
+    more = lua_next(L, 1) != 0;
+    if (!more)
+        lua_pushnil(L);
+    lua_pushvalue(L, more ? -2 : -1);
+    lua_replace(L, lua_upvalueindex(2));
+    return more ? 2 : 1;
+}
+
+static int pairs_counted(lua_State *L)
+{
+    luaL_checkany(L, 1);
+    lua_pushvalue(L, lua_upvalueindex(1));
+    lua_pushvalue(L, 1);
+    lua_pushnil(L);
+    return 3;
+}
 
 /* The base's tells where in memory a table or a function lies: nothing a force may depend on, and
  * nobody's to know. */
@@ -124,6 +185,13 @@ static int open_sandbox(lua_State *L)
     }
     lua_pushcfunction(L, print_value);
     lua_setfield(L, 1, "tostring");
+    lua_pushnil(L);
+    lua_pushnil(L);
+    lua_pushcclosure(L, next_counted, 2);
+    lua_pushvalue(L, -1);
+    lua_setfield(L, 1, "next");
+    lua_pushcclosure(L, pairs_counted, 1);
+    lua_setfield(L, 1, "pairs");
     lua_pushvalue(L, 1);
     lua_setfield(L, 1, "_G");
     lua_rawseti(L, LUA_REGISTRYINDEX, LUA_RIDX_GLOBALS);  /* the sandbox is all there is */
@@ -159,17 +227,25 @@ static int call_force(lua_State *L)                /* t, x, v -> number */
     return 1;
 }
 
-/* pushes a copy of the table at FROM */
-static void copy_table(lua_State *L, int from, int depth)
+/* Pushes the copy of the table at FROM; those of SEEN, copies by tables, are there already. */
+static void copy_table(lua_State *L, int seen, int from, int depth)
 {
     luaL_checkstack(L, 8, "memory is nested too deep");
     if (depth > MEMORY_DEPTH)
         luaL_error(L, "memory is nested deeper than %d tables", MEMORY_DEPTH);
+    lua_pushvalue(L, from);
+    if (lua_rawget(L, seen) == LUA_TTABLE)
+        return;
+    lua_pop(L, 1);
     lua_newtable(L);
+    lua_pushvalue(L, from);
+    lua_pushvalue(L, -2);
+    lua_rawset(L, seen);
     for (lua_pushnil(L); lua_next(L, from) != 0; lua_pop(L, 1)) {
+        spend(L, COPY_WORK);
         lua_pushvalue(L, -2);
         if (lua_istable(L, -2))
-            copy_table(L, lua_gettop(L) - 1, depth + 1);
+            copy_table(L, seen, lua_gettop(L) - 1, depth + 1);
         else
             lua_pushvalue(L, -2);
         lua_rawset(L, -5);
@@ -178,10 +254,12 @@ static void copy_table(lua_State *L, int from, int depth)
 
 static int memory_copy(lua_State *L)               /* name from, name to: in the registry */
 {
+    spend(L, (long)(law_of(L)->used / WALK_BYTES));   /* each table that there is, once */
+    lua_newtable(L);
     lua_getfield(L, LUA_REGISTRYINDEX, lua_touserdata(L, 1));
     if (!lua_istable(L, -1))
         lua_newtable(L);
-    copy_table(L, lua_gettop(L), 0);
+    copy_table(L, 3, lua_gettop(L), 0);
     lua_setfield(L, LUA_REGISTRYINDEX, lua_touserdata(L, 2));
     return 0;
 }
@@ -194,6 +272,9 @@ static enum modal_status past_limit(const struct lua_law *s, struct modal_error 
     if (s->passed == OF_ONE)
         return modal_fail_field(err, MODAL_ELEMENT_FAILED, "source", "lua: not enough memory: an "
                                 "element has at most %d bytes", LAW_LUA_MOST);
+    if (s->passed == OF_WORK)
+        return modal_fail_field(err, MODAL_ELEMENT_FAILED, "source", "lua: " TOO_MANY,
+                                INSTRUCTIONS);
     if (s->passed == OF_STRING)
         return modal_fail_field(err, MODAL_ELEMENT_FAILED, "source", "lua: a string is longer than "
                                 "some %d bytes", STRING_MOST);
@@ -369,13 +450,13 @@ enum modal_status law_lua(const char *source, size_t *together, struct law *out,
     if (s == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "lua: no memory for a state");
     s->together = together;
+    s->left = INSTRUCTIONS;
     s->L = lua_newstate(allocate, s);
     if (s->L == NULL) {
         rc = past_limit(s, err);
         free(s);
         return rc;
     }
-    s->left = INSTRUCTIONS;
     lua_sethook(s->L, count_instructions, LUA_MASKCOUNT, HOOK_STEP);
     lua_pushcfunction(s->L, load_source);
     lua_pushlightuserdata(s->L, (void *)(size_t)source);

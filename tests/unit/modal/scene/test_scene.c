@@ -505,6 +505,85 @@ TEST(every_effect_that_a_scene_may_have_can_be_one_in_lua)
     program_free(p);
 }
 
+/* 131,072 entries that were, of 16 bytes, are 131 us to pass: a million instructions took half a
+ * minute where that was counted as one. */
+#define EMPTIED "local t = {} for i = 1, 131072 do t[i] = i end " \
+                "for i = 1, 131072 do t[i] = nil end "
+#define FORCE "function force(t, x, v, m) return x end"
+
+TEST(what_one_instruction_in_lua_makes_it_look_at_counts)
+{
+    static const char *const too_much[] = {
+        EMPTIED "for i = 1, 100000 do next(t) end " FORCE,
+        EMPTIED "for i = 1, 100000 do for k in pairs(t) do end end " FORCE,
+        "local t = {} for i = 1, 131072 do t[i] = i end "
+        "for i = 1, 100000 do next(t, 131071) end " FORCE,
+        "local t = {[-1] = 1} for i = 1, 131072 do t[i] = i end "
+        "for i = 2, 100000 do t[-i] = i t[-i] = nil end " FORCE,
+    };
+    struct program *p = NULL;
+    struct modal_error err;
+
+    for (size_t i = 0; i < sizeof too_much / sizeof *too_much; i++) {
+        CHECK(lower_lua(1, too_much[i], &p, &err) != MODAL_OK);
+        CHECK(strstr(err.message, "more than 1000000 instructions in one call") != NULL);
+        CHECK_STRING(err.field, "effects[0].source");
+    }
+}
+
+/* Walks, in themselves and inside each other, over tables of a thousand, which are built anew. */
+TEST(tables_that_are_walked_once_cost_their_entries)
+{
+    struct program *p = NULL;
+    struct modal_error err;
+
+    if (lower_lua(1, "local t, sum = {}, 0 for i = 1, 1000 do t[i] = {i, -i, w = i} end "
+                     "for k, of in pairs(t) do for _, x in pairs(of) do sum = sum + x end end "
+                     "for k, of in next, t do sum = sum - of.w end assert(sum == 0) "
+                     "assert(next({}) == nil and next({7}) == 1) "
+                     FORCE, &p, &err) != MODAL_OK)
+        fail_msg("%s: %s", err.field, err.message);
+    program_free(p);
+}
+
+/* A law of one source, asked for its force and slope, twice. */
+static enum modal_status ask_lua(const char *source, struct modal_error *err)
+{
+    struct program *p = NULL;
+    struct law_force out = { 0 };
+    double d = 1, v = 0.25;
+    struct law_point at = { .t = 0.5, .d = &d, .v = &v };
+    enum modal_status rc;
+
+    CHECK(lower_lua(1, source, &p, err) == MODAL_OK && p->laws == 1);
+    rc = p->law[0].kind->force(&p->law[0], &at, &out, err);
+    if (rc == MODAL_OK)
+        rc = p->law[0].kind->force(&p->law[0], &at, &out, err);
+    CHECK(rc != MODAL_OK || fabs(out.f[0] - 3) < 1e-12);
+    program_free(p);
+    return rc;
+}
+
+TEST(copies_of_a_laws_memory_count_by_what_is_in_it)
+{
+    static const char *const accepted[] = {
+        "function force(t, x, v, m) m.at = {} for i = 1, 5000 do m.at[i] = {i} end "
+        "return 3 * x end",
+        EMPTIED "function force(t, x, v, m) for i = 1, 10000 do m[i] = t end return 3 * x end",
+        "function force(t, x, v, m) if not m.a then m.a = {m, 0} m.b = m.a end m.a[2] = m.a[2] + 1 "
+        "assert(m.b[2] == m.a[2] and m.a[1] == m) return 3 * x end",
+    };
+    struct modal_error err;
+
+    for (size_t i = 0; i < sizeof accepted / sizeof *accepted; i++)
+        if (ask_lua(accepted[i], &err) != MODAL_OK)
+            fail_msg("%zu: %s", i, err.message);
+    CHECK(ask_lua("local many = {} for i = 1, 120000 do many[i] = i end "
+                  "function force(t, x, v, m) m.of = many return 3 * x end", &err)
+          == MODAL_ELEMENT_FAILED);
+    CHECK(strstr(err.message, "more than 1000000 instructions in one call") != NULL);
+}
+
 TEST(a_law_in_lua_is_told_no_address)
 {
     struct program *p = NULL;

@@ -421,7 +421,7 @@ TEST(a_force_that_calls_itself_without_end_fails_by_its_limit)
 TEST(a_force_has_no_strings_that_make_an_instruction_long)
 {
     fails_with("function force(t, x, v, m) local s = \\\"x\\\" while true do s = s .. s end end",
-               "a string is longer than some 4096 bytes");
+               "a string is longer than some 256 bytes");
 }
 
 /* Each call keeps 2000 tables of 56 bytes and more; steps enough pass the budget of one, and the

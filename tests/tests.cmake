@@ -20,6 +20,9 @@ foreach(source ${unit_tests})
   if(name STREQUAL test_web)
     target_link_libraries(${name} PRIVATE web)
   endif()
+  if(name STREQUAL test_client_memory)           # which says what fails: of our code, libzmq ends the process where its own does
+    target_link_options(${name} PRIVATE -Wl,--wrap=malloc,--wrap=calloc,--wrap=realloc,--wrap=strdup,--wrap=strndup)
+  endif()
   add_test(NAME ${name} COMMAND ${name})
   set_tests_properties(${name} PROPERTIES TIMEOUT 300 ENVIRONMENT "OPENBLAS_NUM_THREADS=1")   # threads that wait for each other starve a busy machine
 endforeach()

@@ -73,6 +73,8 @@ static void describe(cJSON *header, const struct client_input *input)
     if (b == NULL && input->upload == NULL)
         w.arrays = w.bytes - strlen(input->scene);
     wire_input_write(header, &w);
+    if (b != NULL && b->names != NULL && names == NULL)
+        json_put(header, "names", NULL);
     cJSON_Delete(names);
 }
 
@@ -119,9 +121,9 @@ static cJSON *upload_header(const char *op, const char *id)
 {
     cJSON *header = cJSON_CreateObject();
 
-    cJSON_AddStringToObject(header, "op", op);
+    json_put_string(header, "op", op);
     if (id != NULL)
-        cJSON_AddStringToObject(header, "upload", id);
+        json_put_string(header, "upload", id);
     return header;
 }
 
@@ -132,7 +134,7 @@ static enum modal_status begin(struct link *link, const struct client_input *inp
     cJSON *header = upload_header("begin", NULL), *answer = NULL;
     enum modal_status rc;
 
-    cJSON_AddStringToObject(header, "sha256", sha256);
+    json_put_string(header, "sha256", sha256);
     describe(header, input);
     rc = client_ask(link, "UPLOAD", header, deadline, &answer, NULL, detail, err);
     if (rc == MODAL_OK)
@@ -148,8 +150,8 @@ static enum modal_status send_chunk(struct link *link, const struct upload *up, 
     cJSON *header = upload_header("chunk", up->id);
     int64_t id;
 
-    cJSON_AddNumberToObject(header, "offset", (double)offset);
-    cJSON_AddNumberToObject(header, "crc32c", crc32c(0, data, length));
+    json_put_number(header, "offset", (double)offset);
+    json_put_number(header, "crc32c", crc32c(0, data, length));
     return link_send(
         link,
         &(struct link_ask) { .verb = "UPLOAD", .header = header, .body = data, .length = length },
@@ -217,7 +219,7 @@ static enum modal_status seal(struct link *link, const char *sha256, struct uplo
 {
     cJSON *header = upload_header("seal", up->id), *answer = NULL;
 
-    cJSON_AddStringToObject(header, "sha256", sha256);
+    json_put_string(header, "sha256", sha256);
     enum modal_status rc = client_ask(link, "UPLOAD", header, deadline, &answer, NULL, detail, err);
     cJSON_Delete(answer);
     return rc;
@@ -264,28 +266,28 @@ cJSON *client_submit_header(const struct client_job *job, const struct client_in
 {
     cJSON *header = cJSON_CreateObject(), *in = cJSON_CreateObject();
 
-    cJSON_AddStringToObject(header, "kind", job->kind);
+    json_put_string(header, "kind", job->kind);
     if (job->options != NULL && job->options->child != NULL)
-        cJSON_AddItemToObject(header, "options", cJSON_Duplicate(job->options, true));
+        json_put(header, "options", cJSON_Duplicate(job->options, true));
     if (upload != NULL)
-        cJSON_AddStringToObject(in, "upload", upload);
+        json_put_string(in, "upload", upload);
     else if (input->upload != NULL)
-        cJSON_AddStringToObject(in, "upload", input->upload);
+        json_put_string(in, "upload", input->upload);
     else if (input->batch != NULL)
         describe(in, input);
     else
-        cJSON_AddStringToObject(in, "content", "scene");
-    cJSON_AddItemToObject(header, "input", in);
+        json_put_string(in, "content", "scene");
+    json_put(header, "input", in);
     if (job->key != NULL)
-        cJSON_AddStringToObject(header, "key", job->key);
+        json_put_string(header, "key", job->key);
     if (job->priority >= 0)
-        cJSON_AddNumberToObject(header, "priority", job->priority);
+        json_put_number(header, "priority", job->priority);
     if (job->run_limit > 0)
-        cJSON_AddNumberToObject(header, "run_limit_s", job->run_limit);
+        json_put_number(header, "run_limit_s", job->run_limit);
     if (job->deadline > 0)
-        cJSON_AddNumberToObject(header, "deadline_s", job->deadline);
+        json_put_number(header, "deadline_s", job->deadline);
     if (job->fresh)
-        cJSON_AddTrueToObject(header, "fresh");
+        json_put(header, "fresh", cJSON_CreateTrue());
     return header;
 }
 
@@ -352,7 +354,7 @@ static cJSON *job_header(const char *job)
 {
     cJSON *header = cJSON_CreateObject();
 
-    cJSON_AddStringToObject(header, "job", job);
+    json_put_string(header, "job", job);
     return header;
 }
 
@@ -381,7 +383,7 @@ static enum modal_status wait_once(struct link *link, const char *job, double sl
     struct link_message answer;
     enum modal_status rc;
 
-    cJSON_AddNumberToObject(ask.header, "timeout_s", fmax(0, fmin(slice, deadline - link_now())));
+    json_put_number(ask.header, "timeout_s", fmax(0, fmin(slice, deadline - link_now())));
     /* the daemon's timer ends first */
     rc = link_question(link, &ask, deadline + 1, &answer, detail, err);
     if (rc != MODAL_OK)
@@ -419,7 +421,7 @@ static enum modal_status fetch(struct link *link, const cJSON *what, size_t offs
 {
     cJSON *header = cJSON_Duplicate(what, true);
 
-    cJSON_AddNumberToObject(header, "offset", (double)offset);
+    json_put_number(header, "offset", (double)offset);
     return link_question(link, &(struct link_ask) { .verb = "RESULT", .header = header }, deadline,
                          answer, detail, err);
 }
@@ -485,7 +487,7 @@ enum modal_status client_result(struct link *link, const char *job, const char *
 {
     cJSON *what = job_header(job);
 
-    cJSON_AddStringToObject(what, "part", part);
+    json_put_string(what, "part", part);
     return fetch_all(link, what, deadline, bytes, length, description, detail, err);
 }
 
@@ -495,7 +497,7 @@ enum modal_status client_stored(struct link *link, const char *upload, double de
 {
     cJSON *what = cJSON_CreateObject();
 
-    cJSON_AddStringToObject(what, "upload", upload);
-    cJSON_AddStringToObject(what, "part", "input");
+    json_put_string(what, "upload", upload);
+    json_put_string(what, "part", "input");
     return fetch_all(link, what, deadline, bytes, length, description, detail, err);
 }

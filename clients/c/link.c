@@ -49,6 +49,7 @@ struct link {
     double since;                            /* of the connection's absence */
     double begin_at, pause;                  /* when the next socket is made; the pause */
     size_t heard;                            /* bytes since nothing was there to hear */
+    bool deaf;                               /* a message was passed over for want of memory */
     int64_t next_id;
 };
 
@@ -328,11 +329,13 @@ static bool send_now(struct link *link, const struct link_ask *ask, const char *
 }
 
 /* Frame COUNT of a message into what it is; frames that do not belong are dropped. */
-static void read_frame(int count, zmq_msg_t *frame, struct link_message *out, bool *good)
+static void read_frame(struct link *link, int count, zmq_msg_t *frame, struct link_message *out,
+                       bool *good)
 {
     const char *data = zmq_msg_data(frame);
     size_t length = zmq_msg_size(frame);
     struct modal_error ignored;
+    enum modal_status rc;
 
     switch (count) {
     case 0:
@@ -344,7 +347,9 @@ static void read_frame(int count, zmq_msg_t *frame, struct link_message *out, bo
                                                                  : LINK_ERROR;
         break;
     case 2:
-        *good = *good && json_read(data, length, &out->header, &ignored) == MODAL_OK;
+        rc = json_read(data, length, &out->header, &ignored);
+        *good = *good && rc == MODAL_OK;
+        link->deaf |= rc == MODAL_NO_MEMORY;
         break;
     case 3:
         out->body = malloc(length + 1);
@@ -353,6 +358,8 @@ static void read_frame(int count, zmq_msg_t *frame, struct link_message *out, bo
             out->body[length] = 0;
             out->length = length;
         }
+        *good = *good && out->body != NULL;
+        link->deaf |= out->body == NULL;
         break;
     }
 }
@@ -369,7 +376,7 @@ static int receive_frames(struct link *link, struct link_message *out, bool *goo
            && zmq_msg_recv(&frame, link->socket, ZMQ_DONTWAIT) >= 0) {
         more = zmq_msg_more(&frame);
         link->heard += MESSAGE_COST + zmq_msg_size(&frame);
-        read_frame(count++, &frame, out, good);
+        read_frame(link, count++, &frame, out, good);
     }
     zmq_msg_close(&frame);
     return count;
@@ -513,8 +520,8 @@ static enum modal_status header_text(struct link *link, cJSON *header, int64_t *
 
     *id = link->next_id++;
     cJSON_DeleteItemFromObjectCaseSensitive(header, "id");
-    cJSON_AddNumberToObject(header, "id", (double)*id);
-    text = json_print(header);
+    json_put_number(header, "id", (double)*id);
+    text = header != NULL ? json_print(header) : NULL;
     cJSON_Delete(header);
     if (text == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "no memory for a message");
@@ -559,6 +566,18 @@ enum modal_status link_send(struct link *link, const struct link_ask *ask, doubl
     return rc;
 }
 
+/* Whether a message was passed over for want of memory; it is told once. */
+static bool was_deaf(struct link *link, struct modal_error *err)
+{
+    bool deaf = link->deaf;
+
+    link->deaf = false;
+    if (deaf)
+        modal_fail(err, MODAL_NO_MEMORY, "no memory for what %s says; what it was asked for may be "
+                   "done or not", link->endpoint);
+    return deaf;
+}
+
 enum modal_status link_receive(struct link *link, double deadline, struct link_message *out,
                                struct modal_error *err)
 {
@@ -566,6 +585,8 @@ enum modal_status link_receive(struct link *link, double deadline, struct link_m
         read_monitor(link);
         if (receive_now(link, out))
             return MODAL_OK;
+        if (was_deaf(link, err))
+            return MODAL_NO_MEMORY;
         if (link->told != link->generation) {
             link->told = link->generation;
             return modal_fail(err, MODAL_NO_SERVER, "%s: the connection was lost", link->endpoint);
@@ -614,6 +635,8 @@ static enum modal_status wait_answer(struct link *link, const struct link_ask *a
                 return MODAL_OK;
             link_message_done(out);             /* a late answer to what was given up */
         }
+        if (was_deaf(link, err))
+            return MODAL_NO_MEMORY;
         if (!keep_asking(link, ask, header, &state))
             return modal_fail(err, MODAL_NO_SERVER, "%s: the connection was lost before the "
                               "answer; the job may have been accepted or not", link->endpoint);

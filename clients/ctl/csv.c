@@ -25,6 +25,7 @@ struct table {
     size_t columns, rows, room; /* room: doubles allocated */
     double *x;
     char **names, **units;      /* columns each, or NULL */
+    bool short_of_memory;       /* for some of these */
     size_t preamble;            /* lines before names and numbers */
     size_t watched;             /* the column that may be time */
     double unit[TAIL];          /* of its last rows: of the last digit printed */
@@ -138,10 +139,22 @@ static char *next_line(char **rest, size_t *number, char **remark)
     return NULL;
 }
 
+char *csv_copy(const char *line, size_t length)
+{
+    char *copy = cJSON_malloc(length + 1);
+
+    if (copy != NULL) {
+        length = strnlen(line, length);
+        memcpy(copy, line, length);
+        copy[length] = 0;
+    }
+    return copy;
+}
+
 /* How many fields of LINE are numbers, and how many there are; LINE is left as it was. */
 static size_t count_numbers(const char *line, char separator, size_t *fields)
 {
-    char *copy = strdup(line), *rest = copy, *field;
+    char *copy = csv_copy(line, strlen(line)), *rest = copy, *field;
     size_t numbers = 0;
     double value;
 
@@ -161,13 +174,17 @@ static void free_words(char **words, size_t count)
     free(words);
 }
 
-static char **split_words(char *line, char separator, size_t count)
+/* The words of LINE, one a column. */
+static char **split_words(struct table *table, char *line)
 {
-    char **words = calloc(count, sizeof *words), *field;
+    char **words = calloc(table->columns, sizeof *words), *field;
 
-    for (size_t i = 0; words != NULL && i < count && (field = next_field(&line, separator)) != NULL;
-         i++)
+    table->short_of_memory |= words == NULL;
+    for (size_t i = 0; words != NULL && i < table->columns
+                       && (field = next_field(&line, table->separator)) != NULL; i++) {
         words[i] = utf8_from(field, strlen(field));
+        table->short_of_memory |= words[i] == NULL;
+    }
     return words;
 }
 
@@ -234,7 +251,7 @@ static void read_remark(struct table *table, char *remark)
 
     if (remark != NULL && count_numbers(remark, table->separator, &fields) == 0
         && fields == table->columns)
-        table->names = split_words(remark, table->separator, table->columns);
+        table->names = split_words(table, remark);
 }
 
 /* Columns of LINE, whose separator goes to *SEPARATOR; a separator at its end makes none. */
@@ -269,7 +286,7 @@ static bool look_on(char **at, size_t *number, struct seen *out)
         length -= length > 0 && line[length - 1] == '\r';
         if (line[0] == '#' || line[0] == '%' || strspn(line, " \t") >= length)
             continue;
-        *out = (struct seen) { line, *number, strndup(line, length) };
+        *out = (struct seen) { line, *number, csv_copy(line, length) };
         return out->copy != NULL;
     }
     return false;
@@ -321,7 +338,7 @@ static char *begin_of_table(char *text, size_t *number, size_t *preamble)
             head++;
         bool named = found && first != NULL && is_head(first, separator, columns, &(bool) { 0 });
         if (count == 0)
-            first = strdup(line.copy);
+            first = csv_copy(line.copy, strlen(line.copy));
         free(above[HEAD].copy);
         memmove(above + 1, above, HEAD * sizeof *above);
         above[0] = line;
@@ -357,11 +374,11 @@ static char *read_head(struct table *table, char **rest, size_t *number)
         read_remark(table, remark);
         return line;
     }
-    table->names = split_words(line, table->separator, table->columns);
+    table->names = split_words(table, line);
     line = next_line(rest, number, &remark);
     if (line != NULL && count_numbers(line, table->separator, &fields) == 0
         && fields == table->columns) {
-        table->units = split_words(line, table->separator, table->columns);
+        table->units = split_words(table, line);
         line = next_line(rest, number, &remark);
     }
     return line;
@@ -379,6 +396,11 @@ static bool find_name(const struct table *table, size_t *column)
     return false;
 }
 
+static enum modal_status no_memory(const struct table *table, struct modal_error *err)
+{
+    return modal_fail(err, MODAL_NO_MEMORY, "%s: no memory for names or units", table->path);
+}
+
 static enum modal_status read_table(char *text, struct table *table, struct modal_error *err)
 {
     char *rest = text, *line, *remark;
@@ -388,6 +410,8 @@ static enum modal_status read_table(char *text, struct table *table, struct moda
     if (strncmp(rest, "\xef\xbb\xbf", 3) == 0)
         rest += 3;
     line = read_head(table, &rest, &number);
+    if (table->short_of_memory)
+        return no_memory(table, err);
     if (line == NULL)
         return modal_fail_field(err, MODAL_BAD_INPUT, "signals",
                                 "%s: no line of numbers; accepted: " SIGNALS_FILES, table->path);
@@ -439,18 +463,21 @@ static enum modal_status find_time(const struct table *table, const struct signa
     return MODAL_OK;
 }
 
-static char *same_unit(char **units, size_t columns, int time)
+static char *same_unit(struct table *table, int time)
 {
+    char **units = table->units, *copy;
     const char *one = NULL;
 
-    for (size_t i = 0; units != NULL && i < columns; i++) {
+    for (size_t i = 0; units != NULL && i < table->columns; i++) {
         if ((int)i == time || units[i] == NULL)
             continue;
         if (one != NULL && strcmp(one, units[i]) != 0)
             return NULL;
         one = units[i];
     }
-    return one ? strdup(one) : NULL;
+    copy = one != NULL ? strdup(one) : NULL;
+    table->short_of_memory |= one != NULL && copy == NULL;
+    return copy;
 }
 
 /* Everything but the column of time into OUT; names move. */
@@ -462,15 +489,21 @@ static enum modal_status move_signals(struct table *table, int time, struct sign
     if (channels == 0)
         return modal_fail_field(err, MODAL_BAD_INPUT, "signals", "%s: no channel beside time",
                                 table->path);
-    out->units = same_unit(table->units, table->columns, time);
-    if (table->names != NULL) {
+    out->units = same_unit(table, time);
+    if (table->names != NULL)
         out->names = calloc(channels, sizeof *out->names);
-        for (size_t i = 0; out->names != NULL && i < table->columns; i++)
-            if ((int)i != time) {
-                out->names[s++] = table->names[i];
-                table->names[i] = NULL;
-            }
+    if (table->short_of_memory || (table->names != NULL && out->names == NULL)) {
+        free(out->units);
+        free(out->names);
+        out->units = NULL;
+        out->names = NULL;
+        return no_memory(table, err);
     }
+    for (size_t i = 0; table->names != NULL && i < table->columns; i++)
+        if ((int)i != time) {
+            out->names[s++] = table->names[i];
+            table->names[i] = NULL;
+        }
     for (size_t k = 0; k < table->rows; k++)
         for (size_t i = 0; i < table->columns; i++)
             if ((int)i != time)

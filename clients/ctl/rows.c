@@ -104,7 +104,7 @@ static bool look_on(struct rows *rows, struct look *look)
     if (look->at >= rows->end || (end == NULL && !rows->ended))
         return false;
     next = end != NULL ? (size_t)(end - rows->text) + 1 : rows->end;
-    copy = strndup(rows->text + look->at, next - look->at - (end != NULL));
+    copy = csv_copy(rows->text + look->at, next - look->at - (end != NULL));
     length = copy != NULL ? strlen(copy) : 0;
     if (length > 0 && copy[length - 1] == '\r')
         copy[length - 1] = 0;

@@ -39,7 +39,7 @@ void json_find_texts(const char *text, size_t length, const char *const *keys, s
 
 /* Print without spaces, numbers with the fewest of 15, 16 or 17 digits that read back bit for bit;
  * non-finite numbers print as null, bytes that are not UTF-8 as U+FFFD.  The caller frees the text
- * with free(); NULL when memory runs out. */
+ * with free(); NULL when memory runs out, or ran out for a part of it (json_put). */
 char *json_print(const cJSON *value);
 
 /*
@@ -110,6 +110,13 @@ enum modal_status json_get_numbers(const cJSON *object, const char *base, const 
  * take back; where there is none for one it ends the program.  malloc's NULL cJSON takes for a part
  * to leave out: what is told is less, or another thing, without a word. */
 void json_memory_by(void *(*allocate)(size_t size));
+
+/* Members of what a library builds, which may not end its program: VALUE, or ITEM, which is taken
+ * over (NULL: there was no memory for it), as KEY of OBJECT.  Where there is none for the member
+ * OBJECT is spoiled, and json_print gives NULL for it and all that it is part of. */
+void json_put_string(cJSON *object, const char *key, const char *value);
+void json_put_number(cJSON *object, const char *key, double value);
+void json_put(cJSON *object, const char *key, cJSON *item);
 
 /* Building results, the caller's to delete: [re, im], and a list of COUNT numbers; one that is not
  * finite is null. */

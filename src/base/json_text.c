@@ -213,6 +213,8 @@ static void put_value(struct json_text *t, const cJSON *v)
         put_number(t, v->valuedouble);
     } else if (cJSON_IsRaw(v)) {
         json_text_bytes(t, v->valuestring, strlen(v->valuestring));
+    } else if (v != NULL && cJSON_IsInvalid(v)) {
+        t->failed = true;                           /* json_put had no memory */
     } else {
         const char *word = cJSON_IsTrue(v) ? "true" : cJSON_IsFalse(v) ? "false" : "null";
         json_text_bytes(t, word, strlen(word));

@@ -12,6 +12,24 @@ void json_memory_by(void *(*allocate)(size_t size))
     cJSON_InitHooks(&(cJSON_Hooks) { .malloc_fn = allocate, .free_fn = free });
 }
 
+void json_put(cJSON *object, const char *key, cJSON *item)
+{
+    if (object == NULL || (item != NULL && cJSON_AddItemToObject(object, key, item)))
+        return;
+    cJSON_Delete(item);
+    object->type = cJSON_Invalid;
+}
+
+void json_put_string(cJSON *object, const char *key, const char *value)
+{
+    json_put(object, key, cJSON_CreateString(value));
+}
+
+void json_put_number(cJSON *object, const char *key, double value)
+{
+    json_put(object, key, cJSON_CreateNumber(value));
+}
+
 void json_path(char out[JSON_PATH_SIZE], const char *base, const char *key)
 {
     /* an empty key has a name too, or the error would name the document */

@@ -195,24 +195,24 @@ enum modal_status wire_input_read(const cJSON *object, const char *base, enum wi
 
 void wire_input_write(cJSON *object, const struct wire_input *input)
 {
-    cJSON_AddStringToObject(object, "content", wire_contents[input->content]);
+    json_put_string(object, "content", wire_contents[input->content]);
     if (input->content == WIRE_SCENE) {
-        cJSON_AddNumberToObject(object, "bytes", (double)(input->bytes - input->arrays));
+        json_put_number(object, "bytes", (double)(input->bytes - input->arrays));
         if (input->arrays > 0)
-            cJSON_AddNumberToObject(object, "arrays", (double)input->arrays);
+            json_put_number(object, "arrays", (double)input->arrays);
         return;
     }
-    cJSON_AddNumberToObject(object, "samples", (double)input->samples);
-    cJSON_AddNumberToObject(object, "channels", (double)input->channels);
-    cJSON_AddNumberToObject(object, "dt", input->dt);
+    json_put_number(object, "samples", (double)input->samples);
+    json_put_number(object, "channels", (double)input->channels);
+    json_put_number(object, "dt", input->dt);
     if (input->period > 0)
-        cJSON_AddNumberToObject(object, "period", input->period);
+        json_put_number(object, "period", input->period);
     if (input->names != NULL)
-        cJSON_AddItemToObject(object, "names", cJSON_Duplicate(input->names, true));
+        json_put(object, "names", cJSON_Duplicate(input->names, true));
     if (input->units != NULL)
-        cJSON_AddStringToObject(object, "units", input->units);
+        json_put_string(object, "units", input->units);
     if (input->attributes != NULL)
-        cJSON_AddItemToObject(object, "attributes", cJSON_Duplicate(input->attributes, true));
+        json_put(object, "attributes", cJSON_Duplicate(input->attributes, true));
 }
 
 /* ---- one reader a verb ----------------------------------------------------------------------- */

@@ -37,7 +37,7 @@ struct simulation {
 static struct simulation all[STREAMS_MOST];
 static int streams, channels;
 static double rate;
-static int is_free;
+static int is_free, is_read;
 
 static double now(void)
 {
@@ -183,6 +183,7 @@ int main(int argc, char **argv)
     channels = argc > 4 ? atoi(argv[2]) : 0;
     rate = argc > 4 ? atof(argv[3]) : 0;
     is_free = argc > 7 && strcmp(argv[7], "free") == 0;
+    is_read = argc > 7 && strcmp(argv[7], "read") == 0;
     if (streams < 1 || streams > STREAMS_MOST || channels < 1 || channels > CHANNELS_MOST
         || !(rate > 0) || !open_all(argc > 5 && *argv[5] != 0 ? argv[5] : NULL,
                                     argc > 6 ? atoi(argv[6]) : 0)) {
@@ -199,6 +200,10 @@ int main(int argc, char **argv)
     }
     push_until(seconds);
     tell(seconds, threads, rss);
+    while (is_read && sum.acknowledged < sum.pushed) {
+        nanosleep(&(struct timespec) { 0, 50000000 }, NULL);
+        tell(now() - begin, threads, rss);
+    }
     close_all();
     for (int i = 0; i < 1000 && status_of("Threads:") > threads; i++)
         nanosleep(&(struct timespec) { 0, 1000000 }, NULL);     /* it is counted for a moment yet */

@@ -11,7 +11,7 @@ import pytest
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "system"))
 from wire import BUILD, Daemon, scene_job, submit  # noqa: E402
 
-END_S = 60
+END_S = 300
 
 
 def workers_of(folder):

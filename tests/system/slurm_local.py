@@ -10,7 +10,7 @@ import subprocess
 import time
 
 PROGRAMS = ("munged", "slurmctld", "slurmd", "sbatch", "squeue", "scancel", "sinfo")
-PATIENCE_S = 60
+PATIENCE_S = 300
 
 CONF = """ClusterName=local
 SlurmctldHost={host}(127.0.0.1)

@@ -2,6 +2,7 @@
 resumption, sealing, live windows."""
 # Tests as well: live_windows.c windows.c recall.c stream_notes.c
 import cmath
+import itertools
 import json
 import math
 import os
@@ -326,26 +327,25 @@ def test_a_stream_closed_before_a_worker_was_idle_has_its_newest_window_and_its_
 
 
 def test_jobs_are_done_while_streams_ask_for_more_windows_than_there_can_be():
-    """One worker, and a stream whose windows never end: on the code of before no job began until
+    """One worker, and streams whose windows never end: on the code of before no job began until
     they did."""
     window, hop = 256, 1
     with Daemon(workers=1) as d:
-        c, sender = d.client(), d.client()
-        assert c.ask("EVENTS", kinds=["modes"]).ok
-        s = [c.ask("STREAM", op="open", name=f"greedy{k}", channels=8, dt=0.01,
+        sender = d.client()
+        s = [sender.ask("STREAM", op="open", name=f"greedy{k}", channels=8, dt=0.01,
                    window={"samples": window, "hop": hop})["stream"] for k in range(3)]
-        job = None
-        for at in range(0, 4096, 8):
+        job, windows = None, 0
+        for at in itertools.count(0, 8):
             for one in s:
                 data = rows(at, 8, channels=8)
                 assert sender.ask("STREAM", [data], op="push", stream=one, epoch=0, first=at,
                                   count=8, crc32c=crc32c(data)).ok
-            if at == 512:
-                job = submit(sender)["job"]
+            done = sender.ask("STATS")["streams"]["windows"]
+            if job is None and done > 0:
+                job, windows = submit(sender)["job"], done
             if job is not None and sender.ask("STATUS", job=job)["state"] == "done":
                 break
-        else:
-            pytest.fail("the job did not begin while windows were due")
+            assert job is None or done - windows < 100, "the job waits for windows that are due"
 
 
 def test_windows_go_on_after_a_restart_from_the_samples_that_are_durable():
@@ -614,9 +614,9 @@ def test_gaps_are_at_most_64_mib_or_as_long_as_what_was_sent_where_users_have_ke
 
 
 def test_a_gap_counts_for_the_rate_of_uploads_but_waits_for_none(tmp_path):
-    """As many bytes as it stands for would take two seconds at 4 MiB a second: the gap passes at
+    """As many bytes as it stands for would take six minutes at 64 KiB a second: the gap passes at
     once, what comes next does not."""
-    lab = gap_lab(tmp_path, "upload_bytes_s=4M")
+    lab = gap_lab(tmp_path, "upload_bytes_s=64k")
     with lab.daemon:
         c = lab.client("ann")
         s = c.ask("STREAM", op="open", name="gap", channels=1, dt=0.1)["stream"]
@@ -925,8 +925,11 @@ def test_a_subscriber_is_told_the_kinds_of_events_that_it_asked_for_live_and_in_
         told = [ears["state", "alarm"].receive() for _ in range(3)]
         assert ([t["event"] for t in told] == ["state"] * 3 and [t["state"] for t in told]
                 == ["queued", "running", "done"])
-        numbered = [t for t in (ears[()].receive() for _ in range(4)) if "number" in t.header]
-        assert [t["event"] for t in numbered] == ["modes", "state", "state", "state"]
+        numbered = []
+        while len(numbered) < 4:                # progress, which a slow job tells, has no number
+            t = ears[()].receive()
+            numbered += [t["event"]] if "number" in t.header else []
+        assert numbered == ["modes", "state", "state", "state"]
         again = d.client()
         hear(again, ("state",), **{"from": 1})
         assert [again.receive()["state"] for _ in range(3)] == ["queued", "running", "done"]

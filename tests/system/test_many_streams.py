@@ -54,12 +54,19 @@ def is_sealed(daemon, data, channels, dt):
         c.close()
 
 
+def sealed(daemon):
+    """How many records of all their samples the daemon has of the streams of a host that ended."""
+    listed = json.loads(daemon.client().ask("STREAMS", limit=1000).body[0])["streams"]
+    return [one["samples"] for one in listed if one["state"] == "sealed"]
+
+
 def test_forty_streams_cost_their_host_three_threads_and_less_than_2_mb_each(tmp_path):
     """Two of the threads are libzmq's.  Once 40 had 120 and 9 MB each."""
     with Daemon(workers=1) as daemon:
         *_, last, closed = end(begin(STREAMS, CHANNELS, RATE, 3, MODALD_URL=daemon.endpoint,
-                                     MODALD_SPILL=tmp_path, MODALD_CLOSE_WAIT="60"))
-    assert last["streams"] == STREAMS and last["acknowledged"] > 0 and last["dropped"] == 0
+                                     MODALD_SPILL=tmp_path, MODALD_CLOSE_WAIT="600"))
+        assert sealed(daemon) == [3 * RATE] * STREAMS
+    assert last["streams"] == STREAMS and last["dropped"] == 0
     assert 0 < last["threads"] <= 3 and closed["threads"] == 0
     if not sanitized.SANITIZED:
         assert last["rss_kb"] < 2048 * STREAMS
@@ -69,12 +76,12 @@ def test_forty_streams_cost_their_host_three_threads_and_less_than_2_mb_each(tmp
                                                              (2, 3000, 8, 4096)])
 def test_a_ring_gives_back_what_was_read(tmp_path, streams, rate, seconds, most_kb):
     """64 channels: at 160 Hz 85 kB/s a stream, so that in 20 s 1.7 MB go through its ring, which
-    would all be there still; at 3 kHz 12 MB in 8 s, and half of the ring of 8 MB is more than 2 s
-    of what waits for the daemon."""
+    would all be there still; at 3 kHz 12 MB in 8 s, in a ring of 8 MB.  Looked at once the daemon
+    has all of it: how far it is behind is the machine's to say."""
     if sanitized.SANITIZED:
         pytest.skip("sanitizers keep memory of their own")
     with Daemon(workers=1) as daemon:
-        lines = end(begin(streams, 64, rate, seconds, MODALD_URL=daemon.endpoint,
+        lines = end(begin(streams, 64, rate, seconds, "", 0, "read", MODALD_URL=daemon.endpoint,
                           MODALD_SPILL=tmp_path, MODALD_CLOSE_WAIT="60"))
     assert lines[-2]["dropped"] == 0 and lines[-2]["rss_kb"] < most_kb * streams
 
@@ -91,13 +98,13 @@ def test_frames_of_forty_slow_streams_leave_together(tmp_path):
     itself: 1,200 times a second."""
     with Daemon(workers=1) as daemon:
         host = begin(STREAMS, CHANNELS, RATE, 5, MODALD_URL=daemon.endpoint, MODALD_SPILL=tmp_path,
-                     MODALD_CLOSE_WAIT="60")
+                     MODALD_CLOSE_WAIT="600")
         told, times = [], []
         for _ in range(4):
             told.append(json.loads(host.stdout.readline()))
             times.append(waked(host.pid))
         end(host)
-    assert told[-1]["acknowledged"] > told[0]["acknowledged"] > 0
+        assert sealed(daemon) == [5 * RATE] * STREAMS
     assert times[-1] - times[0] < 600 * (told[-1]["s"] - told[0]["s"])
 
 
@@ -120,7 +127,7 @@ def test_frames_of_forty_slow_streams_are_one_message_and_one_answer(tmp_path):
             seen.append(counted(client, "transactions", "replies"))
         end(host)
     stored, answered = (last - first for first, last in zip(seen[0], seen[-1]))
-    assert stored >= 2 * STREAMS and answered < stored / 4
+    assert stored >= STREAMS and answered < stored / 4
 
 
 def test_samples_of_a_slow_stream_travel_more_than_one_to_a_frame(tmp_path):
@@ -293,7 +300,7 @@ def test_closing_many_streams_of_a_dead_daemon_takes_one_patience(tmp_path, monk
         s.push(rows)
     kept = streams.pop()
     first, *others = [seconds_of(s.close) for s in streams]
-    assert sum(others) < 4 * first
+    assert sum(others) < len(others) * first / 2
     assert len(list(tmp_path.glob("modald-many-*.spill"))) == 40
     peer.silent = False
     monkeypatch.setenv("MODALD_CLOSE_WAIT", "60")

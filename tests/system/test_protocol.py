@@ -7,6 +7,7 @@ import pathlib
 import random
 import re
 import signal
+import socket
 import struct
 import time
 
@@ -957,7 +958,10 @@ def test_without_keys_only_ipc_and_loopback_are_bound(tmp_path):
 
 
 def test_loopback_is_bound_when_told_to():
-    with Daemon(config=FAKE, endpoint="tcp://127.0.0.1:47131") as d:
+    with socket.socket() as s:
+        s.bind(("127.0.0.1", 0))
+        port = s.getsockname()[1]
+    with Daemon(config=FAKE, endpoint=f"tcp://127.0.0.1:{port}") as d:
         assert alive(d.client())
 
 

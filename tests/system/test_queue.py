@@ -90,11 +90,14 @@ def test_higher_priority_starts_first(own_daemon, slow_batch, batch):
 def test_a_job_whose_worker_is_killed_completes_on_another(own_daemon, slow_batch):
     daemon = own_daemon(workers=1)
     with daemon.client() as client:
+        wire.until(lambda: client.stats()["workers"]["alive"] == 1)
+        before = set(daemon.workers_now())
+        for pid in before:                      # one that has not done it before it is killed
+            os.kill(pid, signal.SIGSTOP)
         job = client.submit("identify", modald.Batch.read(slow_batch), SOME)
         until(client, "running", job.id)
-        before = set(daemon.workers_now())
         for pid in before:
-            os.kill(pid, signal.SIGKILL)
+            wire.signal_to(pid, signal.SIGKILL)
         assert job.wait(PATIENCE).state == "done" and job.document["attempts"] == 2, job.document
         assert not before & set(daemon.workers_now())
 
@@ -255,12 +258,12 @@ def test_10000_jobs_are_each_there_once_though_their_submission_is_killed_again_
              "--from", str(path), "--resume"]
     killed, journal = 0, pathlib.Path(f"{path}.accepted")
     for _ in range(KILLS):
-        had = journal.stat().st_size if journal.exists() else 0
-        with subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        # who prints a line a job waits for who reads: it has not ended before the kill
+        with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
                               env=environment()) as run:
-            wire.until(lambda had=had, run=run: run.poll() is not None or journal.exists()
-                       and journal.stat().st_size > had)
-            time.sleep(dice.uniform(0, 0.2))
+            for _ in range(dice.randrange(1, 2 * count // 3 // KILLS)):
+                run.stdout.readline()
+            time.sleep(dice.uniform(0, 0.02))
             killed += run.poll() is None
             run.kill()
     before = sum(1 for _ in open(journal))

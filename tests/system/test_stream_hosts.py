@@ -20,7 +20,7 @@ import modald
 import sanitized
 from conftest import BUILD, PATIENCE, environment
 from lab import Lab
-from test_stream_faults import is_sealed_as
+from test_stream_faults import PIPE, is_sealed_as
 from wire import Daemon, crc32c, identity
 
 HOSTS = BUILD / "fault" / "hosts"
@@ -201,7 +201,8 @@ def test_a_ring_file_has_one_stream_at_a_time(daemon, german, tmp_path):
 
 
 def test_a_run_is_told_that_another_pushes_under_its_name(daemon, german, tmp_path):
-    words = [str(HOSTS), "plain", "3000", "0.0005"]
+    # more output than a pipe holds: it pushes still when that is read, after the other did
+    words = [str(HOSTS), "plain", str(PIPE // 16 + 3000), "0.0001"]
     env = environment(MODALD_URL=daemon.endpoint, MODALD_SPILL=tmp_path, MODALD_CLOSE_WAIT="120")
     log = subprocess.run(words[:3], capture_output=True, env=environment(), timeout=PATIENCE).stdout
     host = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=env)

@@ -231,7 +231,7 @@ child = os.fork()
 if child == 0:
     told = threading.Event()
     job.add_done_callback(lambda job: told.set())
-    print(told.wait(60), flush=True)
+    print(told.wait(500), flush=True)
     os._exit(0)
 os.waitpid(child, 0)
 job.cancel()

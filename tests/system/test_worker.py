@@ -235,7 +235,7 @@ def test_stop_ends_it_with_0_and_sigterm_ends_it(daemon):
     other = Daemon()
     other.next("READY")
     other.process.terminate()
-    assert other.process.wait(10) == -signal.SIGTERM
+    assert other.process.wait(PATIENCE_S) == -signal.SIGTERM
     other.close()
 
 
@@ -396,9 +396,11 @@ def test_more_blas_threads_start_within_the_walls(daemon):
 def test_the_heart_beats_with_the_job_while_it_works(daemon):
     daemon.next("READY")
     daemon.run_scene("long", "simulate", {**OSCILLATOR, "time": {"dt": 1e-6, "duration": 30.0}})
-    seen = [daemon.next("BEAT", "PART", "DONE", "FAILED") for _ in range(2)]
-    assert (any(verb == "BEAT" and header == {"job": "long", "attempt": 1}
-                for verb, header, _ in seen) or seen[0][0] != "BEAT"), seen
+    verb, header = "BEAT", {}
+    while verb == "BEAT" and header == {}:                  # of before it began
+        verb, header, _ = daemon.next("BEAT", "PART", "DONE", "FAILED")
+    # a machine on which it ends within a second tells nothing
+    assert verb in ("PART", "DONE") or (verb, header) == ("BEAT", {"job": "long", "attempt": 1})
 
 
 LUA = [("", "DONE"), ("io.open('/etc/passwd')", "FAILED"), ("os.execute('true')", "FAILED"),

@@ -60,6 +60,38 @@ def test_a_slow_disk_delays_only_what_needs_it(tmp_path):
         assert most > 4 and min(acked) > 1
 
 
+@pytest.mark.skipif(sanitized.SANITIZED, reason="no library is loaded before the sanitizer's")
+@pytest.mark.parametrize("cut, kill", [("100", False), ("4120", False), ("all", False), (None, True),
+                                       ("all", True)])
+def test_a_log_cut_between_a_commit_and_what_follows_it_takes_nothing_acknowledged(tmp_path, cut,
+                                                                                    kill):
+    """A group's commit is synced, and the log is shortened before the daemon looks at it again: the
+    group is not acknowledged.  What was before is there, or is told to be lost."""
+    env = {"LD_PRELOAD": str(BUILD / "fault" / "libcut.so"), "CUT_AT": "9",
+           **({"CUT_BYTES": cut} if cut else {}), **({"CUT_KILL": "1"} if kill else {})}
+    acked = {}
+    with Daemon(folder=tmp_path, config=FAKE, workers=0, env=env) as d:
+        c = d.client()
+        for k in range(12):
+            number = c.send("SUBMIT", [struct.pack("<d", k) + bytes(120)], kind="identify",
+                            options={}, key=f"k{k}", input={"content": "batch", "samples": 16,
+                                                            "channels": 1, "dt": 1})
+            until(lambda: c.socket.poll(50) or d.process.poll() is not None)
+            if not c.socket.poll(0):
+                break
+            acked[f"k{k}"] = c.answer(number)["job"]
+        c.close()
+        assert d.process.poll() is not None and (kill or "made shorter" in d.text())
+        assert 0 < len(acked) < 12
+    if cut == "all":
+        with pytest.raises(RuntimeError, match="acknowledged"):
+            Daemon(folder=tmp_path, config=FAKE, workers=0)
+        return
+    with Daemon(folder=tmp_path, config=FAKE, workers=0) as d:
+        c = d.client()
+        assert {key: c.ask("STATUS", job=f"key:{key}").get("job") for key in acked} == acked
+
+
 def test_a_limit_on_the_size_of_files_is_a_full_disk_and_ends_nothing():
     """RLIMIT_FSIZE of 1 MB, whose signal ended the daemon without a word; what was acknowledged
     stays, and what comes when the limit is gone is taken."""

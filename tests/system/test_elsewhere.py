@@ -111,6 +111,12 @@ class Hand:
         with self.lock:
             self.socket.close()
 
+    def end_saying(self, words):
+        """Its connection ends once its last words are on their way."""
+        self.socket.linger = 1000 * PATIENCE_S
+        self.say("STDERR", [words])
+        self.close()
+
     def say(self, verb, body=(), **header):
         with self.lock:
             if not self.socket.closed:
@@ -583,13 +589,33 @@ def test_a_worker_that_is_lost_is_a_death_with_its_name_and_last_words(site):
     job = submit(ann, max_attempts=1)["job"]
     hand = it.hand(name="12_3", node="n7")
     hand.run()
-    hand.say("STDERR", [b"out of luck\x00\xff"])
-    until(lambda: it.elsewhere() == 1)
-    hand.close()
+    hand.end_saying(b"out of luck\x00\xff")
     ended = ann.ask("WAIT", job=job, timeout_s=200)
     assert ended["state"] == "dead"
     assert ended["error"]["message"] == "the worker 12_3 on n7 was lost in attempt 1"
     assert ann.ask("RESULT", job=job, part="stderr").body[0] == b"out of luck??"
+
+
+NO_MEMORY = b"modald-worker: no memory for a document\n"
+
+
+def test_a_job_whose_worker_elsewhere_had_no_memory_is_tried_on_a_host_that_may_have_it(site):
+    """One of the daemon's own would have none again; of a job that no host has memory for the last
+    words tell why it is dead."""
+    it = site()
+    ann = it.client("ann")
+    job = submit(ann, max_attempts=2)["job"]
+    for attempt in (1, 2):
+        small = it.hand(name=f"small{attempt}")
+        run, of = small.run()
+        assert of == {"job": job, "attempt": attempt}
+        small.end_saying(NO_MEMORY)
+    assert ann.ask("WAIT", job=job, timeout_s=200)["state"] == "dead"
+    assert ann.ask("RESULT", job=job, part="stderr").body[0] == NO_MEMORY
+    assert ann.ask("RETRY", job=job).ok
+    large = it.hand(name="large")
+    large.done(large.run()[1])
+    assert ann.ask("WAIT", job=job, timeout_s=200)["state"] == "done"
 
 
 unwatched = pytest.mark.skipif(b"__asan_init" in pathlib.Path(WORKER).read_bytes(),

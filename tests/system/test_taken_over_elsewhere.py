@@ -8,7 +8,7 @@ import socket
 import pytest
 import zmq
 
-from test_elsewhere import Hand, Site, VERSION, state
+from test_elsewhere import Hand, Site, VERSION
 from test_taken_over_worker import DONE, REFUSED, SIGNALS, part
 from wire import PATIENCE_S, submit, until
 
@@ -156,9 +156,7 @@ def test_no_line_of_the_log_is_a_workers_own(site, evil, ann):
 def test_words_with_ends_of_lines_and_quotes_are_one_field_of_one_line(site, evil, ann):
     job = submit(ann, max_attempts=1, fresh=True)["job"]
     evil.run()
-    evil.say("STDERR", [b'x" status=0\nlevel=crit event=forged\x1b[2J'])
-    until(lambda: state(ann, job)["state"] == "running")
-    evil.close()
+    evil.end_saying(b'x" status=0\nlevel=crit event=forged\x1b[2J')
     assert ann.ask("WAIT", job=job, timeout_s=200)["state"] == "dead"
     lines = [line for line in site.daemon.text().splitlines() if "event=forged" in line]
     assert len(lines) == 1 and "event=worker_exit" in lines[0] and "\x1b" not in lines[0]

@@ -107,6 +107,12 @@ LIES = {
         reply({}, b'{"jobs":[1],"next":null}')]}),
     "a page that is nowhere": (lambda c: list(c.streams()), {"STREAMS": [
         reply({}, b'{"streams":[],"next":5}')]}),
+    "a page of nothing and a next one, for ever": (lambda c: list(c.list()), {"LIST": [
+        reply({}, b'{"jobs":[],"next":"a"}'), reply({}, b'{"jobs":[],"next":"b"}')]}),
+    "a page that leads to itself": (lambda c: list(c.streams()), {"STREAMS": [
+        reply({}, b'{"streams":[{}],"next":"a"}')]}),
+    "more on a page than was asked for": (lambda c: list(c.list(limit=2)), {"LIST": [
+        reply({}, b'{"jobs":[{},{},{}],"next":null}')]}),
     "fewer answers than submissions": (
         lambda c: c.submit_many([("identify", BATCH, None, f"k{k}") for k in range(4)], window=64),
         {"SUBMITS": [reply({}, json.dumps({"jobs": [JOB]}).encode())]}),

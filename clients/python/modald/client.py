@@ -278,17 +278,24 @@ class Client(Session):
         return Batch(np.frombuffer(data, dtype="<f8").reshape(shape), dt, d.get("period"),
                      d.get("names"), d.get("units"))
 
+    def _paged(self, verb: str, rows: str, header: Document) -> Iterator[Document]:
+        """Row by row, a page at a time: each has some that are new, or there is no next one."""
+        while True:
+            page = document_of(self.ask(verb, header)[1])
+            found, after = page.rows(rows), page.get("next")
+            if len(found) > header["limit"] or after is not None and (
+                    not found or page.text("next") == header.get("after")):
+                raise Error("bad_frame", f"the daemon's page of {len(found)} {rows} leads nowhere")
+            yield from found
+            if after is None:
+                return
+            header["after"] = after
+
     def list(self, state: str | None = None, kind: str | None = None,
              limit: int = 100) -> Iterator[Document]:
         """Documents of all jobs, `limit` a page, of one `state` and `kind` where they are given."""
-        header: Document = {"limit": limit, **({"state": state} if state else {}),
-                            **({"kind": kind} if kind else {})}
-        while True:
-            page = document_of(self.ask("LIST", header)[1])
-            yield from page.rows("jobs")
-            if page.get("next") is None:
-                return
-            header["after"] = page.text("next")
+        return self._paged("LIST", "jobs", {"limit": limit, **({"state": state} if state else {}),
+                                            **({"kind": kind} if kind else {})})
 
     def streams(self, name: str | None = None, user: str | None = None,
                 limit: int = 100) -> Iterator[Document]:
@@ -298,14 +305,9 @@ class Client(Session):
         `samples`, `age_s`; an open one with a live window `verdict`, `lag` and `skipped`; a sealed
         one `upload`, `sha256`, and `kept_s` until it goes where no job names it.
         """
-        header: Document = {"limit": limit, **({"name": name} if name else {}),
-                            **({"user": user} if user else {})}
-        while True:
-            page = document_of(self.ask("STREAMS", header)[1])
-            yield from page.rows("streams")
-            if page.get("next") is None:
-                return
-            header["after"] = page.text("next")
+        return self._paged("STREAMS", "streams", {"limit": limit,
+                                                  **({"name": name} if name else {}),
+                                                  **({"user": user} if user else {})})
 
     def events(self, start: int | None = None, job: str | None = None, stream: str | None = None,
                timeout: float | None = None) -> Iterator[Event]:

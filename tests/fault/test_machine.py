@@ -61,10 +61,10 @@ def test_a_slow_disk_delays_only_what_needs_it(tmp_path):
 
 
 @pytest.mark.skipif(sanitized.SANITIZED, reason="no library is loaded before the sanitizer's")
-@pytest.mark.parametrize("cut, kill", [("100", False), ("4120", False), ("all", False), (None, True),
-                                       ("all", True)])
-def test_a_log_cut_between_a_commit_and_what_follows_it_takes_nothing_acknowledged(tmp_path, cut,
-                                                                                    kill):
+@pytest.mark.parametrize("cut, kill", [("100", False), ("4120", False), ("all", False),
+                                       (None, True), ("all", True)])
+def test_a_log_cut_between_a_commit_and_what_follows_takes_nothing_acknowledged(tmp_path, cut,
+                                                                                kill):
     """A group's commit is synced, and the log is shortened before the daemon looks at it again: the
     group is not acknowledged.  What was before is there, or is told to be lost."""
     env = {"LD_PRELOAD": str(BUILD / "fault" / "libcut.so"), "CUT_AT": "9",

@@ -7,9 +7,19 @@
  * changes there is added to the dofs that feel it before the step ends.  So a step costs what the
  * program's entries do and an event what its neighbours do, of a chain of any length the same.
  *
- * Of few dofs a step is less as a product with one matrix: u = (x, v, levels, cosines, sines) obeys
- * u' = A u, A one matrix for each set of regimes, and e^{A h} is made where that set has been
- * stepped through as often as making it costs steps.
+ * Of few dofs a step is less as a product with one matrix (torus_maps.h), made for each set of
+ * regimes that has been stepped through as often as making it costs steps; and so are 2, 4, 8 ..
+ * steps together, up to a sample.  Most of a motion is slow beside the structure's fastest, which
+ * the steps follow: such a stride is taken where each law's input does within it what the cubic
+ * through its ends says, and that has no event.  How far off the cubic may be its second rates tell:
+ * with X and x' right at both ends of 0 <= s <= 1 and x'' off by D_0 and D_1, the quintic is beyond
+ * it by
+ *
+ *     1/2 s^2 (1 - s)^2 ((1 - s) D_0 + s D_1),                                                  (1)
+ *
+ * at most |D| / 32, and its rate by |D| / 6; of what turns within a stride several times, x or its
+ * rates at the ends have as much.  TRUST times (1) is to make no event either; else both halves are
+ * strides of their own.
  *
  * A law is asked at a step's end and at each turn of its input: between them paths are monotone.
  * Where its regime is another there its two lines agree somewhere before, (level - level') + (gain
@@ -19,7 +29,7 @@
  *
  * What is wrong is rounding, and turns or events that a step hides: a law that changes and changes
  * back between two samples with no turn of its input among them.  Its input would have to turn, and
- * a step is a small part of the fastest period.
+ * a step is a small part of the fastest period, a stride what (1) bounds.
  *
  * Disturbances are further columns of u, without waves, and the level of a slider that holds moves
  * with them: z is where d was as it began to hold, so that its level is -gain times what d was
@@ -32,13 +42,13 @@
 #include <string.h>
 #include "modal/linalg/workspace.h"
 #include "modal/scene/law.h"
-#include "modal/steady/torus_taylor.h"
+#include "modal/steady/torus_maps.h"
 
 enum {
-    MAPS_MOST = 1 << 20,       /* numbers of all maps: 8 MB */
-    REGIMES_MOST = 256,        /* sets that are kept in mind: looking one up costs less than a
-                                * step */
-    SUBSTEPS_MOST = 64,        /* of a sample: stiffer scenes are marched otherwise */
+    SUBSTEPS_MOST = 6,         /* of a sample, 2^6: stiffer scenes are marched otherwise */
+    STRIDES_MOST = 14,         /* where strides take them together: 5e5 steps a turn of the beam
+                                * that has them */
+    REGIMES_A_LAW = 3,         /* a slider's: it holds, or slips to either side */
     CUTS_MOST = 64,            /* of a step and law: more are no events of a motion, but of
                                 * rounding */
     LEAST_ORDER = 3,           /* as torus_solve.c begins with */
@@ -52,10 +62,8 @@ static const double SHORT = 1e-3;         /* of a step: in what first arrives th
 static const double NONE = 0.1;           /* of a piece: a turn mended is nearer by far */
 static const double SAME = 1e-15;         /* of a step: instants that are one */
 static const double NEVER = 2;            /* of a step: past its end */
+static const double TRUST = 4;            /* times (1), an estimate of the first term left out */
 static const double FAR = 1e100;          /* m: past any clearance or slider */
-
-/* A set of regimes, steps taken in it, and its map, 2 n x D by rows, once it has one. */
-struct regime { int *key; long steps; double *P; };
 
 /* A law on its way: what input it had last and its rate, a slider's place, and its line, f = level
  * + gain d.  Of a law that is asked ahead of the motion the same, where that would be. */
@@ -72,12 +80,11 @@ struct torus_pieces {
     struct torus_solver *s;
     struct workspace space;
     struct torus_taylor t;
-    int N, substeps;                               /* samples a turn, steps a sample */
+    struct torus_maps maps;
+    int N;                                         /* samples a turn */
     int columns, disturbances;                     /* of u, and how many follow the motion */
-    int n, laws, waves, D;                         /* D: a map's columns */
-    double *turn, *wave;                           /* [wave][2]: cos and sin, of omega h and now */
-    struct regime *regime, *now;                   /* now NULL: none of those kept */
-    int regimes, regimes_most;                     /* most 0: steps are of polynomials */
+    int n, laws, waves, *key;                      /* key: as torus_maps_find has it */
+    double *wave, *then;                           /* [wave][2]: cos and sin, now and at m->to */
     double *u, *to;                                /* x, then v, [i columns + c] */
     struct hold *hold, *ahead;                     /* of laws */
     struct due *due;
@@ -118,113 +125,24 @@ static bool ask(const struct law *law, double d, double v, const struct hold *fr
     return fine;
 }
 
-/* As in torus_taylor.c. */
-#define COPIED static inline __attribute__((always_inline))
-
-/* TO += P's COUNT columns from FIRST on times X, COUNT rows of COLUMNS; P has D columns and
- * ROWS. */
-COPIED void add_product(const double *P, int rows, int D, int first, int count, const double *x,
-                        int columns, double *to)
-{
-    for (int i = 0; i < rows; i++) {
-        double sum[TORUS_WIDE] = { 0 };
-
-        for (int j = 0; j < count; j++)
-            for (int c = 0; c < columns; c++)
-                sum[c] += P[i * D + first + j] * x[j * columns + c];
-        for (int c = 0; c < columns; c++)
-            to[i * columns + c] += sum[c];
-    }
-}
-
-/* A whole step into m->to by the map, COLUMNS being m's. */
-COPIED void map_step(const struct torus_pieces *m, int columns)
-{
-    int n = 2 * m->n, D = m->D;
-    const double *P = m->now->P;
-
-    memset(m->to, 0, (size_t)(n * columns) * sizeof *m->to);
-    add_product(P, n, D, 0, n, m->u, columns, m->to);
-    add_product(P, n, D, n, m->laws, m->t.level, columns, m->to);
-    for (int i = 0; i < n; i++)
-        for (int w = 0; w < 2 * m->waves; w++)
-            m->to[i * columns] += P[i * D + n + m->laws + w] * m->wave[w];
-}
-
-/* The map of the laws' lines at hand, column by column: what the polynomials make of a unit
- * vector. */
-static double *make_map(struct torus_pieces *m)
-{
-    int n = 2 * m->n, D = m->D, columns = m->columns;
-    double *P = workspace_zeros(&m->space, (size_t)n * (size_t)D, sizeof *P);
-    double *one = calloc((size_t)(D + n), sizeof *one), *level = m->t.level;
-
-    if (P != NULL && one != NULL) {
-        torus_taylor_narrow(&m->t, 1);
-        m->t.level = one + n;
-        for (int j = 0; j < D; j++) {
-            one[j] = 1;
-            torus_taylor_make(&m->t, one, one + n + m->laws, one + D);
-            one[j] = 0;
-            for (int i = 0; i < n; i++)
-                P[i * D + j] = one[D + i];
-        }
-        torus_taylor_narrow(&m->t, columns);
-        m->t.level = level;
-    }
-    free(one);
-    return P;
-}
-
-/* m->now is that of m->hold: found among those met before, for a motion of few laws has few and
- * meets them again and again, or a new one while there is room. */
+/* m->maps know the laws' regimes. */
 static void find_regime(struct torus_pieces *m)
 {
-    struct regime *r = m->regime;
-
-    for (int a = 0; a < m->regimes; a++, r++) {
-        bool same = true;
-
-        for (int l = 0; same && l < m->laws; l++)
-            same = r->key[l] == m->hold[l].regime;
-        if (same) {
-            m->now = r;
-            return;
-        }
-    }
-    m->now = NULL;
-    if (m->regimes == m->regimes_most)
-        return;
-    r->key = workspace_zeros(&m->space, (size_t)m->laws, sizeof *r->key);
-    if (r->key == NULL)
-        return;
     for (int l = 0; l < m->laws; l++)
-        r->key[l] = m->hold[l].regime;
-    m->now = r;
-    m->regimes++;
+        m->key[l] = m->hold[l].regime;
+    torus_maps_find(&m->maps, m->key);
 }
 
-/* A whole step into m->to, laws as they are; *MADE: its polynomials are at hand, too.  Regimes that
- * have been stepped through as often as a map has columns have earned theirs. */
+/* A whole step into m->to, laws as they are; *MADE: its polynomials are at hand, too. */
 static void step_whole(struct torus_pieces *m, bool *made)
 {
-    struct regime *r = m->now;
-
-    if (r != NULL && r->P == NULL && r->steps++ == m->D)
-        r->P = make_map(m);
-    *made = r == NULL || r->P == NULL;
-    if (*made) {
+    *made = !torus_maps_has(&m->maps, true);
+    if (*made)
         torus_taylor_make(&m->t, m->u, m->wave, m->to);
-        m->work += torus_taylor_work(&m->t);
-    } else {
-        switch (m->columns) {
-        case 1: map_step(m, 1); break;
-        case TORUS_PAIR: map_step(m, TORUS_PAIR); break;
-        default: map_step(m, TORUS_WIDE);
-        }
-        m->work += 2.0 * m->n * m->D * m->columns;
-    }
-    m->work += 20.0 * (1 + m->laws);
+    else
+        torus_maps_stride(&m->maps, 0, m->u, m->wave, m->to);
+    m->work += (*made ? torus_taylor_work(&m->t) : torus_maps_work(&m->maps))
+        + 20.0 * (1 + m->laws);
 }
 
 /* Where the cubic from D0, V0 to D1, V1 over T turns first, as a fraction 0 < s < 1 of T; 1:
@@ -465,7 +383,7 @@ static bool step_cut(struct torus_pieces *m)
     m->listed = 0;
     if (fine)
         arrive(m);
-    if (fine && changes > 0 && m->regimes_most > 0)
+    if (fine && changes > 0)
         find_regime(m);
     return fine;
 }
@@ -495,13 +413,100 @@ static bool step(struct torus_pieces *m)
         fine = fine && step_cut(m);
     } else if (fine)
         arrive(m);
-    for (int w = 0; w < m->waves; w++) {
-        double *q = m->wave + 2 * w, a = q[0], b = q[1];
+    torus_maps_turn(&m->maps, 0, m->wave);
+    return fine;
+}
 
-        q[0] = a * m->turn[2 * w] - b * m->turn[2 * w + 1];
-        q[1] = a * m->turn[2 * w + 1] + b * m->turn[2 * w];
+/* A law's input over a stride, s from 0 to 1: the cubic d0 + s (a + s (c2 + s c3)), and how far off
+ * it the input's second rates are at its ends. */
+struct path { double d0, a, c2, c3, off; };
+
+static double path_at(const struct path *p, double s)
+{
+    return p->d0 + s * (p->a + s * (p->c2 + s * p->c3));
+}
+
+/* The least of its rate along its way at the begin; < 0: it turns. */
+static double least_rate(const struct path *p)
+{
+    double sign = copysign(1, p->a), bend = -p->c2 / (3 * p->c3);
+    double least = fmin(sign * p->a, sign * (p->a + 2 * p->c2 + 3 * p->c3));
+
+    if (bend > 0 && bend < 1)
+        least = fmin(least, sign * (p->a + p->c2 * bend));
+    return least;
+}
+
+/* Its least and largest place. */
+static void range_of(const struct path *p, double *low, double *high)
+{
+    double root = sqrt(fmax(p->c2 * p->c2 - 3 * p->c3 * p->a, 0));
+    double q = -(p->c2 + copysign(root, p->c2));        /* of its rate, a + 2 c2 s + 3 c3 s^2 */
+    double at[] = { 0, 1, q != 0 ? p->a / q : 0, p->c3 != 0 ? q / (3 * p->c3) : 0 };
+
+    *low = HUGE_VAL, *high = -HUGE_VAL;
+    for (size_t e = 0; e < sizeof at / sizeof *at; e++)
+        if (at[e] >= 0 && at[e] <= 1) {
+            *low = fmin(*low, path_at(p, at[e]));
+            *high = fmax(*high, path_at(p, at[e]));
+        }
+}
+
+/* Whether law L stays as it is at D, come from where it is. */
+static bool stays(const struct torus_pieces *m, int l, double d)
+{
+    struct hold to;
+
+    return ask(&m->s->p->law[l], d, 0, &m->hold[l], &to) && to.regime == m->hold[l].regime;
+}
+
+/* Whether law L has no event along P, nor as far beside it as (1) has it: of a motion that does not
+ * come back nothing is behind its begin. */
+static bool has_none(const struct torus_pieces *m, int l, const struct path *p)
+{
+    double beyond = TRUST / 32 * p->off, low, high;
+
+    range_of(p, &low, &high);
+    if (least_rate(p) > TRUST / 6 * p->off)
+        return stays(m, l, p->a > 0 ? high + beyond : low - beyond);
+    return stays(m, l, low - beyond) && stays(m, l, high + beyond);
+}
+
+/* 2^J steps at once: false, and all as it was, where a law may have an event within them. */
+static bool leap(struct torus_pieces *m, int j)
+{
+    double T = ldexp(m->t.h, j), square = ldexp(1, 2 * j);
+    bool fine = true;
+
+    torus_maps_stride(&m->maps, j, m->u, m->wave, m->to);
+    memcpy(m->then, m->wave, 2 * (size_t)m->waves * sizeof *m->then);
+    torus_maps_turn(&m->maps, j, m->then);
+    m->work += torus_maps_work(&m->maps) + 20.0 * (1 + m->laws) + 2.0 * m->laws * m->maps.columns;
+    m->asked++;
+    for (int l = 0; fine && l < m->laws; l++) {
+        double v, d = sees(m, l, m->to, &v), rise = d - m->hold[l].d;
+        struct path p = { .d0 = m->hold[l].d, .a = m->hold[l].v * T };
+
+        p.c2 = 3 * rise - 2 * p.a - v * T, p.c3 = p.a + v * T - 2 * rise;
+        p.off = fmax(fabs(square * torus_maps_bend(&m->maps, l, m->u, m->wave) - 2 * p.c2),
+                     fabs(square * torus_maps_bend(&m->maps, l, m->to, m->then) - 2 * p.c2
+                          - 6 * p.c3));
+        fine = has_none(m, l, &p) && ask(&m->s->p->law[l], d, v, &m->hold[l], &m->ahead[l]);
+    }
+    if (fine) {
+        arrive(m);
+        memcpy(m->wave, m->then, 2 * (size_t)m->waves * sizeof *m->wave);
     }
     return fine;
+}
+
+/* 2^J steps; false: they cannot be followed. */
+static bool stride(struct torus_pieces *m, int j)
+{
+    if (j == 0)
+        return step(m);
+    return (torus_maps_has(&m->maps, false) && leap(m, j))
+        || (stride(m, j - 1) && stride(m, j - 1));
 }
 
 /* The waves at time T: afresh each turn, so that no rounding gathers in their products. */
@@ -587,8 +592,7 @@ enum modal_status torus_pieces_go(struct torus_pieces *m, int turns, int count, 
         for (int n = 0; n < m->N; n++) {
             for (int i = 0; i < count; i++)
                 *x++ = m->u[dofs[i] * m->columns];
-            for (int k = 0; k < m->substeps && *followed; k++)
-                *followed = step(m);
+            *followed = *followed && stride(m, m->maps.longest);
         }
         for (int i = 0; i < 2 * m->n; i++)
             *followed = *followed && isfinite(m->u[i * m->columns]);
@@ -665,27 +669,21 @@ static bool set_out(struct torus_pieces *m)
         m->t.gain[l] = m->hold[l].gain;
         m->t.level[l * C] = m->hold[l].level;
     }
-    if (m->regimes_most > 0)
-        find_regime(m);
+    find_regime(m);
     return true;
 }
 
-/* Steps as short as the scene needs, with maps where they cost less than polynomials; false: it is
- * too stiff. */
-static bool set_steps(struct torus_pieces *m)
+/* Steps as short as the scene needs, 2^*LONGEST a sample; false: it is too stiff.
+ * Where all maps that its laws may come to have room, a sample is a few products however many. */
+static bool set_steps(struct torus_pieces *m, int *longest)
 {
     double dt = 2 * M_PI / m->s->tones.omega[m->s->tones.lead] / m->N;
-    double map = 2.0 * m->n * m->D;
+    double sets = pow(REGIMES_A_LAW, m->laws);
+    int most = torus_maps_fit(&m->t, STRIDES_MOST, sets) ? STRIDES_MOST : SUBSTEPS_MOST;
 
-    for (m->substeps = 1; !torus_taylor_set_step(&m->t, dt / m->substeps); m->substeps *= 2)
-        if (m->substeps >= SUBSTEPS_MOST)
+    for (*longest = 0; !torus_taylor_set_step(&m->t, ldexp(dt, -*longest)); ++*longest)
+        if (*longest == most)
             return false;
-    for (int w = 0; w < m->waves; w++) {
-        m->turn[2 * w] = cos(m->t.omega[w] * m->t.h);
-        m->turn[2 * w + 1] = sin(m->t.omega[w] * m->t.h);
-    }
-    if (map * m->columns < torus_taylor_work(&m->t) * BUDGET_DENSE)
-        m->regimes_most = (int)fmin(MAPS_MOST / map, REGIMES_MOST);
     return true;
 }
 
@@ -694,9 +692,9 @@ static enum modal_status pieces_room(struct torus_pieces *m, struct modal_error 
 {
     size_t n = (size_t)m->n, L = (size_t)m->laws, W = (size_t)m->waves, C = (size_t)m->columns;
 
-    m->turn = workspace_zeros(&m->space, 2 * W, sizeof *m->turn);
     m->wave = workspace_zeros(&m->space, 2 * W, sizeof *m->wave);
-    m->regime = workspace_zeros(&m->space, REGIMES_MOST, sizeof *m->regime);
+    m->then = workspace_zeros(&m->space, 2 * W, sizeof *m->then);
+    m->key = workspace_zeros(&m->space, L, sizeof *m->key);
     m->u = workspace_zeros(&m->space, 2 * n * C, sizeof *m->u);
     m->to = workspace_zeros(&m->space, 2 * n * C, sizeof *m->to);
     m->hold = workspace_zeros(&m->space, L, sizeof *m->hold);
@@ -715,6 +713,7 @@ enum modal_status torus_pieces_new(struct torus_solver *s, int N, int columns,
     double *steepest = calloc((size_t)s->p->laws + 1, sizeof *steepest);
     struct torus_pieces *m = calloc(1, sizeof *m);
     bool fine = false;
+    int longest = 0;
     enum modal_status rc = MODAL_OK;
 
     *out = NULL;
@@ -725,11 +724,14 @@ enum modal_status torus_pieces_new(struct torus_solver *s, int N, int columns,
         m->leaves = torus_unknowns(s, LEAST_ORDER) > TORUS_CORE_MOST;
         m->disturbances = columns, m->columns = columns > 1 ? TORUS_WIDE : 1 + columns;
         m->n = s->p->n, m->laws = s->p->laws;
-        m->waves = s->groups, m->D = 2 * m->n + m->laws + 2 * m->waves;
+        m->waves = s->groups;
         rc = pieces_room(m, err);
         if (rc == MODAL_OK)
             rc = torus_taylor_init(&m->t, s, m->columns, steepest, &fine, err);
-        fine = rc == MODAL_OK && fine && set_steps(m) && set_out(m);
+        fine = rc == MODAL_OK && fine && set_steps(m, &longest);
+        if (fine)
+            rc = torus_maps_init(&m->maps, &m->t, longest, err);
+        fine = fine && rc == MODAL_OK && set_out(m);
     }
     free(steepest);
     if (fine)
@@ -743,6 +745,7 @@ void torus_pieces_free(struct torus_pieces *m)
 {
     if (m == NULL)
         return;
+    torus_maps_done(&m->maps);
     torus_taylor_done(&m->t);
     workspace_free(&m->space);
     free(m);

@@ -1,0 +1,219 @@
+/* torus_maps.c - see torus_maps.h; tested by tests/unit/modal/steady/test_torus.c
+ *
+ * The map of one step is what its polynomials make of each unit vector.  That of twice as many is a
+ * square: with P = (P_x P_l P_w) of x and v, of levels, which stay, and of waves, which turn by R,
+ *
+ *     P' = P_x P + (0  P_l  P_w R).                                                             (1)
+ */
+#include "modal/steady/torus_maps.h"
+#include <cblas.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "modal/steady/budget.h"
+
+enum {
+    NUMBERS_MOST = 1 << 20,    /* of all maps: 8 MB */
+    REGIMES_MOST = 256,        /* sets that are kept in mind: looking one up costs less than a
+                                * step */
+};
+static const double TRIED = 2;            /* strides a sample of several steps, about: the longest,
+                                           * and where that will not do both its halves */
+
+/* Numbers of a map. */
+static double size_of(const struct torus_taylor *t)
+{
+    return 2.0 * t->n * (2.0 * t->n + t->laws + 2.0 * t->waves);
+}
+
+bool torus_maps_fit(const struct torus_taylor *t, int longest, double count)
+{
+    return count <= REGIMES_MOST && count * (longest + 1) * size_of(t) <= NUMBERS_MOST;
+}
+
+enum modal_status torus_maps_init(struct torus_maps *a, struct torus_taylor *t, int longest,
+                                  struct modal_error *err)
+{
+    double steps = ldexp(1, longest), strides = longest > 0 ? TRIED : 1;
+
+    *a = (struct torus_maps) { .t = t, .longest = longest,
+                               .columns = 2 * t->n + t->laws + 2 * t->waves };
+    a->regime = workspace_zeros(&a->space, REGIMES_MOST, sizeof *a->regime);
+    a->turn = workspace_zeros(&a->space, 2 * (size_t)t->waves * (size_t)(longest + 1),
+                              sizeof *a->turn);
+    for (int j = 0; !a->space.failed && j <= longest; j++)
+        for (int w = 0; w < t->waves; w++) {
+            double phase = t->omega[w] * ldexp(t->h, j), *turn = a->turn + 2 * (j * t->waves + w);
+
+            turn[0] = cos(phase), turn[1] = sin(phase);
+        }
+    if (strides * size_of(t) * t->columns < steps * torus_taylor_work(t) * BUDGET_DENSE)
+        a->most = (int)fmin(NUMBERS_MOST / ((longest + 1) * size_of(t)), REGIMES_MOST);
+    return workspace_check(&a->space, "torus: no memory for a march", err);
+}
+
+void torus_maps_done(struct torus_maps *a) { workspace_free(&a->space); }
+
+void torus_maps_find(struct torus_maps *a, const int *key)
+{
+    struct torus_regime *r = a->regime;
+    size_t wide = (size_t)a->t->laws * sizeof *key;
+
+    a->now = NULL;
+    for (int e = 0; e < a->regimes; e++, r++)
+        if (memcmp(r->key, key, wide) == 0) {
+            a->now = r;
+            return;
+        }
+    if (a->regimes == a->most)
+        return;
+    r->key = workspace_zeros(&a->space, (size_t)a->t->laws, sizeof *r->key);
+    if (r->key == NULL)
+        return;
+    memcpy(r->key, key, wide);
+    a->now = r;
+    a->regimes++;
+}
+
+/* The map of one step into P and rows of d'' h^2 into BEND, column by column, by the laws' lines
+ * now; ONE: as many zeros as columns, and 2 n more. */
+static void make_first(struct torus_maps *a, double *P, double *bend, double *one)
+{
+    struct torus_taylor *t = a->t;
+    int n = t->n, D = a->columns, columns = t->columns;
+    double *level = t->level;
+
+    torus_taylor_narrow(t, 1);
+    t->level = one + 2 * n;
+    for (int j = 0; j < D; j++) {
+        one[j] = 1;
+        torus_taylor_make(t, one, one + 2 * n + t->laws, one + D);
+        one[j] = 0;
+        for (int i = 0; i < 2 * n; i++)
+            P[i * D + j] = one[D + i];
+        for (int l = 0; l < t->laws; l++)
+            for (int e = t->see.start[l]; e < t->see.start[l + 1]; e++)
+                bend[l * D + j] += 2 * t->see.weight[e] * t->a[2 * n + t->see.dof[e]];
+    }
+    torus_taylor_narrow(t, columns);
+    t->level = level;
+}
+
+/* (1): TO of twice as many steps as P, which is of 2^J. */
+static void square(const struct torus_maps *a, int j, const double *P, double *to)
+{
+    int n = 2 * a->t->n, D = a->columns, laws = a->t->laws;
+    const double *turn = a->turn + 2 * j * a->t->waves;
+
+    cblas_dgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, n, D, n, 1, P, D, P, D, 0, to, D);
+    for (int i = 0; i < n; i++) {
+        const double *from = P + i * D + n, *wave = from + laws;
+
+        for (int l = 0; l < laws; l++)
+            to[i * D + n + l] += from[l];
+        for (int w = 0; w < a->t->waves; w++) {
+            double c = turn[2 * w], s = turn[2 * w + 1], *at = to + i * D + n + laws + 2 * w;
+
+            at[0] += c * wave[2 * w] + s * wave[2 * w + 1];
+            at[1] += c * wave[2 * w + 1] - s * wave[2 * w];
+        }
+    }
+}
+
+/* A->now's maps, of the laws' lines at hand. */
+static void make_maps(struct torus_maps *a)
+{
+    size_t D = (size_t)a->columns, size = 2 * (size_t)a->t->n * D;
+    double *P = workspace_room(&a->space, size * (size_t)(a->longest + 1), sizeof *P);
+    double *bend = workspace_zeros(&a->space, (size_t)a->t->laws * D, sizeof *bend);
+    double *one = calloc(D + 2 * (size_t)a->t->n, sizeof *one);
+
+    if (P != NULL && bend != NULL && one != NULL) {
+        make_first(a, P, bend, one);
+        for (int j = 0; j < a->longest; j++)
+            square(a, j, P + (size_t)j * size, P + (size_t)(j + 1) * size);
+        a->now->P = P, a->now->bend = bend;
+    }
+    free(one);
+}
+
+bool torus_maps_has(struct torus_maps *a, bool earned)
+{
+    if (a->now != NULL && a->now->P == NULL && earned && a->now->steps++ == a->columns)
+        make_maps(a);
+    return a->now != NULL && a->now->P != NULL;
+}
+
+/* As in torus_taylor.c. */
+#define COPIED static inline __attribute__((always_inline))
+
+/* TO += P's COUNT columns from FIRST on times X, COUNT rows of COLUMNS; P has D columns and
+ * ROWS. */
+COPIED void add_product(const double *P, int rows, int D, int first, int count, const double *x,
+                        int columns, double *to)
+{
+    for (int i = 0; i < rows; i++) {
+        double sum[TORUS_WIDE] = { 0 };
+
+        for (int j = 0; j < count; j++)
+            for (int c = 0; c < columns; c++)
+                sum[c] += P[i * D + first + j] * x[j * columns + c];
+        for (int c = 0; c < columns; c++)
+            to[i * columns + c] += sum[c];
+    }
+}
+
+/* torus_maps_stride of COLUMNS. */
+COPIED void stride(const struct torus_maps *a, const double *P, const double *u,
+                   const double *wave, int columns, double *to)
+{
+    int n = 2 * a->t->n, laws = a->t->laws, D = a->columns;
+
+    memset(to, 0, (size_t)(n * columns) * sizeof *to);
+    add_product(P, n, D, 0, n, u, columns, to);
+    add_product(P, n, D, n, laws, a->t->level, columns, to);
+    for (int i = 0; i < n; i++)
+        for (int w = 0; w < 2 * a->t->waves; w++)
+            to[i * columns] += P[i * D + n + laws + w] * wave[w];
+}
+
+void torus_maps_stride(const struct torus_maps *a, int j, const double *u, const double *wave,
+                       double *to)
+{
+    const double *P = a->now->P + (size_t)j * 2 * (size_t)a->t->n * (size_t)a->columns;
+
+    switch (a->t->columns) {
+    case 1: stride(a, P, u, wave, 1, to); break;
+    case TORUS_PAIR: stride(a, P, u, wave, TORUS_PAIR, to); break;
+    default: stride(a, P, u, wave, TORUS_WIDE, to);
+    }
+}
+
+double torus_maps_bend(const struct torus_maps *a, int l, const double *u, const double *wave)
+{
+    int n = 2 * a->t->n, C = a->t->columns;
+    const double *row = a->now->bend + l * a->columns;
+    double sum = 0;
+
+    for (int i = 0; i < n; i++)
+        sum += row[i] * u[i * C];
+    for (int k = 0; k < a->t->laws; k++)
+        sum += row[n + k] * a->t->level[k * C];
+    for (int w = 0; w < 2 * a->t->waves; w++)
+        sum += row[n + a->t->laws + w] * wave[w];
+    return sum;
+}
+
+void torus_maps_turn(const struct torus_maps *a, int j, double *wave)
+{
+    const double *turn = a->turn + 2 * j * a->t->waves;
+
+    for (int w = 0; w < a->t->waves; w++) {
+        double *q = wave + 2 * w, c = q[0], s = q[1];
+
+        q[0] = c * turn[2 * w] - s * turn[2 * w + 1];
+        q[1] = c * turn[2 * w + 1] + s * turn[2 * w];
+    }
+}
+
+double torus_maps_work(const struct torus_maps *a) { return size_of(a->t) * a->t->columns; }

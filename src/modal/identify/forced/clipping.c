@@ -294,7 +294,7 @@ static enum modal_status gain(struct work *w, struct account *k, struct modal_er
     if (w->limits->cancelled != NULL && w->limits->cancelled(w->limits->context))
         return modal_fail(err, MODAL_CANCELLED, "cancelled");
     w->work -= transfer_gain_work(&k->lines, k->model.poles, w->shapes.count);
-    return transfer_gain(&k->lines, &k->model, &w->more, w->M, err);
+    return transfer_gain(&k->lines, &k->model, &w->more, w->M, NULL, err);
 }
 
 /* w->a with *K, from where both are. */
@@ -315,6 +315,13 @@ static enum modal_status seek(struct work *w, struct account *k, struct modal_er
         }
     }
     return rc;
+}
+
+static void copy_shape(const void *of, int column, int first, int rows, double complex *U)
+{
+    const struct lines *cut = of;
+
+    memcpy(U, cut->W + first + (size_t)column * cut->count, sizeof *U * (size_t)rows);
 }
 
 static void clear(const struct work *w, double *a)
@@ -408,7 +415,7 @@ static enum modal_status ask(struct work *w, bool *cut, struct modal_error *err)
     if (rc == MODAL_OK)
         rc = set_lines(w, &w->own.lines, err);
     w->work = rc == MODAL_OK ? forced_work(&w->own.lines, w->limits) : 0;
-    w->more = (struct transfer_more) { w->shapes.count, w->shapes.input, w->cut.W };
+    w->more = (struct transfer_more) { w->shapes.count, w->shapes.input, copy_shape, &w->cut };
     for (int less = 0; less <= 1 && rc == MODAL_OK && !*cut; less++) {
         struct account k = { 0 };
         rc = find_account(w, less > 0, &k, err);

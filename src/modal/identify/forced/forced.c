@@ -587,7 +587,7 @@ static void about_noise(const struct work *w, struct identify_result *r)
 {
     char text[80];
 
-    if (w->hits.input >= 0)
+    if (w->hits.input >= 0 && (w->widest == 1 || w->hits.in_colour))
         identify_diagnose(r, "coloured_residual", w->opt.inputs[w->hits.input], "the responses "
                           "tell the %d hits of input %s, %d sample%s at most, harder or softer, "
                           "later or sooner than its samples do: a force that lives between them, "
@@ -596,6 +596,13 @@ static void about_noise(const struct work *w, struct identify_result *r)
                           "by `window`", w->hits.count,
                           name_of(w->batch, w->opt.inputs[w->hits.input], text),
                           w->hits.longest, w->hits.longest > 1 ? "s" : "");
+    else if (w->hits.input >= 0)
+        identify_diagnose(r, "coloured_residual", -1, "what the modes leave is not white noise, "
+                          "and goes with the hits of input %s, which may be it, or the excitation "
+                          "that was not measured: errors are unknown and no verdict is given; "
+                          "measure what else moves the structure, or repeat the hits and name "
+                          "where records begin by `starts`",
+                          name_of(w->batch, w->opt.inputs[w->hits.input], text));
     else if (is_cut_short(w))
         identify_diagnose(r, "coloured_residual", -1, "what the modes leave is not white noise, "
                           "and the search for more had not ended: errors are unknown and no "

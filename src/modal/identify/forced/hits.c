@@ -10,9 +10,22 @@
  * make up for it where they can.
  *
  * The responses know: to the first order each hit may have been a_c times higher, b_c samples
- * later, but for the largest of an input.  The score of these, all else fitted anew (transfer.h),
- * over their information is chi-squared where samples tell all there is; (1) of ambient_order.c
- * bounds it for one in IDENTIFY_ALARM records.
+ * later, but for the largest of an input.  The score g of these d numbers, all else fitted anew
+ * (transfer.h), over its covariance V obeys
+ *
+ *     P(g . V^-1 g > d + 2 sqrt(d x) + 2 x) <= exp(-x),                                    (1)
+ *
+ * where V is the information and what is left over white, by (1) of ambient_order.c.  It may be of
+ * any colour: what line n adds to g is then the real part of r_n e^(i f_n), f_n by chance.  Let V
+ * be the real part of sum_n r_n r_n^H / 2, and q all cos f_n and -sin f_n: g . V^-1 g is
+ * 2 q . P q, P a projection on d directions.  As E exp(a . q), a product of I_0, is at most
+ * exp(|a|^2 / 4), (1) holds again [HKZ12, theorem 2.1], whatever the noise of lines, and however
+ * responses share it; but g . V^-1 g is at most twice the number of lines that count, so that of
+ * few of them it tells nothing.  So responses are asked by the information, for one alarm in
+ * 1 / IDENTIFY_ALARM records, and where what is left over is coloured that may be all that was
+ * seen, but where r tells it as well.
+ *
+ * [HKZ12] Hsu, Kakade, Zhang, Electronic Communications in Probability 17 (2012) 52.
  */
 #include "modal/identify/forced/hits.h"
 #include <cblas.h>
@@ -64,69 +77,65 @@ static int list_hits(const double *x, int L, double rest, struct hit *hit)
     return all > L / REST ? 0 : count;
 }
 
-/* What the hit adds to x by each share that it is higher, and by each sample that it is later. */
-static void add_columns(const double *x, int L, double rest, const struct hit *h, double *higher,
-                        double *later)
-{
-    int first = h->first > 1 ? h->first - 1 : 1, end = h->end + 1 < L - 1 ? h->end + 1 : L - 1;
+/* Of an input x of L samples and its hits: columns 2 i and 2 i + 1 are of hit i + 1. */
+struct columns { const struct lines *l; const double *x; double rest; const struct hit *hit; };
 
-    for (int k = first; k < end; k++) {
-        higher[k] = x[k] - rest;
-        later[k] = (x[k - 1] - x[k + 1]) / 2;
-    }
+/* What a hit adds to x by each share that it is higher, or by each sample that it is later. */
+static void fill(const void *of, int column, int first, int rows, double complex *U)
+{
+    const struct columns *c = of;
+    const struct hit *h = &c->hit[1 + column / EACH];
+    const double *x = c->x;
+    int L = c->l->samples, from = h->first > 1 ? h->first - 1 : 1;
+    int end = h->end + 1 < L - 1 ? h->end + 1 : L - 1;
+    double more[LONGEST + 2];
+
+    for (int k = from; k < end; k++)
+        more[k - from] = column % EACH == 0 ? x[k] - c->rest : (x[k - 1] - x[k + 1]) / 2;
+    lines_pulse(c->l, more, end - from, from, first, rows, U);
 }
 
-/* Of M of transfer_gain(): twice what the logarithm of the likelihood gains. */
-static double gain_of(double *M, int columns)
+/* g . V^-1 g, an entry of g each STEP, V overwritten. */
+static double gain_of(const double *g, double *V, int step, int ld, int columns)
 {
-    int n = columns + 1;
-    double *J = M + n + 1, g[EACH * MOST], scale[EACH * MOST];
+    double part[EACH * MOST], scale[EACH * MOST];
 
     for (int c = 0; c < columns; c++) {
-        double own = J[c + (size_t)n * c];
+        double own = V[c + (size_t)ld * c];
         scale[c] = own > 0 ? 1 / sqrt(own) : 0;
-        g[c] = M[(size_t)n * (c + 1)] * scale[c];
+        part[c] = g[(size_t)step * c] * scale[c];
     }
     for (int c = 0; c < columns; c++) {
         for (int k = c; k < columns; k++)
-            J[k + (size_t)n * c] *= scale[k] * scale[c];
-        J[c + (size_t)n * c] += scale[c] > 0 ? HELD : 1;
+            V[k + (size_t)ld * c] *= scale[k] * scale[c];
+        V[c + (size_t)ld * c] += scale[c] > 0 ? HELD : 1;
     }
-    if (LAPACKE_dpotrf(LAPACK_COL_MAJOR, 'L', columns, J, n) != 0)
+    if (LAPACKE_dpotrf(LAPACK_COL_MAJOR, 'L', columns, V, ld) != 0)
         return 0;
-    cblas_dtrsv(CblasColMajor, CblasLower, CblasNoTrans, CblasNonUnit, columns, J, n, g, 1);
-    return cblas_ddot(columns, g, 1, g, 1);
+    cblas_dtrsv(CblasColMajor, CblasLower, CblasNoTrans, CblasNonUnit, columns, V, ld, part, 1);
+    return cblas_ddot(columns, part, 1, part, 1);
 }
 
-/* *gain, of the COUNT hits of an input. */
-static enum modal_status ask(const struct clipping_record *r, int input, double rest,
-                             const struct hit *hit, int count, const struct lines *l,
-                             struct transfer *t, double *gain, struct modal_error *err)
+/* g . V^-1 g of the COUNT hits of an input, by either V. */
+static enum modal_status ask(const struct columns *of, int input, int count, struct transfer *t,
+                             double gain[2], struct modal_error *err)
 {
-    int L = r->inputs->m, columns = EACH * (count - 1), to[EACH * MOST];
+    int columns = EACH * (count - 1), to[EACH * MOST];
     size_t n = (size_t)columns + 1;
-    const double *x = r->inputs->x + (size_t)r->inputs->ld * input;
-    double *s = calloc((size_t)L * (size_t)columns, sizeof *s), *M = malloc(sizeof *M * n * n);
-    struct matrix moved = { L, columns, L, s };
-    struct lines own = { 0 };
-    enum modal_status rc = MODAL_OK;
+    double *M = malloc(2 * sizeof *M * n * n);
+    enum modal_status rc = M != NULL ? MODAL_OK
+        : modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d hits", count);
 
-    if (s == NULL || M == NULL)
-        rc = modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d hits", count);
-    for (int i = 1; i < count && rc == MODAL_OK; i++)
-        add_columns(x, L, rest, &hit[i], s + (size_t)L * EACH * (i - 1),
-                    s + (size_t)L * (EACH * (i - 1) + 1));
     for (int c = 0; c < columns; c++)
         to[c] = input;
     if (rc == MODAL_OK)
-        rc = lines_make(r->responses, &moved, &r->records, r->band, &own, err);
-    for (int c = 0; c < columns && rc == MODAL_OK; c++)
-        cblas_zdscal(own.count, own.size[c], own.W + (size_t)c * own.count, 1);
-    if (rc == MODAL_OK)
-        rc = transfer_gain(l, t, &(struct transfer_more) { columns, to, own.W }, M, err);
-    *gain = rc == MODAL_OK ? gain_of(M, columns) : 0;
-    lines_done(&own);
-    free(s), free(M);
+        rc = transfer_gain(of->l, t, &(struct transfer_more) { columns, to, fill, of }, M,
+                           M + n * n, err);
+    if (rc == MODAL_OK) {
+        gain[1] = gain_of(M + n, M + n * n, (int)n, columns, columns);
+        gain[0] = gain_of(M + n, M + n + 1, (int)n, (int)n, columns);
+    }
+    free(M);
     return rc;
 }
 
@@ -143,17 +152,19 @@ enum modal_status hits_find(const struct clipping_record *r, const struct lines 
     for (int j = 0; j < u->n && rc == MODAL_OK && out->input < 0 && t->poles > 0; j++) {
         const double *of = u->x + (size_t)u->ld * j;
         struct hit hit[MOST];
-        double rest, gain, d;
+        double gain[2] = { 0, 0 }, d, most;
+        struct columns columns = { l, of, 0, hit };
         int count;
         memcpy(order, of, sizeof *order * (size_t)u->m);
-        rest = numbers_ranked(order, (size_t)u->m, (size_t)u->m / 2);
-        count = list_hits(of, u->m, rest, hit);
+        columns.rest = numbers_ranked(order, (size_t)u->m, (size_t)u->m / 2);
+        count = list_hits(of, u->m, columns.rest, hit);
         d = EACH * (count - 1);
+        most = d + 2 * sqrt(d * x) + 2 * x;
         if (count > 1)
-            rc = ask(r, j, rest, hit, count, l, t, &gain, err);
-        if (count < 2 || rc != MODAL_OK || !(gain > d + 2 * sqrt(d * x) + 2 * x))
+            rc = ask(&columns, j, count, t, gain, err);
+        if (!(gain[0] > most))
             continue;
-        *out = (struct hits) { j, count, 0 };
+        *out = (struct hits) { .input = j, .count = count, .in_colour = gain[1] > most };
         for (int i = 0; i < count; i++)
             out->longest = hit[i].end - hit[i].first > out->longest ? hit[i].end - hit[i].first
                                                                     : out->longest;

@@ -84,6 +84,19 @@ static double complex delay(const struct lines *l, int first, int n, int s)
     return cexp(CMPLX(0, -2 * M_PI * (double)turns / l->samples));
 }
 
+void lines_pulse(const struct lines *l, const double *x, int count, int row, int first, int rows,
+                 double complex *out)
+{
+    int at = (int)lround(carg(l->z[0]) / (2 * M_PI) * l->samples) + first;
+
+    for (int n = 0; n < rows; n++) {
+        double complex back = conj(l->z[first + n]), sum = 0;
+        for (int k = count - 1; k >= 0; k--)
+            sum = sum * back + x[k];
+        out[n] = sum * delay(l, at, n, row) / sqrt(l->samples);
+    }
+}
+
 static void add_beginnings(struct lines *l, const struct lines_records *r, int first)
 {
     size_t count = (size_t)l->count;

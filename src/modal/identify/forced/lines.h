@@ -45,6 +45,10 @@ void lines_done(struct lines *l);
  * line FIRST ends, the first of the next. */
 int lines_band_end(const struct lines *l, int first);
 
+/* The lines from FIRST on of what is X in COUNT samples from ROW on and zero in all others. */
+void lines_pulse(const struct lines *l, const double *x, int count, int row, int first, int rows,
+                 double complex *out);
+
 /* The direct columns at any z for a unit of INPUT alone, nothing at the record's ends: `direct`
  * numbers. */
 void lines_direct(const struct lines *l, double complex z, int input, double complex *row);

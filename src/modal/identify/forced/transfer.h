@@ -80,21 +80,28 @@ enum modal_status transfer_frf(const struct lines *lines, struct transfer *t, co
                                int count, double complex *H, double *spread,
                                struct modal_error *err);
 
-/* More of inputs: of each column c, U's lines (count x columns) added to INPUT[c], over
- * sqrt(samples) as lines are. */
-struct transfer_more { int count; const int *input; const double complex *U; };
+/* More of inputs: of each column c lines added to INPUT[c], over sqrt(samples) as lines are; `fill`
+ * tells, by `of`, those of a column from FIRST on into U. */
+struct transfer_more {
+    int count;
+    const int *input;
+    void (*fill)(const void *of, int column, int first, int rows, double complex *U);
+    const void *of;
+};
 
 /*
  * What it takes off: at *T, as transfer_fit left it, with a_c times column c the likelihood's
  * logarithm changes by score . a - a . info a / 2, all else fitted anew, to the second order.  M is
  * (count + 1)^2: row 0 from entry 1 on the score, rows and columns from 1 on the information.
+ * OWN, where it is not NULL, count^2: the score's covariance by what each line adds to it, which
+ * holds whatever the noise of lines is (transfer_gain.c); as many more multiplications.
  */
 enum modal_status transfer_gain(const struct lines *lines, struct transfer *t,
-                                const struct transfer_more *more, double *M,
+                                const struct transfer_more *more, double *M, double *own,
                                 struct modal_error *err);
 
-/* Of that, of so many COLUMNS: multiplications of its products.  Its memory is the model's, not
- * the record's: it grows with no lines. */
+/* Of that, of so many COLUMNS, without OWN: multiplications of its products.  Its memory is the
+ * model's, not the record's: it grows with no lines. */
 double transfer_gain_work(const struct lines *lines, int poles, int columns);
 
 /* Of one step of a fit of so many POLES: multiplications of its products. */

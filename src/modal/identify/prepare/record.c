@@ -186,7 +186,7 @@ static enum modal_status choose_channels(const struct batch *b, const struct ide
 }
 
 /* The part of rows [*first, *last] that is one free response is told, and taken where it was asked
- * for, or the record is very long. Periodic systems follow no recurrence of one sample to the next,
+ * for, or the record is very long; of other responses nobody looks for it unasked. Periodic systems follow no recurrence of one sample to the next,
  * and what is larger than memory is not read once more. */
 static enum modal_status propose(const struct batch *b, const struct identify_options *opt,
                                  struct record *r, size_t *first, size_t *last,
@@ -196,7 +196,8 @@ static enum modal_status propose(const struct batch *b, const struct identify_op
     bool named = opt->window[0] != 0 || opt->window[1] != 0, cut;
     enum modal_status rc;
 
-    if (opt->period > 0 || (opt->period == 0 && b->period > 0) || b->release != NULL)
+    if (opt->period > 0 || (opt->period == 0 && b->period > 0) || b->release != NULL
+        || (opt->response != RESPONSE_FREE && opt->window[0] != WINDOW_AUTO))
         return MODAL_OK;
     rc = event_find(b, r->channel, r->channels, whole, &part, &cut, err);
     if (rc != MODAL_OK || !cut)

@@ -51,8 +51,8 @@ enum {
  * end. */
 enum { RECORD_FEW = 4 };
 
-/* Rows from which on a record whose beginning is no free response is that response alone, unless
- * a window is named: a search for modes in all of it has no end, and costs seconds. */
+/* Rows from which on a record of free responses whose beginning is none is that response alone,
+ * unless a window is named: a search for modes in all of it has no end, and costs seconds. */
 enum { RECORD_PARTED = 32768 };
 
 /* Seconds between samples that are taken: exponents of 1/dt and their squares stay finite. */

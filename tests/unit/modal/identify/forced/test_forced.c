@@ -343,6 +343,34 @@ TEST(hits_that_samples_do_not_tell_take_errors_and_verdict_and_those_that_they_t
     }
 }
 
+/* Longer than what of a free response is cut to what follows its strike, here the last of four. */
+TEST(a_long_record_of_hits_or_under_noise_is_taken_whole)
+{
+    enum { LONG = 40000 };
+    double *signals = calloc(2 * LONG, sizeof *signals);
+    struct batch b = { .samples = LONG, .channels = 2, .signals = signals, .dt = dt };
+    struct identify_options hit = { .response = RESPONSE_FORCED, .inputs = inputs,
+                                    .input_count = 1, .rank.most = 2 };
+    struct identify_options noise = { .response = RESPONSE_AMBIENT, .channels = &(int) { 1 },
+                                      .channel_count = 1, .rank.most = 2 };
+    struct identify_result r;
+    struct random random = { 12 };
+    double complex state = 0;
+
+    for (int k = 0; k < LONG; k++) {
+        double u = k % 9000 == 500 && k < 30000 ? 10 + 1e-4 * k : 0;
+        signals[2 * k] = u;
+        signals[2 * k + 1] = creal(state) + 0.01 * random_normal(&random);
+        state = state * cexp(exponent(1) * dt) + u;
+    }
+    CHECK(modal_identify(&b, &hit, &r, NULL) == MODAL_OK && r.samples == LONG);
+    CHECK(r.mode_count == 1 && cabs(r.modes[0].exponent - exponent(1)) < 5 * r.modes[0].std_im);
+    identify_result_done(&r);
+    CHECK(modal_identify(&b, &noise, &r, NULL) == MODAL_OK && r.samples == LONG);
+    identify_result_done(&r);
+    free(signals);
+}
+
 /* The second input, which is white, unmeasured: it moves the modes that the hits do. */
 TEST(hits_beside_an_excitation_that_was_not_measured_are_not_blamed)
 {

@@ -174,6 +174,15 @@ void job_event(struct core *c, struct job *job, struct transaction *t,
         .text = transaction_text(t, after->text) };
 }
 
+void job_count(struct core *c, const struct job *job, int more)
+{
+    if (job->hidden)
+        return;
+    job->user->states[job->state] += more;
+    if (job->kind_row >= 0)
+        c->jobs->kind_counts[job->kind_row] += more;
+}
+
 void job_count_queued(const struct job *job, int more)
 {
     job->user->queued += more;
@@ -185,6 +194,8 @@ static void count_move(struct core *c, struct job *job, enum job_state to)
 {
     c->jobs->state_counts[job->state]--;
     c->jobs->state_counts[to]++;
+    job->user->states[job->state] -= !job->hidden;
+    job->user->states[to] += !job->hidden;
     job_count_queued(job, (to == JOB_QUEUED) - (job->state == JOB_QUEUED));
     job->user->running += (to == JOB_RUNNING) - (job->state == JOB_RUNNING);
 }
@@ -391,6 +402,7 @@ void job_remove(struct core *c, struct job *job, const struct reply *reply)
         struct job_record *row = &transaction_add(t, LEDGER_JOB_LIMITS)->job;
         *row = (struct job_record) { .id = job->id, .priority = job->priority,
                                      .tag = "{\"hidden\":true}" };
+        job_count(c, job, -1);
         job->hidden = true;
     } else {
         transaction_add(t, LEDGER_JOB_DELETE)->id = job->id;
@@ -434,6 +446,7 @@ void job_forget(struct core *c, struct job *job)
     int64_t source = job->source;
 
     c->jobs->state_counts[job->state]--;
+    job_count(c, job, -1);
     if (job->state == JOB_QUEUED)
         job_count_queued(job, -1);
     c->jobs->result_total -= bytes_counted(job);

@@ -25,6 +25,7 @@ struct job {
     int shares;                           /* jobs that show this one's result */
     bool hidden;                          /* deleted, kept for those */
     bool cached, committed, ready, deleting, indexed;
+    int8_t kind_row;                      /* of the table of kinds; -1: it has none of that name */
     struct transaction *last;             /* the latest that is not committed */
     struct after *asks;                   /* to be answered by the next transaction */
     enum ending ending;
@@ -50,10 +51,13 @@ struct asker { uint64_t peer; struct wait *waits; int reads; };
 /* who waits asks within so many ends; 64 inline documents are 4 MiB */
 enum { DOCUMENTS_KEPT = 64 };
 
+enum { JOB_KINDS_MOST = 16 };             /* more than the table has */
+
 struct jobs {
     struct map all, results;              /* by id; those whose result may answer again */
     int64_t next_job;
     int64_t state_counts[JOB_STATE_COUNT];
+    int64_t kind_counts[JOB_KINDS_MOST];  /* by row, of jobs that are not hidden */
     /* bytes of results, and of those whose deletion is on its way to the disk */
     int64_t result_total, result_leaving;
     /* ids in the order of ending, for retention */

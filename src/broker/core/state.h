@@ -92,6 +92,7 @@ struct user {
     struct input **open; int open_count;  /* uploads */
     struct heap ready;
     int64_t queued, queued_large, running, bytes;       /* large: input_is_large */
+    int64_t states[JOB_STATE_COUNT];      /* of his jobs, as decided, that are not hidden */
     int64_t beside;                       /* bytes that files take which have fewer in them */
     int64_t ended;                        /* jobs, but those on their way out */
     double deficit, cost_s;               /* deficit round robin; mean seconds of a job */
@@ -299,6 +300,9 @@ struct job *job_new(struct core *c, struct user *user, int64_t id);
 void job_index(struct core *c, struct job *job);
 /* Out of all tables and memory, with what it held of inputs. */
 void job_forget(struct core *c, struct job *job);
+/* MORE jobs as JOB, 1 or -1, are its user's in its state, and of its kind; of one that is hidden
+ * none. */
+void job_count(struct core *c, const struct job *job, int more);
 /* MORE jobs as JOB, 1 or -1, are queued of its user's. */
 void job_count_queued(const struct job *job, int more);
 /* The edge to TO, which the table of moves must have; commits T, or with NULL one of its own. */

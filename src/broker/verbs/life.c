@@ -70,6 +70,7 @@ static struct job *job_of_row(struct core *c, const struct job_record *r)
 
     job->key = region_text(&c->region, r->key);
     job->kind = kind != NULL ? kind->name : arena_text(&c->jobs->kinds, r->kind);
+    job->kind_row = kind != NULL ? (int8_t)(kind - job_kinds) : -1;
     job->options = !job_state_final(r->state) || r->state == JOB_DEAD
                        ? region_text(&c->region, r->options)
                        : NULL;
@@ -108,6 +109,7 @@ static void load_inputs(struct core *c, struct job *job, const struct job_record
 static void count_loaded(struct core *c, struct job *job)
 {
     c->jobs->state_counts[job->state]++;
+    job_count(c, job, 1);
     job_count_queued(job, job->state == JOB_QUEUED);
     job->user->running += job->state == JOB_RUNNING;
     if (job->state != JOB_DONE || job->cached)

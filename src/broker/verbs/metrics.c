@@ -3,6 +3,7 @@
 #include "broker/core/slots.h"
 #include "broker/verbs/verbs.h"
 #include "job/job.h"
+#include <assert.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <string.h>
@@ -27,19 +28,6 @@ static double oldest_s(const struct core *c, const struct user *only)
     return oldest == 0 ? 0 : (double)(c->now.utc_ns - oldest) / 1e9;
 }
 
-static void count_states(const struct core *c, const struct user *user, bool all,
-                         int64_t out[JOB_STATE_COUNT])
-{
-    memset(out, 0, JOB_STATE_COUNT * sizeof *out);
-    if (all) {
-        memcpy(out, c->jobs->state_counts, sizeof c->jobs->state_counts);
-        return;
-    }
-    for (size_t i = 0; i < user->job_count; i++)
-        if (user->jobs[i] != NULL && !user->jobs[i]->hidden)
-            out[user->jobs[i]->state]++;
-}
-
 /* What all queued jobs are expected to take, by the mean of each user's, or (ELSEWHERE) those that
  * may go to workers elsewhere: who sizes a pool reads it, and learns of nobody's jobs. */
 static double expected_s(const struct core *c, bool elsewhere)
@@ -56,11 +44,11 @@ static double expected_s(const struct core *c, bool elsewhere)
 
 void stats_write(const struct core *c, const struct user *user, bool all, cJSON *object)
 {
-    int64_t counts[JOB_STATE_COUNT], uploads = 0, bytes = 0;
+    const int64_t *counts = all ? c->jobs->state_counts : user->states;
+    int64_t uploads = 0, bytes = 0;
     int busy = 0, alive = 0;
     cJSON *jobs = cJSON_AddObjectToObject(object, "jobs"), *part;
 
-    count_states(c, user, all, counts);
     for (int s = 0; s < JOB_STATE_COUNT; s++)
         cJSON_AddNumberToObject(jobs, job_states[s], (double)counts[s]);
     part = cJSON_AddObjectToObject(object, "queue");
@@ -156,17 +144,12 @@ static void histogram(struct page *p, const char *name, const char *help, const 
 
 static void kinds(struct page *p, const struct core *c)
 {
-    int64_t counts[JOB_KIND_COUNT] = { 0 };
-    const struct job_kind *kind;
-    const struct job *job;
-    size_t at = 0;
+    static_assert((int)JOB_KIND_COUNT <= (int)JOB_KINDS_MOST, "kind_counts has a place for each");
 
-    while ((job = map_next(&c->jobs->all, &at)) != NULL)
-        if (!job->hidden && (kind = job_kind_find(job->kind)) != NULL)
-            counts[kind - job_kinds]++;
     head(p, "jobs_kind", "gauge", "Jobs in the ledger by kind.");
     for (int k = 0; k < JOB_KIND_COUNT; k++)
-        put(p, "modald_jobs_kind{kind=\"%s\"} %lld\n", job_kinds[k].name, (long long)counts[k]);
+        put(p, "modald_jobs_kind{kind=\"%s\"} %lld\n", job_kinds[k].name,
+            (long long)c->jobs->kind_counts[k]);
 }
 
 static double cpu_today(const struct core *c, const struct user *user)

@@ -23,6 +23,8 @@ static void result_refused(struct core *c, struct transaction *t, struct job *jo
         }
     c->jobs->state_counts[JOB_DONE]--;
     c->jobs->state_counts[JOB_RUNNING]++;
+    job->user->states[JOB_DONE] -= !job->hidden;
+    job->user->states[JOB_RUNNING] += !job->hidden;
     job->user->running++;
     job->state = JOB_RUNNING;
     job->result_bytes = 0;

@@ -208,6 +208,7 @@ static struct job *make_job(struct core *c, struct submission *s)
 
     job->key = region_text(&c->region, r->submit.key);
     job->kind = s->kind->name;
+    job->kind_row = (int8_t)(s->kind - job_kinds);
     job->options = region_text(&c->region, s->options);
     memcpy(job->fingerprint, s->fingerprint, 32);
     memcpy(job->settings, s->settings, 32);
@@ -269,6 +270,7 @@ static void enter(struct core *c, struct submission *s, struct job *source)
     after->value = c->now.mono_ns;
     transaction_join(t, after);
     c->jobs->state_counts[job->state]++;
+    job_count(c, job, 1);
     if (job->state == JOB_QUEUED)
         job_count_queued(job, 1);
     core_commit(c, t);

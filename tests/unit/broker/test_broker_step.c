@@ -1451,6 +1451,27 @@ static void something_happens(void)
     note_alive();
 }
 
+/* What STATS and METRICS say without a walk over all jobs is what a walk finds. */
+static void check_counts(void)
+{
+    const struct core *c = w->core;
+    int64_t kinds[JOB_KINDS_MOST] = { 0 };
+
+    for (size_t i = 0; i < c->user_count; i++) {
+        const struct user *user = c->user_list[i];
+        int64_t states[JOB_STATE_COUNT] = { 0 };
+        for (size_t k = 0; k < user->job_count; k++)
+            if (user->jobs[k] != NULL && !user->jobs[k]->hidden) {
+                states[user->jobs[k]->state]++;
+                kinds[user->jobs[k]->kind_row]++;
+            }
+        if (memcmp(states, user->states, sizeof states) != 0)
+            violate(3, "a user's jobs are counted in other states than they are in");
+    }
+    if (memcmp(kinds, c->jobs->kind_counts, sizeof kinds) != 0)
+        violate(3, "jobs are counted by other kinds than theirs");
+}
+
 /* With no more faults everything that was acknowledged comes to an end. */
 static void settle(void)
 {
@@ -1458,11 +1479,14 @@ static void settle(void)
     const int64_t *states;
 
     w->full = false;
+    check_counts();
     for (int round = 0; round < 3000; round++) {
         c = w->core, states = c->jobs->state_counts;
         if (states[JOB_QUEUED] == 0 && states[JOB_RUNNING] == 0 && c->uncommitted == 0 &&
-            c->tasks == 0)
+            c->tasks == 0) {
+            check_counts();
             return;
+        }
         for (int slot = 0; slot < WORKERS; slot++) {
             if (w->workers[slot].silent)
                 w->workers[slot].alive = false;

@@ -14,10 +14,11 @@ void json_memory_by(void *(*allocate)(size_t size))
 
 void json_put(cJSON *object, const char *key, cJSON *item)
 {
-    if (object == NULL || (item != NULL && cJSON_AddItemToObject(object, key, item)))
+    if (object != NULL && item != NULL && cJSON_AddItemToObject(object, key, item))
         return;
     cJSON_Delete(item);
-    object->type = cJSON_Invalid;
+    if (object != NULL)
+        object->type = cJSON_Invalid;
 }
 
 void json_put_string(cJSON *object, const char *key, const char *value)

@@ -310,6 +310,39 @@ TEST(an_order_that_is_told_is_reached_though_overlapping_modes_hide_among_noise)
     }
 }
 
+/* Two modes driven by noise, of which many directions stand out of that of the channels: poles that
+ * do not pay for themselves among so many numbers are no poles of noise, and what is looked for
+ * beyond the order is driven as well (orders up to 12 were fitted, and cut off again). */
+TEST(an_order_that_is_told_where_all_its_directions_stand_out_of_noise_is_not_searched_beyond)
+{
+    enum { ROWS = 800, MANY = 16 };
+    static double y[ROWS * MANY];
+    struct batch b = { .samples = ROWS, .channels = MANY, .signals = y, .dt = 0.01 };
+    struct identify_options opt = { .rank = { .rule = RANK_FIXED, .fixed = 4 } };
+
+    for (uint64_t seed = 0; seed < 8; seed++) {
+        struct random rng = { 930 + seed };
+        double x[2][2] = { { 0 } };
+        struct identify_result r;
+        for (int k = 0; k < ROWS; k++) {
+            for (int m = 0; m < 2; m++) {
+                double w = 0.628 * (m + 1), radius = exp(-0.01 * w),
+                       next = 2 * radius * cos(w) * x[m][0] - radius * radius * x[m][1]
+                            + random_normal(&rng);
+                x[m][1] = x[m][0], x[m][0] = next;
+            }
+            for (int c = 0; c < MANY; c++)
+                y[k * MANY + c] = x[0][0] * cos(c) + x[1][0] * sin(1 + c)
+                                + 0.01 * random_normal(&rng);
+        }
+        CHECK(modal_identify(&b, &opt, &r, NULL) == MODAL_OK);
+        CHECK(r.candidate_count > 0);
+        for (int i = 0; i < r.candidate_count; i++)
+            CHECK(r.candidates[i].order <= 4);
+        identify_result_done(&r);
+    }
+}
+
 /* Seventy modes whose strengths fall by two thirds of a decade, in a record of which 256 triplets
  * of a matrix as high as few modes have it cost too much: the first 64 leave little, and more are
  * looked for. */

@@ -152,7 +152,7 @@ static enum modal_status error_of(const struct tradeoff *t, bool reduced, const 
     struct orbit_grid *g = NULL;
     enum modal_status rc = x == NULL || d == NULL
                                ? modal_fail(err, MODAL_NO_MEMORY, "tradeoff: no memory")
-                               : orbit_grid_new(4 * K, &g, err);
+                               : orbit_grid_to_time(4 * K, &g, err);
 
     *error = 0;
     for (int i = 0; rc == MODAL_OK && i < t->base.dofs_count; i++) {
@@ -257,7 +257,7 @@ static enum modal_status find_reference(struct tradeoff *t, struct modal_error *
     t->reference = calloc((size_t)t->base.dofs_count * K, sizeof *t->reference);
     x = malloc(4 * K * sizeof *x);
     rc = t->reference == NULL || x == NULL ? modal_fail(err, MODAL_NO_MEMORY, "tradeoff: no memory")
-                                           : orbit_grid_new((int)(4 * K), &g, err);
+                                           : orbit_grid_to_time((int)(4 * K), &g, err);
     if (rc == MODAL_OK)
         rc = solve(t, &opt, t->reference, &converged, err);
     if (rc == MODAL_OK && !converged)

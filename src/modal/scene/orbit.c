@@ -34,11 +34,13 @@ struct orbit_grid {
     int N;  /* samples */
     double *x;  /* N */
     fftw_complex *X;  /* N / 2 + 1 */
-    fftw_plan to_time, to_harmonics;  /* between the two */
+    fftw_plan to_time, to_harmonics;  /* between the two; the latter NULL: synthesis alone */
     long transforms;  /* for plan.ffts */
 };
 
-enum modal_status orbit_grid_new(int N, struct orbit_grid **out, struct modal_error *err)
+/* A grid with a plan to harmonics where that is WANTED. */
+static enum modal_status grid_new(int N, bool wanted, struct orbit_grid **out,
+                                  struct modal_error *err)
 {
     struct orbit_grid *g;
 
@@ -54,14 +56,25 @@ enum modal_status orbit_grid_new(int N, struct orbit_grid **out, struct modal_er
     if (g->x != NULL && g->X != NULL) {
         /* ESTIMATE: the same plan, and digits, on every run */
         g->to_time = fftw_plan_dft_c2r_1d(N, g->X, g->x, FFTW_ESTIMATE);
-        g->to_harmonics = fftw_plan_dft_r2c_1d(N, g->x, g->X, FFTW_ESTIMATE);
+        if (wanted)
+            g->to_harmonics = fftw_plan_dft_r2c_1d(N, g->x, g->X, FFTW_ESTIMATE);
     }
-    if (g->to_time == NULL || g->to_harmonics == NULL) {
+    if (g->to_time == NULL || (wanted && g->to_harmonics == NULL)) {
         orbit_grid_free(g);
         return modal_fail(err, MODAL_NO_MEMORY, "orbit: no memory for %d samples", N);
     }
     *out = g;
     return MODAL_OK;
+}
+
+enum modal_status orbit_grid_new(int N, struct orbit_grid **out, struct modal_error *err)
+{
+    return grid_new(N, true, out, err);
+}
+
+enum modal_status orbit_grid_to_time(int N, struct orbit_grid **out, struct modal_error *err)
+{
+    return grid_new(N, false, out, err);
 }
 
 void orbit_grid_free(struct orbit_grid *g)

@@ -20,6 +20,9 @@ enum {
 struct orbit_grid;
 /* Fails with MODAL_NO_MEMORY. */
 enum modal_status orbit_grid_new(int N, struct orbit_grid **out, struct modal_error *err);
+/* The same for orbit_synthesize and what calls it alone: half of the plans, which cost more than a
+ * hundred transforms. */
+enum modal_status orbit_grid_to_time(int N, struct orbit_grid **out, struct modal_error *err);
 /* NULL is accepted. */
 void orbit_grid_free(struct orbit_grid *g);
 /* x[0..N-1] of harmonics X[0..H], and of their rate, each derivative factor i k. */

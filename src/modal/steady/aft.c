@@ -101,10 +101,12 @@ enum modal_status aft_new(const struct program *p, const int *place, int q, int 
         rc = modal_fail(err, MODAL_NO_MEMORY, "aft: no memory for %d harmonics", H);
     for (int m = 1; rc == MODAL_OK && m < w->room; m++)
         w->inverse[m] = 1 / (TWO_PI * m);
-    if (rc == MODAL_OK)
-        rc = orbit_grid_new(N, &w->grid, err);
     for (int i = 0; rc == MODAL_OK && i < p->laws; i++)
         rc = law_init(w, &w->law[i], &p->law[i], place, err);
+    if (rc == MODAL_OK && aft_analyzes(w))
+        rc = orbit_grid_new(N, &w->grid, err);
+    else if (rc == MODAL_OK)
+        rc = orbit_grid_to_time(N, &w->grid, err);
     if (rc != MODAL_OK) {
         aft_free(w);
         return rc;

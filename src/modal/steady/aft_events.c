@@ -78,6 +78,7 @@ void aft_mask(struct aft *w, double length, int most)
 static void convolve_add(struct aft *w, const double complex *G, const double complex *D, int H,
                          int K, double complex *F)
 {
+    const pair back = { -1, 1 };
     double F0 = creal(G[0]) * creal(D[0]);
 
     w->summed += (double)H * K;
@@ -86,27 +87,24 @@ static void convolve_add(struct aft *w, const double complex *G, const double co
         F0 += creal(G[l]) * creal(D[l]) + cimag(G[l]) * cimag(D[l]);
     F[0] += F0;
     for (int k = 1; k <= K; k++) {
-        double re = 2 * creal(G[k]) * creal(D[0]), im = 2 * cimag(G[k]) * creal(D[0]);
-
+        /* Re D_l and Im D_l times pairs (Re, Im) */
+        pair by_re = load(G + k) * (2 * creal(D[0])), by_im = { 0, 0 };
         int low = k < H ? k : H;
 
         for (int l = 1; l <= low; l++) {
-            double pr = creal(G[k - l]), pi = cimag(G[k - l]), mr = creal(G[k + l]),
-                   mi = cimag(G[k + l]);
-            double Dr = creal(D[l]), Di = cimag(D[l]);
+            pair p = load(G + k - l), m = load(G + k + l);
 
-            re += (pr + mr) * Dr + (mi - pi) * Di;
-            im += (pi + mi) * Dr + (pr - mr) * Di;
+            by_re += (p + m) * creal(D[l]);
+            by_im += (p - m) * cimag(D[l]);
         }
-        for (int l = low + 1; l <= H; l++) {                       /* G_{k-l} = conj G_{l-k} */
-            double pr = creal(G[l - k]), pi = -cimag(G[l - k]), mr = creal(G[k + l]),
-                   mi = cimag(G[k + l]);
-            double Dr = creal(D[l]), Di = cimag(D[l]);
+        for (int l = low + 1; l <= H; l++) {            /* G_{k-l} = conj G_{l-k} */
+            pair p = load(G + l - k) * -back, m = load(G + k + l);
 
-            re += (pr + mr) * Dr + (mi - pi) * Di;
-            im += (pi + mi) * Dr + (pr - mr) * Di;
+            by_re += (p + m) * creal(D[l]);
+            by_im += (p - m) * cimag(D[l]);
         }
-        F[k] += CMPLX(re, im);
+        by_re += (pair) { by_im[1], by_im[0] } * back;  /* i times it */
+        F[k] += CMPLX(by_re[0], by_re[1]);
     }
 }
 
@@ -306,11 +304,32 @@ static void sampled_product_add(struct aft *w, const double complex *gain, const
         F[k] += w->wave[k];
 }
 
+/* Whether N samples carry a gain times a motion of TOP harmonics, and are the shorter way. */
+static bool product_pays(const struct aft *w, int top)
+{
+    return w->N > 4 * w->H && w->H * top > DIRECT * w->N;
+}
+
+/* The same of cross d v, of 2 H by 2 H. */
+static bool cross_pays(const struct aft *w)
+{
+    return w->N > 6 * w->H && (2L * w->H) * (2L * w->H) > DIRECT * w->N;
+}
+
+bool aft_analyzes(const struct aft *w)
+{
+    bool any = product_pays(w, w->H) || cross_pays(w);
+
+    for (int l = 0; l < w->laws; l++)
+        any |= !w->law[l].exact;
+    return any;
+}
+
 /* Whether the way by samples is shorter than (2) for input j, and as good: stiff springs leave a
  * force far smaller than its terms. */
 static bool by_samples(const struct aft *w, const struct aft_law *a, int j)
 {
-    return !a->stiff && w->N > 4 * w->H && w->H * a->in[j].top > DIRECT * w->N;
+    return !a->stiff && product_pays(w, a->in[j].top);
 }
 
 /* Gain and damp times the motion, each the shorter way. */
@@ -363,8 +382,7 @@ void aft_waves_force(struct aft *w, struct aft_law *a, int i, double complex *F,
         aft_waves_force(w, a, i, F, work);
         return;
     }
-    /* (2) is of 2 H by 2 H there */
-    if (a->crosses && !a->stiff && w->N > 6 * w->H && (2L * w->H) * (2L * w->H) > DIRECT * w->N)
+    if (a->crosses && !a->stiff && cross_pays(w))
         sampled_cross_add(w, a, F);
     else if (a->crosses)
         cross_force(w, a, F, work);

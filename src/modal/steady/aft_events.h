@@ -4,6 +4,9 @@
 #define MODAL_AFT_EVENTS_H
 #include "modal/steady/aft_state.h"
 
+/* Whether samples are ever taken back to harmonics: of a law that is sampled, or of products with
+ * so many of them that this is the shorter way. */
+bool aft_analyzes(const struct aft *w);
 /* The pieces of law A along its motion a->in.  Fails with MODAL_NO_MEMORY or as the law does. */
 enum modal_status aft_find_pieces(struct aft *w, struct aft_law *a, struct modal_error *err);
 /* The pieces found as waves: a->level to m = H, gain and damp to 2 H, cross to 3 H. */

@@ -55,7 +55,7 @@ static enum modal_status law_motions(struct disturbance *u, struct modal_error *
     while (N < 4 * H + 2)                               /* turns between four samples a harmonic */
         N *= 2;
     N = N < u->point->N ? u->point->N : N;             /* no fewer than the laws were solved with */
-    rc = orbit_grid_new(N, &g, err);
+    rc = orbit_grid_to_time(N, &g, err);
     for (int l = 0; rc == MODAL_OK && l < u->p->laws; l++) {
         const struct law *law = &u->p->law[l];
         const struct orbit *input[LAW_PIECE_INPUTS] = { &u->in[l * LAW_INPUTS_MOST],

@@ -71,7 +71,7 @@ static enum modal_status set_peaks(struct steady *s, int N, struct modal_error *
         return MODAL_OK;
     orbit_grid_free(s->peaks);
     s->peaks = NULL;
-    rc = orbit_grid_new(N, &s->peaks, err);
+    rc = orbit_grid_to_time(N, &s->peaks, err);
     s->peak_samples = rc == MODAL_OK ? N : 0;
     return rc;
 }

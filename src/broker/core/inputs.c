@@ -29,14 +29,9 @@ void input_shape_of(const struct wire_input *w, struct input_shape *shape, const
     shape->names = *names;
 }
 
-static bool has_id(const void *value, const void *key)
-{
-    return ((const struct input *)value)->id == *(const int64_t *)key;
-}
-
 struct input *input_by_id(const struct core *c, int64_t id)
 {
-    return map_find(&c->inputs->all, map_hash_number((uint64_t)id), has_id, &id);
+    return map_find_number(&c->inputs->all, (uint64_t)id);
 }
 
 /* Copies of the texts that SHAPE borrows, so that the input owns them. */

@@ -178,15 +178,9 @@ int64_t slot_lease_ns(const struct core *c, int slot)
                                                                            : c->settings.lease_ns;
 }
 
-static bool has_peer(const void *value, const void *key)
-{
-    return ((const struct remote *)value)->peer == *(const uint64_t *)key;
-}
-
 int slot_of_peer(const struct core *c, uint64_t peer)
 {
-    const struct remote *remote = map_find(&c->slots->peers, map_hash_number(peer), has_peer,
-                                           &peer);
+    const struct remote *remote = map_find_number(&c->slots->peers, peer);
 
     return remote == NULL ? -1 : remote->slot;
 }

@@ -4,19 +4,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-static bool has_number(const void *value, const void *key)
-{
-    return ((const struct wait *)value)->number == *(const uint64_t *)key;
-}
-
-static bool is_asker(const void *value, const void *key)
-{
-    return ((const struct asker *)value)->peer == *(const uint64_t *)key;
-}
-
 static struct asker *asker_of(const struct core *c, uint64_t peer)
 {
-    return map_find(&c->jobs->askers, map_hash_number(peer), is_asker, &peer);
+    return map_find_number(&c->jobs->askers, peer);
 }
 
 static struct asker *asker_get(struct core *c, uint64_t peer)
@@ -113,7 +103,7 @@ static bool is_awaited(const void *context, const struct heap_item *item)
     uint64_t number = (uint64_t)item->order;
 
     return item->what != TIMER_WAIT || number == 0
-        || map_find(&c->jobs->waits, map_hash_number(number), has_number, &number) != NULL;
+        || map_find_number(&c->jobs->waits, number) != NULL;
 }
 
 /* Its timer stays until it is due, or such are half of all. */
@@ -183,7 +173,7 @@ void waits_revoke(struct core *c)
 
 void wait_timeout(struct core *c, uint64_t number)
 {
-    struct wait *w = map_find(&c->jobs->waits, map_hash_number(number), has_number, &number);
+    struct wait *w = map_find_number(&c->jobs->waits, number);
 
     if (w == NULL) {
         c->jobs->waits_past -= c->jobs->waits_past > 0;

@@ -15,11 +15,6 @@ struct turn {
     struct turn *next;
 };
 
-static bool has_number(const void *value, const void *key)
-{
-    return ((const struct turn *)value)->number == *(const uint64_t *)key;
-}
-
 static void append(struct fair_queue *queue, struct turn *turn)
 {
     turn->next = NULL;
@@ -44,7 +39,7 @@ static struct turn *turn_new(struct fair_queue *queue, uint64_t number)
 
 static struct turn *find(const struct fair_queue *queue, uint64_t number)
 {
-    return map_find(&queue->by_turn, map_hash_number(number), has_number, &number);
+    return map_find_number(&queue->by_turn, number);
 }
 
 void fair_queue_put(struct fair_queue *queue, struct fair_item *item)

@@ -35,9 +35,14 @@ void *map_find(const struct map *map, uint64_t hash, map_match *match, const voi
     for (size_t i = hash & (map->room - 1); map->slots[i].value != NULL;
          i = (i + 1) & (map->room - 1))
         if (map->slots[i].hash == hash && map->slots[i].value != MAP_GONE
-            && match(map->slots[i].value, key))
+            && (match == NULL || match(map->slots[i].value, key)))
             return map->slots[i].value;
     return NULL;
+}
+
+void *map_find_number(const struct map *map, uint64_t number)
+{
+    return map_find(map, map_hash_number(number), NULL, NULL);
 }
 
 static void insert(struct map *map, uint64_t hash, void *value)

@@ -23,6 +23,8 @@ uint64_t map_hash_number(uint64_t number);
 
 /* The value that has KEY, whose hash HASH is; NULL: none. */
 void *map_find(const struct map *map, uint64_t hash, map_match *match, const void *key);
+/* The same in a table by numbers, whose hash, a bijection, is the key. */
+void *map_find_number(const struct map *map, uint64_t number);
 /* VALUE, whose key must be new; false when memory runs out. */
 bool map_put(struct map *map, uint64_t hash, void *value);
 /* VALUE out of it, if it is there. */

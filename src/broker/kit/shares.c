@@ -5,14 +5,9 @@
 
 struct share { uint64_t turn; int64_t size; };
 
-static bool has_turn(const void *value, const void *key)
-{
-    return ((const struct share *)value)->turn == *(const uint64_t *)key;
-}
-
 static struct share *find(const struct shares *shares, uint64_t turn)
 {
-    return map_find(&shares->by_turn, map_hash_number(turn), has_turn, &turn);
+    return map_find_number(&shares->by_turn, turn);
 }
 
 void shares_add(struct shares *shares, uint64_t turn, int64_t amount)

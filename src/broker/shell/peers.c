@@ -62,19 +62,9 @@ static bool has_routing(const void *value, const void *key)
     return peer->routing_size == r->size && memcmp(peer->routing, r->data, r->size) == 0;
 }
 
-static bool has_number(const void *value, const void *key)
-{
-    return ((const struct peer *)value)->number == *(const uint64_t *)key;
-}
-
-static bool has_fd(const void *value, const void *key)
-{
-    return ((const struct peer *)value)->fd == *(const int *)key;
-}
-
 struct peer *peers_by_number(const struct peers *peers, uint64_t number)
 {
-    return map_find(&peers->by_number, map_hash_number(number), has_number, &number);
+    return map_find_number(&peers->by_number, number);
 }
 
 bool peers_address(const struct peers *peers, uint64_t number, char *text, size_t size)
@@ -382,7 +372,7 @@ bool peers_flush(struct peers *peers, void (*changed)(void *, uint64_t, enum pee
 
 uint64_t peers_ended(struct peers *peers, int fd)
 {
-    struct peer *peer = map_find(&peers->by_fd, map_hash_number((uint64_t)fd), has_fd, &fd);
+    struct peer *peer = map_find_number(&peers->by_fd, (uint64_t)fd);
     uint64_t number = peer == NULL ? 0 : peer->number;
 
     if (peer != NULL)

@@ -25,14 +25,9 @@ enum {
     FORGOTTEN_S = 600,        /* whoever closes again after a lost answer does so sooner */
 };
 
-static bool has_id(const void *value, const void *key)
-{
-    return ((const struct stream *)value)->id == *(const int64_t *)key;
-}
-
 struct stream *stream_by_id(const struct core *c, int64_t id)
 {
-    return map_find(&c->stream_ids, map_hash_number((uint64_t)id), has_id, &id);
+    return map_find_number(&c->stream_ids, (uint64_t)id);
 }
 
 static struct stream *stream_open_named(const struct core *c, const struct user *user,

@@ -73,7 +73,7 @@ static struct board_stream *stream_of(struct board *board, const char *name)
             sizeof *board->stream * (size_t)(board->streams++ - i));
     snprintf(made->name, sizeof made->name, "%s", name);
     snprintf(made->verdict, sizeof made->verdict, "-");
-    made->epoch = made->to = made->dt = NAN;
+    made->epoch = made->to = NAN;
     return board->stream[i] = made;
 }
 
@@ -86,7 +86,6 @@ static void take_window(struct board_stream *s, const cJSON *event)
     s->epoch = field_real(event, "epoch");
     s->from = field_real(event, "from");
     s->to = field_real(event, "to");
-    s->dt = field_real(event, "dt");
     s->lag = field_real(field_get(event, "lag"), "samples");
     s->gaps = field_real(field_get(event, "gaps"), "count");
     s->missing = field_real(field_get(event, "gaps"), "samples");
@@ -137,7 +136,6 @@ static const struct board_edge *add_edge(struct board *board, const cJSON *event
         .hertz = field_real(mode, "frequency_hz"),
         .zeta = field_real(mode, "damping_ratio"),
         .std = field_real(field_get(mode, "std"), "damping_ratio"),
-        .limit = field_real(event, "limit"),
     };
 
     snprintf(edge.stream, sizeof edge.stream, "%s", field_word(event, "stream", "-"));

@@ -22,7 +22,7 @@ struct board_stream {
     char name[BOARD_NAME_MOST + 1], verdict[BOARD_WORD_MOST + 1];
     char error[BOARD_TEXT_MOST + 1];              /* "": the last window was identified */
     double heard;                                 /* UTC of the last event */
-    double epoch, from, to, dt;                   /* of the last window; dt NAN: not told */
+    double epoch, from, to;                       /* of the last window */
     double lag, skipped, gaps, missing;           /* samples, windows, gaps, samples in them */
     double mode_count;                            /* of which BOARD_MODES are here */
     int modes, alarms;
@@ -33,7 +33,7 @@ struct board_stream {
 /* An alarm that was raised or cleared. */
 struct board_edge {
     char stream[BOARD_NAME_MOST + 1], rule[BOARD_WORD_MOST + 1], state[BOARD_WORD_MOST + 1];
-    double time, to, track, hertz, zeta, std, limit;
+    double time, to, track, hertz, zeta, std;
 };
 
 struct board {

@@ -31,7 +31,7 @@ enum {
 /* An attribute read whole: numbers or texts. */
 struct values {
     size_t count;
-    bool scalar, whole, logical;   /* not a list; integers; a boolean of h5py */
+    bool scalar, logical;          /* not a list; a boolean of h5py */
     double *numbers;
     char **texts;
 };
@@ -109,7 +109,6 @@ static bool read_values(hid_t attribute, hid_t type, hid_t space, struct values 
     }
     if (class != H5T_INTEGER && class != H5T_FLOAT && class != H5T_ENUM)
         return false;
-    out->whole = class != H5T_FLOAT;
     out->logical = is_logical(type);
     out->numbers = calloc(out->count, sizeof *out->numbers);
     return out->numbers != NULL && H5Aread(attribute, H5T_NATIVE_DOUBLE, out->numbers) >= 0;

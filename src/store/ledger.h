@@ -6,8 +6,7 @@
  *     LOCK            flock'ed while a daemon has the folder; its text is the daemon's pid
  *     ledger.db, -wal, -shm, -mark    the ledger, and how far its log was synced; application id
  *                                     "mdld", user_version its schema
- *     spool/ID.h5     a sealed input larger than LEDGER_INLINE_MOST bytes; spool/ID.part one being
- *                     uploaded
+ *     spool/ID.h5     a sealed input whose data is not in its row; spool/ID.part one being uploaded
  *     spool/ID.samples  the samples of open stream ID, as long as it is open; see samples.h
  *     tape              samples of open streams that are not there yet; see tape.h
  *     results/ID.json a result larger than LEDGER_RESULT_INLINE_MOST
@@ -30,7 +29,6 @@
 
 enum {
     LEDGER_SCHEMA = 4,                        /* the schema this code writes */
-    LEDGER_INLINE_MOST = 64 * 1024,           /* an input's data up to this lives in its row */
     LEDGER_CHUNK_MOST = 1024 * 1024,          /* bytes of a chunk_record */
     LEDGER_RESULT_INLINE_MOST = 256 * 1024,   /* a result's text up to this lives in its row */
     LEDGER_RESULT_MOST = 256 * 1024 * 1024,   /* four times the longest document of the wire */

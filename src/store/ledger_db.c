@@ -140,8 +140,8 @@ static enum modal_status number_of(const cJSON *attributes, const char *key, uin
                : rc;
 }
 
-/* A row (attributes, samples, crc, data) as it was, to be put at END of its stream's file. */
-static enum modal_status old_segment(sqlite3_stmt *row, const cJSON *attributes, uint64_t end,
+/* A row (attributes, samples, crc, data) as it was. */
+static enum modal_status old_segment(sqlite3_stmt *row, const cJSON *attributes,
                                      struct segment_record *out, struct modal_error *err)
 {
     uint64_t stream = 0;
@@ -151,8 +151,7 @@ static enum modal_status old_segment(sqlite3_stmt *row, const cJSON *attributes,
                                      .count = (uint64_t)sqlite3_column_int64(row, 1),
                                      .crc = (uint32_t)sqlite3_column_int64(row, 2),
                                      .data = sqlite3_column_blob(row, 3),
-                                     .length = (uint64_t)sqlite3_column_bytes(row, 3),
-                                     .offset = end };
+                                     .length = (uint64_t)sqlite3_column_bytes(row, 3) };
     if (rc == MODAL_OK)
         rc = number_of(attributes, "epoch", &out->epoch, err);
     return rc == MODAL_OK ? number_of(attributes, "first", &out->first, err) : rc;
@@ -181,7 +180,7 @@ static enum modal_status move_segment(sqlite3 *db, sqlite3_stmt *row, struct sam
                                      &attributes, err);
 
     if (rc == MODAL_OK)
-        rc = old_segment(row, attributes, 0, &segment, err);
+        rc = old_segment(row, attributes, &segment, err);
     snprintf(sql, sizeof sql,
              "SELECT coalesce(max(offset + length), 0) FROM segments WHERE stream=%lld",
              rc == MODAL_OK ? (long long)segment.stream : 0LL);

@@ -165,9 +165,9 @@ uint32_t inflater_crc(const struct inflater *f)
     return f->crc;
 }
 
-bool inflate_bytes(struct bytes from, bool raw, unsigned char *to, size_t room, size_t *got)
+bool inflate_bytes(struct bytes from, unsigned char *to, size_t room, size_t *got)
 {
-    struct inflater *f = inflater_new(from, raw);
+    struct inflater *f = inflater_new(from, true);
     bool ok = f != NULL && inflater_read(f, to, room, got);
 
     inflater_free(f);

@@ -54,6 +54,6 @@ bool inflater_pass(struct inflater *inflater, size_t count);
 /* Of all that came of a RAW one. */
 uint32_t inflater_crc(const struct inflater *inflater);
 
-/* FROM into TO until it has ROOM bytes or the stream ends, as inflater_read. */
-bool inflate_bytes(struct bytes from, bool raw, unsigned char *to, size_t room, size_t *got);
+/* FROM, raw, into TO until it has ROOM bytes or the stream ends, as inflater_read. */
+bool inflate_bytes(struct bytes from, unsigned char *to, size_t room, size_t *got);
 #endif

@@ -231,7 +231,7 @@ static bool unpack(struct bytes file, const struct entry *e, unsigned char *to, 
         memcpy(to, packed.data, room);
         return true;
     }
-    return inflate_bytes(packed, true, to, room, &got) && got == room;
+    return inflate_bytes(packed, to, room, &got) && got == room;
 }
 
 static enum modal_status list_entry(struct bytes file, struct entry *e, struct arrays *arrays,

@@ -28,7 +28,7 @@ struct daemon {
     void *context, *client_socket, *worker_socket, *remote_socket, *zap;   /* remote: or NULL */
     int signals;
     char worker_endpoint[PATH_ROOM], worker_folder[PATH_ROOM], program[PATH_ROOM];
-    bool stop, terminating, ready;
+    bool stop, terminating;
     int status;
     int64_t trim_ns;              /* when rest begins, at which memory is given back; 0: nothing
                                    * happened since it began */

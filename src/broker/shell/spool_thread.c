@@ -376,22 +376,23 @@ static void end_slice(const char *dir, struct task *task, bool *more)
         spool_remove(dir, task->id, NULL);
 }
 
-/* What SEGMENT has of the samples that are wanted is in r->block from *DATA on: [*FROM, *TO), which
- * may be none. */
+/* What SEGMENT has of the samples that are wanted is in r->block from *DATA on: *BYTES, which may
+ * be none, the first *AT bytes after the first that is wanted. */
 static enum modal_status get_wanted(struct reading *r, const struct segment_record *segment,
-                                    uint64_t *from, uint64_t *to, const char **data)
+                                    uint64_t *at, uint64_t *bytes, const char **data)
 {
     struct task *task = r->task;
-    uint64_t size = 8 * task->shape.channels, end = task->begin + task->length;
+    uint64_t size = 8 * task->shape.channels, end = task->begin + task->length,
+             from = segment->first > task->begin ? segment->first : task->begin,
+             to = segment->first + segment->count < end ? segment->first + segment->count : end;
 
-    *from = segment->first > task->begin ? segment->first : task->begin;
-    *to = segment->first + segment->count < end ? segment->first + segment->count : end;
     *data = r->block;
-    if (segment->epoch != task->epoch || *from >= *to) {
-        *to = *from;
+    *at = (from - task->begin) * size;
+    *bytes = 0;
+    if (segment->epoch != task->epoch || from >= to)
         return MODAL_OK;
-    }
-    *data += (*from - segment->first) * size;
+    *bytes = (to - from) * size;
+    *data += (from - segment->first) * size;
     if (segment->length != segment->count * size || segment->length > WIRE_CHUNK_MOST)
         return modal_fail(&task->err, MODAL_CORRUPT,
                           "a segment of stream %lld has %llu bytes for %llu samples",
@@ -404,26 +405,24 @@ static enum modal_status compare_segment(void *context, const struct segment_rec
 {
     struct reading *r = context;
     struct task *task = r->task;
-    uint64_t size = 8 * task->shape.channels, from, to;
+    uint64_t at, bytes;
     const char *data;
-    enum modal_status rc = get_wanted(r, segment, &from, &to, &data);
+    enum modal_status rc = get_wanted(r, segment, &at, &bytes, &data);
 
     if (rc == MODAL_OK && !task->differs)
-        task->differs = memcmp(data, (const char *)task->chunks[0]->data
-                                         + (from - task->begin) * size, (to - from) * size) != 0;
+        task->differs = memcmp(data, (const char *)task->chunks[0]->data + at, bytes) != 0;
     return rc;
 }
 
 static enum modal_status copy_segment(void *context, const struct segment_record *segment)
 {
     struct reading *r = context;
-    struct task *task = r->task;
-    uint64_t size = 8 * task->shape.channels, from, to;
+    uint64_t at, bytes;
     const char *data;
-    enum modal_status rc = get_wanted(r, segment, &from, &to, &data);
+    enum modal_status rc = get_wanted(r, segment, &at, &bytes, &data);
 
     if (rc == MODAL_OK)
-        memcpy((char *)task->text->data + (from - task->begin) * size, data, (to - from) * size);
+        memcpy((char *)r->task->text->data + at, data, bytes);
     return rc;
 }
 

@@ -182,22 +182,22 @@ static void set_last(struct curve *c, const struct steady_point *point)
     c->last_H = point->H;
 }
 
-static void report_point(const struct curve *c, double fraction, double value,
-                         const struct steady_point *point, const struct stability *st)
+void curve_report(const struct job_request *request, const struct curve_range *range,
+                  double fraction, double value, bool converged, double amplitude, int stable)
 {
     cJSON *event;
 
-    if (c->request->progress == NULL)
+    if (request->progress == NULL)
         return;
     event = cJSON_CreateObject();
     json_set_number(event, "fraction", fraction);
-    cJSON_AddStringToObject(event, "parameter", c->range.path);
+    cJSON_AddStringToObject(event, "parameter", range->path);
     json_set_number(event, "value", value);
-    cJSON_AddBoolToObject(event, "converged", point->converged);
-    json_set_number(event, "amplitude", point->amplitude);
-    if (st->verdict == STABILITY_STABLE || st->verdict == STABILITY_UNSTABLE)
-        cJSON_AddBoolToObject(event, "stable", st->verdict == STABILITY_STABLE);
-    c->request->progress(c->request->context, event);
+    cJSON_AddBoolToObject(event, "converged", converged);
+    json_set_number(event, "amplitude", amplitude);
+    if (stable != 0)
+        cJSON_AddBoolToObject(event, "stable", stable > 0);
+    request->progress(request->context, event);
     cJSON_Delete(event);
 }
 
@@ -228,7 +228,8 @@ static enum modal_status add_point(struct curve *c, double value, double fractio
     c->ffts += point->ffts;
     c->iterations += point->iterations;
     c->done++;
-    report_point(c, fraction, value, point, st);
+    curve_report(c->request, &c->range, fraction, value, point->converged, point->amplitude,
+                 (st->verdict == STABILITY_STABLE) - (st->verdict == STABILITY_UNSTABLE));
     cost_stage(c->cost, "print");
     return MODAL_OK;
 }
@@ -544,14 +545,6 @@ static enum modal_status march(struct curve *c, cJSON *doc, struct modal_error *
     return rc;
 }
 
-/* What was found before it was cancelled is the answer. */
-static enum modal_status keep_points(cJSON *doc)
-{
-    cJSON_AddFalseToObject(doc, "complete");
-    cJSON_AddStringToObject(doc, "reason", JOB_STOPPED);
-    return MODAL_OK;
-}
-
 static void curve_done(struct curve *c)
 {
     steady_free(c->s);
@@ -587,8 +580,11 @@ enum modal_status curve_run(const struct job_request *request, struct program *p
         rc = counted                          ? sweep(&c, err)
              : rigid_alone(p, &settings->opt) ? march(&c, out, err)
                                               : follow(&c, out, err);
-    if (rc == MODAL_CANCELLED && c.done > 0)
-        rc = keep_points(out);
+    if (rc == MODAL_CANCELLED && c.done > 0) {          /* what was found before is the answer */
+        cJSON_AddFalseToObject(out, "complete");
+        cJSON_AddStringToObject(out, "reason", JOB_STOPPED);
+        rc = MODAL_OK;
+    }
     if (rc == MODAL_OK) {
         plan = plan_print(p, counted ? "sweep" : "continuation");
         cJSON_AddNumberToObject(plan, "ffts", (double)c.ffts);

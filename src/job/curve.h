@@ -13,6 +13,9 @@ struct curve_range { char path[128]; double from, to; int count; };
 /* TEXT, the value of option FIELD: PATH=A:B, and :N where COUNTED.  MODAL_BAD_INPUT. */
 enum modal_status curve_range_read(const char *text, const char *field, bool counted,
                                    struct curve_range *range, struct modal_error *err);
+/* Tells REQUEST of a point at VALUE, FRACTION of all done; STABLE: 1, -1 unstable, 0 not told. */
+void curve_report(const struct job_request *request, const struct curve_range *range,
+                  double fraction, double value, bool converged, double amplitude, int stable);
 /* Of a counted range, value I of `count`. */
 double curve_range_at(const struct curve_range *range, int i);
 

@@ -272,12 +272,17 @@ void steady_count_start(struct program *p)
         p->effect[p->law[l].effect].active = false;
 }
 
-void steady_count(struct program *p, const struct steady_point *point)
+void steady_count_laws(struct program *p, int laws, const long *evaluations, const bool *acts)
 {
-    for (int l = 0; l < p->laws && l < point->laws; l++) {
+    for (int l = 0; l < p->laws && l < laws; l++) {
         struct program_effect *e = &p->effect[p->law[l].effect];
 
-        e->evaluations += point->evaluations[l];
-        e->active |= point->acts[l];
+        e->evaluations += evaluations[l];
+        e->active |= acts[l];
     }
+}
+
+void steady_count(struct program *p, const struct steady_point *point)
+{
+    steady_count_laws(p, point->laws, point->evaluations, point->acts);
 }

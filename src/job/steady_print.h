@@ -22,6 +22,8 @@ enum modal_status steady_print(struct steady *s, const struct program *p,
                                cJSON **out, struct modal_error *err);
 /* Counts and activity of POINT into P's effects, for its plan; ACTIVE ones stay so. */
 void steady_count(struct program *p, const struct steady_point *point);
+/* The same of what each of so many LAWS did. */
+void steady_count_laws(struct program *p, int laws, const long *evaluations, const bool *acts);
 /* Before the first steady_count: effects with laws start inactive. */
 void steady_count_start(struct program *p);
 #endif

@@ -143,25 +143,6 @@ static enum modal_status solve_at(struct torus_sweep *w, struct program *here,
     return rc;
 }
 
-static void report_point(const struct torus_sweep *w, double fraction, double value,
-                         const struct torus_point *point)
-{
-    cJSON *event;
-
-    if (w->request->progress == NULL)
-        return;
-    event = cJSON_CreateObject();
-    json_set_number(event, "fraction", fraction);
-    cJSON_AddStringToObject(event, "parameter", w->range.path);
-    json_set_number(event, "value", value);
-    cJSON_AddBoolToObject(event, "converged", point->converged);
-    json_set_number(event, "amplitude", point->amplitude);
-    if (point->stability.verdict != 0)
-        cJSON_AddBoolToObject(event, "stable", point->stability.verdict > 0);
-    w->request->progress(w->request->context, event);
-    cJSON_Delete(event);
-}
-
 /* Printed and told. */
 static void print_point(struct torus_sweep *w, double fraction, double value,
                         const struct program *here, const struct torus_point *point)
@@ -173,7 +154,8 @@ static void print_point(struct torus_sweep *w, double fraction, double value,
     torus_count(w->p, point);
     w->iterations += point->iterations;
     w->done++;
-    report_point(w, fraction, value, point);
+    curve_report(w->request, &w->range, fraction, value, point->converged, point->amplitude,
+                 point->stability.verdict);
     cost_stage(w->cost, "print");
 }
 

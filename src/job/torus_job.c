@@ -239,12 +239,7 @@ enum modal_status torus_at(struct program *p, const struct steady_settings *sett
 
 void torus_count(struct program *p, const struct torus_point *point)
 {
-    for (int l = 0; l < p->laws && l < point->laws; l++) {
-        struct program_effect *e = &p->effect[p->law[l].effect];
-
-        e->evaluations += point->evaluations[l];
-        e->active |= point->acts[l];
-    }
+    steady_count_laws(p, point->laws, point->evaluations, point->acts);
 }
 
 enum modal_status torus_run(struct program *p, const struct steady_settings *settings,

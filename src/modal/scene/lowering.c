@@ -340,14 +340,14 @@ void lowering_along(struct lowering *l, int matrix, struct scene_ends at, double
                                                               * value);
 }
 
-void lowering_along_harmonic(struct lowering *l, int matrix, int k, struct scene_ends at,
+void lowering_along_harmonic(struct lowering *l, int k, struct scene_ends at,
                              double cosine, double sine)
 {
     for (int i = 0; i < at.count; i++)
         for (int j = 0; j < at.count; j++) {
             double w = at.x[i].weight * at.x[j].weight;
 
-            lowering_add_harmonic(l, matrix, k, at.x[i].dof, at.x[j].dof, w * cosine, w * sine);
+            lowering_add_harmonic(l, PROGRAM_K, k, at.x[i].dof, at.x[j].dof, w * cosine, w * sine);
         }
 }
 

@@ -197,8 +197,8 @@ enum modal_status lowering_strain_rate(struct lowering *l, double mu, struct mod
 
 /* value * w w^T of the ends' weights w: [1 -1; -1 1] between two dofs. */
 void lowering_along(struct lowering *l, int matrix, struct scene_ends at, double value);
-/* The same, pulsating: cosine cos(k Omega t) + sine sin(k Omega t). */
-void lowering_along_harmonic(struct lowering *l, int matrix, int k, struct scene_ends at,
+/* The same of K, pulsating: cosine cos(k Omega t) + sine sin(k Omega t). */
+void lowering_along_harmonic(struct lowering *l, int k, struct scene_ends at,
                              double cosine, double sine);
 /* INPUT of LAW looks and pushes at AT; inputs in their order, before lowering_add_law. */
 void lowering_place(struct lowering *l, struct law *law, int input, struct scene_ends at);
@@ -210,5 +210,9 @@ enum modal_status lowering_need_omega(const struct lowering *l, const char *who,
 /* The structure's own matrix (no effects), dense n x n by columns; the caller frees it.  NULL:
  * no memory. */
 double *lowering_structural_dense(const struct lowering *l, int matrix);
+
+/* From entries to the program's matrices, and what only the whole can be checked for.  Fails with
+ * MODAL_NO_MEMORY, MODAL_TOO_LARGE at "effects", MODAL_BAD_INPUT at "structure", "period". */
+enum modal_status lowering_finish(struct lowering *l, struct modal_error *err);
 
 #endif

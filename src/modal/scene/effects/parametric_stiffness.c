@@ -27,7 +27,7 @@ static enum modal_status lower(struct lowering *l, const struct scene_effect *e,
         s->k > 0 ? lowering_need_omega(l, "parametric_stiffness", err) : MODAL_OK;
 
     if (rc == MODAL_OK)
-        lowering_along_harmonic(l, PROGRAM_K, s->k, s->at.along, s->stiffness * cos(s->phase),
+        lowering_along_harmonic(l, s->k, s->at.along, s->stiffness * cos(s->phase),
                                 s->phase != 0 ? -s->stiffness * sin(s->phase) : 0);
     return rc;
 }

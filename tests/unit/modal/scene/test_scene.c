@@ -1,6 +1,6 @@
 /* Tests as well: airloads.c axial_load.c beam.c effects.c gap.c iwan.c loads.c lowering.c
- * matrices.c modal_damping.c polynomial_spring.c program.c rayleigh_damping.c spring.c
- * strain_rate_damping.c structures.c unilateral_contact.c */
+ * lowering_finish.c matrices.c modal_damping.c polynomial_spring.c program.c rayleigh_damping.c
+ * spring.c strain_rate_damping.c structures.c unilateral_contact.c */
 #include "check.h"
 #include <stdlib.h>
 #include "base/json.h"

@@ -21,4 +21,17 @@ double numbers_modulus(const double complex *x, size_t count);
  * ends the program where that is another page's; with a step of 1 it does not. */
 double complex numbers_row_dot(int count, const double complex *a, int lda,
                                const double complex *b, int ldb);
+
+/* |z|^2 */
+static inline double numbers_square(double complex z)
+{
+    return creal(z) * creal(z) + cimag(z) * cimag(z);
+}
+
+/* a b of finite numbers: C's product asks whether they are. */
+static inline double complex numbers_times(double complex a, double complex b)
+{
+    return CMPLX(creal(a) * creal(b) - cimag(a) * cimag(b),
+                 creal(a) * cimag(b) + cimag(a) * creal(b));
+}
 #endif

@@ -75,7 +75,7 @@ enum modal_status work_reduce(struct work *w, struct identify_result *out,
         struct wide_options wide = { opt, w->refine ? 1e-4 : 1e-9 };
         if (w->pod.count == 0)
             rc = w->rec.wide
-                ? wide_pod(&w->rec.view, &wide, &w->pod, NULL, err)
+                ? wide_pod(&w->rec.view, &wide, &w->pod, err)
                 : pod_reduce(&w->rec.Y, &opt, &w->pod, err);
         w->X = &w->pod.signals;
         out->pod_rank = w->pod.count;

@@ -170,7 +170,7 @@ enum modal_status wide_refine(const struct wide *d, double tau, const double com
     step = cblas_dnrm2(w.parameters, s.now.T + w.parameters * (w.parameters + 1), 1)
         / sqrt(fmax(s.now.F / fmax(refine_freedom(&w), 1), DBL_MIN));
     out->length = step;
-    out->taken = step <= most && refine_damped_step(w.parameters, s.now.T, 0, s.A, s.delta);
+    out->taken = step <= most && refine_undamped_step(w.parameters, s.now.T, s.A, s.delta);
     if (out->taken)
         refine_take_step(&w, &s.at, s.delta, &s.trial);
     for (int c = 0; c < d->S; c++)

@@ -43,11 +43,10 @@ static void unscale(struct matrix *B, int n, const double *norm)
         }
 }
 
-enum modal_status least_squares_solve(struct matrix *A, struct matrix *B, double rcond,
-                                      struct least_squares *out, struct modal_error *err)
+enum modal_status least_squares_solve(struct matrix *A, struct matrix *B, struct modal_error *err)
 {
-    int m = A->m, n = A->n, k = m < n ? m : n, rank = 0, info = 0;
-    double *norm, *s;
+    int m = A->m, n = A->n, k = m < n ? m : n, rank, info = 0;
+    double *norm;
 
     if (B->ld < m || B->ld < n || B->n < 0)
         return modal_fail(err, MODAL_BAD_INPUT,
@@ -59,20 +58,12 @@ enum modal_status least_squares_solve(struct matrix *A, struct matrix *B, double
     norm = calloc((size_t)n + k + 1, sizeof *norm);
     if (norm == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "least squares: no memory for %d x %d", m, n);
-    s = norm + n;
     scale_columns(A, norm);
-    if (rcond <= 0)
-        rcond = (m > n ? m : n) * DBL_EPSILON;      /* what rounding makes of an exact 0 */
-    if (k > 0 && B->n > 0)
-        info =
-            LAPACKE_dgelsd(LAPACK_COL_MAJOR, m, n, B->n, A->x, A->ld, B->x, B->ld, s, rcond, &rank);
-    if (info == 0) {
+    if (k > 0 && B->n > 0)     /* the last but one: what rounding makes of an exact 0 */
+        info = LAPACKE_dgelsd(LAPACK_COL_MAJOR, m, n, B->n, A->x, A->ld, B->x, B->ld, norm + n,
+                              (m > n ? m : n) * DBL_EPSILON, &rank);
+    if (info == 0)
         unscale(B, n, norm);
-        if (out != NULL)
-            *out = (struct least_squares) { rank, k == 0         ? 1
-                                                 : s[k - 1] > 0 ? s[0] / s[k - 1]
-                                                                : HUGE_VAL };
-    }
     free(norm);
     if (info == LAPACK_WORK_MEMORY_ERROR)
         return modal_fail(err, MODAL_NO_MEMORY,

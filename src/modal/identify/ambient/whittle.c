@@ -52,6 +52,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/numbers.h"
 
 enum {
     L = WHITTLE_CHANNELS_MOST,
@@ -88,7 +89,7 @@ void whittle_poles(const struct whittle *m, double complex *poles)
 struct whittle_peak whittle_peak(double complex pole, double complex z)
 {
     double complex from = z - pole;
-    double square = creal(from) * creal(from) + cimag(from) * cimag(from);
+    double square = numbers_square(from);
     double complex u = CMPLX(creal(from) / square, -cimag(from) / square);
 
     return (struct whittle_peak) { u, pole * u * u };

@@ -14,6 +14,7 @@
 #include <string.h>
 #include "modal/identify/fit/refine.h"
 #include "modal/identify/linear/exponents.h"
+#include "modal/numbers.h"
 
 static const double
     TIED = 1e-6,                    /* of a magnitude: partners' differ by the fit's rounding */
@@ -81,7 +82,7 @@ static void add_power(const double complex *b, size_t stride, int p, double comp
     fftw_execute(plan);
     top = top < TOP_MOST ? exp(top) : 1;
     for (int k = 0; k < p; k++)
-        power[k] += (creal(a[k]) * creal(a[k]) + cimag(a[k]) * cimag(a[k])) * top * top;
+        power[k] += numbers_square(a[k]) * top * top;
 }
 
 enum modal_status harmonics_of(const double complex *b, size_t stride, int p, int signals,

@@ -39,6 +39,7 @@
 #include "modal/identify/fit/refine.h"
 #include "modal/identify/prepare/fold.h"
 #include "modal/linalg/svd.h"
+#include "modal/numbers.h"
 
 /* How far two poles may be apart modulo i Omega and still be one mode, in units of Omega, beside
  * five standard deviations. */
@@ -154,7 +155,7 @@ static double weight_of(const struct work *w, int j)
 
     for (int c = 0; c < w->Y->n; c++) {
         double complex z = w->fit.coefficient[j + (size_t)c * w->poles->count];
-        sum += creal(z) * creal(z) + cimag(z) * cimag(z);
+        sum += numbers_square(z);
     }
     return sum;
 }

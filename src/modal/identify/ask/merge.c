@@ -23,6 +23,7 @@
 #include "modal/identify/ask/trend.h"
 #include "modal/identify/fit/synthesis.h"
 #include "modal/identify/linear/exponents.h"
+#include "modal/numbers.h"
 
 
 /* The windows' extremes. */
@@ -68,7 +69,7 @@ static enum modal_status energies(const struct refine_data *d, const struct pole
             weight += exp(2 * (a * k - f.reference[j]));
         for (int c = 0; c < f.channels; c++) {
             double complex b = f.coefficient[j + (size_t)c * (size_t)f.poles];
-            energy[j] += weight * (creal(b) * creal(b) + cimag(b) * cimag(b));
+            energy[j] += weight * numbers_square(b);
         }
     }
     synthesis_done(&f);

@@ -194,7 +194,7 @@ static double energy_of(const struct synthesis *f, int j, double complex lambda,
 
     for (int c = 0; c < f->channels; c++) {
         double complex b = f->coefficient[j + (size_t)c * (size_t)f->poles];
-        sum += 0.5 * (creal(b) * creal(b) + cimag(b) * cimag(b));
+        sum += 0.5 * numbers_square(b);
     }
     for (int k = 0; k < f->rows; k++)
         /* the mean of cos^2 is a half: it stands before the sum over channels */
@@ -225,7 +225,7 @@ static enum modal_status strongest(const struct matrix *Y, double tau, const str
         most = energy, *which = j;
         w->found = true, w->amplitude = sqrt(energy);
         w->frequency = cabs(z) / (2 * M_PI), w->damping = damping_ratio_of(z);
-        refined_std(fit, j, tau, &w->std_frequency, &w->std_damping, NULL);
+        refined_std(fit, j, &w->std_frequency, &w->std_damping);
     }
     synthesis_done(&f);
     return rc;

@@ -324,8 +324,8 @@ out:
     return rc;
 }
 
-void refined_std(const struct refined *r, int pole, double tau, double *frequency_hz,
-                 double *damping_ratio, double *multiplier)
+void refined_std(const struct refined *r, int pole, double *frequency_hz,
+                 double *damping_ratio)
 {
     double re = creal(r->lambda[pole]), im = cimag(r->lambda[pole]), w = hypot(re, im);
     double vr = r->std_re[pole] * r->std_re[pole], vi = r->std_im[pole] * r->std_im[pole],
@@ -334,14 +334,12 @@ void refined_std(const struct refined *r, int pole, double tau, double *frequenc
 
     if (p >= 0 && p + 1 < n && r->std_im[pole] > 0)
         cross = r->turn[pole] * r->covariance[p + (p + 1) * n];
-    if (frequency_hz != NULL)         /* d|lambda| = (re dre + im dim) / |lambda| */
-        *frequency_hz = w > 0
-            ? sqrt(fmax(re * re * vr + im * im * vi + 2 * re * im * cross, 0)) / w / (2 * M_PI)
-            : sqrt(vr) / (2 * M_PI);
-    if (damping_ratio != NULL)        /* d(-re/|lambda|) = (-im^2 dre + re im dim) / |lambda|^3 */
-        *damping_ratio = w > 0 ? fabs(im)
-                * sqrt(fmax(im * im * vr + re * re * vi - 2 * re * im * cross, 0)) / (w * w * w)
-                               : NAN;
-    if (multiplier != NULL)
-        *multiplier = exp(re * tau) * tau * sqrt(vr + vi);
+    /* d|lambda| = (re dre + im dim) / |lambda| */
+    *frequency_hz = w > 0
+        ? sqrt(fmax(re * re * vr + im * im * vi + 2 * re * im * cross, 0)) / w / (2 * M_PI)
+        : sqrt(vr) / (2 * M_PI);
+    /* d(-re/|lambda|) = (-im^2 dre + re im dim) / |lambda|^3 */
+    *damping_ratio = w > 0 ? fabs(im)
+            * sqrt(fmax(im * im * vr + re * re * vi - 2 * re * im * cross, 0)) / (w * w * w)
+                           : NAN;
 }

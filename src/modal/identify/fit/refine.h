@@ -11,10 +11,7 @@
 
 struct compressed;
 
-enum {
-    REFINE_ORDER_MOST = 1600,           /* exponents: a triangle of 3200 columns is 80 MB */
-    REFINE_ITERATIONS_MOST = 200        /* that the options may ask for */
-};
+enum { REFINE_ORDER_MOST = 1600 };      /* exponents: a triangle of 3200 columns is 80 MB */
 
 /*
  * The data: Y, L rows a step tau apart, S columns, with the model of synthesis.h.  A periodic
@@ -189,9 +186,7 @@ void projected_done(struct projected *p);
 /* Converged to the bound or to rounding? */
 bool refined_converged(const struct refined *r);
 
-/* Standard deviations that follow from a pole's 2 x 2 covariance: of |lambda| / 2 pi, of the
- * damping ratio, and of the multiplier (its modulus times |std of lambda| tau).  Each pointer may
- * be NULL. */
-void refined_std(const struct refined *r, int pole, double tau, double *frequency_hz,
-                 double *damping_ratio, double *multiplier);
+/* Standard deviations that follow from a pole's 2 x 2 covariance: of |lambda| / 2 pi and of
+ * the damping ratio. */
+void refined_std(const struct refined *r, int pole, double *frequency_hz, double *damping_ratio);
 #endif

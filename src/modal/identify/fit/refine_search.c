@@ -87,10 +87,10 @@ static bool solve_damped(int n, double mu, double *A, double *delta)
     return true;
 }
 
-bool refine_damped_step(int n, const double *T, double mu, double *A, double *delta)
+bool refine_undamped_step(int n, const double *T, double *A, double *delta)
 {
     linear_model(n, T, A, delta);
-    return solve_damped(n, mu, A, delta);
+    return solve_damped(n, 0, A, delta);
 }
 
 /*
@@ -483,7 +483,7 @@ static enum modal_status settle(struct work *w, struct search *s, bool equal,
         enum modal_status rc;
         double next;
         /* undamped: Gauss-Newton converges at the residual's rate near the minimum */
-        if (!refine_damped_step(w->parameters, s->now.T, 0, s->A, s->delta))
+        if (!refine_undamped_step(w->parameters, s->now.T, s->A, s->delta))
             break;
         refine_take_step(w, &s->at, s->delta, &s->trial);
         set_weights(w, s->now.rss, equal);

@@ -115,8 +115,8 @@ enum modal_status refine_search(struct work *w, struct search *s,
                                 enum refine_end *end, struct modal_error *err);
 /* A growth or decay in one step that no column overflows of. */
 double refine_guard(const struct work *w, double a);
-/* The damped step: min |[R_J; sqrt(mu) diag] delta - [g; 0]|. False where it has no solution. */
-bool refine_damped_step(int n, const double *T, double mu, double *A, double *delta);
+/* The whole step: min |R_J delta - g|.  False where it has no solution. */
+bool refine_undamped_step(int n, const double *T, double *A, double *delta);
 /* No step turns a phase over the record by more than a few radians: another line is another
  * minimum. */
 void refine_take_step(const struct work *w, const struct point *from, const double *delta,

@@ -100,7 +100,6 @@ static enum modal_status factorise(struct matrix *basis, int rows, struct factor
     floor = (rows > n ? rows : n) * DBL_EPSILON * f->s[0];
     for (out->rank = 0; out->rank < k && f->s[out->rank] > floor; )
         out->rank++;
-    out->condition = f->s[k - 1] > 0 ? f->s[0] / f->s[k - 1] : HUGE_VAL;
     for (int r = 0; r < out->rank; r++)
         for (int j = 0; j < n; j++)
             f->W.x[j + (size_t)r * f->W.ld] =
@@ -435,7 +434,7 @@ static enum modal_status fit_any(const double complex *lambda, int count, double
                                  struct modal_error *err)
 {
     struct synthesis s = { .poles = count, .order = poles_order(lambda, count, tau),
-                           .rows = Y->m, .channels = Y->n, .condition = 1 };
+                           .rows = Y->m, .channels = Y->n };
     enum modal_status rc;
 
     s.coefficient = calloc((size_t)count * Y->n + 1, sizeof *s.coefficient);

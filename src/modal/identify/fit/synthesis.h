@@ -21,7 +21,6 @@ struct synthesis {
     double complex *coefficient;  /* (j, c) at j + c*poles: of the scaled column */
     double *reference;            /* poles: ln of the scale taken out of each */
     double *channel_residual;     /* channels: norm of Y - fit in each */
-    double condition;             /* of the basis with unit columns */
     int rank;                     /* of the basis */
     double residual;              /* Frobenius norm of Y - fit */
 };

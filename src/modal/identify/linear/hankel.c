@@ -37,26 +37,26 @@ void hankel_default_sizes(int samples, int shift, int *rows, int *columns)
         *columns = (samples - *rows) / shift;
 }
 
-static const double *block(const struct hankel *h, int offset, int s)
+static const double *block(const struct hankel *h, int s)
 {
-    return h->Y->x + (size_t)s * h->Y->ld + h->start + (size_t)offset * h->shift;
+    return h->Y->x + (size_t)s * h->Y->ld + h->start;
 }
 
-void hankel_form(const struct hankel *h, int offset, struct matrix *out)
+void hankel_form(const struct hankel *h, struct matrix *out)
 {
     for (int s = 0; s < h->Y->n; s++)
         for (int l = 0; l < h->columns; l++)
             memcpy(out->x + (size_t)s * h->rows + (size_t)l * out->ld,
-                   block(h, offset, s) + (size_t)l * h->shift, sizeof(double) * h->rows);
+                   block(h, s) + (size_t)l * h->shift, sizeof(double) * h->rows);
 }
 
 /* Columns of a block lie `shift` apart: a matrix of that leading dimension where it is allowed,
  * shift >= rows. */
-void hankel_apply(const struct hankel *h, int offset, const double *x, double *y)
+void hankel_apply(const struct hankel *h, const double *x, double *y)
 {
     for (int s = 0; s < h->Y->n; s++) {
         double *at = y + (size_t)s * h->rows;
-        const double *b = block(h, offset, s);
+        const double *b = block(h, s);
         if (h->shift >= h->rows) {
             cblas_dgemv(CblasColMajor, CblasNoTrans, h->rows, h->columns, 1, b, h->shift, x, 1, 0,
                         at, 1);
@@ -68,11 +68,11 @@ void hankel_apply(const struct hankel *h, int offset, const double *x, double *y
     }
 }
 
-void hankel_apply_transpose(const struct hankel *h, int offset, const double *y, double *x)
+void hankel_apply_transpose(const struct hankel *h, const double *y, double *x)
 {
     memset(x, 0, sizeof *x * h->columns);
     for (int s = 0; s < h->Y->n; s++) {
-        const double *at = y + (size_t)s * h->rows, *b = block(h, offset, s);
+        const double *at = y + (size_t)s * h->rows, *b = block(h, s);
         if (h->shift >= h->rows) {
             cblas_dgemv(CblasColMajor, CblasTrans, h->rows, h->columns, 1, b, h->shift, at, 1, 1, x,
                         1);

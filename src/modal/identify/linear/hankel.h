@@ -26,10 +26,10 @@ enum modal_status hankel_check(const struct hankel *h, struct modal_error *err);
  * every whole column. */
 void hankel_default_sizes(int samples, int shift, int *rows, int *columns);
 
-/* The matrix (offset 0: H0; 1: H1) into OUT, (S rows) x columns. */
-void hankel_form(const struct hankel *h, int offset, struct matrix *out);
+/* H0 into OUT, (S rows) x columns. */
+void hankel_form(const struct hankel *h, struct matrix *out);
 
-/* y = H_offset x (S rows numbers), x = H_offset^T y, without forming it: direct sums. */
-void hankel_apply(const struct hankel *h, int offset, const double *x, double *y);
-void hankel_apply_transpose(const struct hankel *h, int offset, const double *y, double *x);
+/* y = H0 x (S rows numbers), x = H0^T y, without forming it: direct sums. */
+void hankel_apply(const struct hankel *h, const double *x, double *y);
+void hankel_apply_transpose(const struct hankel *h, const double *y, double *x);
 #endif

@@ -49,7 +49,7 @@ static enum modal_status operator_apply(void *context, const double *x, double *
                                         struct modal_error *err)
 {
     (void)err;
-    hankel_apply(context, 0, x, y);
+    hankel_apply(context, x, y);
     return MODAL_OK;
 }
 
@@ -57,7 +57,7 @@ static enum modal_status operator_apply_transpose(void *context, const double *y
                                                   struct modal_error *err)
 {
     (void)err;
-    hankel_apply_transpose(context, 0, y, x);
+    hankel_apply_transpose(context, y, x);
     return MODAL_OK;
 }
 
@@ -83,10 +83,9 @@ static enum modal_status decompose_dense(const struct hankel *h, struct projecti
     if (A.x == NULL)
         return modal_fail(err, MODAL_NO_MEMORY,
                           "projection: no memory for a Hankel matrix of %d x %d", p->m, p->n);
-    hankel_form(h, 0, &A);
+    hankel_form(h, &A);
     rc = svd_thin(&A, p->s, U, &p->VT, err);
     p->count = p->VT.m;
-    p->complete = true;
     free(A.x);
     return rc;
 }
@@ -179,7 +178,7 @@ enum modal_status projection_poles(const struct projection *p, enum identify_met
 
     if (rho == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "projection: no memory for rank %d", r);
-    rc = transition_multipliers(&t, method, r, rho, NULL, err);
+    rc = transition_multipliers(&t, method, r, rho, err);
     if (rc == MODAL_OK)
         /* |rho| below eps^2 decays past rounding within a step */
         *count = poles_of_multipliers(rho, r, tau, DBL_EPSILON * DBL_EPSILON, lambda, dropped);
@@ -216,7 +215,7 @@ static enum modal_status solve_pair(const struct matrix *right, const struct mat
             A.x[l + (size_t)i * n] = right->x[i + (size_t)(first + l) * right->ld];
             B.x[l + (size_t)i * room] = left->x[i + (size_t)(first + l) * left->ld];
         }
-    rc = least_squares_solve(&A, &B, 0, NULL, err);
+    rc = least_squares_solve(&A, &B, err);
     for (int i = 0; i < r && rc == MODAL_OK; i++)
         for (int j = 0; j < r; j++)
             X.x[i + (size_t)j * r] = B.x[j + (size_t)i * room];

@@ -13,7 +13,6 @@
 struct projection {
     int m, n;                   /* of H0 */
     int count;                  /* k triplets */
-    bool complete;              /* count = min(m, n): no value is unknown */
     double *s;                  /* k, descending */
     struct matrix VT;           /* k x n */
     struct matrix W;            /* k x n */

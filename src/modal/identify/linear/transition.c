@@ -20,8 +20,7 @@ static bool by_columns(enum identify_method method)
 }
 
 enum modal_status transition_multipliers(const struct transition *t, enum identify_method method,
-                                         int r, double complex *rho, double *condition,
-                                         struct modal_error *err)
+                                         int r, double complex *rho, struct modal_error *err)
 {
     struct matrix A = { r, r, r, NULL };
     enum modal_status rc;
@@ -38,7 +37,7 @@ enum modal_status transition_multipliers(const struct transition *t, enum identi
             A.x[i + (size_t)j * r] =
                 /* (17) or (21): one spectrum, other rounding */
                 t->G[i + (size_t)j * t->count] / t->s[by_columns(method) ? j : i];
-    rc = eigen_general(&A, rho, condition, NULL, err);
+    rc = eigen_general(&A, rho, NULL, NULL, err);
     free(A.x);
     return rc;
 }

@@ -20,8 +20,7 @@ struct transition {
     const double *G;      /* k x k, column-major, ld k */
 };
 
-/* The r eigenvalues; condition (r numbers, see eigen_general) may be NULL. */
+/* The r eigenvalues. */
 enum modal_status transition_multipliers(const struct transition *t, enum identify_method method,
-                                         int r, double complex *rho, double *condition,
-                                         struct modal_error *err);
+                                         int r, double complex *rho, struct modal_error *err);
 #endif

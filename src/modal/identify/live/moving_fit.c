@@ -560,7 +560,6 @@ static void report(struct work *w, enum what what, struct moving_fit *f)
     memcpy(f->rss, w->rss, sizeof(double) * r);
     memcpy(f->floor2, w->floor2, sizeof(double) * r);
     memcpy(f->energy, w->energy, sizeof(double) * r);
-    f->rounding = at_rounding(w);
     f->work = w->spent;
     if (what == LOOK)
         return;

@@ -24,7 +24,6 @@ struct moving_fit {
     double *energy, *floor2;     /* per signal: sum of squares; mean square that rounding leaves */
     double could_gain;           /* moving_probe: by how much -2 ln(likelihood) could fall, as
                                   * refine.c's `hopeless` reckons */
-    bool rounding;               /* every signal is at that floor */
     double least_drop;           /* by how much BIC rises where the least needed pole is left out */
     double most_split;           /* by how much -2 ln(likelihood) falls where one pole becomes two
                                   * that nearly coincide, at most */

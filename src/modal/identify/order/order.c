@@ -143,13 +143,13 @@ static enum modal_status look_at_told(struct climb *c, int *at, struct modal_err
         return climb_try(c, told, s->known, s->known_count, NULL, false, 0, at, err);
     rc = s->poles(s->context, more ? signals : told, c->lambda, &count, err);
     if (rc == MODAL_OK && more && count > 0)
-        rc = trim_poles(c->data, c->lambda, &count, NULL, &opt, &c->choice.work, err);
+        rc = trim_poles(c->data, c->lambda, &count, &opt, &c->choice.work, err);
     if (rc == MODAL_OK)
         rc = climb_try(c, told, c->lambda, count, NULL, false, 0, at, err);
     if (rc != MODAL_OK || *at < 0 || c->choice.candidates[*at].fit.end != REFINE_DEGENERATE)
         return rc == MODAL_NO_CONVERGENCE ? MODAL_OK : rc;
     refined_done(&c->choice.candidates[--c->choice.count].fit);
-    rc = trim_poles(c->data, c->lambda, &count, NULL, &opt, &c->choice.work, err);
+    rc = trim_poles(c->data, c->lambda, &count, &opt, &c->choice.work, err);
     return rc == MODAL_OK ? climb_try(c, told, c->lambda, count, NULL, false, 0, at, err) : rc;
 }
 

@@ -238,7 +238,7 @@ static enum modal_status cut_down(struct climb *c, int order, int *at, struct mo
     if (fit->order <= order)
         return MODAL_OK;
     memcpy(c->lambda, fit->lambda, (size_t)count * sizeof *c->lambda);
-    rc = trim_poles(c->data, c->lambda, &count, NULL, &opt, &c->choice.work, err);
+    rc = trim_poles(c->data, c->lambda, &count, &opt, &c->choice.work, err);
     return rc == MODAL_OK ? climb_try(c, 0, c->lambda, count, NULL, false, 0, at, err) : rc;
 }
 

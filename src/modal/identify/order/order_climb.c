@@ -129,7 +129,7 @@ enum modal_status climb_trim(struct climb *c, double complex *lambda, int *count
 {
     struct trim_options opt = { .share = share, .reach = reach, .most = most };
 
-    return trim_poles(c->data, lambda, count, NULL, &opt, &c->choice.work, err);
+    return trim_poles(c->data, lambda, count, &opt, &c->choice.work, err);
 }
 
 enum modal_status climb_weed(struct climb *c, double reach, int most, int *best,

@@ -23,17 +23,13 @@ struct trim {
     int ld;                      /* of p.R, p.Z and below */
     double *room;                /* rise.h: ld x (ld + columns) */
     double *rise;                /* per pole and signal: (1) of rise.h */
-    double complex *lambda; bool *fixed; int count;
+    double complex *lambda; int count;
 };
 
 static void drop_pole(struct trim *t, int j)
 {
-    size_t after = (size_t)(t->count - 1 - j);
-
-    memmove(t->lambda + j, t->lambda + j + 1, after * sizeof *t->lambda);
-    if (t->fixed != NULL)
-        memmove(t->fixed + j, t->fixed + j + 1, after * sizeof *t->fixed);
     t->count--;
+    memmove(t->lambda + j, t->lambda + j + 1, (size_t)(t->count - j) * sizeof *t->lambda);
 }
 
 /* Column I out of R, and Z along. */
@@ -85,13 +81,13 @@ static int cheapest(struct trim *t, const struct trim_options *opt)
     if (!rise_without(&t->p, t->ld, t->lambda, t->count, tau, t->room, t->rise))
         return -1;
     for (int j = 0; j < t->count; j++) {
-        int n = pole_order(t->lambda[j], tau), fixed = t->fixed != NULL && t->fixed[j],
+        int n = pole_order(t->lambda[j], tau),
             left = apart - poles_apart(&t->lambda[j], 1, tau, rows);
         double price = criterion_price(k, apart, q, t->p.parameters)
                      - criterion_price(k, left, q - n, t->p.parameters - n), excess;
         /* < 0: its absence costs less than it */
         excess = loss_of(k, t->p.rss, t->rise + j * k->groups) - opt->share * price - opt->reach;
-        if (!fixed && (excess < 0 || must) && excess < least)
+        if ((excess < 0 || must) && excess < least)
             least = excess, at = j;
     }
     return at;
@@ -125,7 +121,7 @@ static int drop_dependent(struct trim *t)
 static enum modal_status project(struct trim *t, double *work, struct modal_error *err)
 {
     for (;;) {
-        enum modal_status rc = refine_project(t->data, t->lambda, t->count, t->fixed, &t->p, err);
+        enum modal_status rc = refine_project(t->data, t->lambda, t->count, NULL, &t->p, err);
         if (rc != MODAL_OK)
             return rc;
         *work += t->p.work;
@@ -154,10 +150,9 @@ static void leave_out(struct trim *t, const struct trim_options *opt)
 }
 
 enum modal_status trim_poles(const struct refine_data *data, double complex *lambda, int *count,
-                             bool *fixed, const struct trim_options *opt, double *work,
-                             struct modal_error *err)
+                             const struct trim_options *opt, double *work, struct modal_error *err)
 {
-    struct trim t = { .data = data, .lambda = lambda, .fixed = fixed, .count = *count };
+    struct trim t = { .data = data, .lambda = lambda, .count = *count };
     double spent = 0;
     enum modal_status rc = project(&t, &spent, err);
     size_t q = (size_t)t.p.order, groups = (size_t)t.p.criterion.groups;

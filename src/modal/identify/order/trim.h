@@ -13,15 +13,13 @@ struct trim_options {
 
 /*
  * Leave out of LAMBDA (COUNT poles) the one whose absence costs least, the amplitudes of all
- * others being fitted anew, as long as it may go, and *count becomes theirs. Poles that are fixed
- * stay; FIXED, or NULL, moves with LAMBDA. Poles that are linear combinations of those listed
- * before them go first.
+ * others being fitted anew, as long as it may go, and *count becomes theirs. Poles that are linear
+ * combinations of those listed before them go first.
  *
  *   work    is added to.  May be NULL
  *
  * Fails as refine_project does.
  */
 enum modal_status trim_poles(const struct refine_data *data, double complex *lambda, int *count,
-                             bool *fixed, const struct trim_options *opt, double *work,
-                             struct modal_error *err);
+                             const struct trim_options *opt, double *work, struct modal_error *err);
 #endif

@@ -42,6 +42,7 @@
 #include "modal/identify/fit/refine.h"
 #include "modal/identify/prepare/record.h"
 #include "modal/identify/result.h"
+#include "modal/numbers.h"
 
 enum {
     ROWS_MOST = 4096,            /* longer records are looked at in means of several samples */
@@ -356,11 +357,6 @@ static double above_noise(const struct scan *s, int k, int n, int tail)
     return all;
 }
 
-static double power(double complex z)
-{
-    return creal(z) * creal(z) + cimag(z) * cimag(z);
-}
-
 static bool is_constant(const double *x, int count)
 {
     bool same = true;
@@ -386,9 +382,9 @@ static bool white(const struct scan *s, int rows)
             continue;
         fftw_execute(plan);
         for (int i = 1; i < lines; i++)
-            all += power(X[i]);
+            all += numbers_square(X[i]);
         for (int i = 1; i < lines; i++)
-            most = fmax(most, power(X[i]) * (lines - 1) / fmax(all, DBL_MIN));
+            most = fmax(most, numbers_square(X[i]) * (lines - 1) / fmax(all, DBL_MIN));
     }
     if (plan != NULL)
         fftw_destroy_plan(plan);
@@ -398,19 +394,19 @@ static bool white(const struct scan *s, int rows)
 
 /* The row after which there is white noise alone; s->L: there is none such. Where the energy is
  * that of the end a line may be seen still. */
-static int response_ends(const struct scan *s, int begin)
+static int response_ends(const struct scan *s)
 {
-    int part = (s->L - begin) / PARTS, tail = TAIL * part, end;
+    int part = s->L / PARTS, tail = TAIL * part, end;
     double most = threshold(PARTS);
 
     if (part < 1)
         return s->L;
-    for (end = s->L - tail; end - part > begin; end -= part) {
+    for (end = s->L - tail; end - part > 0; end -= part) {
         double v = above_noise(s, end - part, part, tail);
         if (v > 1 && ratio(part * s->S, v, tail * s->S) > most)
             break;
     }
-    if (end - part <= begin)
+    if (end - part <= 0)
         return s->L;
     while (end <= s->L - tail && !white(s, s->L - end))
         end += part;
@@ -471,7 +467,7 @@ enum modal_status event_find(const struct batch *b, const int *channels, int cou
     *cut = part->first > whole.first;
     if (rc == MODAL_OK && *cut && (rc = scan_begin(&s, b, channels, count, *part, each, err))
                                       == MODAL_OK) {
-        int end = response_ends(&s, 0);
+        int end = response_ends(&s);
         if (end < s.L)
             part->last = part->first + (size_t)end * each - 1;
     }
@@ -488,7 +484,7 @@ enum modal_status event_end(const struct batch *b, const int *channels, int coun
 
     *end = whole.last + 1;
     if (rc == MODAL_OK && s.S > 0) {
-        int row = response_ends(&s, 0);
+        int row = response_ends(&s);
         if (row < s.L)
             *end = whole.first + (size_t)row * each;
     }

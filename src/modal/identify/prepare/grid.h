@@ -16,8 +16,8 @@ enum {
  * The largest q such that all of x[0], x[stride], .. (L of them) differ by whole multiples of q, to
  * the rounding of double or, failing that, of single precision; 0 where there is none coarser than
  * 1e-10 of the largest difference, or fewer than GRID_VALUES_LEAST values, or no memory. Exact
- * numbers may lie on a grid too, whole ones say: whether q is noise is seen by what a fit leaves
- * (GRID_NOISE).
+ * numbers may lie on a grid too, whole ones say: whether q is noise is seen by what a fit leaves,
+ * q^2 / 12 in the mean square where its rounding is uniform.
  */
 double grid_step(const double *x, size_t stride, int L);
 
@@ -50,8 +50,7 @@ struct grid grid_of(const double *x, size_t stride, int L);
 /* Is a response of less than a step rounded to nothing? */
 bool grid_ends(const struct grid *grid);
 
-/* Mean square of a rounding error, over q^2: uniform; and the most that a sine can have, one that
- * just stays below half a step and is rounded to nothing. */
-#define GRID_NOISE (1.0 / 12)
+/* Mean square of a rounding error, over q^2: the most that a sine can have, one that just stays
+ * below half a step and is rounded to nothing. */
 #define GRID_NOISE_MOST (1.0 / 8)
 #endif

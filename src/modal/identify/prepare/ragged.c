@@ -71,11 +71,6 @@ static void lines_done(struct lines *s)
     free(s->F), free(s->energy);
 }
 
-static double power(double complex z)
-{
-    return creal(z) * creal(z) + cimag(z) * cimag(z);
-}
-
 /* The lines F over their noise, which is no less than their rounding; sorted in P.  False: there
  * are none. */
 static bool over_noise(double complex *F, int count, double *p)
@@ -84,7 +79,7 @@ static bool over_noise(double complex *F, int count, double *p)
     double all = 0, noise;
 
     for (int m = 0; m < count; m++)
-        all += p[m] = power(F[m]);
+        all += p[m] = numbers_square(F[m]);
     numbers_sort(p, (size_t)count);
     noise = sqrt(fmax(p[count / 2] / M_LN2, all * pow(ROUNDINGS * DBL_EPSILON, 2)));
     for (int m = 0; m < count; m++)
@@ -168,7 +163,7 @@ static enum modal_status judge(const struct lines *s, struct ragged *out, struct
 
     for (int c = 0; c < s->signals; c++)
         for (int m = 0; m < count * BINS; m++)
-            s->energy[m / BINS] += power(s->F[m + (size_t)c * s->count]);
+            s->energy[m / BINS] += numbers_square(s->F[m + (size_t)c * s->count]);
     for (int looked = 0; looked < PLACES && rc == MODAL_OK; looked++) {
         int at = strongest(s, count);
         double energy = s->energy[at];

@@ -86,8 +86,8 @@ static int columns_of(const struct scan *a)
     return a->phases * a->channels;
 }
 
-/* The least noisy channels that move, MOST of them. */
-static void choose_channels(struct scan *a, int most)
+/* The least noisy channels that move. */
+static void choose_channels(struct scan *a)
 {
     const struct matrix *Y = a->r->Y;
 
@@ -98,7 +98,7 @@ static void choose_channels(struct scan *a, int most)
             || cblas_idamax(Y->m, Y->x + (size_t)c * Y->ld, 1) >= (size_t)Y->m
             || Y->x[(size_t)c * Y->ld + cblas_idamax(Y->m, Y->x + (size_t)c * Y->ld, 1)] == 0)
             continue;
-        if (a->channels < most)
+        if (a->channels < CHANNELS_MOST)
             a->channels++;
         else if (a->r->noise[a->channel[--at]] <= a->r->noise[c])
             continue;
@@ -436,7 +436,7 @@ enum modal_status slip_find(const struct slip_record *r, struct slip *out, struc
     size_t entries, side;
 
     *out = (struct slip) { .turns = N };
-    choose_channels(&a, CHANNELS_MOST);
+    choose_channels(&a);
     if (a.channels == 0 || N < 2 || a.phases < 2 || r->Y->m < TURNS_POINTS)
         return MODAL_OK;
     if (columns_of(&a) > COLUMNS_MOST)

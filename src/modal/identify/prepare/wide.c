@@ -153,7 +153,6 @@ struct krylov {
     double *scaled;            /* near x BLOCK */
     double *R;                 /* BLOCK x BLOCK: |what is outside| */
     double *theta, *W;         /* eigenvalues descending, vectors as columns */
-    int passes;
     struct workspace space;    /* of all these */
 };
 
@@ -201,7 +200,6 @@ static void pass(struct krylov *k, int b)
     } else {
         gram_on_samples(k->w, X, b, k->Z, T);
     }
-    k->passes++;
     cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, all, b, k->near, 1, k->K, k->near, k->Z,
                 k->near, 0, k->H + (size_t)k->count * (size_t)k->room, k->room);
     for (int j = k->count; j < all; j++)
@@ -435,8 +433,7 @@ static struct linear_operator wide_operator(const struct wide *w)
 
 /* The graded case: triplets of A itself, down to rounding. */
 static enum modal_status by_lanczos(const struct wide *w, const struct pod_options *opt,
-                                    struct pod *pod, struct wide_cost *cost,
-                                    struct modal_error *err)
+                                    struct pod *pod, struct modal_error *err)
 {
     int most = opt->rank > 0 ? opt->rank
         : opt->most > 0      ? opt->most
@@ -476,7 +473,6 @@ static enum modal_status by_lanczos(const struct wide *w, const struct pod_optio
             pod->modes.x[c + (size_t)i * (size_t)w->S] = UT.x[i + (size_t)c * (size_t)most];
     }
     pod->count = pod->signals.n = pod->modes.n = n;
-    cost->passes += 2 * found.steps, cost->lanczos = true;
 out:
     free(UT.x);
     return rc;
@@ -488,7 +484,7 @@ double wide_rms(const struct wide *w, int c)
 }
 
 /* |A|_F^2: L for every channel of unit rms, a pass where there is no scale. */
-static double energy_of(const struct wide *w, struct wide_cost *cost)
+static double energy_of(const struct wide *w)
 {
     double sum = 0;
 
@@ -504,18 +500,16 @@ static double energy_of(const struct wide *w, struct wide_cost *cost)
         sum += r * r;
         wide_passed(w, k);
     }
-    cost->passes++;
     return sum;
 }
 
 enum modal_status wide_pod(const struct wide *w, const struct wide_options *options,
-                           struct pod *out, struct wide_cost *cost, struct modal_error *err)
+                           struct pod *out, struct modal_error *err)
 {
     struct wide_options opt = options != NULL ? *options : (struct wide_options) { .tolerance = 0 };
     struct krylov k = { 0 };
     struct pod pod = { .energy = 1 };
-    struct wide_cost spent = { 0 };
-    double energy = energy_of(w, &spent), sum = 0, all = 0;
+    double energy = energy_of(w), sum = 0, all = 0;
     int kept = 0;
     bool trusted = true;
     enum modal_status rc = MODAL_OK;
@@ -528,10 +522,9 @@ enum modal_status wide_pod(const struct wide *w, const struct wide_options *opti
         goto out;
     }
     rc = iterate(&k, &opt, energy, &kept, &trusted, err);
-    spent.passes += k.passes;
     if (rc != MODAL_OK)
         goto out;
-    rc = trusted ? finish(&k, kept, &pod, err) : by_lanczos(w, &opt.pod, &pod, &spent, err);
+    rc = trusted ? finish(&k, kept, &pod, err) : by_lanczos(w, &opt.pod, &pod, err);
     if (rc != MODAL_OK)
         goto out;
     for (int i = 0; trusted && i < k.count; i++)
@@ -541,8 +534,6 @@ enum modal_status wide_pod(const struct wide *w, const struct wide_options *opti
     pod.energy = trusted && all > 0 ? fmin(sum / all, 1) : 1;
     *out = pod;
     pod = (struct pod) { 0 };
-    if (cost != NULL)
-        *cost = spent;
 out:
     pod_done(&pod);
     workspace_free(&k.space);

@@ -33,15 +33,12 @@ struct wide_options {
     double tolerance;        /* relative residual of the triplets kept; 0: 1e-8 */
 };
 
-/* times the data were read; whether the graded fallback was needed */
-struct wide_cost { int passes; bool lanczos; };
-
 /*
  * Leading proper orthogonal modes as pod_reduce gives them, `signals` in scaled units.  Memory:
- * about S + L times some 100 numbers, and never a copy of the data. cost may be NULL.
+ * about S + L times some 100 numbers, and never a copy of the data.
  */
 enum modal_status wide_pod(const struct wide *w, const struct wide_options *opt, struct pod *out,
-                           struct wide_cost *cost, struct modal_error *err);
+                           struct modal_error *err);
 
 /*
  * In order and unscaled, Q being L x k of leading dimension L:

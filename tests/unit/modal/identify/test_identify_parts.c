@@ -132,9 +132,10 @@ TEST(the_hankel_pair_is_equation_14_and_its_products_are_the_matrixs)
 
     for (int c = 0; c < 3; c++) {
         struct hankel h = { &Y, 2, 4, shifts[c] == 1 ? 9 : shifts[c] == 3 ? 8 : 4, shifts[c] };
+        struct hankel later = { &Y, 2 + h.shift, 4, h.columns, h.shift };
         struct matrix H0 = { 8, h.columns, 8, h0 }, H1 = { 8, h.columns, 8, h1 };
         CHECK(hankel_check(&h, NULL) == MODAL_OK);
-        hankel_form(&h, 0, &H0), hankel_form(&h, 1, &H1);
+        hankel_form(&h, &H0), hankel_form(&later, &H1);
         for (int i = 0; i < 4; i++)
             for (int l = 0; l < h.columns; l++)
                 for (int s = 0; s < 2; s++) {
@@ -143,14 +144,14 @@ TEST(the_hankel_pair_is_equation_14_and_its_products_are_the_matrixs)
                 }
         for (int l = 0; l < 9; l++)
             x[l] = cos(l);
-        hankel_apply(&h, 1, x, u);
+        hankel_apply(&later, x, u);
         for (int i = 0; i < 8; i++) {
             direct = 0;
             for (int l = 0; l < h.columns; l++)
                 direct += h1[i + l * 8] * x[l];
             CHECK_NEAR(u[i], direct, 1e-14);
         }
-        hankel_apply_transpose(&h, 0, u, product);
+        hankel_apply_transpose(&h, u, product);
         for (int l = 0; l < h.columns; l++) {
             direct = 0;
             for (int i = 0; i < 8; i++)
@@ -235,12 +236,12 @@ TEST(the_four_matrices_share_the_multipliers_and_q_and_b_add_only_zeros)
     double vs[N * R], svu[N * M], usu[M * M], Q[M * M], B[N * N], Qh[R * R], Bh[R * R], uth1[R * N];
     struct matrix Y = { 40, 1, 40, y }, H0 = { M, N, M, h0 }, H1 = { M, N, M, h1 },
                   C = { M, N, M, copy }, U = { M, N, M, u }, VT = { N, N, N, vt };
-    struct hankel h = { &Y, 0, M, N, 1 };
+    struct hankel h = { &Y, 0, M, N, 1 }, later = { &Y, 1, M, N, 1 };
     const double complex rho[R] = { cexp(-0.02 + 0.7 * I), cexp(-0.02 - 0.7 * I),
                                     cexp(-0.05 + 1.9 * I), cexp(-0.05 - 1.9 * I), exp(-0.1) };
 
     three_modes(y, 40);
-    hankel_form(&h, 0, &H0), hankel_form(&h, 1, &H1);
+    hankel_form(&h, &H0), hankel_form(&later, &H1);
     memcpy(copy, h0, sizeof h0);
     CHECK(svd_thin(&C, s, &U, &VT, NULL) == MODAL_OK);
     for (int i = 0; i < N; i++)                                   /* V S^{-1} */
@@ -292,8 +293,8 @@ TEST(a_rank_without_a_singular_value_is_refused)
     struct transition t = { 2, s, G };
     double complex rho[3] = { 7, 7, 7 };
 
-    CHECK(transition_multipliers(&t, IDENTIFY_AUTO, 2, rho, NULL, NULL) == MODAL_BAD_INPUT);
-    CHECK(transition_multipliers(&t, IDENTIFY_AUTO, 3, rho, NULL, NULL) == MODAL_BAD_INPUT);
+    CHECK(transition_multipliers(&t, IDENTIFY_AUTO, 2, rho, NULL) == MODAL_BAD_INPUT);
+    CHECK(transition_multipliers(&t, IDENTIFY_AUTO, 3, rho, NULL) == MODAL_BAD_INPUT);
     CHECK(rho[0] == 7);
 }
 
@@ -306,7 +307,7 @@ TEST(pronys_method_is_the_square_autoregressive_case)
     double y[2 * N], h0[N * N], h1[N * N], inverse[N * N], B[N * N], s[N], u[N * N], vt[N * N];
     struct matrix Y = { 2 * N, 1, 2 * N, y }, H0 = { N, N, N, h0 }, H1 = { N, N, N, h1 },
                   U = { N, N, N, u }, VT = { N, N, N, vt };
-    struct hankel h = { &Y, 0, N, N, 1 };
+    struct hankel h = { &Y, 0, N, N, 1 }, later = { &Y, 1, N, N, 1 };
     const double complex rho[2] = { 0.95 * cexp(0.8 * I), 1.02 * cexp(1.7 * I) };
     /* (z - rho1)(z - rho1*)(z - rho2)(z - rho2*) = z^4 - a3 z^3 - ... */
     const double p1 = -2 * creal(rho[0]), q1 = 0.95 * 0.95, p2 = -2 * creal(rho[1]),
@@ -315,7 +316,7 @@ TEST(pronys_method_is_the_square_autoregressive_case)
 
     for (int k = 0; k < 2 * N; k++)
         y[k] = creal(cpow(rho[0], k)) + 0.7 * cimag((0.3 + I) * cpow(rho[1], k));
-    hankel_form(&h, 0, &H0), hankel_form(&h, 1, &H1);
+    hankel_form(&h, &H0), hankel_form(&later, &H1);
     CHECK(svd_thin(&H0, s, &U, &VT, NULL) == MODAL_OK);
     for (int i = 0; i < N; i++)
         for (int j = 0; j < N; j++) {
@@ -575,7 +576,6 @@ TEST(nearly_equal_multipliers_keep_their_coefficients)
     CHECK(synthesis_fit(lambda, 2, 1, &Y, NULL, &s, NULL) == MODAL_OK);
     CHECK_NEAR(creal(s.coefficient[0]) * exp(-s.reference[0]), 1.7, 1e-9);
     CHECK_NEAR(creal(s.coefficient[1]), -0.6, 1e-9);
-    CHECK(s.condition > 1e5 && s.condition < 1e6);
     synthesis_done(&s);
 }
 

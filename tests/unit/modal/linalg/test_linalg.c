@@ -211,17 +211,15 @@ TEST(least_squares_is_indifferent_to_the_scale_of_its_columns)
 {
     const double scales[3] = { 1e-150, 1, 1e150 }, x[3] = { 2.385, -0.71, 1.3 };
     struct matrix A = random_matrix(8, 3, 8, 21), B = random_matrix(8, 1, 8, 1);
-    struct least_squares ls;
 
     for (int i = 0; i < 8; i++)
         B.x[i] = A.x[i] * x[0] + A.x[i + 8] * x[1] + A.x[i + 16] * x[2];
     for (int j = 0; j < 3; j++)
         for (int i = 0; i < 8; i++)
             A.x[i + j * 8] *= scales[j];
-    CHECK(least_squares_solve(&A, &B, 0, &ls, NULL) == MODAL_OK);
+    CHECK(least_squares_solve(&A, &B, NULL) == MODAL_OK);
     for (int j = 0; j < 3; j++)
-        CHECK_NEAR(B.x[j] * scales[j], x[j], 50 * ls.condition * DBL_EPSILON);
-    CHECK(ls.rank == 3 && ls.condition < 100);
+        CHECK_NEAR(B.x[j] * scales[j], x[j], 1e-12);
     free(A.x), free(B.x);
 }
 
@@ -229,10 +227,8 @@ TEST(least_squares_gives_equal_columns_equal_shares_and_a_zero_column_nothing)
 {
     double a[12] = { 1, 2, 3, 4, 1, 2, 3, 4, 0, 0, 0, 0 }, b[4] = { 3, 6, 9, 12 };
     struct matrix A = { 4, 3, 4, a }, B = { 4, 1, 4, b };
-    struct least_squares ls;
 
-    CHECK(least_squares_solve(&A, &B, 0, &ls, NULL) == MODAL_OK);
-    CHECK(ls.rank == 1);
+    CHECK(least_squares_solve(&A, &B, NULL) == MODAL_OK);
     CHECK_NEAR(b[0], 1.5, 1e-14);
     CHECK_NEAR(b[1], 1.5, 1e-14);
     CHECK(b[2] == 0);

@@ -186,8 +186,9 @@ static enum modal_status choose_channels(const struct batch *b, const struct ide
 }
 
 /* The part of rows [*first, *last] that is one free response is told, and taken where it was asked
- * for, or the record is very long; of other responses nobody looks for it unasked. Periodic systems follow no recurrence of one sample to the next,
- * and what is larger than memory is not read once more. */
+ * for, or the record is very long; of other responses nobody looks for it unasked. Periodic systems
+ * follow no recurrence of one sample to the next, and what is larger than memory is not read once
+ * more. */
 static enum modal_status propose(const struct batch *b, const struct identify_options *opt,
                                  struct record *r, size_t *first, size_t *last,
                                  struct modal_error *err)

@@ -1,6 +1,6 @@
 /* Tests as well: torus_laws.c torus_set.c torus_tone.c torus_newton.c torus_begin.c torus_error.c
- * torus_march.c torus_stand.c torus_pieces.c torus_maps.c torus_from.c torus_stability.c torus_solve.c
- * torus_slopes.c torus_taylor.c torus_fold.c
+ * torus_march.c torus_stand.c torus_pieces.c torus_maps.c torus_from.c torus_stability.c
+ * torus_solve.c torus_slopes.c torus_taylor.c torus_fold.c
  *
  * Motions of several tones. */
 #include <math.h>

@@ -661,6 +661,35 @@ static enum modal_status need_room(struct condense *c, int H, struct modal_error
     return MODAL_OK;
 }
 
+/* S_0 and p_0, both 0 before, which no frequency changes: factored once, beside modes. */
+static enum modal_status recall_rest(struct condense *c, double complex *S, double complex *p,
+                                     struct modal_error *err)
+{
+    double complex *kept = c->kept_right;
+    double level = c->level;
+    size_t q = (size_t)c->q;
+    enum modal_status rc = MODAL_OK;
+
+    if (c->rest == NULL) {
+        c->rest = workspace_zeros(&c->space, q * (q + 1), sizeof *c->rest);
+        if (c->rest == NULL)
+            return modal_fail(err, MODAL_NO_MEMORY, "condense: no memory for rest");
+        c->kept_right = NULL;                           /* recovery makes its own */
+        c->level = 1;
+        rc = condense_factor_at(c, 0, 0, c->rest, c->rest + q * q, err);
+        c->level = level;
+        c->kept_right = kept;
+    }
+    if (rc != MODAL_OK) {
+        c->rest = NULL;
+        return rc;
+    }
+    memcpy(S, c->rest, q * q * sizeof *S);
+    for (size_t i = 0; i < q; i++)
+        p[i] = level * c->rest[q * q + i];
+    return MODAL_OK;
+}
+
 enum modal_status condense_at(struct condense *c, double omega, double level, int H,
                               double complex *S, double complex *p, struct modal_error *err)
 {
@@ -676,6 +705,8 @@ enum modal_status condense_at(struct condense *c, double omega, double level, in
     c->solved = !c->reduced;                     /* modes leave recovery for when it is asked for */
     memset(S, 0, entries * ((size_t)H + 1) * sizeof *S);
     memset(p, 0, q * ((size_t)H + 1) * sizeof *p);
+    if (c->reduced && rc == MODAL_OK)
+        rc = recall_rest(c, S, p, err);
     if (c->reduced)
         condense_reduced_at(c, H, S, p);
     else if (rc == MODAL_OK && c->sparse)

@@ -14,7 +14,8 @@
  *
  *     1 / (x + i y) = (x - i y) / (x^2 + y^2),   x = lambda - s^2,   y = s c,                   (5)
  *
- * eight harmonics at a time.  alpha and M_rq both not 0 are left to factoring.
+ * eight harmonics at a time.  alpha and M_rq both not 0 are left to factoring, and so is rest,
+ * once: where nothing holds a body, (3) leaves S_0 what rounding made of lambda.
  *
  * A tridiagonal K_rr with diagonal M_rr, a chain, has its modes in O(n^2).
  */
@@ -163,15 +164,17 @@ void condense_kept_block(struct condense *c, double s, double complex *S)
 
 void condense_reduced_at(struct condense *c, int H, double complex *S, double complex *p)
 {
-    for (int k = 0; k <= H; k++)
-        condense_kept_block(c, k * c->omega, S + (size_t)k * (size_t)c->q * (size_t)c->q);
+    size_t q = (size_t)c->q;
+
+    for (int k = 1; k <= H; k++)
+        condense_kept_block(c, k * c->omega, S + (size_t)k * q * q);
     for (int l = 0; l < c->loads; l++) {
         const struct condense_load *load = &c->load[l];
 
-        if (load->k <= H && c->place[load->dof] >= 0)
+        if (load->k > 0 && load->k <= H && c->place[load->dof] >= 0)
             p[load->k * c->q + c->place[load->dof]] += c->level * load->value;
     }
-    for (int first = 0; first <= H; first += LANES)     /* the last may be of fewer */
+    for (int first = 1; first <= H; first += LANES)     /* the last may be of fewer */
         modes_at(c, first, H, S, p);
 }
 

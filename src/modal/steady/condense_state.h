@@ -58,6 +58,8 @@ struct condense {
     double *lambda, *damping;
     double *ak, *am;                 /* phi^T K_rq, M_rq: r x q */
     double *weight;                  /* [i][j][4][r]: see weights() */
+    double complex *rest;            /* S_0 and p_0 of level 1, q x (q + 1), by factoring; NULL: not
+                                      * yet */
 };
 
 /* What a matrix of type T (PROGRAM_M, _C, _K) is multiplied by at s = k omega, (1) of
@@ -80,7 +82,7 @@ bool condense_lacks(const struct condense *c, int k);
 /* Room for one more harmonic, which is stale.  Fails with MODAL_NO_MEMORY. */
 enum modal_status condense_add_harmonic(struct condense *c, struct modal_error *err);
 
-/* S and p, both 0 before, of all harmonics 0 .. H by (3) of condense_modes.c, once condense_reduce
+/* S and p, both 0 before, of harmonics 1 .. H by (3) of condense_modes.c, once condense_reduce
  * is done. */
 void condense_reduced_at(struct condense *c, int H, double complex *S, double complex *p);
 /* Lambda at s onto S where every dof is kept and the pattern is not full; else false. */

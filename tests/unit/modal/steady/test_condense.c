@@ -151,3 +151,42 @@ TEST(a_point_with_its_error_factors_nothing_after_one_on_the_same_structure)
     program_free(p);
     program_free(next);
 }
+
+/* 60 masses in a row that nothing holds, one of them kept: what moves all of them alike meets no
+ * force at rest.  Modes alone left a stiffness of some 1e-15 there, which held the mean. */
+TEST(modes_of_a_body_that_nothing_holds_leave_nothing_at_rest)
+{
+    enum { FREE = 60 };
+    char text[4096], *at = text;
+    double complex S[HARMONICS + 1], p[HARMONICS + 1], by_factors[HARMONICS + 1],
+        load[HARMONICS + 1];
+    struct modal_error err = { 0 };
+    struct program *of;
+    struct condense *c;
+    bool done = false;
+
+    at += sprintf(at, "{'omega':0.3,'structure':{'type':'chain','masses':[1");
+    for (int i = 1; i < FREE; i++)
+        at += sprintf(at, ",1");
+    for (int d = 0; d < 2; d++) {
+        at += sprintf(at, "],'%s':[0", d == 0 ? "springs" : "dampers");
+        for (int i = 1; i < FREE; i++)
+            at += sprintf(at, d == 0 ? ",1.7" : ",0.051");
+        at += sprintf(at, ",0");
+    }
+    sprintf(at, "]},'effects':[{'type':'gap','dof':'x7','stiffness':5,'clearance':0.3}],"
+                "'excitation':[{'dof':'x20','k':1,'cos':1},{'dof':'x50','k':0,'cos':0.3}]}");
+    of = program_text(text);
+    CHECK(condense_new(of, CONDENSE_LINEAR, &c, &err) == MODAL_OK && condense_kept(c) == 1);
+    CHECK(condense_at(c, OMEGA, 2, HARMONICS, by_factors, load, &err) == MODAL_OK);
+    CHECK(condense_reduce(c, &done, &err) == MODAL_OK && done);
+    CHECK(condense_at(c, OMEGA, 2, HARMONICS, S, p, &err) == MODAL_OK);
+    CHECK(S[0] == 0);
+    CHECK_NEAR(cabs(p[0] - 0.6), 0, 1e-12);       /* all of the load, at level 2 */
+    for (int k = 0; k <= HARMONICS; k++) {
+        CHECK_NEAR(cabs(S[k] - by_factors[k]), 0, 1e-11 * cabs(by_factors[1]));
+        CHECK_NEAR(cabs(p[k] - load[k]), 0, 1e-11 * cabs(load[1]));
+    }
+    condense_free(c);
+    program_free(of);
+}

@@ -201,7 +201,7 @@ static enum modal_status ask_mean(struct steady *s, struct balance *b, struct st
 {
     enum modal_status rc;
 
-    if (s->jumps || steady_factor_work(s, b->H) > SHARE_OF_LOOK * s->budget.most)
+    if (steady_factor_work(s, b->H) > SHARE_OF_LOOK * s->budget.most)
         return MODAL_OK;
     rc = balance_residual(b, point->X, false, err);
     if (rc == MODAL_OK)

@@ -681,13 +681,17 @@ enum modal_status estimate_sharpen(struct steady *s, struct balance *b, struct s
         point->X[i] = (4 * c - a) / 3;                  /* c_2/H^2 out */
         point->sampling = fmax(point->sampling, cabs(point->X[i] - c));  /* what that moved */
     }
+    rc = balance_residual(b, point->X, false, err);
+    if (rc == MODAL_OK)
+        rc = estimate_mean(b, &point->open, err);
     for (int i = 0; i < q; i++)
         for (int k = 0; k <= H; k++)
             E[i * K2 + k] = low[i * K2 + k] = point->X[i * (H + 1) + k];
     /* Recovery of the dofs taken out, at so many harmonics: S itself is not used. */
-    rc = condense_at(s->c, point->omega, 1, H2, S, load, err);
     if (rc == MODAL_OK)
-        rc = peak_of_change(s, E, low, H2, false, &point->error, &point->amplitude, err);
+        rc = condense_at(s->c, point->omega, 1, H2, S, load, err);
+    if (rc == MODAL_OK)
+        rc = peak_of_change(s, E, low, H2, point->open, &point->error, &point->amplitude, err);
     point->truncation = point->error;
     point->error += point->sampling;
     point->solver = point->step * point->amplitude;

@@ -374,6 +374,37 @@ TEST(a_search_beside_a_motion_at_rest_counts_its_own_first_answer)
     program_free(p);
 }
 
+/* Masses that nothing holds rub on each other: where they are is of no law, by way of events and,
+ * beside a stop between them, by balances of more and more harmonics alike. */
+TEST(rigid_friction_within_a_free_body_leaves_its_mean_undetermined)
+{
+    static const char *const body =
+        "{\"structure\":{\"type\":\"chain\",\"masses\":[1,1,1],\"springs\":[%s,1,1,0],"
+        "\"dampers\":[0,0.02,0.02,0]},\"omega\":0.9,\"effects\":[{\"type\":\"coulomb\","
+        "\"dof\":\"x1\",\"to\":\"x2\",\"limit\":0.02}%s],"
+        "\"excitation\":[{\"dof\":\"x1\",\"k\":1,\"cos\":1}]}";
+    static const char *const stop =
+        ",{\"type\":\"gap\",\"dof\":\"x1\",\"to\":\"x2\",\"stiffness\":2,\"clearance\":0.2}";
+
+    for (int r = 0; r < 4; r++) {
+        struct steady_options opt = { .harmonics = 9 };
+        struct steady_point point;
+        struct program *p;
+        struct steady *s;
+        char text[1024];
+
+        snprintf(text, sizeof text, body, r < 2 ? "0" : "0.1", r % 2 == 0 ? "" : stop);
+        p = lower(text);
+        solve(p, &opt, &s, &point);
+        CHECK(point.converged && point.open == (r < 2));
+        CHECK(r % 2 == 0 ? strcmp(point.method, "events") == 0
+                         : strcmp(point.method, "events") != 0);
+        steady_point_done(&point);
+        steady_free(s);
+        program_free(p);
+    }
+}
+
 /* Two masses, K and C full; R_k = (K - k^2 w^2 M + i k w C) X_k - P_k multiplied out here from the
  * X reported. */
 TEST(a_linear_scene_reports_the_residual_of_its_equation_of_motion)

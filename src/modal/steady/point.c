@@ -175,6 +175,8 @@ void steady_allow_work(struct steady *s)
     s->budget = (struct budget){ .most = fmax(most, asked) };  /* from 0 */
 }
 
+double steady_least_work(void) { return WORK_FEW; }
+
 int steady_counted_dof(const struct steady *s, int i)
 {
     return s->opt.dofs != NULL ? s->opt.dofs[i] : i;

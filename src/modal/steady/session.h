@@ -54,6 +54,8 @@ struct iterate_options steady_iterate_options(const struct steady *s);
 double steady_factor_work(const struct steady *s, int H);
 /* The budget of a solution begins. */
 void steady_allow_work(struct steady *s);
+/* The least that it is, of few dofs. */
+double steady_least_work(void);
 /* The I-th of the dofs whose errors count. */
 int steady_counted_dof(const struct steady *s, int i);
 /* The error asked for, relative to the largest displacement. */

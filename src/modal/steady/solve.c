@@ -44,7 +44,9 @@ static const double WORK_LINEAR = 3e5;
  * unstable one a stable one is sought with the rest. */
 static const double SHARE_OF_ORDERS = 0.5;
 /* Of what is left of the budget, what a search for others than the motion known may cost before
- * what it found is carried on, which has the rest. */
+ * what it found is carried on, which has the rest.  Nobody knows whether there are others: past
+ * this share of the least budget the search costs no more than the motion and its verdict did, so
+ * that of many dofs both take at most twice what is known. */
 static const double SHARE_OF_SEARCH = 0.5;
 enum {
     H_AUTO_MOST = 256,       /* the last one that is tried unasked */
@@ -316,23 +318,31 @@ static enum modal_status widen_all(struct steady *s, const struct balance *few,
     return rc == MODAL_OK ? balance_set(b, few->omega, 1, err) : rc;
 }
 
-/* All solutions of B, whose one is X if that is not NULL: sought with so few harmonics that the
- * SHARE of what is left of the budget reaches, and carried on; *ENDED: it was spent before. */
+/* What a search for others may cost, beside a motion that is KNOWN. */
+static double search_may_cost(const struct steady *s, bool known)
+{
+    double left = fmax(0, s->budget.most - s->budget.spent),
+           least = SHARE_OF_SEARCH * steady_least_work();
+
+    return known ? fmin(SHARE_OF_SEARCH * left, fmax(least, s->budget.spent)) : left;
+}
+
+/* All solutions of B, whose one is X if that is not NULL: sought with so few harmonics that MAY
+ * operations reach, and carried on; *ENDED: they were spent before. */
 static enum modal_status search(struct steady *s, struct balance *b, const double complex *X,
-                                double share, struct solutions *found, bool *ended,
+                                double may, struct solutions *found, bool *ended,
                                 struct modal_error *err)
 {
     struct solutions_options opt = { .cancelled = s->opt.cancelled, .context = s->opt.context };
     struct solutions coarse = { 0 };
     int load = condense_highest_load(s->c), H = b->H;
     struct balance *few = b;
-    double omega = b->omega, most = s->budget.most, may;
+    double omega = b->omega, most = s->budget.most, starts = fmin(most / SEARCH_SHARE, may);
     bool same;
     enum modal_status rc = MODAL_OK;
 
-    may = fmin(most / SEARCH_SHARE, share * fmax(0, most - s->budget.spent));
     while ((H + 1) / 2 >= H_SEARCH && H / 2 > 2 * load
-           && SEARCHES * steady_factor_work(s, H) > may)
+           && SEARCHES * steady_factor_work(s, H) > starts)
         H = (H + 1) / 2;                             /* cheaper by eight where the matrix is full */
     same = H == b->H || s->opt.samples > 0;
     if (X != NULL)
@@ -341,7 +351,7 @@ static enum modal_status search(struct steady *s, struct balance *b, const doubl
         rc = steady_balance(s, H, &few, err);
     if (rc == MODAL_OK)
         rc = balance_set(few, omega, 1, err);
-    s->budget.most -= (1 - share) * fmax(0, most - s->budget.spent);
+    s->budget.most = fmin(most, s->budget.spent + may);
     if (rc == MODAL_OK)
         rc = solutions_along_levels(few, &opt, same ? found : &coarse, err);
     if (rc == MODAL_OK)
@@ -385,7 +395,7 @@ enum modal_status steady_solve_all(struct steady *s, double omega, const struct 
         steady_allow_work(s);                           /* of KNOWN's budget the search is part */
     if (rc == MODAL_OK)
         rc = search(s, b, list[0].converged ? list[0].X : NULL,
-                    known != NULL ? SHARE_OF_SEARCH : 1, &found, &ended, err);
+                    search_may_cost(s, known != NULL), &found, &ended, err);
     if (rc == MODAL_OK && found.count > 0) {
         /* The first way that led to any of them names all. */
         const char *method = list[0].converged ? list[0].method : "multi-start";

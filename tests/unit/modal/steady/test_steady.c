@@ -287,17 +287,17 @@ static void drop_points(struct steady_point *points, int count, struct steady_po
     steady_point_done(known);
 }
 
+static const char *const three_motions =
+    "{\"structure\":{\"type\":\"matrices\",\"M\":[[1]],\"C\":[[0.05]],\"K\":[[1]]},"
+    "\"omega\":1.5,\"effects\":[{\"type\":\"cubic_spring\",\"dof\":\"x1\",\"coefficient\":1}],"
+    "\"excitation\":[{\"dof\":\"x1\",\"k\":1,\"cos\":0.3}]}";
+
 /* A hardening spring past its resonance has three motions; work for none but the one known ends the
  * search for others. */
 TEST(a_search_for_other_motions_that_its_work_ends_says_so)
 {
-    static const char *const text =
-        "{\"structure\":{\"type\":\"matrices\",\"M\":[[1]],\"C\":[[0.05]],\"K\":[[1]]},"
-        "\"omega\":1.5,\"effects\":[{\"type\":\"cubic_spring\",\"dof\":\"x1\","
-        "\"coefficient\":1}],\"excitation\":[{\"dof\":\"x1\",\"k\":1,\"cos\":0.3}]}";
-
     for (int r = 0; r < 2; r++) {
-        struct program *p = lower(text);
+        struct program *p = lower(three_motions);
         struct steady_options opt = { .harmonics = 5 };
         struct steady_point known, *points;
         struct steady *s;
@@ -314,6 +314,65 @@ TEST(a_search_for_other_motions_that_its_work_ends_says_so)
         steady_free(s);
         program_free(p);
     }
+}
+
+/* The same spring with 31 harmonics: what is left after nine tenths of the budget would not take a
+ * search at 16 of them to its end, which the whole of it takes; at 8 it finds all three. */
+TEST(a_search_takes_as_few_harmonics_as_what_is_left_of_the_work_asks_for)
+{
+    struct program *p = lower(three_motions);
+    struct steady_options opt = { .harmonics = 31 };
+    struct steady_point known, *points;
+    struct steady *s;
+    int count = 0;
+
+    solve(p, &opt, &s, &known);
+    CHECK(known.converged);
+    s->budget.spent = 0.9 * s->budget.most;
+    CHECK(steady_solve_all(s, p->omega, NULL, &known, &points, &count, NULL) == MODAL_OK);
+    CHECK(!points[0].unsought && count == 3);
+    drop_points(points, count, &known);
+    steady_free(s);
+    program_free(p);
+}
+
+/* Forty stops in a row: 240 starts of thirty steps each would cost billions of operations. */
+TEST(a_search_beside_a_motion_that_was_cheap_is_as_cheap_as_one_of_few_dofs)
+{
+    enum { STOPS = 40 };
+    char text[8192], *at = text;
+    struct steady_options opt = { .harmonics = 5 };
+    struct steady_point known, *points;
+    struct program *p;
+    struct steady *s;
+    double before;
+    int count = 0;
+
+    at += sprintf(at, "{\"omega\":0.3,\"structure\":{\"type\":\"chain\",\"masses\":[1");
+    for (int i = 1; i < STOPS; i++)
+        at += sprintf(at, ",1");
+    for (int d = 0; d < 2; d++) {
+        at += sprintf(at, "],\"%s\":[1", d == 0 ? "springs" : "dampers");
+        for (int i = 0; i < STOPS; i++)
+            at += sprintf(at, d == 0 ? ",1" : ",0.1");
+    }
+    at += sprintf(at, "]},\"excitation\":[{\"dof\":\"x1\",\"k\":1,\"cos\":0.5}],\"effects\":[");
+    for (int i = 1; i <= STOPS; i++)
+        at += sprintf(at, "%s{\"type\":\"gap\",\"dof\":\"x%d\",\"stiffness\":1,\"clearance\":0.3}",
+                      i > 1 ? "," : "", i);
+    sprintf(at, "]}");
+    p = lower(text);
+    solve(p, &opt, &s, &known);
+    before = s->budget.spent;
+    CHECK(known.converged && before < steady_least_work() / 4);
+    CHECK(s->budget.most > 4 * steady_least_work());
+    CHECK(steady_solve_all(s, p->omega, NULL, &known, &points, &count, NULL) == MODAL_OK);
+    CHECK(points[0].unsought);
+    /* a half, the step that it ends in, and errors of what is found */
+    CHECK(steady_work(s)->spent - before < 0.75 * steady_least_work());
+    drop_points(points, count, &known);
+    steady_free(s);
+    program_free(p);
 }
 
 /* What an answer has left after its verdict is for the search; verdicts that took as much as one

@@ -300,6 +300,16 @@ static double see(const struct law_end *end, int count, const double *x)
     return sum;
 }
 
+/* Whether G, constant, makes nothing of power K of what is seen AT: it is 0 now, or what is held
+ * has no such power. */
+static bool adds_nothing(const struct period_map *m, const struct period_channel *at,
+                         const struct change *g, int k)
+{
+    bool held = at->ins == 1 && at->in->dof >= m->n;
+
+    return g->count == 1 && (g->coefficient[0] == 0 || (held && k > 0));
+}
+
 /* What (2)'s sum adds at power K. */
 static void add_channels(struct period_map *m, int k, double h)
 {
@@ -309,6 +319,8 @@ static void add_channels(struct period_map *m, int k, double h)
         double *U = m->U + (size_t)c * (DEGREE_MOST + 1), sum = 0;
         int power = at->rate ? k + 1 : k;
 
+        if (adds_nothing(m, at, g, k))
+            continue;
         U[k] = see(at->in, at->ins, m->X + (size_t)power * (size_t)m->columns)
              * (at->rate ? power / h : 1);
         for (int i = 0; i <= k && i < g->count; i++)

@@ -130,6 +130,20 @@ TEST(one_growing_disturbance_among_hundreds_makes_a_motion_unstable)
     verdict_done(&v);
 }
 
+/* 210 sliders that never slip: each place is a multiplier of 1, and the others, of one modulus by
+ * damping by mass, are not told apart by what is spent to look for one outside. */
+TEST(a_slider_that_never_slips_leaves_a_motion_undecided_without_the_other_multipliers)
+{
+    struct verdict v = verdict_of(chain(
+        210, "1", 0.3, ",{'type':'friction','dof':'x%d','stiffness':0.3,'limit':10}",
+        "{'type':'rayleigh_damping','alpha':0.05,'beta':0}", PUSHED));
+
+    CHECK(v.reason == NULL && v.large.verdict == STABILITY_UNDECIDED);
+    CHECK(v.large.count == 1 && v.large.multiplier[0] == 1 && v.large.largest == 1);
+    CHECK(v.large.error == 0);
+    verdict_done(&v);
+}
+
 /* Damping 0.1 by mass of 420 states: all but a few multipliers of modulus exp(-0.05 T), none told
  * from its neighbours. */
 TEST(multipliers_too_many_of_one_modulus_are_bounded_and_the_motion_is_stable)

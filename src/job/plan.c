@@ -24,7 +24,7 @@ static double unit_cost(const struct law *law)
     for (int i = 0; i < CALIBRATION_CALLS; i++) {
         double d[LAW_INPUTS_MOST] = { (i % 16 - 8) * 1e-3, (i % 8 - 4) * 1e-3 },
                v[LAW_INPUTS_MOST] = { (i % 4 - 2) * 1e-3, 1e-3 };
-        struct law_point at = { 1e-3 * i, d, v, d, memory };
+        struct law_point at = { 1e-3 * i, d, v, memory };
         struct law_force f = { .memory = after };
         if (law->kind->force(law, &at, &f, NULL) != MODAL_OK)
             return 0;

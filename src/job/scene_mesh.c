@@ -180,7 +180,7 @@ static void bend(const struct remesh *r, const struct field *f, const cJSON *old
                                                            : r->from - 1;
         double xi = (double)j * r->from / r->to - e, n[4], slope[4], u = 0, s = 0;
 
-        hermite_shape(r->length / r->from, xi, n, slope, NULL);
+        hermite_shape(r->length / r->from, xi, n, slope);
         for (int i = 0; i < 4; i++) {
             double x = value_at(old, i % 2 ? f->slope : f->value, e + i / 2);
             u += n[i] * x;

@@ -97,6 +97,13 @@ static double value_at(const struct sparse *a, int i, int j)
     return low < a->start[i + 1] && a->index[low] == j ? a->value[low] : 0;
 }
 
+void sparse_mark(const struct sparse *a, int *place)
+{
+    for (int i = 0; a->start != NULL && i < a->m; i++)
+        for (int e = a->start[i]; e < a->start[i + 1]; e++)
+            place[i] = place[a->index[e]] = 1;
+}
+
 bool sparse_symmetric(const struct sparse *a, double tolerance)
 {
     for (int i = 0; a->start != NULL && i < a->m; i++)

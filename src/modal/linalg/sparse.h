@@ -35,6 +35,8 @@ void sparse_done(struct sparse *a);
 void sparse_multiply_add(const struct sparse *a, double alpha, const double *x, double *y);
 /* OUT += alpha A, m x n. */
 void sparse_add_to_dense(const struct sparse *a, double alpha, struct matrix *out);
+/* 1 into PLACE at the row and the column of every entry. */
+void sparse_mark(const struct sparse *a, int *place);
 /* Whether each entry differs from the one across the diagonal by no more than the part TOLERANCE of
  * itself. */
 bool sparse_symmetric(const struct sparse *a, double tolerance);

@@ -33,20 +33,17 @@ struct sparse_cholesky {
     cholmod_dense *room[2];       /* of solutions, CHOLMOD's own */
 };
 
-enum modal_status sparse_cholesky_new(int n, const int *start, const int *index,
-                                      const double *value, struct sparse_cholesky **out,
-                                      struct modal_error *err)
+struct sparse_cholesky *sparse_cholesky_new(int n, const int *start, const int *index,
+                                            const double *value)
 {
     struct sparse_cholesky *f = calloc(1, sizeof *f);
     cholmod_sparse A = { .nrow = (size_t)n, .ncol = (size_t)n, .nzmax = (size_t)start[n],
                          .p = (void *)start, .i = (void *)index, .x = (void *)value, .stype = 1,
                          .itype = CHOLMOD_INT, .xtype = CHOLMOD_REAL, .dtype = CHOLMOD_DOUBLE,
                          .sorted = 1, .packed = 1 };
-    int status;
 
-    *out = NULL;
     if (f == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "cholesky: no memory");
+        return NULL;
     f->n = n;
     cholmod_start(&f->common);
     f->common.print = 0;
@@ -57,15 +54,10 @@ enum modal_status sparse_cholesky_new(int n, const int *start, const int *index,
     f->factor = cholmod_analyze(&A, &f->common);
     if (f->factor != NULL)
         cholmod_factorize(&A, f->factor, &f->common);
-    status = f->common.status;
-    if (status == CHOLMOD_OK && f->factor->minor == f->factor->n) {
-        *out = f;
-        return MODAL_OK;
-    }
+    if (f->common.status == CHOLMOD_OK && f->factor->minor == f->factor->n)
+        return f;
     sparse_cholesky_free(f);
-    return status == CHOLMOD_OUT_OF_MEMORY || status == CHOLMOD_TOO_LARGE
-               ? modal_fail(err, MODAL_NO_MEMORY, "cholesky: no memory for the factor")
-               : MODAL_OK;
+    return NULL;
 }
 
 void sparse_cholesky_free(struct sparse_cholesky *f)
@@ -80,26 +72,20 @@ void sparse_cholesky_free(struct sparse_cholesky *f)
     free(f);
 }
 
-/* X <- the solution of SYSTEM, one of CHOLMOD's. */
-static bool solve(struct sparse_cholesky *f, int system, double *X, int columns)
+bool sparse_cholesky_solve(struct sparse_cholesky *f, double *X, int columns)
 {
     size_t n = (size_t)f->n, size = n * (size_t)columns;
     cholmod_dense B = { .nrow = n, .ncol = (size_t)columns, .nzmax = size, .d = n, .x = X,
                         .xtype = CHOLMOD_REAL, .dtype = CHOLMOD_DOUBLE },
                   *solution = NULL;
     bool ok = columns == 0
-              || cholmod_solve2(system, f->factor, &B, NULL, &solution, NULL, &f->room[0],
+              || cholmod_solve2(CHOLMOD_A, f->factor, &B, NULL, &solution, NULL, &f->room[0],
                                 &f->room[1], &f->common) != 0;
 
     if (ok && columns > 0)
         memcpy(X, solution->x, size * sizeof *X);
     cholmod_free_dense(&solution, &f->common);
     return ok;
-}
-
-bool sparse_cholesky_solve(struct sparse_cholesky *f, double *X, int columns)
-{
-    return solve(f, CHOLMOD_A, X, columns);
 }
 
 /* Columns `first` .. first + columns - 1 of L: entry (row[i], first + j) is x[j rows + i], the

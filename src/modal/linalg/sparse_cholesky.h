@@ -3,18 +3,16 @@
 #ifndef MODAL_SPARSE_CHOLESKY_H
 #define MODAL_SPARSE_CHOLESKY_H
 #include <stdbool.h>
-#include "base/error.h"
 
 struct sparse_cholesky;
 
 /*
  * Factors of the matrix of order N whose column j has VALUE[e] in row INDEX[e], START[j] <= e <
- * START[j + 1], ascending; the upper triangle is read, nothing is borrowed.  *OUT is NULL where it
- * is not positive.  Fails with MODAL_NO_MEMORY.
+ * START[j + 1], ascending; the upper triangle is read, nothing is borrowed.  NULL where it is not
+ * positive, or there is no memory.
  */
-enum modal_status sparse_cholesky_new(int n, const int *start, const int *index,
-                                      const double *value, struct sparse_cholesky **out,
-                                      struct modal_error *err);
+struct sparse_cholesky *sparse_cholesky_new(int n, const int *start, const int *index,
+                                            const double *value);
 void sparse_cholesky_free(struct sparse_cholesky *f);       /* NULL too */
 /* X <- A^-1 X, COLUMNS of n entries each; false: no memory, and X is as it was. */
 bool sparse_cholesky_solve(struct sparse_cholesky *f, double *X, int columns);

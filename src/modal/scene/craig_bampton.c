@@ -65,13 +65,6 @@ static enum modal_status part_of(const struct sparse *a, const int *row, const i
     return MODAL_OK;
 }
 
-static void mark_matrix(const struct sparse *a, int *place)
-{
-    for (int i = 0; a->start != NULL && i < a->m; i++)
-        for (int e = a->start[i]; e < a->start[i + 1]; e++)
-            place[i] = place[a->index[e]] = 1;
-}
-
 /* Those kept are 1 in place, which was 0; then their numbers, and the others' in spot. */
 static void choose_kept(struct making *m, const int *dofs, int count)
 {
@@ -89,8 +82,8 @@ static void choose_kept(struct making *m, const int *dofs, int count)
     }
     for (int h = 0; h < p->harmonics; h++)
         for (int t = 0; t < 3; t++) {
-            mark_matrix(&p->harmonic[h].cosine[t], m->place);
-            mark_matrix(&p->harmonic[h].sine[t], m->place);
+            sparse_mark(&p->harmonic[h].cosine[t], m->place);
+            sparse_mark(&p->harmonic[h].sine[t], m->place);
         }
     for (int i = 0; i < p->n; i++) {
         bool keep = m->place[i] != 0;

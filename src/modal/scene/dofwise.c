@@ -62,11 +62,8 @@ static bool sliders_apart(const struct program *p)
 
 bool dofwise_serves(const struct program *p)
 {
-    if (p->n == 0 || p->n_linear > 0 || p->seen_fixed || p->frame_speed != 0)
+    if (!program_of_dofs(p))
         return false;
-    for (int h = 0; h < p->harmonics; h++)
-        if (p->harmonic[h].cosine[PROGRAM_M].m > 0 || p->harmonic[h].sine[PROGRAM_M].m > 0)
-            return false;
     for (int l = 0; l < p->loads; l++)
         if (p->load[l].dof_sine >= 0)
             return false;
@@ -383,7 +380,7 @@ static enum modal_status law_part(struct dofwise *f, int law, double t, const do
 {
     const struct law *l = &f->p->law[law];
     double d[LAW_INPUTS_MOST], rate[LAW_INPUTS_MOST], after[MEMORY_MOST];
-    struct law_point at = { t, d, rate, d, memory + f->memory[law] };
+    struct law_point at = { t, d, rate, memory + f->memory[law] };
     struct law_force out;
     struct law_watch *watch = &f->watch[law];
     enum modal_status rc;
@@ -434,21 +431,20 @@ static enum modal_status begin_watch(struct dofwise *f, int law, double t, doubl
                                      const double *x, const double *v, const double *memory,
                                      struct modal_error *err)
 {
-    double d[LAW_INPUTS_MOST], before[LAW_INPUTS_MOST], after[MEMORY_MOST];
+    double d[LAW_INPUTS_MOST], after[MEMORY_MOST];
     const struct law *l = &f->p->law[law];
     struct law_watch *watch = &f->watch[law];
-    struct law_point at = { t + MOMENT * h, d, watch->rate, before,
-                            memory + f->memory[law] };
+    struct law_point at = { t + MOMENT * h, d, watch->rate, memory + f->memory[law] };
     struct law_force out = { .memory = after };
     enum modal_status rc;
 
     /* with two inputs a piece may end while neither turns: a slider whose bound changes */
     *watch = (struct law_watch){ .mixed = l->kind->inputs > 1 };
-    inputs_of(l, x, v, before, watch->rate);
+    inputs_of(l, x, v, d, watch->rate);
     if (watch->mixed || l->kind->smooth || l->kind->set_valued)
         return MODAL_OK;
     for (int k = 0; k < l->kind->inputs; k++)
-        d[k] = before[k] + MOMENT * h * watch->rate[k];
+        d[k] += MOMENT * h * watch->rate[k];
     rc = l->kind->force(l, &at, &out, err);
     f->evaluations[law]++;
     watch->regime = out.regime;
@@ -556,7 +552,7 @@ enum modal_status dofwise_remember(struct dofwise *f, const struct dof_set *set,
         const struct law *l = &f->p->law[set->law[k]];
         double d[LAW_INPUTS_MOST], rate[LAW_INPUTS_MOST], left[MEMORY_MOST];
         int place = f->memory[set->law[k]];
-        struct law_point at = { t, d, rate, d, memory + place };
+        struct law_point at = { t, d, rate, memory + place };
         struct law_force out = { .memory = left };
         if (l->kind->set_valued) {
             rc = choose_way(f, set->law[k], t, x, v, memory, after, err);

@@ -31,6 +31,7 @@
 #include <string.h>
 #include "modal/linalg/eigen.h"
 #include "modal/scene/dofwise.h"
+#include "modal/scene/hill_found.h"
 #include "modal/scene/hill_leading.h"
 #include "modal/scene/leading.h"
 #include "modal/scene/magnus.h"
@@ -275,14 +276,6 @@ static int first_products(const struct period_map *map)
     return products_most(map, WORK_ALL) >= all ? all : products_most(map, WORK_FIRST);
 }
 
-/* By a residual and the eigenvalue's condition, as of Phi. */
-static double leading_bar(double residual, double condition)
-{
-    double least = fmax(residual, DBL_EPSILON);
-
-    return fmin(condition * least, fmax(sqrt(least), least));
-}
-
 /* COUNT multipliers into F, with bars as the opening has them. */
 static enum modal_status take_leading(int count, const double complex *w, const double *residual,
                                       const double *condition, double period, struct floquet *f,
@@ -294,11 +287,11 @@ static enum modal_status take_leading(int count, const double complex *w, const 
         double parted = 0;                       /* from those that may be the same */
 
         for (int j = 0; j < count; j++)
-            if (cabs(w[i] - w[j]) <= 2 * (leading_bar(residual[i], condition[i])
-                                          + leading_bar(residual[j], condition[j])))
+            if (cabs(w[i] - w[j]) <= 2 * (hill_motion_bar(residual[i], condition[i])
+                                          + hill_motion_bar(residual[j], condition[j])))
                 parted = fmax(parted, cabs(w[i] - w[j]));
         f->multiplier[i] = w[i];
-        f->bar[i] = leading_bar(residual[i], condition[i]) + parted / 2;
+        f->bar[i] = hill_motion_bar(residual[i], condition[i]) + parted / 2;
         f->error = fmax(f->error, residual[i]);
         f->resolved[i] = cabs(f->multiplier[i]) > f->bar[i];
         f->exponent[i] = f->resolved[i] ? exponent_of(f->multiplier[i], period) : 0;

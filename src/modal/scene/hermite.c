@@ -40,7 +40,7 @@ void hermite_slope(double h, double g[16])
     scaled(table, 1 / (30 * h), h, g);
 }
 
-void hermite_shape(double h, double xi, double n[4], double slope[4], double curvature[4])
+void hermite_shape(double h, double xi, double n[4], double slope[4])
 {
     n[0] = 1 - xi * xi * (3 - 2 * xi);
     n[1] = h * xi * (1 - xi) * (1 - xi);
@@ -51,11 +51,5 @@ void hermite_shape(double h, double xi, double n[4], double slope[4], double cur
         slope[1] = (1 - xi) * (1 - 3 * xi);
         slope[2] = -slope[0];
         slope[3] = xi * (3 * xi - 2);
-    }
-    if (curvature != NULL) {
-        curvature[0] = (12 * xi - 6) / (h * h);
-        curvature[1] = (6 * xi - 4) / h;
-        curvature[2] = -curvature[0];
-        curvature[3] = (6 * xi - 2) / h;
     }
 }

@@ -17,7 +17,7 @@ void hermite_mass(double m, double h, double mass[16]);
  * inertia per length (kg m) the rotary inertia. */
 void hermite_slope(double h, double g[16]);
 
-/* N and, where not NULL, N' and N'' at x = xi h, 0 <= xi <= 1. */
-void hermite_shape(double h, double xi, double n[4], double slope[4], double curvature[4]);
+/* N and, where not NULL, N' at x = xi h, 0 <= xi <= 1. */
+void hermite_shape(double h, double xi, double n[4], double slope[4]);
 
 #endif

@@ -23,8 +23,7 @@ static enum modal_status no_memory(struct modal_error *err)
     return modal_fail(err, MODAL_NO_MEMORY, "multipliers: out of memory");
 }
 
-/* How far a multiplier may be from the true one. */
-static double bar_of(double residual, double condition)
+double hill_motion_bar(double residual, double condition)
 {
     double least = fmax(residual, DBL_EPSILON);
 
@@ -172,7 +171,7 @@ enum modal_status hill_found_add(struct hill_found *s, const struct hill_window 
             continue;
         /* what lambda T is rounded by turns the multiplier */
         f.residual = (h->residual[i] + ROUNDING * cabs(h->exponent[i]) * s->period) * size;
-        f.bar = bar_of(f.residual, f.condition);
+        f.bar = hill_motion_bar(f.residual, f.condition);
         f.turn = fabs(f.turn);
         if (repeated(s, h, i, &f))
             continue;

@@ -26,6 +26,9 @@ struct hill_found {
     int count, room, runs;
 };
 
+/* How far a multiplier may be from the true one, by its RESIDUAL and its CONDITION, as of Phi in
+ * floquet.c. */
+double hill_motion_bar(double residual, double condition);
 /* Is F of a real motion, alone?  Both of a pair may be real over several cycles of W. */
 bool hill_motion_real(const struct hill_motion *f);
 /* What H found, of each pair the one that a cycle of W turns upwards.  Fails with

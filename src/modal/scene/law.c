@@ -18,7 +18,7 @@ enum modal_status law_rest(const struct law *law, struct law_force *out, struct 
 {
     const double zero[LAW_TERMS_MOST] = { 0 };
     double after[LAW_TERMS_MOST];
-    struct law_point at = { .d = zero, .v = zero, .d_before = zero, .memory_before = zero };
+    struct law_point at = { .d = zero, .v = zero, .memory_before = zero };
 
     memset(out, 0, sizeof *out);
     out->memory = after;
@@ -57,6 +57,23 @@ void law_spread(const struct law *law, int i, int j, double gain, int n, double 
 {
     for (int c = law->start[j]; c < law->start[j + 1]; c++)
         law_push(law, i, gain * law->end[c].weight, K + (size_t)law->end[c].dof * (size_t)n);
+}
+
+enum modal_status law_spread_slopes(const struct law *law, const double *d, int n, double *K,
+                                    double *C, bool *rates, struct modal_error *err)
+{
+    double zero[LAW_TERMS_MOST] = { 0 }, after[LAW_TERMS_MOST];
+    struct law_point at = { .d = d, .v = zero, .memory_before = zero };
+    struct law_force f = { .memory = after };
+    enum modal_status rc = law->kind->force(law, &at, &f, err);
+
+    for (int i = 0; rc == MODAL_OK && i < law->kind->inputs; i++)
+        for (int j = 0; j < law->kind->inputs; j++) {
+            law_spread(law, i, j, f.fd[i][j], n, K);
+            law_spread(law, i, j, f.fv[i][j], n, C);
+            *rates = *rates || f.fv[i][j] != 0;
+        }
+    return rc;
 }
 
 void law_push(const struct law *law, int input, double force, double *out)

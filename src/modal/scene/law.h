@@ -29,7 +29,6 @@ struct law_pieces;
 struct law_point {                    /* one instant, reached from the one before */
     double t;                         /* s */
     const double *d, *v;              /* inputs each, now */
-    const double *d_before;           /* at the step's start (laws with memory) */
     /* `memory` doubles at the step's start; zeros at the very start */
     const double *memory_before;
 };
@@ -37,7 +36,7 @@ struct law_point {                    /* one instant, reached from the one befor
 /* Of its inputs every entry is written by each call, whatever stood there. */
 struct law_force {
     double f[LAW_INPUTS_MOST];  /* N, one an input */
-    /* df_i/dd_j, exact, memory_before and d_before held */
+    /* df_i/dd_j, exact, memory_before held */
     double fd[LAW_INPUTS_MOST][LAW_INPUTS_MOST];
     double fv[LAW_INPUTS_MOST][LAW_INPUTS_MOST];   /* df_i/dv_j */
     double *memory;                                /* out: `memory` doubles after the step */
@@ -173,6 +172,10 @@ double law_sees(const struct law *law, int input, const double *x);
 /* GAIN of force I by displacement J between their ends, into K, n x n by columns: K += gain w_i
  * w_j^T. */
 void law_spread(const struct law *law, int i, int j, double gain, int n, double *K);
+/* The law's slopes where its inputs are at D, at rest and with no memory, into K and C, as
+ * law_spread; *RATES where C has any of them, else as it was. */
+enum modal_status law_spread_slopes(const struct law *law, const double *d, int n, double *K,
+                                    double *C, bool *rates, struct modal_error *err);
 /* FORCE on INPUT onto its ends: OUT[dof] += weight FORCE. */
 void law_push(const struct law *law, int input, double force, double *out);
 

@@ -28,6 +28,7 @@
 #include <string.h>
 #include "modal/linalg/eigen.h"
 #include "modal/linalg/workspace.h"
+#include "modal/numbers.h"
 #include "modal/scene/period_map.h"
 
 static const double ALIKE = 1e-15;                    /* moduli of a pair, to rounding */
@@ -124,7 +125,7 @@ static enum modal_status take_ritz(struct leading *l, const struct powers *p, co
             }
             sum -= w[c] * here;
             y[i] = here;
-            off += creal(sum) * creal(sum) + cimag(sum) * cimag(sum);
+            off += numbers_square(sum);
         }
         residual[c] = sqrt(off);
         frequency[c] = period_map_frequency(p->map, y);
@@ -250,7 +251,7 @@ enum modal_status leading_residual(struct period_map *m, double complex w,
         rc = period_map_carry(m, x + part * n, x + part * n, err);
     for (size_t i = 0; rc == MODAL_OK && i < n; i++) {
         double complex d = CMPLX(x[i], x[n + i]) - w * start[i];
-        off += creal(d) * creal(d) + cimag(d) * cimag(d);
+        off += numbers_square(d);
     }
     *residual = sqrt(off);
     free(x);

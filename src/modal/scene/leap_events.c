@@ -69,9 +69,9 @@ static enum modal_status piece_at(const struct leap *l, const double *memory, in
     const struct law *at = &l->of->p->law[law];
     double d[LAW_INPUTS_MOST], v[LAW_INPUTS_MOST], before[LAW_INPUTS_MOST];
     double turned[MEMORY_MOST], unused[MEMORY_MOST];
-    struct law_point earlier = { l->t + theta * l->h, before, v, before,
+    struct law_point earlier = { l->t + theta * l->h, before, v,
                                  memory + l->of->memory[law] },
-                     now = { l->t + theta * l->h, d, v, before, turned };
+                     now = { l->t + theta * l->h, d, v, turned };
     struct law_force force = { .memory = turned };
     enum modal_status rc = MODAL_OK;
 

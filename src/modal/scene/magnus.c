@@ -171,7 +171,6 @@ enum modal_status magnus_map(struct magnus *m, double t, double h, int substeps,
             memcpy(out, w->product, bytes);
         }
     }
-    m->exponentials += substeps;
     if (!isfinite(largest(out, (size_t)m->size * (size_t)m->size)))
         return modal_fail(err, MODAL_OVERFLOW, "the map over %g s leaves the range of doubles", h);
     return MODAL_OK;

@@ -10,7 +10,6 @@ enum { MAGNUS_SUBSTEPS_MOST = 1 << 17 };   /* past it rounding of the product is
 struct magnus {
     const struct statespace *ss;  /* borrowed */
     int size;                    /* N, or N + nw with the sources' states below */
-    int64_t exponentials;  /* computed so far */
     struct magnus_work *work;  /* matrices of `size`, made once */
 };
 

@@ -162,7 +162,7 @@ static enum modal_status equations(struct nonlinear_stepper *s, const struct col
     const double *H = map->H + (size_t)i * S * (size_t)r * (size_t)m,
                  *at = s->probes + (size_t)i * (size_t)r;
     double *R = s->residual + (size_t)i * (size_t)m;
-    enum modal_status rc = ports_force(p, t, at, s->probe0, s->memory, R, s->slope, NULL, err);
+    enum modal_status rc = ports_force(p, t, at, s->memory, R, s->slope, NULL, err);
 
     if (rc != MODAL_OK)
         return rc;
@@ -310,7 +310,7 @@ static enum modal_status begin_step(struct nonlinear_stepper *s, double t, const
     if (s->sequential)
         return MODAL_OK;
     rounding_of_probes(s, y);
-    rc = ports_force(p, t, s->probe0, s->probe0, s->memory, s->force0, NULL, NULL, err);
+    rc = ports_force(p, t, s->probe0, s->memory, s->force0, NULL, NULL, err);
     /* or NaN: two that share one load */
     bool known = rc == MODAL_OK && holding_forces(s->holding, y, s->w, s->force0);
     for (int c = 0; c < p->channels; c++)
@@ -352,7 +352,7 @@ static enum modal_status accept(struct nonlinear_stepper *s, const struct colloc
     memcpy(s->phi_end, s->phi + last * (size_t)m, (size_t)m * sizeof *s->phi);
     if (!s->sequential) {
         rc = ports_force(s->ports, t + map->h, s->probes + last * 2 * (size_t)s->ports->probes,
-                         s->probe0, s->memory, s->force0, NULL, s->after, err);
+                         s->memory, s->force0, NULL, s->after, err);
         memcpy(s->memory, s->after, (size_t)s->ports->memory * sizeof *s->memory);
     }
     s->face.steps++;
@@ -400,8 +400,8 @@ static enum modal_status refine_release(struct nonlinear_stepper *s,
     collocation_finish(s->collocation, map, s->w, s->phi, s->y1);
     sources_at(s->src, t + map->h, s->w1);
     rc = ports_force(s->ports, t + map->h,
-                     s->probes + (size_t)(S - 1) * 2 * (size_t)s->ports->probes, s->probe0,
-                     s->memory, s->force1, NULL, NULL, err);
+                     s->probes + (size_t)(S - 1) * 2 * (size_t)s->ports->probes, s->memory,
+                     s->force1, NULL, NULL, err);
     if (rc != MODAL_OK || !holding_forces(s->holding, s->y1, s->w1, s->force1))
         return rc;
     excess = fabs(s->force1[l->channel]) - limit;
@@ -564,8 +564,7 @@ static enum modal_status remember(struct nonlinear_stepper *s, double t, const d
     /* the oldest falls out */
     memmove(s->past + m, s->past, (size_t)(PAST - 1) * (size_t)m * sizeof *s->past);
     probe(s, y, s->probes);
-    rc = ports_force(s->ports, t, s->probes, s->started ? s->probe0 : s->probes, s->memory, s->past,
-                     NULL, s->after, err);
+    rc = ports_force(s->ports, t, s->probes, s->memory, s->past, NULL, s->after, err);
     memcpy(s->memory, s->after, (size_t)s->ports->memory * sizeof *s->memory);
     s->pasts = s->pasts < PAST ? s->pasts + 1 : PAST;
     return rc;
@@ -641,7 +640,7 @@ static enum modal_status start(struct nonlinear_stepper *s, double t, const doub
         memcpy(s->phi_end, s->past, (size_t)p->channels * sizeof *s->phi_end);
     } else {
         release_sliders(s, y);
-        rc = ports_force(p, t, s->probe0, s->probe0, s->memory, s->phi_end, NULL, s->after, err);
+        rc = ports_force(p, t, s->probe0, s->memory, s->phi_end, NULL, s->after, err);
         /* a slider put past its bound has followed */
         memcpy(s->memory, s->after, (size_t)p->memory * sizeof *s->memory);
         sources_at(s->src, t, s->w);

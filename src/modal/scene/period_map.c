@@ -64,12 +64,7 @@ static enum modal_status no_memory(struct modal_error *err)
 
 bool period_map_serves(const struct program *p)
 {
-    if (p->n == 0 || p->n_linear > 0 || p->seen_fixed || p->frame_speed != 0)
-        return false;
-    for (int h = 0; h < p->harmonics; h++)
-        if (p->harmonic[h].cosine[PROGRAM_M].m > 0 || p->harmonic[h].sine[PROGRAM_M].m > 0)
-            return false;
-    return true;
+    return program_of_dofs(p);
 }
 
 void period_map_free(struct period_map *m)
@@ -211,17 +206,17 @@ static enum modal_status take_channels(struct period_map *m, const struct period
 }
 
 /* Coefficients of a harmonic's cosine (sine: a quarter turn later) from T on. */
-static int turn_taylor(double rate, double t, double h, bool sine, int most, double *out)
+static int turn_taylor(double rate, double t, double h, bool sine, double *out)
 {
     double factor = 1, angle = rate * t - (sine ? M_PI_2 : 0), turn = rate * h;
     int count = 0;
 
-    for (int k = 0; k < most; k++) {
+    for (int k = 0; k < DEGREE_MOST; k++) {
         out[k] = factor * cos(angle + k * M_PI_2);   /* the k-th derivative, h^k / k! times */
         factor *= turn / (k + 1);
         count = fabs(factor) > SMALL || k < 1 ? k + 1 : count;
     }
-    return count < most ? count + 1 : most;
+    return count < DEGREE_MOST ? count + 1 : DEGREE_MOST;
 }
 
 /* The coefficients of FUNCTION over the step, among the changes where they are new. */
@@ -234,7 +229,7 @@ static enum modal_status take_function(struct period_map *m, const struct period
 
     count = k < 0 ? parts->taylor(parts->context, function, step->t, step->h, DEGREE_MOST, room)
                   : turn_taylor(m->p->omega * m->p->harmonic[k / 2].k, step->t, step->h,
-                                k % 2 == 1, DEGREE_MOST, room);
+                                k % 2 == 1, room);
     if (count == last->count && memcmp(room, last->coefficient, (size_t)count * sizeof *room) == 0)
         return MODAL_OK;
     m->doubles += (size_t)count;

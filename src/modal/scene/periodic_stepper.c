@@ -27,7 +27,7 @@ struct periodic_stepper {
     const struct statespace *ss;  /* borrowed */
     const struct sources *src;  /* borrowed */
     struct magnus *magnus;
-    double tolerance, dt, cycle;      /* cycle: r periods, s; 0: nothing is kept */
+    double tolerance, dt;
     int slots, substeps;  /* q; of the last map */
     double **kept;                    /* N x (N + nw) each */
     double origin;                    /* the first full step's time; < 0: none yet */
@@ -63,7 +63,6 @@ static void choose_slots(struct periodic_stepper *s)
             return;
         s->kept = calloc((size_t)round(q), sizeof *s->kept);
         s->slots = s->kept != NULL ? (int)round(q) : 0;
-        s->cycle = s->kept != NULL ? r * T : 0;
         return;
     }
 }

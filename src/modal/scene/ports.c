@@ -149,11 +149,11 @@ void ports_free(struct ports *p)
 }
 
 enum modal_status ports_law(struct ports *p, int law, double t, const double *d, const double *v,
-                            const double *d_before, const double *memory, double *after,
-                            int *regime, struct modal_error *err)
+                            const double *memory, double *after, int *regime,
+                            struct modal_error *err)
 {
     struct port_law *l = &p->law[law];
-    struct law_point at = { t, d, v, d_before, memory };
+    struct law_point at = { t, d, v, memory };
     struct law_force f = { .memory = after };  /* room for what it remembers */
     enum modal_status rc = l->law->kind->force(l->law, &at, &f, err);
 
@@ -164,14 +164,13 @@ enum modal_status ports_law(struct ports *p, int law, double t, const double *d,
 
 /* One law's part of ports_force. */
 static enum modal_status law_part(struct ports *p, struct port_law *l, double t,
-                                  const double *probe, const double *before, const double *memory,
-                                  double *force, double *slope, double *after,
-                                  struct modal_error *err)
+                                  const double *probe, const double *memory, double *force,
+                                  double *slope, double *after, struct modal_error *err)
 {
     /* its probes have its channels' numbers */
     int inputs = l->law->kind->inputs, c = l->channel, q = p->probes;
     double scratch[LAW_MEMORY_MOST];  /* a law always writes its memory */
-    struct law_point at = { t, probe + c, probe + q + c, before + c, memory + l->memory };
+    struct law_point at = { t, probe + c, probe + q + c, memory + l->memory };
     struct law_force f = { .memory = after != NULL ? after + l->memory : scratch };
     enum modal_status rc;
 
@@ -221,7 +220,7 @@ static void pulsating_part(struct ports *p, double t, const double *probe, doubl
     }
 }
 
-enum modal_status ports_force(struct ports *p, double t, const double *probe, const double *before,
+enum modal_status ports_force(struct ports *p, double t, const double *probe,
                               const double *memory, double *force, double *slope, double *after,
                               struct modal_error *err)
 {
@@ -231,7 +230,7 @@ enum modal_status ports_force(struct ports *p, double t, const double *probe, co
     if (slope != NULL)
         memset(slope, 0, (size_t)p->channels * 2 * (size_t)p->probes * sizeof *slope);
     for (int i = 0; i < p->laws && rc == MODAL_OK; i++)
-        rc = law_part(p, &p->law[i], t, probe, before, memory, force, slope, after, err);
+        rc = law_part(p, &p->law[i], t, probe, memory, force, slope, after, err);
     if (rc == MODAL_OK && p->rows > 0)
         pulsating_part(p, t, probe, force, slope);
     return rc;

@@ -45,19 +45,18 @@ enum modal_status ports_new(const struct statespace *ss, struct ports **out,
 void ports_free(struct ports *p);
 
 /*
- * Forces of all channels at time t: PROBE holds 2 x probes numbers, BEFORE those at the step's
- * start, MEMORY what the laws remember from there.  FORCE gets channels numbers, SLOPE (channels x
- * 2 probes by columns, or NULL) their derivatives, AFTER (or NULL) the memory there.  A set-valued
- * law gives held * limit.
+ * Forces of all channels at time t: PROBE holds 2 x probes numbers, MEMORY what the laws remember
+ * from the step's start.  FORCE gets channels numbers, SLOPE (channels x 2 probes by columns, or
+ * NULL) their derivatives, AFTER (or NULL) the memory there.  A set-valued law gives held * limit.
  */
-enum modal_status ports_force(struct ports *p, double t, const double *probe, const double *before,
+enum modal_status ports_force(struct ports *p, double t, const double *probe,
                               const double *memory, double *force, double *slope, double *after,
                               struct modal_error *err);
 
 /* The same for one law alone; *regime is its smooth piece. */
 enum modal_status ports_law(struct ports *p, int law, double t, const double *d, const double *v,
-                            const double *d_before, const double *memory, double *after,
-                            int *regime, struct modal_error *err);
+                            const double *memory, double *after, int *regime,
+                            struct modal_error *err);
 
 /* Adds what laws counted to the rows of their effects in PROGRAM. */
 void ports_report(const struct ports *p, struct program *program);

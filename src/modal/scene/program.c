@@ -173,6 +173,16 @@ const char *program_class_name(enum program_class class)
     return names[class];
 }
 
+bool program_of_dofs(const struct program *p)
+{
+    if (p->n == 0 || p->n_linear > 0 || p->seen_fixed || p->frame_speed != 0)
+        return false;
+    for (int h = 0; h < p->harmonics; h++)
+        if (p->harmonic[h].cosine[PROGRAM_M].m > 0 || p->harmonic[h].sine[PROGRAM_M].m > 0)
+            return false;
+    return true;
+}
+
 int program_states(const struct program *p)
 {
     int states = 2 * p->n + p->n_linear;

@@ -116,6 +116,8 @@ enum modal_status program_order_names(struct program *p, struct modal_error *err
 int program_dof(const struct program *p, const char *name);   /* -1: no such dof */
 /* "linear-constant", "linear-periodic", "nonlinear". */
 const char *program_class_name(enum program_class class);
+/* Whether all that moves are dofs on one set of axes, of a mass that stays the same. */
+bool program_of_dofs(const struct program *p);
 /* 2 x dofs + linear states + the laws' memory. */
 int program_states(const struct program *p);
 void program_hash(struct program *p);                          /* fill p->hash */

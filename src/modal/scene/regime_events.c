@@ -33,7 +33,6 @@ struct view {                    /* one law over one step */
     double t, h;  /* the step */
     double x[TERMS];             /* knots, each twice */
     double a[INPUTS][TERMS];     /* Newton coefficients of each input */
-    double start[INPUTS];        /* displacements at the step's start */
     const double *memory, *phi;  /* at its start; forces at its nodes */
     double shift;                /* of a stuck slider's force at theta = 0 */
     /* a rate of this size may be rounding: its own; of displacements that differ little in a
@@ -62,7 +61,6 @@ static void interpolate(struct view *view, int input, const double *knots)
         }
         a[order] = difference[0];  /* Newton's coefficient */
     }
-    view->start[input] = knots[at];
 }
 
 /* Displacements and rates of the interpolant at theta, by Horner's rule on Newton's form. */
@@ -81,23 +79,21 @@ static void motion(const struct view *view, double theta, double *d, double *v)
 }
 
 /* A rigid slider's piece: slipping on, or the side on which its force leaves the limit. */
-static enum modal_status set_valued_piece(const struct view *view, double theta, int *piece)
+static int set_valued_piece(const struct view *view, double theta)
 {
     double l[S], force = 0, d[INPUTS], v[INPUTS], limit = view->law->law->limit;
 
     if (view->law->held != 0) {
         motion(view, theta, d, v);
         /* one just let go starts at a rate of 0, give or take rounding */
-        *piece = v[0] * view->law->held > -view->quiet;
-        return MODAL_OK;
+        return v[0] * view->law->held > -view->quiet;
     }
     collocation_lagrange(view->c, theta, l);
     for (int j = 0; j < S; j++)
         force +=
             l[j] * view->phi[(size_t)j * (size_t)view->p->channels + (size_t)view->law->channel];
     force += view->shift * (1 - theta);
-    *piece = force > limit ? 1 : force < -limit ? -1 : 0;  /* which way it will slip */
-    return MODAL_OK;
+    return force > limit ? 1 : force < -limit ? -1 : 0;  /* which way it will slip */
 }
 
 /* The regime at theta, with memory reached from a moment before. */
@@ -110,18 +106,18 @@ static enum modal_status piece_at(const struct view *view, double theta, int *pi
     int regime;
     enum modal_status rc;
 
-    if (view->law->law->kind->set_valued)
-        return set_valued_piece(view, theta, piece);
+    if (view->law->law->kind->set_valued) {
+        *piece = set_valued_piece(view, theta);
+        return MODAL_OK;
+    }
     motion(view, theta, d, v);
     if (view->law->law->memory == 0)
-        return ports_law(view->p, view->index, t, d, v, view->start, view->memory, unused, piece,
-                         err);
+        return ports_law(view->p, view->index, t, d, v, view->memory, unused, piece, err);
     for (int i = 0; i < view->law->law->kind->inputs; i++)
         before[i] = d[i] - moment * v[i];  /* taken back along the rate */
-    rc = ports_law(view->p, view->index, t, before, v, view->start, view->memory, turned, &regime,
-                   err);
+    rc = ports_law(view->p, view->index, t, before, v, view->memory, turned, &regime, err);
     if (rc == MODAL_OK)
-        rc = ports_law(view->p, view->index, t, d, v, before, turned, unused, piece, err);
+        rc = ports_law(view->p, view->index, t, d, v, turned, unused, piece, err);
     return rc;
 }
 
@@ -165,7 +161,6 @@ static enum modal_status find_in_set_valued(struct view *view, double limit, dou
     int own = view->law->held != 0, now = own;
     bool seen = !own;
     double low = 0;
-    enum modal_status rc = MODAL_OK;
 
     if (own) {
         double d[INPUTS], v[INPUTS];
@@ -174,14 +169,14 @@ static enum modal_status find_in_set_valued(struct view *view, double limit, dou
         seen = v[0] * view->law->held > view->quiet;
         view->quiet += seen ? 0 : view->blur;  /* just loose: its rate is a small difference */
     }
-    for (int i = 0; i < POINTS && GRID[i] <= limit && rc == MODAL_OK; i++) {
-        rc = set_valued_piece(view, GRID[i], &now);
-        if (rc == MODAL_OK && now != own && seen)
+    for (int i = 0; i < POINTS && GRID[i] <= limit; i++) {
+        now = set_valued_piece(view, GRID[i]);
+        if (now != own && seen)
             return bisect(view, own, low, GRID[i], theta, err);
         seen |= now == own;  /* it cannot leave what it was not seen in */
         low = GRID[i];
     }
-    return rc;
+    return MODAL_OK;
 }
 
 /* The first change of one law's piece on the grid, or HUGE_VAL. */

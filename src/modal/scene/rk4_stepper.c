@@ -25,7 +25,7 @@ struct rk4_stepper {
     const struct statespace *ss;  /* borrowed */
     const struct sources *src;  /* borrowed */
     struct ports *ports;
-    double step, *BP, *w, *k, *y, *probe, *before, *memory, *after, *force;
+    double step, *BP, *w, *k, *y, *probe, *memory, *after, *force;
     struct workspace space;  /* of the arrays */
 };
 
@@ -44,7 +44,7 @@ static enum modal_status add_laws(struct rk4_stepper *s, double t, const double 
         if (p->law[l].law->kind->set_valued)
             p->law[l].held = (s->probe[p->probes + p->law[l].channel] > 0)
                              - (s->probe[p->probes + p->law[l].channel] < 0);
-    rc = ports_force(p, t, s->probe, s->before, s->memory, s->force, NULL, after, err);
+    rc = ports_force(p, t, s->probe, s->memory, s->force, NULL, after, err);
     cblas_dgemv(CblasColMajor, CblasNoTrans, N, p->channels, 1, p->U, N, s->force, 1, 1, out, 1);
     return rc;
 }
@@ -66,12 +66,10 @@ static enum modal_status one_step(struct rk4_stepper *s, double t, double h, dou
 {
     /* of (1): where k_i is asked, and its weight / 6 */
     static const double reach[4] = { 0, 0.5, 0.5, 1 }, weight[4] = { 1, 2, 2, 1 };
-    int N = s->ss->N, r = 2 * s->ports->probes;
+    int N = s->ss->N;
     double *k = s->k, *sum = s->k + N;
     enum modal_status rc = MODAL_OK;
 
-    if (r > 0)
-        cblas_dgemv(CblasColMajor, CblasNoTrans, r, N, 1, s->ports->R, r, y, 1, 0, s->before, 1);
     memset(sum, 0, (size_t)N * sizeof *sum);
     for (int i = 0; i < 4 && rc == MODAL_OK; i++) {
         double end = t + reach[i] * h;
@@ -114,12 +112,10 @@ static enum modal_status force(struct stepper *face, double t, const double *y, 
                                struct modal_error *err)
 {
     struct rk4_stepper *s = (struct rk4_stepper *)face;
-    int N = s->ss->N, r = 2 * s->ports->probes;
+    int N = s->ss->N;
 
     memset(F, 0, (size_t)N * sizeof *F);
     stepper_add_loads(s->src, s->BP, N, t, s->w, F);
-    if (r > 0)
-        cblas_dgemv(CblasColMajor, CblasNoTrans, r, N, 1, s->ports->R, r, y, 1, 0, s->before, 1);
     return add_laws(s, t, y, NULL, F, err);
 }
 
@@ -156,7 +152,6 @@ enum modal_status rk4_stepper_new(const struct statespace *ss, const struct sour
                     { &s->k, 2 * N },
                     { &s->y, N },
                     { &s->probe, r },
-                    { &s->before, r },
                     { &s->memory, m },
                     { &s->after, m },
                     { &s->force, (size_t)s->ports->channels } };

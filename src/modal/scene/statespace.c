@@ -339,14 +339,11 @@ void statespace_at(const struct statespace *ss, double t, double *out)
     }
 }
 
-void statespace_motion(const struct statespace *ss, const double *y, double *x, double *v)
+void statespace_motion(const struct statespace *ss, const double *y, double *x)
 {
     int n = ss->n;
 
-    if (x != NULL)
-        memset(x, 0, (size_t)n * sizeof *x);
-    for (int j = 0; x != NULL && j < n; j++)
+    memset(x, 0, (size_t)n * sizeof *x);
+    for (int j = 0; j < n; j++)
         cblas_daxpy(n, y[j] / ss->s[j], ss->phi + (size_t)j * (size_t)n, 1, x, 1);
-    if (v != NULL)
-        cblas_dgemv(CblasColMajor, CblasNoTrans, n, n, 1, ss->phi, n, y + n, 1, 0, v, 1);
 }

@@ -50,7 +50,7 @@ void statespace_free(struct statespace *ss);
 void statespace_start(const struct statespace *ss, double *y);
 /* A at time t into OUT, N x N. */
 void statespace_at(const struct statespace *ss, double t, double *out);
-/* Displacements and velocities by dof; either may be NULL. */
-void statespace_motion(const struct statespace *ss, const double *y, double *x, double *v);
+/* Displacements by dof. */
+void statespace_motion(const struct statespace *ss, const double *y, double *x);
 
 #endif

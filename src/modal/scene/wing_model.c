@@ -65,7 +65,7 @@ void wing_element(const struct wing *w, double M[64], double K[64])
             K[8 * i + j] = k[4 * i + j];
         }
     for (int g = 0; g < 4; g++) {
-        hermite_shape(h, xi[g], nw, NULL, NULL);
+        hermite_shape(h, xi[g], nw, NULL);
         lagrange(h, xi[g], nt, dt);
         for (int i = 0; i < 4; i++)
             for (int j = 0; j < 4; j++) {
@@ -99,7 +99,7 @@ void wing_rows(const struct wing *w, double y, double *row_w, double *row_phi)
 
     if (element > w->elements - 1)
         element = w->elements - 1;
-    hermite_shape(h, y / h - element, nw, NULL, NULL);
+    hermite_shape(h, y / h - element, nw, NULL);
     lagrange(h, y / h - element, nt, NULL);
     wing_element_dofs(w, element, dof);
     for (int i = 0; i < wing_dofs(w); i++) {

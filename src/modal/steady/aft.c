@@ -119,7 +119,7 @@ enum modal_status aft_new(const struct program *p, const int *place, int q, int 
 static enum modal_status sweep(struct aft *w, struct aft_law *a, struct modal_error *err)
 {
     int inputs = a->law->kind->inputs, N = w->N;
-    double d[LAW_INPUTS_MOST], v[LAW_INPUTS_MOST], before[LAW_INPUTS_MOST];
+    double d[LAW_INPUTS_MOST], v[LAW_INPUTS_MOST];
     enum modal_status rc = MODAL_OK;
 
     struct law_force out = { .memory = a->z + a->memory };
@@ -129,14 +129,11 @@ static enum modal_status sweep(struct aft *w, struct aft_law *a, struct modal_er
         struct law_point at = { .t = TWO_PI / w->omega * n / N,
                                 .d = d,
                                 .v = v,
-                                .d_before = before,
                                 .memory_before = a->z };
 
         for (int j = 0; j < inputs; j++) {
             d[j] = a->in[j].d[n];
             v[j] = w->omega * a->in[j].v[n];            /* d/dt = omega d/dtheta */
-            /* the sample before the first is the last */
-            before[j] = a->in[j].d[n > 0 ? n - 1 : N - 1];
         }
         rc = a->law->kind->force(a->law, &at, &out, err);
         for (int i = 0; rc == MODAL_OK && i < inputs; i++) {

@@ -17,16 +17,11 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/numbers.h"
 
 enum { DIRECT = 4 };     /* multiplications of (2) that two transforms cost, a sample */
 /* A force so much smaller than its level has lost three digits to its spring: samples lose more. */
 static const double CANCELLED = 1e-3;
-
-static double complex times(double complex a, double complex b)      /* of finite numbers */
-{
-    return CMPLX(creal(a) * creal(b) - cimag(a) * cimag(b),
-                 creal(a) * cimag(b) + cimag(a) * creal(b));
-}
 
 /* One event's. */
 double complex aft_rotation(double theta) { return CMPLX(cos(theta), -sin(theta)); }
@@ -51,7 +46,7 @@ void aft_rotations(double complex z, int most, double complex *e)
 {
     e[0] = 1;
     for (int m = 1; m <= most; m *= 2) {
-        double complex by = m == 1 ? z : times(e[m / 2], e[m / 2]);
+        double complex by = m == 1 ? z : numbers_times(e[m / 2], e[m / 2]);
         int count = m <= most - m + 1 ? m : most - m + 1;
         pair re = { creal(by), creal(by) }, im = { -cimag(by), cimag(by) };
 

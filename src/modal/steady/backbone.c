@@ -129,26 +129,15 @@ static enum modal_status refuse(const struct program *p, struct modal_error *err
 static enum modal_status slopes_at_rest(const struct backbone *b, double *K, double *C, bool *rates,
                                         struct modal_error *err)
 {
+    const double zero[LAW_INPUTS_MOST] = { 0 };
     int n = b->n;
     enum modal_status rc = MODAL_OK;
 
     *rates = false;
     memcpy(K, b->K, (size_t)n * (size_t)n * sizeof *K);
     memcpy(C, b->C, (size_t)n * (size_t)n * sizeof *C);
-    for (int l = 0; rc == MODAL_OK && l < b->p->laws; l++) {
-        const struct law *law = &b->p->law[l];
-        double zero[LAW_TERMS_MOST] = { 0 }, after[LAW_TERMS_MOST];
-        struct law_point at = { .d = zero, .v = zero, .d_before = zero, .memory_before = zero };
-        struct law_force f = { .memory = after };
-
-        rc = law->kind->force(law, &at, &f, err);
-        for (int i = 0; rc == MODAL_OK && i < law->kind->inputs; i++)
-            for (int j = 0; j < law->kind->inputs; j++) {
-                law_spread(law, i, j, f.fd[i][j], n, K);
-                law_spread(law, i, j, f.fv[i][j], n, C);
-                *rates = *rates || f.fv[i][j] != 0;
-            }
-    }
+    for (int l = 0; rc == MODAL_OK && l < b->p->laws; l++)
+        rc = law_spread_slopes(&b->p->law[l], zero, n, K, C, rates, err);
     return rc;
 }
 

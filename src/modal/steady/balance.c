@@ -532,7 +532,7 @@ static bool factor_apart(struct balance *b)
     double before;
 
     if (b->direct || (b->apart == NULL
-                      && by_harmonic_new(b->pattern, b->HJ, &b->apart, NULL) != MODAL_OK))
+                      && (b->apart = by_harmonic_new(b->pattern, b->HJ)) == NULL))
         return false;
     before = by_harmonic_work(b->apart);
     b->iterates = by_harmonic_factor(b->apart, b->blocks);
@@ -685,23 +685,19 @@ static void scatter(const struct balance *b, double *y)
         memcpy(y, b->gather, (size_t)b->order * sizeof *y);
 }
 
-void balance_solve(struct balance *b, double *y, int columns)
+void balance_solve(struct balance *b, double *y)
 {
-    for (int j = 0; j < columns; j++) {
-        double *column = y + (size_t)j * (size_t)b->order;
-
-        gather(b, column);
-        if (!b->pattern->full)
-            solve_blocks(b, b->gather);
-        else if (b->small <= SMALL_ORDER)
-            solve_small(b->small, b->J, b->pivot, b->gather);
-        else
-            LAPACKE_dgetrs_work(LAPACK_COL_MAJOR, 'N', b->small, 1, b->J, b->small, b->pivot,
-                                b->gather, b->small);
-        scatter(b, column);                             /* rows past HJ of y are still R_k */
-        if (b->HJ < b->H)
-            solve_tail(b, column);
-    }
+    gather(b, y);
+    if (!b->pattern->full)
+        solve_blocks(b, b->gather);
+    else if (b->small <= SMALL_ORDER)
+        solve_small(b->small, b->J, b->pivot, b->gather);
+    else
+        LAPACKE_dgetrs_work(LAPACK_COL_MAJOR, 'N', b->small, 1, b->J, b->small, b->pivot,
+                            b->gather, b->small);
+    scatter(b, y);                                      /* rows past HJ of y are still R_k */
+    if (b->HJ < b->H)
+        solve_tail(b, y);
 }
 
 bool balance_solve_springs(struct balance *b, double *y)

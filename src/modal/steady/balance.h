@@ -97,8 +97,8 @@ double balance_dense_work(int n);
 /* Whether the derivative last factored is singular to rounding, or nearly: there is a direction in
  * which nothing holds the motion, as the mean of a body that sliders alone hold. */
 bool balance_open(const struct balance *b);
-/* y <- J^-1 y, order entries, `columns` columns. */
-void balance_solve(struct balance *b, double *y, int columns);
+/* y <- J^-1 y, order entries. */
+void balance_solve(struct balance *b, double *y);
 
 /* y <- y through S and each law as a spring, `order` entries, to some percent, where derivatives
  * are solved on what laws read; else false, and y is lost. */

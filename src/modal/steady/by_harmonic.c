@@ -44,30 +44,28 @@ struct by_harmonic {
     struct workspace space;               /* of the arrays */
 };
 
-enum modal_status by_harmonic_new(const struct pattern *pattern, int HJ, struct by_harmonic **out,
-                                  struct modal_error *err)
+struct by_harmonic *by_harmonic_new(const struct pattern *pattern, int HJ)
 {
     struct by_harmonic *s = calloc(1, sizeof *s);
     size_t entries = (size_t)pattern_entries(pattern), K = (size_t)HJ + 1;
-    enum modal_status rc = MODAL_OK;
+    bool ok;
 
     if (s == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "by harmonic: no memory");
+        return NULL;
     *s = (struct by_harmonic) { .pattern = pattern, .q = pattern->q, .K = HJ + 1, .m = 2 * HJ + 1 };
     s->T = workspace_zeros(&s->space, entries * K, sizeof *s->T);
     s->factors = workspace_zeros(&s->space, K, sizeof *s->factors);
     s->in = workspace_zeros(&s->space, (size_t)s->q, sizeof *s->in);
     s->out = workspace_zeros(&s->space, (size_t)s->q, sizeof *s->out);
     s->gmres = gmres_new((size_t)s->q * (size_t)s->m, VECTORS_MOST);
-    rc = s->gmres == NULL ? modal_fail(err, MODAL_NO_MEMORY, "by harmonic: no memory")
-                          : workspace_check(&s->space, "by harmonic: no memory", err);
-    for (size_t k = 0; rc == MODAL_OK && k < K; k++)
-        rc = sparse_lu_new(s->q, pattern->start, pattern->index, true, &s->factors[k], err);
-    if (rc == MODAL_OK)
-        *out = s;
-    else
-        by_harmonic_free(s);
-    return rc;
+    ok = s->gmres != NULL && !s->space.failed;
+    for (size_t k = 0; ok && k < K; k++)
+        ok = sparse_lu_new(s->q, pattern->start, pattern->index, true, &s->factors[k], NULL)
+             == MODAL_OK;
+    if (ok)
+        return s;
+    by_harmonic_free(s);
+    return NULL;
 }
 
 void by_harmonic_free(struct by_harmonic *s)

@@ -5,17 +5,15 @@
 #ifndef MODAL_BY_HARMONIC_H
 #define MODAL_BY_HARMONIC_H
 #include <stdbool.h>
-#include "base/error.h"
 
 struct blocks;
 struct pattern;
 
 struct by_harmonic;
 
-/* For blocks of PATTERN (borrowed) without a border, of harmonics 0 .. HJ.  Fails with
- * MODAL_NO_MEMORY. */
-enum modal_status by_harmonic_new(const struct pattern *pattern, int HJ, struct by_harmonic **out,
-                                  struct modal_error *err);
+/* For blocks of PATTERN (borrowed) without a border, of harmonics 0 .. HJ; NULL where there is no
+ * memory. */
+struct by_harmonic *by_harmonic_new(const struct pattern *pattern, int HJ);
 /* Frees S; NULL is none. */
 void by_harmonic_free(struct by_harmonic *s);
 /* What each harmonic of B does to itself, factored, unless factors from before still serve; false

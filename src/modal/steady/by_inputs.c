@@ -294,10 +294,8 @@ static bool make(struct joint *j, const double complex *S, double omega)
     M = K + entries;
     C = M + entries;
     read_matrices(j, S, omega, K, M, C);
-    j->serves =
-        sparse_cholesky_new(j->q, j->pattern->start, j->pattern->index, K, &j->factors, NULL)
-            == MODAL_OK
-        && j->factors != NULL && find_flexibility(j) && find_modes(j, K, M, C);
+    j->factors = sparse_cholesky_new(j->q, j->pattern->start, j->pattern->index, K);
+    j->serves = j->factors != NULL && find_flexibility(j) && find_modes(j, K, M, C);
     free(K);
     return j->serves;
 }

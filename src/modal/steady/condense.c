@@ -48,14 +48,6 @@ static const double PIVOT = 4;
 /* The least pivot over the largest, of sparse factors, below which one may be 0. */
 static const double PIVOT_RATIO = 64 * DBL_EPSILON;
 
-/* Rows and columns of every entry of a matrix. */
-static void mark(const struct sparse *a, int *place)
-{
-    for (int i = 0; a->start != NULL && i < a->m; i++)
-        for (int e = a->start[i]; e < a->start[i + 1]; e++)
-            place[i] = place[a->index[e]] = 1;
-}
-
 /* The dofs of laws and of periodic matrices are not 0 in PLACE, which was. */
 static void mark_nonlinear(const struct program *p, int *place)
 {
@@ -64,8 +56,8 @@ static void mark_nonlinear(const struct program *p, int *place)
             place[p->law[l].end[e].dof] = 1;
     for (int h = 0; h < p->harmonics; h++)
         for (int t = 0; t < 3; t++) {
-            mark(&p->harmonic[h].cosine[t], place);
-            mark(&p->harmonic[h].sine[t], place);
+            sparse_mark(&p->harmonic[h].cosine[t], place);
+            sparse_mark(&p->harmonic[h].sine[t], place);
         }
 }
 

@@ -97,13 +97,6 @@ static void multiply(const struct condense *c, int t, const double *x, double *y
                 y[c->spot[i]] += a->value[e] * x[c->spot[a->index[e]]];
 }
 
-/* Each entry of A_rq of matrix T: (row among the linear, column among the kept). */
-#define EACH_COUPLING(c, a, i, e) \
-    for (int i = 0; i < (a)->m; i++) \
-        for (int e = (c)->spot[i] >= 0 ? (a)->start[i] : (a)->start[i + 1]; \
-             e < (a)->start[i + 1]; e++) \
-            if ((c)->place[(a)->index[e]] >= 0)
-
 enum modal_status condense_basis_new(struct condense *c, double tolerance,
                                      struct modal_error *err)
 {
@@ -390,25 +383,22 @@ static void answer(struct condense *c, struct condense_harmonic *h)
     }
 }
 
-/* (2), relative: of S to its largest, of p to the loads, of rows wanted to the motion of a kept dof
- * that is 1 and to what the loads move. */
-static double doubt(const struct condense *c, int k, double inverse,
-                    const struct condense_harmonic *h)
+double condense_harmonic_doubt(const struct condense *c, int k, const struct condense_harmonic *h,
+                               const double *size, int last)
 {
-    const struct condense_basis *b = c->basis;
-    double stiff = numbers_modulus(h->S, (size_t)b->q * (size_t)b->q), load = 0, moved, kept = 0,
-           wanted = 0, loaded = b->size[b->columns - 1];
+    double stiff = numbers_modulus(h->S, (size_t)c->q * (size_t)c->q), load = 0, moved, kept = 0,
+           wanted = 0, loaded = size[last];
 
     for (int l = 0; l < c->loads; l++)
         load = c->load[l].k == k ? fmax(load, cabs(c->load[l].value)) : load;
-    moved = fmax(numbers_modulus(h->row + (size_t)c->seats * (size_t)b->q, (size_t)c->seats),
+    moved = fmax(numbers_modulus(h->row + (size_t)c->seats * (size_t)c->q, (size_t)c->seats),
                  load / stiff);
-    for (int j = 0; j < b->q; j++)
-        kept = fmax(kept, b->size[j]);
-    for (int j = b->q; j < b->q + b->duals; j++)
-        wanted = fmax(wanted, b->size[j]);
-    return inverse * fmax(fmax(kept * kept / stiff, kept * wanted),
-                          loaded > 0 ? loaded * fmax(kept / load, wanted / moved) : 0);
+    for (int j = 0; j < c->q; j++)
+        kept = fmax(kept, size[j]);
+    for (int j = c->q; j < c->q + c->seats; j++)
+        wanted = fmax(wanted, size[j]);
+    return fmax(fmax(kept * kept / stiff, kept * wanted),
+                loaded > 0 ? loaded * fmax(kept / load, wanted / moved) : 0);
 }
 
 /* Y = L^ ^-1 V^T B, L^ factored; |L^ ^-1|, 0: it is singular to rounding. */
@@ -455,7 +445,7 @@ static bool serves(struct condense *c, int k, double tolerance, struct condense_
         if (c->load[l].k == k && c->place[c->load[l].dof] >= 0)
             h->p[c->place[c->load[l].dof]] += c->load[l].value;
     answer(c, h);
-    h->doubt = doubt(c, k, inverse, h);
+    h->doubt = inverse * condense_harmonic_doubt(c, k, h, b->size, b->columns - 1);
     return h->doubt <= tolerance;
 }
 

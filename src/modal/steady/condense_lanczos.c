@@ -136,13 +136,6 @@ static bool has_load(const struct condense *c, int k)
     return false;
 }
 
-/* Each entry of A_rq of matrix T: (row among the linear, column among the kept). */
-#define EACH_COUPLING(c, a, i, e) \
-    for (int i = 0; i < (a)->m; i++) \
-        for (int e = (c)->spot[i] >= 0 ? (a)->start[i] : (a)->start[i + 1]; \
-             e < (a)->start[i + 1]; e++) \
-            if ((c)->place[(a)->index[e]] >= 0)
-
 enum modal_status condense_share(struct condense *c, double tolerance, int points,
                                  struct modal_error *err)
 {
@@ -192,9 +185,8 @@ static struct sparse_cholesky *factor_real(const struct condense *c, double sigm
                     value[pattern_find(pattern, c->spot[i], c->spot[a->index[e]])] +=
                         by * a->value[e];
     }
-    if (value != NULL
-        && sparse_cholesky_new(c->r, pattern->start, pattern->index, value, &out, NULL) != MODAL_OK)
-        out = NULL;
+    if (value != NULL)
+        out = sparse_cholesky_new(c->r, pattern->start, pattern->index, value);
     free(value);
     pattern_free(pattern);
     return out;
@@ -475,27 +467,6 @@ static void answer(struct condense *c, const struct at *at, struct condense_harm
     }
 }
 
-/* (5) but for its denominator, relative: of S to its largest, of p to the loads, of rows wanted to
- * the motion of a kept dof that is 1 and to what the loads move. */
-static double doubt(const struct condense *c, const struct at *at,
-                    const struct condense_harmonic *h)
-{
-    const struct condense_lanczos *l = c->lanczos;
-    double stiff = numbers_modulus(h->S, (size_t)l->q * (size_t)l->q), load = 0, moved, kept = 0,
-           wanted = 0, loaded = l->size[l->answers - 1];
-
-    for (int i = 0; i < c->loads; i++)
-        load = c->load[i].k == at->k ? fmax(load, cabs(c->load[i].value)) : load;
-    moved = fmax(numbers_modulus(h->row + (size_t)c->seats * (size_t)l->q, (size_t)c->seats),
-                 load / stiff);
-    for (int j = 0; j < l->q; j++)
-        kept = fmax(kept, l->size[j]);
-    for (int j = l->q; j < l->q + l->duals; j++)
-        wanted = fmax(wanted, l->size[j]);
-    return fmax(fmax(kept * kept / stiff, kept * wanted),
-                loaded > 0 ? loaded * fmax(kept / load, wanted / moved) : 0);
-}
-
 /* What the entries of S may be off by, over the largest, for S^-1 F to be as good as ROUGH of the
  * largest of an estimate so far, `share` of itself; S stays regular below 1 / q of its condition.
  * |S^-1 F| into AT. */
@@ -554,7 +525,8 @@ static void look(struct condense *c, struct at *at, struct condense_harmonic *h)
     for (int j = 0; j < l->answers; j++)
         l->size[j] = block_schur_left(&l->sum, (size_t)j);
     answer(c, at, h);
-    at->left = doubt(c, at, h);
+    /* (5) but for its denominator */
+    at->left = condense_harmonic_doubt(c, at->k, h, l->size, l->answers - 1);
     at->rounded = DBL_EPSILON * at->most / numbers_modulus(h->S, (size_t)l->q * (size_t)l->q);
     h->doubt = at->left / at->least + at->rounded;
 }

@@ -69,6 +69,13 @@ static inline double complex factor_of(int t, double s)
     return t == PROGRAM_M ? -s * s : t == PROGRAM_C ? I * s : 1;
 }
 
+/* Each entry of A_rq of matrix T: (row among the linear, column among the kept). */
+#define EACH_COUPLING(c, a, i, e) \
+    for (int i = 0; i < (a)->m; i++) \
+        for (int e = (c)->spot[i] >= 0 ? (a)->start[i] : (a)->start[i + 1]; \
+             e < (a)->start[i + 1]; e++) \
+            if ((c)->place[(a)->index[e]] >= 0)
+
 /* S_k and p_k of (2) by factoring, s = k omega; what recovery needs is kept. */
 enum modal_status condense_factor_at(struct condense *c, int k, double s, double complex *S,
                                      double complex *p, struct modal_error *err);
@@ -116,4 +123,10 @@ bool condense_basis_answer(struct condense *c, int k, bool rough, struct condens
  * give itself up. */
 void condense_basis_join(struct condense *c);
 void condense_basis_free(struct condense *c);       /* of none, too */
+/* (2) of condense_basis.c but for |L^ ^-1|, relative: of S of H, harmonic K, to its largest, of p
+ * to the loads, of rows wanted to the motion of a kept dof that is 1 and to what the loads move.
+ * SIZE: of what is left of each kept dof's column, of each wanted one's, and at LAST of the
+ * loads'. */
+double condense_harmonic_doubt(const struct condense *c, int k, const struct condense_harmonic *h,
+                               const double *size, int last);
 #endif

@@ -427,7 +427,7 @@ static enum modal_status sample(struct follow *f, double *x, double *force, bool
     f->allowed = HUGE_VAL;                       /* one period more: counted, not refused */
     f->tries_allowed = INT64_MAX;
     for (int j = 0; rc == MODAL_OK && j < CYCLE_SAMPLES; j++) {
-        statespace_motion(f->ss, f->y, one, NULL);      /* displacements of all dofs */
+        statespace_motion(f->ss, f->y, one);      /* displacements of all dofs */
         for (int i = 0; i < n; i++)
             x[(size_t)i * CYCLE_SAMPLES + (size_t)j] = one[i];
         rc = f->stepper->advance(f->stepper, j * f->T / CYCLE_SAMPLES, f->T / CYCLE_SAMPLES, f->y,

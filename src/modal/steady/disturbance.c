@@ -166,9 +166,7 @@ enum modal_status disturbance_slopes(const struct disturbance *u, int l, double 
     const struct orbit *o = &u->in[l * LAW_INPUTS_MOST];
     double omega = u->point->omega, at[3], d[LAW_INPUTS_MOST], v[LAW_INPUTS_MOST],
            memory[1] = { 0 };
-    struct law_point point = {
-        .t = theta / omega, .d = d, .v = v, .d_before = d, .memory_before = memory
-    };
+    struct law_point point = { .t = theta / omega, .d = d, .v = v, .memory_before = memory };
     struct law_force f = { .memory = memory };
     enum modal_status rc;
 

@@ -268,7 +268,7 @@ static void chord(struct balance *b, const struct unheld *m, const struct balanc
     for (int i = 0; i < b->q; i++)
         for (int r = 0; r < n; r++)
             y[i * n + r] = -wide->R[i * n2 + r];        /* -R_low of (2) */
-    balance_solve(b, y, 1);                  /* J^-1 of (2), as the point's last step factored it */
+    balance_solve(b, y);                     /* J^-1 of (2), as the point's last step factored it */
     leave_means(b, m, y);
     for (int i = 0; i < b->q; i++)
         for (int k = 0; k < K; k++)
@@ -467,7 +467,7 @@ static enum modal_status doubt_of(struct balance *b, const struct unheld *m,
     free(force);
     if (doubts == 0)
         return MODAL_OK;
-    balance_solve(b, y, 1);
+    balance_solve(b, y);
     leave_means(b, m, y);
     for (int i = 0; i < b->q; i++) {
         double sum = 0;

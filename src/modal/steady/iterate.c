@@ -422,7 +422,7 @@ static enum modal_status damp(struct balance *b, struct newton_work *w, double c
         for (int i = 0; i < b->order; i++)
             w->trial_step[i] = (1 - lambda) * w->R[i] - b->R[i];
         b->forcing = FORCING_TRIAL;
-        balance_solve(b, w->trial_step, 1);             /* (3) */
+        balance_solve(b, w->trial_step);                /* (3) */
         b->forcing = forcing;
         for (int i = 0; i < b->order; i++)
             w->trial_step[i] += (1 - lambda) * w->step[i];
@@ -576,7 +576,7 @@ static enum modal_status propose(struct balance *b, const struct iterate_options
     }
     for (int i = 0; i < b->order; i++)
         w->step[i] = -b->R[i];
-    balance_solve(b, w->step, 1);                       /* J dX = -R */
+    balance_solve(b, w->step);                          /* J dX = -R */
     balance_pack(b, X, w->u);
     point_at(b, w->u, 1, w->step, w->scratch, w->trial);
     report->iterations++;

@@ -64,7 +64,7 @@ enum modal_status linear_answer(struct steady *s, double omega, struct steady_po
     }
     for (int i = 0; i < b->order; i++)
         b->R[i] = -b->R[i];                             /* J X = -R(0) */
-    balance_solve(b, b->R, 1);
+    balance_solve(b, b->R);
     balance_unpack(b, b->R, point->X);                 /* from X = 0 the first step is the answer */
     rc = balance_residual(b, point->X, false, err);
     point->residual = balance_relative_residual(b, point->X);

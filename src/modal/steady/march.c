@@ -56,8 +56,7 @@ struct march {
     double *Minv;                      /* n x n */
     double *m, *m_next;                /* the laws' memory: at the step's start; scratch */
     double *force;                     /* n: p - C v - K x - laws */
-    double *y, *k[STAGES], *trial, *trial2;
-    double *start_d;                   /* per law and input: where the step began */
+    double *y, *k[STAGES], *trial;
     long evaluations;                  /* of all laws together */
     struct workspace space;            /* of the arrays */
 };
@@ -79,8 +78,6 @@ static enum modal_status march_init(struct march *w, struct modal_error *err)
     w->force = workspace_zeros(&w->space, n, sizeof(double));
     w->y = workspace_zeros(&w->space, 2 * n, sizeof(double));
     w->trial = workspace_zeros(&w->space, 2 * n, sizeof(double));
-    w->trial2 = workspace_zeros(&w->space, 2 * n, sizeof(double));
-    w->start_d = workspace_zeros(&w->space, (size_t)w->p->laws * LAW_INPUTS_MOST, sizeof(double));
     for (int i = 0; i < STAGES; i++)
         w->k[i] = workspace_zeros(&w->space, 2 * n, sizeof(double));
     pivot = workspace_zeros(&w->space, n, sizeof *pivot);
@@ -104,7 +101,7 @@ static enum modal_status law_forces(struct march *w, double t, const double *y,
     for (int l = 0; l < w->p->laws; l++) {
         const struct law *law = &w->p->law[l];
         double d[LAW_INPUTS_MOST], v[LAW_INPUTS_MOST];
-        struct law_point point = { t, d, v, w->start_d + l * LAW_INPUTS_MOST, w->m + at };
+        struct law_point point = { t, d, v, w->m + at };
         struct law_force f = { .memory = w->m_next + at };
         enum modal_status rc;
 
@@ -176,14 +173,6 @@ static enum modal_status rate(struct march *w, double t, const double *y, double
     return rc;
 }
 
-/* What the laws compare with at a step's start follows from y. */
-static void note_start(struct march *w)
-{
-    for (int l = 0; l < w->p->laws; l++)
-        for (int j = 0; j < w->p->law[l].kind->inputs; j++)
-            w->start_d[l * LAW_INPUTS_MOST + j] = law_sees(&w->p->law[l], j, w->y);
-}
-
 /* The step's end: memory from its start to now, at the new y. */
 static enum modal_status commit(struct march *w, double t, struct modal_error *err)
 {
@@ -191,7 +180,6 @@ static enum modal_status commit(struct march *w, double t, struct modal_error *e
 
     /* Stages saw the memory at the step's start; now it is that of its end. */
     memcpy(w->m, w->m_next, (size_t)w->memory * sizeof *w->m);
-    note_start(w);
     for (int i = 0; rc == MODAL_OK && i < w->states; i++)
         if (!isfinite(w->y[i]))
             return modal_fail(err, MODAL_OVERFLOW,
@@ -308,11 +296,10 @@ static enum modal_status to_periodicity(struct march *w, const struct march_opti
     size_t size = (size_t)w->n * (size_t)opt->samples;
     double *last = malloc((size + 1) * sizeof *last), scale[2] = { 0, 0 },
            h = 2 * M_PI / w->omega / STEPS_FIRST;
-    int most = opt->periods_most > 0 ? opt->periods_most : MARCH_PERIODS_MOST;
     enum modal_status rc =
         last == NULL ? modal_fail(err, MODAL_NO_MEMORY, "march: no memory") : MODAL_OK;
 
-    while (rc == MODAL_OK && !report->converged && report->periods < most) {
+    while (rc == MODAL_OK && !report->converged && report->periods < MARCH_PERIODS_MOST) {
         if (opt->cancelled != NULL && opt->cancelled(opt->context)) {
             rc = modal_fail(err, MODAL_CANCELLED, "cancelled");
             break;
@@ -340,7 +327,6 @@ static void put_state(struct march *w, const double *s)
 {
     memcpy(w->y, s, (size_t)w->states * sizeof *s);
     memcpy(w->m, s + w->states, (size_t)w->memory * sizeof *s);
-    note_start(w);
 }
 
 /* Newton's method on the period map, after two periods of marching. */

@@ -20,7 +20,6 @@ struct march_options {
                                * periodicity: the same */
     double periodic;          /* end when a period's samples differ from the last's by less than
                                * this, relative */
-    int periods_most;         /* 0: MARCH_PERIODS_MOST */
     bool (*cancelled)(void *context);
     void *context;
 };

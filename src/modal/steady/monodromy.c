@@ -25,6 +25,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/linalg/expm.h"
 #include "modal/numbers.h"
 #include "modal/scene/pieces.h"
 #include "modal/scene/program.h"
@@ -203,26 +204,7 @@ static enum modal_status build(struct monodromy *m, double theta, double *A,
     return rc;
 }
 
-/* out = alpha A B + beta out, n x n by columns. */
-static void multiply(int n, double alpha, const double *A, const double *B, double beta,
-                     double *out)
-{
-    if (n > SMALL_ORDER) {
-        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, n, n, n, alpha, A, n, B, n, beta,
-                    out, n);
-        return;
-    }
-    for (int j = 0; j < n; j++)
-        for (int i = 0; i < n; i++) {
-            double sum = 0;
-
-            for (int k = 0; k < n; k++)
-                sum += A[k * n + i] * B[j * n + k];
-            out[j * n + i] = alpha * sum + (beta != 0 ? beta * out[j * n + i] : 0);
-        }
-}
-
-/* Operations (budget.h) of `multiply`; short sums run slower than BLAS. */
+/* Operations (budget.h) of square_multiply(); short sums run slower than BLAS. */
 static double product_work(int n)
 {
     return 2.0 * n * n * n / (n > SMALL_ORDER ? BUDGET_DENSE : 0.5);
@@ -283,7 +265,7 @@ static bool exponential(int n, double *X, double *P, double *Q, double *T, int *
             Q[i] += (d % 2 ? -c[d] : c[d]) * power[i];  /* the same of -X */
         }
         if (d < PADE) {
-            multiply(n, 1, X, power, 0, next);
+            square_multiply(n, 1, X, power, 0, next);
             memcpy(power, next, size * sizeof *power);
         }
     }
@@ -292,7 +274,7 @@ static bool exponential(int n, double *X, double *P, double *Q, double *T, int *
         return false;
     budget_add(work, squarings * product_work(n));
     for (int s = 0; s < squarings; s++) {
-        multiply(n, 1, P, P, 0, T);                     /* undoes a halving */
+        square_multiply(n, 1, P, P, 0, T);                     /* undoes a halving */
         memcpy(P, T, size * sizeof *P);
     }
     memcpy(X, P, size * sizeof *X);
@@ -302,8 +284,8 @@ static bool exponential(int n, double *X, double *P, double *Q, double *T, int *
 /* [A, B] = A B - B A. */
 static void commutator(int n, const double *A, const double *B, double *out)
 {
-    multiply(n, 1, A, B, 0, out);
-    multiply(n, -1, B, A, 1, out);
+    square_multiply(n, 1, A, B, 0, out);
+    square_multiply(n, -1, B, A, 1, out);
 }
 
 /* (1), from A at the three Gauss points in m->A; Omega into m->A[0]. */
@@ -405,7 +387,7 @@ static enum modal_status advance(struct monodromy *m, double a, double b, int st
             m->of->reason = "too many states and steps for the monodromy matrix";
             return MODAL_OK;
         }
-        multiply(n, 1, m->A[0], m->map, 0, m->work[0]);  /* the later factor from the left */
+        square_multiply(n, 1, m->A[0], m->map, 0, m->work[0]);  /* the later factor from the left */
         memcpy(m->map, m->work[0], size * sizeof *m->map);
     }
     return rc;

@@ -156,7 +156,7 @@ static void move(const struct statespace *ss, const struct held *h, int i, struc
 {
     const double *shift = h->shift + (size_t)i * (size_t)(ss->N + h->count);
 
-    statespace_motion(ss, shift, x, NULL);
+    statespace_motion(ss, shift, x);
     for (int k = 0; k < ss->n; k++)
         add_to_all(m->x + (size_t)k * (size_t)m->samples, m->samples, h->moved[i] * x[k]);
     for (int k = 0; k < h->count; k++)

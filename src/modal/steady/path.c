@@ -397,7 +397,7 @@ static enum modal_status at_parameter(struct path *p, double lambda, bool *ok,
             break;
         for (int e = 0; e < p->n; e++)
             p->R[e] = -p->b->R[e];
-        balance_solve(p->b, p->R, 1);
+        balance_solve(p->b, p->R);
         step = norm(p->R, p->n) / p->size;
         if (!isfinite(step) || step > ASTRAY)
             break;

@@ -205,7 +205,7 @@ static enum modal_status map_seen(struct settle *s, const double *from, double *
         s->tries_of_map = INT64_MAX;                    /* as many each period */
     for (int i = 0; rc == MODAL_OK && i < STEPS; i++) {
         if (x != NULL)
-            statespace_motion(s->ss, to, s->motion, NULL);
+            statespace_motion(s->ss, to, s->motion);
         for (int d = 0; x != NULL && d < s->n; d++)
             x[d * STEPS + i] = s->motion[d];
         rc = s->pace->by->advance(s->pace->by, i * s->T / STEPS, s->T / STEPS, to, err);
@@ -517,7 +517,7 @@ static enum modal_status sample(struct settle *s, struct cycle *out, struct moda
     s->tries_of_map = INT64_MAX;
     s->most = HUGE_VAL;                          /* one period more: counted, not refused */
     for (size_t j = 0; rc == MODAL_OK && j < CYCLE_SAMPLES; j++) {
-        statespace_motion(s->ss, s->trial, one, NULL);
+        statespace_motion(s->ss, s->trial, one);
         for (size_t i = 0; i < n; i++)
             out->x[i * CYCLE_SAMPLES + j] = one[i];
         rc = s->pace->by->advance(s->pace->by, (double)j * s->T / CYCLE_SAMPLES,
@@ -525,7 +525,7 @@ static enum modal_status sample(struct settle *s, struct cycle *out, struct moda
     }
     count_work(s);
     if (rc == MODAL_OK)
-        statespace_motion(s->ss, s->trial, one, NULL);
+        statespace_motion(s->ss, s->trial, one);
     /* quick steps of another length close at another place, which a start may */
     out->closed &= rc == MODAL_OK && (s->pace == &s->quick || repeats(out->x, one, s->n));
     return rc;

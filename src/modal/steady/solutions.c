@@ -296,7 +296,7 @@ static enum modal_status beside(struct balance *b, const struct solutions_option
         for (int round = 0; round < INVERSES; round++) {               /* inverse iteration */
             double most;
 
-            balance_solve(b, v, 1);                     /* J^-1 v, to size 1 below */
+            balance_solve(b, v);                        /* J^-1 v, to size 1 below */
             most = numbers_largest(v, (size_t)b->order);
             for (int e = 0; e < b->order; e++)
                 v[e] = most > 0 && isfinite(most) ? v[e] / most : 0;

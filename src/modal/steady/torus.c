@@ -5,6 +5,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/numbers.h"
 
 enum {
     AFRESH = 32,                            /* products of a wave: their rounding is some 1e-15 */
@@ -234,8 +235,7 @@ static void turn_row(struct torus_grid *g, int line, int sign, int turn)
     for (int n = 0; n < g->N; n++) {
         wave = n % AFRESH == 0 ? cexp(I * (step * n + 2 * M_PI * fmod(whole * turn, 1)))
                                : wave * advance;
-        x[n] = CMPLX(creal(x[n]) * creal(wave) - cimag(x[n]) * cimag(wave),
-                     creal(x[n]) * cimag(wave) + cimag(x[n]) * creal(wave));
+        x[n] = numbers_times(x[n], wave);
     }
 }
 
@@ -249,16 +249,12 @@ static void execute_back(struct torus_grid *g, int turn)
 }
 
 void torus_synthesize(struct torus_grid *g, int count, const struct torus_index *index,
-                      const double complex *X, int derivative, int turn, double *x)
+                      const double complex *X, double *x)
 {
     memset(g->x, 0, (size_t)g->lines * (size_t)g->apart * sizeof *g->x);
-    for (int i = 0; i < count; i++) {
-        double Omega = torus_frequency(&g->tones, index[i]);
-
-        g->x[spot_of(g, index[i])] = derivative == 0 ? X[i]
-            : derivative == 1 ? I * Omega * X[i] : -Omega * Omega * X[i];
-    }
-    execute_back(g, turn);
+    for (int i = 0; i < count; i++)
+        g->x[spot_of(g, index[i])] = X[i];
+    execute_back(g, 0);
     for (int line = 0; line < g->lines; line++)
         for (int n = 0; n < g->N; n++)
             *x++ = creal(row_at(g, line)[n]);

@@ -64,12 +64,12 @@ double torus_grid_phase(const struct torus_grid *g, int line, int j);
 int torus_grid_indices(const struct torus_grid *g, struct torus_index *out);
 
 /*
- * x[line N + n] of (1), COUNT combinations INDEX with coefficients X, DERIVATIVE times d/dt, TURN
- * turns of theta later: on the lines' own continuations.
+ * x[line N + n] of (1), COUNT combinations INDEX with coefficients X.
  */
 void torus_synthesize(struct torus_grid *g, int count, const struct torus_index *index,
-                      const double complex *X, int derivative, int turn, double *x);
-/* The same of motion and rate at once, in one transform: x of (1) and v of its d/dt. */
+                      const double complex *X, double *x);
+/* Motion and rate at once, in one transform, TURN turns of theta later, on the lines' own
+ * continuations: x of (1) and v of its d/dt. */
 void torus_synthesize_both(struct torus_grid *g, int count, const struct torus_index *index,
                            const double complex *X, int turn, double *x, double *v);
 /* The two-sided means <x e^{-i k . theta}> of samples x; torus_coefficient reads them. */

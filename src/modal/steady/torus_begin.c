@@ -17,6 +17,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/numbers.h"
 #include "modal/scene/scene.h"
 #include "modal/steady/condense.h"
 #include "modal/steady/torus_laws.h"
@@ -59,6 +60,7 @@ static enum modal_status tangents(const struct torus_solver *s, double *K, doubl
     int n = s->p->n;
     const int *kept = condense_dofs(s->condense[0]);
     double *x = calloc((size_t)n, sizeof *x);
+    bool rates;
     enum modal_status rc = x == NULL ? modal_fail(err, MODAL_NO_MEMORY, "torus: no memory")
                                      : MODAL_OK;
 
@@ -66,18 +68,11 @@ static enum modal_status tangents(const struct torus_solver *s, double *K, doubl
         x[kept[i]] = creal(s->X[i]);
     for (int l = 0; rc == MODAL_OK && l < s->p->laws; l++) {
         const struct law *law = &s->p->law[l];
-        double d[LAW_INPUTS_MOST], zero[LAW_TERMS_MOST] = { 0 }, after[LAW_TERMS_MOST];
-        struct law_point at = { .d = d, .v = zero, .d_before = d, .memory_before = zero };
-        struct law_force f = { .memory = after };
+        double d[LAW_INPUTS_MOST];
 
         for (int j = 0; j < law->kind->inputs; j++)
             d[j] = law_sees(law, j, x);
-        rc = law->kind->force(law, &at, &f, err);
-        for (int i = 0; rc == MODAL_OK && i < law->kind->inputs; i++)
-            for (int j = 0; j < law->kind->inputs; j++) {
-                law_spread(law, i, j, f.fd[i][j], n, K);
-                law_spread(law, i, j, f.fv[i][j], n, C);
-            }
+        rc = law_spread_slopes(law, d, n, K, C, &rates, err);
     }
     free(x);
     return rc;
@@ -424,7 +419,7 @@ static double power_at(const struct scene_time *time, int q, const double *x, do
                 * wave;
             wave *= turn;
         }
-        sum += creal(at) * creal(at) + cimag(at) * cimag(at);
+        sum += numbers_square(at);
     }
     return sum;
 }

@@ -97,7 +97,7 @@ enum modal_status torus_largest(struct torus_solver *s, struct torus_grid *g, in
     *most = 0;
     budget_add(s->work, rc == MODAL_OK ? (double)(dofs * points) * BUDGET_SAMPLE / 4 : 0);
     for (size_t i = 0; rc == MODAL_OK && i < dofs; i++) {
-        torus_synthesize(g, count, index, Y + i * K, 0, 0, x);
+        torus_synthesize(g, count, index, Y + i * K, x);
         for (size_t j = 0; j < points; j++)
             *most = fabs(x[j]) > *most ? fabs(x[j]) : *most;
     }

@@ -184,7 +184,7 @@ static enum modal_status law_at(struct torus_law *a, const struct stretch *x, do
                                 struct modal_error *err)
 {
     double v[LAW_INPUTS_MOST], bend[LAW_INPUTS_MOST];
-    struct law_point at = { .d = to->d, .v = v, .d_before = from->d, .memory_before = from->z };
+    struct law_point at = { .d = to->d, .v = v, .memory_before = from->z };
 
     motion_at(x, s, to->d, v, bend);
     to->force = (struct law_force) { .memory = to->z };
@@ -436,7 +436,7 @@ static enum modal_status clip_turn(struct torus_laws *w, struct torus_law *a,
         before[2 * j] = w->d[(size_t)j * w->points + first];
     copy_walker(a, &from, &at);
     for (int j = 0; j < inputs; j++)
-        x.d[1][j] = from.d[j] = before[2 * j];
+        x.d[1][j] = before[2 * j];
     rc = law_at(a, &x, 1, &from, &at, err);
     for (int i = 0; i < a->law->memory; i++)      /* how far a slider acts from where it holds */
         m->reach = fmin(m->reach, fabs(at.z[i] - at.d[inputs - 1]));
@@ -577,7 +577,7 @@ static enum modal_status evaluate_smooth(struct torus_laws *w, struct torus_law 
     sample_inputs(w, a, g, x->count, x->index, x->X, 0);
     for (size_t point = 0; rc == MODAL_OK && point < w->points; point++) {
         double d[LAW_INPUTS_MOST], v[LAW_INPUTS_MOST];
-        struct law_point at = { .d = d, .v = v, .d_before = d };
+        struct law_point at = { .d = d, .v = v };
         struct law_force out = { 0 };
 
         for (int j = 0; j < inputs; j++) {

@@ -42,6 +42,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/numbers.h"
 
 enum {
     PASSES = 8,                /* at most: of 64, 256, 1024 turns each left 0.2, 0.04, 1e-3 of what
@@ -95,13 +96,6 @@ static double turns_of(const struct torus_sheet *a, struct torus_index k)
 /* The larger of two that are numbers, without a call. */
 static double larger(double a, double b) { return a > b ? a : b; }
 
-/* a b of finite numbers: C's product asks whether they are. */
-static double complex turned(double complex a, double complex b)
-{
-    return CMPLX(creal(a) * creal(b) - cimag(a) * cimag(b),
-                 creal(a) * cimag(b) + cimag(a) * creal(b));
-}
-
 /* e^{2 pi i s (first + step n)} for COUNT n into WAVE. */
 static void fill_wave(double s, double first, double step, int count, double complex *wave)
 {
@@ -113,7 +107,7 @@ static void fill_wave(double s, double first, double step, int count, double com
 
             wave[n] = CMPLX(cos(phase), sin(phase));
         } else
-            wave[n] = turned(wave[n - 1], turn);
+            wave[n] = numbers_times(wave[n - 1], turn);
 }
 
 /* +-1: e^{2 pi i whole rho}, rho of (1). */
@@ -386,7 +380,7 @@ static void transform(double complex *z, size_t M, const double complex *turn)
     for (size_t half = 1; half < M; half *= 2)
         for (size_t first = 0; first < M; first += 2 * half)
             for (size_t k = first; k < first + half; k++) {
-                double complex b = turned(z[k + half], turn[(k - first) * (M / half)]);
+                double complex b = numbers_times(z[k + half], turn[(k - first) * (M / half)]);
 
                 z[k + half] = z[k] - b;
                 z[k] += b;
@@ -405,13 +399,13 @@ static void slow_waves(const struct torus_sheet *a, int t, double complex *slow)
     fill_wave(a->row[t].s, -0.5, 1.0 / a->N, a->N, slow);
 }
 
-/* Where a->sum has the column of KIND of row T at sample M of output I; NULL: it has none. */
-static double *sum_at(const struct torus_sheet *a, int kind, int t, int m, int i)
+/* Where a->sum has the column of KIND of row T at the first sample of output I; NULL: none. */
+static double *sum_at(const struct torus_sheet *a, int kind, int t, int i)
 {
     int c = a->row[t].at[kind];
     size_t wide = (size_t)(a->N * a->outputs);
 
-    return c < 0 ? NULL : sums_of(a, kind) + (size_t)c * wide + (size_t)(m * a->outputs + i);
+    return c < 0 ? NULL : sums_of(a, kind) + (size_t)c * wide + (size_t)i;
 }
 
 /* Where A has the N lines of row T and output I, by their leads modulo N. */
@@ -441,13 +435,13 @@ static void solve_rows(struct torus_sheet *a, double *const L[KINDS], int ld,
     for (int t = 0; t < a->told; t++) {
         slow_waves(a, t, slow);
         for (int i = 0; i < a->outputs; i++) {
-            const double *even = sum_at(a, COSINE, t, 0, i), *odd = sum_at(a, SINE, t, 0, i);
+            const double *even = sum_at(a, COSINE, t, i), *odd = sum_at(a, SINE, t, i);
             double complex *Y = lines_at(a, t, i), *z = a->z;
 
             for (int m = 0; m < N; m++) {
                 int at = m * a->outputs;
 
-                z[m] = turned(CMPLX(even != NULL ? even[at] : 0, odd != NULL ? odd[at] : 0),
+                z[m] = numbers_times(CMPLX(even != NULL ? even[at] : 0, odd != NULL ? odd[at] : 0),
                               conj(slow[m]) / N);
             }
             transform(z, (size_t)N, turn);
@@ -467,14 +461,14 @@ static void take_out(struct torus_sheet *a, double complex *room)
     for (int t = 0; t < a->told; t++) {
         slow_waves(a, t, slow);
         for (int i = 0; i < a->outputs; i++) {
-            double *even = sum_at(a, COSINE, t, 0, i), *odd = sum_at(a, SINE, t, 0, i);
+            double *even = sum_at(a, COSINE, t, i), *odd = sum_at(a, SINE, t, i);
             const double complex *Y = lines_at(a, t, i);
 
             for (int m = 0; m < N; m++)        /* the transform back, by that of conjugates */
                 z[m] = conj(Y[m]);
             transform(z, (size_t)N, turn);
             for (int m = 0; m < N; m++) {
-                double complex at = turned(conj(z[m]), slow[m]);
+                double complex at = numbers_times(conj(z[m]), slow[m]);
 
                 if (even != NULL)
                     even[m * a->outputs] = creal(at);
@@ -562,7 +556,7 @@ static struct line line_of(const struct torus_sheet *a, int t, int lead)
     for (int i = 0; i < a->outputs; i++) {
         double complex Y = lines_at(a, t, i)[line.bin];
 
-        line.size = larger(line.size, creal(Y) * creal(Y) + cimag(Y) * cimag(Y));
+        line.size = larger(line.size, numbers_square(Y));
     }
     line.size = sqrt(line.size);
     return line;
@@ -666,7 +660,7 @@ static void tell_lines(struct torus_sheet *a, const struct line *list)
             double complex *X = &a->X[(size_t)i * K + l];
 
             lines_at(a, list[l].told, i)[list[l].bin] = *X;
-            *X = turned(list[l].flipped ? conj(*X) : *X, turn);
+            *X = numbers_times(list[l].flipped ? conj(*X) : *X, turn);
         }
     }
 }
@@ -692,7 +686,7 @@ static enum modal_status unexplained(struct torus_sheet *a, double *most, struct
         transform(z, M, turn);
         for (size_t k = 0; k < M; k++) {
             double complex p = z[k], q = conj(z[k > 0 ? M - k : 0]);
-            double complex X = 0.5 * (p + q) + turned(-0.5 * I * (p - q), turn[k]);
+            double complex X = 0.5 * (p + q) + numbers_times(-0.5 * I * (p - q), turn[k]);
 
             largest = larger(largest, (k == 0 ? 1 : 4) * (creal(X) * creal(X)
                                                           + cimag(X) * cimag(X)));

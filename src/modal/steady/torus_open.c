@@ -102,7 +102,7 @@ static double sees(const struct walk *w, const struct law *law, const int *place
 }
 
 /* Where a law stands on the motion moved by a way, or by none. */
-struct trace { double d[LAW_INPUTS_MOST], z[LAW_TERMS_MOST], f[LAW_INPUTS_MOST]; };
+struct trace { double z[LAW_TERMS_MOST], f[LAW_INPUTS_MOST]; };
 
 /* TO of LAW, on its way from where it was, now at D and V. */
 static enum modal_status follow(const struct law *law, const double *d, const double *v,
@@ -110,11 +110,10 @@ static enum modal_status follow(const struct law *law, const double *d, const do
 {
     double after[LAW_TERMS_MOST];
     struct law_force out = { .memory = after };
-    struct law_point at = { .d = d, .v = v, .d_before = to->d, .memory_before = to->z };
+    struct law_point at = { .d = d, .v = v, .memory_before = to->z };
     enum modal_status rc = law->kind->force(law, &at, &out, err);
 
     memcpy(to->z, after, (size_t)law->memory * sizeof *after);
-    memcpy(to->d, d, (size_t)law->kind->inputs * sizeof *d);
     memcpy(to->f, out.f, (size_t)law->kind->inputs * sizeof *to->f);
     return rc;
 }

@@ -115,7 +115,7 @@ static bool ask(const struct law *law, double d, double v, const struct hold *fr
                 struct hold *to)
 {
     struct law_force out = { .memory = &to->z };
-    struct law_point at = { .d = &d, .v = &v, .d_before = &from->d, .memory_before = &from->z };
+    struct law_point at = { .d = &d, .v = &v, .memory_before = &from->z };
     bool fine = law->kind->force(law, &at, &out, NULL) == MODAL_OK && out.fv[0][0] == 0;
 
     to->d = d, to->v = v;

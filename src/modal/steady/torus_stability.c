@@ -62,6 +62,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/linalg/workspace.h"
+#include "modal/numbers.h"
 #include "modal/steady/condense.h"
 #include "modal/steady/torus_laws.h"
 
@@ -129,7 +130,7 @@ static enum modal_status places_now(struct flow *f, const struct law *law, size_
 {
     size_t P = f->places;
     double near[LAW_INPUTS_MOST], before[LAW_TERMS_MOST], after[LAW_TERMS_MOST];
-    struct law_point at = { .d = near, .v = v, .d_before = near, .memory_before = before };
+    struct law_point at = { .d = near, .v = v, .memory_before = before };
     struct law_force other = { .memory = after };
     enum modal_status rc = MODAL_OK;
 
@@ -185,7 +186,7 @@ static enum modal_status slopes_now(struct flow *f, struct modal_error *err)
     for (int l = 0; rc == MODAL_OK && l < p->laws; l++) {
         const struct law *law = &p->law[l];
         double d[LAW_INPUTS_MOST], v[LAW_INPUTS_MOST], after[LAW_TERMS_MOST];
-        struct law_point at = { .d = d, .v = v, .d_before = d, .memory_before = f->z + place };
+        struct law_point at = { .d = d, .v = v, .memory_before = f->z + place };
         struct law_force out = { .memory = after };
 
         for (int i = 0; i < law->kind->inputs; i++, lane++)
@@ -252,13 +253,6 @@ static void fill_stage(struct flow *f, int i, double h)
         cblas_daxpy(n, -1, f->left, 1, right + f->m * (size_t)rows, 1);
 }
 
-/* a b of finite numbers: C's product asks whether they are. */
-static double complex turned(double complex a, double complex b)
-{
-    return CMPLX(creal(a) * creal(b) - cimag(a) * cimag(b),
-                 creal(a) * cimag(b) + cimag(a) * creal(b));
-}
-
 /* Numbers of (5) at one instant. */
 static size_t block_of(const struct flow *f)
 {
@@ -278,7 +272,7 @@ static enum modal_status step_over(struct flow *f, double h, struct modal_error 
             return rc;
         fill_stage(f, i, h);
         for (int r = 0; r < f->rows; r++)
-            f->wave[r] = turned(f->wave[r], f->hop[i * f->rows + r]);
+            f->wave[r] = numbers_times(f->wave[r], f->hop[i * f->rows + r]);
         f->now += block_of(f);
     }
     if (LAPACKE_dgesv_work(LAPACK_COL_MAJOR, rows, m, f->W, rows, f->pivot, f->A, rows) != 0)
@@ -380,7 +374,7 @@ static void fill_turn(struct flow *f, int N)
 
             f->summed += f->lanes;
             for (size_t l = 0; l < (size_t)f->lanes; l++, to += rows) {
-                double complex x = turned(f->lane[l * K + k], wave);
+                double complex x = numbers_times(f->lane[l * K + k], wave);
 
                 *to += CMPLX(creal(x), sign * cimag(x));
                 if (l < (size_t)f->inputs)

@@ -61,9 +61,7 @@ enum {
     FOLDS = 2,              /* levels that failed in a row, the second two fifths as far as the
                              * first, before the branch is followed around its folds */
     QUICK = 6,              /* iterations below which the step of a ramp grows */
-    DIRECT_MOST = 1000,     /* iterations of the direct method, asked for; by its gain it needs
-                             * fewer */
-    DIRECT_BY_GAIN = 60,
+    DIRECT_MOST = 1000,     /* iterations of the direct method, asked for */
     STEPS_OF_RAMP = 8       /* the first, of log(level) */
 };
 /* The gain below which direct iteration gains half a digit a step: no slower than factoring. */
@@ -201,26 +199,39 @@ static enum modal_status set_softness(struct balance *b, double at, struct modal
     return aft_soften(b->aft, at == 0 ? HUGE_VAL : exp(at) * aft_stiffest(b->aft), err);
 }
 
+/* Options of a search for the one solution that counts. */
+static struct solutions_options for_one(const struct steady *s)
+{
+    return (struct solutions_options) { .most = 1, .cancelled = s->opt.cancelled,
+                                        .context = s->opt.context };
+}
+
+/* The first of those FOUND, which are given back, by Newton's method; RC: whether they are. */
+static enum modal_status try_first(struct steady *s, struct balance *b, enum modal_status rc,
+                                   struct solutions *found, double complex *X,
+                                   struct steady_point *point, struct modal_error *err)
+{
+    if (rc == MODAL_OK)
+        rc = balance_set(b, b->omega, 1, err);
+    if (rc == MODAL_OK && found->count > 0) {
+        memcpy(X, found->X[0], (size_t)b->q * ((size_t)b->H + 1) * sizeof *X);
+        rc = try_newton(s, b, "continuation", X, point, err);
+    }
+    solutions_done(found);
+    return rc;
+}
+
 /* A ramp over the dampers has met a fold at a = AT, its solution GOOD: around it. */
 static enum modal_status around_dampers(struct steady *s, struct balance *b, double at,
                                         const double complex *good, double complex *X,
                                         struct steady_point *point, struct modal_error *err)
 {
-    struct solutions_options opt = { .most = 1,
-                                     .cancelled = s->opt.cancelled,
-                                     .context = s->opt.context };
+    struct solutions_options opt = for_one(s);
     struct solutions found = { 0 };
     enum modal_status rc = solutions_along_damping(b, DAMPING_LEAST * expm1(at), good, &opt,
                                                    &found, err);
 
-    if (rc == MODAL_OK)
-        rc = balance_set(b, b->omega, 1, err);
-    if (rc == MODAL_OK && found.count > 0) {
-        memcpy(X, found.X[0], (size_t)b->q * ((size_t)b->H + 1) * sizeof *X);
-        rc = try_newton(s, b, "continuation", X, point, err);
-    }
-    solutions_done(&found);
-    return rc;
+    return try_first(s, b, rc, &found, X, point, err);
 }
 
 /* From a = log FROM to 0, each from the last, SET what a stands for; the step of a shrinks on
@@ -290,20 +301,11 @@ static enum modal_status ramp(struct steady *s, struct balance *b, double from,
 static enum modal_status along_levels(struct steady *s, struct balance *b, double complex *X,
                                       struct steady_point *point, struct modal_error *err)
 {
-    struct solutions_options opt = { .most = 1,
-                                     .cancelled = s->opt.cancelled,
-                                     .context = s->opt.context };
+    struct solutions_options opt = for_one(s);
     struct solutions found = { 0 };
     enum modal_status rc = solutions_along_levels(b, &opt, &found, err);
 
-    if (rc == MODAL_OK)
-        rc = balance_set(b, b->omega, 1, err);
-    if (rc == MODAL_OK && found.count > 0) {
-        memcpy(X, found.X[0], (size_t)b->q * ((size_t)b->H + 1) * sizeof *X);
-        rc = try_newton(s, b, "continuation", X, point, err);
-    }
-    solutions_done(&found);
-    return rc;
+    return try_first(s, b, rc, &found, X, point, err);
 }
 
 /* What is begun now may spend its share of MOST, the whole budget. */

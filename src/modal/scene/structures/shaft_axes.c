@@ -29,13 +29,13 @@ double shaft_sign(const struct shaft *s, int i)
     return 1;
 }
 
-/* matrix += value J, as an entry between dofs of one plane. */
-static void add_J(struct lowering *l, int matrix, int i, int j, double value)
+/* C += value J, as an entry between dofs of one plane. */
+static void add_J(struct lowering *l, int i, int j, double value)
 {
     const struct shaft *s = l->mesh;
 
     if (value != 0)
-        lowering_add(l, matrix, i, shaft_partner(s, j), shaft_sign(s, j) * value);
+        lowering_add(l, PROGRAM_C, i, shaft_partner(s, j), shaft_sign(s, j) * value);
 }
 
 /* An isotropic pair's polar inertia g: -W g J to C and, on turning axes, W^2 g to K. */
@@ -43,7 +43,7 @@ void shaft_add_polar(struct lowering *l, int i, int j, double g)
 {
     const struct shaft *s = l->mesh;
 
-    add_J(l, PROGRAM_C, i, j, -s->speed * g);  /* -W Mg J */
+    add_J(l, i, j, -s->speed * g);  /* -W Mg J */
     if (!s->fixed && g != 0 && s->speed != 0)
         lowering_add(l, PROGRAM_K, i, j, s->speed * s->speed * g);
 }
@@ -97,7 +97,7 @@ void shaft_turn_mass(struct lowering *l)
     for (int e = 0; e < count; e++) {
         struct triplet t = l->constant[PROGRAM_M].x[e];
 
-        add_J(l, PROGRAM_C, t.i, t.j, 2 * s->speed * t.value);  /* 2 W Mt J */
+        add_J(l, t.i, t.j, 2 * s->speed * t.value);  /* 2 W Mt J */
         lowering_add(l, PROGRAM_K, t.i, t.j, -s->speed * s->speed * t.value);  /* -W^2 Mt */
     }
 }

@@ -10,11 +10,8 @@ static const int start[] = { 0, 2, 5, 7 }, row[] = { 0, 1, 0, 1, 2, 1, 2 };
 static struct sparse_cholesky *factors(double last)
 {
     const double value[] = { 4, 1, 1, 3, -1, -1, last };
-    struct modal_error err = { 0 };
-    struct sparse_cholesky *f;
 
-    CHECK(sparse_cholesky_new(3, start, row, value, &f, &err) == MODAL_OK);
-    return f;
+    return sparse_cholesky_new(3, start, row, value);
 }
 
 TEST(several_right_hand_sides_are_solved_at_once)
@@ -62,7 +59,6 @@ TEST(half_a_solution_of_more_columns_than_four_registers_hold_is_half_of_cholmod
     enum { SIDE = 40, N = SIDE * SIDE, COLUMNS = 5 * LANES };
     static int first[N + 1], of[5 * N];
     static double value[5 * N], x[N][COLUMNS], whole[COLUMNS][N];
-    struct modal_error err = { 0 };
     struct sparse_cholesky *f;
     int e = 0;
 
@@ -81,7 +77,7 @@ TEST(half_a_solution_of_more_columns_than_four_registers_hold_is_half_of_cholmod
             whole[j][i] = (i * (j + 3) % 17 - 8) / 8.0;
     }
     first[N] = e;
-    CHECK(sparse_cholesky_new(N, first, of, value, &f, &err) == MODAL_OK);
+    f = sparse_cholesky_new(N, first, of, value);
     assert_non_null(f);
     for (int i = 0; i < N; i++)
         for (int j = 0; j < COLUMNS; j++)

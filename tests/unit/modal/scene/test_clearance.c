@@ -10,7 +10,7 @@ static const double still[2] = { 0, 0 };
 static struct law_force at(const struct law *law, const double d[2], const double v[2])
 {
     struct law_force f = { .memory = NULL };
-    struct law_point p = { .d = d, .v = v, .d_before = still, .memory_before = still };
+    struct law_point p = { .d = d, .v = v, .memory_before = still };
 
     CHECK(law->kind->force(law, &p, &f, NULL) == MODAL_OK);
     return f;

@@ -40,13 +40,17 @@ TEST(the_matrices_are_the_integrals_of_the_shape_functions)
                         weight[4] = { 0.1739274225687269, 0.3260725774312731, 0.3260725774312731,
                                       0.1739274225687269 };
     const double h = 0.61, EI = 3.7, m = 0.83;
-    double k[16], mass[16], g[16], n[4], s[4], c[4], K[16] = { 0 }, M[16] = { 0 }, G[16] = { 0 };
+    double k[16], mass[16], g[16], n[4], s[4], K[16] = { 0 }, M[16] = { 0 }, G[16] = { 0 };
 
     hermite_stiffness(EI, h, k);
     hermite_mass(m, h, mass);
     hermite_slope(h, g);
     for (int q = 0; q < 4; q++) {
-        hermite_shape(h, xi[q], n, s, c);
+        /* N'' by hand */
+        const double c[4] = { (12 * xi[q] - 6) / (h * h), (6 * xi[q] - 4) / h,
+                              (6 - 12 * xi[q]) / (h * h), (6 * xi[q] - 2) / h };
+
+        hermite_shape(h, xi[q], n, s);
         for (int i = 0; i < 4; i++)
             for (int j = 0; j < 4; j++) {
                 K[4 * i + j] += EI * h * weight[q] * c[i] * c[j];

@@ -53,7 +53,7 @@ TEST(what_harmonics_solve_apart_is_what_the_whole_blocks_give)
     unsigned state = 3;
 
     CHECK(pattern_new(p, place, DOFS, false, &pattern, NULL) == MODAL_OK);
-    CHECK(by_harmonic_new(pattern, HJ, &s, NULL) == MODAL_OK);
+    CHECK((s = by_harmonic_new(pattern, HJ)) != NULL);
     for (int round = 0; round < 2; round++) {           /* weakly coupled, and not */
         b = filled(pattern, round == 0 ? 0.05 : 1);
         for (int i = 0; i < ORDER; i++)
@@ -117,7 +117,7 @@ TEST(a_second_right_hand_side_of_the_same_blocks_costs_less_than_the_first)
     unsigned state = 3;
 
     CHECK(pattern_new(p, place, DOFS, false, &pattern, NULL) == MODAL_OK);
-    CHECK(by_harmonic_new(pattern, HJ, &s, NULL) == MODAL_OK);
+    CHECK((s = by_harmonic_new(pattern, HJ)) != NULL);
     b = filled(pattern, 0.5);
     CHECK(by_harmonic_factor(s, b) && blocks_factor(b, NULL));
     work[0] = by_harmonic_work(s);
@@ -148,7 +148,7 @@ TEST(a_harmonic_that_is_singular_is_told)
     struct blocks *b = NULL;
 
     CHECK(pattern_new(p, place, DOFS, false, &pattern, NULL) == MODAL_OK);
-    CHECK(by_harmonic_new(pattern, HJ, &s, NULL) == MODAL_OK);
+    CHECK((s = by_harmonic_new(pattern, HJ)) != NULL);
     CHECK(blocks_new(pattern, HJ, false, &b, NULL) == MODAL_OK);
     blocks_clear(b);
     CHECK(!by_harmonic_factor(s, b));

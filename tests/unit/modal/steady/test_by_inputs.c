@@ -71,7 +71,7 @@ TEST(what_is_solved_on_the_laws_inputs_is_what_the_whole_blocks_give)
         for (int i = 0; i < ORDER; i++)
             y[i] = z[i] = cos(0.7 * i);
         CHECK(balance_factor(b, NULL));
-        balance_solve(b, z, 1);
+        balance_solve(b, z);
         CHECK(by_inputs_solve(s, b->S, 0.02, 1e-13, y) && by_inputs_work(s) > 0);
         for (int i = 0; i < ORDER; i++)
             CHECK_NEAR(y[i], z[i], 1e-8);

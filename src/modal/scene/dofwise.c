@@ -408,6 +408,33 @@ static enum modal_status law_part(struct dofwise *f, int law, double t, const do
     return rc;
 }
 
+/* A law that is asked for its force alone: no event of it is ever looked for. */
+static void smooth_part(struct dofwise *f, int law, const double *x, const double *v)
+{
+    const struct law *l = &f->p->law[law];
+    double d = 0, rate = 0, force;
+
+    for (int e = l->start[0]; e < l->start[1]; e++) {
+        d += l->end[e].weight * x[l->end[e].dof];
+        rate += l->end[e].weight * v[l->end[e].dof];
+    }
+    force = l->kind->alone(l, d, rate);
+    for (int e = l->start[0]; e < l->start[1]; e++)
+        f->force[l->end[e].dof] -= l->end[e].weight * force;     /* it resists */
+    f->evaluations[law]++;
+}
+
+/* Any but a rigid slider. */
+static enum modal_status yielding_part(struct dofwise *f, int law, double t, const double *x,
+                                       const double *v, const double *memory,
+                                       struct modal_error *err)
+{
+    if (f->p->law[law].kind->alone == NULL)
+        return law_part(f, law, t, x, v, memory, err);
+    smooth_part(f, law, x, v);
+    return MODAL_OK;
+}
+
 /*
  * A rigid slider on its dof's FORCE, which has all else that acts there: it takes all of that where
  * it sticks, and its limit where it slips.  A piece that ends and begins again between two stages
@@ -440,8 +467,10 @@ static enum modal_status begin_watch(struct dofwise *f, int law, double t, doubl
 
     /* with two inputs a piece may end while neither turns: a slider whose bound changes */
     *watch = (struct law_watch){ .mixed = l->kind->inputs > 1 };
+    if (l->kind->smooth)                         /* no piece of it ends */
+        return MODAL_OK;
     inputs_of(l, x, v, d, watch->rate);
-    if (watch->mixed || l->kind->smooth || l->kind->set_valued)
+    if (watch->mixed || l->kind->set_valued)
         return MODAL_OK;
     for (int k = 0; k < l->kind->inputs; k++)
         d[k] += MOMENT * h * watch->rate[k];
@@ -474,7 +503,7 @@ enum modal_status dofwise_accelerate(struct dofwise *f, const struct dof_set *se
         linear_part(f, set->run[r], t, x, v);
     for (int k = 0; k < set->laws && rc == MODAL_OK; k++)
         if (!f->p->law[set->law[k]].kind->set_valued)
-            rc = law_part(f, set->law[k], t, x, v, memory, err);
+            rc = yielding_part(f, set->law[k], t, x, v, memory, err);
     for (int k = 0; f->sliders > 0 && k < set->laws; k++)
         if (f->p->law[set->law[k]].kind->set_valued)
             slider_part(f, set->law[k], v, memory);
@@ -505,7 +534,7 @@ enum modal_status dofwise_pull(struct dofwise *f, int law, double t, const doubl
     linear_part(f, (struct dof_run){ dof, dof + 1 }, t, x, v);
     for (int k = f->law_start[dof]; k < f->law_start[dof + 1] && rc == MODAL_OK; k++)
         if (f->law_of[k] != law)
-            rc = law_part(f, f->law_of[k], t, x, v, memory, err);
+            rc = yielding_part(f, f->law_of[k], t, x, v, memory, err);
     *pull = f->force[dof];
     return rc;
 }

@@ -58,6 +58,9 @@ struct law_class {
     bool set_valued;
     enum modal_status (*force)(const struct law *law, const struct law_point *at,
                                struct law_force *out, struct modal_error *err);
+    /* Of a smooth law of one input that remembers nothing: f at (d, v) alone, as `force` has it,
+     * for who steps and asks for no slopes; NULL: of others. */
+    double (*alone)(const struct law *law, double d, double v);
     /* The exact force of a periodic motion, cut at its events (pieces.h); NULL: the law is
      * sampled. */
     enum modal_status (*pieces)(const struct law *law, const struct orbit *const *input,

@@ -15,7 +15,6 @@
 #include <string.h>
 #include "modal/scene/dofwise.h"
 
-enum { CHUNK = 256 };                /* numbers that stay in the first cache while rows are added */
 static const double THIRD_ORDER_SHARE = 0.01;    /* in (2), of [HNW93] */
 
 void leap_init(struct leap *l, struct dofwise *of, double *stage, struct workspace *space)
@@ -62,40 +61,57 @@ double leap_value(const struct leap *l, int i, double t)
     return leap_at(l, i, l->h > 0 ? (t - l->t) / l->h : 0);
 }
 
-/* OUT = BASE + sum_j by[j] slope[j] over COUNT slopes, FROM .. TO - 1; BASE may be NULL. */
-static void combine(double *const *slope, const double *by, int count, const double *base,
-                    int from, int to, double *out)
+/* Slopes and what each counts for, times h; those that count for nothing left out: many do. */
+struct slopes {
+    int count;
+    const double *k[DORMAND_PRINCE_ALL];
+    double by[DORMAND_PRINCE_ALL];
+};
+
+/* OUT = BASE + sum_j by[j] k[j], numbers FROM .. TO - 1; BASE may be NULL.  Four sums at a time
+ * stay in registers, as two pairs where the machine has such; each adds in the order of j. */
+static void combine(const struct slopes *s, const double *base, int from, int to, double *out)
 {
-    for (int at = from; at < to; at += CHUNK) {
-        int end = at + CHUNK < to ? at + CHUNK : to;
+    int at = from;
+
+    for (; at + 4 <= to; at += 4) {
+        double a = 0, b = 0, c = 0, d = 0;
         if (base != NULL)
-            memcpy(out + at, base + at, (size_t)(end - at) * sizeof *out);
-        else
-            memset(out + at, 0, (size_t)(end - at) * sizeof *out);
-        for (int j = 0; j < count; j++) {
-            const double *k = slope[j];
-            double b = by[j];
-            if (b == 0)              /* many are */
-                continue;
-            for (int i = at; i < end; i++)
-                out[i] += b * k[i];
+            a = base[at], b = base[at + 1], c = base[at + 2], d = base[at + 3];
+        for (int j = 0; j < s->count; j++) {
+            const double *k = s->k[j] + at;
+            double by = s->by[j];
+            a += by * k[0];
+            b += by * k[1];
+            c += by * k[2];
+            d += by * k[3];
         }
+        out[at] = a, out[at + 1] = b, out[at + 2] = c, out[at + 3] = d;
+    }
+    for (; at < to; at++) {
+        double sum = base != NULL ? base[at] : 0;
+        for (int j = 0; j < s->count; j++)
+            sum += s->by[j] * s->k[j][at];
+        out[at] = sum;
     }
 }
 
-/* The same over the set's displacements and rates, times h. */
+/* The same of COUNT slopes by WEIGHT, over the set's displacements and rates. */
 static void combine_set(const struct leap *l, const double *weight, int count, const double *base,
                         double *out)
 {
-    double by[DORMAND_PRINCE_ALL];
+    struct slopes s = { 0 };
     int n = l->of->n;
 
     for (int j = 0; j < count; j++)
-        by[j] = l->h * weight[j];
+        if (weight[j] != 0) {
+            s.k[s.count] = l->slope[j];
+            s.by[s.count++] = l->h * weight[j];
+        }
     for (int r = 0; r < l->set->runs; r++) {
         struct dof_run run = l->set->run[r];
-        combine(l->slope, by, count, base, run.from, run.to, out);
-        combine(l->slope, by, count, base, n + run.from, n + run.to, out);
+        combine(&s, base, run.from, run.to, out);
+        combine(&s, base, n + run.from, n + run.to, out);
     }
 }
 

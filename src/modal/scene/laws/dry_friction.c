@@ -48,6 +48,15 @@ static enum modal_status rounded_force(const struct law *law, const struct law_p
     return MODAL_OK;
 }
 
+/* (2) by itself. */
+static double rounded_alone(const struct law *law, double d, double v)
+{
+    const struct coulomb *c = law->data;
+
+    (void)d;
+    return c->limit * tanh(v / c->velocity);
+}
+
 /* Without stops: +limit while d rises, -limit while it falls, with a jump at every turn. */
 static enum modal_status rigid_pieces(const struct law *law, const struct orbit *const *input,
                                       struct law_pieces *out, struct modal_error *err)
@@ -83,7 +92,8 @@ static const struct law_class rounded_class = { .name = "regularised_coulomb",
                                                 .inputs = 1,
                                                 .reads_velocity = true,
                                                 .smooth = true,
-                                                .force = rounded_force };
+                                                .force = rounded_force,
+                                                .alone = rounded_alone };
 
 /* Of either class; a rigid one has no use for VELOCITY. */
 static enum modal_status coulomb_new(const struct law_class *kind, double limit, double velocity,

@@ -26,6 +26,28 @@ static void horner(const struct polynomial *p, double d, double *s, double *slop
     }
 }
 
+/* s at d, to the same digits */
+static double value(const struct polynomial *p, double d)
+{
+    double s = 0;
+
+    for (int i = p->count - 1; i >= 0; i--)
+        s = s * d + p->c[i];
+    return s;
+}
+
+/* (1) and (2) by themselves. */
+static double spring_alone(const struct law *law, double d, double v)
+{
+    (void)v;
+    return value(law->data, d) * d;
+}
+
+static double damper_alone(const struct law *law, double d, double v)
+{
+    return value(law->data, d) * v;
+}
+
 /* (1) = s(d) d, so df/dd = s + s' d. */
 static enum modal_status spring_force(const struct law *law, const struct law_point *at,
                                       struct law_force *out, struct modal_error *err)
@@ -59,13 +81,15 @@ static enum modal_status damper_force(const struct law *law, const struct law_po
 }
 
 static const struct law_class spring_class = {
-    .name = "polynomial_spring", .inputs = 1, .smooth = true, .force = spring_force
+    .name = "polynomial_spring", .inputs = 1, .smooth = true, .force = spring_force,
+    .alone = spring_alone
 };
 static const struct law_class damper_class = { .name = "polynomial_damper",
                                                .inputs = 1,
                                                .smooth = true,
                                                .reads_velocity = true,
-                                               .force = damper_force };
+                                               .force = damper_force,
+                                               .alone = damper_alone };
 
 /* Coefficients are copied; the degree bounds the harmonics that f of a polynomial motion
  * reaches. */

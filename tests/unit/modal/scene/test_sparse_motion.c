@@ -109,6 +109,29 @@ TEST(two_thousand_dofs_without_laws_are_the_closed_form_in_place_rate_and_accele
     free(rest);
 }
 
+/* To the last bit: which of both is asked is a matter of cost. */
+TEST(a_force_that_is_asked_for_alone_is_that_with_slopes)
+{
+    struct program *p = program_text(
+        "{'structure':{'type':'chain','masses':[1],'springs':[1,0]},'effects':["
+        "{'type':'cubic_spring','dof':'x1','coefficient':0.7},"
+        "{'type':'polynomial_spring','dof':'x1','coefficients':[0.3,-2,0,1.1]},"
+        "{'type':'polynomial_damper','dof':'x1','coefficients':[-0.1,0.2,0.3]},"
+        "{'type':'regularised_coulomb','dof':'x1','limit':0.4,'velocity':0.05}]}");
+    double d = -1.3, v = 0.9;
+
+    CHECK(p->laws == 4);
+    for (int k = 0; k < 40; k++, d += 0.07, v -= 0.043)
+        for (int l = 0; l < p->laws; l++) {
+            struct law_force out = { .memory = NULL };
+            struct law_point at = { .d = &d, .v = &v, .d_before = &d };
+
+            CHECK(p->law[l].kind->force(&p->law[l], &at, &out, NULL) == MODAL_OK);
+            CHECK(p->law[l].kind->alone(&p->law[l], d, v) == out.f[0]);
+        }
+    program_free(p);
+}
+
 /* Two ways that share no step: 1e-10 of each, some hundred of them. */
 TEST(laws_of_every_kind_move_as_by_exponential_collocation)
 {

@@ -273,6 +273,19 @@ def test_decays_of_which_spectra_show_one_mode_less_are_told_from_an_ambient_rec
     assert all(m["std"]["damping_ratio"] is None for m in said["modes"])
 
 
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_dozen_decays_in_a_short_record_are_told_from_an_ambient_record(ctl, tmp_path, seed):
+    """Without four of them they are no likelier than noise, and some are narrow as lines."""
+    rng, t = np.random.default_rng(seed), np.arange(600) * 0.05
+    w, zeta = 2 * np.pi * np.linspace(1, 8, 12), np.exp(rng.uniform(*np.log([0.002, 0.03]), 12))
+    Y = (np.exp(np.outer(t, -zeta * w + 1j * w))
+         @ (rng.standard_normal((12, 4)) + 1j * rng.standard_normal((12, 4)))).real
+    Y += 0.03 * Y.std(0) * rng.standard_normal(Y.shape)
+    said = ctl("identify", write_batch(tmp_path / "a.h5", Y, dt=0.05), *AMBIENT).document
+    assert "not_ambient" in codes(said) and said["stability"]["stable"] is None
+    assert all(m["std"]["damping_ratio"] is None for m in said["modes"])
+
+
 @pytest.mark.parametrize("seed", [3, 10, 11])
 def test_a_record_that_no_model_settles_on_ends_at_its_steps_and_says_so(ctl, tmp_path, seed):
     """Lines whose amplitudes swing, each at its own pace, are no modes, which fit ever better."""

@@ -21,8 +21,13 @@
 #include "modal/identify/linear/pencil.h"
 #include "modal/identify/prepare/pod.h"
 
-enum { MOST = 8 };                       /* vibrations: of a free response with more these are left
+enum {
+    MOST = 32,                           /* vibrations: of a free response with more these are left
                                           * with the weakest, still far less than it is noise */
+    FEW = 8                              /* of the longest record, and of others as many as cost no
+                                          * more, rows times their square; beyond these an eighth
+                                          * more each time */
+};
 static const double FLOOR = 1e-300;      /* of a multiplier: zero to rounding */
 
 /* What N rows, the strongest signal without its lines, are as noise. */
@@ -67,6 +72,7 @@ enum modal_status ambient_free(const struct ambient_free_input *in, int *motions
     struct pod_options how = { .most = WHITTLE_CHANNELS_MOST };
     struct matrix x;
     double noise = 0, rest, N = in->Y->m;
+    int most = (int)fmin(MOST, FEW * sqrt(AMBIENT_FREE_ROWS / N));
     enum modal_status rc = pod_reduce(in->Y, &how, &pod, err);
 
     *motions = 0;
@@ -76,8 +82,9 @@ enum modal_status ambient_free(const struct ambient_free_input *in, int *motions
     x.n = 1;
     rc = as_noise(in, &pod, &noise, err);
     if (rc == MODAL_OK)
-        rc = pencil_new(&pod.signals, &(struct pencil_options) { .wanted = 2 * MOST }, &p, err);
-    for (int n = 1; rc == MODAL_OK && *motions == 0 && n <= MOST && 2 * n <= p.count; n++) {
+        rc = pencil_new(&pod.signals, &(struct pencil_options) { .wanted = 2 * most }, &p, err);
+    for (int n = 1; rc == MODAL_OK && *motions == 0 && n <= most && 2 * n <= p.count;
+         n += 1 + n / FEW) {
         rc = as_free(&p, n, &x, in->step, &rest, err);
         /* 4 numbers a vibration */
         if (rc == MODAL_OK && -N * log(rest / sqrt(N)) - 2 * n * log(N) > noise)

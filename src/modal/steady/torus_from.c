@@ -6,7 +6,6 @@
 
 static const double LEFT = 0.1;           /* of the error asked for: what all that is left out of a
                                            * start may come to */
-static const double TARGET_USUAL = 1e-6;  /* as in torus_solve.c */
 
 /* max over dofs of combination M of the start. */
 static double size_at(const struct torus_point *start, int m)
@@ -23,7 +22,7 @@ static double size_at(const struct torus_point *start, int m)
 static enum modal_status grow_to_start(struct torus_solver *s, struct modal_error *err)
 {
     const struct torus_point *start = s->opt->start;
-    double target = s->opt->target_error > 0 ? s->opt->target_error : TARGET_USUAL;
+    double target = torus_target(s);
     double least = LEFT * target * start->amplitude / (start->count + 1);
     struct torus_index *more = malloc(((size_t)start->count + 1) * sizeof *more);
     int count = 0;

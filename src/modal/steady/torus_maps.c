@@ -4,15 +4,20 @@
  * square: with P = (P_x P_l P_w) of x and v, of levels, which stay, and of waves, which turn by R,
  *
  *     P' = P_x P + (0  P_l  P_w R).                                                             (1)
+ *
+ * A map is a few hundred numbers: it stands by columns of whole blocks of ROWS, which a product
+ * sums in registers, for a call of a library costs as much as such a product.
  */
 #include "modal/steady/torus_maps.h"
 #include <cblas.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "modal/linalg/lanes.h"
 #include "modal/steady/budget.h"
 
 enum {
+    ROWS = 2 * LANES,          /* of a block, summed at once */
     NUMBERS_MOST = 1 << 20,    /* of all maps: 8 MB */
     REGIMES_MOST = 256,        /* sets that are kept in mind: looking one up costs less than a
                                 * step */
@@ -20,10 +25,16 @@ enum {
 static const double TRIED = 2;            /* strides a sample of several steps, about: the longest,
                                            * and where that will not do both its halves */
 
+/* From column to column of a map. */
+static size_t ld_of(const struct torus_taylor *t)
+{
+    return (2 * (size_t)t->n + ROWS - 1) / ROWS * ROWS;
+}
+
 /* Numbers of a map. */
 static double size_of(const struct torus_taylor *t)
 {
-    return 2.0 * t->n * (2.0 * t->n + t->laws + 2.0 * t->waves);
+    return (double)ld_of(t) * (2.0 * t->n + t->laws + 2.0 * t->waves);
 }
 
 bool torus_maps_fit(const struct torus_taylor *t, int longest, double count)
@@ -31,13 +42,15 @@ bool torus_maps_fit(const struct torus_taylor *t, int longest, double count)
     return count <= REGIMES_MOST && count * (longest + 1) * size_of(t) <= NUMBERS_MOST;
 }
 
-enum modal_status torus_maps_init(struct torus_maps *a, struct torus_taylor *t, int longest,
-                                  struct modal_error *err)
+enum modal_status torus_maps_init(struct torus_maps *a, struct torus_taylor *t, int sample,
+                                  int longest, struct modal_error *err)
 {
-    double steps = ldexp(1, longest), strides = longest > 0 ? TRIED : 1;
+    double steps = ldexp(1, sample), strides = sample > 0 ? TRIED : 1;
 
     *a = (struct torus_maps) { .t = t, .longest = longest,
                                .columns = 2 * t->n + t->laws + 2 * t->waves };
+    a->in = workspace_zeros(&a->space, (size_t)a->columns, sizeof *a->in);
+    a->out = workspace_zeros(&a->space, ld_of(t), sizeof *a->out);
     a->regime = workspace_zeros(&a->space, REGIMES_MOST, sizeof *a->regime);
     a->turn = workspace_zeros(&a->space, 2 * (size_t)t->waves * (size_t)(longest + 1),
                               sizeof *a->turn);
@@ -81,41 +94,41 @@ static void make_first(struct torus_maps *a, double *P, double *bend, double *on
 {
     struct torus_taylor *t = a->t;
     int n = t->n, D = a->columns, columns = t->columns;
-    double *level = t->level;
+    double *level = t->level, leaves = t->leaves;
+    size_t ld = ld_of(t);
 
+    t->leaves = 0;                        /* a map serves every step */
     torus_taylor_narrow(t, 1);
     t->level = one + 2 * n;
     for (int j = 0; j < D; j++) {
         one[j] = 1;
         torus_taylor_make(t, one, one + 2 * n + t->laws, one + D);
         one[j] = 0;
-        for (int i = 0; i < 2 * n; i++)
-            P[i * D + j] = one[D + i];
+        memcpy(P + (size_t)j * ld, one + D, 2 * (size_t)n * sizeof *P);
         for (int l = 0; l < t->laws; l++)
             for (int e = t->see.start[l]; e < t->see.start[l + 1]; e++)
                 bend[l * D + j] += 2 * t->see.weight[e] * t->a[2 * n + t->see.dof[e]];
     }
     torus_taylor_narrow(t, columns);
-    t->level = level;
+    t->level = level, t->leaves = leaves;
 }
 
 /* (1): TO of twice as many steps as P, which is of 2^J. */
 static void square(const struct torus_maps *a, int j, const double *P, double *to)
 {
-    int n = 2 * a->t->n, D = a->columns, laws = a->t->laws;
+    int n = 2 * a->t->n, D = a->columns, laws = a->t->laws, ld = (int)ld_of(a->t);
     const double *turn = a->turn + 2 * j * a->t->waves;
 
-    cblas_dgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, n, D, n, 1, P, D, P, D, 0, to, D);
-    for (int i = 0; i < n; i++) {
-        const double *from = P + i * D + n, *wave = from + laws;
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, n, D, n, 1, P, ld, P, ld, 0, to, ld);
+    cblas_daxpy(laws * ld, 1, P + n * ld, 1, to + n * ld, 1);
+    for (int w = 0; w < a->t->waves; w++) {
+        double c = turn[2 * w], s = turn[2 * w + 1];
+        const double *from = P + (n + laws + 2 * w) * ld;
+        double *at = to + (n + laws + 2 * w) * ld;
 
-        for (int l = 0; l < laws; l++)
-            to[i * D + n + l] += from[l];
-        for (int w = 0; w < a->t->waves; w++) {
-            double c = turn[2 * w], s = turn[2 * w + 1], *at = to + i * D + n + laws + 2 * w;
-
-            at[0] += c * wave[2 * w] + s * wave[2 * w + 1];
-            at[1] += c * wave[2 * w + 1] - s * wave[2 * w];
+        for (int i = 0; i < n; i++) {
+            at[i] += c * from[i] + s * from[ld + i];
+            at[ld + i] += c * from[ld + i] - s * from[i];
         }
     }
 }
@@ -123,8 +136,8 @@ static void square(const struct torus_maps *a, int j, const double *P, double *t
 /* A->now's maps, of the laws' lines at hand. */
 static void make_maps(struct torus_maps *a)
 {
-    size_t D = (size_t)a->columns, size = 2 * (size_t)a->t->n * D;
-    double *P = workspace_room(&a->space, size * (size_t)(a->longest + 1), sizeof *P);
+    size_t D = (size_t)a->columns, size = ld_of(a->t) * D;
+    double *P = workspace_zeros(&a->space, size * (size_t)(a->longest + 1), sizeof *P);
     double *bend = workspace_zeros(&a->space, (size_t)a->t->laws * D, sizeof *bend);
     double *one = calloc(D + 2 * (size_t)a->t->n, sizeof *one);
 
@@ -144,48 +157,50 @@ bool torus_maps_has(struct torus_maps *a, bool earned)
     return a->now != NULL && a->now->P != NULL;
 }
 
-/* As in torus_taylor.c. */
-#define COPIED static inline __attribute__((always_inline))
-
-/* TO += P's COUNT columns from FIRST on times X, COUNT rows of COLUMNS; P has D columns and
- * ROWS. */
-COPIED void add_product(const double *P, int rows, int D, int first, int count, const double *x,
-                        int columns, double *to)
+/* OUT = P IN of COUNT columns, LD a column. */
+LANES_BODY void product_by(const double *P, size_t ld, int count, const double *in, double *out)
 {
-    for (int i = 0; i < rows; i++) {
-        double sum[TORUS_WIDE] = { 0 };
+    for (size_t i = 0; i < ld; i += ROWS) {
+        const double *p = P + i;
+        lanes upper = { 0 }, lower = { 0 };
 
-        for (int j = 0; j < count; j++)
-            for (int c = 0; c < columns; c++)
-                sum[c] += P[i * D + first + j] * x[j * columns + c];
-        for (int c = 0; c < columns; c++)
-            to[i * columns + c] += sum[c];
+        for (int j = 0; j < count; j++, p += ld) {
+            upper += in[j] * *(const lanes *)p;
+            lower += in[j] * *(const lanes *)(p + LANES);
+        }
+        *(lanes *)(out + i) = upper;
+        *(lanes *)(out + i + LANES) = lower;
     }
 }
 
-/* torus_maps_stride of COLUMNS. */
-COPIED void stride(const struct torus_maps *a, const double *P, const double *u,
-                   const double *wave, int columns, double *to)
+LANES_NARROW void product_narrow(const double *P, size_t ld, int count, const double *in,
+                                 double *out)
 {
-    int n = 2 * a->t->n, laws = a->t->laws, D = a->columns;
+    product_by(P, ld, count, in, out);
+}
 
-    memset(to, 0, (size_t)(n * columns) * sizeof *to);
-    add_product(P, n, D, 0, n, u, columns, to);
-    add_product(P, n, D, n, laws, a->t->level, columns, to);
-    for (int i = 0; i < n; i++)
-        for (int w = 0; w < 2 * a->t->waves; w++)
-            to[i * columns] += P[i * D + n + laws + w] * wave[w];
+LANES_WIDE void product_wide(const double *P, size_t ld, int count, const double *in, double *out)
+{
+    product_by(P, ld, count, in, out);
 }
 
 void torus_maps_stride(const struct torus_maps *a, int j, const double *u, const double *wave,
                        double *to)
 {
-    const double *P = a->now->P + (size_t)j * 2 * (size_t)a->t->n * (size_t)a->columns;
+    int n = 2 * a->t->n, laws = a->t->laws, C = a->t->columns;
+    size_t ld = ld_of(a->t);
+    const double *P = a->now->P + (size_t)j * ld * (size_t)a->columns;
 
-    switch (a->t->columns) {
-    case 1: stride(a, P, u, wave, 1, to); break;
-    case TORUS_PAIR: stride(a, P, u, wave, TORUS_PAIR, to); break;
-    default: stride(a, P, u, wave, TORUS_WIDE, to);
+    memcpy(a->in + n + laws, wave, 2 * (size_t)a->t->waves * sizeof *wave);
+    for (int c = 0; c < C; c++) {
+        for (int i = 0; i < n; i++)
+            a->in[i] = u[i * C + c];
+        for (int l = 0; l < laws; l++)
+            a->in[n + l] = a->t->level[l * C + c];
+        (lanes_wide() ? product_wide : product_narrow)(P, ld, c == 0 ? a->columns : n + laws, a->in,
+                                                       a->out);
+        for (int i = 0; i < n; i++)
+            to[i * C + c] = a->out[i];
     }
 }
 

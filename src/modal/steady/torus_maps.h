@@ -9,8 +9,8 @@
 #include "modal/linalg/workspace.h"
 #include "modal/steady/torus_taylor.h"
 
-/* A set of regimes, steps taken in it, and once it has them its maps, 2 n x columns by rows, of 1,
- * 2, 4 .. steps one behind the other; bend: of each law d'' h^2, a row of as many columns. */
+/* A set of regimes, steps taken in it, and once it has them its maps, by columns, of 1, 2,
+ * 4 .. steps one behind the other; bend: of each law d'' h^2, a row of as many columns. */
 struct torus_regime { int *key; long steps; double *P, *bend; };
 
 struct torus_maps {
@@ -20,13 +20,15 @@ struct torus_maps {
     struct torus_regime *regime, *now;             /* now NULL: none of those kept */
     int regimes, most;                             /* most 0: steps are of polynomials */
     double *turn;                                  /* [stride][wave][2]: cos, sin of omega h 2^j */
+    double *in, *out;                              /* of a product */
 };
 
 /* Whether maps of COUNT sets of T's laws have room, for strides of as many as 2^LONGEST steps. */
 bool torus_maps_fit(const struct torus_taylor *t, int longest, double count);
-/* Of T, its step set.  Fails with MODAL_NO_MEMORY; done takes what is half made. */
-enum modal_status torus_maps_init(struct torus_maps *a, struct torus_taylor *t, int longest,
-                                  struct modal_error *err);
+/* Of T, its step set, 2^SAMPLE of them from sample to sample.  Fails with MODAL_NO_MEMORY; done
+ * takes what is half made. */
+enum modal_status torus_maps_init(struct torus_maps *a, struct torus_taylor *t, int sample,
+                                  int longest, struct modal_error *err);
 void torus_maps_done(struct torus_maps *a);
 /* A->now is that of KEY, the regime of each law: found among those met before, for a motion of few
  * laws has few and meets them again and again, or a new one while there is room. */

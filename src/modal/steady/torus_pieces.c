@@ -48,6 +48,8 @@ enum {
     SUBSTEPS_MOST = 6,         /* of a sample, 2^6: stiffer scenes are marched otherwise */
     STRIDES_MOST = 14,         /* where strides take them together: 5e5 steps a turn of the beam
                                 * that has them */
+    TOGETHER = 2,              /* 2^2 samples of which there is no record: an eighth of a turn of
+                                * 32, and of longer strides few have no event */
     REGIMES_A_LAW = 3,         /* a slider's: it holds, or slips to either side */
     CUTS_MOST = 64,            /* of a step and law: more are no events of a motion, but of
                                 * rounding */
@@ -81,7 +83,7 @@ struct torus_pieces {
     struct workspace space;
     struct torus_taylor t;
     struct torus_maps maps;
-    int N;                                         /* samples a turn */
+    int N, sample;                                 /* samples a turn, 2^sample steps to each */
     int columns, disturbances;                     /* of u, and how many follow the motion */
     int n, laws, waves, *key;                      /* key: as torus_maps_find has it */
     double *wave, *then;                           /* [wave][2]: cos and sin, now and at m->to */
@@ -169,7 +171,7 @@ static double to_turn(const struct torus_taylor *t, const double *p, double tau)
 {
     double v = 0, bend = 0, after = tau - t->base;
 
-    for (int k = t->terms; k > 0; k--) {
+    for (int k = t->used; k > 0; k--) {
         bend = bend * after + v;
         v = v * after + k * p[k];
     }
@@ -205,7 +207,7 @@ static double crossing(const struct torus_taylor *t, const double *p, double fro
     if (begin == 0 || begin * last > 0)    /* it is at its bound already, but for rounding */
         return from;
     for (int i = 0; i < HALVINGS && high - low > SAME; i++) {
-        double off = level + gain * torus_taylor_at(t, p, tau, &rate), was = tau;
+        double off = i == 0 ? last : level + gain * torus_taylor_at(t, p, tau, &rate), was = tau;
 
         *(off * last > 0 ? &high : &low) = tau;
         tau -= gain * rate != 0 ? off / (gain * rate) : HUGE_VAL;
@@ -583,16 +585,18 @@ enum modal_status torus_pieces_go(struct torus_pieces *m, int turns, int count, 
                                   struct modal_error *err)
 {
     double turn = 2 * M_PI / m->s->tones.omega[m->s->tones.lead];
+    int samples = count > 0 ? 1 : 1 << (m->maps.longest - m->sample);
 
     m->work = 0;
     for (int t = 0; t < turns && *followed; t++) {
         if (m->s->opt->cancelled != NULL && m->s->opt->cancelled(m->s->opt->context))
             return modal_fail(err, MODAL_CANCELLED, "cancelled");
         set_waves(m, (double)m->turns * turn);
-        for (int n = 0; n < m->N; n++) {
+        for (int n = 0; n < m->N; n += samples) {
             for (int i = 0; i < count; i++)
                 *x++ = m->u[dofs[i] * m->columns];
-            *followed = *followed && stride(m, m->maps.longest);
+            *followed = *followed && budget_pays(m->s->work, m->work)
+                && stride(m, count > 0 ? m->sample : m->maps.longest);
         }
         for (int i = 0; i < 2 * m->n; i++)
             *followed = *followed && isfinite(m->u[i * m->columns]);
@@ -673,16 +677,16 @@ static bool set_out(struct torus_pieces *m)
     return true;
 }
 
-/* Steps as short as the scene needs, 2^*LONGEST a sample; false: it is too stiff.
- * Where all maps that its laws may come to have room, a sample is a few products however many. */
-static bool set_steps(struct torus_pieces *m, int *longest)
+/* Steps as short as the scene needs, 2^m->sample a sample; false: it is too stiff.  Where all maps
+ * that its laws may come to have room, a sample is a few products however many. */
+static bool set_steps(struct torus_pieces *m)
 {
     double dt = 2 * M_PI / m->s->tones.omega[m->s->tones.lead] / m->N;
     double sets = pow(REGIMES_A_LAW, m->laws);
     int most = torus_maps_fit(&m->t, STRIDES_MOST, sets) ? STRIDES_MOST : SUBSTEPS_MOST;
 
-    for (*longest = 0; !torus_taylor_set_step(&m->t, ldexp(dt, -*longest)); ++*longest)
-        if (*longest == most)
+    for (m->sample = 0; !torus_taylor_set_step(&m->t, ldexp(dt, -m->sample)); m->sample++)
+        if (m->sample == most)
             return false;
     return true;
 }
@@ -713,7 +717,6 @@ enum modal_status torus_pieces_new(struct torus_solver *s, int N, int columns,
     double *steepest = calloc((size_t)s->p->laws + 1, sizeof *steepest);
     struct torus_pieces *m = calloc(1, sizeof *m);
     bool fine = false;
-    int longest = 0;
     enum modal_status rc = MODAL_OK;
 
     *out = NULL;
@@ -728,9 +731,10 @@ enum modal_status torus_pieces_new(struct torus_solver *s, int N, int columns,
         rc = pieces_room(m, err);
         if (rc == MODAL_OK)
             rc = torus_taylor_init(&m->t, s, m->columns, steepest, &fine, err);
-        fine = rc == MODAL_OK && fine && set_steps(m, &longest);
+        fine = rc == MODAL_OK && fine && set_steps(m);
         if (fine)
-            rc = torus_maps_init(&m->maps, &m->t, longest, err);
+            rc = torus_maps_init(&m->maps, &m->t, m->sample,
+                                 m->sample + (N % (1 << TOGETHER) == 0 ? TOGETHER : 0), err);
         fine = fine && rc == MODAL_OK && set_out(m);
     }
     free(steepest);

@@ -20,8 +20,8 @@ double torus_pieces_work(const struct torus_pieces *m);
  * TURNS more turns.  X NULL, or room for what DOFS, COUNT of them, do at each sample,
  * [sample][dof]; GROWTH NULL, or room for the logarithm of what each disturbance grows by a turn,
  * [turn][column].
- * *FOLLOWED false: it is not followed further, as too many regimes or events a step come, or the
- * motion leaves the range of doubles.  Fails with MODAL_CANCELLED, or as a law does.
+ * *FOLLOWED false: it is not followed further, as too many regimes or events a step come, the work
+ * ends, or the motion leaves the range of doubles.  Fails with MODAL_CANCELLED, or as a law does.
  */
 enum modal_status torus_pieces_go(struct torus_pieces *m, int turns, int count, const int *dofs,
                                   double *x, double *growth, bool *followed,

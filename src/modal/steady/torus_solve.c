@@ -23,7 +23,6 @@ static const double HALF = 0.5;           /* of it: truncation that growth is wo
 static const double BESIDE = 0.1;         /* of truncation: sampling that more lines are worth
                                            * while for; of what no growth mends: what of the rest
                                            * it need not */
-static const double TARGET_USUAL = 1e-6;  /* as with one tone */
 static const double LITTLE = 0.01;        /* of a motion that has settled: lines known so well are
                                            * worth more than a first balance, whatever they leave */
 static const double BEHIND = 0.1;         /* of a balance's error: lines that have less it does not
@@ -35,12 +34,6 @@ static const double THIN = 1e-3;          /* of a motion marched, and no more th
                                            * hundredth made what decays grow */
 static const double ROUGH = 0.01;         /* of a motion that a march begins at: the first set
                                            * leaves out as much */
-
-/* The error asked for, of the amplitude. */
-static double target_of(const struct torus_solver *s)
-{
-    return s->opt->target_error > 0 ? s->opt->target_error : TARGET_USUAL;
-}
 
 /* How many of LIST to take: so that what is left sums to less than LEAVE, no more than there are.
  * */
@@ -178,7 +171,7 @@ static enum modal_status march_exactly(struct torus_solver *s, struct torus_line
                                        struct torus_point *out, bool *met,
                                        struct modal_error *err)
 {
-    double target = target_of(s);
+    double target = torus_target(s);
     enum modal_status rc = torus_march_exactly(s, target, lines, err);
 
     *met = rc == MODAL_OK && lines->count > 0 && lines->line <= target * lines->amplitude
@@ -233,7 +226,7 @@ static bool is_too_dear(const struct torus_solver *s, double took, int take)
 static enum modal_status solve_grown(struct torus_solver *s, struct torus_lines *lines,
                                      struct torus_point *out, struct modal_error *err)
 {
-    double target = target_of(s), before = 0;
+    double target = torus_target(s), before = 0;
     struct torus_candidate *list = malloc(TORUS_CANDIDATES_MOST * sizeof *list);
     double complex *room = malloc(((size_t)s->q * TORUS_CANDIDATES_MOST + 1) * sizeof *room);
     enum modal_status rc = list == NULL || room == NULL
@@ -371,7 +364,7 @@ static enum modal_status begin(struct torus_solver *s, const struct torus_point 
 static enum modal_status judge(struct torus_solver *s, struct torus_point *out,
                                struct modal_error *err)
 {
-    double missed = 0, target = target_of(s), leave;
+    double missed = 0, target = torus_target(s), leave;
     enum modal_status rc;
 
     if (s->marched > 0 && s->followed.count > 0) {
@@ -414,7 +407,7 @@ static enum modal_status find_motion(struct torus_solver *s, struct torus_point 
     if (rc == MODAL_OK && !met && s->part.of == 0)
         rc = begin(s, out, &begun, err);
     if (rc == MODAL_TOO_LARGE && lines.count > 0 && torus_lines_stand(s, &lines, NULL)) {
-        torus_adopt(s, &lines, target_of(s), out);
+        torus_adopt(s, &lines, torus_target(s), out);
         return MODAL_OK;
     }
     if (rc == MODAL_OK && s->q == 0)

@@ -87,6 +87,12 @@ struct torus_solver {
     const char *reason;                   /* why not converged */
 };
 
+/* The error asked for, of the amplitude: as with one tone where none is. */
+static inline double torus_target(const struct torus_solver *s)
+{
+    return s->opt->target_error > 0 ? s->opt->target_error : 1e-6;
+}
+
 /* A combination beside the set, and the motion that its force makes. */
 struct torus_candidate { struct torus_index k; double size; double complex *X; };
 

@@ -35,7 +35,10 @@
 enum { FULL_MOST = 512 };                 /* dofs of masses that are shared: M^-1 is 2 MB */
 static const double FAST = 0.5;           /* rad a step of the fastest motion: of two turns in one
                                            * step the cubic through its ends sees both */
-static const double ROUNDING = 1e-17;     /* of the motion: what a term is left out at */
+static const double ROUNDING = 1e-17;     /* of the motion: what a term is left out at, and */
+static const double LEAVES = 1e-8;        /* of the error asked for: all that 8e6 steps leave out, 64
+                                           * a sample for as long as a march's longest memory, is a
+                                           * part of it were it alike in all */
 static const double BOUND = 1e-16;        /* of the largest entry of a row or of a push: what is
                                            * less is its rounding */
 
@@ -212,150 +215,44 @@ static void set_loads(struct torus_taylor *t, const struct torus_solver *s, cons
         }
 }
 
-/* Who feels dof j at once, by columns of K and C: next[start[j]] on; and which laws look at it. */
-struct graph { int *start, *next, *law_start, *law; };
-
-/* Lists by key from COUNT pairs: START, keys + 1 zeros, counted; then filled by its caller. */
-static void starts_of(int keys, int *start)
-{
-    for (int j = 0; j < keys; j++)
-        start[j + 1] += start[j];
-}
-
-/* Both of T's entries, in SPACE: counted, then filled, as both are by rows or by laws and wanted by
- * dofs. */
-static void set_graph(struct torus_taylor *t, struct workspace *space, struct graph *g)
-{
-    const struct sparse *both[] = { &t->K, &t->C };
-    size_t entries = (size_t)t->K.start[t->n] + (size_t)t->C.start[t->n];
-    int n = t->n, *at = workspace_zeros(space, (size_t)n + 1, sizeof *at);
-
-    g->start = workspace_zeros(space, (size_t)n + 1, sizeof *g->start);
-    g->law_start = workspace_zeros(space, (size_t)n + 1, sizeof *g->law_start);
-    g->next = workspace_zeros(space, entries, sizeof *g->next);
-    g->law = workspace_zeros(space, (size_t)t->see.start[t->laws], sizeof *g->law);
-    if (space->failed)
-        return;
-    for (int a = 0; a < 2; a++)
-        for (int e = 0; e < both[a]->start[n]; e++)
-            g->start[both[a]->index[e] + 1]++;
-    starts_of(n, g->start);
-    memcpy(at, g->start, (size_t)n * sizeof *at);
-    for (int a = 0; a < 2; a++)
-        for (int i = 0; i < n; i++)
-            for (int e = both[a]->start[i]; e < both[a]->start[i + 1]; e++)
-                g->next[at[both[a]->index[e]]++] = i;
-    for (int e = 0; e < t->see.start[t->laws]; e++)
-        g->law_start[t->see.dof[e] + 1]++;
-    starts_of(n, g->law_start);
-    memcpy(at, g->law_start, (size_t)n * sizeof *at);
-    for (int l = 0; l < t->laws; l++)
-        for (int e = t->see.start[l]; e < t->see.start[l + 1]; e++)
-            g->law[at[t->see.dof[e]]++] = l;
-}
-
-/* The lists of what law L reaches, MARK and LAW_MARK being who has been met for it: of n and of
- * laws; LIST and LAWS room for as many. */
-struct search { int *mark, *law_mark, *list, *laws; };
-
-/* Dof I at the end of the list, COUNT long, of law L, unless it is there. */
-static void add_dof(struct search *a, int l, int i, int *count)
-{
-    if (a->mark[i] != l + 1)
-        a->mark[i] = l + 1, a->list[(*count)++] = i;
-}
-
-/*
- * t->reach of law L, by breadth: what its push moves first, then hop by hop who feels those at
- * once, through a spring, a damper or another law.  A term of the series goes one hop, so that no
- * more than its terms are asked for; where all are reached before, the lists end.
- */
-static void find_reach(struct torus_taylor *t, const struct graph *g, struct search *a, int l)
-{
-    struct torus_reach *r = &t->reach[l];
-    int count = 0, laws = 0, done = 0, looked = 0;
-
-    r->dofs = workspace_zeros(&t->space, TORUS_TERMS_MOST, sizeof *r->dofs);
-    r->laws = workspace_zeros(&t->space, TORUS_TERMS_MOST, sizeof *r->laws);
-    if (t->space.failed)
-        return;
-    for (int e = t->push.start[l]; e < t->push.start[l + 1]; e++)
-        add_dof(a, l, t->push.dof[e], &count);
-    r->felt = -1;
-    for (r->hops = 0; r->hops < TORUS_TERMS_MOST; r->hops++) {
-        for (; looked < count; looked++)
-            for (int e = g->law_start[a->list[looked]]; e < g->law_start[a->list[looked] + 1];
-                 e++)
-                if (a->law_mark[g->law[e]] != l + 1)
-                    a->law_mark[g->law[e]] = l + 1, a->laws[laws++] = g->law[e];
-        r->dofs[r->hops] = count, r->laws[r->hops] = laws;
-        for (; done < r->dofs[r->hops]; done++)
-            for (int e = g->start[a->list[done]]; e < g->start[a->list[done] + 1]; e++)
-                add_dof(a, l, g->next[e], &count);
-        for (int b = r->hops > 0 ? r->laws[r->hops - 1] : 0; b < r->laws[r->hops]; b++)
-            for (int e = t->push.start[a->laws[b]]; e < t->push.start[a->laws[b] + 1]; e++)
-                add_dof(a, l, t->push.dof[e], &count);
-        if (count == r->dofs[r->hops]) {
-            r->hops++;
-            break;
-        }
-    }
-    count = r->dofs[r->hops - 1];
-    r->dof = workspace_room(&t->space, (size_t)count, sizeof *r->dof);
-    r->law = workspace_room(&t->space, (size_t)laws, sizeof *r->law);
-    if (t->space.failed)
-        return;
-    memcpy(r->dof, a->list, (size_t)count * sizeof *r->dof);
-    memcpy(r->law, a->laws, (size_t)laws * sizeof *r->law);
-}
-
-/* t->reach of all laws. */
-static void set_reach(struct torus_taylor *t)
-{
-    struct workspace space = { 0 };
-    size_t n = (size_t)t->n, L = (size_t)t->laws;
-    struct graph g;
-    struct search a = { .mark = workspace_zeros(&space, n, sizeof *a.mark),
-                        .law_mark = workspace_zeros(&space, L, sizeof *a.law_mark),
-                        .list = workspace_zeros(&space, n, sizeof *a.list),
-                        .laws = workspace_zeros(&space, L, sizeof *a.laws) };
-
-    set_graph(t, &space, &g);
-    t->reach = workspace_zeros(&t->space, L, sizeof *t->reach);
-    for (int l = 0; !space.failed && !t->space.failed && l < t->laws; l++)
-        find_reach(t, &g, &a, l);
-    t->space.failed |= space.failed;
-    workspace_free(&space);
-}
-
 /*
  * t->fast, of any regimes: of an eigenvalue s^2 x + s C x + K x = 0 says |s|^2 <= |s| |C| + |K|,
  * and so |s| <= |C| + |K|^(1/2), by the largest sum of a row of each; laws hold with their largest
- * gains.  It is too large for most, which costs a step some terms.  Y: n zeros, and again.
+ * gains.  A dof is measured by the root of its M^-1, what equal energies move it by: of lengths and
+ * angles together sums have no meaning else.  It is too large for most, which costs a step some
+ * terms.  Y: n zeros, and again.
  */
-static void set_fast(struct torus_taylor *t, const double *steepest, double *y)
+static void set_fast(struct torus_taylor *t, const struct masses *m, const double *steepest,
+                     double *y)
 {
-    double damp = 0, most = 0;
+    double *unit = workspace_room(&t->space, (size_t)t->n, sizeof *unit), damp = 0, most = 0;
 
+    if (unit == NULL)
+        return;
+    for (int i = 0; i < t->n; i++) {
+        double light = fabs(m->inverse[m->full ? (size_t)i * (size_t)(t->n + 1) : (size_t)i]);
+
+        unit[i] = light > 0 ? sqrt(light) : 1;
+    }
     for (int i = 0; i < t->n; i++) {
         double sum = 0;
 
         for (int e = t->K.start[i]; e < t->K.start[i + 1]; e++)
-            y[i] += fabs(t->K.value[e]);
+            y[i] += fabs(t->K.value[e]) * unit[t->K.index[e]];
         for (int e = t->C.start[i]; e < t->C.start[i + 1]; e++)
-            sum += fabs(t->C.value[e]);
-        damp = fmax(damp, sum);
+            sum += fabs(t->C.value[e]) * unit[t->C.index[e]];
+        damp = fmax(damp, sum / unit[i]);
     }
     for (int l = 0; l < t->laws; l++) {
         double seen = 0;
 
         for (int e = t->see.start[l]; e < t->see.start[l + 1]; e++)
-            seen += fabs(t->see.weight[e]);
+            seen += fabs(t->see.weight[e]) * unit[t->see.dof[e]];
         for (int e = t->push.start[l]; e < t->push.start[l + 1]; e++)
             y[t->push.dof[e]] += fabs(t->push.weight[e]) * steepest[l] * seen;
     }
     for (int i = 0; i < t->n; i++)
-        most = fmax(most, y[i]), y[i] = 0;
+        most = fmax(most, y[i] / unit[i]), y[i] = 0;
     t->fast = sqrt(most) + damp;
 }
 
@@ -370,7 +267,8 @@ enum modal_status torus_taylor_init(struct torus_taylor *t, const struct torus_s
     enum modal_status rc = MODAL_OK;
 
     *t = (struct torus_taylor) { .n = s->p->n, .laws = s->p->laws, .waves = s->groups,
-                                 .columns = columns, .h = 1 };
+                                 .columns = columns, .h = 1,
+                                 .leaves = fmax(LEAVES * torus_target(s), ROUNDING) };
     y = workspace_zeros(&t->space, n, sizeof *y);
     room = workspace_zeros(&t->space, n, sizeof *room);
     t->gain = workspace_zeros(&t->space, (size_t)t->laws, sizeof *t->gain);
@@ -392,8 +290,8 @@ enum modal_status torus_taylor_init(struct torus_taylor *t, const struct torus_s
         set_laws(t, s, &m, y, room);
         set_loads(t, s, &m, y, room);
         if (!t->space.failed) {
-            set_fast(t, steepest, y);
-            set_reach(t);
+            set_fast(t, &m, steepest, y);
+            torus_taylor_set_reach(t);
         }
     }
     return workspace_check(&t->space, "torus: no memory for a march", err);
@@ -496,15 +394,29 @@ static void pull(const struct torus_taylor *t, int k, int columns, double *wave,
     }
 }
 
+/* Whether TERM of each column is less than is left out of SIZE. */
+COPIED bool is_faint(const struct torus_taylor *t, const double *term, const double *size,
+                     int columns)
+{
+    bool faint = true;
+
+    for (int i = 0; faint && i < t->n; i++)
+        for (int c = 0; c < columns; c++)
+            faint = faint && fabs(term[i * columns + c]) <= t->leaves * size[c];
+    return faint;
+}
+
 /*
- * torus_taylor_make of COLUMNS.  The sums of the end are taken along with the terms, which are in
+ * torus_taylor_make of COLUMNS.  Each term is made of the two before it: where these are faint all
+ * that follow are, for steps are short.  The sums of the end are taken along with the terms, which are in
  * the cache then: x is the sum of all, and h x' that of k times term k.
  */
 COPIED void make(struct torus_taylor *t, const double *u, const double *wave, int columns,
                  double *restrict to)
 {
     int n = t->n, wide = n * columns;
-    double q[2 * TORUS_LOADS_MOST], d[TORUS_WIDE], *a = t->a;
+    double q[2 * TORUS_LOADS_MOST], d[TORUS_WIDE], size[TORUS_WIDE] = { 0 }, *a = t->a;
+    int faint = 0;
 
     /* terms 0 and 1 are x and h x' at the begin; the ends' sums have them at once */
     memcpy(q, wave, 2 * (size_t)t->waves * sizeof *q);
@@ -512,9 +424,17 @@ COPIED void make(struct torus_taylor *t, const double *u, const double *wave, in
     for (int e = 0; e < wide; e++)
         a[wide + e] = u[wide + e] * t->h;
     memcpy(to, a, 2 * (size_t)wide * sizeof *to);
+    for (int i = 0; i < n; i++)
+        for (int c = 0; c < columns; c++) {
+            double x = fabs(a[i * columns + c]), v = fabs(a[wide + i * columns + c]);
+
+            size[c] = x > size[c] ? x : size[c];
+            size[c] = v > size[c] ? v : size[c];
+        }
     for (int e = 0; e < wide; e++)
         to[e] += a[wide + e];
-    for (int k = 0; k + 2 <= t->terms; k++) {
+    t->used = t->terms;
+    for (int k = 0; k + 2 <= t->used; k++) {
         double *now = a + (size_t)k * (size_t)wide, *next = now + 2 * (size_t)wide;
 
         /* the right side of (1) of all dofs, then (k + 1)(k + 2) is divided by */
@@ -532,6 +452,9 @@ COPIED void make(struct torus_taylor *t, const double *u, const double *wave, in
             to[e] += next[e];
             to[wide + e] += (k + 2) * next[e];
         }
+        faint = is_faint(t, next, size, columns) ? faint + 1 : 0;
+        if (faint == 2)
+            t->used = k + 2;
     }
     for (int e = 0; e < wide; e++)
         to[wide + e] *= 1 / t->h;
@@ -550,7 +473,7 @@ void torus_taylor_make(struct torus_taylor *t, const double *u, const double *wa
 
 void torus_taylor_sees(const struct torus_taylor *t, int l, int c, double *p)
 {
-    for (int k = 0; k <= t->terms; k++) {
+    for (int k = 0; k <= t->used; k++) {
         const double *a = t->a + (size_t)k * (size_t)t->n * (size_t)t->columns + c;
 
         p[k] = 0;
@@ -561,9 +484,9 @@ void torus_taylor_sees(const struct torus_taylor *t, int l, int c, double *p)
 
 double torus_taylor_at(const struct torus_taylor *t, const double *p, double tau, double *rate)
 {
-    double x = p[t->terms], v = 0, after = tau - t->base;
+    double x = p[t->used], v = 0, after = tau - t->base;
 
-    for (int k = t->terms - 1; k >= 0; k--) {
+    for (int k = t->used - 1; k >= 0; k--) {
         v = v * after + x;
         x = x * after + p[k];
     }
@@ -655,7 +578,7 @@ static void moves_by(struct torus_taylor *t, int l, double tau, double gain, con
         double p[TORUS_TERMS_MOST + 1];
 
         torus_taylor_sees(t, l, c, p);
-        shift(t->terms, tau - t->base, 1, p);
+        shift(t->used, tau - t->base, 1, p);
         for (int k = 0; k <= t->terms; k++)
             g[k * C + c] = (gain - t->gain[l]) * p[k];
         g[c] += level[c] - t->level[l * C + c];
@@ -670,9 +593,9 @@ COPIED void begin_anew(struct torus_taylor *t, double tau, int C)
     double *restrict x = t->u, *restrict v = x + wide, q[2 * TORUS_LOADS_MOST];
     double after = tau - t->base, per_s = 1 / t->h;
 
-    memcpy(x, t->a + t->terms * wide, (size_t)wide * sizeof *x);
+    memcpy(x, t->a + t->used * wide, (size_t)wide * sizeof *x);
     memset(v, 0, (size_t)wide * sizeof *v);
-    for (int k = t->terms - 1; k >= 0; k--) {
+    for (int k = t->used - 1; k >= 0; k--) {
         const double *a = t->a + k * wide;
 
         for (int e = 0; e < wide; e++) {
@@ -718,6 +641,9 @@ COPIED int change_by(struct torus_taylor *t, int l, double tau, double gain, con
     int hops = 0;
     double g[(TORUS_TERMS_MOST + 1) * TORUS_WIDE], size[TORUS_WIDE];
 
+    for (; t->used < t->terms; t->used++)          /* D may have all */
+        memset(t->a + (size_t)(t->used + 1) * (size_t)(t->n * C), 0,
+               (size_t)(t->n * C) * sizeof *t->a);
     /* D's terms 0 and 1 are zeros, as add_change leaves them: it begins at rest */
     moves_by(t, l, tau, gain, level, g);
     sizes(t, l, size);
@@ -776,7 +702,7 @@ void torus_taylor_end(const struct torus_taylor *t, const int *list, int count, 
             const double *a = t->a + list[b] * C + c;
             double x = 0, v = 0;
 
-            for (int k = t->terms; k >= 0; k--)
+            for (int k = t->used; k >= 0; k--)
                 v = v * after + x, x = x * after + a[(size_t)k * wide];
             to[list[b] * C + c] = x;
             to[wide + (size_t)(list[b] * C + c)] = v / t->h;

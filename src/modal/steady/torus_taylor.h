@@ -2,7 +2,7 @@
  *
  * With tau = t / h, 0 <= tau <= 1, dof i moves, in column c, by
  *
- *     x_i(tau) = sum_k a[(k n + i) columns + c] (tau - base)^k,   k = 0 .. terms.               (1)
+ *     x_i(tau) = sum_k a[(k n + i) columns + c] (tau - base)^k,   k = 0 .. used.                (1)
  *
  * Column 0 is the motion; the others are disturbances of it, which no load moves.  A law is the
  * force f = level + gain d.
@@ -30,7 +30,8 @@ struct torus_reach { int hops, felt, *dofs, *dof, *laws, *law; };
 
 struct torus_taylor {
     struct workspace space;
-    int n, laws, waves, columns, terms;
+    int n, laws, waves, columns, terms, used;      /* used: at most terms */
+    double leaves;                        /* of each column's motion: a term left out */
     double h;                             /* s */
     struct sparse K, C;                   /* M^-1 K h^2, M^-1 C h */
     struct torus_ends see, push;          /* what a law's d is; M^-1 of it, times h^2 */
@@ -55,6 +56,8 @@ enum modal_status torus_taylor_init(struct torus_taylor *t, const struct torus_s
                                     int columns, const double *steepest, bool *serves,
                                     struct modal_error *err);
 void torus_taylor_done(struct torus_taylor *t);
+/* T->reach of all laws, its entries known: a part of torus_taylor_init.  T's space fails. */
+void torus_taylor_set_reach(struct torus_taylor *t);
 /* Steps of H; false, and as it was: too long for the fastest motion that laws at their largest
  * gains make. */
 bool torus_taylor_set_step(struct torus_taylor *t, double h);
@@ -65,7 +68,7 @@ void torus_taylor_narrow(struct torus_taylor *t, int columns);
  * now, with WAVE's cosines and sines, [2 w] and [2 w + 1], at its begin; its end into TO, which is
  * not U. */
 void torus_taylor_make(struct torus_taylor *t, const double *u, const double *wave, double *to);
-/* Law L's d of column C, its polynomial, into P: terms + 1. */
+/* Law L's d of column C, its polynomial, into P: used + 1. */
 void torus_taylor_sees(const struct torus_taylor *t, int l, int c, double *p);
 /* A polynomial of T and its rate per tau, at TAU. */
 double torus_taylor_at(const struct torus_taylor *t, const double *p, double tau, double *rate);

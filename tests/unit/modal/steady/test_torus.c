@@ -1,6 +1,6 @@
 /* Tests as well: torus_laws.c torus_set.c torus_tone.c torus_newton.c torus_begin.c torus_error.c
- * torus_march.c torus_stand.c torus_pieces.c torus_maps.c torus_from.c torus_stability.c
- * torus_solve.c torus_slopes.c torus_taylor.c torus_fold.c
+ * torus_march.c torus_stand.c torus_pieces.c torus_from.c torus_stability.c torus_solve.c
+ * torus_slopes.c torus_taylor.c torus_fold.c
  *
  * Motions of several tones. */
 #include <math.h>
@@ -533,7 +533,7 @@ static void moves_as_two_steps(int n, int law, bool again)
     enum { MOST = 40, WIDE = 2 * MOST * TORUS_WIDE };
     const double tau = 0.37, h = 0.15;
     struct program *p = chain_of_sliders(n);
-    struct torus_options opt = { .dofs_count = 0 };
+    struct torus_options opt = { .target_error = 1e-10 };
     struct torus_solver s;
     struct torus_taylor t;
     double u[WIDE], once[WIDE], part[WIDE], twice[WIDE], wave[4] = { 0.6, 0.8, -0.28, 0.96 };

@@ -124,7 +124,7 @@ TEST(a_force_that_is_asked_for_alone_is_that_with_slopes)
     for (int k = 0; k < 40; k++, d += 0.07, v -= 0.043)
         for (int l = 0; l < p->laws; l++) {
             struct law_force out = { .memory = NULL };
-            struct law_point at = { .d = &d, .v = &v, .d_before = &d };
+            struct law_point at = { .d = &d, .v = &v };
 
             CHECK(p->law[l].kind->force(&p->law[l], &at, &out, NULL) == MODAL_OK);
             CHECK(p->law[l].kind->alone(&p->law[l], d, v) == out.f[0]);

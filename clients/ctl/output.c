@@ -45,8 +45,8 @@ static enum modal_status write_hdf5(const char *path, const cJSON *doc, const st
 
     if (rc != MODAL_OK)
         return rc;
-    rc = batch->samples == 0 ? result_file_write(out.beside, doc, err)
-                             : batch_file_write(out.beside, batch, provenance, err);
+    rc = batch->samples == 0 ? result_file_write(out.way, doc, err)
+                             : batch_file_write(out.way, batch, provenance, err);
     if (rc == MODAL_OK)
         return whole_file_end(&out, err);
     whole_file_drop(&out);

@@ -161,6 +161,9 @@ static FILE *open_beside(struct whole_file *out)
     out->gid = is_there ? known.st_gid : (gid_t)-1;
     if (good && !is_there && (out->mode & 0600) != 0600)
         good = fchmod(fd, out->mode | 0600) == 0;
+    snprintf(out->way, sizeof out->way, "/proc/self/fd/%d", fd);
+    if (access(out->way, F_OK) != 0)
+        memcpy(out->way, out->beside, sizeof out->way);
     if (good && (out->file = fdopen(fd, "w")) != NULL)
         return out->file;
     why = errno;

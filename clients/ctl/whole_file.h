@@ -9,11 +9,12 @@
 enum { WHOLE_FILE_PATH = 4096 };   /* bytes of a path, with its end: Linux's PATH_MAX */
 
 /* `file` writes to `beside`, which was not there before; `place` is what it will be in place of.
- * NULL once it was moved or dropped. */
+ * NULL once it was moved or dropped.  Who opens what is written by a name opens `way`: whoever may
+ * write to the folder can put a link to another file where `beside` was. */
 struct whole_file {
     FILE *file;
     const char *option;
-    char place[WHOLE_FILE_PATH], beside[WHOLE_FILE_PATH + 32];
+    char place[WHOLE_FILE_PATH], beside[WHOLE_FILE_PATH + 32], way[WHOLE_FILE_PATH + 32];
     mode_t mode;                   /* that it ends with */
     uid_t uid; gid_t gid;          /* of what it replaces; -1: nothing yet */
     struct whole_file *next;       /* begun before this one */

@@ -8,6 +8,32 @@
 #include "ctl/live_modes.h"
 #include "ctl/option.h"
 #include "ctl/svg.h"
+#include "ctl/whole_file.h"
+#include "store/batch_file.h"
+
+/* As somebody does who may write to the folder that root writes an output to. */
+TEST(a_link_put_where_an_output_is_written_leads_to_nothing_that_is_written_over)
+{
+    char folder[] = "/tmp/modald-test-XXXXXX", path[64], victim[64], away[64], said[8] = "";
+    const double x[] = { 1, 2, 3, 4, 5, 6, 7, 8 };
+    const struct batch batch = { .samples = 8, .channels = 1, .signals = x, .dt = 0.1 };
+    struct whole_file out;
+    struct modal_error err;
+    FILE *file;
+
+    CHECK(mkdtemp(folder) != NULL);
+    snprintf(path, sizeof path, "%s/out.h5", folder);
+    snprintf(victim, sizeof victim, "%s/victim", folder);
+    snprintf(away, sizeof away, "%s/away", folder);
+    CHECK((file = fopen(victim, "w")) != NULL && fputs("precious", file) >= 0 && fclose(file) == 0);
+    CHECK(whole_file_begin(&out, path, "output", &err) == MODAL_OK);
+    CHECK(rename(out.beside, away) == 0 && symlink(victim, out.beside) == 0);
+    CHECK(batch_file_write(out.way, &batch, NULL, &err) == MODAL_OK);
+    whole_file_drop(&out);
+    CHECK((file = fopen(victim, "r")) != NULL && fread(said, 1, 8, file) == 8
+          && memcmp(said, "precious", 8) == 0 && fclose(file) == 0);
+    CHECK(unlink(victim) == 0 && unlink(away) == 0 && rmdir(folder) == 0);
+}
 
 static const cJSON *option_of(cJSON *options, const char *text, const char *key)
 {

@@ -127,6 +127,13 @@ def test_a_user_who_floods_the_daemon_with_jobs_loses_his_own_oldest_and_nobody_
         assert kept() == 1002 and ann.ask("STATUS", job="key:first").ok
         assert eve.ask("STATUS", job="key:k04999").ok
 
+        def seen():
+            """Each user's own, and what METRICS has of all: without the row that is not shown."""
+            told = root.ask("METRICS").body[0].decode()
+            return (ann.ask("STATS")["jobs"]["done"], eve.ask("STATS")["jobs"]["done"],
+                    int(re.search(r'^modald_jobs_kind{kind="identify"} (\d+)$', told, re.M)[1]))
+        assert seen() == (1, 1000, 1001)
+
         def keys_gone():
             # forgotten, remembered, there
             return [eve.ask("STATUS", job=f"key:{key}").code for key in ("k00500", "k03500",
@@ -136,4 +143,5 @@ def test_a_user_who_floods_the_daemon_with_jobs_loses_his_own_oldest_and_nobody_
         d.start()
         ann, eve, root = (lab.client(name) for name in ("ann", "eve", "root"))
         assert kept() == 1002 and ann.ask("STATUS", job="key:first").ok
+        assert seen() == (1, 1000, 1001)
         assert keys_gone() == ["not_found", "expired", None]

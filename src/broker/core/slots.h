@@ -51,6 +51,8 @@ struct slot {
     int ahead; double ahead_s;            /* how many these are, and what they are to take */
     struct waiting due[2];                /* as slots.due, of streams whose window it has */
     struct demand demand;                 /* of all of these */
+    double lead;                          /* windows of each beyond what is fair (window_turns.c) */
+    int64_t latest;                       /* of these, the stream that came last */
     uint64_t process;                     /* counts the slot's processes */
     struct remote *remote;                /* NULL: its worker is a process of ours */
 };

@@ -25,6 +25,18 @@
  * lose by that is no reason to move them in their turn.  Each such move makes the sum of squares of
  * what comes due at the workers less, so of streams that stay the same they come to an end, where
  * no worker has more to do than any other with one stream more: than the mean, and one stream.
+ *
+ * Where all have too much to do nobody rests, and each worker goes round its own streams, a lap of
+ * the sum of their C.  Laps that differ by less than FAIR are even: 3 streams beside 2.  What a
+ * worker does beyond that, whose lap is L where the longest is M, is its lead: 1 - FAIR L / M of a
+ * window for each of its streams in a lap.  It takes one of the longest lap's in its turn once its
+ * lead, L s each, is twice what that takes more from nothing, A - C: half of what anybody has
+ * beyond its share is spent on evening that out.  Where a lap of three or more shortens, and the
+ * taker's stays shorter than that was, it is for good: of streams that stay the sum of squares of
+ * laps falls.  Where no such is left, that of three or more is nowhere FAIR times another: the
+ * least of them takes a third of it at most, and who could not take that has a lap of two thirds.
+ * A lap of two may be longer.  No place is fair to both then, so they change places, first who has
+ * been there longest: over many laps each stream is alone, and one of two, as long as any.
  */
 #include "broker/verbs/window_turns.h"
 #include "broker/core/slots.h"
@@ -37,6 +49,9 @@ static const double LATE_MOST_S = 60;
 /* What came due this long ago counts 1/e of what does now: the longest that a window takes
  * (windows.c), so that streams of longer windows are none; one that rests is soon forgotten. */
 static const double MEMORY_S = 60;
+/* Streams that have so many times the windows of others for good have more than their share: as
+ * many as three have beside two of a worker. */
+static const double FAIR = 1.5;
 /* Weight of one cost in their average: where they scatter by as much as they are, that scatters by
  * 1 / sqrt(2 COSTS - 1), a quarter. */
 enum { COSTS = 8 };
@@ -188,6 +203,7 @@ void turn_move(struct core *c, struct stream *s, int slot)
     demand_add(c, &c->slots->at[slot].demand, demand_s(c, &w->demand));
     w->lost = 0;
     w->slot = slot;
+    c->slots->at[slot].latest = s->id;
     w->process = c->slots->at[slot].process;
 }
 
@@ -297,6 +313,121 @@ static struct waiting *own_list(struct core *c, int slot)
     return found->streams.count > 0 ? found : NULL;
 }
 
+/* ---- who has more than its share ------------------------------------------------------------- */
+
+/* s that the worker of OWN takes for a window of each of its streams, and how many these are. */
+static double lap_s(const struct slot *own, size_t *streams)
+{
+    double s = own->due[0].cost_s + own->due[1].cost_s + own->ahead_s;
+
+    *streams = own->due[0].streams.count + own->due[1].streams.count + (size_t)own->ahead
+             + (own->live != NULL);
+    return own->live != NULL ? s + own->live->window.cost_s : s;
+}
+
+/* The longest lap of a worker that has more streams than one. */
+static double longest_lap_s(const struct core *c)
+{
+    double longest = 0;
+    size_t streams;
+
+    for (int i = slot_after(c, -1); i >= 0; i = slot_after(c, i)) {
+        const double lap = lap_s(&c->slots->at[i], &streams);
+        longest = streams > 1 && is_coming(c, i) ? fmax(longest, lap) : longest;
+    }
+    return longest;
+}
+
+/* The worker of SLOT takes S, which it has, in its turn.  What is on time is no more than S's. */
+static void count_lead(const struct core *c, int slot, const struct stream *s)
+{
+    const struct window *w = &s->window;
+    struct slot *own = &c->slots->at[slot];
+    const bool late = s->durable >= w->next + w->hop;
+    size_t streams;
+    double lap, longest, more;
+
+    if (!late && !(own->lead > 0))
+        return;
+    lap = lap_s(own, &streams), longest = longest_lap_s(c);
+    more = lap > 0 && longest > 0 ? w->cost_s * (1 / lap - FAIR / longest) : -own->lead;
+    if (late || more < 0)
+        own->lead = fmax(0, own->lead + more);
+}
+
+/* Whose streams are served better where TAKER has one of them, of these the one with the longest
+ * lap; -1: there is none. */
+static int crowded(const struct core *c, int taker)
+{
+    size_t streams;
+    const double own = lap_s(&c->slots->at[taker], &streams);
+    double longest = FAIR * own;
+    int found = -1;
+
+    for (int i = slot_after(c, -1); i >= 0; i = slot_after(c, i)) {
+        const double lap = lap_s(&c->slots->at[i], &streams);
+        if (lap > longest && is_coming(c, i)
+            && (streams == 2 || (streams > 2 && own + lap / (double)streams < lap)))
+            found = i, longest = lap;
+    }
+    return found;
+}
+
+/* Has TAKER so much more than its share that it takes S, which waits for the worker of SLOT? */
+static bool evens_out(const struct core *c, int taker, int slot, const struct stream *s)
+{
+    const struct slot *own = &c->slots->at[slot], *other = &c->slots->at[taker];
+    const struct window *w = &s->window;
+    size_t streams, others;
+    const double lap = lap_s(own, &streams), others_lap = lap_s(other, &others);
+
+    if (!(other->lead * others_lap > 2 * fmax(0, w->anew_s - w->cost_s)) || w->alone
+        || w->cost_s <= 0 || others == 0)
+        return false;
+    return (streams > 2 ? others_lap + w->cost_s < lap : s->id != own->latest)
+        && crowded(c, taker) == slot;
+}
+
+/* Where the worker of SLOT, which is to go on with one that it has, takes another's before; NULL:
+ * nowhere. */
+static struct waiting *of_crowd(struct core *c, int slot)
+{
+    struct waiting *found = NULL;
+    int crowd = c->slots->at[slot].lead > 0 ? crowded(c, slot) : -1;
+
+    for (int which = 0; which < 2 && crowd >= 0 && found == NULL; which++) {
+        struct waiting *list = &c->slots->at[crowd].due[which];
+        const struct stream *s = first_due(c, list);
+        found = s != NULL && evens_out(c, slot, crowd, s) ? list : NULL;
+    }
+    return found;
+}
+
+/* Is S, which the worker of SLOT has, to be left to another? */
+static bool is_wanted(const struct core *c, int slot, const struct stream *s)
+{
+    bool is = false;
+
+    for (int i = slot_after(c, -1); i >= 0 && !is; i = slot_after(c, i))
+        is = c->slots->at[i].lead > 0 && i != slot && is_coming(c, i) && evens_out(c, i, slot, s);
+    return is;
+}
+
+/* The worker of SLOT takes one of another's (of_crowd).  Of as many as are crowded one is helped,
+ * and that share of what others have too much is used up with it. */
+static void spend_lead(struct core *c, int slot)
+{
+    size_t streams;
+    const double lap = lap_s(&c->slots->at[slot], &streams);
+    int crowds = 0;
+
+    for (int i = slot_after(c, -1); i >= 0; i = slot_after(c, i))
+        crowds += lap_s(&c->slots->at[i], &streams) > FAIR * lap && streams > 1 && is_coming(c, i);
+    for (int i = slot_after(c, -1); i >= 0; i = slot_after(c, i))
+        c->slots->at[i].lead *= 1 - 1.0 / crowds;       /* that other is one */
+    c->slots->at[slot].lead = 0;
+}
+
 /* Who works takes none ahead from another, who may be free before. */
 static bool is_anothers(const struct core *c, const struct stream *s, int slot)
 {
@@ -309,7 +440,7 @@ struct stream *turn_take(struct core *c, int slot)
 {
     struct slots *slots = c->slots;
     const struct slot *worker = &slots->at[slot];
-    struct waiting *list;
+    struct waiting *list, *other = NULL;
     struct stream *s;
 
     if (slots->due_count == 0)
@@ -320,9 +451,17 @@ struct stream *turn_take(struct core *c, int slot)
         list = most_urgent(c, slot, (int)(slots->round % 2));
     if (list == NULL)
         list = most_urgent(c, slot, (int)((slots->round + 1) % 2));
+    if (list == &worker->due[0] || list == &worker->due[1])
+        other = of_crowd(c, slot);
+    list = other != NULL ? other : list;
     s = list != NULL ? first_of(list) : NULL;
-    if (s == NULL || (worker->live != NULL && (s->window.alone || is_anothers(c, s, slot))))
+    if (s == NULL || (other == NULL && worker->live != NULL
+                      && (s->window.alone || is_anothers(c, s, slot) || is_wanted(c, slot, s))))
         return NULL;
+    if (other != NULL)
+        spend_lead(c, slot);
+    else if (window_is_with(c, s, slot))
+        count_lead(c, slot, s);
     s = first_out(c, list);
     s->window.round = slots->round;
     return s;
@@ -337,7 +476,7 @@ void turn_recall(struct core *c, struct stream *s, int64_t round)
 
 void turns_free(struct core *c, int slot)
 {
-    c->slots->at[slot].demand.s = 0;
+    c->slots->at[slot].demand.s = c->slots->at[slot].lead = 0;
     for (int which = 0; which < 2; which++) {
         struct waiting *list = &c->slots->at[slot].due[which];
         while (list->streams.count > 0) {

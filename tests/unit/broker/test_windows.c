@@ -661,8 +661,8 @@ enum {
 };
 
 /* `worker`: where its window is; `had`: its windows since all of them have had one; `again`: those
- * of them that the same worker had as the one before. */
-static struct simulated { char ident[9]; int sent, worker, had, again; } all[STREAMS_MOST];
+ * of them that the same worker had as the one before; `times`: COST that they take, 0 is one. */
+static struct simulated { char ident[9]; int sent, worker, had, again, times; } all[STREAMS_MOST];
 
 /* Ticks for a window that a worker has not; 0: as many as for one that it goes on with. */
 static int anew = ANEW;
@@ -676,15 +676,17 @@ static int begin_run(uint64_t *dice)
     const int which = atoi(runs[slot][0].stream) - 1;
     const bool again = which >= 0 && which < STREAMS_MOST && all[which].worker == slot,
                dear = !again && anew > 0;
+    int times;
 
     CHECK(which >= 0 && which < STREAMS_MOST);
+    times = all[which].times > 0 ? all[which].times : 1;
     all[which].had++;
     all[which].again += again;
     all[which].worker = slot;
     *dice = *dice * 6364136223846793005u + 1442695040888963407u;
     if (!dear && costs_vary)
         return (*dice >> 33) % 10 < 9 ? COST - 4 : COST + 36;
-    return dear ? anew : COST - 1 + (int)((*dice >> 33) % 3);
+    return times * (dear ? anew : COST) + (dear ? 0 : (int)((*dice >> 33) % 3) - 1);
 }
 
 /* The worker `slot` at TICK: it ends what it has had long enough, and begins what it is told. */
@@ -838,6 +840,55 @@ static void open_uneven(int count)
         open_stream(name, WINDOW, HOP);
         all[k] = (struct simulated) { .sent = 0, .worker = -1 };
         memcpy(all[k].ident, stream, sizeof stream);
+    }
+}
+
+/* Windows that STREAMS have in as many ticks as a mean stream takes for MEAN, where they ask for
+ * three times what WORKERS have, and take 1 to KINDS times COST by turns; the same again before. */
+static void measure_few(int workers, int streams, int kinds, int mean, int *least, int *most)
+{
+    int work = 0, hops;
+    char name[16];
+
+    start_workers(workers);
+    for (int k = 0; k < streams; k++) {
+        snprintf(name, sizeof name, "s%d", k);
+        open_stream(name, WINDOW, HOP);
+        all[k] = (struct simulated) { .sent = WINDOW - HOP, .worker = -1, .times = 1 + k % kinds };
+        memcpy(all[k].ident, stream, sizeof stream);
+        push(stream, 0, WINDOW - HOP);
+        work += 1 + k % kinds;
+    }
+    hops = (int)(3.0 * mean * work / streams);     /* run_streams takes streams for COST each */
+    run_streams(workers, streams, 3, hops / 2);
+    for (int k = 0; k < streams; k++)
+        all[k].had = 0;
+    run_streams(workers, streams, 3, hops);
+    *least = INT_MAX, *most = 0;
+    for (int k = 0; k < streams; k++) {
+        *least = all[k].had < *least ? all[k].had : *least;
+        *most = all[k].had > *most ? all[k].had : *most;
+    }
+    cpu_s = 0;
+    core_free(core);
+}
+
+/* A worker with one stream beside one with two: the one had twice the windows of each of these, for
+ * good, and so two beside four.  What a move waits for comes to it, twice what it takes more, and
+ * what others have meanwhile. */
+TEST(of_few_streams_none_has_more_than_one_and_a_half_times_the_windows_of_another_for_long)
+{
+    static const struct { int workers, streams, kinds; } cases[] = {
+        { 2, 3, 1 }, { 3, 5, 1 }, { 3, 10, 1 }, { 8, 12, 1 }, { 4, 5, 2 } };
+    const int moved = 3 * (ANEW - COST) / COST;
+
+    check_slow();
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        int least, most;
+        measure_few(cases[i].workers, cases[i].streams, cases[i].kinds, 400, &least, &most);
+        printf("%d workers, %d streams of %d kinds: %d to %d windows\n", cases[i].workers,
+               cases[i].streams, cases[i].kinds, least, most);
+        CHECK(most <= 1.5 * least + moved);
     }
 }
 

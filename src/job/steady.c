@@ -83,13 +83,6 @@ static enum modal_status judge_and_refine(struct steady *s, struct steady_point 
     return rc;
 }
 
-/* Whether one more verdict is paid: of the answer's WORK, or of what its verdicts, of which KNOWN
- * is one, are given beside it.  What was found is judged though the search spent the rest. */
-static bool may_judge(const struct budget *work, const struct stability *known)
-{
-    return !budget_spent(work) || work->apart < known->work.most;
-}
-
 /* A motion found from rest that is unstable is not what a machine does: a stable one is sought
  * among all, and given if there is.  *KNOWN is the stability of the one given. */
 static enum modal_status prefer_stable(struct steady *s, const struct program *p,
@@ -110,7 +103,7 @@ static enum modal_status prefer_stable(struct steady *s, const struct program *p
         return rc;
     rc = steady_solve_all(s, p->omega, NULL, point, &points, &count, err);
     /* the first is what is known */
-    for (int i = 1; rc == MODAL_OK && i < count && stable < 0 && may_judge(work, known); i++) {
+    for (int i = 1; rc == MODAL_OK && i < count && stable < 0 && stability_pays(work, known); i++) {
         if (points[i].converged)             /* with the harmonics that its own error asks for */
             rc = steady_refine(s, &points[i], err);
         if (rc == MODAL_OK && points[i].converged)

@@ -291,6 +291,11 @@ static void charge_verdict(struct steady *s, struct budget answer, struct budget
     s->budget.apart = apart;
 }
 
+bool stability_pays(const struct budget *work, const struct stability *known)
+{
+    return !budget_spent(work) || work->apart < known->work.most;
+}
+
 /* Of S's own program. */
 static enum modal_status stability_alone(struct steady *s, const struct steady_point *point,
                                          struct stability *out, struct modal_error *err)

@@ -50,6 +50,9 @@ enum { STABILITY_STATES_MOST = 400 };
  */
 enum modal_status stability_of(struct steady *s, const struct steady_point *point,
                                struct stability *out, struct modal_error *err);
+/* Whether one more verdict is paid: of an answer's WORK, or of what its verdicts, of which KNOWN is
+ * one, are given beside it.  So what a search found is judged though it spent the rest. */
+bool stability_pays(const struct budget *work, const struct stability *known);
 /* Frees what S holds, and makes it 0. */
 void stability_done(struct stability *s);
 #endif

@@ -401,6 +401,31 @@ TEST(a_verdict_leaves_an_answer_what_it_had_left_once)
     program_free(p);
 }
 
+TEST(what_was_found_is_judged_though_all_is_spent_until_verdicts_took_as_much_as_one_may)
+{
+    struct program *p = lower(friction_damper);
+    struct steady_options opt = { .harmonics = 5 };
+    struct steady_point point;
+    struct stability first, next;
+    struct steady *s;
+
+    solve(p, &opt, &s, &point);
+    CHECK(stability_of(s, &point, &first, NULL) == MODAL_OK);
+    s->budget.spent = s->budget.most;
+    CHECK(stability_pays(steady_work(s), &first));
+    CHECK(stability_of(s, &point, &next, NULL) == MODAL_OK && next.verdict == STABILITY_STABLE);
+    s->budget.spent = s->budget.most;
+    s->budget.apart = first.work.most;
+    CHECK(!stability_pays(steady_work(s), &first));
+    s->budget.spent = 0;                                /* nor is this beside the answer */
+    CHECK(stability_pays(steady_work(s), &first));
+    stability_done(&first);
+    stability_done(&next);
+    steady_point_done(&point);
+    steady_free(s);
+    program_free(p);
+}
+
 /* A motion at rest that is known is none of those of a balance, which is solved and searched at the
  * cost of both. */
 TEST(a_search_beside_a_motion_at_rest_counts_its_own_first_answer)

@@ -13,6 +13,11 @@
  * Of a large or stiff periodic program the leading multipliers alone are asked for, each bar its
  * residual times kappa: of vectors carried over a period (leading.h), and where these do not settle
  * soon, as multipliers crowd or steps are too many, of windows of Hill's matrix (hill_leading.h).
+ * Of a map that takes seconds windows are asked for the whole spectrum first, but where a motion is
+ * rigid, of which they know the residual and not what its stiffness is rounded by.  As many as
+ * there are states, each another motion, are all of them where their product is what Liouville's
+ * formula says, ln|rho_1 ... rho_N| = T tr A; else the map is made.
+ *
  * Windows look where first order in what pulsates says that leading ones may be: where vectors cost
  * little they are carried until the leading ones are known to 1e-6, and small windows refine those.
  *
@@ -51,7 +56,10 @@ enum {
     SETTLE = 4,                         /* so many states a vector, before leading ones settle */
     BELOW = 4,                          /* multipliers past the last that show it is the last */
 };
-static const double WORK_WHOLE = 2e12;  /* of whole maps, dense: chosen, a minute */
+static const double WORK_WHOLE = 2e12;  /* of whole maps, dense: chosen, minutes */
+/* of the same, past which windows are asked for all multipliers first, for as much: chosen, two
+ * seconds */
+static const double WORK_MAP = 2e10;
 static const double MAGNUS_WORK = 40;   /* products a radian of the fastest, some 20 exponentials */
 static const double RESIDUAL = 1e-9;    /* of leading multipliers, over the largest of them */
 /* of those that windows refine: a third fewer vectors, where moduli differ by less they are not
@@ -257,6 +265,15 @@ static enum modal_status periodic(const struct statespace *ss, double period,
     return rc;
 }
 
+/* Operations of a whole map, dense, nearly. */
+static double map_work(const struct program *p, double period)
+{
+    double frequency, decay, n = 2.0 * p->n;
+
+    dofwise_fastest(p, &frequency, &decay);
+    return period * (frequency + decay) * MAGNUS_WORK * n * n * n;
+}
+
 /* The products that WORK pays: carried, and each a vector beside all before. */
 static int products_most(const struct period_map *map, double work)
 {
@@ -333,7 +350,7 @@ static enum modal_status take_hints(const struct leading *l, double period,
 }
 
 /* By windows of Hill's matrix, of what has settled in L alone, each residual measured on MAP where
- * there is one. */
+ * there is one; all that there are for WORK_MAP at most. */
 static enum modal_status windows(const struct program *p, double period, int wanted,
                                  struct period_map *map, const struct leading *l,
                                  struct floquet *f, struct modal_error *err)
@@ -345,6 +362,7 @@ static enum modal_status windows(const struct program *p, double period, int wan
     if (rc == MODAL_OK)
         rc = hill_leading(p, period, &(struct hill_ask){ .wanted = wanted, .hint = hint,
                                                          .hints = l->found.count,
+                                                         .most = wanted == 2 * p->n ? WORK_MAP : 0,
                                                          .only_hints = l->found.settled },
                           &h, err);
     for (int i = 0; rc == MODAL_OK && map != NULL && i < h.count; i++)
@@ -510,15 +528,6 @@ static void judge(struct floquet *f)
     f->stable = unstable ? FLOQUET_UNSTABLE : stable ? FLOQUET_STABLE : FLOQUET_UNDECIDED;
 }
 
-/* Is P so stiff that steps of dense matrices through PERIOD are no way? */
-static bool is_stiff(const struct program *p, double period)
-{
-    double frequency, decay, n = 2.0 * p->n;
-
-    dofwise_fastest(p, &frequency, &decay);
-    return period * (frequency + decay) * MAGNUS_WORK * n * n * n > WORK_WHOLE;
-}
-
 /* How many multipliers of P are asked for alone; 0: its whole spectrum. */
 static int leading_of(const struct program *p, double period, const struct floquet_options *opt)
 {
@@ -526,9 +535,46 @@ static int leading_of(const struct program *p, double period, const struct floqu
 
     if (p->harmonics == 0 || !period_map_serves(p))
         return 0;
-    if (wanted == 0 && (2 * p->n > FLOQUET_STATES_DENSE || is_stiff(p, period)))
+    if (wanted == 0 && (2 * p->n > FLOQUET_STATES_DENSE || map_work(p, period) > WORK_WHOLE))
         wanted = FLOQUET_LEADING;
     return wanted < 2 * p->n ? wanted : 0;
+}
+
+/* Are all multipliers of P asked for, and its map dear? */
+static bool is_dear(const struct program *p, double period, const struct floquet_options *opt)
+{
+    return p->harmonics > 0 && !p->seen_fixed && (opt == NULL || opt->multipliers == 0)
+           && 2 * p->n <= FLOQUET_STATES_DENSE && period_map_serves(p)
+           && map_work(p, period) > WORK_MAP;
+}
+
+/* All multipliers of P by windows; F has none where some are not found. */
+static enum modal_status all_by_windows(const struct program *p, double period, struct floquet *f,
+                                        struct modal_error *err)
+{
+    struct statespace *ss = NULL;
+    struct leading none = { 0 };
+    double balance = 0, bar = 0;
+    enum modal_status rc = statespace_new(p, &ss, err);
+
+    if (rc != MODAL_OK || rigid_rounding(ss) > 0) {
+        statespace_free(ss);
+        return rc;
+    }
+    rc = windows(p, period, ss->N, NULL, &none, f, err);
+    for (int i = 0; i < ss->N; i++)
+        balance -= period * ss->A[(size_t)i * ((size_t)ss->N + 1)];
+    for (int i = 0; i < f->count; i++) {
+        balance += log(cabs(f->multiplier[i]));
+        bar += f->bar[i] / cabs(f->multiplier[i]);
+    }
+    if (rc != MODAL_OK || f->unsettled || f->count != ss->N || !(fabs(balance) <= bar))
+        floquet_done(f);
+    statespace_free(ss);
+    f->alike = false;                            /* no other is left */
+    f->periodic = true;
+    f->period = period;
+    return rc == MODAL_TOO_LARGE || rc == MODAL_NO_CONVERGENCE ? MODAL_OK : rc;
 }
 
 /* All exponents of P, by those of TURNED where that is not NULL. */
@@ -569,7 +615,9 @@ enum modal_status floquet(const struct program *p, const struct floquet_options 
     /* constant on turning axes: then exactly */
     rc = p->harmonics > 0 ? program_turned(p, &turned, err) : MODAL_OK;
     wanted = turned == NULL ? leading_of(p, period, opt) : 0;
-    if (rc == MODAL_OK)
+    if (rc == MODAL_OK && turned == NULL && is_dear(p, period, opt))
+        rc = all_by_windows(p, period, &f, err);
+    if (rc == MODAL_OK && f.count == 0)
         rc = wanted > 0 ? leading(p, period, wanted, &f, err)
                         : whole(p, turned, period, opt, &f, err);
     program_turned_free(turned);

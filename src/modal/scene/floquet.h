@@ -47,9 +47,9 @@ struct floquet {
     int substeps;                /* of a period, in Magnus steps */
 };
 
-/* A periodic program of more states than FLOQUET_STATES_DENSE, or of fewer that turn so fast that
- * stepping all of them through a period would take minutes, has its FLOQUET_LEADING multipliers of
- * largest modulus where `multipliers` is 0; fewer where the others vanish beside these. */
+/* A periodic program of more states than FLOQUET_STATES_DENSE, or of fewer where windows do not
+ * find all and a map of them takes minutes, has its FLOQUET_LEADING multipliers of largest modulus
+ * where `multipliers` is 0; fewer where the others vanish beside these. */
 enum {
     FLOQUET_STATES_DENSE = 500,  /* chosen: their spectrum takes seconds */
     FLOQUET_LEADING = 10,        /* chosen: who asks for more says so */

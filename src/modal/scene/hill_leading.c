@@ -651,19 +651,23 @@ static enum modal_status check_growth(struct search *s, bool uncounted, bool *se
     return rc;
 }
 
-/* All that may be leading. */
+/* All that may be leading.  Of the whole spectrum none is left to be counted. */
 static enum modal_status find_all(struct search *s, const struct hill_ask *ask, bool *settled,
                                   struct modal_error *err)
 {
     enum modal_status rc = search_outwards(s, settled, err);
+    bool whole = s->found.wanted >= 2 * s->n;
 
     if (rc == MODAL_OK && *settled)
         rc = spread(s, settled, err);
     if (rc == MODAL_OK)
         rc = follow(s, ask->hint, ask->hints, settled, err);
-    if (rc == MODAL_OK)
+    if (rc == MODAL_OK && !whole)
         rc = check_growth(s, ask->uncounted, settled, err);
-    return rc == MODAL_OK ? repeat(s, err) : rc;
+    if (rc == MODAL_OK)
+        rc = repeat(s, err);
+    s->counted = s->counted || (whole && hill_found_last(&s->found) <= s->found.count);
+    return rc;
 }
 
 enum modal_status hill_leading(const struct program *p, double period, const struct hill_ask *ask,

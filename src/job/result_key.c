@@ -95,197 +95,12 @@ static const struct result_key error_keys[] = {
 
 /* ---- identify ---- */
 
-static const struct result_key mode_std_keys[] = {
-    { "frequency_hz", RESULT_NUMBER, .unit = "Hz", .null = UNKNOWN, .means = "of frequency_hz" },
-    { "damping_ratio", RESULT_NUMBER, .null = UNKNOWN, .means = "of damping_ratio" },
-    { "exponent", RESULT_COMPLEX, .unit = "1/s, rad/s", .null = UNKNOWN,
-      .means = "of its real and of its imaginary part" },
-    { "multiplier", RESULT_NUMBER, .null = UNKNOWN, .means = "of |multiplier|" },
-    { 0 },
-};
-
-static const struct result_key bound_keys[] = {
-    { "frequency_hz", RESULT_NUMBER, .unit = "Hz", .null = UNKNOWN,
-      .means = "standard deviation then, excited again in the same way" },
-    { "damping_ratio", RESULT_NUMBER, .null = UNKNOWN, .means = "likewise" },
-    { 0 },
-};
-
-static const struct result_key harmonic_keys[] = {
-    { "k", RESULT_WHOLE, .means = "the mode's part with exponent + i k 2 pi/period" },
-    { "magnitude", RESULT_NUMBER, .means = "of that part, over all signals; the strongest first" },
-    { 0 },
-};
-
-static const struct result_key mode_keys[] = {
-    { "frequency_hz", RESULT_NUMBER, .unit = "Hz", .null = UNKNOWN,
-      .means = "|resolved_exponent| / (2 pi): undamped" },
-    { "frequency_rad_s", RESULT_NUMBER, .unit = "rad/s", .null = UNKNOWN,
-      .means = "|resolved_exponent|" },
-    { "damped_frequency_rad_s", RESULT_NUMBER, .unit = "rad/s", .null = UNKNOWN,
-      .means = "|Im resolved_exponent|; 0 of a real exponent" },
-    { "damping_ratio", RESULT_NUMBER, .null = UNKNOWN,
-      .means = "-Re resolved_exponent / |resolved_exponent|; below 0 it grows" },
-    { "exponent", RESULT_COMPLEX, .unit = "1/s, rad/s", .null = UNKNOWN,
-      .means = "lambda of exp(lambda t), Im >= 0; with a period its principal value" },
-    { "resolved_exponent", RESULT_COMPLEX, .unit = "1/s, rad/s", .null = UNKNOWN,
-      .means = "exponent + i resolved_k 2 pi/period; the same without a period" },
-    { "multiplier", RESULT_COMPLEX, .null = UNKNOWN,
-      .means = "exp(lambda T) over the period, or over one sample of the batch as sent" },
-    { "amplitude", RESULT_NUMBER, .null = UNKNOWN,
-      .means = "rms of its part over the record, channels scaled to unit rms" },
-    { "energy", RESULT_NUMBER, .null = UNKNOWN, .means = "its share of that of all modes, 0 to 1" },
-    { "persistence", RESULT_NUMBER, .null = "it was not looked for",
-      .means = "share of the orders and windows tried that show it, 0 to 1" },
-    { "residual", RESULT_NUMBER, .null = UNKNOWN,
-      .means = "sine of the angle between its powers and the signals' subspace: 0 is exact" },
-    { "std", RESULT_OBJECT, .members = mode_std_keys,
-      .means = "standard deviations, widened where the model is in doubt" },
-    { "bar", RESULT_NUMBER, .null = UNKNOWN,
-      .means = "on |multiplier|: the largest of the estimates of its error" },
-    { "participation", RESULT_COMPLEX, .list = "one an input",
-      .absent = "without response=forced and shapes=true", .null = UNKNOWN,
-      .means = "times shape, over s - exponent: the mode's part of response over input" },
-    { "shape", RESULT_COMPLEX, .list = "one a channel", .absent = "without shapes=true",
-      .null = UNKNOWN, .means = "the mode's shape, its largest component 1" },
-    { "mpc", RESULT_NUMBER, .absent = "without shapes=true", .null = UNKNOWN,
-      .means = "modal phase collinearity of the shape: 1 is a standing wave" },
-    { "harmonics", RESULT_OBJECT, .list = "the strongest first", .absent = "without a period",
-      .members = harmonic_keys, .means = "what the mode is made of over the period" },
-    { "resolved_k", RESULT_WHOLE, .absent = "without a period",
-      .means = "the k of the strongest of these" },
-    { "runner_up", RESULT_NUMBER, .absent = "without a period", .null = UNKNOWN,
-      .means = "magnitude of the second over the first: 1 is a tie" },
-    { "cycles", RESULT_NUMBER, .absent = "of a free response", .means = "swings in the record" },
-    { "bound_at_2x", RESULT_OBJECT, .absent = "of a free response", .members = bound_keys,
-      .means = "what twice the record would give" },
-    { 0 },
-};
-
-static const struct result_key verdict_keys[] = {
-    { "stable", RESULT_TRUTH, .null = "undecided", .means = "every motion decays" },
-    { "max_multiplier", RESULT_NUMBER, .null = "no mode",
-      .means = "the largest |multiplier|; above 1 it grows" },
-    { "margin", RESULT_NUMBER, .unit = "1/s", .null = "no mode",
-      .means = "-max Re exponent, the offset apart" },
-    { "margin_std", RESULT_NUMBER, .unit = "1/s", .null = UNKNOWN, .means = "of margin" },
-    { "decides", RESULT_WHOLE, .null = "no mode", .means = "the mode that the verdict rests on" },
-    { 0 },
-};
-
-static const struct result_key rank_keys[] = {
-    { "pod", RESULT_WHOLE, .means = "proper orthogonal signals kept" },
-    { "hankel", RESULT_WHOLE, .means = "order: exponents, two for a conjugate pair" },
-    { "rule", RESULT_TEXT, .means = "the one that chose it: see rank.rule in modalctl(1)" },
-    { "energy", RESULT_NUMBER, .null = UNKNOWN, .means = "share of the singular values kept" },
-    { "singular_values", RESULT_NUMBER, .list = "of the Hankel matrix, leading ones",
-      .null = UNKNOWN, .means = "over the first" },
-    { "freedom", RESULT_WHOLE, .means = "equations less unknowns, each signal and phase" },
-    { 0 },
-};
-
-static const struct result_key signal_keys[] = {
-    { "name", RESULT_TEXT, .means = "of the channel; ch0, ch1, .. where it has none" },
-    { "rms_error", RESULT_NUMBER, .unit = "the channel's", .null = UNKNOWN,
-      .means = "rms of signal less what the modes rebuild" },
-    { "relative_error", RESULT_NUMBER, .null = "the channel is zero",
-      .means = "rms_error over the channel's rms" },
-    { 0 },
-};
-
-static const struct result_key rebuilt_keys[] = {
-    { "signals", RESULT_OBJECT, .list = "one a channel", .members = signal_keys,
-      .means = "how well each is rebuilt" },
-    { "relative_error", RESULT_NUMBER, .null = UNKNOWN, .means = "of all together" },
-    { 0 },
-};
-
-static const struct result_key response_curve_keys[] = {
-    { "input", RESULT_TEXT, .means = "the channel of the excitation" },
-    { "name", RESULT_TEXT, .means = "the channel of the response" },
-    { "value", RESULT_COMPLEX, .list = "one a frequency", .null = UNKNOWN,
-      .means = "response over excitation, in the channels' units" },
-    { "std", RESULT_NUMBER, .list = "one a frequency", .null = UNKNOWN,
-      .means = "standard deviation of value, as a distance in the complex plane" },
-    { 0 },
-};
-
-static const struct result_key frf_keys[] = {
-    { "frequency_hz", RESULT_NUMBER, .unit = "Hz", .list = "rising, closer about modes",
-      .means = "where it is told" },
-    { "curves", RESULT_OBJECT, .list = "one an input and response",
-      .members = response_curve_keys, .means = "the modes' and the direct terms' together" },
-    { 0 },
-};
-
-static const struct result_key candidate_keys[] = {
-    { "order", RESULT_WHOLE, .means = "exponents" },
-    { "bic", RESULT_NUMBER, .null = UNKNOWN,
-      .means = "Bayesian information criterion: the least is chosen" },
-    { "residual", RESULT_NUMBER, .null = UNKNOWN, .means = "relative, of the signals" },
-    { "refined", RESULT_TRUTH, .means = "fitted to the samples themselves" },
-    { "converged", RESULT_TRUTH, .means = "and that fit ended" },
-    { "chosen", RESULT_TRUTH, .means = "the answer's" },
-    { 0 },
-};
-
-static const struct result_key order_keys[] = {
-    { "rule", RESULT_TEXT, .means = "bic, or the rank's rule" },
-    { "candidates", RESULT_OBJECT, .list = "of orders looked at", .members = candidate_keys,
-      .means = "how each fits" },
-    { 0 },
-};
-
-static const struct result_key pole_keys[] = {
-    { "order", RESULT_WHOLE, .means = "of the fit that has it" },
-    { "exponent", RESULT_COMPLEX, .unit = "1/s, rad/s", .null = UNKNOWN, .means = "of it" },
-    { "frequency_hz", RESULT_NUMBER, .unit = "Hz", .null = UNKNOWN, .means = "undamped" },
-    { "damping_ratio", RESULT_NUMBER, .null = UNKNOWN, .means = "as a mode's" },
-    { "std", RESULT_COMPLEX, .unit = "1/s, rad/s", .null = UNKNOWN, .means = "of exponent" },
-    { "mode", RESULT_WHOLE, .null = "it is none of the answer's",
-      .means = "the answer's mode that it is" },
-    { 0 },
-};
-
-static const struct result_key cluster_keys[] = {
-    { "centroid", RESULT_COMPLEX, .means = "mean of their multipliers" },
-    { "radius", RESULT_NUMBER, .null = UNKNOWN, .means = "the farthest from it" },
-    { "members", RESULT_WHOLE, .list = "of modes", .means = "which, from 0" },
-    { "near_defective", RESULT_TRUTH, .means = "only their mean is well determined" },
-    { 0 },
-};
-
-static const struct result_key trend_std_keys[] = {
-    { "frequency_hz", RESULT_NUMBER, .unit = "Hz", .null = UNKNOWN, .means = "of frequency_hz" },
-    { "damping_ratio", RESULT_NUMBER, .null = UNKNOWN, .means = "of damping_ratio" },
-    { 0 },
-};
-
-static const struct result_key trend_keys[] = {
-    { "t", RESULT_NUMBER, .unit = "s", .means = "middle of the part" },
-    { "frequency_hz", RESULT_NUMBER, .unit = "Hz", .null = UNKNOWN, .means = "there" },
-    { "damping_ratio", RESULT_NUMBER, .null = UNKNOWN, .means = "there" },
-    { "amplitude", RESULT_NUMBER, .null = UNKNOWN, .means = "there, as a mode's" },
-    { "std", RESULT_OBJECT, .members = trend_std_keys, .means = "standard deviations" },
-    { 0 },
-};
-
-static const struct result_key input_keys[] = {
-    { "samples", RESULT_WHOLE, .means = "of the batch" },
-    { "channels", RESULT_WHOLE, .means = "of the batch" },
-    { "dt", RESULT_NUMBER, .unit = "s", .means = "of the batch" },
-    { "period", RESULT_NUMBER, .unit = "s", .means = "of the batch; 0: none" },
-    { "units", RESULT_TEXT, .absent = "where the file has none", .means = "as the file says" },
-    { "attributes", RESULT_OWN, .absent = "where the file has none", .means = "as they came" },
-    { 0 },
-};
-
 static const struct result_key identify_provenance_keys[] = {
     { "version", RESULT_TEXT, .means = "of modald" },
     { "options", RESULT_OWN, .means = "those in force, defaults included" },
     { "input_sha256", RESULT_TEXT, .null = "in a process of its own (--local)",
       .means = "of the batch as it was uploaded" },
-    { "input", RESULT_OBJECT, .members = input_keys, .means = "the batch" },
+    { "input", RESULT_OBJECT, .members = identify_input_keys, .means = "the batch" },
     { "samples_used", RESULT_WHOLE, .means = "after window and decimation" },
     { "dt_used", RESULT_NUMBER, .unit = "s", .means = "between these" },
     { "decimation", RESULT_WHOLE, .means = "one of so many was kept" },
@@ -317,23 +132,24 @@ static const struct result_key identify_keys[] = {
     { "kind", RESULT_TEXT, .means = "identify" },
     { "response", RESULT_TEXT, .means = "free, ambient or forced: what the record answers" },
     { "modes", RESULT_OBJECT, .list = "one a conjugate pair, by falling amplitude",
-      .members = mode_keys, .means = "frequencies and damping" },
-    { "stability", RESULT_OBJECT, .members = verdict_keys, .means = "the verdict" },
-    { "rank", RESULT_OBJECT, .members = rank_keys, .means = "how much of the data was used" },
-    { "reconstruction", RESULT_OBJECT, .members = rebuilt_keys,
+      .members = identify_mode_keys, .means = "frequencies and damping" },
+    { "stability", RESULT_OBJECT, .members = identify_verdict_keys, .means = "the verdict" },
+    { "rank", RESULT_OBJECT, .members = identify_rank_keys,
+      .means = "how much of the data was used" },
+    { "reconstruction", RESULT_OBJECT, .members = identify_rebuilt_keys,
       .means = "the signals rebuilt from the modes; of an ambient record, their spectra" },
-    { "frf", RESULT_OBJECT, .absent = "without frf=true", .members = frf_keys,
+    { "frf", RESULT_OBJECT, .absent = "without frf=true", .members = identify_frf_keys,
       .means = "frequency responses of the model" },
     { "offset", RESULT_NUMBER, .unit = "the channel's",
       .list = "one a channel, none where none was found", .null = UNKNOWN,
       .means = "the constant part: of the null exponent, which is no mode" },
-    { "order", RESULT_OBJECT, .members = order_keys, .means = "how the order was chosen" },
-    { "stabilisation", RESULT_OBJECT, .list = "of every candidate's", .members = pole_keys,
+    { "order", RESULT_OBJECT, .members = identify_order_keys, .means = "how the order was chosen" },
+    { "stabilisation", RESULT_OBJECT, .list = "of every candidate's", .members = identify_pole_keys,
       .means = "exponents against order: a stabilisation diagram" },
-    { "clusters", RESULT_OBJECT, .list = "of close ones", .members = cluster_keys,
+    { "clusters", RESULT_OBJECT, .list = "of close ones", .members = identify_cluster_keys,
       .means = "multipliers that nearly coalesce" },
     { "trend", RESULT_OBJECT, .list = "part after part, none where it is one system throughout",
-      .members = trend_keys, .means = "the strongest vibration over the record" },
+      .members = identify_trend_keys, .means = "the strongest vibration over the record" },
     { "proposed_window", RESULT_SPAN, .unit = "s",
       .null = "all that was looked at is one, or it cannot be told",
       .means = "one free response: after quiet and a strike, before noise, or where it stops" },
@@ -419,12 +235,15 @@ static const struct result_key steady_keys[] = {
       "were evaluated, or of a march; 0: none" },
     { "harmonics", RESULT_OBJECT, .list = "one a dof reported", .members = dof_harmonic_keys,
       .means = "the motion" },
-    { "time", RESULT_OBJECT, .absent = "without time", .members = time_keys, .means = "a period" },
+    { "time", RESULT_OBJECT, .absent = "without time", .members = time_keys,
+      .means = "the motion over one period" },
     { "residual", RESULT_NUMBER, .null = UNKNOWN, .means = "of the balance, relative" },
     { "truncation_error", RESULT_NUMBER, .unit = "the dofs'", .null = UNKNOWN,
       .means = "estimate of max |x - exact| that more harmonics would remove" },
-    { "sampling_error", RESULT_NUMBER, .unit = "the dofs'", .null = UNKNOWN, .means = "sampling" },
-    { "solver_error", RESULT_NUMBER, .unit = "the dofs'", .null = UNKNOWN, .means = "iterations" },
+    { "sampling_error", RESULT_NUMBER, .unit = "the dofs'", .null = UNKNOWN,
+      .means = "that more samples would remove" },
+    { "solver_error", RESULT_NUMBER, .unit = "the dofs'", .null = UNKNOWN,
+      .means = "that more iterations would remove" },
     { "reduction_error", RESULT_NUMBER, .unit = "the dofs'", .null = UNKNOWN, .absent = "without "
       "reduce", .means = "that more modes would remove" },
     { "total_error", RESULT_NUMBER, .unit = "the dofs'", .null = UNKNOWN, .means = "of all these, "

@@ -40,6 +40,11 @@ struct result_document {
     const char *means;
 };
 
+/* What is told of a record and its modes (mode_key.c). */
+extern const struct result_key identify_mode_keys[], identify_verdict_keys[],
+    identify_rank_keys[], identify_rebuilt_keys[], identify_frf_keys[], identify_order_keys[],
+    identify_pole_keys[], identify_cluster_keys[], identify_trend_keys[], identify_input_keys[];
+
 /* What is told of the live windows of a stream (live_key.c): of a window, a track, an alarm. */
 extern const struct result_key live_window_keys[], live_track_keys[], live_alarm_keys[];
 

@@ -1,6 +1,6 @@
 """What the manual says of scenes and results comes from tables: nothing that is accepted or written
 is missing in it."""
-# Tests as well: result_key.c live_key.c result_code.c
+# Tests as well: result_key.c mode_key.c live_key.c result_code.c
 import json
 import re
 import subprocess
@@ -84,7 +84,7 @@ def told_of(topic, *words):
 # what they write is no result: PROTOCOL.md and scenes have theirs
 ELSEWHERE = {"live.c", "tracks_text.c", "scene_mesh.c"}
 JOBS = [p for p in sorted((TOP / "src" / "job").glob("*.c")) if p.name not in ELSEWHERE
-        | {"result_key.c", "live_key.c", "result_code.c"}]
+        | {"result_key.c", "mode_key.c", "live_key.c", "result_code.c"}]
 WRITTEN = re.compile(r'(?:cJSON_Add\w+ToObject|json_set_number)\(\s*[^;"]*?"([\w.]+)"')
 OPTIONS = re.compile(r'\{ "([\w.]+)", KEY_')
 
@@ -96,8 +96,9 @@ def members():
 
 
 def rows_of_results():
-    return set(re.findall(r'^ +\{ "([\w<>]+)", RESULT_', (TOP / "src/job/result_key.c").read_text(),
-                          re.M))
+    rows = re.compile(r'^ +\{ "([\w<>]+)", RESULT_', re.M)
+    return {m for name in ("result_key.c", "mode_key.c")
+            for m in rows.findall((TOP / "src/job" / name).read_text())}
 
 
 def test_every_member_that_a_source_writes_has_its_line_and_every_line_a_source():

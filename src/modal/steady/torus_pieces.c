@@ -9,11 +9,11 @@
  *
  * Of few dofs a step is less as a product with one matrix (torus_maps.h), made for each set of
  * regimes that has been stepped through as often as making it costs steps; and so are 2, 4, 8 ..
- * steps together, up to a sample.  Most of a motion is slow beside the structure's fastest, which
- * the steps follow: such a stride is taken where each law's input does within it what the cubic
- * through its ends says, and that has no event.  How far off the cubic may be its second rates
- * tell: with X and x' right at both ends of 0 <= s <= 1 and x'' off by D_0 and D_1, the quintic is
- * beyond it by
+ * steps together: to the next sample, or over some of which there is no record.  Most of a motion
+ * is slow beside the structure's fastest, which the steps follow: such a stride is taken where each
+ * law's input does within it what the cubic through its ends says, and that has no event.  How far
+ * off the cubic may be its second rates tell: with X and x' right at both ends of 0 <= s <= 1 and
+ * x'' off by D_0 and D_1, the quintic is beyond it by
  *
  *     1/2 s^2 (1 - s)^2 ((1 - s) D_0 + s D_1),                                                  (1)
  *

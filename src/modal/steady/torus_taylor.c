@@ -36,9 +36,9 @@ enum { FULL_MOST = 512 };                 /* dofs of masses that are shared: M^-
 static const double FAST = 0.5;           /* rad a step of the fastest motion: of two turns in one
                                            * step the cubic through its ends sees both */
 static const double ROUNDING = 1e-17;     /* of the motion: what a term is left out at, and */
-static const double LEAVES = 1e-8;        /* of the error asked for: all that 8e6 steps leave out, 64
-                                           * a sample for as long as a march's longest memory, is a
-                                           * part of it were it alike in all */
+static const double LEAVES = 1e-8;        /* of the error asked for: all that 8e6 steps leave out,
+                                           * 64 a sample for as long as a march's longest memory, is
+                                           * a part of it were it alike in all */
 static const double BOUND = 1e-16;        /* of the largest entry of a row or of a push: what is
                                            * less is its rounding */
 
@@ -408,8 +408,8 @@ COPIED bool is_faint(const struct torus_taylor *t, const double *term, const dou
 
 /*
  * torus_taylor_make of COLUMNS.  Each term is made of the two before it: where these are faint all
- * that follow are, for steps are short.  The sums of the end are taken along with the terms, which are in
- * the cache then: x is the sum of all, and h x' that of k times term k.
+ * that follow are, for steps are short.  The sums of the end are taken along with the terms, which
+ * are in the cache then: x is the sum of all, and h x' that of k times term k.
  */
 COPIED void make(struct torus_taylor *t, const double *u, const double *wave, int columns,
                  double *restrict to)

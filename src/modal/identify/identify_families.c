@@ -14,8 +14,9 @@
  *
  * Start: the record at even phases, by polynomials between samples (turns.h), is one of a whole
  * number of samples a period, with the same multipliers and the errors of the polynomials; it is
- * searched as such (identify_periods.c).  Then, in the samples themselves, of all lines below
- * Nyquist those are kept that pay, all exponents are refined, and families that do not pay leave,
+ * searched as such (identify_even.c).  Then, in the samples themselves, of all lines below
+ * Nyquist, or where they are many of the slowest and those that what is left shows (lines_seen.h),
+ * those are kept that pay, all exponents are refined, and families that do not pay leave,
  * by the criterion of all searches (criterion.h).  Where others' lines can stand in for those of a
  * family, as where the record does not resolve them, it leaves for them.  At last each family is
  * tried as two, which even phases of few periods did not tell apart.
@@ -30,21 +31,21 @@
 #include "modal/identify/fit/colour.h"
 #include "modal/identify/linear/exponents.h"
 #include "modal/identify/order/choose_lines.h"
+#include "modal/identify/order/lines_seen.h"
 #include "modal/identify/order/remainder.h"
-#include "modal/identify/prepare/fold.h"
-#include "modal/identify/prepare/turns.h"
 #include "modal/linalg/svd.h"
 
 static const double
     SAME = 0.01,                /* of omega: poles that begin one family, as modes.c has them, */
     ROWS_SHARE = 0.5;           /* of the rows, at most, as columns: the rest tell the noise */
 enum {
-    LINES_MOST = 256,           /* of all families: beyond, a fit is seconds */
-    ROUNDS = 4                  /* of lines by exponents and exponents by lines */
+    LINES_MOST = 256,           /* that are fitted to choose from: of more, those that are seen */
+    ROUNDS = 4,                 /* of lines by exponents and exponents by lines */
+    STEPS = 5,                  /* of a fit without a family, before it is asked whether it gains */
+    STEPS_MOST = 60             /* in all, as many as any fit takes */
 };
-/* Without a family: its lines left out, others put in their place, those refined, and chosen from.
- * */
-enum { ALONE, PUT, REFINED, PRUNED, WAYS };
+/* Without a family: others put in its lines' place, those refined, and chosen from. */
+enum { PUT, REFINED, PRUNED, WAYS };
 
 struct families {
     const struct work *w;
@@ -53,6 +54,7 @@ struct families {
     double complex *head;       /* principal, Im in [0, Omega/2] */
     struct lines all;           /* that may be */
     int room;                   /* for them, wherever the heads come to lie */
+    bool many;                  /* they are: a look is dear, and bounds say which are worth one */
     double rival;               /* criterion of the fit that stands; 0: none does */
     double work, spent;         /* multiplications there may still be; of all fits so far */
     bool given_up;              /* they are spent, or the rival has won */
@@ -69,58 +71,6 @@ bool work_has_families(const struct work *w)
 }
 
 /* ---- the multipliers to begin with ---- */
-
-/* Y at even phases, PHASES a period of EACH rows, by polynomials through so many points; the
- * caller frees even->x. */
-static enum modal_status resample(const struct matrix *Y, double each, int phases, int points,
-                                  struct matrix *even, struct modal_error *err)
-{
-    double *turn = malloc(sizeof *turn * (size_t)Y->m);
-    enum modal_status rc = MODAL_OK;
-
-    *even = matrix_new(Y->m, Y->n);
-    if (turn == NULL || even->x == NULL)
-        rc = modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d rows", Y->m);
-    for (int k = 0; k < Y->m && rc == MODAL_OK; k++)
-        turn[k] = k / each;
-    if (rc == MODAL_OK) {
-        matrix_copy(Y->m, Y->n, Y->x, Y->ld, even->x, even->ld);
-        rc = turns_resample(even, turn, phases, points, err);
-    }
-    free(turn);
-    return rc;
-}
-
-/* T: Y's periods at even phases, searched for no less than what polynomials of a lesser degree
- * differ by, which is more than what these err by. */
-static enum modal_status periods_even(const struct families *f, const struct matrix *Y,
-                                      struct work *t, struct matrix *even, struct modal_error *err)
-{
-    const struct work *w = f->w;
-    double each = w->rec.period / w->rec.step;
-    struct matrix coarse = { 0 };
-    enum modal_status rc;
-
-    t->shift = (int)lround(each), t->tau = w->rec.period;
-    t->least = calloc((size_t)Y->n, sizeof *t->least);
-    if (t->least == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d signals", Y->n);
-    if ((rc = resample(Y, each, t->shift, TURNS_POINTS, even, err)) != MODAL_OK
-        || (rc = resample(Y, each, t->shift, TURNS_POINTS - 2, &coarse, err)) != MODAL_OK
-        || (rc = fold(even, t->shift, &t->folded, err)) != MODAL_OK)
-        goto out;
-    for (int g = 0; g < Y->n; g++) {
-        double *x = coarse.x + (size_t)g * (size_t)coarse.ld;
-        cblas_daxpy(even->m, -1, even->x + (size_t)g * (size_t)even->ld, 1, x, 1);
-        t->least[g] = cblas_ddot(even->m, x, 1, x, 1) / even->m;
-    }
-    t->X = even, t->samples = even->m / t->shift * t->shift;
-    t->data = (struct refine_data) { .Y = &t->folded, .tau = t->tau, .phases = t->shift,
-                                     .least = t->least };
-out:
-    free(coarse.x);
-    return rc;
-}
 
 static bool add_head(struct families *f, double complex lambda)
 {
@@ -139,20 +89,14 @@ static bool add_head(struct families *f, double complex lambda)
 static enum modal_status add_heads(struct families *f, const struct matrix *Y,
                                    struct modal_error *err)
 {
-    struct work t = { .opt = f->w->opt, .refine = true, .brief = true };
     struct order_choice found = { .chosen = -1 };
-    struct matrix even = { 0 };
-    const struct refined *fit;
-    enum modal_status rc = periods_even(f, Y, &t, &even, err);
+    enum modal_status rc = work_choose_even(f->w, Y, &found, err);
+    const struct refined *fit = found.chosen >= 0 ? &found.candidates[found.chosen].fit : NULL;
 
-    if (rc == MODAL_OK && t.folded.m > 2)
-        rc = work_descend_periods(&t, &found, err);
-    fit = rc == MODAL_OK && found.chosen >= 0 ? &found.candidates[found.chosen].fit : NULL;
     for (int j = 0; fit != NULL && j < fit->poles && rc == MODAL_OK; j++)
         if (!add_head(f, fit->lambda[j]))
             rc = modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d families", f->count);
     order_done(&found);
-    free(even.x), free(t.folded.x), free(t.least);
     return rc;
 }
 
@@ -244,12 +188,85 @@ static void make_lines(struct families *f)
 
 /* ---- exponents ---- */
 
+/* What a line's column must gain at least. */
+static double a_column(const struct families *f)
+{
+    return f->w->data.Y->n * log((double)f->w->data.Y->m * f->w->data.Y->n);
+}
+
 /* HEAD by the lines of FIT, of L. */
 static void take_heads(const struct families *f, const struct lines *l, const struct refined *fit,
                        double complex *head)
 {
     for (int i = l->count - 1; i >= 0; i--)
         head[l->family[i]] = principal(f, fit->lambda[i]);
+}
+
+static struct heads heads_of(const struct families *f)
+{
+    return (struct heads) { f->head, f->count, f->Omega, f->w->tau, f->w->data.Y->m };
+}
+
+/* Of all lines those join OTHER that what FIT leaves shows. */
+static enum modal_status add_seen(const struct families *f, const struct refined *fit,
+                                  struct lines *other, struct modal_error *err)
+{
+    struct heads h = heads_of(f);
+    struct matrix E = { 0 };
+    enum modal_status rc = remainder_of(&f->w->data, fit, &E, err);
+
+    if (rc == MODAL_OK && E.x != NULL)
+        rc = lines_seen(&h, &E, ORDER_LOOK * 2 * a_column(f), &f->all, other, err);
+    free(E.x);
+    return rc;
+}
+
+/* The slowest lines, and with their exponents as they are those that what they leave shows, until
+ * it shows none: a strong line that is left out would draw other families to it. */
+static enum modal_status begin_lines(struct families *f, struct lines *other,
+                                     struct modal_error *err)
+{
+    const struct refine_options look = { .iterations = -1 };
+    enum modal_status rc = MODAL_OK;
+
+    make_lines(f);
+    copy_lines(&f->all, other);
+    all_lines(f, DIAGNOSE_NYQUIST * M_PI / f->w->tau);
+    for (int had = 0; rc == MODAL_OK && other->count > had;) {
+        struct refined fit;
+        rc = lines_choose(&f->w->data, other, err);
+        had = other->count;
+        if (rc != MODAL_OK)
+            break;
+        rc = refine_poles(&f->w->data, other->lambda, other->count, NULL, &look, &fit, err);
+        if (rc != MODAL_OK)
+            break;
+        f->spent += fit.work, f->work = fmax(f->work - fit.work, 1);
+        rc = add_seen(f, &fit, other, err);
+        refined_done(&fit);
+    }
+    return rc;
+}
+
+/* Lines to choose from: all; of more than are fitted at once, once there is a *FIT, of L, those
+ * that it has and those that what it leaves shows. */
+static enum modal_status lines_to_try(struct families *f, const struct lines *l,
+                                      const struct refined *fit, struct lines *other,
+                                      struct modal_error *err)
+{
+    all_lines(f, DIAGNOSE_NYQUIST * M_PI / f->w->tau);
+    /* pairs twice as many as are begun with fill no more than the share of the rows */
+    f->many = f->all.count > LINES_MOST && 4 * LINES_MOST <= ROWS_SHARE * f->w->data.Y->m;
+    if (!f->many) {
+        make_lines(f);
+        copy_lines(&f->all, other);
+        return MODAL_OK;
+    }
+    if (l->count == 0)
+        return begin_lines(f, other, err);
+    copy_lines(l, other);
+    memcpy(other->lambda, fit->lambda, sizeof *fit->lambda * (size_t)l->count);
+    return add_seen(f, fit, other, err);
 }
 
 /* Exponents by lines and lines by exponents, until the lines stay; those of L, where there are any,
@@ -268,9 +285,8 @@ static enum modal_status settle_lines(struct families *f, struct lines *l, struc
         struct refine_options opt = { .rival = f->rival, .work = f->work };
         struct refined look;
         bool better, stands;
-        make_lines(f);
-        copy_lines(&f->all, &other);
-        if ((rc = lines_choose(&f->w->data, &other, err)) != MODAL_OK || other.count == before)
+        if ((rc = lines_to_try(f, l, fit, &other, err)) != MODAL_OK
+            || (rc = lines_choose(&f->w->data, &other, err)) != MODAL_OK || other.count == before)
             break;
         before = other.count;
         rc = refine_poles(&f->w->data, other.lambda, other.count, NULL, &opt, &look, err);
@@ -359,81 +375,141 @@ static bool has_neighbour(const struct families *f, int j)
 
 /* LESS made ready for WAY; *ready: it is another than the way before had. */
 static enum modal_status go_way(const struct families *f, const struct lines *l, int j, int way,
-                                bool exact, struct lines *less, bool *ready,
-                                struct modal_error *err)
+                                struct lines *less, bool *ready, struct modal_error *err)
 {
     int before = less->count;
     enum modal_status rc = MODAL_OK;
 
-    if (way == ALONE)
-        without(l, j, less);
-    if (way == PUT && !exact)
+    if (way == PUT)
         stand_in(f, l, j, less);
     if (way == PRUNED)
         rc = lines_choose(&f->w->data, less, err);
-    *ready = way == ALONE || way == REFINED || less->count != before;
+    *ready = way == REFINED || less->count != before;
     return rc;
 }
 
-/* L without family J for *BEST, what the least is under the criterion of FIT, so far, *idle and
- * HEAD, where it is less: as the exponents are, and where that does not do, with what may stand in
- * for its lines, refined where that is near, or one is that may take its place, and then less the
- * lines that do not pay. */
-static enum modal_status try_without(struct families *f, const struct lines *l, int j,
-                                     const struct refined *fit, struct lines *less, double *best,
-                                     int *idle, double complex *head, struct modal_error *err)
+/* *LOOK, the caller's: LESS by OPT, which may ask for a look only; else so many STEPS at a time,
+ * until it has converged, or these leave more than half of what it LACKS of OWN: in reach of its
+ * end a search leaves less with each step.  LESS then lies where it ended. */
+static enum modal_status refine_without(struct families *f, struct lines *less,
+                                        struct refine_options *opt, double own, double lacks,
+                                        struct refined *look, struct modal_error *err)
 {
-    double own = fit->bic + short_of(f, exponents_of(f, j, j + 1)),
-           a_column = f->w->data.Y->n * log((double)f->w->data.Y->m * f->w->data.Y->n);
-    bool exact = fit->residual <= REFINE_EXACT * safe_matrix_norm(f->w->data.Y),
-         near = has_neighbour(f, j), ready, idles = false;
-    int alone = 0;
+    bool asked = opt->iterations < 0, goes_on = true;
     enum modal_status rc = MODAL_OK;
 
-    for (int way = 0; way < WAYS && rc == MODAL_OK && (way < REFINED || near) && !idles; way++) {
+    *look = (struct refined) { 0 };
+    for (int steps = 0; goes_on && rc == MODAL_OK; steps += STEPS) {
+        double before = lacks;
+        refined_done(look);
+        opt->iterations = asked ? -1 : f->many ? STEPS : STEPS_MOST, opt->work = f->work;
+        rc = refine_poles(&f->w->data, less->lambda, less->count, NULL, opt, look, err);
+        if (rc != MODAL_OK)
+            break;
+        f->spent += look->work, f->work = fmax(f->work - look->work, 1);
+        if (asked)
+            break;
+        memcpy(less->lambda, look->lambda, sizeof *look->lambda * (size_t)less->count);
+        lacks = look->bic - own;
+        goes_on = f->many && look->end == REFINE_STALLED && steps < STEPS_MOST
+               && (lacks < before / 2 || lacks < ORDER_SPLIT_REACH);
+    }
+    return rc;
+}
+
+/* What the criterion may gain where a family leaves, and which and how. */
+struct idle { double best; int family; double complex *head; };
+
+/* L without family J for *IDLE, where that is less: as the exponents are, what it is TOLD, and
+ * where that does not do, with what may stand in for its lines if they can, refined where that is
+ * near, or one is that may take its place, and then less the lines that do not pay. */
+static enum modal_status try_without(struct families *f, const struct lines *l, int j,
+                                     const struct refined *fit, const struct lines_family *told,
+                                     struct lines *less, struct idle *idle,
+                                     struct modal_error *err)
+{
+    double own = fit->bic + short_of(f, exponents_of(f, j, j + 1));
+    bool exact = fit->residual <= REFINE_EXACT * safe_matrix_norm(f->w->data.Y),
+         put = !exact && (!f->many || told->least < own + ORDER_SPLIT_REACH),
+         near = has_neighbour(f, j) || told->alone < own + ORDER_SPLIT_REACH, ready,
+         idles = told->alone < own;
+    int alone;
+    enum modal_status rc = MODAL_OK;
+
+    without(l, j, less), alone = lines_columns(f, less);
+    if (told->alone - own < idle->best) {
+        idle->best = told->alone - own, idle->family = j;
+        memcpy(idle->head, f->head, sizeof *f->head * (size_t)f->count);
+    }
+    for (int way = put ? PUT : REFINED; way < WAYS && rc == MODAL_OK && (way < REFINED || near)
+         && !idles; way++) {
         struct refine_options opt = { .iterations = way < REFINED ? -1 : 0, .work = f->work };
         struct refined look;
-        rc = go_way(f, l, j, way, exact, less, &ready, err);
+        if (f->work <= 1) {
+            f->limited = true;
+            break;
+        }
+        rc = go_way(f, l, j, way, less, &ready, err);
         if (rc != MODAL_OK || !ready)
             continue;
         /* lines put in its place may leave again */
-        alone = way == ALONE ? lines_columns(f, less) : alone;
-        opt.rival = own + a_column * (lines_columns(f, less) - alone);
-        rc = refine_poles(&f->w->data, less->lambda, less->count, NULL, &opt, &look, err);
+        opt.rival = own + a_column(f) * (lines_columns(f, less) - alone);
+        rc = refine_without(f, less, &opt, own, told->alone - own, &look, err);
         if (rc != MODAL_OK)
             break;
         near |= look.bic < own + ORDER_SPLIT_REACH;
         idles = look.bic < own && look.end != REFINE_DEGENERATE;
-        if (look.bic - own < *best && look.end != REFINE_DEGENERATE) {
-            *best = look.bic - own, *idle = j;
-            take_heads(f, less, &look, head);
+        if (look.bic - own < idle->best && look.end != REFINE_DEGENERATE) {
+            idle->best = look.bic - own, idle->family = j;
+            take_heads(f, less, &look, idle->head);
         }
-        for (int i = 0; i < less->count && way == REFINED; i++)
-            less->lambda[i] = look.lambda[i];
-        f->spent += look.work, f->work = fmax(f->work - look.work, 1);
         f->limited |= look.end == REFINE_STOPPED;
         refined_done(&look);
     }
     return rc == MODAL_NO_CONVERGENCE ? MODAL_OK : rc;
 }
 
+/* What leaving out each family costs, by one evaluation for all; the caller frees it. */
+static enum modal_status tell_families(struct families *f, const struct lines *l,
+                                       struct lines_family **told, struct modal_error *err)
+{
+    struct lines_family *each = workspace_zeros(&f->space, (size_t)f->count, sizeof *each);
+    double *share = workspace_numbers(&f->space, (size_t)f->count, 1);
+    struct heads h = heads_of(f);
+    enum modal_status rc = workspace_check(&f->space, "identify: no memory for families", err);
+
+    if (rc == MODAL_OK)
+        rc = lines_shares(&h, share, err);
+    for (int j = 0; j < f->count && rc == MODAL_OK; j++)
+        each[j] = (struct lines_family) { exponents_of(f, j, j + 1), share[j], HUGE_VAL,
+                                          -HUGE_VAL };
+    if (rc == MODAL_OK)
+        rc = lines_without(&f->w->data, l, f->count, each, err);
+    *told = each;
+    return rc == MODAL_NO_CONVERGENCE ? MODAL_OK : rc;  /* lines that coincide: each is tried */
+}
+
 /* The family that the lines do best without, and heads, others in their place, as they are
  * then; -1: all pay. */
 static enum modal_status find_idle(struct families *f, const struct lines *l,
-                                   const struct refined *fit, int *idle, struct modal_error *err)
+                                   const struct refined *fit, int *family, struct modal_error *err)
 {
     struct lines less;
-    double complex *head = workspace_zeros(&f->space, (size_t)f->count, sizeof *head);
-    double best = 0;
+    struct lines_family *told;
+    struct idle idle = { 0, -1, workspace_zeros(&f->space, (size_t)f->count, sizeof *idle.head) };
     enum modal_status rc = MODAL_OK;
 
-    *idle = -1;
-    if (head == NULL || !lines_new(f, &less, f->room))
+    *family = -1;
+    if (idle.head == NULL || !lines_new(f, &less, f->room))
         return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d lines", f->room);
+    if (f->count < 2)
+        return MODAL_OK;
+    rc = tell_families(f, l, &told, err);
     all_lines(f, DIAGNOSE_NYQUIST * M_PI / f->w->tau);
-    for (int j = 0; j < f->count && f->count > 1 && rc == MODAL_OK; j++)
-        rc = try_without(f, l, j, fit, &less, &best, idle, head, err);
-    f->head = *idle >= 0 ? head : f->head;
+    for (int j = 0; j < f->count && rc == MODAL_OK; j++)
+        rc = try_without(f, l, j, fit, &told[j], &less, &idle, err);
+    *family = idle.family;
+    f->head = idle.family >= 0 ? idle.head : f->head;
     return rc;
 }
 
@@ -517,6 +593,7 @@ static enum modal_status fit_parted(struct families *g, const struct lines *l, i
             break;
         worth = look->end == REFINE_DEGENERATE ? HUGE_VAL : look->bic + dearer;
         g->spent += look->work, g->work = fmax(g->work - look->work, 1);
+        g->limited |= look->end == REFINE_STOPPED;
     }
     if (rc == MODAL_OK && worth < own && refined_converged(look))
         take_heads(g, more, look, g->head);
@@ -546,29 +623,53 @@ static enum modal_status take_parted(struct families *f, const struct families *
     return MODAL_OK;
 }
 
-/* The first family of L that is better as two becomes so, *parted: there is one. */
+/* The first family of L that is better as two becomes so, *parted: there is one.  What FIT leaves,
+ * E, says which of them are tried. */
 static enum modal_status part_one(struct families *f, struct lines *l, struct refined *fit,
-                                  bool *parted, struct modal_error *err)
+                                  const struct matrix *E, bool *parted, struct modal_error *err)
 {
-    double own = fit->bic + short_of(f, exponents_of(f, 0, f->count));
+    double own = fit->bic + short_of(f, exponents_of(f, 0, f->count)),
+           dearer = 2 * a_column(f) / f->w->data.Y->n + short_of(f, 2);   /* of an exponent */
     int count = f->count;
-    enum modal_status rc = MODAL_OK;
+    double *share = workspace_numbers(&f->space, (size_t)count, 1);
+    struct heads h = heads_of(f);
+    enum modal_status rc = workspace_check(&f->space, "identify: no memory for families", err);
 
     *parted = false;
+    if (rc == MODAL_OK)
+        rc = lines_shares(&h, share, err);
     for (int j = 0; j < count && rc == MODAL_OK && !*parted; j++) {
         struct families g;
+        double pays = HUGE_VAL;
+        if (E->x != NULL)
+            rc = lines_beside(E, f->w->tau, l, j, share[j], ORDER_LOOK * 2 * a_column(f), &pays,
+                              err);
+        if (rc != MODAL_OK || pays < ORDER_LOOK * dearer)
+            continue;
         struct lines more = { 0 };
         struct refined look = { 0 };
         rc = part_family(f, j, &g) ? fit_parted(&g, l, j, own, &more, &look, err)
                                    : modal_fail(err, MODAL_NO_MEMORY,
                                                 "identify: no memory for %d families", count);
-        f->spent = g.spent, f->work = g.work;
+        f->spent = g.spent, f->work = g.work, f->limited = g.limited;
         *parted = rc == MODAL_OK && look.poles > 0;
         if (*parted)
             rc = take_parted(f, &g, &more, &look, l, fit, err);
         refined_done(&look);
         workspace_free(&g.space);
     }
+    return rc;
+}
+
+static enum modal_status try_parts(struct families *f, struct lines *l, struct refined *fit,
+                                   bool *parted, struct modal_error *err)
+{
+    struct matrix E = { 0 };
+    enum modal_status rc = f->many ? remainder_of(&f->w->data, fit, &E, err) : MODAL_OK;
+
+    if (rc == MODAL_OK)
+        rc = part_one(f, l, fit, &E, parted, err);
+    free(E.x);
     return rc;
 }
 
@@ -599,7 +700,7 @@ static enum modal_status fit_families(struct families *f, struct refined *fit,
         if (rc != MODAL_OK || idle >= 0 || !(fit->bic < least))
             continue;
         least = fit->bic;
-        rc = part_one(f, &l, fit, &parted, err);
+        rc = try_parts(f, &l, fit, &parted, err);
     }
     return rc;
 }

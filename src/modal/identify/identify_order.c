@@ -566,6 +566,8 @@ static enum modal_status put_families(struct work *w, struct found *families,
     enum modal_status rc = put_found(w, families, out, err);
 
     w->facts.work_limit = w->choice.limited;
+    /* one that is there and was not looked for moves the others by more than their errors */
+    w->facts.converged &= !w->choice.limited;
     w->data.omega = 2 * M_PI / w->rec.period;
     return rc;
 }

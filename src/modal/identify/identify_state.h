@@ -242,6 +242,13 @@ enum modal_status work_find_slip(const struct work *w, struct slip *slip, struct
 bool work_slips(const struct slip *slip, const struct identify_result *first,
                 struct identify_result *second);
 
+/* ---- identify_even.c ---- */
+
+/* *found, empty: the multipliers of Y, the signals of a record that has families or what is left
+ * of them, at even phases. */
+enum modal_status work_choose_even(const struct work *w, const struct matrix *Y,
+                                   struct order_choice *found, struct modal_error *err);
+
 /* ---- identify_families.c ---- */
 
 /* Is the record of a period that is no whole number of samples, and in memory? */

@@ -135,15 +135,6 @@ void gram_free(struct gram *g)
 
 /* ---- (1) ---- */
 
-/* e^x - 1 */
-static double complex grown(double complex x)
-{
-    double s = sin(0.5 * cimag(x)), e = exp(creal(x));
-
-    /* cos y = 1 - 2 sin^2(y/2): no cancelling near 0 */
-    return CMPLX(expm1(creal(x)) - 2 * e * s * s, e * sin(cimag(x)));
-}
-
 /* (1) by the series about the middle. */
 static void moments_near(const struct gram *g, double complex x, double complex M[3])
 {
@@ -171,8 +162,8 @@ static void moments_of(const struct gram *g, double complex x, double complex M[
         moments_near(g, x, M);
         return;
     }
-    e = grown(x), ex = 1 + e, last = cexp(L * x);
-    M[0] = grown(L * x) / e;        /* (2) */
+    e = powers_grown(x), ex = 1 + e, last = cexp(L * x);
+    M[0] = powers_grown(L * x) / e;        /* (2) */
     M[1] = (L * last - M[0] * ex) / e;
     M[2] = (L * L * last - (2 * M[1] + M[0]) * ex) / e;
 }

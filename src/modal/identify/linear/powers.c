@@ -82,3 +82,11 @@ double powers_centre(double a, int L)
 {
     return a == 0 ? 0.5 * (L - 1) : a > 0 ? L - 1 - fmin(0.5 * L, 1 / a) : fmin(0.5 * L, -1 / a);
 }
+
+double complex powers_grown(double complex x)
+{
+    double s = sin(0.5 * cimag(x)), e = exp(creal(x));
+
+    /* cos y = 1 - 2 sin^2(y/2) */
+    return CMPLX(expm1(creal(x)) - 2 * e * s * s, e * sin(cimag(x)));
+}

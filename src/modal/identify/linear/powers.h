@@ -36,4 +36,7 @@ void powers_of(enum pole_kind kind, double a, double b, int L, double *x, int ld
  * middle at most.  Derivatives diag(l - c) Phi are taken there, which changes them by a multiple of
  * Phi and keeps them as independent of it as they can be. */
 double powers_centre(double a, int L);
+
+/* e^x - 1, without cancelling near 0. */
+double complex powers_grown(double complex x);
 #endif

@@ -202,3 +202,72 @@ enum modal_status lines_choose(const struct refine_data *data, struct lines *l,
     }
     return rc;
 }
+
+/* ---- families ---- */
+
+/* The columns of family J. */
+static int gather(const struct leaving *v, int j, int *column)
+{
+    int n = 0;
+
+    for (int i = 0; i < v->all->count; i++)
+        for (int c = 0; c < columns_of(v, i) && v->all->family[i] == j; c++)
+            column[n++] = v->column[i] + c;
+    return n;
+}
+
+/* The last term of (1) of N columns into GAIN, per signal; false: C_II is nothing there. */
+static bool gain_of(const struct leaving *v, const int *column, int n, double *C, double *gain)
+{
+    size_t q = (size_t)v->p.order;
+    double *x = C + (size_t)n * (size_t)n;
+
+    for (int j = 0; j < n; j++)
+        for (int i = 0; i <= j; i++)
+            C[i + j * n] = v->p.R[(size_t)column[i] + (size_t)column[j] * q];
+    if (LAPACKE_dpotrf_work(LAPACK_COL_MAJOR, 'U', n, C, n) != 0)
+        return false;
+    for (int s = 0; s < v->p.columns; s++) {
+        for (int i = 0; i < n; i++)
+            x[i] = v->p.Z[(size_t)column[i] + (size_t)s * q];
+        cblas_dtrsv(CblasColMajor, CblasUpper, CblasTrans, CblasNonUnit, n, C, n, x, 1);
+        gain[s] = cblas_ddot(n, x, 1, x, 1);
+    }
+    return true;
+}
+
+/* The criterion less one family's COLUMNS and EXPONENTS, where SHARE of its GAIN is lost. */
+static double worth_without(const struct leaving *v, int columns, int exponents, double share,
+                            const double *gain, double *rss)
+{
+    int order = v->p.order - columns;
+
+    for (int s = 0; s < v->p.columns; s++)
+        rss[s] = v->p.rss[s] + share * gain[s];
+    return criterion_of(&v->p.criterion, rss, 1, (order + 1) / 2, order,
+                        v->p.parameters - exponents);
+}
+
+enum modal_status lines_without(const struct refine_data *data, const struct lines *l, int count,
+                                struct lines_family *each, struct modal_error *err)
+{
+    struct leaving v = { 0 };
+    enum modal_status rc = leaving_new(data, l, &v, err);
+    size_t q = (size_t)v.p.order, S = (size_t)v.p.columns;
+    int *column = workspace_zeros(&v.p.space, q, sizeof *column);
+    double *C = workspace_numbers(&v.p.space, q + 1, q),
+           *gain = workspace_numbers(&v.p.space, S, 2);
+
+    if (rc == MODAL_OK && v.p.space.failed)
+        rc = modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d lines", l->count);
+    for (int j = 0; j < count && rc == MODAL_OK; j++) {
+        struct lines_family *f = &each[j];
+        int n = gather(&v, j, column);
+        bool told = gain_of(&v, column, n, C, gain);
+        /* not told: it has to be tried */
+        f->alone = told ? worth_without(&v, n, f->exponents, 1, gain, gain + S) : HUGE_VAL;
+        f->least = told ? worth_without(&v, n, f->exponents, f->share, gain, gain + S) : -HUGE_VAL;
+    }
+    projected_done(&v.p);
+    return rc;
+}

@@ -77,7 +77,7 @@ static enum modal_status split_pole(struct climb *c, const struct matrix *E, int
     if (E != NULL && c->data->blocks != NULL)
         chi2 = c->rest.beside[j];
     else if (E != NULL)
-        rc = remainder_split(E, c->data->tau, lambda, &chi2, err);
+        rc = remainder_split(E, c->data->tau, lambda, false, &chi2, err);
     if (rc != MODAL_OK || !(chi2 > climb_worth_looking(c, fit, n, NULL)))
         return rc;
     memcpy(c->lambda, fit->lambda, (size_t)n * sizeof *c->lambda);

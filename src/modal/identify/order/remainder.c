@@ -388,8 +388,8 @@ static void beside_free(struct beside *k)
     free(k);
 }
 
-/* Of the products, chi-squared. */
-static double beside_chi2(struct beside *k, int S)
+/* Of the products, chi-squared; the first FITTED columns are in the fit. */
+static double beside_chi2(struct beside *k, int fitted, int S)
 {
     double sum = 0;
 
@@ -400,13 +400,14 @@ static double beside_chi2(struct beside *k, int S)
     cblas_dtrsm(CblasColMajor, CblasLeft, CblasUpper, CblasTrans, CblasNonUnit, COLUMNS, S, 1, k->G,
                 COLUMNS, k->Z, COLUMNS);
     for (int c = 0; c < S; c++)
-        /* u^2 z less its part in z and u z: the last two of Q^T e */
-        sum += cblas_ddot(2, k->Z + 4 + c * COLUMNS, 1, k->Z + 4 + c * COLUMNS, 1);
+        /* the others less their part in those: the last of Q^T e */
+        sum += cblas_ddot(COLUMNS - fitted, k->Z + fitted + c * COLUMNS, 1,
+                          k->Z + fitted + c * COLUMNS, 1);
     return sum;
 }
 
 enum modal_status remainder_split(const struct matrix *E, double tau, double complex lambda,
-                                  double *chi2, struct modal_error *err)
+                                  bool tied, double *chi2, struct modal_error *err)
 {
     struct beside *k = beside_new(E->m, BLOCK, E->n, tau, lambda);
 
@@ -418,7 +419,7 @@ enum modal_status remainder_split(const struct matrix *E, double tau, double com
         multiply_rows(k, c, e);
         multiply_tail(k, c, e + (size_t)k->whole * BLOCK);
     }
-    *chi2 = beside_chi2(k, E->n);
+    *chi2 = beside_chi2(k, tied ? 2 : 4, E->n);
     beside_free(k);
     return MODAL_OK;
 }
@@ -448,7 +449,7 @@ enum modal_status remainder_split_blocks(const struct compressed *b, const doubl
                     rest + (size_t)c * ((size_t)n << b->levels), n, 0, P, COLUMNS);
         multiply_tail(k, c, tail->x + (size_t)c * (size_t)tail->ld);
     }
-    *chi2 = beside_chi2(k, S);
+    *chi2 = beside_chi2(k, 4, S);
     free(T);
     beside_free(k);
     return MODAL_OK;

@@ -31,10 +31,11 @@ enum modal_status remainder_poles(const struct matrix *E, double tau, int most,
 /*
  * Chi-squared that a second pole beside LAMBDA, a pair, could take from E at most, to first
  * order: two neighbours lambda +- d span e^{lambda t}, t e^{lambda t} and t^2 e^{lambda t}, and
- * the fit of one has the first two. HUGE_VAL where the record hardly tells those apart.
+ * the fit of one has the first two; of lines that share their exponent (TIED) the first alone.
+ * HUGE_VAL where the record hardly tells those apart.
  */
 enum modal_status remainder_split(const struct matrix *E, double tau, double complex lambda,
-                                  double *chi2, struct modal_error *err);
+                                  bool tied, double *chi2, struct modal_error *err);
 
 /*
  * The same of a record by blocks (compressed.h): of E in each block its Q^T, REST, rows x blocks x

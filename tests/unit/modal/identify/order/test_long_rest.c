@@ -54,7 +54,7 @@ TEST(one_reading_says_of_a_remainder_what_many_say)
     CHECK(remainder_peak(&E, s.d.dt, &peak, &chi2, NULL) == MODAL_OK);
     CHECK(rest.chi2 > 100 && rest.chi2 <= chi2 * (1 + 1e-9) && rest.chi2 > 0.3 * chi2);
     for (int j = 0; j < 2; j++) {
-        CHECK(remainder_split(&E, s.d.dt, s.fit.lambda[j], &chi2, NULL) == MODAL_OK);
+        CHECK(remainder_split(&E, s.d.dt, s.fit.lambda[j], false, &chi2, NULL) == MODAL_OK);
         CHECK_NEAR(rest.beside[j] / chi2, 1, 1e-6);
     }
     CHECK(rest.beside[0] > 100 && rest.beside[1] < 30);

@@ -152,8 +152,8 @@ TEST(of_exact_signals_nothing_is_left_and_two_neighbours_show_beside_the_pole_th
         y[l] += 1e-3 * random_normal(&rng);
     CHECK(refine_poles(&d, &one, 1, NULL, NULL, &fit, NULL) == MODAL_OK);
     CHECK(remainder_of(&d, &fit, &E, NULL) == MODAL_OK);
-    CHECK(remainder_split(&E, 1, fit.lambda[0], &chi2, NULL) == MODAL_OK && chi2 > 100);
-    CHECK(remainder_split(&E, 1, CMPLX(-0.004, 2.2), &far, NULL) == MODAL_OK && far < 30);
+    CHECK(remainder_split(&E, 1, fit.lambda[0], false, &chi2, NULL) == MODAL_OK && chi2 > 100);
+    CHECK(remainder_split(&E, 1, CMPLX(-0.004, 2.2), false, &far, NULL) == MODAL_OK && far < 30);
     refined_done(&fit), free(E.x);
 }
 
@@ -211,7 +211,7 @@ TEST(what_a_second_pole_could_take_is_that_of_its_columns_however_long_the_recor
         for (int j = 0; j < 4; j++) {
             struct matrix E = { rows[i], S, 5120, e };
             double chi2;
-            CHECK(remainder_split(&E, 0.5, poles[j] / 0.5, &chi2, NULL) == MODAL_OK);
+            CHECK(remainder_split(&E, 0.5, poles[j] / 0.5, false, &chi2, NULL) == MODAL_OK);
             CHECK_NEAR(chi2 / beside(&E, poles[j]), 1, 1e-6);
         }
 }
@@ -223,7 +223,7 @@ TEST(beside_a_pole_that_hardly_turns_anything_could_be)
     struct matrix E = { L, 1, L, e };
     double chi2;
 
-    CHECK(remainder_split(&E, 1, CMPLX(0, 2e-6), &chi2, NULL) == MODAL_OK);
+    CHECK(remainder_split(&E, 1, CMPLX(0, 2e-6), false, &chi2, NULL) == MODAL_OK);
     CHECK(chi2 == HUGE_VAL);
 }
 

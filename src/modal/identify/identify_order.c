@@ -324,7 +324,7 @@ enum modal_status work_keep_chosen(const struct work *w, struct identify_chosen 
         return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d poles", n);
     if (n > 0)
         memcpy(to->lambda, fit->lambda, sizeof *to->lambda * n);
-    to->count = n, to->signals = w->X->n;
+    to->count = n;
     return MODAL_OK;
 }
 

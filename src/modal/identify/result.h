@@ -184,9 +184,8 @@ struct identify_frf {
     double complex *value;
     double *std;
 };
-/* Poles over one sample as the order was chosen, listed as in exponents.h; a constant is 0.
- * signals: how many were fitted. */
-struct identify_chosen { double complex *lambda; int count, signals; };
+/* Poles over one sample as the order was chosen, listed as in exponents.h; a constant is 0. */
+struct identify_chosen { double complex *lambda; int count; };
 
 struct identify_result {
     struct identify_mode *modes; int mode_count;      /* by descending amplitude */

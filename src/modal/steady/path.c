@@ -309,14 +309,9 @@ static enum modal_status at_distance(struct path *p, double s, double *lambda, i
 
 /* What was found to whoever asked: an accepted point, or a SPECIAL one (>= 0) beside them. */
 static enum modal_status report_point(struct path *p, const double *u, double lambda, double turn,
-                                      int sign, int special, bool *stop, struct modal_error *err)
+                                      int special, bool *stop, struct modal_error *err)
 {
-    struct path_point point = { .lambda = lambda,
-                                .q = p->b->q,
-                                .H = p->b->H,
-                                .turn = turn,
-                                .orientation = sign,
-                                .iterations = p->corrections };
+    struct path_point point = { .lambda = lambda, .turn = turn, .iterations = p->corrections };
     enum modal_status rc = p->problem->at(p->problem->context, lambda, &p->b, err);
 
     if (rc != MODAL_OK)
@@ -375,8 +370,7 @@ static enum modal_status locate(struct path *p, double far, double turn_far, int
         }
     }
     if (rc == MODAL_OK && found)
-        rc = report_point(p, kept, lambda, kind == PATH_FOLD ? 0 : p->t[p->n], sign_far, kind, NULL,
-                          err);
+        rc = report_point(p, kept, lambda, kind == PATH_FOLD ? 0 : p->t[p->n], kind, NULL, err);
     free(kept);
     return rc;
 }
@@ -451,7 +445,7 @@ static enum modal_status first_tangent(struct path *p, bool *ok, struct modal_er
 
 /* Report the crossing of `to` on the step just accepted (end point in p->w), by Newton's method at
  * exactly `to`. */
-static enum modal_status cross(struct path *p, double fraction, double turn, int sign, bool *ok,
+static enum modal_status cross(struct path *p, double fraction, double turn, bool *ok,
                                bool *stop, struct modal_error *err)
 {
     double *end = malloc(((size_t)p->n + 1) * sizeof *end);
@@ -465,7 +459,7 @@ static enum modal_status cross(struct path *p, double fraction, double turn, int
             p->w[i] = p->u[i] + fraction * (end[i] - p->u[i]);
         rc = at_parameter(p, p->problem->to, ok, err);
         if (rc == MODAL_OK && *ok)
-            rc = report_point(p, p->w, p->problem->to, turn, sign, -1, stop, err);
+            rc = report_point(p, p->w, p->problem->to, turn, -1, stop, err);
         memcpy(p->w, end, (size_t)p->n * sizeof *end);
     }
     free(end);
@@ -568,8 +562,8 @@ static enum modal_status cross_end(struct path *p, struct stride *s, bool *again
 
     if ((s->lambda - to) * (p->lambda - to) > 0 || s->lambda == p->lambda || p->lambda == to)
         return MODAL_OK;
-    rc = cross(p, (to - p->lambda) / (s->lambda - p->lambda), s->tangent[p->n], s->sign, &ok,
-               &s->stop, err);
+    rc = cross(p, (to - p->lambda) / (s->lambda - p->lambda), s->tangent[p->n], &ok, &s->stop,
+               err);
     if (rc != MODAL_OK)
         return rc;
     if (ok && !p->problem->past)
@@ -621,7 +615,7 @@ static enum modal_status walk(struct path *p, struct modal_error *err)
         if (rc != MODAL_OK || s.ended || !found || again)
             continue;
         accept(p, s.lambda, s.sign, s.tangent);
-        rc = report_point(p, p->u, p->lambda, p->t[p->n], s.sign, -1, &s.stop, err);
+        rc = report_point(p, p->u, p->lambda, p->t[p->n], -1, &s.stop, err);
         s.ended = left(p);
         s.ds = fmin(most, s.ds * (p->corrections <= QUICK    ? grow
                                  : p->corrections >= SLOWLY ? SHRINK
@@ -666,7 +660,7 @@ enum modal_status path_follow(const struct path_problem *problem, const double c
     if (rc == MODAL_OK && !ok)
         report->reason = "the derivative is singular where the branch sets out";
     if (rc == MODAL_OK && ok)
-        rc = report_point(&p, p.u, p.lambda, p.t[p.n], p.orientation, -1, &stop, err);
+        rc = report_point(&p, p.u, p.lambda, p.t[p.n], -1, &stop, err);
     if (rc == MODAL_OK && ok && !stop)
         rc = walk(&p, err);
 out:

@@ -13,12 +13,9 @@ struct budget;
 
 struct path_point {
     double lambda;
-    int q, H;
     const double complex *X;       /* kept dofs; borrowed for the call */
     double turn;                   /* d lambda / d s, in [-1, 1]: 0 at a fold, < 0 where the
                                     * branch runs back */
-    int orientation;               /* sign of the bordered determinant: it flips at a branch
-                                    * point */
     int iterations;
 };
 

@@ -61,19 +61,6 @@ static enum modal_status operator_apply_transpose(void *context, const double *y
     return MODAL_OK;
 }
 
-/* |H0|_F: sample i + l p counts in every entry it fills. */
-static double frobenius(const struct hankel *h)
-{
-    double sum = 0;
-
-    for (int s = 0; s < h->Y->n; s++)
-        for (int l = 0; l < h->columns; l++) {
-            const double *a = h->Y->x + (size_t)s * h->Y->ld + h->start + (size_t)l * h->shift;
-            sum += cblas_ddot(h->rows, a, 1, a, 1);
-        }
-    return sqrt(sum);
-}
-
 static enum modal_status decompose_dense(const struct hankel *h, struct projection *p,
                                          struct matrix *U, struct modal_error *err)
 {
@@ -154,7 +141,6 @@ enum modal_status projection_make(const struct hankel *h, int wanted, struct pro
     if (U.x == NULL || p.s == NULL || p.VT.x == NULL)
         rc = modal_fail(err, MODAL_NO_MEMORY, "projection: no memory for %d triplets of %d x %d",
                         room, m, n);
-    p.scale = frobenius(h);
     if (rc == MODAL_OK)
         rc = side <= DENSE_SIDE ? decompose_dense(h, &p, &U, err)
                                 : decompose_leading(h, &p, &U, err);

@@ -17,7 +17,6 @@ struct projection {
     struct matrix VT;           /* k x n */
     struct matrix W;            /* k x n */
     struct matrix G;            /* k x k: U^T H1 V */
-    double scale;               /* Frobenius norm of H0 */
 };
 
 /* The leading triplets, at least `wanted` of them or all above rounding.  The caller frees *out

@@ -23,14 +23,14 @@ static enum modal_status fill_none(const struct inflow_wing *wing, int states, s
     return rc;
 }
 
-const struct inflow_kind inflow_none = { "none", 0, 1, "0", no_states, fill_none };
+const struct inflow_kind inflow_none = { "none", 0, "0", no_states, fill_none };
 
 enum modal_status inflow_allocate(const struct inflow_wing *wing, int states, struct inflow *out,
                                   struct modal_error *err)
 {
     size_t nz = (size_t)states, ns = (size_t)wing->stations;
 
-    *out = (struct inflow) { .stations = wing->stations, .states = states };
+    *out = (struct inflow) { .states = states };
     out->E = calloc(nz * nz + 1, sizeof *out->E);
     out->A = calloc(nz * nz + 1, sizeof *out->A);
     out->P = calloc(nz * ns + 1, sizeof *out->P);

@@ -23,7 +23,7 @@ struct inflow_wing {              /* what a model may read */
 };
 
 struct inflow {
-    int stations, states;         /* ns, nz */
+    int states;                   /* nz */
     double direct;  /* the share of v that lifts at once */
     double *E, *A;                /* nz x nz, row-major */
     double *P, *Q;                /* nz x ns, row-major */
@@ -32,10 +32,7 @@ struct inflow {
 
 struct inflow_kind {
     const char *name;  /* as the scene says it */
-    /* states where the scene gives none: a station's, or the whole wing's (`whole`) */
-    int standard;
-    /* 1: `inflow_states` counts the wing's states; 0: each station's */
-    int whole;
+    int standard;                 /* `inflow_states` where the scene gives none */
     const char *accepted;         /* for messages: "1 .. 12 per station" */
     int (*valid)(int states);     /* may inflow_states be so many? */
     enum modal_status (*fill)(const struct inflow_wing *wing, int states, struct inflow *out,

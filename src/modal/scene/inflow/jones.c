@@ -42,4 +42,4 @@ static enum modal_status fill(const struct inflow_wing *wing, int states, struct
     return MODAL_OK;
 }
 
-const struct inflow_kind inflow_jones = { "jones", 2, 0, "2, the lags of each station", two, fill };
+const struct inflow_kind inflow_jones = { "jones", 2, "2, the lags of each station", two, fill };

@@ -183,7 +183,6 @@ static enum modal_status fill(const struct inflow_wing *wing, int states, struct
 const struct inflow_kind inflow_peters_he = {
     "peters_he",
     30,
-    1,
     "cosine states of a whole order: 1, 2, 4, 6, 9, 12, 16, 20, 25, 30, 36, 42, 49, 56, 64 or 72 "
     "(order 0 .. 15)",
     whole_order,

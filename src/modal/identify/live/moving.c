@@ -296,7 +296,7 @@ static enum modal_status from_known(struct moving *m, struct identify_result *ou
 {
     struct batch batch = window_batch(m);
     struct identify_options opt = m->opt.identify;
-    struct identify_chosen known = { m->own.lambda, m->own.count, 0 };
+    struct identify_chosen known = { m->own.lambda, m->own.count };
     enum modal_status rc;
 
     opt.known = &known;

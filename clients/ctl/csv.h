@@ -27,10 +27,6 @@ enum modal_status csv_read(char *text, const char *path, const struct signals_op
  * (json_memory_by), for of a line that is not looked at another table would be made. */
 char *csv_copy(const char *line, size_t length);
 
-/* A copy of a line, for free(): where there is no memory for it the program ends as for a document
- * (json_memory_by), for of a line that is not looked at another table would be made. */
-char *csv_copy(const char *line, size_t length);
-
 /* Columns of LINE, if it is nothing but numbers; else 0. */
 size_t csv_is_row(const char *line);
 

@@ -199,23 +199,47 @@ static bool says(const struct identify_result *r, const char *code)
     return said;
 }
 
+/* What is asked whether it is noise, a row each *STEP seconds: under noise a periodic system is
+ * stationary from period to period, at any phase, of which the strongest shows the most. */
+static struct matrix noise_rows(const struct work *w, double *step)
+{
+    const struct matrix *Y = w->data.Y;
+    struct matrix X = *w->X;
+    int p = w->shift, best = 0;
+    double most = -1;
+
+    *step = w->rec.step;
+    for (int k = 0; k < p && p > 1; k++) {
+        double sum = 0;
+        for (int c = k; c < Y->n; c += p)
+            sum += cblas_ddot(Y->m, Y->x + (size_t)c * Y->ld, 1, Y->x + (size_t)c * Y->ld, 1);
+        if (sum > most)
+            most = sum, best = k;
+    }
+    if (p > 1) {
+        X = (struct matrix) { Y->m, Y->n / p, Y->ld * p, Y->x + (size_t)best * Y->ld };
+        *step = w->data.tau;
+    }
+    X.m = X.m < NOISE_ROWS ? X.m : NOISE_ROWS;
+    return X;
+}
+
 /* The logarithms of the likelihoods of the first rows: each signal as stationary noise, and as that
  * beside the chosen poles, each number of which costs ln(rows)/2. */
 static enum modal_status weigh_noise(const struct work *w, double *noise, double *modes,
                                      struct modal_error *err)
 {
     const struct poles *p = &w->poles;
-    struct matrix X = *w->X, E;
+    double one, step;
+    struct matrix X = noise_rows(w, &step), E;
     struct synthesis f = { 0 };
-    int order = poles_order(p->lambda, p->count, w->rec.step);
+    int order = poles_order(p->lambda, p->count, step);
     enum modal_status rc = MODAL_OK;
-    double one;
 
-    X.m = X.m < NOISE_ROWS ? X.m : NOISE_ROWS;
     E = matrix_new(X.m, X.n);
     if (E.x == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d x %d", X.m, X.n);
-    rc = synthesis_fit(p->lambda, p->count, w->rec.step, &X, &E, &f, err);
+    rc = synthesis_fit(p->lambda, p->count, step, &X, &E, &f, err);
     *noise = 0, *modes = -0.5 * order * (1 + X.n) * log(X.m);
     for (int c = 0; c < X.n && rc == MODAL_OK; c++) {
         const double *x = X.x + (size_t)c * (size_t)X.ld;
@@ -238,7 +262,8 @@ static enum modal_status weigh_noise(const struct work *w, double *noise, double
 /*
  * Where the chosen poles leave what is no white noise: is all of it likelier noise that passed a
  * filter?  Beside decaying modes there may be such noise, too; it is no free response where they
- * are not worth their price over it alone.
+ * are not worth their price over it alone.  The multipliers of a periodic system may be so many
+ * that they draw each phase; halves of the record tell then.
  */
 static enum modal_status say_noise(const struct work *w, struct identify_result *out,
                                    struct modal_error *err)
@@ -247,9 +272,10 @@ static enum modal_status say_noise(const struct work *w, struct identify_result 
     double noise = 0, modes = 0;
     enum modal_status rc;
 
-    if (!w->refine || w->shift > 1 || w->rec.period > 0 || out->mode_count == 0 || out->driven
-        || w->X->x == NULL || says(out, "amplitude_dependent") || doubt->exact
-        || !(doubt->colour > 1))
+    /* a stride, or a period of no whole number of samples: rows are no samples that follow */
+    if (!w->refine || (w->shift > 1) != (w->rec.period > 0) || out->mode_count == 0 || out->driven
+        || w->X->x == NULL || w->data.Y == NULL || says(out, "amplitude_dependent") || doubt->exact
+        || !(doubt->colour > 1 || (w->shift > 1 && doubt->contradiction > 1)))
         return MODAL_OK;
     rc = weigh_noise(w, &noise, &modes, err);
     if (rc != MODAL_OK || modes > noise)

@@ -392,6 +392,33 @@ TEST(of_a_driven_response_neither_errors_nor_a_verdict_are_given)
     }
 }
 
+/* One mode of a periodic system, 4 samples a period, its multiplier 0.97 exp(1.1 i); driven anew
+ * each period, or left to itself beside noise of correlation 0.9 from sample to sample. */
+TEST(what_noise_drives_through_a_period_is_no_free_decay_and_what_decays_beside_coloured_noise_is)
+{
+    const double complex mu = 0.97 * cexp(CMPLX(0, 1.1)),
+                         phase[4] = { 1, CMPLX(0.4, 0.9), CMPLX(-0.8, 0.3), CMPLX(0.1, -1.2) };
+
+    for (int driven = 0; driven < 2; driven++) {
+        struct batch b = batch_of(4 * 250, 1, 0.25);
+        struct identify_options opt = { .period = 1, .rank.most = 8 };
+        struct identify_result r;
+        struct random random = { 31 };
+        double complex q = 5;
+        double noise = 0;
+        for (int k = 0; k < 4 * 250; k++) {
+            noise = 0.9 * noise + 0.05 * random_normal(&random);
+            if (k % 4 == 0)
+                q = q * mu + driven * CMPLX(random_normal(&random), random_normal(&random));
+            x[k] = creal(phase[k % 4] * q) + noise;
+        }
+        CHECK(modal_identify(&b, &opt, &r, NULL) == MODAL_OK && r.mode_count > 0);
+        CHECK(has(&r, "not_free_decay") == (driven == 1));
+        CHECK(withheld(&r) == (driven == 1));
+        identify_result_done(&r);
+    }
+}
+
 /* Each part of it is a line, which decaying modes rebuild, and another in the next. */
 TEST(of_a_swept_sine_neither_errors_nor_a_verdict_are_given)
 {

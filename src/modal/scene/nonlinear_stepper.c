@@ -523,6 +523,9 @@ static enum modal_status advance_adaptive(struct nonlinear_stepper *s, double t,
         if (s->opt.steps_most > 0 && s->face.steps + s->face.rejected > s->opt.steps_most)
             return modal_fail(err, MODAL_TOO_LARGE, "simulate: more than %lld steps by t = %.9g s",
                               (long long)s->opt.steps_most, t + done);
+        if (s->opt.maps_most > 0 && s->face.maps > s->opt.maps_most)
+            return modal_fail(err, MODAL_TOO_LARGE, "simulate: more than %lld maps by t = %.9g s",
+                              (long long)s->opt.maps_most, t + done);
         if (s->blind)
             step = fmin(step, ldexp(s->opt.dt, -BLIND));
         rc = try_step(s, t + done, &step, y, &taken, err);

@@ -19,14 +19,15 @@ enum {
     ASK_EVERY = 4096,       /* samples: milliseconds */
     START_MOST = 100000,    /* steps before the first sample, a second or so */
 };
+static const double MAPS_COUNTED = 1e9;        /* more are not made */
 static const double LIMIT = 1e300;             /* on the state: past it sums of squares overflow */
 
 /* of dt: a corner so near a sample is the sample's */
 static const double BESIDE = 1e-12;
 
 struct motion {
-    struct statespace *ss;  /* made by `start`, as all here */
-    struct sources *src;
+    struct statespace *ss;
+    struct sources *src;    /* made by `start`, as what follows */
     struct stepper *stepper;
     struct readout *readout;
     double *y, *F;  /* state; what loads and laws add */
@@ -43,21 +44,20 @@ static enum modal_status (*const steppers[])(const struct statespace *, const st
     [PROGRAM_NONLINEAR] = nonlinear_stepper_new,
 };
 
-/* The stepper of the program's class, at t = 0 from its initial state. */
+/* The stepper of the program's class, at t = 0 from its initial state; its state space is made. */
 static enum modal_status start(struct program *p, const struct scene_time *time,
-                               const struct simulate_options *opt, struct motion *m,
-                               struct modal_error *err)
+                               const struct simulate_options *opt, double maps_most,
+                               struct motion *m, struct modal_error *err)
 {
     struct stepper_options how = { .dt = time->dt,
                                    .tolerance = opt->tolerance,
                                    .substeps = opt->substeps,
                                    .steps_most = opt->steps_most,
+                                   .maps_most = maps_most < MAPS_COUNTED ? (int64_t)maps_most : 0,
                                    .cancelled = opt->cancelled,
                                    .context = opt->context };
-    enum modal_status rc = statespace_new(p, &m->ss, err);
+    enum modal_status rc = sources_new(p, true, &m->src, err);
 
-    if (rc == MODAL_OK)
-        rc = sources_new(p, true, &m->src, err);
     if (rc == MODAL_OK)
         rc = (opt->rk4 ? rk4_stepper_new
                        : steppers[p->seen_fixed && p->laws == 0 ? PROGRAM_LINEAR_CONSTANT
@@ -199,23 +199,31 @@ static enum modal_status run(struct motion *m, const struct scene_time *time,
     return rc;
 }
 
-/* The program as it was lowered, not turned. */
+/* The program as it was lowered, not turned.  How many maps its events take is seen by stepping
+ * alone. */
 static enum modal_status simulate_on_its_axes(struct program *p, const struct scene_time *time,
                                               const struct simulate_options *opt, double *signals,
                                               struct simulate_result *out, struct modal_error *err)
 {
     struct motion m = { 0 };
-    enum modal_status rc = start(p, time, opt, &m, err);
+    enum modal_status rc = statespace_new(p, &m.ss, err);
+    double maps = rc != MODAL_OK || opt->rk4 || opt->tolerance > 0 || m.ss->modal
+                      ? HUGE_VAL : sparse_motion_maps(p, time);
+    bool leaps = maps < 1;
 
-    if (rc == MODAL_OK)
+    if (rc == MODAL_OK && !leaps)
+        rc = start(p, time, opt, maps, &m, err);
+    if (rc == MODAL_OK && !leaps) {
         rc = run(&m, time, opt, signals, err);
-    if (rc == MODAL_OK && m.stepper->report != NULL)
+        leaps = rc == MODAL_TOO_LARGE && (double)m.stepper->maps > maps;
+    }
+    if (rc == MODAL_OK && !leaps && m.stepper->report != NULL)
         m.stepper->report(m.stepper, p);
-    if (rc == MODAL_OK)
+    if (rc == MODAL_OK && !leaps)
         *out = (struct simulate_result){ m.stepper->name, m.stepper->products, m.stepper->maps,
                                          m.stepper->steps, m.stepper->rejected };
     done(&m);
-    return rc;
+    return leaps ? sparse_motion(p, time, opt, signals, out, err) : rc;
 }
 
 /* A periodic program that turning axes make constant is stepped there, its channels read out on

@@ -30,7 +30,6 @@
 #include "modal/scene/leap.h"
 #include "modal/scene/leap_events.h"
 #include "modal/scene/leap_record.h"
-#include "modal/scene/statespace.h"
 
 enum {
     ORDER = 8,                 /* of the leaps: an error goes with that power of h */
@@ -43,11 +42,6 @@ enum {
     BLIND = 10,                /* a step without events is h / 2^10: a kink costs h^2 of a force */
     STEPS_MOST = 100000,       /* of parts within one leap: a rattle that dies out */
     ASK_EVERY = 16,            /* leaps between two looks at `cancelled` */
-    UNKNOWNS_DENSE = 100,      /* of the dense way's step: their cube is a millisecond; */
-    UNKNOWNS_FEW = 20,         /* fewer, and it is microseconds, as all else of either way */
-    DOFS_DENSE = 400,          /* dense exponentials of 800 states: some seconds */
-    DENSE_STAGES = 4,          /* see collocation.h */
-    DENSE_ITERATIONS = 4,      /* of its Newton's method, a step */
 };
 static const double SAFETY = 0.9;          /* of the step that the error's order foretells */
 /* of a step, at once: what the error foretells further off is no more than a direction */
@@ -66,8 +60,6 @@ static const double TOLERANCE = 1e-10;     /* by default, as the dense way's */
 /* in place of the dense way, which makes no error in what is linear: as good as it over thousands
  * of leaps, by order 8 at 1.8 times the cost */
 static const double TOLERANCE_SMALL = 1e-12;
-/* what a dense step, twice as accurate by nature, may cost more: finer leaps, and parts beside */
-static const double SMALL_MARGIN = 4;
 static const double PARTS_MOST = 4;        /* leaps of the whole that parts cost; then shorter */
 static const double PARTS_LEAST = 1;       /* below it longer ones are tried again */
 /* two shorter leaps halve it; one takes longer to come back */
@@ -708,30 +700,14 @@ static void report(const struct sparse_motion *m, struct program *p)
     }
 }
 
-/* Unknowns of the dense way's step. */
-static double unknowns_dense(const struct program *p)
-{
-    int inputs = 0;
-
-    for (int l = 0; l < p->laws; l++)
-        inputs += p->law[l].kind->inputs;
-    return DENSE_STAGES * inputs;
-}
-
-/* Small for the dense way, whose steps are exact in all that is linear. */
-static bool small(const struct program *p)
-{
-    return unknowns_dense(p) <= UNKNOWNS_DENSE && p->n <= DOFS_DENSE;
-}
-
 enum modal_status sparse_motion(struct program *p, const struct scene_time *time,
                                 const struct simulate_options *opt, double *signals,
                                 struct simulate_result *out, struct modal_error *err)
 {
     struct sparse_motion m = { .opt = opt, .dt = time->dt,
                                .tolerance = opt->tolerance > 0 ? opt->tolerance
-                                            : small(p)         ? TOLERANCE_SMALL
-                                                               : TOLERANCE };
+                                            : sparse_motion_small(p) || p->laws == 0
+                                                 ? TOLERANCE_SMALL : TOLERANCE };
     struct workspace space = { 0 };
     enum modal_status rc = dofwise_new(p, &m.f, err);
 
@@ -747,47 +723,4 @@ enum modal_status sparse_motion(struct program *p, const struct scene_time *time
     workspace_free(&space);
     dofwise_free(m.f);
     return rc;
-}
-
-/* Operations of a second's motion over those of a dense step, this by its unknowns and its map,
- * that by radians of the fastest motion and what is stored of the program. */
-static double dense_steps(const struct program *p)
-{
-    double frequency, decay, u = unknowns_dense(p), n = p->n, entries = 0;
-
-    dofwise_fastest(p, &frequency, &decay);
-    for (int i = 0; i < 3; i++)
-        entries += p->constant[i].m > 0 ? p->constant[i].start[p->n] : 0;
-    return DORMAND_PRINCE_ALL * fmax(frequency, decay)
-           * (2 * entries + 2 * DORMAND_PRINCE_ALL * (double)(p->n + p->laws))
-           / (DENSE_ITERATIONS * u * u * (2 * u / 3 + 2 * n));
-}
-
-bool sparse_motion_wins(const struct program *p, const struct scene_time *time)
-{
-    if (!dofwise_serves(p))
-        return false;
-    if (p->n > STATESPACE_DOFS_MOST)
-        return true;
-    return p->laws > 0 && !small(p) && dense_steps(p) * time->dt < 1;
-}
-
-int64_t sparse_motion_worth(const struct program *p, const struct scene_time *time)
-{
-    double steps;
-
-    if (unknowns_dense(p) < UNKNOWNS_FEW || !small(p) || !dofwise_serves(p))
-        return 0;
-    steps = SMALL_MARGIN * dense_steps(p) * (time->start + time->duration);
-    return steps < INT64_MAX / 2 ? (int64_t)steps + 1 : 0;
-}
-
-bool sparse_motion_strides(const struct program *p, const struct scene_time *time)
-{
-    double frequency, decay;
-
-    if (!dofwise_serves(p) || dofwise_slides(p))
-        return false;
-    dofwise_fastest(p, &frequency, &decay);
-    return fmax(frequency, decay) * time->dt < 1;        /* a leap is some three radians */
 }

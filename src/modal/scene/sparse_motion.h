@@ -14,9 +14,16 @@ bool sparse_motion_wins(const struct program *p, const struct scene_time *time);
 /* Of a program that is small for the dense way: the steps of that after which this one would have
  * been cheaper; 0: it does not serve. */
 int64_t sparse_motion_worth(const struct program *p, const struct scene_time *time);
+/* Of a program whose modes do not decouple, so that the dense way's maps are full: how many of
+ * these it may make before this way would have been cheaper; HUGE_VAL: this does not serve, or maps
+ * are small. */
+double sparse_motion_maps(const struct program *p, const struct scene_time *time);
 /* Does it serve, several samples of TIME a leap?  Then these cost next to nothing each, where the
  * dense way takes a step. */
 bool sparse_motion_strides(const struct program *p, const struct scene_time *time);
+
+/* Is P small for the dense way, whose steps are exact in all that is linear? */
+bool sparse_motion_small(const struct program *p);
 
 /* simulate(), the same way. */
 enum modal_status sparse_motion(struct program *p, const struct scene_time *time,

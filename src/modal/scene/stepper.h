@@ -15,6 +15,7 @@ struct stepper_options {
     int substeps;                /* of dt, by rk4; 0: 1 */
     /* Nonlinear: more in all, rejected ones too, are MODAL_TOO_LARGE; 0: no limit. */
     int64_t steps_most;
+    int64_t maps_most;           /* the same of maps */
     bool (*cancelled)(void *context);   /* may be NULL */
     void *context;
     /* Nonlinear: every accepted step, from t over h to y, with its rigid sliders'

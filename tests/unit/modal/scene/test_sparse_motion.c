@@ -1,4 +1,4 @@
-/* Tests as well: dofwise.c leap.c leap_events.c leap_record.c */
+/* Tests as well: dofwise.c leap.c leap_events.c leap_record.c sparse_motion_cost.c */
 #include "check.h"
 #include <float.h>
 #include "modal/scene/dofwise.h"
@@ -176,6 +176,30 @@ TEST(a_mass_matrix_that_is_not_diagonal_moves_as_by_exponential_collocation)
     CHECK_NEAR(apart(&a, &b), 0, 1e-7);
     done(&a);
     done(&b);
+}
+
+/* One stop and a damper of its own among masses that move as waves do: full maps would be made at
+ * each touch.  The motion is that of maps, which a tolerance asks for. */
+TEST(few_laws_of_a_chain_whose_modes_do_not_decouple_cost_no_full_maps)
+{
+    static const char effects[] = "{'type':'damper','dof':'x7','coefficient':0.5},"
+                                  "{'type':'gap','dof':'x3','stiffness':0.5,'clearance':0.1}";
+    char *plain = chain(60, "", "'omega':0.3,'excitation':[{'dof':'x1','k':1,'cos':0.5}],"
+                                "'time':{'dt':0.1,'duration':40},"
+                                "'sensors':[{'dof':'x1'},{'dof':'x9'}]"),
+         *at = strstr(plain, "'effects':["), *text = malloc(strlen(plain) + sizeof effects);
+
+    at += strlen("'effects':[");
+    sprintf(text, "%.*s%s%s", (int)(at - plain), plain, effects, at);
+    struct outcome a = run(text, simulate, 0), b = run(text, simulate, 1e-12);
+
+    CHECK_STRING(a.s.integrator, "dormand-prince-8");
+    CHECK_STRING(b.s.integrator, "exponential-collocation");
+    CHECK_NEAR(apart(&a, &b), 0, 1e-9);
+    done(&a);
+    done(&b);
+    free(plain);
+    free(text);
 }
 
 /* Friction at every dof of one chain, near the load the same as of a longer one: what is far does

@@ -235,9 +235,9 @@ static enum modal_status begin_lines(struct families *f, struct lines *other,
     for (int had = 0; rc == MODAL_OK && other->count > had;) {
         struct refined fit;
         rc = lines_choose(&f->w->data, other, err);
+        if (rc != MODAL_OK || other->count <= had)
+            break;                              /* of what was seen none pays */
         had = other->count;
-        if (rc != MODAL_OK)
-            break;
         rc = refine_poles(&f->w->data, other->lambda, other->count, NULL, &look, &fit, err);
         if (rc != MODAL_OK)
             break;

@@ -313,6 +313,36 @@ def test_a_slow_pole_that_grows_is_no_multiplier_where_lines_of_others_stand_in(
     assert all(min(abs(f - m) for f in found) < 0.01 for m in truth)
 
 
+def many_lines(seed, count, samples):
+    """So many exponents a period, each with lines up to its fourth, at 30 to 70 dB."""
+    rng = np.random.default_rng(seed)
+    periods, channels = int(rng.integers(30, 61)), int(rng.integers(1, 13))
+    t = np.arange(int(periods * samples)) / samples
+    exponents = [complex(-rng.uniform(0.05, 3) * 1.5 / periods * rng.choice([1, 4]),
+                         rng.uniform(0.02, 0.98) * np.pi) for _ in range(count)]
+    y = np.zeros((len(t), channels))
+    for z in exponents:
+        most = int(rng.integers(1, 5))
+        k = np.arange(-most, most + 1)
+        size = (2 * most + 1, channels)
+        g = (rng.normal(size=size) + 1j * rng.normal(size=size)) * (0.5 ** abs(k))[:, None]
+        y += (np.exp(z.real * t)[:, None]
+              * (np.exp(1j * np.outer(t, z.imag + 2 * np.pi * k)) @ g)).real
+    noise = np.sqrt(np.mean(y ** 2)) * 10 ** (-rng.uniform(30, 70) / 20)
+    return dict(y=y + noise * rng.normal(size=y.shape), dt=1 / samples, period=1.0), exponents
+
+
+def test_of_600_lines_that_may_be_those_seen_but_not_worth_their_price_end_the_search(monkeypatch):
+    """Ten exponents: a line that what is left shows, and that leaves by the criterion, was begun
+    with for ever."""
+    monkeypatch.setattr(families, "CTL", str(BUILD / "bin" / "modalctl"))
+    r, truth = many_lines(3, 10, 60.37)
+    found = [complex(*mode["multiplier"]) for mode in families.identify(r)["modes"]]
+    assert len(found) == len(truth)
+    assert all(min(abs(complex(f.real, abs(f.imag)) - np.exp(z)) for f in found) < 0.02
+               for z in truth)
+
+
 def multipliers_of(y, samples, monkeypatch):
     monkeypatch.setattr(turning, "CTL", str(BUILD / "bin" / "modalctl"))
     document = turning.identify(dict(y=y, p=samples))

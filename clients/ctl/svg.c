@@ -49,7 +49,7 @@ static void escape(FILE *file, const char *text)
 
 void svg_begin(struct svg *svg, FILE *file, int panels, const char *title)
 {
-    *svg = (struct svg) { file, panels, -1 };
+    *svg = (struct svg) { file, -1 };
     fprintf(file,
             "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"%d\" height=\"%d\" "
             "font-family=\"sans-serif\" font-size=\"12\">\n"

@@ -4,7 +4,7 @@
 #include <stdbool.h>
 #include <stdio.h>
 
-struct svg { FILE *file; int panels, panel; };
+struct svg { FILE *file; int panel; };
 
 struct svg_axis { const char *label; double low, high; bool logarithmic; };
 

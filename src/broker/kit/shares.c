@@ -3,7 +3,7 @@
 #include "broker/kit/memory.h"
 #include <stdlib.h>
 
-struct share { uint64_t turn; int64_t size; };
+struct share { int64_t size; };
 
 static struct share *find(const struct shares *shares, uint64_t turn)
 {
@@ -19,7 +19,6 @@ void shares_add(struct shares *shares, uint64_t turn, int64_t amount)
         return;
     if (share == NULL) {
         share = grab(sizeof *share);
-        share->turn = turn;
         if (!map_put(&shares->by_turn, map_hash_number(turn), share))
             abort();
     }

@@ -66,6 +66,7 @@ static bool look_chunks(const struct look *l)
     of->piece = rank > 0 ? (size_t)(chunk[0] * chunk[1]) * H5Tget_size(l->type) : 0;
     for (int i = 0; told && i < rank; i++)
         all *= (of->dims[i] + chunk[i] - 1) / chunk[i];
+    of->pieces = told ? (double)all : 0;
     return told && written >= all;
 }
 

@@ -13,6 +13,7 @@ struct h5_numbers {
     int rank;              /* 0 to 2 dimensions */
     hsize_t dims[2];       /* 1 where there is none */
     size_t piece;          /* bytes that are unpacked at once: of a chunk; 0: there are none */
+    double pieces;         /* chunks */
 };
 
 /*

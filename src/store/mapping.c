@@ -33,7 +33,8 @@ enum modal_status mapping_open(int fd, const char *path, uint64_t offset, uint64
     if (base == MAP_FAILED)
         return modal_fail(err, errno == ENOMEM ? MODAL_NO_MEMORY : MODAL_IO, "%s: mmap: %s", path,
                           strerror(errno));
-    *out = (struct mapping) { (char *)base + (offset - start), (size_t)length, base, mapped };
+    *out = (struct mapping) { (char *)base + (offset - start), (size_t)length, base, mapped,
+                              offset };
     return MODAL_OK;
 }
 

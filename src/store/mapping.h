@@ -6,9 +6,9 @@
 #include <stdint.h>
 #include "base/error.h"
 
-/* LENGTH bytes at DATA; BASE and MAPPED are whole pages.  All zero: nothing
+/* LENGTH bytes at DATA, at OFFSET of the file; BASE and MAPPED are whole pages.  All zero: nothing
  * is mapped. */
-struct mapping { const void *data; size_t length; void *base; size_t mapped; };
+struct mapping { const void *data; size_t length; void *base; size_t mapped; uint64_t offset; };
 
 /*
  * Map bytes OFFSET .. OFFSET + LENGTH of FD, read only and shared; FD may be closed after.  PATH is

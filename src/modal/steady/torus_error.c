@@ -14,12 +14,9 @@
 #include "modal/steady/torus_laws.h"
 
 enum {
-    CANDIDATES_LEAST = 24,                /* two shells around the first set: below them an
-                                           * estimate of the rest is none */
     BINS = 1024,                          /* of keys: one holds a thousandth of the points, about */
 };
 static const double LAST = 0.125;         /* of the highest combinations that grids serve */
-static const double LOOKING = 2e8;        /* budget.h: what linear parts of a look may cost */
 static const double SLOW = 0.15;          /* chosen: slow combinations are looked at to orders
                                            * some seven times as high as fast ones */
 
@@ -68,13 +65,11 @@ enum modal_status torus_largest(struct torus_solver *s, struct torus_grid *g, in
     double complex *Y = calloc(dofs * K + 1, sizeof *Y), *S = malloc(2 * (q * q + 1) * sizeof *S),
                    *p = malloc(2 * (q + 1) * sizeof *p), *one = calloc(2 * q + 1, sizeof *one);
     double complex two[2];
-    bool others = false;
+    bool others = torus_reports_others(s);
     enum modal_status rc = x == NULL || Y == NULL || S == NULL || p == NULL || one == NULL
                                ? modal_fail(err, MODAL_NO_MEMORY, "torus: no memory")
                                : MODAL_OK;
 
-    for (size_t i = 0; i < dofs; i++)
-        others |= place[s->opt->dofs[i]] < 0;
     for (size_t m = 0; rc == MODAL_OK && m < K; m++) {
         int at = torus_order(index[m]) > 0;
 
@@ -163,8 +158,7 @@ static int look_at(const struct torus_solver *s, const struct torus_grid *g,
     int points = torus_grid_lines(g) * torus_grid_samples(g), count = s->count, ranks = 0;
     struct torus_index *all = malloc((size_t)points * sizeof *all);
     struct rank *rank = malloc((size_t)points * sizeof *rank);
-    int most = (int)fmin(TORUS_CANDIDATES_MOST, fmax(CANDIDATES_LEAST,
-                                                     LOOKING / torus_linear_work(s)));
+    int most = torus_looked_at(s, (double)torus_grid_lines(g) / torus_grid_lines(s->grid));
     int known = all != NULL && rank != NULL ? torus_grid_indices(g, all) : 0;
 
     memcpy(out, s->index, (size_t)s->count * sizeof *out);
@@ -312,7 +306,7 @@ enum modal_status torus_estimate(struct torus_solver *s, struct torus_candidate 
     double complex *F = malloc(q * (K + TORUS_CANDIDATES_MOST) * sizeof *F + 1),
                    *X = calloc(q * (K + TORUS_CANDIDATES_MOST) + 1, sizeof *X),
                    *d = malloc((2 * n + 1) * sizeof *d), *column = malloc((q + 1) * sizeof *column);
-    double past;
+    double past, before = s->work->spent;
     int all = 0;
     enum modal_status rc = look == NULL || F == NULL || X == NULL || d == NULL || column == NULL
                                ? modal_fail(err, MODAL_NO_MEMORY, "torus: no memory")
@@ -330,10 +324,12 @@ enum modal_status torus_estimate(struct torus_solver *s, struct torus_candidate 
             d[i * K + m] = s->F[i * K + m] - F[i * (size_t)all + m];
             X[i * (size_t)all + m] = s->X[i * K + m];
         }
+    s->ahead = s->work->spent - before;           /* what truncation asks for is as much again */
     if (rc == MODAL_OK) {
         torus_precondition(s, d);
         rc = torus_newton_step(s, d, d + n, err);
     }
+    s->ahead = 0;
     e->tone = tone_error(s, d + n);
     if (rc == MODAL_OK)
         rc = torus_largest(s, fine, s->count, s->index, d + n, &e->sampling, err);

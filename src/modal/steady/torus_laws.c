@@ -708,6 +708,15 @@ void torus_note(struct torus_laws *w, int law, bool acts, long evaluations)
 
 void torus_hold(struct torus_laws *w, bool held) { w->held = held; }
 long torus_evaluations(const struct torus_laws *w, int law) { return w->law[law].evaluations; }
+double torus_events_work(const struct torus_laws *w)
+{
+    double events = 0;
+
+    for (int l = 0; l < w->laws; l++)
+        events += (double)w->law[l].events * w->law[l].law->kind->inputs;
+    return events * BUDGET_EVENT / 4;
+}
+
 bool torus_acts(const struct torus_laws *w, int law) { return w->law[law].acts; }
 bool torus_undetermined(const struct torus_laws *w, int law) { return w->law[law].undetermined; }
 

@@ -57,6 +57,8 @@ void torus_hold(struct torus_laws *w, bool held);
 /* Of law LAW: evaluations so far; whether it slipped or touched in the last forces; whether what it
  * held is one of many. */
 long torus_evaluations(const struct torus_laws *w, int law);
+/* What the last forces' events cost for each combination asked for, in budget.h's units. */
+double torus_events_work(const struct torus_laws *w);
 bool torus_acts(const struct torus_laws *w, int law);
 bool torus_undetermined(const struct torus_laws *w, int law);
 /* Law LAW was asked EVALUATIONS times more, beside samples, and acted or not: a slider that did not

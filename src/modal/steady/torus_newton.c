@@ -39,6 +39,7 @@ static const double FLOOR = 1e-8;         /* a relative step that no longer shri
                                            * of differences and located events */
 static const double FAR = 0.25;           /* of a free tone: further a step does not take it */
 static const double SHRINKS = 0.25;       /* of the step before: it still does */
+static const double ENOUGH = 0.01;        /* relative: a last step, as torus_solve.c's ROUGH */
 
 /* sum over all, as real numbers. */
 static double dot(size_t n, const double complex *a, const double complex *b)
@@ -57,6 +58,9 @@ static bool cancelled(const struct torus_solver *s)
     return s->opt->cancelled != NULL && s->opt->cancelled(s->opt->context);
 }
 
+/* Whether no more work may be begun; of a balance that is to be told, beside its estimate. */
+static bool is_over(const struct torus_solver *s) { return !budget_pays(s->work, s->ahead); }
+
 /* Forces of X at the set's combinations into F. */
 static enum modal_status forces(struct torus_solver *s, const double complex *X, double complex *F,
                                 struct modal_error *err)
@@ -64,6 +68,20 @@ static enum modal_status forces(struct torus_solver *s, const double complex *X,
     if (cancelled(s))
         return modal_fail(err, MODAL_CANCELLED, "cancelled");
     return torus_forces(s->laws, s->grid, s->count, s->index, X, s->count, s->index, F, err);
+}
+
+/* What an estimate at s->X will cost, of the last forces, is kept back where one follows. */
+static void keep_back(struct torus_solver *s) { s->ahead = s->told ? torus_estimate_work(s) : 0; }
+
+/* The same as forces, and what they cost. */
+static enum modal_status ask(struct torus_solver *s, const double complex *X, double complex *F,
+                             struct modal_error *err)
+{
+    double before = s->work->spent;
+    enum modal_status rc = forces(s, X, F, err);
+
+    s->asking = s->work->spent - before;
+    return rc;
 }
 
 /* y = S x of all combinations; the mean's is real. */
@@ -343,7 +361,7 @@ enum modal_status torus_newton_step(struct torus_solver *s, const double complex
     for (size_t i = 0; i < n; i++)
         V[i] = size > 0 ? b[i] / size : 0;
     while (rc == MODAL_OK && size > 0 && k < KRYLOV_MOST && fabs(g[k]) > FORCING * size
-           && !budget_spent(s->work)) {
+           && !is_over(s)) {
         double complex *w = V + (size_t)(k + 1) * n;
 
         rc = apply(s, V + (size_t)k * n, w, V + (KRYLOV_MOST + 1) * n, err);
@@ -424,13 +442,13 @@ static enum modal_status damp(struct torus_solver *s, const double complex *step
         *factor *= halving > 0 ? 0.5 : 1;
         rc = try_step(s, step, *factor, X, err);
         if (rc == MODAL_OK)
-            rc = forces(s, X, F, err);
+            rc = ask(s, X, F, err);
         if (rc != MODAL_OK)
             return rc;
         residual_of(s, X, F);
         torus_precondition(s, s->R);
         *now = norm(n, s->R);
-        if (*now <= (1 - *factor / 4) * size)
+        if (*now <= (1 - *factor / 4) * size || is_over(s))
             break;
     }
     return MODAL_OK;
@@ -451,7 +469,7 @@ static enum modal_status prepare(struct torus_solver *s, bool kept, bool *ready,
     }
     if (rc != MODAL_OK || !*ready)
         s->reason = "the derivative is singular";
-    else if (budget_spent(s->work)) {
+    else if (is_over(s)) {
         s->reason = BUDGET_REASON;
         *ready = false;
     }
@@ -468,6 +486,7 @@ static enum modal_status keep_or_leave(struct torus_solver *s, const double comp
         memcpy(s->X, X, n * sizeof *X);
         memcpy(s->F, F, n * sizeof *F);
         torus_tone_keep(s);
+        keep_back(s);
         return MODAL_OK;
     }
     return s->tone.index < 0
@@ -485,7 +504,7 @@ static enum modal_status advance(struct torus_solver *s, double complex *work, d
     size_t n = (size_t)s->q * (size_t)s->count;
     double tolerance = s->opt->tolerance > 0 ? s->opt->tolerance : 1e-10;
     double complex *b = work, *step = work + n, *X = work + 2 * n, *F = work + 3 * n;
-    double size, factor, now, begun;
+    double size, factor, now, begun, before = s->work->spent;
     bool ready = false, old = *kept;
     enum modal_status rc = prepare(s, old, &ready, err);
 
@@ -517,6 +536,9 @@ static enum modal_status advance(struct torus_solver *s, double complex *work, d
         *converged = s->step < FAR;
     }
     *converged |= s->rough > 0 && fmax(now, s->step * norm(n, X)) <= s->rough * norm(n, X);
+    /* Another step not paid, a whole one that fell stands: what is left is a part of the error. */
+    *converged |= s->told && factor == 1 && now <= SHRINKS * size && s->step <= ENOUGH
+        && !budget_pays(s->work, s->ahead + s->work->spent - before);
     *goes_on = (!(now >= size) || old) && !*converged;
     *kept = *kept && now <= SHRINKS * size;
     return rc;
@@ -531,9 +553,11 @@ static enum modal_status newton(struct torus_solver *s, bool *converged, struct 
     double complex *work = malloc(4 * n * sizeof *work + 1);
     bool goes_on = true, kept = false;
     enum modal_status rc = work == NULL ? modal_fail(err, MODAL_NO_MEMORY, "torus: no memory")
-                                        : forces(s, s->X, s->F, err);
+                                        : ask(s, s->X, s->F, err);
 
     *converged = false;
+    if (rc == MODAL_OK)
+        keep_back(s);
     s->reason = "Newton's method did not converge";
     for (int i = 0; rc == MODAL_OK && i < most && goes_on; i++)
         rc = advance(s, work, i > 0 ? s->step : HUGE_VAL, &kept, converged, &goes_on,
@@ -564,7 +588,8 @@ enum modal_status torus_record(struct torus_solver *s, struct scene_time *time, 
     struct triplet *term = calloc((size_t)s->q + 1, sizeof *term);
     enum modal_status rc;
 
-    how.steps_most = (int64_t)(fmin(MARCH_WORK, s->work->most - s->work->spent) / work);
+    how.steps_most = (int64_t)(fmin(MARCH_WORK, s->work->most - s->work->spent - s->ahead)
+                               / work);
     view.output = calloc((size_t)s->q + 1, sizeof *view.output);
     view.outputs = s->q;
     view.omega = s->tones.omega[0];       /* what a load's k that is one number counts */
@@ -713,7 +738,7 @@ enum modal_status torus_solve_set(struct torus_solver *s, bool *converged, struc
         return rc;
     }
     memset(s->X, 0, n * sizeof *s->X);
-    while (rc == MODAL_OK && done < 1 && halvings < HALVINGS_MOST && !budget_spent(s->work)) {
+    while (rc == MODAL_OK && done < 1 && halvings < HALVINGS_MOST && !is_over(s)) {
         memcpy(kept, s->X, n * sizeof *kept);
         s->level = fmin(1, done + step);
         rc = newton(s, converged, err);

@@ -11,6 +11,12 @@
 #include "modal/steady/condense.h"
 #include "modal/steady/torus_laws.h"
 
+enum {
+    CANDIDATES_LEAST = 24,     /* two shells around the first set: below them an estimate of the
+                                * rest is none */
+};
+static const double LOOKING = 2e8;        /* budget.h: what linear parts of a look may cost, and
+                                           * its share of events */
 static const double CONDENSING = 100;     /* budget.h's units, a dof and a column: measured */
 static const double STEP = 4e3;           /* budget.h: a step of few states and one law, measured;
                                            * each more takes half of that again */
@@ -359,4 +365,33 @@ enum modal_status torus_grid_for(const struct torus_solver *s, int finer, int li
                                 "%d combinations of tones need %.0f samples to tell their error; "
                                 "at most %d", s->count, points, TORUS_POINTS_MOST);
     return torus_grid_new(&s->tones, N, lines, out, err);
+}
+
+int torus_looked_at(const struct torus_solver *s, double lines)
+{
+    double one = fmax(torus_linear_work(s), lines * torus_events_work(s->laws));
+
+    return (int)fmin(TORUS_CANDIDATES_MOST, fmax(CANDIDATES_LEAST, LOOKING / one));
+}
+
+bool torus_reports_others(const struct torus_solver *s)
+{
+    const int *place = condense_place(s->condense[0]);
+    bool others = false;
+
+    for (int i = 0; i < s->opt->dofs_count; i++)
+        others |= place[s->opt->dofs[i]] < 0;
+    return others;
+}
+
+double torus_estimate_work(const struct torus_solver *s)
+{
+    double points = (double)torus_grid_lines(s->grid) * torus_grid_samples(s->grid);
+    double finer = torus_grid_size(s, 1, s->finer) / points, lines = finer / 2;
+    double look = torus_looked_at(s, lines), all = s->count + look;
+    double passes = finer * s->asking + look * lines * torus_events_work(s->laws);
+    double sizes = 4 * finer * points * s->opt->dofs_count * BUDGET_SAMPLE / 4;
+    double parts = 2 * look + (torus_reports_others(s) ? 2 * (s->count + all) : 0);
+
+    return 2 * passes + sizes + parts * torus_linear_work(s);
 }

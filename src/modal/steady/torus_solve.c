@@ -69,10 +69,14 @@ static enum modal_status solve_round(struct torus_solver *s, const struct torus_
     s->grid = NULL;
     rc = torus_grid_for(s, 0, s->finer, &s->grid, err);
     s->work->most *= stand ? GROWTH : 1;
+    s->told = !stand && !s->opt->near;           /* a branch has many points beside it */
     if (rc == MODAL_OK)
         rc = torus_solve_set(s, &out->converged, err);
+    s->told = false;
+    s->ahead = 0;
     enough = stand && budget_spent(s->work);
     s->work->most = most;
+    enough |= rc == MODAL_OK && stand && !budget_pays(s->work, torus_estimate_work(s));
     if (enough)
         out->error = HUGE_VAL;
     if (rc == MODAL_OK && out->converged && !enough)

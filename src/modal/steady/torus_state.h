@@ -73,7 +73,11 @@ struct torus_solver {
     int core;                             /* combinations of the dense derivative */
     double *J;                            /* it, factored */
     int *pivot;
-    double making;                        /* budget.h: what J cost */
+    double making;                        /* budget.h: what J cost, */
+    double asking;                        /* what forces of the set did, */
+    double ahead;                         /* what an estimate of the balance will: Newton's steps
+                                           * leave it */
+    bool told;                            /* an estimate follows */
     double complex *outer;                /* of the other combinations, q x q: S with the laws'
                                            * mean slopes, factored */
     int *outer_pivot;
@@ -168,6 +172,15 @@ int torus_highest(const struct torus_solver *s, int j);
 double torus_grid_size(const struct torus_solver *s, int finer, int lines_finer);
 enum modal_status torus_grid_for(const struct torus_solver *s, int finer, int lines_finer,
                                  struct torus_grid **out, struct modal_error *err);
+
+/* How many combinations beside the set an estimate looks at, on a grid of LINES times those of the
+ * last forces: each asks for its linear part and for its share of every event. */
+int torus_looked_at(const struct torus_solver *s, double lines);
+/* Whether a reported dof is none that iterates. */
+bool torus_reports_others(const struct torus_solver *s);
+/* What torus_estimate costs, in budget.h's units, after forces of the set's motion on s->grid; its
+ * own steps end with the work. */
+double torus_estimate_work(const struct torus_solver *s);
 
 /* ---- torus_newton.c ---- */
 

@@ -13,9 +13,6 @@
  *   itself are left out, and that is added to the residuals.
  * - Where they are too many of one modulus to be told apart, as with damping by mass, whether all
  *   disturbances decay: a bound below 1 of every multiplier.
- *
- * The place of a slider that never slips is a multiplier of 1 that is known without asking: then
- * only one outside could say more, which Arnoldi's method finds first.
  */
 #include "modal/steady/large_stability.h"
 #include <float.h>
@@ -549,28 +546,6 @@ static enum modal_status ask_bound(struct large *l, struct period_map *map, stru
     return rc;
 }
 
-/* Whether some slider never slips, so that nothing moves what it holds. */
-static bool holds_for_ever(const struct large *l)
-{
-    bool any = false;
-
-    for (int h = 0; h < l->parts.held && !any; h++) {
-        any = true;
-        for (int r = 0; r < l->parts.resets; r++)
-            any &= l->parts.reset[r].held != h;
-    }
-    return any;
-}
-
-/* The multiplier of such a slider is what is known. */
-static void give_held(struct stability *out)
-{
-    out->multiplier[0] = out->largest = 1;              /* one was found at least */
-    out->count = 1;
-    out->error = 0;
-    out->verdict = STABILITY_UNDECIDED;
-}
-
 static enum modal_status ask(struct large *l, struct period_map *map, struct stability *out,
                              struct modal_error *err)
 {
@@ -582,8 +557,6 @@ static enum modal_status ask(struct large *l, struct period_map *map, struct sta
         return MODAL_OK;
     }
     rc = ask_leading(l, map, FIRST, out, err);
-    if (rc == MODAL_OK && out->verdict == STABILITY_UNKNOWN && holds_for_ever(l))
-        give_held(out);
     if (rc == MODAL_OK && out->verdict == STABILITY_UNKNOWN)
         rc = ask_bound(l, map, out, err);
     left = periods_left(l, map);

@@ -130,17 +130,18 @@ TEST(one_growing_disturbance_among_hundreds_makes_a_motion_unstable)
     verdict_done(&v);
 }
 
-/* 210 sliders that never slip: each place is a multiplier of 1, and the others, of one modulus by
- * damping by mass, are not told apart by what is spent to look for one outside. */
-TEST(a_slider_that_never_slips_leaves_a_motion_undecided_without_the_other_multipliers)
+/* Undamped but for a damper of -0.1, and a slider that never slips, a spring of 0.5: multipliers of
+ * 1 and just outside it crowd, which takes more than the first periods to tell apart.  |rho| =
+ * exp(2 pi / 3 Re lambda), of the eigenvalues of these 402 states by another code. */
+TEST(a_growing_disturbance_beside_a_slider_that_never_slips_makes_a_motion_unstable)
 {
     struct verdict v = verdict_of(chain(
-        210, "1", 0.3, ",{'type':'friction','dof':'x%d','stiffness':0.3,'limit':10}",
-        "{'type':'rayleigh_damping','alpha':0.05,'beta':0}", PUSHED));
+        201, "1", 3, "", "{'type':'friction','dof':'x30','to':'x31','stiffness':0.5,'limit':10},"
+        "{'type':'damper','dof':'x100','coefficient':-0.1}", "{'dof':'x1','k':1,'cos':0.1}"));
 
-    CHECK(v.reason == NULL && v.large.verdict == STABILITY_UNDECIDED);
-    CHECK(v.large.count == 1 && v.large.multiplier[0] == 1 && v.large.largest == 1);
-    CHECK(v.large.error == 0);
+    CHECK(v.point.undetermined[0] && v.reason == NULL);
+    CHECK(v.large.verdict == STABILITY_UNSTABLE);
+    CHECK_NEAR(v.large.largest, 1.0015522820, 2e-10);
     verdict_done(&v);
 }
 

@@ -193,15 +193,25 @@ static enum modal_status residual_of_cycle(const struct steady *s, struct balanc
     return rc;
 }
 
-/* Whether nothing holds the mean of POINT, of balance B: the derivative there maps a motion of all
- * as one body to nothing.  It has as many unknowns as B, and is made where its factors are cheap
- * beside the search itself. */
-static enum modal_status ask_mean(struct steady *s, struct balance *b, struct steady_point *point,
-                                  struct modal_error *err)
+/* Whether rigid friction of the cycle never slips: its force turns where rounding has it, and has
+ * no derivative. */
+static bool holds_rigidly(const struct steady *s, const struct cycle *c)
+{
+    for (int l = 0; l < s->p->laws; l++)
+        if (s->p->law[l].kind->set_valued && !c->acts[l])
+            return true;
+    return false;
+}
+
+/* Whether nothing holds the mean of POINT, of balance B, but what slips: the derivative there maps
+ * a motion of all as one body to nothing.  It has as many unknowns as B, and is made where its
+ * factors are cheap beside the search itself. */
+static enum modal_status ask_mean(struct steady *s, const struct cycle *c, struct balance *b,
+                                  struct steady_point *point, struct modal_error *err)
 {
     enum modal_status rc;
 
-    if (steady_factor_work(s, b->H) > SHARE_OF_LOOK * s->budget.most)
+    if (holds_rigidly(s, c) || steady_factor_work(s, b->H) > SHARE_OF_LOOK * s->budget.most)
         return MODAL_OK;
     rc = balance_residual(b, point->X, false, err);
     if (rc == MODAL_OK)
@@ -236,7 +246,7 @@ static enum modal_status cycle_point(struct steady *s, const struct cycle *c, do
     if (rc == MODAL_OK)
         rc = balance_set(b, omega, 1, err);                /* recovery at this H */
     if (rc == MODAL_OK && c->closed)
-        rc = ask_mean(s, b, point, err);
+        rc = ask_mean(s, c, b, point, err);
     if (rc == MODAL_OK && c->closed && c->force != NULL)
         rc = residual_of_cycle(s, b, c, g, point, err);
     else

@@ -489,6 +489,26 @@ TEST(rigid_friction_within_a_free_body_leaves_its_mean_undetermined)
     }
 }
 
+/* Springs hold the masses, and so does rigid friction that never slips: where it sticks is of the
+ * past, and told as its offset. */
+TEST(rigid_friction_that_never_slips_leaves_no_mean_to_what_slips)
+{
+    struct program *p = lower(
+        "{\"structure\":{\"type\":\"chain\",\"masses\":[1,1,1],\"springs\":[0.1,1,1,0],"
+        "\"dampers\":[0,0.02,0.02,0]},\"omega\":0.9,\"effects\":[{\"type\":\"coulomb\","
+        "\"dof\":\"x3\",\"limit\":50}],\"excitation\":[{\"dof\":\"x1\",\"k\":1,\"cos\":1}]}");
+    struct steady_options opt = { .harmonics = 9 };
+    struct steady_point point;
+    struct steady *s;
+
+    solve(p, &opt, &s, &point);
+    CHECK(point.converged && strcmp(point.method, "events") == 0);
+    CHECK(point.undetermined[0] && !point.open);
+    steady_point_done(&point);
+    steady_free(s);
+    program_free(p);
+}
+
 /* Two masses, K and C full; R_k = (K - k^2 w^2 M + i k w C) X_k - P_k multiplied out here from the
  * X reported. */
 TEST(a_linear_scene_reports_the_residual_of_its_equation_of_motion)

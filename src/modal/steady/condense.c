@@ -662,20 +662,21 @@ static enum modal_status recall_rest(struct condense *c, double complex *S, doub
     size_t q = (size_t)c->q;
     enum modal_status rc = MODAL_OK;
 
-    if (c->rest == NULL) {
-        c->rest = workspace_zeros(&c->space, q * (q + 1), sizeof *c->rest);
-        if (c->rest == NULL)
-            return modal_fail(err, MODAL_NO_MEMORY, "condense: no memory for rest");
+    if (c->rest == NULL)
+        c->rest = workspace_room(&c->space, q * (q + 1), sizeof *c->rest);
+    if (c->rest == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "condense: no memory for rest");
+    if (!c->rested) {
+        memset(c->rest, 0, q * (q + 1) * sizeof *c->rest);
         c->kept_right = NULL;                           /* recovery makes its own */
         c->level = 1;
         rc = condense_factor_at(c, 0, 0, c->rest, c->rest + q * q, err);
         c->level = level;
         c->kept_right = kept;
+        c->rested = rc == MODAL_OK;
     }
-    if (rc != MODAL_OK) {
-        c->rest = NULL;
+    if (rc != MODAL_OK)
         return rc;
-    }
     memcpy(S, c->rest, q * q * sizeof *S);
     for (size_t i = 0; i < q; i++)
         p[i] = level * c->rest[q * q + i];

@@ -58,8 +58,8 @@ struct condense {
     double *lambda, *damping;
     double *ak, *am;                 /* phi^T K_rq, M_rq: r x q */
     double *weight;                  /* [i][j][4][r]: see weights() */
-    double complex *rest;            /* S_0 and p_0 of level 1, q x (q + 1), by factoring; NULL: not
-                                      * yet */
+    double complex *rest;            /* S_0 and p_0 of level 1, q x (q + 1), by factoring, */
+    bool rested;                     /* once that did not fail */
 };
 
 /* What a matrix of type T (PROGRAM_M, _C, _K) is multiplied by at s = k omega, (1) of

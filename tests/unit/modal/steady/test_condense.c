@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include "modal/scene/program.h"
 #include "modal/steady/condense.h"
+#include "modal/steady/condense_state.h"
 #include "modal/steady/pattern.h"
 #include "modal/steady/solve.h"
 #include "scene_text.h"
@@ -186,6 +187,31 @@ TEST(modes_of_a_body_that_nothing_holds_leave_nothing_at_rest)
     for (int k = 0; k <= HARMONICS; k++) {
         CHECK_NEAR(cabs(S[k] - by_factors[k]), 0, 1e-11 * cabs(by_factors[1]));
         CHECK_NEAR(cabs(p[k] - load[k]), 0, 1e-11 * cabs(load[1]));
+    }
+    condense_free(c);
+    program_free(of);
+}
+
+/* x3 and x4 are tied to nothing, and a static load is on x4: no rest.  A curve asks at each of its
+ * points. */
+TEST(a_rest_that_cannot_be_made_takes_no_more_memory_each_time_it_is_asked_for)
+{
+    double complex S[HARMONICS + 1], p[HARMONICS + 1];
+    struct modal_error err = { 0 };
+    struct condense *c;
+    size_t blocks = 0;
+    bool done = false;
+    struct program *of = program_text(
+        "{'structure':{'type':'chain','masses':[1,1,1,1],'springs':[1,1,0,1,0]},'omega':0.3,"
+        "'effects':[{'type':'gap','dof':'x1','stiffness':5,'clearance':0.3}],"
+        "'excitation':[{'dof':'x4','k':0,'cos':0.3},{'dof':'x1','k':1,'cos':1}]}");
+
+    CHECK(condense_new(of, CONDENSE_LINEAR, &c, &err) == MODAL_OK && condense_kept(c) == 1);
+    CHECK(condense_reduce(c, &done, &err) == MODAL_OK && done);
+    for (int i = 0; i < 3; i++) {
+        CHECK(condense_at(c, OMEGA + 0.01 * i, 1, HARMONICS, S, p, &err) == MODAL_NO_CONVERGENCE);
+        CHECK(i == 0 || c->space.count == blocks);
+        blocks = c->space.count;
     }
     condense_free(c);
     program_free(of);

@@ -159,14 +159,22 @@ bool sparse_lu_diagonal(struct sparse_lu *f, const double *value, double least,
     return serves;
 }
 
-void sparse_lu_solve(struct sparse_lu *f, const void *b, void *x)
+/* SYSTEM: UMFPACK_A, or UMFPACK_At, which is of complex matrices their adjoint. */
+static void solve(struct sparse_lu *f, int system, const void *b, void *x)
 {
     if (f->of_complex)
-        umfpack_zi_wsolve(UMFPACK_A, f->start, f->index, f->value, NULL, x, NULL, b, NULL,
+        umfpack_zi_wsolve(system, f->start, f->index, f->value, NULL, x, NULL, b, NULL,
                           f->numeric, f->control, NULL, f->room, f->scratch);
     else
-        umfpack_di_wsolve(UMFPACK_A, f->start, f->index, f->value, x, b, f->numeric, f->control,
+        umfpack_di_wsolve(system, f->start, f->index, f->value, x, b, f->numeric, f->control,
                           NULL, f->room, f->scratch);
+}
+
+void sparse_lu_solve(struct sparse_lu *f, const void *b, void *x) { solve(f, UMFPACK_A, b, x); }
+
+void sparse_lu_solve_adjoint(struct sparse_lu *f, const void *b, void *x)
+{
+    solve(f, UMFPACK_At, b, x);
 }
 
 int sparse_lu_sign(struct sparse_lu *f)

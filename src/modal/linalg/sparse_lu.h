@@ -32,6 +32,8 @@ bool sparse_lu_diagonal(struct sparse_lu *f, const double *value, double least,
                         struct sparse_lu_pivot *out);
 /* x of A x = b, n entries each, not overlapping. */
 void sparse_lu_solve(struct sparse_lu *f, const void *b, void *x);
+/* The same of A^H x = b. */
+void sparse_lu_solve_adjoint(struct sparse_lu *f, const void *b, void *x);
 /* Sign of the real determinant: -1 or 1. */
 int sparse_lu_sign(struct sparse_lu *f);
 /* Of the last factorization: the least pivot over the largest, in size. */

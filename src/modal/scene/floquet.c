@@ -13,10 +13,13 @@
  * Of a large or stiff periodic program the leading multipliers alone are asked for, each bar its
  * residual times kappa: of vectors carried over a period (leading.h), and where these do not settle
  * soon, as multipliers crowd or steps are too many, of windows of Hill's matrix (hill_leading.h).
+ * Windows know as well what a multiplier that may be real moves by as entries of the matrices are
+ * rounded, which is added to its residual: a rigid motion's stiffness is rounding alone.
+ *
  * Of a map that takes seconds windows are asked for the whole spectrum first, but where a motion is
- * rigid, of which they know the residual and not what its stiffness is rounded by.  As many as
- * there are states, each another motion, are all of them where their product is what Liouville's
- * formula says, ln|rho_1 ... rho_N| = T tr A; else the map is made.
+ * rigid, whose multiplier is double, with one vector, mostly.  As many as there are states, each
+ * another motion, are all of them where their product is what Liouville's formula says,
+ * ln|rho_1 ... rho_N| = T tr A; else the map is made.
  *
  * Windows look where first order in what pulsates says that leading ones may be: where vectors cost
  * little they are carried until the leading ones are known to 1e-6, and small windows refine those.
@@ -293,22 +296,26 @@ static int first_products(const struct period_map *map)
     return products_most(map, WORK_ALL) >= all ? all : products_most(map, WORK_FIRST);
 }
 
-/* COUNT multipliers into F, with bars as the opening has them. */
+/* COUNT multipliers into F, with bars as the opening has them; ROUNDING NULL: of none. */
 static enum modal_status take_leading(int count, const double complex *w, const double *residual,
-                                      const double *condition, double period, struct floquet *f,
-                                      struct modal_error *err)
+                                      const double *rounding, const double *condition,
+                                      double period, struct floquet *f, struct modal_error *err)
 {
     enum modal_status rc = make(count, f, err);
+    double *own = rc == MODAL_OK ? workspace_zeros(&f->space, (size_t)count, sizeof *own) : NULL;
 
+    if (rc == MODAL_OK && own == NULL)
+        return no_memory(err);
+    for (int i = 0; rc == MODAL_OK && i < count; i++)
+        own[i] = hill_motion_bar(residual[i] + (rounding != NULL ? rounding[i] : 0), condition[i]);
     for (int i = 0; rc == MODAL_OK && i < count; i++) {
         double parted = 0;                       /* from those that may be the same */
 
         for (int j = 0; j < count; j++)
-            if (cabs(w[i] - w[j]) <= 2 * (hill_motion_bar(residual[i], condition[i])
-                                          + hill_motion_bar(residual[j], condition[j])))
+            if (cabs(w[i] - w[j]) <= 2 * (own[i] + own[j]))
                 parted = fmax(parted, cabs(w[i] - w[j]));
         f->multiplier[i] = w[i];
-        f->bar[i] = hill_motion_bar(residual[i], condition[i]) + parted / 2;
+        f->bar[i] = own[i] + parted / 2;
         f->error = fmax(f->error, residual[i]);
         f->resolved[i] = cabs(f->multiplier[i]) > f->bar[i];
         f->exponent[i] = f->resolved[i] ? exponent_of(f->multiplier[i], period) : 0;
@@ -369,7 +376,8 @@ static enum modal_status windows(const struct program *p, double period, int wan
         rc = leading_residual(map, h.multiplier[i], h.start + (size_t)i * 2 * (size_t)p->n,
                               &h.residual[i], err);
     if (rc == MODAL_OK)
-        rc = take_leading(h.count, h.multiplier, h.residual, h.condition, period, f, err);
+        rc = take_leading(h.count, h.multiplier, h.residual, h.rounding, h.condition, period, f,
+                          err);
     if (rc == MODAL_OK) {
         f->unsettled = !h.settled || f->error > RESIDUAL * cabs(h.multiplier[0]);
         f->alike = h.alike;
@@ -423,8 +431,8 @@ static enum modal_status leading(const struct program *p, double period, int wan
                                  err);
     if (rc == MODAL_OK && f->count == 0 && l.found.settled) {
         f->substeps = period_map_steps(map);
-        rc = take_leading(l.found.count, l.found.w, l.found.residual, l.found.condition, period, f,
-                          err);
+        rc = take_leading(l.found.count, l.found.w, l.found.residual, NULL, l.found.condition,
+                          period, f, err);
     } else if ((rc == MODAL_OK && f->count == 0) || rc == MODAL_TOO_LARGE)
         rc = windows(p, period, wanted, map, &l, f, err);
     f->periodic = f->leading = true;

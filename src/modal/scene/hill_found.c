@@ -3,6 +3,11 @@
  *
  * One motion is found by several windows: it is the same where multipliers agree within their bars
  * and motions at t = 0 have one direction, or, where a multiplier is double, lie in one plane.
+ *
+ * What the matrices' entries are rounded by moves a multiplier that is real, as of a rigid motion,
+ * along the axis.  A pair of symmetric matrices, with or without what turns motions, moves along
+ * the circle instead and leaves that only where two meet, Krein's theorem: what damps such a pair
+ * it changes by a share alone.  Of pairs by matrices that circulate it is left out.
  */
 #include "modal/scene/hill_found.h"
 #include <cblas.h>
@@ -33,6 +38,15 @@ double hill_motion_bar(double residual, double condition)
 bool hill_motion_real(const struct hill_motion *f)
 {
     return f->turn * cabs(f->multiplier) <= f->bar;
+}
+
+/* Of the ROUNDING that F's multiplier may move by what its modulus may: all where that reaches the
+ * real axis, none where F stays one of a pair. */
+static double rounding_of(const struct hill_motion *f, double rounding)
+{
+    double bar = hill_motion_bar(f->residual + rounding, f->condition);
+
+    return f->turn * cabs(f->multiplier) <= bar ? rounding : 0;
 }
 
 /* Is I of H, the motion F, a copy of an earlier one, or the lower one of a pair both of which are
@@ -160,10 +174,12 @@ enum modal_status hill_found_add(struct hill_found *s, const struct hill_window 
 
     s->runs++;
     for (int i = 0; rc == MODAL_OK && i < h->count; i++) {
-        struct hill_motion f = { h->exponent[i], cexp(h->exponent[i] * s->period), 0,
-                                 h->condition[i], 0,
-                           sin(2 * M_PI * remainder(cimag(h->exponent[i]) / s->W, 1)),
-                           h->start + (size_t)i * states, s->runs, false };
+        struct hill_motion f = { .exponent = h->exponent[i],
+                                 .multiplier = cexp(h->exponent[i] * s->period),
+                                 .condition = h->condition[i],
+                                 .turn = sin(2 * M_PI
+                                             * remainder(cimag(h->exponent[i]) / s->W, 1)),
+                                 .start = h->start + (size_t)i * states, .run = s->runs };
         double size = cabs(f.multiplier);
         bool lower = f.turn < 0;
 
@@ -173,6 +189,7 @@ enum modal_status hill_found_add(struct hill_found *s, const struct hill_window 
         f.residual = (h->residual[i] + ROUNDING * cabs(h->exponent[i]) * s->period) * size;
         f.bar = hill_motion_bar(f.residual, f.condition);
         f.turn = fabs(f.turn);
+        f.rounding = rounding_of(&f, h->rounding[i] * size);
         if (repeated(s, h, i, &f))
             continue;
         if (lower && !hill_motion_real(&f)) {

@@ -12,7 +12,9 @@ struct hill_hint { double complex exponent; double complex multiplier; double re
 
 struct hill_motion {
     double complex exponent, multiplier; /* not folded */
-    double residual, condition, bar;
+    double residual, condition, bar;     /* of P's matrices as they are */
+    double rounding;                     /* hill_window.h's, times the multiplier's size, of */
+                                         /* what may be real; else 0 */
     double turn;                         /* sine of what a cycle of W turns it by: >= 0 */
     double complex *start;
     int run;                             /* the search that it is of, or was seen in last */

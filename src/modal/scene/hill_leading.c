@@ -540,6 +540,7 @@ static enum modal_status report(struct search *s, int last, struct hill_leading 
 
     out->multiplier = workspace_zeros(&out->space, most, sizeof *out->multiplier);
     out->residual = workspace_zeros(&out->space, most, sizeof *out->residual);
+    out->rounding = workspace_zeros(&out->space, most, sizeof *out->rounding);
     out->condition = workspace_zeros(&out->space, most, sizeof *out->condition);
     out->start = workspace_zeros(&out->space, most * states, sizeof *out->start);
     if (out->space.failed)
@@ -552,6 +553,7 @@ static enum modal_status report(struct search *s, int last, struct hill_leading 
             if (hill_motion_real(f) && fabs(cimag(f->multiplier)) <= KNOWN * cabs(f->multiplier))
                 out->multiplier[at] = creal(f->multiplier);  /* else its vector is not real */
             out->residual[at] = f->residual;
+            out->rounding[at] = f->rounding;
             out->condition[at] = f->condition;
             for (size_t k = 0; k < states; k++)
                 out->start[k + at * states] = side == 0 ? f->start[k] : conj(f->start[k]);

@@ -30,6 +30,8 @@ struct hill_leading {
     int count;
     double complex *multiplier;  /* descending in modulus, pairs together */
     double *residual;            /* |Phi y - rho y|, y of unit norm in roots of energies */
+    double *rounding;            /* hill_found.h's: to be added to the residual, of the matrices */
+                                 /* as they are, where those before rounding are meant */
     double *condition;           /* >= 1 */
     double complex *start;       /* 2 n x count: y */
     bool settled;                /* what was looked at farther out added none, nor did a hint; */

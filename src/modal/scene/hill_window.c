@@ -28,12 +28,26 @@
  * e^(lambda T) is by T |mu| times as much of its size to first order, and what lies past the
  * harmonics kept moves a motion by about what the outermost ones are.
  *
+ * The entries themselves are rounded, |D| <= e |A| for each of them, and so is Q by some D with
+ * |D| <= e G, where G is made as Q is, of all sizes.  That misses x as a residual D x does, of
+ * |D x| <= e g, g = G |x|, each component by itself and of any phase: the multiplier moves by up to
+ *
+ *     T |mu| e max |Q^-1 v|,   |v_i| <= g_i,                                                    (3)
+ *
+ * of its size and its condition, |x| = 1.  A convex function is largest at a corner, where |v_i| =
+ * g_i, which is climbed to by phases, [B74]: of v those of Q^-H z, z = Q^-1 v, which takes one step
+ * where one motion is most of Q^-1, as it is near its exponent.  Of a beam that turns about a pin
+ * K's entries, 1e8 times what its lowest motion is held by, cancel in K x to 0: to e g, for those
+ * that were rounded.
+ *
+ * [B74] Boyd, Linear Algebra Appl. 9 (1974) 95-101: the power method for norms of this kind.
  * [S11] Saad, Numerical Methods for Large Eigenvalue Problems, 2nd ed., SIAM 2011.
  * [LSB16] Lu, Su, Bai, SIAM J. Matrix Anal. Appl. 37 (2016) 195-214: two-level orthogonal Arnoldi.
  * [N85] Neumaier, SIAM J. Numer. Anal. 22 (1985) 914-923: residual inverse iteration.
  */
 #include "modal/scene/hill_window.h"
 #include <cblas.h>
+#include <float.h>
 #include <lapacke.h>
 #include <math.h>
 #include <stdint.h>
@@ -47,6 +61,7 @@ enum {
     ROOM_MORE = 30,              /* more of them: chosen; most settle with half of that */
     LOOK = 4,                    /* vectors between looks at the small problem, and */
     REFINED = 6,                 /* steps of (2) at most, each halving the residual: chosen */
+    CLIMBED = 4,                 /* steps to (3) at most: chosen */
     LOOK_SHARE = 6,              /* so many-th of those that there are: chosen */
     PAIR = 24,                   /* operations an entry of two vectors: two combined, one made */
                                  /* orthogonal to others twice, eight each, half of them there */
@@ -54,6 +69,9 @@ enum {
 };
 static const double SETTLED = 1e-11;     /* residual of (1) over the eigenvalue: chosen */
 static const double EXACT = 1e-11;       /* a residual that is not refined: a hundredth of 1e-9 */
+/* of an entry: some eight operations make it of a structure's parameters */
+static const double ROUNDING = 4 * DBL_EPSILON;
+static const double CLIMBS = 1.1;        /* times the step before: less is no step to (3) */
 static const double AGAIN = 0.7;         /* of its norm: less is left, then once more */
 static const double INVARIANT = 1e-14;   /* what is left of a vector that is rounding */
 
@@ -70,6 +88,7 @@ struct search {
     int most, m, r;              /* vectors: room, of (1), of U */
     double complex *U, *a, *b, *h;   /* N x (most + 1); (most + 1)^2 each */
     double complex *f, *g, *x, *kept, *last;     /* N each */
+    double *size;                /* N: g of (3) */
     double factors;              /* dense operations of all factorizations */
     struct workspace space, matrix;      /* of the arrays; of `value` */
 };
@@ -94,6 +113,18 @@ static void multiply_add(const struct sparse *A, double complex factor, const do
     }
 }
 
+/* y += |factor| |A| |x|, of entries. */
+static void add_sizes(const struct sparse *A, double complex factor, const double complex *x,
+                      double complex *y)
+{
+    for (int i = 0; factor != 0 && i < A->m; i++)
+        for (int k = A->start[i]; k < A->start[i + 1]; k++)
+            y[i] += cabs(factor * x[A->index[k]]) * fabs(A->value[k]);
+}
+
+typedef void product(const struct sparse *A, double complex factor, const double complex *x,
+                     double complex *y);
+
 /* s_k at LAMBDA; and what M, C and K are multiplied with in Q's derivative ORDER, over ORDER!. */
 static void factors_of(const struct search *s, double complex lambda, int k, int order,
                        double complex out[3])
@@ -105,8 +136,8 @@ static void factors_of(const struct search *s, double complex lambda, int k, int
     out[PROGRAM_K] = order == 0 ? 1 : 0;
 }
 
-/* OUT += Q's derivative ORDER over ORDER! at LAMBDA, times x. */
-static void multiply(const struct search *s, double complex lambda, int order,
+/* OUT += Q's derivative ORDER over ORDER! at LAMBDA, times x, of products that ADD adds. */
+static void multiply(const struct search *s, double complex lambda, int order, product *add,
                      const double complex *x, double complex *out)
 {
     double complex factor[3];
@@ -115,16 +146,16 @@ static void multiply(const struct search *s, double complex lambda, int order,
         const double complex *from = x + (size_t)(k + s->H) * (size_t)s->n;
         factors_of(s, lambda, k, order, factor);
         for (int part = PROGRAM_M; part <= PROGRAM_K; part++)
-            multiply_add(&s->p->constant[part], factor[part], from,
-                         out + (size_t)(k + s->H) * (size_t)s->n);
+            add(&s->p->constant[part], factor[part], from,
+                out + (size_t)(k + s->H) * (size_t)s->n);
         for (int h = 0; h < s->p->harmonics; h++)
             for (int side = -1; side <= 1; side += 2) {
                 const struct program_harmonic *a = &s->p->harmonic[h];
                 int to = k + side * (a->k / s->unit);
                 size_t row = (size_t)(to + s->H) * (size_t)s->n;
                 for (int part = PROGRAM_C; abs(to) <= s->H && part <= PROGRAM_K; part++) {
-                    multiply_add(&a->cosine[part], factor[part] / 2, from, out + row);
-                    multiply_add(&a->sine[part], -I * side * factor[part] / 2, from, out + row);
+                    add(&a->cosine[part], factor[part] / 2, from, out + row);
+                    add(&a->sine[part], -I * side * factor[part] / 2, from, out + row);
                 }
             }
     }
@@ -288,8 +319,8 @@ static bool grow(struct search *s)
     memset(s->x, 0, (size_t)s->N * sizeof *s->x);
     for (int i = 0; i < s->N; i++)
         s->g[i] *= s->W;
-    multiply(s, s->sigma, 1, s->f, s->x);
-    multiply(s, s->sigma, 2, s->g, s->x);
+    multiply(s, s->sigma, 1, multiply_add, s->f, s->x);
+    multiply(s, s->sigma, 2, multiply_add, s->g, s->x);
     sparse_lu_solve(s->Q, s->x, s->f);
     scale(s, false, s->f);
     for (int i = 0; i < s->N; i++)
@@ -400,7 +431,7 @@ static void solve_of(struct search *s, double complex lambda, int order, const d
                      double complex *out)
 {
     memset(s->x, 0, (size_t)s->N * sizeof *s->x);
-    multiply(s, lambda, order, x, s->x);
+    multiply(s, lambda, order, multiply_add, x, s->x);
     sparse_lu_solve(s->Q, s->x, out);
     scale(s, false, out);
 }
@@ -439,6 +470,34 @@ static double refine(struct search *s, double complex *lambda)
     return missed;
 }
 
+/* (3) of LAMBDA and f, in roots of energies. */
+static double rounding_of(struct search *s, double complex lambda)
+{
+    double size = cblas_dznrm2(s->N, s->f, 1), most = 0, here;
+
+    memcpy(s->kept, s->f, (size_t)s->N * sizeof *s->kept);
+    scale(s, true, s->kept);
+    memset(s->x, 0, (size_t)s->N * sizeof *s->x);
+    multiply(s, lambda, 0, add_sizes, s->kept, s->x);
+    for (int k = 0; k < s->N; k++) {     /* begun as if Q were symmetric: Q^-H z is conj(x) then */
+        s->size[k] = creal(s->x[k]);
+        s->x[k] = conj(s->kept[k]);
+    }
+    for (int i = 0; i < CLIMBED; i++) {
+        for (int k = 0; k < s->N; k++)
+            s->x[k] = s->size[k] * (s->x[k] != 0 ? s->x[k] / cabs(s->x[k]) : 1);
+        sparse_lu_solve(s->Q, s->x, s->g);
+        scale(s, false, s->g);
+        here = cblas_dznrm2(s->N, s->g, 1);
+        if (!(here > CLIMBS * most))
+            break;
+        most = here;
+        scale(s, false, s->g);
+        sparse_lu_solve_adjoint(s->Q, s->g, s->x);
+    }
+    return s->period * cabs(lambda - s->sigma) * ROUNDING * fmax(most, here) / size;
+}
+
 /* Value C of Z into OUT. */
 static void take(struct search *s, const struct ritz *z, int c, const double *weight,
                  struct hill_window *out)
@@ -455,6 +514,7 @@ static void take(struct search *s, const struct ritz *z, int c, const double *we
     missed = refine(s, &lambda);
     if (missed > EXACT && move(s, lambda + sqrt(fmin(missed, 1)) / s->period))
         missed = fmin(refine(s, &lambda), missed);
+    out->rounding[at] = rounding_of(s, lambda);
     out->edge[at] = edge_of(s, s->f, &middle);
     scale(s, true, s->f);
     take_start(s, weight, lambda, s->f, out->start + (size_t)at * 2 * (size_t)s->n);
@@ -484,6 +544,7 @@ static enum modal_status prepare(struct search *s, int seed, struct modal_error 
     s->x = workspace_zeros(&s->space, N, sizeof *s->x);
     s->last = workspace_zeros(&s->space, N, sizeof *s->last);
     s->kept = workspace_zeros(&s->space, N, sizeof *s->kept);
+    s->size = workspace_zeros(&s->space, N, sizeof *s->size);
     if (s->space.failed)
         return no_memory(err);
     for (int i = 0; i < s->n; i++)
@@ -511,6 +572,7 @@ static enum modal_status report(struct search *s, const struct ritz *z, int want
 
     out->exponent = workspace_zeros(&out->space, count, sizeof *out->exponent);
     out->residual = workspace_zeros(&out->space, count, sizeof *out->residual);
+    out->rounding = workspace_zeros(&out->space, count, sizeof *out->rounding);
     out->condition = workspace_zeros(&out->space, count, sizeof *out->condition);
     out->edge = workspace_zeros(&out->space, count, sizeof *out->edge);
     out->middle = workspace_zeros(&out->space, count, sizeof *out->middle);

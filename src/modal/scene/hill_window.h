@@ -14,6 +14,9 @@ struct hill_window {
     double radius;               /* within which of SHIFT none is missing */
     double complex *exponent;    /* not folded: with `middle` W in its imaginary part */
     double *residual;            /* of the multiplier, over its size: |Phi y - rho y| / |rho y| */
+    /* what the multiplier may move by over its size, as the residual, as entries of P's matrices
+     * are known to rounding: exact motions of these move so as well */
+    double *rounding;
     double *condition;           /* of the exponent, >= 1 */
     double *edge;                /* share of the motion in the outermost harmonics that were kept */
     int *middle;                 /* the harmonic that its motion has most of */

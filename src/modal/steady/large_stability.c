@@ -618,7 +618,7 @@ static enum modal_status ask_windows(struct large *l, const struct program *p,
 
     budget_add(l->u->budget, h.work);
     for (int i = 0; rc == MODAL_OK && i < h.count; i++)
-        h.residual[i] += DROPPED * cabs(h.multiplier[i]);
+        h.residual[i] += h.rounding[i] + DROPPED * cabs(h.multiplier[i]);
     if (rc == MODAL_OK)
         rc = take_found(&(struct arnoldi){ .count = h.count, .w = h.multiplier,
                                            .residual = h.residual, .condition = h.condition,

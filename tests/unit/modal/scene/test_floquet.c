@@ -793,6 +793,38 @@ TEST(all_multipliers_of_a_stiff_chain_are_those_of_mathieus_equation_without_a_m
     free(text);
 }
 
+/* A beam about a pin turns freely: 1 is a multiplier, whatever pulsates between its sections.  Its
+ * stiffness is 1e8 times that of its lowest motion: what rounding leaves of it is no damping. */
+TEST(a_beam_that_turns_about_a_pin_is_undecided_and_one_that_is_clamped_is_stable)
+{
+    static const struct { const char *held; double alpha; enum floquet_verdict stable; } cases[] = {
+        { "pinned", 1, FLOQUET_UNDECIDED }, { "clamped", 0.01, FLOQUET_STABLE },
+    };
+
+    for (int i = 0; i < 2; i++) {
+        char text[700];
+        double nearest = HUGE_VAL, bar = 0;
+        struct program *p;
+        struct floquet f;
+
+        snprintf(text, sizeof text, "{'structure':{'type':'beam','length':1,'elements':10,'EI':6570"
+                 ",'mass_per_length':3.24,'supports':['%s','free']},'omega':30,'effects':[{'type':"
+                 "'rayleigh_damping','alpha':%g,'beta':1e-6},{'type':'parametric_stiffness',"
+                 "'stiffness':6570,'dof':'th1','to':'th2'}]}", cases[i].held, cases[i].alpha);
+        p = program_text(text);
+        CHECK(floquet(p, &(struct floquet_options){ .multipliers = 2 }, &f, NULL) == MODAL_OK);
+        CHECK(f.windows > 0 && f.stable == cases[i].stable);
+        for (int k = 0; k < f.count; k++)
+            if (cabs(f.multiplier[k] - 1) < nearest) {
+                nearest = cabs(f.multiplier[k] - 1);
+                bar = f.bar[k];
+            }
+        CHECK((nearest <= bar) == (i == 0) && bar < 1e-4);
+        floquet_done(&f);
+        program_free(p);
+    }
+}
+
 /* Springs of 1e16 N/m on 1 kg: 2e8 radians a period, which no sum of a minute steps through.
  * Nothing damps: all moduli are 1. */
 TEST(a_period_of_more_steps_than_are_paid_for_is_answered_and_what_is_alike_is_said)

@@ -71,11 +71,13 @@ static double price_of(const struct lines *l, const struct transfer *t)
     struct criterion c = { .groups = l->responses, .phases = 1, .numbers = numbers, .own = numbers,
                            .energy = l->energy };
 
-    /* beside shapes and exponents, how the drives but one reach a pole: searched for by nobody */
+    /* beside shapes and exponents, how the drives but one reach a pole, searched for by nobody: a
+     * record's state is told by that record's numbers alone; for records alike, which cost most */
     for (int p = 0; p < t->poles; p++)
         order += cimag(t->s[p]) > 0 ? 2 : 1;
     return criterion_price(&c, t->poles, order + l->direct, order)
-         + (l->drives - 1) * order * log(numbers * l->responses);
+         + (l->inputs - 1) * order * log(numbers * l->responses)
+         + l->records * order * log(numbers / l->records * l->responses);
 }
 
 double forced_bic(const struct lines *l, const struct transfer *t)

@@ -242,9 +242,11 @@ static enum modal_status cut_down(struct climb *c, int order, int *at, struct mo
     return rc == MODAL_OK ? climb_try(c, 0, c->lambda, count, NULL, false, 0, at, err) : rc;
 }
 
-/* Where it begins: *at, -1 where nothing is missing. Directions that all stand out of noise have
- * none of it in a mode's place, though a pole of theirs may not pay: what they are not all of, as a
- * response that is driven, has more for any search, and all of that is cut off again. */
+/* Where it begins: *at, -1 where nothing is missing, or where as many directions stand out of noise
+ * as a search may go up to: whatever it finds more is left, so it goes all that way, and all that
+ * is cut off again (a response that is driven, whose poles need not pay). Of fewer, though they are
+ * more than told, one may be of a constant, or of a mode whose place another has: what the poles
+ * that pay leave shows which. */
 static enum modal_status begin_told(struct climb *c, int told, int *at, struct modal_error *err)
 {
     const struct order_candidate *k = &c->choice.candidates[told];
@@ -253,9 +255,9 @@ static enum modal_status begin_told(struct climb *c, int told, int *at, struct m
     enum modal_status rc;
 
     *at = -1;
-    if (s->signals >= c->opt->fixed)
+    if (s->signals >= climb_order_most(c))
         return MODAL_OK;
-    if (s->known == NULL)
+    if (s->known == NULL && s->signals < c->opt->fixed)
         return look_at(c, all < s->most ? all : s->most, at, err);
     memcpy(c->lambda, k->fit.lambda, (size_t)count * sizeof *c->lambda);
     rc = climb_trim(c, c->lambda, &count, 1, 0, 0, err);

@@ -310,10 +310,11 @@ TEST(an_order_that_is_told_is_reached_though_overlapping_modes_hide_among_noise)
     }
 }
 
-/* Two modes driven by noise, of which many directions stand out of that of the channels: poles that
- * do not pay for themselves among so many numbers are no poles of noise, and what is looked for
- * beyond the order is driven as well (orders up to 12 were fitted, and cut off again). */
-TEST(an_order_that_is_told_where_all_its_directions_stand_out_of_noise_is_not_searched_beyond)
+/* Two modes driven by noise, of which as many directions stand out of that of the channels as are
+ * looked at: poles that do not pay for themselves among so many numbers are no poles of noise, and
+ * what is looked for beyond the order is driven as well (orders up to 12 were fitted, and cut off
+ * again). */
+TEST(an_order_that_is_told_where_all_directions_stand_out_of_noise_is_not_searched_beyond)
 {
     enum { ROWS = 800, MANY = 16 };
     static double y[ROWS * MANY];
@@ -339,6 +340,48 @@ TEST(an_order_that_is_told_where_all_its_directions_stand_out_of_noise_is_not_se
         CHECK(r.candidate_count > 0);
         for (int i = 0; i < r.candidate_count; i++)
             CHECK(r.candidates[i].order <= 4);
+        identify_result_done(&r);
+    }
+}
+
+/* Three pairs, the weakest hardly decays, and a constant of 0.6 of its power: each of the two
+ * directions that the pair has is less than the constant's, so that the six first of seven cut the
+ * pair; the constant costs less of what is left out. */
+TEST(an_order_that_is_told_of_pairs_gives_all_of_them_though_a_constant_stands_out_as_well)
+{
+    enum { ROWS = 300, MANY = 8, MODES = 3 };
+    static double y[ROWS * MANY];
+    static const double strength[] = { 1, 1, 0.1 };
+    struct batch b = { .samples = ROWS, .channels = MANY, .signals = y, .dt = 0.01 };
+    struct identify_options opt = { .rank = { .rule = RANK_FIXED, .fixed = 2 * MODES } };
+    const double complex lambda[] = { decay_pole(4, 0.015), decay_pole(14, 0.001),
+                                      decay_pole(31, 0.0003) };
+
+    for (uint64_t seed = 0; seed < 8; seed++) {
+        struct random rng = { 940 + seed };
+        struct identify_result r;
+        bool low = false;
+        for (int k = 0; k < ROWS; k++)
+            for (int c = 0; c < MANY; c++) {
+                /* of a shape whose parts of all channels have the power of one */
+                double *at = &y[k * MANY + c];
+                *at = 0.055 * M_SQRT2 * cos(1 + 2 * M_PI * 3 * c / MANY) / sqrt(MANY)
+                    + 3e-5 * random_normal(&rng);
+                for (int j = 0; j < MODES; j++)
+                    *at += strength[j] / sqrt(MANY)
+                         * creal(cexp(lambda[j] * (k * b.dt) + CMPLX(0, (1 + j) * c + (int)seed)));
+            }
+        CHECK(modal_identify(&b, &opt, &r, NULL) == MODAL_OK);
+        CHECK(r.mode_count == MODES);
+        for (int i = 0; i < r.diagnostic_count; i++)
+            low |= strcmp(r.diagnostics[i].code, "rank_too_low") == 0;
+        CHECK(low);
+        for (int j = 0; j < MODES; j++) {
+            bool is = false;
+            for (int m = 0; m < r.mode_count; m++)
+                is |= cabs(r.modes[m].exponent - lambda[j]) < 0.01 * cabs(lambda[j]);
+            CHECK(is);
+        }
         identify_result_done(&r);
     }
 }

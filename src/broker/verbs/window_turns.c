@@ -395,8 +395,9 @@ static struct waiting *of_crowd(struct core *c, int slot)
     struct waiting *found = NULL;
     int crowd = c->slots->at[slot].lead > 0 ? crowded(c, slot) : -1;
 
+    /* those of this round first */
     for (int which = 0; which < 2 && crowd >= 0 && found == NULL; which++) {
-        struct waiting *list = &c->slots->at[crowd].due[which];
+        struct waiting *list = &c->slots->at[crowd].due[(c->slots->round + which) % 2];
         const struct stream *s = first_due(c, list);
         found = s != NULL && evens_out(c, slot, crowd, s) ? list : NULL;
     }

@@ -90,6 +90,7 @@ static enum modal_status choose_motion(struct disturbance *u, struct modal_error
 {
     const struct steady_point *point = u->point;
     bool events = false, done = false;
+    double left;                                        /* as near as the point itself, or nearer */
     int H2 = EXTEND * point->H > EXTENDED ? EXTENDED : EXTEND * point->H;
     enum modal_status rc = MODAL_OK;
 
@@ -101,7 +102,7 @@ static enum modal_status choose_motion(struct disturbance *u, struct modal_error
     if (u->X == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "stability: no memory");
     if (u->H > point->H)
-        rc = steady_extend(u->s, point, u->H, u->X, &done, err);
+        rc = steady_extend(u->s, point, u->H, u->X, &left, &done, err);
     if (!done) {                                        /* no extension: the point's own motion */
         u->H = point->H;
         memcpy(u->X, point->X, (size_t)point->q * ((size_t)point->H + 1) * sizeof *u->X);

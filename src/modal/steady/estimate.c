@@ -573,14 +573,20 @@ enum modal_status steady_estimate_point(struct steady *s, struct steady_point *p
     return rc == MODAL_OK ? balance_set(b, point->omega, 1, err) : rc;
 }
 
-/* One round of (1) and (2) on E; how far it moved the first harmonics, relative to the largest of
- * them, into *MOVED.  LOW has room for them. */
+/* What rounds of (1) and (2) show: each multiplies the distance to their end by a factor, which is
+ * no less than 1 where the laws' slopes past H are not small against S_k. */
+struct rounds {
+    int done, largest;          /* how many; the one of them that moved most */
+    double moved, most;         /* the first harmonics, by the last one and by that, */
+    double size;                /* of which this was the largest before the last */
+};
+
+/* One round of (1) and (2) on E, counted in *R.  LOW has room for the first harmonics. */
 static enum modal_status extend_once(struct balance *b, const struct unheld *m,
                                      struct balance *wide, double complex *low, double *y,
-                                     double complex *E, double *moved, struct modal_error *err)
+                                     double complex *E, struct rounds *r, struct modal_error *err)
 {
     int K = b->H + 1, K2 = wide->H + 1;
-    double most = 0, size = 0;
     enum modal_status rc = balance_residual(wide, E, false, err);
 
     if (rc != MODAL_OK)
@@ -588,26 +594,44 @@ static enum modal_status extend_once(struct balance *b, const struct unheld *m,
     for (int i = 0; i < b->q; i++)
         memcpy(low + i * K, E + i * K2, (size_t)K * sizeof *low);
     chord(b, m, wide, low, y, E);                                                     /* (2) */
+    r->moved = r->size = 0;
     for (int i = 0; i < b->q; i++)
         for (int k = 0; k < K; k++) {
-            most = fmax(most, cabs(E[i * K2 + k] - low[i * K + k]));
-            size = fmax(size, cabs(low[i * K + k]));
+            r->moved = fmax(r->moved, cabs(E[i * K2 + k] - low[i * K + k]));
+            r->size = fmax(r->size, cabs(low[i * K + k]));
         }
-    *moved = size > 0 ? most / size : 0;
+    if (r->done++ == 0 || r->moved > r->most) {
+        r->most = r->moved;
+        r->largest = r->done;
+    }
     return tail_of(wide, b->H, E, err);                                            /* (1) */
 }
 
+/* How far rounds are from their end: at a rate r a round since the largest, r / (1 - r) times the
+ * last.  What shrinks no more is rounding, or drifts: it goes on for as many rounds as it had. */
+static double left_of(const struct rounds *r)
+{
+    int since = r->done - r->largest;
+    double rate = since > 0 ? pow(r->moved / r->most, 1.0 / since) : 1;
+
+    return r->moved * (rate < 1 ? fmin(rate / (1 - rate), r->done) : r->done);
+}
+
 enum modal_status steady_extend(struct steady *s, const struct steady_point *point, int H2,
-                                double complex *E, bool *done, struct modal_error *err)
+                                double complex *E, double *left, bool *done,
+                                struct modal_error *err)
 {
     struct balance *wide = NULL, *b;
     struct unheld mean = { .count = 0 };
+    struct rounds r = { .done = 0 };
     double complex *low = NULL;
-    double *y = NULL, moved = HUGE_VAL;
-    int rounds = s->jumps ? EXTENSIONS_OF_JUMPS : EXTENSIONS;
+    double *y = NULL;
+    int most = s->jumps ? EXTENSIONS_OF_JUMPS : EXTENSIONS;
+    bool away = false, still = false;
     enum modal_status rc = steady_balance(s, point->H, &b, err);
 
     *done = false;                                      /* until the last round */
+    *left = HUGE_VAL;
     if (rc == MODAL_OK)
         rc = balance_set(b, point->omega, 1, err);
     if (rc == MODAL_OK)
@@ -627,15 +651,43 @@ enum modal_status steady_extend(struct steady *s, const struct steady_point *poi
         rc = balance_set(wide, point->omega, 1, err);
     if (rc == MODAL_OK)
         widen_motion(point->X, b->q, b->H, H2, E);
-    for (; rc == MODAL_OK && rounds > 0 && moved > STILL && !budget_spent(b->budget); rounds--)
-        rc = extend_once(b, &mean, wide, low, y, E, &moved, err);
-    *done = rc == MODAL_OK && (rounds == 0 || moved <= STILL);
+    while (rc == MODAL_OK && r.done < most && !still && !away && !budget_spent(b->budget)) {
+        rc = extend_once(b, &mean, wide, low, y, E, &r, err);
+        still = r.moved <= STILL * r.size;
+        away = !still && !(r.moved < r.size);           /* no correction of this motion */
+    }
+    *done = rc == MODAL_OK && !away && (r.done == most || still);
+    if (*done)
+        *left = left_of(&r);
     if (rc == MODAL_OK)
         rc = balance_set(b, point->omega, 1, err);
     free(y);
     free(low);
     free(mean.V.x);
     balance_free(wide);
+    return rc;
+}
+
+/* The first harmonics of POINT carried on to LEAST, twice and four times as many into R, one after
+ * the other, the last motion into E; how far what (3) makes of them may be from its end into
+ * *UNSETTLED. */
+static enum modal_status extend_thrice(struct steady *s, const struct steady_point *point,
+                                       int least, double complex *E, double complex *R,
+                                       double *unsettled, bool *done, struct modal_error *err)
+{
+    double left[LEVELS] = { 0 };
+    enum modal_status rc = MODAL_OK;
+
+    *done = true;
+    for (int level = 0; rc == MODAL_OK && *done && level < LEVELS; level++) {
+        int H = least << level;
+
+        rc = steady_extend(s, point, H, E, &left[level], done, err);
+        for (int i = 0; i < point->q; i++)
+            for (int k = 0; k <= point->H; k++)
+                *R++ = E[i * (H + 1) + k];
+    }
+    *unsettled = (8 * left[2] + 6 * left[1] + left[0]) / 3;                        /* (3) */
     return rc;
 }
 
@@ -655,22 +707,19 @@ enum modal_status estimate_sharpen(struct steady *s, struct balance *b, struct s
     double complex *S = calloc((size_t)pattern_entries(b->pattern) * (size_t)K2 + 1, sizeof *S);
     double complex *load = calloc(size, sizeof *load),
                    *R = calloc(3 * (size_t)q * ((size_t)H + 1) + 1, sizeof *R);
+    double unsettled = 0;
     size_t part = (size_t)q * ((size_t)H + 1);
-    bool done = true;
+    bool done = false;
     enum modal_status rc = E == NULL || low == NULL || S == NULL || load == NULL || R == NULL
                                ? modal_fail(err, MODAL_NO_MEMORY, "steady: no memory")
                                : MODAL_OK;
 
-    for (int round = 0; rc == MODAL_OK && done && round < LEVELS; round++) {
-        int Hr = least << round;
-
-        rc = steady_extend(s, point, Hr, E, &done, err);
-        for (int i = 0; i < q; i++)
-            for (int k = 0; k <= H; k++)
-                R[(size_t)round * part + (size_t)(i * (H + 1) + k)] = E[i * (Hr + 1) + k];
-    }
-    if (rc == MODAL_OK && !done && budget_spent(b->budget))
+    if (rc == MODAL_OK)
+        rc = extend_thrice(s, point, least, E, R, &unsettled, &done, err);
+    if (rc == MODAL_OK && !done)
         rc = estimate_errors(s, b, point, err);         /* the motion as it is, and how far off */
+    if (rc == MODAL_OK && !done)
+        rc = balance_set(b, point->omega, 1, err);
     if (rc != MODAL_OK || !done)
         goto out;
     point->solver = point->sampling = point->amplitude = 0;
@@ -693,8 +742,8 @@ enum modal_status estimate_sharpen(struct steady *s, struct balance *b, struct s
     if (rc == MODAL_OK)
         rc = peak_of_change(s, E, low, H2, point->open, &point->error, &point->amplitude, err);
     point->truncation = point->error;
-    point->error += point->sampling;
-    point->solver = point->step * point->amplitude;
+    point->error += point->sampling + unsettled;
+    point->solver = point->step * point->amplitude + unsettled;
     if (rc == MODAL_OK)
         rc = balance_set(b, point->omega, 1, err);
 out:

@@ -15,9 +15,12 @@ enum modal_status steady_estimate_point(struct steady *s, struct steady_point *p
 
 /* The kept dofs' motion of a converged POINT carried on to H2 > point->H harmonics and corrected
  * for them (estimate.c, (1) and (2)): E[i (H2+1) + k], nearer the exact motion than the point is.
- * False in *DONE where the derivative is singular there. */
+ * How far its first harmonics may be from where such corrections end into *LEFT, in the unit of x.
+ * False in *DONE where the derivative is singular there, or one correction is larger than the
+ * motion: they run away. */
 enum modal_status steady_extend(struct steady *s, const struct steady_point *point, int H2,
-                                double complex *E, bool *done, struct modal_error *err);
+                                double complex *E, double *left, bool *done,
+                                struct modal_error *err);
 
 /* The errors of POINT, which solves B of S, into it: NAN where its derivative is singular or a step
  * overflows. */

@@ -202,7 +202,8 @@ TEST(rigid_friction_that_holds_balances_the_load)
     CHECK_NEAR(finer / rms, 0.5, 0.1);
 }
 
-/* Dampers take no more power than loads give: rigid friction takes some, a gap none.  With 8 harmonics corrections for those left out run away here, to 1e44 m. */
+/* Dampers take no more power than loads give: rigid friction takes some, a gap none.  With 8
+ * harmonics corrections for those left out run away here, to 1e44 m. */
 TEST(a_motion_through_rigid_friction_takes_no_more_power_than_its_load_gives)
 {
     static const double C[5][5] = { { 0.292, -0.237, 0, 0, 0 },

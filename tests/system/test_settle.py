@@ -76,12 +76,13 @@ class Period:
             force = self.held(y[:self.n], x, force)
         return np.concatenate([y, force]), np.array(path).T
 
-    def orbit(self, u, rounds=4):
+    def orbit(self, u, size, rounds=4):
         """The displacements of the orbit that is closed from u, what it leaves open, and its
-        multipliers."""
+        multipliers, by differences that are small beside SIZE, how far it goes: where nothing
+        holds a body, where it is may be far more."""
         slope = np.zeros((self.states, self.states))
         for _ in range(rounds):
-            unit = np.where(np.abs(u) > 0, np.abs(u).max(), 1) * 1e-6
+            unit = np.where(np.abs(u) > 0, size, 1) * 1e-6
             end, path = self(np.column_stack([u, u[:, None] + np.diag(unit)]))
             left = end[:, 0] - u
             slope = (end[:, 1:] - end[:, :1]) / unit
@@ -109,7 +110,7 @@ def closed(answer, scene, steps):
     for j in range(2 * steps):
         force = period.held(x[:, j % steps], x[:, j % steps - 1], force)
     start = np.concatenate([X.sum(axis=1).real, (1j * scene["omega"] * X @ k).real, force])
-    return answer, x, *period.orbit(start)
+    return answer, x, *period.orbit(start, np.ptp(x, axis=1).max())
 
 
 def from_rest(scene, answer, steps, periods):

@@ -563,6 +563,7 @@ static enum modal_status all_by_windows(const struct program *p, double period, 
     struct statespace *ss = NULL;
     struct leading none = { 0 };
     double balance = 0, bar = 0;
+    bool known = true;
     enum modal_status rc = statespace_new(p, &ss, err);
 
     if (rc != MODAL_OK || rigid_rounding(ss) > 0) {
@@ -575,8 +576,9 @@ static enum modal_status all_by_windows(const struct program *p, double period, 
     for (int i = 0; i < f->count; i++) {
         balance += log(cabs(f->multiplier[i]));
         bar += f->bar[i] / cabs(f->multiplier[i]);
+        known = known && f->resolved[i];         /* else its logarithm says nothing */
     }
-    if (rc != MODAL_OK || f->unsettled || f->count != ss->N || !(fabs(balance) <= bar))
+    if (rc != MODAL_OK || f->unsettled || f->count != ss->N || !known || !(fabs(balance) <= bar))
         floquet_done(f);
     statespace_free(ss);
     f->alike = false;                            /* no other is left */

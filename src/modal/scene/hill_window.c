@@ -256,14 +256,14 @@ static enum modal_status factor(struct search *s, struct modal_error *err)
     return rc;
 }
 
-/* The factors at SHIFT in place of those at sigma, if there are any. */
-static bool move(struct search *s, double complex shift)
+/* The factors at SHIFT in place of those at sigma, which are gone where it fails. */
+static enum modal_status move(struct search *s, double complex shift, struct modal_error *err)
 {
     s->sigma = shift;
     sparse_lu_free(s->Q);
     s->Q = NULL;
     workspace_free(&s->matrix);
-    return factor(s, NULL) == MODAL_OK;
+    return factor(s, err);
 }
 
 /* X, in roots of energies, to displacements (DOWN) or back. */
@@ -498,22 +498,40 @@ static double rounding_of(struct search *s, double complex lambda)
     return s->period * cabs(lambda - s->sigma) * ROUNDING * fmax(most, here) / size;
 }
 
-/* Value C of Z into OUT. */
-static void take(struct search *s, const struct ritz *z, int c, const double *weight,
-                 struct hill_window *out)
+/* LAMBDA and f nearer to a motion, with factors beside it where those at hand do not do; *MISSED:
+ * what it misses by then. */
+static enum modal_status approach(struct search *s, double complex *lambda, double *missed,
+                                  struct modal_error *err)
 {
-    int m = s->m, ld = 2 * (s->most + 1), at = out->count++, middle;
+    double complex was = s->sigma;
+
+    *missed = refine(s, lambda);
+    if (!(*missed > EXACT))
+        return MODAL_OK;
+    if (move(s, *lambda + sqrt(fmin(*missed, 1)) / s->period, NULL) != MODAL_OK)
+        return move(s, was, err);
+    *missed = fmin(refine(s, lambda), *missed);
+    return MODAL_OK;
+}
+
+/* Value C of Z into OUT. */
+static enum modal_status take(struct search *s, const struct ritz *z, int c, const double *weight,
+                              struct hill_window *out, struct modal_error *err)
+{
+    int m = s->m, ld = 2 * (s->most + 1), at = out->count, middle;
     double complex lambda = s->shift + s->W / z->theta[c], dot = 0, *sum = s->b;
     double missed;
+    enum modal_status rc;
 
     memset(sum, 0, (size_t)ld * sizeof *sum);
     for (int j = 0; j < m; j++)
         for (int i = 0; i < s->r; i++)
             sum[i] += s->a[i + (size_t)j * (size_t)ld] * z->right[j + c * m];
     combine(s, sum, s->f);
-    missed = refine(s, &lambda);
-    if (missed > EXACT && move(s, lambda + sqrt(fmin(missed, 1)) / s->period))
-        missed = fmin(refine(s, &lambda), missed);
+    rc = approach(s, &lambda, &missed, err);
+    if (rc != MODAL_OK)
+        return rc;
+    out->count++;
     out->rounding[at] = rounding_of(s, lambda);
     out->edge[at] = edge_of(s, s->f, &middle);
     scale(s, true, s->f);
@@ -524,6 +542,7 @@ static void take(struct search *s, const struct ritz *z, int c, const double *we
     out->middle[at] = middle;
     out->condition[at] = fmax(1 / cabs(dot), 1);
     out->residual[at] = missed + 2 * out->edge[at];
+    return MODAL_OK;
 }
 
 /* Arrays of S, and its start. */
@@ -569,6 +588,7 @@ static enum modal_status report(struct search *s, const struct ritz *z, int want
 {
     size_t count = (size_t)(z->settled < wanted ? z->settled : wanted), n = (size_t)s->n;
     double *weight = workspace_zeros(&s->space, 2 * n, sizeof *weight);
+    enum modal_status rc = MODAL_OK;
 
     out->exponent = workspace_zeros(&out->space, count, sizeof *out->exponent);
     out->residual = workspace_zeros(&out->space, count, sizeof *out->residual);
@@ -580,10 +600,10 @@ static enum modal_status report(struct search *s, const struct ritz *z, int want
     if (s->space.failed || out->space.failed)
         return no_memory(err);
     dofwise_weights(s->p, s->period, weight);
-    for (size_t i = 0; i < count; i++)
-        take(s, z, z->order[i], weight, out);
+    for (size_t i = 0; i < count && rc == MODAL_OK; i++)
+        rc = take(s, z, z->order[i], weight, out, err);
     out->radius = count > 0 ? s->W / cabs(z->theta[z->order[count - 1]]) : 0;
-    return MODAL_OK;
+    return rc;
 }
 
 /* Of how many omegas all harmonics are whole multiples, at most, by Euclid's way. */

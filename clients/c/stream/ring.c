@@ -21,8 +21,17 @@ static bool outlives_host(const modald_stream *s)
     return s->ring_fd >= 0;
 }
 
+/* BYTES at AT, which the host writes soon. */
+static inline void read_on(const char *at, size_t bytes)
+{
+    for (size_t i = 0; i < bytes; i += LINE)
+        __builtin_prefetch(at + i, 1);
+}
+
 /* The next piece for the host: of those that are free the first, so that a stream which its sender
- * keeps up with goes round in the same few.  False: none is free. */
+ * keeps up with goes round in the same few.  False: none is free.  No push before has asked for the
+ * lines of its first AHEAD bytes, 1.6 % of a piece of 8 MB: more than one push in a hundred would
+ * wait for its own. */
 static bool find_room(modald_stream *s)
 {
     uint64_t free = atomic_load_explicit(&s->free_pieces, memory_order_relaxed), first = 0;
@@ -43,6 +52,7 @@ static bool find_room(modald_stream *s)
     s->order[s->head / s->piece % s->pieces] = (unsigned char)piece;
     s->cursor = piece * s->piece;
     s->end = s->head + s->piece;
+    read_on((const char *)(s->ring + s->cursor * s->stride), AHEAD);
     return true;
 }
 
@@ -68,8 +78,7 @@ static inline void publish(modald_stream *s, double *at, double t)
     s->cursor = s->cursor + 1 < s->slots ? s->cursor + 1 : 0;
     atomic_store_explicit(&s->page->head, ++s->head, memory_order_release);
     size_t length = s->stride * sizeof *at < AHEAD_MOST ? s->stride * sizeof *at : AHEAD_MOST;
-    for (size_t i = 0; i < length; i += LINE)           /* beyond the ring's end it is harmless */
-        __builtin_prefetch((const char *)at + AHEAD + i, 1);
+    read_on((const char *)at + AHEAD, length);          /* beyond the ring's end it is harmless */
 }
 
 /* Few values one by one: each comes straight from the host's own store, made a moment ago.  A wider

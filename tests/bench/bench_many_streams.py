@@ -18,17 +18,22 @@ one before; those that noise drives never settle, and each window is found from 
 of the figure itself.
 
 Then the most of these streams, driven, from 1 host and from 40, with a hop by which windows ask for
-3 times and for 0.7 of the workers' time.  What a window takes of that is measured just before: at 3
-in a run at rest, at 0.7 in the one at 3, from as many hosts, so that what these take is counted:
+3 times and for 0.7 of what the workers have:
 
     told       streams that were told of a window, of all
     left out   windows, of those that were due; at 0.7 none, at 3 two thirds
-    interval   s between a stream's windows, on average: the longest over the shortest of all
+    age        s of a stream's newest result, from the sample that it rests on, averaged over time:
+               the median of all, and the oldest over the youngest
     daemon     of a core, without its workers; workers and hosts, of them all
 
+What a window costs and what the workers have is measured first, beside as many hosts: once each
+stream has been told of one, while all ask for one a second.  Where they are not all served then,
+the workers have the processors that they got: hosts and daemon take their part of the machine.
+Thinning lasts as long as TURNS of each stream take: over k turns and a part of one the mean age is
+within 1 / (4 k) of what it is for ever, so that what even ones show is under 1.07.
+
 $MODALD_STREAMS: the numbers, as `50 100`; $MODALD_SECONDS: how long each runs (20); $MODALD_LOADS,
-as `0.7`, and $MODALD_HOSTS, as `1`.  All of it takes some 8 minutes, on a machine that does nothing
-else: at 0.7 two workers, the daemon and the hosts take two cores.
+as `0.7`, and $MODALD_HOSTS, as `1`.  All of it takes some 15 minutes.
 
 With words, one run of one load, and each figure beside what is wanted of it:
 
@@ -38,10 +43,9 @@ With words, one run of one load, and each figure beside what is wanted of it:
     bench_many_streams.py --streams 1000 --rate 10
     bench_many_streams.py --streams 10 --rate 10000 --channels 64 --seconds 30
 
-What a window costs is measured first, for 10 s; windows are then so many that they take --load of
-the workers' time.  The daemon is killed --kills times, and started again at once.  In the end each
-record is held against its host's log, sample for sample, where the logs take less than 4 GB.  It
-ends by itself, at the latest three minutes after --seconds; status 1: a figure is not as wanted.
+The daemon is killed --kills times, and started again at once.  In the end each record is held
+against its host's log, sample for sample, where the logs take less than 4 GB.  It ends by itself,
+three minutes after its time at the latest; status 1: a figure is not as wanted.
 """
 import argparse
 import collections
@@ -99,7 +103,7 @@ def begin_host(daemon, n, seconds, first, kind, hop, channels=CHANNELS, rate=RAT
 
 
 def run(kind, n):
-    """Print the figures of N streams of one host; s of a worker that a window takes."""
+    """Print the figures of N streams of one host."""
     with Daemon(workers=WORKERS) as daemon:
         pid = daemon.process.pid
         host = begin_host(daemon, n, SECONDS, 0, kind, RATE)
@@ -130,16 +134,6 @@ def run(kind, n):
     if last["refused"] or last["dropped"]:
         sys.exit(f"many_streams: {last['refused']} of {n} streams were refused, "
                  f"{last['dropped']} samples dropped")
-    return worked_s / windows if windows > 0 else None
-
-
-def hear(client, until, heard):
-    """Of each window that is told until then: when, of which stream, and how many were left out."""
-    while time.monotonic() < until:
-        if client.early or client.socket.poll(200):
-            event = client.early.pop(0) if client.early else client.receive()
-            if event.verb == "EVENT" and event["event"] == "modes":
-                heard.append((time.monotonic(), event["stream"], event["skipped"]))
 
 
 def used(daemon, hosts):
@@ -148,78 +142,79 @@ def used(daemon, hosts):
             "hosts": sum(cpu_s(host.pid) for host in hosts)}
 
 
-def share(hosts, n, load, cost_s):
-    """N driven streams of HOSTS, whose windows cost COST_S each, and ask for LOAD of the workers;
-    what a window cost then, where that is more than there is.  Figures are of what is told once
-    each stream has had its turn, for eight turns at least: of those that follow upon each other
-    one stream is at first the last, then the first."""
-    hop_s = n * cost_s / (WORKERS * load)
-    turn_s = max(hop_s, n * cost_s / WORKERS)
-    seconds = 5 + 2 * hop_s + turn_s + max(SECONDS, 8 * turn_s)
-    with Daemon(workers=WORKERS) as daemon:
-        client, heard = daemon.client(), []
-        client.ask("EVENTS", kinds=["modes"])
-        begun = time.monotonic()
-        each = n // hosts
-        hop = max(1, round(hop_s * RATE))
-        running = [begin_host(daemon, each, seconds, k * each, "driven", hop)
-                   for k in range(hosts)]
-        lines = [[] for _ in running]
-        readers = [threading.Thread(target=lambda of=of, host=host: of.extend(
-                                        map(json.loads, host.stdout)))
-                   for of, host in zip(lines, running)]
-        for reader in readers:
-            reader.start()
-        hear(client, begun + 5, heard)
-        before, since = used(daemon, running), time.monotonic()
-        hear(client, begun + seconds - 1, heard)
-        cores = {of: (s - before[of]) / (time.monotonic() - since)
-                 for of, s in used(daemon, running).items()}
-        hear(client, begun + seconds, heard)
-        for reader in readers:
-            reader.join()
-        client.close()
-        if any(host.wait() != 0 for host in running):
-            sys.exit("many_streams: a host ended with an error")
-    late = begun + 5 + 2 * hop_s + turn_s
-    since = [one for one in heard if one[0] > late]
-    left_out = sum(skipped for _, _, skipped in since)
-    times = collections.defaultdict(list)
-    for at, stream, _ in since:
-        times[stream].append(at)
-    intervals = [(at[-1] - at[0]) / (len(at) - 1) for at in times.values() if len(at) > 1]
-    last = [of[-2] for of in lines]
-    case = f"driven ({hosts} hosts, load {load:g})"
-    say(case, "told", n, len({stream for _, stream, _ in heard}), "streams")
-    say(case, "left out", n, left_out / max(1, left_out + len(since)), "of windows", each=False)
-    if intervals:
-        say(case, "interval", n, statistics.median(intervals), "s", each=False)
-        say(case, "longest over shortest interval", n, max(intervals) / min(intervals), "ratio",
-            each=False)
-    say(case, "spilled", n, sum(one["spilled"] + one["dropped"] for one in last), "samples")
-    for of, each in cores.items():
-        say(case, of, n, each, "cores")
-    return WORKERS * (seconds - (late - begun)) / len(since) if load > 1 and since else cost_s
-
-
 # ---- one run, and what is wanted of it ----
 
 BODY_MOST, LOGS_MOST = 1 << 20, 4 << 30      # bytes: of a window (PROTOCOL.md), of all logs
 PATIENCE_S = 180
-AFTER_S = 10                                 # after a kill: what was late by it is told by then
+TURNS, WEIGHED = 8, 100                      # windows: of each stream; by which one is weighed
+
+
+Heard = collections.namedtuple("Heard", "at stream skipped lag_s")
+
+
+def hear(client, until, heard, rate=RATE, enough=lambda: False):
+    """Of each window that is told until then, or there are enough: when, of which stream, how many
+    were left out, and how old its last sample is.  The number of the last event."""
+    number = 0
+    while time.monotonic() < until and not enough():
+        if client.early or client.socket.poll(200):
+            event = client.early.pop(0) if client.early else client.receive()
+            if event.verb == "EVENT" and event["event"] == "modes":
+                number = event["number"]
+                heard.append(Heard(time.monotonic(), event["stream"], event["skipped"],
+                                   event.get("lag", {}).get("samples", 0) / rate))
+    return number
+
+
+def hosts_of(words, daemon, seconds, hop, logs=""):
+    each = words.streams // words.hosts
+    return [begin_host(daemon, each, seconds, k * each, words.kind, hop, words.channels, words.rate,
+                       logs, words.window) for k in range(words.hosts)]
+
+
+def weigh(words):
+    """What a window takes of a worker, s, and the processors that the workers have."""
+    with Daemon(workers=WORKERS) as daemon:
+        client, heard, told = daemon.client(), [], []
+        client.ask("EVENTS", kinds=["modes"])
+        hosts = hosts_of(words, daemon, 2 * PATIENCE_S, max(1, round(words.rate)))
+        n, until = words.streams // words.hosts * words.hosts, time.monotonic() + PATIENCE_S
+        try:
+            hear(client, until, heard, words.rate,
+                 lambda: len({one.stream for one in heard[-10 * n:]}) == n)
+            before, since = used(daemon, hosts)["workers"], time.monotonic()
+            hear(client, until, told, words.rate, lambda: len(told) >= max(n, WEIGHED))
+            worked_s = used(daemon, hosts)["workers"] - before
+            if len(told) < WEIGHED:
+                sys.exit(f"many_streams: {len(told)} windows in {PATIENCE_S} s: the machine does "
+                         "something else")
+            cores = worked_s / (time.monotonic() - since)
+            late = sum(one.skipped for one in told) > len(told) / 10
+            return worked_s / len(told), cores if late else WORKERS
+        finally:
+            client.close()
+            for host in hosts:
+                host.kill()
+                host.wait()
 
 
 class Run:
-    """Hosts with their streams, a daemon that is killed under them, and what is told of windows."""
+    """Hosts with their streams, a daemon that is killed under them, and what is told of windows:
+    where these cost COST_S each, and workers have CORES."""
 
-    def __init__(self, words, seconds, hop, kills, logs):
-        self.words, self.seconds, self.hop, self.logs = words, seconds, hop, logs
-        self.each = words.streams // words.hosts
-        self.heard, self.number, self.killed, self.cores = [], 0, [], collections.Counter()
+    def __init__(self, words, cost_s, cores, logs=""):
+        n = words.streams // words.hosts * words.hosts
+        turn_s = n * cost_s / cores
+        self.words, self.logs, self.each = words, logs, words.streams // words.hosts
+        self.hop = max(1, round(turn_s / words.load * words.rate))
+        # s until each stream has had its turn, and from where hops count of those begun together
+        self.late_s = 5 + (words.window + 2 * self.hop) / words.rate
+        self.late_s += turn_s if words.load > 1 else 0
+        self.seconds = max(words.seconds, self.late_s + (TURNS * turn_s if words.load > 1 else
+                                                         2 * self.hop / words.rate))
+        self.heard, self.number, self.cores = [], 0, collections.Counter()
         with Daemon(workers=WORKERS) as daemon:
-            self.hosts = [begin_host(daemon, self.each, seconds, k * self.each, words.kind, hop,
-                                     words.channels, words.rate, logs, words.window)
-                          for k in range(words.hosts)]
+            self.hosts = hosts_of(words, daemon, self.seconds, self.hop, logs)
             self.lines = [[] for _ in self.hosts]
             readers = [threading.Thread(target=lambda of=of, host=host: of.extend(
                                             map(json.loads, host.stdout)), daemon=True)
@@ -227,13 +222,12 @@ class Run:
             for reader in readers:
                 reader.start()
             try:
-                self.follow(daemon, kills)
+                self.follow(daemon, words.kills)
                 deadline = time.monotonic() + PATIENCE_S
                 self.ended = [host.wait(max(1, deadline - time.monotonic())) for host in self.hosts]
                 for reader in readers:
                     reader.join(10)
-                self.close_s = time.monotonic() - self.begun - seconds
-                self.spans = [line["s"] for of in self.lines for line in of[-1:]]
+                self.close_s = time.monotonic() - self.begun - self.seconds
                 self.sealed = sealed(daemon)
                 self.spill_files = len(list(daemon.folder.glob("*.spill")))
             finally:
@@ -245,42 +239,42 @@ class Run:
         self.begun = time.monotonic()
         for k in range(kills + 1):
             before, since = used(daemon, self.hosts), time.monotonic()
-            self.hear(daemon, self.begun + (self.seconds - 1) * (k + 1) / (kills + 1))
+            client = daemon.client()
+            client.ask("EVENTS", kinds=["modes"], **{"from": self.number + 1})
+            self.ended_at = self.begun + (self.seconds - 1) * (k + 1) / (kills + 1)
+            self.number = hear(client, self.ended_at, self.heard, self.words.rate) or self.number
+            client.close()
             for of, s in used(daemon, self.hosts).items():
                 self.cores[of] += s - before[of]
             self.cores["s"] += time.monotonic() - since
             if k < kills:
-                self.killed.append(time.monotonic())
                 daemon.kill()
                 daemon.start()
 
-    def hear(self, daemon, until):
-        client = daemon.client()
-        client.ask("EVENTS", kinds=["modes"], **{"from": self.number + 1})
-        while time.monotonic() < until:
-            if client.early or client.socket.poll(200):
-                event = client.early.pop(0) if client.early else client.receive()
-                if event.verb == "EVENT" and event["event"] == "modes":
-                    self.number = event["number"]
-                    self.heard.append((time.monotonic(), event["stream"], event["skipped"]))
-        client.close()
-
     def settled(self):
-        """What was heard once all had begun, and not within AFTER_S of a kill."""
-        first = self.begun + (self.words.window + 2 * self.hop) / self.words.rate
-        return [one for one in self.heard if one[0] > first
-                and not any(0 <= one[0] - at < AFTER_S for at in self.killed)]
+        """What was heard once all had begun."""
+        return [one for one in self.heard if one.at > self.begun + self.late_s]
 
     def window_s(self):
         """s of a worker that a window took."""
         return self.cores["workers"] / max(1, len(self.heard))
 
-    def intervals(self):
-        times = collections.defaultdict(list)
-        for at, stream, _ in self.settled():
-            times[stream].append(at)
-        return [max(b - a for a, b in zip(at, at[1:])) if self.killed else
-                (at[-1] - at[0]) / (len(at) - 1) for at in times.values() if len(at) > 1]
+    def ages(self):
+        """Of each stream that was told of a window by then, s of its newest result from the sample
+        that it rests on, averaged over the time once all had begun."""
+        begin, times = self.begun + self.late_s, collections.defaultdict(list)
+        for one in self.heard:
+            times[one.stream].append(one)
+        ages = []
+        for told in times.values():
+            area, ends = 0, [one.at for one in told[1:]] + [self.ended_at]
+            for one, end in zip(told, ends):
+                since = max(one.at, begin)
+                if end > since:
+                    area += (end - since) * ((since + end) / 2 - one.at + one.lag_s)
+            if told[0].at <= begin < self.ended_at:
+                ages.append(area / (self.ended_at - begin))
+        return ages
 
 
 def sealed(daemon):
@@ -309,31 +303,39 @@ def records_right(run):
     return right
 
 
-def report(run):
+def report(run, cores):
     """Each figure beside what is wanted; False: one is not so."""
     words, n = run.words, run.each * len(run.hosts)
     last = [of[-2] for of in run.lines if len(of) > 1]
-    settled, spans = run.settled(), run.intervals()
-    left_out = sum(one[2] for one in settled)
+    settled, ages = run.settled(), run.ages()
+    left_out = sum(one.skipped for one in settled)
+    told = collections.Counter(one.stream for one in settled)
+    thinned = words.load > 1
     rows = [
         ("hosts that ended well", sum(one == 0 for one in run.ended), "==", len(run.hosts)),
         ("streams live in the end", sum(one["live"] for one in last), "==", n),
-        ("streams told of a window", len({one[1] for one in run.heard}), "==", n),
+        ("streams told of a window", len({one.stream for one in run.heard}), "==", n),
         ("samples pushed, of what is due", sum(one["pushed"] for one in last) /
          (n * words.rate * run.seconds), ">=", 0.99),
         ("samples spilled", sum(one["spilled"] for one in last), "==", 0),
         ("samples dropped", sum(one["dropped"] for one in last), "==", 0),
         ("samples refused", sum(one["refused"] for one in last), "==", 0),
         ("spill files in the end", run.spill_files, "==", 0),
-        ("records that are their logs", records_right(run), "==", n),
+        ("records that are their logs", records_right(run), "==", n if run.logs else None),
         ("daemon, cores", run.cores["daemon"] / run.cores["s"], "<=", 0.3),
         ("threads of a host", max(one["threads"] for one in last), "<=", 3),
         ("MB of a host a stream", sum(one["rss_kb"] for one in last) / 1024 / n, "<=", 2),
         ("windows left out, %", 100 * left_out / max(1, left_out + len(settled)), "<=",
          0 if words.load <= 0.7 else None),
-        ("longest over shortest interval", max(spans) / min(spans) if spans else float("nan"), "<=",
-         1.5 if words.load > 1 else None),
-        ("workers, cores", run.cores["workers"] / run.cores["s"], "~", words.load * WORKERS),
+        ("windows of a stream, least", min(told.values()) if len(told) == n else 0, ">=",
+         TURNS // 2 if thinned else 1),
+        ("streams with an age", len(ages), "==", n if thinned else None),
+        ("mean age, oldest over youngest", max(ages) / min(ages) if ages else float("nan"), "<=",
+         1.5 if thinned else None),
+        ("mean age, median, s", statistics.median(ages) if ages else float("nan"), "", None),
+        ("asked of the workers, of what they have",
+         n * run.window_s() * words.rate / run.hop / cores, ">=", 0.9 * words.load),
+        ("workers, cores", run.cores["workers"] / run.cores["s"], "~", min(words.load, 1) * cores),
         ("hosts, cores", run.cores["hosts"] / run.cores["s"], "", None),
         ("ms of a worker a window", 1e3 * run.window_s(), "", None),
         ("s between windows of a stream", run.hop / words.rate, "", None),
@@ -342,8 +344,8 @@ def report(run):
     ]
     good = True
     for name, value, sign, wanted in rows:
-        right = {"==": value == wanted, "<=": wanted is None or value <= wanted,
-                 ">=": wanted is None or value >= wanted}.get(sign, True) or value != value
+        right = wanted is None or {"==": value == wanted, "<=": value <= wanted,
+                                   ">=": value >= wanted}.get(sign, True)
         good &= right
         print(f"{name:46s} {value:12.4g}   {f'{sign} {wanted:g}' if wanted is not None else '':12s}"
               f" {'' if right else 'NO'}", flush=True)
@@ -353,17 +355,38 @@ def report(run):
 def one_run(words):
     """What a window costs with windows every second, then the run."""
     words.window = min(int(5 * words.rate), BODY_MOST // (8 * words.channels))
-    cost_s = Run(words, 5 + 10, max(1, round(words.rate)), 0, "").window_s()
-    hop = max(1, round(words.streams * cost_s / (WORKERS * words.load) * words.rate))
+    cost_s, cores = weigh(words)
     bytes_s = words.streams * words.rate * words.channels * 8
     with tempfile.TemporaryDirectory(prefix="mdlogs") as folder:
-        logs = folder if bytes_s * words.seconds < LOGS_MOST else ""
+        run = Run(words, cost_s, cores, folder if bytes_s * words.seconds < LOGS_MOST else "")
         print(f"{words.streams} streams of {words.channels} channels at {words.rate:g} Hz, "
-              f"{words.hosts} hosts, {words.seconds:g} s, {words.kills} kills, "
-              f"load {words.load:g}: "
-              f"windows of {words.window} samples every {hop}, {1e3 * cost_s:.3g} ms each before",
-              flush=True)
-        return 0 if report(Run(words, words.seconds, hop, words.kills, logs)) else 1
+              f"{words.hosts} hosts, {run.seconds:.0f} s, {words.kills} kills, load "
+              f"{words.load:g}: windows of {words.window} samples every {run.hop}, "
+              f"{1e3 * cost_s:.3g} ms each before, workers with {cores:.3g} cores", flush=True)
+        return 0 if report(run, cores) else 1
+
+
+def share(hosts, n):
+    """The figures of N driven streams of HOSTS at each load."""
+    words = argparse.Namespace(streams=n, hosts=hosts, channels=CHANNELS, rate=RATE, kills=0,
+                               seconds=SECONDS, kind="driven", window=5 * RATE)
+    weight = weigh(words)
+    for words.load in LOADS:
+        run = Run(words, *weight)
+        if any(run.ended):
+            sys.exit("many_streams: a host ended with an error")
+        settled, ages, last = run.settled(), run.ages(), [of[-2] for of in run.lines]
+        left_out = sum(one.skipped for one in settled)
+        case = f"driven ({hosts} hosts, load {words.load:g})"
+        say(case, "told", n, len({one.stream for one in run.heard}), "streams")
+        say(case, "left out", n, left_out / max(1, left_out + len(settled)), "of windows",
+            each=False)
+        if ages:
+            say(case, "age", n, statistics.median(ages), "s", each=False)
+            say(case, "oldest over youngest age", n, max(ages) / min(ages), "ratio", each=False)
+        say(case, "spilled", n, sum(one["spilled"] + one["dropped"] for one in last), "samples")
+        for of in ("daemon", "workers", "hosts"):
+            say(case, of, n, run.cores[of] / run.cores["s"], "cores")
 
 
 def words_read():
@@ -380,11 +403,8 @@ def words_read():
 
 if sys.argv[1:]:
     sys.exit(one_run(words_read()))
-cost = None
 for kind in ("free", "driven"):
     for number in NUMBERS:
-        cost = run(kind, number) or cost
+        run(kind, number)
 for hosts in HOSTS:
-    taken = cost
-    for load in LOADS:
-        taken = share(hosts, NUMBERS[-1], load, taken)
+    share(hosts, NUMBERS[-1])

@@ -252,7 +252,7 @@ enum modal_status steady_print(struct steady *s, const struct program *p,
     json_set_number(r, "rms_residual", known ? point->tail_rms : NAN);
     json_set_number(r, "max_residual", known ? point->tail_max : NAN);
     json_set_number(r, "relative_residual",
-                    known ? point->load_max > 0 ? point->tail_max / point->load_max : 0 : NAN);
+                    !known ? NAN : point->tail_max == 0 ? 0 : point->tail_max / point->load_max);
     r = cJSON_AddObjectToObject(doc, "work");
     json_set_number(r, "spent", point->work.spent);
     json_set_number(r, "allowed", point->work.most);

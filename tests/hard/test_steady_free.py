@@ -160,3 +160,25 @@ def test_a_mean_that_nothing_holds_is_told_of_a_motion_through_its_events_too(tm
     answer = two_free_masses(tmp_path, effect, 1.0, harmonics)
     assert answer["method"] == ("events" if harmonics == 8 else "newton")
     assert codes(answer) == ["undetermined_mean"]
+
+
+def rigid(tmp_path, beside, *args):
+    """x'' + 0.05 x' + x + 0.3 sign x' + the laws BESIDE = cos 1.1 t, 15 harmonics."""
+    scene = {"structure": {"type": "matrices", "M": [[1]], "K": [[1]], "C": [[0.05]]},
+             "effects": [{"type": "coulomb", "dof": "x1", "limit": 0.3}, *beside], "omega": 1.1,
+             "excitation": [{"dof": "x1", "k": 1, "cos": 1}]}
+    (tmp_path / "rigid.json").write_text(json.dumps(scene))
+    return run(tmp_path / "rigid", "-o", "harmonics=15", *args)["reconstruction"]
+
+
+def test_a_sharpened_motion_tells_what_it_leaves_of_rigid_frictions_jumps(tmp_path):
+    told = rigid(tmp_path, [], "-o", "method=newton")
+    k = numpy.arange(17, 2048, 2)                       # of the square wave, past 15
+    rest = 4 * 0.3 / numpy.pi / k
+    assert told["rms_residual"] == pytest.approx(numpy.sqrt((rest ** 2).sum() / 2), rel=0.05)
+    assert told["max_residual"] == pytest.approx(rest.sum(), rel=0.05)
+
+
+def test_forces_that_nobody_sampled_leave_no_residual_of_0(tmp_path):
+    told = rigid(tmp_path, [{"type": "cubic_spring", "dof": "x1", "coefficient": 0.1}])
+    assert told == {"rms_residual": None, "max_residual": None, "relative_residual": None}

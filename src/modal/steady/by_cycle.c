@@ -29,6 +29,7 @@
 #include "modal/steady/session.h"
 #include "modal/steady/settle.h"
 #include "modal/steady/stiffness.h"
+#include "modal/steady/unheld.h"
 
 /* Harmonics fall as k^-3 and faster, so that half the samples fold eight times as much: their
  * difference is seven times what the whole folds. */
@@ -215,7 +216,7 @@ static enum modal_status ask_mean(struct steady *s, const struct cycle *c, struc
         return MODAL_OK;
     rc = balance_residual(b, point->X, false, err);
     if (rc == MODAL_OK)
-        rc = estimate_mean(b, &point->open, err);
+        rc = unheld_ask(b, &point->open, err);
     return rc == MODAL_OVERFLOW ? MODAL_OK : rc;
 }
 

@@ -26,7 +26,6 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include "modal/linalg/svd.h"
 #include "modal/scene/orbit.h"
 #include "modal/scene/program.h"
 #include "modal/steady/aft.h"
@@ -37,6 +36,7 @@
 #include "modal/steady/pattern.h"
 #include "modal/steady/session.h"
 #include "modal/steady/stiffness.h"
+#include "modal/steady/unheld.h"
 
 /* Of the largest low harmonic, what a round moves them by once it has nothing to add but
  * rounding. */
@@ -44,9 +44,6 @@ static const double STILL = 4 * DBL_EPSILON;
 /* Of the forces past H those below this of the largest move nothing, if not by a resonance that is
  * a million times sharper than the others. */
 static const double UNMOVED = 1e-6;
-/* Of the largest entry of each row what a derivative gives a motion that nothing holds: hundreds of
- * roundings, as OPEN of balance.c. */
-static const double UNHELD = 1e-13;
 enum {
     EXTENSIONS = 5,             /* rounds of (1) and (2), each an order nearer where laws are
                                  * smooth */
@@ -168,96 +165,6 @@ static enum modal_status tail_of(struct balance *wide, int H, double complex *E,
     return MODAL_OK;
 }
 
-/* Means that nothing holds, orthonormal: the last `count` rows of V; or ALL, where blocks say no
- * more than that there is one. */
-struct unheld {
-    struct matrix V;
-    int count;
-    bool all;
-};
-
-/* The motions of harmonic 0 alone that the derivative of B, full, takes to nothing; it is made
- * again, its rows scaled as when it was factored last. */
-static enum modal_status find_unheld(struct balance *b, struct unheld *m, struct modal_error *err)
-{
-    int q = b->q, n = 2 * b->HJ + 1;
-    struct matrix A = matrix_new(q * n, q), U = matrix_new(q * n, q);
-    double *s = malloc(((size_t)q + 1) * sizeof *s);
-    enum modal_status rc = balance_derivative(b, err);
-
-    m->V = matrix_new(q, q);
-    if (rc == MODAL_OK && (A.x == NULL || U.x == NULL || s == NULL || m->V.x == NULL))
-        rc = modal_fail(err, MODAL_NO_MEMORY, "steady: no memory for a free mean");
-    for (int j = 0; rc == MODAL_OK && j < q; j++)
-        for (int i = 0; i < q; i++)
-            for (int r = 0; r < n; r++)
-                A.x[(size_t)j * (size_t)A.ld + (size_t)(i * n + r)] =
-                    balance_column(b, i, j, 0)[r] * b->row[i * n + r];
-    if (rc == MODAL_OK)
-        rc = svd_thin(&A, s, &U, &m->V, err);
-    while (rc == MODAL_OK && m->count < q && s[q - 1 - m->count] <= UNHELD * fmax(1, s[0]))
-        m->count++;
-    free(A.x);
-    free(U.x);
-    free(s);
-    return rc;
-}
-
-/* The derivative of B, just made, factored.  Means that nothing holds are found into M, whose V is
- * the caller's to free, and held by a spring each, as stiff as the stiffest in their rows: the rest
- * is solved as it was.  What is singular but for these is not factored. */
-static enum modal_status factor_unheld(struct balance *b, struct unheld *m, struct modal_error *err)
-{
-    int q = b->q, n = 2 * b->HJ + 1;
-    enum modal_status rc;
-
-    *m = (struct unheld) { .all = false };
-    balance_factor(b, NULL);
-    m->all = !b->pattern->full && b->factored && balance_open(b);
-    if (!b->pattern->full || !balance_open(b))
-        return MODAL_OK;
-    rc = find_unheld(b, m, err);
-    for (int d = q - m->count; rc == MODAL_OK && d < q; d++)
-        for (int i = 0; i < q; i++)
-            for (int j = 0; j < q; j++)
-                balance_column(b, i, j, 0)[0] +=
-                    m->V.x[d + i * q] * m->V.x[d + j * q] / b->row[i * n];
-    if (rc == MODAL_OK)
-        balance_factor(b, NULL);
-    return rc;
-}
-
-/* What of y, as balance_solve leaves it, moves means of M: out of it, for it has no error. */
-static void leave_means(const struct balance *b, const struct unheld *m, double *y)
-{
-    int q = b->q, n = 2 * b->H + 1;
-
-    for (int d = q - m->count; d < q; d++) {
-        double along = 0;
-
-        for (int i = 0; i < q; i++)
-            along += m->V.x[d + i * q] * y[i * n];
-        for (int i = 0; i < q; i++)
-            y[i * n] -= along * m->V.x[d + i * q];
-    }
-    for (int i = 0; m->all && i < q; i++)
-        y[i * n] = 0;
-}
-
-enum modal_status estimate_mean(struct balance *b, bool *open, struct modal_error *err)
-{
-    struct unheld m;
-    enum modal_status rc = balance_derivative(b, err);
-
-    *open = false;
-    if (rc != MODAL_OK)
-        return rc;
-    rc = factor_unheld(b, &m, err);
-    *open = rc == MODAL_OK && (m.all || m.count > 0);
-    free(m.V.x);
-    return rc;
-}
-
 /* The chord step of (2) on harmonics 0 .. H: E_low = X_low - J^-1 R_low(wide), J factored in b, but
  * for the means of M. */
 static void chord(struct balance *b, const struct unheld *m, const struct balance *wide,
@@ -269,29 +176,34 @@ static void chord(struct balance *b, const struct unheld *m, const struct balanc
         for (int r = 0; r < n; r++)
             y[i * n + r] = -wide->R[i * n2 + r];        /* -R_low of (2) */
     balance_solve(b, y);                     /* J^-1 of (2), as the point's last step factored it */
-    leave_means(b, m, y);
+    unheld_leave(b, m, y);
     for (int i = 0; i < b->q; i++)
         for (int k = 0; k < K; k++)
             E[i * K2 + k] =
                 X[i * K + k] + (k == 0 ? y[i * n] : CMPLX(y[i * n + 2 * k - 1], y[i * n + 2 * k]));
 }
 
-/* What (1) leaves of the equation of motion: F_k - p_k past H, its rms and at most its sum in
- * time. */
-static void tail_in_time(const struct balance *wide, int H, struct steady_point *point)
+/* What X of H harmonics, wide->F and R of it, leaves of the equation of motion: past H, F_k - p_k;
+ * of those up to H, which a point balances, what it leaves where IN_ALL.  Its rms, and at most its
+ * sum in time. */
+static void left_in_time(const struct balance *wide, int H, bool in_all,
+                         struct steady_point *point)
 {
-    int K = wide->H + 1;
+    int K = wide->H + 1, n = 2 * wide->H + 1;
     double squares = 0;
 
     point->tail_max = point->load_max = 0;
     for (int i = 0; i < wide->q; i++) {
+        const double *R = wide->R + i * n;
         double sum = 0, load = 0;
 
-        for (int k = H + 1; k < K; k++) {
+        for (int k = in_all ? 0 : H + 1; k < K; k++) {
+            double left = k > H ? cabs(wide->F[i * K + k] - wide->load[k * wide->q + i])
+                          : k > 0 ? hypot(R[2 * k - 1], R[2 * k]) : fabs(R[0]);
+
             /* a harmonic's mean square is half of |.|^2 */
-            squares += pow(cabs(wide->F[i * K + k] - wide->load[k * wide->q + i]), 2) / 2;
-            /* its peak is at most the sum */
-            sum += cabs(wide->F[i * K + k] - wide->load[k * wide->q + i]);
+            squares += left * left / (k > 0 ? 2 : 1);
+            sum += left;                                /* its peak is at most the sum */
         }
         for (int k = 0; k < K; k++)
             load += cabs(wide->load[k * wide->q + i]) + (k <= H ? cabs(wide->F[i * K + k]) : 0);
@@ -346,7 +258,7 @@ static void estimate_done(struct steady *s, struct estimate *e)
         balance_free(s->wide);
         s->wide = NULL;
     }
-    free(e->mean.V.x);
+    unheld_done(&e->mean);
     free(e->W);
     free(e->sampled);
     free(e->E);
@@ -416,7 +328,7 @@ static enum modal_status move_by_samples(struct balance *b, struct estimate *e,
         rc = balance_residual(e->wide, e->W, false, err);
     if (rc != MODAL_OK)
         return rc;
-    tail_in_time(e->wide, b->H, point);                 /* of the point itself */
+    left_in_time(e->wide, b->H, false, point);          /* of the point itself */
     memcpy(e->sampled, e->W, (size_t)b->q * ((size_t)e->H2 + 1) * sizeof *e->W);
     chord(b, &e->mean, e->wide, point->X, e->y, e->sampled);
     return MODAL_OK;
@@ -468,7 +380,7 @@ static enum modal_status doubt_of(struct balance *b, const struct unheld *m,
     if (doubts == 0)
         return MODAL_OK;
     balance_solve(b, y);
-    leave_means(b, m, y);
+    unheld_leave(b, m, y);
     for (int i = 0; i < b->q; i++) {
         double sum = 0;
 
@@ -503,8 +415,10 @@ enum modal_status estimate_errors(struct steady *s, struct balance *b, struct st
     if (rc == MODAL_OK)
         rc = balance_derivative(b, err);
     if (rc == MODAL_OK)
-        rc = factor_unheld(b, &e.mean, err);
-    point->open = rc == MODAL_OK && (e.mean.all || e.mean.count > 0);
+        rc = unheld_factor(b, &e.mean, err);
+    point->open = rc == MODAL_OK && unheld_any(&e.mean);
+    if (point->open && b->factored)
+        rc = unheld_settle(b, &e.mean, &opt, point->X, &point->residual, err);
     if (rc != MODAL_OK || !b->factored || (rc = move_by_samples(b, &e, point, err)) != MODAL_OK)
         goto out;
     point->amplitude = 0;
@@ -637,9 +551,9 @@ enum modal_status steady_extend(struct steady *s, const struct steady_point *poi
     if (rc == MODAL_OK)
         rc = balance_residual(b, point->X, true, err);
     if (rc == MODAL_OK)
-        rc = factor_unheld(b, &mean, err);
+        rc = unheld_factor(b, &mean, err);
     if (rc != MODAL_OK || !b->factored) {
-        free(mean.V.x);
+        unheld_done(&mean);
         return rc;
     }
     y = calloc((size_t)b->order + 1, sizeof *y);
@@ -663,7 +577,7 @@ enum modal_status steady_extend(struct steady *s, const struct steady_point *poi
         rc = balance_set(b, point->omega, 1, err);
     free(y);
     free(low);
-    free(mean.V.x);
+    unheld_done(&mean);
     balance_free(wide);
     return rc;
 }
@@ -691,6 +605,41 @@ static enum modal_status extend_thrice(struct steady *s, const struct steady_poi
     return rc;
 }
 
+/* Where nothing holds the mean of POINT, which solves B, it is as near 0 as it may be. */
+static enum modal_status settle_mean(struct steady *s, struct balance *b,
+                                     struct steady_point *point, struct modal_error *err)
+{
+    const struct iterate_options opt = steady_iterate_options(s);
+    struct unheld mean = { .count = 0 };
+    enum modal_status rc = balance_residual(b, point->X, true, err);
+
+    if (rc == MODAL_OK)
+        rc = unheld_factor(b, &mean, err);
+    point->open = rc == MODAL_OK && unheld_any(&mean);
+    if (point->open && b->factored)
+        rc = unheld_settle(b, &mean, &opt, point->X, &point->residual, err);
+    unheld_done(&mean);
+    return rc;
+}
+
+/* What POINT, as W of H2 harmonics, leaves of the equation of motion: its own H balance no more. */
+static enum modal_status left_of_sharp(struct steady *s, const double complex *W, int H2,
+                                       struct steady_point *point, struct modal_error *err)
+{
+    struct balance *wide = NULL;
+    enum modal_status rc =
+        wide_balance(s, H2, steady_power_of_two(4L * H2 + 1), true, &wide, err);
+
+    if (rc == MODAL_OK)
+        rc = balance_set(wide, point->omega, 1, err);
+    if (rc == MODAL_OK)
+        rc = balance_residual(wide, W, false, err);
+    if (rc == MODAL_OK)
+        left_in_time(wide, point->H, true, point);
+    balance_free(wide);
+    return rc;
+}
+
 /*
  * Rigid friction jumps where the motion turns, and there a series of H harmonics has its worst
  * error: the turns, and with them every harmonic, are off by c_1/H + c_2/H^2 + ...  The motion is
@@ -715,6 +664,8 @@ enum modal_status estimate_sharpen(struct steady *s, struct balance *b, struct s
                                : MODAL_OK;
 
     if (rc == MODAL_OK)
+        rc = settle_mean(s, b, point, err);
+    if (rc == MODAL_OK)
         rc = extend_thrice(s, point, least, E, R, &unsettled, &done, err);
     if (rc == MODAL_OK && !done)
         rc = estimate_errors(s, b, point, err);         /* the motion as it is, and how far off */
@@ -730,12 +681,11 @@ enum modal_status estimate_sharpen(struct steady *s, struct balance *b, struct s
         point->X[i] = (4 * c - a) / 3;                  /* c_2/H^2 out */
         point->sampling = fmax(point->sampling, cabs(point->X[i] - c));  /* what that moved */
     }
-    rc = balance_residual(b, point->X, false, err);
-    if (rc == MODAL_OK)
-        rc = estimate_mean(b, &point->open, err);
+    widen_motion(point->X, q, H, H2, low);
+    rc = left_of_sharp(s, low, H2, point, err);
     for (int i = 0; i < q; i++)
         for (int k = 0; k <= H; k++)
-            E[i * K2 + k] = low[i * K2 + k] = point->X[i * (H + 1) + k];
+            E[i * K2 + k] = low[i * K2 + k];
     /* Recovery of the dofs taken out, at so many harmonics: S itself is not used. */
     if (rc == MODAL_OK)
         rc = condense_at(s->c, point->omega, 1, H2, S, load, err);

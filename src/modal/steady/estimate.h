@@ -26,9 +26,6 @@ enum modal_status steady_extend(struct steady *s, const struct steady_point *poi
  * overflows. */
 enum modal_status estimate_errors(struct steady *s, struct balance *b, struct steady_point *point,
                                   struct modal_error *err);
-/* Whether nothing holds the mean of the motion that B's last residual was of: *OPEN.  B's
- * derivative is made and factored for it; a direction of more than means is none. */
-enum modal_status estimate_mean(struct balance *b, bool *open, struct modal_error *err);
 /* POINT of S by Newton's method on B from X, which becomes its last iterate, with its errors;
  * *FOUND false: it leads to none. */
 enum modal_status estimate_near(struct steady *s, struct balance *b, double complex *X,

@@ -9,7 +9,6 @@
  */
 #include "modal/steady/graze.h"
 #include <math.h>
-#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 #include "modal/linalg/matrix.h"
@@ -94,11 +93,10 @@ static bool is_same(const struct balance *b, const double complex *X, const doub
     return most <= SAME * span;
 }
 
-/* Newton's method on X of B, from where it is, its mean along V held there by a spring as stiff as
- * B's stiffest: S_0 takes V to rounding alone, and divided by itself that takes X back. */
-static enum modal_status newton_held(struct balance *b, const struct iterate_options *opt,
-                                     const double *v, double complex *X, bool *converged,
-                                     struct modal_error *err)
+/* S_0 takes V to rounding alone, and divided by itself that would take X back. */
+enum modal_status graze_newton_held(struct balance *b, const struct iterate_options *opt,
+                                    const double *v, double complex *X, bool *converged,
+                                    struct modal_error *err)
 {
     int q = b->q, K = b->H + 1;
     size_t entries = (size_t)q * (size_t)q;
@@ -155,7 +153,7 @@ static enum modal_status move_off(struct balance *b, const struct iterate_option
         memcpy(moved, X, (size_t)q * (size_t)K * sizeof *X);
         for (int i = 0; i < q; i++)
             moved[i * K] += side * span / far * v[i];
-        rc = newton_held(b, opt, v, moved, &converged, err);
+        rc = graze_newton_held(b, opt, v, moved, &converged, err);
         if (rc != MODAL_OK || !converged || !is_same(b, X, moved, span))
             continue;
         rc = balance_residual(b, moved, true, err);

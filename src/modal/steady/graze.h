@@ -2,6 +2,7 @@
 #ifndef MODAL_GRAZE_H
 #define MODAL_GRAZE_H
 #include <complex.h>
+#include <stdbool.h>
 #include "base/error.h"
 
 struct balance;
@@ -16,4 +17,9 @@ struct iterate_options;
  */
 enum modal_status graze_leave(struct balance *b, const struct iterate_options *opt,
                               double complex *X, struct modal_error *err);
+/* Newton's method on X of B, full, from where it is, its mean along V (b->q of them) held there by
+ * a spring as stiff as B's stiffest, which pulls at nothing where it ends. */
+enum modal_status graze_newton_held(struct balance *b, const struct iterate_options *opt,
+                                    const double *v, double complex *X, bool *converged,
+                                    struct modal_error *err);
 #endif

@@ -1,5 +1,6 @@
 /* whole_file.c - see whole_file.h */
 #include "whole_file.h"
+#include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <signal.h>
@@ -7,10 +8,14 @@
 #include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 enum { NAMES = 100 };        /* tried beside one place: leavings of lives of the same PID */
+enum { LOOKED_AT = 10000 };  /* names of a folder: a few ms, though it has millions */
+
+#define BESIDE ".modalctl-"
 
 /* ---- what a signal ends ---- */
 
@@ -138,6 +143,62 @@ enum modal_status whole_file_check(const char *path, const char *option, struct 
     return path != NULL ? find_place(path, option, place, err) : MODAL_OK;
 }
 
+/* NAME in FOLDER is a file of ours, and nobody has the lock that who writes it keeps until it is
+ * moved: he was killed.  Who has made it and not locked it yet makes another. */
+static void remove_left(int folder, const char *name)
+{
+    int fd = openat(folder, name, O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
+    struct stat held, now;
+
+    if (fd < 0)
+        return;
+    if (fstat(fd, &held) == 0 && S_ISREG(held.st_mode) && held.st_uid == geteuid()
+        && flock(fd, LOCK_EX | LOCK_NB) == 0
+        && fstatat(folder, name, &now, AT_SYMLINK_NOFOLLOW) == 0 && now.st_ino == held.st_ino
+        && now.st_dev == held.st_dev)
+        unlinkat(folder, name, 0);
+    close(fd);
+}
+
+/* What those who were killed left in the folder of PLACE, of the first folder that is written
+ * to. */
+static void remove_all_left(const char *place)
+{
+    static atomic_bool done;
+    char folder[WHOLE_FILE_PATH + 2];
+    struct dirent *entry;
+    DIR *all;
+
+    snprintf(folder, sizeof folder, "%.*s.", folder_length(place), place);
+    if (atomic_exchange(&done, true) || (all = opendir(folder)) == NULL)
+        return;
+    for (int i = 0; i < LOOKED_AT && (entry = readdir(all)) != NULL; i++)
+        if (strncmp(entry->d_name, BESIDE, sizeof BESIDE - 1) == 0)
+            remove_left(dirfd(all), entry->d_name);
+    closedir(all);
+}
+
+/* A file that was not there, with MODE, and locked where the file system has locks; -1: none. */
+static int open_new(struct whole_file *out, mode_t mode)
+{
+    struct stat known;
+    int fd = -1;
+
+    errno = EEXIST;
+    for (int i = 0; fd < 0 && errno == EEXIST && i < NAMES; i++) {
+        snprintf(out->beside, sizeof out->beside, "%.*s" BESIDE "%d-%d", folder_length(out->place),
+                 out->place, (int)getpid(), i);
+        fd = open(out->beside, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, mode);
+        if (fd >= 0 && ((flock(fd, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK)
+                        || (fstat(fd, &known) == 0 && known.st_nlink == 0))) {
+            close(fd);              /* taken for one that was left: it goes */
+            fd = -1;
+            errno = EEXIST;
+        }
+    }
+    return fd;
+}
+
 /* A file beside its place that was not there, in a name that is short whatever the place's is;
  * NULL, errno set: there can be none.  It is opened by name once more, so its owner can write to it
  * until the end, whatever its mode will be. */
@@ -145,14 +206,10 @@ static FILE *open_beside(struct whole_file *out)
 {
     struct stat known;
     bool is_there = stat(out->place, &known) == 0, good;
-    int fd = -1, why;
+    int fd, why;
 
-    errno = EEXIST;
-    for (int i = 0; fd < 0 && errno == EEXIST && i < NAMES; i++) {
-        snprintf(out->beside, sizeof out->beside, "%.*s.modalctl-%d-%d", folder_length(out->place),
-                 out->place, (int)getpid(), i);
-        fd = open(out->beside, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, is_there ? 0600 : 0666);
-    }
+    remove_all_left(out->place);
+    fd = open_new(out, is_there ? 0600 : 0666);
     if (fd < 0)
         return NULL;
     good = is_there || fstat(fd, &known) == 0;
@@ -164,9 +221,11 @@ static FILE *open_beside(struct whole_file *out)
     snprintf(out->way, sizeof out->way, "/proc/self/fd/%d", fd);
     if (access(out->way, F_OK) != 0)
         memcpy(out->way, out->beside, sizeof out->way);
-    if (good && (out->file = fdopen(fd, "w")) != NULL)
+    out->lock = good ? fcntl(fd, F_DUPFD_CLOEXEC, 0) : -1;
+    if (out->lock >= 0 && (out->file = fdopen(fd, "w")) != NULL)
         return out->file;
     why = errno;
+    close(out->lock);
     close(fd);
     remove(out->beside);
     errno = why;
@@ -207,7 +266,7 @@ static bool give_rights(const struct whole_file *out)
     return (now.st_mode & 0777) == mode || fchmod(fd, mode) == 0;
 }
 
-/* It is no longer written; where it is not GOOD it goes. */
+/* It is no longer written, and nobody's; where it is not GOOD it goes. */
 static void close_off(struct whole_file *out, bool good)
 {
     sigset_t before;
@@ -217,6 +276,7 @@ static void close_off(struct whole_file *out, bool good)
     take_off(out);
     if (!good)
         remove(out->beside);
+    close(out->lock);
     pthread_sigmask(SIG_SETMASK, &before, NULL);
 }
 

@@ -199,6 +199,35 @@ def test_a_signal_ends_what_is_written_and_leaves_nothing_of_it(by, folder):
     assert not list((folder / "out").iterdir())
 
 
+def test_what_a_killed_writer_left_goes_with_the_next_and_what_is_being_written_does_not(folder):
+    """A list's second input is a FIFO that nobody writes to, so that its first file stays open."""
+    os.mkfifo(folder / "never")
+    (folder / "list").write_text("".join(
+        json.dumps({"kind": "identify", "file": name}) + "\n" for name in ("in.h5", "never")))
+    child = subprocess.Popen([CTL, "submit", "--from", "list", "--sbatch", "out"],
+                             env=environment())
+    out, end = folder / "out", time.monotonic() + PATIENCE
+    while not (out.is_dir() and list(out.glob(".modalctl-*"))):
+        assert child.poll() is None and time.monotonic() < end
+        time.sleep(0.005)
+    try:
+        begun = set(out.iterdir())
+        (out / ".modalctl-1-0").symlink_to("../in.h5")
+        os.mkfifo(out / ".modalctl-2-0")
+        (out / ".modalctl-3-0").mkdir()
+        others = set(out.iterdir()) - begun
+        for end in ("csv", "h5"):
+            assert write(out / f"a.{end}")[0] == 0
+        beside = {out / "a.csv", out / "a.h5"}
+        assert set(out.iterdir()) == begun | others | beside
+    finally:
+        child.kill()
+        child.wait()
+    assert set(out.iterdir()) == begun | others | beside
+    assert write(out / "a.h5")[0] == 0
+    assert set(out.iterdir()) == others | beside
+
+
 def make(kind, path):
     if kind == "fifo":
         os.mkfifo(path)

@@ -4,9 +4,10 @@
  * What a CURVE handshake seals or opens libzmq has in memory from sodium_malloc, six times a
  * handshake: mapped, locked, set between guard pages, and all of it undone a moment later by system
  * calls.  They were a third of what a handshake takes of the one thread that reads for all, for
- * whom those wait who are served while others come and go.  Here SLOTS such places are one piece of
- * sodium_malloc's, which stays: locked, out of core dumps, between guard pages as before, though
- * there is none between one secret and another.  Each is cleared when it is given back.
+ * whom those wait who are served while others come and go.  Here SLOTS such places are kept, each
+ * one of sodium_malloc's: locked, out of core dumps, its end at a guard page, as before.  A secret
+ * lies at its slot's end, so that what is written beyond it still ends the process; it is cleared
+ * when it is given back.
  *
  * What is larger, or more at once, has its own as before.
  */
@@ -21,12 +22,14 @@ enum {
     /* INITIATE's is the largest: 160 bytes of padding, key and voucher before the client's
      * properties, which take some 70 */
     SLOT = 512,
-    SLOTS = 8,                   /* a page; an I/O thread has two at once */
+    SLOTS = 4,                   /* an I/O thread has two at once */
 };
 
 static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
-static unsigned char *slots;     /* of libsodium; NULL: none were asked for yet */
-static bool used[SLOTS];
+static struct slot {
+    unsigned char *at;           /* of libsodium; NULL: not asked for yet */
+    bool used;
+} slots[SLOTS];
 
 static void *own_malloc(size_t size)
 {
@@ -48,19 +51,15 @@ static void own_free(void *secret)
     sodium(secret);
 }
 
-/* A slot that nobody has; NULL: there is none. */
-static void *take_slot(void)
+/* SIZE bytes at the end of a slot that nobody has; NULL: there is none. */
+static void *take_slot(size_t size)
 {
-    if (slots == NULL) {
-        slots = own_malloc(SLOTS * SLOT);
-        if (slots == NULL)
-            return NULL;
-        memset(slots, 0, SLOTS * SLOT);
-    }
     for (int i = 0; i < SLOTS; i++)
-        if (!used[i]) {
-            used[i] = true;
-            return slots + (size_t)i * SLOT;
+        if (!slots[i].used) {
+            if (slots[i].at == NULL && (slots[i].at = own_malloc(SLOT)) != NULL)
+                memset(slots[i].at, 0, SLOT);
+            slots[i].used = slots[i].at != NULL;
+            return slots[i].used ? slots[i].at + SLOT - size : NULL;
         }
     return NULL;
 }
@@ -70,21 +69,23 @@ void *sodium_malloc(size_t size)
     void *secret;
 
     pthread_mutex_lock(&lock);
-    secret = size <= SLOT ? take_slot() : NULL;
+    secret = size <= SLOT ? take_slot(size) : NULL;
     if (secret == NULL)
         secret = own_malloc(size);
     pthread_mutex_unlock(&lock);
     return secret;
 }
 
-/* Whether SECRET was a slot, which it is no more. */
-static bool give_slot(unsigned char *secret)
+/* Whether SECRET was in a slot, which is nobody's any more. */
+static bool give_slot(const unsigned char *secret)
 {
-    if (slots == NULL || secret < slots || secret >= slots + SLOTS * SLOT)
-        return false;
-    explicit_bzero(secret, SLOT);
-    used[(secret - slots) / SLOT] = false;
-    return true;
+    for (int i = 0; i < SLOTS; i++)
+        if (slots[i].used && secret >= slots[i].at && secret <= slots[i].at + SLOT) {
+            explicit_bzero(slots[i].at, SLOT);
+            slots[i].used = false;
+            return true;
+        }
+    return false;
 }
 
 void sodium_free(void *secret)

@@ -1,10 +1,12 @@
 /* Memory of handshakes: what libsodium is asked for it, counted by what it locks. */
 #include "broker/shell/secrets.h"
 #include "check.h"
+#include <signal.h>
 #include <stdatomic.h>
 #include <string.h>
 #include <sys/mman.h>
 #include <sys/syscall.h>
+#include <sys/wait.h>
 #include <unistd.h>
 #include <zmq.h>
 
@@ -36,7 +38,9 @@ TEST(a_thousand_handshakes_lock_memory_once)
 {
     void *context = begin(), *first, *second;
 
-    sodium_free(sodium_malloc(100));
+    first = sodium_malloc(100);
+    sodium_free(sodium_malloc(300));
+    sodium_free(first);
     locks = frees = 0;
     for (int i = 0; i < 1000; i++) {
         first = sodium_malloc(100);
@@ -63,6 +67,29 @@ TEST(a_secret_is_gone_when_its_memory_is_had_again)
         }
         for (int i = 0; i < 4; i++)
             sodium_free(secret[i]);
+    }
+    zmq_ctx_term(context);
+}
+
+TEST(what_is_written_beyond_a_secret_ends_the_process)
+{
+    static const size_t sizes[] = { 1, 300, 512, 1000 };
+    void *context = begin();
+
+    for (int i = 0; i < 4; i++) {
+        volatile unsigned char *secret = sodium_malloc(sizes[i]);
+        pid_t child = fork();
+        int status = 0;
+
+        if (child == 0) {
+            signal(SIGSEGV, SIG_DFL);
+            secret[sizes[i] - 1] = 1;
+            secret[sizes[i]] = 1;
+            _exit(0);
+        }
+        CHECK(waitpid(child, &status, 0) == child);
+        CHECK(WIFSIGNALED(status) && WTERMSIG(status) == SIGSEGV);
+        sodium_free((void *)secret);
     }
     zmq_ctx_term(context);
 }

@@ -5,6 +5,9 @@
  *
  *     P' = P_x P + (0  P_l  P_w R).                                                             (1)
  *
+ * The polynomials' own terms are as linear in u, and where a motion has an event in every few steps
+ * they are what a step costs: a second map has them all.
+ *
  * A map is a few hundred numbers: it stands by columns of whole blocks of ROWS, which a product
  * sums in registers, for a call of a library costs as much as such a product.
  */
@@ -24,6 +27,8 @@ enum {
 };
 static const double TRIED = 2;            /* strides a sample of several steps, about: the longest,
                                            * and where that will not do both its halves */
+static const double FASTER = 8;           /* a number of a map in the time of one of a sparse row's,
+                                           * measured: 1.1 instructions to 12 */
 
 /* From column to column of a map. */
 static size_t ld_of(const struct torus_taylor *t)
@@ -35,6 +40,12 @@ static size_t ld_of(const struct torus_taylor *t)
 static double size_of(const struct torus_taylor *t)
 {
     return (double)ld_of(t) * (2.0 * t->n + t->laws + 2.0 * t->waves);
+}
+
+/* Rows of a map of polynomials, and from column to column. */
+static size_t terms_of(const struct torus_taylor *t)
+{
+    return ((size_t)(t->terms + 1) * (size_t)t->n + ROWS - 1) / ROWS * ROWS;
 }
 
 bool torus_maps_fit(const struct torus_taylor *t, int longest, double count)
@@ -50,7 +61,7 @@ enum modal_status torus_maps_init(struct torus_maps *a, struct torus_taylor *t, 
     *a = (struct torus_maps) { .t = t, .longest = longest,
                                .columns = 2 * t->n + t->laws + 2 * t->waves };
     a->in = workspace_zeros(&a->space, (size_t)a->columns, sizeof *a->in);
-    a->out = workspace_zeros(&a->space, ld_of(t), sizeof *a->out);
+    a->out = workspace_zeros(&a->space, ld_of(t) + terms_of(t), sizeof *a->out);
     a->regime = workspace_zeros(&a->space, REGIMES_MOST, sizeof *a->regime);
     a->turn = workspace_zeros(&a->space, 2 * (size_t)t->waves * (size_t)(longest + 1),
                               sizeof *a->turn);
@@ -62,6 +73,8 @@ enum modal_status torus_maps_init(struct torus_maps *a, struct torus_taylor *t, 
         }
     if (strides * size_of(t) * t->columns < steps * torus_taylor_work(t) * BUDGET_DENSE)
         a->most = (int)fmin(NUMBERS_MOST / ((longest + 1) * size_of(t)), REGIMES_MOST);
+    if (a->most > 0 && torus_maps_tell_work(a) < FASTER * torus_taylor_work(t) * BUDGET_DENSE)
+        a->telling = (int)(NUMBERS_MOST / (terms_of(t) * (size_t)a->columns));
     return workspace_check(&a->space, "torus: no memory for a march", err);
 }
 
@@ -88,9 +101,10 @@ void torus_maps_find(struct torus_maps *a, const int *key)
     a->regimes++;
 }
 
-/* The map of one step into P and rows of d'' h^2 into BEND, column by column, by the laws' lines
- * now; ONE: as many zeros as columns, and 2 n more. */
-static void make_first(struct torus_maps *a, double *P, double *bend, double *one)
+/* The map of one step into P, rows of d'' h^2 into BEND and, unless it is NULL, that of polynomials
+ * into TERMS, column by column, by the laws' lines now; ONE: as many zeros as columns, and 2 n
+ * more. */
+static void make_first(struct torus_maps *a, double *P, double *bend, double *terms, double *one)
 {
     struct torus_taylor *t = a->t;
     int n = t->n, D = a->columns, columns = t->columns;
@@ -108,6 +122,9 @@ static void make_first(struct torus_maps *a, double *P, double *bend, double *on
         for (int l = 0; l < t->laws; l++)
             for (int e = t->see.start[l]; e < t->see.start[l + 1]; e++)
                 bend[l * D + j] += 2 * t->see.weight[e] * t->a[2 * n + t->see.dof[e]];
+        if (terms != NULL)
+            memcpy(terms + (size_t)j * terms_of(t), t->a,
+                   (size_t)(t->terms + 1) * (size_t)n * sizeof *terms);
     }
     torus_taylor_narrow(t, columns);
     t->level = level, t->leaves = leaves;
@@ -139,13 +156,16 @@ static void make_maps(struct torus_maps *a)
     size_t D = (size_t)a->columns, size = ld_of(a->t) * D;
     double *P = workspace_zeros(&a->space, size * (size_t)(a->longest + 1), sizeof *P);
     double *bend = workspace_zeros(&a->space, (size_t)a->t->laws * D, sizeof *bend);
+    double *terms = a->telling > 0 ? workspace_zeros(&a->space, terms_of(a->t) * D, sizeof *terms)
+                                   : NULL;
     double *one = calloc(D + 2 * (size_t)a->t->n, sizeof *one);
 
     if (P != NULL && bend != NULL && one != NULL) {
-        make_first(a, P, bend, one);
+        make_first(a, P, bend, terms, one);
         for (int j = 0; j < a->longest; j++)
             square(a, j, P + (size_t)j * size, P + (size_t)(j + 1) * size);
-        a->now->P = P, a->now->bend = bend;
+        a->now->P = P, a->now->bend = bend, a->now->terms = terms;
+        a->telling -= terms != NULL;
     }
     free(one);
 }
@@ -184,24 +204,57 @@ LANES_WIDE void product_wide(const double *P, size_t ld, int count, const double
     product_by(P, ld, count, in, out);
 }
 
+/* Column C of P, LD a column, times column C of U with its levels, which waves move if it is the
+ * motion, into a->out.  The waves are in a->in. */
+static void product(const struct torus_maps *a, const double *P, size_t ld, int c, const double *u)
+{
+    int n = 2 * a->t->n, laws = a->t->laws, C = a->t->columns;
+
+    for (int i = 0; i < n; i++)
+        a->in[i] = u[i * C + c];
+    for (int l = 0; l < laws; l++)
+        a->in[n + l] = a->t->level[l * C + c];
+    (lanes_wide() ? product_wide : product_narrow)(P, ld, c == 0 ? a->columns : n + laws, a->in,
+                                                   a->out);
+}
+
+/* WAVE where a product has it. */
+static void put_waves(const struct torus_maps *a, const double *wave)
+{
+    memcpy(a->in + 2 * a->t->n + a->t->laws, wave, 2 * (size_t)a->t->waves * sizeof *wave);
+}
+
 void torus_maps_stride(const struct torus_maps *a, int j, const double *u, const double *wave,
                        double *to)
 {
-    int n = 2 * a->t->n, laws = a->t->laws, C = a->t->columns;
+    int n = 2 * a->t->n, C = a->t->columns;
     size_t ld = ld_of(a->t);
-    const double *P = a->now->P + (size_t)j * ld * (size_t)a->columns;
 
-    memcpy(a->in + n + laws, wave, 2 * (size_t)a->t->waves * sizeof *wave);
+    put_waves(a, wave);
     for (int c = 0; c < C; c++) {
-        for (int i = 0; i < n; i++)
-            a->in[i] = u[i * C + c];
-        for (int l = 0; l < laws; l++)
-            a->in[n + l] = a->t->level[l * C + c];
-        (lanes_wide() ? product_wide : product_narrow)(P, ld, c == 0 ? a->columns : n + laws, a->in,
-                                                       a->out);
+        product(a, a->now->P + (size_t)j * ld * (size_t)a->columns, ld, c, u);
         for (int i = 0; i < n; i++)
             to[i * C + c] = a->out[i];
     }
+}
+
+bool torus_maps_tells(const struct torus_maps *a)
+{
+    return a->now != NULL && a->now->terms != NULL;
+}
+
+void torus_maps_tell(const struct torus_maps *a, const double *u, const double *wave)
+{
+    struct torus_taylor *t = a->t;
+    int C = t->columns;
+
+    put_waves(a, wave);
+    for (int c = 0; c < C; c++) {
+        product(a, a->now->terms, terms_of(t), c, u);
+        for (int e = 0; e < (t->terms + 1) * t->n; e++)
+            t->a[e * C + c] = a->out[e];
+    }
+    torus_taylor_use(t);
 }
 
 double torus_maps_bend(const struct torus_maps *a, int l, const double *u, const double *wave)
@@ -232,3 +285,8 @@ void torus_maps_turn(const struct torus_maps *a, int j, double *wave)
 }
 
 double torus_maps_work(const struct torus_maps *a) { return size_of(a->t) * a->t->columns; }
+
+double torus_maps_tell_work(const struct torus_maps *a)
+{
+    return (double)terms_of(a->t) * a->columns * a->t->columns;
+}

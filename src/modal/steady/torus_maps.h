@@ -10,8 +10,9 @@
 #include "modal/steady/torus_taylor.h"
 
 /* A set of regimes, steps taken in it, and once it has them its maps, by columns, of 1, 2,
- * 4 .. steps one behind the other; bend: of each law d'' h^2, a row of as many columns. */
-struct torus_regime { int *key; long steps; double *P, *bend; };
+ * 4 .. steps one behind the other; bend: of each law d'' h^2, a row of as many columns; terms, or
+ * NULL: of a step's polynomials, all their terms, by columns too. */
+struct torus_regime { int *key; long steps; double *P, *bend, *terms; };
 
 struct torus_maps {
     struct workspace space;
@@ -19,6 +20,7 @@ struct torus_maps {
     int columns, longest;                          /* strides of 2^longest steps are the longest */
     struct torus_regime *regime, *now;             /* now NULL: none of those kept */
     int regimes, most;                             /* most 0: steps are of polynomials */
+    int telling;                                   /* so many more sets may have their terms */
     double *turn;                                  /* [stride][wave][2]: cos, sin of omega h 2^j */
     double *in, *out;                              /* of a product */
 };
@@ -39,10 +41,15 @@ bool torus_maps_has(struct torus_maps *a, bool earned);
 /* 2^J steps from U, as torus_taylor_make has it, WAVE at their begin, into TO. */
 void torus_maps_stride(const struct torus_maps *a, int j, const double *u, const double *wave,
                        double *to);
+/* Whether A->now tells polynomials; those of a step from U, WAVE there, into t->a: what
+ * torus_taylor_make has of its terms. */
+bool torus_maps_tells(const struct torus_maps *a);
+void torus_maps_tell(const struct torus_maps *a, const double *u, const double *wave);
 /* d'' h^2 of law L at U and WAVE. */
 double torus_maps_bend(const struct torus_maps *a, int l, const double *u, const double *wave);
 /* WAVE 2^J steps on. */
 void torus_maps_turn(const struct torus_maps *a, int j, double *wave);
-/* What a stride costs, in budget.h's units, be it long or short. */
+/* What a stride costs, in budget.h's units, be it long or short, and polynomials. */
 double torus_maps_work(const struct torus_maps *a);
+double torus_maps_tell_work(const struct torus_maps *a);
 #endif

@@ -147,6 +147,41 @@ static void step_whole(struct torus_pieces *m, bool *made)
         + 20.0 * (1 + m->laws);
 }
 
+/* The polynomials of the step from m->u. */
+static void tell_step(struct torus_pieces *m)
+{
+    if (torus_maps_tells(&m->maps)) {
+        torus_taylor_begin(&m->t, m->wave);
+        torus_maps_tell(&m->maps, m->u, m->wave);
+        m->work += torus_maps_tell_work(&m->maps);
+    } else {
+        torus_taylor_make(&m->t, m->u, m->wave, m->to);
+        m->work += torus_taylor_work(&m->t);
+    }
+}
+
+/* Law L has GAIN and LEVEL from TAU on, and its regime is REGIME: how many hops that is felt. */
+static int tell_change(struct torus_pieces *m, int l, double tau, int regime, double gain,
+                       const double *level)
+{
+    double wave[2 * TORUS_LOADS_MOST];
+    int hops;
+
+    m->key[l] = regime;
+    if (m->maps.most > 0)
+        torus_maps_find(&m->maps, m->key);
+    if (torus_maps_tells(&m->maps)) {
+        torus_taylor_stop(&m->t, tau, wave);
+        torus_taylor_set_line(&m->t, l, gain, level);
+        torus_maps_tell(&m->maps, m->t.u, wave);
+        m->work += torus_maps_tell_work(&m->maps);
+        return m->t.reach[l].hops - 1;
+    }
+    hops = torus_taylor_change(&m->t, l, tau, gain, level);
+    m->work += torus_taylor_change_work(&m->t, l, hops);
+    return hops;
+}
+
 /* Where the cubic from D0, V0 to D1, V1 over T turns first, as a fraction 0 < s < 1 of T; 1:
  * nowhere.  Its rate is a quadratic. */
 static double turns_at(double d0, double v0, double d1, double v1, double T)
@@ -300,10 +335,9 @@ static void change(struct torus_pieces *m, int l, struct felt *felt)
         torus_taylor_sees(&m->t, l, c, p);
         level[c] = -gained * torus_taylor_at(&m->t, p, due->at, &rate);
     }
-    *felt = (struct felt) { l, torus_taylor_change(&m->t, l, due->at, due->to.gain, level) };
+    *felt = (struct felt) { l, tell_change(m, l, due->at, due->to.regime, due->to.gain, level) };
     now->level = due->to.level, now->gain = due->to.gain, now->regime = due->to.regime;
     m->acted[l] = true, m->when[l] = m->turns;
-    m->work += torus_taylor_change_work(&m->t, l, felt->hops);
 }
 
 /* The law whose turn or change is next; -1: there is none in this step.  Of those at one instant
@@ -407,7 +441,7 @@ static bool step(struct torus_pieces *m)
     }
     if (fine && m->listed > 0) {
         if (!made)
-            torus_taylor_make(&m->t, m->u, m->wave, m->to);
+            tell_step(m);
         for (int a = 0; fine && a < m->listed; a++) {
             m->due[m->list[a]].listed = true, m->due[m->list[a]].free = 0;
             fine = look_ahead(m, m->list[a], 0);

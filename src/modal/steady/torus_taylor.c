@@ -406,6 +406,28 @@ COPIED bool is_faint(const struct torus_taylor *t, const double *term, const dou
     return faint;
 }
 
+/* The largest of a column's terms 0 and 1, at least SIZE. */
+COPIED void size_of(const struct torus_taylor *t, int columns, double *size)
+{
+    for (int e = 0; e < 2 * t->n; e++)
+        for (int c = 0; c < columns; c++) {
+            double x = fabs(t->a[e * columns + c]);
+
+            size[c] = x > size[c] ? x : size[c];
+        }
+}
+
+void torus_taylor_use(struct torus_taylor *t)
+{
+    double size[TORUS_WIDE] = { 0 };
+
+    size_of(t, t->columns, size);
+    t->used = t->terms;
+    while (t->used > 2
+           && is_faint(t, t->a + (size_t)t->used * (size_t)(t->n * t->columns), size, t->columns))
+        t->used--;
+}
+
 /*
  * torus_taylor_make of COLUMNS.  Each term is made of the two before it: where these are faint all
  * that follow are, for steps are short.  The sums of the end are taken along with the terms, which
@@ -424,13 +446,7 @@ COPIED void make(struct torus_taylor *t, const double *u, const double *wave, in
     for (int e = 0; e < wide; e++)
         a[wide + e] = u[wide + e] * t->h;
     memcpy(to, a, 2 * (size_t)wide * sizeof *to);
-    for (int i = 0; i < n; i++)
-        for (int c = 0; c < columns; c++) {
-            double x = fabs(a[i * columns + c]), v = fabs(a[wide + i * columns + c]);
-
-            size[c] = x > size[c] ? x : size[c];
-            size[c] = v > size[c] ? v : size[c];
-        }
+    size_of(t, columns, size);
     for (int e = 0; e < wide; e++)
         to[e] += a[wide + e];
     t->used = t->terms;
@@ -460,10 +476,15 @@ COPIED void make(struct torus_taylor *t, const double *u, const double *wave, in
         to[wide + e] *= 1 / t->h;
 }
 
-void torus_taylor_make(struct torus_taylor *t, const double *u, const double *wave, double *to)
+void torus_taylor_begin(struct torus_taylor *t, const double *wave)
 {
     t->base = 0;
     memcpy(t->wave, wave, 2 * (size_t)t->waves * sizeof *wave);
+}
+
+void torus_taylor_make(struct torus_taylor *t, const double *u, const double *wave, double *to)
+{
+    torus_taylor_begin(t, wave);
     switch (t->columns) {
     case 1: make(t, u, wave, 1, to); break;
     case TORUS_PAIR: make(t, u, wave, TORUS_PAIR, to); break;
@@ -561,8 +582,7 @@ static void sizes(const struct torus_taylor *t, int l, double *size)
                                          fabs(t->a[(t->n + r->dof[b]) * C + c])));
 }
 
-/* Law L's GAIN and LEVEL from here on. */
-static void set_line(struct torus_taylor *t, int l, double gain, const double *level)
+void torus_taylor_set_line(struct torus_taylor *t, int l, double gain, const double *level)
 {
     memcpy(t->level + l * t->columns, level, (size_t)t->columns * sizeof *level);
     t->gain[l] = gain;
@@ -583,14 +603,13 @@ static void moves_by(struct torus_taylor *t, int l, double tau, double gain, con
             g[k * C + c] = (gain - t->gain[l]) * p[k];
         g[c] += level[c] - t->level[l * C + c];
     }
-    set_line(t, l, gain, level);
+    torus_taylor_set_line(t, l, gain, level);
 }
 
-/* (1) from TAU on, about TAU, of C columns, the laws as they are. */
-COPIED void begin_anew(struct torus_taylor *t, double tau, int C)
+void torus_taylor_stop(struct torus_taylor *t, double tau, double *q)
 {
-    int wide = t->n * C;
-    double *restrict x = t->u, *restrict v = x + wide, q[2 * TORUS_LOADS_MOST];
+    int wide = t->n * t->columns;
+    double *restrict x = t->u, *restrict v = x + wide;
     double after = tau - t->base, per_s = 1 / t->h;
 
     memcpy(x, t->a + t->used * wide, (size_t)wide * sizeof *x);
@@ -612,6 +631,14 @@ COPIED void begin_anew(struct torus_taylor *t, double tau, int C)
         q[2 * w + 1] = s * t->wave[2 * w] + c * t->wave[2 * w + 1];
     }
     t->base = tau;
+}
+
+/* (1) from TAU on, about TAU, of C columns, the laws as they are. */
+COPIED void begin_anew(struct torus_taylor *t, double tau, int C)
+{
+    double q[2 * TORUS_LOADS_MOST];
+
+    torus_taylor_stop(t, tau, q);
     make(t, t->u, q, C, t->end);
 }
 
@@ -682,7 +709,7 @@ int torus_taylor_change(struct torus_taylor *t, int l, double tau, double gain,
         }
         return r->felt;
     }
-    set_line(t, l, gain, level);
+    torus_taylor_set_line(t, l, gain, level);
     switch (t->columns) {
     case 1: begin_anew(t, tau, 1); break;
     case TORUS_PAIR: begin_anew(t, tau, TORUS_PAIR); break;

@@ -85,6 +85,63 @@ static void test_a_stride_of_32_steps_ends_where_32_steps_do(void **state)
     program_free(p);
 }
 
+/* Of the motion and of a disturbance beside it, from the step's begin and anew from within it. */
+static void test_terms_by_a_product_are_those_of_the_recurrence(void **state)
+{
+    const double steepest[] = { 0.5 }, level[TORUS_PAIR] = { -0.11, 0.3 };
+    const struct torus_options opt = { .target_error = 1e-9 };
+    const double wave[4] = { 0.6, 0.8, -0.28, 0.96 };
+    struct torus_solver s;
+    struct program *p = set_up(ONE, &opt, &s);
+    struct torus_taylor t;
+    struct torus_maps a;
+    double u[4] = { 0.3, 0.2, -0.7, 0.4 }, x[2][TORUS_PAIR], then[4], to[4];
+    int key[] = { 0 };
+    bool serves;
+
+    (void)state;
+    assert_int_equal(torus_taylor_init(&t, &s, TORUS_PAIR, steepest, &serves, NULL), MODAL_OK);
+    assert_true(serves && torus_taylor_set_step(&t, 0.2));
+    assert_int_equal(torus_maps_init(&a, &t, 0, 0, NULL), MODAL_OK);
+    t.gain[0] = 0.5;
+    torus_maps_find(&a, key);
+    while (!torus_maps_has(&a, true))
+        ;
+    assert_true(torus_maps_tells(&a));
+    for (int way = 0; way < 2; way++) {
+        torus_taylor_set_line(&t, 0, 0.5, (double[]) { 0.07, -0.2 });
+        if (way == 0)
+            torus_taylor_make(&t, u, wave, to);
+        else {
+            torus_taylor_begin(&t, wave);
+            torus_maps_tell(&a, u, wave);
+        }
+        /* 0.3 of the step on the law's level is another */
+        torus_taylor_stop(&t, 0.3, then);
+        torus_taylor_set_line(&t, 0, 0.5, level);
+        if (way == 0) {
+            memcpy(u, t.u, sizeof u);
+            torus_taylor_make(&t, u, then, to);
+            t.base = 0.3;
+        } else
+            torus_maps_tell(&a, t.u, then);
+        for (int c = 0; c < TORUS_PAIR; c++) {
+            double q[TORUS_TERMS_MOST + 1], rate;
+
+            torus_taylor_sees(&t, 0, c, q);
+            x[way][c] = torus_taylor_at(&t, q, 0.9, &rate);
+        }
+        memcpy(u, (double[]) { 0.3, 0.2, -0.7, 0.4 }, sizeof u);
+    }
+    for (int c = 0; c < TORUS_PAIR; c++) {
+        assert_true(fabs(x[0][c]) > 0.1);
+        assert_float_equal(x[1][c], x[0][c], 1e-14);
+    }
+    torus_maps_done(&a);
+    torus_taylor_done(&t);
+    program_free(p);
+}
+
 /* X of TURNS turns of TEXT's first dof, and what the last cost. */
 static double follow(const char *text, double *x)
 {
@@ -157,6 +214,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_a_stride_of_32_steps_ends_where_32_steps_do),
+        cmocka_unit_test(test_terms_by_a_product_are_those_of_the_recurrence),
         cmocka_unit_test(test_two_masses_that_a_stiff_spring_joins_move_as_one_and_cost_as_one),
         cmocka_unit_test(test_a_march_without_a_record_comes_to_the_same_place),
     };

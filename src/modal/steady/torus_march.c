@@ -59,8 +59,11 @@ static const double FINER = 1.0 / 64;     /* of the tolerance: that measure's */
 static const double SPLIT = 0.2;          /* of the steps have an event, and are two */
 static const double HALVED = 0.5;         /* of what a shorter record left: a longer one that leaves
                                            * more has what no line explains */
-static const double PLAINLY = 0.1;        /* of a motion that decays to one: so much left of it are
-                                           * lines of other frequencies, not small ones of these */
+static const double PLAINLY = 0.01;       /* of a motion that decays to one: lines that leave more
+                                           * of it are not its own, as torus_stand.c has it: of
+                                           * thousands some are near any frequency */
+static const double TRULY = 0.1;          /* of what the tones' lines leave: as many of a part that
+                                           * is none of the motion's leave about as much */
 static const double DECAYED = 0.01;       /* of the error asked for: of what a march began with */
 static const double CLOSER = 0.7;         /* of the error of a record a quarter as long: one that is
                                            * not better ends the march */
@@ -591,7 +594,8 @@ static enum modal_status leaves(struct torus_solver *s, const struct exact *a, i
 }
 
 /* s->part, where what decays to a motion of so large an AMPLITUDE has no lines of the tones: the
- * fewest turns, unless more explain far more.  What made it be sought no part may leave. */
+ * fewest turns that explain truly more, unless others explain far more than these.  What made it be
+ * sought no part may leave. */
 static enum modal_status find_part(struct torus_solver *s, const struct exact *a, int N,
                                    double wanted, double amplitude, struct modal_error *err)
 {
@@ -599,7 +603,7 @@ static enum modal_status find_part(struct torus_solver *s, const struct exact *a
     double least, left;
     enum modal_status rc = leaves(s, a, N, part, wanted, &least, err);
 
-    least = least < HUGE_VAL ? fmin(HALVED * least, PLAINLY * amplitude) : 0;
+    least = least < HUGE_VAL ? fmin(TRULY * least, PLAINLY * amplitude) : 0;
     for (; rc == MODAL_OK && part.tone < s->tones.count; part.tone++)
         for (part.of = 2; rc == MODAL_OK && part.of <= TORUS_PARTS_MOST; part.of++) {
             rc = leaves(s, a, N, part, wanted, &left, err);

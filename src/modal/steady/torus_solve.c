@@ -553,30 +553,37 @@ static bool has_more_tones(const struct program *p, int count)
     return more;
 }
 
+/* torus_solve of these tones, or of a part of one of them where its turns ask for that. */
+static enum modal_status solve_or_part(const struct program *p, const double *omega, int count,
+                                       const struct torus_options *opt, struct torus_point *out,
+                                       struct modal_error *err)
+{
+    struct torus_part part = { 0 };
+    double spent;
+    enum modal_status rc = solve_tones(p, omega, count, opt, part, 0, out, &part, err);
+
+    if (rc != MODAL_OK || part.of == 0)
+        return rc;
+    spent = out->work.spent;
+    torus_point_done(out);
+    return solve_part(p, omega, count, opt, part, spent, out, err);
+}
+
 enum modal_status torus_solve(const struct program *p, const double *omega, int count,
                               const struct torus_options *opt, struct torus_point *out,
                               struct modal_error *err)
 {
-    struct torus_part part = { 0 };
     struct torus_fold fold;
     enum modal_status rc;
 
     if (opt->near && opt->start != NULL && opt->start->part.of > 0)
         return solve_part(p, omega, count, opt, opt->start->part, 0, out, err);
     if (opt->free > 0 || opt->order > 0 || has_more_tones(p, count)
-        || !torus_fold_finds(omega, count, &fold)) {
-        double spent;
-
-        rc = solve_tones(p, omega, count, opt, part, 0, out, &part, err);
-        if (rc != MODAL_OK || part.of == 0)
-            return rc;
-        spent = out->work.spent;
-        torus_point_done(out);
-        return solve_part(p, omega, count, opt, part, spent, out, err);
-    }
+        || !torus_fold_finds(omega, count, &fold))
+        return solve_or_part(p, omega, count, opt, out, err);
     rc = torus_fold_make(&fold, p, opt, err);
     if (rc == MODAL_OK)
-        rc = solve_tones(&fold.view, &fold.omega, 1, &fold.opt, part, 0, out, &part, err);
+        rc = solve_or_part(&fold.view, fold.omega, fold.tones, &fold.opt, out, err);
     if (rc == MODAL_OK && (rc = torus_fold_undo(&fold, omega, out, err)) != MODAL_OK)
         torus_point_done(out);
     torus_fold_done(&fold);

@@ -274,18 +274,28 @@ static double march(const double *w, const struct torus_point *point, double h, 
 static void test_tones_are_one_where_small_whole_numbers_have_them_to_rounding(void **state)
 {
     const double fifths[] = { 0.8, 0.8 * 5 / 3 }, even[] = { 1.4, 0.7, 2.1 },
-                 hundredths[] = { 0.8, 0.8 * 1.01 }, off[] = { 0.7, 1.4 * (1 + 1e-14) };
+                 hundredths[] = { 0.8, 0.8 * 1.01 }, off[] = { 0.7, 1.4 * (1 + 1e-14) },
+                 pair[] = { 0.8, 0.8 * 1.7320508, 1.2 };
     struct torus_fold f;
 
     (void)state;
     assert_true(torus_fold_finds(fifths, 2, &f));
     assert_int_equal(f.number[0], 3);
     assert_int_equal(f.number[1], 5);
-    assert_float_equal(f.omega, 0.8 / 3, 1e-15);
+    assert_float_equal(f.omega[0], 0.8 / 3, 1e-15);
     assert_true(torus_fold_finds(even, 3, &f));
     assert_int_equal(f.number[0], 2);
     assert_int_equal(f.number[1], 1);
     assert_int_equal(f.number[2], 3);
+    assert_int_equal(f.tones, 1);
+    assert_true(torus_fold_finds(pair, 3, &f));
+    assert_int_equal(f.tones, 2);
+    assert_int_equal(f.number[0], 2);
+    assert_int_equal(f.number[1], 1);
+    assert_int_equal(f.number[2], 3);
+    assert_int_equal(f.into[1], 1);
+    assert_float_equal(f.omega[0], 0.4, 1e-15);
+    assert_float_equal(f.omega[1], pair[1], 0);
     assert_false(torus_fold_finds(W, 2, &f));
     assert_false(torus_fold_finds(hundredths, 2, &f));
     assert_false(torus_fold_finds(off, 2, &f));
@@ -719,16 +729,18 @@ static void test_disturbances_cost_as_the_orders_of_the_slow_tone_not_as_the_com
     program_free(p);
 }
 
-/* Nine times as stiff on one side, at 2 and 3 times its 1.5: lines as Runge and Kutta have them. */
+/* Nine times as stiff on one side, at 2 and 3 times what is about its 1.5: lines as Runge and Kutta
+ * have them.  Of the last thousands of the tones' own lines explain all but a fortieth. */
 static void test_a_motion_that_repeats_after_turns_of_a_tone_is_told_at_that_part(void **state)
 {
-    static const struct { int of; double second, damper, load[2], size[4]; } m[] = {
-        { 2, 4.8541019662496845, 0.1, { 1, 0.2 }, { 1.575116, 0.260838, 0.062591, 0.010192 } },
-        { 2, 1.8541019662496845, 0.1, { 1, 0.2 }, { 1.568993, 0.259033, 0.061492, 0.148872 } },
-        { 3, 1.8541, 0.03, { 1.5, 0.05 }, { 3.585040, 0.467385, 0.167006, 0.038023 } },
+    static const struct { int of; double first, second, damper, load[2], size[4]; } m[] = {
+        { 2, 3, 4.8541019662496845, 0.1, { 1, 0.2 }, { 1.575116, 0.260838, 0.062591, 0.010192 } },
+        { 2, 3, 1.8541019662496845, 0.1, { 1, 0.2 }, { 1.568993, 0.259033, 0.061492, 0.148872 } },
+        { 3, 4.5, 1.8541, 0.03, { 1.5, 0.05 }, { 3.585040, 0.467385, 0.167006, 0.038023 } },
+        { 3, 4.4, 1.8541, 0.03, { 1.5, 0.05 }, { 0.607589, 0.066493, 0.067832, 0.049834 } },
     };
     (void)state;
-    for (int i = 0; i < 3; i++) {
+    for (int i = 0; i < 4; i++) {
         struct torus_point point;
         struct program *p;
         char text[400];
@@ -737,14 +749,43 @@ static void test_a_motion_that_repeats_after_turns_of_a_tone_is_told_at_that_par
                  "\"dof\":\"x1\",\"stiffness\":8,\"clearance\":0}],\"excitation\":[{\"k\":[1,0],"
                  "\"dof\":\"x1\",\"cos\":%g},{\"dof\":\"x1\",\"k\":[0,1],\"cos\":%g}]}",
                  m[i].damper, m[i].load[0], m[i].load[1]);
-        solve(p = lower(text), (double[]){ 1.5 * m[i].of, m[i].second }, 2, 1e-3, &point);
-        assert_true(point.part.of == m[i].of && point.tones.omega[0] == 1.5);
+        solve(p = lower(text), (double[]){ m[i].first, m[i].second }, 2, 1e-3, &point);
+        assert_true(point.part.of == m[i].of
+                    && point.tones.omega[0] == m[i].first / m[i].of);
         for (int k = 0; k < 4; k++)
             assert_float_equal(cabs(find(&point, 0, k < 3 ? k + 1 : 0, k == 3)), m[i].size[k],
                                3 * point.line + 1e-4);
         torus_point_done(&point);
         program_free(p);
     }
+}
+
+/* The last of those above beside a tone of three times the first, which moves next to nothing: a
+ * third of both is one of the first, for of the other it would be a ninth. */
+static void test_a_part_of_tones_of_a_common_period_is_told_as_one_of_a_tone(void **state)
+{
+    static const double size[] = { 0.607589, 0.066493, 0.067832 };
+    struct program *p = lower(
+        "{\"structure\":{\"type\":\"chain\",\"masses\":[1],\"springs\":[1,0],"
+        "\"dampers\":[0.03,0]},\"effects\":[{\"type\":\"gap\",\"dof\":\"x1\","
+        "\"stiffness\":8,\"clearance\":0}],\"excitation\":["
+        "{\"dof\":\"x1\",\"k\":[0,1,0],\"cos\":1.5},{\"dof\":\"x1\",\"k\":[1,0,0],\"cos\":1e-7},"
+        "{\"dof\":\"x1\",\"k\":[0,0,1],\"cos\":0.05}]}");
+    const double tones[] = { 3 * 4.4, 4.4, 1.8541 };
+    struct torus_point point;
+
+    (void)state;
+    solve(p, tones, 3, 1e-3, &point);
+    assert_true(point.converged && point.part.tone == 1 && point.part.of == 3);
+    assert_true(point.tones.omega[0] == tones[0] && point.tones.omega[1] == tones[1] / 3);
+    for (int m = 0; m < point.count; m++)
+        if (point.index[m].k[0] == 0 && point.index[m].k[2] == 0 && point.index[m].k[1] > 0
+            && point.index[m].k[1] <= 3)
+            assert_float_equal(cabs(point.X[m]), size[point.index[m].k[1] - 1],
+                               3 * point.line + 1e-4);
+    assert_int_equal(torus_order(point.index[1]), 1);
+    torus_point_done(&point);
+    program_free(p);
 }
 
 static void test_laws_that_are_no_function_of_a_path_are_refused(void **state)
@@ -793,6 +834,7 @@ int main(void)
         cmocka_unit_test(
             test_disturbances_cost_as_the_orders_of_the_slow_tone_not_as_the_combinations),
         cmocka_unit_test(test_a_motion_that_repeats_after_turns_of_a_tone_is_told_at_that_part),
+        cmocka_unit_test(test_a_part_of_tones_of_a_common_period_is_told_as_one_of_a_tone),
         cmocka_unit_test(test_laws_that_are_no_function_of_a_path_are_refused),
     };
 

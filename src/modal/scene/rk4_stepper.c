@@ -19,6 +19,8 @@
 #include "modal/scene/stepper.h"
 
 static const double LOST = 1e300;      /* past it sums of squares overflow */
+/* Entries of a matrix below which BLAS's calls take longer than its products. */
+enum { ENTRIES_FEW = 256 };
 
 struct rk4_stepper {
     struct stepper face;  /* first: a stepper is cast to its own */
@@ -26,8 +28,30 @@ struct rk4_stepper {
     const struct sources *src;  /* borrowed */
     struct ports *ports;
     double step, *BP, *w, *k, *y, *probe, *memory, *after, *force;
+    double asked;  /* w is of this time */
     struct workspace space;  /* of the arrays */
 };
+
+/* OUT += A x, of ROWS and COLUMNS. */
+static void multiply_add(int rows, int columns, const double *A, const double *x, double *out)
+{
+    if (rows * columns > ENTRIES_FEW) {
+        cblas_dgemv(CblasColMajor, CblasNoTrans, rows, columns, 1, A, rows, x, 1, 1, out, 1);
+        return;
+    }
+    for (int j = 0; j < columns; j++, A += rows)
+        for (int i = 0; i < rows; i++)
+            out[i] += A[i] * x[j];
+}
+
+/* Loads at t added to OUT: half a step's are asked once. */
+static void add_loads(struct rk4_stepper *s, double t, double *out)
+{
+    if (t != s->asked)
+        sources_at(s->src, t, s->w);
+    s->asked = t;
+    multiply_add(s->ss->N, s->src->nw, s->BP, s->w, out);
+}
 
 /* U f of the laws at (t, y) added to OUT; AFTER (or NULL) gets their memory. */
 static enum modal_status add_laws(struct rk4_stepper *s, double t, const double *y, double *after,
@@ -39,13 +63,14 @@ static enum modal_status add_laws(struct rk4_stepper *s, double t, const double 
 
     if (p->channels == 0)
         return MODAL_OK;
-    cblas_dgemv(CblasColMajor, CblasNoTrans, r, N, 1, p->R, r, y, 1, 0, s->probe, 1);
+    memset(s->probe, 0, (size_t)r * sizeof *s->probe);
+    multiply_add(r, N, p->R, y, s->probe);
     for (int l = 0; l < p->laws; l++)
         if (p->law[l].law->kind->set_valued)
             p->law[l].held = (s->probe[p->probes + p->law[l].channel] > 0)
                              - (s->probe[p->probes + p->law[l].channel] < 0);
     rc = ports_force(p, t, s->probe, s->memory, s->force, NULL, after, err);
-    cblas_dgemv(CblasColMajor, CblasNoTrans, N, p->channels, 1, p->U, N, s->force, 1, 1, out, 1);
+    multiply_add(N, p->channels, p->U, s->force, out);
     return rc;
 }
 
@@ -55,8 +80,9 @@ static enum modal_status derivative(struct rk4_stepper *s, double t, const doubl
 {
     int N = s->ss->N;
 
-    cblas_dgemv(CblasColMajor, CblasNoTrans, N, N, 1, s->ss->A, N, y, 1, 0, out, 1);
-    stepper_add_loads(s->src, s->BP, N, t, s->w, out);
+    memset(out, 0, (size_t)N * sizeof *out);
+    multiply_add(N, N, s->ss->A, y, out);
+    add_loads(s, t, out);
     return add_laws(s, t, y, NULL, out, err);
 }
 
@@ -73,14 +99,15 @@ static enum modal_status one_step(struct rk4_stepper *s, double t, double h, dou
     memset(sum, 0, (size_t)N * sizeof *sum);
     for (int i = 0; i < 4 && rc == MODAL_OK; i++) {
         double end = t + reach[i] * h;
-        memcpy(s->y, y, (size_t)N * sizeof *y);
-        if (i > 0)
-            cblas_daxpy(N, reach[i] * h, k, 1, s->y, 1);  /* y + h reach k_(i-1) */
+        for (int j = 0; j < N; j++)
+            s->y[j] = y[j] + (i > 0 ? reach[i] * h * k[j] : 0);  /* y + h reach k_(i-1) */
         /* a corner at the end is the next step's */
         rc = derivative(s, i == 3 ? nextafter(end, t) : end, s->y, k, err);
-        cblas_daxpy(N, weight[i], k, 1, sum, 1);  /* k1 + 2 k2 + 2 k3 + k4 */
+        for (int j = 0; j < N; j++)
+            sum[j] += weight[i] * k[j];  /* k1 + 2 k2 + 2 k3 + k4 */
     }
-    cblas_daxpy(N, h / 6, sum, 1, y, 1);  /* (1) */
+    for (int j = 0; j < N; j++)
+        y[j] += h / 6 * sum[j];  /* (1) */
     if (rc == MODAL_OK && s->ports->memory > 0) {
         memset(k, 0, (size_t)N * sizeof *k);
         rc = add_laws(s, t + h, y, s->after, k, err);  /* memory moves once a step */
@@ -115,7 +142,7 @@ static enum modal_status force(struct stepper *face, double t, const double *y, 
     int N = s->ss->N;
 
     memset(F, 0, (size_t)N * sizeof *F);
-    stepper_add_loads(s->src, s->BP, N, t, s->w, F);
+    add_loads(s, t, F);
     return add_laws(s, t, y, NULL, F, err);
 }
 
@@ -162,6 +189,7 @@ enum modal_status rk4_stepper_new(const struct statespace *ss, const struct sour
                                     .free = rk4_free };
         s->ss = ss;
         s->src = src;
+        s->asked = NAN;
         s->step = opt->dt / (opt->substeps > 0 ? opt->substeps : 1);
         s->BP = stepper_source_matrix(ss, src, &s->space);
         for (size_t i = 0; i < sizeof all / sizeof *all; i++)

@@ -416,9 +416,15 @@ enum modal_status estimate_errors(struct steady *s, struct balance *b, struct st
         rc = balance_derivative(b, err);
     if (rc == MODAL_OK)
         rc = unheld_factor(b, &e.mean, err);
-    point->open = rc == MODAL_OK && unheld_any(&e.mean);
-    if (point->open && b->factored)
+    if (rc == MODAL_OK && unheld_any(&e.mean) && b->factored) {
         rc = unheld_settle(b, &e.mean, &opt, point->X, &point->residual, err);
+        unheld_done(&e.mean);
+        if (rc == MODAL_OK)
+            rc = balance_derivative(b, err);
+        if (rc == MODAL_OK)
+            rc = unheld_factor(b, &e.mean, err);
+    }
+    point->open = rc == MODAL_OK && unheld_any(&e.mean);
     if (rc != MODAL_OK || !b->factored || (rc = move_by_samples(b, &e, point, err)) != MODAL_OK)
         goto out;
     point->amplitude = 0;

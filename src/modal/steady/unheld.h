@@ -34,7 +34,7 @@ void unheld_leave(const struct balance *b, const struct unheld *m, double *y);
 /* X, of which M is, moved along M until its mean is the nearest to 0, where bodies begin.  A stop
  * in between, where it balances no more, ends the way a swing before it, as graze.h leaves stops.
  * Digits that it had lost far off are found again; *RESIDUAL, X's (balance_relative_residual),
- * becomes the new one's. */
+ * becomes the new one's.  R is of X then, and the derivative is to be made anew. */
 enum modal_status unheld_settle(struct balance *b, const struct unheld *m,
                                 const struct iterate_options *opt, double complex *X,
                                 double *residual, struct modal_error *err);

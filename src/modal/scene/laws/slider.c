@@ -232,6 +232,13 @@ struct contact_walk {
     struct law_pieces *out;               /* NULL: the first round, which only finds the start */
 };
 
+/* An event and what the walk asks there, and of the interval from it to the next: the same in every
+ * round. */
+struct contact_event {
+    double theta, up[3], down[3];         /* the bounds' sums (orbit_at) */
+    bool closed;                          /* from here to the next: N keeps its sign */
+};
+
 /* Stick or slip of the tangential element between two events of the normal force. */
 static enum modal_status tangential(struct contact_walk *w, double from, double to,
                                     struct modal_error *err)
@@ -273,23 +280,16 @@ static void come_to_rest(struct contact_walk *w, double theta, double sign)
     w->ref[1] = -k;  /* (2) of pieces.h */
 }
 
-/* One interval on which N keeps its sign and both bounds' sums are monotone. */
-static enum modal_status contact_interval(struct contact_walk *w, double a, double b,
-                                          struct modal_error *err)
+/* The interval from FROM to TO, on which N keeps its sign and both bounds' sums are monotone. */
+static enum modal_status contact_interval(struct contact_walk *w, const struct contact_event *from,
+                                          const struct contact_event *to, struct modal_error *err)
 {
-    double mid[3], ua[3], ub[3], da[3], db[3], high, low, event = b;
+    const double *ua = from->up, *ub = to->up, *da = from->down, *db = to->down;
+    double a = from->theta, b = to->theta, high, low, event = b;
     enum contact_mode next = STUCK;
     enum modal_status rc;
-    bool closed;
 
-    orbit_at(w->n, 0.5 * (a + b), mid);
-    /* one sign throughout: ask in the middle */
-    closed = w->c->preload + w->c->normal_stiffness * mid[0] > 0;
-    orbit_at(&w->up, a, ua);
-    orbit_at(&w->up, b, ub);
-    orbit_at(&w->down, a, da);
-    orbit_at(&w->down, b, db);
-    if (!closed) {
+    if (!from->closed) {
         w->mode = OPEN;
         return MODAL_OK;
     }
@@ -325,54 +325,63 @@ static enum modal_status contact_interval(struct contact_walk *w, double a, doub
     return rc == MODAL_OK && next != STUCK ? tangential(w, event, b, err) : rc;
 }
 
-/* Turns of both sums and crossings of N = 0, ascending, with the first again after a period;
- * their number. */
-static int contact_events(struct contact_walk *w, double *event, int most)
+/* Turns of both sums and crossings of N = 0, ascending, with the first again after a period; their
+ * number.  THETA has room for MOST, as EVENT has. */
+static int contact_events(struct contact_walk *w, double *theta, struct contact_event *event,
+                          int most)
 {
     int count = 0, closings = 0;
 
     for (int i = 0; i < w->up.turns && count < most - 1; i++)
-        event[count++] = w->up.turn[i].theta;
+        theta[count++] = w->up.turn[i].theta;
     for (int i = 0; i < w->down.turns && count < most - 1; i++)
-        event[count++] = w->down.turn[i].theta;
+        theta[count++] = w->down.turn[i].theta;
     if (w->c->normal_stiffness > 0 && w->n->turns >= 2)
-        closings = orbit_crossings(w->n, -w->c->preload / w->c->normal_stiffness, event + count,
+        closings = orbit_crossings(w->n, -w->c->preload / w->c->normal_stiffness, theta + count,
                                    most - 1 - count);
     count += closings > 0 ? closings : 0;  /* -1: more than room, which cannot be */
     if (count == 0)
-        event[count++] = 0;
-    numbers_sort(event, (size_t)count);
-    event[count] = event[0] + 2 * M_PI;  /* closes the round */
+        theta[count++] = 0;
+    numbers_sort(theta, (size_t)count);
+    theta[count] = theta[0] + 2 * M_PI;  /* closes the round */
+    for (int i = 0; i < count; i++) {
+        double mid[3];
+
+        event[i].theta = theta[i];
+        orbit_at(&w->up, theta[i], event[i].up);
+        orbit_at(&w->down, theta[i], event[i].down);
+        orbit_at(w->n, 0.5 * (theta[i] + theta[i + 1]), mid);  /* one sign throughout */
+        event[i].closed = w->c->preload + w->c->normal_stiffness * mid[0] > 0;
+    }
+    event[count] = event[0];
+    event[count].theta = theta[count];
     return count;
 }
 
 /* The normal force, a spring where it is in contact. */
-static enum modal_status normal_pieces(const struct contact *c, const double *event, int count,
-                                       const struct orbit *n, struct law_pieces *out,
-                                       struct modal_error *err)
+static enum modal_status normal_pieces(const struct contact *c, const struct contact_event *event,
+                                       int count, struct law_pieces *out, struct modal_error *err)
 {
     for (int i = 0; i < count; i++) {
-        struct law_piece piece = { .from = event[i], .to = event[i + 1], .level = c->preload,
-                                   .gain = { c->normal_stiffness }, .slider = -1 };
-        double mid[3];
+        struct law_piece piece = { .from = event[i].theta, .to = event[i + 1].theta,
+                                   .level = c->preload, .gain = { c->normal_stiffness },
+                                   .slider = -1 };
 
-        orbit_at(n, 0.5 * (event[i] + event[i + 1]), mid);
-        bool closed = c->preload + c->normal_stiffness * mid[0] > 0;
-        out->acts |= closed != (c->preload > 0);
-        if (closed && !c->side && pieces_add(out, &piece, err) != MODAL_OK)
+        out->acts |= event[i].closed != (c->preload > 0);
+        if (event[i].closed && !c->side && pieces_add(out, &piece, err) != MODAL_OK)
             return MODAL_NO_MEMORY;
     }
     return MODAL_OK;
 }
 
 /* Once round the period from one event to the next. */
-static enum modal_status walk_round(struct contact_walk *w, const double *event, int count,
-                                    struct modal_error *err)
+static enum modal_status walk_round(struct contact_walk *w, const struct contact_event *event,
+                                    int count, struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
 
     for (int i = 0; rc == MODAL_OK && i < count; i++)
-        rc = contact_interval(w, event[i], event[i + 1], err);
+        rc = contact_interval(w, &event[i], &event[i + 1], err);
     w->at -= 2 * M_PI;  /* the round begins anew */
     w->holds_start = false;
     return rc;
@@ -384,7 +393,8 @@ static enum modal_status contact_pieces(const struct law *law, const struct orbi
 {
     const struct contact *c = law->data;
     struct contact_walk w = { .c = c, .n = input[0], .t = input[1], .mode = STUCK };
-    double mu_k = c->mu * c->normal_stiffness, *event = NULL;
+    double mu_k = c->mu * c->normal_stiffness, *theta = NULL;
+    struct contact_event *event = NULL;
     enum modal_status rc;
     int count, most, before;
 
@@ -401,12 +411,13 @@ static enum modal_status contact_pieces(const struct law *law, const struct orbi
     /* all events of a period, and the first again */
     most = w.up.turns + w.down.turns + w.n->turns + 2;
     event = malloc((size_t)most * sizeof *event);
-    if (event == NULL) {
+    theta = malloc((size_t)most * sizeof *theta);
+    if (event == NULL || theta == NULL) {
         rc = modal_fail(err, MODAL_NO_MEMORY, "contact_friction: no memory for %d events", most);
         goto out;
     }
-    count = contact_events(&w, event, most);
-    rc = normal_pieces(c, event, count, w.n, out, err);
+    count = contact_events(&w, theta, event, most);
+    rc = normal_pieces(c, event, count, out, err);
     /* a slider left at 0; by then periodic, as (1) clips */
     for (int round = 0; rc == MODAL_OK && round < 2; round++)
         rc = walk_round(&w, event, count, err);
@@ -422,6 +433,7 @@ static enum modal_status contact_pieces(const struct law *law, const struct orbi
     out->acts |= out->count > before && !out->undetermined;
 out:
     free(event);
+    free(theta);
     orbit_done(&w.up);
     orbit_done(&w.down);
     return rc;

@@ -101,3 +101,18 @@ TEST(a_stop_between_a_free_body_and_where_it_began_keeps_it_beyond_by_a_swing_or
     steady_free(s);
     program_free(p);
 }
+
+/* Far off a stop's rounding is all that Newton's method has; near 0 the motion is found anew, and
+ * its errors with it. */
+TEST(a_motion_that_lost_its_digits_far_off_has_them_back_and_its_errors)
+{
+    struct steady_point point;
+    struct program *p;
+    struct steady *s = from_mean(FREE LOAD, 1, 1e9, &p, &point);
+
+    CHECK(point.open && point.residual < 1e-13);
+    CHECK(point.error > 0 && point.error < 1e-2);
+    steady_point_done(&point);
+    steady_free(s);
+    program_free(p);
+}

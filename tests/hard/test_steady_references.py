@@ -627,6 +627,24 @@ def test_a_users_cubic_spring_is_the_built_in_one(tmp_path):
             < 1e-10)
 
 
+# On the way to the motion Newton's method tries some of 1e250 m, whose cube is no number: tried,
+# and not taken, as it is with the springs that are built in.
+def test_four_users_cubic_springs_are_the_built_in_ones_though_trials_overflow(tmp_path):
+    def answer(effect):
+        return run(tmp_path, {"omega": 1.0,
+                              "structure": {"type": "chain", "masses": [1] * 4, "springs": [1] * 5,
+                                            "dampers": [0.02] * 5},
+                              "effects": [effect | {"dof": f"x{i}"} for i in (1, 2, 3, 4)],
+                              "excitation": [{"dof": "x1", "cos": 1.0}],
+                              "steady": {"stability": False}})
+    mine = answer({"type": "lua",
+                   "source": "function force(t, x, v, memory) return 0.5 * x^3 end"})
+    ours = answer({"type": "cubic_spring", "coefficient": 0.5})
+    assert mine["converged"] and ours["converged"]
+    for a, b in zip(mine["harmonics"], ours["harmonics"]):
+        assert max(abs(x - y) for part in ("re", "im") for x, y in zip(a[part], b[part])) < 1e-9
+
+
 # Stiff and soft friction beside a preloaded contact take 128 harmonics and more on three dofs; what
 # looks further (errors, events for the multipliers) takes thousands of harmonics there, which is no
 # reason to refuse.

@@ -35,6 +35,8 @@ struct law_point {                    /* one instant, reached from the one befor
 
 /* Of its inputs every entry is written by each call, whatever stood there. */
 struct law_force {
+    /* in: slopes are not wanted, and those of a user's law, which are dear, are not made */
+    bool alone;
     double f[LAW_INPUTS_MOST];  /* N, one an input */
     /* df_i/dd_j, exact, memory_before held */
     double fd[LAW_INPUTS_MOST][LAW_INPUTS_MOST];
@@ -45,6 +47,9 @@ struct law_force {
     int regime; /* which smooth piece this is: within one, f is analytic; 0 for smooth
                                                     * laws (stepping locates the instants where it
                                                     * changes) */
+    /* of a user's law that failed: since it is not finite at a larger d or v than any so far at
+     * which it was */
+    bool beyond;
 };
 
 struct law_class {

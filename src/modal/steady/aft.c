@@ -7,7 +7,8 @@
  * Other laws are sampled as in [CG89] (their section 3.1): f at theta_j = 2 pi j / N and back by a
  * discrete transform; a polynomial of degree p is exact once N > (p + 1) H.  A law with memory is
  * marched until its memory repeats: twice around for sliders (their map over a period is one clip),
- * up to SWEEPS_MOST times for others.
+ * up to SWEEPS_MOST times for others, once where a user's law has kept nothing.  The slopes of a
+ * user's law are differences: they are made of the last period, and where they are asked for.
  *
  * [CG89] Cameron and Griffin, J. Appl. Mech. 56 (1989) 149-154.
  */
@@ -115,14 +116,15 @@ enum modal_status aft_new(const struct program *p, const int *place, int q, int 
     return MODAL_OK;
 }
 
-/* One sweep over the samples; memory in and out at a->z. */
-static enum modal_status sweep(struct aft *w, struct aft_law *a, struct modal_error *err)
+/* One sweep over the samples, of the force ALONE or with its slopes; memory in and out at a->z. */
+static enum modal_status sweep(struct aft *w, struct aft_law *a, bool alone,
+                               struct modal_error *err)
 {
     int inputs = a->law->kind->inputs, N = w->N;
     double d[LAW_INPUTS_MOST], v[LAW_INPUTS_MOST];
     enum modal_status rc = MODAL_OK;
 
-    struct law_force out = { .memory = a->z + a->memory };
+    struct law_force out = { .alone = alone, .memory = a->z + a->memory };
 
     a->acts = false;
     for (int n = 0; rc == MODAL_OK && n < N; n++) {
@@ -138,7 +140,7 @@ static enum modal_status sweep(struct aft *w, struct aft_law *a, struct modal_er
         rc = a->law->kind->force(a->law, &at, &out, err);
         for (int i = 0; rc == MODAL_OK && i < inputs; i++) {
             a->f[i * N + n] = out.f[i];
-            for (int j = 0; j < inputs; j++) {
+            for (int j = 0; !alone && j < inputs; j++) {
                 a->fd[(i * inputs + j) * N + n] = out.fd[i][j];
                 a->fv[(i * inputs + j) * N + n] = out.fv[i][j];
             }
@@ -148,31 +150,60 @@ static enum modal_status sweep(struct aft *w, struct aft_law *a, struct modal_er
         a->acts |= out.acts;
     }
     a->evaluations += N;                                /* one a sample */
+    a->sloped = !alone;
+    /* a motion too large, as where the laws built in overflow: one that was tried, no fault */
+    return rc == MODAL_ELEMENT_FAILED && out.beyond ? MODAL_OVERFLOW : rc;
+}
+
+/* Whether the last sweep left something that the next begins with. */
+static bool remembers(const struct aft_law *a)
+{
+    const struct law_class *kind = a->law->kind;
+
+    return a->memory > 0
+           || (kind->restart != NULL && (kind->remembers == NULL || kind->remembers(a->law)));
+}
+
+/* Before the first sweep: nothing is remembered. */
+static void forget(struct aft_law *a)
+{
+    memset(a->z, 0, (size_t)a->memory * sizeof *a->z);
+    if (a->law->kind->restart != NULL)                  /* a user's law keeps its own memory */
+        a->law->kind->restart(a->law);
+}
+
+enum modal_status aft_make_slopes(struct aft *w, struct aft_law *a, struct modal_error *err)
+{
+    enum modal_status rc = MODAL_OK;
+
+    if (a->exact || a->sloped)
+        return MODAL_OK;
+    forget(a);  /* others have asked the law since, and it remembers those */
+    for (int round = 1; rc == MODAL_OK && round <= a->rounds; round++)
+        rc = sweep(w, a, round < a->rounds, err);
     return rc;
 }
 
 /* Sweep until the force at the end of a period repeats (laws without memory: once). */
 static enum modal_status sample_law(struct aft *w, struct aft_law *a, struct modal_error *err)
 {
-    bool remembers = a->memory > 0 || a->law->kind->restart != NULL;
-    double scale = 0,
-           *last = w->law[0].f != NULL && remembers ? malloc((size_t)w->N * sizeof *last) : NULL,
-           change;
+    bool alone = a->law->kind->restart != NULL;
+    double scale = 0, *last = NULL, change;
     enum modal_status rc;
 
-    memset(a->z, 0, (size_t)a->memory * sizeof *a->z);
-    if (a->law->kind->restart != NULL)                  /* a user's law keeps its own memory */
-        a->law->kind->restart(a->law);
-    rc = sweep(w, a, err);
+    forget(a);
+    rc = sweep(w, a, alone, err);
+    a->rounds = 1;
     /* A memory repeats once the motion has gone through all it forgets; the first period begins
      * from none. */
-    for (int round = 1; rc == MODAL_OK && remembers && round < SWEEPS_MOST; round++) {
+    while (rc == MODAL_OK && remembers(a) && a->rounds < SWEEPS_MOST) {
         if (last == NULL && (last = malloc((size_t)w->N * sizeof *last)) == NULL) {
             rc = modal_fail(err, MODAL_NO_MEMORY, "aft: no memory for a sweep");
             break;
         }
         memcpy(last, a->f, (size_t)w->N * sizeof *last);
-        rc = sweep(w, a, err);
+        rc = sweep(w, a, alone, err);
+        a->rounds++;
         change = scale = 0;
         for (int n = 0; n < w->N; n++) {
             /* of the first output: all share one memory */

@@ -66,7 +66,9 @@ long aft_evaluations(const struct aft *w, int law);
 bool aft_acts(const struct aft *w, int law);
 /* Whether what law LAW held in the last force is one of many: a slider that never slips. */
 bool aft_undetermined(const struct aft *w, int law);
-/* Largest slope of any law's force in the last one, N/m: the gain's numerator. */
-double aft_slope(const struct aft *w);
+/* Largest slope of any law's force in the last one, N/m: the gain's numerator.  Of a user's law
+ * they are made for this; one that fails meanwhile is left out, as it fails in the derivative as
+ * well. */
+double aft_slope(struct aft *w);
 
 #endif

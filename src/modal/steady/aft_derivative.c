@@ -39,7 +39,7 @@ static void analyze_gains(struct aft *w, struct aft_law *a)
 static enum modal_status law_gains(struct aft *w, struct aft_law *a, struct modal_error *err)
 {
     bool borrow = !a->exact && a->law->kind->pieces != NULL;
-    enum modal_status rc = borrow ? aft_find_pieces(w, a, err) : MODAL_OK;
+    enum modal_status rc = borrow ? aft_find_pieces(w, a, err) : aft_make_slopes(w, a, err);
 
     if (rc == MODAL_OK && borrow)
         aft_waves(w, a);
@@ -201,13 +201,16 @@ enum modal_status aft_add_derivative(struct aft *w, const struct aft_target *int
     return aft_each_slope(w, add_ends, &onto, err);
 }
 
-double aft_slope(const struct aft *w)
+double aft_slope(struct aft *w)
 {
     double most = 0;
 
     for (int l = 0; l < w->laws; l++) {
-        const struct aft_law *a = &w->law[l];
+        struct aft_law *a = &w->law[l];
         int inputs = a->law->kind->inputs;
+
+        if (aft_make_slopes(w, a, NULL) != MODAL_OK)
+            continue;
 
         for (int s = 0; a->exact && s < a->pieces.count; s++)
             for (int j = 0; j < inputs; j++)

@@ -7,6 +7,9 @@
 /* Whether samples are ever taken back to harmonics: of a law that is sampled, or of products with
  * so many of them that this is the shorter way. */
 bool aft_analyzes(const struct aft *w);
+/* The slopes of law A that is sampled, along the motion of its last force, unless they are there.
+ * Fails as the law does. */
+enum modal_status aft_make_slopes(struct aft *w, struct aft_law *a, struct modal_error *err);
 /* The pieces of law A along its motion a->in.  Fails with MODAL_NO_MEMORY or as the law does. */
 enum modal_status aft_find_pieces(struct aft *w, struct aft_law *a, struct modal_error *err);
 /* The pieces found as waves: a->level to m = H, gain and damp to 2 H, cross to 3 H. */

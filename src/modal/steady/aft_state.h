@@ -17,6 +17,8 @@ struct aft_law {
     struct orbit in[LAW_INPUTS_MOST];
     struct law_pieces pieces;               /* of the last force, where exact */
     bool exact, acts, undetermined;         /* has pieces; in the last force: acted, one of many */
+    bool sloped;                            /* fd and fv are of this motion */
+    int rounds;                             /* periods until the memory repeated */
     bool stiff;                             /* its force is far smaller than its terms: no
                                              * samples */
     long evaluations;

@@ -13,10 +13,10 @@
  * failure like any other, named with its line or with the limit.  What one instruction may make Lua
  * do without end is counted as the instructions it is worth: `next` passes empty entries, at most
  * those of the largest table there was, and a table that is given a key when it has no room looks
- * at all of its own and asks for its parts anew.  Derivatives are central
- * differences, with h = cbrt(eps) max(|d|, scale), scale the largest |d| (|v|) seen so far: error
- * of order h^2, about 1e-10 of the force.  A difference must not be remembered, so `memory` is
- * copied before it and put back.
+ * at all of its own and asks for its parts anew.  Derivatives are central differences, with
+ * h = cbrt(eps) max(|d|, scale / 10), scale the largest |d| (|v|) since the period began: error of
+ * order h^2, about 1e-10 of the force.  A difference must not be remembered, so `memory` is copied
+ * before it and put back; as long as nothing is in it there is nothing to copy.
  */
 #include <float.h>
 #include <lauxlib.h>
@@ -47,7 +47,10 @@ struct lua_law {
                                      process: a table without entries */
     enum { NO_LIMIT, OF_ONE, OF_ALL, OF_STRING, OF_WORK } passed;  /* by what was refused last */
     long left;                    /* instructions of this call */
-    double scale_d, scale_v;  /* the largest seen: see the opening */
+    double scale_d, scale_v;      /* the largest of this period: see the opening */
+    double reach_d, reach_v;      /* the largest ever at which the force was finite; < 0: nowhere */
+    bool beyond;                  /* it was not finite last, past those */
+    bool kept;                    /* `memory` has had an entry in this period */
 };
 
 /* What forbids S a block of KIND that has SIZE bytes, MORE than now. */
@@ -115,6 +118,9 @@ static void spend(lua_State *L, long instructions)
     if (s->left < 0)
         luaL_error(L, TOO_MANY, INSTRUCTIONS);
 }
+
+/* Places in Lua's registry: the address is the key, which no string has to be compared with. */
+static char force_key, memory_key, before_key;
 
 static void count_instructions(lua_State *L, lua_Debug *at)
 {
@@ -210,18 +216,35 @@ static int load_source(lua_State *L)
     lua_call(L, 0, 0);
     if (lua_getglobal(L, "force") != LUA_TFUNCTION)
         return luaL_error(L, "the source defines no function `force`");
-    lua_setfield(L, LUA_REGISTRYINDEX, "force");  /* out of the source's reach */
+    lua_rawsetp(L, LUA_REGISTRYINDEX, &force_key);  /* out of the source's reach */
     lua_newtable(L);
-    lua_setfield(L, LUA_REGISTRYINDEX, "memory");
+    lua_rawsetp(L, LUA_REGISTRYINDEX, &memory_key);
     return 0;
+}
+
+/* Whether `memory` has anything, or is no table, which is something; leaves the stack alone. */
+static bool any_memory(lua_State *L)
+{
+    int top = lua_gettop(L);
+    bool any;
+
+    spend(L, (long)(law_of(L)->largest / WALK_BYTES));  /* entries that are empty now */
+    lua_rawgetp(L, LUA_REGISTRYINDEX, &memory_key);
+    lua_pushnil(L);
+    any = !lua_istable(L, -2) || lua_next(L, -2) != 0;
+    lua_settop(L, top);
+    return any;
 }
 
 static int call_force(lua_State *L)                /* t, x, v -> number */
 {
-    lua_getfield(L, LUA_REGISTRYINDEX, "force");
+    struct lua_law *s = law_of(L);
+
+    lua_rawgetp(L, LUA_REGISTRYINDEX, &force_key);
     lua_insert(L, 1);
-    lua_getfield(L, LUA_REGISTRYINDEX, "memory");
+    lua_rawgetp(L, LUA_REGISTRYINDEX, &memory_key);
     lua_call(L, 4, 1);
+    s->kept = s->kept || any_memory(L);
     if (!lua_isnumber(L, -1) || lua_type(L, -1) != LUA_TNUMBER)
         return luaL_error(L, "force returned %s, not a number", luaL_typename(L, -1));
     return 1;
@@ -252,16 +275,27 @@ static void copy_table(lua_State *L, int seen, int from, int depth)
     }
 }
 
-static int memory_copy(lua_State *L)               /* name from, name to: in the registry */
+static int memory_copy(lua_State *L)               /* key from, key to: in the registry */
 {
     spend(L, (long)(law_of(L)->used / WALK_BYTES));   /* each table that there is, once */
     lua_newtable(L);
-    lua_getfield(L, LUA_REGISTRYINDEX, lua_touserdata(L, 1));
+    lua_rawgetp(L, LUA_REGISTRYINDEX, lua_touserdata(L, 1));
     if (!lua_istable(L, -1))
         lua_newtable(L);
     copy_table(L, 3, lua_gettop(L), 0);
-    lua_setfield(L, LUA_REGISTRYINDEX, lua_touserdata(L, 2));
+    lua_rawsetp(L, LUA_REGISTRYINDEX, lua_touserdata(L, 2));
     return 0;
+}
+
+/* As at the start of a period. */
+static void empty_memory(struct lua_law *s)
+{
+    s->unlimited = true;  /* an empty table: see the struct */
+    lua_settop(s->L, 0);
+    lua_newtable(s->L);
+    lua_rawsetp(s->L, LUA_REGISTRYINDEX, &memory_key);
+    s->unlimited = false;
+    s->kept = false;
 }
 
 /* Which limit on memory was met. */
@@ -298,15 +332,15 @@ static enum modal_status failed(struct lua_law *s, int how, enum modal_status st
 }
 
 /* Under lua_pcall, since copying allocates. */
-static enum modal_status copy_memory(struct lua_law *s, const char *from, const char *to,
+static enum modal_status copy_memory(struct lua_law *s, char *from, char *to,
                                      struct modal_error *err)
 {
     int how;
 
     s->left = INSTRUCTIONS;  /* a budget a call */
     lua_pushcfunction(s->L, memory_copy);
-    lua_pushlightuserdata(s->L, (void *)(size_t)from);
-    lua_pushlightuserdata(s->L, (void *)(size_t)to);
+    lua_pushlightuserdata(s->L, from);
+    lua_pushlightuserdata(s->L, to);
     how = lua_pcall(s->L, 2, 0, 0);
     return how == LUA_OK ? MODAL_OK : failed(s, how, MODAL_ELEMENT_FAILED, err);
 }
@@ -328,34 +362,62 @@ static enum modal_status call(struct lua_law *s, double t, double d, double v, d
         return failed(s, how, MODAL_ELEMENT_FAILED, err);
     *f = lua_tonumber(s->L, -1);
     lua_settop(s->L, 0);
-    if (!isfinite(*f))
+    if (!isfinite(*f)) {
+        s->beyond = s->reach_d >= 0 && (fabs(d) > s->reach_d || fabs(v) > s->reach_v);
         return modal_fail_field(err, MODAL_ELEMENT_FAILED, "source",
                                 "lua: force(%.9g, %.9g, %.9g, memory) is not finite", t, d, v);
+    }
+    s->reach_d = fmax(s->reach_d, fabs(d));
+    s->reach_v = fmax(s->reach_v, fabs(v));
     return MODAL_OK;
 }
 
-/* The central difference over d (or v), memory as it was before the call. */
-static enum modal_status slope(struct lua_law *s, const struct law_point *at, bool over_v,
-                               double *out, struct modal_error *err)
+/* `memory` as it was before this call: empty, or a copy of what was put aside. */
+static enum modal_status put_back(struct lua_law *s, bool kept, struct modal_error *err)
 {
-    double x = over_v ? at->v[0] : at->d[0], *scale = over_v ? &s->scale_v : &s->scale_d, h, up,
-           down, f[2];
+    if (kept)
+        return copy_memory(s, &before_key, &memory_key, err);
+    if (s->kept)
+        empty_memory(s);
+    return MODAL_OK;
+}
+
+/* The central difference over d (or v), each from the memory as it was: KEPT, whether it was
+ * any. */
+static enum modal_status slope(struct lua_law *s, const struct law_point *at, bool over_v,
+                               bool kept, double *out, struct modal_error *err)
+{
+    double x = over_v ? at->v[0] : at->d[0], scale = over_v ? s->scale_v : s->scale_d, h, up, down,
+           f[2];
     enum modal_status rc = MODAL_OK;
 
-    *scale = fmax(*scale, fabs(x));
     /* truncation h^2 and rounding eps/h are alike */
-    h = cbrt(DBL_EPSILON) * (*scale > 0 ? fmax(fabs(x), 0.1 * *scale) : 1);
+    h = cbrt(DBL_EPSILON) * (scale > 0 ? fmax(fabs(x), 0.1 * scale) : 1);
     up = x + h;  /* as rounded: the quotient divides by their difference */
     down = x - h;
     for (int i = 0; rc == MODAL_OK && i < 2; i++) {
         double moved = i == 0 ? up : down;
 
-        rc = copy_memory(s, "before", "memory", err);  /* as it was when the step began */
+        rc = call(s, at->t, over_v ? at->d[0] : moved, over_v ? moved : at->v[0], &f[i], err);
         if (rc == MODAL_OK)
-            rc = call(s, at->t, over_v ? at->d[0] : moved, over_v ? moved : at->v[0], &f[i], err);
+            rc = put_back(s, kept, err);
     }
     if (rc == MODAL_OK)
         *out = (f[0] - f[1]) / (up - down);
+    return rc;
+}
+
+/* The force's derivatives by central differences; the memory is as before. */
+static enum modal_status slopes(struct lua_law *s, const struct law_point *at,
+                                struct law_force *out, struct modal_error *err)
+{
+    bool kept = s->kept;
+    enum modal_status rc = kept ? copy_memory(s, &memory_key, &before_key, err) : MODAL_OK;
+
+    if (rc == MODAL_OK)
+        rc = slope(s, at, false, kept, &out->fd[0][0], err);
+    if (rc == MODAL_OK)
+        rc = slope(s, at, true, kept, &out->fv[0][0], err);
     return rc;
 }
 
@@ -368,24 +430,23 @@ static enum modal_status name_effect(const struct law *law, enum modal_status rc
     return rc;
 }
 
-/* The force and, by central differences, its derivatives: the memory is put back before each
- * call. */
+/* The force and, where they are wanted, its derivatives before it. */
 static enum modal_status lua_force(const struct law *law, const struct law_point *at,
                                    struct law_force *out, struct modal_error *err)
 {
     struct lua_law *s = law->data;
-    enum modal_status rc = copy_memory(s, "memory", "before", err);
+    enum modal_status rc = MODAL_OK;
 
-    if (rc == MODAL_OK)
-        rc = slope(s, at, false, &out->fd[0][0], err);
-    if (rc == MODAL_OK)
-        rc = slope(s, at, true, &out->fv[0][0], err);
-    if (rc == MODAL_OK)
-        rc = copy_memory(s, "before", "memory", err);
+    s->beyond = false;
+    s->scale_d = fmax(s->scale_d, fabs(at->d[0]));
+    s->scale_v = fmax(s->scale_v, fabs(at->v[0]));
+    if (!out->alone)
+        rc = slopes(s, at, out, err);
     if (rc == MODAL_OK)
         rc = call(s, at->t, at->d[0], at->v[0], &out->f[0], err);
     out->acts = true;
     out->regime = 0;
+    out->beyond = s->beyond;
     return rc == MODAL_ELEMENT_FAILED ? name_effect(law, rc, err) : rc;
 }
 
@@ -394,27 +455,16 @@ static void lua_restart(const struct law *law)
 {
     struct lua_law *s = law->data;
 
-    s->unlimited = true;  /* an empty table: see the struct */
-    lua_settop(s->L, 0);
-    lua_newtable(s->L);
-    lua_setfield(s->L, LUA_REGISTRYINDEX, "memory");
-    s->unlimited = false;
+    empty_memory(s);
+    s->scale_d = s->scale_v = 0;
 }
 
 /* Whether the source has put anything into `memory`. */
 static bool lua_remembers(const struct law *law)
 {
-    struct lua_law *s = law->data;
-    bool any;
+    const struct lua_law *s = law->data;
 
-    s->unlimited = true;
-    lua_settop(s->L, 0);
-    lua_getfield(s->L, LUA_REGISTRYINDEX, "memory");
-    lua_pushnil(s->L);
-    any = !lua_istable(s->L, 1) || lua_next(s->L, 1) != 0;
-    lua_settop(s->L, 0);
-    s->unlimited = false;
-    return any;
+    return s->kept;
 }
 
 /* law_class.free: closes the interpreter, which returns its bytes to the count. */
@@ -450,6 +500,7 @@ enum modal_status law_lua(const char *source, size_t *together, struct law *out,
     if (s == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "lua: no memory for a state");
     s->together = together;
+    s->reach_d = s->reach_v = -1;
     s->left = INSTRUCTIONS;
     s->L = lua_newstate(allocate, s);
     if (s->L == NULL) {

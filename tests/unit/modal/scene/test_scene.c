@@ -584,6 +584,70 @@ TEST(copies_of_a_laws_memory_count_by_what_is_in_it)
     CHECK(strstr(err.message, "more than 1000000 instructions in one call") != NULL);
 }
 
+/* d' = 0; d as given; the force alone or with its slope, which is 3 d^2. */
+static double slope_of_cube(const struct law *law, double d, bool alone)
+{
+    double v = 0;
+    struct modal_error err;
+    struct law_force out = { .alone = alone };
+    struct law_point at = { .t = 0, .d = &d, .v = &v };
+
+    if (law->kind->force(law, &at, &out, &err) != MODAL_OK)
+        fail_msg("%s", err.message);
+    CHECK(fabs(out.f[0] / (d * d * d) - 1) < 1e-12);
+    return out.fd[0][0];
+}
+
+/* cbrt(eps) of 1 squared is 4e-11 of the curvature; steps for 1e90 would say 1e168. */
+TEST(slopes_in_lua_forget_the_size_of_a_motion_of_a_period_before)
+{
+    struct program *p = NULL;
+    struct modal_error err;
+
+    CHECK(lower_lua(1, "function force(t, x, v, m) return x^3 end", &p, &err) == MODAL_OK);
+    slope_of_cube(&p->law[0], 1e90, false);
+    p->law[0].kind->restart(&p->law[0]);
+    CHECK(fabs(slope_of_cube(&p->law[0], 1, false) - 3) < 1e-9);
+    program_free(p);
+}
+
+/* Globals outlive `restart`: the source counts its calls itself and refuses the seventh. */
+TEST(a_law_in_lua_is_called_once_for_its_force_and_five_times_with_its_slopes)
+{
+    struct program *p = NULL;
+    struct modal_error err;
+    struct law_force out = { .alone = true };
+    double d = 1, v = 0;
+    struct law_point at = { .t = 0, .d = &d, .v = &v };
+
+    CHECK(lower_lua(1, "calls = 0 function force(t, x, v, m) calls = calls + 1 "
+                       "if calls > 6 then error(calls) end return x^3 end", &p, &err) == MODAL_OK);
+    slope_of_cube(&p->law[0], 1, true);
+    slope_of_cube(&p->law[0], 1, false);
+    CHECK(p->law[0].kind->force(&p->law[0], &at, &out, &err) == MODAL_ELEMENT_FAILED);
+    CHECK(strstr(err.message, "7") != NULL && !out.beyond);
+    program_free(p);
+}
+
+/* 1e200 cubed is no number; that 1 cubed is one was seen before, and not the first time. */
+TEST(a_force_in_lua_that_is_no_number_tells_whether_the_motion_is_larger_than_any_before)
+{
+    struct program *p = NULL;
+    struct modal_error err;
+    double d = 1e200, v = 0;
+    struct law_point at = { .t = 0, .d = &d, .v = &v };
+
+    CHECK(lower_lua(1, "function force(t, x, v, m) return x^3 end", &p, &err) == MODAL_OK);
+    for (int i = 0; i < 2; i++) {
+        struct law_force out = { .alone = true };
+
+        CHECK(p->law[0].kind->force(&p->law[0], &at, &out, &err) == MODAL_ELEMENT_FAILED);
+        CHECK(out.beyond == (i == 1));
+        slope_of_cube(&p->law[0], 1, true);
+    }
+    program_free(p);
+}
+
 TEST(a_law_in_lua_is_told_no_address)
 {
     struct program *p = NULL;

@@ -328,13 +328,23 @@ static void linear_residual(struct balance *b, const double complex *X)
     }
 }
 
+/* What laws see, each of which is a motion to be followed. */
+static double inputs_of(const struct program *p)
+{
+    double inputs = 0;
+
+    for (int l = 0; l < p->laws; l++)
+        inputs += p->law[l].kind->inputs;
+    return inputs;
+}
+
 enum modal_status balance_residual(struct balance *b, const double complex *X, bool derivative,
                                    struct modal_error *err)
 {
     double summed = aft_summed(b->aft);
     enum modal_status rc = aft_force(b->aft, b->omega, X, b->F, err);
 
-    budget_add(b->budget, (double)b->p->laws * aft_samples(b->aft) * BUDGET_SAMPLE
+    budget_add(b->budget, inputs_of(b->p) * aft_samples(b->aft) * BUDGET_SAMPLE
                + BUDGET_PRODUCT * (aft_summed(b->aft) - summed)
                + (double)aft_events(b->aft) * BUDGET_EVENT * b->H
                + 8.0 * pattern_entries(b->pattern) * (b->H + 1));

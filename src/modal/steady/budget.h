@@ -4,7 +4,7 @@
  * The unit is an operation on a number read from a scattered place, about a nanosecond; those of
  * factorizations and products of matrices run BUDGET_DENSE times as fast.  What is counted:
  *
- *     a law at one instant, its transforms included      BUDGET_SAMPLE        (balance.c, cycle.c)
+ *     a law's input at one instant, with its transforms  BUDGET_SAMPLE        (balance.c, cycle.c)
  *     an event or a turn of a law's motion               BUDGET_EVENT H       (balance.c)
  *     a gain's product with a motion, term by term       BUDGET_PRODUCT H^2   (balance.c)
  *     a residual's products with S_k                     8 an entry           (balance.c)
@@ -27,7 +27,7 @@ struct budget {
 
 enum {
     BUDGET_DENSE = 4,      /* dense operations in the time of one on a scattered number */
-    BUDGET_SAMPLE = 60,    /* of a law at one instant, its transforms included */
+    BUDGET_SAMPLE = 60,    /* of a law's input at one instant, its transforms included */
     BUDGET_SUM = 2,        /* a harmonic of a motion and its rates at one instant */
     BUDGET_EVENT = 20,     /* a harmonic: some five sums to polish it, and its waves to 3 H */
     BUDGET_PRODUCT = 2     /* of a piece's gain and a motion's harmonic: eight numbers read */

@@ -76,7 +76,7 @@ enum {
     PERIODS_FIRST = 12,    /* marched, so that fast transients are gone */
     TRIES_MOST = 400000,   /* steps in all, whatever they cost */
     QUICK_CALLS = 100,     /* operations of a stage that its calls take, whatever the size, */
-    QUICK_LAW = 20,        /* and a law's force, which needs no transform */
+    QUICK_LAW = 20,        /* and a law's force, an input, which needs no transform */
     SVD_ROOM = 8           /* dgelss: 5 of the order at least */
 };
 
@@ -405,13 +405,16 @@ static enum modal_status set_quick(struct settle *s, int count, bool *serves,
                                    struct modal_error *err)
 {
     struct stepper_options how = { .dt = s->T / STEPS, .substeps = count };
-    double work, stages = 4, N = s->N, probes = 2.0 * s->ports->probes;
+    double work, stages = 4, N = s->N, probes = 2.0 * s->ports->probes,
+           /* what laws remember moves once a step more */
+           asked = s->own.by->memories > 0 ? stages + 1 : stages;
 
     if (s->quick.by != NULL)
         s->quick.by->free(s->quick.by);
     s->quick = (struct pace){ 0 };
-    work = stages * (QUICK_CALLS + s->p.laws * QUICK_LAW
-                     + 2 * N * (N + s->src->nw + probes + s->ports->channels) / BUDGET_DENSE);
+    work = stages * (QUICK_CALLS + 2 * N * (N + s->src->nw) / BUDGET_DENSE)
+           + asked * (s->ports->inputs * QUICK_LAW
+                      + 2 * N * (probes + s->ports->channels) / BUDGET_DENSE);
     *serves = STEPS * count * work < STEPS_FIRST * s->own.try_work
            && STEPS * count * work * PERIODS_FIRST < s->most - s->spent;
     s->pace = &s->quick;
@@ -739,7 +742,7 @@ static enum modal_status multipliers_by(struct settle *s, double step, double co
 
     for (int i = 0; i < order * order; i++)
         s->work[i] = (i % (order + 1) == 0) - s->J[i];
-    return rc == MODAL_OK ? eigen_general(&A, out, NULL, NULL, err) : rc;
+    return rc == MODAL_OK ? eigen_by_size(&A, out, err) : rc;
 }
 
 enum modal_status settle_multipliers(struct settle *s, double most, struct cycle *out,

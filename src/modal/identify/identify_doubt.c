@@ -13,7 +13,6 @@
 #include "modal/identify/ask/verdict.h"
 #include "modal/identify/fit/stationary.h"
 #include "modal/identify/linear/exponents.h"
-#include "modal/linalg/svd.h"
 #include "modal/numbers.h"
 
 enum { NOISE_ROWS = 65536 };      /* asked whether they are noise: the first, where motion is */
@@ -87,7 +86,7 @@ static double white_left(const struct work *w)
     if (!w->choice.clean || !w->choice.rest.known)
         return 0;
     /* trend_watch() need not read the rows again */
-    return w->choice.candidates[w->choice.chosen].fit.residual / safe_matrix_norm(w->X);
+    return w->choice.candidates[w->choice.chosen].fit.residual / refine_norm(&w->data);
 }
 
 /* What noise drives for so long that no pole is worth its price. */
@@ -315,7 +314,7 @@ static bool at_rounding_of_parts(const struct work *w, const struct identify_res
     for (int i = 0; i < r->mode_count; i++)
         parts += r->modes[i].amplitude * r->modes[i].amplitude;  /* as if they did not cancel */
     return w->choice.chosen >= 0 && w->choice.candidates[w->choice.chosen].fit.residual
-        <= ROUNDINGS * DBL_EPSILON * sqrt(parts) * safe_matrix_norm(w->data.Y);
+        <= ROUNDINGS * DBL_EPSILON * sqrt(parts) * refine_norm(&w->data);
 }
 
 enum modal_status work_conclude(struct work *w, const struct batch *batch,

@@ -47,7 +47,7 @@ double work_bic_of_nothing(const struct refine_data *d)
     for (int g = 0; g < d->Y->n / d->phases; g++) {
         double energy = 0;
         for (int k = 0; k < d->phases; k++) {
-            double norm = safe_norm(d->Y->x + (size_t)(g * d->phases + k) * d->Y->ld, d->Y->m);
+            double norm = refine_column_norm(d, g * d->phases + k);
             energy += norm * norm;
         }
         sum += energy > 0 ? own * log(fmax(energy / n, d->least != NULL ? d->least[g] : 0)) : 0;

@@ -8,7 +8,6 @@
 #include "modal/identify/fit/polish.h"
 #include "modal/identify/linear/exponents.h"
 #include "modal/identify/order/another.h"
-#include "modal/linalg/svd.h"
 
 /* A step over all channels, in standard errors of all parameters. */
 static const double
@@ -106,7 +105,7 @@ static bool ill_determined(const struct work *w)
         ill |= p->lambda[j] != 0 && !(p->std_re[j] <= REFINE_TIED * cabs(p->lambda[j]));
     return ill && w->refine && !w->rec.wide && w->data.omega == 0
         && w->choice.candidates[w->choice.chosen].fit.residual
-        <= REFINE_EXACT * safe_matrix_norm(w->data.Y);
+        <= REFINE_EXACT * refine_norm(&w->data);
 }
 
 enum modal_status work_take_poles(struct work *w, struct modal_error *err)

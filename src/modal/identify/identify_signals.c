@@ -121,7 +121,7 @@ bool work_worth_weighing(const struct work *w)
 {
     return work_may_weigh(w) && w->choice.chosen >= 0
         && w->choice.candidates[w->choice.chosen].fit.residual
-        > REFINE_EXACT * safe_matrix_norm(w->data.Y);
+        > REFINE_EXACT * refine_norm(&w->data);
 }
 
 /* The amplitudes of poles in the signals Y, by blocks where those are they. */

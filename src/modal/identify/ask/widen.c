@@ -34,7 +34,6 @@
 #include "modal/identify/linear/exponents.h"
 #include "modal/identify/order/another.h"
 #include "modal/identify/order/order.h"
-#include "modal/linalg/svd.h"
 
 static const double
     DOUBTED = 0.05,                     /* of records: they have wider bars for nothing */
@@ -44,7 +43,7 @@ enum { OTHERS_MOST = 8 };               /* each costs a fit */
 
 static bool at_rounding(const struct refine_data *d, double residual)
 {
-    return residual <= REFINE_EXACT * safe_matrix_norm(d->Y);
+    return residual <= REFINE_EXACT * refine_norm(d);
 }
 
 /* Of what the poles leave: a factor for each frequency THETA. */
@@ -183,7 +182,7 @@ static void scatter(const struct order_choice *choice, double all, struct poles 
 static void for_slow(const struct refine_data *d, const struct order_choice *choice,
                      struct poles *p)
 {
-    double record = d->tau * d->Y->m, all = safe_matrix_norm(d->Y);
+    double record = d->tau * d->Y->m, all = refine_norm(d);
 
     for (int j = 0; j < p->count; j++)
         /* less than a turn */

@@ -9,8 +9,9 @@
  * and so has its derivative. So all that a fit can ask of the block is in the span of
  * u^p e^{lambda_0 l}, u = (l - c) / w, p < TERMS, whichever block it is: they differ by a factor.
  * With an orthonormal Q of that span |y - Phi x|^2 = |Q^T y - Q^T Phi x|^2 + |y - Q Q^T y|^2, and
- * the second part does not depend on the fit. It is summed from what is left, not by difference,
- * so that exact data stay exact.
+ * the second part does not depend on the fit. It is |y|^2 - |Q^T y|^2 where that keeps twelve
+ * digits, as many as an exact fit has; else it is summed from what is left, so that exact data stay
+ * exact.
  *
  * w is half of the block, or the life 1 / |a| of what decays sooner. (1) is cut at
  * (delta w)^TERMS / TERMS!, which REACH keeps below 1e-11.
@@ -25,7 +26,9 @@
 enum {
     TERMS = 3                       /* of (1) */
 };
-static const double REACH = 3e-4;   /* of delta w: (1) is then cut below 1e-11 */
+static const double
+    REACH = 3e-4,                   /* of delta w: (1) is then cut below 1e-11 */
+    CANCELS = 1e-4;                 /* of |y|^2: of sixteen digits a difference keeps twelve */
 
 void compressed_free(struct compressed *c)
 {
@@ -150,7 +153,7 @@ static double project_blocks(struct compressed *c, int k, int t, int end, double
 {
     int B = c->block, n = c->rows, chunk = POWERS_CHUNK / B > 0 ? POWERS_CHUNK / B : 1;
     const double *y = c->Y.x + (size_t)k * (size_t)c->Y.ld;
-    double *z = c->data + (size_t)k * ((size_t)n << c->levels), sum = 0;
+    double *z = c->data + (size_t)k * ((size_t)n << c->levels), sum = 0, all, left;
 
     for (; t < end; t += chunk) {
         int some = end - t < chunk ? end - t : chunk;
@@ -158,11 +161,15 @@ static double project_blocks(struct compressed *c, int k, int t, int end, double
         double *to = z + (size_t)t * (size_t)n;
         cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, n, some, B, 1, c->Q, B, from, B, 0,
                     to, n);
-        memcpy(rest, from, (size_t)some * (size_t)B * sizeof *rest);
-        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, B, some, n, -1, c->Q, B, to, n, 1,
-                    rest, B);
-        /* from the rest itself: |y|^2 - |Q^T y|^2 would cancel */
-        sum += cblas_ddot(some * B, rest, 1, rest, 1);
+        all = cblas_ddot(some * B, from, 1, from, 1);
+        left = all - cblas_ddot(some * n, to, 1, to, 1);
+        if (left < CANCELS * all) {
+            memcpy(rest, from, (size_t)some * (size_t)B * sizeof *rest);
+            cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, B, some, n, -1, c->Q, B, to, n,
+                        1, rest, B);
+            left = cblas_ddot(some * B, rest, 1, rest, 1);
+        }
+        sum += left;
     }
     return sum;
 }

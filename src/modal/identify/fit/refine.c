@@ -63,6 +63,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "modal/identify/fit/refine_state.h"
+#include "modal/linalg/svd.h"
 
 static bool refined_new(struct refined *r, const struct work *w)
 {
@@ -251,6 +252,24 @@ out:
     refined_done(&r);
     refine_free(&w);
     return rc;
+}
+
+double refine_column_norm(const struct refine_data *data, int c)
+{
+    const struct compressed *b = data->blocks;
+    const struct matrix *Y = data->Y;
+
+    return b != NULL && b->Y.x == Y->x && b->Y.m == Y->m
+               ? sqrt(b->energy[c]) : safe_norm(Y->x + (size_t)c * (size_t)Y->ld, Y->m);
+}
+
+double refine_norm(const struct refine_data *data)
+{
+    double norm = 0;
+
+    for (int c = 0; c < data->Y->n; c++)
+        norm = hypot(norm, refine_column_norm(data, c));
+    return norm;
 }
 
 double refine_work(const struct refine_data *data, int order)

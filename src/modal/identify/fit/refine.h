@@ -163,6 +163,10 @@ void refined_done(struct refined *r);
 /* Multiplications of one evaluation of ORDER columns with their derivatives, about. */
 double refine_work(const struct refine_data *data, int order);
 
+/* Norms of Y and of a column: what its blocks know of them, else by a pass over all of it. */
+double refine_norm(const struct refine_data *data);
+double refine_column_norm(const struct refine_data *data, int column);
+
 /* The data in the span of a set of poles: Phi = Q R, Z = Q^T Y, columns of Phi in the order of
  * the poles. */
 struct projected {

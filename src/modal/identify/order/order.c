@@ -64,7 +64,6 @@
 #include "modal/identify/order/order_state.h"
 #include "modal/identify/order/remainder.h"
 #include "modal/identify/order/trim.h"
-#include "modal/linalg/svd.h"
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -100,7 +99,7 @@ static bool worth_a_look(const struct climb *c, int r, int best, int best_r, dou
 static enum modal_status look(struct climb *c, int *least, struct modal_error *err)
 {
     enum modal_status rc = MODAL_OK;
-    double all = safe_matrix_norm(c->data->Y);
+    double all = refine_norm(c->data);
     int best_r = 0;
 
     *least = -1;

@@ -264,8 +264,10 @@ static int mark_column(struct look *k)
 
     memset(k->out, 0, (size_t)k->L * sizeof *k->out);
     find_runs(k);
-    for (int l = 1; l < k->L; l++)
-        low = fmin(low, k->sent[l]), high = fmax(high, k->sent[l]);
+    for (int l = 1; l < k->L; l++) {
+        low = k->sent[l] < low ? k->sent[l] : low;
+        high = k->sent[l] > high ? k->sent[l] : high;
+    }
     for (int l = 0; l < k->L; l++)
         extremes += k->sent[l] == low || k->sent[l] == high;
     if ((k->runs == 0 && extremes == 2 && low != -high) || !has_values(k))

@@ -20,6 +20,7 @@
 #include "modal/identify/ambient/ambient_lines.h"
 #include "modal/identify/ambient/ambient_order.h"
 #include "modal/identify/ambient/ambient_steady.h"
+#include "modal/identify/ambient/ambient_tones.h"
 #include "modal/identify/ambient/ambient_wander.h"
 #include "modal/identify/answer/modes.h"
 #include "modal/identify/ask/diagnose.h"
@@ -34,6 +35,7 @@
 
 enum {
     MAINS = 20,                  /* multiples */
+    SEARCHES = 3,                /* more, each less the lines that the last one's modes show */
     SAMPLES_LEAST = 4 * AMBIENT_STEADY_UNITS    /* four to a unit have an energy */
 };
 static const double
@@ -270,7 +272,7 @@ static bool take_mains(struct work *w, const struct whittle_mode *q, const struc
         || mains_of(w, hertz) == 0 || w->line_count == AMBIENT_LINES_MOST)
         return false;
     w->line[w->line_count++] = (struct ambient_line) { hertz * w->sample,
-                                                       m->amplitude * m->amplitude };
+                                                       m->amplitude * m->amplitude, NULL };
     return true;
 }
 
@@ -721,6 +723,34 @@ static enum modal_status search(struct work *w, struct modal_error *err)
     return rc == MODAL_OK && wanders(w) ? follow_turns(w, err) : rc;
 }
 
+/* Less the lines that stand beside the modes that were found, as long as there are any.  Of a
+ * periodic system lines are what does not turn with it: those have no place among its lifted
+ * spectra. */
+static enum modal_status search_beside_lines(struct work *w, struct modal_error *err)
+{
+    bool changed = true;
+    enum modal_status rc = search(w, err);
+
+    /* what no second search settles on no third one will */
+    for (int i = 0; rc == MODAL_OK && !w->periodic && i < SEARCHES && !(i > 0 && w->found.limit);
+         i++) {
+        struct ambient_tones_input in = { &w->rec.Y, &w->pod, &w->spectrum, w->found.model,
+                                          &w->found.bins, w->opt.cancelled, w->opt.context };
+        rc = ambient_tones_take(&in, w->line, &w->line_count, &changed, err);
+        if (rc != MODAL_OK || !changed)
+            break;
+        ambient_search_done(&w->found);
+        spectrum_done(&w->spectrum);
+        pod_done(&w->pod);
+        free(w->back);
+        w->back = NULL;
+        rc = reduce(w, err);
+        if (rc == MODAL_OK)
+            rc = search(w, err);
+    }
+    return rc;
+}
+
 enum modal_status ambient_identify(const struct batch *batch, const struct identify_options *opt,
                                    struct identify_result *out, struct modal_error *err)
 {
@@ -735,7 +765,7 @@ enum modal_status ambient_identify(const struct batch *batch, const struct ident
         rc = reduce(&w, err);
     response_stage(opt, &w.clock, "pod", out);
     if (rc == MODAL_OK)
-        rc = search(&w, err);
+        rc = search_beside_lines(&w, err);
     response_stage(opt, &w.clock, "refine", out);
     if (rc == MODAL_OK && (rc = report_modes(&w, out, err)) == MODAL_OK
         && (rc = report_spectra(&w, out, err)) == MODAL_OK
@@ -746,6 +776,7 @@ enum modal_status ambient_identify(const struct batch *batch, const struct ident
     ambient_search_done(&w.found);
     spectrum_done(&w.spectrum);
     pod_done(&w.pod);
+    ambient_lines_done(w.line, w.line_count);
     record_done(&w.rec);
     free(w.whole.x);
     free(w.longer);

@@ -45,6 +45,12 @@ static void work_done(struct work *w)
     free(w->power), free(w->closed), free(w->window);
 }
 
+static void hann(struct work *w)
+{
+    for (int k = 0; k < w->Y->m; k++)
+        w->window[k] = (1 - cos(2 * M_PI * (k + 0.5) / w->Y->m)) / 2;
+}
+
 static enum modal_status work_init(struct work *w, struct matrix *Y, struct modal_error *err)
 {
     size_t n = (size_t)Y->m;
@@ -58,8 +64,7 @@ static enum modal_status work_init(struct work *w, struct matrix *Y, struct moda
         w->plan = fftw_plan_dft_r2c_1d(Y->m, w->x, w->X, FFTW_ESTIMATE);
     if (w->plan == NULL || w->power == NULL || w->closed == NULL || w->window == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d samples", Y->m);
-    for (int k = 0; k < Y->m; k++)
-        w->window[k] = (1 - cos(2 * M_PI * (k + 0.5) / Y->m)) / 2;
+    hann(w);
     return MODAL_OK;
 }
 
@@ -68,13 +73,18 @@ static double *column(const struct work *w, int c)
     return w->Y->x + (size_t)c * w->Y->ld;
 }
 
+static void transform(struct work *w, int c)
+{
+    for (int k = 0; k < w->Y->m; k++)
+        w->x[k] = column(w, c)[k] * w->window[k];
+    fftw_execute(w->plan);
+}
+
 static void measure(struct work *w)
 {
     memset(w->power, 0, sizeof *w->power * (size_t)w->lines);
     for (int c = 0; c < w->Y->n; c++) {
-        for (int k = 0; k < w->Y->m; k++)
-            w->x[k] = column(w, c)[k] * w->window[k];
-        fftw_execute(w->plan);
+        transform(w, c);
         for (int j = 0; j < w->lines; j++)
             w->power[j] += w->X[j][0] * w->X[j][0] + w->X[j][1] * w->X[j][1];
     }
@@ -142,16 +152,31 @@ static double sharper(const struct work *w, int c, double turn)
     return size > 0 ? turn + along / size : turn;
 }
 
+/* The column where line J is highest over the median about it: noise disturbs it least there. */
+static int clearest(struct work *w, int j)
+{
+    int first = (int)fmax(fmin(j - BLOCK / 2, w->lines - BLOCK), 0), best = 0;
+    int count = w->lines - first < BLOCK ? w->lines - first : BLOCK;
+    double most = -1, block[BLOCK];
+
+    for (int c = 0; c < w->Y->n; c++) {
+        transform(w, c);
+        for (int i = 0; i < count; i++)
+            block[i] = numbers_square(CMPLX(w->X[first + i][0], w->X[first + i][1]));
+        double high = block[j - first], median = numbers_ranked(block, count, count / 2);
+        if (high > most * median)
+            best = c, most = high / median;
+    }
+    return best;
+}
+
 /* Radians a sample of the peak about line J. */
-static double peak_near(const struct work *w, int j)
+static double peak_near(struct work *w, int j)
 {
     const double golden = (sqrt(5) - 1) / 2;
     double line = 2 * M_PI / w->Y->m, a = (j - 1) * line, b = (j + 1) * line;
-    int best = 0;
+    int best = clearest(w, j);
 
-    for (int c = 1; c < w->Y->n; c++)
-        if (cabs(transform_at(w, c, j * line)) > cabs(transform_at(w, best, j * line)))
-            best = c;
     for (int turn = 0; turn < TURNS; turn++) {
         double p = b - golden * (b - a), q = a + golden * (b - a);
         if (cabs(transform_at(w, best, p)) > cabs(transform_at(w, best, q)))
@@ -186,46 +211,68 @@ static double energy_near(const struct work *w, int j)
     return sum;
 }
 
+void ambient_lines_done(struct ambient_line *line, int count)
+{
+    for (int i = 0; i < count; i++) {
+        free(line[i].z);
+        line[i].z = NULL;
+    }
+}
+
+/* The sinusoid of so many radians a sample off all columns. */
+static enum modal_status subtract_all(const struct work *w, double turn, struct ambient_line *out,
+                                      struct modal_error *err)
+{
+    *out = (struct ambient_line) { turn / (2 * M_PI), 0, malloc(sizeof *out->z * (size_t)w->Y->n) };
+    if (out->z == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d channels", w->Y->n);
+    for (int c = 0; c < w->Y->n; c++) {
+        out->z[c] = amplitude_of(w, c, turn);
+        subtract(w, c, turn, out->z[c]);
+        out->share += numbers_square(out->z[c]) / (2 * w->Y->n);
+    }
+    return MODAL_OK;
+}
+
+static void add_all(const struct work *w, struct ambient_line *line)
+{
+    for (int c = 0; c < w->Y->n; c++)
+        subtract(w, c, 2 * M_PI * line->frequency, -line->z[c]);
+    ambient_lines_done(line, 1);
+}
+
 /* The sinusoid at line J off all columns, if it is one. */
 static enum modal_status take(struct work *w, int j, struct ambient_line *out, bool *taken,
                               struct modal_error *err)
 {
-    double turn = peak_near(w, j), before = energy_near(w, j), share = 0;
-    double complex *z = malloc(sizeof *z * (size_t)w->Y->n);
+    double before = energy_near(w, j);
+    enum modal_status rc = subtract_all(w, peak_near(w, j), out, err);
 
-    if (z == NULL)
-        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d channels", w->Y->n);
-    for (int c = 0; c < w->Y->n; c++) {
-        z[c] = amplitude_of(w, c, turn);
-        subtract(w, c, turn, z[c]);
-        share += creal(z[c] * conj(z[c])) / (2 * w->Y->n);
-    }
+    if (rc != MODAL_OK)
+        return rc;
     measure(w);
     *taken = energy_near(w, j) < LEFT * before;
     if (!*taken) {
-        for (int c = 0; c < w->Y->n; c++)
-            subtract(w, c, turn, -z[c]);
+        add_all(w, out);
         measure(w);
     }
     for (int i = j - WIDTH; i <= j + WIDTH; i++)
         if (i >= 0 && i < w->lines)
             w->closed[i] = true;
-    *out = (struct ambient_line) { turn / (2 * M_PI), share };
-    free(z);
     return MODAL_OK;
 }
 
-/* Less the mean that lines had in it; zero where nothing is left. */
-static void settle(const struct work *w, int c)
+void ambient_lines_settle(struct matrix *Y)
 {
-    double *y = column(w, c), mean = 0, sum = 0;
-
-    for (int k = 0; k < w->Y->m; k++)
-        mean += y[k] / w->Y->m;
-    for (int k = 0; k < w->Y->m; k++)
-        y[k] -= mean, sum += y[k] * y[k];
-    if (sqrt(sum / w->Y->m) < NOTHING)
-        memset(y, 0, sizeof *y * (size_t)w->Y->m);
+    for (int c = 0; c < Y->n; c++) {
+        double *y = Y->x + (size_t)c * Y->ld, mean = 0, sum = 0;
+        for (int k = 0; k < Y->m; k++)
+            mean += y[k] / Y->m;
+        for (int k = 0; k < Y->m; k++)
+            y[k] -= mean, sum += y[k] * y[k];
+        if (sqrt(sum / Y->m) < NOTHING)
+            memset(y, 0, sizeof *y * (size_t)Y->m);
+    }
 }
 
 enum modal_status ambient_lines_take(struct matrix *Y, struct ambient_line *out, int *count,
@@ -245,8 +292,35 @@ enum modal_status ambient_lines_take(struct matrix *Y, struct ambient_line *out,
         rc = take(&w, j, &out[*count], &taken, err);
         *count += taken, failed += !taken;
     }
-    for (int c = 0; c < Y->n && rc == MODAL_OK && *count > 0; c++)
-        settle(&w, c);
+    if (rc == MODAL_OK && *count > 0)
+        ambient_lines_settle(Y);
     work_done(&w);
     return rc;
+}
+
+/* The column functions of one line need the window alone. */
+static enum modal_status window_init(struct work *w, struct matrix *Y, struct modal_error *err)
+{
+    *w = (struct work) { .Y = Y, .window = malloc(sizeof *w->window * (size_t)Y->m) };
+    if (w->window == NULL)
+        return modal_fail(err, MODAL_NO_MEMORY, "identify: no memory for %d samples", Y->m);
+    hann(w);
+    return MODAL_OK;
+}
+
+enum modal_status ambient_lines_take_at(struct matrix *Y, double frequency,
+                                        struct ambient_line *out, struct modal_error *err)
+{
+    struct work w;
+    enum modal_status rc = window_init(&w, Y, err);
+
+    if (rc == MODAL_OK)
+        rc = subtract_all(&w, 2 * M_PI * frequency, out, err);
+    free(w.window);
+    return rc;
+}
+
+void ambient_lines_put_back(struct matrix *Y, struct ambient_line *line)
+{
+    add_all(&(struct work) { .Y = Y }, line);
 }

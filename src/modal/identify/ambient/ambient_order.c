@@ -428,3 +428,16 @@ enum modal_status ambient_search(const struct spectrum *s, const struct ambient_
     free(w.trial);
     return rc;
 }
+
+enum modal_status ambient_refit(const struct spectrum *s, const struct ambient_limits *limits,
+                                struct whittle *m, struct modal_error *err)
+{
+    struct search w = { .s = s, .limits = limits, .work = WORK_MOST };
+    struct bins bins = { 0 };
+    enum modal_status rc = bins_for(&w, m, m, &bins, err);
+
+    if (rc == MODAL_OK)
+        rc = fit(&w, m, &bins, -HUGE_VAL, err);
+    bins_done(&bins);
+    return rc;
+}

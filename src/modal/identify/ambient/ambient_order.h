@@ -36,4 +36,9 @@ double ambient_price(int channels, int lines);
 enum modal_status ambient_search(const struct spectrum *s, const struct ambient_limits *limits,
                                  struct ambient_search *out, struct modal_error *err);
 void ambient_search_done(struct ambient_search *a);
+
+/* M climbs on, as one of many fits does, by what S holds.  Fails with MODAL_NO_MEMORY,
+ * MODAL_CANCELLED. */
+enum modal_status ambient_refit(const struct spectrum *s, const struct ambient_limits *limits,
+                                struct whittle *m, struct modal_error *err);
 #endif

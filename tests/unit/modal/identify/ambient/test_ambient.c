@@ -291,5 +291,6 @@ TEST(a_sinusoid_is_taken_off_and_noise_is_left_alone)
     CHECK_NEAR(line[0].share, (9 + 16) / 4., 0.1);
     for (int i = 0; i < 2 * LONG; i++)
         CHECK(fabs(y[i] - noise[i]) < 0.1);
+    ambient_lines_done(line, count);
     CHECK(ambient_lines_take(&Y, line, &count, &err) == MODAL_OK && count == 0);
 }

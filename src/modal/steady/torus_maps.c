@@ -254,7 +254,7 @@ void torus_maps_tell(const struct torus_maps *a, const double *u, const double *
         for (int e = 0; e < (t->terms + 1) * t->n; e++)
             t->a[e * C + c] = a->out[e];
     }
-    torus_taylor_use(t);
+    t->used = t->terms;
 }
 
 double torus_maps_bend(const struct torus_maps *a, int l, const double *u, const double *wave)

@@ -406,28 +406,6 @@ COPIED bool is_faint(const struct torus_taylor *t, const double *term, const dou
     return faint;
 }
 
-/* The largest of a column's terms 0 and 1, at least SIZE. */
-COPIED void size_of(const struct torus_taylor *t, int columns, double *size)
-{
-    for (int e = 0; e < 2 * t->n; e++)
-        for (int c = 0; c < columns; c++) {
-            double x = fabs(t->a[e * columns + c]);
-
-            size[c] = x > size[c] ? x : size[c];
-        }
-}
-
-void torus_taylor_use(struct torus_taylor *t)
-{
-    double size[TORUS_WIDE] = { 0 };
-
-    size_of(t, t->columns, size);
-    t->used = t->terms;
-    while (t->used > 2
-           && is_faint(t, t->a + (size_t)t->used * (size_t)(t->n * t->columns), size, t->columns))
-        t->used--;
-}
-
 /*
  * torus_taylor_make of COLUMNS.  Each term is made of the two before it: where these are faint all
  * that follow are, for steps are short.  The sums of the end are taken along with the terms, which
@@ -446,7 +424,13 @@ COPIED void make(struct torus_taylor *t, const double *u, const double *wave, in
     for (int e = 0; e < wide; e++)
         a[wide + e] = u[wide + e] * t->h;
     memcpy(to, a, 2 * (size_t)wide * sizeof *to);
-    size_of(t, columns, size);
+    for (int i = 0; i < n; i++)
+        for (int c = 0; c < columns; c++) {
+            double x = fabs(a[i * columns + c]), v = fabs(a[wide + i * columns + c]);
+
+            size[c] = x > size[c] ? x : size[c];
+            size[c] = v > size[c] ? v : size[c];
+        }
     for (int e = 0; e < wide; e++)
         to[e] += a[wide + e];
     t->used = t->terms;

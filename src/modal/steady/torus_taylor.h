@@ -68,12 +68,10 @@ void torus_taylor_narrow(struct torus_taylor *t, int columns);
  * now, with WAVE's cosines and sines, [2 w] and [2 w + 1], at its begin; its end into TO, which is
  * not U. */
 void torus_taylor_make(struct torus_taylor *t, const double *u, const double *wave, double *to);
-/* The same in two parts, for whoever has the terms of t->a otherwise: a step begins with WAVE; or
- * anew at TAU, where the motion is t->u and the waves are WAVE.  Terms behind the last that is not
- * faint are not used. */
+/* The same but for the terms, for whoever has all of t->a otherwise: a step begins with WAVE; or
+ * anew at TAU, where the motion is t->u and the waves are WAVE. */
 void torus_taylor_begin(struct torus_taylor *t, const double *wave);
 void torus_taylor_stop(struct torus_taylor *t, double tau, double *wave);
-void torus_taylor_use(struct torus_taylor *t);
 /* Law L's GAIN and LEVEL, columns of them, from here on. */
 void torus_taylor_set_line(struct torus_taylor *t, int l, double gain, const double *level);
 /* Law L's d of column C, its polynomial, into P: used + 1. */

@@ -350,7 +350,8 @@ static int growing(const struct refined *fit, const struct synthesis *f, double 
         /* rows resolve one beat over their length */
         bool strong = energy[j] > VERDICT_WEAK * total, at = fabs(cimag(z) - frequency) < beat;
         bool grows = strong && creal(z) > REFINE_CLEAR * fit->std_re[j]
-            && !may_be_harmonic(fit, energy, j) && !verdict_slow(z, tau * f->rows);
+            && !may_be_harmonic(fit, energy, j)
+            && !verdict_slow(z, fit->std_re[j], tau * f->rows);
         count += grows;
         here += strong && at, up += grows && at;
         down += strong && at && creal(z) < -REFINE_CLEAR * fit->std_re[j];

@@ -101,9 +101,16 @@ static bool overshadowed(const struct identify_result *r, int i, double duration
     return false;
 }
 
-bool verdict_slow(double complex lambda, double seconds)
+/* Does growth known to B for sure rise by less than drift may, over so many seconds? */
+static bool rises_little(double growth, double b, double seconds)
 {
-    return cabs(lambda) * seconds < SLOW && creal(lambda) * seconds < RISE;
+    return (growth - b) * seconds < RISE;
+}
+
+bool verdict_slow(double complex lambda, double std_re, double seconds)
+{
+    return cabs(lambda) * seconds < SLOW
+        && rises_little(creal(lambda), VERDICT_CLEAR * std_re, seconds);
 }
 
 /* Is growth beyond its error believed?  What makes up for something that the model lacks has little
@@ -120,7 +127,8 @@ static bool believed(const struct identify_result *r, int i, double duration)
         return true;
     if (m->growth == GROWTH_UNASKED)
         return !weak;
-    if (slow && (weak || (creal(m->exponent) * duration < RISE && m->growth != GROWTH_IN_HALVES)))
+    if (slow && (weak || (rises_little(creal(m->exponent), half_width(r, i), duration)
+                          && m->growth != GROWTH_IN_HALVES)))
         return false;
     return (m->growth == GROWTH_IN_HALF || m->growth == GROWTH_IN_HALVES) && !shadow;
 }

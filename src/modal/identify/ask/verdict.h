@@ -47,6 +47,7 @@ void verdict_withhold(struct identify_result *result);
  * growth: the end of a record where it was set off anew. */
 bool verdict_crowd_grows(const struct identify_result *result);
 
-/* Slower than a record of so many seconds, and rising in it by less than e^3: drift looks so. */
-bool verdict_slow(double complex lambda, double seconds);
+/* Slower than a record of so many seconds, and not for sure, by its standard error, rising in it by
+ * e^3: drift looks so. */
+bool verdict_slow(double complex lambda, double std_re, double seconds);
 #endif

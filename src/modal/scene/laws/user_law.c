@@ -14,8 +14,8 @@
  * do without end is counted as the instructions it is worth: `next` passes empty entries, at most
  * those of the largest table there was, and a table that is given a key when it has no room looks
  * at all of its own and asks for its parts anew.  Derivatives are central differences, with
- * h = cbrt(eps) max(|d|, scale / 10), scale the largest |d| (|v|) since the period began: error of
- * order h^2, about 1e-10 of the force.  A difference must not be remembered, so `memory` is copied
+ * h = cbrt(eps) max(|d|, scale / 10), scale the largest |d| (|v|) of this period and the one before:
+ * error of order h^2, about 1e-10 of the force, at a period's first instant, too.  A difference must not be remembered, so `memory` is copied
  * before it and put back; as long as nothing is in it there is nothing to copy.
  */
 #include <float.h>
@@ -48,6 +48,7 @@ struct lua_law {
     enum { NO_LIMIT, OF_ONE, OF_ALL, OF_STRING, OF_WORK } passed;  /* by what was refused last */
     long left;                    /* instructions of this call */
     double scale_d, scale_v;      /* the largest of this period: see the opening */
+    double before_d, before_v;    /* of the one before */
     double reach_d, reach_v;      /* the largest ever at which the force was finite; < 0: nowhere */
     bool beyond;                  /* it was not finite last, past those */
     bool kept;                    /* `memory` has had an entry in this period */
@@ -387,8 +388,9 @@ static enum modal_status put_back(struct lua_law *s, bool kept, struct modal_err
 static enum modal_status slope(struct lua_law *s, const struct law_point *at, bool over_v,
                                bool kept, double *out, struct modal_error *err)
 {
-    double x = over_v ? at->v[0] : at->d[0], scale = over_v ? s->scale_v : s->scale_d, h, up, down,
-           f[2];
+    double x = over_v ? at->v[0] : at->d[0],
+           scale = over_v ? fmax(s->scale_v, s->before_v) : fmax(s->scale_d, s->before_d), h, up,
+           down, f[2];
     enum modal_status rc = MODAL_OK;
 
     /* truncation h^2 and rounding eps/h are alike */
@@ -456,6 +458,8 @@ static void lua_restart(const struct law *law)
     struct lua_law *s = law->data;
 
     empty_memory(s);
+    s->before_d = s->scale_d;
+    s->before_v = s->scale_v;
     s->scale_d = s->scale_v = 0;
 }
 

@@ -599,7 +599,7 @@ static double slope_of_cube(const struct law *law, double d, bool alone)
 }
 
 /* cbrt(eps) of 1 squared is 4e-11 of the curvature; steps for 1e90 would say 1e168. */
-TEST(slopes_in_lua_forget_the_size_of_a_motion_of_a_period_before)
+TEST(slopes_in_lua_forget_the_size_of_a_motion_of_a_period_before_the_last)
 {
     struct program *p = NULL;
     struct modal_error err;
@@ -607,7 +607,32 @@ TEST(slopes_in_lua_forget_the_size_of_a_motion_of_a_period_before)
     CHECK(lower_lua(1, "function force(t, x, v, m) return x^3 end", &p, &err) == MODAL_OK);
     slope_of_cube(&p->law[0], 1e90, false);
     p->law[0].kind->restart(&p->law[0]);
+    slope_of_cube(&p->law[0], 1, true);
+    p->law[0].kind->restart(&p->law[0]);
     CHECK(fabs(slope_of_cube(&p->law[0], 1, false) - 3) < 1e-9);
+    program_free(p);
+}
+
+/* A motion begins at 0 but for rounding; a step of 1e-24 would leave 3 no digit to move. */
+TEST(slopes_in_lua_at_the_first_instant_of_a_period_are_of_the_size_of_its_motion)
+{
+    static const double path[] = { 1e-18, 1 };
+    struct program *p = NULL;
+    struct modal_error err;
+    struct law_force out = { .alone = true };
+    double d, v = 0;
+    struct law_point at = { .t = 0, .d = &d, .v = &v };
+
+    CHECK(lower_lua(1, "function force(t, x, v, m) return x + 3 end", &p, &err) == MODAL_OK);
+    for (int i = 0; i < 2; i++) {
+        d = path[i];
+        CHECK(p->law[0].kind->force(&p->law[0], &at, &out, &err) == MODAL_OK);
+    }
+    p->law[0].kind->restart(&p->law[0]);
+    d = path[0];
+    out.alone = false;
+    CHECK(p->law[0].kind->force(&p->law[0], &at, &out, &err) == MODAL_OK);
+    CHECK(fabs(out.fd[0][0] - 1) < 1e-8);
     program_free(p);
 }
 

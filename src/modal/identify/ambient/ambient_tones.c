@@ -168,6 +168,8 @@ static double summit(const struct work *w, const double complex *C, int j, doubl
     return (low + high) / 2;
 }
 
+/* A sinusoid of A at POSITION out of all lines, its leakage with it; back into them where SIGN is
+ * -1. */
 static void subtract(struct work *w, double position, const double complex *a, double sign)
 {
     int l = w->s.channels;
@@ -179,12 +181,13 @@ static void subtract(struct work *w, double position, const double complex *a, d
     }
 }
 
-/* A copy of the lines, and back from it, or into it; NULL: no memory. */
+/* Bytes of the lines of all channels. */
 static size_t size_of(const struct work *w)
 {
     return sizeof *w->s.F * (size_t)w->s.lines * (size_t)w->s.channels;
 }
 
+/* A copy of the lines, which the caller frees; NULL: no memory. */
 static double complex *copy_of(const struct work *w)
 {
     double complex *F = malloc(size_of(w));
@@ -192,11 +195,13 @@ static double complex *copy_of(const struct work *w)
     return F != NULL ? memcpy(F, w->s.F, size_of(w)) : NULL;
 }
 
+/* The lines are as in the copy F again. */
 static void restore(struct work *w, const double complex *F)
 {
     memcpy(w->s.F, F, size_of(w));
 }
 
+/* The copy F is as the lines are now. */
 static void keep(const struct work *w, double complex *F)
 {
     memcpy(F, w->s.F, size_of(w));
@@ -220,6 +225,7 @@ static double move(struct work *w, const struct known *known, const double compl
     return position;
 }
 
+/* Among what was found; what is more than the record's lines have room for is left in them. */
 static void add(struct work *w, double position, int known)
 {
     if (w->tone_count < 2 * AMBIENT_LINES_MOST)
@@ -397,6 +403,7 @@ static bool is_sinusoid(const struct work *w, int j, double gain)
 }
 
 /* Whichever about J holds most: places beside a sinusoid may stand out as it does. */
+/* Within what one sinusoid covers, the line where it stands out most: J's neighbours leak of it. */
 static int highest(const struct work *w, int j)
 {
     int best = j;
@@ -407,6 +414,8 @@ static int highest(const struct work *w, int j)
     return best;
 }
 
+/* What is at J is taken off where it is one sinusoid and no narrow mode; it is not looked at again,
+ * either way. */
 static void take(struct work *w, int j)
 {
     double complex C[L * L], a[L];
@@ -426,6 +435,7 @@ static void take(struct work *w, int j)
             w->closed[i] = true;
 }
 
+/* The strongest first: what it leaks over others is gone before they are judged. */
 static void take_all(struct work *w, const struct bins *bins)
 {
     int at, tries = 0;
@@ -522,6 +532,7 @@ static enum modal_status unmask_all(struct work *w, const struct ambient_limits 
 
 /* ---- the way ---- */
 
+/* Frees W's own; the spectrum it looked at is the caller's. */
 static void work_done(struct work *w)
 {
     free(w->m), free(w->t), free(w->between), free(w->closed);
@@ -542,6 +553,8 @@ static struct known known_of(const struct ambient_tones_input *in, const struct 
     return known;
 }
 
+/* The model's poles, a copy of its lines, and the price of a line: Chernoff's bound of what the
+ * largest of PLACES a line reaches by chance, in `x` and in `price`. */
 static enum modal_status work_init(struct work *w, const struct ambient_tones_input *in,
                                    const struct ambient_line *line, int count,
                                    struct modal_error *err)

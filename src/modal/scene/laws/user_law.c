@@ -13,10 +13,11 @@
  * failure like any other, named with its line or with the limit.  What one instruction may make Lua
  * do without end is counted as the instructions it is worth: `next` passes empty entries, at most
  * those of the largest table there was, and a table that is given a key when it has no room looks
- * at all of its own and asks for its parts anew.  Derivatives are central differences, with
- * h = cbrt(eps) max(|d|, scale / 10), scale the largest |d| (|v|) of this period and the one before:
- * error of order h^2, about 1e-10 of the force, at a period's first instant, too.  A difference must not be remembered, so `memory` is copied
- * before it and put back; as long as nothing is in it there is nothing to copy.
+ * at all of its own and asks for its parts anew.  Derivatives are central differences, with h =
+ * cbrt(eps) max(|d|, scale / 10), scale the largest |d| (|v|) of this period and the one before:
+ * error of order h^2, about 1e-10 of the force, at a period's first instant, too.  A difference
+ * must not be remembered, so `memory` is copied before it and put back; as long as nothing is in
+ * it there is nothing to copy.
  */
 #include <float.h>
 #include <lauxlib.h>

@@ -10,12 +10,11 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include "modal/identify/fit/colour.h"
-#include "modal/identify/order/another.h"
 #include "modal/identify/order/whiten.h"
 #include "modal/identify/linear/exponents.h"
 #include "modal/identify/order/remainder.h"
 #include "modal/identify/prepare/fold.h"
+#include "modal/linalg/svd.h"
 
 enum {
     LONG = 4096,                        /* rows: a fit costs L r^2, so that triplets */
@@ -72,7 +71,7 @@ static bool overfitted(const struct work *w)
         w->choice.chosen >= 0 ? &w->choice.candidates[w->choice.chosen].fit : NULL;
 
     return fit != NULL && fit->order > work_sparing_order(w)
-        && fit->residual > REFINE_EXACT * refine_norm(&w->data);
+        && fit->residual > REFINE_EXACT * safe_matrix_norm(w->data.Y);
 }
 
 /* Can the ladder be cut off by the number of triplets, so that more of them may help? */
@@ -91,7 +90,7 @@ static bool cut_off(const struct work *w)
         return false;
     return w->rank + ORDER_AHEAD > w->pencil.count
         || w->choice.candidates[w->choice.chosen].fit.residual
-        > ORDER_POOR * refine_norm(&w->data);
+        > ORDER_POOR * safe_matrix_norm(w->data.Y);
 }
 
 /* Does noise drive this record, or begins a very long one with what is no free response? Then there
@@ -143,7 +142,7 @@ static void note_chosen(struct work *w, struct identify_result *out)
     w->rank = c->r > 0 ? c->r : c->fit.order;
     w->facts.order = c->fit.order;
     w->facts.converged = !w->refine || refined_converged(&c->fit)
-        || c->fit.residual <= REFINE_EXACT * refine_norm(&w->data);
+        || c->fit.residual <= REFINE_EXACT * safe_matrix_norm(w->data.Y);
     out->hankel_rank = c->fit.order;
 }
 
@@ -512,7 +511,7 @@ static enum modal_status climb_all(struct work *w, struct identify_result *out,
  * again. */
 static bool serves_unfinished(const struct work *w, double ladder)
 {
-    return w->many && w->rec.period == 0 && ladder > ORDER_POOR * refine_norm(&w->data);
+    return w->many && w->rec.period == 0 && ladder > ORDER_POOR * safe_matrix_norm(w->data.Y);
 }
 
 /* Does what came from above explain much more than the ladder's choice?  What is not one set of
@@ -631,39 +630,6 @@ enum modal_status work_begin_at_known(struct work *w, struct identify_result *ou
     return rc;
 }
 
-/* Does what FIT, of an order that is told, leaves hold one pair more? It must be worth its price
- * and the odds of LOW_BIC in the noise that is there about it: a peak of that is no mode. Where it
- * is not white, twice its mean at least, less than which colour.h does not tell. */
-static enum modal_status look_at_rest(const struct work *w, const struct refined *fit, bool *low,
-                                      struct modal_error *err)
-{
-    const struct refine_data *d = &w->data;
-    const double UNTOLD = 2;
-    double S = d->Y->n, chi2 = 0, theta, factor = 1, noise;
-    struct another more = { .chance = 1 };
-    struct matrix E = { 0 };
-    double complex peak;
-    enum modal_status rc = remainder_of(d, fit, &E, err);
-
-    if (rc == MODAL_OK && E.x != NULL)
-        rc = remainder_peak(&E, d->tau, &peak, &chi2, err);
-    free(E.x), E.x = NULL;
-    if (rc == MODAL_OK && chi2 > criterion_noise_pair(S, 1, S * d->Y->m))
-        rc = another_pole(d, fit, &more, err);
-    if (rc == MODAL_OK && more.fit.poles > 0)
-        rc = remainder_of(d, &more.fit, &E, err);
-    if (rc == MODAL_OK && E.x != NULL) {
-        theta = cimag(more.fit.lambda[more.fit.poles - 1]) * d->tau;
-        rc = colour_factors(&E, &theta, 1, &factor, err);
-        noise = colour_white(&E) ? 1 : fmax(factor * factor, UNTOLD);
-        /* its price is what its gain is above what it pays */
-        *low |= more.gain / noise - (more.gain - (fit->bic - more.fit.bic)) > LOW_BIC;
-    }
-    free(E.x);
-    refined_done(&more.fit);
-    return rc;
-}
-
 /* What a fixed or ruled rank left out: one more direction fits far better, and completes a pair? */
 enum modal_status work_look_above(struct work *w, struct modal_error *err)
 {
@@ -693,7 +659,5 @@ enum modal_status work_look_above(struct work *w, struct modal_error *err)
         && above.residual < LOW_LEFT * fit->residual;
     w->facts.cut_pair = w->facts.rank_low && more < reals;
     refined_done(&above);
-    /* of constant systems: a period's columns have no common spectrum */
-    return w->shift == 1 && w->data.omega == 0 && !w->facts.rank_low && refined_converged(fit)
-               ? look_at_rest(w, fit, &w->facts.rank_low, err) : MODAL_OK;
+    return MODAL_OK;
 }

@@ -64,28 +64,18 @@ static bool tells(const struct refined *fit, int g)
     return fit->noise[g] > fit->floor[g];
 }
 
-/* What -2 ln(likelihood) of FIT is above that of MORE. */
-static double gain_of(const struct refine_data *d, const struct refined *fit,
-                      const struct refined *more)
-{
-    int phases = d->phases > 0 ? d->phases : 1;
-    double gain = 0;
-
-    for (int g = 0; g < fit->groups; g++)
-        if (tells(fit, g) && tells(more, g))
-            gain += d->Y->m * phases * log(left_of(d, fit, g) / left_of(d, more, g));
-    return gain;
-}
-
 /* The chance of OUT's fit by (1), beside FIT. */
 static double chance_of(const struct refine_data *d, const struct refined *fit,
                         const struct refined *more)
 {
     int phases = d->phases > 0 ? d->phases : 1, k = more->order - fit->order;
-    double L = d->Y->m, S = 0, gain = gain_of(d, fit, more), n, m;
+    double L = d->Y->m, S = 0, gain = 0, n, m;
 
     for (int g = 0; g < fit->groups; g++)
-        S += tells(fit, g) && tells(more, g) ? phases : 0;
+        if (tells(fit, g) && tells(more, g)) {
+            S += phases;
+            gain += L * phases * log(left_of(d, fit, g) / left_of(d, more, g));
+        }
     n = L * S, m = n - S * fit->order - fit->parameters;
     return S == 0 || m <= 0 || !(gain > 0) ? 1
          : criterion_chance(S, n, m * -expm1(-gain / n), k);
@@ -300,11 +290,21 @@ enum modal_status another_pole(const struct refine_data *data, const struct refi
         rc = fit_with(data, fit, peak, &out->fit, err);
     if (rc == MODAL_OK && out->fit.poles > 0 && !refined_converged(&out->fit))
         rc = fit_real(data, fit, &out->fit, err);
-    if (out->fit.poles > 0) {
+    if (out->fit.poles > 0)
         out->chance = chance_of(data, fit, &out->fit);
-        out->gain = gain_of(data, fit, &out->fit);
-    }
     return rc;
+}
+
+/* What -2 ln(likelihood) of FIT is above that of MORE. */
+static double gain_of(const struct refine_data *d, const struct refined *fit,
+                      const struct refined *more)
+{
+    double gain = 0;
+
+    for (int g = 0; g < fit->groups; g++)
+        if (tells(fit, g) && tells(more, g))
+            gain += d->Y->m * log(left_of(d, fit, g) / left_of(d, more, g));
+    return gain;
 }
 
 static bool within_a_beat(const struct refine_data *d, double complex a, double complex b)

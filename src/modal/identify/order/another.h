@@ -7,7 +7,6 @@ struct another {
     struct refined fit;         /* the poles of the first, in their order, and one more, refined;
                                  * poles 0: there is none */
     double chance;              /* that noise alone lets the best pole gain so much somewhere */
-    double gain;                /* of -2 ln(likelihood), in signals that are not exact */
 };
 
 /*

@@ -259,34 +259,6 @@ static void rank_too_low(struct made *m, bool told)
     fixed_rank(m, told ? 2 : 3);
 }
 
-/* Noise with the colour of neighbours, NOISE in all. */
-static void add_coloured(struct made *m, double neighbour, double noise)
-{
-    for (int c = 0; c < m->channels; c++)
-        for (int k = 0; k < m->rows; k++) {
-            static double e;
-            e = (k == 0 ? 0 : neighbour * e) + random_normal(&m->rng);
-            y[k * m->channels + c] += noise * sqrt(1 - neighbour * neighbour) * e;
-        }
-}
-
-/* The second mode has less energy than the noise, and pays its price ten times over; or is lost in
- * it. */
-static void told_one_of_two(struct made *m, bool told)
-{
-    m->weaker = told ? 0.1 : 0.01;
-    fixed_rank(m, 2);
-    add_coloured(m, 0, 0.05);
-}
-
-/* The same beside what noise has of itself at low frequencies. */
-static void told_one_in_colour(struct made *m, bool told)
-{
-    m->weaker = told ? 0.1 : 0.01;
-    fixed_rank(m, 2);
-    add_coloured(m, 0.8, 0.05);
-}
-
 static void cut_pair(struct made *m, bool told) { fixed_rank(m, told ? 3 : 4); }
 static void rank_at_rounding(struct made *m, bool told) { fixed_rank(m, told ? 40 : 4); }
 
@@ -295,8 +267,12 @@ static void coloured_residual(struct made *m, bool told)
 {
     m->rows = 3000, m->dt = 1.0 / m->rows, m->noise = 0;
     fill(m);
-    /* e[k] = 0.8 e[k - 1] + 0.02 n */
-    add_coloured(m, told ? 0.8 : 0, told ? 0.02 / 0.6 : 0.02);
+    for (int c = 0; c < m->channels; c++)
+        for (int k = 0, first = 1; k < m->rows; k++, first = 0) {
+            static double e;
+            e = (first ? 0 : (told ? 0.8 : 0) * e) + 0.02 * random_normal(&m->rng);
+            y[k * m->channels + c] += e;
+        }
 }
 
 /* Another frequency from the middle on, by so many turns in the record. */
@@ -342,8 +318,7 @@ static const struct row {
     { "dominated_signal", dominated_signal }, { "zero_channel", zero_channel },
     { "clipped", clipped }, { "quantised", quantised }, { "wild_samples", wild_samples },
     { "ends_below_grid", ends_below_grid }, { "channels_reduced", channels_reduced },
-    { "rank_too_low", rank_too_low }, { "rank_too_low", told_one_of_two },
-    { "rank_too_low", told_one_in_colour }, { "cut_pair", cut_pair },
+    { "rank_too_low", rank_too_low }, { "cut_pair", cut_pair },
     { "rank_at_rounding", rank_at_rounding }, { "coloured_residual", coloured_residual },
     { "changes_in_record", changes_in_record }, { "near_tie", near_tie }, { "aliases", aliases },
     { "fast_decay", fast_decay }, { "mains_line", mains_line }, { "drift", drift },

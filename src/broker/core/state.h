@@ -5,7 +5,6 @@
 #include "broker/core/alarms.h"
 #include "broker/core/core.h"
 #include "broker/core/spell.h"
-#include "broker/kit/fair_queue.h"
 #include "broker/kit/heap.h"
 #include "broker/kit/histogram.h"
 #include "broker/kit/ident.h"
@@ -176,7 +175,6 @@ struct core {
     struct inputs *inputs;
     struct slots *slots;
     struct events *events;
-    struct listing *listings; struct fair_queue looking;      /* pages that are looked for */
     struct stream *streams;
     struct map stream_ids;
     /* when a denial of a key that is on no list is told again */

@@ -250,7 +250,6 @@ void core_free(struct core *c)
     jobs_done(c);
     inputs_done(c);                                /* they leave their users' tables */
     events_done(c);
-    listings_done(c);
     users_done(c);
     slots_done(c);
     while (c->answers != NULL)

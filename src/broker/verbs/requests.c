@@ -265,6 +265,74 @@ static void on_result(struct core *c, const struct request *q)
     task->length = q->wire.result.length;
 }
 
+/* ---- LIST ---- */
+
+static bool begins(const char *text, const char *with)
+{
+    return text != NULL && strncmp(text, with, strlen(with)) == 0;
+}
+
+static bool is_listed(const struct job *job, const struct wire_list *l)
+{
+    return job->committed && !job->deleting && !job->hidden
+           && (l->state < 0 || (int)job->shown == l->state)
+           && (l->kind == NULL || strcmp(job->kind, l->kind) == 0)
+           && (l->key == NULL || begins(job->key, l->key))
+           && (double)job->submitted_ns >= l->since * (double)SECOND;
+}
+
+/* The next of USER's jobs from *AT on, towards the newest or from there. */
+static struct job *next_listed(const struct user *user, bool newest, size_t *at)
+{
+    struct job *job = NULL;
+
+    while (job == NULL && (newest ? *at > 0 : *at < user->job_count))
+        job = user->jobs[newest ? --*at : (*at)++];
+    return job;
+}
+
+static void on_list(struct core *c, const struct request *q)
+{
+    const struct wire_list *l = &q->wire.list;
+    const struct user *user = user_listed(c, &q->reply, q->user, q->wire.list.user);
+    int64_t after = l->after == NULL ? 0 : ident_number(c->settings.secret, l->after);
+    struct json_text page = { 0 };
+    struct job *job;
+    cJSON *header;
+    char ident[9] = "", *text;
+    size_t at;
+    int count = 0;
+
+    if (user == NULL)
+        return;
+    if (after < 0) {
+        answer_fail(c, &q->reply, MODAL_BAD_INPUT, "after", NULL,
+                    "after is no cursor of LIST; accepted: `next` of an earlier page");
+        return;
+    }
+    json_text_open(&page, NULL);
+    json_text_key(&page, "jobs");
+    json_text_raw(&page, "[");
+    at = !l->newest ? user_seek(user, after)
+         : after > 0 ? user_seek(user, after - 1) : user->job_count;
+    while (count < l->limit && (job = next_listed(user, l->newest, &at)) != NULL) {
+        if (!is_listed(job, l))
+            continue;
+        json_text_open(&page, NULL);
+        doc_write(c, &page, job, false);
+        json_text_close(&page);
+        job_ident(c, job, ident);
+        count++;
+    }
+    json_text_raw(&page, "]");
+    json_text_string(&page, "next", count == l->limit && next_listed(user, l->newest, &at) != NULL
+                                        ? ident : NULL);
+    text = text_end(&page);
+    header = answer_new(&q->reply);
+    cJSON_AddNumberToObject(header, "count", count);
+    answer_send(c, &q->reply, header, blob_take(text, strlen(text)));
+}
+
 static void on_stats(struct core *c, const struct request *q)
 {
     cJSON *header = answer_new(&q->reply);
@@ -345,7 +413,7 @@ static const struct {
     [WIRE_STATUS] = { on_status, true },  [WIRE_WAIT] = { on_wait, true },
     [WIRE_RESULT] = { on_result },  [WIRE_CANCEL] = { on_cancel, true },
     [WIRE_RETRY] = { on_retry, true },    [WIRE_DELETE] = { on_delete, true },
-    [WIRE_LIST] = { list_request },            [WIRE_EVENTS] = { events_request },
+    [WIRE_LIST] = { on_list },            [WIRE_EVENTS] = { events_request },
     [WIRE_STATS] = { on_stats },          [WIRE_METRICS] = { on_metrics },
     [WIRE_WHOAMI] = { on_whoami },        [WIRE_DRAIN] = { on_drain },
     [WIRE_UNDRAIN] = { on_undrain },      [WIRE_STREAM] = { stream_request },

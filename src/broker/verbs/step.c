@@ -366,7 +366,6 @@ struct actions *core_step(struct core *c, const struct event *e, struct moment n
     case EVENT_PEER_GONE:
         events_peer(c, e->peer, e->type);
         waits_gone(c, e->peer);
-        listings_gone(c, e->peer);
         break;
     case EVENT_COMMITTED:  committed(c, e->transaction); break;
     case EVENT_STUCK:      stuck(c); break;
@@ -386,7 +385,6 @@ struct actions *core_step(struct core *c, const struct event *e, struct moment n
     run_timers(c);
     workers_schedule(c);
     events_pump(c);
-    listings_pump(c);
     if (c->terminating && !c->stopped && quiet(c)) {
         c->stopped = true;
         core_act(c, (struct action) { .type = ACT_STOP, .slot = 0 });
@@ -407,5 +405,5 @@ int64_t core_next_ns(const struct core *c)
 {
     const struct heap_item *least = heap_least(&c->timers);
 
-    return events_wait(c) || listings_wait(c) ? 0 : least == NULL ? INT64_MAX : least->key;
+    return events_wait(c) ? 0 : least == NULL ? INT64_MAX : least->key;
 }

@@ -19,19 +19,6 @@ struct request {
 /* Whatever E asks, by whom it may be asked. */
 void request_handle(struct core *c, const struct event *e);
 
-/* ---- listing.c ---- */
-
-/* LIST: answered now, or when all that it asks for was looked for. */
-void list_request(struct core *c, const struct request *q);
-/* Those that are not answered are looked for further, a bounded number of jobs a step. */
-void listings_pump(struct core *c);
-/* Are there more to be looked for in the next step? */
-bool listings_wait(const struct core *c);
-/* The connection PEER has ended. */
-void listings_gone(struct core *c, uint64_t peer);
-/* None is left. */
-void listings_done(struct core *c);
-
 /* ---- submit.c ---- */
 
 /* SUBMIT */

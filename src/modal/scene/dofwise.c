@@ -385,6 +385,7 @@ static enum modal_status law_part(struct dofwise *f, int law, double t, const do
     struct law_watch *watch = &f->watch[law];
     enum modal_status rc;
 
+    out.alone = false;
     out.memory = after;
     out.acts = false;
     out.regime = 0;

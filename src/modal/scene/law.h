@@ -33,7 +33,8 @@ struct law_point {                    /* one instant, reached from the one befor
     const double *memory_before;
 };
 
-/* Of its inputs every entry is written by each call, whatever stood there. */
+/* Of its inputs every entry is written by each call, whatever stood there; but for fd and fv of a
+ * user's law where they are not wanted. */
 struct law_force {
     /* in: slopes are not wanted, and those of a user's law, which are dear, are not made */
     bool alone;
@@ -47,8 +48,8 @@ struct law_force {
     int regime; /* which smooth piece this is: within one, f is analytic; 0 for smooth
                                                     * laws (stepping locates the instants where it
                                                     * changes) */
-    /* of a user's law that failed: since it is not finite at a larger d or v than any so far at
-     * which it was */
+    /* of a user's law that failed: since it is not finite at a larger d or v than those of a whole
+     * period, not of rest, in which it was */
     bool beyond;
 };
 

@@ -154,7 +154,7 @@ enum modal_status ports_law(struct ports *p, int law, double t, const double *d,
 {
     struct port_law *l = &p->law[law];
     struct law_point at = { t, d, v, memory };
-    struct law_force f = { .memory = after };  /* room for what it remembers */
+    struct law_force f = { .alone = true, .memory = after };  /* room for what it remembers */
     enum modal_status rc = l->law->kind->force(l->law, &at, &f, err);
 
     l->evaluations++;  /* plan.effects */
@@ -171,7 +171,8 @@ static enum modal_status law_part(struct ports *p, struct port_law *l, double t,
     int inputs = l->law->kind->inputs, c = l->channel, q = p->probes;
     double scratch[LAW_MEMORY_MOST];  /* a law always writes its memory */
     struct law_point at = { t, probe + c, probe + q + c, memory + l->memory };
-    struct law_force f = { .memory = after != NULL ? after + l->memory : scratch };
+    struct law_force f = { .alone = slope == NULL,
+                           .memory = after != NULL ? after + l->memory : scratch };
     enum modal_status rc;
 
     if (l->law->kind->set_valued) {

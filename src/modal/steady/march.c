@@ -102,7 +102,7 @@ static enum modal_status law_forces(struct march *w, double t, const double *y,
         const struct law *law = &w->p->law[l];
         double d[LAW_INPUTS_MOST], v[LAW_INPUTS_MOST];
         struct law_point point = { t, d, v, w->m + at };
-        struct law_force f = { .memory = w->m_next + at };
+        struct law_force f = { .alone = true, .memory = w->m_next + at };
         enum modal_status rc;
 
         for (int j = 0; j < law->kind->inputs; j++) {

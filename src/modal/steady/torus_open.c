@@ -109,7 +109,7 @@ static enum modal_status follow(const struct law *law, const double *d, const do
                                 struct trace *to, struct modal_error *err)
 {
     double after[LAW_TERMS_MOST];
-    struct law_force out = { .memory = after };
+    struct law_force out = { .alone = true, .memory = after };
     struct law_point at = { .d = d, .v = v, .memory_before = to->z };
     enum modal_status rc = law->kind->force(law, &at, &out, err);
 

@@ -40,6 +40,9 @@ enum {
     MEMORY_DEPTH = 8,          /* copied by calls that call themselves, on a C stack */
 };
 
+/* Of a step that led out, the next: a prefix of the units that laws are written in. */
+static const double NEARER = 1e-3;
+
 struct lua_law {
     lua_State *L;  /* its own: elements share nothing */
     size_t used, *together;  /* bytes of this one; of all of a program */
@@ -50,8 +53,9 @@ struct lua_law {
     long left;                    /* instructions of this call */
     double scale_d, scale_v;      /* the largest of this period: see the opening */
     double before_d, before_v;    /* of the one before */
-    double reach_d, reach_v;      /* the largest ever at which the force was finite; < 0: nowhere */
-    bool beyond;                  /* it was not finite last, past those */
+    double reach_d, reach_v;      /* the largest of a period all of whose forces were finite */
+    bool infinite;                /* in this period one was not, */
+    bool beyond;                  /* and the last was none, past those */
     bool kept;                    /* `memory` has had an entry in this period */
 };
 
@@ -347,7 +351,7 @@ static enum modal_status copy_memory(struct lua_law *s, char *from, char *to,
     return how == LUA_OK ? MODAL_OK : failed(s, how, MODAL_ELEMENT_FAILED, err);
 }
 
-/* One call of `force`, its result checked to be a finite number. */
+/* One call of `force`, which gives a number; the caller looks whether it is finite. */
 static enum modal_status call(struct lua_law *s, double t, double d, double v, double *f,
                               struct modal_error *err)
 {
@@ -364,14 +368,25 @@ static enum modal_status call(struct lua_law *s, double t, double d, double v, d
         return failed(s, how, MODAL_ELEMENT_FAILED, err);
     *f = lua_tonumber(s->L, -1);
     lua_settop(s->L, 0);
-    if (!isfinite(*f)) {
-        s->beyond = s->reach_d >= 0 && (fabs(d) > s->reach_d || fabs(v) > s->reach_v);
-        return modal_fail_field(err, MODAL_ELEMENT_FAILED, "source",
-                                "lua: force(%.9g, %.9g, %.9g, memory) is not finite", t, d, v);
-    }
-    s->reach_d = fmax(s->reach_d, fabs(d));
-    s->reach_v = fmax(s->reach_v, fabs(v));
     return MODAL_OK;
+}
+
+/* A force that is no number fails.  A motion is beyond what the law has if a smaller one, of a
+ * whole period, was within; where there was none but rest, the law itself is wrong.  WHERE: what
+ * the message says of the place. */
+static enum modal_status look_at(struct lua_law *s, const struct law_point *at, double f,
+                                 const char *where, struct modal_error *err)
+{
+    double d = at->d[0], v = at->v[0];
+
+    if (isfinite(f))
+        return MODAL_OK;
+    s->infinite = true;
+    s->beyond = (s->reach_d > 0 || s->reach_v > 0)
+                && (fabs(d) > s->reach_d || fabs(v) > s->reach_v);
+    return modal_fail_field(err, MODAL_ELEMENT_FAILED, "source",
+                            "lua: force(%.9g, %.9g, %.9g, memory) is not finite%s", at->t, d, v,
+                            where);
 }
 
 /* `memory` as it was before this call: empty, or a copy of what was put aside. */
@@ -384,29 +399,42 @@ static enum modal_status put_back(struct lua_law *s, bool kept, struct modal_err
     return MODAL_OK;
 }
 
-/* The central difference over d (or v), each from the memory as it was: KEPT, whether it was
- * any. */
+/* The quotient of differences of H on either side of d (or v), each from the memory as it was:
+ * KEPT, whether it was any.  Not finite where a force is not. */
+static enum modal_status difference(struct lua_law *s, const struct law_point *at, bool over_v,
+                                    bool kept, double h, double *out, struct modal_error *err)
+{
+    /* as rounded: the quotient divides by their difference */
+    double x = over_v ? at->v[0] : at->d[0], moved[2] = { x + h, x - h }, f[2];
+
+    for (int i = 0; i < 2; i++) {
+        enum modal_status rc = call(s, at->t, over_v ? at->d[0] : moved[i],
+                                    over_v ? moved[i] : at->v[0], &f[i], err);
+
+        if (rc == MODAL_OK)
+            rc = put_back(s, kept, err);
+        if (rc != MODAL_OK)
+            return rc;
+    }
+    *out = (f[0] - f[1]) / (moved[0] - moved[1]);
+    return MODAL_OK;
+}
+
+/* df/dd (or df/dv).  At rest nothing tells how large a motion is: where a step as for 1 m leads out
+ * of what the law has, a smaller one may not. */
 static enum modal_status slope(struct lua_law *s, const struct law_point *at, bool over_v,
                                bool kept, double *out, struct modal_error *err)
 {
     double x = over_v ? at->v[0] : at->d[0],
-           scale = over_v ? fmax(s->scale_v, s->before_v) : fmax(s->scale_d, s->before_d), h, up,
-           down, f[2];
-    enum modal_status rc = MODAL_OK;
-
+           scale = over_v ? fmax(s->scale_v, s->before_v) : fmax(s->scale_d, s->before_d);
     /* truncation h^2 and rounding eps/h are alike */
-    h = cbrt(DBL_EPSILON) * (scale > 0 ? fmax(fabs(x), 0.1 * scale) : 1);
-    up = x + h;  /* as rounded: the quotient divides by their difference */
-    down = x - h;
-    for (int i = 0; rc == MODAL_OK && i < 2; i++) {
-        double moved = i == 0 ? up : down;
+    double h = cbrt(DBL_EPSILON) * (scale > 0 ? fmax(fabs(x), 0.1 * scale) : 1);
+    enum modal_status rc = difference(s, at, over_v, kept, h, out, err);
 
-        rc = call(s, at->t, over_v ? at->d[0] : moved, over_v ? moved : at->v[0], &f[i], err);
-        if (rc == MODAL_OK)
-            rc = put_back(s, kept, err);
-    }
-    if (rc == MODAL_OK)
-        *out = (f[0] - f[1]) / (up - down);
+    while (rc == MODAL_OK && !isfinite(*out) && scale == 0 && (h *= NEARER) >= DBL_MIN)
+        rc = difference(s, at, over_v, kept, h, out, err);
+    if (rc == MODAL_OK && !isfinite(*out))
+        rc = look_at(s, at, *out, " close by", err);
     return rc;
 }
 
@@ -447,6 +475,8 @@ static enum modal_status lua_force(const struct law *law, const struct law_point
         rc = slopes(s, at, out, err);
     if (rc == MODAL_OK)
         rc = call(s, at->t, at->d[0], at->v[0], &out->f[0], err);
+    if (rc == MODAL_OK)
+        rc = look_at(s, at, out->f[0], "", err);
     out->acts = true;
     out->regime = 0;
     out->beyond = s->beyond;
@@ -459,6 +489,11 @@ static void lua_restart(const struct law *law)
     struct lua_law *s = law->data;
 
     empty_memory(s);
+    if (!s->infinite) {
+        s->reach_d = fmax(s->reach_d, s->scale_d);
+        s->reach_v = fmax(s->reach_v, s->scale_v);
+    }
+    s->infinite = false;
     s->before_d = s->scale_d;
     s->before_v = s->scale_v;
     s->scale_d = s->scale_v = 0;
@@ -505,7 +540,6 @@ enum modal_status law_lua(const char *source, size_t *together, struct law *out,
     if (s == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "lua: no memory for a state");
     s->together = together;
-    s->reach_d = s->reach_v = -1;
     s->left = INSTRUCTIONS;
     s->L = lua_newstate(allocate, s);
     if (s->L == NULL) {

@@ -654,22 +654,43 @@ TEST(a_law_in_lua_is_called_once_for_its_force_and_five_times_with_its_slopes)
     program_free(p);
 }
 
-/* 1e200 cubed is no number; that 1 cubed is one was seen before, and not the first time. */
-TEST(a_force_in_lua_that_is_no_number_tells_whether_the_motion_is_larger_than_any_before)
+/* 1e200 cubed is no number: a motion too large where one of 1 had a number throughout a period, and
+ * no word about that where the law was asked at rest alone. */
+TEST(a_force_in_lua_that_is_no_number_tells_whether_the_motion_is_larger_than_a_whole_one_before)
+{
+    static const double before[] = { 0, 1 };
+    struct modal_error err;
+    double d, v = 0;
+    struct law_point at = { .t = 0, .d = &d, .v = &v };
+
+    for (int i = 0; i < 2; i++) {
+        struct program *p = NULL;
+        struct law_force out = { .alone = true };
+
+        CHECK(lower_lua(1, "function force(t, x, v, m) return x^3 end", &p, &err) == MODAL_OK);
+        d = before[i];
+        CHECK(p->law[0].kind->force(&p->law[0], &at, &out, &err) == MODAL_OK);
+        p->law[0].kind->restart(&p->law[0]);
+        d = 1e200;
+        CHECK(p->law[0].kind->force(&p->law[0], &at, &out, &err) == MODAL_ELEMENT_FAILED);
+        CHECK(out.beyond == (i == 1));
+        program_free(p);
+    }
+}
+
+/* In microns a law may end at what is no step in metres. */
+TEST(slopes_in_lua_at_rest_are_found_where_the_law_ends_within_a_micron)
 {
     struct program *p = NULL;
     struct modal_error err;
-    double d = 1e200, v = 0;
+    struct law_force out = { .alone = false };
+    double d = 0, v = 0;
     struct law_point at = { .t = 0, .d = &d, .v = &v };
 
-    CHECK(lower_lua(1, "function force(t, x, v, m) return x^3 end", &p, &err) == MODAL_OK);
-    for (int i = 0; i < 2; i++) {
-        struct law_force out = { .alone = true };
-
-        CHECK(p->law[0].kind->force(&p->law[0], &at, &out, &err) == MODAL_ELEMENT_FAILED);
-        CHECK(out.beyond == (i == 1));
-        slope_of_cube(&p->law[0], 1, true);
-    }
+    CHECK(lower_lua(1, "function force(t, x, v, m) return math.log(1 + 1e6 * x) end", &p, &err)
+          == MODAL_OK);
+    CHECK(p->law[0].kind->force(&p->law[0], &at, &out, &err) == MODAL_OK);
+    CHECK(fabs(out.fd[0][0] / 1e6 - 1) < 1e-4 && out.fv[0][0] == 0);
     program_free(p);
 }
 

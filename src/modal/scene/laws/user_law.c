@@ -126,7 +126,7 @@ static void spend(lua_State *L, long instructions)
 }
 
 /* Places in Lua's registry: the address is the key, which no string has to be compared with. */
-static char force_key, memory_key, before_key;
+static const char force_key, memory_key, before_key;
 
 static void count_instructions(lua_State *L, lua_Debug *at)
 {
@@ -338,15 +338,15 @@ static enum modal_status failed(struct lua_law *s, int how, enum modal_status st
 }
 
 /* Under lua_pcall, since copying allocates. */
-static enum modal_status copy_memory(struct lua_law *s, char *from, char *to,
+static enum modal_status copy_memory(struct lua_law *s, const char *from, const char *to,
                                      struct modal_error *err)
 {
     int how;
 
     s->left = INSTRUCTIONS;  /* a budget a call */
     lua_pushcfunction(s->L, memory_copy);
-    lua_pushlightuserdata(s->L, from);
-    lua_pushlightuserdata(s->L, to);
+    lua_pushlightuserdata(s->L, (void *)(size_t)from);
+    lua_pushlightuserdata(s->L, (void *)(size_t)to);
     how = lua_pcall(s->L, 2, 0, 0);
     return how == LUA_OK ? MODAL_OK : failed(s, how, MODAL_ELEMENT_FAILED, err);
 }

@@ -10,12 +10,11 @@
  * Each window is identified on its own (pencil.c, order.c with few orders), to CHANGE of its rms
  * and no further: what changes by less is no matter, and without noise poles beyond would make up
  * for the change within the window.  Its strongest oscillating mode is compared over the windows.
- * A change counts where it exceeds CHANGE and CERTAIN times its own standard errors.  The sign of
- * every step that does agreeing with that of the amplitude's (Kendall's tau >= TAU_LEAST) makes it
- * amplitude dependence; anything else is a change of the system, unless the fit is adequate: among
- * modes that decay at rates of their own another may be the strongest in each window.  So is one
- * further off than TREND_CLOSE from all others, poles as well, beside an adequate fit: a crowd has
- * no such gap.  Windows are parts of what is heard above the noise that an adequate fit leaves.
+ * A change counts where it exceeds CHANGE and six times its own standard errors.  The sign of every
+ * step agreeing with that of the amplitude's (Kendall's tau >= TAU_LEAST) makes it amplitude
+ * dependence; anything else is a change of the system, unless the fit is adequate: among modes that
+ * decay at rates of their own another may be the strongest in each window.  So is one further off
+ * than TREND_CLOSE from all others, beside an adequate fit: a crowd is no wider.
  */
 #include "modal/identify/ask/trend.h"
 #include "modal/identify/ask/diagnose.h"
@@ -41,9 +40,7 @@ enum {
 };
 enum {
     CROWD_MOST = 32,               /* poles of one mode that changes: work, and stack */
-    WATCHED_TURNS = 2,             /* of a mode in a window, at least */
-    WATCHED_LEAST = 3,             /* windows that show how something goes on */
-    CERTAIN = 6                    /* standard errors: what windows differ by beyond chance */
+    WATCHED_LEAST = 3              /* windows that show how something goes on */
 };
 static const double
     CHANGE = 1e-3,                 /* of a frequency, and of a window's rms: less is no matter */
@@ -222,8 +219,8 @@ static enum modal_status strongest(const struct matrix *Y, double tau, const str
     for (int j = 0; j < fit->poles; j++) {
         double complex z = fit->lambda[j];
         double energy = energy_of(&f, j, z, tau), turns = cimag(z) * tau * Y->m / (2 * M_PI);
-        if (pole_kind(z, tau) != POLE_PAIR || turns < WATCHED_TURNS
-            || fabs(creal(z)) > 0.5 * cimag(z) || energy <= most)
+        if (pole_kind(z, tau) != POLE_PAIR || turns < 2 || fabs(creal(z)) > 0.5 * cimag(z)
+            || energy <= most)
             continue;
         most = energy, *which = j;
         w->found = true, w->amplitude = sqrt(energy);
@@ -306,13 +303,33 @@ static enum modal_status look_at(const struct trend_input *in, int first, int ro
 /* ---- growth in a part ---- */
 
 enum { GROWING_MOST = 2 };         /* poles: more make up for something else */
+static const double
+    HARMONIC_WEAK = 0.05,          /* a harmonic of a nonlinearity: of its mode's energy, */
+    HARMONIC_NEAR = 5e-3,          /* off its frequency, */
+    HARMONIC_DECAY = 0.3,          /* and off its decay rate */
+    MAINS_NEAR = 1e-3,             /* off a frequency of the mains: as far as grids let it go */
+    MAINS_DAMPING = 2e-4,          /* ratio: less than structures have */
+    DRIFT_SLOW = 1.5,              /* rad over the record: a quarter of a turn */
+    DRIFT_LEAST = 0.01;            /* of the energy */
+enum { MAINS_HARMONICS = 5 };      /* of the mains' frequency */
+/* Coincidences that a record of independent modes may be expected to have: one in twenty. */
+static const double HARMONIC_CHANCE = 0.05;
+
+/* 2 or 3, where LAMBDA lies at so many times the frequency of BASE; else 0. */
+static int multiple_of(double complex lambda, double complex base)
+{
+    /* quadratic and cubic forces answer at twice and three times */
+    double f = cimag(lambda) / cimag(base), n = nearbyint(f);
+
+    return cimag(base) > 0 && (n == 2 || n == 3) && fabs(f - n) < HARMONIC_NEAR * n ? (int)n : 0;
+}
 
 /* Does pole j stand at twice or three times a far stronger one? */
 static bool may_be_harmonic(const struct refined *fit, const double *energy, int j)
 {
     for (int i = 0; i < fit->poles; i++)
-        if (energy[j] < TREND_HARMONIC * energy[i]
-            && trend_multiple_of(fit->lambda[j], fit->lambda[i]) > 0)
+        if (energy[j] < HARMONIC_WEAK * energy[i]
+            && multiple_of(fit->lambda[j], fit->lambda[i]) > 0)
             return true;
     return false;
 }
@@ -419,36 +436,25 @@ enum modal_status trend_growth(const struct trend_input *in, const struct identi
 
 /* ---- what the windows say ---- */
 
-static double frequency_at(const struct window *w) { return w->frequency; }
-static double damping_at(const struct window *w) { return w->damping; }
-
-/* What x of two windows may differ by where it is one: CERTAIN of their standard errors. */
-static double by_error(const struct window *a, const struct window *b, bool damping)
-{
-    return CERTAIN * (damping ? hypot(a->std_damping, b->std_damping)
-                              : hypot(a->std_frequency, b->std_frequency));
-}
-
-/* Kendall's tau of x against the amplitude, of the pairs whose x differ beyond their errors: others
- * say nothing, such as windows of the same x in the end. */
-static double kendall(const struct window *w, int n, double (*x)(const struct window *),
-                      bool damping)
+/* Kendall's tau of x against y. */
+static double kendall(const struct window *w, int n, double (*x)(const struct window *))
 {
     int sum = 0, pairs = 0;
 
     for (int i = 0; i < n; i++)
         for (int j = 0; j < i; j++) {
-            double apart = x(&w[i]) - x(&w[j]), d = apart * (w[i].amplitude - w[j].amplitude);
-            if (!(fabs(apart) > by_error(&w[i], &w[j], damping)))
-                continue;
             /* > 0: both rise or both fall */
+            double d = (x(&w[i]) - x(&w[j])) * (w[i].amplitude - w[j].amplitude);
             sum += (d > 0) - (d < 0);
             pairs++;
         }
     return pairs > 0 ? (double)sum / pairs : 0;
 }
 
-/* Do two windows differ in x by more than `least` of its size and their standard errors?
+static double frequency_at(const struct window *w) { return w->frequency; }
+static double damping_at(const struct window *w) { return w->damping; }
+
+/* Do two windows differ in x by more than `least` of its size and six of their standard errors?
  * The extremes alone do not say: the last window has the least signal, and errors to suit. */
 static bool changes(const struct window *w, int n, double (*x)(const struct window *), bool damping,
                     double least)
@@ -457,10 +463,11 @@ static bool changes(const struct window *w, int n, double (*x)(const struct wind
 
     for (int i = 0; i < n; i++)
         for (int j = 0; j < i; j++) {
+            double error = damping ? hypot(w[i].std_damping, w[j].std_damping)
+                                   : hypot(w[i].std_frequency, w[j].std_frequency);
             double size = fmax(fabs(x(&w[i])), fabs(x(&w[j])));
             /* what windows of one system range over by chance stays below */
-            any |= fabs(x(&w[i]) - x(&w[j]))
-                 > fmax(least * size, by_error(&w[i], &w[j], damping));
+            any |= fabs(x(&w[i]) - x(&w[j])) > fmax(least * size, 6 * error);
         }
     return any;
 }
@@ -484,64 +491,28 @@ static void keep(const struct window *w, int n, struct identify_result *result)
             w[i].amplitude };
 }
 
-/* The least of the windows' frequencies above HZ; of poles, too, which are the crowd of a mode that
- * wanders so far within a window. */
-static double next_above(const struct trend_input *in, const struct window *w, int n, double hz,
-                         bool poles)
-{
-    double next = HUGE_VAL;
-
-    for (int j = 0; j < n; j++)
-        if (w[j].frequency > hz)
-            next = fmin(next, w[j].frequency);
-    for (int j = 0; j < in->count && poles; j++) {
-        double pole = cimag(in->lambda[j]) / (2 * M_PI) + in->hertz;
-        if (pole > hz)
-            next = fmin(next, pole);
-    }
-    return next;
-}
-
 /* Is there a gap between the frequencies that no one mode wanders over? */
-static bool leaps(const struct trend_input *in, const struct window *w, int n)
+static bool leaps(const struct window *w, int n)
 {
     bool far = false;
 
     for (int i = 0; i < n; i++) {
-        double last = next_above(in, w, n, w[i].frequency, false), hz = w[i].frequency, next;
-        for (; last < HUGE_VAL && hz < last && !far; hz = next) {
-            next = next_above(in, w, n, hz, true);
-            far = next > hz * (1 + TREND_CLOSE);
-        }
+        double next = HUGE_VAL;
+        for (int j = 0; j < n; j++)
+            if (w[j].frequency > w[i].frequency)
+                next = fmin(next, w[j].frequency);
+        far |= next < HUGE_VAL && next > w[i].frequency * (1 + TREND_CLOSE);
     }
     return far;
 }
 
-/* Does the energy of ALL windows rise meanwhile?  What follows its amplitude has one rate at each
- * and comes to none twice; modes of a linear system that beat do.  A vibration of WATCHED_TURNS and
- * more has a mean square within 1 / (4 pi WATCHED_TURNS) of half the square of its amplitude. */
-static bool rises(const struct window *all, int n)
-{
-    const double ripple = 1 / (4 * M_PI * WATCHED_TURNS);
-    double least = HUGE_VAL;
-    bool any = false;
-
-    for (int i = 0; i < n; i++) {
-        any |= all[i].energy * (1 - ripple) > least * (1 + ripple);
-        least = fmin(least, all[i].energy);
-    }
-    return any;
-}
-
-/* What the windows W that were found say; BEATS: beside an adequate fit their energy says that no
- * mode follows its amplitude. */
-static void judge(const struct trend_input *in, const struct window *w, int n, bool good,
-                  bool beats, struct identify_result *result, bool *follows)
+static void judge(const struct window *w, int n, bool good, struct identify_result *result,
+                  bool *follows)
 {
     bool f = changes(w, n, frequency_at, false, CHANGE),
          z = changes(w, n, damping_at, true, DAMPING_CHANGE);
-    double tau_f = fabs(kendall(w, n, frequency_at, false)),
-           tau_z = fabs(kendall(w, n, damping_at, true)), range = 0;
+    double tau_f = fabs(kendall(w, n, frequency_at)), tau_z = fabs(kendall(w, n, damping_at)),
+           range = 0;
     bool decays = w[n - 1].amplitude < DECAYS * w[0].amplitude;
     char table[240];
 
@@ -550,7 +521,7 @@ static void judge(const struct trend_input *in, const struct window *w, int n, b
     for (int i = 1; i < n; i++)
         range = fmax(range, fabs(w[i].frequency - w[0].frequency) / w[0].frequency);
     write_table(w, n, table, sizeof table);
-    *follows = decays && range < WANDERS && !(good && (beats || leaps(in, w, n)))
+    *follows = decays && range < WANDERS && !(good && leaps(w, n))
         && ((f && tau_f >= TAU_LEAST) || (z && tau_z >= TAU_LEAST));
     if (good && !*follows)
         return;
@@ -645,38 +616,154 @@ static enum modal_status watch(const struct trend_input *in, bool good, double l
     if (rc != MODAL_OK)
         return rc;
     if (!is_driven(all, n, good, left, result) && count >= WATCHED_LEAST)
-        judge(in, found, count, good, rises(all, n), result, follows);
+        judge(found, count, good, result, follows);
     return MODAL_OK;
 }
 
-static double row_square(const struct matrix *X, int k)
-{
-    double sum = 0;
+/* ---- what the modes say ---- */
 
-    for (int c = 0; c < X->n; c++) {
-        double x = X->x[k + (size_t)c * (size_t)X->ld];
-        sum += x * x;
-    }
-    return sum;
+/* Weak enough beside A to be its harmonic? */
+static bool is_weak(const struct identify_mode *b, const struct identify_mode *a)
+{
+    return b->energy <= HARMONIC_WEAK * a->energy;
 }
 
-/* Rows until what a fit leaves, LEFT of the signals' rms, would be TREND_REBUILT of a window and
- * more: after them no window shows a mode.  All, where windows before them are too few. */
-static int rows_heard(const struct matrix *X, double left)
-{
-    double all = 0, few = 0;
+/*
+ * What independent modes do by chance. LOOKS pairs of a mode and two or three times another are
+ * there to coincide; with frequencies anywhere up to the HIGHEST and damping ratios anywhere over
+ * their own RANGE, in natural logarithms, one comes as near as a pair at distances d and e, or as
+ * its errors let us tell, with chances p = 2 d / HIGHEST and q = 2 e / RANGE, at most 1. So many
+ * are expected to have no greater a product of the two:
+ *
+ *     LOOKS p q (1 - ln p q),                                                           (1)
+ *
+ * LOOKS p where all damping ratios are alike.
+ */
+struct chance { double looks, highest, range; };
 
-    for (int c = 0; c < X->n; c++) {
-        const double *x = X->x + (size_t)c * (size_t)X->ld;
-        all += cblas_ddot(X->m, x, 1, x, 1);
+static struct chance chance_of(const struct identify_result *r)
+{
+    struct chance c = { 0 };
+    double least = HUGE_VAL, most = 0;
+
+    for (int i = 0; i < r->mode_count; i++) {
+        double zeta = fabs(damping_ratio_of(r->modes[i].exponent));
+        c.highest = fmax(c.highest, cimag(r->modes[i].exponent));
+        if (zeta > 0 && cimag(r->modes[i].exponent) > 0)
+            least = fmin(least, zeta), most = fmax(most, zeta);
     }
-    for (int k = X->m - 1; k >= 0; k--) {
-        few += row_square(X, k) - (k + ROWS_LEAST < X->m ? row_square(X, k + ROWS_LEAST) : 0);
-        if (k + ROWS_LEAST <= X->m
-            && few / ROWS_LEAST * TREND_REBUILT * TREND_REBUILT > all / X->m * left * left)
-            return k + ROWS_LEAST >= WATCHED_LEAST * ROWS_LEAST ? k + ROWS_LEAST : X->m;
+    c.range = most > least ? log(most / least) : 0;
+    for (int i = 0; i < r->mode_count; i++)
+        for (int j = 0; j < r->mode_count; j++)
+            for (int n = 2; n <= 3; n++) {
+                double f = n * cimag(r->modes[i].exponent);
+                c.looks += f > 0 && f <= c.highest && is_weak(&r->modes[j], &r->modes[i]);
+            }
+    return c;
+}
+
+/* (1) for B at N times A. */
+static double by_chance(const struct chance *c, const struct identify_mode *b,
+                        const struct identify_mode *a, int n)
+{
+    double rate = creal(b->exponent) / creal(a->exponent) / n;
+    double d = fabs(cimag(b->exponent) - n * cimag(a->exponent)), e = fabs(log(rate));
+
+    if (b->std_im >= 0 && a->std_im >= 0) {
+        d = fmax(d, hypot(b->std_im, n * a->std_im));  /* no nearer than errors tell */
+        e = fmax(e, hypot(b->std_re / creal(b->exponent), a->std_re / creal(a->exponent)));
     }
-    return X->m;
+    d = fmin(1, 2 * d / c->highest);
+    e = c->range > 0 ? d * fmin(1, 2 * e / c->range) : d;
+    /* (1): P(p q <= e) of two uniform numbers is e (1 - ln e) */
+    return c->looks * (c->range > 0 && e > 0 ? e * (1 - log(e)) : e);
+}
+
+/* 2 or 3, where B is that harmonic of A: it decays as that power of it, too, and is nearer than
+ * modes come by chance; else 0. */
+static int harmonic_of(const struct chance *c, const struct identify_mode *b,
+                       const struct identify_mode *a)
+{
+    int n = is_weak(b, a) ? multiple_of(b->exponent, a->exponent) : 0;
+
+    return n > 0 && fabs(creal(b->exponent) / creal(a->exponent) / n - 1) < HARMONIC_DECAY
+        && by_chance(c, b, a, n) < HARMONIC_CHANCE ? n : 0;
+}
+
+void trend_mark_harmonics(struct identify_result *r)
+{
+    struct chance c = chance_of(r);
+
+    for (int i = 0; i < r->mode_count; i++)
+        for (int j = 0; j < r->mode_count; j++)
+            r->modes[j].harmonic |= harmonic_of(&c, &r->modes[j], &r->modes[i]) > 0;
+}
+
+static void look_for_harmonics(struct identify_result *r)
+{
+    struct chance c = chance_of(r);
+
+    for (int i = 0; i < r->mode_count; i++)
+        for (int j = 0; j < r->mode_count; j++) {
+            const struct identify_mode *a = &r->modes[i], *b = &r->modes[j];
+            int n = harmonic_of(&c, b, a);
+            if (n > 0)
+                identify_diagnose(r, "harmonic_of_mode", -1, "%.5g Hz is %d times %.5g Hz and "
+                                  "decays as its power: a harmonic of that mode "
+                                  "(nonlinearity), not a mode", cimag(b->exponent) / (2 * M_PI), n,
+                                  cimag(a->exponent) / (2 * M_PI));
+        }
+}
+
+static void look_for_mains(struct identify_result *r)
+{
+    static const double mains[] = { 50, 60 };
+
+    for (int i = 0; i < r->mode_count; i++)
+        for (int m = 0; m < 2; m++) {
+            double hz = cimag(r->modes[i].exponent) / (2 * M_PI), n = nearbyint(hz / mains[m]);
+            if (n >= 1 && n <= MAINS_HARMONICS && fabs(hz - n * mains[m]) < MAINS_NEAR * mains[m]
+                && fabs(damping_ratio_of(r->modes[i].exponent)) < MAINS_DAMPING)
+                identify_diagnose(
+                    r, "mains_line", -1,
+                    "%.5g Hz is an undamped line at %g times %g Hz: mains, not a mode", hz, n,
+                    mains[m]);
+        }
+}
+
+/* What neither decays nor grows by its error, when that is known to UNDAMPED over the record. */
+static void look_for_undamped(struct identify_result *r, double record)
+{
+    const double UNDAMPED = 0.01;
+
+    for (int i = 0; i < r->mode_count; i++) {
+        const struct identify_mode *m = &r->modes[i];
+        double bar = REFINE_CLEAR * m->std_re;
+        if (cimag(m->exponent) * record > 4 * M_PI && fabs(creal(m->exponent)) <= bar
+            && bar * record < UNDAMPED)
+            identify_diagnose(r, "undamped", -1, "mode %d (%.5g Hz) keeps its amplitude over the "
+                              "record to %.2g: a steady force, a limit cycle or a mode without "
+                              "damping, which the record cannot tell apart", i,
+                              cimag(m->exponent) / (2 * M_PI), bar * record);
+    }
+}
+
+static void look_for_drift(struct identify_result *r, double record)
+{
+    bool vibrates = false;
+
+    for (int i = 0; i < r->mode_count; i++)
+        vibrates |= cimag(r->modes[i].exponent) * record > 4 * M_PI;
+    for (int i = 0; i < r->mode_count && vibrates; i++)
+        /* less than a quarter of a turn: offset, slope and curvature are all that is seen */
+        if (cabs(r->modes[i].exponent) * record < DRIFT_SLOW && r->modes[i].energy > DRIFT_LEAST) {
+            identify_diagnose(r, "drift", -1,
+                              "%.2g of the energy moves more slowly than the record of %g s: drift "
+                              "or a rigid motion; its exponent says little, "
+                              "and `detrend` or `band` removes it",
+                              r->modes[i].energy, record);
+            return;
+        }
 }
 
 enum modal_status trend_watch(const struct trend_input *in, struct identify_result *result,
@@ -684,21 +771,22 @@ enum modal_status trend_watch(const struct trend_input *in, struct identify_resu
 {
     bool none = in->count == 0 && in->ragged > 0, good = !none, crowd = false;
     double left = none ? 1 : in->white;
-    struct trend_input part = *in;
-    struct matrix heard;
     enum modal_status rc = MODAL_OK;
 
     *follows = false;
     if (left == 0 && in->count > 0 && in->X->m > 2 * in->count + 2)
         rc = adequate(in, &good, &left, err);
-    /* few exponentials that draw all to rounding are the motion: a crowd makes up for another to
-     * any accuracy, but not with all digits */
-    if (rc == MODAL_OK && good && left > REFINE_EXACT)
+    if (rc == MODAL_OK && good)
         rc = crowded(in, &crowd, err);
-    heard = *in->X;
-    if (good && crowd)
-        part.X = &heard, heard.m = rows_heard(in->X, left);
     if (rc == MODAL_OK && (!good || crowd))
-        rc = watch(&part, good, left, result, follows, err);
+        rc = watch(in, good, left, result, follows, err);
     return rc;
+}
+
+void trend_of_modes(double record, struct identify_result *result)
+{
+    look_for_harmonics(result);
+    look_for_mains(result);
+    look_for_undamped(result, record);
+    look_for_drift(result, record);
 }

@@ -15,9 +15,6 @@
 /* Of the rms: at most so much is left where decaying modes rebuild a record, or a window of it. */
 #define TREND_REBUILT 0.15
 
-/* Of its mode's energy: a harmonic of a nonlinearity has no more. */
-#define TREND_HARMONIC 0.05
-
 enum {
     TREND_CROWD = 3,                 /* poles near one another: a pair may be two modes */
     TREND_MODES = 6,                 /* of a window, of which the strongest is watched */
@@ -76,9 +73,6 @@ bool trend_crowds(const struct trend_input *in, double complex exponent);
  */
 enum modal_status trend_growth(const struct trend_input *in, const struct identify_result *result,
                                bool *shown, struct modal_error *err);
-
-/* 2 or 3, where LAMBDA lies at so many times the frequency of BASE; else 0. */
-int trend_multiple_of(double complex lambda, double complex base);
 
 /* Mark the modes that are harmonics of others, before a verdict; not for periodic systems. */
 void trend_mark_harmonics(struct identify_result *result);

@@ -1,6 +1,6 @@
 /* Is the model right at all?  Signals made wrong in one known way get that diagnostic; right ones
  * get none. */
-/* Tests as well: identify_doubt.c trend_modes.c */
+/* Tests as well: identify_doubt.c */
 #include "modal/identify/ask/trend.h"
 #include "modal/identify/identify.h"
 #include <stdlib.h>
@@ -253,33 +253,6 @@ TEST(a_hardening_spring_without_noise_is_one_mode_that_follows_its_amplitude)
     }
 }
 
-/* It is in the noise after a fifth of the record, in which three windows still show how it goes. */
-TEST(a_hardening_spring_that_dies_early_is_one_mode_all_the_same)
-{
-    enum { ROWS = 3000, FINE = 10 };
-
-    for (int i = 0; i < 2; i++) {
-        struct hardening h = { 2 * M_PI, 0.2, 0.4 };
-        struct batch b = batch_of(ROWS, 1, 0.05);
-        struct identify_options opt = { 0 };
-        struct identify_result r;
-        struct random rng = { 60 + (uint64_t)i };
-        double u[2] = { 1, 0 };
-        for (int k = 0; k < ROWS; k++) {
-            x[k] = u[0] + 1e-3 * random_normal(&rng);
-            for (int j = 0; j < FINE; j++)
-                hardening_step(&h, u, b.dt / FINE);
-        }
-        CHECK(modal_identify(&b, &opt, &r, NULL) == MODAL_OK);
-        CHECK(has(&r, "amplitude_dependent") && r.mode_count <= 2);
-        /* from 1 Hz of small amplitudes to that of the first: w^2 (1 + 3/4 e), at most */
-        CHECK(cabs(r.modes[0].resolved) > h.w * 0.999
-              && cabs(r.modes[0].resolved) < h.w * sqrt(1 + 0.75 * h.e));
-        CHECK(r.modes[0].std_frequency_hz > 2e-3);      /* it goes so far, whatever the noise */
-        identify_result_done(&r);
-    }
-}
-
 /* With dry friction the amplitude falls by as much each cycle, and stays at none: to damping that
  * rises without bound.  Beside it a mode as modes are. */
 TEST(a_decay_by_dry_friction_is_one_stable_mode_beside_a_linear_one)
@@ -340,61 +313,6 @@ TEST(modes_that_beat_are_not_one_mode_that_follows_its_amplitude)
     CHECK(!finds(&b, "amplitude_dependent"));
     CHECK(modal_identify(&b, NULL, &result, NULL) == MODAL_OK && result.mode_count == 3);
     identify_result_done(&result);
-}
-
-/* Lines of COUNT exponents over the record in one channel or two, in NOISE. */
-struct line { double rise, turns, size[2], phase[2]; };
-
-static void draw_lines(const struct line *l, int count, int rows, int channels, double noise)
-{
-    struct random rng = { 31 };
-
-    for (int k = 0; k < rows * channels; k++) {
-        int i = k / channels, c = k % channels;
-        x[k] = noise * random_normal(&rng);
-        for (int j = 0; j < count; j++)
-            x[k] += l[j].size[c] * exp(l[j].rise * i / rows)
-                  * cos(l[j].turns * i / rows + l[j].phase[c]);
-    }
-}
-
-/* Within a beat of each other, and drawn to the last digit. */
-TEST(lines_without_noise_are_what_they_are_however_near)
-{
-    static const struct line near[3] = {
-        { -4.21, 720.61, { 1.79, 0.44 }, { 1.93, 2.32 } },
-        { -5.67, 721.14, { 0.90, 2.11 }, { 2.21, -0.53 } },
-        { -9.05, 721.63, { 0.93, 1.15 }, { -1.95, -0.77 } } };
-    struct batch b = batch_of(2293, 2, 1. / 2293);
-    struct identify_result r;
-
-    draw_lines(near, 3, 2293, 2, 0);
-    CHECK(modal_identify(&b, NULL, &r, NULL) == MODAL_OK);
-    CHECK(r.mode_count == 3 && !has(&r, "amplitude_dependent"));
-    for (int i = 0; i < r.mode_count; i++) {
-        double off = HUGE_VAL;
-        for (int j = 0; j < 3; j++)
-            off = fmin(off, cabs(r.modes[i].resolved - CMPLX(near[j].rise, near[j].turns)));
-        CHECK(off < 1e-5);
-    }
-    identify_result_done(&r);
-}
-
-/* Five lines within a hundredth in one channel: their sum falls, rises and falls again, and the
- * frequency of the windows falls with it. */
-TEST(what_rises_while_it_decays_is_no_one_mode)
-{
-    static const struct line five[5] = {
-        { -7.60, 2679.47, { 2.01 }, { 0.71 } }, { -1.74, 2684.56, { 1.72 }, { 2.37 } },
-        { -3.62, 2701.80, { 2.15 }, { -1.89 } }, { -4.95, 2709.69, { 1.86 }, { -2.07 } },
-        { -6.79, 2715.17, { 1.24 }, { -0.10 } } };
-    struct batch b = batch_of(3771, 1, 1. / 3771);
-    struct identify_result r;
-
-    draw_lines(five, 5, 3771, 1, 2e-4);
-    CHECK(modal_identify(&b, NULL, &r, NULL) == MODAL_OK);
-    CHECK(r.mode_count == 5 && !has(&r, "amplitude_dependent"));
-    identify_result_done(&r);
 }
 
 /* x'' + 2 zeta w x' + w^2 x = white noise, stepped exactly enough for the purpose. */

@@ -224,25 +224,13 @@ static bool write_all(hid_t file, const cJSON *doc)
     return ok && (field_get(doc, "time") == NULL || write_waveform(file, field_get(doc, "time")));
 }
 
-/* A new file in PATH, without HDF5's lock: what is written there has one (whole_file.h). */
-static hid_t make_file(const char *path)
-{
-    hid_t access = H5Pcreate(H5P_FILE_ACCESS), file = H5I_INVALID_HID;
-
-    if (access >= 0 && H5Pset_file_locking(access, false, false) >= 0)
-        file = H5Fcreate(path, H5F_ACC_TRUNC, H5P_DEFAULT, access);
-    if (access >= 0)
-        H5Pclose(access);
-    return file;
-}
-
 enum modal_status result_file_write(const char *path, const cJSON *doc, struct modal_error *err)
 {
     hid_t file;
     bool ok;
 
     H5Eset_auto2(H5E_DEFAULT, NULL, NULL);
-    file = make_file(path);
+    file = H5Fcreate(path, H5F_ACC_TRUNC, H5P_DEFAULT, H5P_DEFAULT);
     ok = file >= 0 && write_all(file, doc);
     if (file >= 0)
         ok = H5Fclose(file) >= 0 && ok;

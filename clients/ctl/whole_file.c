@@ -3,19 +3,18 @@
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
+#include <inttypes.h>
 #include <signal.h>
 #include <stdatomic.h>
 #include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/file.h>
+#include <sys/random.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
-enum { NAMES = 100 };        /* tried beside one place: leavings of lives of the same PID */
+enum { NAME = 128 };         /* bytes of that of a file beside a place, with its end */
 enum { LOOKED_AT = 10000 };  /* names of a folder: a few ms, though it has millions */
-
-#define BESIDE ".modalctl-"
 
 /* ---- what a signal ends ---- */
 
@@ -143,26 +142,50 @@ enum modal_status whole_file_check(const char *path, const char *option, struct 
     return path != NULL ? find_place(path, option, place, err) : MODAL_OK;
 }
 
-/* NAME in FOLDER is a file of ours, and nobody has the lock that who writes it keeps until it is
- * moved: he was killed.  Who has made it and not locked it yet makes another. */
-static void remove_left(int folder, const char *name)
+/* What the names of files begin with that we, or who shares our PIDs, write beside a place: the
+ * life of the kernel and the name space of the PID that follows.  Is that known?  A lock would tell
+ * as well who still writes, but meets HDF5's of the same file, on NFS whichever kind it is. */
+static bool name_start(char start[NAME])
 {
-    int fd = openat(folder, name, O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
-    struct stat held, now;
+    FILE *file = fopen("/proc/sys/kernel/random/boot_id", "re");
+    char life[37] = "";
+    struct stat pids = { 0 };
+    bool known = file != NULL && fscanf(file, "%36[0-9a-f-]", life) == 1
+                 && stat("/proc/self/ns/pid", &pids) == 0;
 
-    if (fd < 0)
+    if (file != NULL)
+        fclose(file);
+    snprintf(start, NAME, ".modalctl-%s-%ju-", known ? life : "0", (uintmax_t)pids.st_ino);
+    return known;
+}
+
+/* NUMBER is drawn: no other file ever had the name, so one that goes is the one that was seen. */
+static void put_name(char name[NAME], const char *start, int pid, uint64_t number)
+{
+    snprintf(name, NAME, "%.90s%d-%016" PRIx64, start, pid, number);
+}
+
+/* NAME in FOLDER goes if a process whose names begin with START made it, and is no more. */
+static void remove_left(int folder, const char *name, const char *start)
+{
+    char same[NAME];
+    int pid = 0;
+    uint64_t number;
+    struct stat known;
+
+    if (strncmp(name, start, strlen(start)) != 0
+        || sscanf(name + strlen(start), "%9d-%16" SCNx64, &pid, &number) != 2 || pid <= 0)
         return;
-    if (fstat(fd, &held) == 0 && S_ISREG(held.st_mode) && held.st_uid == geteuid()
-        && flock(fd, LOCK_EX | LOCK_NB) == 0
-        && fstatat(folder, name, &now, AT_SYMLINK_NOFOLLOW) == 0 && now.st_ino == held.st_ino
-        && now.st_dev == held.st_dev)
+    put_name(same, start, pid, number);
+    if (strcmp(name, same) == 0 && fstatat(folder, name, &known, AT_SYMLINK_NOFOLLOW) == 0
+        && S_ISREG(known.st_mode) && known.st_uid == geteuid()
+        && kill(pid, 0) != 0 && errno == ESRCH)
         unlinkat(folder, name, 0);
-    close(fd);
 }
 
 /* What those who were killed left in the folder of PLACE, of the first folder that is written
  * to. */
-static void remove_all_left(const char *place)
+static void remove_all_left(const char *place, const char *start)
 {
     static atomic_bool done;
     char folder[WHOLE_FILE_PATH + 2];
@@ -173,30 +196,24 @@ static void remove_all_left(const char *place)
     if (atomic_exchange(&done, true) || (all = opendir(folder)) == NULL)
         return;
     for (int i = 0; i < LOOKED_AT && (entry = readdir(all)) != NULL; i++)
-        if (strncmp(entry->d_name, BESIDE, sizeof BESIDE - 1) == 0)
-            remove_left(dirfd(all), entry->d_name);
+        remove_left(dirfd(all), entry->d_name, start);
     closedir(all);
 }
 
-/* A file that was not there, with MODE, and locked where the file system has locks; -1: none. */
+/* A file that was not there, with MODE; -1: none. */
 static int open_new(struct whole_file *out, mode_t mode)
 {
-    struct stat known;
-    int fd = -1;
+    char start[NAME], name[NAME];
+    uint64_t number;
 
-    errno = EEXIST;
-    for (int i = 0; fd < 0 && errno == EEXIST && i < NAMES; i++) {
-        snprintf(out->beside, sizeof out->beside, "%.*s" BESIDE "%d-%d", folder_length(out->place),
-                 out->place, (int)getpid(), i);
-        fd = open(out->beside, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, mode);
-        if (fd >= 0 && ((flock(fd, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK)
-                        || (fstat(fd, &known) == 0 && known.st_nlink == 0))) {
-            close(fd);              /* taken for one that was left: it goes */
-            fd = -1;
-            errno = EEXIST;
-        }
-    }
-    return fd;
+    if (name_start(start))
+        remove_all_left(out->place, start);
+    if (getrandom(&number, sizeof number, 0) != sizeof number)
+        return -1;
+    put_name(name, start, (int)getpid(), number);
+    snprintf(out->beside, sizeof out->beside, "%.*s%s", folder_length(out->place), out->place,
+             name);
+    return open(out->beside, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, mode);
 }
 
 /* A file beside its place that was not there, in a name that is short whatever the place's is;
@@ -208,7 +225,6 @@ static FILE *open_beside(struct whole_file *out)
     bool is_there = stat(out->place, &known) == 0, good;
     int fd, why;
 
-    remove_all_left(out->place);
     fd = open_new(out, is_there ? 0600 : 0666);
     if (fd < 0)
         return NULL;
@@ -221,11 +237,9 @@ static FILE *open_beside(struct whole_file *out)
     snprintf(out->way, sizeof out->way, "/proc/self/fd/%d", fd);
     if (access(out->way, F_OK) != 0)
         memcpy(out->way, out->beside, sizeof out->way);
-    out->lock = good ? fcntl(fd, F_DUPFD_CLOEXEC, 0) : -1;
-    if (out->lock >= 0 && (out->file = fdopen(fd, "w")) != NULL)
+    if (good && (out->file = fdopen(fd, "w")) != NULL)
         return out->file;
     why = errno;
-    close(out->lock);
     close(fd);
     remove(out->beside);
     errno = why;
@@ -266,7 +280,7 @@ static bool give_rights(const struct whole_file *out)
     return (now.st_mode & 0777) == mode || fchmod(fd, mode) == 0;
 }
 
-/* It is no longer written, and nobody's; where it is not GOOD it goes. */
+/* It is no longer written; where it is not GOOD it goes. */
 static void close_off(struct whole_file *out, bool good)
 {
     sigset_t before;
@@ -276,7 +290,6 @@ static void close_off(struct whole_file *out, bool good)
     take_off(out);
     if (!good)
         remove(out->beside);
-    close(out->lock);
     pthread_sigmask(SIG_SETMASK, &before, NULL);
 }
 

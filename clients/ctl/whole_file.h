@@ -9,14 +9,12 @@
 enum { WHOLE_FILE_PATH = 4096 };   /* bytes of a path, with its end: Linux's PATH_MAX */
 
 /* `file` writes to `beside`, which was not there before; `place` is what it will be in place of.
- * NULL once it was moved or dropped; `lock` keeps `beside` from those who remove what the killed
- * left.  Who opens what is written by a name opens `way`: whoever may
+ * NULL once it was moved or dropped.  Who opens what is written by a name opens `way`: whoever may
  * write to the folder can put a link to another file where `beside` was. */
 struct whole_file {
     FILE *file;
-    int lock;
     const char *option;
-    char place[WHOLE_FILE_PATH], beside[WHOLE_FILE_PATH + 32], way[WHOLE_FILE_PATH + 32];
+    char place[WHOLE_FILE_PATH], beside[WHOLE_FILE_PATH + 128], way[WHOLE_FILE_PATH + 128];
     mode_t mode;                   /* that it ends with */
     uid_t uid; gid_t gid;          /* of what it replaces; -1: nothing yet */
     struct whole_file *next;       /* begun before this one */
@@ -30,7 +28,8 @@ enum modal_status whole_file_check(const char *path, const char *option, struct 
 /* Begin to write PATH, which OPTION named (borrowed until the end), or what PATH links to; with the
  * mode of what is there, and its owner and group where we may.  A signal that ends the program
  * before the end leaves nothing: *OUT stays where it is until then; what SIGKILL left in that
- * folder goes when its user writes there again.  Fails as whole_file_check. */
+ * folder goes when its user writes there again, on that machine before it is started anew.  Fails
+ * as whole_file_check. */
 enum modal_status whole_file_begin(struct whole_file *out, const char *path, const char *option,
                                    struct modal_error *err);
 /* Move what was written to its place; where that fails nothing is left, and the file that was there

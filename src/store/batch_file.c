@@ -489,14 +489,12 @@ void batch_file_done(struct batch_file *file)
 }
 
 /* A new file in the format of HDF5 1.8: an earlier one's attributes end at 64 kB, which 4096 names
- * of channels have.  Without HDF5's lock: a new file is nobody else's, or is its maker's, who may
- * have locked it. */
+ * of channels have. */
 static hid_t make_file(const char *path)
 {
     hid_t access = H5Pcreate(H5P_FILE_ACCESS), file = H5I_INVALID_HID;
 
-    if (access >= 0 && H5Pset_libver_bounds(access, H5F_LIBVER_V18, H5F_LIBVER_V18) >= 0
-        && H5Pset_file_locking(access, false, false) >= 0)
+    if (access >= 0 && H5Pset_libver_bounds(access, H5F_LIBVER_V18, H5F_LIBVER_V18) >= 0)
         file = H5Fcreate(path, H5F_ACC_TRUNC, H5P_DEFAULT, access);
     if (access >= 0)
         H5Pclose(access);

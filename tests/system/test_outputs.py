@@ -4,6 +4,7 @@ import errno
 import json
 import os
 import pathlib
+import re
 import resource
 import signal
 import socket
@@ -199,33 +200,71 @@ def test_a_signal_ends_what_is_written_and_leaves_nothing_of_it(by, folder):
     assert not list((folder / "out").iterdir())
 
 
-def test_what_a_killed_writer_left_goes_with_the_next_and_what_is_being_written_does_not(folder):
-    """A list's second input is a FIFO that nobody writes to, so that its first file stays open."""
+@pytest.fixture()
+def begun(folder):
+    """What `begun.pid` is writing in `out`: a list's second input is a FIFO that nobody writes to,
+    so that its first file stays open."""
     os.mkfifo(folder / "never")
     (folder / "list").write_text("".join(
         json.dumps({"kind": "identify", "file": name}) + "\n" for name in ("in.h5", "never")))
     child = subprocess.Popen([CTL, "submit", "--from", "list", "--sbatch", "out"],
                              env=environment())
     out, end = folder / "out", time.monotonic() + PATIENCE
-    while not (out.is_dir() and list(out.glob(".modalctl-*"))):
-        assert child.poll() is None and time.monotonic() < end
-        time.sleep(0.005)
     try:
-        begun = set(out.iterdir())
-        (out / ".modalctl-1-0").symlink_to("../in.h5")
-        os.mkfifo(out / ".modalctl-2-0")
-        (out / ".modalctl-3-0").mkdir()
-        others = set(out.iterdir()) - begun
-        for end in ("csv", "h5"):
-            assert write(out / f"a.{end}")[0] == 0
-        beside = {out / "a.csv", out / "a.h5"}
-        assert set(out.iterdir()) == begun | others | beside
+        while not (out.is_dir() and list(out.glob(".modalctl-*"))):
+            assert child.poll() is None and time.monotonic() < end
+            time.sleep(0.005)
+        yield child
     finally:
         child.kill()
         child.wait()
-    assert set(out.iterdir()) == begun | others | beside
+
+
+def test_what_a_killed_writer_left_goes_with_the_next_and_what_is_being_written_does_not(begun,
+                                                                                       folder):
+    out = folder / "out"
+    before = set(out.iterdir())
+    for end in ("csv", "h5"):
+        assert write(out / f"a.{end}")[0] == 0
+    beside = {out / "a.csv", out / "a.h5"}
+    assert set(out.iterdir()) == before | beside
+    begun.kill()
+    begun.wait()
+    assert set(out.iterdir()) == before | beside
     assert write(out / "a.h5")[0] == 0
-    assert set(out.iterdir()) == others | beside
+    assert set(out.iterdir()) == beside
+
+
+def test_no_file_goes_but_one_that_a_killed_writer_of_this_machine_s_life_made(begun, folder):
+    out = folder / "out"
+    left, = (path.name for path in out.glob(".modalctl-*"))
+    begun.kill()
+    begun.wait()
+    tag, life, space, pid, number = re.fullmatch(
+        r"([.]modalctl)-([0-9a-f-]{36})-(\d+)-(\d+)-([0-9a-f]{16})", left).groups()
+    others = {f"{tag}-mine.h5", f"{tag}-notes.txt", f"{tag}-{pid}-0", f"{tag}-{pid}-{number}",
+              f"{left}.h5", f"{left}0", left[:-1], left[1:],
+              f"{tag}-{life}-{space}-0{pid}-{number}",
+              f"{tag}-{life}-{space}--{pid}-{number}", f"{tag}-{life}-{space}-{pid}-{'G' * 16}",
+              f"{tag}-{life}-{int(space) + 1}-{pid}-{number}",
+              f"{tag}-{life[::-1]}-{space}-{pid}-{number}"}
+    for name in others:
+        (out / name).write_text("a person's")
+    link, fifo, inner = (f"{tag}-{life}-{space}-{pid}-{n:016x}" for n in range(3))
+    (out / link).symlink_to("../in.h5")
+    os.mkfifo(out / fifo)
+    (out / inner).mkdir()
+    before = set(out.iterdir())
+    assert write(out / "a.csv")[0] == 0
+    assert set(out.iterdir()) == before - {out / left} | {out / "a.csv"}
+
+
+@pytest.mark.parametrize("whether", ["TRUE", "BEST_EFFORT", "FALSE"])
+@pytest.mark.parametrize("name", ["a.h5", "result.h5"])
+def test_an_output_is_written_whether_hdf5_locks_files_or_not(name, whether, folder, monkeypatch):
+    monkeypatch.setenv("HDF5_USE_FILE_LOCKING", whether)
+    assert write(folder / name)[0] == 0
+    assert (folder / name).stat().st_size > 0
 
 
 def make(kind, path):

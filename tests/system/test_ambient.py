@@ -207,6 +207,16 @@ def test_a_line_within_a_modes_peak_is_told_and_does_not_bend_its_damping(ctl, t
     assert np.abs(np.array(bench_ambient.compare(s, 20000, said))[:, 3:5]).max() < 3.5
 
 
+@pytest.mark.parametrize("seed", [2, 6, 29])
+def test_a_mode_as_narrow_as_a_line_of_the_record_is_no_line_of_constant_amplitude(ctl, tmp_path,
+                                                                                   seed):
+    """A third of one line wide: what the record's ends add to its peak has a sinusoid's course."""
+    s = system(seed, hertz=(3.08, 14.9), zeta=(0.0005, 0.0015))
+    said = identify(ctl, tmp_path / "a.h5", s.samples(10000, np.random.default_rng(seed))).document
+    assert not any("constant amplitude" in d["message"] for d in said["diagnostics"])
+    assert len(said["modes"]) == 2
+
+
 def test_harmonics_of_a_rotor_however_strong_leave_no_mode_behind(ctl, tmp_path):
     """Seven, of 0.1 to 2 times the motion, some among the modes and some in directions in which
     there is no noise but the sensors': there frequencies are known best."""

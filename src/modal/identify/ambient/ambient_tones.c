@@ -20,6 +20,16 @@
  * less.  There the largest line is taken for a sinusoid on trial, and the model fitted anew without
  * it: where that is likelier by more than (1) of chance, with b without end, it was one.
  *
+ * Lines of a peak are not independent.  Of x' = lambda x + n the line j of N samples is
+ *
+ *     F_j = (n_j + (x(0) - x(N)) / sqrt(N)) / (i w_j - lambda),                                 (2)
+ *
+ * and what the record's ends add is the same in all: where they are apart, E |x|^2 = E |n|^2 / 2a
+ * with a = -Re lambda makes it the share 1 / (a N) of a line's variance.  Its course over the lines
+ * beyond the peak is a sinusoid's, which may gain of n lines n / (a N) times an exponential
+ * variable that no likelihood of independent lines expects.  A trial asks for as much more, beside
+ * the price of 20 to 30: for a peak that is one line wide some 20, for one of twelve some 2.
+ *
  * Lines that were taken off before anything was known of the noise are where the column that shows
  * them best has them.  Where noise is nearly singular, another sum of columns may show them a
  * thousand times better, and what was left of them then looks like a pair.
@@ -488,13 +498,21 @@ static double likelihood_of(const struct work *w, const struct whittle *m, int f
     return sum;
 }
 
+/* What a sinusoid beside mode Q may gain of the lines beyond its peak by the ends of the record,
+ * (2), in one record of 1 / ALARM. */
+static double price_of_ends(const struct work *w, const struct whittle_mode *q)
+{
+    return 2 * ABOUT / (-creal(q->lambda) * w->s.samples) * log(w->m->count / ALARM);
+}
+
 /* The largest line about mode K as a sinusoid, where the others, fitted without it, are likelier by
- * more than its price. */
+ * more than its price.  Chance is that of a record without one, whose mode is as wide as it was
+ * fitted to all lines. */
 static enum modal_status unmask(struct work *w, int k, const struct ambient_limits *limits,
                                 struct whittle *room, struct modal_error *err)
 {
     double complex C[L * L], a[L];
-    double gain, before, position;
+    double gain, before, position, price = w->price + price_of_ends(w, &w->m->mode[k]);
     int first, last, j = largest_about(w, &w->m->mode[k], C, &first, &last);
     enum modal_status rc;
 
@@ -505,7 +523,7 @@ static enum modal_status unmask(struct work *w, int k, const struct ambient_limi
     subtract(w, position, a, 1);
     *room = *w->m;
     rc = ambient_refit(&w->s, limits, room, err);
-    if (rc == MODAL_OK && likelihood_of(w, room, first, last) - before > w->price) {
+    if (rc == MODAL_OK && likelihood_of(w, room, first, last) - before > price) {
         add(w, position, -1);
         *w->m = *room;
         whittle_poles(w->m, w->poles);
@@ -514,7 +532,9 @@ static enum modal_status unmask(struct work *w, int k, const struct ambient_limi
     return rc;
 }
 
-/* Peaks that are narrower than what is about a line hide it. */
+/* Peaks that are narrower than what is about a line hide it.  Where lines are gone the model is
+ * fitted to what is left first: of one that has S of them the next trial's fit would gain what is
+ * none of its sinusoid's. */
 static enum modal_status unmask_all(struct work *w, const struct ambient_limits *limits,
                                     struct modal_error *err)
 {
@@ -523,6 +543,10 @@ static enum modal_status unmask_all(struct work *w, const struct ambient_limits 
                                         : modal_fail(err, MODAL_NO_MEMORY, "identify: no memory "
                                                      "for a model of spectra");
 
+    if (rc == MODAL_OK && w->tone_count > 0 && w->m->count > 0) {
+        rc = ambient_refit(&w->s, limits, w->m, err);
+        whittle_poles(w->m, w->poles);
+    }
     for (int k = 0; rc == MODAL_OK && k < w->m->count; k++)
         if (-creal(w->m->mode[k].lambda) * w->s.samples < 2 * M_PI * ABOUT)
             rc = unmask(w, k, limits, room, err);

@@ -88,7 +88,8 @@ struct user {
     struct tombstone *stones, **stones_end;     /* the oldest first */
     /* sealed inputs by content; the youngest of each identity by sha256 */
     struct map inputs, identities;
-    struct job **jobs; size_t job_count, job_room;      /* ascending ids; NULL where one has gone */
+    /* ascending ids; NULL where one has gone, as jobs_gone have */
+    struct job **jobs; size_t job_count, job_room, jobs_gone;
     struct input **open; int open_count;  /* uploads */
     struct heap ready;
     int64_t queued, queued_large, running, bytes;       /* large: input_is_large */

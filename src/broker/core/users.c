@@ -175,24 +175,21 @@ void user_add_job(struct user *user, struct job *job)
     user->jobs[user->job_count++] = job;
 }
 
-/* Squeeze the removed ones out once they are half of all. */
+/* Squeeze the removed ones out: once they are half of all, each has paid for the walk. */
 static void squeeze(struct user *user)
 {
-    enum { FEW_JOBS = 32 };     /* 256 bytes: not worth a walk at each that goes */
-    size_t kept = 0, gone = 0;
+    size_t kept = 0;
 
-    for (size_t i = 0; i < user->job_count; i++)
-        gone += user->jobs[i] == NULL;
-    if (2 * gone < user->job_count || user->job_count < FEW_JOBS)
-        return;
     for (size_t i = 0; i < user->job_count; i++)
         if (user->jobs[i] != NULL)
             user->jobs[kept++] = user->jobs[i];
     user->job_count = kept;
+    user->jobs_gone = 0;
 }
 
 void user_drop_job(struct user *user, const struct job *job)
 {
+    enum { FEW_JOBS = 32 };     /* 256 bytes: not worth a walk at each that goes */
     size_t at = user_seek(user, job->id - 1);
 
     while (at < user->job_count && user->jobs[at] != job)
@@ -200,9 +197,8 @@ void user_drop_job(struct user *user, const struct job *job)
     if (at == user->job_count)
         return;
     user->jobs[at] = NULL;
-    if (at + 1 == user->job_count)
-        user->job_count--;
-    else if ((job->id & 63) == 0)
+    user->jobs_gone++;
+    if (2 * user->jobs_gone >= user->job_count && user->job_count >= FEW_JOBS)
         squeeze(user);
 }
 

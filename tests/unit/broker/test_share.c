@@ -283,3 +283,30 @@ TEST(priority_is_worth_minutes_so_that_nothing_starves)
     core_free(lab.core);
 }
 
+
+/* Two users that submit in turn: all of one's ids are odd. */
+TEST(a_users_list_of_jobs_has_no_more_gone_than_there_are_whatever_their_ids)
+{
+    enum { JOBS = 2000, STAY = 20, FEW = 32 };
+    struct user user = { .job_count = 0 };
+    struct job *jobs = calloc(JOBS, sizeof *jobs);
+
+    CHECK(jobs != NULL);
+    for (int i = 0; i < JOBS; i++) {
+        jobs[i].id = 2 * i + 1;
+        user_add_job(&user, &jobs[i]);
+    }
+    for (int i = 0; i < JOBS - STAY; i++) {
+        user_drop_job(&user, &jobs[i]);
+        CHECK(user.job_count <= 2 * (size_t)(JOBS - 1 - i) || user.job_count < FEW);
+    }
+    for (int i = JOBS - STAY; i < JOBS; i++) {
+        size_t at = user_seek(&user, jobs[i].id - 1);
+
+        while (at < user.job_count && user.jobs[at] == NULL)
+            at++;
+        CHECK(at < user.job_count && user.jobs[at] == &jobs[i]);
+    }
+    free(user.jobs);
+    free(jobs);
+}

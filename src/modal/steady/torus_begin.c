@@ -60,7 +60,7 @@ static enum modal_status tangents(const struct torus_solver *s, double *K, doubl
     int n = s->p->n;
     const int *kept = condense_dofs(s->condense[0]);
     double *x = calloc((size_t)n, sizeof *x);
-    bool rates;
+    bool rates = false;
     enum modal_status rc = x == NULL ? modal_fail(err, MODAL_NO_MEMORY, "torus: no memory")
                                      : MODAL_OK;
 

@@ -212,6 +212,23 @@ def test_restarts_of_every_kind_under_load_lose_and_double_nothing():
         print(f"\nP1 P2 P3 P4 P9: {counts}, {len(acks)} acknowledged jobs, 0 violations")
 
 
+def test_a_thousand_reloads_under_load_end_no_daemon():
+    """Its threads read the data folder's path while a reload takes the settings anew."""
+    with Daemon(config=FAKE, workers=2) as d:
+        submitters = [Submitter(d, n, 200) for n in range(4)]
+        for s in submitters:
+            s.start()
+        for _ in range(1000):
+            assert d.process.poll() is None, d.text()[-500:]
+            d.process.send_signal(signal.SIGHUP)
+            time.sleep(0.0005)
+        for s in submitters:
+            s.join(PATIENCE_S)
+            assert s.error is None and not s.is_alive(), s.error
+        assert "level=error" not in d.text()
+        check_everything(d.client(), {key: job for s in submitters for key, job in s.acks.items()})
+
+
 class UntilItDies(Client):
     """Waits for an answer as long as the daemon D lives, and no longer; one that lives and does not
     answer for PATIENCE_S has lost what it was asked.

@@ -351,8 +351,9 @@ static enum modal_status start_threads(struct daemon *d, struct modal_error *err
 {
     if (!done_open(&d->done))
         return modal_fail(err, MODAL_IO, "eventfd: %s", strerror(errno));
-    d->ledger_thread = ledger_thread_start(d->ledger, d->config->settings.dir, &d->done);
-    d->spool = spool_threads_start(d->config->settings.dir, d->config->spool_threads, &d->done);
+    /* not settings.dir, which a reload writes while they read it */
+    d->ledger_thread = ledger_thread_start(d->ledger, d->config->data, &d->done);
+    d->spool = spool_threads_start(d->config->data, d->config->spool_threads, &d->done);
     if (d->ledger_thread == NULL || d->spool == NULL)
         return modal_fail(err, MODAL_NO_MEMORY, "the threads could not be started");
     return MODAL_OK;

@@ -38,7 +38,8 @@ void done_take(struct done_queue *queue, struct transaction **transactions, stru
 
 /* The ledger's thread: transactions in order, those that wait together committed together. */
 struct ledger_thread;
-/* LEDGER, DIR and DONE are borrowed until it is stopped; NULL: no thread could be started. */
+/* LEDGER, DIR and DONE are borrowed, and DIR nobody writes, until it is stopped; NULL: no thread
+ * could be started. */
 struct ledger_thread *ledger_thread_start(struct ledger *ledger, const char *dir,
                                           struct done_queue *done);
 /* The list FIRST is the thread's, until it lies in DONE; what is put at once is one group, as far
@@ -51,8 +52,8 @@ void ledger_thread_stop(struct ledger_thread *thread);
 
 /* The spool's threads: tasks in any order, of each turn one before the next has its. */
 struct spool_threads;
-/* COUNT of them, and one that seals streams; DIR and DONE are borrowed until they are stopped.
- * NULL: none could be started. */
+/* COUNT of them, and one that seals streams; DIR and DONE are borrowed, and DIR nobody writes, until
+ * they are stopped.  NULL: none could be started. */
 struct spool_threads *spool_threads_start(const char *dir, int count, struct done_queue *done);
 /* TASK is theirs, until it lies in DONE. */
 void spool_threads_put(struct spool_threads *threads, struct task *task);

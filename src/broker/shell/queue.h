@@ -52,8 +52,8 @@ void ledger_thread_stop(struct ledger_thread *thread);
 
 /* The spool's threads: tasks in any order, of each turn one before the next has its. */
 struct spool_threads;
-/* COUNT of them, and one that seals streams; DIR and DONE are borrowed, and DIR nobody writes, until
- * they are stopped.  NULL: none could be started. */
+/* COUNT of them, and one that seals streams; DIR and DONE are borrowed, and DIR nobody writes,
+ * until they are stopped.  NULL: none could be started. */
 struct spool_threads *spool_threads_start(const char *dir, int count, struct done_queue *done);
 /* TASK is theirs, until it lies in DONE. */
 void spool_threads_put(struct spool_threads *threads, struct task *task);

@@ -412,8 +412,8 @@ static bool is_sinusoid(const struct work *w, int j, double gain)
     return true;
 }
 
-/* Whichever about J holds most: places beside a sinusoid may stand out as it does. */
-/* Within what one sinusoid covers, the line where it stands out most: J's neighbours leak of it. */
+/* Whichever about J holds most, within what one sinusoid covers: places beside it may stand out as
+ * it does. */
 static int highest(const struct work *w, int j)
 {
     int best = j;

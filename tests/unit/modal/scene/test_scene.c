@@ -584,15 +584,24 @@ TEST(copies_of_a_laws_memory_count_by_what_is_in_it)
     CHECK(strstr(err.message, "more than 1000000 instructions in one call") != NULL);
 }
 
-/* d' = 0; d as given; the force alone or with its slope, which is 3 d^2. */
-static double slope_of_cube(const struct law *law, double d, bool alone)
+/* LAW at D, d' = 0, its force alone or with its slopes. */
+static enum modal_status ask(const struct law *law, double d, bool alone, struct law_force *out,
+                             struct modal_error *err)
 {
     double v = 0;
-    struct modal_error err;
-    struct law_force out = { .alone = alone };
     struct law_point at = { .t = 0, .d = &d, .v = &v };
 
-    if (law->kind->force(law, &at, &out, &err) != MODAL_OK)
+    *out = (struct law_force) { .alone = alone };
+    return law->kind->force(law, &at, out, err);
+}
+
+/* The slope, which is 3 d^2, or the force alone. */
+static double slope_of_cube(const struct law *law, double d, bool alone)
+{
+    struct modal_error err;
+    struct law_force out;
+
+    if (ask(law, d, alone, &out, &err) != MODAL_OK)
         fail_msg("%s", err.message);
     CHECK(fabs(out.f[0] / (d * d * d) - 1) < 1e-12);
     return out.fd[0][0];
@@ -616,22 +625,15 @@ TEST(slopes_in_lua_forget_the_size_of_a_motion_of_a_period_before_the_last)
 /* A motion begins at 0 but for rounding; a step of 1e-24 would leave 3 no digit to move. */
 TEST(slopes_in_lua_at_the_first_instant_of_a_period_are_of_the_size_of_its_motion)
 {
-    static const double path[] = { 1e-18, 1 };
     struct program *p = NULL;
     struct modal_error err;
-    struct law_force out = { .alone = true };
-    double d, v = 0;
-    struct law_point at = { .t = 0, .d = &d, .v = &v };
+    struct law_force out;
 
     CHECK(lower_lua(1, "function force(t, x, v, m) return x + 3 end", &p, &err) == MODAL_OK);
-    for (int i = 0; i < 2; i++) {
-        d = path[i];
-        CHECK(p->law[0].kind->force(&p->law[0], &at, &out, &err) == MODAL_OK);
-    }
+    CHECK(ask(&p->law[0], 1e-18, true, &out, &err) == MODAL_OK);
+    CHECK(ask(&p->law[0], 1, true, &out, &err) == MODAL_OK);
     p->law[0].kind->restart(&p->law[0]);
-    d = path[0];
-    out.alone = false;
-    CHECK(p->law[0].kind->force(&p->law[0], &at, &out, &err) == MODAL_OK);
+    CHECK(ask(&p->law[0], 1e-18, false, &out, &err) == MODAL_OK);
     CHECK(fabs(out.fd[0][0] - 1) < 1e-8);
     program_free(p);
 }
@@ -641,15 +643,13 @@ TEST(a_law_in_lua_is_called_once_for_its_force_and_five_times_with_its_slopes)
 {
     struct program *p = NULL;
     struct modal_error err;
-    struct law_force out = { .alone = true };
-    double d = 1, v = 0;
-    struct law_point at = { .t = 0, .d = &d, .v = &v };
+    struct law_force out;
 
     CHECK(lower_lua(1, "calls = 0 function force(t, x, v, m) calls = calls + 1 "
                        "if calls > 6 then error(calls) end return x^3 end", &p, &err) == MODAL_OK);
     slope_of_cube(&p->law[0], 1, true);
     slope_of_cube(&p->law[0], 1, false);
-    CHECK(p->law[0].kind->force(&p->law[0], &at, &out, &err) == MODAL_ELEMENT_FAILED);
+    CHECK(ask(&p->law[0], 1, true, &out, &err) == MODAL_ELEMENT_FAILED);
     CHECK(strstr(err.message, "7") != NULL && !out.beyond);
     program_free(p);
 }
@@ -660,19 +660,15 @@ TEST(a_force_in_lua_that_is_no_number_tells_whether_the_motion_is_larger_than_a_
 {
     static const double before[] = { 0, 1 };
     struct modal_error err;
-    double d, v = 0;
-    struct law_point at = { .t = 0, .d = &d, .v = &v };
 
     for (int i = 0; i < 2; i++) {
         struct program *p = NULL;
-        struct law_force out = { .alone = true };
+        struct law_force out;
 
         CHECK(lower_lua(1, "function force(t, x, v, m) return x^3 end", &p, &err) == MODAL_OK);
-        d = before[i];
-        CHECK(p->law[0].kind->force(&p->law[0], &at, &out, &err) == MODAL_OK);
+        CHECK(ask(&p->law[0], before[i], true, &out, &err) == MODAL_OK);
         p->law[0].kind->restart(&p->law[0]);
-        d = 1e200;
-        CHECK(p->law[0].kind->force(&p->law[0], &at, &out, &err) == MODAL_ELEMENT_FAILED);
+        CHECK(ask(&p->law[0], 1e200, true, &out, &err) == MODAL_ELEMENT_FAILED);
         CHECK(out.beyond == (i == 1));
         program_free(p);
     }
@@ -683,13 +679,11 @@ TEST(slopes_in_lua_at_rest_are_found_where_the_law_ends_within_a_micron)
 {
     struct program *p = NULL;
     struct modal_error err;
-    struct law_force out = { .alone = false };
-    double d = 0, v = 0;
-    struct law_point at = { .t = 0, .d = &d, .v = &v };
+    struct law_force out;
 
     CHECK(lower_lua(1, "function force(t, x, v, m) return math.log(1 + 1e6 * x) end", &p, &err)
           == MODAL_OK);
-    CHECK(p->law[0].kind->force(&p->law[0], &at, &out, &err) == MODAL_OK);
+    CHECK(ask(&p->law[0], 0, false, &out, &err) == MODAL_OK);
     CHECK(fabs(out.fd[0][0] / 1e6 - 1) < 1e-4 && out.fv[0][0] == 0);
     program_free(p);
 }
